@@ -1,0 +1,91 @@
+//! What can go wrong, and what to do about it.
+
+/// Every failure of the library. Messages say what to do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The Vulkan loader is not installed.
+    #[error("no Vulkan loader on this machine ({0}): install one, with a driver (Debian: libvulkan1 mesa-vulkan-drivers; from a clone: tools/setup)")]
+    NoLoader(String),
+    /// There is a loader but no device that will do.
+    #[error("no Vulkan device that parfocal can use{0}: install a GPU driver, or Mesa's lavapipe (Debian: mesa-vulkan-drivers)")]
+    NoDevice(String),
+    /// No device answers to the name asked for.
+    #[error("no device matches '{wanted}'; there are: {available}")]
+    NoSuchDevice {
+        /// What was asked for.
+        wanted: String,
+        /// The devices there are.
+        available: String,
+    },
+    /// A Vulkan call failed.
+    #[error("{call} failed on {device}: {result}{advice}")]
+    Vulkan {
+        /// The call, or the pass.
+        call: String,
+        /// The device's name.
+        device: String,
+        /// The VkResult, in words.
+        result: String,
+        /// What to do, or nothing.
+        advice: &'static str,
+    },
+    /// The device did not finish in time.
+    #[error("{device} did not finish within {seconds} s: make a new Engine; try a smaller image, fewer outer iterations, or a longer timeout")]
+    Timeout {
+        /// The device's name.
+        device: String,
+        /// The limit that it ran into.
+        seconds: u64,
+    },
+    /// An earlier wait timed out, so the device may still be using this engine's memory.
+    #[error("this engine's device timed out before and may still be at work: make a new Engine")]
+    Poisoned,
+    /// The image, or what must be kept for it, is larger than the device takes.
+    #[error("{width}x{height} is too large for {device}: {what} needs {needed}, and there is {limit}; use smaller images or another device")]
+    TooLarge {
+        /// Width in pixels.
+        width: u32,
+        /// Height in pixels.
+        height: u32,
+        /// The device's name.
+        device: String,
+        /// Which limit was met.
+        what: &'static str,
+        /// What would be needed, with its unit.
+        needed: String,
+        /// What there is, with its unit.
+        limit: String,
+    },
+    /// The image is too small to find any blur in.
+    #[error("{width}x{height} is too small: parfocal needs images of at least {least}x{least} pixels")]
+    TooSmall {
+        /// Width in pixels.
+        width: u32,
+        /// Height in pixels.
+        height: u32,
+        /// The least width and height.
+        least: u32,
+    },
+    /// A frame is not of the size or format that the solver was prepared for.
+    #[error("{0}")]
+    Mismatch(String),
+    /// A setting is out of range.
+    #[error("{name} is {value}, and must be {range}")]
+    Setting {
+        /// The setting.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it may be.
+        range: String,
+    },
+    /// A file could not be read or written, or does not hold what it should.
+    #[error("{}: {problem}", path.display())]
+    File {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong, and what to do.
+        problem: String,
+    },
+}

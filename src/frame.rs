@@ -1,0 +1,139 @@
+//! A photograph as the sensor or the file gave it.
+
+/// How one sample of a [`Frame`] is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Depth {
+    /// 8 bits, white at 255.
+    U8,
+    /// 16 bits, white at 65535.
+    U16,
+    /// 32-bit float, white at 1.
+    F32,
+}
+
+/// Colour channels of a [`Frame`]; alpha is not carried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Channels {
+    /// One luminance channel.
+    Gray,
+    /// Red, green, blue, interleaved.
+    Rgb,
+}
+
+impl Channels {
+    /// 1 or 3.
+    pub fn count(self) -> u32 {
+        match self {
+            Channels::Gray => 1,
+            Channels::Rgb => 3,
+        }
+    }
+}
+
+impl Depth {
+    /// Bytes a sample.
+    pub fn bytes(self) -> u32 {
+        match self {
+            Depth::U8 => 1,
+            Depth::U16 => 2,
+            Depth::F32 => 4,
+        }
+    }
+}
+
+/// The samples of a [`Frame`], row-major, channels interleaved.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Samples {
+    /// 8-bit samples.
+    U8(Vec<u8>),
+    /// 16-bit samples.
+    U16(Vec<u16>),
+    /// Float samples; finite.
+    F32(Vec<f32>),
+}
+
+/// One photograph: `height` rows of `width` pixels of one or three interleaved samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    width: u32,
+    height: u32,
+    channels: Channels,
+    samples: Samples,
+}
+
+/// What a solver must know of a frame before it sees one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Format {
+    /// Colour channels.
+    pub channels: Channels,
+    /// Storage of a sample.
+    pub depth: Depth,
+}
+
+impl Frame {
+    /// A frame of `width * height * channels` samples.
+    ///
+    /// # Errors
+    /// A sentence that says what is wrong: another number of samples, or a float sample that is not finite.
+    pub fn new(width: u32, height: u32, channels: Channels, samples: Samples) -> Result<Self, String> {
+        let expected = width as usize * height as usize * channels.count() as usize;
+        let found = match &samples {
+            Samples::U8(s) => s.len(),
+            Samples::U16(s) => s.len(),
+            Samples::F32(s) => s.len(),
+        };
+        if found != expected {
+            return Err(format!("{width}x{height} with {} channels needs {expected} samples, not {found}", channels.count()));
+        }
+        if let Samples::F32(s) = &samples
+            && let Some(i) = s.iter().position(|v| !v.is_finite())
+        {
+            let pixel = i / channels.count() as usize;
+            let (x, y) = (pixel % width as usize, pixel / width as usize);
+            return Err(format!("the sample at pixel ({x}, {y}) is {}, not a finite number", s[i]));
+        }
+        Ok(Self { width, height, channels, samples })
+    }
+
+    /// A grey float frame, values in [0, 1].
+    ///
+    /// # Errors
+    /// As [`Frame::new`].
+    pub fn gray(width: u32, height: u32, values: Vec<f32>) -> Result<Self, String> {
+        Self::new(width, height, Channels::Gray, Samples::F32(values))
+    }
+
+    /// Pixels a row.
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// Channels and storage.
+    pub fn format(&self) -> Format {
+        let depth = match self.samples {
+            Samples::U8(_) => Depth::U8,
+            Samples::U16(_) => Depth::U16,
+            Samples::F32(_) => Depth::F32,
+        };
+        Format { channels: self.channels, depth }
+    }
+
+    /// The samples.
+    pub fn samples(&self) -> &Samples {
+        &self.samples
+    }
+
+    /// The samples as they go up to the device.
+    pub fn bytes(&self) -> &[u8] {
+        match &self.samples {
+            Samples::U8(s) => s,
+            Samples::U16(s) => bytemuck::cast_slice(s),
+            Samples::F32(s) => bytemuck::cast_slice(s),
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! Everything that a solve can be told, with defaults and checked ranges.
+
+use serde::Serialize;
+
+use crate::{Error, Similarity};
+
+/// Which of the systems of the paper runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Relative blur and registration together, sections 2 to 4 of the paper.
+    #[default]
+    Unified,
+    /// Relative blur alone: T is held at the start.
+    Aligned,
+}
+
+/// How stored values become intensities.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Decode {
+    /// As stored.
+    #[default]
+    None,
+    /// The sRGB curve is undone first, so that blur is linear in intensity.
+    Srgb,
+}
+
+/// Gain and offset that map I2 onto I1: `J = gain I2(T x) + offset`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Photometric {
+    /// Factor on I2.
+    pub gain: f64,
+    /// Added after the gain, in intensities of [0, 1].
+    pub offset: f64,
+}
+
+impl Photometric {
+    /// Equal exposures.
+    pub const IDENTITY: Self = Self { gain: 1.0, offset: 0.0 };
+}
+
+impl Default for Photometric {
+    fn default() -> Self {
+        Self::IDENTITY
+    }
+}
+
+/// The settings of a [`Solver`](crate::Solver).
+///
+/// Defaults are those of the measured table in `docs/method.md`; intensities are in [0, 1], blur in px².
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Unified, or T held.
+    pub method: Method,
+    /// Pyramid levels, 1 to 12; `None` halves while the short side stays at least 32 px. Default `None`.
+    pub levels: Option<u32>,
+    /// Outer iterations on each level at most, 2 to 1000. Default 15.
+    pub outer_iterations: u32,
+    /// Red-black sweeps an outer iteration, 1 to 100. Default 5.
+    pub sweeps: u32,
+    /// Over-relaxation ω of a sweep, above 0 and below 2. Default 1.8.
+    pub over_relaxation: f64,
+    /// Smoothness α, equation 17; 1e-6 to 10. Default 0.003.
+    pub regularization: f64,
+    /// On each level α starts `1 + continuation` times too large; 0 to 1000. Default 10.
+    pub continuation: f64,
+    /// η of the data term's modified L1 norm, intensities; 1e-4 to 1. Default 0.01.
+    pub data_eta: f64,
+    /// η of the smoothness term's modified L1 norm, px² a pixel; 1e-4 to 100. Default 0.1.
+    pub smoothness_eta: f64,
+    /// ε of the smooth Heaviside, px²; 1e-3 to 10. Default 0.1.
+    pub heaviside_epsilon: f64,
+    /// Largest |V|, px² of the full-size image, 1 to 256. Default 36.
+    pub max_relative_blur: f64,
+    /// Largest change of V in one outer iteration, px² of the level, 0.01 to 100. Default 1.
+    pub largest_step: f64,
+    /// Whether gain and offset are solved for. Default true.
+    pub photometric: bool,
+    /// How stored values become intensities. Default as stored.
+    pub decode: Decode,
+    /// Where T starts (and stays, when the method is aligned).
+    pub start: Similarity,
+    /// Where gain and offset start (and stay, when `photometric` is false).
+    pub start_photometric: Photometric,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            method: Method::Unified,
+            levels: None,
+            outer_iterations: 15,
+            sweeps: 5,
+            over_relaxation: 1.8,
+            regularization: 0.003,
+            continuation: 10.0,
+            data_eta: 0.01,
+            smoothness_eta: 0.1,
+            heaviside_epsilon: 0.1,
+            max_relative_blur: 36.0,
+            largest_step: 1.0,
+            photometric: true,
+            decode: Decode::None,
+            start: Similarity::IDENTITY,
+            start_photometric: Photometric::IDENTITY,
+        }
+    }
+}
+
+impl Settings {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] with the name, the value and the range of the first setting that is out of range.
+    pub fn check(&self) -> Result<(), Error> {
+        let range = |name, value: f64, low: f64, high: f64| {
+            if value >= low && value <= high {
+                Ok(())
+            } else {
+                Err(Error::Setting { name, value, range: format!("{low} to {high}") })
+            }
+        };
+        range("levels", f64::from(self.levels.unwrap_or(1)), 1.0, 12.0)?;
+        range("outer iterations", f64::from(self.outer_iterations), 2.0, 1000.0)?;
+        range("sweeps", f64::from(self.sweeps), 1.0, 100.0)?;
+        range("over-relaxation", self.over_relaxation, 0.01, 1.99)?;
+        range("regularization", self.regularization, 1e-6, 10.0)?;
+        range("continuation", self.continuation, 0.0, 1000.0)?;
+        range("data eta", self.data_eta, 1e-4, 1.0)?;
+        range("smoothness eta", self.smoothness_eta, 1e-4, 100.0)?;
+        range("heaviside epsilon", self.heaviside_epsilon, 1e-3, 10.0)?;
+        range("max relative blur", self.max_relative_blur, 1.0, 256.0)?;
+        range("largest step", self.largest_step, 0.01, 100.0)?;
+        range("start translation x", self.start.tx, -1e5, 1e5)?;
+        range("start translation y", self.start.ty, -1e5, 1e5)?;
+        range("start rotation", self.start.rotation, -7.0, 7.0)?;
+        range("start scale", self.start.scale, 0.1, 10.0)?;
+        range("start gain", self.start_photometric.gain, 1e-3, 1e3)?;
+        range("start offset", self.start_photometric.offset, -1e3, 1e3)
+    }
+}
