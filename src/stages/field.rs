@@ -1,0 +1,73 @@
+//! What the CPU twins work on: a field of numbers with the shaders' border rule.
+
+/// `height` rows of `width` numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Field {
+    /// Numbers a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Row-major.
+    pub data: Vec<f64>,
+}
+
+impl Field {
+    /// A field with `value(x, y)` at each place.
+    pub fn from_fn(width: usize, height: usize, value: impl Fn(usize, usize) -> f64) -> Self {
+        let data = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| value(x, y)).collect();
+        Self { width, height, data }
+    }
+
+    /// Zero everywhere.
+    pub fn zeros(width: usize, height: usize) -> Self {
+        Self { width, height, data: vec![0.0; width * height] }
+    }
+
+    /// From the numbers as a device holds them.
+    pub fn from_f32(width: usize, height: usize, data: &[f32]) -> Self {
+        Self { width, height, data: data.iter().map(|&v| f64::from(v)).collect() }
+    }
+
+    /// As a device holds them.
+    pub fn to_f32(&self) -> Vec<f32> {
+        self.data.iter().map(|&v| v as f32).collect()
+    }
+
+    /// The number at a place inside.
+    pub fn get(&self, x: usize, y: usize) -> f64 {
+        self.data[y * self.width + x]
+    }
+
+    /// The number at a place, mirrored about the border pixels where it lies outside.
+    pub fn mirrored(&self, x: isize, y: isize) -> f64 {
+        self.get(mirror(x, self.width), mirror(y, self.height))
+    }
+
+    /// The number at a place, or at the nearest one inside.
+    pub fn clamped(&self, x: isize, y: isize) -> f64 {
+        self.get(x.clamp(0, self.width as isize - 1) as usize, y.clamp(0, self.height as isize - 1) as usize)
+    }
+}
+
+/// Reflects about 0 and `size - 1`, as often as it takes.
+pub fn mirror(i: isize, size: usize) -> usize {
+    let last = size as isize - 1;
+    if last == 0 {
+        return 0;
+    }
+    let j = i.rem_euclid(2 * last);
+    (if j > last { 2 * last - j } else { j }) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::mirror;
+
+    #[test]
+    fn mirror_reflects_about_the_border_pixels() {
+        let expected = [1, 2, 1, 0, 1, 2, 1, 0, 1, 2];
+        let found: Vec<usize> = (-5..5).map(|i| mirror(i, 3)).collect();
+        assert_eq!(found, expected);
+        assert_eq!(mirror(-7, 1), 0);
+    }
+}

@@ -1,0 +1,17 @@
+//! The Vulkan device behind an engine: the only unsafe code of the crate. It knows no image and no mathematics.
+
+mod cache;
+mod commands;
+mod device;
+mod instance;
+mod memory;
+mod pipeline;
+mod recording;
+mod timestamps;
+
+pub(crate) use commands::{Groups, Recorder, Resource};
+pub(crate) use device::{Device, MIB};
+pub(crate) use instance::Instance;
+pub(crate) use memory::{Buffer, Image};
+pub(crate) use pipeline::{Binding, Pipeline, Stage};
+pub(crate) use recording::Recording;

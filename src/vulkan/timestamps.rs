@@ -1,0 +1,91 @@
+//! Where the time goes on the device, by named pass.
+
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::device::Device;
+use crate::Error;
+
+/// A timestamp at the start and after each run of passes of one name.
+#[derive(Default)]
+pub(super) struct Timestamps {
+    device: Option<Arc<Device>>,
+    pool: vk::QueryPool,
+    capacity: u32,
+    names: Vec<&'static str>,
+}
+
+impl Timestamps {
+    /// Room for that many passes; none where the queue has no clock.
+    pub(super) fn new(device: &Arc<Device>, capacity: u32) -> Result<Self, Error> {
+        if device.physical.timestamp_bits == 0 || capacity == 0 {
+            return Ok(Self::default());
+        }
+        let capacity = capacity + 1;
+        let create = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(capacity);
+        // SAFETY: the device is alive.
+        let pool = unsafe { device.handle.create_query_pool(&create, None) };
+        Ok(Self {
+            pool: device.check("vkCreateQueryPool", pool)?,
+            device: Some(device.clone()),
+            capacity,
+            names: Vec::new(),
+        })
+    }
+
+    /// Resets the pool within the recording, so that a replay starts afresh, and takes the first time.
+    pub(super) fn reset(&self, part: vk::CommandBuffer) {
+        let Some(device) = &self.device else { return };
+        // SAFETY: the part is being recorded, and the queries lie within the pool.
+        unsafe {
+            device.handle.cmd_reset_query_pool(part, self.pool, 0, self.capacity);
+            device.handle.cmd_write_timestamp2(part, vk::PipelineStageFlags2::ALL_COMMANDS, self.pool, 0);
+        }
+    }
+
+    /// Takes the time after a pass.
+    pub(super) fn after(&mut self, part: vk::CommandBuffer, name: &'static str) {
+        let Some(device) = &self.device else { return };
+        let index = self.names.len() as u32 + 1;
+        if index >= self.capacity {
+            return;
+        }
+        self.names.push(name);
+        // SAFETY: the part is being recorded; the query lies within the pool and was reset at the start of the recording.
+        unsafe { device.handle.cmd_write_timestamp2(part, vk::PipelineStageFlags2::COMPUTE_SHADER, self.pool, index) };
+    }
+
+    /// Milliseconds in all, and by name in order of first use, of a run that has ended.
+    pub(super) fn read(&self) -> Result<(f64, Vec<(&'static str, f64)>), Error> {
+        let Some(device) = &self.device else { return Ok((0.0, Vec::new())) };
+        let mut ticks = vec![0u64; self.names.len() + 1];
+        // SAFETY: the run has ended, so every query written has a value.
+        let read =
+            unsafe { device.handle.get_query_pool_results(self.pool, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) };
+        device.check("vkGetQueryPoolResults", read)?;
+        let mask = if device.physical.timestamp_bits >= 64 { u64::MAX } else { (1 << device.physical.timestamp_bits) - 1 };
+        let milliseconds =
+            |from: u64, to: u64| (to.wrapping_sub(from) & mask) as f64 * f64::from(device.physical.limits.timestamp_period) * 1e-6;
+        let mut passes: Vec<(&'static str, f64)> = Vec::new();
+        for (pair, &name) in ticks.windows(2).zip(&self.names) {
+            let spent = milliseconds(pair[0], pair[1]);
+            match passes.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, total)) => *total += spent,
+                None => passes.push((name, spent)),
+            }
+        }
+        Ok((milliseconds(ticks[0], ticks[self.names.len()]), passes))
+    }
+}
+
+impl Drop for Timestamps {
+    fn drop(&mut self) {
+        if let Some(device) = &self.device
+            && !device.is_poisoned()
+        {
+            // SAFETY: the recording that writes the pool has been waited for, or was never submitted.
+            unsafe { device.handle.destroy_query_pool(self.pool, None) };
+        }
+    }
+}
