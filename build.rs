@@ -1,10 +1,9 @@
 //! Compiles `glsl/*.comp` to SPIR-V and writes the table of shaders that `src/shaders.rs` includes.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 use std::{env, fs};
 
 use shaderc::{CompileOptions, Compiler, EnvVersion, ResolvedInclude, SpirvVersion, TargetEnv};
@@ -15,32 +14,31 @@ const INCLUDES: &str = "glsl/include";
 /// The text of every include, by its name.
 type Includes = BTreeMap<String, String>;
 
-fn main() -> ExitCode {
+fn main() {
     println!("cargo::rerun-if-changed={SHADERS}");
-    match build() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(message) => {
-            message.lines().for_each(|line| println!("cargo::error={line}"));
-            ExitCode::FAILURE
-        }
+    // These lines fail the build; an exit status besides would have cargo print them a second time.
+    if let Err(message) = build() {
+        message.lines().for_each(|line| println!("cargo::error={line}"));
     }
 }
 
 fn build() -> Result<(), String> {
     let out = PathBuf::from(env::var("OUT_DIR").map_err(|_| "OUT_DIR is not set: build with cargo".to_string())?);
     let compiler = Compiler::new().map_err(|e| format!("shaderc does not start ({e}): run tools/setup"))?;
-    let (mut table, mut all, mut errors) = (String::new(), String::new(), Vec::new());
+    let (mut table, mut all) = (String::new(), String::new());
+    // A set: a mistake in an include is one mistake, whichever shaders include it.
+    let mut errors = BTreeSet::new();
     for name in shader_names()? {
         match shader(&compiler, &out, &name) {
             Ok(constant) => {
                 table += &constant;
                 all += &format!("{}, ", name.to_uppercase());
             }
-            Err(message) => errors.push(message),
+            Err(message) => errors.extend(message.lines().filter(|line| !line.is_empty()).map(str::to_string)),
         }
     }
     if !errors.is_empty() {
-        return Err(errors.join("\n"));
+        return Err(errors.into_iter().collect::<Vec<_>>().join("\n"));
     }
     table += &format!("/// Every shader, by name.\npub const ALL: &[Shader] = &[{}];\n", all.trim_end_matches(", "));
     write(&out.join("shaders.rs"), &table)
