@@ -8,6 +8,7 @@ mod engine;
 mod error;
 mod frame;
 mod settings;
+mod shaders;
 mod similarity;
 mod solution;
 mod solver;

@@ -1,0 +1,72 @@
+# shellcheck shell=bash
+# What this machine has of Vulkan. Sourced by the tools beside it.
+
+PATH=$PATH:/usr/sbin:/sbin # ldconfig, for users who are not root
+
+# Where NVIDIA's container runtimes put a driver; the loader does not look there by itself.
+container_icd=/usr/local/nvidia/share/vulkan/icd.d/nvidia_icd.json
+
+# in_loader_path LIB: whether the dynamic loader finds LIB by its bare name
+in_loader_path() {
+  local folder folders
+  IFS=: read -ra folders <<<"${LD_LIBRARY_PATH:-}"
+  for folder in "${folders[@]}"; do
+    [[ ! -e $folder/$1 ]] || return 0
+  done
+  [[ $(ldconfig -p) == *$'\t'"$1 "* ]]
+}
+
+have_loader() { in_loader_path libvulkan.so.1; }
+
+# icd_works JSON: whether the driver that this manifest names is there; a container often has only the manifest
+icd_works() {
+  local library
+  library=$(sed -n 's/.*"library_path"[^"]*"\([^"]*\)".*/\1/p' "$1" 2>/dev/null)
+  case $library in
+    '') return 1 ;;
+    /*) [[ -e $library ]] ;;
+    */*) [[ -e $(dirname "$1")/$library ]] ;;
+    *) in_loader_path "$library" ;;
+  esac
+}
+
+# have_icd: whether the loader would find a working driver
+have_icd() {
+  local named=${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}} icd icds
+  if [[ -n $named ]]; then
+    IFS=: read -ra icds <<<"$named"
+  else
+    icds=({/etc,/usr/local/etc,/usr/local/share,/usr/share,"${XDG_DATA_HOME:-${HOME:-/root}/.local/share}"}/vulkan/icd.d/*.json)
+  fi
+  for icd in "${icds[@]}"; do
+    ! icd_works "$icd" || return 0
+  done
+  return 1
+}
+
+# use_container_icd: points the loader at a container's driver where it would find no other; false if there is none
+use_container_icd() {
+  have_icd && return
+  icd_works "$container_icd" || return
+  export VK_DRIVER_FILES=$container_icd VK_ICD_FILENAMES=$container_icd
+}
+
+# lavapipe: the manifest of Mesa's software driver, or nothing
+lavapipe() {
+  local icd
+  for icd in /{usr/share,etc}/vulkan/icd.d/lvp_icd*.json; do
+    if icd_works "$icd"; then
+      echo "$icd"
+      return
+    fi
+  done
+}
+
+have_validation() {
+  local layers=({/etc,/usr/share,/usr/local/share}/vulkan/explicit_layer.d/VkLayer_khronos_validation.json)
+  local layer
+  for layer in "${layers[@]}" "${VK_LAYER_PATH:-/nowhere}/VkLayer_khronos_validation.json"; do
+    [[ ! -e $layer ]] || return 0
+  done
+  return 1
+}
