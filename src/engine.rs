@@ -1,8 +1,11 @@
 //! A device, ready to work.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use crate::Error;
+use crate::stages::Pipelines;
+use crate::vulkan::{Device, Instance};
 
 /// How an [`Engine`] is made.
 #[derive(Clone, Debug)]
@@ -48,9 +51,10 @@ pub struct DeviceInfo {
     pub unusable: Option<String>,
 }
 
-/// A Vulkan device with its queue, memory and pipelines.
+/// A Vulkan device with its queue, memory and compiled passes.
 pub struct Engine {
-    info: DeviceInfo,
+    device: Arc<Device>,
+    pipelines: Arc<Pipelines>,
 }
 
 impl Engine {
@@ -58,8 +62,11 @@ impl Engine {
     ///
     /// # Errors
     /// [`Error::NoLoader`], [`Error::NoDevice`], [`Error::NoSuchDevice`], [`Error::Vulkan`].
-    pub fn new(_options: &EngineOptions) -> Result<Self, Error> {
-        Err(Error::NoDevice(String::new()))
+    pub fn new(options: &EngineOptions) -> Result<Self, Error> {
+        let device = open(options)?;
+        let pipelines = Arc::new(Pipelines::new(&device)?);
+        device.save_pipeline_cache();
+        Ok(Self { device, pipelines })
     }
 
     /// Lists the devices, usable or not.
@@ -67,11 +74,106 @@ impl Engine {
     /// # Errors
     /// [`Error::NoLoader`], [`Error::Vulkan`].
     pub fn devices() -> Result<Vec<DeviceInfo>, Error> {
-        Ok(Vec::new())
+        Ok(Instance::new(false)?.physical_devices()?.into_iter().map(|d| d.info).collect())
     }
 
     /// The device in use.
     pub fn info(&self) -> &DeviceInfo {
-        &self.info
+        self.device.info()
+    }
+
+    /// What validation has said so far; empty without [`EngineOptions::validation`].
+    pub fn validation_messages(&self) -> Vec<String> {
+        self.device.instance.messages()
+    }
+
+    pub(crate) fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    pub(crate) fn pipelines(&self) -> &Pipelines {
+        &self.pipelines
+    }
+}
+
+/// Opens the device that the options ask for.
+pub(crate) fn open(options: &EngineOptions) -> Result<Arc<Device>, Error> {
+    let instance = Instance::new(options.validation)?;
+    let mut devices = instance.physical_devices()?;
+    let infos: Vec<DeviceInfo> = devices.iter().map(|d| d.info.clone()).collect();
+    let chosen = choose(&infos, options.device.as_deref())?;
+    Device::new(instance, devices.swap_remove(chosen), options.timeout)
+}
+
+/// The position of the device that is asked for, or of the most capable.
+fn choose(devices: &[DeviceInfo], wanted: Option<&str>) -> Result<usize, Error> {
+    let Some(wanted) = wanted else {
+        let rank = |kind: &str| {
+            ["CPU", "other", "virtual GPU", "integrated GPU", "discrete GPU"].iter().position(|k| *k == kind)
+        };
+        let usable = (0..devices.len()).rev().filter(|&i| devices[i].unusable.is_none());
+        return usable.max_by_key(|&i| rank(devices[i].kind)).ok_or_else(|| Error::NoDevice(reasons(devices)));
+    };
+    let matches = |d: &DeviceInfo| {
+        d.index.to_string() == wanted
+            || d.uuid.eq_ignore_ascii_case(wanted)
+            || (wanted.parse::<usize>().is_err() && d.name.to_lowercase().contains(&wanted.to_lowercase()))
+    };
+    let found = devices.iter().position(matches).ok_or_else(|| Error::NoSuchDevice {
+        wanted: wanted.into(),
+        available: if devices.is_empty() {
+            "none".into()
+        } else {
+            devices.iter().map(|d| format!("{} {}", d.index, d.name)).collect::<Vec<_>>().join(", ")
+        },
+    })?;
+    match &devices[found].unusable {
+        None => Ok(found),
+        Some(_) => Err(Error::NoDevice(reasons(&devices[found..=found]))),
+    }
+}
+
+fn reasons(devices: &[DeviceInfo]) -> String {
+    let reasons: Vec<String> =
+        devices.iter().filter_map(|d| d.unusable.as_ref().map(|why| format!("{}: {why}", d.name))).collect();
+    if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join("; ")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn device(index: usize, name: &str, kind: &'static str) -> DeviceInfo {
+        DeviceInfo {
+            index,
+            name: name.into(),
+            driver: String::new(),
+            uuid: format!("0000000{index}-0000-0000-0000-000000000000"),
+            kind,
+            api_version: "1.3.0".into(),
+            subgroup_size: 8,
+            memory_bytes: 0,
+            max_image_size: 0,
+            max_storage_buffer: 0,
+            unusable: None,
+        }
+    }
+
+    #[test]
+    fn devices_are_chosen_by_index_name_uuid_or_rank() {
+        let mut devices = [
+            device(0, "llvmpipe", "CPU"),
+            device(1, "GeForce A", "discrete GPU"),
+            device(2, "GeForce B", "discrete GPU"),
+        ];
+        assert_eq!(choose(&devices, None).unwrap(), 1);
+        assert_eq!(choose(&devices, Some("2")).unwrap(), 2);
+        assert_eq!(choose(&devices, Some("LLVM")).unwrap(), 0);
+        assert_eq!(choose(&devices, Some("00000002-0000-0000-0000-000000000000")).unwrap(), 2);
+        assert!(matches!(choose(&devices, Some("7")), Err(Error::NoSuchDevice { .. })));
+        devices[1].unusable = Some("it lacks Vulkan 1.3".into());
+        assert_eq!(choose(&devices, None).unwrap(), 2);
+        assert!(matches!(choose(&devices, Some("1")), Err(Error::NoDevice(_))));
+        assert!(matches!(choose(&[], None), Err(Error::NoDevice(_))));
     }
 }

@@ -5,10 +5,14 @@
 #[non_exhaustive]
 pub enum Error {
     /// The Vulkan loader is not installed.
-    #[error("no Vulkan loader on this machine ({0}): install one, with a driver (Debian: libvulkan1 mesa-vulkan-drivers; from a clone: tools/setup)")]
+    #[error(
+        "no Vulkan loader on this machine ({0}): install one, with a driver (Debian: libvulkan1 mesa-vulkan-drivers; from a clone: tools/setup)"
+    )]
     NoLoader(String),
     /// There is a loader but no device that will do.
-    #[error("no Vulkan device that parfocal can use{0}: install a GPU driver, or Mesa's lavapipe (Debian: mesa-vulkan-drivers)")]
+    #[error(
+        "no Vulkan device that parfocal can use{0}: install a GPU driver, or Mesa's lavapipe (Debian: mesa-vulkan-drivers)"
+    )]
     NoDevice(String),
     /// No device answers to the name asked for.
     #[error("no device matches '{wanted}'; there are: {available}")]
@@ -31,7 +35,9 @@ pub enum Error {
         advice: &'static str,
     },
     /// The device did not finish in time.
-    #[error("{device} did not finish within {seconds} s: make a new Engine; try a smaller image, fewer outer iterations, or a longer timeout")]
+    #[error(
+        "{device} did not finish within {seconds} s: make a new Engine; try a smaller image, fewer outer iterations, or a longer timeout"
+    )]
     Timeout {
         /// The device's name.
         device: String,
@@ -42,7 +48,9 @@ pub enum Error {
     #[error("this engine's device timed out before and may still be at work: make a new Engine")]
     Poisoned,
     /// The image, or what must be kept for it, is larger than the device takes.
-    #[error("{width}x{height} is too large for {device}: {what} needs {needed}, and there is {limit}; use smaller images or another device")]
+    #[error(
+        "{width}x{height} is too large for {device}: {what} needs {needed}, and there is {limit}; use smaller images or another device"
+    )]
     TooLarge {
         /// Width in pixels.
         width: u32,

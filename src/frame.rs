@@ -83,7 +83,10 @@ impl Frame {
             Samples::F32(s) => s.len(),
         };
         if found != expected {
-            return Err(format!("{width}x{height} with {} channels needs {expected} samples, not {found}", channels.count()));
+            return Err(format!(
+                "{width}x{height} with {} channels needs {expected} samples, not {found}",
+                channels.count()
+            ));
         }
         if let Samples::F32(s) = &samples
             && let Some(i) = s.iter().position(|v| !v.is_finite())

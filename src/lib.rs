@@ -7,11 +7,21 @@
 mod engine;
 mod error;
 mod frame;
+mod kernel;
+mod plan;
+mod record;
+pub mod reference;
 mod settings;
 mod shaders;
 mod similarity;
 mod solution;
 mod solver;
+pub mod stages;
+#[cfg(test)]
+mod testing;
+#[allow(unsafe_code, reason = "the one room that talks to Vulkan")]
+mod vulkan;
+mod workspace;
 
 pub use engine::{DeviceInfo, Engine, EngineOptions};
 pub use error::Error;

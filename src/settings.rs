@@ -55,7 +55,7 @@ pub struct Settings {
     pub method: Method,
     /// Pyramid levels, 1 to 12; `None` halves while the short side stays at least 32 px. Default `None`.
     pub levels: Option<u32>,
-    /// Outer iterations on each level at most, 2 to 1000. Default 15.
+    /// Outer iterations on each level at most, 2 to 1000. Default 20.
     pub outer_iterations: u32,
     /// Red-black sweeps an outer iteration, 1 to 100. Default 5.
     pub sweeps: u32,
@@ -90,7 +90,7 @@ impl Default for Settings {
         Self {
             method: Method::Unified,
             levels: None,
-            outer_iterations: 15,
+            outer_iterations: 20,
             sweeps: 5,
             over_relaxation: 1.8,
             regularization: 0.003,

@@ -1,6 +1,7 @@
 //! What a solve gives back.
 
-use crate::{Channels, Photometric, Similarity};
+use crate::stages::state::State;
+use crate::{Channels, Photometric, Settings, Similarity};
 
 /// The result of one [`Solver::solve`](crate::Solver::solve).
 #[derive(Clone, Debug)]
@@ -15,7 +16,8 @@ pub struct Solution {
     pub confidence: Vec<f32>,
     /// Channels of `fused`: grey only if both inputs are.
     pub fused_channels: Channels,
-    /// Pseudo-radiance, equation 37, interleaved, in the values of I1 with white at 1; I1 itself outside the valid region.
+    /// Pseudo-radiance, equation 37, interleaved, in the values of I1 with white at 1; I1 itself
+    /// where I2 does not reach.
     pub fused: Vec<f32>,
     /// T, for full-size pixels.
     pub transform: Similarity,
@@ -55,4 +57,58 @@ pub struct Timings {
     pub gpu_ms: f64,
     /// On the device by named pass, in order of first use; empty where the device has no timestamps.
     pub passes_ms: Vec<(&'static str, f64)>,
+}
+
+/// Less of the frame than this is no overlap to speak of.
+const LEAST_VALID: f64 = 0.01;
+/// Less mean confidence than this: V is filled in by the smoothness term nearly everywhere.
+const LEAST_CONFIDENCE: f64 = 0.01;
+/// Images of one scene correlate better than this at low pass.
+const LEAST_CORRELATION: f32 = 0.5;
+/// More valid pixels at the limit of |V| than this are worth a word.
+const MOST_SATURATED: f64 = 0.1;
+
+impl Solution {
+    /// Fills in what the fields say of themselves, and whether to believe them.
+    pub(crate) fn judge(&mut self, state: &State, settings: &Settings) {
+        let valid: Vec<f32> = self.relative_blur.iter().copied().filter(|v| !v.is_nan()).collect();
+        self.valid_fraction = valid.len() as f64 / self.relative_blur.len() as f64;
+        // The limit is reached by clamping, so a thousandth below it is room for rounding alone.
+        let limit = 0.999 * settings.max_relative_blur as f32;
+        let saturated = valid.iter().filter(|v| v.abs() >= limit).count();
+        self.saturated_fraction = saturated as f64 / valid.len().max(1) as f64;
+        let confidence: f64 = self.confidence.iter().map(|&c| f64::from(c)).sum::<f64>() / valid.len().max(1) as f64;
+
+        let mut doubts = Vec::new();
+        if self.valid_fraction < LEAST_VALID {
+            doubts.push(
+                "the images do not overlap: see whether they belong together, or start from a nearer transform"
+                    .to_string(),
+            );
+        } else if confidence < LEAST_CONFIDENCE {
+            doubts.push(
+                "there is too little texture to see blur by: light or focus the scene so that texture shows"
+                    .to_string(),
+            );
+        } else if state.correlation < LEAST_CORRELATION {
+            doubts.push(format!(
+                "the registered images hardly correlate ({:.2}): see whether they belong together, or start from a nearer transform",
+                state.correlation
+            ));
+        } else if state.levels[0].settled == 0 {
+            doubts.push(format!(
+                "the finest level had not settled after {} outer iterations: allow more",
+                state.levels[0].iterations
+            ));
+        }
+        self.converged = doubts.is_empty();
+        self.warnings = doubts;
+        if self.saturated_fraction > MOST_SATURATED {
+            self.warnings.push(format!(
+                "{:.0} % of the valid pixels are at the limit of |V|, {} px²: raise the largest relative blur",
+                100.0 * self.saturated_fraction,
+                settings.max_relative_blur
+            ));
+        }
+    }
 }

@@ -1,5 +1,14 @@
-//! Submit and wait.
+//! Submit and wait: what an embedding program holds.
 
+use std::sync::Arc;
+use std::time::Instant;
+
+use crate::plan::Plan;
+use crate::record::{self, PARTS_BEFORE};
+use crate::solution::{Level, Timings};
+use crate::stages::state::{Registration, State};
+use crate::vulkan::{Device, Recorder, Recording};
+use crate::workspace::Workspace;
 use crate::{Engine, Error, Format, Frame, Settings, Solution};
 
 /// How far a solve has come.
@@ -16,15 +25,37 @@ pub struct Progress {
 }
 
 /// A size and settings, prepared once and used for any number of pairs.
-pub struct Solver {}
+pub struct Solver {
+    plan: Plan,
+    recording: Recording,
+    workspace: Workspace,
+    device: Arc<Device>,
+}
 
 impl Solver {
     /// Prepares for pairs of `width` x `height` pixels, I1 and I2 in the given formats.
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Vulkan`].
-    pub fn new(_engine: &Engine, _width: u32, _height: u32, _formats: [Format; 2], _settings: &Settings) -> Result<Self, Error> {
-        Err(Error::NoDevice(String::new()))
+    pub fn new(
+        engine: &Engine,
+        width: u32,
+        height: u32,
+        formats: [Format; 2],
+        settings: &Settings,
+    ) -> Result<Self, Error> {
+        let plan = Plan::new(width, height, formats, settings)?;
+        let device = engine.device().clone();
+        if device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        plan.check(&device)?;
+        let workspace = Workspace::new(&device, &plan)?;
+        let mut first = Recorder::new(&device, 0)?;
+        first.prepare(&workspace.images());
+        first.finish()?.run(&mut |_| ())?;
+        let recording = record::record(&device, engine.pipelines(), &plan, &workspace)?;
+        Ok(Self { plan, recording, workspace, device })
     }
 
     /// Prepares for pairs like this one.
@@ -32,6 +63,7 @@ impl Solver {
     /// # Errors
     /// As [`Solver::new`], and [`Error::Mismatch`] where the sizes differ.
     pub fn for_pair(engine: &Engine, i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Self, Error> {
+        same_size([i1, i2])?;
         Self::new(engine, i1.width(), i1.height(), [i1.format(), i2.format()], settings)
     }
 
@@ -48,7 +80,104 @@ impl Solver {
     ///
     /// # Errors
     /// As [`Solver::solve`].
-    pub fn solve_with(&mut self, _i1: &Frame, _i2: &Frame, _progress: &mut dyn FnMut(Progress)) -> Result<Solution, Error> {
-        Err(Error::NoDevice(String::new()))
+    pub fn solve_with(
+        &mut self,
+        i1: &Frame,
+        i2: &Frame,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<Solution, Error> {
+        let started = Instant::now();
+        self.check_frames([i1, i2])?;
+        if self.device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        for (buffer, frame) in self.workspace.frames.iter().zip([i1, i2]) {
+            buffer.write(frame.bytes())?;
+        }
+        let settings = &self.plan.settings;
+        let start = State::new(&Registration::new(&settings.start, &settings.start_photometric));
+        self.workspace.start_state.write(bytemuck::bytes_of(&start))?;
+        let plan = &self.plan;
+        self.recording.run(&mut |part| {
+            let level = part.checked_sub(PARTS_BEFORE + 1).and_then(|done| plan.coarse_to_fine().nth(done));
+            if let Some(level) = level {
+                progress(Progress {
+                    done: (part - PARTS_BEFORE) as u32,
+                    levels: plan.solved as u32,
+                    width: level.size[0],
+                    height: level.size[1],
+                });
+            }
+        })?;
+        let mut solution = self.collect()?;
+        solution.timings.total_ms = started.elapsed().as_secs_f64() * 1e3;
+        Ok(solution)
     }
+
+    fn check_frames(&self, frames: [&Frame; 2]) -> Result<(), Error> {
+        same_size(frames)?;
+        let [width, height] = self.plan.size;
+        for (frame, format) in frames.iter().zip(self.plan.formats) {
+            let found = [frame.width(), frame.height()];
+            if found != self.plan.size || frame.format() != format {
+                return Err(Error::Mismatch(format!(
+                    "this solver was prepared for {width}x{height} {format:?}, not {}x{} {:?}: prepare another",
+                    found[0],
+                    found[1],
+                    frame.format()
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// The results, out of mapped memory.
+    fn collect(&self) -> Result<Solution, Error> {
+        let (w, plan) = (&self.workspace, &self.plan);
+        let pixels = plan.size[0] as usize * plan.size[1] as usize;
+        let channels = plan.fused_channels();
+        let state = w.end_state.read::<State>(0, 1)?[0];
+        let outer = plan.settings.outer_iterations as usize;
+        let energies: Vec<f32> = w.end_energies.read(0, plan.solved * outer)?;
+        let levels = plan.coarse_to_fine().map(|level| {
+            let done = (state.levels[level.index].iterations as usize).min(outer);
+            let energy = energies[level.index * outer..][..done].iter().map(|&e| e.into()).collect();
+            Level { width: level.size[0], height: level.size[1], energy }
+        });
+        let (gpu_ms, passes_ms) = self.recording.timings_ms()?;
+        let mut solution = Solution {
+            width: plan.size[0],
+            height: plan.size[1],
+            relative_blur: w.results.read(0, pixels)?,
+            confidence: w.results.read(4 * pixels, pixels)?,
+            fused_channels: channels,
+            fused: record::interleave(
+                &w.results.read::<f32>(8 * pixels, pixels * channels.count() as usize)?,
+                channels,
+            ),
+            transform: state.registration().transform(),
+            photometric: state.registration().photometric(),
+            levels: levels.collect(),
+            converged: false,
+            warnings: Vec::new(),
+            valid_fraction: 0.0,
+            saturated_fraction: 0.0,
+            timings: Timings { total_ms: 0.0, gpu_ms, passes_ms },
+        };
+        solution.judge(&state, &plan.settings);
+        Ok(solution)
+    }
+}
+
+fn same_size([i1, i2]: [&Frame; 2]) -> Result<(), Error> {
+    if (i1.width(), i1.height()) == (i2.width(), i2.height()) {
+        return Ok(());
+    }
+    Err(Error::Mismatch(format!(
+        "the images differ in size: {}x{} and {}x{}",
+        i1.width(),
+        i1.height(),
+        i2.width(),
+        i2.height()
+    )))
 }

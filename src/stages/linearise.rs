@@ -1,156 +1,347 @@
-//! The fused blur-and-derivative pass: from V, I1, I2 and T to the linear system and the registration integrals.
+//! The fused blur-and-derivative pass: from V, I1, I2 and T to the linear system for dV and the registration integrals.
 //!
-//! Equations 22 to 32 and 23 of the paper, sections 3 to 5 of `docs/method.md`.
+//! Equations 22 to 32 and 23 of the paper, sections 3 to 5 of `docs/method.md`:
+//!
+//! ```text
+//! S1 = G(V) * I1 - J,  S2 = G(-V) * J - I1,  w1 = H ψ'(S1²),  w2 = (1-H) ψ'(S2²)
+//! D = w1 Î1v² + w2 Î2v²,  b = -(w1 S1 Î1v + w2 S2 Î2v),  a_n = α (φ + φ_n)/2
+//! (D + Σ a_n) dV = b + Σ a_n (V_n - V) + Σ a_n dV_n
+//! N = Σ w J Jᵀ - q qᵀ/(D + λ Σa),  g = Σ w J S + q b/(D + λ Σa),  q = w1 Î1v J1 + w2 Î2v J2
+//! ```
+//!
+//! The terms in q eliminate each pixel's dV from the registration step (Schur complement), so that T, gain and offset
+//! step as if V had already answered. A neighbourhood moves together and feels less of the smoothness than a pixel alone:
+//! λ = 0.1 stands for that. Measured on the slanted plane in 15 iterations a level: V rms 0.032 px² without elimination,
+//! 0.026 with λ = 1, 0.007 with 0.1.
 
-use super::field::Field;
-use super::{spline, stack};
+use bytemuck::{Pod, Zeroable};
 
-/// Unknowns of the registration step: a, b (each times the length L), t_x, t_y, gain, offset.
+use super::state::{Registration, inside};
+use super::{Field, WORKGROUP, spline, stack};
+use crate::shaders;
+use crate::vulkan::{Binding, Stage};
+
+/// Unknowns of the registration step: a L, b L, t_x, t_y (pixels of the level), gain, offset at intensity ½.
 pub const UNKNOWNS: usize = 6;
-/// Numbers that the registration step sums: the upper triangle of N by rows, g, energy, valid pixels.
+/// Where g begins among the sums, after the upper triangle of N by rows.
+pub const GRADIENT: usize = 21;
+/// Where the energy stands among the sums.
+pub const ENERGY: usize = 27;
+/// Where the number of valid pixels stands among the sums.
+pub const VALID: usize = 28;
+/// Numbers summed.
 pub const SUMS: usize = 29;
+/// Pixels an invocation takes, one under another: the sums of a workgroup are reduced once for all of them.
+pub const ROWS: u32 = 4;
+/// λ.
+pub const ELIMINATION: f32 = 0.1;
+/// Beyond V = 0 a blurred image goes on linearly for this many px².
+const NEAR: f64 = 0.5;
 
-/// T, gain and offset as the device holds them.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Registration {
-    /// `s cos θ - 1`.
-    pub a: f64,
-    /// `s sin θ`.
-    pub b: f64,
-    /// Translation, pixels of the full-size image.
-    pub t: [f64; 2],
-    /// Gain of I2.
-    pub gain: f64,
-    /// Offset of I2.
-    pub offset: f64,
-}
-
-#[derive(Clone, Copy, Debug)]
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    pub factor: f64,
-    pub centre: [f64; 2],
-    pub length: f64,
-    pub limit: f64,
-    pub alpha: f64,
-    pub final_alpha: f64,
-    pub eta: f64,
-    pub smoothness_eta: f64,
-    pub epsilon: f64,
-    pub joint: f64,
+    /// Pixels a row of the level.
+    pub width: u32,
+    /// Rows of the level.
+    pub height: u32,
+    /// Layers of the stacks.
+    pub nodes: u32,
+    /// [`ROWS`].
+    pub rows: u32,
+    /// Pixels of the full-size image a pixel of this level.
+    pub factor: f32,
+    /// The image centre in pixels of this level.
+    pub centre: [f32; 2],
+    /// L, which scales a and b to pixels: a quarter of the diagonal.
+    pub length: f32,
+    /// α of this iteration.
+    pub alpha: f32,
+    /// α that the energy is measured with.
+    pub final_alpha: f32,
+    /// η of the data term, intensities.
+    pub eta: f32,
+    /// η of the smoothness term, px² a pixel.
+    pub smoothness_eta: f32,
+    /// ε of the Heaviside, px².
+    pub epsilon: f32,
+    /// λ; [`ELIMINATION`].
+    pub elimination: f32,
 }
 
+/// I1, V, stack of I1, stack of I2, red system, black system, red dV, black dV, state, partial sums.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::LINEARISE,
+    bindings: &[
+        Binding::Image,
+        Binding::Image,
+        Binding::Image,
+        Binding::Image,
+        Binding::Image,
+        Binding::Image,
+        Binding::Image,
+        Binding::Image,
+        Binding::Buffer,
+        Binding::Buffer,
+    ],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// What the pass leaves.
 pub struct Linearised {
-    /// rhs, right, left, down, up; each over D + Σa
+    /// Right side, then the weights of the right, left, lower and upper neighbour, each over D + Σa.
     pub system: [Field; 5],
+    /// Upper triangle of N, g, energy, valid pixels.
     pub sums: [f64; SUMS],
 }
 
-pub fn twin(c: &Constants, r: &Registration, v: &Field, stack1: &[Field], stack2: &[Field]) -> Linearised {
+/// One residual: S, its derivative by V, its weight, and its derivatives by the unknowns.
+struct Residual {
+    s: f64,
+    by_v: f64,
+    weight: f64,
+    by_unknown: [f64; UNKNOWNS],
+}
+
+/// Smooth Heaviside, equation 35.
+pub fn heaviside(v: f64, epsilon: f64) -> f64 {
+    0.5 + (v / epsilon).atan() / std::f64::consts::PI
+}
+
+/// One whole pass over a level.
+pub fn twin(c: &Constants, r: &Registration, i1: &Field, v: &Field, [stack1, stack2]: [&[Field]; 2]) -> Linearised {
     let (width, height) = (v.width, v.height);
     let mut system: [Field; 5] = std::array::from_fn(|_| Field::zeros(width, height));
     let mut sums = [0.0; SUMS];
-    let s2 = (1.0 + r.a).powi(2) + r.b * r.b;
-    let inverse_gradient = |x: isize, y: isize| {
-        let dx = (v.clamped(x + 1, y) - v.clamped(x - 1, y)) / 2.0;
-        let dy = (v.clamped(x, y + 1) - v.clamped(x, y - 1)) / 2.0;
-        1.0 / (dx * dx + dy * dy + c.smoothness_eta * c.smoothness_eta).sqrt()
-    };
     for y in 0..height {
         for x in 0..width {
-            let blur = v.get(x, y);
-            let (px, py) = (x as f64 - c.centre[0], y as f64 - c.centre[1]);
-            let qx = x as f64 + r.t[0] / c.factor + r.a * px - r.b * py;
-            let qy = y as f64 + r.t[1] / c.factor + r.b * px + r.a * py;
-            let reach = 3.0 * blur.abs().sqrt();
-            let inside = |x: f64, y: f64, reach: f64| {
-                x >= reach && y >= reach && x <= width as f64 - 1.0 - reach && y <= height as f64 - 1.0 - reach
-            };
-            let valid = inside(x as f64, y as f64, reach) && inside(qx, qy, reach * s2.sqrt());
-            let phi = inverse_gradient(x as isize, y as isize);
-            let (mut d, mut rhs) = (0.0, 0.0);
-            let mut q = [0.0; 6];
-            let mut local = [0.0; SUMS];
-            if valid {
-                let i1 = spline::read(&stack1[0], x as f64, y as f64);
-                let i2 = spline::read(&stack2[0], qx, qy);
-                let (near1, near2) = (i1.laplacian / 2.0, i2.laplacian / 2.0);
-                let (b1, b1v) = if blur >= 0.0 {
-                    let i = stack::read(stack1, blur, x as f64, y as f64);
-                    (i.value, i.slope)
-                } else {
-                    (i1.value + blur.max(-0.5) * near1, if blur > -0.5 { near1 } else { 0.0 })
-                };
-                let (b2, b2v, gx, gy) = if blur < 0.0 {
-                    let i = stack::read(stack2, -blur * s2, qx, qy);
-                    (i.value, -s2 * i.slope, i.dx, i.dy)
-                } else {
-                    (i2.value - s2 * blur.min(0.5) * near2, if blur < 0.5 { -s2 * near2 } else { 0.0 }, i2.dx, i2.dy)
-                };
-                let b2v = r.gain * b2v;
-                let s1 = b1 - (r.gain * i2.value + r.offset);
-                let s2_ = r.gain * b2 + r.offset - i1.value;
-                let heaviside = 0.5 + (blur / c.epsilon).atan() / std::f64::consts::PI;
-                let psi1 = (s1 * s1 + c.eta * c.eta).sqrt();
-                let psi2 = (s2_ * s2_ + c.eta * c.eta).sqrt();
-                let (w1, w2) = (heaviside / psi1, (1.0 - heaviside) / psi2);
-                d = w1 * b1v * b1v + w2 * b2v * b2v;
-                rhs = -(w1 * s1 * b1v + w2 * s2_ * b2v);
-                let jacobian = |sign: f64, value: f64, dx: f64, dy: f64| {
-                    let (dx, dy) = (r.gain * dx, r.gain * dy);
-                    [
-                        sign * (dx * px + dy * py) / c.length,
-                        sign * (dy * px - dx * py) / c.length,
-                        sign * dx,
-                        sign * dy,
-                        sign * (value - 0.5),
-                        sign,
-                    ]
-                };
-                let j1 = jacobian(-1.0, i2.value, i2.dx, i2.dy);
-                let j2 = jacobian(1.0, b2, gx, gy);
-                let mut n = 0;
-                for i in 0..6 {
-                    q[i] = w1 * b1v * j1[i] + w2 * b2v * j2[i];
-                    local[21 + i] = w1 * s1 * j1[i] + w2 * s2_ * j2[i];
-                    for j in i..6 {
-                        local[n] = w1 * j1[i] * j1[j] + w2 * j2[i] * j2[j];
-                        n += 1;
-                    }
-                }
-                local[27] = heaviside * psi1 + (1.0 - heaviside) * psi2 + c.final_alpha / phi;
-                local[28] = 1.0;
+            let (weights, mut right_side) = smoothness_term(c, v, [x, y]);
+            let smoothness: f64 = weights.iter().sum();
+            let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
+            let mut diagonal = 0.0;
+            if inside([x, y], d, [width, height], v.get(x, y), r.scale()) {
+                let (residuals, energy) = data_term(c, r, [x, y], d, i1.get(x, y), v.get(x, y), [stack1, stack2]);
+                diagonal = residuals.iter().map(|t| t.weight * t.by_v * t.by_v).sum();
+                right_side -= residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
+                let over = 1.0 / (diagonal + f64::from(c.elimination) * smoothness).max(1e-12);
+                accumulate(&residuals, right_side, over, &mut sums);
+                sums[ENERGY] += energy + f64::from(c.final_alpha) / inverse_gradient(c, v, x as isize, y as isize);
+                sums[VALID] += 1.0;
             }
-            let mut diagonal = d;
-            let mut weights = [0.0; 4];
-            for (w, (dx, dy)) in weights.iter_mut().zip([(1isize, 0isize), (-1, 0), (0, 1), (0, -1)]) {
-                let (nx, ny) = (x as isize + dx, y as isize + dy);
-                if nx >= 0 && ny >= 0 && nx < width as isize && ny < height as isize {
-                    *w = c.alpha * 0.5 * (phi + inverse_gradient(nx, ny));
-                    diagonal += *w;
-                    rhs += *w * (v.get(nx as usize, ny as usize) - blur);
-                }
-            }
-            let over = 1.0 / diagonal.max(1e-12);
-            if c.joint >= 0.0 && valid {
-                let over = 1.0 / (d + c.joint * (diagonal - d)).max(1e-12);
-                let mut n = 0;
-                for i in 0..6 {
-                    local[21 + i] += q[i] * rhs * over;
-                    for j in i..6 {
-                        local[n] -= q[i] * q[j] * over;
-                        n += 1;
-                    }
-                }
-            }
-            for (sum, l) in sums.iter_mut().zip(local) {
-                *sum += l;
-            }
+            let over = 1.0 / (diagonal + smoothness).max(1e-12);
             let at = y * width + x;
-            system[0].data[at] = rhs * over;
-            for i in 0..4 {
-                system[1 + i].data[at] = weights[i] * over;
+            system[0].data[at] = right_side * over;
+            for (field, weight) in system[1..].iter_mut().zip(weights) {
+                field.data[at] = weight * over;
             }
         }
     }
     Linearised { system, sums }
+}
+
+/// φ = 1/sqrt(|∇V|² + η²), lagged.
+fn inverse_gradient(c: &Constants, v: &Field, x: isize, y: isize) -> f64 {
+    let dx = (v.clamped(x + 1, y) - v.clamped(x - 1, y)) / 2.0;
+    let dy = (v.clamped(x, y + 1) - v.clamped(x, y - 1)) / 2.0;
+    1.0 / (dx * dx + dy * dy + f64::from(c.smoothness_eta).powi(2)).sqrt()
+}
+
+/// The weights a_n of the four neighbours, zero across the border, and Σ a_n (V_n - V).
+fn smoothness_term(c: &Constants, v: &Field, [x, y]: [usize; 2]) -> ([f64; 4], f64) {
+    let (x, y) = (x as isize, y as isize);
+    let phi = inverse_gradient(c, v, x, y);
+    let neighbours = [(x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)];
+    let weights = neighbours.map(|(nx, ny)| {
+        let exists = nx >= 0 && ny >= 0 && nx < v.width as isize && ny < v.height as isize;
+        if exists { 0.5 * f64::from(c.alpha) * (phi + inverse_gradient(c, v, nx, ny)) } else { 0.0 }
+    });
+    let pull = weights.iter().zip(neighbours).map(|(a, (nx, ny))| a * (v.clamped(nx, ny) - v.clamped(x, y))).sum();
+    (weights, pull)
+}
+
+/// S1 and S2 at a pixel, and the energy of its data term.
+fn data_term(
+    c: &Constants,
+    r: &Registration,
+    [x, y]: [usize; 2],
+    d: [f64; 2],
+    i1: f64,
+    v: f64,
+    [stack1, stack2]: [&[Field]; 2],
+) -> ([Residual; 2], f64) {
+    let scale2 = r.scale().powi(2);
+    let (px, py) = (x as f64, y as f64);
+    let (qx, qy) = (px + d[0], py + d[1]);
+    let i2 = spline::read(&stack2[0], qx, qy);
+    let still = |slope: f64| if v.abs() < NEAR { slope } else { 0.0 };
+    // Value and slope by V of Î1, then of Î2 before gain and offset.
+    let (b1, b2);
+    if v >= 0.0 {
+        b1 = stack::read(stack1, v, px, py);
+        let slope = -scale2 * i2.laplacian / 2.0;
+        b2 = stack::Blurred { value: i2.value + slope * v.min(NEAR), slope: still(slope), dx: i2.dx, dy: i2.dy };
+    } else {
+        let slope = spline::read(&stack1[0], px, py).laplacian / 2.0;
+        b1 = stack::Blurred { value: i1 + slope * v.max(-NEAR), slope: still(slope), dx: 0.0, dy: 0.0 };
+        let read = stack::read(stack2, -v * scale2, qx, qy);
+        b2 = stack::Blurred { slope: -scale2 * read.slope, ..read };
+    }
+    let (s1, s2) = (b1.value - (r.gain * i2.value + r.offset), r.gain * b2.value + r.offset - i1);
+    let eta2 = f64::from(c.eta).powi(2);
+    let (psi1, psi2) = ((s1 * s1 + eta2).sqrt(), (s2 * s2 + eta2).sqrt());
+    let h = heaviside(v, c.epsilon.into());
+    let centred = [px - f64::from(c.centre[0]), py - f64::from(c.centre[1])];
+    let jacobian = |sign: f64, value: f64, dx: f64, dy: f64| {
+        let (gx, gy, length) = (r.gain * dx, r.gain * dy, f64::from(c.length));
+        [
+            (gx * centred[0] + gy * centred[1]) / length,
+            (gy * centred[0] - gx * centred[1]) / length,
+            gx,
+            gy,
+            value - 0.5,
+            1.0,
+        ]
+        .map(|j| sign * j)
+    };
+    let residuals = [
+        Residual { s: s1, by_v: b1.slope, weight: h / psi1, by_unknown: jacobian(-1.0, i2.value, i2.dx, i2.dy) },
+        Residual {
+            s: s2,
+            by_v: r.gain * b2.slope,
+            weight: (1.0 - h) / psi2,
+            by_unknown: jacobian(1.0, b2.value, b2.dx, b2.dy),
+        },
+    ];
+    (residuals, h * psi1 + (1.0 - h) * psi2)
+}
+
+/// Adds a pixel to N and g, its own dV eliminated.
+fn accumulate(residuals: &[Residual; 2], right_side: f64, over: f64, sums: &mut [f64; SUMS]) {
+    let sum = |term: &dyn Fn(&Residual) -> f64| residuals.iter().map(|t| t.weight * term(t)).sum::<f64>();
+    let q: [f64; UNKNOWNS] = std::array::from_fn(|i| sum(&|t| t.by_v * t.by_unknown[i]));
+    let mut n = 0;
+    for i in 0..UNKNOWNS {
+        sums[GRADIENT + i] += sum(&|t| t.s * t.by_unknown[i]) + q[i] * right_side * over;
+        for j in i..UNKNOWNS {
+            sums[n] += sum(&|t| t.by_unknown[i] * t.by_unknown[j]) - q[i] * q[j] * over;
+            n += 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field};
+    use super::super::relax::half;
+    use super::super::state::State;
+    use super::*;
+    use crate::reference::build_stack;
+    use crate::vulkan::Resource;
+    use crate::{Photometric, Similarity};
+
+    fn constants(width: usize, height: usize, nodes: usize) -> Constants {
+        Constants {
+            width: width as u32,
+            height: height as u32,
+            nodes: nodes as u32,
+            rows: ROWS,
+            factor: 2.0,
+            centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 0.5) / 2.0],
+            length: 20.0,
+            alpha: 0.006,
+            final_alpha: 0.003,
+            eta: 0.01,
+            smoothness_eta: 0.1,
+            epsilon: 0.1,
+            elimination: ELIMINATION,
+        }
+    }
+
+    fn check(i1: &Field, i2: &Field, v: &Field, transform: Similarity) {
+        let (width, height) = (v.width, v.height);
+        let nodes = stack::node_count(6.0);
+        let stacks = [i1, i2].map(|i| build_stack(i, nodes));
+        let c = constants(width, height, nodes);
+        let registration = Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 });
+        let state = State::new(&registration);
+        let expected = twin(&c, &state.registration(), i1, v, [&stacks[0], &stacks[1]]);
+
+        let rig = Rig::new();
+        let half_size = [width.div_ceil(2) as u32, height as u32];
+        let inputs = [rig.image(&[i1.clone()]), rig.image(&[v.clone()]), rig.image(&stacks[0]), rig.image(&stacks[1])];
+        let systems = [0, 1].map(|_| rig.empty(half_size, 5));
+        let changes = [0, 1].map(|_| rig.empty(half_size, 1));
+        let state = rig.upload(bytemuck::bytes_of(&state));
+        let size = [width as u32, (height as u32).div_ceil(ROWS)];
+        let groups = [size[0].div_ceil(WORKGROUP[0]), (height as u32).div_ceil(WORKGROUP[1] * ROWS)];
+        let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
+        let mut resources: Vec<_> = inputs.iter().chain(&systems).chain(&changes).map(Resource::Image).collect();
+        resources.extend([Resource::Buffer(&state), Resource::Buffer(&partials)]);
+        rig.run_groups(&STAGE, &resources, &c, [groups[0], groups[1], 1]);
+
+        for color in [0, 1] {
+            let halves: Vec<_> = expected.system.iter().map(|f| half(f, color)).collect();
+            // 2e-4 px²: the right side divides differences of intensities by D, which is small where nothing is textured.
+            rig.assert_close(&systems[color], &halves, 2e-4);
+            rig.assert_close(&changes[color], &[Field::zeros(half_size[0] as usize, height)], 0.0);
+        }
+        let partials = rig.floats(&partials);
+        for (n, expected) in expected.sums.iter().enumerate() {
+            let found: f64 = partials.chunks_exact(SUMS).map(|p| f64::from(p[n])).sum();
+            let size = (0..SUMS).map(|n| partials.chunks_exact(SUMS).map(|p| f64::from(p[n]).abs()).sum::<f64>());
+            let tolerance = 1e-4 * size.fold(1.0, f64::max);
+            assert!((found - expected).abs() < tolerance, "sum {n}: {found}, not {expected} ± {tolerance}");
+        }
+    }
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(67usize, 43usize), (33, 32), (40, 17)] {
+            let smooth = |seed| super::super::harness::smooth_field(width, height, seed);
+            let mut v = smooth(3);
+            v.data.iter_mut().for_each(|v| *v = 8.0 * (*v - 0.5));
+            check(&smooth(1), &smooth(2), &v, Similarity::new(0.7, -1.1, 0.4, 1.02));
+            check(
+                &random_field(width, height, 5),
+                &random_field(width, height, 6),
+                &v,
+                Similarity::new(0.0, 0.0, 0.0, 0.97),
+            );
+        }
+    }
+
+    #[test]
+    fn flat_images_give_numbers_and_no_overlap_gives_no_weight() {
+        let (width, height) = (35, 20);
+        let flat = Field::from_fn(width, height, |_, _| 0.5);
+        check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY);
+        check(
+            &flat,
+            &random_field(width, height, 1),
+            &random_field(width, height, 2),
+            Similarity::new(1e4, 0.0, 0.0, 1.0),
+        );
+    }
+
+    #[test]
+    fn the_gather_obeys_the_heat_equation() {
+        // Of a wave exp(-v k²/2) cos(k x) is left: value and slope between the nodes against the closed form. Waves are
+        // even about the border, so that the mirror is exact.
+        let (n, k) = (129, std::f64::consts::PI * 20.0 / 128.0);
+        let wave = Field::from_fn(n, 9, |x, _| (k * x as f64).cos());
+        let stack = build_stack(&wave, stack::node_count(36.0));
+        for step in 0..=360 {
+            let v = 0.1 * f64::from(step);
+            let decay = (-v * k * k / 2.0).exp();
+            for x in [3.0, 40.37, 101.5] {
+                let found = stack::read(&stack, v, x, 4.0);
+                let expected = decay * (k * x).cos();
+                assert!((found.value - expected).abs() < 1e-3, "v {v}: {} {expected}", found.value);
+                let slope = -k * k / 2.0 * expected;
+                assert!((found.slope - slope).abs() < 4e-3, "v {v}: slope {} {slope}", found.slope);
+            }
+        }
+    }
 }

@@ -1,6 +1,64 @@
-//! stages
-pub mod field;
-pub mod spline;
+//! One shader, one file, one test: each pass of the method with its constants, what it binds, and its CPU twin.
+//!
+//! A twin is the shader in plain Rust and double precision, a pure function over [`Field`]s, for tests and for the
+//! [reference solver](crate::reference), never a fallback.
+
+pub mod confidence;
 pub mod convolve;
+pub mod expose;
+pub mod field;
+pub mod fuse;
+#[cfg(test)]
+pub(crate) mod harness;
+pub mod ingest;
 pub mod linearise;
+pub mod prolong;
+pub mod relax;
+pub mod spline;
 pub mod stack;
+pub mod state;
+pub mod step;
+pub mod update;
+
+use std::sync::Arc;
+
+pub use field::Field;
+
+use crate::Error;
+use crate::vulkan::{Device, Pipeline};
+
+/// Workgroup of the passes over pixels: 256 invocations, the least that every device has, wider than high since rows are
+/// what memory keeps together.
+pub(crate) const WORKGROUP: [u32; 2] = [32, 8];
+
+/// The compiled passes.
+pub(crate) struct Pipelines {
+    pub(crate) ingest: Arc<Pipeline>,
+    pub(crate) convolve: Arc<Pipeline>,
+    pub(crate) expose: Arc<Pipeline>,
+    pub(crate) prolong: Arc<Pipeline>,
+    pub(crate) linearise: Arc<Pipeline>,
+    pub(crate) step: Arc<Pipeline>,
+    pub(crate) relax: Arc<Pipeline>,
+    pub(crate) update: Arc<Pipeline>,
+    pub(crate) confidence: Arc<Pipeline>,
+    pub(crate) fuse: Arc<Pipeline>,
+}
+
+impl Pipelines {
+    pub(crate) fn new(device: &Arc<Device>) -> Result<Self, Error> {
+        let compile = |stage| Pipeline::new(device, stage).map(Arc::new);
+        Ok(Self {
+            ingest: compile(&ingest::STAGE)?,
+            convolve: compile(&convolve::STAGE)?,
+            expose: compile(&expose::STAGE)?,
+            prolong: compile(&prolong::STAGE)?,
+            linearise: compile(&linearise::STAGE)?,
+            step: compile(&step::STAGE)?,
+            relax: compile(&relax::STAGE)?,
+            update: compile(&update::STAGE)?,
+            confidence: compile(&confidence::STAGE)?,
+            fuse: compile(&fuse::STAGE)?,
+        })
+    }
+}

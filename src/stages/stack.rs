@@ -54,9 +54,7 @@ pub fn read(stack: &[Field], v: f64, x: f64, y: f64) -> Blurred {
     let (t2, t3) = (t * t, t * t * t);
     Blurred {
         value: p.value + (3.0 * t2 - 2.0 * t3) * (q.value - p.value) + (t3 - 2.0 * t2 + t) * m + (t3 - t2) * n,
-        slope: ((6.0 * t - 6.0 * t2) * (q.value - p.value)
-            + (3.0 * t2 - 4.0 * t + 1.0) * m
-            + (3.0 * t2 - 2.0 * t) * n)
+        slope: ((6.0 * t - 6.0 * t2) * (q.value - p.value) + (3.0 * t2 - 4.0 * t + 1.0) * m + (3.0 * t2 - 2.0 * t) * n)
             / h,
         dx: p.dx + t * (q.dx - p.dx),
         dy: p.dy + t * (q.dy - p.dy),

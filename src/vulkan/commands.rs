@@ -82,7 +82,8 @@ impl Recorder {
         let buffers = unsafe { self.device.handle.allocate_command_buffers(&create) };
         self.parts.extend(self.device.check("vkAllocateCommandBuffers", buffers)?);
         // SAFETY: the command buffer is new.
-        let begun = unsafe { self.device.handle.begin_command_buffer(self.part(), &vk::CommandBufferBeginInfo::default()) };
+        let begun =
+            unsafe { self.device.handle.begin_command_buffer(self.part(), &vk::CommandBufferBeginInfo::default()) };
         self.device.check("vkBeginCommandBuffer", begun)
     }
 
@@ -125,7 +126,13 @@ impl Recorder {
     }
 
     /// Records one pass; everything before it is done and visible when it starts.
-    pub(crate) fn pass(&mut self, pipeline: &Arc<Pipeline>, resources: &[Resource<'_>], constants: &[u8], groups: Groups<'_>) -> Result<(), Error> {
+    pub(crate) fn pass(
+        &mut self,
+        pipeline: &Arc<Pipeline>,
+        resources: &[Resource<'_>],
+        constants: &[u8],
+        groups: Groups<'_>,
+    ) -> Result<(), Error> {
         assert_eq!(constants.len(), pipeline.constant_bytes, "push constants of {}", pipeline.name);
         let set = self.descriptor_set(pipeline, resources)?;
         self.barrier();
@@ -193,7 +200,9 @@ impl Recorder {
     fn transfer_barrier(&mut self) {
         let stages = vk::PipelineStageFlags2::COMPUTE_SHADER | vk::PipelineStageFlags2::TRANSFER;
         let writes = vk::AccessFlags2::SHADER_STORAGE_WRITE | vk::AccessFlags2::TRANSFER_WRITE;
-        let reads = vk::AccessFlags2::SHADER_STORAGE_READ | vk::AccessFlags2::TRANSFER_READ | vk::AccessFlags2::INDIRECT_COMMAND_READ;
+        let reads = vk::AccessFlags2::SHADER_STORAGE_READ
+            | vk::AccessFlags2::TRANSFER_READ
+            | vk::AccessFlags2::INDIRECT_COMMAND_READ;
         self.memory_barrier((stages, writes), (stages | vk::PipelineStageFlags2::DRAW_INDIRECT, reads | writes));
         self.barrier_due = false;
     }
@@ -299,7 +308,11 @@ impl Recorder {
         )
     }
 
-    fn descriptor_set(&mut self, pipeline: &Arc<Pipeline>, resources: &[Resource<'_>]) -> Result<vk::DescriptorSet, Error> {
+    fn descriptor_set(
+        &mut self,
+        pipeline: &Arc<Pipeline>,
+        resources: &[Resource<'_>],
+    ) -> Result<vk::DescriptorSet, Error> {
         let kinds: Vec<_> = resources.iter().map(|r| r.binding()).collect();
         assert_eq!(kinds, pipeline.bindings, "resources of {}", pipeline.name);
         let key = (pipeline.handle, resources.iter().map(|r| r.id()).collect::<Vec<_>>());

@@ -30,14 +30,20 @@ pub(crate) struct Device {
 
 impl Device {
     /// Opens a physical device.
-    pub(crate) fn new(instance: Arc<Instance>, physical: PhysicalDevice, timeout: Duration) -> Result<Arc<Self>, Error> {
+    pub(crate) fn new(
+        instance: Arc<Instance>,
+        physical: PhysicalDevice,
+        timeout: Duration,
+    ) -> Result<Arc<Self>, Error> {
         let name = physical.info.name.clone();
         let priorities = [1.0];
-        let queues =
-            [vk::DeviceQueueCreateInfo::default().queue_family_index(physical.queue_family).queue_priorities(&priorities)];
+        let queues = [vk::DeviceQueueCreateInfo::default()
+            .queue_family_index(physical.queue_family)
+            .queue_priorities(&priorities)];
         let mut v12 = vk::PhysicalDeviceVulkan12Features::default().timeline_semaphore(true);
         let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true);
-        let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut v12).push_next(&mut v13);
+        let create =
+            vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut v12).push_next(&mut v13);
         // SAFETY: the physical device came from this instance and has the features (`Instance::missing`).
         let handle = unsafe { instance.handle.create_device(physical.handle, &create, None) }
             .map_err(|e| failure("vkCreateDevice", &name, e))?;
@@ -47,11 +53,16 @@ impl Device {
             instance: instance.handle.clone(),
             device: handle.clone(),
             physical_device: physical.handle,
-            debug_settings: gpu_allocator::AllocatorDebugSettings { log_leaks_on_shutdown: false, ..Default::default() },
+            debug_settings: gpu_allocator::AllocatorDebugSettings::default(),
             buffer_device_address: false,
             allocation_sizes: gpu_allocator::AllocationSizes::default(),
         })
-        .map_err(|e| Error::Vulkan { call: "opening the allocator".into(), device: name.clone(), result: e.to_string(), advice: "" });
+        .map_err(|e| Error::Vulkan {
+            call: "opening the allocator".into(),
+            device: name.clone(),
+            result: e.to_string(),
+            advice: "",
+        });
         let allocator = match allocator {
             Ok(allocator) => allocator,
             Err(error) => {

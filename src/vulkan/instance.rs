@@ -43,7 +43,8 @@ impl Instance {
         // SAFETY: the entry is loaded, and no layer is named.
         let available = unsafe { entry.enumerate_instance_extension_properties(None) }
             .map_err(|e| failed("vkEnumerateInstanceExtensionProperties", e))?;
-        let debug_utils = available.iter().any(|e| e.extension_name_as_c_str() == Ok(ext::debug_utils::NAME)) || validation;
+        let debug_utils =
+            available.iter().any(|e| e.extension_name_as_c_str() == Ok(ext::debug_utils::NAME)) || validation;
         let mut layers = Vec::new();
         let mut extensions = Vec::new();
         if debug_utils {
@@ -66,7 +67,10 @@ impl Instance {
         // SAFETY: every pointer in `create` outlives the call.
         let handle = unsafe { entry.create_instance(&create, None) }.map_err(|e| match e {
             vk::Result::ERROR_LAYER_NOT_PRESENT | vk::Result::ERROR_EXTENSION_NOT_PRESENT if validation => {
-                Error::NoDevice(" under validation: the Khronos validation layer is missing (Debian: vulkan-validationlayers)".into())
+                Error::NoDevice(
+                    " under validation: the Khronos validation layer is missing (Debian: vulkan-validationlayers)"
+                        .into(),
+                )
             }
             vk::Result::ERROR_INCOMPATIBLE_DRIVER => Error::NoDevice(String::new()),
             other => failed("vkCreateInstance", other),
@@ -101,6 +105,12 @@ impl Instance {
         self.messages.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// The validation messages so far, and forgets them: for tests that mean to cause some.
+    #[cfg(test)]
+    pub(crate) fn take_messages(&self) -> Vec<String> {
+        std::mem::take(&mut self.messages.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
     /// The devices in the loader's order.
     pub(crate) fn physical_devices(&self) -> Result<Vec<PhysicalDevice>, Error> {
         // SAFETY: the instance is alive.
@@ -118,8 +128,10 @@ impl Instance {
         let basic = unsafe { self.handle.get_physical_device_properties(handle) };
         let recent = basic.api_version >= vk::API_VERSION_1_3;
         if recent {
-            let mut properties =
-                vk::PhysicalDeviceProperties2::default().push_next(&mut id).push_next(&mut subgroup).push_next(&mut driver);
+            let mut properties = vk::PhysicalDeviceProperties2::default()
+                .push_next(&mut id)
+                .push_next(&mut subgroup)
+                .push_next(&mut driver);
             // SAFETY: `handle` came from this instance, and a 1.3 device fills all three structures.
             unsafe { self.handle.get_physical_device_properties2(handle, &mut properties) };
         }
@@ -128,12 +140,15 @@ impl Instance {
         // SAFETY: `handle` came from this instance.
         let families = unsafe { self.handle.get_physical_device_queue_family_properties(handle) };
         let queue_family = compute_family(&families);
-        let unusable = if recent { self.missing(handle, &subgroup, queue_family) } else { Some("it lacks Vulkan 1.3".into()) };
+        let unusable =
+            if recent { self.missing(handle, &subgroup, queue_family) } else { Some("it lacks Vulkan 1.3".into()) };
         let version = basic.api_version;
         let info = DeviceInfo {
             index,
             name: text(basic.device_name_as_c_str()),
-            driver: format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str())).trim().into(),
+            driver: format!("{} {}", text(driver.driver_name_as_c_str()), text(driver.driver_info_as_c_str()))
+                .trim()
+                .into(),
             uuid: uuid(&id.device_uuid),
             kind: kind(basic.device_type),
             api_version: format!(

@@ -14,7 +14,9 @@ use crate::Error;
 pub(super) const FORMAT: vk::Format = vk::Format::R32_SFLOAT;
 /// Every image is read and written by shaders and copied.
 pub(super) const IMAGE_USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
-    vk::ImageUsageFlags::STORAGE.as_raw() | vk::ImageUsageFlags::TRANSFER_SRC.as_raw() | vk::ImageUsageFlags::TRANSFER_DST.as_raw(),
+    vk::ImageUsageFlags::STORAGE.as_raw()
+        | vk::ImageUsageFlags::TRANSFER_SRC.as_raw()
+        | vk::ImageUsageFlags::TRANSFER_DST.as_raw(),
 );
 
 /// A storage buffer; one that the host sees is mapped for as long as it lives.
@@ -95,7 +97,10 @@ impl Buffer {
     pub(crate) fn read<T: bytemuck::AnyBitPattern>(&self, offset: usize, count: usize) -> Result<Vec<T>, Error> {
         let bytes = self.allocation.mapped_slice().ok_or_else(|| self.not_mapped())?;
         let bytes = &bytes[offset..offset + count * size_of::<T>()];
-        Ok(bytemuck::pod_collect_to_vec::<u8, u8>(bytes).chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect())
+        Ok(bytemuck::pod_collect_to_vec::<u8, u8>(bytes)
+            .chunks_exact(size_of::<T>())
+            .map(bytemuck::pod_read_unaligned)
+            .collect())
     }
 
     fn not_mapped(&self) -> Error {
@@ -105,7 +110,12 @@ impl Buffer {
 
 impl Image {
     /// An image whose contents are undefined; [`super::Recorder::prepare`] must see it before any pass does.
-    pub(crate) fn new(device: &Arc<Device>, name: &str, [width, height]: [u32; 2], layers: u32) -> Result<Arc<Self>, Error> {
+    pub(crate) fn new(
+        device: &Arc<Device>,
+        name: &str,
+        [width, height]: [u32; 2],
+        layers: u32,
+    ) -> Result<Arc<Self>, Error> {
         let create = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
             .format(FORMAT)

@@ -106,9 +106,8 @@ impl Pipeline {
         let module = unsafe { device.handle.create_shader_module(&create, None) };
         let module = device.check("vkCreateShaderModule", module)?;
         let entries = [0u32, 1].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
-        let specialization = vk::SpecializationInfo::default()
-            .map_entries(&entries)
-            .data(bytemuck::cast_slice(&stage.workgroup));
+        let specialization =
+            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&stage.workgroup));
         let shader = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(module)

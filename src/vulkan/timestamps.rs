@@ -64,9 +64,11 @@ impl Timestamps {
         let read =
             unsafe { device.handle.get_query_pool_results(self.pool, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) };
         device.check("vkGetQueryPoolResults", read)?;
-        let mask = if device.physical.timestamp_bits >= 64 { u64::MAX } else { (1 << device.physical.timestamp_bits) - 1 };
-        let milliseconds =
-            |from: u64, to: u64| (to.wrapping_sub(from) & mask) as f64 * f64::from(device.physical.limits.timestamp_period) * 1e-6;
+        let mask =
+            if device.physical.timestamp_bits >= 64 { u64::MAX } else { (1 << device.physical.timestamp_bits) - 1 };
+        let milliseconds = |from: u64, to: u64| {
+            (to.wrapping_sub(from) & mask) as f64 * f64::from(device.physical.limits.timestamp_period) * 1e-6
+        };
         let mut passes: Vec<(&'static str, f64)> = Vec::new();
         for (pair, &name) in ticks.windows(2).zip(&self.names) {
             let spent = milliseconds(pair[0], pair[1]);

@@ -1,0 +1,31 @@
+#version 460
+// V where it is valid, NaN elsewhere, and its confidence D/(D + Σa). Twin: src/stages/confidence.rs.
+
+#include "state.glsl"
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
+layout(binding = 1, r32f) uniform readonly image2DArray system_red;    // right side, right, left, down, up
+layout(binding = 2, r32f) uniform readonly image2DArray system_black;
+layout(binding = 3, r32f) uniform writeonly image2DArray result;       // layer 0: V, layer 1: confidence
+layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
+layout(push_constant) uniform Constants {
+    int width, height;
+    float centre_x, centre_y;
+};
+
+void main() {
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy);
+    if (x.x >= width || x.y >= height) return;
+    ivec2 h = ivec2(x.x / 2, x.y);
+    float smoothness = 0.0;
+    for (int layer = 1; layer < 5; layer++)
+        smoothness += (x.x + x.y & 1) == 0 ? imageLoad(system_red, ivec3(h, layer)).r : imageLoad(system_black, ivec3(h, layer)).r;
+    // The weights a are stored over D + Σa, so their sum falls short of 1 by the confidence; by less than 1e-5 is rounding.
+    float confidence = 1.0 - smoothness;
+    float v = imageLoad(relative_blur, ivec3(x, 0)).r;
+    float scale = sqrt((1.0 + state.a) * (1.0 + state.a) + state.b * state.b);
+    bool valid = inside(x, displacement(state, x, 1.0, vec2(centre_x, centre_y)), ivec2(width, height), v, scale);
+    imageStore(result, ivec3(x, 0), vec4(valid ? v : uintBitsToFloat(0x7fc00000u)));
+    imageStore(result, ivec3(x, 1), vec4(valid && confidence > 1e-5 ? confidence : 0.0));
+}

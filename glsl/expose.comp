@@ -1,0 +1,70 @@
+#version 460
+// Gain and offset from mean and deviation of the two images at low pass, where blur hardly shows. One workgroup.
+// Twin: src/stages/expose.rs.
+
+#extension GL_KHR_shader_subgroup_arithmetic : require
+
+#include "border.glsl"
+#include "state.glsl"
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform readonly image2DArray image1;
+layout(binding = 1, r32f) uniform readonly image2DArray image2;
+layout(binding = 2, std430) buffer StateBuffer { State state; };
+layout(push_constant) uniform Constants {
+    int width, height;
+    float factor;
+    float centre_x, centre_y;
+    int adopt;                       // 0: measure the correlation only
+};
+
+const int MOMENTS = 6;               // pixels, I1, I2, I1², I2², I1 I2; intensities less ½, for their digits
+shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][MOMENTS];
+
+// Bilinear, which is enough for a mean and a deviation at low pass.
+float image2_at(ivec2 i, vec2 f) {
+    ivec2 j = min(i + 1, ivec2(width, height) - 1);
+    float top = mix(imageLoad(image2, ivec3(i, 0)).r, imageLoad(image2, ivec3(j.x, i.y, 0)).r, f.x);
+    float bottom = mix(imageLoad(image2, ivec3(i.x, j.y, 0)).r, imageLoad(image2, ivec3(j, 0)).r, f.x);
+    return mix(top, bottom, f.y);
+}
+
+void add(ivec2 x, inout float moments[MOMENTS]) {
+    vec2 d = displacement(state, x, factor, vec2(centre_x, centre_y));
+    ivec2 size = ivec2(width, height), i;
+    vec2 f;
+    if (!inside(x, d, size, 0.0, 1.0)) return;
+    place(x, d, size, i, f);
+    float u = imageLoad(image1, ivec3(x, 0)).r - 0.5;
+    float v = image2_at(clamp(i, ivec2(0), size - 1), f) - 0.5;
+    float terms[MOMENTS] = float[](1.0, u, v, u * u, v * v, u * v);
+    for (int n = 0; n < MOMENTS; n++) moments[n] += terms[n];
+}
+
+void main() {
+    float moments[MOMENTS] = float[](0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    for (int n = int(gl_LocalInvocationIndex); n < width * height; n += step) add(ivec2(n % width, n / width), moments);
+    for (int n = 0; n < MOMENTS; n++) {
+        float sum = subgroupAdd(moments[n]);
+        if (subgroupElect()) by_subgroup[gl_SubgroupID][n] = sum;
+    }
+    barrier();
+    if (gl_LocalInvocationIndex != 0) return;
+    float m[MOMENTS];
+    for (int n = 0; n < MOMENTS; n++) {
+        m[n] = 0.0;
+        for (uint group = 0; group < gl_NumSubgroups; group++) m[n] += by_subgroup[group][n];
+    }
+    float count = max(m[0], 1.0);
+    vec2 mean = vec2(m[1], m[2]) / count;
+    vec2 variance = max(vec2(m[3], m[4]) / count - mean * mean, vec2(0.0));
+    float covariance = m[5] / count - mean.x * mean.y;
+    // 1e-8: a deviation of 1e-4, below which there is only rounding.
+    bool contrast = min(variance.x, variance.y) > 1e-8;
+    state.correlation = contrast ? covariance / sqrt(variance.x * variance.y) : 0.0;
+    if (adopt == 0) return;
+    // Images that hardly correlate, still far apart say, tell nothing of the gain.
+    state.gain = state.correlation > 0.5 ? sqrt(variance.x / variance.y) : 1.0;
+    state.offset = mean.x + 0.5 - state.gain * (mean.y + 0.5);
+}

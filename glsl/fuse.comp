@@ -1,0 +1,36 @@
+#version 460
+// Pseudo-radiance of one channel, equation 37: of each pixel the sharper of I1 and J. Twin: src/stages/fuse.rs.
+
+#include "spline.glsl"
+#include "state.glsl"
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform readonly image2DArray channel1;
+layout(binding = 1, r32f) uniform readonly image2DArray coefficients2; // layer 0: spline of the channel of I2
+layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;
+layout(binding = 3, r32f) uniform writeonly image2DArray result;
+layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
+layout(push_constant) uniform Constants {
+    int width, height;
+    int layer;                       // of the result
+    float centre_x, centre_y;
+    float epsilon;
+};
+
+float coefficient(int image, ivec3 place) {
+    return imageLoad(coefficients2, place).r;
+}
+
+void main() {
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy), size = ivec2(width, height), i;
+    if (x.x >= width || x.y >= height) return;
+    vec2 d = displacement(state, x, 1.0, vec2(centre_x, centre_y)), f;
+    float fused = imageLoad(channel1, ivec3(x, 0)).r;
+    if (inside(x, d, size, 0.0, 1.0)) {
+        place(x, d, size, i, f);
+        float j = state.gain * spline_at(2, 0, size, i, f).value + state.offset;
+        float v = imageLoad(relative_blur, ivec3(x, 0)).r;
+        fused = mix(j, fused, 0.5 + atan(v / epsilon) / 3.14159265358979);
+    }
+    imageStore(result, ivec3(x, layer), vec4(fused));
+}

@@ -1,0 +1,43 @@
+// The stack of uniformly blurred images, one layer of spline coefficients a node. Twin: src/stages/stack.rs.
+
+#include "spline.glsl"
+
+struct Blurred {
+    float value;
+    float slope;     // by the variance
+    vec2 gradient;
+};
+
+float node_variance(int k) {
+    float sigma = k <= 3 ? 0.5 * float(k) : 1.5 * pow(4.0 / 3.0, float(k - 3));
+    return sigma * sigma;
+}
+
+int node_below(float v, int count) {
+    float sigma = sqrt(v);
+    float k = sigma < 1.5 ? floor(2.0 * sigma) : 3.0 + floor(log(sigma / 1.5) / log(4.0 / 3.0));
+    return min(int(k), count - 2);
+}
+
+// Cubic Hermite between two nodes; for a Gaussian the slope by the variance is half the Laplacian.
+Blurred between(int k, float v, Jet p, Jet q) {
+    float v0 = node_variance(k);
+    float h = node_variance(k + 1) - v0;
+    float t = min((v - v0) / h, 1.0);
+    float m = 0.5 * h * p.laplacian;
+    float n = 0.5 * h * q.laplacian;
+    float rise = q.value - p.value;
+    float value = p.value + (3.0 - 2.0 * t) * t * t * rise + ((t - 2.0) * t + 1.0) * t * m + (t - 1.0) * t * t * n;
+    float slope = (6.0 * (t - t * t) * rise + ((3.0 * t - 4.0) * t + 1.0) * m + (3.0 * t - 2.0) * t * n) / h;
+    return Blurred(value, slope, mix(p.gradient, q.gradient, t));
+}
+
+Blurred stack_at(int image, int nodes, ivec2 size, float v, ivec2 i, vec2 f) {
+    int k = node_below(v, nodes);
+    return between(k, v, spline_at(image, k, size, i, f), spline_at(image, k + 1, size, i, f));
+}
+
+Blurred stack_on(int image, int nodes, ivec2 size, float v, ivec2 i) {
+    int k = node_below(v, nodes);
+    return between(k, v, spline_on(image, k, size, i), spline_on(image, k + 1, size, i));
+}

@@ -1,0 +1,42 @@
+// What the device knows of a solve, and where T puts a pixel. Twin: src/stages/state.rs.
+
+const int MAX_LEVELS = 12;
+
+struct LevelState {
+    uint iterations;
+    uint settled;
+    float energy;      // of the latest iteration
+    float valid;       // pixels
+};
+
+struct State {
+    float a, b;        // s cos θ - 1, s sin θ
+    float tx, ty;      // pixels of the full-size image
+    float gain, offset;
+    float correlation; // of the two images at low pass, when the exposure was last matched
+    uint degenerate;   // the last step had unknowns that the images do not determine
+    LevelState levels[MAX_LEVELS];
+};
+
+// T x - x on a level whose pixels are `factor` wide and whose centre is `centre`: T x itself has steps of 2.4e-4 px at
+// x = 4000 in single precision.
+vec2 displacement(State state, ivec2 x, float factor, vec2 centre) {
+    vec2 p = vec2(x) - centre;
+    return vec2(state.tx, state.ty) / factor + vec2(state.a * p.x - state.b * p.y, state.b * p.x + state.a * p.y);
+}
+
+// T x as a pixel and a fraction, not further out than a spline can be read.
+void place(ivec2 x, vec2 d, ivec2 size, out ivec2 i, out vec2 f) {
+    d = clamp(d, vec2(-1 - x), vec2(size - x));
+    vec2 whole = floor(d);
+    i = x + ivec2(whole);
+    f = d - whole;
+}
+
+// Whether the window of three σ lies inside both images: at x in I1, at x + d in I2, where it is `scale` times as wide.
+bool inside(ivec2 x, vec2 d, ivec2 size, float v, float scale) {
+    float reach = 3.0 * sqrt(abs(v));
+    vec2 low = vec2(x), high = vec2(size - 1 - x);
+    return all(greaterThanEqual(min(low, high), vec2(reach)))
+        && all(greaterThanEqual(min(low + d, high - d), vec2(reach * scale)));
+}

@@ -1,0 +1,175 @@
+#version 460
+// The fused blur-and-derivative pass: V, I1, I2, T to S1, S2, their derivatives, the weights, the linear system for dV, and
+// the registration integrals. Equations 22 to 32 and 23. Twin: src/stages/linearise.rs.
+
+#extension GL_KHR_shader_subgroup_arithmetic : require
+
+#include "stack.glsl"
+#include "state.glsl"
+#include "sums.glsl"
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform readonly image2DArray image1;
+layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
+layout(binding = 2, r32f) uniform readonly image2DArray stack1;
+layout(binding = 3, r32f) uniform readonly image2DArray stack2;
+layout(binding = 4, r32f) uniform writeonly image2DArray system_red;    // right side, right, left, down, up
+layout(binding = 5, r32f) uniform writeonly image2DArray system_black;
+layout(binding = 6, r32f) uniform writeonly image2DArray change_red;    // dV
+layout(binding = 7, r32f) uniform writeonly image2DArray change_black;
+layout(binding = 8, std430) readonly buffer StateBuffer { State state; };
+layout(binding = 9, std430) writeonly buffer Partials { float partials[]; };
+layout(push_constant) uniform Constants {
+    int width, height;
+    int nodes;
+    int rows;                        // pixels an invocation
+    float factor;                    // pixels of the full-size image a pixel of this level
+    float centre_x, centre_y;
+    float length;                    // that scales a and b, pixels
+    float alpha, final_alpha;
+    float eta, smoothness_eta, epsilon;
+    float elimination;               // share of Σa that damps the elimination of dV
+};
+
+const float PI = 3.14159265358979;
+// Beyond V = 0 a blurred image goes on linearly for half a px².
+const float NEAR = 0.5;
+
+float coefficient(int image, ivec3 place) {
+    return image == 1 ? imageLoad(stack1, place).r : imageLoad(stack2, place).r;
+}
+
+float relative_blur_at(ivec2 x) {
+    return imageLoad(relative_blur, ivec3(clamp(x, ivec2(0), ivec2(width, height) - 1), 0)).r;
+}
+
+// φ = 1/sqrt(|∇V|² + η²)
+float inverse_gradient(float right, float left, float down, float up) {
+    vec2 g = 0.5 * vec2(right - left, down - up);
+    return inversesqrt(dot(g, g) + smoothness_eta * smoothness_eta);
+}
+
+// ∂S/∂(a L, b L, tx, ty, gain, offset), up to its sign: the read value and gradient of I2 at T x.
+void jacobian(float value, vec2 gradient, vec2 p, out float j[6]) {
+    vec2 g = state.gain * gradient;
+    j[0] = dot(g, p) / length;
+    j[1] = (g.y * p.x - g.x * p.y) / length;
+    j[2] = g.x;
+    j[3] = g.y;
+    j[4] = value - 0.5;
+    j[5] = 1.0;
+}
+
+struct Data {
+    float s1, s2;                    // residuals
+    float d1, d2;                    // their derivatives by V
+    float w1, w2;                    // H ψ', (1-H) ψ'
+    float energy;
+    float value1, value2;            // I2 as S1 and as S2 see it, before gain and offset, with gradients
+    vec2 gradient1, gradient2;
+};
+
+Data data_term(ivec2 x, float v, vec2 d, float scale) {
+    ivec2 size = ivec2(width, height), i;
+    vec2 f;
+    place(x, d, size, i, f);
+    float i1 = imageLoad(image1, ivec3(x, 0)).r;
+    Jet i2 = spline_at(2, 0, size, i, f);
+    float scale2 = scale * scale;
+    Blurred b1, b2;
+    if (v >= 0.0) {
+        b1 = stack_on(1, nodes, size, v, x);
+        float slope = 0.5 * scale2 * i2.laplacian;
+        b2 = Blurred(i2.value - slope * min(v, NEAR), v < NEAR ? -slope : 0.0, i2.gradient);
+    } else {
+        float slope = 0.5 * spline_on(1, 0, size, x).laplacian;
+        b1 = Blurred(i1 + slope * max(v, -NEAR), v > -NEAR ? slope : 0.0, vec2(0.0));
+        b2 = stack_at(2, nodes, size, -v * scale2, i, f);
+        b2.slope *= -scale2;
+    }
+    float s1 = b1.value - (state.gain * i2.value + state.offset);
+    float s2 = state.gain * b2.value + state.offset - i1;
+    float heaviside = 0.5 + atan(v / epsilon) / PI;
+    float psi1 = sqrt(s1 * s1 + eta * eta), psi2 = sqrt(s2 * s2 + eta * eta);
+    return Data(s1, s2, b1.slope, state.gain * b2.slope, heaviside / psi1, (1.0 - heaviside) / psi2,
+                heaviside * psi1 + (1.0 - heaviside) * psi2, i2.value, b2.value, i2.gradient, b2.gradient);
+}
+
+void store(ivec2 x, float right_side, vec4 weights) {
+    ivec2 h = ivec2(x.x / 2, x.y);
+    float values[5] = float[](right_side, weights.x, weights.y, weights.z, weights.w);
+    if ((x.x + x.y & 1) == 0) {
+        for (int layer = 0; layer < 5; layer++) imageStore(system_red, ivec3(h, layer), vec4(values[layer]));
+        imageStore(change_red, ivec3(h, 0), vec4(0.0));
+    } else {
+        for (int layer = 0; layer < 5; layer++) imageStore(system_black, ivec3(h, layer), vec4(values[layer]));
+        imageStore(change_black, ivec3(h, 0), vec4(0.0));
+    }
+}
+
+void linearise(ivec2 x, float scale, inout float sums[SUMS]) {
+    ivec2 size = ivec2(width, height);
+    float v = relative_blur_at(x);
+    vec4 around = vec4(relative_blur_at(x + ivec2(1, 0)), relative_blur_at(x - ivec2(1, 0)),
+                       relative_blur_at(x + ivec2(0, 1)), relative_blur_at(x - ivec2(0, 1)));
+    vec4 corners = vec4(relative_blur_at(x + ivec2(1, 1)), relative_blur_at(x + ivec2(-1, 1)),
+                        relative_blur_at(x + ivec2(1, -1)), relative_blur_at(x + ivec2(-1, -1)));
+    float phi = inverse_gradient(around.x, around.y, around.z, around.w);
+    vec4 phis = vec4(inverse_gradient(relative_blur_at(x + ivec2(2, 0)), v, corners.x, corners.z),
+                     inverse_gradient(v, relative_blur_at(x - ivec2(2, 0)), corners.y, corners.w),
+                     inverse_gradient(corners.x, corners.y, relative_blur_at(x + ivec2(0, 2)), v),
+                     inverse_gradient(corners.z, corners.w, v, relative_blur_at(x - ivec2(0, 2))));
+    bvec4 exists = bvec4(x.x + 1 < width, x.x > 0, x.y + 1 < height, x.y > 0);
+    vec4 a = mix(vec4(0.0), 0.5 * alpha * (phi + phis), exists);
+    float smoothness = a.x + a.y + a.z + a.w;
+    float right_side = dot(a, around - v);
+
+    vec2 p = vec2(x) - vec2(centre_x, centre_y);
+    vec2 d = displacement(state, x, factor, vec2(centre_x, centre_y));
+    float diagonal = 0.0;
+    if (inside(x, d, size, v, scale)) {
+        Data t = data_term(x, v, d, scale);
+        diagonal = t.w1 * t.d1 * t.d1 + t.w2 * t.d2 * t.d2;
+        right_side -= t.w1 * t.s1 * t.d1 + t.w2 * t.s2 * t.d2;
+        float over = 1.0 / max(diagonal + elimination * smoothness, 1e-12);
+        float j1[6], j2[6], q[6];
+        jacobian(t.value1, t.gradient1, p, j1);
+        jacobian(t.value2, t.gradient2, p, j2);
+        for (int i = 0; i < 6; i++) q[i] = t.w2 * t.d2 * j2[i] - t.w1 * t.d1 * j1[i];
+        int n = 0;
+        for (int i = 0; i < 6; i++) {
+            sums[GRADIENT + i] += t.w2 * t.s2 * j2[i] - t.w1 * t.s1 * j1[i] + q[i] * right_side * over;
+            for (int j = i; j < 6; j++, n++)
+                sums[n] += t.w1 * j1[i] * j1[j] + t.w2 * j2[i] * j2[j] - q[i] * q[j] * over;
+        }
+        sums[ENERGY] += t.energy + final_alpha / phi;
+        sums[VALID] += 1.0;
+    }
+    float over = 1.0 / max(diagonal + smoothness, 1e-12);
+    store(x, right_side * over, a * over);
+}
+
+// One row of partial sums a workgroup: subgroups first, then theirs in order.
+shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMS];
+
+void main() {
+    float sums[SUMS];
+    for (int n = 0; n < SUMS; n++) sums[n] = 0.0;
+    float scale = sqrt((1.0 + state.a) * (1.0 + state.a) + state.b * state.b);
+    for (int row = 0; row < rows; row++) {
+        ivec2 x = ivec2(gl_GlobalInvocationID.x,
+                        (gl_WorkGroupID.y * rows + row) * gl_WorkGroupSize.y + gl_LocalInvocationID.y);
+        if (x.x < width && x.y < height) linearise(x, scale, sums);
+    }
+    for (int n = 0; n < SUMS; n++) {
+        float sum = subgroupAdd(sums[n]);
+        if (subgroupElect()) by_subgroup[gl_SubgroupID][n] = sum;
+    }
+    barrier();
+    uint n = gl_LocalInvocationIndex;
+    if (n < SUMS) {
+        float sum = 0.0;
+        for (uint group = 0; group < gl_NumSubgroups; group++) sum += by_subgroup[group][n];
+        partials[(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * SUMS + n] = sum;
+    }
+}

@@ -1,0 +1,109 @@
+#version 460
+// The registration step: sums the partial sums in a fixed order, solves N ζ = -g, updates T, gain and offset, and
+// tests for convergence. One workgroup. Twin: src/stages/step.rs.
+
+#include "state.glsl"
+#include "sums.glsl"
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, std430) readonly buffer Partials { float partials[]; };
+layout(binding = 1, std430) buffer StateBuffer { State state; };
+layout(binding = 2, std430) writeonly buffer Energies { float energies[]; };
+layout(binding = 3, std430) writeonly buffer Arguments { uint arguments[]; };
+layout(push_constant) uniform Constants {
+    int rows;                        // of partial sums
+    int level;
+    int energy_place;                // of this level and iteration
+    int argument_place, argument_count; // indirect arguments of this level
+    int solve_transform, solve_photometric;
+    int may_settle;                  // α has its final value
+    float factor;                    // pixels of the full-size image a pixel of this level
+    float length;                    // that scales a and b, pixels
+    float half_width, half_height;   // from the centre to a corner, pixels
+};
+
+// Chains that add a share of the rows each, so that one workgroup is not one invocation.
+const int CHAINS = 8;
+shared float chains[CHAINS][SUMS];
+shared float totals[SUMS];
+
+void add_up() {
+    int n = int(gl_LocalInvocationIndex) % 32, chain = int(gl_LocalInvocationIndex) / 32;
+    if (n < SUMS && chain < CHAINS) {
+        float sum = 0.0;
+        for (int row = chain; row < rows; row += CHAINS) sum += partials[row * SUMS + n];
+        chains[chain][n] = sum;
+    }
+    barrier();
+    if (chain == 0 && n < SUMS) {
+        float sum = 0.0;
+        for (int c = 0; c < CHAINS; c++) sum += chains[c][n];
+        totals[n] = sum;
+    }
+    barrier();
+}
+
+// Cholesky of N scaled to a unit diagonal; unknowns that are held or undetermined take no step.
+void solve(out float x[6]) {
+    float m[6][6], scale[6];
+    bool held[6];
+    int n = 0;
+    for (int i = 0; i < 6; i++)
+        for (int j = i; j < 6; j++, n++) m[j][i] = totals[n];
+    for (int i = 0; i < 6; i++) {
+        held[i] = (i < 4 ? solve_transform : solve_photometric) == 0 || !(m[i][i] > 1e-12 * totals[VALID]);
+        scale[i] = held[i] ? 0.0 : inversesqrt(m[i][i]);
+        x[i] = -totals[GRADIENT + i] * scale[i];
+    }
+    bool degenerate = false;
+    for (int j = 0; j < 6; j++) {
+        float pivot = 1.0;
+        for (int k = 0; k < j; k++) pivot -= m[j][k] * m[j][k];
+        // 1e-5: below it single precision has no digits of this unknown left.
+        if (!(pivot > 1e-5)) { held[j] = true; degenerate = true; }
+        m[j][j] = held[j] ? 1.0 : sqrt(pivot);
+        for (int i = j + 1; i < 6; i++) {
+            float sum = m[i][j] * scale[i] * scale[j];
+            for (int k = 0; k < j; k++) sum -= m[i][k] * m[j][k];
+            m[i][j] = held[j] ? 0.0 : sum / m[j][j];
+        }
+    }
+    for (int i = 0; i < 6; i++) {
+        for (int k = 0; k < i; k++) x[i] -= m[i][k] * x[k];
+        x[i] = held[i] ? 0.0 : x[i] / m[i][i];
+    }
+    for (int i = 5; i >= 0; i--) {
+        for (int k = i + 1; k < 6; k++) x[i] -= m[k][i] * x[k];
+        x[i] = held[i] ? 0.0 : x[i] / m[i][i];
+    }
+    for (int i = 0; i < 6; i++) x[i] *= scale[i];
+    state.degenerate = uint(degenerate || !(totals[VALID] > 0.0));
+}
+
+void main() {
+    add_up();
+    if (gl_LocalInvocationIndex != 0) return;
+    float x[6];
+    solve(x);
+    float a = x[0] / length, b = x[1] / length;
+    // A corner is moved by t and by (a, b) times its distance from the centre, full-size pixels.
+    float moved = factor * (sqrt(x[2] * x[2] + x[3] * x[3])
+                          + sqrt(a * a + b * b) * sqrt(half_width * half_width + half_height * half_height));
+    state.a += a;
+    state.b += b;
+    state.tx += factor * x[2];
+    state.ty += factor * x[3];
+    state.offset += x[5] - 0.5 * x[4];
+    state.gain += x[4];
+    float energy = totals[ENERGY] / max(totals[VALID], 1.0);
+    float before = state.levels[level].energy;
+    bool settled = may_settle == 1 && moved < 0.01 && abs(energy - before) <= 1e-3 * before;
+    state.levels[level].energy = energy;
+    state.levels[level].valid = totals[VALID];
+    state.levels[level].iterations += 1;
+    energies[energy_place] = energy;
+    if (settled) {
+        state.levels[level].settled = 1;
+        for (int i = 0; i < argument_count; i++) arguments[argument_place + i] = 0;
+    }
+}

@@ -1,0 +1,312 @@
+//! Sizes before anything is allocated: levels, images, bytes, limits, and what each iteration is told.
+
+use crate::kernel::{self, Filter};
+use crate::stages::stack::{node_count, node_sigma};
+use crate::stages::state::MAX_LEVELS;
+use crate::stages::{WORKGROUP, linearise};
+use crate::vulkan::{Device, MIB};
+use crate::{Channels, Error, Format, Method, Photometric, Settings};
+
+/// The least width and height: below it no blur window fits into the image.
+pub(crate) const LEAST_SIZE: u32 = 16;
+/// `auto` halves while the short side stays at least this.
+const LEAST_COARSEST: u32 = 32;
+/// The least short side of a level that is asked for by number.
+const LEAST_LEVEL: u32 = 8;
+/// The exposure is matched on this level: the pyramid's blurs up to it add up to σ 9 px, its own pixels are 16 px wide.
+const LOW_PASS: usize = 4;
+/// The share of a level's outer iterations in which α falls to its value and, on the finest, the exposure is held.
+const CONTINUATION_SHARE: f64 = 0.6;
+/// Layers that the results need: V, confidence, three colours.
+const RESULT_LAYERS: u32 = 5;
+
+/// One level of the pyramid; level 0 is the image itself.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Level {
+    /// Index, 0 the finest.
+    pub(crate) index: usize,
+    /// Width and height, pixels.
+    pub(crate) size: [u32; 2],
+    /// Pixels of the full-size image a pixel of this level.
+    pub(crate) factor: f64,
+    /// The image centre in pixels of this level: not the middle of its own grid.
+    pub(crate) centre: [f64; 2],
+    /// L, which scales a and b of the registration step to pixels: a quarter of the diagonal.
+    pub(crate) length: f64,
+    /// Largest |V|, px² of this level.
+    pub(crate) limit: f64,
+    /// Nodes of the stack of blurred images.
+    pub(crate) nodes: usize,
+}
+
+/// A filter among all the weights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct FilterRange {
+    pub(crate) offset: u32,
+    pub(crate) radius: u32,
+}
+
+/// Everything about a solve that does not depend on the pixels.
+#[derive(Clone, Debug)]
+pub(crate) struct Plan {
+    pub(crate) size: [u32; 2],
+    pub(crate) formats: [Format; 2],
+    pub(crate) settings: Settings,
+    /// The pyramid, finest first: the levels solved, and what the exposure match needs beyond.
+    pub(crate) pyramid: Vec<Level>,
+    /// How many of them are solved.
+    pub(crate) solved: usize,
+    /// Weights of all filters.
+    pub(crate) weights: Vec<f32>,
+    pub(crate) halve: FilterRange,
+    pub(crate) prefilter: FilterRange,
+    /// From each node of the stack to the next.
+    pub(crate) nodes: Vec<FilterRange>,
+}
+
+impl Plan {
+    /// Checks settings and size, and lays out the levels.
+    pub(crate) fn new(width: u32, height: u32, formats: [Format; 2], settings: &Settings) -> Result<Self, Error> {
+        settings.check()?;
+        if width < LEAST_SIZE || height < LEAST_SIZE {
+            return Err(Error::TooSmall { width, height, least: LEAST_SIZE });
+        }
+        let solved = solved_levels(width, height, settings)?;
+        let low_pass = (0..=LOW_PASS).rev().find(|&l| half_size(width.min(height), l) >= LEAST_LEVEL).unwrap_or(0);
+        let pyramid: Vec<Level> =
+            (0..solved.max(low_pass + 1)).map(|l| Level::new(l, width, height, settings.max_relative_blur)).collect();
+        let mut weights = Vec::new();
+        let mut add = |filter: Filter| {
+            let range = FilterRange { offset: weights.len() as u32, radius: (filter.len() / 2) as u32 };
+            weights.extend(filter.iter().map(|&w| w as f32));
+            range
+        };
+        Ok(Self {
+            size: [width, height],
+            formats,
+            settings: settings.clone(),
+            solved,
+            halve: add(halving_filter()),
+            prefilter: add(kernel::spline_prefilter()),
+            nodes: (1..pyramid[0].nodes).map(|k| add(node_filter(k))).collect(),
+            pyramid,
+            weights,
+        })
+    }
+
+    /// The levels solved, coarsest first.
+    pub(crate) fn coarse_to_fine(&self) -> impl Iterator<Item = &Level> {
+        self.pyramid[..self.solved].iter().rev()
+    }
+
+    /// The level on which a level's exposure is matched.
+    pub(crate) fn low_pass(&self, level: &Level) -> &Level {
+        let index = level.index.max(LOW_PASS.min(self.pyramid.len() - 1));
+        &self.pyramid[index]
+    }
+
+    /// α of outer iteration k: it starts too large and falls to its value.
+    pub(crate) fn smoothness(&self, k: u32) -> f64 {
+        let share = f64::from(k) / (CONTINUATION_SHARE * f64::from(self.settings.outer_iterations));
+        self.settings.regularization * (1.0 + self.settings.continuation * (1.0 - share).max(0.0))
+    }
+
+    /// Whether α has its final value in iteration k.
+    fn is_final(&self, k: u32) -> bool {
+        f64::from(k) >= CONTINUATION_SHARE * f64::from(self.settings.outer_iterations)
+    }
+
+    /// Whether a level may settle in iteration k: it has done one at the final α, whose energy it can compare with.
+    pub(crate) fn may_settle(&self, k: u32) -> bool {
+        k > 0 && self.is_final(k - 1)
+    }
+
+    /// Whether T is solved for.
+    pub(crate) fn solves_transform(&self) -> bool {
+        self.settings.method == Method::Unified
+    }
+
+    /// Whether gain and offset are solved for in iteration k of a level: late on the finest.
+    pub(crate) fn solves_photometric(&self, level: &Level, k: u32) -> bool {
+        self.settings.photometric && level.index == 0 && self.is_final(k)
+    }
+
+    /// Whether gain and offset are matched at low pass before: not where they were given.
+    pub(crate) fn matches_exposure(&self) -> bool {
+        self.settings.photometric && self.settings.start_photometric == Photometric::IDENTITY
+    }
+
+    /// Channels of the fused image.
+    pub(crate) fn fused_channels(&self) -> Channels {
+        if self.formats.iter().all(|f| f.channels == Channels::Gray) { Channels::Gray } else { Channels::Rgb }
+    }
+
+    /// Layers of the first stack, which holds the results at the end.
+    pub(crate) fn stack_layers(&self) -> u32 {
+        (self.pyramid[0].nodes as u32).max(RESULT_LAYERS)
+    }
+
+    /// Bytes that a frame takes on its way up.
+    pub(crate) fn frame_bytes(&self, frame: usize) -> u64 {
+        let format = self.formats[frame];
+        pixels(self.size) * u64::from(format.channels.count() * format.depth.bytes())
+    }
+
+    /// Bytes on the device, and bytes that the host sees.
+    pub(crate) fn bytes(&self) -> (u64, u64) {
+        let pyramid: u64 = self.pyramid.iter().map(|l| pixels(l.size)).sum();
+        let solved: u64 = self.pyramid[..self.solved].iter().map(|l| pixels(l.size)).sum();
+        let full = pixels(self.size);
+        let half = pixels([self.size[0].div_ceil(2), self.size[1]]);
+        let stacks = u64::from(self.stack_layers() + self.pyramid[0].nodes as u32);
+        let floats = 2 * pyramid + solved + (1 + stacks) * full + 2 * (5 + 1) * half;
+        let host = self.frame_bytes(0) + self.frame_bytes(1) + 4 * full * u64::from(2 + self.fused_channels().count());
+        (4 * floats, host)
+    }
+
+    /// Checks the plan against a device's limits, so that nothing fails half-way.
+    pub(crate) fn check(&self, device: &Device) -> Result<(), Error> {
+        let info = device.info();
+        let [width, height] = self.size;
+        let too_large = |what, needed: String, limit: String| {
+            Err(Error::TooLarge { width, height, device: info.name.clone(), what, needed, limit })
+        };
+        let longest = width.max(height);
+        if longest > info.max_image_size {
+            return too_large("the longer side", format!("{longest} px"), format!("{} px", info.max_image_size));
+        }
+        let mib = |bytes: u64| format!("{} MiB", bytes.div_ceil(MIB));
+        let upload = self.frame_bytes(0).max(self.frame_bytes(1));
+        if upload > info.max_storage_buffer {
+            return too_large("one photograph", mib(upload), format!("{} for a buffer", mib(info.max_storage_buffer)));
+        }
+        let (largest, layers) = device.image_limits()?;
+        let stack = 4 * pixels(self.size) * u64::from(self.stack_layers());
+        if self.stack_layers() > layers {
+            return too_large(
+                "the stack of blurred images",
+                format!("{} layers", self.stack_layers()),
+                format!("{layers}"),
+            );
+        }
+        if stack > largest {
+            return too_large("the stack of blurred images", mib(stack), format!("{} for an image", mib(largest)));
+        }
+        let (on_device, host) = self.bytes();
+        if on_device + host > info.memory_bytes {
+            return too_large("the solve", mib(on_device + host), format!("{} in all", mib(info.memory_bytes)));
+        }
+        Ok(())
+    }
+}
+
+impl Level {
+    fn new(index: usize, width: u32, height: u32, max_relative_blur: f64) -> Self {
+        let factor = f64::from(1u32 << index);
+        let size = [half_size(width, index), half_size(height, index)];
+        // At least 1 px²: on a coarse level less blur than that says nothing, and V must be free to move.
+        let limit = (max_relative_blur / (factor * factor)).max(1.0);
+        Self {
+            index,
+            size,
+            factor,
+            centre: crate::centre(width, height).map(|c| c / factor),
+            length: f64::from(size[0]).hypot(size[1].into()) / 4.0,
+            limit,
+            nodes: node_count(limit),
+        }
+    }
+
+    /// Workgroups of `linearise`, and so rows of partial sums.
+    pub(crate) fn tiles(&self) -> [u32; 3] {
+        [self.size[0].div_ceil(WORKGROUP[0]), self.size[1].div_ceil(WORKGROUP[1] * linearise::ROWS), 1]
+    }
+
+    /// Width and height of one colour.
+    pub(crate) fn half(&self) -> [u32; 2] {
+        [self.size[0].div_ceil(2), self.size[1]]
+    }
+}
+
+/// Of the pyramid: σ 1 px before every other pixel is taken.
+pub(crate) fn halving_filter() -> Filter {
+    kernel::gaussian(1.0)
+}
+
+/// From node k - 1 of the stack to node k.
+pub(crate) fn node_filter(k: usize) -> Filter {
+    kernel::gaussian(node_sigma(k).powi(2) - node_sigma(k - 1).powi(2))
+}
+
+fn pixels([width, height]: [u32; 2]) -> u64 {
+    u64::from(width) * u64::from(height)
+}
+
+/// A side after so many halvings; pixel i of a level sits on pixel 2i of its parent.
+fn half_size(side: u32, halvings: usize) -> u32 {
+    side.div_ceil(1 << halvings)
+}
+
+fn solved_levels(width: u32, height: u32, settings: &Settings) -> Result<usize, Error> {
+    let short = width.min(height);
+    let most = |least: u32| (1..MAX_LEVELS).take_while(|&l| half_size(short, l) >= least).count() + 1;
+    match settings.levels {
+        None => Ok(most(LEAST_COARSEST)),
+        Some(levels) if levels as usize <= most(LEAST_LEVEL) => Ok(levels as usize),
+        Some(levels) => Err(Error::Setting {
+            name: "levels",
+            value: levels.into(),
+            range: format!("1 to {} for {width}x{height}", most(LEAST_LEVEL)),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Depth;
+
+    const GRAY: Format = Format { channels: Channels::Gray, depth: Depth::F32 };
+
+    fn plan(width: u32, height: u32) -> Plan {
+        Plan::new(width, height, [GRAY; 2], &Settings::default()).unwrap()
+    }
+
+    #[test]
+    fn auto_levels_stop_at_a_short_side_of_32() {
+        assert_eq!(plan(1920, 1080).solved, 6);
+        assert_eq!(plan(256, 256).solved, 4);
+        assert_eq!(plan(255, 63).solved, 2);
+        assert_eq!(plan(16, 16).solved, 1);
+    }
+
+    #[test]
+    fn levels_keep_the_centre_of_the_image() {
+        let plan = plan(101, 77);
+        let level = &plan.pyramid[2];
+        assert_eq!(level.size, [26, 20]);
+        assert_eq!(level.centre, [12.5, 9.5]);
+    }
+
+    #[test]
+    fn smoothness_falls_to_its_value() {
+        let plan = plan(64, 64);
+        assert!((plan.smoothness(0) - 0.033).abs() < 1e-12);
+        assert_eq!(plan.smoothness(12), 0.003);
+        assert!(!plan.may_settle(12) && plan.may_settle(13));
+    }
+
+    #[test]
+    fn bytes_a_pixel() {
+        let (device, _) = plan(4000, 3000).bytes();
+        let per_pixel = device as f64 / 12e6;
+        assert!(per_pixel < 130.0, "{per_pixel}");
+    }
+
+    #[test]
+    fn small_images_and_too_many_levels_are_refused() {
+        let settings = Settings { levels: Some(5), ..Settings::default() };
+        assert!(matches!(Plan::new(8, 8, [GRAY; 2], &settings), Err(Error::TooSmall { .. })));
+        assert!(matches!(Plan::new(64, 64, [GRAY; 2], &settings), Err(Error::Setting { name: "levels", .. })));
+    }
+}

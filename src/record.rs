@@ -1,0 +1,351 @@
+//! The method as one recording: a line a pass, in the order of `docs/method.md`.
+
+use std::sync::Arc;
+
+use bytemuck::Pod;
+
+use crate::plan::{FilterRange, Level, Plan};
+use crate::stages::{
+    self, Pipelines, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update,
+};
+use crate::vulkan::{Device, Groups, Image, Pipeline, Recorder, Recording, Resource};
+use crate::workspace::{ARGUMENT_WORDS, Grid, Workspace};
+use crate::{Channels, Decode, Error};
+
+/// Which photograph.
+const BOTH: [usize; 2] = [0, 1];
+const RED: usize = 0;
+const BLACK: usize = 1;
+
+/// Parts of the recording besides one a level: the way up before them, and the way down after.
+pub(crate) const PARTS_BEFORE: usize = 1;
+
+/// Records a whole solve; one part for the way up, one for each level, one for the results.
+pub(crate) fn record(
+    device: &Arc<Device>,
+    pipelines: &Pipelines,
+    plan: &Plan,
+    workspace: &Workspace,
+) -> Result<Recording, Error> {
+    let mut r = Script { recorder: Recorder::new(device, timestamps(plan))?, pipelines, plan, w: workspace };
+    r.reset();
+    for image in BOTH {
+        r.ingest(image, ingest::LUMINANCE)?;
+        r.pyramid(image)?;
+    }
+    for level in plan.coarse_to_fine() {
+        r.recorder.next_part()?;
+        r.start(level)?;
+        if plan.matches_exposure() {
+            r.expose(plan.low_pass(level), true)?;
+        }
+        for image in BOTH {
+            r.stack(level, image)?;
+        }
+        for k in 0..plan.settings.outer_iterations {
+            r.linearise(level, k)?;
+            r.step(level, k)?;
+            for _ in 0..plan.settings.sweeps {
+                r.relax(level, RED)?;
+                r.relax(level, BLACK)?;
+            }
+            r.update(level)?;
+        }
+    }
+    r.recorder.next_part()?;
+    r.expose(plan.low_pass(&plan.pyramid[0]), false)?;
+    r.confidence()?;
+    for channel in 0..plan.fused_channels().count() {
+        r.fuse(channel)?;
+    }
+    r.bring_down();
+    r.recorder.finish()
+}
+
+/// More than the passes there are.
+fn timestamps(plan: &Plan) -> u32 {
+    let iteration = 3 + 2 * plan.settings.sweeps;
+    let stacks = 4 * plan.pyramid[0].nodes as u32;
+    plan.solved as u32 * (plan.settings.outer_iterations * iteration + stacks + 4) + 4 * plan.pyramid.len() as u32 + 32
+}
+
+/// The recorder with what its passes are about.
+struct Script<'a> {
+    recorder: Recorder,
+    pipelines: &'a Pipelines,
+    plan: &'a Plan,
+    w: &'a Workspace,
+}
+
+impl<'a> Script<'a> {
+    fn pass<C: Pod>(
+        &mut self,
+        pipeline: &Arc<Pipeline>,
+        resources: &[Resource<'_>],
+        constants: &C,
+        groups: Groups<'_>,
+    ) -> Result<(), Error> {
+        self.recorder.pass(pipeline, resources, bytemuck::bytes_of(constants), groups)
+    }
+
+    /// State, indirect arguments and energies as they are before a solve.
+    fn reset(&mut self) {
+        self.recorder.copy(&self.w.start_state, &self.w.state);
+        self.recorder.copy(&self.w.start_arguments, &self.w.arguments);
+    }
+
+    /// One channel of a photograph, or its luminance, onto the finest level.
+    fn ingest(&mut self, image: usize, weights: [f32; 3]) -> Result<(), Error> {
+        let [width, height] = self.plan.size;
+        let format = self.plan.formats[image];
+        let constants = ingest::Constants {
+            width,
+            height,
+            channels: format.channels.count(),
+            bytes: format.depth.bytes(),
+            decode: u32::from(self.plan.settings.decode == Decode::Srgb),
+            weights,
+        };
+        let pipeline = &self.pipelines.ingest;
+        let resources = [Resource::Buffer(&self.w.frames[image]), Resource::Image(&self.w.levels[0].images[image])];
+        self.pass(pipeline, &resources, &constants, Groups::Direct(pipeline.groups(self.plan.size)))
+    }
+
+    /// Each level from its parent, both axes halved.
+    fn pyramid(&mut self, image: usize) -> Result<(), Error> {
+        for (parent, level) in self.plan.pyramid.iter().zip(&self.plan.pyramid[1..]) {
+            let (from, to) = (&self.w.levels[parent.index].images[image], &self.w.levels[level.index].images[image]);
+            self.separable(from, 0, to, 0, parent.size, self.plan.halve, 2)?;
+        }
+        Ok(())
+    }
+
+    /// The spline coefficients of a level's image, and of the image blurred by each node's variance.
+    fn stack(&mut self, level: &Level, image: usize) -> Result<(), Error> {
+        let (from, stack) = (&self.w.levels[level.index].images[image], &self.w.stacks[image]);
+        self.separable(from, 0, stack, 0, level.size, self.plan.prefilter, 1)?;
+        for node in 1..level.nodes as u32 {
+            self.separable(stack, node - 1, stack, node, level.size, self.plan.nodes[node as usize - 1], 1)?;
+        }
+        Ok(())
+    }
+
+    /// A filter along x into the scratch image, then along y.
+    #[expect(clippy::too_many_arguments, reason = "from and to are a layer of an image each")]
+    fn separable(
+        &mut self,
+        from: &Arc<Image>,
+        from_layer: u32,
+        to: &Arc<Image>,
+        to_layer: u32,
+        [width, height]: [u32; 2],
+        filter: FilterRange,
+        stride: u32,
+    ) -> Result<(), Error> {
+        let across = convolve::Constants {
+            width: width.div_ceil(stride),
+            height,
+            length: width,
+            stride,
+            vertical: 0,
+            from_layer,
+            to_layer: 0,
+            offset: filter.offset,
+            radius: filter.radius,
+        };
+        let down = convolve::Constants {
+            height: height.div_ceil(stride),
+            length: height,
+            vertical: 1,
+            from_layer: 0,
+            to_layer,
+            ..across
+        };
+        let pipeline = &self.pipelines.convolve;
+        let scratch = &self.w.scratch;
+        for (from, to, constants) in [(from, scratch, across), (scratch, to, down)] {
+            let resources = [Resource::Image(from), Resource::Image(to), Resource::Buffer(&self.w.filters)];
+            let groups = pipeline.groups([constants.width, constants.height]);
+            self.pass(pipeline, &resources, &constants, Groups::Direct(groups))?;
+        }
+        Ok(())
+    }
+
+    /// V of a level before its first iteration: zero, or the coarser level's.
+    fn start(&mut self, level: &Level) -> Result<(), Error> {
+        let v = self.relative_blur(level.index);
+        if level.index + 1 == self.plan.solved {
+            self.recorder.clear(v);
+            return Ok(());
+        }
+        let [width, height] = level.size;
+        let constants = prolong::Constants { width, height, limit: level.limit as f32 };
+        let pipeline = &self.pipelines.prolong;
+        let resources = [Resource::Image(self.relative_blur(level.index + 1)), Resource::Image(v)];
+        self.pass(pipeline, &resources, &constants, Groups::Direct(pipeline.groups(level.size)))
+    }
+
+    /// Gain and offset at low pass, or only the correlation there.
+    fn expose(&mut self, low_pass: &Level, adopt: bool) -> Result<(), Error> {
+        let constants = expose::Constants {
+            width: low_pass.size[0],
+            height: low_pass.size[1],
+            factor: low_pass.factor as f32,
+            centre: low_pass.centre.map(|c| c as f32),
+            adopt: u32::from(adopt),
+        };
+        let [i1, i2] = &self.w.levels[low_pass.index].images;
+        let resources = [Resource::Image(i1), Resource::Image(i2), Resource::Buffer(&self.w.state)];
+        self.pass(&self.pipelines.expose, &resources, &constants, Groups::Direct([1, 1, 1]))
+    }
+
+    /// S1, S2, D, b and the registration integrals: equations 22 to 32 and 23.
+    fn linearise(&mut self, level: &Level, k: u32) -> Result<(), Error> {
+        let constants = self.plan.linearise(level, k);
+        let w = self.w;
+        let images = [
+            &w.levels[level.index].images[0],
+            self.relative_blur(level.index),
+            &w.stacks[0],
+            &w.stacks[1],
+            &w.systems[RED],
+            &w.systems[BLACK],
+            &w.changes[RED],
+            &w.changes[BLACK],
+        ];
+        let resources =
+            [&images.map(Resource::Image)[..], &[Resource::Buffer(&w.state), Resource::Buffer(&w.partials)]].concat();
+        self.pass(&self.pipelines.linearise, &resources, &constants, self.grid(Grid::Tiles, level))
+    }
+
+    /// T, gain, offset; settled?
+    fn step(&mut self, level: &Level, k: u32) -> Result<(), Error> {
+        let constants = self.plan.step(level, k);
+        let resources = [&self.w.partials, &self.w.state, &self.w.energies, &self.w.arguments].map(Resource::Buffer);
+        self.pass(&self.pipelines.step, &resources, &constants, self.grid(Grid::One, level))
+    }
+
+    /// One half-iteration on dV.
+    fn relax(&mut self, level: &Level, color: usize) -> Result<(), Error> {
+        let constants = relax::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            color: color as u32,
+            over_relaxation: self.plan.settings.over_relaxation as f32,
+        };
+        let w = self.w;
+        let resources = [&w.systems[color], &w.changes[1 - color], &w.changes[color]].map(Resource::Image);
+        self.pass(&self.pipelines.relax, &resources, &constants, self.grid(Grid::Half, level))
+    }
+
+    /// V + clamp(dV).
+    fn update(&mut self, level: &Level) -> Result<(), Error> {
+        let constants = update::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            largest_step: self.plan.settings.largest_step as f32,
+            limit: level.limit as f32,
+        };
+        let w = self.w;
+        let resources = [&w.changes[RED], &w.changes[BLACK], self.relative_blur(level.index)].map(Resource::Image);
+        self.pass(&self.pipelines.update, &resources, &constants, self.grid(Grid::Pixels, level))
+    }
+
+    /// V where it is valid, and its confidence, into the first layers of the results.
+    fn confidence(&mut self) -> Result<(), Error> {
+        let finest = &self.plan.pyramid[0];
+        let [width, height] = finest.size;
+        let constants = confidence::Constants { width, height, centre: finest.centre.map(|c| c as f32) };
+        let images = [self.relative_blur(0), &self.w.systems[RED], &self.w.systems[BLACK], &self.w.stacks[0]];
+        let resources = [&images.map(Resource::Image)[..], &[Resource::Buffer(&self.w.state)]].concat();
+        let pipeline = &self.pipelines.confidence;
+        self.pass(pipeline, &resources, &constants, Groups::Direct(pipeline.groups(finest.size)))
+    }
+
+    /// One channel of the pseudo-radiance, equation 37. The channel takes the luminance's place.
+    fn fuse(&mut self, channel: u32) -> Result<(), Error> {
+        let mut weights = [0.0; 3];
+        weights[channel as usize] = 1.0;
+        for image in BOTH {
+            // A grey photograph beside a coloured one gives its only channel to all three.
+            self.ingest(image, weights)?;
+        }
+        let finest = &self.plan.pyramid[0];
+        let [i1, i2] = &self.w.levels[0].images;
+        self.separable(i2, 0, &self.w.stacks[1], 0, finest.size, self.plan.prefilter, 1)?;
+        let constants = fuse::Constants {
+            width: finest.size[0],
+            height: finest.size[1],
+            layer: 2 + channel,
+            centre: finest.centre.map(|c| c as f32),
+            epsilon: self.plan.settings.heaviside_epsilon as f32,
+        };
+        let images = [i1, &self.w.stacks[1], self.relative_blur(0), &self.w.stacks[0]];
+        let resources = [&images.map(Resource::Image)[..], &[Resource::Buffer(&self.w.state)]].concat();
+        let pipeline = &self.pipelines.fuse;
+        self.pass(pipeline, &resources, &constants, Groups::Direct(pipeline.groups(finest.size)))
+    }
+
+    /// The results, into mapped memory.
+    fn bring_down(&mut self) {
+        let layers = 2 + self.plan.fused_channels().count();
+        self.recorder.download(&self.w.stacks[0], self.plan.size, layers, &self.w.results);
+        self.recorder.copy(&self.w.state, &self.w.end_state);
+        self.recorder.copy(&self.w.energies, &self.w.end_energies);
+    }
+
+    fn grid(&self, grid: Grid, level: &Level) -> Groups<'a> {
+        Groups::Indirect(&self.w.arguments, grid.offset(level.index))
+    }
+
+    fn relative_blur(&self, level: usize) -> &'a Arc<Image> {
+        &self.w.relative_blur[level]
+    }
+}
+
+impl Plan {
+    /// What `linearise` is told in iteration k of a level.
+    pub(crate) fn linearise(&self, level: &Level, k: u32) -> linearise::Constants {
+        let s = &self.settings;
+        linearise::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            nodes: level.nodes as u32,
+            rows: linearise::ROWS,
+            factor: level.factor as f32,
+            centre: level.centre.map(|c| c as f32),
+            length: level.length as f32,
+            alpha: self.smoothness(k) as f32,
+            final_alpha: s.regularization as f32,
+            eta: s.data_eta as f32,
+            smoothness_eta: s.smoothness_eta as f32,
+            epsilon: s.heaviside_epsilon as f32,
+            elimination: stages::linearise::ELIMINATION,
+        }
+    }
+
+    /// What `step` is told in iteration k of a level.
+    pub(crate) fn step(&self, level: &Level, k: u32) -> step::Constants {
+        let [columns, rows, _] = level.tiles();
+        step::Constants {
+            rows: columns * rows,
+            level: level.index as u32,
+            energy_place: level.index as u32 * self.settings.outer_iterations + k,
+            argument_place: (level.index * ARGUMENT_WORDS) as u32,
+            argument_count: ARGUMENT_WORDS as u32,
+            solve_transform: u32::from(self.solves_transform()),
+            solve_photometric: u32::from(self.solves_photometric(level, k)),
+            may_settle: u32::from(self.may_settle(k)),
+            factor: level.factor as f32,
+            length: level.length as f32,
+            half_size: level.centre.map(|c| c as f32),
+        }
+    }
+}
+
+/// The channels of the fused image as the results hold them: planes, to be interleaved.
+pub(crate) fn interleave(planes: &[f32], channels: Channels) -> Vec<f32> {
+    let count = channels.count() as usize;
+    let pixels = planes.len() / count;
+    (0..pixels).flat_map(|i| (0..count).map(move |c| planes[c * pixels + i])).collect()
+}

@@ -1,0 +1,141 @@
+//! The whole solver in plain Rust and double precision, built of the [`stages`](crate::stages)' twins: slow, for tests and
+//! for learning. It takes the same [`Settings`] and goes through the same passes in the same order.
+
+use crate::plan::{Level, Plan, halving_filter, node_filter};
+use crate::stages::state::Registration;
+use crate::stages::{Field, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update};
+use crate::{Error, Frame, Photometric, Settings, Similarity, kernel};
+
+/// What the reference finds.
+pub struct Reference {
+    /// V where it is valid, NaN elsewhere, px².
+    pub relative_blur: Field,
+    /// D/(D + Σa).
+    pub confidence: Field,
+    /// Pseudo-radiance, luminance only.
+    pub fused: Field,
+    /// T.
+    pub transform: Similarity,
+    /// Gain and offset.
+    pub photometric: Photometric,
+    /// Energy by level, coarse to fine, and outer iteration.
+    pub energies: Vec<Vec<f64>>,
+}
+
+/// Solves one pair on the CPU.
+///
+/// # Errors
+/// [`Error::Setting`], [`Error::TooSmall`].
+pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, Error> {
+    let plan = Plan::new(i1.width(), i1.height(), [i1.format(), i2.format()], settings)?;
+    let pyramids = [i1, i2].map(|frame| pyramid(&plan, ingest::twin(frame, settings.decode, ingest::LUMINANCE)));
+    let mut registration = Registration::new(&settings.start, &settings.start_photometric);
+    let mut v: Option<Field> = None;
+    let mut system = None;
+    let mut energies = Vec::new();
+    for level in plan.coarse_to_fine() {
+        let mut blur = start(level, v.take());
+        if plan.matches_exposure() {
+            match_exposure(plan.low_pass(level), &pyramids, &mut registration);
+        }
+        let images = pyramids.each_ref().map(|p| &p[level.index]);
+        let stacks = images.map(|image| build_stack(image, level.nodes));
+        let mut energy = Vec::new();
+        for k in 0..settings.outer_iterations {
+            let constants = plan.linearise(level, k);
+            let linear = linearise::twin(&constants, &registration, images[0], &blur, [&stacks[0], &stacks[1]]);
+            let before = energy.last().copied().unwrap_or(0.0);
+            let step = step::twin(&plan.step(level, k), &linear.sums, &mut registration, before);
+            energy.push(step.energy);
+            if !step.settled {
+                let change = relaxed(&plan, level, &linear.system);
+                update::twin(&update_constants(&plan, level), &change, &mut blur);
+            }
+            system = Some(linear.system);
+            if step.settled {
+                break;
+            }
+        }
+        energies.push(energy);
+        v = Some(blur);
+    }
+    let (Some(v), Some(system)) = (v, system) else {
+        return Err(Error::Setting { name: "levels", value: 0.0, range: "at least 1".into() });
+    };
+    let finest = &plan.pyramid[0];
+    let centre = finest.centre.map(|c| c as f32);
+    let [width, height] = finest.size;
+    let found = confidence::twin(&confidence::Constants { width, height, centre }, &registration, &v, &system);
+    let coefficients = build_stack(&pyramids[1][0], 1);
+    let epsilon = settings.heaviside_epsilon as f32;
+    let fuse = fuse::Constants { width, height, layer: 0, centre, epsilon };
+    let fused = fuse::twin(&fuse, &registration, &pyramids[0][0], &coefficients[0], &v);
+    let [relative_blur, confidence] = found;
+    Ok(Reference {
+        relative_blur,
+        confidence,
+        fused,
+        transform: registration.transform(),
+        photometric: registration.photometric(),
+        energies,
+    })
+}
+
+/// A filter along x, then along y.
+fn separable(image: &Field, filter: &[f64], stride: usize) -> Field {
+    convolve::twin(&convolve::twin(image, filter, stride, false), filter, stride, true)
+}
+
+fn pyramid(plan: &Plan, finest: Field) -> Vec<Field> {
+    let mut levels = vec![finest];
+    for level in 1..plan.pyramid.len() {
+        levels.push(separable(&levels[level - 1], &halving_filter(), 2));
+    }
+    levels
+}
+
+/// Spline coefficients of an image, and of the image blurred by the variance of each further node of the stack.
+pub fn build_stack(image: &Field, nodes: usize) -> Vec<Field> {
+    let mut stack = vec![separable(image, &kernel::spline_prefilter(), 1)];
+    for k in 1..nodes {
+        stack.push(separable(&stack[k - 1], &node_filter(k), 1));
+    }
+    stack
+}
+
+fn start(level: &Level, coarser: Option<Field>) -> Field {
+    let [width, height] = level.size;
+    match coarser {
+        None => Field::zeros(width as usize, height as usize),
+        Some(coarser) => prolong::twin(&prolong::Constants { width, height, limit: level.limit as f32 }, &coarser),
+    }
+}
+
+fn match_exposure(low_pass: &Level, pyramids: &[Vec<Field>; 2], registration: &mut Registration) {
+    let constants = expose::Constants {
+        width: low_pass.size[0],
+        height: low_pass.size[1],
+        factor: low_pass.factor as f32,
+        centre: low_pass.centre.map(|c| c as f32),
+        adopt: 1,
+    };
+    expose::twin(&constants, registration, &pyramids[0][low_pass.index], &pyramids[1][low_pass.index]);
+}
+
+fn relaxed(plan: &Plan, level: &Level, system: &[Field; 5]) -> Field {
+    let [width, height] = level.size;
+    let mut change = Field::zeros(width as usize, height as usize);
+    let over_relaxation = plan.settings.over_relaxation as f32;
+    for _ in 0..plan.settings.sweeps {
+        for color in [0, 1] {
+            relax::twin(&relax::Constants { width, height, color, over_relaxation }, system, &mut change);
+        }
+    }
+    change
+}
+
+fn update_constants(plan: &Plan, level: &Level) -> update::Constants {
+    let [width, height] = level.size;
+    let largest_step = plan.settings.largest_step as f32;
+    update::Constants { width, height, largest_step, limit: level.limit as f32 }
+}

@@ -1,0 +1,128 @@
+//! Gain and offset from mean and deviation of the two images at low pass, where blur hardly shows.
+//!
+//! Solved for from the start, gain steals blur: on strongly blurred images it drifts and V takes the wrong sign (section
+//! 5 of `docs/method.md`). So this match holds until late on the finest level.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::state::{Registration, inside};
+use super::{Field, WORKGROUP};
+use crate::shaders;
+use crate::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the low-pass level.
+    pub width: u32,
+    /// Rows of the low-pass level.
+    pub height: u32,
+    /// Pixels of the full-size image a pixel of this level.
+    pub factor: f32,
+    /// The image centre in pixels of this level.
+    pub centre: [f32; 2],
+    /// 1: take the match; 0: only measure the correlation.
+    pub adopt: u32,
+}
+
+/// I1, I2, state.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::EXPOSE,
+    bindings: &[Binding::Image, Binding::Image, Binding::Buffer],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Matches gain and offset in place; gives the correlation of the two images.
+pub fn twin(c: &Constants, r: &mut Registration, i1: &Field, i2: &Field) -> f64 {
+    let mut moments = [0.0; 6];
+    let size = [i1.width, i1.height];
+    for y in 0..i1.height {
+        for x in 0..i1.width {
+            let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
+            if !inside([x, y], d, size, 0.0, 1.0) {
+                continue;
+            }
+            let (u, v) = (i1.get(x, y) - 0.5, bilinear(i2, x as f64 + d[0], y as f64 + d[1]) - 0.5);
+            for (moment, term) in moments.iter_mut().zip([1.0, u, v, u * u, v * v, u * v]) {
+                *moment += term;
+            }
+        }
+    }
+    let count = f64::max(moments[0], 1.0);
+    let [mean1, mean2] = [moments[1] / count, moments[2] / count];
+    let variance = |square: f64, mean: f64| (square / count - mean * mean).max(0.0);
+    let (variance1, variance2) = (variance(moments[3], mean1), variance(moments[4], mean2));
+    let covariance = moments[5] / count - mean1 * mean2;
+    let contrast = variance1.min(variance2) > 1e-8;
+    let correlation = if contrast { covariance / (variance1 * variance2).sqrt() } else { 0.0 };
+    if c.adopt == 1 {
+        r.gain = if correlation > 0.5 { (variance1 / variance2).sqrt() } else { 1.0 };
+        r.offset = mean1 + 0.5 - r.gain * (mean2 + 0.5);
+    }
+    correlation
+}
+
+fn bilinear(f: &Field, x: f64, y: f64) -> f64 {
+    let (i, j) = (x.floor(), y.floor());
+    let (u, v) = (x - i, y - j);
+    let at = |di: isize, dj: isize| f.clamped(i as isize + di, j as isize + dj);
+    (1.0 - v) * ((1.0 - u) * at(0, 0) + u * at(1, 0)) + v * ((1.0 - u) * at(0, 1) + u * at(1, 1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, smooth_field};
+    use super::super::state::State;
+    use super::*;
+    use crate::vulkan::Resource;
+    use crate::{Photometric, Similarity};
+
+    fn check(i1: &Field, i2: &Field, transform: Similarity, adopt: u32) -> Registration {
+        let mut expected = Registration::new(&transform, &Photometric::IDENTITY);
+        let state = State::new(&expected);
+        let c = Constants {
+            width: i1.width as u32,
+            height: i1.height as u32,
+            factor: 16.0,
+            centre: [i1.width as f32 / 2.0 - 0.4, i1.height as f32 / 2.0 - 0.6],
+            adopt,
+        };
+        let correlation = twin(&c, &mut expected, i1, i2);
+        let rig = Rig::new();
+        let (images, state) =
+            ([i1, i2].map(|i| rig.image(std::slice::from_ref(i))), rig.upload(bytemuck::bytes_of(&state)));
+        let resources = [Resource::Image(&images[0]), Resource::Image(&images[1]), Resource::Buffer(&state)];
+        rig.run_groups(&STAGE, &resources, &c, [1, 1, 1]);
+        let found: State = rig.value(&state);
+        for (found, expected) in
+            [(found.gain, expected.gain), (found.offset, expected.offset), (found.correlation, correlation)]
+        {
+            // 1e-4: differences of squares in single precision.
+            assert!((f64::from(found) - expected).abs() < 1e-4, "{found} {expected}");
+        }
+        expected
+    }
+
+    #[test]
+    fn agrees_with_the_twin_and_finds_a_known_exposure() {
+        for (width, height) in [(41, 23), (16, 9), (60, 60)] {
+            let i1 = smooth_field(width, height, 1);
+            let mut i2 = i1.clone();
+            i2.data.iter_mut().for_each(|v| *v = (*v - 0.05) / 0.8);
+            let found = check(&i1, &i2, Similarity::IDENTITY, 1);
+            assert!((found.gain - 0.8).abs() < 1e-9 && (found.offset - 0.05).abs() < 1e-9, "{found:?}");
+            check(&i1, &i2, Similarity::new(20.0, -9.0, 2.0, 1.04), 1);
+            check(&i1, &smooth_field(width, height, 9), Similarity::IDENTITY, 0);
+        }
+    }
+
+    #[test]
+    fn flat_images_match_in_the_mean() {
+        let flat = |v| Field::from_fn(20, 10, |_, _| v);
+        let found = check(&flat(0.5), &flat(0.4), Similarity::IDENTITY, 1);
+        assert!((found.gain - 1.0).abs() < 1e-9 && (found.offset - 0.1).abs() < 1e-9, "{found:?}");
+        check(&flat(0.5), &flat(0.4), Similarity::new(1e4, 0.0, 0.0, 1.0), 1);
+    }
+}

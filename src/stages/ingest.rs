@@ -1,0 +1,112 @@
+//! Samples as the sensor gave them to one channel in [0, 1], Rec. 601 luminance or one of the colours.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{Field, WORKGROUP};
+use crate::shaders;
+use crate::vulkan::{Binding, Stage};
+use crate::{Decode, Frame, Samples};
+
+/// Weights of red, green and blue in luminance (Rec. 601).
+pub const LUMINANCE: [f32; 3] = [0.299, 0.587, 0.114];
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// 1 or 3 interleaved channels.
+    pub channels: u32,
+    /// 1, 2 or 4 bytes a sample.
+    pub bytes: u32,
+    /// 1: the sRGB curve is undone.
+    pub decode: u32,
+    /// Of red, green and blue; unused for one channel.
+    pub weights: [f32; 3],
+}
+
+/// Samples, image.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::INGEST,
+    bindings: &[Binding::Buffer, Binding::Image],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Undoes the sRGB curve (IEC 61966-2-1).
+pub fn srgb_to_linear(value: f64) -> f64 {
+    if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+}
+
+/// The weighted sum of a frame's channels.
+pub fn twin(frame: &Frame, decode: Decode, weights: [f32; 3]) -> Field {
+    let value = |i: usize| {
+        let stored = match frame.samples() {
+            Samples::U8(s) => f64::from(s[i]) / 255.0,
+            Samples::U16(s) => f64::from(s[i]) / 65535.0,
+            Samples::F32(s) => f64::from(s[i]),
+        };
+        if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored }
+    };
+    let channels = frame.format().channels.count() as usize;
+    let width = frame.width() as usize;
+    Field::from_fn(width, frame.height() as usize, |x, y| {
+        let first = (y * width + x) * channels;
+        if channels == 1 { value(first) } else { (0..3).map(|c| f64::from(weights[c]) * value(first + c)).sum() }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random};
+    use super::*;
+    use crate::vulkan::Resource;
+    use crate::{Channels, Depth};
+
+    fn check(frame: &Frame, decode: Decode, weights: [f32; 3]) {
+        let rig = Rig::new();
+        let size = [frame.width(), frame.height()];
+        let (samples, image) = (rig.upload(frame.bytes()), rig.empty(size, 1));
+        let format = frame.format();
+        let constants = Constants {
+            width: size[0],
+            height: size[1],
+            channels: format.channels.count(),
+            bytes: format.depth.bytes(),
+            decode: u32::from(decode == Decode::Srgb),
+            weights,
+        };
+        rig.run(&STAGE, &[Resource::Buffer(&samples), Resource::Image(&image)], &constants, size);
+        // 1e-6: single precision, and its pow.
+        rig.assert_close(&image, &[twin(frame, decode, weights)], 2e-6);
+    }
+
+    #[test]
+    fn every_format_agrees_with_the_twin() {
+        for (width, height) in [(37, 19), (16, 16), (33, 8)] {
+            for channels in [Channels::Gray, Channels::Rgb] {
+                let n = (width * height * channels.count()) as usize;
+                let values = random(n, 3);
+                for depth in [Depth::U8, Depth::U16, Depth::F32] {
+                    let samples = match depth {
+                        Depth::U8 => Samples::U8(values.iter().map(|v| (v * 255.0) as u8).collect()),
+                        Depth::U16 => Samples::U16(values.iter().map(|v| (v * 65535.0) as u16).collect()),
+                        Depth::F32 => Samples::F32(values.iter().map(|&v| v as f32).collect()),
+                    };
+                    let frame = Frame::new(width, height, channels, samples).unwrap();
+                    check(&frame, Decode::None, LUMINANCE);
+                    check(&frame, Decode::Srgb, [0.0, 1.0, 0.0]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn srgb_middle_grey_is_a_fifth_of_the_light() {
+        assert!((srgb_to_linear(0.5) - 0.2140).abs() < 1e-4);
+        assert_eq!(srgb_to_linear(1.0), 1.0);
+    }
+}

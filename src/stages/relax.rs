@@ -1,0 +1,181 @@
+//! Red-black relaxation of the linear system for dV, equation 28: one half-iteration.
+//!
+//! The system comes divided by its diagonal: `dV = r + Σ_n a_n dV_n`. Red pixels have x + y even.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{Field, WORKGROUP};
+use crate::shaders;
+use crate::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the level.
+    pub width: u32,
+    /// Rows of the level.
+    pub height: u32,
+    /// 0 red, 1 black.
+    pub color: u32,
+    /// ω of successive over-relaxation.
+    pub over_relaxation: f32,
+}
+
+/// System of this colour (right side, right, left, down, up), dV of the other colour, dV of this colour.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::RELAX,
+    bindings: &[Binding::Image, Binding::Image, Binding::Image],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Relaxes the pixels of one colour of dV in place.
+pub fn twin(c: &Constants, system: &[Field; 5], change: &mut Field) {
+    let (width, height) = (change.width, change.height);
+    let omega = f64::from(c.over_relaxation);
+    for y in 0..height {
+        for x in ((y + c.color as usize) & 1..width).step_by(2) {
+            let (xi, yi) = (x as isize, y as isize);
+            let neighbours = [(xi + 1, yi), (xi - 1, yi), (xi, yi + 1), (xi, yi - 1)];
+            let pull: f64 =
+                system[1..].iter().zip(neighbours).map(|(a, (nx, ny))| a.get(x, y) * change.clamped(nx, ny)).sum();
+            let target = system[0].get(x, y) + pull;
+            let own = &mut change.data[y * width + x];
+            *own += omega * (target - *own);
+        }
+    }
+}
+
+/// The pixels of one colour as the device keeps them: column x/2 of a half-width field; 0 where a row has none left.
+pub fn half(field: &Field, color: usize) -> Field {
+    Field::from_fn(field.width.div_ceil(2), field.height, |h, y| {
+        let x = 2 * h + ((y + color) & 1);
+        if x < field.width { field.get(x, y) } else { 0.0 }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field};
+    use super::*;
+    use crate::vulkan::Resource;
+
+    /// A system as `linearise` makes them: weights across the border zero, their sum below one.
+    fn system(width: usize, height: usize) -> [Field; 5] {
+        let mut system: [Field; 5] = std::array::from_fn(|i| {
+            let mut f = random_field(width, height, 20 + i as u64);
+            f.data.iter_mut().for_each(|v| *v *= 0.24);
+            f
+        });
+        for y in 0..height {
+            system[1].data[y * width + width - 1] = 0.0;
+            system[2].data[y * width] = 0.0;
+        }
+        for x in 0..width {
+            system[3].data[(height - 1) * width + x] = 0.0;
+            system[4].data[x] = 0.0;
+        }
+        system
+    }
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(37usize, 21usize), (64, 16), (17, 18), (2, 2)] {
+            let (system, mut change) = (system(width, height), random_field(width, height, 4));
+            let rig = Rig::new();
+            let halves = |fields: &[Field], color| fields.iter().map(|f| half(f, color)).collect::<Vec<_>>();
+            let systems = [0, 1].map(|color| rig.image(&halves(&system, color)));
+            let changes = [0, 1].map(|color| rig.image(&halves(std::slice::from_ref(&change), color)));
+            for color in [0, 1, 0, 1] {
+                let constants =
+                    Constants { width: width as u32, height: height as u32, color: color as u32, over_relaxation: 1.8 };
+                twin(&constants, &system, &mut change);
+                let resources = [&systems[color], &changes[1 - color], &changes[color]].map(Resource::Image);
+                rig.run(&STAGE, &resources, &constants, [width.div_ceil(2) as u32, height as u32]);
+            }
+            for color in [0, 1] {
+                rig.assert_close(&changes[color], &[half(&change, color)], 1e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn solves_a_membrane() {
+        // -Δu + u/100 = f with a known u: cos modes of the Neumann grid.
+        let n = 24;
+        let truth = Field::from_fn(n, n, |x, y| {
+            let mode = |k: f64, i: usize| (std::f64::consts::PI * k * (i as f64 + 0.5) / n as f64).cos();
+            mode(1.0, x) * mode(2.0, y)
+        });
+        let mut system: [Field; 5] = std::array::from_fn(|_| Field::zeros(n, n));
+        for y in 0..n {
+            for x in 0..n {
+                let exists = [x + 1 < n, x > 0, y + 1 < n, y > 0];
+                let diagonal = 0.01 + exists.iter().filter(|e| **e).count() as f64;
+                let (xi, yi) = (x as isize, y as isize);
+                let around = [(xi + 1, yi), (xi - 1, yi), (xi, yi + 1), (xi, yi - 1)];
+                let mut f = 0.01 * truth.get(x, y);
+                for i in 0..4 {
+                    if exists[i] {
+                        f += truth.get(x, y) - truth.clamped(around[i].0, around[i].1);
+                        system[i + 1].data[y * n + x] = 1.0 / diagonal;
+                    }
+                }
+                system[0].data[y * n + x] = f / diagonal;
+            }
+        }
+        let mut found = Field::zeros(n, n);
+        for sweep in 0..200 {
+            for color in [0, 1] {
+                let _ = sweep;
+                twin(
+                    &Constants { width: n as u32, height: n as u32, color, over_relaxation: 1.8 },
+                    &system,
+                    &mut found,
+                );
+            }
+        }
+        for (found, expected) in found.data.iter().zip(&truth.data) {
+            assert!((found - expected).abs() < 1e-8, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_missing_barrier_between_red_and_black_is_reported() {
+        let (width, height) = (32usize, 16usize);
+        let rig = Rig::new();
+        if !rig.validates() {
+            return;
+        }
+        let system = system(width, height);
+        let systems = [0, 1].map(|c| rig.image(&system.iter().map(|f| half(f, c)).collect::<Vec<_>>()));
+        let changes = [0, 1].map(|_| rig.image(&[Field::zeros(width / 2, height)]));
+        let pass = |color: usize| {
+            let resources = [&systems[color], &changes[1 - color], &changes[color]];
+            let constants =
+                Constants { width: width as u32, height: height as u32, color: color as u32, over_relaxation: 1.8 };
+            (resources, constants)
+        };
+        let record = |omit: bool| {
+            rig.record(|recorder, compile| {
+                let pipeline = compile(&STAGE);
+                for color in [0, 1] {
+                    let (resources, constants) = pass(color);
+                    if omit && color == 1 {
+                        recorder.omit_barrier();
+                    }
+                    let groups = crate::vulkan::Groups::Direct(pipeline.groups([width as u32 / 2, height as u32]));
+                    recorder
+                        .pass(&pipeline, &resources.map(Resource::Image), bytemuck::bytes_of(&constants), groups)
+                        .unwrap();
+                }
+            });
+        };
+        record(false);
+        assert_eq!(rig.take_messages(), Vec::<String>::new(), "with the barrier");
+        record(true);
+        let messages = rig.take_messages();
+        assert!(messages.iter().any(|m| m.contains("SYNC-HAZARD")), "without the barrier: {messages:?}");
+    }
+}

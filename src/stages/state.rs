@@ -1,0 +1,127 @@
+//! What the device knows of a solve, and where T puts a pixel: the twin of `glsl/include/state.glsl`.
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::{Photometric, Similarity};
+
+/// Most levels of a pyramid; a short side of 32 px on the twelfth would be 65536 px on the first.
+pub const MAX_LEVELS: usize = 12;
+
+/// The state buffer.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct State {
+    /// `s cos θ - 1`.
+    pub a: f32,
+    /// `s sin θ`.
+    pub b: f32,
+    /// Translation to the right, pixels of the full-size image.
+    pub tx: f32,
+    /// Translation downwards, pixels of the full-size image.
+    pub ty: f32,
+    /// Gain of I2.
+    pub gain: f32,
+    /// Offset of I2.
+    pub offset: f32,
+    /// Correlation of the two images at low pass, when the exposure was last matched.
+    pub correlation: f32,
+    /// 1 if the last step had unknowns that the images do not determine.
+    pub degenerate: u32,
+    /// By level, finest first.
+    pub levels: [LevelState; MAX_LEVELS],
+}
+
+/// What one level has done.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct LevelState {
+    /// Outer iterations.
+    pub iterations: u32,
+    /// 1 once T and E stand still at the final α.
+    pub settled: u32,
+    /// Energy a valid pixel, of the latest iteration.
+    pub energy: f32,
+    /// Valid pixels.
+    pub valid: f32,
+}
+
+/// T, gain and offset, in double precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Registration {
+    /// `s cos θ - 1`.
+    pub a: f64,
+    /// `s sin θ`.
+    pub b: f64,
+    /// Translation, pixels of the full-size image.
+    pub t: [f64; 2],
+    /// Gain of I2.
+    pub gain: f64,
+    /// Offset of I2.
+    pub offset: f64,
+}
+
+impl State {
+    /// The state before a solve.
+    pub fn new(start: &Registration) -> Self {
+        Self {
+            a: start.a as f32,
+            b: start.b as f32,
+            tx: start.t[0] as f32,
+            ty: start.t[1] as f32,
+            gain: start.gain as f32,
+            offset: start.offset as f32,
+            ..Self::zeroed()
+        }
+    }
+
+    /// T, gain and offset.
+    pub fn registration(&self) -> Registration {
+        Registration {
+            a: self.a.into(),
+            b: self.b.into(),
+            t: [self.tx.into(), self.ty.into()],
+            gain: self.gain.into(),
+            offset: self.offset.into(),
+        }
+    }
+}
+
+impl Registration {
+    /// From T and the exposure.
+    pub fn new(transform: &Similarity, photometric: &Photometric) -> Self {
+        let [a, b, tx, ty] = transform.displacement();
+        Self { a, b, t: [tx, ty], gain: photometric.gain, offset: photometric.offset }
+    }
+
+    /// T.
+    pub fn transform(&self) -> Similarity {
+        Similarity::from_displacement([self.a, self.b, self.t[0], self.t[1]])
+    }
+
+    /// Gain and offset.
+    pub fn photometric(&self) -> Photometric {
+        Photometric { gain: self.gain, offset: self.offset }
+    }
+
+    /// s.
+    pub fn scale(&self) -> f64 {
+        (1.0 + self.a).hypot(self.b)
+    }
+
+    /// `T x - x` on a level whose pixels are `factor` wide and whose centre is `centre`.
+    pub fn displacement(&self, x: usize, y: usize, factor: f64, centre: [f64; 2]) -> [f64; 2] {
+        let (px, py) = (x as f64 - centre[0], y as f64 - centre[1]);
+        [self.t[0] / factor + self.a * px - self.b * py, self.t[1] / factor + self.b * px + self.a * py]
+    }
+}
+
+/// Whether the window of three σ lies inside both images: at (x, y) in I1, and at (x, y) + d in I2, where it is `scale`
+/// times as wide.
+pub fn inside([x, y]: [usize; 2], d: [f64; 2], [width, height]: [usize; 2], v: f64, scale: f64) -> bool {
+    let reach = 3.0 * v.abs().sqrt();
+    let within = |p: f64, size: usize, reach: f64| p >= reach && size as f64 - 1.0 - p >= reach;
+    within(x as f64, width, reach)
+        && within(y as f64, height, reach)
+        && within(x as f64 + d[0], width, reach * scale)
+        && within(y as f64 + d[1], height, reach * scale)
+}

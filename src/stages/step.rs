@@ -1,0 +1,231 @@
+//! The registration step: `N ζ = -g` from the sums of [`linearise`](super::linearise), the update of T, gain and offset,
+//! and the test for convergence. Section 5 of `docs/method.md`.
+
+use bytemuck::{Pod, Zeroable};
+use nalgebra::{Cholesky, SMatrix, SVector};
+
+use super::WORKGROUP;
+use super::linearise::{ENERGY, GRADIENT, SUMS, UNKNOWNS, VALID};
+use super::state::Registration;
+use crate::shaders;
+use crate::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Rows of partial sums, one a workgroup of `linearise`.
+    pub rows: u32,
+    /// Level, 0 the finest.
+    pub level: u32,
+    /// Where the energy of this level and iteration goes.
+    pub energy_place: u32,
+    /// First of the level's indirect arguments, in words.
+    pub argument_place: u32,
+    /// Words of them, all zeroed once the level has settled.
+    pub argument_count: u32,
+    /// 1 if T is solved for.
+    pub solve_transform: u32,
+    /// 1 if gain and offset are.
+    pub solve_photometric: u32,
+    /// 1 once α has its final value; nothing may settle before.
+    pub may_settle: u32,
+    /// Pixels of the full-size image a pixel of this level.
+    pub factor: f32,
+    /// L, which scales a and b to pixels of the level.
+    pub length: f32,
+    /// From the centre to a corner, pixels of the level.
+    pub half_size: [f32; 2],
+}
+
+/// Partial sums, state, energies, indirect arguments.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::STEP,
+    bindings: &[Binding::Buffer, Binding::Buffer, Binding::Buffer, Binding::Buffer],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Energy a valid pixel, before the step.
+    pub energy: f64,
+    /// Whether the level has settled: no corner moved by 0.01 px and the energy changed by less than 0.1 %.
+    pub settled: bool,
+}
+
+/// Steps T, gain and offset in place. `before` is the energy of the iteration before.
+pub fn twin(c: &Constants, sums: &[f64; SUMS], r: &mut Registration, before: f64) -> Step {
+    let x = solve(c, sums);
+    let (a, b) = (x[0] / f64::from(c.length), x[1] / f64::from(c.length));
+    let corner = f64::from(c.half_size[0]).hypot(c.half_size[1].into());
+    let factor = f64::from(c.factor);
+    let moved = factor * (x[2].hypot(x[3]) + a.hypot(b) * corner);
+    r.a += a;
+    r.b += b;
+    r.t[0] += factor * x[2];
+    r.t[1] += factor * x[3];
+    r.offset += x[5] - 0.5 * x[4];
+    r.gain += x[4];
+    let energy = sums[ENERGY] / sums[VALID].max(1.0);
+    let settled = c.may_settle == 1 && moved < 0.01 && (energy - before).abs() <= 1e-3 * before;
+    Step { energy, settled }
+}
+
+/// Solves for the unknowns that are free and that the images determine; the others take no step.
+fn solve(c: &Constants, sums: &[f64; SUMS]) -> [f64; UNKNOWNS] {
+    let free = |i: usize| (if i < 4 { c.solve_transform } else { c.solve_photometric }) == 1;
+    let mut n = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
+    let mut at = 0;
+    for i in 0..UNKNOWNS {
+        for j in i..UNKNOWNS {
+            n[(i, j)] = sums[at];
+            n[(j, i)] = sums[at];
+            at += 1;
+        }
+    }
+    let held: [bool; UNKNOWNS] = std::array::from_fn(|i| !free(i) || n[(i, i)] <= 1e-12 * sums[VALID]);
+    let mut g = SVector::<f64, UNKNOWNS>::from_fn(|i, _| -sums[GRADIENT + i]);
+    for i in (0..UNKNOWNS).filter(|&i| held[i]) {
+        n.row_mut(i).fill(0.0);
+        n.column_mut(i).fill(0.0);
+        n[(i, i)] = 1.0;
+        g[i] = 0.0;
+    }
+    Cholesky::new(n).map_or([0.0; UNKNOWNS], |l| l.solve(&g).into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random};
+    use super::super::state::State;
+    use super::*;
+    use crate::vulkan::Resource;
+    use crate::{Photometric, Similarity};
+
+    fn constants(rows: u32) -> Constants {
+        Constants {
+            rows,
+            level: 1,
+            energy_place: 3,
+            argument_place: 4,
+            argument_count: 4,
+            solve_transform: 1,
+            solve_photometric: 1,
+            may_settle: 1,
+            factor: 2.0,
+            length: 30.0,
+            half_size: [60.0, 40.0],
+        }
+    }
+
+    /// Partial sums of a well-posed problem: each row a few random residuals.
+    fn partials(rows: usize, pixels: usize) -> Vec<f32> {
+        let mut numbers = random(rows * pixels * 8, 11).into_iter();
+        let mut all = Vec::new();
+        for _ in 0..rows {
+            let mut sums = [0.0; SUMS];
+            for _ in 0..pixels {
+                let j: [f64; UNKNOWNS] = std::array::from_fn(|_| numbers.next().unwrap() - 0.5);
+                let s = 0.01 * (numbers.next().unwrap() - 0.5);
+                let mut n = 0;
+                for i in 0..UNKNOWNS {
+                    sums[GRADIENT + i] += j[i] * s;
+                    for k in i..UNKNOWNS {
+                        sums[n] += j[i] * j[k];
+                        n += 1;
+                    }
+                }
+                sums[ENERGY] += s.abs();
+                sums[VALID] += 1.0;
+            }
+            all.extend(sums.map(|s| s as f32));
+        }
+        all
+    }
+
+    fn check(c: Constants, partials: &[f32], before: f32) -> (State, Vec<u32>) {
+        let start = Registration::new(&Similarity::new(1.0, -2.0, 1.0, 1.05), &Photometric { gain: 0.9, offset: 0.1 });
+        let mut state = State::new(&start);
+        state.levels[1].energy = before;
+        let rig = Rig::new();
+        let buffers = [
+            rig.upload(bytemuck::cast_slice(partials)),
+            rig.upload(bytemuck::bytes_of(&state)),
+            rig.upload(&[0; 32]),
+            rig.upload(bytemuck::cast_slice(&[7u32; 12])),
+        ];
+        rig.run_groups(&STAGE, &buffers.each_ref().map(Resource::Buffer), &c, [1, 1, 1]);
+        let found: State = rig.value(&buffers[1]);
+        let mut sums = [0.0; SUMS];
+        for row in partials.chunks_exact(SUMS) {
+            sums.iter_mut().zip(row).for_each(|(sum, p)| *sum += f64::from(*p));
+        }
+        let mut expected = state.registration();
+        let step = twin(&c, &sums, &mut expected, before.into());
+        let found_registration = found.registration();
+        let close = |f: f64, e: f64| assert!((f - e).abs() < 1e-5, "{found_registration:?} {expected:?}");
+        close(found_registration.a, expected.a);
+        close(found_registration.b, expected.b);
+        close(found_registration.t[0], expected.t[0]);
+        close(found_registration.t[1], expected.t[1]);
+        close(found_registration.gain, expected.gain);
+        close(found_registration.offset, expected.offset);
+        close(found.levels[1].energy.into(), step.energy);
+        close(rig.floats(&buffers[2])[3].into(), step.energy);
+        assert_eq!(found.levels[1].iterations, 1);
+        assert_eq!(found.levels[1].settled, u32::from(step.settled));
+        (found, rig.words(&buffers[3]))
+    }
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for rows in [1, 7, 8, 100] {
+            let partials = partials(rows, 40);
+            for (transform, photometric) in [(1, 1), (1, 0), (0, 1), (0, 0)] {
+                let c =
+                    Constants { solve_transform: transform, solve_photometric: photometric, ..constants(rows as u32) };
+                check(c, &partials, 0.1);
+            }
+        }
+    }
+
+    #[test]
+    fn settles_only_when_allowed_and_zeroes_its_own_arguments() {
+        let partials = partials(8, 40);
+        let held = Constants { solve_transform: 0, solve_photometric: 0, ..constants(8) };
+        let energy = check(held, &partials, 0.1).0.levels[1].energy;
+        let (state, arguments) = check(held, &partials, energy);
+        assert_eq!(state.levels[1].settled, 1);
+        assert_eq!(arguments, [7, 7, 7, 7, 0, 0, 0, 0, 7, 7, 7, 7]);
+        let (state, arguments) = check(Constants { may_settle: 0, ..held }, &partials, energy);
+        assert_eq!(state.levels[1].settled, 0);
+        assert_eq!(arguments, [7; 12]);
+    }
+
+    #[test]
+    fn nothing_to_go_by_is_no_step() {
+        let (state, _) = check(constants(3), &vec![0.0; 3 * SUMS], 0.0);
+        assert_eq!(state.degenerate, 1);
+        // Gain and offset of a constant image cannot be told apart: only one of them may step.
+        let mut sums = [0.0f32; SUMS];
+        sums[18..21].copy_from_slice(&[4.0, 8.0, 16.0]);
+        sums[GRADIENT + 4..GRADIENT + 6].copy_from_slice(&[0.2, 0.4]);
+        sums[VALID] = 16.0;
+        let rig = Rig::new();
+        let buffers = [
+            rig.upload(bytemuck::cast_slice(&sums)),
+            rig.upload(bytemuck::bytes_of(&State::new(&Registration::new(
+                &Similarity::IDENTITY,
+                &Photometric::IDENTITY,
+            )))),
+            rig.upload(&[0; 32]),
+            rig.upload(&[0; 48]),
+        ];
+        rig.run_groups(&STAGE, &buffers.each_ref().map(Resource::Buffer), &constants(1), [1, 1, 1]);
+        let state: State = rig.value(&buffers[1]);
+        assert_eq!(state.degenerate, 1);
+        assert!((state.gain - 0.95).abs() < 1e-5 && state.offset.is_finite(), "{state:?}");
+    }
+}

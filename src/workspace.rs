@@ -1,0 +1,138 @@
+//! The images and buffers of one solver, allocated once.
+
+use std::sync::Arc;
+
+use crate::Error;
+use crate::plan::Plan;
+use crate::stages::linearise::SUMS;
+use crate::stages::state::State;
+use crate::vulkan::{Buffer, Device, Image};
+
+/// Words of indirect arguments a level: three each for `linearise`, `relax`, `update` and `step`.
+pub(crate) const ARGUMENT_WORDS: usize = 12;
+
+/// Where a pass finds the indirect arguments of its grid, among those of a level.
+#[derive(Clone, Copy)]
+pub(crate) enum Grid {
+    /// Tiles of `linearise`.
+    Tiles,
+    /// The pixels of one colour.
+    Half,
+    /// All pixels.
+    Pixels,
+    /// One workgroup.
+    One,
+}
+
+/// I1 and I2 on one level.
+pub(crate) struct LevelImages {
+    /// Luminance of I1 and I2.
+    pub(crate) images: [Arc<Image>; 2],
+}
+
+/// All of them. What only lives within a level is as large as the finest and shared: coarser levels use its corner.
+pub(crate) struct Workspace {
+    /// Finest first.
+    pub(crate) levels: Vec<LevelImages>,
+    /// V of the levels solved, finest first.
+    pub(crate) relative_blur: Vec<Arc<Image>>,
+    /// Stacks of blurred images, as spline coefficients. At the end: the results, and the colours of I2.
+    pub(crate) stacks: [Arc<Image>; 2],
+    /// Between the two directions of a separable filter.
+    pub(crate) scratch: Arc<Image>,
+    /// Linear system of the red and of the black pixels.
+    pub(crate) systems: [Arc<Image>; 2],
+    /// dV of the red and of the black pixels.
+    pub(crate) changes: [Arc<Image>; 2],
+    pub(crate) filters: Arc<Buffer>,
+    pub(crate) state: Arc<Buffer>,
+    pub(crate) partials: Arc<Buffer>,
+    pub(crate) energies: Arc<Buffer>,
+    pub(crate) arguments: Arc<Buffer>,
+    /// What state and arguments are before a solve, mapped.
+    pub(crate) start_state: Arc<Buffer>,
+    pub(crate) start_arguments: Arc<Buffer>,
+    /// The photographs, mapped.
+    pub(crate) frames: [Arc<Buffer>; 2],
+    /// V, confidence and the fused channels, mapped; then state and energies.
+    pub(crate) results: Arc<Buffer>,
+    pub(crate) end_state: Arc<Buffer>,
+    pub(crate) end_energies: Arc<Buffer>,
+}
+
+impl Workspace {
+    pub(crate) fn new(device: &Arc<Device>, plan: &Plan) -> Result<Self, Error> {
+        let image = |name: &str, size, layers| Image::new(device, name, size, layers);
+        let finest = &plan.pyramid[0];
+        let levels = plan
+            .pyramid
+            .iter()
+            .map(|level| {
+                let name = |what: &str| format!("{what}, level {}", level.index);
+                Ok(LevelImages { images: [image(&name("I1"), level.size, 1)?, image(&name("I2"), level.size, 1)?] })
+            })
+            .collect::<Result<_, Error>>()?;
+        let relative_blur = plan.pyramid[..plan.solved]
+            .iter()
+            .map(|level| image(&format!("V, level {}", level.index), level.size, 1))
+            .collect::<Result<_, Error>>()?;
+        let partial_rows = plan.pyramid.iter().map(|l| l.tiles()[0] * l.tiles()[1]).max().unwrap_or(1);
+        let energy_bytes = 4 * plan.solved as u64 * u64::from(plan.settings.outer_iterations);
+        let argument_bytes = (4 * ARGUMENT_WORDS * plan.solved) as u64;
+        let filters = Buffer::for_upload(device, "filters", 4 * plan.weights.len() as u64)?;
+        filters.write(bytemuck::cast_slice(&plan.weights))?;
+        let start_arguments = Buffer::for_upload(device, "indirect arguments at the start", argument_bytes)?;
+        start_arguments.write(bytemuck::cast_slice(&arguments(plan)))?;
+        let result_layers = u64::from(2 + plan.fused_channels().count());
+        let full = u64::from(plan.size[0]) * u64::from(plan.size[1]);
+        Ok(Self {
+            levels,
+            relative_blur,
+            stacks: [
+                image("stack of I1", plan.size, plan.stack_layers())?,
+                image("stack of I2", plan.size, finest.nodes as u32)?,
+            ],
+            scratch: image("scratch", plan.size, 1)?,
+            systems: [image("red system", finest.half(), 5)?, image("black system", finest.half(), 5)?],
+            changes: [image("red dV", finest.half(), 1)?, image("black dV", finest.half(), 1)?],
+            filters,
+            state: Buffer::on_device(device, "state", size_of::<State>() as u64)?,
+            partials: Buffer::on_device(device, "partial sums", 4 * SUMS as u64 * u64::from(partial_rows))?,
+            energies: Buffer::on_device(device, "energies", energy_bytes)?,
+            arguments: Buffer::on_device(device, "indirect arguments", argument_bytes)?,
+            start_state: Buffer::for_upload(device, "state at the start", size_of::<State>() as u64)?,
+            start_arguments,
+            frames: [
+                Buffer::for_upload(device, "photograph 1", plan.frame_bytes(0))?,
+                Buffer::for_upload(device, "photograph 2", plan.frame_bytes(1))?,
+            ],
+            results: Buffer::for_readback(device, "results", 4 * full * result_layers)?,
+            end_state: Buffer::for_readback(device, "state at the end", size_of::<State>() as u64)?,
+            end_energies: Buffer::for_readback(device, "energies at the end", energy_bytes)?,
+        })
+    }
+
+    /// Every image, to be made ready once.
+    pub(crate) fn images(&self) -> Vec<&Arc<Image>> {
+        let levels = self.levels.iter().flat_map(|l| &l.images).chain(&self.relative_blur);
+        levels.chain(&self.stacks).chain([&self.scratch]).chain(&self.systems).chain(&self.changes).collect()
+    }
+}
+
+impl Grid {
+    /// Byte offset of a level's grid among the indirect arguments.
+    pub(crate) fn offset(self, level: usize) -> u64 {
+        4 * (level * ARGUMENT_WORDS + 3 * self as usize) as u64
+    }
+}
+
+/// The grids of every solved level.
+fn arguments(plan: &Plan) -> Vec<u32> {
+    use crate::stages::WORKGROUP;
+    let groups = |[width, height]: [u32; 2]| [width.div_ceil(WORKGROUP[0]), height.div_ceil(WORKGROUP[1]), 1];
+    plan.pyramid[..plan.solved]
+        .iter()
+        .flat_map(|level| [level.tiles(), groups(level.half()), groups(level.size), [1, 1, 1]])
+        .flatten()
+        .collect()
+}
