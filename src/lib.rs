@@ -7,6 +7,7 @@
 mod engine;
 mod error;
 mod frame;
+pub mod image_io;
 mod settings;
 mod similarity;
 mod solution;
