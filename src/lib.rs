@@ -6,6 +6,7 @@
 
 mod engine;
 mod error;
+pub mod export;
 mod frame;
 pub mod image_io;
 mod settings;
