@@ -72,7 +72,10 @@ fn describe(info: &DeviceInfo) -> String {
     [
         format!("{}  {} ({})", info.index, info.name, info.kind),
         format!("driver {}, Vulkan {}, UUID {}", info.driver, info.api_version, info.uuid),
-        format!("{gibibytes:.1} GiB, subgroups of {}, images up to {} px a side", info.subgroup_size, info.max_image_size),
+        format!(
+            "{gibibytes:.1} GiB, subgroups of {}, images up to {} px a side",
+            info.subgroup_size, info.max_image_size
+        ),
         usable,
     ]
     .join("\n   ")

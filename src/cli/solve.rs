@@ -15,6 +15,7 @@ use super::summary::{Bar, summary};
 
 /// Recover relative blur and registration of two photographs of one scene, focused at two distances.
 #[derive(clap::Args, Debug)]
+#[command(after_help = super::AFTER_HELP)]
 pub(super) struct Arguments {
     /// The reference photograph: PNG, JPEG, TIFF, PNM or EXR
     i1: PathBuf,

@@ -66,3 +66,60 @@ fn blur(report: &Report) -> String {
         100.0 * report.saturated_fraction
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use parfocal::export::{Nearer, Report};
+    use parfocal::{Channels, DeviceInfo, Level, Photometric, Settings, Similarity, Solution, Timings};
+
+    use super::*;
+
+    fn report(blur: [f32; 2]) -> Report {
+        let device = DeviceInfo {
+            index: 0,
+            name: "a device".to_string(),
+            driver: "a driver".to_string(),
+            uuid: String::new(),
+            kind: "CPU",
+            api_version: String::new(),
+            subgroup_size: 8,
+            memory_bytes: 1,
+            max_image_size: 1,
+            max_storage_buffer: 1,
+            unusable: None,
+        };
+        let solution = Solution {
+            width: 2,
+            height: 1,
+            relative_blur: blur.to_vec(),
+            confidence: vec![0.0; 2],
+            fused_channels: Channels::Gray,
+            fused: vec![0.0; 2],
+            transform: Similarity::new(1.25, -0.5, 0.15, 1.01),
+            photometric: Photometric { gain: 1.02, offset: -0.01 },
+            levels: vec![Level { width: 2, height: 1, energy: vec![0.5] }],
+            converged: false,
+            warnings: vec!["something to know".to_string()],
+            valid_fraction: 0.5,
+            saturated_fraction: 0.25,
+            timings: Timings { total_ms: 9.0, gpu_ms: 7.0, passes_ms: vec![] },
+        };
+        Report::new(&solution, &Settings::default(), &device, Nearer::First)
+    }
+
+    #[test]
+    fn a_person_is_told_what_came_out_and_where_it_is() {
+        let text = summary(&report([-1.5, 4.0]), Path::new("out"));
+        for part in ["a device (a driver)", "+1.250 px right", "gain 1.0200", "-1.50 to +4.00 px²", "50.0 %", "out: "]
+        {
+            assert!(text.contains(part), "{part} is missing in {text}");
+        }
+        assert!(text.contains("converged      no\nwarning        something to know"), "{text}");
+    }
+
+    #[test]
+    fn without_a_valid_pixel_no_range_is_made_up() {
+        let text = summary(&report([f32::NAN; 2]), Path::new("out"));
+        assert!(text.contains("no valid pixel") && !text.contains("NaN"), "{text}");
+    }
+}

@@ -34,9 +34,11 @@ pub(super) fn write(
     meaning: &Meaning,
 ) -> Result<(), String> {
     let text = |s: &str| Text::new_or_none(s).ok_or_else(|| format!("'{s}' does not fit EXR text"));
-    let mut attributes = LayerAttributes::default();
-    attributes.software_name = Some(text(concat!("parfocal ", env!("CARGO_PKG_VERSION")))?);
-    attributes.comments = Some(text(meaning.comments)?);
+    let mut attributes = LayerAttributes {
+        software_name: Some(text(concat!("parfocal ", env!("CARGO_PKG_VERSION")))?),
+        comments: Some(text(meaning.comments)?),
+        ..LayerAttributes::default()
+    };
     attributes.other.insert(text("units")?, AttributeValue::Text(text(meaning.units)?));
     let channel = AnyChannel::new("Y", FlatSamples::F32(values.to_vec()));
     let channels = AnyChannels::sort(std::iter::once(channel).collect());

@@ -57,8 +57,9 @@ struct Pending<'a> {
 
 enum Source {
     Raster(raster::Raster),
-    TiffFloat(tiff_float::TiffFloat),
-    Exr(openexr::Exr),
+    TiffFloat(Box<tiff_float::TiffFloat>),
+    // The crate keeps the whole header in place, 4 KiB.
+    Exr(Box<openexr::Exr>),
 }
 
 impl<'a> Pending<'a> {
@@ -89,12 +90,12 @@ fn open_source(path: &Path) -> Result<Source, String> {
     let (file, magic) = check::open(path)?;
     let reader = BufReader::new(file);
     if openexr::is_exr(magic) {
-        return openexr::Exr::open(reader).map(Source::Exr);
+        return openexr::Exr::open(reader).map(|exr| Source::Exr(Box::new(exr)));
     }
     if tiff_float::is_tiff(magic)
         && let Some(float) = tiff_float::TiffFloat::open(BufReader::new(reopen(path)?))?
     {
-        return Ok(Source::TiffFloat(float));
+        return Ok(Source::TiffFloat(Box::new(float)));
     }
     raster::Raster::open(reader).map(Source::Raster)
 }

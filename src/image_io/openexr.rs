@@ -109,7 +109,7 @@ fn chosen_channels(header: &Header) -> Result<Vec<String>, String> {
 fn choose(names: &[String]) -> Option<Vec<String>> {
     let has = |wanted: &&str| names.iter().any(|name| name == wanted);
     let color = ["R", "G", "B"];
-    if color.iter().all(|name| has(name)) {
+    if color.iter().all(has) {
         return Some(color.map(String::from).to_vec());
     }
     if has(&"Y") && !has(&"RY") {
