@@ -40,7 +40,10 @@ fn build() -> Result<(), String> {
     if !errors.is_empty() {
         return Err(errors.into_iter().collect::<Vec<_>>().join("\n"));
     }
-    table += &format!("/// Every shader, by name.\n#[cfg(test)]\npub const ALL: &[Shader] = &[{}];\n", all.trim_end_matches(", "));
+    table += &format!(
+        "/// Every shader, by name.\n#[cfg(test)]\npub const ALL: &[Shader] = &[{}];\n",
+        all.trim_end_matches(", ")
+    );
     write(&out.join("shaders.rs"), &table)
 }
 

@@ -97,3 +97,10 @@ pub enum Error {
         problem: String,
     },
 }
+
+impl Error {
+    /// A file, and what is wrong with it.
+    pub(crate) fn file(path: &std::path::Path, problem: impl Into<String>) -> Self {
+        Self::File { path: path.to_path_buf(), problem: problem.into() }
+    }
+}

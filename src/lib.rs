@@ -6,7 +6,9 @@
 
 mod engine;
 mod error;
+pub mod export;
 mod frame;
+pub mod image_io;
 mod kernel;
 mod plan;
 mod record;

@@ -1,0 +1,88 @@
+//! How the program fails: one line on stderr and a status.
+
+use std::error::Error as _;
+use std::io::{self, Write};
+use std::path::Path;
+use std::process::ExitCode;
+
+use parfocal::Error;
+
+/// Why a subcommand failed.
+#[derive(Debug, PartialEq)]
+pub(super) enum Failure {
+    /// The arguments cannot be carried out, status 2.
+    Usage(String),
+    /// Anything else, status 1.
+    Failed(String),
+}
+
+impl Failure {
+    /// The failure of a solve of `first`. The library knows sizes, not files: errors about size get the file's name.
+    pub(super) fn of_solve(error: Error, first: &Path) -> Self {
+        match error {
+            Error::TooSmall { .. } | Error::TooLarge { .. } => Self::Failed(format!("{}: {error}", first.display())),
+            other => other.into(),
+        }
+    }
+
+    /// Prints the line and gives the status.
+    pub(super) fn report(self) -> ExitCode {
+        let (message, status) = match self {
+            Failure::Usage(message) => (message, 2),
+            Failure::Failed(message) => (message, 1),
+        };
+        // Nobody is left to be told where stderr is closed.
+        let _ = writeln!(io::stderr(), "parfocal: error: {}", one_line(&message));
+        ExitCode::from(status)
+    }
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        let mut message = error.to_string();
+        let mut source = error.source();
+        while let Some(cause) = source {
+            message = format!("{message}: {cause}");
+            source = cause.source();
+        }
+        match error {
+            Error::Setting { .. } => Self::Usage(message),
+            _ => Self::Failed(message),
+        }
+    }
+}
+
+/// Folds line breaks, which paths and decoders may bring along.
+fn one_line(message: &str) -> String {
+    message.split(['\n', '\r']).map(str::trim).filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
+}
+
+/// Writes text for scripts to stdout. A reader that has closed its end wants no more, which is no failure.
+pub(super) fn print(text: &str) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    match writeln!(out, "{text}").and_then(|()| out.flush()) {
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Failure::Failed(format!("stdout cannot be written ({e})")))
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_is_one_line() {
+        assert_eq!(one_line("a\n  b\r\n\nc"), "a b c");
+    }
+
+    #[test]
+    fn errors_about_size_name_the_file_and_settings_are_usage() {
+        let small = Error::TooSmall { width: 5, height: 5, least: 16 };
+        let Failure::Failed(message) = Failure::of_solve(small, Path::new("i1.png")) else { panic!("usage") };
+        assert!(message.starts_with("i1.png: 5x5"), "{message}");
+        let setting = Error::Setting { name: "levels", value: 99.0, range: "1 to 12".to_string() };
+        assert_eq!(Failure::from(setting), Failure::Usage("levels is 99, and must be 1 to 12".to_string()));
+    }
+}

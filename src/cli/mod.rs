@@ -1,0 +1,61 @@
+//! What the program `parfocal` understands; one file for each subcommand.
+
+mod devices;
+mod failure;
+mod solve;
+mod summary;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Environment variable that turns the Vulkan validation layer on.
+const VALIDATE: &str = "PARFOCAL_VALIDATE";
+
+/// Depth from defocus on the GPU: relative blur and registration of two photographs, recovered together.
+#[derive(Debug, Parser)]
+#[command(version, about, after_help = AFTER_HELP)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Solve(Box<solve::Arguments>),
+    Devices(devices::Arguments),
+}
+
+const AFTER_HELP: &str = "\
+Exit status: 0 done (a solve that did not converge is done, with warnings), 1 failed, 2 wrong usage.
+
+Environment:
+  PARFOCAL_VALIDATE=1  run under the Khronos validation layer, which must be installed
+  VK_DRIVER_FILES, VK_ICD_FILENAMES and the other variables of the Vulkan loader work as usual";
+
+/// Runs the program.
+pub fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Solve(arguments) => solve::run(&arguments),
+        Command::Devices(arguments) => devices::run(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => failure.report(),
+    }
+}
+
+/// Whether the environment asks for the validation layer.
+fn validation_asked() -> bool {
+    std::env::var_os(VALIDATE).is_some_and(|value| !value.is_empty() && value != "0")
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        super::Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,125 @@
+//! What a solve tells a person: progress while it runs, a few lines when it is done.
+
+use std::path::Path;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use parfocal::Progress;
+use parfocal::export::{FILES, Report};
+
+/// A bar over the levels, on stderr.
+pub(super) struct Bar(ProgressBar);
+
+impl Bar {
+    /// A bar, or nothing at all where nobody would see it.
+    pub(super) fn new(visible: bool) -> Self {
+        let bar = if visible { ProgressBar::no_length() } else { ProgressBar::hidden() };
+        if let Ok(style) = ProgressStyle::with_template("level {pos}/{len} {bar:24} {elapsed} {msg}") {
+            bar.set_style(style);
+        }
+        Self(bar)
+    }
+
+    /// Shows how far the solve has come.
+    pub(super) fn show(&self, progress: Progress) {
+        self.0.set_length(u64::from(progress.levels));
+        self.0.set_message(format!("{}x{}", progress.width, progress.height));
+        self.0.set_position(u64::from(progress.done));
+    }
+}
+
+impl Drop for Bar {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}
+
+/// The few lines, without a newline at the end.
+pub(super) fn summary(report: &Report, out: &Path) -> String {
+    let (t, p, time) = (&report.transform, &report.photometric, &report.timings_ms);
+    let registration = format!(
+        "{:+.3} px right, {:+.3} px down, rotation {:+.4}°, scale {:.5}",
+        t.tx_px, t.ty_px, t.rotation_deg, t.scale
+    );
+    let converged = if report.converged { "yes" } else { "no" };
+    let mut rows = vec![
+        ("device", format!("{} ({})", report.device.name, report.device.driver)),
+        ("method", format!("{}, levels: {}", report.method, report.levels.len())),
+        ("transform", registration),
+        ("exposure", format!("gain {:.4}, offset {:+.4}", p.gain, p.offset)),
+        ("relative blur", blur(report)),
+        ("converged", converged.to_string()),
+    ];
+    rows.extend(report.warnings.iter().map(|warning| ("warning", warning.clone())));
+    rows.push(("time", format!("{:.0} ms, {:.0} ms of it on the device", time.total, time.gpu)));
+    rows.push(("results", format!("{}: {}", out.display(), FILES.join(" "))));
+    rows.iter().map(|(label, value)| format!("{label:<14} {value}")).collect::<Vec<_>>().join("\n")
+}
+
+fn blur(report: &Report) -> String {
+    let range = &report.relative_blur;
+    let (Some(min), Some(max), Some(median)) = (range.min, range.max, range.median) else {
+        return "no valid pixel".to_string();
+    };
+    format!(
+        "{min:+.2} to {max:+.2} px², median {median:+.2}; {:.1} % of the pixels valid, {:.1} % of those at the limit",
+        100.0 * report.valid_fraction,
+        100.0 * report.saturated_fraction
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use parfocal::export::{Nearer, Report};
+    use parfocal::{Channels, DeviceInfo, Level, Photometric, Settings, Similarity, Solution, Timings};
+
+    use super::*;
+
+    fn report(blur: [f32; 2]) -> Report {
+        let device = DeviceInfo {
+            index: 0,
+            name: "a device".to_string(),
+            driver: "a driver".to_string(),
+            uuid: String::new(),
+            kind: "CPU",
+            api_version: String::new(),
+            subgroup_size: 8,
+            memory_bytes: 1,
+            max_image_size: 1,
+            max_storage_buffer: 1,
+            unusable: None,
+        };
+        let solution = Solution {
+            width: 2,
+            height: 1,
+            relative_blur: blur.to_vec(),
+            confidence: vec![0.0; 2],
+            fused_channels: Channels::Gray,
+            fused: vec![0.0; 2],
+            transform: Similarity::new(1.25, -0.5, 0.15, 1.01),
+            photometric: Photometric { gain: 1.02, offset: -0.01 },
+            levels: vec![Level { width: 2, height: 1, energy: vec![0.5] }],
+            converged: false,
+            warnings: vec!["something to know".to_string()],
+            valid_fraction: 0.5,
+            saturated_fraction: 0.25,
+            timings: Timings { total_ms: 9.0, gpu_ms: 7.0, passes_ms: vec![] },
+        };
+        Report::new(&solution, &Settings::default(), &device, Nearer::First)
+    }
+
+    #[test]
+    fn a_person_is_told_what_came_out_and_where_it_is() {
+        let text = summary(&report([-1.5, 4.0]), Path::new("out"));
+        for part in ["a device (a driver)", "+1.250 px right", "gain 1.0200", "-1.50 to +4.00 px²", "50.0 %", "out: "]
+        {
+            assert!(text.contains(part), "{part} is missing in {text}");
+        }
+        assert!(text.contains("converged      no\nwarning        something to know"), "{text}");
+    }
+
+    #[test]
+    fn without_a_valid_pixel_no_range_is_made_up() {
+        let text = summary(&report([f32::NAN; 2]), Path::new("out"));
+        assert!(text.contains("no valid pixel") && !text.contains("NaN"), "{text}");
+    }
+}

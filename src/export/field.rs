@@ -1,0 +1,47 @@
+//! One float for each pixel, as EXR: a single 32-bit channel `Y`.
+
+use std::io::{Seek, Write};
+
+use exr::image::{FlatSamples, Image, Layer};
+use exr::meta::attribute::{AttributeValue, Text};
+use exr::meta::header::LayerAttributes;
+use exr::prelude::{AnyChannel, AnyChannels, Encoding, WritableImage};
+
+/// What a field holds, for the attributes of its file.
+pub(super) struct Meaning {
+    units: &'static str,
+    comments: &'static str,
+}
+
+/// V.
+pub(super) const RELATIVE_BLUR: Meaning = Meaning {
+    units: "px^2",
+    comments: "Relative blur V in px^2 of the first image; positive where the second is the more blurred; \
+               NaN outside the valid region",
+};
+
+/// D/(D + Σa).
+pub(super) const CONFIDENCE: Meaning = Meaning {
+    units: "1",
+    comments: "How far the images, not the smoothness, decided V, in [0, 1]; 0 outside the valid region",
+};
+
+/// Writes a field of `width` x `height` values.
+pub(super) fn write(
+    writer: impl Write + Seek,
+    (width, height): (u32, u32),
+    values: &[f32],
+    meaning: &Meaning,
+) -> Result<(), String> {
+    let text = |s: &str| Text::new_or_none(s).ok_or_else(|| format!("'{s}' does not fit EXR text"));
+    let mut attributes = LayerAttributes {
+        software_name: Some(text(concat!("parfocal ", env!("CARGO_PKG_VERSION")))?),
+        comments: Some(text(meaning.comments)?),
+        ..LayerAttributes::default()
+    };
+    attributes.other.insert(text("units")?, AttributeValue::Text(text(meaning.units)?));
+    let channel = AnyChannel::new("Y", FlatSamples::F32(values.to_vec()));
+    let channels = AnyChannels::sort(std::iter::once(channel).collect());
+    let layer = Layer::new((width as usize, height as usize), attributes, Encoding::SMALL_FAST_LOSSLESS, channels);
+    Image::from_layer(layer).write().to_buffered(writer).map_err(|e| e.to_string())
+}

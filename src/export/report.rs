@@ -1,0 +1,204 @@
+//! `report.json`: what was asked, what came out, and what it took. Scripts read it: fields may be added, not renamed.
+
+use serde::{Deserialize, Serialize, Serializer};
+
+use super::Nearer;
+use super::ranks::Ranks;
+use super::settings::{SettingsReport, method_name};
+use crate::{DeviceInfo, Level, Photometric, Settings, Similarity, Solution, Timings};
+
+/// The report of one solve. A quantity that no valid pixel supports is `null`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// T: I2(T x) lines up with I1(x).
+    pub transform: TransformReport,
+    /// What maps I2 onto I1.
+    pub photometric: PhotometricReport,
+    /// The method that ran.
+    pub method: String,
+    /// What was asked.
+    pub settings: SettingsReport,
+    /// Size of the images.
+    pub size: SizeReport,
+    /// Coarse to fine.
+    pub levels: Vec<LevelReport>,
+    /// Whether the finest level settled on an answer that the images support.
+    pub converged: bool,
+    /// V over the valid pixels.
+    pub relative_blur: RangeReport,
+    /// Fraction of pixels whose whole blur window lies inside both images.
+    pub valid_fraction: f64,
+    /// Fraction of the valid pixels at the limit of |V|.
+    pub saturated_fraction: f64,
+    /// Which image was taken to be focused nearer, 1 or 2.
+    pub nearer: u8,
+    /// What the user should know; a sentence each.
+    pub warnings: Vec<String>,
+    /// What it ran on.
+    pub device: DeviceReport,
+    /// Where the time went.
+    pub timings_ms: TimingsReport,
+}
+
+/// A [`Similarity`] in the units of the report.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TransformReport {
+    /// Translation to the right, pixels.
+    pub tx_px: f64,
+    /// Translation downwards, pixels.
+    pub ty_px: f64,
+    /// Rotation from x towards y, degrees.
+    pub rotation_deg: f64,
+    /// Scale.
+    pub scale: f64,
+}
+
+/// `J = gain I2(T x) + offset`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PhotometricReport {
+    /// Factor on I2.
+    pub gain: f64,
+    /// Added after the gain, in intensities of [0, 1].
+    pub offset: f64,
+}
+
+/// Pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SizeReport {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+/// What one pyramid level did.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LevelReport {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Outer iterations done.
+    pub iterations: usize,
+    /// Energy per valid pixel, one for each iteration.
+    pub energy: Vec<f64>,
+}
+
+/// V over the valid pixels, px².
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RangeReport {
+    /// Least.
+    pub min: Option<f32>,
+    /// Greatest.
+    pub max: Option<f32>,
+    /// Median.
+    pub median: Option<f32>,
+}
+
+/// What the solve ran on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DeviceReport {
+    /// The device's name.
+    pub name: String,
+    /// Driver name and version.
+    pub driver: String,
+    /// UUID, 8-4-4-4-12.
+    pub uuid: String,
+}
+
+/// Milliseconds.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TimingsReport {
+    /// From the call to the answer.
+    pub total: f64,
+    /// On the device.
+    pub gpu: f64,
+    /// On the device by named pass; a JSON object in the order of first use.
+    #[serde(serialize_with = "as_object")]
+    pub passes: Vec<(&'static str, f64)>,
+}
+
+fn as_object<S: Serializer>(passes: &[(&'static str, f64)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(passes.iter().map(|(name, ms)| (name, ms)))
+}
+
+impl Report {
+    /// Gathers the report of a solve.
+    pub fn new(solution: &Solution, settings: &Settings, device: &DeviceInfo, nearer: Nearer) -> Self {
+        Self {
+            transform: solution.transform.into(),
+            photometric: solution.photometric.into(),
+            method: method_name(settings.method),
+            settings: settings.into(),
+            size: SizeReport { width: solution.width, height: solution.height },
+            levels: solution.levels.iter().map(LevelReport::from).collect(),
+            converged: solution.converged,
+            relative_blur: RangeReport::of(&solution.relative_blur),
+            valid_fraction: solution.valid_fraction,
+            saturated_fraction: solution.saturated_fraction,
+            nearer: nearer.number(),
+            warnings: solution.warnings.clone(),
+            device: device.into(),
+            timings_ms: (&solution.timings).into(),
+        }
+    }
+
+    /// The text of `report.json`, without a newline at its end.
+    ///
+    /// # Errors
+    /// None is known; serde_json's signature allows one.
+    pub fn to_json(&self) -> Result<String, serde_json::Error> {
+        serde_json::to_string_pretty(self)
+    }
+}
+
+impl RangeReport {
+    /// Over the values that are finite.
+    pub fn of(values: &[f32]) -> Self {
+        let mut ranks = Ranks::of(values);
+        Self { min: ranks.quantile(0.0), max: ranks.quantile(1.0), median: ranks.quantile(0.5) }
+    }
+}
+
+impl From<Similarity> for TransformReport {
+    fn from(t: Similarity) -> Self {
+        Self { tx_px: t.tx, ty_px: t.ty, rotation_deg: t.rotation_deg(), scale: t.scale }
+    }
+}
+
+impl From<TransformReport> for Similarity {
+    fn from(t: TransformReport) -> Self {
+        Similarity::new(t.tx_px, t.ty_px, t.rotation_deg, t.scale)
+    }
+}
+
+impl From<Photometric> for PhotometricReport {
+    fn from(p: Photometric) -> Self {
+        Self { gain: p.gain, offset: p.offset }
+    }
+}
+
+impl From<PhotometricReport> for Photometric {
+    fn from(p: PhotometricReport) -> Self {
+        Self { gain: p.gain, offset: p.offset }
+    }
+}
+
+impl From<&Level> for LevelReport {
+    fn from(level: &Level) -> Self {
+        let (width, height) = (level.width, level.height);
+        Self { width, height, iterations: level.energy.len(), energy: level.energy.clone() }
+    }
+}
+
+impl From<&DeviceInfo> for DeviceReport {
+    fn from(info: &DeviceInfo) -> Self {
+        Self { name: info.name.clone(), driver: info.driver.clone(), uuid: info.uuid.clone() }
+    }
+}
+
+impl From<&Timings> for TimingsReport {
+    fn from(timings: &Timings) -> Self {
+        Self { total: timings.total_ms, gpu: timings.gpu_ms, passes: timings.passes_ms.clone() }
+    }
+}
