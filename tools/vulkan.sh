@@ -3,8 +3,8 @@
 
 PATH=$PATH:/usr/sbin:/sbin # ldconfig, for users who are not root
 
-# Where NVIDIA's container runtimes put a driver; the loader does not look there by itself.
-container_icd=/usr/local/nvidia/share/vulkan/icd.d/nvidia_icd.json
+# Where container runtimes mount NVIDIA's driver; the loaders, of libraries and of Vulkan, may not look there.
+container_driver=/usr/local/nvidia
 
 # in_loader_path LIB: whether the dynamic loader finds LIB by its bare name
 in_loader_path() {
@@ -36,7 +36,7 @@ have_icd() {
   if [[ -n $named ]]; then
     IFS=: read -ra icds <<<"$named"
   else
-    icds=({/etc,/usr/local/etc,/usr/local/share,/usr/share,"${XDG_DATA_HOME:-${HOME:-/root}/.local/share}"}/vulkan/icd.d/*.json)
+    icds=({/etc,/usr/local/etc,/usr/local/share,/usr/share,"${XDG_DATA_HOME:-${HOME:-}/.local/share}"}/vulkan/icd.d/*.json)
   fi
   for icd in "${icds[@]}"; do
     ! icd_works "$icd" || return 0
@@ -44,11 +44,16 @@ have_icd() {
   return 1
 }
 
-# use_container_icd: points the loader at a container's driver where it would find no other; false if there is none
-use_container_icd() {
-  have_icd && return
-  icd_works "$container_icd" || return
-  export VK_DRIVER_FILES=$container_icd VK_ICD_FILENAMES=$container_icd
+# use_driver: points the loader at a container's driver if there is one and none is named; false if it would find none
+use_driver() {
+  local icd=$container_driver/share/vulkan/icd.d/nvidia_icd.json
+  if [[ -d $container_driver/lib64 ]]; then
+    export LD_LIBRARY_PATH=${LD_LIBRARY_PATH:+$LD_LIBRARY_PATH:}$container_driver/lib64
+  fi
+  if [[ -z ${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}} ]] && icd_works "$icd"; then
+    export VK_DRIVER_FILES=$icd VK_ICD_FILENAMES=$icd
+  fi
+  have_icd
 }
 
 # lavapipe: the manifest of Mesa's software driver, or nothing
