@@ -65,7 +65,7 @@ mod tests {
 
     #[test]
     fn mirror_reflects_about_the_border_pixels() {
-        let expected = [1, 2, 1, 0, 1, 2, 1, 0, 1, 2];
+        let expected = [1, 0, 1, 2, 1, 0, 1, 2, 1, 0];
         let found: Vec<usize> = (-5..5).map(|i| mirror(i, 3)).collect();
         assert_eq!(found, expected);
         assert_eq!(mirror(-7, 1), 0);

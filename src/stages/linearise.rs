@@ -338,7 +338,8 @@ mod tests {
             for x in [3.0, 40.37, 101.5] {
                 let found = stack::read(&stack, v, x, 4.0);
                 let expected = decay * (k * x).cos();
-                assert!((found.value - expected).abs() < 1e-3, "v {v}: {} {expected}", found.value);
+                // 2e-3 of the contrast, between the two widest nodes; see `stack::node_sigma`.
+                assert!((found.value - expected).abs() < 2e-3, "v {v}: {} {expected}", found.value);
                 let slope = -k * k / 2.0 * expected;
                 assert!((found.slope - slope).abs() < 4e-3, "v {v}: slope {} {slope}", found.slope);
             }

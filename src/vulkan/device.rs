@@ -41,7 +41,7 @@ impl Device {
             .queue_family_index(physical.queue_family)
             .queue_priorities(&priorities)];
         let mut v12 = vk::PhysicalDeviceVulkan12Features::default().timeline_semaphore(true);
-        let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true);
+        let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).maintenance4(true);
         let create =
             vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut v12).push_next(&mut v13);
         // SAFETY: the physical device came from this instance and has the features (`Instance::missing`).

@@ -196,8 +196,8 @@ impl Instance {
         let operations = vk::SubgroupFeatureFlags::BASIC | vk::SubgroupFeatureFlags::ARITHMETIC;
         let what = if queue_family.is_none() {
             "a compute queue"
-        } else if v13.synchronization2 == 0 || v12.timeline_semaphore == 0 {
-            "synchronization2 or timeline semaphores"
+        } else if v13.synchronization2 == 0 || v13.maintenance4 == 0 || v12.timeline_semaphore == 0 {
+            "synchronization2, maintenance4 or timeline semaphores"
         } else if !subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
             || !subgroup.supported_operations.contains(operations)
         {
