@@ -24,8 +24,9 @@ void main() {
     // The weights a are stored over D + Σa, so their sum falls short of 1 by the confidence; by less than 1e-5 is rounding.
     float confidence = 1.0 - smoothness;
     float v = imageLoad(relative_blur, ivec3(x, 0)).r;
-    float scale = sqrt((1.0 + state.a) * (1.0 + state.a) + state.b * state.b);
-    bool valid = inside(x, displacement(state, x, 1.0, vec2(centre_x, centre_y)), ivec2(width, height), v, scale);
+    Registration r = state.registration;
+    vec2 d = displacement(r, x, 1.0, vec2(centre_x, centre_y));
+    bool valid = inside(x, d, ivec2(width, height), v, scale_of(r));
     imageStore(result, ivec3(x, 0), vec4(valid ? v : uintBitsToFloat(0x7fc00000u)));
     imageStore(result, ivec3(x, 1), vec4(valid && confidence > 1e-5 ? confidence : 0.0));
 }

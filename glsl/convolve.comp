@@ -6,32 +6,36 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray from;
 layout(binding = 1, r32f) uniform writeonly image2DArray to;
-layout(binding = 2, std430) readonly buffer Filters { float weights[]; };
+layout(binding = 2, std430) readonly buffer Filters { float weights[]; }; // SPAN - 1 zeros after each filter
 layout(push_constant) uniform Constants {
-    int width, height;          // of the result
-    int length;                 // of the axis before the filter
+    int length, breadth;        // along the filtered axis and across it, before the filter
     int stride;
     int vertical;
     int from_layer, to_layer;
     int offset, radius;         // of the filter within the weights
 };
 
+// Neighbouring results an invocation: each weight and each value is loaded once for all of them.
+const int SPAN = 8;
+
+ivec3 place(int along, int across, int layer) {
+    return vertical == 1 ? ivec3(across, along, layer) : ivec3(along, across, layer);
+}
+
 void main() {
-    ivec2 x = ivec2(gl_GlobalInvocationID.xy);
-    if (x.x >= width || x.y >= height) return;
-    ivec3 place = ivec3(x, from_layer);
-    int centre = stride * (vertical == 1 ? x.y : x.x);
-    float sum = 0.0;
-    if (centre >= radius && centre + radius < length) {
-        ivec3 unit = vertical == 1 ? ivec3(0, 1, 0) : ivec3(1, 0, 0);
-        place += unit * (centre - radius - (vertical == 1 ? x.y : x.x));
-        for (int n = 0; n <= 2 * radius; n++, place += unit) sum += weights[offset + n] * imageLoad(from, place).r;
-    } else {
-        for (int n = 0; n <= 2 * radius; n++) {
-            int along = mirror(centre + n - radius, length);
-            if (vertical == 1) place.y = along; else place.x = along;
-            sum += weights[offset + n] * imageLoad(from, place).r;
-        }
+    ivec2 id = ivec2(gl_GlobalInvocationID.xy);
+    int first = SPAN * (vertical == 1 ? id.y : id.x), across = vertical == 1 ? id.x : id.y;
+    if (first >= length || across >= breadth) return;
+    float sums[SPAN], window[SPAN];                 // window[j]: the weight that result j gives to the value at hand
+    for (int j = 0; j < SPAN; j++) sums[j] = window[j] = 0.0;
+    bool whole = first >= radius && first + SPAN + radius <= length;
+    for (int n = 0; n < 2 * radius + SPAN; n++) {
+        for (int j = SPAN - 1; j > 0; j--) window[j] = window[j - 1];
+        window[0] = weights[offset + n];
+        int along = first - radius + n;
+        float value = imageLoad(from, place(whole ? along : mirror(along, length), across, from_layer)).r;
+        for (int j = 0; j < SPAN; j++) sums[j] += window[j] * value;
     }
-    imageStore(to, ivec3(x, to_layer), vec4(sum));
+    for (int j = 0; j < SPAN; j += stride)
+        if (first + j < length) imageStore(to, place((first + j) / stride, across, to_layer), vec4(sums[j]));
 }

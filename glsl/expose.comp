@@ -29,8 +29,8 @@ float image2_at(ivec2 i, vec2 f) {
     return mix(top, bottom, f.y);
 }
 
-void add(ivec2 x, inout float moments[MOMENTS]) {
-    vec2 d = displacement(state, x, factor, vec2(centre_x, centre_y));
+void add(Registration r, ivec2 x, inout float moments[MOMENTS]) {
+    vec2 d = displacement(r, x, factor, vec2(centre_x, centre_y));
     ivec2 size = ivec2(width, height), i;
     vec2 f;
     if (!inside(x, d, size, 0.0, 1.0)) return;
@@ -43,8 +43,9 @@ void add(ivec2 x, inout float moments[MOMENTS]) {
 
 void main() {
     float moments[MOMENTS] = float[](0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    Registration r = state.registration;
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
-    for (int n = int(gl_LocalInvocationIndex); n < width * height; n += step) add(ivec2(n % width, n / width), moments);
+    for (int n = int(gl_LocalInvocationIndex); n < width * height; n += step) add(r, ivec2(n % width, n / width), moments);
     for (int n = 0; n < MOMENTS; n++) {
         float sum = subgroupAdd(moments[n]);
         if (subgroupElect()) by_subgroup[gl_SubgroupID][n] = sum;
@@ -65,6 +66,7 @@ void main() {
     state.correlation = contrast ? covariance / sqrt(variance.x * variance.y) : 0.0;
     if (adopt == 0) return;
     // Images that hardly correlate, still far apart say, tell nothing of the gain.
-    state.gain = state.correlation > 0.5 ? sqrt(variance.x / variance.y) : 1.0;
-    state.offset = mean.x + 0.5 - state.gain * (mean.y + 0.5);
+    float gain = state.correlation > 0.5 ? sqrt(variance.x / variance.y) : 1.0;
+    state.registration.gain = gain;
+    state.registration.offset = mean.x + 0.5 - gain * (mean.y + 0.5);
 }

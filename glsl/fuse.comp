@@ -24,11 +24,12 @@ float coefficient(int image, ivec3 place) {
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy), size = ivec2(width, height), i;
     if (x.x >= width || x.y >= height) return;
-    vec2 d = displacement(state, x, 1.0, vec2(centre_x, centre_y)), f;
+    Registration r = state.registration;
+    vec2 d = displacement(r, x, 1.0, vec2(centre_x, centre_y)), f;
     float fused = imageLoad(channel1, ivec3(x, 0)).r;
     if (inside(x, d, size, 0.0, 1.0)) {
         place(x, d, size, i, f);
-        float j = state.gain * spline_at(2, 0, size, i, f).value + state.offset;
+        float j = r.gain * spline_at(2, 0, size, i, f).value + r.offset;
         float v = imageLoad(relative_blur, ivec3(x, 0)).r;
         fused = mix(j, fused, 0.5 + atan(v / epsilon) / 3.14159265358979);
     }

@@ -22,7 +22,7 @@ layout(binding = 9, std430) writeonly buffer Partials { float partials[]; };
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
-    int rows;                        // pixels an invocation
+    int rows;                        // pairs of pixels an invocation
     float factor;                    // pixels of the full-size image a pixel of this level
     float centre_x, centre_y;
     float length;                    // that scales a and b, pixels
@@ -50,8 +50,8 @@ float inverse_gradient(float right, float left, float down, float up) {
 }
 
 // ∂S/∂(a L, b L, tx, ty, gain, offset), up to its sign: the read value and gradient of I2 at T x.
-void jacobian(float value, vec2 gradient, vec2 p, out float j[6]) {
-    vec2 g = state.gain * gradient;
+void jacobian(float gain, float value, vec2 gradient, vec2 p, out float j[6]) {
+    vec2 g = gain * gradient;
     j[0] = dot(g, p) / length;
     j[1] = (g.y * p.x - g.x * p.y) / length;
     j[2] = g.x;
@@ -69,7 +69,7 @@ struct Data {
     vec2 gradient1, gradient2;
 };
 
-Data data_term(ivec2 x, float v, vec2 d, float scale) {
+Data data_term(Registration r, ivec2 x, float v, vec2 d, float scale) {
     ivec2 size = ivec2(width, height), i;
     vec2 f;
     place(x, d, size, i, f);
@@ -87,27 +87,21 @@ Data data_term(ivec2 x, float v, vec2 d, float scale) {
         b2 = stack_at(2, nodes, size, -v * scale2, i, f);
         b2.slope *= -scale2;
     }
-    float s1 = b1.value - (state.gain * i2.value + state.offset);
-    float s2 = state.gain * b2.value + state.offset - i1;
+    float s1 = b1.value - (r.gain * i2.value + r.offset);
+    float s2 = r.gain * b2.value + r.offset - i1;
     float heaviside = 0.5 + atan(v / epsilon) / PI;
     float psi1 = sqrt(s1 * s1 + eta * eta), psi2 = sqrt(s2 * s2 + eta * eta);
-    return Data(s1, s2, b1.slope, state.gain * b2.slope, heaviside / psi1, (1.0 - heaviside) / psi2,
+    return Data(s1, s2, b1.slope, r.gain * b2.slope, heaviside / psi1, (1.0 - heaviside) / psi2,
                 heaviside * psi1 + (1.0 - heaviside) * psi2, i2.value, b2.value, i2.gradient, b2.gradient);
 }
 
-void store(ivec2 x, float right_side, vec4 weights) {
-    ivec2 h = ivec2(x.x / 2, x.y);
-    float values[5] = float[](right_side, weights.x, weights.y, weights.z, weights.w);
-    if ((x.x + x.y & 1) == 0) {
-        for (int layer = 0; layer < 5; layer++) imageStore(system_red, ivec3(h, layer), vec4(values[layer]));
-        imageStore(change_red, ivec3(h, 0), vec4(0.0));
-    } else {
-        for (int layer = 0; layer < 5; layer++) imageStore(system_black, ivec3(h, layer), vec4(values[layer]));
-        imageStore(change_black, ivec3(h, 0), vec4(0.0));
-    }
-}
+struct Equation {
+    float right_side;
+    vec4 weights;                    // of the right, left, lower and upper neighbour
+};
 
-void linearise(ivec2 x, float scale, inout float sums[SUMS]) {
+Equation linearise(Registration r, ivec2 x, inout float sums[SUMS]) {
+    float scale = scale_of(r);
     ivec2 size = ivec2(width, height);
     float v = relative_blur_at(x);
     vec4 around = vec4(relative_blur_at(x + ivec2(1, 0)), relative_blur_at(x - ivec2(1, 0)),
@@ -125,16 +119,16 @@ void linearise(ivec2 x, float scale, inout float sums[SUMS]) {
     float right_side = dot(a, around - v);
 
     vec2 p = vec2(x) - vec2(centre_x, centre_y);
-    vec2 d = displacement(state, x, factor, vec2(centre_x, centre_y));
+    vec2 d = displacement(r, x, factor, vec2(centre_x, centre_y));
     float diagonal = 0.0;
     if (inside(x, d, size, v, scale)) {
-        Data t = data_term(x, v, d, scale);
+        Data t = data_term(r, x, v, d, scale);
         diagonal = t.w1 * t.d1 * t.d1 + t.w2 * t.d2 * t.d2;
         right_side -= t.w1 * t.s1 * t.d1 + t.w2 * t.s2 * t.d2;
         float over = 1.0 / max(diagonal + elimination * smoothness, 1e-12);
         float j1[6], j2[6], q[6];
-        jacobian(t.value1, t.gradient1, p, j1);
-        jacobian(t.value2, t.gradient2, p, j2);
+        jacobian(r.gain, t.value1, t.gradient1, p, j1);
+        jacobian(r.gain, t.value2, t.gradient2, p, j2);
         for (int i = 0; i < 6; i++) q[i] = t.w2 * t.d2 * j2[i] - t.w1 * t.d1 * j1[i];
         int n = 0;
         for (int i = 0; i < 6; i++) {
@@ -146,7 +140,19 @@ void linearise(ivec2 x, float scale, inout float sums[SUMS]) {
         sums[VALID] += 1.0;
     }
     float over = 1.0 / max(diagonal + smoothness, 1e-12);
-    store(x, right_side * over, a * over);
+    return Equation(right_side * over, a * over);
+}
+
+// A red and a black pixel beside each other; dV starts from zero.
+void store(ivec2 h, Equation red, Equation black) {
+    float reds[5] = float[](red.right_side, red.weights.x, red.weights.y, red.weights.z, red.weights.w);
+    float blacks[5] = float[](black.right_side, black.weights.x, black.weights.y, black.weights.z, black.weights.w);
+    for (int layer = 0; layer < 5; layer++) {
+        imageStore(system_red, ivec3(h, layer), vec4(reds[layer]));
+        imageStore(system_black, ivec3(h, layer), vec4(blacks[layer]));
+    }
+    imageStore(change_red, ivec3(h, 0), vec4(0.0));
+    imageStore(change_black, ivec3(h, 0), vec4(0.0));
 }
 
 // One row of partial sums a workgroup: subgroups first, then theirs in order.
@@ -155,11 +161,19 @@ shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMS];
 void main() {
     float sums[SUMS];
     for (int n = 0; n < SUMS; n++) sums[n] = 0.0;
-    float scale = sqrt((1.0 + state.a) * (1.0 + state.a) + state.b * state.b);
-    for (int row = 0; row < rows; row++) {
-        ivec2 x = ivec2(gl_GlobalInvocationID.x,
-                        (gl_WorkGroupID.y * rows + row) * gl_WorkGroupSize.y + gl_LocalInvocationID.y);
-        if (x.x < width && x.y < height) linearise(x, scale, sums);
+    Registration r = state.registration;
+    Equation before;
+    for (int n = 0; n < 2 * rows; n++) {
+        ivec2 h = ivec2(gl_GlobalInvocationID.x,
+                        (gl_WorkGroupID.y * rows + n / 2) * gl_WorkGroupSize.y + gl_LocalInvocationID.y);
+        ivec2 x = ivec2(2 * h.x + n % 2, h.y);
+        Equation equation = Equation(0.0, vec4(0.0));
+        if (x.x < width && x.y < height) equation = linearise(r, x, sums);
+        if (n % 2 == 1 && 2 * h.x < width && h.y < height) {
+            if (h.y % 2 == 0) store(h, before, equation);
+            else store(h, equation, before);
+        }
+        before = equation;
     }
     for (int n = 0; n < SUMS; n++) {
         float sum = subgroupAdd(sums[n]);

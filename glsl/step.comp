@@ -89,12 +89,12 @@ void main() {
     // A corner is moved by t and by (a, b) times its distance from the centre, full-size pixels.
     float moved = factor * (sqrt(x[2] * x[2] + x[3] * x[3])
                           + sqrt(a * a + b * b) * sqrt(half_width * half_width + half_height * half_height));
-    state.a += a;
-    state.b += b;
-    state.tx += factor * x[2];
-    state.ty += factor * x[3];
-    state.offset += x[5] - 0.5 * x[4];
-    state.gain += x[4];
+    state.registration.a += a;
+    state.registration.b += b;
+    state.registration.tx += factor * x[2];
+    state.registration.ty += factor * x[3];
+    state.registration.offset += x[5] - 0.5 * x[4];
+    state.registration.gain += x[4];
     float energy = totals[ENERGY] / max(totals[VALID], 1.0);
     float before = state.levels[level].energy;
     bool settled = may_settle == 1 && moved < 0.01 && abs(energy - before) <= 1e-3 * before;

@@ -3,7 +3,7 @@
 use crate::kernel::{self, Filter};
 use crate::stages::stack::{node_count, node_sigma};
 use crate::stages::state::MAX_LEVELS;
-use crate::stages::{WORKGROUP, linearise};
+use crate::stages::{convolve, linearise};
 use crate::vulkan::{Device, MIB};
 use crate::{Channels, Error, Format, Method, Photometric, Settings};
 
@@ -79,6 +79,7 @@ impl Plan {
         let mut add = |filter: Filter| {
             let range = FilterRange { offset: weights.len() as u32, radius: (filter.len() / 2) as u32 };
             weights.extend(filter.iter().map(|&w| w as f32));
+            weights.extend([0.0; convolve::SPAN as usize - 1]);
             range
         };
         Ok(Self {
@@ -219,7 +220,7 @@ impl Level {
 
     /// Workgroups of `linearise`, and so rows of partial sums.
     pub(crate) fn tiles(&self) -> [u32; 3] {
-        [self.size[0].div_ceil(WORKGROUP[0]), self.size[1].div_ceil(WORKGROUP[1] * linearise::ROWS), 1]
+        linearise::tiles(self.size)
     }
 
     /// Width and height of one colour.

@@ -143,9 +143,8 @@ impl<'a> Script<'a> {
         stride: u32,
     ) -> Result<(), Error> {
         let across = convolve::Constants {
-            width: width.div_ceil(stride),
-            height,
             length: width,
+            breadth: height,
             stride,
             vertical: 0,
             from_layer,
@@ -154,8 +153,8 @@ impl<'a> Script<'a> {
             radius: filter.radius,
         };
         let down = convolve::Constants {
-            height: height.div_ceil(stride),
             length: height,
+            breadth: width.div_ceil(stride),
             vertical: 1,
             from_layer: 0,
             to_layer,
@@ -165,7 +164,7 @@ impl<'a> Script<'a> {
         let scratch = &self.w.scratch;
         for (from, to, constants) in [(from, scratch, across), (scratch, to, down)] {
             let resources = [Resource::Image(from), Resource::Image(to), Resource::Buffer(&self.w.filters)];
-            let groups = pipeline.groups([constants.width, constants.height]);
+            let groups = pipeline.groups(convolve::grid(&constants));
             self.pass(pipeline, &resources, &constants, Groups::Direct(groups))?;
         }
         Ok(())

@@ -9,10 +9,14 @@ struct LevelState {
     float valid;       // pixels
 };
 
-struct State {
+struct Registration {
     float a, b;        // s cos θ - 1, s sin θ
     float tx, ty;      // pixels of the full-size image
     float gain, offset;
+};
+
+struct State {
+    Registration registration;
     float correlation; // of the two images at low pass, when the exposure was last matched
     uint degenerate;   // the last step had unknowns that the images do not determine
     LevelState levels[MAX_LEVELS];
@@ -20,9 +24,14 @@ struct State {
 
 // T x - x on a level whose pixels are `factor` wide and whose centre is `centre`: T x itself has steps of 2.4e-4 px at
 // x = 4000 in single precision.
-vec2 displacement(State state, ivec2 x, float factor, vec2 centre) {
+vec2 displacement(Registration r, ivec2 x, float factor, vec2 centre) {
     vec2 p = vec2(x) - centre;
-    return vec2(state.tx, state.ty) / factor + vec2(state.a * p.x - state.b * p.y, state.b * p.x + state.a * p.y);
+    return vec2(r.tx, r.ty) / factor + vec2(r.a * p.x - r.b * p.y, r.b * p.x + r.a * p.y);
+}
+
+// s
+float scale_of(Registration r) {
+    return sqrt((1.0 + r.a) * (1.0 + r.a) + r.b * r.b);
 }
 
 // T x as a pixel and a fraction, not further out than a spline can be read.

@@ -31,7 +31,8 @@ pub const ENERGY: usize = 27;
 pub const VALID: usize = 28;
 /// Numbers summed.
 pub const SUMS: usize = 29;
-/// Pixels an invocation takes, one under another: the sums of a workgroup are reduced once for all of them.
+/// Pairs of a red and a black pixel that an invocation takes, one under another: the sums of a workgroup are reduced once
+/// for all of them.
 pub const ROWS: u32 = 4;
 /// λ.
 pub const ELIMINATION: f32 = 0.1;
@@ -68,6 +69,11 @@ pub struct Constants {
     pub epsilon: f32,
     /// λ; [`ELIMINATION`].
     pub elimination: f32,
+}
+
+/// Workgroups that cover a level.
+pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
+    [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * ROWS), 1]
 }
 
 /// I1, V, stack of I1, stack of I2, red system, black system, red dV, black dV, state, partial sums.
@@ -274,12 +280,11 @@ mod tests {
         let systems = [0, 1].map(|_| rig.empty(half_size, 5));
         let changes = [0, 1].map(|_| rig.empty(half_size, 1));
         let state = rig.upload(bytemuck::bytes_of(&state));
-        let size = [width as u32, (height as u32).div_ceil(ROWS)];
-        let groups = [size[0].div_ceil(WORKGROUP[0]), (height as u32).div_ceil(WORKGROUP[1] * ROWS)];
+        let groups = tiles([width as u32, height as u32]);
         let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
         let mut resources: Vec<_> = inputs.iter().chain(&systems).chain(&changes).map(Resource::Image).collect();
         resources.extend([Resource::Buffer(&state), Resource::Buffer(&partials)]);
-        rig.run_groups(&STAGE, &resources, &c, [groups[0], groups[1], 1]);
+        rig.run_groups(&STAGE, &resources, &c, groups);
 
         for color in [0, 1] {
             let halves: Vec<_> = expected.system.iter().map(|f| half(f, color)).collect();
