@@ -6,7 +6,7 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray from;
 layout(binding = 1, r32f) uniform writeonly image2DArray to;
-layout(binding = 2, std430) readonly buffer Filters { float weights[]; }; // SPAN - 1 zeros after each filter
+layout(binding = 2, std140) uniform Filters { vec4 weights[1024]; }; // four a vector; SPAN - 1 zeros after each filter
 layout(push_constant) uniform Constants {
     int length, breadth;        // along the filtered axis and across it, before the filter
     int stride;
@@ -26,16 +26,18 @@ void main() {
     ivec2 id = ivec2(gl_GlobalInvocationID.xy);
     int first = SPAN * (vertical == 1 ? id.y : id.x), across = vertical == 1 ? id.x : id.y;
     if (first >= length || across >= breadth) return;
-    float sums[SPAN], window[SPAN];                 // window[j]: the weight that result j gives to the value at hand
-    for (int j = 0; j < SPAN; j++) sums[j] = window[j] = 0.0;
+    vec4 low = vec4(0.0), high = vec4(0.0);         // the results
+    vec4 low_window = vec4(0.0), high_window = vec4(0.0); // the weights that they give to the value at hand
     bool whole = first >= radius && first + SPAN + radius <= length;
     for (int n = 0; n < 2 * radius + SPAN; n++) {
-        for (int j = SPAN - 1; j > 0; j--) window[j] = window[j - 1];
-        window[0] = weights[offset + n];
+        high_window = vec4(low_window.w, high_window.xyz);
+        low_window = vec4(weights[(offset + n) >> 2][(offset + n) & 3], low_window.xyz);
         int along = first - radius + n;
         float value = imageLoad(from, place(whole ? along : mirror(along, length), across, from_layer)).r;
-        for (int j = 0; j < SPAN; j++) sums[j] += window[j] * value;
+        low += low_window * value;
+        high += high_window * value;
     }
+    float sums[SPAN] = float[](low.x, low.y, low.z, low.w, high.x, high.y, high.z, high.w);
     for (int j = 0; j < SPAN; j += stride)
         if (first + j < length) imageStore(to, place((first + j) / stride, across, to_layer), vec4(sums[j]));
 }

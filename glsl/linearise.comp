@@ -49,15 +49,30 @@ float inverse_gradient(float right, float left, float down, float up) {
     return inversesqrt(dot(g, g) + smoothness_eta * smoothness_eta);
 }
 
-// ∂S/∂(a L, b L, tx, ty, gain, offset), up to its sign: the read value and gradient of I2 at T x.
-void jacobian(float gain, float value, vec2 gradient, vec2 p, out float j[6]) {
+// ∂S/∂ζ of a residual, up to its sign: by a L, b L, tx, ty; by gain, offset.
+struct Jacobian {
+    vec4 transform;
+    vec2 photometric;
+};
+
+Jacobian jacobian(float gain, float value, vec2 gradient, vec2 p) {
     vec2 g = gain * gradient;
-    j[0] = dot(g, p) / length;
-    j[1] = (g.y * p.x - g.x * p.y) / length;
-    j[2] = g.x;
-    j[3] = g.y;
-    j[4] = value - 0.5;
-    j[5] = 1.0;
+    return Jacobian(vec4(dot(g, p) / length, (g.y * p.x - g.x * p.y) / length, g), vec2(value - 0.5, 1.0));
+}
+
+// Adds w J Jᵀ to N.
+void add_product(inout Sums sums, float w, Jacobian j) {
+    vec4 weighted = w * j.transform;
+    sums.transform += outerProduct(j.transform, weighted);
+    sums.gain += j.photometric.x * weighted;
+    sums.offset += j.photometric.y * weighted;
+    sums.photometric.xyz += w * vec3(j.photometric.x * j.photometric, j.photometric.y * j.photometric.y);
+}
+
+// Adds w J to g.
+void add_gradient(inout Sums sums, float w, Jacobian j) {
+    sums.g_transform += w * j.transform;
+    sums.g_photometric.xy += w * j.photometric;
 }
 
 struct Data {
@@ -100,7 +115,7 @@ struct Equation {
     vec4 weights;                    // of the right, left, lower and upper neighbour
 };
 
-Equation linearise(Registration r, ivec2 x, inout float sums[SUMS]) {
+Equation linearise(Registration r, ivec2 x, inout Sums sums) {
     float scale = scale_of(r);
     ivec2 size = ivec2(width, height);
     float v = relative_blur_at(x);
@@ -126,18 +141,18 @@ Equation linearise(Registration r, ivec2 x, inout float sums[SUMS]) {
         diagonal = t.w1 * t.d1 * t.d1 + t.w2 * t.d2 * t.d2;
         right_side -= t.w1 * t.s1 * t.d1 + t.w2 * t.s2 * t.d2;
         float over = 1.0 / max(diagonal + elimination * smoothness, 1e-12);
-        float j1[6], j2[6], q[6];
-        jacobian(r.gain, t.value1, t.gradient1, p, j1);
-        jacobian(r.gain, t.value2, t.gradient2, p, j2);
-        for (int i = 0; i < 6; i++) q[i] = t.w2 * t.d2 * j2[i] - t.w1 * t.d1 * j1[i];
-        int n = 0;
-        for (int i = 0; i < 6; i++) {
-            sums[GRADIENT + i] += t.w2 * t.s2 * j2[i] - t.w1 * t.s1 * j1[i] + q[i] * right_side * over;
-            for (int j = i; j < 6; j++, n++)
-                sums[n] += t.w1 * j1[i] * j1[j] + t.w2 * j2[i] * j2[j] - q[i] * q[j] * over;
-        }
-        sums[ENERGY] += t.energy + final_alpha / phi;
-        sums[VALID] += 1.0;
+        Jacobian j1 = jacobian(r.gain, t.value1, t.gradient1, p);      // of -S1
+        Jacobian j2 = jacobian(r.gain, t.value2, t.gradient2, p);      // of S2
+        float q1 = -t.w1 * t.d1, q2 = t.w2 * t.d2;
+        Jacobian q = Jacobian(q1 * j1.transform + q2 * j2.transform, q1 * j1.photometric + q2 * j2.photometric);
+        add_product(sums, t.w1, j1);
+        add_product(sums, t.w2, j2);
+        add_product(sums, -over, q);
+        add_gradient(sums, -t.w1 * t.s1, j1);
+        add_gradient(sums, t.w2 * t.s2, j2);
+        add_gradient(sums, right_side * over, q);
+        sums.photometric.w += t.energy + final_alpha / phi;
+        sums.g_photometric.z += 1.0;
     }
     float over = 1.0 / max(diagonal + smoothness, 1e-12);
     return Equation(right_side * over, a * over);
@@ -145,22 +160,26 @@ Equation linearise(Registration r, ivec2 x, inout float sums[SUMS]) {
 
 // A red and a black pixel beside each other; dV starts from zero.
 void store(ivec2 h, Equation red, Equation black) {
-    float reds[5] = float[](red.right_side, red.weights.x, red.weights.y, red.weights.z, red.weights.w);
-    float blacks[5] = float[](black.right_side, black.weights.x, black.weights.y, black.weights.z, black.weights.w);
-    for (int layer = 0; layer < 5; layer++) {
-        imageStore(system_red, ivec3(h, layer), vec4(reds[layer]));
-        imageStore(system_black, ivec3(h, layer), vec4(blacks[layer]));
+    imageStore(system_red, ivec3(h, 0), vec4(red.right_side));
+    imageStore(system_black, ivec3(h, 0), vec4(black.right_side));
+    for (int n = 0; n < 4; n++) {
+        imageStore(system_red, ivec3(h, n + 1), vec4(red.weights[n]));
+        imageStore(system_black, ivec3(h, n + 1), vec4(black.weights[n]));
     }
     imageStore(change_red, ivec3(h, 0), vec4(0.0));
     imageStore(change_black, ivec3(h, 0), vec4(0.0));
 }
 
 // One row of partial sums a workgroup: subgroups first, then theirs in order.
-shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMS];
+shared vec4 by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMS / 4];
+
+void reduce(int n, vec4 sums) {
+    vec4 sum = subgroupAdd(sums);
+    if (subgroupElect()) by_subgroup[gl_SubgroupID][n] = sum;
+}
 
 void main() {
-    float sums[SUMS];
-    for (int n = 0; n < SUMS; n++) sums[n] = 0.0;
+    Sums sums = Sums(mat4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
     Registration r = state.registration;
     Equation before;
     for (int n = 0; n < 2 * rows; n++) {
@@ -175,15 +194,17 @@ void main() {
         }
         before = equation;
     }
-    for (int n = 0; n < SUMS; n++) {
-        float sum = subgroupAdd(sums[n]);
-        if (subgroupElect()) by_subgroup[gl_SubgroupID][n] = sum;
-    }
+    for (int n = 0; n < 4; n++) reduce(n, sums.transform[n]);
+    reduce(GAIN / 4, sums.gain);
+    reduce(OFFSET / 4, sums.offset);
+    reduce(PHOTOMETRIC / 4, sums.photometric);
+    reduce(G_TRANSFORM / 4, sums.g_transform);
+    reduce(G_PHOTOMETRIC / 4, sums.g_photometric);
     barrier();
     uint n = gl_LocalInvocationIndex;
     if (n < SUMS) {
         float sum = 0.0;
-        for (uint group = 0; group < gl_NumSubgroups; group++) sum += by_subgroup[group][n];
+        for (uint group = 0; group < gl_NumSubgroups; group++) sum += by_subgroup[group][n / 4][n % 4];
         partials[(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * SUMS + n] = sum;
     }
 }

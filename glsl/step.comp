@@ -23,19 +23,19 @@ layout(push_constant) uniform Constants {
 };
 
 // Chains that add a share of the rows each, so that one workgroup is not one invocation.
-const int CHAINS = 8;
+const int CHAINS = 7;
 shared float chains[CHAINS][SUMS];
 shared float totals[SUMS];
 
 void add_up() {
-    int n = int(gl_LocalInvocationIndex) % 32, chain = int(gl_LocalInvocationIndex) / 32;
-    if (n < SUMS && chain < CHAINS) {
+    int n = int(gl_LocalInvocationIndex) % SUMS, chain = int(gl_LocalInvocationIndex) / SUMS;
+    if (chain < CHAINS) {
         float sum = 0.0;
         for (int row = chain; row < rows; row += CHAINS) sum += partials[row * SUMS + n];
         chains[chain][n] = sum;
     }
     barrier();
-    if (chain == 0 && n < SUMS) {
+    if (chain == 0) {
         float sum = 0.0;
         for (int c = 0; c < CHAINS; c++) sum += chains[c][n];
         totals[n] = sum;
@@ -45,15 +45,20 @@ void add_up() {
 
 // Cholesky of N scaled to a unit diagonal; unknowns that are held or undetermined take no step.
 void solve(out float x[6]) {
-    float m[6][6], scale[6];
+    float m[6][6], scale[6];                 // the lower triangle of N
     bool held[6];
-    int n = 0;
-    for (int i = 0; i < 6; i++)
-        for (int j = i; j < 6; j++, n++) m[j][i] = totals[n];
+    for (int i = 0; i < 4; i++) {
+        for (int j = 0; j <= i; j++) m[i][j] = totals[4 * i + j];
+        m[4][i] = totals[GAIN + i];
+        m[5][i] = totals[OFFSET + i];
+    }
+    m[4][4] = totals[PHOTOMETRIC];
+    m[5][4] = totals[PHOTOMETRIC + 1];
+    m[5][5] = totals[PHOTOMETRIC + 2];
     for (int i = 0; i < 6; i++) {
         held[i] = (i < 4 ? solve_transform : solve_photometric) == 0 || !(m[i][i] > 1e-12 * totals[VALID]);
         scale[i] = held[i] ? 0.0 : inversesqrt(m[i][i]);
-        x[i] = -totals[GRADIENT + i] * scale[i];
+        x[i] = -(i < 4 ? totals[G_TRANSFORM + i] : totals[G_PHOTOMETRIC + i - 4]) * scale[i];
     }
     bool degenerate = false;
     for (int j = 0; j < 6; j++) {

@@ -163,7 +163,7 @@ impl<'a> Script<'a> {
         let pipeline = &self.pipelines.convolve;
         let scratch = &self.w.scratch;
         for (from, to, constants) in [(from, scratch, across), (scratch, to, down)] {
-            let resources = [Resource::Image(from), Resource::Image(to), Resource::Buffer(&self.w.filters)];
+            let resources = [Resource::Image(from), Resource::Image(to), Resource::Uniform(&self.w.filters)];
             let groups = pipeline.groups(convolve::grid(&constants));
             self.pass(pipeline, &resources, &constants, Groups::Direct(groups))?;
         }

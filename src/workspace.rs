@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::Error;
 use crate::plan::Plan;
+use crate::stages::convolve;
 use crate::stages::linearise::SUMS;
 use crate::stages::state::State;
 use crate::vulkan::{Buffer, Device, Image};
@@ -79,7 +80,7 @@ impl Workspace {
         let partial_rows = plan.pyramid.iter().map(|l| l.tiles()[0] * l.tiles()[1]).max().unwrap_or(1);
         let energy_bytes = 4 * plan.solved as u64 * u64::from(plan.settings.outer_iterations);
         let argument_bytes = (4 * ARGUMENT_WORDS * plan.solved) as u64;
-        let filters = Buffer::for_upload(device, "filters", 4 * plan.weights.len() as u64)?;
+        let filters = Buffer::for_upload(device, "filters", 4 * convolve::WEIGHTS as u64)?;
         filters.write(bytemuck::cast_slice(&plan.weights))?;
         let start_arguments = Buffer::for_upload(device, "indirect arguments at the start", argument_bytes)?;
         start_arguments.write(bytemuck::cast_slice(&arguments(plan)))?;

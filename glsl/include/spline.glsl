@@ -18,13 +18,13 @@ Jet spline_at(int image, int layer, ivec2 size, ivec2 i, vec2 f) {
                        f * f * f / 6.0);
     vec2 d[4] = vec2[](-0.5 * u * u, 1.5 * f * f - 2.0 * f, 2.0 * u - 1.5 * u * u, 0.5 * f * f);
     vec2 dd[4] = vec2[](u, 3.0 * f - 2.0, 3.0 * u - 2.0, f);
-    int columns[4] = int[](mirror(i.x - 1, size.x), mirror(i.x, size.x), mirror(i.x + 1, size.x), mirror(i.x + 2, size.x));
+    ivec2 taps[4] = ivec2[](reflect_once(i - 1, size), reflect_once(i, size), reflect_once(i + 1, size),
+                            reflect_once(i + 2, size));
     Jet jet = Jet(0.0, vec2(0.0), 0.0);
     for (int row = 0; row < 4; row++) {
-        int y = mirror(i.y + row - 1, size.y);
         vec3 line = vec3(0.0);
         for (int column = 0; column < 4; column++) {
-            float c = coefficient(image, ivec3(columns[column], y, layer));
+            float c = coefficient(image, ivec3(taps[column].x, taps[row].y, layer));
             line += vec3(w[column].x, d[column].x, dd[column].x) * c;
         }
         jet.value += w[row].y * line.x;
@@ -36,8 +36,7 @@ Jet spline_at(int image, int layer, ivec2 size, ivec2 i, vec2 f) {
 
 // The spline on pixel i itself: nine coefficients instead of sixteen, and no gradient.
 Jet spline_on(int image, int layer, ivec2 size, ivec2 i) {
-    ivec2 before = ivec2(mirror(i.x - 1, size.x), mirror(i.y - 1, size.y));
-    ivec2 after = ivec2(mirror(i.x + 1, size.x), mirror(i.y + 1, size.y));
+    ivec2 before = reflect_once(i - 1, size), after = reflect_once(i + 1, size);
     float centre = coefficient(image, ivec3(i, layer));
     float sides = coefficient(image, ivec3(before.x, i.y, layer))
                 + coefficient(image, ivec3(after.x, i.y, layer))

@@ -30,7 +30,7 @@ pub const ENERGY: usize = 27;
 /// Where the number of valid pixels stands among the sums.
 pub const VALID: usize = 28;
 /// Numbers summed.
-pub const SUMS: usize = 29;
+pub const SUMS: usize = 36;
 /// Pairs of a red and a black pixel that an invocation takes, one under another: the sums of a workgroup are reduced once
 /// for all of them.
 pub const ROWS: u32 = 4;

@@ -18,6 +18,7 @@ use crate::Error;
 pub(crate) enum Resource<'a> {
     Image(&'a Arc<Image>),
     Buffer(&'a Arc<Buffer>),
+    Uniform(&'a Arc<Buffer>),
 }
 
 /// How many workgroups a pass runs.
@@ -330,7 +331,7 @@ impl Recorder {
     fn allocate_set(&mut self, pipeline: &Pipeline) -> Result<vk::DescriptorSet, Error> {
         if self.sets_left == 0 {
             // No stage binds more than twelve resources of a kind.
-            let sizes = [Binding::Image, Binding::Buffer].map(|binding| vk::DescriptorPoolSize {
+            let sizes = [Binding::Image, Binding::Buffer, Binding::Uniform].map(|binding| vk::DescriptorPoolSize {
                 ty: binding.descriptor_type(),
                 descriptor_count: 12 * SETS_PER_POOL,
             });
@@ -362,7 +363,7 @@ impl Recorder {
                 unsafe { self.device.handle.update_descriptor_sets(&[write.image_info(&info)], &[]) };
                 self.keep.push(image.clone());
             }
-            Resource::Buffer(buffer) => {
+            Resource::Buffer(buffer) | Resource::Uniform(buffer) => {
                 let info = [vk::DescriptorBufferInfo { buffer: buffer.handle, offset: 0, range: vk::WHOLE_SIZE }];
                 // SAFETY: the set is new and used by no submission; the buffer is kept alive.
                 unsafe { self.device.handle.update_descriptor_sets(&[write.buffer_info(&info)], &[]) };
@@ -377,6 +378,7 @@ impl Resource<'_> {
         match self {
             Resource::Image(_) => Binding::Image,
             Resource::Buffer(_) => Binding::Buffer,
+            Resource::Uniform(_) => Binding::Uniform,
         }
     }
 
@@ -384,7 +386,7 @@ impl Resource<'_> {
         use ash::vk::Handle;
         match self {
             Resource::Image(image) => image.handle.as_raw(),
-            Resource::Buffer(buffer) => buffer.handle.as_raw(),
+            Resource::Buffer(buffer) | Resource::Uniform(buffer) => buffer.handle.as_raw(),
         }
     }
 }

@@ -58,6 +58,7 @@ impl Buffer {
         // Shaders read whole words, so the last one must be there.
         let size = size.next_multiple_of(4).max(4);
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::UNIFORM_BUFFER
             | vk::BufferUsageFlags::INDIRECT_BUFFER
             | vk::BufferUsageFlags::TRANSFER_SRC
             | vk::BufferUsageFlags::TRANSFER_DST;

@@ -15,6 +15,8 @@ pub(crate) enum Binding {
     Image,
     /// A storage buffer.
     Buffer,
+    /// A uniform buffer.
+    Uniform,
 }
 
 /// A shader, what it binds in order, and the bytes of its push constants.
@@ -43,6 +45,7 @@ impl Binding {
         match self {
             Binding::Image => vk::DescriptorType::STORAGE_IMAGE,
             Binding::Buffer => vk::DescriptorType::STORAGE_BUFFER,
+            Binding::Uniform => vk::DescriptorType::UNIFORM_BUFFER,
         }
     }
 }
