@@ -5,10 +5,9 @@
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 1, r32f) uniform readonly image2DArray system_red;    // right side, right, left, down, up
-layout(binding = 2, r32f) uniform readonly image2DArray system_black;
-layout(binding = 3, r32f) uniform writeonly image2DArray result;       // layer 0: V, layer 1: confidence
-layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
+layout(binding = 1, rgba32f) uniform readonly image2DArray weights;    // of the linear system: layer 0 red, layer 1 black
+layout(binding = 2, r32f) uniform writeonly image2DArray result;       // layer 0: V, layer 1: confidence
+layout(binding = 3, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
     float centre_x, centre_y;
@@ -17,12 +16,9 @@ layout(push_constant) uniform Constants {
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy);
     if (x.x >= width || x.y >= height) return;
-    ivec2 h = ivec2(x.x / 2, x.y);
-    float smoothness = 0.0;
-    for (int layer = 1; layer < 5; layer++)
-        smoothness += (x.x + x.y & 1) == 0 ? imageLoad(system_red, ivec3(h, layer)).r : imageLoad(system_black, ivec3(h, layer)).r;
+    vec4 a = imageLoad(weights, ivec3(x.x / 2, x.y, x.x + x.y & 1));
     // The weights a are stored over D + Σa, so their sum falls short of 1 by the confidence; by less than 1e-5 is rounding.
-    float confidence = 1.0 - smoothness;
+    float confidence = 1.0 - (a.x + a.y + a.z + a.w);
     float v = imageLoad(relative_blur, ivec3(x, 0)).r;
     Registration r = state.registration;
     vec2 d = displacement(r, x, 1.0, vec2(centre_x, centre_y));

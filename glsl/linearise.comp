@@ -13,8 +13,8 @@ layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 2, r32f) uniform readonly image2DArray stack1;
 layout(binding = 3, r32f) uniform readonly image2DArray stack2;
-layout(binding = 4, r32f) uniform writeonly image2DArray system_red;    // right side, right, left, down, up
-layout(binding = 5, r32f) uniform writeonly image2DArray system_black;
+layout(binding = 4, r32f) uniform writeonly image2DArray right_sides;   // layer 0: red, layer 1: black
+layout(binding = 5, rgba32f) uniform writeonly image2DArray weights;    // likewise; right, left, down, up
 layout(binding = 6, r32f) uniform writeonly image2DArray change_red;    // dV
 layout(binding = 7, r32f) uniform writeonly image2DArray change_black;
 layout(binding = 8, std430) readonly buffer StateBuffer { State state; };
@@ -160,12 +160,10 @@ Equation linearise(Registration r, ivec2 x, inout Sums sums) {
 
 // A red and a black pixel beside each other; dV starts from zero.
 void store(ivec2 h, Equation red, Equation black) {
-    imageStore(system_red, ivec3(h, 0), vec4(red.right_side));
-    imageStore(system_black, ivec3(h, 0), vec4(black.right_side));
-    for (int n = 0; n < 4; n++) {
-        imageStore(system_red, ivec3(h, n + 1), vec4(red.weights[n]));
-        imageStore(system_black, ivec3(h, n + 1), vec4(black.weights[n]));
-    }
+    imageStore(right_sides, ivec3(h, 0), vec4(red.right_side));
+    imageStore(right_sides, ivec3(h, 1), vec4(black.right_side));
+    imageStore(weights, ivec3(h, 0), red.weights);
+    imageStore(weights, ivec3(h, 1), black.weights);
     imageStore(change_red, ivec3(h, 0), vec4(0.0));
     imageStore(change_black, ivec3(h, 0), vec4(0.0));
 }

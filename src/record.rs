@@ -207,8 +207,8 @@ impl<'a> Script<'a> {
             self.relative_blur(level.index),
             &w.stacks[0],
             &w.stacks[1],
-            &w.systems[RED],
-            &w.systems[BLACK],
+            &w.right_sides,
+            &w.weights,
             &w.changes[RED],
             &w.changes[BLACK],
         ];
@@ -233,7 +233,7 @@ impl<'a> Script<'a> {
             over_relaxation: self.plan.settings.over_relaxation as f32,
         };
         let w = self.w;
-        let resources = [&w.systems[color], &w.changes[1 - color], &w.changes[color]].map(Resource::Image);
+        let resources = [&w.right_sides, &w.weights, &w.changes[1 - color], &w.changes[color]].map(Resource::Image);
         self.pass(&self.pipelines.relax, &resources, &constants, self.grid(Grid::Half, level))
     }
 
@@ -255,7 +255,7 @@ impl<'a> Script<'a> {
         let finest = &self.plan.pyramid[0];
         let [width, height] = finest.size;
         let constants = confidence::Constants { width, height, centre: finest.centre.map(|c| c as f32) };
-        let images = [self.relative_blur(0), &self.w.systems[RED], &self.w.systems[BLACK], &self.w.stacks[0]];
+        let images = [self.relative_blur(0), &self.w.weights, &self.w.stacks[0]];
         let resources = [&images.map(Resource::Image)[..], &[Resource::Buffer(&self.w.state)]].concat();
         let pipeline = &self.pipelines.confidence;
         self.pass(pipeline, &resources, &constants, Groups::Direct(pipeline.groups(finest.size)))

@@ -7,7 +7,7 @@ use crate::plan::Plan;
 use crate::stages::convolve;
 use crate::stages::linearise::SUMS;
 use crate::stages::state::State;
-use crate::vulkan::{Buffer, Device, Image};
+use crate::vulkan::{Buffer, Device, Image, Texel};
 
 /// Words of indirect arguments a level: three each for `linearise`, `relax`, `update` and `step`.
 pub(crate) const ARGUMENT_WORDS: usize = 12;
@@ -41,8 +41,10 @@ pub(crate) struct Workspace {
     pub(crate) stacks: [Arc<Image>; 2],
     /// Between the two directions of a separable filter.
     pub(crate) scratch: Arc<Image>,
-    /// Linear system of the red and of the black pixels.
-    pub(crate) systems: [Arc<Image>; 2],
+    /// Linear system for dV: right sides of the red (layer 0) and of the black pixels (layer 1).
+    pub(crate) right_sides: Arc<Image>,
+    /// Linear system for dV: weights of the right, left, lower and upper neighbour, likewise.
+    pub(crate) weights: Arc<Image>,
     /// dV of the red and of the black pixels.
     pub(crate) changes: [Arc<Image>; 2],
     pub(crate) filters: Arc<Buffer>,
@@ -63,7 +65,7 @@ pub(crate) struct Workspace {
 
 impl Workspace {
     pub(crate) fn new(device: &Arc<Device>, plan: &Plan) -> Result<Self, Error> {
-        let image = |name: &str, size, layers| Image::new(device, name, size, layers);
+        let image = |name: &str, size, layers| Image::new(device, name, size, layers, Texel::One);
         let finest = &plan.pyramid[0];
         let levels = plan
             .pyramid
@@ -94,7 +96,8 @@ impl Workspace {
                 image("stack of I2", plan.size, finest.nodes as u32)?,
             ],
             scratch: image("scratch", plan.size, 1)?,
-            systems: [image("red system", finest.half(), 5)?, image("black system", finest.half(), 5)?],
+            right_sides: image("right sides", finest.half(), 2)?,
+            weights: Image::new(device, "weights", finest.half(), 2, Texel::Four)?,
             changes: [image("red dV", finest.half(), 1)?, image("black dV", finest.half(), 1)?],
             filters,
             state: Buffer::on_device(device, "state", size_of::<State>() as u64)?,
@@ -116,7 +119,11 @@ impl Workspace {
     /// Every image, to be made ready once.
     pub(crate) fn images(&self) -> Vec<&Arc<Image>> {
         let levels = self.levels.iter().flat_map(|l| &l.images).chain(&self.relative_blur);
-        levels.chain(&self.stacks).chain([&self.scratch]).chain(&self.systems).chain(&self.changes).collect()
+        levels
+            .chain(&self.stacks)
+            .chain([&self.scratch, &self.right_sides, &self.weights])
+            .chain(&self.changes)
+            .collect()
     }
 }
 

@@ -19,10 +19,10 @@ pub struct Constants {
     pub centre: [f32; 2],
 }
 
-/// V, red system, black system, result (layer 0: V, layer 1: confidence), state.
+/// V, weights of the linear system, result (layer 0: V, layer 1: confidence), state.
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::CONFIDENCE,
-    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Image, Binding::Buffer],
+    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Buffer],
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
@@ -42,7 +42,7 @@ pub fn twin(c: &Constants, r: &Registration, v: &Field, system: &[Field; 5]) -> 
 #[cfg(test)]
 mod tests {
     use super::super::harness::{Rig, random_field};
-    use super::super::relax::half;
+    use super::super::relax::interleaved;
     use super::super::state::State;
     use super::*;
     use crate::vulkan::Resource;
@@ -62,10 +62,10 @@ mod tests {
                 centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0],
             };
             let rig = Rig::new();
-            let systems = [0, 1].map(|color| rig.image(&system.iter().map(|f| half(f, color)).collect::<Vec<_>>()));
+            let weights = rig.weights(&interleaved(&system));
             let (image, result) = (rig.image(&[v.clone()]), rig.empty([width as u32, height as u32], 2));
             let buffer = rig.upload(bytemuck::bytes_of(&state));
-            let images = [&image, &systems[0], &systems[1], &result].map(Resource::Image);
+            let images = [&image, &weights, &result].map(Resource::Image);
             let resources = [&images[..], &[Resource::Buffer(&buffer)]].concat();
             rig.run(&STAGE, &resources, &c, [width as u32, height as u32]);
             let expected = twin(&c, &state.registration(), &v, &system);

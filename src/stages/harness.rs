@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::Field;
 use crate::kernel;
-use crate::vulkan::{Buffer, Device, Groups, Image, Pipeline, Recorder, Resource, Stage};
+use crate::vulkan::{Buffer, Device, Groups, Image, Pipeline, Recorder, Resource, Stage, Texel};
 
 /// A device whose validation messages fail the test when it is dropped.
 pub(crate) struct Rig {
@@ -44,8 +44,22 @@ impl Rig {
 
     /// An image of these layers.
     pub(crate) fn image(&self, layers: &[Field]) -> Arc<Image> {
-        let size = [layers[0].width as u32, layers[0].height as u32];
-        let image = Image::new(self.device(), "test image", size, layers.len() as u32).unwrap();
+        self.image_of(layers, Texel::One)
+    }
+
+    /// An image of four floats a pixel, which stand side by side in the fields.
+    pub(crate) fn weights(&self, layers: &[Field]) -> Arc<Image> {
+        self.image_of(layers, Texel::Four)
+    }
+
+    /// An image of zeros for the weights of both colours.
+    pub(crate) fn empty_weights(&self, [width, height]: [u32; 2]) -> Arc<Image> {
+        self.weights(&vec![Field::zeros(4 * width as usize, height as usize); 2])
+    }
+
+    fn image_of(&self, layers: &[Field], texel: Texel) -> Arc<Image> {
+        let size = [(layers[0].width / texel.floats()) as u32, layers[0].height as u32];
+        let image = Image::new(self.device(), "test image", size, layers.len() as u32, texel).unwrap();
         let values: Vec<f32> = layers.iter().flat_map(Field::to_f32).collect();
         let staging = self.upload(bytemuck::cast_slice(&values));
         self.record(|recorder, _| {
@@ -89,7 +103,7 @@ impl Rig {
 
     /// The layers of an image.
     pub(crate) fn layers(&self, image: &Arc<Image>) -> Vec<Field> {
-        let (width, height) = (image.width as usize, image.height as usize);
+        let (width, height) = (image.width as usize * image.texel.floats(), image.height as usize);
         let staging = self.upload(&vec![0; 4 * width * height * image.layers as usize]);
         self.record(|recorder, _| recorder.download(image, [image.width, image.height], image.layers, &staging));
         self.floats(&staging).chunks_exact(width * height).map(|l| Field::from_f32(width, height, l)).collect()

@@ -23,13 +23,7 @@ use crate::vulkan::{Binding, Stage};
 
 /// Unknowns of the registration step: a L, b L, t_x, t_y (pixels of the level), gain, offset at intensity ½.
 pub const UNKNOWNS: usize = 6;
-/// Where g begins among the sums, after the upper triangle of N by rows.
-pub const GRADIENT: usize = 21;
-/// Where the energy stands among the sums.
-pub const ENERGY: usize = 27;
-/// Where the number of valid pixels stands among the sums.
-pub const VALID: usize = 28;
-/// Numbers summed.
+/// Floats in a row of partial sums.
 pub const SUMS: usize = 36;
 /// Pairs of a red and a black pixel that an invocation takes, one under another: the sums of a workgroup are reduced once
 /// for all of them.
@@ -76,7 +70,7 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * ROWS), 1]
 }
 
-/// I1, V, stack of I1, stack of I2, red system, black system, red dV, black dV, state, partial sums.
+/// I1, V, stack of I1, stack of I2, right sides, weights, red dV, black dV, state, partial sums.
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::LINEARISE,
     bindings: &[
@@ -99,8 +93,41 @@ pub(crate) const STAGE: Stage = Stage {
 pub struct Linearised {
     /// Right side, then the weights of the right, left, lower and upper neighbour, each over D + Σa.
     pub system: [Field; 5],
-    /// Upper triangle of N, g, energy, valid pixels.
-    pub sums: [f64; SUMS],
+    /// N, g, energy, valid pixels.
+    pub sums: Sums,
+}
+
+/// What the registration step sums over the valid pixels.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sums {
+    /// N.
+    pub normal: [[f64; UNKNOWNS]; UNKNOWNS],
+    /// g.
+    pub gradient: [f64; UNKNOWNS],
+    /// Energy.
+    pub energy: f64,
+    /// Valid pixels.
+    pub valid: f64,
+}
+
+impl Sums {
+    /// From rows of partial sums as the device keeps them, nine vec4 each (`glsl/include/sums.glsl`).
+    pub fn from_partials(partials: &[f32]) -> Self {
+        let total = |n: usize| partials.chunks_exact(SUMS).map(|row| f64::from(row[n])).sum::<f64>();
+        let mut sums = Self { energy: total(27), valid: total(34), ..Self::default() };
+        for (i, row) in [0, 4, 8, 12, 16, 20].into_iter().enumerate() {
+            for j in 0..4 {
+                sums.normal[i][j] = total(row + j);
+                sums.normal[j][i] = sums.normal[i][j];
+            }
+        }
+        sums.normal[4][4] = total(24);
+        sums.normal[5][5] = total(26);
+        sums.normal[4][5] = total(25);
+        sums.normal[5][4] = sums.normal[4][5];
+        sums.gradient = std::array::from_fn(|i| total(28 + i));
+        sums
+    }
 }
 
 /// One residual: S, its derivative by V, its weight, and its derivatives by the unknowns.
@@ -120,7 +147,7 @@ pub fn heaviside(v: f64, epsilon: f64) -> f64 {
 pub fn twin(c: &Constants, r: &Registration, i1: &Field, v: &Field, [stack1, stack2]: [&[Field]; 2]) -> Linearised {
     let (width, height) = (v.width, v.height);
     let mut system: [Field; 5] = std::array::from_fn(|_| Field::zeros(width, height));
-    let mut sums = [0.0; SUMS];
+    let mut sums = Sums::default();
     for y in 0..height {
         for x in 0..width {
             let (weights, mut right_side) = smoothness_term(c, v, [x, y]);
@@ -133,8 +160,8 @@ pub fn twin(c: &Constants, r: &Registration, i1: &Field, v: &Field, [stack1, sta
                 right_side -= residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
                 let over = 1.0 / (diagonal + f64::from(c.elimination) * smoothness).max(1e-12);
                 accumulate(&residuals, right_side, over, &mut sums);
-                sums[ENERGY] += energy + f64::from(c.final_alpha) / inverse_gradient(c, v, x as isize, y as isize);
-                sums[VALID] += 1.0;
+                sums.energy += energy + f64::from(c.final_alpha) / inverse_gradient(c, v, x as isize, y as isize);
+                sums.valid += 1.0;
             }
             let over = 1.0 / (diagonal + smoothness).max(1e-12);
             let at = y * width + x;
@@ -224,15 +251,13 @@ fn data_term(
 }
 
 /// Adds a pixel to N and g, its own dV eliminated.
-fn accumulate(residuals: &[Residual; 2], right_side: f64, over: f64, sums: &mut [f64; SUMS]) {
+fn accumulate(residuals: &[Residual; 2], right_side: f64, over: f64, sums: &mut Sums) {
     let sum = |term: &dyn Fn(&Residual) -> f64| residuals.iter().map(|t| t.weight * term(t)).sum::<f64>();
     let q: [f64; UNKNOWNS] = std::array::from_fn(|i| sum(&|t| t.by_v * t.by_unknown[i]));
-    let mut n = 0;
     for i in 0..UNKNOWNS {
-        sums[GRADIENT + i] += sum(&|t| t.s * t.by_unknown[i]) + q[i] * right_side * over;
-        for j in i..UNKNOWNS {
-            sums[n] += sum(&|t| t.by_unknown[i] * t.by_unknown[j]) - q[i] * q[j] * over;
-            n += 1;
+        sums.gradient[i] += sum(&|t| t.s * t.by_unknown[i]) + q[i] * right_side * over;
+        for j in 0..UNKNOWNS {
+            sums.normal[i][j] += sum(&|t| t.by_unknown[i] * t.by_unknown[j]) - q[i] * q[j] * over;
         }
     }
 }
@@ -240,7 +265,7 @@ fn accumulate(residuals: &[Residual; 2], right_side: f64, over: f64, sums: &mut 
 #[cfg(test)]
 mod tests {
     use super::super::harness::{Rig, random_field};
-    use super::super::relax::half;
+    use super::super::relax::{half, interleaved};
     use super::super::state::State;
     use super::*;
     use crate::reference::build_stack;
@@ -277,28 +302,32 @@ mod tests {
         let rig = Rig::new();
         let half_size = [width.div_ceil(2) as u32, height as u32];
         let inputs = [rig.image(&[i1.clone()]), rig.image(&[v.clone()]), rig.image(&stacks[0]), rig.image(&stacks[1])];
-        let systems = [0, 1].map(|_| rig.empty(half_size, 5));
+        let system = [rig.empty(half_size, 2), rig.empty_weights(half_size)];
         let changes = [0, 1].map(|_| rig.empty(half_size, 1));
         let state = rig.upload(bytemuck::bytes_of(&state));
         let groups = tiles([width as u32, height as u32]);
         let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
-        let mut resources: Vec<_> = inputs.iter().chain(&systems).chain(&changes).map(Resource::Image).collect();
+        let mut resources: Vec<_> = inputs.iter().chain(&system).chain(&changes).map(Resource::Image).collect();
         resources.extend([Resource::Buffer(&state), Resource::Buffer(&partials)]);
         rig.run_groups(&STAGE, &resources, &c, groups);
 
-        for color in [0, 1] {
-            let halves: Vec<_> = expected.system.iter().map(|f| half(f, color)).collect();
-            // 2e-4 px²: the right side divides differences of intensities by D, which is small where nothing is textured.
-            rig.assert_close(&systems[color], &halves, 2e-4);
-            rig.assert_close(&changes[color], &[Field::zeros(half_size[0] as usize, height)], 0.0);
+        // 2e-4 px²: the right side divides differences of intensities by D, which is small where nothing is textured.
+        rig.assert_close(&system[0], &[0, 1].map(|color| half(&expected.system[0], color)), 2e-4);
+        rig.assert_close(&system[1], &interleaved(&expected.system), 2e-4);
+        for change in &changes {
+            rig.assert_close(change, &[Field::zeros(half_size[0] as usize, height)], 0.0);
         }
-        let partials = rig.floats(&partials);
-        for (n, expected) in expected.sums.iter().enumerate() {
-            let found: f64 = partials.chunks_exact(SUMS).map(|p| f64::from(p[n])).sum();
-            let size = (0..SUMS).map(|n| partials.chunks_exact(SUMS).map(|p| f64::from(p[n]).abs()).sum::<f64>());
-            let tolerance = 1e-4 * size.fold(1.0, f64::max);
-            assert!((found - expected).abs() < tolerance, "sum {n}: {found}, not {expected} ± {tolerance}");
+        let found = Sums::from_partials(&rig.floats(&partials));
+        let size = expected.sums.normal.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
+        let close = |f: f64, e: f64, what: &str| assert!((f - e).abs() < 1e-4 * size, "{what}: {f}, not {e}");
+        for i in 0..UNKNOWNS {
+            close(found.gradient[i], expected.sums.gradient[i], "g");
+            for j in 0..UNKNOWNS {
+                close(found.normal[i][j], expected.sums.normal[i][j], "N");
+            }
         }
+        close(found.energy, expected.sums.energy, "energy");
+        assert_eq!(found.valid, expected.sums.valid);
     }
 
     #[test]

@@ -22,10 +22,10 @@ pub struct Constants {
     pub over_relaxation: f32,
 }
 
-/// System of this colour (right side, right, left, down, up), dV of the other colour, dV of this colour.
+/// Right sides, weights, dV of the other colour, dV of this colour.
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::RELAX,
-    bindings: &[Binding::Image, Binding::Image, Binding::Image],
+    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Image],
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
@@ -52,6 +52,14 @@ pub fn half(field: &Field, color: usize) -> Field {
     Field::from_fn(field.width.div_ceil(2), field.height, |h, y| {
         let x = 2 * h + ((y + color) & 1);
         if x < field.width { field.get(x, y) } else { 0.0 }
+    })
+}
+
+/// The weights of a system as the device keeps them: a field for each colour, four numbers a pixel side by side.
+pub fn interleaved(system: &[Field; 5]) -> [Field; 2] {
+    [0, 1].map(|color| {
+        let weights: Vec<Field> = system[1..].iter().map(|f| half(f, color)).collect();
+        Field::from_fn(4 * weights[0].width, weights[0].height, |x, y| weights[x % 4].get(x / 4, y))
     })
 }
 
@@ -84,14 +92,14 @@ mod tests {
         for (width, height) in [(37usize, 21usize), (64, 16), (17, 18), (2, 2)] {
             let (system, mut change) = (system(width, height), random_field(width, height, 4));
             let rig = Rig::new();
-            let halves = |fields: &[Field], color| fields.iter().map(|f| half(f, color)).collect::<Vec<_>>();
-            let systems = [0, 1].map(|color| rig.image(&halves(&system, color)));
-            let changes = [0, 1].map(|color| rig.image(&halves(std::slice::from_ref(&change), color)));
+            let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
+            let weights = rig.weights(&interleaved(&system));
+            let changes = [0, 1].map(|color| rig.image(&[half(&change, color)]));
             for color in [0, 1, 0, 1] {
                 let constants =
                     Constants { width: width as u32, height: height as u32, color: color as u32, over_relaxation: 1.8 };
                 twin(&constants, &system, &mut change);
-                let resources = [&systems[color], &changes[1 - color], &changes[color]].map(Resource::Image);
+                let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
                 rig.run(&STAGE, &resources, &constants, [width.div_ceil(2) as u32, height as u32]);
             }
             for color in [0, 1] {
@@ -149,10 +157,11 @@ mod tests {
             return;
         }
         let system = system(width, height);
-        let systems = [0, 1].map(|c| rig.image(&system.iter().map(|f| half(f, c)).collect::<Vec<_>>()));
+        let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
+        let weights = rig.weights(&interleaved(&system));
         let changes = [0, 1].map(|_| rig.image(&[Field::zeros(width / 2, height)]));
         let pass = |color: usize| {
-            let resources = [&systems[color], &changes[1 - color], &changes[color]];
+            let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]];
             let constants =
                 Constants { width: width as u32, height: height as u32, color: color as u32, over_relaxation: 1.8 };
             (resources, constants)

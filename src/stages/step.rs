@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
 use super::WORKGROUP;
-use super::linearise::{ENERGY, GRADIENT, SUMS, UNKNOWNS, VALID};
+use super::linearise::{Sums, UNKNOWNS};
 use super::state::Registration;
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
@@ -56,7 +56,7 @@ pub struct Step {
 }
 
 /// Steps T, gain and offset in place. `before` is the energy of the iteration before.
-pub fn twin(c: &Constants, sums: &[f64; SUMS], r: &mut Registration, before: f64) -> Step {
+pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> Step {
     let x = solve(c, sums);
     let (a, b) = (x[0] / f64::from(c.length), x[1] / f64::from(c.length));
     let corner = f64::from(c.half_size[0]).hypot(c.half_size[1].into());
@@ -68,25 +68,17 @@ pub fn twin(c: &Constants, sums: &[f64; SUMS], r: &mut Registration, before: f64
     r.t[1] += factor * x[3];
     r.offset += x[5] - 0.5 * x[4];
     r.gain += x[4];
-    let energy = sums[ENERGY] / sums[VALID].max(1.0);
+    let energy = sums.energy / sums.valid.max(1.0);
     let settled = c.may_settle == 1 && moved < 0.01 && (energy - before).abs() <= 1e-3 * before;
     Step { energy, settled }
 }
 
 /// Solves for the unknowns that are free and that the images determine; the others take no step.
-fn solve(c: &Constants, sums: &[f64; SUMS]) -> [f64; UNKNOWNS] {
+fn solve(c: &Constants, sums: &Sums) -> [f64; UNKNOWNS] {
     let free = |i: usize| (if i < 4 { c.solve_transform } else { c.solve_photometric }) == 1;
-    let mut n = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
-    let mut at = 0;
-    for i in 0..UNKNOWNS {
-        for j in i..UNKNOWNS {
-            n[(i, j)] = sums[at];
-            n[(j, i)] = sums[at];
-            at += 1;
-        }
-    }
-    let held: [bool; UNKNOWNS] = std::array::from_fn(|i| !free(i) || n[(i, i)] <= 1e-12 * sums[VALID]);
-    let mut g = SVector::<f64, UNKNOWNS>::from_fn(|i, _| -sums[GRADIENT + i]);
+    let mut n = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_fn(|i, j| sums.normal[i][j]);
+    let held: [bool; UNKNOWNS] = std::array::from_fn(|i| !free(i) || n[(i, i)] <= 1e-12 * sums.valid);
+    let mut g = SVector::<f64, UNKNOWNS>::from_fn(|i, _| -sums.gradient[i]);
     for i in (0..UNKNOWNS).filter(|&i| held[i]) {
         n.row_mut(i).fill(0.0);
         n.column_mut(i).fill(0.0);
@@ -99,6 +91,7 @@ fn solve(c: &Constants, sums: &[f64; SUMS]) -> [f64; UNKNOWNS] {
 #[cfg(test)]
 mod tests {
     use super::super::harness::{Rig, random};
+    use super::super::linearise::SUMS;
     use super::super::state::State;
     use super::*;
     use crate::vulkan::Resource;
@@ -120,6 +113,16 @@ mod tests {
         }
     }
 
+    /// Where the device keeps N between unknowns i and j >= i; see `glsl/include/sums.glsl`.
+    fn place(i: usize, j: usize) -> usize {
+        match (i, j) {
+            (4, 4) => 24,
+            (4, 5) => 25,
+            (5, 5) => 26,
+            _ => 4 * j + i,
+        }
+    }
+
     /// Partial sums of a well-posed problem: each row a few random residuals.
     fn partials(rows: usize, pixels: usize) -> Vec<f32> {
         let mut numbers = random(rows * pixels * 8, 11).into_iter();
@@ -129,16 +132,17 @@ mod tests {
             for _ in 0..pixels {
                 let j: [f64; UNKNOWNS] = std::array::from_fn(|_| numbers.next().unwrap() - 0.5);
                 let s = 0.01 * (numbers.next().unwrap() - 0.5);
-                let mut n = 0;
                 for i in 0..UNKNOWNS {
-                    sums[GRADIENT + i] += j[i] * s;
+                    sums[28 + i] += j[i] * s;
                     for k in i..UNKNOWNS {
-                        sums[n] += j[i] * j[k];
-                        n += 1;
+                        sums[place(i, k)] += j[i] * j[k];
+                        if k < 4 && k != i {
+                            sums[place(k, i)] += j[i] * j[k];
+                        }
                     }
                 }
-                sums[ENERGY] += s.abs();
-                sums[VALID] += 1.0;
+                sums[27] += s.abs();
+                sums[34] += 1.0;
             }
             all.extend(sums.map(|s| s as f32));
         }
@@ -158,10 +162,7 @@ mod tests {
         ];
         rig.run_groups(&STAGE, &buffers.each_ref().map(Resource::Buffer), &c, [1, 1, 1]);
         let found: State = rig.value(&buffers[1]);
-        let mut sums = [0.0; SUMS];
-        for row in partials.chunks_exact(SUMS) {
-            sums.iter_mut().zip(row).for_each(|(sum, p)| *sum += f64::from(*p));
-        }
+        let sums = Sums::from_partials(partials);
         let mut expected = state.registration();
         let step = twin(&c, &sums, &mut expected, before.into());
         let found_registration = found.registration();
@@ -210,9 +211,9 @@ mod tests {
         assert_eq!(state.degenerate, 1);
         // Gain and offset of a constant image cannot be told apart: only one of them may step.
         let mut sums = [0.0f32; SUMS];
-        sums[18..21].copy_from_slice(&[4.0, 8.0, 16.0]);
-        sums[GRADIENT + 4..GRADIENT + 6].copy_from_slice(&[0.2, 0.4]);
-        sums[VALID] = 16.0;
+        sums[24..27].copy_from_slice(&[4.0, 8.0, 16.0]);
+        sums[32..34].copy_from_slice(&[0.2, 0.4]);
+        sums[34] = 16.0;
         let rig = Rig::new();
         let buffers = [
             rig.upload(bytemuck::cast_slice(&sums)),

@@ -98,7 +98,7 @@ impl Device {
         let found = unsafe {
             self.instance.handle.get_physical_device_image_format_properties(
                 self.physical.handle,
-                super::memory::FORMAT,
+                super::memory::Texel::One.format(),
                 vk::ImageType::TYPE_2D,
                 vk::ImageTiling::OPTIMAL,
                 super::memory::IMAGE_USAGE,

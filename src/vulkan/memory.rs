@@ -10,8 +10,33 @@ use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
 use super::device::Device;
 use crate::Error;
 
-/// Every image holds one 32-bit float a pixel.
-pub(super) const FORMAT: vk::Format = vk::Format::R32_SFLOAT;
+/// What an image holds in a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Texel {
+    /// One 32-bit float.
+    One,
+    /// Four of them.
+    Four,
+}
+
+impl Texel {
+    pub(super) fn format(self) -> vk::Format {
+        match self {
+            Texel::One => vk::Format::R32_SFLOAT,
+            Texel::Four => vk::Format::R32G32B32A32_SFLOAT,
+        }
+    }
+
+    /// Floats a pixel.
+    #[cfg(test)]
+    pub(crate) fn floats(self) -> usize {
+        match self {
+            Texel::One => 1,
+            Texel::Four => 4,
+        }
+    }
+}
+
 /// Every image is read and written by shaders and copied.
 pub(super) const IMAGE_USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
     vk::ImageUsageFlags::STORAGE.as_raw()
@@ -27,13 +52,15 @@ pub(crate) struct Buffer {
     device: Arc<Device>,
 }
 
-/// An array of `layers` fields of `width` x `height` 32-bit floats.
+/// An array of `layers` fields of `width` x `height` texels.
 pub(crate) struct Image {
     pub(super) handle: vk::Image,
     pub(super) view: vk::ImageView,
     pub(crate) width: u32,
     pub(crate) height: u32,
     pub(crate) layers: u32,
+    #[cfg(test)]
+    pub(crate) texel: Texel,
     allocation: ManuallyDrop<Allocation>,
     device: Arc<Device>,
 }
@@ -116,10 +143,11 @@ impl Image {
         name: &str,
         [width, height]: [u32; 2],
         layers: u32,
+        texel: Texel,
     ) -> Result<Arc<Self>, Error> {
         let create = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
-            .format(FORMAT)
+            .format(texel.format())
             .extent(vk::Extent3D { width, height, depth: 1 })
             .mip_levels(1)
             .array_layers(layers)
@@ -142,6 +170,8 @@ impl Image {
             width,
             height,
             layers,
+            #[cfg(test)]
+            texel,
             allocation: ManuallyDrop::new(allocation),
             device: device.clone(),
         };
@@ -149,7 +179,7 @@ impl Image {
         let create = vk::ImageViewCreateInfo::default()
             .image(handle)
             .view_type(vk::ImageViewType::TYPE_2D_ARRAY)
-            .format(FORMAT)
+            .format(texel.format())
             .subresource_range(image.whole());
         // SAFETY: the image is bound and belongs to this device.
         image.view = device.check("vkCreateImageView", unsafe { device.handle.create_image_view(&create, None) })?;

@@ -12,6 +12,6 @@ mod timestamps;
 pub(crate) use commands::{Groups, Recorder, Resource};
 pub(crate) use device::{Device, MIB};
 pub(crate) use instance::Instance;
-pub(crate) use memory::{Buffer, Image};
+pub(crate) use memory::{Buffer, Image, Texel};
 pub(crate) use pipeline::{Binding, Pipeline, Stage};
 pub(crate) use recording::Recording;
