@@ -102,13 +102,15 @@ void main() {
     state.registration.gain += x[4];
     float energy = totals[ENERGY] / max(totals[VALID], 1.0);
     float before = state.levels[level].energy;
-    bool settled = may_settle == 1 && moved < 0.01 && abs(energy - before) <= 1e-3 * before;
+    float change = abs(energy - before);
+    bool converged = may_settle == 1 && moved < 0.01 && change <= 1e-3 * before;
     state.levels[level].energy = energy;
     state.levels[level].valid = totals[VALID];
     state.levels[level].iterations += 1;
     energies[energy_place] = energy;
-    if (settled) {
-        state.levels[level].settled = 1;
+    state.levels[level].converged = uint(converged);
+    // A level goes on a little after it has converged: the energy is flat before V is.
+    if (converged && change <= 1e-4 * before) {
         for (int i = 0; i < argument_count; i++) arguments[argument_place + i] = 0;
     }
 }

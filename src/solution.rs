@@ -31,6 +31,8 @@ pub struct Solution {
     pub warnings: Vec<String>,
     /// Fraction of pixels whose whole blur window lies inside both images.
     pub valid_fraction: f64,
+    /// Mean confidence of the valid pixels.
+    pub mean_confidence: f64,
     /// Fraction of the valid pixels at the limit of |V|.
     pub saturated_fraction: f64,
     /// Where the time went.
@@ -77,7 +79,7 @@ impl Solution {
         let limit = 0.999 * settings.max_relative_blur as f32;
         let saturated = valid.iter().filter(|v| v.abs() >= limit).count();
         self.saturated_fraction = saturated as f64 / valid.len().max(1) as f64;
-        let confidence: f64 = self.confidence.iter().map(|&c| f64::from(c)).sum::<f64>() / valid.len().max(1) as f64;
+        self.mean_confidence = self.confidence.iter().map(|&c| f64::from(c)).sum::<f64>() / valid.len().max(1) as f64;
 
         let mut doubts = Vec::new();
         if self.valid_fraction < LEAST_VALID {
@@ -85,7 +87,7 @@ impl Solution {
                 "the images do not overlap: see whether they belong together, or start from a nearer transform"
                     .to_string(),
             );
-        } else if confidence < LEAST_CONFIDENCE {
+        } else if self.mean_confidence < LEAST_CONFIDENCE {
             doubts.push(
                 "there is too little texture to see blur by: light or focus the scene so that texture shows"
                     .to_string(),
@@ -95,9 +97,9 @@ impl Solution {
                 "the registered images hardly correlate ({:.2}): see whether they belong together, or start from a nearer transform",
                 state.correlation
             ));
-        } else if state.levels[0].settled == 0 {
+        } else if state.levels[0].converged == 0 {
             doubts.push(format!(
-                "the finest level had not settled after {} outer iterations: allow more",
+                "the finest level had not converged after {} outer iterations: allow more",
                 state.levels[0].iterations
             ));
         }

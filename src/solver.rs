@@ -161,6 +161,7 @@ impl Solver {
             converged: false,
             warnings: Vec::new(),
             valid_fraction: 0.0,
+            mean_confidence: 0.0,
             saturated_fraction: 0.0,
             timings: Timings { total_ms: 0.0, gpu_ms, passes_ms },
         };

@@ -4,7 +4,7 @@ const int MAX_LEVELS = 12;
 
 struct LevelState {
     uint iterations;
-    uint settled;
+    uint converged;    // the latest iteration moved no corner by 0.01 px and the energy by less than 0.1 %
     float energy;      // of the latest iteration
     float valid;       // pixels
 };

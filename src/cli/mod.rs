@@ -9,6 +9,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use self::failure::Failure;
+
 /// Environment variable that turns the Vulkan validation layer on.
 const VALIDATE: &str = "PARFOCAL_VALIDATE";
 
@@ -48,6 +50,14 @@ pub fn main() -> ExitCode {
 /// Whether the environment asks for the validation layer.
 fn validation_asked() -> bool {
     std::env::var_os(VALIDATE).is_some_and(|value| !value.is_empty() && value != "0")
+}
+
+/// Fails if validation, where it was asked for, has reported anything.
+fn check_validation(engine: &parfocal::Engine) -> Result<(), Failure> {
+    match engine.validation_messages().as_slice() {
+        [] => Ok(()),
+        messages => Err(Failure::Failed(format!("validation reported: {}", messages.join("; ")))),
+    }
 }
 
 #[cfg(test)]

@@ -136,6 +136,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (i1, i2) = image_io::read_pair(&arguments.i1, &arguments.i2)?;
     let engine = Engine::new(&engine_options(arguments))?;
     let solution = solve(&engine, &i1, &i2, &settings, arguments).map_err(|e| Failure::of_solve(e, &arguments.i1))?;
+    super::check_validation(&engine)?;
     let nearer = if arguments.nearer == 2 { Nearer::Second } else { Nearer::First };
     let report = Report::new(&solution, &settings, engine.info(), nearer);
     let look = Look { nearer, decode: settings.decode, formats: [i1.format(), i2.format()] };

@@ -101,6 +101,7 @@ mod tests {
             converged: false,
             warnings: vec!["something to know".to_string()],
             valid_fraction: 0.5,
+            mean_confidence: 0.5,
             saturated_fraction: 0.25,
             timings: Timings { total_ms: 9.0, gpu_ms: 7.0, passes_ms: vec![] },
         };

@@ -28,6 +28,8 @@ pub struct Report {
     pub relative_blur: RangeReport,
     /// Fraction of pixels whose whole blur window lies inside both images.
     pub valid_fraction: f64,
+    /// Mean confidence of the valid pixels.
+    pub mean_confidence: f64,
     /// Fraction of the valid pixels at the limit of |V|.
     pub saturated_fraction: f64,
     /// Which image was taken to be focused nearer, 1 or 2.
@@ -135,6 +137,7 @@ impl Report {
             converged: solution.converged,
             relative_blur: RangeReport::of(&solution.relative_blur),
             valid_fraction: solution.valid_fraction,
+            mean_confidence: solution.mean_confidence,
             saturated_fraction: solution.saturated_fraction,
             nearer: nearer.number(),
             warnings: solution.warnings.clone(),

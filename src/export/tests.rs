@@ -22,6 +22,7 @@ fn solution() -> Solution {
         converged: true,
         warnings: vec!["a warning".to_string()],
         valid_fraction: 4.0 / 6.0,
+        mean_confidence: 0.0,
         saturated_fraction: f64::NAN,
         timings: Timings { total_ms: 9.0, gpu_ms: 7.0, passes_ms: vec![("warp", 1.0), ("blur", 2.0), ("apply", 3.0)] },
     }
@@ -69,6 +70,7 @@ fn the_report_has_the_fields_that_scripts_read() {
         "converged",
         "relative_blur",
         "valid_fraction",
+        "mean_confidence",
         "saturated_fraction",
         "nearer",
         "warnings",

@@ -37,8 +37,8 @@ pub struct State {
 pub struct LevelState {
     /// Outer iterations.
     pub iterations: u32,
-    /// 1 once T and E stand still at the final α.
-    pub settled: u32,
+    /// 1 if the latest iteration, at the final α, moved no corner by 0.01 px and the energy by less than 0.1 %.
+    pub converged: u32,
     /// Energy a valid pixel, of the latest iteration.
     pub energy: f32,
     /// Valid pixels.

@@ -51,7 +51,10 @@ pub(crate) const STAGE: Stage = Stage {
 pub struct Step {
     /// Energy a valid pixel, before the step.
     pub energy: f64,
-    /// Whether the level has settled: no corner moved by 0.01 px and the energy changed by less than 0.1 %.
+    /// No corner moved by 0.01 px and the energy changed by less than 0.1 %.
+    pub converged: bool,
+    /// The energy, besides, changed by less than 0.01 %, and the level stops. The energy is flat before V is: stopping at
+    /// 0.1 % put V of the Cup pair 0.086 px² from that of the same pair undisplaced, going on 0.049.
     pub settled: bool,
 }
 
@@ -69,8 +72,9 @@ pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> St
     r.offset += x[5] - 0.5 * x[4];
     r.gain += x[4];
     let energy = sums.energy / sums.valid.max(1.0);
-    let settled = c.may_settle == 1 && moved < 0.01 && (energy - before).abs() <= 1e-3 * before;
-    Step { energy, settled }
+    let change = (energy - before).abs();
+    let converged = c.may_settle == 1 && moved < 0.01 && change <= 1e-3 * before;
+    Step { energy, converged, settled: converged && change <= 1e-4 * before }
 }
 
 /// Solves for the unknowns that are free and that the images determine; the others take no step.
@@ -176,7 +180,7 @@ mod tests {
         close(found.levels[1].energy.into(), step.energy);
         close(rig.floats(&buffers[2])[3].into(), step.energy);
         assert_eq!(found.levels[1].iterations, 1);
-        assert_eq!(found.levels[1].settled, u32::from(step.settled));
+        assert_eq!(found.levels[1].converged, u32::from(step.converged));
         (found, rig.words(&buffers[3]))
     }
 
@@ -198,10 +202,13 @@ mod tests {
         let held = Constants { solve_transform: 0, solve_photometric: 0, ..constants(8) };
         let energy = check(held, &partials, 0.1).0.levels[1].energy;
         let (state, arguments) = check(held, &partials, energy);
-        assert_eq!(state.levels[1].settled, 1);
+        assert_eq!(state.levels[1].converged, 1);
         assert_eq!(arguments, [7, 7, 7, 7, 0, 0, 0, 0, 7, 7, 7, 7]);
+        let (state, arguments) = check(held, &partials, 1.0005 * energy);
+        assert_eq!(state.levels[1].converged, 1);
+        assert_eq!(arguments, [7; 12], "converged, and not yet settled");
         let (state, arguments) = check(Constants { may_settle: 0, ..held }, &partials, energy);
-        assert_eq!(state.levels[1].settled, 0);
+        assert_eq!(state.levels[1].converged, 0);
         assert_eq!(arguments, [7; 12]);
     }
 

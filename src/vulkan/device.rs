@@ -156,6 +156,8 @@ impl Device {
 impl Drop for Device {
     fn drop(&mut self) {
         if self.is_poisoned() {
+            // What the device may still use is left alone, and so is the instance under it.
+            std::mem::forget(self.instance.clone());
             return;
         }
         // SAFETY: everything made from the device holds an Arc to it and is gone; the queue is idle after this wait; the

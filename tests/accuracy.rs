@@ -1,0 +1,133 @@
+//! The figures that the README quotes, each with its bound: `cargo test --release --test accuracy -- --nocapture`.
+
+mod common;
+
+use common::scene::{displaced, exposed, pair, slanted};
+use common::{TestEngine, assert_transform, blur_error, real_pair};
+use parfocal::{Frame, Settings, Similarity, Solution};
+
+const SIZE: u32 = 256;
+
+fn plane_truth() -> Similarity {
+    Similarity::new(1.3, -0.9, 0.15, 1.01)
+}
+
+fn slanted_plane(noise: f64) -> [Frame; 2] {
+    pair([SIZE, SIZE], &plane_truth(), slanted(SIZE), noise, 1)
+}
+
+fn plane_error(solution: &Solution) -> f64 {
+    let truth = |x: usize, _: usize| {
+        let [v1, v2] = slanted(SIZE)([x as f64, 0.0]);
+        v2 - v1
+    };
+    let (rms, bias) = blur_error(solution, truth);
+    println!("V rms {rms:.4} px², bias {bias:+.4}");
+    rms
+}
+
+#[test]
+fn slanted_plane_without_noise() {
+    let [i1, i2] = slanted_plane(0.0);
+    let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
+    assert_transform(&solution.transform, &plane_truth(), [0.005, 0.0005, 0.005]);
+    assert!(plane_error(&solution) <= 0.03);
+    assert!(solution.converged, "{:?}", solution.warnings);
+}
+
+#[test]
+fn slanted_plane_with_noise() {
+    let [i1, i2] = slanted_plane(0.003);
+    let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
+    assert_transform(&solution.transform, &plane_truth(), [0.01, 0.002, 0.008]);
+    assert!(plane_error(&solution) <= 0.08);
+}
+
+#[test]
+fn slanted_plane_under_another_exposure() {
+    for noise in [0.0, 0.003] {
+        let [i1, i2] = slanted_plane(noise);
+        let i2 = exposed(&i2, 0.9, 0.05);
+        let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
+        let bounds = if noise == 0.0 { [0.005, 0.0005, 0.005] } else { [0.01, 0.002, 0.008] };
+        assert_transform(&solution.transform, &plane_truth(), bounds);
+        assert!(plane_error(&solution) <= if noise == 0.0 { 0.03 } else { 0.08 });
+        if noise == 0.0 {
+            assert!((solution.photometric.gain - 1.0 / 0.9).abs() < 1e-3, "{:?}", solution.photometric);
+            assert!((solution.photometric.offset + 0.05 / 0.9).abs() < 1e-3, "{:?}", solution.photometric);
+        }
+    }
+}
+
+#[test]
+fn cup_displaced() {
+    let Some([near, far]) = real_pair("cup", ["breakfast_near.png", "breakfast_far.png"]) else { return };
+    let engine = TestEngine::new();
+    let undisplaced = engine.solve([&near, &far], &Settings::default());
+    let by = Similarity::new(1.8, 2.3, 0.2, 1.01);
+    let solution = engine.solve([&near, &displaced(&far, &by)], &Settings::default());
+    assert_transform(&solution.transform, &by.after(&undisplaced.transform), [0.005, 0.0005, 0.003]);
+    let width = solution.width as usize;
+    let (rms, bias) = blur_error(&solution, |x, y| f64::from(undisplaced.relative_blur[y * width + x]));
+    println!("V rms {rms:.4} px², bias {bias:+.4}, against the undisplaced pair's");
+    assert!(rms <= 0.08);
+}
+
+/// The sketch's estimates on half-size images, doubled, agree at the corners to half a pixel of the full-size image.
+fn check_real(folder: &str, names: [&str; 2], half_size: [f64; 4]) -> Option<Solution> {
+    let [i1, i2] = real_pair(folder, names)?;
+    let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
+    let [tx, ty, degrees, percent] = half_size;
+    let expected = Similarity::new(2.0 * tx, 2.0 * ty, degrees, 1.0 + percent / 100.0);
+    let distance = solution.transform.corner_distance(&expected, solution.width, solution.height);
+    println!(
+        "{folder}: corners {distance:.3} px from the sketch's; {:.1} % saturated; confidence {:.5}; {:?}",
+        100.0 * solution.saturated_fraction,
+        solution.mean_confidence,
+        solution.warnings
+    );
+    assert!(distance <= 0.5, "{:?}", solution.transform);
+    let told = solution.warnings.iter().any(|w| w.contains("limit of |V|"));
+    assert_eq!(told, solution.saturated_fraction > 0.1);
+    Some(solution)
+}
+
+#[test]
+fn heatsink() {
+    let solution = check_real("heatsink", ["frame_15.png", "frame_30.png"], [0.30, -0.07, 0.007, 0.75]).unwrap();
+    // The top of the fins is the nearest: I2, focused there, is the sharper, so V is negative on the heat sink.
+    assert!(solution.relative_blur[540 * 1920 + 960] < -10.0);
+}
+
+#[test]
+fn pcb_header() {
+    check_real("pcb-header", ["pcb_003.jpg", "pcb_005.jpg"], [-1.56, 3.46, -0.004, -1.29]);
+}
+
+#[test]
+fn dimple() {
+    check_real("dimple", ["image05.jpg", "image09.jpg"], [-4.31, 7.59, -0.018, -3.31]);
+}
+
+#[test]
+fn leaves_have_the_right_sign() {
+    let Some([i1, i2]) = real_pair("leaves", ["02sm.png", "04sm.png"]) else { return };
+    let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
+    let valid: Vec<f32> = solution.relative_blur.iter().copied().filter(|v| !v.is_nan()).collect();
+    let negative = valid.iter().filter(|v| **v < 0.0).count() as f64 / valid.len() as f64;
+    println!("V negative over {:.1} % of the valid pixels, gain {:.4}", 100.0 * negative, solution.photometric.gain);
+    assert!(negative > 0.8);
+}
+
+#[test]
+fn far_apart_at_two_megapixels() {
+    let [i1, i2] = real_pair("heatsink", ["frame_15.png", "frame_30.png"]).unwrap();
+    let engine = TestEngine::new();
+    let quick = Settings { outer_iterations: 8, ..Settings::default() };
+    let near = engine.solve([&i1, &i2], &quick);
+    let by = Similarity::new(24.0, -18.0, 0.5, 1.08);
+    let far = engine.solve([&i1, &displaced(&i2, &by)], &quick);
+    let distance = far.transform.corner_distance(&by.after(&near.transform), i1.width(), i1.height());
+    println!("30 px and 8 % away: corners {distance:.3} px from where they belong");
+    assert!(distance < 0.5, "{:?}", far.transform);
+}

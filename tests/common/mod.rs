@@ -1,0 +1,92 @@
+//! What the tests of the whole solver share: a device under validation, scenes with known V and T, real pairs.
+#![allow(dead_code, reason = "each test program uses its own part")]
+
+pub mod scene;
+
+use std::ops::Deref;
+use std::path::PathBuf;
+
+use parfocal::{Engine, EngineOptions, Frame, Settings, Similarity, Solution, Solver, image_io};
+
+/// An engine whose validation messages fail the test when it is dropped.
+pub struct TestEngine(Engine);
+
+impl TestEngine {
+    /// On the device named by PARFOCAL_DEVICE, under validation unless PARFOCAL_VALIDATE is 0. A missing device or layer
+    /// fails the test.
+    pub fn new() -> Self {
+        Self(Engine::new(&options()).unwrap())
+    }
+
+    /// Solves one pair.
+    pub fn solve(&self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Solution {
+        Solver::for_pair(self, i1, i2, settings).unwrap().solve(i1, i2).unwrap()
+    }
+}
+
+/// How every test opens its device.
+pub fn options() -> EngineOptions {
+    EngineOptions {
+        device: std::env::var("PARFOCAL_DEVICE").ok(),
+        validation: std::env::var("PARFOCAL_VALIDATE").as_deref() != Ok("0"),
+        ..EngineOptions::default()
+    }
+}
+
+impl Deref for TestEngine {
+    type Target = Engine;
+
+    fn deref(&self) -> &Engine {
+        &self.0
+    }
+}
+
+impl Drop for TestEngine {
+    fn drop(&mut self) {
+        let messages = self.0.validation_messages();
+        assert!(std::thread::panicking() || messages.is_empty(), "validation: {messages:#?}");
+    }
+}
+
+/// A real pair: of the project's own data, or of a folder of pairs named by PARFOCAL_PAIRS (else `../shared/data`). Pairs
+/// that may not be copied into the project can be absent: that is said, and `None`.
+pub fn real_pair(folder: &str, names: [&str; 2]) -> Option<[Frame; 2]> {
+    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    let from = |name: &str| std::env::var_os(name).map(PathBuf::from);
+    let own = from("PARFOCAL_DATA").unwrap_or_else(|| root.join("data"));
+    let others = from("PARFOCAL_PAIRS").unwrap_or_else(|| root.join("../shared/data"));
+    let Some(data) = [own, others].into_iter().map(|d| d.join(folder)).find(|d| d.is_dir()) else {
+        eprintln!("the pair '{folder}' is absent: set PARFOCAL_PAIRS to the folder that holds it; nothing was tested");
+        return None;
+    };
+    let (i1, i2) = image_io::read_pair(&data.join(names[0]), &data.join(names[1])).unwrap();
+    Some([i1, i2])
+}
+
+/// Rms and mean of V less the truth, 16 px inside the border, over the valid pixels.
+pub fn blur_error(solution: &Solution, truth: impl Fn(usize, usize) -> f64) -> (f64, f64) {
+    let (width, height, border) = (solution.width as usize, solution.height as usize, 16);
+    let errors: Vec<f64> = (border..height - border)
+        .flat_map(|y| (border..width - border).map(move |x| (x, y)))
+        .map(|(x, y)| f64::from(solution.relative_blur[y * width + x]) - truth(x, y))
+        .filter(|e| !e.is_nan())
+        .collect();
+    assert!(errors.len() > width * height / 3, "only {} pixels are valid", errors.len());
+    let n = errors.len() as f64;
+    ((errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt(), errors.iter().sum::<f64>() / n)
+}
+
+/// Fails unless T is within these pixels (each axis), degrees and percents of the truth.
+#[track_caller]
+pub fn assert_transform(found: &Similarity, truth: &Similarity, [pixels, degrees, percent]: [f64; 3]) {
+    let errors = [
+        (found.tx - truth.tx).abs().max((found.ty - truth.ty).abs()),
+        (found.rotation_deg() - truth.rotation_deg()).abs(),
+        100.0 * (found.scale - truth.scale).abs(),
+    ];
+    println!(
+        "t {:.5} px (≤ {pixels}), θ {:.6}° (≤ {degrees}), s {:.6} % (≤ {percent})",
+        errors[0], errors[1], errors[2]
+    );
+    assert!(errors[0] <= pixels && errors[1] <= degrees && errors[2] <= percent, "{found:?}, not {truth:?}");
+}

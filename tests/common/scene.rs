@@ -1,0 +1,144 @@
+//! Scenes with known V and T, rendered in closed form: no code is shared with the solver.
+//!
+//! A radiance of cosines is blurred exactly by any Gaussian, each by `exp(-v k²/2)`, and read exactly at any place.
+
+use std::f64::consts::TAU;
+
+use parfocal::{Frame, Similarity, centre};
+
+/// Random numbers, the same for the same seed (splitmix64).
+pub struct Random(pub u64);
+
+impl Random {
+    /// In [0, 1).
+    pub fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Mean 0, deviation 1 (Box and Muller).
+    pub fn normal(&mut self) -> f64 {
+        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (TAU * self.uniform()).cos()
+    }
+}
+
+struct Wave {
+    k: [f64; 2],
+    phase: f64,
+    amplitude: f64,
+}
+
+/// A random radiance: the sum of four Gaussian random fields of correlation lengths 0.7 to 10 px and equal strength.
+pub struct Radiance(Vec<Wave>);
+
+impl Radiance {
+    pub fn new(seed: u64) -> Self {
+        let (mut random, waves) = (Random(seed), 120);
+        let mut all = Vec::new();
+        for sigma in [0.7, 1.5, 4.0, 10.0] {
+            for _ in 0..waves {
+                // Frequencies beyond 2.6 would not survive sampling at Nyquist, π.
+                let k =
+                    std::iter::repeat_with(|| [random.normal(), random.normal()].map(|n| n / (2f64.sqrt() * sigma)))
+                        .find(|k| k[0].hypot(k[1]) < 2.6)
+                        .unwrap();
+                let amplitude = 0.06 * (2.0 / f64::from(waves)).sqrt();
+                all.push(Wave { k, phase: TAU * random.uniform(), amplitude });
+            }
+        }
+        Self(all)
+    }
+
+    /// The radiance at a place, blurred by a per-axis variance in px².
+    pub fn blurred(&self, [x, y]: [f64; 2], v: f64) -> f64 {
+        let wave = |w: &Wave| {
+            let k2 = w.k[0] * w.k[0] + w.k[1] * w.k[1];
+            w.amplitude * (w.k[0] * x + w.k[1] * y + w.phase).cos() * (-v * k2 / 2.0).exp()
+        };
+        0.5 + self.0.iter().map(wave).sum::<f64>()
+    }
+}
+
+/// A pair: I1 blurred by v1(x), I2 by v2(x) with `I2(T x)` over I1(x), Gaussian noise added to both.
+pub fn pair(
+    [width, height]: [u32; 2],
+    transform: &Similarity,
+    blur: impl Fn([f64; 2]) -> [f64; 2],
+    noise: f64,
+    seed: u64,
+) -> [Frame; 2] {
+    let radiance = Radiance::new(seed);
+    let (back, c) = (transform.inverse(), centre(width, height));
+    let mut random = Random(seed + 1000);
+    [0, 1].map(|image| {
+        let values = (0..height).flat_map(|y| (0..width).map(move |x| [f64::from(x), f64::from(y)]));
+        let values = values.map(|place| {
+            let x = if image == 0 { place } else { back.apply(place, c) };
+            (radiance.blurred(x, blur(x)[image]) + noise * random.normal()) as f32
+        });
+        Frame::gray(width, height, values.collect()).unwrap()
+    })
+}
+
+/// Blur of the slanted plane: V falls from +4 px² at the left border to -4 at the right.
+pub fn slanted(width: u32) -> impl Fn([f64; 2]) -> [f64; 2] {
+    move |[x, _]| {
+        let ramp = x / (f64::from(width) - 1.0);
+        [0.3 + 4.0 * ramp, 0.3 + 4.0 * (1.0 - ramp)].map(|v| v.max(0.0))
+    }
+}
+
+/// The grey values of a frame in [0, 1] (Rec. 601).
+pub fn luminance(frame: &Frame) -> Vec<f64> {
+    use parfocal::Samples;
+    let values: Vec<f64> = match frame.samples() {
+        Samples::U8(s) => s.iter().map(|&v| f64::from(v) / 255.0).collect(),
+        Samples::U16(s) => s.iter().map(|&v| f64::from(v) / 65535.0).collect(),
+        Samples::F32(s) => s.iter().map(|&v| f64::from(v)).collect(),
+    };
+    match frame.format().channels.count() {
+        1 => values,
+        _ => values.chunks_exact(3).map(|p| 0.299 * p[0] + 0.587 * p[1] + 0.114 * p[2]).collect(),
+    }
+}
+
+/// The frame J with `J(T x) = frame(x)`, read by a windowed sinc of radius 12 (flat to 0.8 of Nyquist).
+pub fn displaced(frame: &Frame, transform: &Similarity) -> Frame {
+    const RADIUS: isize = 12;
+    let (width, height) = (frame.width(), frame.height());
+    let (grey, back, c) = (luminance(frame), transform.inverse(), centre(width, height));
+    let taps = |p: f64, size: u32| {
+        let (first, last) = (p.floor() as isize - RADIUS + 1, size as isize - 1);
+        let weights: Vec<(usize, f64)> = (first..first + 2 * RADIUS)
+            .map(|i| {
+                let d = std::f64::consts::PI * (p - i as f64);
+                let sinc = if d.abs() < 1e-9 { 1.0 } else { d.sin() / d };
+                let window = (d / (2.0 * RADIUS as f64)).cos().powi(2);
+                let i = if i < 0 { -i } else { i };
+                let i = if i > last { 2 * last - i } else { i };
+                (i.clamp(0, last) as usize, sinc * window)
+            })
+            .collect();
+        let sum: f64 = weights.iter().map(|w| w.1).sum();
+        weights.into_iter().map(move |(i, w)| (i, w / sum)).collect::<Vec<_>>()
+    };
+    let mut values = Vec::with_capacity(grey.len());
+    for y in 0..height {
+        for x in 0..width {
+            let [px, py] = back.apply([f64::from(x), f64::from(y)], c);
+            let columns = taps(px, width);
+            let row = |j: usize| columns.iter().map(|&(i, w)| w * grey[j * width as usize + i]).sum::<f64>();
+            values.push(taps(py, height).iter().map(|&(j, w)| w * row(j)).sum::<f64>() as f32);
+        }
+    }
+    Frame::gray(width, height, values).unwrap()
+}
+
+/// `gain I + offset`.
+pub fn exposed(frame: &Frame, gain: f64, offset: f64) -> Frame {
+    let values = luminance(frame).into_iter().map(|v| (gain * v + offset) as f32).collect();
+    Frame::gray(frame.width(), frame.height(), values).unwrap()
+}

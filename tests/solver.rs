@@ -1,0 +1,208 @@
+//! The solver as an embedding program sees it.
+
+mod common;
+
+use std::time::Duration;
+
+use common::scene::{Random, luminance, pair, slanted};
+use common::{TestEngine, blur_error, options};
+use parfocal::{
+    Channels, Depth, Engine, EngineOptions, Error, Format, Frame, Method, Photometric, Samples, Settings, Similarity,
+    Solver, reference,
+};
+
+fn small_pair() -> [Frame; 2] {
+    pair([97, 75], &Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(97), 0.0, 5)
+}
+
+#[test]
+fn agrees_with_the_reference() {
+    let [i1, i2] = small_pair();
+    let settings = Settings { max_relative_blur: 9.0, ..Settings::default() };
+    let expected = reference::solve(&i1, &i2, &settings).unwrap();
+    let found = TestEngine::new().solve([&i1, &i2], &settings);
+    // Single against double precision over some sixty iterations that each feed the next.
+    assert!(found.transform.corner_distance(&expected.transform, 97, 75) < 2e-3, "{:?}", found.transform);
+    assert!((found.photometric.gain - expected.photometric.gain).abs() < 1e-4);
+    let rms = |pairs: &mut dyn Iterator<Item = (f32, f64)>| {
+        let squares: Vec<f64> = pairs.map(|(f, e)| (f64::from(f) - e).powi(2)).filter(|s| !s.is_nan()).collect();
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    };
+    let both = |f: &[f32], e: &[f64]| rms(&mut f.iter().copied().zip(e.iter().copied()));
+    let v = both(&found.relative_blur, &expected.relative_blur.data);
+    let confidence = both(&found.confidence, &expected.confidence.data);
+    let fused = both(&found.fused, &expected.fused.data);
+    println!("rms against the reference: V {v:.5} px², confidence {confidence:.6}, fused {fused:.7}");
+    assert!(v < 5e-3 && confidence < 2e-3 && fused < 1e-4);
+    for (level, energy) in found.levels.iter().zip(&expected.energies) {
+        let (last, truth) = (level.energy.last().unwrap(), energy.last().unwrap());
+        assert!((last - truth).abs() < 1e-3 * truth, "{last} {truth}");
+    }
+}
+
+#[test]
+fn the_same_pair_gives_the_same_bits() {
+    let [i1, i2] = small_pair();
+    let engine = TestEngine::new();
+    let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let first = solver.solve(&i1, &i2).unwrap();
+    // Another pair between must leave no trace.
+    solver.solve(&i2, &i1).unwrap();
+    let again = solver.solve(&i1, &i2).unwrap();
+    let fresh = engine.solve([&i1, &i2], &Settings::default());
+    for other in [again, fresh] {
+        assert_eq!(first.transform, other.transform);
+        assert_eq!(first.levels, other.levels);
+        assert_eq!(bits(&first.relative_blur), bits(&other.relative_blur));
+        assert_eq!(bits(&first.confidence), bits(&other.confidence));
+        assert_eq!(bits(&first.fused), bits(&other.fused));
+    }
+}
+
+#[test]
+fn a_settled_level_stops() {
+    let [i1, i2] = pair([160, 128], &Similarity::IDENTITY, slanted(160), 0.0, 2);
+    let settings = Settings { outer_iterations: 60, ..Settings::default() };
+    let solution = TestEngine::new().solve([&i1, &i2], &settings);
+    let done: Vec<usize> = solution.levels.iter().map(|l| l.energy.len()).collect();
+    println!("outer iterations by level: {done:?}");
+    assert!(solution.converged && done.iter().all(|d| (37..60).contains(d)), "{done:?}");
+}
+
+#[test]
+fn what_is_held_stays() {
+    let [i1, i2] = small_pair();
+    let engine = TestEngine::new();
+    let start = Similarity::new(0.6, -0.4, 0.1, 1.004);
+    let aligned = Settings { method: Method::Aligned, start, ..Settings::default() };
+    let solution = engine.solve([&i1, &i2], &aligned);
+    assert!(solution.transform.corner_distance(&start, 97, 75) < 1e-5, "{:?}", solution.transform);
+    assert_ne!(solution.photometric, Photometric::IDENTITY, "photometry is still solved for");
+    let held = Settings { photometric: false, ..aligned };
+    let solution = engine.solve([&i1, &i2], &held);
+    assert_eq!(solution.photometric, Photometric::IDENTITY);
+    let truth = |x: usize, _: usize| {
+        let [v1, v2] = slanted(97)([x as f64, 0.0]);
+        v2 - v1
+    };
+    let (rms, _) = blur_error(&solution, truth);
+    assert!(rms < 0.1, "V rms {rms}");
+}
+
+#[test]
+fn colours_and_bit_depths_mix() {
+    let [i1, i2] = small_pair();
+    let colour = |frame: &Frame| {
+        let samples =
+            luminance(frame).iter().flat_map(|v| [0.9, 1.0, 1.1].map(|c| (c * v * 255.0).round() as u8)).collect();
+        Frame::new(97, 75, Channels::Rgb, Samples::U8(samples)).unwrap()
+    };
+    let grey = luminance(&i2).iter().map(|v| (v * 65535.0).round() as u16).collect();
+    let grey = Frame::new(97, 75, Channels::Gray, Samples::U16(grey)).unwrap();
+    let solution = TestEngine::new().solve([&colour(&i1), &grey], &Settings::default());
+    assert_eq!(solution.fused_channels, Channels::Rgb);
+    assert_eq!(solution.fused.len(), 97 * 75 * 3);
+    assert!((solution.transform.tx - 0.6).abs() < 0.05 && (solution.transform.ty + 0.4).abs() < 0.05);
+    let both = TestEngine::new().solve([&colour(&i1), &colour(&i2)], &Settings::default());
+    let [red, blue] = [0, 2].map(|c| both.fused.iter().skip(c).step_by(3).sum::<f32>());
+    assert!((blue / red - 1.1 / 0.9).abs() < 0.01, "{}", blue / red);
+}
+
+fn doubtful(i1: &Frame, i2: &Frame, settings: &Settings, word: &str) {
+    let solution = TestEngine::new().solve([i1, i2], settings);
+    assert!(!solution.converged);
+    assert!(solution.warnings.iter().any(|w| w.contains(word)), "{:?}", solution.warnings);
+    assert!(
+        solution.transform.tx.is_finite()
+            && solution.transform.scale.is_finite()
+            && solution.photometric.gain.is_finite()
+    );
+    assert!(solution.confidence.iter().all(|c| c.is_finite()) && solution.fused.iter().all(|c| c.is_finite()));
+    let invalid = solution.relative_blur.iter().filter(|v| v.is_nan()).count();
+    assert_eq!(invalid, ((1.0 - solution.valid_fraction) * solution.relative_blur.len() as f64).round() as usize);
+}
+
+#[test]
+fn pairs_that_cannot_be_solved_are_an_answer() {
+    let grey = |v: f32| Frame::gray(80, 60, vec![v; 80 * 60]).unwrap();
+    doubtful(&grey(0.5), &grey(0.5), &Settings::default(), "texture");
+    doubtful(&grey(0.0), &grey(1.0), &Settings::default(), "texture");
+    let constant = TestEngine::new().solve([&grey(0.5), &grey(0.6)], &Settings::default());
+    assert!(constant.confidence.iter().all(|c| *c == 0.0));
+
+    let [i1, i2] = small_pair();
+    let away =
+        Settings { method: Method::Aligned, start: Similarity::new(500.0, 0.0, 0.0, 1.0), ..Settings::default() };
+    let solution = TestEngine::new().solve([&i1, &i2], &away);
+    assert!(solution.relative_blur.iter().all(|v| v.is_nan()) && solution.confidence.iter().all(|c| *c == 0.0));
+    doubtful(&i1, &i2, &away, "overlap");
+
+    let mut random = Random(3);
+    let mut noise = || Frame::gray(90, 70, (0..90 * 70).map(|_| random.uniform() as f32).collect()).unwrap();
+    let (a, b) = (noise(), noise());
+    doubtful(&a, &b, &Settings::default(), "correlate");
+}
+
+#[test]
+fn extreme_values_give_numbers() {
+    let checker =
+        |scale: f32| Frame::gray(64, 48, (0..64 * 48).map(|i| scale * ((i / 3) % 2) as f32).collect()).unwrap();
+    for (a, b) in [(1.0, 1e4), (1e4, 1e-4), (-1.0, 1.0)] {
+        let solution = TestEngine::new().solve([&checker(a), &checker(b)], &Settings::default());
+        assert!(solution.fused.iter().all(|v| v.is_finite()), "{a} {b}");
+        assert!(solution.transform.tx.is_finite() && solution.photometric.gain.is_finite(), "{a} {b}");
+    }
+}
+
+#[test]
+fn sizes_and_formats_that_do_not_fit_are_refused() {
+    let engine = TestEngine::new();
+    let gray = Format { channels: Channels::Gray, depth: Depth::U8 };
+    let prepare = |w, h| Solver::new(&engine, w, h, [gray; 2], &Settings::default()).map(|_| ());
+    assert!(matches!(prepare(1, 1), Err(Error::TooSmall { .. })));
+    assert!(matches!(prepare(8, 8), Err(Error::TooSmall { .. })));
+    assert!(matches!(prepare(1 << 20, 16), Err(Error::TooLarge { .. })));
+    assert!(matches!(prepare(16384, 16384), Err(Error::TooLarge { .. })));
+    assert!(matches!(prepare(u32::MAX, u32::MAX), Err(Error::TooLarge { .. })));
+    let [i1, i2] = small_pair();
+    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let other = Frame::gray(75, 97, vec![0.5; 97 * 75]).unwrap();
+    assert!(matches!(solver.solve(&i1, &other), Err(Error::Mismatch(_))));
+    assert!(matches!(solver.solve(&other, &other), Err(Error::Mismatch(_))));
+    assert!(matches!(Solver::for_pair(&engine, &i1, &other, &Settings::default()), Err(Error::Mismatch(_))));
+}
+
+#[test]
+fn the_least_size_and_odd_sizes_solve() {
+    let engine = TestEngine::new();
+    for size in [[16, 16], [17, 33], [33, 16], [129, 31]] {
+        let [i1, i2] = pair(size, &Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
+        let solution = engine.solve([&i1, &i2], &Settings { max_relative_blur: 2.0, ..Settings::default() });
+        assert!(solution.relative_blur.iter().any(|v| !v.is_nan()), "{size:?}");
+    }
+}
+
+#[test]
+fn progress_is_told_by_level() {
+    let [i1, i2] = small_pair();
+    let engine = TestEngine::new();
+    let mut seen = Vec::new();
+    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    solver.solve_with(&i1, &i2, &mut |p| seen.push((p.done, p.levels, p.width))).unwrap();
+    assert_eq!(seen, [(1, 2, 49), (2, 2, 97)]);
+}
+
+#[test]
+fn a_wait_that_times_out_poisons_the_engine() {
+    let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(1), ..options() }).unwrap();
+    let [i1, i2] = pair([512, 512], &Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
+    // Preparing waits too, for the images to be made ready.
+    let prepared = Solver::for_pair(&engine, &i1, &i2, &Settings::default());
+    let timed_out = prepared.and_then(|mut solver| solver.solve(&i1, &i2));
+    assert!(matches!(timed_out, Err(Error::Timeout { .. })), "{timed_out:?}");
+    let after = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).map(|_| ());
+    assert!(matches!(after, Err(Error::Poisoned)), "{after:?}");
+    // The device is still at work in memory that nobody may free; let it end before the process does.
+    std::thread::sleep(Duration::from_secs(5));
+}
