@@ -44,8 +44,8 @@ pub enum Error {
         /// The limit that it ran into.
         seconds: u64,
     },
-    /// An earlier wait timed out, so the device may still be using this engine's memory.
-    #[error("this engine's device timed out before and may still be at work: make a new Engine")]
+    /// An earlier wait timed out or failed, so the device may still be using this engine's memory.
+    #[error("an earlier wait for this engine's device failed, and it may still be at work: make a new Engine")]
     Poisoned,
     /// The image, or what must be kept for it, is larger than the device takes.
     #[error(

@@ -24,7 +24,7 @@ pub fn spline_prefilter() -> Filter {
 pub fn gaussian(variance: f64) -> Filter {
     // 4.5 σ leaves 7e-6 of the mass outside; six more neighbours carry the ringing of the narrow ones.
     let radius = (4.5 * variance.sqrt()).ceil() as i32 + if variance < 1.0 { 6 } else { 1 };
-    // 256 frequencies: the filter is at most some 60 wide, so its periodic images stay apart.
+    // 256 frequencies repeat the filter every 512; the widest is some 130, so its periodic images stay apart.
     let steps = 256;
     let at = |n: i32| -> f64 {
         (0..steps)

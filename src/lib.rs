@@ -3,7 +3,31 @@
 //! Two photographs of a scene, focused at two distances, differ in blur and, because the camera moved or the lens
 //! breathed, in position, scale, angle and exposure. Parfocal recovers the relative blur at every pixel and the
 //! registration together (Ben-Ari, TPAMI 2014).
+//!
+//! ```
+//! use parfocal::{Engine, EngineOptions, Settings, Solver};
+//! # use parfocal::Frame;
+//! # fn photograph(soft: f32) -> Frame {
+//! #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
+//! #     Frame::gray(64, 48, (0..64 * 48).map(value).collect()).unwrap()
+//! # }
+//!
+//! # fn main() -> Result<(), parfocal::Error> {
+//! // From files: let (i1, i2) = parfocal::image_io::read_pair("near.png".as_ref(), "far.png".as_ref())?;
+//! # let (i1, i2) = (photograph(0.4), photograph(0.3));
+//! let engine = Engine::new(&EngineOptions::default())?;
+//! let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default())?;
+//! let solution = solver.solve(&i1, &i2)?;
+//! println!("{:?}, V at the first pixel {} px²", solution.transform, solution.relative_blur[0]);
+//! # assert_eq!(solution.relative_blur.len(), 64 * 48);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! An [`Engine`] is a device, a [`Solver`] a size and settings, prepared once and used for any number of pairs. Every
+//! failure is an [`Error`]; a pair that can be read but not solved is a [`Solution`] that has not converged and says why.
 
+mod device_info;
 mod engine;
 mod error;
 pub mod export;
@@ -25,7 +49,8 @@ mod testing;
 mod vulkan;
 mod workspace;
 
-pub use engine::{DeviceInfo, Engine, EngineOptions};
+pub use device_info::DeviceInfo;
+pub use engine::{Engine, EngineOptions};
 pub use error::Error;
 pub use frame::{Channels, Depth, Format, Frame, Samples};
 pub use settings::{Decode, Method, Photometric, Settings};

@@ -5,11 +5,9 @@ use std::sync::Arc;
 use bytemuck::Pod;
 
 use crate::plan::{FilterRange, Level, Plan};
-use crate::stages::{
-    self, Pipelines, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update,
-};
+use crate::stages::{Pipelines, confidence, convolve, expose, fuse, ingest, prolong, relax, update};
 use crate::vulkan::{Device, Groups, Image, Pipeline, Recorder, Recording, Resource};
-use crate::workspace::{ARGUMENT_WORDS, Grid, Workspace};
+use crate::workspace::{Grid, Workspace};
 use crate::{Channels, Decode, Error};
 
 /// Which photograph.
@@ -17,7 +15,7 @@ const BOTH: [usize; 2] = [0, 1];
 const RED: usize = 0;
 const BLACK: usize = 1;
 
-/// Parts of the recording besides one a level: the way up before them, and the way down after.
+/// Parts of the recording before the levels': the way up.
 pub(crate) const PARTS_BEFORE: usize = 1;
 
 /// Records a whole solve; one part for the way up, one for each level, one for the results.
@@ -299,46 +297,6 @@ impl<'a> Script<'a> {
 
     fn relative_blur(&self, level: usize) -> &'a Arc<Image> {
         &self.w.relative_blur[level]
-    }
-}
-
-impl Plan {
-    /// What `linearise` is told in iteration k of a level.
-    pub(crate) fn linearise(&self, level: &Level, k: u32) -> linearise::Constants {
-        let s = &self.settings;
-        linearise::Constants {
-            width: level.size[0],
-            height: level.size[1],
-            nodes: level.nodes as u32,
-            rows: linearise::ROWS,
-            factor: level.factor as f32,
-            centre: level.centre.map(|c| c as f32),
-            length: level.length as f32,
-            alpha: self.smoothness(k) as f32,
-            final_alpha: s.regularization as f32,
-            eta: s.data_eta as f32,
-            smoothness_eta: s.smoothness_eta as f32,
-            epsilon: s.heaviside_epsilon as f32,
-            elimination: stages::linearise::ELIMINATION,
-        }
-    }
-
-    /// What `step` is told in iteration k of a level.
-    pub(crate) fn step(&self, level: &Level, k: u32) -> step::Constants {
-        let [columns, rows, _] = level.tiles();
-        step::Constants {
-            rows: columns * rows,
-            level: level.index as u32,
-            energy_place: level.index as u32 * self.settings.outer_iterations + k,
-            argument_place: (level.index * ARGUMENT_WORDS) as u32,
-            argument_count: ARGUMENT_WORDS as u32,
-            solve_transform: u32::from(self.solves_transform()),
-            solve_photometric: u32::from(self.solves_photometric(level, k)),
-            may_settle: u32::from(self.may_settle(k)),
-            factor: level.factor as f32,
-            length: level.length as f32,
-            half_size: level.centre.map(|c| c as f32),
-        }
     }
 }
 

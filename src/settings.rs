@@ -48,18 +48,18 @@ impl Default for Photometric {
 
 /// The settings of a [`Solver`](crate::Solver).
 ///
-/// Defaults are those of the measured table in `docs/method.md`; intensities are in [0, 1], blur in px².
+/// The defaults and what each does: the table in `docs/method.md`. Intensities are in [0, 1], blur in px².
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// Unified, or T held.
     pub method: Method,
     /// Pyramid levels, 1 to 12; `None` halves while the short side stays at least 32 px. Default `None`.
     pub levels: Option<u32>,
-    /// Outer iterations on each level at most, 2 to 1000. Default 20.
+    /// Outer iterations on each level at most, 5 to 1000. Default 20.
     pub outer_iterations: u32,
     /// Red-black sweeps an outer iteration, 1 to 100. Default 5.
     pub sweeps: u32,
-    /// Over-relaxation ω of a sweep, above 0 and below 2. Default 1.8.
+    /// Over-relaxation ω of a sweep, 0.01 to 1.99. Default 1.8.
     pub over_relaxation: f64,
     /// Smoothness α, equation 17; 1e-6 to 10. Default 0.003.
     pub regularization: f64,
@@ -123,7 +123,7 @@ impl Settings {
             }
         };
         range("levels", f64::from(self.levels.unwrap_or(1)), 1.0, 12.0)?;
-        range("outer iterations", f64::from(self.outer_iterations), 2.0, 1000.0)?;
+        range("outer iterations", f64::from(self.outer_iterations), 5.0, 1000.0)?;
         range("sweeps", f64::from(self.sweeps), 1.0, 100.0)?;
         range("over-relaxation", self.over_relaxation, 0.01, 1.99)?;
         range("regularization", self.regularization, 1e-6, 10.0)?;

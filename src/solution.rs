@@ -64,7 +64,9 @@ pub struct Timings {
 /// Less of the frame than this is no overlap to speak of.
 const LEAST_VALID: f64 = 0.01;
 /// Less mean confidence than this: V is filled in by the smoothness term nearly everywhere.
-const LEAST_CONFIDENCE: f64 = 0.01;
+///
+/// Real pairs that solve well have 0.001 to 0.1, since wide blur leaves little that changes with V; flat ones have 0.
+const LEAST_CONFIDENCE: f64 = 1e-4;
 /// Images of one scene correlate better than this at low pass.
 const LEAST_CORRELATION: f32 = 0.5;
 /// More valid pixels at the limit of |V| than this are worth a word.
@@ -90,6 +92,11 @@ impl Solution {
         } else if self.mean_confidence < LEAST_CONFIDENCE {
             doubts.push(
                 "there is too little texture to see blur by: light or focus the scene so that texture shows"
+                    .to_string(),
+            );
+        } else if state.degenerate == 1 {
+            doubts.push(
+                "the images do not determine the registration: hold what is known, or see that texture shows all over"
                     .to_string(),
             );
         } else if state.correlation < LEAST_CORRELATION {

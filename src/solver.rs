@@ -144,7 +144,7 @@ impl Solver {
             let energy = energies[level.index * outer..][..done].iter().map(|&e| e.into()).collect();
             Level { width: level.size[0], height: level.size[1], energy }
         });
-        let (gpu_ms, passes_ms) = self.recording.timings_ms()?;
+        let times = self.recording.times()?;
         let mut solution = Solution {
             width: plan.size[0],
             height: plan.size[1],
@@ -163,7 +163,7 @@ impl Solver {
             valid_fraction: 0.0,
             mean_confidence: 0.0,
             saturated_fraction: 0.0,
-            timings: Timings { total_ms: 0.0, gpu_ms, passes_ms },
+            timings: Timings { total_ms: 0.0, gpu_ms: times.total_ms, passes_ms: times.passes_ms },
         };
         solution.judge(&state, &plan.settings);
         Ok(solution)

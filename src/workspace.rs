@@ -3,14 +3,11 @@
 use std::sync::Arc;
 
 use crate::Error;
-use crate::plan::Plan;
+use crate::plan::{ARGUMENT_WORDS, Plan};
 use crate::stages::convolve;
 use crate::stages::linearise::SUMS;
 use crate::stages::state::State;
 use crate::vulkan::{Buffer, Device, Image, Texel};
-
-/// Words of indirect arguments a level: three each for `linearise`, `relax`, `update` and `step`.
-pub(crate) const ARGUMENT_WORDS: usize = 12;
 
 /// Where a pass finds the indirect arguments of its grid, among those of a level.
 #[derive(Clone, Copy)]

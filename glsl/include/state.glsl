@@ -17,7 +17,7 @@ struct Registration {
 
 struct State {
     Registration registration;
-    float correlation; // of the two images at low pass, when the exposure was last matched
+    float correlation; // of the two images at low pass, when it was last measured
     uint degenerate;   // the last step had unknowns that the images do not determine
     LevelState levels[MAX_LEVELS];
 };

@@ -63,7 +63,7 @@ mod tests {
             };
             let rig = Rig::new();
             let weights = rig.weights(&interleaved(&system));
-            let (image, result) = (rig.image(&[v.clone()]), rig.empty([width as u32, height as u32], 2));
+            let (image, result) = (rig.image(std::slice::from_ref(&v)), rig.empty([width as u32, height as u32], 2));
             let buffer = rig.upload(bytemuck::bytes_of(&state));
             let images = [&image, &weights, &result].map(Resource::Image);
             let resources = [&images[..], &[Resource::Buffer(&buffer)]].concat();

@@ -80,7 +80,7 @@ mod tests {
             weights,
         };
         rig.run(&STAGE, &[Resource::Buffer(&samples), Resource::Image(&image)], &constants, size);
-        // 1e-6: single precision, and its pow.
+        // 2e-6: single precision, and its pow.
         rig.assert_close(&image, &[twin(frame, decode, weights)], 2e-6);
     }
 

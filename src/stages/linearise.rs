@@ -5,8 +5,9 @@
 //! ```text
 //! S1 = G(V) * I1 - J,  S2 = G(-V) * J - I1,  w1 = H ψ'(S1²),  w2 = (1-H) ψ'(S2²)
 //! D = w1 Î1v² + w2 Î2v²,  b = -(w1 S1 Î1v + w2 S2 Î2v),  a_n = α (φ + φ_n)/2
-//! (D + Σ a_n) dV = b + Σ a_n (V_n - V) + Σ a_n dV_n
-//! N = Σ w J Jᵀ - q qᵀ/(D + λ Σa),  g = Σ w J S + q b/(D + λ Σa),  q = w1 Î1v J1 + w2 Î2v J2
+//! (D + Σ a_n) dV = r + Σ a_n dV_n
+//! r = b + Σ a_n (V_n - V)
+//! N = Σ w J Jᵀ - q qᵀ/(D + λ Σa),  g = Σ w J S + q r/(D + λ Σa),  q = w1 Î1v J1 + w2 Î2v J2
 //! ```
 //!
 //! The terms in q eliminate each pixel's dV from the registration step (Schur complement), so that T, gain and offset
@@ -301,7 +302,12 @@ mod tests {
 
         let rig = Rig::new();
         let half_size = [width.div_ceil(2) as u32, height as u32];
-        let inputs = [rig.image(&[i1.clone()]), rig.image(&[v.clone()]), rig.image(&stacks[0]), rig.image(&stacks[1])];
+        let inputs = [
+            rig.image(std::slice::from_ref(i1)),
+            rig.image(std::slice::from_ref(v)),
+            rig.image(&stacks[0]),
+            rig.image(&stacks[1]),
+        ];
         let system = [rig.empty(half_size, 2), rig.empty_weights(half_size)];
         let changes = [0, 1].map(|_| rig.empty(half_size, 1));
         let state = rig.upload(bytemuck::bytes_of(&state));

@@ -134,9 +134,8 @@ mod tests {
             }
         }
         let mut found = Field::zeros(n, n);
-        for sweep in 0..200 {
+        for _ in 0..200 {
             for color in [0, 1] {
-                let _ = sweep;
                 twin(
                     &Constants { width: n as u32, height: n as u32, color, over_relaxation: 1.8 },
                     &system,

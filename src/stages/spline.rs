@@ -35,6 +35,7 @@ pub fn read(coefficients: &Field, x: f64, y: f64) -> Jet {
     let columns: [usize; 4] = std::array::from_fn(|i| mirror(column as isize + i as isize - 1, coefficients.width));
     let mut jet = Jet::default();
     for j in 0..4 {
+        let [weight, slope, bend] = wy.map(|w| w[j]);
         let y = mirror(row as isize + j as isize - 1, coefficients.height);
         let mut line = [0.0; 3];
         for i in 0..4 {
@@ -43,10 +44,10 @@ pub fn read(coefficients: &Field, x: f64, y: f64) -> Jet {
                 *sum += w[i] * c;
             }
         }
-        jet.value += wy[0][j] * line[0];
-        jet.dx += wy[0][j] * line[1];
-        jet.dy += wy[1][j] * line[0];
-        jet.laplacian += wy[0][j] * line[2] + wy[2][j] * line[0];
+        jet.value += weight * line[0];
+        jet.dx += weight * line[1];
+        jet.dy += slope * line[0];
+        jet.laplacian += weight * line[2] + bend * line[0];
     }
     jet
 }

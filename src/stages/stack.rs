@@ -8,8 +8,9 @@ use super::spline;
 
 /// σ of a node in px: 0, ½, 1, 1½, then a third more from each to the next.
 ///
-/// The cubic's error at a node of variance v is at most `0.012 (h/v)⁴` of the strongest frequency's contrast, h the step
-/// in variance; even steps of σ would waste nodes on wide blur. Measured: see `docs/method.md`.
+/// From σ 1½ on the cubic's error is at most `0.012 (h/v)⁴`, 0.0045 of the contrast of the worst frequency, h the step in
+/// variance from the node at v; even steps of σ would waste nodes on wide blur. A finer stack (steps of ¼ px) changed
+/// neither V nor T of the slanted plane.
 pub fn node_sigma(k: usize) -> f64 {
     if k <= 3 { 0.5 * k as f64 } else { 1.5 * (4.0f64 / 3.0).powi(k as i32 - 3) }
 }

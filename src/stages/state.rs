@@ -23,7 +23,7 @@ pub struct State {
     pub gain: f32,
     /// Offset of I2.
     pub offset: f32,
-    /// Correlation of the two images at low pass, when the exposure was last matched.
+    /// Correlation of the two images at low pass, when it was last measured: in the end, at the final T.
     pub correlation: f32,
     /// 1 if the last step had unknowns that the images do not determine.
     pub degenerate: u32,

@@ -28,7 +28,7 @@ pub struct Constants {
     pub solve_transform: u32,
     /// 1 if gain and offset are.
     pub solve_photometric: u32,
-    /// 1 once α has its final value; nothing may settle before.
+    /// 1 once an iteration at the final α is done; nothing may converge before.
     pub may_settle: u32,
     /// Pixels of the full-size image a pixel of this level.
     pub factor: f32,
@@ -77,7 +77,7 @@ pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> St
     Step { energy, converged, settled: converged && change <= 1e-4 * before }
 }
 
-/// Solves for the unknowns that are free and that the images determine; the others take no step.
+/// Solves for the unknowns that are free; where N is singular nothing steps (the shader holds only the dependent unknowns).
 fn solve(c: &Constants, sums: &Sums) -> [f64; UNKNOWNS] {
     let free = |i: usize| (if i < 4 { c.solve_transform } else { c.solve_photometric }) == 1;
     let mut n = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_fn(|i, j| sums.normal[i][j]);

@@ -237,11 +237,10 @@ impl Recorder {
         self.transfer_barrier();
     }
 
-    /// Copies `layers` layers of an image, from its corner, into a buffer at a byte offset, or back.
-    fn image_region(image: &Image, [width, height]: [u32; 2], layers: u32, offset: u64) -> vk::BufferImageCopy {
+    /// The first `layers` layers of an image, from its corner, as they stand in a buffer.
+    fn image_region(image: &Image, [width, height]: [u32; 2], layers: u32) -> vk::BufferImageCopy {
         debug_assert!(width <= image.width && height <= image.height && layers <= image.layers);
         vk::BufferImageCopy::default()
-            .buffer_offset(offset)
             .image_subresource(vk::ImageSubresourceLayers {
                 aspect_mask: vk::ImageAspectFlags::COLOR,
                 mip_level: 0,
@@ -254,7 +253,7 @@ impl Recorder {
     /// Brings the first layers of an image down into a buffer.
     pub(crate) fn download(&mut self, image: &Arc<Image>, size: [u32; 2], layers: u32, to: &Arc<Buffer>) {
         self.transfer_barrier();
-        let region = [Self::image_region(image, size, layers, 0)];
+        let region = [Self::image_region(image, size, layers)];
         // SAFETY: the part is being recorded; the image is in the general layout, the buffer holds all its layers, and both
         // are kept alive.
         unsafe {
@@ -275,7 +274,7 @@ impl Recorder {
     #[cfg(test)]
     pub(crate) fn upload(&mut self, from: &Arc<Buffer>, image: &Arc<Image>) {
         self.transfer_barrier();
-        let region = [Self::image_region(image, [image.width, image.height], image.layers, 0)];
+        let region = [Self::image_region(image, [image.width, image.height], image.layers)];
         // SAFETY: as for `download`.
         unsafe {
             self.device.handle.cmd_copy_buffer_to_image(

@@ -109,7 +109,7 @@ impl Device {
         Ok((found.max_resource_size, found.max_array_layers))
     }
 
-    /// An earlier wait timed out, and the device may still be at work.
+    /// An earlier wait timed out or failed, and the device may still be at work.
     pub(crate) fn is_poisoned(&self) -> bool {
         self.poisoned.load(Ordering::Acquire)
     }

@@ -11,7 +11,7 @@ use crate::shaders::Shader;
 /// What a shader binds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Binding {
-    /// An R32F array image.
+    /// An array image of one or four floats a texel.
     Image,
     /// A storage buffer.
     Buffer,

@@ -7,7 +7,7 @@ use std::time::Instant;
 use ash::vk;
 
 use super::device::Device;
-use super::timestamps::Timestamps;
+use super::timestamps::{DeviceTimes, Timestamps};
 use crate::Error;
 
 /// Command buffers that can be replayed any number of times.
@@ -112,8 +112,8 @@ impl Recording {
         }
     }
 
-    /// Milliseconds of the last run on the device: in all, and by pass name in order of first use.
-    pub(crate) fn timings_ms(&self) -> Result<(f64, Vec<(&'static str, f64)>), Error> {
+    /// The last run on the device.
+    pub(crate) fn times(&self) -> Result<DeviceTimes, Error> {
         self.timestamps.read()
     }
 }

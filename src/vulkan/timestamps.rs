@@ -7,7 +7,14 @@ use ash::vk;
 use super::device::Device;
 use crate::Error;
 
-/// A timestamp at the start and after each run of passes of one name.
+/// Milliseconds in all, and by pass name in order of first use.
+#[derive(Debug, Default)]
+pub(crate) struct DeviceTimes {
+    pub(crate) total_ms: f64,
+    pub(crate) passes_ms: Vec<(&'static str, f64)>,
+}
+
+/// A timestamp at the start and after every pass.
 #[derive(Default)]
 pub(super) struct Timestamps {
     device: Option<Arc<Device>>,
@@ -56,9 +63,9 @@ impl Timestamps {
         unsafe { device.handle.cmd_write_timestamp2(part, vk::PipelineStageFlags2::COMPUTE_SHADER, self.pool, index) };
     }
 
-    /// Milliseconds in all, and by name in order of first use, of a run that has ended.
-    pub(super) fn read(&self) -> Result<(f64, Vec<(&'static str, f64)>), Error> {
-        let Some(device) = &self.device else { return Ok((0.0, Vec::new())) };
+    /// The times of a run that has ended; nothing where the queue has no clock.
+    pub(super) fn read(&self) -> Result<DeviceTimes, Error> {
+        let Some(device) = &self.device else { return Ok(DeviceTimes::default()) };
         let mut ticks = vec![0u64; self.names.len() + 1];
         // SAFETY: the run has ended, so every query written has a value.
         let read =
@@ -69,15 +76,16 @@ impl Timestamps {
         let milliseconds = |from: u64, to: u64| {
             (to.wrapping_sub(from) & mask) as f64 * f64::from(device.physical.limits.timestamp_period) * 1e-6
         };
-        let mut passes: Vec<(&'static str, f64)> = Vec::new();
+        let total_ms = milliseconds(ticks[0], ticks[self.names.len()]);
+        let mut times = DeviceTimes { total_ms, ..DeviceTimes::default() };
         for (pair, &name) in ticks.windows(2).zip(&self.names) {
             let spent = milliseconds(pair[0], pair[1]);
-            match passes.iter_mut().find(|(known, _)| *known == name) {
+            match times.passes_ms.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, total)) => *total += spent,
-                None => passes.push((name, spent)),
+                None => times.passes_ms.push((name, spent)),
             }
         }
-        Ok((milliseconds(ticks[0], ticks[self.names.len()]), passes))
+        Ok(times)
     }
 }
 
