@@ -61,9 +61,9 @@ void main() {
     vec2 mean = vec2(m[1], m[2]) / count;
     vec2 variance = max(vec2(m[3], m[4]) / count - mean * mean, vec2(0.0));
     float covariance = m[5] / count - mean.x * mean.y;
-    // 1e-8: a deviation of 1e-4, below which there is only rounding.
-    bool contrast = min(variance.x, variance.y) > 1e-8;
-    state.correlation = contrast ? covariance / sqrt(variance.x * variance.y) : 0.0;
+    // 1e-6: a deviation of 0.001, below which differences of squares are rounding.
+    bool contrast = min(variance.x, variance.y) > 1e-6;
+    state.correlation = contrast ? covariance / (sqrt(variance.x) * sqrt(variance.y)) : 0.0;
     if (adopt == 0) return;
     // Images that hardly correlate, still far apart say, tell nothing of the gain.
     float gain = state.correlation > 0.5 ? sqrt(variance.x / variance.y) : 1.0;

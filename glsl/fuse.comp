@@ -31,7 +31,7 @@ void main() {
         place(x, d, size, i, f);
         float j = r.gain * spline_at(2, 0, size, i, f).value + r.offset;
         float v = imageLoad(relative_blur, ivec3(x, 0)).r;
-        fused = mix(j, fused, 0.5 + atan(v / epsilon) / 3.14159265358979);
+        fused = mix(j, fused, clamp(0.5 + atan(v / epsilon) / 3.14159265358979, 0.0, 1.0));
     }
     imageStore(result, ivec3(x, layer), vec4(fused));
 }

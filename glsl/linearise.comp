@@ -104,7 +104,8 @@ Data data_term(Registration r, ivec2 x, float v, vec2 d, float scale) {
     }
     float s1 = b1.value - (r.gain * i2.value + r.offset);
     float s2 = r.gain * b2.value + r.offset - i1;
-    float heaviside = 0.5 + atan(v / epsilon) / PI;
+    // Clamped, since a device's atan may overshoot and weights must not be negative.
+    float heaviside = clamp(0.5 + atan(v / epsilon) / PI, 0.0, 1.0);
     float psi1 = sqrt(s1 * s1 + eta * eta), psi2 = sqrt(s2 * s2 + eta * eta);
     return Data(s1, s2, b1.slope, r.gain * b2.slope, heaviside / psi1, (1.0 - heaviside) / psi2,
                 heaviside * psi1 + (1.0 - heaviside) * psi2, i2.value, b2.value, i2.gradient, b2.gradient);

@@ -47,6 +47,7 @@ void add_up() {
 void solve(out float x[6]) {
     float m[6][6], scale[6];                 // the lower triangle of N
     bool held[6];
+    bool degenerate = !(totals[VALID] > 0.0);
     for (int i = 0; i < 4; i++) {
         for (int j = 0; j <= i; j++) m[i][j] = totals[4 * i + j];
         m[4][i] = totals[GAIN + i];
@@ -56,11 +57,12 @@ void solve(out float x[6]) {
     m[5][4] = totals[PHOTOMETRIC + 1];
     m[5][5] = totals[PHOTOMETRIC + 2];
     for (int i = 0; i < 6; i++) {
-        held[i] = (i < 4 ? solve_transform : solve_photometric) == 0 || !(m[i][i] > 1e-12 * totals[VALID]);
+        bool free = (i < 4 ? solve_transform : solve_photometric) == 1, unseen = !(m[i][i] > 1e-12 * totals[VALID]);
+        degenerate = degenerate || free && unseen;
+        held[i] = unseen || !free;
         scale[i] = held[i] ? 0.0 : inversesqrt(m[i][i]);
         x[i] = -(i < 4 ? totals[G_TRANSFORM + i] : totals[G_PHOTOMETRIC + i - 4]) * scale[i];
     }
-    bool degenerate = false;
     for (int j = 0; j < 6; j++) {
         float pivot = 1.0;
         for (int k = 0; k < j; k++) pivot -= m[j][k] * m[j][k];
@@ -82,7 +84,7 @@ void solve(out float x[6]) {
         x[i] = held[i] ? 0.0 : x[i] / m[i][i];
     }
     for (int i = 0; i < 6; i++) x[i] *= scale[i];
-    state.degenerate = uint(degenerate || !(totals[VALID] > 0.0));
+    state.degenerate = uint(degenerate);
 }
 
 void main() {

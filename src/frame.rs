@@ -48,7 +48,7 @@ pub enum Samples {
     U8(Vec<u8>),
     /// 16-bit samples.
     U16(Vec<u16>),
-    /// Float samples; finite.
+    /// Float samples; finite, and at most 1e6 in size.
     F32(Vec<f32>),
 }
 
@@ -70,13 +70,19 @@ pub struct Format {
     pub depth: Depth,
 }
 
+/// Largest float sample, in size: squares of sums of such still fit into single precision.
+const LARGEST: f32 = 1e6;
+
 impl Frame {
     /// A frame of `width * height * channels` samples.
     ///
     /// # Errors
-    /// A sentence that says what is wrong: another number of samples, or a float sample that is not finite.
+    /// A sentence that says what is wrong: another number of samples, or a float sample that is not finite or beyond 1e6.
     pub fn new(width: u32, height: u32, channels: Channels, samples: Samples) -> Result<Self, String> {
-        let expected = width as usize * height as usize * channels.count() as usize;
+        let expected = (width as usize)
+            .checked_mul(height as usize)
+            .and_then(|n| n.checked_mul(channels.count() as usize))
+            .ok_or_else(|| format!("{width}x{height} pixels are too many"))?;
         let found = match &samples {
             Samples::U8(s) => s.len(),
             Samples::U16(s) => s.len(),
@@ -89,11 +95,14 @@ impl Frame {
             ));
         }
         if let Samples::F32(s) = &samples
-            && let Some(i) = s.iter().position(|v| !v.is_finite())
+            && let Some(i) = s.iter().position(|v| !v.is_finite() || v.abs() > LARGEST)
         {
             let pixel = i / channels.count() as usize;
             let (x, y) = (pixel % width as usize, pixel / width as usize);
-            return Err(format!("the sample at pixel ({x}, {y}) is {}, not a finite number", s[i]));
+            return Err(format!(
+                "the sample at pixel ({x}, {y}) is {}, not a number of at most {LARGEST:e}: white is 1",
+                s[i]
+            ));
         }
         Ok(Self { width, height, channels, samples })
     }

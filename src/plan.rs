@@ -196,6 +196,11 @@ impl Plan {
         pixels(self.size) * u64::from(format.channels.count() * format.depth.bytes())
     }
 
+    /// Bytes of V, confidence and the fused channels on their way down.
+    pub(crate) fn result_bytes(&self) -> u64 {
+        4 * pixels(self.size) * u64::from(2 + self.fused_channels().count())
+    }
+
     /// Bytes on the device, and bytes that the host sees.
     pub(crate) fn bytes(&self) -> (u64, u64) {
         let pyramid: u64 = self.pyramid.iter().map(|l| pixels(l.size)).sum();
@@ -204,7 +209,7 @@ impl Plan {
         let half = pixels([self.size[0].div_ceil(2), self.size[1]]);
         let stacks = u64::from(self.stack_layers() + self.pyramid[0].nodes as u32);
         let floats = 2 * pyramid + solved + (1 + stacks) * full + 2 * (5 + 1) * half;
-        let host = self.frame_bytes(0) + self.frame_bytes(1) + 4 * full * u64::from(2 + self.fused_channels().count());
+        let host = self.frame_bytes(0) + self.frame_bytes(1) + self.result_bytes();
         (4 * floats, host)
     }
 
@@ -233,8 +238,14 @@ impl Plan {
                 format!("{layers}"),
             );
         }
+        let (allocation, buffer) = device.allocation_limits();
+        let largest = largest.min(allocation);
         if stack > largest {
             return too_large("the stack of blurred images", mib(stack), format!("{} for an image", mib(largest)));
+        }
+        let largest = buffer.min(allocation);
+        if self.result_bytes() > largest {
+            return too_large("the result", mib(self.result_bytes()), format!("{} for a buffer", mib(largest)));
         }
         let (on_device, host) = self.bytes();
         // A discrete GPU keeps what the host sees in the host's memory; the others have one memory for both.
@@ -266,6 +277,11 @@ impl Level {
     /// Workgroups of `linearise`, and so rows of partial sums.
     pub(crate) fn tiles(&self) -> [u32; 3] {
         linearise::tiles(self.size)
+    }
+
+    /// Pixels.
+    pub(crate) fn pixels(&self) -> u64 {
+        pixels(self.size)
     }
 
     /// Width and height of one colour.

@@ -15,24 +15,34 @@ const BOTH: [usize; 2] = [0, 1];
 const RED: usize = 0;
 const BLACK: usize = 1;
 
-/// Parts of the recording before the levels': the way up.
-pub(crate) const PARTS_BEFORE: usize = 1;
+/// Pixels times outer iterations of one part at most: with five sweeps, some 0.1 s on a slow GPU and 8 s on lavapipe, well
+/// within what drivers allow a submission.
+const PART_BUDGET: u64 = 1 << 26;
 
-/// Records a whole solve; one part for the way up, one for each level, one for the results.
+/// A recorded solve.
+pub(crate) struct Recorded {
+    pub(crate) recording: Recording,
+    /// For each part the level, 0 the finest, that is done when it ends.
+    pub(crate) level_done: Vec<Option<usize>>,
+}
+
+/// Records a whole solve: one part for the way up, one or more for each level, one for the results.
 pub(crate) fn record(
     device: &Arc<Device>,
     pipelines: &Pipelines,
     plan: &Plan,
     workspace: &Workspace,
-) -> Result<Recording, Error> {
+) -> Result<Recorded, Error> {
     let mut r = Script { recorder: Recorder::new(device, timestamps(plan))?, pipelines, plan, w: workspace };
     r.reset();
     for image in BOTH {
         r.ingest(image, ingest::LUMINANCE)?;
         r.pyramid(image)?;
     }
+    let mut level_done = vec![None];
     for level in plan.coarse_to_fine() {
         r.recorder.next_part()?;
+        let per_part = (PART_BUDGET / level.pixels()).max(1) as u32;
         r.start(level)?;
         if plan.matches_exposure() {
             r.expose(plan.low_pass(level), true)?;
@@ -41,6 +51,10 @@ pub(crate) fn record(
             r.stack(level, image)?;
         }
         for k in 0..plan.settings.outer_iterations {
+            if k > 0 && k % per_part == 0 {
+                r.recorder.next_part()?;
+                level_done.push(None);
+            }
             r.linearise(level, k)?;
             r.step(level, k)?;
             for _ in 0..plan.settings.sweeps {
@@ -49,6 +63,7 @@ pub(crate) fn record(
             }
             r.update(level)?;
         }
+        level_done.push(Some(level.index));
     }
     r.recorder.next_part()?;
     r.expose(plan.low_pass(&plan.pyramid[0]), false)?;
@@ -57,7 +72,8 @@ pub(crate) fn record(
         r.fuse(channel)?;
     }
     r.bring_down();
-    r.recorder.finish()
+    level_done.push(None);
+    Ok(Recorded { recording: r.recorder.finish()?, level_done })
 }
 
 /// More than the passes there are.

@@ -25,8 +25,9 @@ pub struct Reference {
 /// Solves one pair on the CPU.
 ///
 /// # Errors
-/// [`Error::Setting`], [`Error::TooSmall`].
+/// [`Error::Setting`], [`Error::TooSmall`], [`Error::Mismatch`] where the sizes differ.
 pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, Error> {
+    crate::solver::same_size([i1, i2])?;
     let plan = Plan::new(i1.width(), i1.height(), [i1.format(), i2.format()], settings)?;
     let pyramids = [i1, i2].map(|frame| pyramid(&plan, ingest::twin(frame, settings.decode, ingest::LUMINANCE)));
     let mut registration = Registration::new(&settings.start, &settings.start_photometric);

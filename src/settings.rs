@@ -125,6 +125,12 @@ impl Settings {
         range("levels", f64::from(self.levels.unwrap_or(1)), 1.0, 12.0)?;
         range("outer iterations", f64::from(self.outer_iterations), 5.0, 1000.0)?;
         range("sweeps", f64::from(self.sweeps), 1.0, 100.0)?;
+        range(
+            "the product of outer iterations and sweeps",
+            f64::from(self.outer_iterations) * f64::from(self.sweeps),
+            1.0,
+            5000.0,
+        )?;
         range("over-relaxation", self.over_relaxation, 0.01, 1.99)?;
         range("regularization", self.regularization, 1e-6, 10.0)?;
         range("continuation", self.continuation, 0.0, 1000.0)?;

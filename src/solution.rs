@@ -84,7 +84,10 @@ impl Solution {
         self.mean_confidence = self.confidence.iter().map(|&c| f64::from(c)).sum::<f64>() / valid.len().max(1) as f64;
 
         let mut doubts = Vec::new();
-        if self.valid_fraction < LEAST_VALID {
+        let finite = [state.a, state.b, state.tx, state.ty, state.gain, state.offset].iter().all(|v| v.is_finite());
+        if !finite {
+            doubts.push("the solve ran out of numbers: bring the images nearer to 0 to 1".to_string());
+        } else if self.valid_fraction < LEAST_VALID {
             doubts.push(
                 "the images do not overlap: see whether they belong together, or start from a nearer transform"
                     .to_string(),

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use crate::plan::Plan;
-use crate::record::{self, PARTS_BEFORE};
+use crate::record::{self, Recorded};
 use crate::solution::{Level, Timings};
 use crate::stages::state::{Registration, State};
 use crate::vulkan::{Device, Recorder, Recording};
@@ -28,6 +28,7 @@ pub struct Progress {
 pub struct Solver {
     plan: Plan,
     recording: Recording,
+    level_done: Vec<Option<usize>>,
     workspace: Workspace,
     device: Arc<Device>,
 }
@@ -54,8 +55,8 @@ impl Solver {
         let mut first = Recorder::new(&device, 0)?;
         first.prepare(&workspace.images());
         first.finish()?.run(&mut |_| ())?;
-        let recording = record::record(&device, engine.pipelines(), &plan, &workspace)?;
-        Ok(Self { plan, recording, workspace, device })
+        let Recorded { recording, level_done } = record::record(&device, engine.pipelines(), &plan, &workspace)?;
+        Ok(Self { plan, recording, level_done, workspace, device })
     }
 
     /// Prepares for pairs like this one.
@@ -97,12 +98,11 @@ impl Solver {
         let settings = &self.plan.settings;
         let start = State::new(&Registration::new(&settings.start, &settings.start_photometric));
         self.workspace.start_state.write(bytemuck::bytes_of(&start))?;
-        let plan = &self.plan;
+        let (plan, level_done) = (&self.plan, &self.level_done);
         self.recording.run(&mut |part| {
-            let level = part.checked_sub(PARTS_BEFORE + 1).and_then(|done| plan.coarse_to_fine().nth(done));
-            if let Some(level) = level {
+            if let Some(level) = level_done[part - 1].map(|index| &plan.pyramid[index]) {
                 progress(Progress {
-                    done: (part - PARTS_BEFORE) as u32,
+                    done: (plan.solved - level.index) as u32,
                     levels: plan.solved as u32,
                     width: level.size[0],
                     height: level.size[1],
@@ -170,7 +170,8 @@ impl Solver {
     }
 }
 
-fn same_size([i1, i2]: [&Frame; 2]) -> Result<(), Error> {
+/// Two images of one pair have one size.
+pub(crate) fn same_size([i1, i2]: [&Frame; 2]) -> Result<(), Error> {
     if (i1.width(), i1.height()) == (i2.width(), i2.height()) {
         return Ok(());
     }

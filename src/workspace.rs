@@ -83,8 +83,6 @@ impl Workspace {
         filters.write(bytemuck::cast_slice(&plan.weights))?;
         let start_arguments = Buffer::for_upload(device, "indirect arguments at the start", argument_bytes)?;
         start_arguments.write(bytemuck::cast_slice(&arguments(plan)))?;
-        let result_layers = u64::from(2 + plan.fused_channels().count());
-        let full = u64::from(plan.size[0]) * u64::from(plan.size[1]);
         Ok(Self {
             levels,
             relative_blur,
@@ -107,7 +105,7 @@ impl Workspace {
                 Buffer::for_upload(device, "photograph 1", plan.frame_bytes(0))?,
                 Buffer::for_upload(device, "photograph 2", plan.frame_bytes(1))?,
             ],
-            results: Buffer::for_readback(device, "results", 4 * full * result_layers)?,
+            results: Buffer::for_readback(device, "results", plan.result_bytes())?,
             end_state: Buffer::for_readback(device, "state at the end", size_of::<State>() as u64)?,
             end_energies: Buffer::for_readback(device, "energies at the end", energy_bytes)?,
         })

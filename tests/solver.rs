@@ -194,6 +194,29 @@ fn progress_is_told_by_level() {
 }
 
 #[test]
+fn stripes_do_not_determine_the_registration() {
+    let stripes = |shift: f32| {
+        let value = |i: usize| 0.5 + 0.3 * (0.9 * ((i % 80) as f32 + shift)).sin();
+        Frame::gray(80, 60, (0..80 * 60).map(value).collect()).unwrap()
+    };
+    doubtful(&stripes(0.0), &stripes(0.3), &Settings::default(), "determine");
+}
+
+#[test]
+fn a_listener_that_panics_leaves_nothing_in_use() {
+    let engine = TestEngine::new();
+    let [i1, i2] = small_pair();
+    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let panics = std::panic::AssertUnwindSafe(|| {
+        let _ = solver.solve_with(&i1, &i2, &mut |_| panic!("on purpose"));
+    });
+    assert!(std::panic::catch_unwind(panics).is_err());
+    assert!(matches!(solver.solve(&i1, &i2), Err(Error::Poisoned)));
+    // The device is still at work in memory that nobody may free; let it end before the process does.
+    std::thread::sleep(Duration::from_secs(2));
+}
+
+#[test]
 fn a_wait_that_times_out_poisons_the_engine() {
     let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(1), ..options() }).unwrap();
     let [i1, i2] = pair([512, 512], &Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);

@@ -23,13 +23,15 @@ int node_below(float v, int count) {
 Blurred between(int k, float v, Jet p, Jet q) {
     float v0 = node_variance(k);
     float h = node_variance(k + 1) - v0;
-    float t = min((v - v0) / h, 1.0);
+    float t = (v - v0) / h;
+    bool beyond = t > 1.0;           // of the top node: held there
+    t = min(t, 1.0);
     float m = 0.5 * h * p.laplacian;
     float n = 0.5 * h * q.laplacian;
     float rise = q.value - p.value;
     float value = p.value + (3.0 - 2.0 * t) * t * t * rise + ((t - 2.0) * t + 1.0) * t * m + (t - 1.0) * t * t * n;
     float slope = (6.0 * (t - t * t) * rise + ((3.0 * t - 4.0) * t + 1.0) * m + (3.0 * t - 2.0) * t * n) / h;
-    return Blurred(value, slope, mix(p.gradient, q.gradient, t));
+    return Blurred(value, beyond ? 0.0 : slope, mix(p.gradient, q.gradient, t));
 }
 
 Blurred stack_at(int image, int nodes, ivec2 size, float v, ivec2 i, vec2 f) {

@@ -55,7 +55,7 @@ pub fn twin(c: &Constants, r: &mut Registration, i1: &Field, i2: &Field) -> f64 
     let variance = |square: f64, mean: f64| (square / count - mean * mean).max(0.0);
     let (variance1, variance2) = (variance(moments[3], mean1), variance(moments[4], mean2));
     let covariance = moments[5] / count - mean1 * mean2;
-    let contrast = variance1.min(variance2) > 1e-8;
+    let contrast = variance1.min(variance2) > 1e-6;
     let correlation = if contrast { covariance / (variance1 * variance2).sqrt() } else { 0.0 };
     if c.adopt == 1 {
         r.gain = if correlation > 0.5 { (variance1 / variance2).sqrt() } else { 1.0 };

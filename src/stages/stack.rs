@@ -50,13 +50,17 @@ pub fn read(stack: &[Field], v: f64, x: f64, y: f64) -> Blurred {
     let (v0, v1) = (node_sigma(k).powi(2), node_sigma(k + 1).powi(2));
     let (p, q) = (spline::read(&stack[k], x, y), spline::read(&stack[k + 1], x, y));
     let h = v1 - v0;
-    let t = ((v - v0) / h).min(1.0);
+    // Beyond the top node the value is held.
+    let (t, beyond) = (((v - v0) / h).min(1.0), v > v1);
     let (m, n) = (h * p.laplacian / 2.0, h * q.laplacian / 2.0);
     let (t2, t3) = (t * t, t * t * t);
     Blurred {
         value: p.value + (3.0 * t2 - 2.0 * t3) * (q.value - p.value) + (t3 - 2.0 * t2 + t) * m + (t3 - t2) * n,
-        slope: ((6.0 * t - 6.0 * t2) * (q.value - p.value) + (3.0 * t2 - 4.0 * t + 1.0) * m + (3.0 * t2 - 2.0 * t) * n)
-            / h,
+        slope: if beyond {
+            0.0
+        } else {
+            ((6.0 * t - 6.0 * t2) * (q.value - p.value) + (3.0 * t2 - 4.0 * t + 1.0) * m + (3.0 * t2 - 2.0 * t) * n) / h
+        },
         dx: p.dx + t * (q.dx - p.dx),
         dy: p.dy + t * (q.dy - p.dy),
     }

@@ -48,6 +48,7 @@ pub(crate) struct Recorder {
 impl Recorder {
     /// Starts a recording of one part, with room for that many timestamps.
     pub(crate) fn new(device: &Arc<Device>, timestamps: u32) -> Result<Self, Error> {
+        let timestamps = Timestamps::new(device, timestamps)?;
         let create = vk::CommandPoolCreateInfo::default().queue_family_index(device.physical.queue_family);
         // SAFETY: the family is the device's own.
         let pool = unsafe { device.handle.create_command_pool(&create, None) };
@@ -60,7 +61,7 @@ impl Recorder {
             sets_left: 0,
             sets: HashMap::new(),
             keep: Vec::new(),
-            timestamps: Timestamps::new(device, timestamps)?,
+            timestamps,
             barrier_due: false,
         };
         recorder.begin_part()?;
@@ -290,10 +291,13 @@ impl Recorder {
         self.transfer_barrier();
     }
 
-    /// Ends the recording; what was copied down is visible to the host once it is done.
+    /// Ends the recording; what was written is visible to the host once it is done.
     pub(crate) fn finish(mut self) -> Result<Recording, Error> {
         self.memory_barrier(
-            (vk::PipelineStageFlags2::TRANSFER, vk::AccessFlags2::TRANSFER_WRITE),
+            (
+                vk::PipelineStageFlags2::TRANSFER | vk::PipelineStageFlags2::COMPUTE_SHADER,
+                vk::AccessFlags2::TRANSFER_WRITE | vk::AccessFlags2::SHADER_STORAGE_WRITE,
+            ),
             (vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ),
         );
         self.end_part()?;

@@ -92,6 +92,16 @@ impl Device {
         &self.physical.info
     }
 
+    /// Most bytes of one allocation and of one buffer.
+    pub(crate) fn allocation_limits(&self) -> (u64, u64) {
+        let mut v11 = vk::PhysicalDeviceVulkan11Properties::default();
+        let mut v13 = vk::PhysicalDeviceVulkan13Properties::default();
+        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut v11).push_next(&mut v13);
+        // SAFETY: the physical device belongs to this instance, and a 1.3 device fills both structures.
+        unsafe { self.instance.handle.get_physical_device_properties2(self.physical.handle, &mut properties) };
+        (v11.max_memory_allocation_size, v13.max_buffer_size)
+    }
+
     /// Bytes of the largest R32F array image, and the most layers.
     pub(crate) fn image_limits(&self) -> Result<(u64, u32), Error> {
         // SAFETY: the physical device belongs to this instance.

@@ -18,7 +18,7 @@ pub(crate) struct Instance {
     /// Names of objects can be set.
     pub(super) debug_utils: bool,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    messages: Box<Messages>,
+    messages: Arc<Messages>,
     // Holds the loader's library open for as long as the instance lives.
     _entry: ash::Entry,
 }
@@ -75,7 +75,7 @@ impl Instance {
             vk::Result::ERROR_INCOMPATIBLE_DRIVER => Error::NoDevice(String::new()),
             other => failed("vkCreateInstance", other),
         })?;
-        let messages = Box::<Messages>::default();
+        let messages = Arc::<Messages>::default();
         let mut instance = Self { handle, debug_utils, messenger: None, messages, _entry: entry };
         if validation {
             instance.listen()?;
@@ -85,7 +85,7 @@ impl Instance {
 
     fn listen(&mut self) -> Result<(), Error> {
         let utils = ext::debug_utils::Instance::new(&self._entry, &self.handle);
-        let user_data: *const Messages = &*self.messages;
+        let user_data = Arc::as_ptr(&self.messages);
         let create = vk::DebugUtilsMessengerCreateInfoEXT::default()
             .message_severity(
                 vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
@@ -93,7 +93,7 @@ impl Instance {
             .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
             .pfn_user_callback(Some(collect))
             .user_data(user_data.cast_mut().cast());
-        // SAFETY: the box that `user_data` points to is dropped after the messenger is destroyed.
+        // SAFETY: the messages that `user_data` points to are dropped after the messenger is destroyed.
         let messenger = unsafe { utils.create_debug_utils_messenger(&create, None) }
             .map_err(|e| super::device::failure("vkCreateDebugUtilsMessengerEXT", "the Vulkan loader", e))?;
         self.messenger = Some((utils, messenger));
@@ -140,8 +140,11 @@ impl Instance {
         // SAFETY: `handle` came from this instance.
         let families = unsafe { self.handle.get_physical_device_queue_family_properties(handle) };
         let queue_family = compute_family(&families);
-        let unusable =
-            if recent { self.missing(handle, &subgroup, queue_family) } else { Some("it lacks Vulkan 1.3".into()) };
+        let unusable = if recent {
+            self.missing(handle, &basic.limits, &subgroup, queue_family)
+        } else {
+            Some("it lacks Vulkan 1.3".into())
+        };
         let version = basic.api_version;
         let info = DeviceInfo {
             index,
@@ -185,6 +188,7 @@ impl Instance {
     fn missing(
         &self,
         handle: vk::PhysicalDevice,
+        limits: &vk::PhysicalDeviceLimits,
         subgroup: &vk::PhysicalDeviceSubgroupProperties,
         queue_family: Option<u32>,
     ) -> Option<String> {
@@ -193,6 +197,10 @@ impl Instance {
         let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut v12).push_next(&mut v13);
         // SAFETY: `handle` came from this instance, and a 1.3 device fills both structures.
         unsafe { self.handle.get_physical_device_features2(handle, &mut features) };
+        let mut sizes = vk::PhysicalDeviceVulkan13Properties::default();
+        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut sizes);
+        // SAFETY: as above.
+        unsafe { self.handle.get_physical_device_properties2(handle, &mut properties) };
         let operations = vk::SubgroupFeatureFlags::BASIC | vk::SubgroupFeatureFlags::ARITHMETIC;
         let what = if queue_family.is_none() {
             "a compute queue"
@@ -202,8 +210,12 @@ impl Instance {
             || !subgroup.supported_operations.contains(operations)
         {
             "subgroup arithmetic in compute shaders"
-        } else if !(4..=128).contains(&subgroup.subgroup_size) {
+        } else if sizes.min_subgroup_size < 4 || sizes.max_subgroup_size > 128 {
             "subgroups of 4 to 128"
+        } else if limits.max_per_stage_descriptor_storage_images < 8 {
+            "eight storage images a shader"
+        } else if limits.max_compute_work_group_invocations < 256 {
+            "workgroups of 256"
         } else {
             return None;
         };

@@ -58,12 +58,15 @@ impl Recording {
         if self.device.is_poisoned() {
             return Err(Error::Poisoned);
         }
-        self.submit()?;
-        let deadline = Instant::now() + self.device.timeout;
-        for part in 1..=self.parts.len() {
-            self.wait(self.done + part as u64, deadline)?;
+        // Past what a clock can hold, there is no deadline.
+        let deadline = Instant::now().checked_add(self.device.timeout);
+        let pending = Pending { recording: self };
+        pending.recording.submit()?;
+        for part in 1..=pending.recording.parts.len() {
+            pending.recording.wait(pending.recording.done + part as u64, deadline)?;
             after(part);
         }
+        drop(pending);
         self.done += self.parts.len() as u64;
         Ok(())
     }
@@ -90,14 +93,17 @@ impl Recording {
         // SAFETY: the queue is locked; the parts are recorded and not pending, since every run waits to the end; what they
         // use is kept alive.
         let submitted = unsafe { self.device.handle.queue_submit2(*queue, &submits, vk::Fence::null()) };
+        if submitted == Err(vk::Result::ERROR_DEVICE_LOST) {
+            self.device.poison();
+        }
         self.device.check("vkQueueSubmit2", submitted)
     }
 
-    fn wait(&self, value: u64, deadline: Instant) -> Result<(), Error> {
+    fn wait(&self, value: u64, deadline: Option<Instant>) -> Result<(), Error> {
         let (semaphores, values) = ([self.timeline], [value]);
         let wait = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
-        let left = deadline.saturating_duration_since(Instant::now());
-        let nanoseconds = u64::try_from(left.as_nanos()).unwrap_or(u64::MAX);
+        let left = deadline.map(|d| d.saturating_duration_since(Instant::now()).as_nanos());
+        let nanoseconds = left.and_then(|ns| u64::try_from(ns).ok()).unwrap_or(u64::MAX);
         // SAFETY: the semaphore is a timeline of this device.
         match unsafe { self.device.handle.wait_semaphores(&wait, nanoseconds) } {
             Ok(()) => Ok(()),
@@ -115,6 +121,19 @@ impl Recording {
     /// The last run on the device.
     pub(crate) fn times(&self) -> Result<DeviceTimes, Error> {
         self.timestamps.read()
+    }
+}
+
+/// A run under way. Should `after` unwind, the parts still pending may go on using the device's memory.
+struct Pending<'a> {
+    recording: &'a Recording,
+}
+
+impl Drop for Pending<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.recording.device.poison();
+        }
     }
 }
 
