@@ -1,0 +1,165 @@
+//! The program on a device: what it writes, what it prints, and what it says when there is none.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use tempfile::TempDir;
+
+const RESULTS: [&str; 5] = ["relative_blur.exr", "confidence.exr", "depth.png", "fused.png", "report.json"];
+
+/// A folder with a pair of photographs that differ in blur, and a pair of constant grey.
+struct Desk(TempDir);
+
+impl Desk {
+    fn new() -> Self {
+        let desk = Self(TempDir::new().unwrap());
+        for (name, contrast) in [("near.png", 90.0), ("far.png", 70.0), ("grey.png", 0.0)] {
+            let value = |x: u32, y: u32| {
+                let (x, y) = (f64::from(x), f64::from(y));
+                let waves = (0.9 * x + 0.2 * y).sin() + (0.3 * x - 0.8 * y).cos() + (0.1 * x * y / 20.0).sin();
+                (128.0 + contrast / 3.0 * waves) as u8
+            };
+            let image =
+                image::RgbImage::from_fn(96, 64, |x, y| image::Rgb([value(x, y), value(x, y), value(x, y) / 2]));
+            image.save(desk.path(name)).unwrap();
+        }
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn command(&self) -> Command {
+        let mut command = Command::cargo_bin("parfocal").unwrap();
+        command.env("PARFOCAL_CACHE_DIR", self.path("cache"));
+        command
+    }
+
+    fn solve(&self, pair: [&str; 2], extra: &[&str]) -> Output {
+        let mut command = self.command();
+        command.arg("solve").args(pair.map(|name| self.path(name))).arg("-o").arg(self.path("out"));
+        if let Ok(device) = std::env::var("PARFOCAL_DEVICE") {
+            command.args(["--device", &device]);
+        }
+        command.args(extra).output().unwrap()
+    }
+
+    fn solved(&self, pair: [&str; 2], extra: &[&str]) -> Value {
+        let output = self.solve(pair, &[extra, &["--json"]].concat());
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{stderr}");
+        for name in RESULTS {
+            assert!(self.path("out").join(name).is_file(), "{name} is missing");
+        }
+        let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let written: Value = serde_json::from_slice(&fs::read(self.path("out/report.json")).unwrap()).unwrap();
+        assert_eq!(printed, written);
+        printed
+    }
+}
+
+#[test]
+fn a_solve_writes_its_five_files_and_the_report_on_stdout() {
+    let desk = Desk::new();
+    let report = desk.solved(["near.png", "far.png"], &[]);
+    assert_eq!(report["method"], "unified");
+    assert_eq!(report["size"]["width"], 96);
+    assert!(report["transform"]["tx_px"].is_f64() && report["timings_ms"]["total"].is_f64());
+    assert!(report["device"]["name"].is_string());
+    let level = &report["levels"][0];
+    assert_eq!(level["iterations"].as_u64().unwrap() as usize, level["energy"].as_array().unwrap().len());
+    assert!(report["timings_ms"]["passes"]["linearise"].is_f64(), "{}", report["timings_ms"]);
+    let fused = image::open(desk.path("out/fused.png")).unwrap();
+    assert_eq!((fused.width(), fused.color()), (96, image::ColorType::Rgb8));
+    let field = parfocal::image_io::read(&desk.path("out/confidence.exr")).unwrap();
+    assert_eq!((field.width(), field.height()), (96, 64));
+}
+
+#[test]
+fn a_transform_that_is_held_comes_back_as_it_was() {
+    let desk = Desk::new();
+    let transform = r#"{"transform": {"tx_px": 0.25, "ty_px": -0.5, "rotation_deg": 0.1, "scale": 1.002}}"#;
+    fs::write(desk.path("saved.json"), transform).unwrap();
+    let saved = desk.path("saved.json");
+    let report = desk.solved(["near.png", "far.png"], &["--transform", saved.to_str().unwrap(), "--hold"]);
+    assert_eq!(report["method"], "aligned");
+    for (name, value) in [("tx_px", 0.25), ("ty_px", -0.5), ("rotation_deg", 0.1), ("scale", 1.002)] {
+        let found = report["transform"][name].as_f64().unwrap();
+        assert!((found - value).abs() < 1e-5, "{name} {found}");
+    }
+}
+
+#[test]
+fn a_pair_that_cannot_be_solved_is_an_answer() {
+    let desk = Desk::new();
+    let report = desk.solved(["grey.png", "grey.png"], &[]);
+    assert_eq!(report["converged"], false);
+    assert!(report["warnings"][0].as_str().unwrap().contains("texture"), "{report}");
+    assert_eq!(report["mean_confidence"], 0.0);
+}
+
+#[test]
+fn devices_are_listed() {
+    let desk = Desk::new();
+    let output = desk.command().args(["devices", "--json"]).output().unwrap();
+    let devices: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(devices[0]["name"].is_string() && devices[0]["uuid"].as_str().unwrap().len() == 36, "{devices}");
+}
+
+#[track_caller]
+fn refused(output: &Output, parts: &[&str]) {
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert_eq!(stderr.lines().count(), 1, "{stderr}");
+    assert!(parts.iter().all(|part| stderr.contains(part)), "{stderr}");
+}
+
+#[test]
+fn a_device_that_is_not_there_is_one_line_and_no_files() {
+    let desk = Desk::new();
+    let output = {
+        let mut command = desk.command();
+        let pair = ["near.png", "far.png"].map(|name| desk.path(name));
+        command.arg("solve").args(pair).arg("-o").arg(desk.path("out")).args(["--device", "no such GPU"]);
+        command.output().unwrap()
+    };
+    refused(&output, &["no such GPU"]);
+    for arguments in [&["devices"][..], &["solve"]] {
+        let mut command = desk.command();
+        for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
+            command.env(name, desk.path("no-driver.json"));
+        }
+        command.args(arguments);
+        if arguments[0] == "solve" {
+            command.args(["near.png", "far.png"].map(|name| desk.path(name))).arg("-o").arg(desk.path("out"));
+        }
+        refused(&command.output().unwrap(), &["no Vulkan device"]);
+    }
+    assert!(!desk.path("out").exists());
+}
+
+#[test]
+fn images_that_are_too_small_or_too_large_name_the_file() {
+    let desk = Desk::new();
+    for (width, height, part) in [(1, 1, "at least"), (8, 8, "at least"), (40_000, 16, "too large")] {
+        image::GrayImage::new(width, height).save(desk.path("odd.png")).unwrap();
+        refused(&desk.solve(["odd.png", "odd.png"], &[]), &["odd.png", part]);
+    }
+    assert!(!desk.path("out").exists());
+}
+
+#[test]
+fn a_damaged_pipeline_cache_is_ignored() {
+    let desk = Desk::new();
+    desk.solved(["near.png", "far.png"], &[]);
+    let caches: Vec<PathBuf> = fs::read_dir(desk.path("cache")).unwrap().map(|e| e.unwrap().path()).collect();
+    assert_eq!(caches.len(), 1, "{caches:?}");
+    let whole = fs::read(&caches[0]).unwrap();
+    fs::write(&caches[0], &whole[..whole.len() / 2]).unwrap();
+    desk.solved(["near.png", "far.png"], &[]);
+    assert_eq!(fs::read(&caches[0]).unwrap().len(), whole.len(), "it is written anew");
+}
