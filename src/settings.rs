@@ -1,11 +1,11 @@
 //! Everything that a solve can be told, with defaults and checked ranges.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::{Error, Similarity};
 
 /// Which of the systems of the paper runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// Relative blur and registration together, sections 2 to 4 of the paper.
@@ -15,8 +15,18 @@ pub enum Method {
     Aligned,
 }
 
+impl Method {
+    /// "unified" or "aligned".
+    pub fn name(self) -> &'static str {
+        match self {
+            Method::Unified => "unified",
+            Method::Aligned => "aligned",
+        }
+    }
+}
+
 /// How stored values become intensities.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Decode {
     /// As stored.
@@ -27,7 +37,7 @@ pub enum Decode {
 }
 
 /// Gain and offset that map I2 onto I1: `J = gain I2(T x) + offset`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Photometric {
     /// Factor on I2.
     pub gain: f64,
@@ -49,7 +59,7 @@ impl Default for Photometric {
 /// The settings of a [`Solver`](crate::Solver).
 ///
 /// The defaults and what each does: the table in `docs/method.md`. Intensities are in [0, 1], blur in px².
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Unified, or T held.
     pub method: Method,

@@ -38,12 +38,15 @@ pub(super) fn summary(report: &Report, out: &Path) -> String {
     let (t, p, time) = (&report.transform, &report.photometric, &report.timings_ms);
     let registration = format!(
         "{:+.3} px right, {:+.3} px down, rotation {:+.4}°, scale {:.5}",
-        t.tx_px, t.ty_px, t.rotation_deg, t.scale
+        t.tx,
+        t.ty,
+        t.rotation_deg(),
+        t.scale
     );
     let converged = if report.converged { "yes" } else { "no" };
     let mut rows = vec![
         ("device", format!("{} ({})", report.device.name, report.device.driver)),
-        ("method", format!("{}, levels: {}", report.method, report.levels.len())),
+        ("method", format!("{}, levels: {}", report.method.name(), report.levels.len())),
         ("transform", registration),
         ("exposure", format!("gain {:.4}, offset {:+.4}", p.gain, p.offset)),
         ("relative blur", blur(report)),

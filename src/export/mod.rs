@@ -1,13 +1,12 @@
 //! Results out: fields, pictures and the report of a solve.
 //!
-//! [`write`] puts the five files of a solve into a folder: all of them, or none.
+//! [`write()`] puts the five files of a solve into a folder: all of them, or none.
 
 mod depth;
 mod field;
 mod fused;
 mod ranks;
 mod report;
-mod settings;
 mod staging;
 #[cfg(test)]
 mod tests;
@@ -15,16 +14,13 @@ mod transform;
 
 use std::path::Path;
 
-pub use report::{
-    DeviceReport, LevelReport, PhotometricReport, RangeReport, Report, SizeReport, TimingsReport, TransformReport,
-};
-pub use settings::SettingsReport;
+pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TimingsReport};
 pub use transform::read_transform;
 
 use crate::{Decode, Error, Format, Solution};
 use staging::Staging;
 
-/// The files that [`write`] makes.
+/// The files that [`write()`] makes.
 pub const FILES: [&str; 5] = ["relative_blur.exr", "confidence.exr", "depth.png", "fused.png", "report.json"];
 
 /// Which of the two images is focused nearer to the camera; it decides what V > 0 means in `depth.png`.

@@ -4,20 +4,19 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use super::Nearer;
 use super::ranks::Ranks;
-use super::settings::{SettingsReport, method_name};
-use crate::{DeviceInfo, Level, Photometric, Settings, Similarity, Solution, Timings};
+use crate::{DeviceInfo, Level, Method, Photometric, Settings, Similarity, Solution, Timings};
 
 /// The report of one solve. A quantity that no valid pixel supports is `null`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// T: I2(T x) lines up with I1(x).
-    pub transform: TransformReport,
+    pub transform: Similarity,
     /// What maps I2 onto I1.
-    pub photometric: PhotometricReport,
+    pub photometric: Photometric,
     /// The method that ran.
-    pub method: String,
+    pub method: Method,
     /// What was asked.
-    pub settings: SettingsReport,
+    pub settings: Settings,
     /// Size of the images.
     pub size: SizeReport,
     /// Coarse to fine.
@@ -40,28 +39,6 @@ pub struct Report {
     pub device: DeviceReport,
     /// Where the time went.
     pub timings_ms: TimingsReport,
-}
-
-/// A [`Similarity`] in the units of the report.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TransformReport {
-    /// Translation to the right, pixels.
-    pub tx_px: f64,
-    /// Translation downwards, pixels.
-    pub ty_px: f64,
-    /// Rotation from x towards y, degrees.
-    pub rotation_deg: f64,
-    /// Scale.
-    pub scale: f64,
-}
-
-/// `J = gain I2(T x) + offset`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PhotometricReport {
-    /// Factor on I2.
-    pub gain: f64,
-    /// Added after the gain, in intensities of [0, 1].
-    pub offset: f64,
 }
 
 /// Pixels.
@@ -128,10 +105,10 @@ impl Report {
     /// Gathers the report of a solve.
     pub fn new(solution: &Solution, settings: &Settings, device: &DeviceInfo, nearer: Nearer) -> Self {
         Self {
-            transform: solution.transform.into(),
-            photometric: solution.photometric.into(),
-            method: method_name(settings.method),
-            settings: settings.into(),
+            transform: solution.transform,
+            photometric: solution.photometric,
+            method: settings.method,
+            settings: settings.clone(),
             size: SizeReport { width: solution.width, height: solution.height },
             levels: solution.levels.iter().map(LevelReport::from).collect(),
             converged: solution.converged,
@@ -160,30 +137,6 @@ impl RangeReport {
     pub fn of(values: &[f32]) -> Self {
         let mut ranks = Ranks::of(values);
         Self { min: ranks.quantile(0.0), max: ranks.quantile(1.0), median: ranks.quantile(0.5) }
-    }
-}
-
-impl From<Similarity> for TransformReport {
-    fn from(t: Similarity) -> Self {
-        Self { tx_px: t.tx, ty_px: t.ty, rotation_deg: t.rotation_deg(), scale: t.scale }
-    }
-}
-
-impl From<TransformReport> for Similarity {
-    fn from(t: TransformReport) -> Self {
-        Similarity::new(t.tx_px, t.ty_px, t.rotation_deg, t.scale)
-    }
-}
-
-impl From<Photometric> for PhotometricReport {
-    fn from(p: Photometric) -> Self {
-        Self { gain: p.gain, offset: p.offset }
-    }
-}
-
-impl From<PhotometricReport> for Photometric {
-    fn from(p: PhotometricReport) -> Self {
-        Self { gain: p.gain, offset: p.offset }
     }
 }
 

@@ -7,7 +7,6 @@ use std::path::Path;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::{PhotometricReport, TransformReport};
 use crate::{Error, Photometric, Settings, Similarity};
 
 /// The most bytes that are read, 16 MiB: a report with every level and iteration at its limit takes under 1 MiB.
@@ -38,12 +37,11 @@ fn text(path: &Path) -> Result<String, String> {
 
 fn parse(text: &str) -> Result<(Similarity, Option<Photometric>), String> {
     let file: Value = serde_json::from_str(text).map_err(|e| format!("is not JSON ({e}); {SHAPE}"))?;
-    let transform: TransformReport = part(file.get("transform").unwrap_or(&file), "transform")?;
-    let photometric: Option<PhotometricReport> = match file.get("photometric") {
+    let start: Similarity = part(file.get("transform").unwrap_or(&file), "transform")?;
+    let start_photometric: Option<Photometric> = match file.get("photometric") {
         None | Some(Value::Null) => None,
         Some(value) => Some(part(value, "photometric")?),
     };
-    let (start, start_photometric) = (Similarity::from(transform), photometric.map(Photometric::from));
     let asked = Settings { start, start_photometric: start_photometric.unwrap_or_default(), ..Settings::default() };
     asked.check().map_err(|e| format!("cannot be started from: {e}"))?;
     Ok((start, start_photometric))
