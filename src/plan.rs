@@ -4,7 +4,7 @@ use crate::kernel::{self, Filter};
 use crate::stages::stack::{node_count, node_sigma};
 use crate::stages::state::MAX_LEVELS;
 use crate::stages::{convolve, linearise, step};
-use crate::vulkan::{Device, MIB};
+use crate::vulkan::{Device, MIB, image_limits};
 use crate::{Channels, Error, Format, Method, Photometric, Settings};
 
 /// The least width and height: below it no blur window fits into the image.
@@ -229,7 +229,7 @@ impl Plan {
         if upload > info.max_storage_buffer {
             return too_large("one photograph", mib(upload), format!("{} for a buffer", mib(info.max_storage_buffer)));
         }
-        let (largest, layers) = device.image_limits()?;
+        let (largest, layers) = image_limits(device)?;
         let stack = 4 * pixels(self.size) * u64::from(self.stack_layers());
         if self.stack_layers() > layers {
             return too_large(

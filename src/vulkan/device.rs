@@ -9,6 +9,7 @@ use ash::{ext, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
 use super::cache;
+use super::failure::failure;
 use super::instance::{Instance, PhysicalDevice};
 use crate::{DeviceInfo, Error};
 
@@ -102,23 +103,6 @@ impl Device {
         (v11.max_memory_allocation_size, v13.max_buffer_size)
     }
 
-    /// Bytes of the largest R32F array image, and the most layers.
-    pub(crate) fn image_limits(&self) -> Result<(u64, u32), Error> {
-        // SAFETY: the physical device belongs to this instance.
-        let found = unsafe {
-            self.instance.handle.get_physical_device_image_format_properties(
-                self.physical.handle,
-                super::memory::Texel::One.format(),
-                vk::ImageType::TYPE_2D,
-                vk::ImageTiling::OPTIMAL,
-                super::memory::IMAGE_USAGE,
-                vk::ImageCreateFlags::empty(),
-            )
-        };
-        let found = self.check("vkGetPhysicalDeviceImageFormatProperties", found)?;
-        Ok((found.max_resource_size, found.max_array_layers))
-    }
-
     /// An earlier wait timed out or failed, and the device may still be at work.
     pub(crate) fn is_poisoned(&self) -> bool {
         self.poisoned.load(Ordering::Acquire)
@@ -179,16 +163,4 @@ impl Drop for Device {
             self.handle.destroy_device(None);
         }
     }
-}
-
-/// A failed Vulkan call, with advice where there is some.
-pub(super) fn failure(call: &str, device: &str, result: vk::Result) -> Error {
-    let advice = match result {
-        vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY => {
-            "; use smaller images, or free memory on the device"
-        }
-        vk::Result::ERROR_DEVICE_LOST => "; make a new Engine, and see whether the driver is up to date",
-        _ => "",
-    };
-    Error::Vulkan { call: call.into(), device: device.into(), result: format!("{result:?}"), advice }
 }

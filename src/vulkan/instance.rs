@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use ash::{ext, vk};
 
+use super::failure::failure;
 use crate::{DeviceInfo, Error};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -39,7 +40,7 @@ impl Instance {
     pub(crate) fn new(validation: bool) -> Result<Arc<Self>, Error> {
         // SAFETY: loading the system's Vulkan loader runs its initialisers; it is the library that this crate exists to use.
         let entry = unsafe { ash::Entry::load() }.map_err(|e| Error::NoLoader(e.to_string()))?;
-        let failed = |call: &str, result: vk::Result| super::device::failure(call, "the Vulkan loader", result);
+        let failed = |call: &str, result: vk::Result| failure(call, "the Vulkan loader", result);
         // SAFETY: the entry is loaded, and no layer is named.
         let available = unsafe { entry.enumerate_instance_extension_properties(None) }
             .map_err(|e| failed("vkEnumerateInstanceExtensionProperties", e))?;
@@ -95,7 +96,7 @@ impl Instance {
             .user_data(user_data.cast_mut().cast());
         // SAFETY: the messages that `user_data` points to are dropped after the messenger is destroyed.
         let messenger = unsafe { utils.create_debug_utils_messenger(&create, None) }
-            .map_err(|e| super::device::failure("vkCreateDebugUtilsMessengerEXT", "the Vulkan loader", e))?;
+            .map_err(|e| failure("vkCreateDebugUtilsMessengerEXT", "the Vulkan loader", e))?;
         self.messenger = Some((utils, messenger));
         Ok(())
     }
@@ -115,7 +116,7 @@ impl Instance {
     pub(crate) fn physical_devices(&self) -> Result<Vec<PhysicalDevice>, Error> {
         // SAFETY: the instance is alive.
         let handles = unsafe { self.handle.enumerate_physical_devices() }
-            .map_err(|e| super::device::failure("vkEnumeratePhysicalDevices", "the Vulkan loader", e))?;
+            .map_err(|e| failure("vkEnumeratePhysicalDevices", "the Vulkan loader", e))?;
         Ok(handles.into_iter().enumerate().map(|(index, handle)| self.describe(index, handle)).collect())
     }
 

@@ -8,6 +8,7 @@ use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
 
 use super::device::Device;
+use super::failure::failure;
 use crate::Error;
 
 /// What an image holds in a pixel.
@@ -20,7 +21,7 @@ pub(crate) enum Texel {
 }
 
 impl Texel {
-    pub(super) fn format(self) -> vk::Format {
+    fn format(self) -> vk::Format {
         match self {
             Texel::One => vk::Format::R32_SFLOAT,
             Texel::Four => vk::Format::R32G32B32A32_SFLOAT,
@@ -38,7 +39,7 @@ impl Texel {
 }
 
 /// Every image is read and written by shaders and copied.
-pub(super) const IMAGE_USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
+const IMAGE_USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
     vk::ImageUsageFlags::STORAGE.as_raw()
         | vk::ImageUsageFlags::TRANSFER_SRC.as_raw()
         | vk::ImageUsageFlags::TRANSFER_DST.as_raw(),
@@ -63,6 +64,23 @@ pub(crate) struct Image {
     pub(crate) texel: Texel,
     allocation: ManuallyDrop<Allocation>,
     device: Arc<Device>,
+}
+
+/// Bytes of the largest image of one float a texel, and the most layers.
+pub(crate) fn image_limits(device: &Device) -> Result<(u64, u32), Error> {
+    // SAFETY: the physical device belongs to this instance.
+    let found = unsafe {
+        device.instance.handle.get_physical_device_image_format_properties(
+            device.physical.handle,
+            Texel::One.format(),
+            vk::ImageType::TYPE_2D,
+            vk::ImageTiling::OPTIMAL,
+            IMAGE_USAGE,
+            vk::ImageCreateFlags::empty(),
+        )
+    };
+    let found = device.check("vkGetPhysicalDeviceImageFormatProperties", found)?;
+    Ok((found.max_resource_size, found.max_array_layers))
 }
 
 impl Buffer {
@@ -132,7 +150,7 @@ impl Buffer {
     }
 
     fn not_mapped(&self) -> Error {
-        super::device::failure("mapping a buffer", &self.device.info().name, vk::Result::ERROR_MEMORY_MAP_FAILED)
+        failure("mapping a buffer", &self.device.info().name, vk::Result::ERROR_MEMORY_MAP_FAILED)
     }
 }
 

@@ -3,6 +3,7 @@
 mod cache;
 mod commands;
 mod device;
+mod failure;
 mod instance;
 mod memory;
 mod pipeline;
@@ -12,6 +13,6 @@ mod timestamps;
 pub(crate) use commands::{Groups, Recorder, Resource};
 pub(crate) use device::{Device, MIB};
 pub(crate) use instance::Instance;
-pub(crate) use memory::{Buffer, Image, Texel};
+pub(crate) use memory::{Buffer, Image, Texel, image_limits};
 pub(crate) use pipeline::{Binding, Pipeline, Stage};
 pub(crate) use recording::Recording;

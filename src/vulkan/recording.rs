@@ -7,6 +7,7 @@ use std::time::Instant;
 use ash::vk;
 
 use super::device::Device;
+use super::failure::failure;
 use super::timestamps::{DeviceTimes, Timestamps};
 use crate::Error;
 
@@ -113,7 +114,7 @@ impl Recording {
                 if result == vk::Result::TIMEOUT {
                     return Err(Error::Timeout { device, seconds: self.device.timeout.as_secs() });
                 }
-                Err(super::device::failure("waiting for the device", &device, result))
+                Err(failure("waiting for the device", &device, result))
             }
         }
     }
