@@ -184,6 +184,23 @@ fn the_least_size_and_odd_sizes_solve() {
 }
 
 #[test]
+fn engines_and_solvers_go_to_other_threads() {
+    fn send<T: Send>() {}
+    fn sync<T: Sync>() {}
+    send::<Engine>();
+    sync::<Engine>();
+    send::<Solver>();
+    let engine = TestEngine::new();
+    let [i1, i2] = small_pair();
+    let found: Vec<_> = std::thread::scope(|scope| {
+        let solve = || engine.solve([&i1, &i2], &Settings::default()).transform;
+        let threads = [scope.spawn(solve), scope.spawn(solve)];
+        threads.map(|t| t.join().unwrap()).to_vec()
+    });
+    assert_eq!(found[0], found[1]);
+}
+
+#[test]
 fn progress_is_told_by_level() {
     let [i1, i2] = small_pair();
     let engine = TestEngine::new();
