@@ -36,7 +36,7 @@ pub enum Error {
     },
     /// The device did not finish in time.
     #[error(
-        "{device} did not finish within {seconds} s: make a new Engine; try a smaller image, fewer outer iterations, or a longer timeout"
+        "{device} did not finish within {seconds} s: try a smaller image, fewer outer iterations, or a longer timeout (a library needs a new Engine first)"
     )]
     Timeout {
         /// The device's name.

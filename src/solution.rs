@@ -94,7 +94,7 @@ impl Solution {
             );
         } else if self.mean_confidence < LEAST_CONFIDENCE {
             doubts.push(
-                "there is too little texture to see blur by: light or focus the scene so that texture shows"
+                "there is too little texture, or too much blur, to measure blur by: light or focus the scene so that texture shows"
                     .to_string(),
             );
         } else if state.degenerate == 1 {
@@ -109,7 +109,7 @@ impl Solution {
             ));
         } else if state.levels[0].converged == 0 {
             doubts.push(format!(
-                "the finest level had not converged after {} outer iterations: allow more",
+                "the finest level had not converged after {} outer iterations: allow more, or more levels if fewer than auto were asked for",
                 state.levels[0].iterations
             ));
         }
@@ -117,7 +117,7 @@ impl Solution {
         self.warnings = doubts;
         if self.saturated_fraction > MOST_SATURATED {
             self.warnings.push(format!(
-                "{:.0} % of the valid pixels are at the limit of |V|, {} px²: raise the largest relative blur",
+                "{:.0} % of the valid pixels are at the limit of |V|, {} px²: raise the largest relative blur (256 px² at most), or focus the two nearer to each other",
                 100.0 * self.saturated_fraction,
                 settings.max_relative_blur
             ));

@@ -21,7 +21,7 @@ pub(super) struct Arguments {
     i1: PathBuf,
     /// The other photograph, of the same size
     i2: PathBuf,
-    /// Folder for the results; made if it is missing
+    /// Folder for the results; made if it is missing, earlier results in it replaced
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Solve for the registration too, or hold it at identity (or at --transform)
@@ -30,16 +30,16 @@ pub(super) struct Arguments {
     /// Pyramid levels, 1 to 12; auto halves the images while the short side stays at least 32 px
     #[arg(long, value_name = "N|auto", default_value_t = Levels(Settings::default().levels))]
     levels: Levels,
-    /// Largest |V|, the difference of the blurs' variances, px² of the full-size image
-    #[arg(long, value_name = "PX2", default_value_t = Settings::default().max_relative_blur)]
+    /// Largest |V|, the difference of the blurs' variances, px² of the full-size image, 1 to 256
+    #[arg(long, value_name = "PX2", allow_negative_numbers = true, default_value_t = Settings::default().max_relative_blur)]
     max_relative_blur: f64,
-    /// Weight α of the smoothness of V, no unit; larger is smoother
-    #[arg(long, value_name = "A", default_value_t = Settings::default().regularization)]
+    /// Weight α of the smoothness of V, no unit, 1e-6 to 10; larger is smoother
+    #[arg(long, value_name = "A", allow_negative_numbers = true, default_value_t = Settings::default().regularization)]
     regularization: f64,
-    /// Outer iterations on each level, at most
+    /// Outer iterations on each level at most, 5 to 1000
     #[arg(long, value_name = "N", default_value_t = Settings::default().outer_iterations)]
     outer_iterations: u32,
-    /// Relaxation sweeps in each outer iteration
+    /// Relaxation sweeps in each outer iteration, 1 to 100
     #[arg(long, value_name = "N", default_value_t = Settings::default().sweeps)]
     sweeps: u32,
     /// Start from the registration (and exposure, if stated) in a report.json or its transform object

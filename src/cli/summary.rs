@@ -50,12 +50,18 @@ pub(super) fn summary(report: &Report, out: &Path) -> String {
         ("transform", registration),
         ("exposure", format!("gain {:.4}, offset {:+.4}", p.gain, p.offset)),
         ("relative blur", blur(report)),
+        ("depth.png", near_is_red(report)),
         ("converged", converged.to_string()),
     ];
     rows.extend(report.warnings.iter().map(|warning| ("warning", warning.clone())));
     rows.push(("time", format!("{:.0} ms, {:.0} ms of it on the device", time.total, time.gpu)));
     rows.push(("results", format!("{}: {}", out.display(), FILES.join(" "))));
     rows.iter().map(|(label, value)| format!("{label:<14} {value}")).collect::<Vec<_>>().join("\n")
+}
+
+fn near_is_red(report: &Report) -> String {
+    let other = 3 - report.nearer;
+    format!("red near, blue far, I{} taken as focused nearer; --nearer {other} swaps them", report.nearer)
 }
 
 fn blur(report: &Report) -> String {

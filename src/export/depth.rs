@@ -11,23 +11,27 @@ use super::ranks::Ranks;
 /// The part of the valid pixels, at either end, that may leave the scale: a few wild pixels must not grey out the rest.
 const TAIL: f64 = 0.01;
 
+/// The least span of the scale, px²: less than that is rounding and noise, and must not look like relief.
+const LEAST_SPAN: f32 = 0.5;
+
 /// Writes `depth.png`.
 pub(super) fn write(writer: impl Write, size: (u32, u32), blur: &[f32], nearer: Nearer) -> Result<(), String> {
     png(writer, &picture(blur, nearer), size, Rgba8)
 }
 
-/// RGBA of every pixel; the scale runs from the 1st to the 99th percentile.
+/// RGBA of every pixel; the scale runs from the 1st to the 99th percentile, and over half a px² at least.
 fn picture(blur: &[f32], nearer: Nearer) -> Vec<u8> {
     let mut ranks = Ranks::of(blur);
     let low = ranks.quantile(TAIL).unwrap_or(0.0);
     let high = ranks.quantile(1.0 - TAIL).unwrap_or(0.0);
+    let widen = (LEAST_SPAN - (high - low)).max(0.0) / 2.0;
+    let (low, high) = (low - widen, high + widen);
     blur.iter().flat_map(|&v| if v.is_finite() { color(nearness(v, low, high, nearer)) } else { [0; 4] }).collect()
 }
 
 /// 0 far, 1 near.
 fn nearness(v: f32, low: f32, high: f32, nearer: Nearer) -> f64 {
-    // A field of one value has no near and far: the middle of the scale.
-    let t = if high > low { f64::from((v - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 };
+    let t = f64::from((v - low) / (high - low)).clamp(0.0, 1.0);
     match nearer {
         Nearer::First => t,
         Nearer::Second => 1.0 - t,
@@ -67,6 +71,14 @@ mod tests {
         assert_eq!(picture(&[f32::NAN, 2.0], Nearer::First)[..4], [0; 4]);
         assert_eq!(picture(&[f32::NAN, 2.0], Nearer::First)[4..], color(0.5));
         assert_eq!(picture(&[f32::NAN], Nearer::First), [0; 4]);
+    }
+
+    #[test]
+    fn rounding_does_not_look_like_relief() {
+        let noise: Vec<f32> = (0..100).map(|i| 1e-3 * (i % 7) as f32).collect();
+        let reds: Vec<u8> = picture(&noise, Nearer::First).chunks_exact(4).map(|p| p[0]).collect();
+        let (least, most) = (reds.iter().min().unwrap(), reds.iter().max().unwrap());
+        assert!(most - least < 10, "{least} to {most}");
     }
 
     #[test]

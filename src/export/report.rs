@@ -9,6 +9,8 @@ use crate::{DeviceInfo, Level, Method, Photometric, Settings, Similarity, Soluti
 /// The report of one solve. A quantity that no valid pixel supports is `null`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
+    /// Version of parfocal that wrote it.
+    pub version: &'static str,
     /// T: I2(T x) lines up with I1(x).
     pub transform: Similarity,
     /// What maps I2 onto I1.
@@ -105,6 +107,7 @@ impl Report {
     /// Gathers the report of a solve.
     pub fn new(solution: &Solution, settings: &Settings, device: &DeviceInfo, nearer: Nearer) -> Self {
         Self {
+            version: env!("CARGO_PKG_VERSION"),
             transform: solution.transform,
             photometric: solution.photometric,
             method: settings.method,

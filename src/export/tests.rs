@@ -61,6 +61,7 @@ fn the_report_has_the_fields_that_scripts_read() {
     let text = report().to_json().unwrap();
     let json: Value = serde_json::from_str(&text).unwrap();
     let mut expected = vec![
+        "version",
         "transform",
         "photometric",
         "method",
