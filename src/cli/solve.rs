@@ -185,6 +185,15 @@ fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     if out.exists() && !out.is_dir() {
         return Err(Failure::Failed(format!("{}: is a file; give a folder for the results", out.display())));
     }
+    // The folder, or the nearest above it that there is, must take a file.
+    let above = out.ancestors().find(|p| p.is_dir()).filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if let Err(e) = tempfile::tempfile_in(above) {
+        return Err(Failure::Failed(format!(
+            "{}: cannot be written ({}); give another folder",
+            out.display(),
+            e.kind()
+        )));
+    }
     for image in [&arguments.i1, &arguments.i2] {
         if let Some(name) = FILES.iter().find(|name| same_file(&out.join(name), image)) {
             let problem = format!("is an input, and the result {name} would replace it; give another folder");
