@@ -12,7 +12,7 @@
 //!
 //! The terms in q eliminate each pixel's dV from the registration step (Schur complement), so that T, gain and offset
 //! step as if V had already answered. A neighbourhood moves together and feels less of the smoothness than a pixel alone:
-//! λ = 0.1 stands for that. Measured on the slanted plane in 15 iterations a level: V rms 0.032 px² without elimination,
+//! λ = 0.1 stands for that. On the slanted plane in 15 iterations a level, in a CPU trial: V rms 0.032 px² without it,
 //! 0.026 with λ = 1, 0.007 with 0.1.
 
 use bytemuck::{Pod, Zeroable};

@@ -9,8 +9,8 @@ use super::spline;
 /// σ of a node in px: 0, ½, 1, 1½, then a third more from each to the next.
 ///
 /// From σ 1½ on the cubic's error is at most `0.012 (h/v)⁴`, 0.0045 of the contrast of the worst frequency, h the step in
-/// variance from the node at v; even steps of σ would waste nodes on wide blur. A finer stack (steps of ¼ px) changed
-/// neither V nor T of the slanted plane.
+/// variance from the node at v; even steps of σ would waste nodes on wide blur. Even steps of ¼
+/// instead of ½ px moved V rms of the slanted plane by 0.0015 px² and T by 0.0001 px, in a trial on the CPU.
 pub fn node_sigma(k: usize) -> f64 {
     if k <= 3 { 0.5 * k as f64 } else { 1.5 * (4.0f64 / 3.0).powi(k as i32 - 3) }
 }

@@ -54,7 +54,7 @@ pub struct Step {
     /// No corner moved by 0.01 px and the energy changed by less than 0.1 %.
     pub converged: bool,
     /// The energy, besides, changed by less than 0.01 %, and the level stops. The energy is flat before V is: stopping at
-    /// 0.1 % put V of the Cup pair 0.086 px² from that of the same pair undisplaced, going on 0.049.
+    /// 0.1 % put V of the Cup pair 0.086 px² from that of the same pair undisplaced, going on 0.063.
     pub settled: bool,
 }
 
