@@ -5,8 +5,9 @@
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray from;
-layout(binding = 1, r32f) uniform writeonly image2DArray to;
+layout(binding = 1, r32f) uniform image2DArray to;
 layout(binding = 2, std140) uniform Filters { vec4 weights[1024]; }; // four a vector; SPAN - 1 zeros after each filter
+layout(constant_id = 2) const bool ADD = false;     // to what is there
 layout(push_constant) uniform Constants {
     int length, breadth;        // along the filtered axis and across it, before the filter
     int stride;
@@ -38,6 +39,9 @@ void main() {
         high += high_window * value;
     }
     float sums[SPAN] = float[](low.x, low.y, low.z, low.w, high.x, high.y, high.z, high.w);
-    for (int j = 0; j < SPAN; j += stride)
-        if (first + j < length) imageStore(to, place((first + j) / stride, across, to_layer), vec4(sums[j]));
+    for (int j = 0; j < SPAN; j += stride) {
+        if (first + j >= length) break;
+        ivec3 result = place((first + j) / stride, across, to_layer);
+        imageStore(to, result, vec4(ADD ? imageLoad(to, result).r + sums[j] : sums[j]));
+    }
 }

@@ -1,5 +1,5 @@
 #version 460
-// Gain and offset from mean and deviation of the two images at low pass, where blur hardly shows. One workgroup.
+// Gain and offset from mean and deviation of the two images at low pass, each blurred as the other is by V. One workgroup.
 // Twin: src/stages/expose.rs.
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
@@ -10,33 +10,52 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray image2;
-layout(binding = 2, std430) buffer StateBuffer { State state; };
+layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;  // of the level solved
+layout(binding = 3, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
     float factor;
     float centre_x, centre_y;
     int adopt;                       // 0: measure the correlation only
+    int stride;                      // pixels of the level solved a pixel of this level
 };
 
 const int MOMENTS = 6;               // pixels, I1, I2, I1², I2², I1 I2; intensities less ½, for their digits
 shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][MOMENTS];
 
+float intensity(int image, ivec2 i) {
+    ivec3 place = ivec3(clamp(i, ivec2(0), ivec2(width, height) - 1), 0);
+    return image == 1 ? imageLoad(image1, place).r : imageLoad(image2, place).r;
+}
+
+// A pixel blurred by a small variance: half of it times the Laplacian.
+float blurred(int image, ivec2 i, float variance) {
+    float centre = intensity(image, i);
+    float sides = intensity(image, i + ivec2(1, 0)) + intensity(image, i - ivec2(1, 0))
+                + intensity(image, i + ivec2(0, 1)) + intensity(image, i - ivec2(0, 1));
+    return centre + 0.5 * variance * (sides - 4.0 * centre);
+}
+
 // Bilinear, which is enough for a mean and a deviation at low pass.
-float image2_at(ivec2 i, vec2 f) {
-    ivec2 j = min(i + 1, ivec2(width, height) - 1);
-    float top = mix(imageLoad(image2, ivec3(i, 0)).r, imageLoad(image2, ivec3(j.x, i.y, 0)).r, f.x);
-    float bottom = mix(imageLoad(image2, ivec3(i.x, j.y, 0)).r, imageLoad(image2, ivec3(j, 0)).r, f.x);
+float read(int image, ivec2 i, vec2 f, float variance) {
+    float top = mix(blurred(image, i, variance), blurred(image, i + ivec2(1, 0), variance), f.x);
+    float bottom = mix(blurred(image, i + ivec2(0, 1), variance), blurred(image, i + ivec2(1, 1), variance), f.x);
     return mix(top, bottom, f.y);
 }
 
 void add(Registration r, ivec2 x, inout float moments[MOMENTS]) {
-    vec2 d = displacement(r, x, factor, vec2(centre_x, centre_y));
-    ivec2 size = ivec2(width, height), i;
-    vec2 f;
-    if (!inside(x, d, size, 0.0, 1.0)) return;
-    place(x, d, size, i, f);
-    float u = imageLoad(image1, ivec3(x, 0)).r - 0.5;
-    float v = image2_at(clamp(i, ivec2(0), size - 1), f) - 0.5;
+    // Half the way in either image, so that interpolation takes as much contrast from one as from the other.
+    vec2 d = 0.5 * displacement(r, x, factor, vec2(centre_x, centre_y));
+    ivec2 size = ivec2(width, height), i, j;
+    vec2 f, g;
+    if (!inside(x, d, size, 0.0, 1.0) || !inside(x, -d, size, 0.0, 1.0)) return;
+    place(x, -d, size, i, f);
+    place(x, d, size, j, g);
+    // In pixels of this level; ½ px² is as far as the Laplacian of a pixel goes.
+    ivec2 solved = min(x * stride, imageSize(relative_blur).xy - 1);
+    float variance = clamp(imageLoad(relative_blur, ivec3(solved, 0)).r / float(stride * stride), -0.5, 0.5);
+    float u = read(1, i, f, max(variance, 0.0)) - 0.5;
+    float v = read(2, j, g, max(-variance, 0.0)) - 0.5;
     float terms[MOMENTS] = float[](1.0, u, v, u * u, v * v, u * v);
     for (int n = 0; n < MOMENTS; n++) moments[n] += terms[n];
 }

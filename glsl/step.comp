@@ -16,6 +16,7 @@ layout(push_constant) uniform Constants {
     int energy_place;                // of this level and iteration
     int argument_place, argument_count; // indirect arguments of this level
     int solve_transform, solve_photometric;
+    int descend;                     // the gradient, instead of solving
     int may_settle;                  // α has its final value
     float factor;                    // pixels of the full-size image a pixel of this level
     float length;                    // that scales a and b, pixels
@@ -43,7 +44,8 @@ void add_up() {
     barrier();
 }
 
-// Cholesky of N scaled to a unit diagonal; unknowns that are held or undetermined take no step.
+// Cholesky of N scaled to a unit diagonal, or a step down the gradient, over the sum of N's row; unknowns that are held or
+// undetermined take no step.
 void solve(out float x[6]) {
     float m[6][6], scale[6];                 // the lower triangle of N
     bool held[6];
@@ -62,6 +64,15 @@ void solve(out float x[6]) {
         held[i] = unseen || !free;
         scale[i] = held[i] ? 0.0 : inversesqrt(m[i][i]);
         x[i] = -(i < 4 ? totals[G_TRANSFORM + i] : totals[G_PHOTOMETRIC + i - 4]) * scale[i];
+    }
+    if (descend == 1) {
+        for (int i = 0; i < 6; i++) {
+            float row = 0.0;
+            for (int j = 0; j < 6; j++) row += held[j] ? 0.0 : abs(i < j ? m[j][i] : m[i][j]);
+            x[i] = held[i] ? 0.0 : x[i] / scale[i] / row;
+        }
+        state.degenerate = uint(degenerate);
+        return;
     }
     for (int j = 0; j < 6; j++) {
         float pivot = 1.0;

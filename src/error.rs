@@ -88,6 +88,14 @@ pub enum Error {
         /// What it may be.
         range: String,
     },
+    /// What was given as a kernel is none.
+    #[error("kernel {name}: {problem}")]
+    Kernel {
+        /// The kernel.
+        name: String,
+        /// What is wrong with it.
+        problem: String,
+    },
     /// A file could not be read or written, or does not hold what it should.
     #[error("{}: {problem}", path.display())]
     File {

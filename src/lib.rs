@@ -27,10 +27,12 @@
 //! An [`Engine`] is a device, a [`Solver`] a size and settings, prepared once and used for any number of pairs. Every
 //! failure is an [`Error`]; a pair that can be read but not solved is a [`Solution`] that has not converged and says why.
 
+mod aperture;
 mod device_info;
 mod engine;
 mod error;
 pub mod export;
+mod filter;
 mod frame;
 pub mod image_io;
 mod kernel;
@@ -53,7 +55,8 @@ pub use device_info::DeviceInfo;
 pub use engine::{Engine, EngineOptions};
 pub use error::Error;
 pub use frame::{Channels, Depth, Format, Frame, Samples};
-pub use settings::{Decode, Method, Photometric, Settings};
+pub use kernel::{Aperture, Kernel};
+pub use settings::{Decode, Method, Photometric, RegistrationStep, Settings};
 pub use similarity::{Similarity, centre};
 pub use solution::{Level, Solution, Timings};
 pub use solver::{Progress, Solver};

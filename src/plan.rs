@@ -1,11 +1,11 @@
 //! Sizes before anything is allocated: levels, images, bytes, limits, and what each iteration is told.
 
-use crate::kernel::{self, Filter};
-use crate::stages::stack::{node_count, node_sigma};
+use crate::filter::{self, Filter};
+use crate::stages::stack::{self, Slopes, node_count};
 use crate::stages::state::MAX_LEVELS;
-use crate::stages::{convolve, linearise, step};
+use crate::stages::{convolve, expose, linearise, step};
 use crate::vulkan::{Device, MIB, image_limits};
-use crate::{Channels, Error, Format, Method, Photometric, Settings};
+use crate::{Channels, Error, Format, Method, Photometric, RegistrationStep, Settings};
 
 /// The least width and height: below it no blur window fits into the image.
 pub(crate) const LEAST_SIZE: u32 = 16;
@@ -15,8 +15,10 @@ const LEAST_COARSEST: u32 = 32;
 const LEAST_LEVEL: u32 = 8;
 /// The exposure is matched on this level: the pyramid's blurs up to it add up to σ 9 px, its own pixels are 16 px wide.
 const LOW_PASS: usize = 4;
-/// The share of a level's outer iterations in which α falls to its value and, on the finest, the exposure is held.
+/// The share of a level's outer iterations in which α falls to its value.
 const CONTINUATION_SHARE: f64 = 0.6;
+/// The share of the finest level's outer iterations in which the exposure is held.
+const EXPOSURE_SHARE: f64 = 0.4;
 /// The stack of I2 is read at s² V: a fifth above the limit leaves room for s up to 1.095.
 const READ_BEYOND: f64 = 1.2;
 /// Layers that the results need: V, confidence, three colours.
@@ -47,8 +49,37 @@ pub(crate) struct Level {
 /// A filter among all the weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FilterRange {
+    pub(crate) bank: usize,
     pub(crate) offset: u32,
     pub(crate) radius: u32,
+}
+
+/// How a layer of a stack is made: from which, and by the sum of which filters along x and along y.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct StackLayer {
+    pub(crate) from: u32,
+    pub(crate) terms: Vec<[FilterRange; 2]>,
+}
+
+/// The weights of all filters, in banks that fit a uniform buffer each.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Weights {
+    pub(crate) banks: Vec<Vec<f32>>,
+}
+
+impl Weights {
+    fn add(&mut self, filter: &Filter) -> FilterRange {
+        let padding = convolve::SPAN as usize - 1;
+        if self.banks.last().is_none_or(|bank| bank.len() + filter.len() + padding > convolve::WEIGHTS) {
+            self.banks.push(Vec::new());
+        }
+        let bank = self.banks.len() - 1;
+        let weights = &mut self.banks[bank];
+        let range = FilterRange { bank, offset: weights.len() as u32, radius: (filter.len() / 2) as u32 };
+        weights.extend(filter.iter().map(|&w| w as f32));
+        weights.resize(weights.len() + padding, 0.0);
+        range
+    }
 }
 
 /// Everything about a solve that does not depend on the pixels.
@@ -61,12 +92,11 @@ pub(crate) struct Plan {
     pub(crate) pyramid: Vec<Level>,
     /// How many of them are solved.
     pub(crate) solved: usize,
-    /// Weights of all filters.
-    pub(crate) weights: Vec<f32>,
+    pub(crate) weights: Weights,
     pub(crate) halve: FilterRange,
     pub(crate) prefilter: FilterRange,
-    /// From each node of the stack to the next.
-    pub(crate) nodes: Vec<FilterRange>,
+    /// The layers of a stack after the first.
+    pub(crate) layers: Vec<StackLayer>,
 }
 
 impl Plan {
@@ -80,21 +110,21 @@ impl Plan {
         let low_pass = (0..=LOW_PASS).rev().find(|&l| half_size(width.min(height), l) >= LEAST_LEVEL).unwrap_or(0);
         let pyramid: Vec<Level> =
             (0..solved.max(low_pass + 1)).map(|l| Level::new(l, width, height, settings.max_relative_blur)).collect();
-        let mut weights = Vec::new();
-        let mut add = |filter: Filter| {
-            let range = FilterRange { offset: weights.len() as u32, radius: (filter.len() / 2) as u32 };
-            weights.extend(filter.iter().map(|&w| w as f32));
-            weights.extend([0.0; convolve::SPAN as usize - 1]);
-            range
-        };
+        let mut weights = Weights::default();
+        let layers = (1..pyramid[0].nodes * Slopes::of(&settings.kernel).layers()).map(|n| {
+            let stack::Layer { from, terms } = stack::layer(&settings.kernel, n);
+            let terms = terms.iter().map(|filters| filters.each_ref().map(|f| weights.add(f))).collect();
+            StackLayer { from: from as u32, terms }
+        });
+        let layers = layers.collect();
         Ok(Self {
             size: [width, height],
             formats,
             settings: settings.clone(),
             solved,
-            halve: add(halving_filter()),
-            prefilter: add(kernel::spline_prefilter()),
-            nodes: (1..pyramid[0].nodes).map(|k| add(node_filter(k))).collect(),
+            halve: weights.add(&halving_filter()),
+            prefilter: weights.add(&filter::spline_prefilter()),
+            layers,
             pyramid,
             weights,
         })
@@ -105,10 +135,19 @@ impl Plan {
         self.pyramid[..self.solved].iter().rev()
     }
 
-    /// The level on which a level's exposure is matched.
-    pub(crate) fn low_pass(&self, level: &Level) -> &Level {
+    /// What `expose` is told for a level, and the level at low pass where it works.
+    pub(crate) fn expose(&self, level: &Level, adopt: bool) -> (usize, expose::Constants) {
         let index = level.index.max(LOW_PASS.min(self.pyramid.len() - 1));
-        &self.pyramid[index]
+        let low_pass = &self.pyramid[index];
+        let constants = expose::Constants {
+            width: low_pass.size[0],
+            height: low_pass.size[1],
+            factor: low_pass.factor as f32,
+            centre: low_pass.centre.map(|c| c as f32),
+            adopt: u32::from(adopt),
+            stride: 1 << (index - level.index),
+        };
+        (index, constants)
     }
 
     /// α of outer iteration k: it starts too large and falls to its value.
@@ -134,12 +173,17 @@ impl Plan {
 
     /// Whether gain and offset are solved for in iteration k of a level: late on the finest.
     pub(crate) fn solves_photometric(&self, level: &Level, k: u32) -> bool {
-        self.settings.photometric && level.index == 0 && self.is_final(k)
+        let freed = f64::from(k) >= EXPOSURE_SHARE * f64::from(self.settings.outer_iterations);
+        self.settings.photometric && level.index == 0 && freed
     }
 
     /// Whether gain and offset are matched at low pass before: not where a start other than equal exposures is given.
     pub(crate) fn matches_exposure(&self) -> bool {
         self.settings.photometric && self.settings.start_photometric == Photometric::IDENTITY
+    }
+
+    fn descends(&self) -> bool {
+        self.settings.registration == RegistrationStep::GradientDescent
     }
 
     /// What `linearise` is told in iteration k of a level.
@@ -158,7 +202,9 @@ impl Plan {
             eta: s.data_eta as f32,
             smoothness_eta: s.smoothness_eta as f32,
             epsilon: s.heaviside_epsilon as f32,
-            elimination: linearise::ELIMINATION,
+            // Beside so much smoothness no pixel's V answers.
+            elimination: if self.descends() { 1e20 } else { linearise::ELIMINATION },
+            mean: s.kernel.mean().map(|m| m as f32),
         }
     }
 
@@ -173,6 +219,7 @@ impl Plan {
             argument_count: ARGUMENT_WORDS as u32,
             solve_transform: u32::from(self.solves_transform()),
             solve_photometric: u32::from(self.solves_photometric(level, k)),
+            descend: u32::from(self.descends()),
             may_settle: u32::from(self.may_settle(k)),
             factor: level.factor as f32,
             length: level.length as f32,
@@ -187,7 +234,17 @@ impl Plan {
 
     /// Layers of the first stack, which holds the results at the end.
     pub(crate) fn stack_layers(&self) -> u32 {
-        (self.pyramid[0].nodes as u32).max(RESULT_LAYERS)
+        self.layers_of(&self.pyramid[0]).max(RESULT_LAYERS)
+    }
+
+    /// Layers of a level's stacks.
+    pub(crate) fn layers_of(&self, level: &Level) -> u32 {
+        (level.nodes * self.slopes().layers()) as u32
+    }
+
+    /// How a stack's slopes are known.
+    pub(crate) fn slopes(&self) -> Slopes {
+        Slopes::of(&self.settings.kernel)
     }
 
     /// Bytes that a frame takes on its way up.
@@ -207,7 +264,7 @@ impl Plan {
         let solved: u64 = self.pyramid[..self.solved].iter().map(|l| pixels(l.size)).sum();
         let full = pixels(self.size);
         let half = pixels([self.size[0].div_ceil(2), self.size[1]]);
-        let stacks = u64::from(self.stack_layers() + self.pyramid[0].nodes as u32);
+        let stacks = u64::from(self.stack_layers() + self.layers_of(&self.pyramid[0]));
         let floats = 2 * pyramid + solved + (1 + stacks) * full + 2 * (5 + 1) * half;
         let host = self.frame_bytes(0) + self.frame_bytes(1) + self.result_bytes();
         (4 * floats, host)
@@ -292,12 +349,7 @@ impl Level {
 
 /// Of the pyramid: σ 1 px before every other pixel is taken.
 pub(crate) fn halving_filter() -> Filter {
-    kernel::gaussian(1.0)
-}
-
-/// From node k - 1 of the stack to node k.
-pub(crate) fn node_filter(k: usize) -> Filter {
-    kernel::gaussian(node_sigma(k).powi(2) - node_sigma(k - 1).powi(2))
+    filter::gaussian(1.0)
 }
 
 fn pixels([width, height]: [u32; 2]) -> u64 {

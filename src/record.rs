@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use bytemuck::Pod;
 
-use crate::plan::{FilterRange, Level, Plan};
-use crate::stages::{Pipelines, confidence, convolve, expose, fuse, ingest, prolong, relax, update};
+use crate::plan::{FilterRange, Level, Plan, StackLayer};
+use crate::stages::stack::Slopes;
+use crate::stages::{Pipelines, confidence, convolve, fuse, ingest, prolong, relax, update};
 use crate::vulkan::{Device, Groups, Image, Pipeline, Recorder, Recording, Resource};
 use crate::workspace::{Grid, Workspace};
 use crate::{Channels, Decode, Error};
@@ -45,7 +46,7 @@ pub(crate) fn record(
         let per_part = (PART_BUDGET / level.pixels()).max(1) as u32;
         r.start(level)?;
         if plan.matches_exposure() {
-            r.expose(plan.low_pass(level), true)?;
+            r.expose(level, true)?;
         }
         for image in BOTH {
             r.stack(level, image)?;
@@ -66,7 +67,7 @@ pub(crate) fn record(
         level_done.push(Some(level.index));
     }
     r.recorder.next_part()?;
-    r.expose(plan.low_pass(&plan.pyramid[0]), false)?;
+    r.expose(&plan.pyramid[0], false)?;
     r.confidence()?;
     for channel in 0..plan.fused_channels().count() {
         r.fuse(channel)?;
@@ -79,7 +80,7 @@ pub(crate) fn record(
 /// More than the passes there are.
 fn timestamps(plan: &Plan) -> u32 {
     let iteration = 3 + 2 * plan.settings.sweeps;
-    let stacks = 4 * plan.pyramid[0].nodes as u32;
+    let stacks = 4 + 4 * plan.layers.iter().map(|layer| layer.terms.len() as u32).sum::<u32>();
     plan.solved as u32 * (plan.settings.outer_iterations * iteration + stacks + 4) + 4 * plan.pyramid.len() as u32 + 32
 }
 
@@ -129,7 +130,7 @@ impl<'a> Script<'a> {
     fn pyramid(&mut self, image: usize) -> Result<(), Error> {
         for (parent, level) in self.plan.pyramid.iter().zip(&self.plan.pyramid[1..]) {
             let (from, to) = (&self.w.levels[parent.index].images[image], &self.w.levels[level.index].images[image]);
-            self.separable(from, 0, to, 0, parent.size, self.plan.halve, 2)?;
+            self.separable([(from, 0), (to, 0)], parent.size, [self.plan.halve; 2], 2, false)?;
         }
         Ok(())
     }
@@ -137,24 +138,25 @@ impl<'a> Script<'a> {
     /// The spline coefficients of a level's image, and of the image blurred by each node's variance.
     fn stack(&mut self, level: &Level, image: usize) -> Result<(), Error> {
         let (from, stack) = (&self.w.levels[level.index].images[image], &self.w.stacks[image]);
-        self.separable(from, 0, stack, 0, level.size, self.plan.prefilter, 1)?;
-        for node in 1..level.nodes as u32 {
-            self.separable(stack, node - 1, stack, node, level.size, self.plan.nodes[node as usize - 1], 1)?;
+        self.separable([(from, 0), (stack, 0)], level.size, [self.plan.prefilter; 2], 1, false)?;
+        for layer in 1..self.plan.layers_of(level) {
+            let plan = self.plan;
+            let StackLayer { from, terms } = &plan.layers[layer as usize - 1];
+            for (n, &term) in terms.iter().enumerate() {
+                self.separable([(stack, *from), (stack, layer)], level.size, term, 1, n > 0)?;
+            }
         }
         Ok(())
     }
 
-    /// A filter along x into the scratch image, then along y.
-    #[expect(clippy::too_many_arguments, reason = "from and to are a layer of an image each")]
+    /// A filter along x into the scratch image, then one along y, from a layer of an image to one, in its place or added.
     fn separable(
         &mut self,
-        from: &Arc<Image>,
-        from_layer: u32,
-        to: &Arc<Image>,
-        to_layer: u32,
+        [(from, from_layer), (to, to_layer)]: [(&Arc<Image>, u32); 2],
         [width, height]: [u32; 2],
-        filter: FilterRange,
+        [along_x, along_y]: [FilterRange; 2],
         stride: u32,
+        add: bool,
     ) -> Result<(), Error> {
         let across = convolve::Constants {
             length: width,
@@ -163,8 +165,8 @@ impl<'a> Script<'a> {
             vertical: 0,
             from_layer,
             to_layer: 0,
-            offset: filter.offset,
-            radius: filter.radius,
+            offset: along_x.offset,
+            radius: along_x.radius,
         };
         let down = convolve::Constants {
             length: height,
@@ -172,12 +174,17 @@ impl<'a> Script<'a> {
             vertical: 1,
             from_layer: 0,
             to_layer,
+            offset: along_y.offset,
+            radius: along_y.radius,
             ..across
         };
-        let pipeline = &self.pipelines.convolve;
+        let p = self.pipelines;
+        let last = if add { &p.convolve_add } else { &p.convolve };
         let scratch = &self.w.scratch;
-        for (from, to, constants) in [(from, scratch, across), (scratch, to, down)] {
-            let resources = [Resource::Image(from), Resource::Image(to), Resource::Uniform(&self.w.filters)];
+        for (from, to, constants, bank, pipeline) in
+            [(from, scratch, across, along_x.bank, &p.convolve), (scratch, to, down, along_y.bank, last)]
+        {
+            let resources = [Resource::Image(from), Resource::Image(to), Resource::Uniform(&self.w.filters[bank])];
             let groups = pipeline.groups(convolve::grid(&constants));
             self.pass(pipeline, &resources, &constants, Groups::Direct(groups))?;
         }
@@ -199,16 +206,11 @@ impl<'a> Script<'a> {
     }
 
     /// Gain and offset at low pass, or only the correlation there.
-    fn expose(&mut self, low_pass: &Level, adopt: bool) -> Result<(), Error> {
-        let constants = expose::Constants {
-            width: low_pass.size[0],
-            height: low_pass.size[1],
-            factor: low_pass.factor as f32,
-            centre: low_pass.centre.map(|c| c as f32),
-            adopt: u32::from(adopt),
-        };
-        let [i1, i2] = &self.w.levels[low_pass.index].images;
-        let resources = [Resource::Image(i1), Resource::Image(i2), Resource::Buffer(&self.w.state)];
+    fn expose(&mut self, level: &Level, adopt: bool) -> Result<(), Error> {
+        let (index, constants) = self.plan.expose(level, adopt);
+        let [i1, i2] = &self.w.levels[index].images;
+        let [i1, i2, v] = [i1, i2, self.relative_blur(level.index)].map(Resource::Image);
+        let resources = [i1, i2, v, Resource::Buffer(&self.w.state)];
         self.pass(&self.pipelines.expose, &resources, &constants, Groups::Direct([1, 1, 1]))
     }
 
@@ -228,7 +230,9 @@ impl<'a> Script<'a> {
         ];
         let resources =
             [&images.map(Resource::Image)[..], &[Resource::Buffer(&w.state), Resource::Buffer(&w.partials)]].concat();
-        self.pass(&self.pipelines.linearise, &resources, &constants, self.grid(Grid::Tiles, level))
+        let p = self.pipelines;
+        let pipeline = if self.plan.slopes() == Slopes::Laplacian { &p.linearise } else { &p.linearise_any_kernel };
+        self.pass(pipeline, &resources, &constants, self.grid(Grid::Tiles, level))
     }
 
     /// T, gain, offset; settled?
@@ -285,7 +289,7 @@ impl<'a> Script<'a> {
         }
         let finest = &self.plan.pyramid[0];
         let [i1, i2] = &self.w.levels[0].images;
-        self.separable(i2, 0, &self.w.stacks[1], 0, finest.size, self.plan.prefilter, 1)?;
+        self.separable([(i2, 0), (&self.w.stacks[1], 0)], finest.size, [self.plan.prefilter; 2], 1, false)?;
         let constants = fuse::Constants {
             width: finest.size[0],
             height: finest.size[1],

@@ -1,10 +1,11 @@
 //! The whole solver in plain Rust and double precision, built of the [`stages`](crate::stages)' twins: slow, for tests and
 //! for learning. It takes the same [`Settings`] and goes through the same passes in the same order.
 
-use crate::plan::{Level, Plan, halving_filter, node_filter};
+use crate::plan::{Level, Plan, halving_filter};
+use crate::stages::stack::{Layer, Slopes, layer};
 use crate::stages::state::Registration;
 use crate::stages::{Field, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update};
-use crate::{Error, Frame, Photometric, Settings, Similarity, kernel};
+use crate::{Error, Frame, Kernel, Photometric, Settings, Similarity, filter};
 
 /// What the reference finds.
 pub struct Reference {
@@ -37,14 +38,17 @@ pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, E
     for level in plan.coarse_to_fine() {
         let mut blur = start(level, v.take());
         if plan.matches_exposure() {
-            match_exposure(plan.low_pass(level), &pyramids, &mut registration);
+            let (low_pass, constants) = plan.expose(level, true);
+            let [i1, i2] = pyramids.each_ref().map(|p| &p[low_pass]);
+            expose::twin(&constants, &mut registration, i1, i2, &blur);
         }
         let images = pyramids.each_ref().map(|p| &p[level.index]);
-        let stacks = images.map(|image| build_stack(image, level.nodes));
+        let stacks = images.map(|image| build_stack(image, &settings.kernel, level.nodes));
+        let stacks = linearise::Stacks { first: &stacks[0], second: &stacks[1], slopes: plan.slopes() };
         let mut energy = Vec::new();
         for k in 0..settings.outer_iterations {
             let constants = plan.linearise(level, k);
-            let linear = linearise::twin(&constants, &registration, images[0], &blur, [&stacks[0], &stacks[1]]);
+            let linear = linearise::twin(&constants, &registration, images[0], &blur, &stacks);
             let before = energy.last().copied().unwrap_or(0.0);
             let step = step::twin(&plan.step(level, k), &linear.sums, &mut registration, before);
             energy.push(step.energy);
@@ -67,7 +71,7 @@ pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, E
     let centre = finest.centre.map(|c| c as f32);
     let [width, height] = finest.size;
     let found = confidence::twin(&confidence::Constants { width, height, centre }, &registration, &v, &system);
-    let coefficients = build_stack(&pyramids[1][0], 1);
+    let coefficients = build_stack(&pyramids[1][0], &Kernel::Gaussian, 1);
     let epsilon = settings.heaviside_epsilon as f32;
     let fuse = fuse::Constants { width, height, layer: 0, centre, epsilon };
     let fused = fuse::twin(&fuse, &registration, &pyramids[0][0], &coefficients[0], &v);
@@ -95,11 +99,17 @@ fn pyramid(plan: &Plan, finest: Field) -> Vec<Field> {
     levels
 }
 
-/// Spline coefficients of an image, and of the image blurred by the variance of each further node of the stack.
-pub fn build_stack(image: &Field, nodes: usize) -> Vec<Field> {
-    let mut stack = vec![separable(image, &kernel::spline_prefilter(), 1)];
-    for k in 1..nodes {
-        stack.push(separable(&stack[k - 1], &node_filter(k), 1));
+/// Spline coefficients of an image, then of the other layers of its [`stack`](crate::stages::stack).
+pub fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<Field> {
+    let mut stack = vec![separable(image, &filter::spline_prefilter(), 1)];
+    for n in 1..nodes * Slopes::of(kernel).layers() {
+        let Layer { from, terms } = layer(kernel, n);
+        let mut sum = Field::zeros(image.width, image.height);
+        for [along_x, along_y] in &terms {
+            let term = convolve::twin(&convolve::twin(&stack[from], along_x, 1, false), along_y, 1, true);
+            sum.data.iter_mut().zip(term.data).for_each(|(sum, t)| *sum += t);
+        }
+        stack.push(sum);
     }
     stack
 }
@@ -110,17 +120,6 @@ fn start(level: &Level, coarser: Option<Field>) -> Field {
         None => Field::zeros(width as usize, height as usize),
         Some(coarser) => prolong::twin(&prolong::Constants { width, height, limit: level.limit as f32 }, &coarser),
     }
-}
-
-fn match_exposure(low_pass: &Level, pyramids: &[Vec<Field>; 2], registration: &mut Registration) {
-    let constants = expose::Constants {
-        width: low_pass.size[0],
-        height: low_pass.size[1],
-        factor: low_pass.factor as f32,
-        centre: low_pass.centre.map(|c| c as f32),
-        adopt: 1,
-    };
-    expose::twin(&constants, registration, &pyramids[0][low_pass.index], &pyramids[1][low_pass.index]);
 }
 
 fn relaxed(plan: &Plan, level: &Level, system: &[Field; 5]) -> Field {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, Similarity};
+use crate::{Error, Kernel, Similarity};
 
 /// Which of the systems of the paper runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -23,6 +23,17 @@ impl Method {
             Method::Aligned => "aligned",
         }
     }
+}
+
+/// How T, gain and offset step once an outer iteration.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RegistrationStep {
+    /// Gauss-Newton on the energy, each pixel's change of V eliminated.
+    #[default]
+    GaussNewton,
+    /// Gradient descent beside a V that stands still: the paper's explicit scheme, to compare with.
+    GradientDescent,
 }
 
 /// How stored values become intensities.
@@ -86,6 +97,10 @@ pub struct Settings {
     pub max_relative_blur: f64,
     /// Largest change of V in one outer iteration, px² of the level, 0.01 to 100. Default 1.
     pub largest_step: f64,
+    /// Shape of the blur. Default a Gaussian.
+    pub kernel: Kernel,
+    /// How T, gain and offset step. Default Gauss-Newton.
+    pub registration: RegistrationStep,
     /// Whether gain and offset are solved for. Default true.
     pub photometric: bool,
     /// How stored values become intensities. Default as stored.
@@ -111,6 +126,8 @@ impl Default for Settings {
             heaviside_epsilon: 0.1,
             max_relative_blur: 144.0,
             largest_step: 1.0,
+            kernel: Kernel::Gaussian,
+            registration: RegistrationStep::GaussNewton,
             photometric: true,
             decode: Decode::None,
             start: Similarity::IDENTITY,

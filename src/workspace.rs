@@ -44,7 +44,8 @@ pub(crate) struct Workspace {
     pub(crate) weights: Arc<Image>,
     /// dV of the red and of the black pixels.
     pub(crate) changes: [Arc<Image>; 2],
-    pub(crate) filters: Arc<Buffer>,
+    /// The banks of weights.
+    pub(crate) filters: Vec<Arc<Buffer>>,
     pub(crate) state: Arc<Buffer>,
     pub(crate) partials: Arc<Buffer>,
     pub(crate) energies: Arc<Buffer>,
@@ -79,8 +80,12 @@ impl Workspace {
         let partial_rows = plan.pyramid.iter().map(|l| l.tiles()[0] * l.tiles()[1]).max().unwrap_or(1);
         let energy_bytes = 4 * plan.solved as u64 * u64::from(plan.settings.outer_iterations);
         let argument_bytes = (4 * ARGUMENT_WORDS * plan.solved) as u64;
-        let filters = Buffer::for_upload(device, "filters", 4 * convolve::WEIGHTS as u64)?;
-        filters.write(bytemuck::cast_slice(&plan.weights))?;
+        let filters = plan.weights.banks.iter().map(|bank| {
+            let buffer = Buffer::for_upload(device, "filters", 4 * convolve::WEIGHTS as u64)?;
+            buffer.write(bytemuck::cast_slice(bank))?;
+            Ok(buffer)
+        });
+        let filters = filters.collect::<Result<_, Error>>()?;
         let start_arguments = Buffer::for_upload(device, "indirect arguments at the start", argument_bytes)?;
         start_arguments.write(bytemuck::cast_slice(&arguments(plan)))?;
         Ok(Self {
@@ -88,7 +93,7 @@ impl Workspace {
             relative_blur,
             stacks: [
                 image("stack of I1", plan.size, plan.stack_layers())?,
-                image("stack of I2", plan.size, finest.nodes as u32)?,
+                image("stack of I2", plan.size, plan.layers_of(finest))?,
             ],
             scratch: image("scratch", plan.size, 1)?,
             right_sides: image("right sides", finest.half(), 2)?,

@@ -1,5 +1,6 @@
 //! `parfocal solve`: two photographs in, relative blur and registration out.
 
+use std::convert::Infallible;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -8,7 +9,9 @@ use std::{fmt, fs};
 
 use clap::ValueEnum;
 use parfocal::export::{self, FILES, Look, Nearer, Report};
-use parfocal::{Decode, Engine, EngineOptions, Frame, Method, Settings, Solution, Solver, image_io};
+use parfocal::{
+    Decode, Engine, EngineOptions, Frame, Kernel, Method, RegistrationStep, Settings, Solution, Solver, image_io,
+};
 
 use super::failure::{Failure, print};
 use super::summary::{Bar, summary};
@@ -48,6 +51,12 @@ pub(super) struct Arguments {
     /// Keep what --transform states instead of starting from it; the method is then aligned
     #[arg(long, requires = "transform")]
     hold: bool,
+    /// Shape of the blur: gaussian, pillbox, half-gaussian, or a picture of the kernel (of a coded aperture, say)
+    #[arg(long, value_name = "K|FILE", default_value = "gaussian")]
+    kernel: KernelChoice,
+    /// How the registration steps; gradient-descent is the paper's scheme, to compare with
+    #[arg(long, value_enum, default_value_t = RegistrationName::from(Settings::default().registration))]
+    registration: RegistrationName,
     /// How stored values become intensities: as stored, or with the sRGB curve undone
     #[arg(long, value_enum, default_value_t = DecodeName::from(Settings::default().decode))]
     decode: DecodeName,
@@ -84,6 +93,50 @@ impl From<Method> for MethodName {
         match method {
             Method::Unified => Self::Unified,
             Method::Aligned => Self::Aligned,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum RegistrationName {
+    GaussNewton,
+    GradientDescent,
+}
+
+impl From<RegistrationStep> for RegistrationName {
+    fn from(step: RegistrationStep) -> Self {
+        match step {
+            RegistrationStep::GaussNewton => Self::GaussNewton,
+            RegistrationStep::GradientDescent => Self::GradientDescent,
+        }
+    }
+}
+
+/// A kernel by name, or a file that holds one.
+#[derive(Clone, Debug)]
+enum KernelChoice {
+    Named(Kernel),
+    File(PathBuf),
+}
+
+impl FromStr for KernelChoice {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        let named = [Kernel::Gaussian, Kernel::Pillbox, Kernel::HalfGaussian].into_iter().find(|k| k.name() == text);
+        Ok(named.map_or_else(|| Self::File(text.into()), Self::Named))
+    }
+}
+
+impl KernelChoice {
+    fn read(&self) -> Result<Kernel, Failure> {
+        match self {
+            Self::Named(kernel) => Ok(kernel.clone()),
+            Self::File(path) if !path.exists() => Err(Failure::Usage(format!(
+                "--kernel {}: neither gaussian, pillbox nor half-gaussian, nor is there such a file",
+                path.display()
+            ))),
+            Self::File(path) => Ok(image_io::read_kernel(path)?),
         }
     }
 }
@@ -131,6 +184,7 @@ impl fmt::Display for Levels {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut settings = settings(arguments);
     settings.check()?;
+    settings.kernel = arguments.kernel.read()?;
     start_from_file(arguments, &mut settings)?;
     check_output(arguments)?;
     let (i1, i2) = image_io::read_pair(&arguments.i1, &arguments.i2)?;
@@ -155,6 +209,10 @@ fn settings(arguments: &Arguments) -> Settings {
         sweeps: arguments.sweeps,
         regularization: arguments.regularization,
         max_relative_blur: arguments.max_relative_blur,
+        registration: match arguments.registration {
+            RegistrationName::GaussNewton => RegistrationStep::GaussNewton,
+            RegistrationName::GradientDescent => RegistrationStep::GradientDescent,
+        },
         photometric: !arguments.no_photometric,
         decode: match arguments.decode {
             DecodeName::None => Decode::None,

@@ -14,7 +14,8 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use crate::{Error, Frame};
+use crate::stages::ingest;
+use crate::{Aperture, Decode, Error, Frame, Kernel};
 
 /// The most pixels that are decoded, 2^28: more than any camera sensor in common use has (150 million), and 1 GiB for
 /// a float channel.
@@ -46,6 +47,21 @@ pub fn read_pair(first: &Path, second: &Path) -> Result<(Frame, Frame), Error> {
         )));
     }
     Ok((i1.decode()?, i2.decode()?))
+}
+
+/// Reads a kernel from a picture of it, such as a coded aperture; a colour picture by its luminance, values as stored.
+///
+/// # Errors
+/// [`Error::File`], also where the picture is no kernel: see [`Aperture::new`].
+pub fn read_kernel(path: &Path) -> Result<Kernel, Error> {
+    let picture = read(path)?;
+    let densities = ingest::twin(&picture, Decode::None, ingest::LUMINANCE).data;
+    let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+    let aperture = Aperture::new(&name, picture.width() as usize, picture.height() as usize, &densities);
+    aperture.map(Kernel::Measured).map_err(|e| match e {
+        Error::Kernel { problem, .. } => Error::file(path, problem),
+        other => other,
+    })
 }
 
 /// A file whose header has been read and whose size is allowed.

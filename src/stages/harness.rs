@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::Field;
-use crate::kernel;
+use crate::filter;
 use crate::vulkan::{Buffer, Device, Groups, Image, Pipeline, Recorder, Resource, Stage, Texel};
 
 /// A device whose validation messages fail the test when it is dropped.
@@ -96,8 +96,21 @@ impl Rig {
         constants: &C,
         groups: [u32; 3],
     ) {
-        self.record(|recorder, compile| {
-            recorder.pass(&compile(stage), resources, bytemuck::bytes_of(constants), Groups::Direct(groups)).unwrap();
+        self.run_variant(stage, false, resources, constants, groups);
+    }
+
+    /// Runs one pass of so many workgroups, of the stage or its variant.
+    pub(crate) fn run_variant<C: bytemuck::Pod>(
+        &self,
+        stage: &Stage,
+        variant: bool,
+        resources: &[Resource<'_>],
+        constants: &C,
+        groups: [u32; 3],
+    ) {
+        let pipeline = Arc::new(Pipeline::variant(self.device(), stage, variant).unwrap());
+        self.record(|recorder, _| {
+            recorder.pass(&pipeline, resources, bytemuck::bytes_of(constants), Groups::Direct(groups)).unwrap();
         });
     }
 
@@ -164,7 +177,7 @@ pub(crate) fn random_field(width: usize, height: usize, seed: u64) -> Field {
 
 /// Noise smoothed to σ 2 px, about ½.
 pub(crate) fn smooth_field(width: usize, height: usize, seed: u64) -> Field {
-    let filter = kernel::gaussian(4.0);
+    let filter = filter::gaussian(4.0);
     let noise = random_field(width, height, seed);
     let mut field = super::convolve::twin(&super::convolve::twin(&noise, &filter, 1, false), &filter, 1, true);
     field.data.iter_mut().for_each(|v| *v = 0.5 + 3.0 * (*v - 0.5));

@@ -17,6 +17,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::stack::{Blurred, Slopes};
 use super::state::{Registration, inside};
 use super::{Field, WORKGROUP, spline, stack};
 use crate::shaders;
@@ -30,9 +31,11 @@ pub const SUMS: usize = 36;
 /// for all of them.
 pub const ROWS: u32 = 4;
 /// λ.
-pub const ELIMINATION: f32 = 0.1;
+pub const ELIMINATION: f32 = 0.25;
 /// Beyond V = 0 a blurred image goes on linearly for this many px².
 const NEAR: f64 = 0.5;
+/// Below this |V|, px², the kernel's mean moves linearly, so that its derivative stays finite.
+const LEAST_ROOT: f64 = 0.05;
 
 /// Push constants.
 #[repr(C)]
@@ -64,6 +67,8 @@ pub struct Constants {
     pub epsilon: f32,
     /// λ; [`ELIMINATION`].
     pub elimination: f32,
+    /// Mean of the kernel at V = 1, px.
+    pub mean: [f32; 2],
 }
 
 /// Workgroups that cover a level.
@@ -89,6 +94,16 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// The stacks of I1 and I2.
+pub struct Stacks<'a> {
+    /// Of I1.
+    pub first: &'a [Field],
+    /// Of I2.
+    pub second: &'a [Field],
+    /// How both know their slopes.
+    pub slopes: Slopes,
+}
 
 /// What the pass leaves.
 pub struct Linearised {
@@ -145,7 +160,7 @@ pub fn heaviside(v: f64, epsilon: f64) -> f64 {
 }
 
 /// One whole pass over a level.
-pub fn twin(c: &Constants, r: &Registration, i1: &Field, v: &Field, [stack1, stack2]: [&[Field]; 2]) -> Linearised {
+pub fn twin(c: &Constants, r: &Registration, i1: &Field, v: &Field, stacks: &Stacks) -> Linearised {
     let (width, height) = (v.width, v.height);
     let mut system: [Field; 5] = std::array::from_fn(|_| Field::zeros(width, height));
     let mut sums = Sums::default();
@@ -156,7 +171,7 @@ pub fn twin(c: &Constants, r: &Registration, i1: &Field, v: &Field, [stack1, sta
             let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
             let mut diagonal = 0.0;
             if inside([x, y], d, [width, height], v.get(x, y), r.scale()) {
-                let (residuals, energy) = data_term(c, r, [x, y], d, i1.get(x, y), v.get(x, y), [stack1, stack2]);
+                let (residuals, energy) = data_term(c, r, [x, y], d, i1.get(x, y), v.get(x, y), stacks);
                 diagonal = residuals.iter().map(|t| t.weight * t.by_v * t.by_v).sum();
                 right_side -= residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
                 let over = 1.0 / (diagonal + f64::from(c.elimination) * smoothness).max(1e-12);
@@ -203,25 +218,11 @@ fn data_term(
     d: [f64; 2],
     i1: f64,
     v: f64,
-    [stack1, stack2]: [&[Field]; 2],
+    stacks: &Stacks,
 ) -> ([Residual; 2], f64) {
-    let scale2 = r.scale().powi(2);
     let (px, py) = (x as f64, y as f64);
-    let (qx, qy) = (px + d[0], py + d[1]);
-    let i2 = spline::read(&stack2[0], qx, qy);
-    let still = |slope: f64| if v.abs() < NEAR { slope } else { 0.0 };
-    // Value and slope by V of Î1, then of Î2 before gain and offset.
-    let (b1, b2);
-    if v >= 0.0 {
-        b1 = stack::read(stack1, v, px, py);
-        let slope = -scale2 * i2.laplacian / 2.0;
-        b2 = stack::Blurred { value: i2.value + slope * v.min(NEAR), slope: still(slope), dx: i2.dx, dy: i2.dy };
-    } else {
-        let slope = spline::read(&stack1[0], px, py).laplacian / 2.0;
-        b1 = stack::Blurred { value: i1 + slope * v.max(-NEAR), slope: still(slope), dx: 0.0, dy: 0.0 };
-        let read = stack::read(stack2, -v * scale2, qx, qy);
-        b2 = stack::Blurred { slope: -scale2 * read.slope, ..read };
-    }
+    let i2 = spline::read(&stacks.second[0], px + d[0], py + d[1]);
+    let [b1, b2] = blurred(c, r, [px, py], d, v, stacks);
     let (s1, s2) = (b1.value - (r.gain * i2.value + r.offset), r.gain * b2.value + r.offset - i1);
     let eta2 = f64::from(c.eta).powi(2);
     let (psi1, psi2) = ((s1 * s1 + eta2).sqrt(), (s2 * s2 + eta2).sqrt());
@@ -251,6 +252,54 @@ fn data_term(
     (residuals, h * psi1 + (1.0 - h) * psi2)
 }
 
+/// Î1, and Î2 before gain and offset, both with their slopes by V: the centred kernel, read where its mean takes it.
+fn blurred(
+    c: &Constants,
+    r: &Registration,
+    [x, y]: [f64; 2],
+    d: [f64; 2],
+    v: f64,
+    &Stacks { first, second, slopes }: &Stacks,
+) -> [Blurred; 2] {
+    let scale2 = r.scale().powi(2);
+    let linear = |[ux, uy]: [f64; 2]| [(1.0 + r.a) * ux - r.b * uy, r.b * ux + (1.0 + r.a) * uy];
+    let (mean, by_v) = mean_at(c, r, v);
+    let (ahead, by_v2) = (linear(mean), linear(by_v));
+    let (p, q) = ([x - mean[0], y - mean[1]], [x + d[0] + ahead[0], y + d[1] + ahead[1]]);
+    // An image that is not blurred goes on linearly through V = 0.
+    let beyond = |stack: &[Field], [x, y]: [f64; 2], factor: f64| {
+        let (jet, slope) = stack::node(stack, slopes, 0, x, y);
+        let slope = factor * slope;
+        let still = if v.abs() < NEAR { slope } else { 0.0 };
+        Blurred { value: jet.value + slope * v.clamp(-NEAR, NEAR), slope: still, dx: jet.dx, dy: jet.dy }
+    };
+    let (mut b1, mut b2);
+    if v >= 0.0 {
+        b1 = stack::read(first, slopes, v, p[0], p[1]);
+        b2 = beyond(second, q, -scale2);
+    } else {
+        b1 = beyond(first, p, 1.0);
+        b2 = stack::read(second, slopes, -v * scale2, q[0], q[1]);
+        b2.slope *= -scale2;
+    }
+    b1.slope -= b1.dx * by_v[0] + b1.dy * by_v[1];
+    b2.slope += b2.dx * by_v2[0] + b2.dy * by_v2[1];
+    [b1, b2]
+}
+
+/// Where the mean of the kernel lies at V, and its derivative by V, in I1's pixels. The kernel turns with the sensor that
+/// it blurs, which is I2's for V > 0.
+fn mean_at(c: &Constants, r: &Registration, v: f64) -> ([f64; 2], [f64; 2]) {
+    let mut mean = c.mean.map(f64::from);
+    if v > 0.0 {
+        let (cos, sin) = ((1.0 + r.a) / r.scale(), r.b / r.scale());
+        mean = [cos * mean[0] + sin * mean[1], cos * mean[1] - sin * mean[0]];
+    }
+    let root = v.abs().max(LEAST_ROOT).sqrt();
+    let by_v = if v.abs() > LEAST_ROOT { 0.5 / root } else { 1.0 / root };
+    (mean.map(|m| v / root * m), mean.map(|m| by_v * m))
+}
+
 /// Adds a pixel to N and g, its own dV eliminated.
 fn accumulate(residuals: &[Residual; 2], right_side: f64, over: f64, sums: &mut Sums) {
     let sum = |term: &dyn Fn(&Residual) -> f64| residuals.iter().map(|t| t.weight * term(t)).sum::<f64>();
@@ -271,9 +320,9 @@ mod tests {
     use super::*;
     use crate::reference::build_stack;
     use crate::vulkan::Resource;
-    use crate::{Photometric, Similarity};
+    use crate::{Aperture, Kernel, Photometric, Similarity};
 
-    fn constants(width: usize, height: usize, nodes: usize) -> Constants {
+    fn constants(width: usize, height: usize, nodes: usize, kernel: &Kernel) -> Constants {
         Constants {
             width: width as u32,
             height: height as u32,
@@ -288,17 +337,20 @@ mod tests {
             smoothness_eta: 0.1,
             epsilon: 0.1,
             elimination: ELIMINATION,
+            mean: kernel.mean().map(|m| m as f32),
         }
     }
 
-    fn check(i1: &Field, i2: &Field, v: &Field, transform: Similarity) {
+    fn check(i1: &Field, i2: &Field, v: &Field, transform: Similarity, kernel: &Kernel) {
         let (width, height) = (v.width, v.height);
         let nodes = stack::node_count(6.0);
-        let stacks = [i1, i2].map(|i| build_stack(i, nodes));
-        let c = constants(width, height, nodes);
+        let slopes = Slopes::of(kernel);
+        let stacks = [i1, i2].map(|i| build_stack(i, kernel, nodes));
+        let c = constants(width, height, nodes, kernel);
         let registration = Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 });
         let state = State::new(&registration);
-        let expected = twin(&c, &state.registration(), i1, v, [&stacks[0], &stacks[1]]);
+        let expected =
+            twin(&c, &state.registration(), i1, v, &Stacks { first: &stacks[0], second: &stacks[1], slopes });
 
         let rig = Rig::new();
         let half_size = [width.div_ceil(2) as u32, height as u32];
@@ -315,7 +367,7 @@ mod tests {
         let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
         let mut resources: Vec<_> = inputs.iter().chain(&system).chain(&changes).map(Resource::Image).collect();
         resources.extend([Resource::Buffer(&state), Resource::Buffer(&partials)]);
-        rig.run_groups(&STAGE, &resources, &c, groups);
+        rig.run_variant(&STAGE, slopes == Slopes::Layers, &resources, &c, groups);
 
         // 2e-4 px²: the right side divides differences of intensities by D, which is small where nothing is textured.
         rig.assert_close(&system[0], &[0, 1].map(|color| half(&expected.system[0], color)), 2e-4);
@@ -342,13 +394,17 @@ mod tests {
             let smooth = |seed| super::super::harness::smooth_field(width, height, seed);
             let mut v = smooth(3);
             v.data.iter_mut().for_each(|v| *v = 8.0 * (*v - 0.5));
-            check(&smooth(1), &smooth(2), &v, Similarity::new(0.7, -1.1, 0.4, 1.02));
-            check(
-                &random_field(width, height, 5),
-                &random_field(width, height, 6),
-                &v,
-                Similarity::new(0.0, 0.0, 0.0, 0.97),
-            );
+            let aperture = Aperture::new("code", 3, 2, &[1.0, 0.0, 2.0, 0.0, 1.0, 1.0]).unwrap();
+            for kernel in [Kernel::Gaussian, Kernel::HalfGaussian, Kernel::Measured(aperture)] {
+                check(&smooth(1), &smooth(2), &v, Similarity::new(0.7, -1.1, 0.4, 1.02), &kernel);
+                check(
+                    &random_field(width, height, 5),
+                    &random_field(width, height, 6),
+                    &v,
+                    Similarity::new(0.0, 0.0, 3.0, 0.97),
+                    &kernel,
+                );
+            }
         }
     }
 
@@ -356,12 +412,14 @@ mod tests {
     fn flat_images_give_numbers_and_no_overlap_gives_no_weight() {
         let (width, height) = (35, 20);
         let flat = Field::from_fn(width, height, |_, _| 0.5);
-        check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY);
+        check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY, &Kernel::Gaussian);
+        check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY, &Kernel::HalfGaussian);
         check(
             &flat,
             &random_field(width, height, 1),
             &random_field(width, height, 2),
             Similarity::new(1e4, 0.0, 0.0, 1.0),
+            &Kernel::Gaussian,
         );
     }
 
@@ -371,12 +429,12 @@ mod tests {
         // even about the border, so that the mirror is exact.
         let (n, k) = (129, std::f64::consts::PI * 20.0 / 128.0);
         let wave = Field::from_fn(n, 9, |x, _| (k * x as f64).cos());
-        let stack = build_stack(&wave, stack::node_count(36.0));
+        let stack = build_stack(&wave, &Kernel::Gaussian, stack::node_count(36.0));
         for step in 0..=360 {
             let v = 0.1 * f64::from(step);
             let decay = (-v * k * k / 2.0).exp();
             for x in [3.0, 40.37, 101.5] {
-                let found = stack::read(&stack, v, x, 4.0);
+                let found = stack::read(&stack, Slopes::Laplacian, v, x, 4.0);
                 let expected = decay * (k * x).cos();
                 // 2e-3 of the contrast, between the two widest nodes; see `stack::node_sigma`.
                 assert!((found.value - expected).abs() < 2e-3, "v {v}: {} {expected}", found.value);

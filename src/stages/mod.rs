@@ -36,9 +36,11 @@ pub(crate) const WORKGROUP: [u32; 2] = [64, 4];
 pub(crate) struct Pipelines {
     pub(crate) ingest: Arc<Pipeline>,
     pub(crate) convolve: Arc<Pipeline>,
+    pub(crate) convolve_add: Arc<Pipeline>,
     pub(crate) expose: Arc<Pipeline>,
     pub(crate) prolong: Arc<Pipeline>,
     pub(crate) linearise: Arc<Pipeline>,
+    pub(crate) linearise_any_kernel: Arc<Pipeline>,
     pub(crate) step: Arc<Pipeline>,
     pub(crate) relax: Arc<Pipeline>,
     pub(crate) update: Arc<Pipeline>,
@@ -49,12 +51,15 @@ pub(crate) struct Pipelines {
 impl Pipelines {
     pub(crate) fn new(device: &Arc<Device>) -> Result<Self, Error> {
         let compile = |stage| Pipeline::new(device, stage).map(Arc::new);
+        let variant = |stage| Pipeline::variant(device, stage, true).map(Arc::new);
         Ok(Self {
             ingest: compile(&ingest::STAGE)?,
             convolve: compile(&convolve::STAGE)?,
+            convolve_add: variant(&convolve::STAGE)?,
             expose: compile(&expose::STAGE)?,
             prolong: compile(&prolong::STAGE)?,
             linearise: compile(&linearise::STAGE)?,
+            linearise_any_kernel: variant(&linearise::STAGE)?,
             step: compile(&step::STAGE)?,
             relax: compile(&relax::STAGE)?,
             update: compile(&update::STAGE)?,

@@ -1,10 +1,56 @@
 //! The stack of uniformly blurred images: the twin of `glsl/include/stack.glsl`.
 //!
 //! The gather `Î(x; V)` is the uniformly V-blurred image read at x. Between two nodes of the stack it is a cubic in V,
-//! whose slopes at the nodes are known: for a Gaussian dÎ/dV is half the Laplacian (the heat equation).
+//! whose slopes at the nodes are known: for a Gaussian dÎ/dV is half the Laplacian (the heat equation), for any other
+//! kernel it is a layer of its own beside each node. Kernels are centred (`src/kernel.rs`): where to read is the caller's.
 
 use super::field::Field;
-use super::spline;
+use super::spline::{self, Jet};
+use crate::Kernel;
+use crate::filter::{self, Terms};
+
+/// How the slopes at the nodes are known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Slopes {
+    /// Half the Laplacian: layer k is node k.
+    Laplacian,
+    /// Layers 2k and 2k + 1 are node k and its slope.
+    Layers,
+}
+
+impl Slopes {
+    /// What a kernel needs.
+    pub fn of(kernel: &Kernel) -> Self {
+        if *kernel == Kernel::Gaussian { Self::Laplacian } else { Self::Layers }
+    }
+
+    /// Layers a node.
+    pub fn layers(self) -> usize {
+        match self {
+            Self::Laplacian => 1,
+            Self::Layers => 2,
+        }
+    }
+}
+
+/// How a layer other than the first is made.
+pub struct Layer {
+    /// The layer that is filtered.
+    pub from: usize,
+    /// By the sum of these.
+    pub terms: Terms,
+}
+
+/// How layer n > 0 of a kernel's stack is made: a Gaussian's from the node before it, any other from the first.
+pub fn layer(kernel: &Kernel, n: usize) -> Layer {
+    if Slopes::of(kernel) == Slopes::Laplacian {
+        let gaussian = filter::gaussian(node_sigma(n).powi(2) - node_sigma(n - 1).powi(2));
+        return Layer { from: n - 1, terms: vec![[gaussian.clone(), gaussian]] };
+    }
+    let v = node_sigma(n / 2).powi(2);
+    let terms = if n.is_multiple_of(2) { filter::centred(kernel, v) } else { filter::centred_slope(kernel, v) };
+    Layer { from: 0, terms }
+}
 
 /// σ of a node in px: 0, ½, 1, 1½, then a third more from each to the next.
 ///
@@ -44,15 +90,25 @@ pub struct Blurred {
     pub dy: f64,
 }
 
+/// A node at (x, y), and its slope by the variance.
+pub fn node(stack: &[Field], slopes: Slopes, k: usize, x: f64, y: f64) -> (Jet, f64) {
+    let jet = spline::read(&stack[k * slopes.layers()], x, y);
+    let slope = match slopes {
+        Slopes::Laplacian => jet.laplacian / 2.0,
+        Slopes::Layers => spline::read(&stack[2 * k + 1], x, y).value,
+    };
+    (jet, slope)
+}
+
 /// Reads a stack of spline coefficients at variance v in px² and place (x, y).
-pub fn read(stack: &[Field], v: f64, x: f64, y: f64) -> Blurred {
-    let k = node_below(v, stack.len());
+pub fn read(stack: &[Field], slopes: Slopes, v: f64, x: f64, y: f64) -> Blurred {
+    let k = node_below(v, stack.len() / slopes.layers());
     let (v0, v1) = (node_sigma(k).powi(2), node_sigma(k + 1).powi(2));
-    let (p, q) = (spline::read(&stack[k], x, y), spline::read(&stack[k + 1], x, y));
+    let ((p, m), (q, n)) = (node(stack, slopes, k, x, y), node(stack, slopes, k + 1, x, y));
     let h = v1 - v0;
     // Beyond the top node the value is held.
     let (t, beyond) = (((v - v0) / h).min(1.0), v > v1);
-    let (m, n) = (h * p.laplacian / 2.0, h * q.laplacian / 2.0);
+    let (m, n) = (h * m, h * n);
     let (t2, t3) = (t * t, t * t * t);
     Blurred {
         value: p.value + (3.0 * t2 - 2.0 * t3) * (q.value - p.value) + (t3 - 2.0 * t2 + t) * m + (t3 - t2) * n,

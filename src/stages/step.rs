@@ -1,5 +1,5 @@
-//! The registration step: `N ζ = -g` from the sums of [`linearise`](super::linearise), the update of T, gain and offset,
-//! and the test for convergence. Section 5 of `docs/method.md`.
+//! The registration step: `N ζ = -g` from the sums of [`linearise`](super::linearise), or a step down the gradient; the
+//! update of T, gain and offset; and the test for convergence. Section 5 of `docs/method.md`.
 
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Cholesky, SMatrix, SVector};
@@ -28,6 +28,8 @@ pub struct Constants {
     pub solve_transform: u32,
     /// 1 if gain and offset are.
     pub solve_photometric: u32,
+    /// 1 to descend the gradient instead of solving.
+    pub descend: u32,
     /// 1 once an iteration at the final α is done; nothing may converge before.
     pub may_settle: u32,
     /// Pixels of the full-size image a pixel of this level.
@@ -78,6 +80,9 @@ pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> St
 }
 
 /// Solves for the unknowns that are free; where N is singular nothing steps (the shader holds only the dependent unknowns).
+///
+/// Down the gradient, each unknown steps by its gradient over `Σ_j |N_ij|`: the paper names no step length, and by
+/// Gershgorin's theorem these are the longest, one an unknown, that always descend while the weights are lagged.
 fn solve(c: &Constants, sums: &Sums) -> [f64; UNKNOWNS] {
     let free = |i: usize| (if i < 4 { c.solve_transform } else { c.solve_photometric }) == 1;
     let mut n = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_fn(|i, j| sums.normal[i][j]);
@@ -88,6 +93,9 @@ fn solve(c: &Constants, sums: &Sums) -> [f64; UNKNOWNS] {
         n.column_mut(i).fill(0.0);
         n[(i, i)] = 1.0;
         g[i] = 0.0;
+    }
+    if c.descend == 1 {
+        return std::array::from_fn(|i| if held[i] { 0.0 } else { g[i] / n.row(i).abs().sum() });
     }
     Cholesky::new(n).map_or([0.0; UNKNOWNS], |l| l.solve(&g).into())
 }
@@ -110,6 +118,7 @@ mod tests {
             argument_count: 4,
             solve_transform: 1,
             solve_photometric: 1,
+            descend: 0,
             may_settle: 1,
             factor: 2.0,
             length: 30.0,
@@ -188,10 +197,11 @@ mod tests {
     fn agrees_with_the_twin() {
         for rows in [1, 7, 8, 100] {
             let partials = partials(rows, 40);
-            for (transform, photometric) in [(1, 1), (1, 0), (0, 1), (0, 0)] {
-                let c =
-                    Constants { solve_transform: transform, solve_photometric: photometric, ..constants(rows as u32) };
-                check(c, &partials, 0.1);
+            for (solve_transform, solve_photometric) in [(1, 1), (1, 0), (0, 1), (0, 0)] {
+                for descend in [0, 1] {
+                    let c = Constants { solve_transform, solve_photometric, descend, ..constants(rows as u32) };
+                    check(c, &partials, 0.1);
+                }
             }
         }
     }

@@ -53,6 +53,11 @@ impl Binding {
 impl Pipeline {
     /// Compiles a stage, through the device's cache.
     pub(crate) fn new(device: &Arc<Device>, stage: &Stage) -> Result<Self, Error> {
+        Self::variant(device, stage, false)
+    }
+
+    /// Compiles a stage with its specialization constant 2, a bool, as given.
+    pub(crate) fn variant(device: &Arc<Device>, stage: &Stage, variant: bool) -> Result<Self, Error> {
         let name = stage.shader.name;
         let mut pipeline = Self {
             handle: vk::Pipeline::null(),
@@ -65,7 +70,7 @@ impl Pipeline {
             device: device.clone(),
         };
         pipeline.create_layouts()?;
-        pipeline.compile(stage)?;
+        pipeline.compile(stage, variant)?;
         device.name(pipeline.handle, name);
         Ok(pipeline)
     }
@@ -102,15 +107,16 @@ impl Pipeline {
         Ok(())
     }
 
-    fn compile(&mut self, stage: &Stage) -> Result<(), Error> {
+    fn compile(&mut self, stage: &Stage, variant: bool) -> Result<(), Error> {
         let device = &self.device;
         let create = vk::ShaderModuleCreateInfo::default().code(stage.shader.spirv);
         // SAFETY: the words are SPIR-V that shaderc made at build time.
         let module = unsafe { device.handle.create_shader_module(&create, None) };
         let module = device.check("vkCreateShaderModule", module)?;
-        let entries = [0u32, 1].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
+        let entries = [0u32, 1, 2].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
+        let constants = [stage.workgroup[0], stage.workgroup[1], variant.into()];
         let specialization =
-            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&stage.workgroup));
+            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&constants));
         let shader = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(module)
