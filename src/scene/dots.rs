@@ -1,6 +1,7 @@
 //! Random dots: the paper's second test.
 
 use super::random::Random;
+use super::view::split;
 
 /// Squares of 4 px, black (0) or white (1) at random, softened by a Gaussian of σ 0.6 px. The pattern repeats beyond a
 /// margin around the image.
@@ -17,7 +18,7 @@ const SIDE: f64 = 4.0;
 /// σ of the softening, px. Beyond a dot's neighbours it reaches 1e-11.
 const SOFTNESS: f64 = 0.6;
 
-/// Dots around the image before the pattern repeats; a multiple of nothing in particular.
+/// Dots around the image before the pattern repeats.
 const MARGIN: usize = 32;
 
 /// Entries of the table of an edge; read linearly, it is within 1e-7.
@@ -46,18 +47,19 @@ impl Dots {
 
     /// The three dots around a position, counted in dots, and their weights.
     fn neighbours(&self, position: f64, count: usize) -> ([usize; 3], [f64; 3]) {
-        let whole = position.floor();
-        let wrap = |i: f64| (i as i64 + MARGIN as i64).rem_euclid(count as i64) as usize;
-        let part = position - whole;
+        let (whole, part) = split(position);
         let (before, after) = (self.tail(part), self.tail(1.0 - part));
-        ([wrap(whole - 1.0), wrap(whole), wrap(whole + 1.0)], [before, 1.0 - before - after, after])
+        let (i, count) = (whole + MARGIN as i64, count as i64);
+        // Division only where the pattern repeats: it would take longer than all the rest.
+        let wrap = |i: i64| if (0..count).contains(&i) { i as usize } else { i.rem_euclid(count) as usize };
+        ([wrap(i - 1), wrap(i), wrap(i + 1)], [before, 1.0 - before - after, after])
     }
 
     /// Reads the table at a distance in [0, 1] dots.
     fn tail(&self, distance: f64) -> f64 {
         let position = distance * ENTRIES as f64;
-        let (i, part) = (position as usize, position.fract());
-        self.edge[i] + part * (self.edge[i + 1] - self.edge[i])
+        let i = position as usize;
+        self.edge[i] + (position - i as f64) * (self.edge[i + 1] - self.edge[i])
     }
 }
 

@@ -1,5 +1,7 @@
 //! An image file as radiance: the cubic spline through its pixels.
 
+use super::view::split;
+
 /// A channel as a continuous function; beyond the border it is mirrored.
 pub(super) struct Raster {
     coefficients: Vec<f64>,
@@ -24,10 +26,9 @@ impl Raster {
 
     /// The value at a place, px.
     pub(super) fn at(&self, [x, y]: [f64; 2]) -> f64 {
-        let (x0, y0) = (x.floor(), y.floor());
-        let (wx, wy) = (weights(x - x0), weights(y - y0));
-        let xs = taps(x0 as i64, self.width);
-        let ys = taps(y0 as i64, self.height);
+        let ((x0, dx), (y0, dy)) = (split(x), split(y));
+        let (wx, wy) = (weights(dx), weights(dy));
+        let (xs, ys) = (taps(x0, self.width), taps(y0, self.height));
         let row = |j: usize| {
             let row = &self.coefficients[ys[j] * self.width..][..self.width];
             wx[0] * row[xs[0]] + wx[1] * row[xs[1]] + wx[2] * row[xs[2]] + wx[3] * row[xs[3]]

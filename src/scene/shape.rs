@@ -106,7 +106,7 @@ impl Shape {
             }
             Shape::RelativeBlurFile { path } => {
                 let map = Map::read(&path, size, 1.0)?;
-                let limit = map.values.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+                let limit = map.largest_blur(&path)?;
                 // A map of zeros is a plane in focus; any limit will do.
                 let limit = if limit > 0.0 { limit } else { 1.0 };
                 Box::new(move |x| focused_at(limit, (1.0 - map.at(x) / limit) / 2.0))
@@ -172,9 +172,11 @@ fn cylinders(focus: [f64; 2], [width, height]: [u32; 2]) -> impl Fn([f64; 2]) ->
     }
 }
 
-/// Values of a file, mirrored nowhere: beyond the border, those of the border.
+/// Values of a file; beyond the border, those of the border.
 struct Map {
     values: Vec<f64>,
+    /// Whether the file holds floats.
+    float: bool,
     width: usize,
     height: usize,
 }
@@ -185,8 +187,18 @@ impl Map {
         if frame.format().channels != Channels::Gray {
             return Err(Error::file(path, "is in colour; depth and relative blur are one channel"));
         }
+        let float = matches!(frame.samples(), Samples::F32(_));
         let values = stored(&frame).into_iter().map(|v| unit * v).collect();
-        Ok(Self { values, width: size[0] as usize, height: size[1] as usize })
+        Ok(Self { values, float, width: size[0] as usize, height: size[1] as usize })
+    }
+
+    /// The largest |V|, px².
+    fn largest_blur(&self, path: &Path) -> Result<f64, Error> {
+        if !self.float {
+            let problem = "holds whole numbers, which relative blur is not; give it as EXR or TIFF in 32-bit floats";
+            return Err(Error::file(path, problem));
+        }
+        Ok(self.values.iter().fold(0.0, |most: f64, v| most.max(v.abs())))
     }
 
     fn check_depth(&self, path: &Path, lens: &Lens) -> Result<(), Error> {
@@ -257,7 +269,7 @@ mod tests {
 
     #[test]
     fn a_map_is_read_between_its_pixels() {
-        let map = Map { values: vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0], width: 3, height: 2 };
+        let map = Map { values: vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0], float: true, width: 3, height: 2 };
         assert_eq!(map.at([1.5, 0.5]), 3.0);
         assert_eq!(map.at([-9.0, 9.0]), 3.0);
         assert_eq!(map.at([2.0, 1.0]), 5.0);

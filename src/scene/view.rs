@@ -75,6 +75,14 @@ pub(super) fn fill_rows([width, height]: [u32; 2], fill: impl Fn(usize, &mut [f6
     values
 }
 
+/// The whole number at or below `p`, and what is left, in [0, 1). A truncation and a comparison, where `floor` may be a
+/// call: it is asked thousands of times a pixel.
+pub(super) fn split(p: f64) -> (i64, f64) {
+    let i = p as i64;
+    let i = i - i64::from(p < i as f64);
+    (i, p - i as f64)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -93,6 +101,11 @@ mod tests {
         let (u, k) = ([0.3, -2.0], [1.1, 0.4]);
         let ([ux, uy], [wx, wy]) = (view.turn(u), view.frequency(k));
         assert!((k[0] * ux + k[1] * uy - (wx * u[0] + wy * u[1])).abs() < 1e-12);
+    }
+
+    #[test]
+    fn split_rounds_down() {
+        assert_eq!([split(2.25), split(-2.25), split(-3.0), split(0.0)], [(2, 0.25), (-3, 0.75), (-3, 0.0), (0, 0.0)]);
     }
 
     #[test]
