@@ -76,7 +76,7 @@ impl Truth {
             lens: scene.lens().copied(),
             depth: simulated.depth.as_ref().map(|_| SIMULATED_FILES[3]),
             occlusion: "ignored",
-            clipped_samples: [&simulated.i1, &simulated.i2].map(|frame| clipped(frame)).iter().sum(),
+            clipped_samples: [&simulated.i1, &simulated.i2].map(clipped).iter().sum(),
         }
     }
 

@@ -161,10 +161,10 @@ fn cylinders(focus: [f64; 2], [width, height]: [u32; 2]) -> impl Fn([f64; 2]) ->
     let (width, [_, cy]) = (f64::from(width), centre(width, height));
     // A cylinder: where its axis crosses the middle row, its radius, both over the width; the slant of its axis; how near
     // its axis is and how far it bulges, from 0 at the far focus to 1 at the near one.
-    let shapes = [(0.28, 0.16, 0.0, 0.20, 0.40), (0.70, 0.15, 0.21, 0.45, 0.45)];
+    let shapes: [(f64, f64, f64, f64, f64); 2] = [(0.28, 0.16, 0.0, 0.20, 0.40), (0.70, 0.15, 0.21, 0.45, 0.45)];
     move |[x, y]| {
         let nearness = shapes.iter().fold(0.05, |nearest: f64, &(middle, radius, slant, axis, bulge)| {
-            let across = (x - middle * width - slant * (y - cy)) / (1.0 + slant * slant as f64).sqrt();
+            let across = (x - middle * width - slant * (y - cy)) / (1.0 + slant * slant).sqrt();
             let inside = 1.0 - (across / (radius * width)).powi(2);
             if inside > 0.0 { nearest.max(axis + bulge * inside.sqrt()) } else { nearest }
         });
