@@ -21,7 +21,8 @@ pub enum Radiance {
     /// Squares of 4 px, black or white at random, softened by a Gaussian of σ 0.6 px. The blur is integrated over the
     /// continuous pattern, to 1e-5.
     Dots,
-    /// An image, grey or colour, through the cubic spline of its pixels. The blur is integrated over the spline.
+    /// An image, grey or colour, through the cubic spline of its pixels. The blur is integrated over the spline, to
+    /// 1e-4 even of noise from pixel to pixel.
     File {
         /// The image, of the scene's size.
         path: PathBuf,
@@ -53,6 +54,11 @@ impl Pattern {
         match self {
             Pattern::Waves(waves) => waves.fill(kernel, row, values),
             Pattern::Dots(dots) => gather(|x| dots.at(x), rules, row, values),
+            Pattern::Raster(raster) if kernel == Kernel::Gaussian => {
+                for (i, (value, v)) in values.iter_mut().zip(row.variances).enumerate() {
+                    *value = raster.gaussian(row.place(i), row.view.length(v.sqrt()));
+                }
+            }
             Pattern::Raster(raster) => gather(|x| raster.at(x), rules, row, values),
         }
     }

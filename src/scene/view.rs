@@ -41,6 +41,11 @@ impl View {
         [p * x - q * y, q * x + p * y]
     }
 
+    /// A length on the sensor, as a length in I1.
+    pub(super) fn length(&self, length: f64) -> f64 {
+        length * self.linear[0].hypot(self.linear[1])
+    }
+
     /// An angular frequency in I1 as the sensor sees it: Mᵀ k.
     pub(super) fn frequency(&self, [kx, ky]: [f64; 2]) -> [f64; 2] {
         let [p, q] = self.linear;
