@@ -1,11 +1,11 @@
 //! `parfocal solve`: two photographs in, relative blur and registration out.
 
 use std::convert::Infallible;
+use std::fmt;
 use std::io::{self, IsTerminal, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
-use std::{fmt, fs};
 
 use clap::ValueEnum;
 use parfocal::export::{self, FILES, Look, Nearer, Report};
@@ -14,6 +14,7 @@ use parfocal::{
 };
 
 use super::failure::{Failure, print};
+use super::output;
 use super::summary::{Bar, summary};
 
 /// Recover relative blur and registration of two photographs of one scene, focused at two distances.
@@ -186,7 +187,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     settings.check()?;
     settings.kernel = arguments.kernel.read()?;
     start_from_file(arguments, &mut settings)?;
-    check_output(arguments)?;
+    output::check(&arguments.output, &FILES, &[&arguments.i1, &arguments.i2])?;
     let (i1, i2) = image_io::read_pair(&arguments.i1, &arguments.i2)?;
     let engine = Engine::new(&engine_options(arguments))?;
     let solution = solve(&engine, &i1, &i2, &settings, arguments).map_err(|e| Failure::of_solve(e, &arguments.i1))?;
@@ -237,34 +238,6 @@ fn start_from_file(arguments: &Arguments, settings: &mut Settings) -> Result<(),
     Ok(())
 }
 
-/// Refuses an output folder that cannot be one, or where a result would replace an input, before any work is done.
-fn check_output(arguments: &Arguments) -> Result<(), Failure> {
-    let out = &arguments.output;
-    if out.exists() && !out.is_dir() {
-        return Err(Failure::Failed(format!("{}: is a file; give a folder for the results", out.display())));
-    }
-    // The folder, or the nearest above it that there is, must take a file.
-    let above = out.ancestors().find(|p| p.is_dir()).filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if let Err(e) = tempfile::tempfile_in(above) {
-        return Err(Failure::Failed(format!(
-            "{}: cannot be written ({}); give another folder",
-            out.display(),
-            e.kind()
-        )));
-    }
-    for image in [&arguments.i1, &arguments.i2] {
-        if let Some(name) = FILES.iter().find(|name| same_file(&out.join(name), image)) {
-            let problem = format!("is an input, and the result {name} would replace it; give another folder");
-            return Err(Failure::Failed(format!("{}: {problem}", image.display())));
-        }
-    }
-    Ok(())
-}
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    matches!((fs::canonicalize(a), fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
-}
-
 fn engine_options(arguments: &Arguments) -> EngineOptions {
     EngineOptions {
         device: arguments.device.clone(),
@@ -297,6 +270,8 @@ fn tell(report: &Report, arguments: &Arguments) -> Result<(), Failure> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use clap::Parser;
 
     use super::*;

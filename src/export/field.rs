@@ -26,6 +26,10 @@ pub(super) const CONFIDENCE: Meaning = Meaning {
     comments: "How far the images, not the smoothness, decided V, in [0, 1]; 0 outside the valid region",
 };
 
+/// True depth.
+pub(super) const DEPTH: Meaning =
+    Meaning { units: "mm", comments: "Depth in mm from the lens, at the pixels of the first image" };
+
 /// Writes a field of `width` x `height` values.
 pub(super) fn write(
     writer: impl Write + Seek,

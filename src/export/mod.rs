@@ -7,6 +7,7 @@ mod field;
 mod fused;
 mod ranks;
 mod report;
+mod simulated;
 mod staging;
 #[cfg(test)]
 mod tests;
@@ -15,6 +16,7 @@ mod transform;
 use std::path::Path;
 
 pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TimingsReport};
+pub use simulated::{SIMULATED_FILES, Truth, write_simulated};
 pub use transform::read_transform;
 
 use crate::{Decode, Error, Format, Solution};

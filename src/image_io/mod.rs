@@ -32,6 +32,14 @@ pub fn read(path: &Path) -> Result<Frame, Error> {
     Pending::open(path)?.decode()
 }
 
+/// Width and height of a photograph, from its header.
+///
+/// # Errors
+/// [`Error::File`].
+pub fn size(path: &Path) -> Result<(u32, u32), Error> {
+    Pending::open(path).map(|pending| pending.size)
+}
+
 /// Reads two photographs of one size. Where the sizes differ, no pixel is decoded.
 ///
 /// # Errors

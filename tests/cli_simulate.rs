@@ -1,0 +1,198 @@
+//! `parfocal simulate`: what it writes, and what it refuses. No test here needs a device.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use assert_cmd::Command;
+use parfocal::{Channels, Frame, Samples, export, image_io};
+use serde_json::Value;
+use tempfile::TempDir;
+
+struct Desk(TempDir);
+
+impl Desk {
+    fn new() -> Self {
+        Self(TempDir::new().unwrap())
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn run(&self, scene: &str, extra: &[&str]) -> Output {
+        let mut command = Command::cargo_bin("parfocal").unwrap();
+        command.current_dir(self.0.path()).args(["simulate", scene, "-o", "made/out"]).args(extra).output().unwrap()
+    }
+
+    /// Renders, and gives back truth.json.
+    fn simulate(&self, scene: &str, extra: &[&str]) -> Value {
+        let output = self.run(scene, &[extra, &["--json"]].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let truth = serde_json::from_slice(&fs::read(self.out("truth.json")).unwrap()).unwrap();
+        assert_eq!(serde_json::from_slice::<Value>(&output.stdout).unwrap(), truth);
+        truth
+    }
+
+    fn out(&self, name: &str) -> PathBuf {
+        self.path("made/out").join(name)
+    }
+
+    fn refuses(&self, scene: &str, extra: &[&str], status: i32, parts: &[&str]) {
+        let output = self.run(scene, extra);
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(status), "{extra:?}: {stderr}");
+        assert!(parts.iter().all(|part| stderr.contains(part)), "{extra:?}: {parts:?} in {stderr}");
+        assert!(!self.path("made").exists(), "{stderr}");
+    }
+}
+
+fn floats(path: &Path) -> Vec<f32> {
+    match image_io::read(path).unwrap().samples() {
+        Samples::F32(values) => values.clone(),
+        other => panic!("{other:?}"),
+    }
+}
+
+fn words(frame: &Frame) -> &[u16] {
+    match frame.samples() {
+        Samples::U16(values) => values,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn every_scene_writes_its_files_and_the_truth() {
+    for scene in ["plane", "half-gaussian-texture", "half-gaussian-dots", "cylinders", "steps", "relief"] {
+        let desk = Desk::new();
+        let truth = desk.simulate(scene, &["--size", "48x32"]);
+        let (i1, i2) = image_io::read_pair(&desk.out("i1.png"), &desk.out("i2.png")).unwrap();
+        assert_eq!((i1.width(), i1.height(), i1.format().channels), (48, 32, Channels::Gray));
+        assert!(words(&i1).len() == 48 * 32 && words(&i1) != words(&i2));
+        assert_eq!(floats(&desk.out("relative_blur.exr")).len(), 48 * 32);
+        assert_eq!(desk.out("depth.exr").exists(), scene == "cylinders");
+        assert_eq!(truth["lens"].is_object(), scene == "cylinders");
+        assert_eq!(truth["depth"].is_string(), scene == "cylinders");
+        assert_eq!((truth["scene"].as_str(), truth["occlusion"].as_str()), (Some(scene), Some("ignored")));
+        assert_eq!(truth["clipped_samples"], 0);
+        let kernel = if scene.starts_with("half") { "half-gaussian" } else { "gaussian" };
+        assert_eq!(truth["kernel"], kernel);
+    }
+}
+
+#[test]
+fn the_truth_can_be_solved_from_and_the_seed_decides() {
+    let desk = Desk::new();
+    let options = ["--size", "48x32", "--noise", "0.01", "--exposure", "0.9", "--offset", "0.05", "--seed", "7"];
+    let moved = ["--translation", "-2,0.5", "--rotation", "-1", "--scale", "0.98"];
+    let all = [&options[..], &moved].concat();
+    desk.simulate("relief", &all);
+    let (t, photometric) = export::read_transform(&desk.out("truth.json")).unwrap();
+    assert_eq!((t.tx, t.ty, t.scale), (-2.0, 0.5, 0.98));
+    assert!((t.rotation_deg() + 1.0).abs() < 1e-12);
+    let p = photometric.unwrap();
+    assert!((p.gain - 1.0 / 0.9).abs() < 1e-12 && (p.offset + 0.05 / 0.9).abs() < 1e-12);
+    let first = ["i1.png", "i2.png", "relative_blur.exr"].map(|name| fs::read(desk.out(name)).unwrap());
+    desk.simulate("relief", &all);
+    assert_eq!(first, ["i1.png", "i2.png", "relative_blur.exr"].map(|name| fs::read(desk.out(name)).unwrap()));
+}
+
+#[test]
+fn depth_of_an_earlier_scene_does_not_stay() {
+    let desk = Desk::new();
+    desk.simulate("cylinders", &["--size", "48x32"]);
+    assert!(desk.out("depth.exr").exists());
+    desk.simulate("steps", &["--size", "48x32"]);
+    assert!(!desk.out("depth.exr").exists());
+}
+
+#[test]
+fn a_picture_in_colour_on_a_depth_map() {
+    let desk = Desk::new();
+    let color = |x: u32, y: u32| image::Rgb([(5 * x) as u8, (7 * y) as u8, (3 * x + 2 * y) as u8]);
+    image::RgbImage::from_fn(40, 24, color).save(desk.path("photo.png")).unwrap();
+    let depth = |x: u32, _| image::Luma([(20_000 + 100 * x) as u16]);
+    image::ImageBuffer::<_, Vec<u16>>::from_fn(40, 24, depth).save(desk.path("depth.png")).unwrap();
+    let lens = ["--focal-length", "50", "--f-number", "2.8", "--pixel-pitch", "0.02", "--focus", "200,240"];
+    let files = ["--radiance", "photo.png", "--depth", "depth.png", "--depth-unit", "0.01"];
+    let truth = desk.simulate("image", &[&files[..], &lens, &["--kernel", "pillbox"]].concat());
+    assert_eq!(image_io::read(&desk.out("i2.png")).unwrap().format().channels, Channels::Rgb);
+    assert_eq!(floats(&desk.out("depth.exr"))[39], 239.0);
+    let v = floats(&desk.out("relative_blur.exr"));
+    assert!(v[0] > 0.0 && v[39] < 0.0, "near, where I1 is focused, I2 is the more blurred");
+    assert_eq!(truth["shape"]["kind"], "depth-file");
+    assert_eq!(truth["size"]["width"], 40);
+}
+
+#[test]
+fn relative_blur_from_a_file_comes_back() {
+    let desk = Desk::new();
+    desk.simulate("relief", &["--size", "48x32"]);
+    fs::rename(desk.path("made/out"), desk.path("first")).unwrap();
+    desk.simulate("image", &["--radiance", "first/i1.png", "--relative-blur", "first/relative_blur.exr"]);
+    for (a, b) in floats(&desk.path("first/relative_blur.exr")).iter().zip(floats(&desk.out("relative_blur.exr"))) {
+        assert!((a - b).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn what_cannot_be_rendered() {
+    let desk = Desk::new();
+    image::GrayImage::new(40, 24).save(desk.path("photo.png")).unwrap();
+    image::GrayImage::new(30, 24).save(desk.path("other.png")).unwrap();
+    let lens = ["--focal-length", "50", "--f-number", "2.8", "--pixel-pitch", "0.02", "--focus", "200,240"];
+    let with_lens = |files: &[&'static str]| [files, &lens].concat();
+    let usage: [(&str, Vec<&str>, &str); 17] = [
+        ("plane", vec!["--size", "99999x99999"], "number of pixels"),
+        ("plane", vec!["--size", "wide"], "640x480"),
+        ("plane", vec!["--noise", "-0.1"], "noise is -0.1"),
+        ("plane", vec!["--noise", "nan"], "noise"),
+        ("plane", vec!["--contrast", "2"], "contrast"),
+        ("plane", vec!["--exposure", "0"], "exposure"),
+        ("plane", vec!["--scale", "-1"], "scale"),
+        ("plane", vec!["--range", "-4"], "largest relative blur"),
+        ("half-gaussian-dots", vec!["--sigma", "-1"], "variance"),
+        ("plane", vec!["--sigma", "2"], "--sigma"),
+        ("cylinders", vec!["--range", "2"], "--range"),
+        ("cylinders", vec!["--focus", "200,200"], "focus distance"),
+        ("steps", vec!["--focus", "200,240"], "lens"),
+        ("relief", vec!["--radiance", "photo.png"], "image"),
+        ("image", vec!["--radiance", "photo.png"], "needs a shape"),
+        ("image", vec!["--radiance", "photo.png", "--depth", "photo.png"], "needs the lens"),
+        ("pyramid", vec![], "pyramid"),
+    ];
+    for (scene, extra, part) in usage {
+        desk.refuses(scene, &extra, 2, &[part]);
+    }
+    let failed: [(&str, Vec<&str>, &[&str]); 6] = [
+        ("plane", vec!["--size", "8x8"], &["8x8 is too small"]),
+        ("image", vec!["--radiance", "none.png", "--relative-blur", "v.exr"], &["none.png", "no such file"]),
+        ("image", vec!["--radiance", "photo.png", "--relative-blur", "v.exr"], &["v.exr", "no such file"]),
+        ("image", vec!["--radiance", "photo.png", "--relative-blur", "photo.png"], &["photo.png", "floats"]),
+        ("image", with_lens(&["--radiance", "photo.png", "--depth", "other.png"]), &["other.png", "30x24"]),
+        ("image", with_lens(&["--radiance", "photo.png", "--depth", "photo.png"]), &["photo.png", "depth of 0 mm"]),
+    ];
+    for (scene, extra, parts) in failed {
+        desk.refuses(scene, &extra, 1, parts);
+    }
+}
+
+#[test]
+fn an_input_is_not_written_over() {
+    let desk = Desk::new();
+    desk.simulate("relief", &["--size", "48x32"]);
+    let before = fs::read(desk.out("i1.png")).unwrap();
+    let files = ["--radiance", "made/out/i1.png", "--relative-blur", "made/out/relative_blur.exr"];
+    let output = desk.run("image", &files);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("would replace it"));
+    assert_eq!(fs::read(desk.out("i1.png")).unwrap(), before);
+}
+
+#[test]
+fn clipping_is_told() {
+    let desk = Desk::new();
+    let output = desk.run("plane", &["--size", "32x32", "--exposure", "1.5"]);
+    assert!(output.status.success());
+    assert!(String::from_utf8(output.stderr).unwrap().contains("were clipped"));
+}
