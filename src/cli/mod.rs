@@ -4,7 +4,10 @@ mod devices;
 mod failure;
 mod solve;
 mod summary;
+mod view;
 
+use std::fs;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -25,6 +28,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Solve(Box<solve::Arguments>),
+    View(view::Arguments),
     Devices(devices::Arguments),
 }
 
@@ -39,12 +43,18 @@ Environment:
 pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Solve(arguments) => solve::run(&arguments),
+        Command::View(arguments) => view::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),
     }
+}
+
+/// Whether two paths lead to one file that exists.
+fn same_file(a: &Path, b: &Path) -> bool {
+    matches!((fs::canonicalize(a), fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
 }
 
 /// Whether the environment asks for the validation layer.

@@ -1,10 +1,10 @@
 //! `parfocal solve`: two photographs in, relative blur and registration out.
 
+use std::fmt;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
-use std::{fmt, fs};
 
 use clap::ValueEnum;
 use parfocal::export::{self, FILES, Look, Nearer, Report};
@@ -195,16 +195,12 @@ fn check_output(arguments: &Arguments) -> Result<(), Failure> {
         )));
     }
     for image in [&arguments.i1, &arguments.i2] {
-        if let Some(name) = FILES.iter().find(|name| same_file(&out.join(name), image)) {
+        if let Some(name) = FILES.iter().find(|name| super::same_file(&out.join(name), image)) {
             let problem = format!("is an input, and the result {name} would replace it; give another folder");
             return Err(Failure::Failed(format!("{}: {problem}", image.display())));
         }
     }
     Ok(())
-}
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    matches!((fs::canonicalize(a), fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
 }
 
 fn engine_options(arguments: &Arguments) -> EngineOptions {
@@ -239,6 +235,8 @@ fn tell(report: &Report, arguments: &Arguments) -> Result<(), Failure> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use clap::Parser;
 
     use super::*;
