@@ -18,19 +18,19 @@ pub(super) struct Arguments {
     /// The picture, PNG [default: view.png in RESULTS]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Also write an animation in which the camera swings 40° to either side, GIF
+    /// Also write an animation in which the camera swings 40° to either side of --azimuth, GIF
     #[arg(long, value_name = "FILE")]
     turntable: Option<PathBuf>,
     /// Height of the camera over the plane of the image, degrees, 10 to 90; 90 sees it as photographed
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, default_value_t = View::default().elevation)]
     elevation: f64,
-    /// How far the camera goes around to the right, degrees, -180 to 180
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true, default_value_t = View::default().azimuth)]
-    azimuth: f64,
+    /// How far the camera goes around to the right, degrees, -180 to 180 [default: -20, of the animation 0]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    azimuth: Option<f64>,
     /// Height from far to near over the longer side of the image, 0 to 2: exaggeration, for V is not metric
     #[arg(long, value_name = "R", allow_negative_numbers = true, default_value_t = View::default().relief)]
     relief: f64,
-    /// Radius of the median that takes spikes off the surface, pixels of the picture, 0 to 16
+    /// Radius of the median that takes spikes off the surface, px of a panel, 0 (none) to 16
     #[arg(long, value_name = "PX", default_value_t = View::default().smoothing)]
     smoothing: u32,
     /// Width of each of the two panels, px, 64 to 4096
@@ -43,14 +43,7 @@ pub(super) struct Arguments {
 
 /// Draws and writes. Cheap checks come before dear ones.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let still = View {
-        elevation: arguments.elevation,
-        azimuth: arguments.azimuth,
-        relief: arguments.relief,
-        smoothing: arguments.smoothing,
-        width: arguments.width,
-    };
-    let turning = View { width: arguments.turntable_width, ..still };
+    let [still, turning] = views(arguments);
     still.check()?;
     turning.check()?;
     let output = arguments.output.clone().unwrap_or_else(|| arguments.results.join("view.png"));
@@ -65,6 +58,26 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         surface.write_turntable(turntable, &turning)?;
     }
     Ok(())
+}
+
+/// The views of the picture and of the animation, whose surface is as smooth as that of the picture.
+fn views(arguments: &Arguments) -> [View; 2] {
+    let still = View {
+        elevation: arguments.elevation,
+        azimuth: arguments.azimuth.unwrap_or(View::default().azimuth),
+        relief: arguments.relief,
+        smoothing: arguments.smoothing,
+        width: arguments.width,
+    };
+    let width = arguments.turntable_width;
+    let smoothing = f64::from(still.smoothing) * f64::from(width) / f64::from(still.width.max(1));
+    let turning = View {
+        width,
+        azimuth: arguments.azimuth.unwrap_or(0.0),
+        smoothing: smoothing.ceil().min(16.0) as u32,
+        ..still
+    };
+    [still, turning]
 }
 
 /// Refuses a name with another ending than the file's format, and one of the results themselves.

@@ -16,6 +16,8 @@ const BOTTOM: f32 = 52.0;
 const RIGHT: f32 = 20.0;
 /// Height of a line of the legend, px.
 const LINE: f32 = 20.0;
+/// Height of a line of crosses, px.
+const CROSSES: f32 = 12.0;
 /// Part of the axes left free at either end.
 const PADDING: f64 = 0.05;
 
@@ -89,6 +91,7 @@ impl Plot {
         for (i, series) in self.series.iter().enumerate() {
             draw_series(&mut canvas, &frame, series, i);
         }
+        self.draw_failures(&mut canvas, &frame);
         self.draw_legend(&mut canvas, &frame.area);
         canvas.into_image()
     }
@@ -102,11 +105,12 @@ impl Plot {
         let numbers = names.map(|name| text::width(&name, TEXT)).fold(0.0, f32::max);
         let left = 1.6 * TEXT + numbers + 18.0;
         let legend = LINE * self.legend().len() as f32 + if self.legend().is_empty() { 0.0 } else { 6.0 };
+        let top = TOP + legend + CROSSES * self.failing().count() as f32;
         let area = Area {
             x: left.round() + 0.5,
-            y: (TOP + legend).round() + 0.5,
+            y: top.round() + 0.5,
             width: (self.size.0 as f32 - left - RIGHT).max(1.0).round(),
-            height: (self.size.1 as f32 - TOP - legend - BOTTOM).max(1.0).round(),
+            height: (self.size.1 as f32 - top - BOTTOM).max(1.0).round(),
         };
         Frame { area, x, y }
     }
@@ -130,8 +134,29 @@ impl Plot {
         canvas.outline(area, GRAY, 1.0);
         canvas.text(&self.title, (area.x, TOP - 14.0), TITLE, Align::Left, BLACK);
         let (x, y) = area.middle();
+        if self.series.iter().all(|series| series.points.iter().all(|p| !frame.holds(p))) {
+            canvas.text("nothing to show", (x, y), TEXT, Align::Middle, GRAY);
+        }
         canvas.text(&self.x.label, (x, area.bottom() + 3.0 * TEXT), TEXT, Align::Middle, BLACK);
         canvas.text_up(&self.y.label, (1.3 * TEXT, y), TEXT, Align::Middle, BLACK);
+    }
+
+    /// The series of which a point failed.
+    fn failing(&self) -> impl Iterator<Item = usize> {
+        let failed = |series: &Series| series.points.iter().any(|p| p.y.is_nan());
+        (0..self.series.len()).filter(move |&i| failed(&self.series[i]))
+    }
+
+    /// A line of crosses above the curves for each series of which a point failed: two in one place would look like one.
+    fn draw_failures(&self, canvas: &mut Canvas, frame: &Frame) {
+        for (line, i) in self.failing().enumerate() {
+            let y = frame.area.y - CROSSES * (line as f32 + 0.5);
+            for point in self.series[i].points.iter().filter(|p| p.y.is_nan()) {
+                if (0.0..=1.0).contains(&frame.x.fraction(point.x)) {
+                    cross(canvas, (frame.x(point.x), y), i);
+                }
+            }
+        }
     }
 
     /// Lines of the legend, each with the series in it: as many as fit beside each other.
@@ -190,11 +215,6 @@ fn draw_series(canvas: &mut Canvas, frame: &Frame, series: &Series, index: usize
             marker(canvas, (x, y), index);
         }
     }
-    // One line of crosses for each series, or those at one x would cover each other.
-    let y = frame.area.y + 9.0 + 11.0 * index as f32;
-    for point in series.points.iter().filter(|p| p.y.is_nan() && (0.0..=1.0).contains(&frame.x.fraction(p.x))) {
-        cross(canvas, (frame.x(point.x), y), index);
-    }
 }
 
 fn draw_spread(canvas: &mut Canvas, frame: &Frame, point: &Point, x: f32, index: usize) {
@@ -238,7 +258,8 @@ mod tests {
         let middle = frame.y(0.5) as u32;
         assert_eq!(image.get_pixel(line as u32, middle).0, color(0));
         assert_ne!(image.get_pixel(gap as u32, middle).0, color(0));
-        assert!(has(&image, color(0), gap as u32 - 3..gap as u32 + 4), "no cross");
+        let above = frame.area.y as u32 - 6;
+        assert!((0..5).any(|d| image.get_pixel(gap as u32 + d - 2, above).0 == color(0)), "no cross");
     }
 
     #[test]

@@ -8,7 +8,7 @@ const COLORS: [Color; 6] = [[213, 94, 0], [0, 114, 178], [0, 158, 115], [204, 12
 /// Radius of a marker, px.
 const RADIUS: f32 = 4.5;
 
-/// A named curve. A point whose y is NaN failed: the curve has a gap there and a cross at the upper edge of the plot.
+/// A named curve. A point whose y is NaN failed: the curve has a gap there and a cross above the plot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
     pub(super) name: String,

@@ -177,7 +177,10 @@ impl Sheet {
                 row.panels.iter().map(|panel| text::wrap(&panel.caption, CAPTION, self.panel_width as f32).len());
             y += (height + lines.max().unwrap_or(0) as f32 * LINE * CAPTION + 1.5 * GAP).ceil();
         }
-        let footer = self.footer_lines(width).len() as f32 * LINE * CAPTION;
+        let footer = match self.footer_lines(width).len() {
+            0 => 0.0,
+            lines => GAP + lines as f32 * LINE * CAPTION,
+        };
         Layout {
             width: width as u32,
             height: (y - 1.5 * GAP + footer + MARGIN).ceil() as u32,

@@ -1,5 +1,7 @@
 //! The camera: where a point of the surface stands in the picture.
 
+use super::mesh::Mesh;
+
 /// Distance of the camera from the middle of the surface, in units of the surface's longer side. Nearer, the
 /// perspective exaggerates; farther, near and far look alike.
 const DISTANCE: f32 = 3.0;
@@ -46,13 +48,16 @@ impl Camera {
 }
 
 impl Fit {
-    /// A picture of this width that holds the points from all cameras, with a margin, px.
-    pub(super) fn new(cameras: &[Camera], points: &[[f32; 3]], width: u32, margin: f32) -> Self {
-        let seen = || cameras.iter().flat_map(|camera| points.iter().map(|&point| camera.project(point)));
-        let ends = |axis: usize| {
-            seen().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), p| (low.min(p[axis]), high.max(p[axis])))
-        };
-        let ((left, right), (bottom, top)) = (ends(0), ends(1));
+    /// A picture of this width that holds the mesh as all cameras see it, with a margin, px.
+    pub(super) fn new(cameras: &[Camera], mesh: &Mesh, width: u32, margin: f32) -> Self {
+        let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        for camera in cameras {
+            for vertex in &mesh.vertices {
+                let seen = camera.project(vertex.position);
+                (low, high) = ([0, 1, 2].map(|i| low[i].min(seen[i])), [0, 1, 2].map(|i| high[i].max(seen[i])));
+            }
+        }
+        let ([left, bottom, _], [right, top, _]) = (low, high);
         if left >= right {
             return Self { scale: 1.0, left: 0.0, top: 0.0, size: (width, width / 2) };
         }
@@ -78,6 +83,7 @@ impl Fit {
 
 #[cfg(test)]
 mod tests {
+    use super::super::mesh::Vertex;
     use super::*;
 
     fn assert_near(a: [f32; 3], b: [f32; 3]) {
@@ -111,10 +117,12 @@ mod tests {
     }
 
     #[test]
-    fn all_points_from_all_cameras_are_in_the_picture() {
+    fn the_whole_mesh_is_in_the_picture_from_all_cameras() {
         let points = [[-0.5, -0.3, 0.1], [0.5, 0.3, -0.1], [0.5, -0.3, 0.2], [-0.5, 0.3, 0.0]];
+        let vertex = |position| Vertex { position, normal: [0.0, 0.0, 1.0], uv: [0.0; 2], nearness: 0.0 };
+        let mesh = Mesh { vertices: points.map(vertex).to_vec(), triangles: Vec::new() };
         let cameras = [-40.0, 0.0, 40.0].map(|azimuth| Camera::new(50.0, azimuth));
-        let fit = Fit::new(&cameras, &points, 200, 10.0);
+        let fit = Fit::new(&cameras, &mesh, 200, 10.0);
         assert_eq!(fit.size.0, 200);
         for camera in cameras {
             for point in points {
@@ -122,5 +130,7 @@ mod tests {
                 assert!((9.9..=190.1).contains(&x) && y >= 9.9 && y <= fit.size.1 as f32 - 9.0, "{x} {y}");
             }
         }
+        let none = Mesh { vertices: Vec::new(), triangles: Vec::new() };
+        assert_eq!(Fit::new(&cameras, &none, 200, 10.0).size, (200, 100));
     }
 }

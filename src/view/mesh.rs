@@ -45,21 +45,6 @@ impl Mesh {
         }
         Self { vertices, triangles }
     }
-
-    /// The corners of the box that holds the mesh; none where it is empty.
-    pub(super) fn bounds(&self) -> Vec<[f32; 3]> {
-        let mut ends = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
-        for vertex in &self.vertices {
-            for axis in 0..3 {
-                ends[0][axis] = ends[0][axis].min(vertex.position[axis]);
-                ends[1][axis] = ends[1][axis].max(vertex.position[axis]);
-            }
-        }
-        if self.vertices.is_empty() {
-            return Vec::new();
-        }
-        (0..8).map(|i| [ends[i & 1][0], ends[i >> 1 & 1][1], ends[i >> 2 & 1][2]]).collect()
-    }
 }
 
 fn vertex(heights: &Heights, relief: f32, x: usize, y: usize) -> Vertex {
@@ -95,7 +80,7 @@ mod tests {
 
     fn heights(width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Heights {
         let data = (0..width * height).map(|i| value(i % width, i / width)).collect();
-        Heights { width, height, data, cell: 1 }
+        Heights { width, height, data }
     }
 
     #[test]
@@ -119,14 +104,14 @@ mod tests {
         assert_eq!(Mesh::new(&hole(0, 0), 1.0).triangles.len(), 2 * 8 + 1);
         assert_eq!(Mesh::new(&hole(3, 3), 1.0).triangles.len(), 2 * 8 + 1);
         let empty = Mesh::new(&heights(3, 3, |_, _| f32::NAN), 1.0);
-        assert!(empty.triangles.is_empty() && empty.bounds().is_empty());
+        assert!(empty.triangles.is_empty() && empty.vertices.is_empty());
     }
 
     #[test]
-    fn the_box_is_as_high_as_the_relief() {
-        let bounds = Mesh::new(&heights(5, 3, |x, _| (x == 2) as u8 as f32), 0.3).bounds();
-        let z = |p: &[f32; 3]| p[2];
-        let (low, high) = (bounds.iter().map(z).fold(9.0, f32::min), bounds.iter().map(z).fold(-9.0, f32::max));
-        assert!((low + 0.15).abs() < 1e-6 && (high - 0.15).abs() < 1e-6);
+    fn the_relief_is_from_far_to_near_and_the_longer_side_is_one() {
+        let mesh = Mesh::new(&heights(5, 3, |x, _| (x == 2) as u8 as f32), 0.3);
+        let z: Vec<f32> = mesh.vertices.iter().map(|vertex| vertex.position[2]).collect();
+        assert_eq!((z[0], z[2]), (-0.15, 0.15));
+        assert!((mesh.vertices[0].position[0] + 0.4).abs() < 1e-6 && (mesh.vertices[0].position[1] - 0.2).abs() < 1e-6);
     }
 }

@@ -51,7 +51,8 @@ pub struct View {
     pub azimuth: f64,
     /// Height from the far to the near end of the scale, over the longer side of the image, 0 to 2.
     pub relief: f64,
-    /// Radius of the median that takes spikes off the surface, in pixels of the picture, 0 to 16.
+    /// Radius of the median that takes spikes off the surface, in about pixels of a panel, or of V where there are fewer;
+    /// 0 to 16, 0 leaves the surface as it is.
     pub smoothing: u32,
     /// Width of one of the two panels, px, 64 to 4096.
     pub width: u32,
@@ -59,7 +60,7 @@ pub struct View {
 
 impl Default for View {
     fn default() -> Self {
-        Self { elevation: 50.0, azimuth: -20.0, relief: 0.15, smoothing: 3, width: 900 }
+        Self { elevation: 55.0, azimuth: -20.0, relief: 0.15, smoothing: 6, width: 900 }
     }
 }
 

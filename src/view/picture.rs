@@ -88,7 +88,7 @@ fn average(fragments: &[Fragment], (width, height): (u32, u32), color: impl Fn(&
 pub(super) fn draw(surface: &Surface, view: &View) -> RgbImage {
     let model = Model::new(surface, view);
     let camera = Camera::new(view.elevation, view.azimuth);
-    let fit = Fit::new(&[camera], &model.mesh.bounds(), view.width, MARGIN);
+    let fit = Fit::new(&[camera], &model.mesh, view.width, MARGIN);
     let [textured, coded] = model.panels(&camera, &fit);
     let (width, height) = fit.size;
     let top = (3.0 * TEXT) as u32;

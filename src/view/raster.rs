@@ -138,7 +138,7 @@ mod tests {
     #[test]
     fn a_square_seen_from_above_fills_its_silhouette_exactly() {
         let (mesh, camera) = (square(0.0, 1.0, 0.25), Camera::new(90.0, 0.0));
-        let fit = Fit::new(&[camera], &mesh.bounds(), 60, 10.0);
+        let fit = Fit::new(&[camera], &mesh, 60, 10.0);
         let fragments = draw(&mesh, &camera, &fit);
         assert_eq!(fit.size, (60, 60));
         for (i, fragment) in fragments.iter().enumerate() {
@@ -157,7 +157,7 @@ mod tests {
     fn the_nearer_square_hides_the_other_in_either_order() {
         let camera = Camera::new(90.0, 0.0);
         let (far, near) = (|| square(-0.1, 1.0, 0.0), || square(0.1, 0.5, 1.0));
-        let fit = Fit::new(&[camera], &far().bounds(), 80, 2.0);
+        let fit = Fit::new(&[camera], &far(), 80, 2.0);
         let first = draw(&joined(far(), near()), &camera, &fit);
         assert_eq!(first, draw(&joined(near(), far()), &camera, &fit));
         let at = |x: usize, y: usize| first[y * 80 + x].nearness;
@@ -170,7 +170,7 @@ mod tests {
             let mut mesh = square(0.0, 1.0, 0.0);
             mesh.vertices.iter_mut().for_each(|vertex| vertex.normal = normal);
             let camera = Camera::new(90.0, 0.0);
-            let fit = Fit::new(&[camera], &mesh.bounds(), 20, 0.0);
+            let fit = Fit::new(&[camera], &mesh, 20, 0.0);
             draw(&mesh, &camera, &fit)[10 * 20 + 10].light
         };
         // Lambert: the cosine over that of the flat surface.

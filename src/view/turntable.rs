@@ -30,7 +30,7 @@ pub(super) fn write(surface: &Surface, view: &View, path: &Path) -> Result<(), E
     let cameras: Vec<Camera> = (0..=FRAMES / 2)
         .map(|i| Camera::new(view.elevation, view.azimuth - SWING * (TAU * i as f64 / FRAMES as f64).cos()))
         .collect();
-    let fit = Fit::new(&cameras, &model.mesh.bounds(), view.width, 4.0);
+    let fit = Fit::new(&cameras, &model.mesh, view.width, 4.0);
     let there: Vec<Frame> = cameras.iter().map(|camera| frame(&beside(&model.panels(camera, &fit)))).collect();
     let back = there[1..FRAMES / 2].iter().rev();
     export::write_file(path, |writer| {
