@@ -33,10 +33,10 @@ pub(super) struct Arguments {
     /// Radius of the median that takes spikes off the surface, px of a panel, 0 (none) to 16
     #[arg(long, value_name = "PX", default_value_t = View::default().smoothing)]
     smoothing: u32,
-    /// Width of each of the two panels, px, 64 to 4096
+    /// Width of each of the two panels, px, 64 to 2048
     #[arg(long, value_name = "PX", default_value_t = View::default().width)]
     width: u32,
-    /// Width of each of the two panels of the animation, px, 64 to 4096
+    /// Width of each of the two panels of the animation, px, 64 to 2048
     #[arg(long, value_name = "PX", default_value_t = 360)]
     turntable_width: u32,
 }

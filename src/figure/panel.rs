@@ -53,7 +53,7 @@ impl Panel {
         Self::image(photograph(frame))
     }
 
-    /// Grey values, 0 black and 1 white, `height` rows of `width`; grey-green where NaN.
+    /// Grey values, 0 black and 1 white, `height` rows of `width`; light grey where NaN.
     pub fn gray(width: u32, height: u32, values: &[f32]) -> Self {
         Self::field(width, height, values, |v| [byte(v); 3])
     }

@@ -54,7 +54,7 @@ pub struct View {
     /// Radius of the median that takes spikes off the surface, in about pixels of a panel, or of V where there are fewer;
     /// 0 to 16, 0 leaves the surface as it is.
     pub smoothing: u32,
-    /// Width of one of the two panels, px, 64 to 4096.
+    /// Width of one of the two panels, px, 64 to 2048.
     pub width: u32,
 }
 
@@ -75,7 +75,7 @@ impl View {
             ("azimuth", self.azimuth, -180.0, 180.0),
             ("relief", self.relief, 0.0, 2.0),
             ("smoothing", f64::from(self.smoothing), 0.0, 16.0),
-            ("width", f64::from(self.width), 64.0, 4096.0),
+            ("width", f64::from(self.width), 64.0, 2048.0),
         ];
         match ranges.into_iter().find(|&(_, value, low, high)| !(value >= low && value <= high)) {
             None => Ok(()),

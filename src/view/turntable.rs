@@ -42,7 +42,7 @@ pub(super) fn write(surface: &Surface, view: &View, path: &Path) -> Result<(), E
 }
 
 fn frame(image: &RgbImage) -> Frame<'static> {
-    // Two panels of 4096 px at most: the sides fit.
+    // Two panels of 2048 px at most, neither taller than twice its width: the sides fit.
     let mut frame = Frame::from_rgb_speed(image.width() as u16, image.height() as u16, image, SPEED);
     frame.delay = DELAY;
     frame
