@@ -32,6 +32,7 @@ mod device_info;
 mod engine;
 mod error;
 pub mod export;
+pub mod figure;
 mod filter;
 mod frame;
 pub mod image_io;
@@ -49,6 +50,7 @@ mod solver;
 pub mod stages;
 #[cfg(test)]
 mod testing;
+pub mod view;
 #[allow(unsafe_code, reason = "the one room that talks to Vulkan")]
 mod vulkan;
 mod workspace;

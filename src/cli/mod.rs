@@ -6,7 +6,10 @@ mod output;
 mod simulate;
 mod solve;
 mod summary;
+mod view;
 
+use std::fs;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -28,6 +31,7 @@ struct Cli {
 enum Command {
     Solve(Box<solve::Arguments>),
     Simulate(Box<simulate::Arguments>),
+    View(view::Arguments),
     Devices(devices::Arguments),
 }
 
@@ -43,12 +47,18 @@ pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::View(arguments) => view::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),
     }
+}
+
+/// Whether two paths lead to one file that exists.
+fn same_file(a: &Path, b: &Path) -> bool {
+    matches!((fs::canonicalize(a), fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
 }
 
 /// Whether the environment asks for the validation layer.

@@ -1,6 +1,5 @@
 //! Whether results can be written, found out before any work is done.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::failure::Failure;
@@ -20,14 +19,10 @@ pub(super) fn check(out: &Path, results: &[&str], inputs: &[&PathBuf]) -> Result
         )));
     }
     for input in inputs {
-        if let Some(name) = results.iter().find(|name| same_file(&out.join(name), input)) {
+        if let Some(name) = results.iter().find(|name| super::same_file(&out.join(name), input)) {
             let problem = format!("is an input, and the result {name} would replace it; give another folder");
             return Err(Failure::Failed(format!("{}: {problem}", input.display())));
         }
     }
     Ok(())
-}
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    matches!((fs::canonicalize(a), fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
 }

@@ -7,6 +7,8 @@ mod field;
 mod fused;
 mod ranks;
 mod report;
+mod results;
+mod scale;
 mod simulated;
 mod staging;
 #[cfg(test)]
@@ -16,11 +18,14 @@ mod transform;
 use std::path::Path;
 
 pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TimingsReport};
+pub use results::Results;
+pub use scale::{Scale, color};
 pub use simulated::{SIMULATED_FILES, Truth, write_simulated};
 pub use transform::read_transform;
 
 use crate::{Decode, Error, Format, Solution};
 use staging::Staging;
+pub(crate) use staging::write_file;
 
 /// The files that [`write()`] makes.
 pub const FILES: [&str; 5] = ["relative_blur.exr", "confidence.exr", "depth.png", "fused.png", "report.json"];

@@ -1,5 +1,6 @@
 //! Files that appear together: written under temporary names, renamed at the end.
 
+use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -25,9 +26,10 @@ impl Staging {
     /// Writes one file under a temporary name.
     pub(super) fn add(
         &mut self,
-        name: &str,
+        name: impl AsRef<OsStr>,
         fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
     ) -> Result<(), Error> {
+        let name = name.as_ref();
         let path = self.folder.path.join(name);
         let wrap =
             |problem: String| Error::file(&path, format!("cannot be written ({problem}); check space and permissions"));
@@ -59,9 +61,23 @@ impl Staging {
     }
 }
 
+/// Writes one file, whole or not at all; its folder is made if it is missing.
+pub(crate) fn write_file(
+    path: &Path,
+    fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
+) -> Result<(), Error> {
+    let Some(name) = path.file_name() else {
+        return Err(Error::file(path, "is no name of a file; give one"));
+    };
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut staging = Staging::new(folder)?;
+    staging.add(name, fill)?;
+    staging.place()
+}
+
 /// A temporary file that becomes as readable as any other file when it gets its name.
-fn temporary(folder: &Path, name: &str) -> std::io::Result<NamedTempFile> {
-    let prefix = format!(".{name}.");
+fn temporary(folder: &Path, name: &OsStr) -> std::io::Result<NamedTempFile> {
+    let prefix = format!(".{}.", name.to_string_lossy());
     let mut builder = Builder::new();
     builder.prefix(&prefix);
     #[cfg(unix)]

@@ -72,6 +72,20 @@ pub fn read_kernel(path: &Path) -> Result<Kernel, Error> {
     })
 }
 
+/// Reads a field of numbers, such as `relative_blur.exr`: an EXR of one channel, in which NaN and infinity are allowed.
+/// Width, height and the values, row-major.
+///
+/// # Errors
+/// [`Error::File`].
+pub fn read_field(path: &Path) -> Result<(u32, u32, Vec<f32>), Error> {
+    let pending = Pending::open(path)?;
+    let ((width, height), Source::Exr(exr)) = (pending.size, pending.source) else {
+        return Err(Error::file(path, "is no EXR; give the file that parfocal wrote"));
+    };
+    let values = exr.decode_field().map_err(|problem| Error::file(path, problem))?;
+    Ok((width, height, values))
+}
+
 /// A file whose header has been read and whose size is allowed.
 struct Pending<'a> {
     path: &'a Path,

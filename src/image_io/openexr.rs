@@ -56,6 +56,28 @@ impl Exr {
 
     /// Decodes the pixels.
     pub(super) fn decode(self) -> Result<Frame, String> {
+        let (width, height) = self.size;
+        match <[Vec<f32>; 3]>::try_from(self.planes()?) {
+            Ok([r, g, b]) => {
+                let values = r.into_iter().zip(g).zip(b).flat_map(|((r, g), b)| [r, g, b]).collect();
+                Frame::new(width, height, Channels::Rgb, Samples::F32(values))
+            }
+            Err(mut planes) => Frame::gray(width, height, planes.pop().unwrap_or_default()),
+        }
+    }
+
+    /// Decodes a single channel, whatever its values.
+    pub(super) fn decode_field(self) -> Result<Vec<f32>, String> {
+        match <[Vec<f32>; 1]>::try_from(self.planes()?) {
+            Ok([values]) => Ok(values),
+            Err(_) => {
+                Err("is a colour image, and a field has one channel; give the file that parfocal wrote".to_string())
+            }
+        }
+    }
+
+    /// The chosen channels, one or three.
+    fn planes(self) -> Result<Vec<Vec<f32>>, String> {
         let image = exr::prelude::read()
             .no_deep_data()
             .largest_resolution_level()
@@ -65,17 +87,9 @@ impl Exr {
             .from_chunks(self.reader)
             .map_err(problem)?;
         let channels = &image.layer_data.channel_data;
-        let planes: Vec<_> = self.names.iter().filter_map(|name| plane(channels, name)).collect();
-        let (width, height) = self.size;
-        match planes.as_slice() {
-            [y] => Frame::gray(width, height, y.values_as_f32().collect()),
-            [r, g, b] => {
-                let pixels = r.values_as_f32().zip(g.values_as_f32()).zip(b.values_as_f32());
-                let values = pixels.flat_map(|((r, g), b)| [r, g, b]).collect();
-                Frame::new(width, height, Channels::Rgb, Samples::F32(values))
-            }
-            _ => Err(format!("cannot be decoded as EXR (a channel is missing); {DAMAGED}")),
-        }
+        let plane = |name| plane(channels, name).map(|samples| samples.values_as_f32().collect());
+        let planes: Option<Vec<Vec<f32>>> = self.names.iter().map(|name| plane(name)).collect();
+        planes.ok_or_else(|| format!("cannot be decoded as EXR (a channel is missing); {DAMAGED}"))
     }
 }
 

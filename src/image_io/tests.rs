@@ -214,3 +214,18 @@ fn bent_files_never_panic() {
         }
     }
 }
+
+#[test]
+fn fields_may_hold_what_photographs_may_not() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("field.exr");
+    exr_file(&path, 2, 1, vec![("Y", FlatSamples::F32(vec![f32::NAN, -3.5]))]);
+    let (width, height, values) = read_field(&path).unwrap();
+    assert!((width, height) == (2, 1) && values[0].is_nan() && values[1] == -3.5, "{values:?}");
+    assert!(read(&path).is_err());
+    let plane = || FlatSamples::F32(vec![0.5; 2]);
+    exr_file(&path, 2, 1, vec![("B", plane()), ("G", plane()), ("R", plane())]);
+    assert!(read_field(&path).unwrap_err().to_string().contains("one channel"));
+    let png = save(&folder, "field.png", &gray8(), ImageFormat::Png);
+    assert!(read_field(&png).unwrap_err().to_string().contains("is no EXR"));
+}

@@ -1,0 +1,92 @@
+//! `parfocal view`: the surface of a solve in three dimensions.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use parfocal::export::{FILES, Results};
+use parfocal::figure;
+use parfocal::view::{Surface, View};
+
+use super::failure::Failure;
+
+/// Show the surface of a solve in three dimensions, textured and colour-coded.
+#[derive(clap::Args, Debug)]
+#[command(after_help = super::AFTER_HELP)]
+pub(super) struct Arguments {
+    /// Folder that `parfocal solve -o` wrote
+    results: PathBuf,
+    /// The picture, PNG [default: view.png in RESULTS]
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Also write an animation in which the camera swings 40° to either side of --azimuth, GIF
+    #[arg(long, value_name = "FILE")]
+    turntable: Option<PathBuf>,
+    /// Height of the camera over the plane of the image, degrees, 10 to 90; 90 sees it as photographed
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, default_value_t = View::default().elevation)]
+    elevation: f64,
+    /// How far the camera goes around to the right, degrees, -180 to 180 [default: -20, of the animation 0]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    azimuth: Option<f64>,
+    /// Height from far to near over the longer side of the image, 0 to 2: exaggeration, for V is not metric
+    #[arg(long, value_name = "R", allow_negative_numbers = true, default_value_t = View::default().relief)]
+    relief: f64,
+    /// Radius of the median that takes spikes off the surface, px of a panel, 0 (none) to 16
+    #[arg(long, value_name = "PX", default_value_t = View::default().smoothing)]
+    smoothing: u32,
+    /// Width of each of the two panels, px, 64 to 2048
+    #[arg(long, value_name = "PX", default_value_t = View::default().width)]
+    width: u32,
+    /// Width of each of the two panels of the animation, px, 64 to 2048
+    #[arg(long, value_name = "PX", default_value_t = 360)]
+    turntable_width: u32,
+}
+
+/// Draws and writes. Cheap checks come before dear ones.
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let [still, turning] = views(arguments);
+    still.check()?;
+    turning.check()?;
+    let output = arguments.output.clone().unwrap_or_else(|| arguments.results.join("view.png"));
+    check_output(&output, "png", &arguments.results)?;
+    if let Some(turntable) = &arguments.turntable {
+        check_output(turntable, "gif", &arguments.results)?;
+    }
+    let results = Results::read(&arguments.results)?;
+    let surface = Surface::new(&results.relative_blur, &results.fused, results.nearer)?;
+    figure::write_png(&output, &surface.picture(&still)?)?;
+    if let Some(turntable) = &arguments.turntable {
+        surface.write_turntable(turntable, &turning)?;
+    }
+    Ok(())
+}
+
+/// The views of the picture and of the animation, whose surface is as smooth as that of the picture.
+fn views(arguments: &Arguments) -> [View; 2] {
+    let still = View {
+        elevation: arguments.elevation,
+        azimuth: arguments.azimuth.unwrap_or(View::default().azimuth),
+        relief: arguments.relief,
+        smoothing: arguments.smoothing,
+        width: arguments.width,
+    };
+    let width = arguments.turntable_width;
+    let smoothing = f64::from(still.smoothing) * f64::from(width) / f64::from(still.width.max(1));
+    let turning = View {
+        width,
+        azimuth: arguments.azimuth.unwrap_or(0.0),
+        smoothing: smoothing.ceil().min(16.0) as u32,
+        ..still
+    };
+    [still, turning]
+}
+
+/// Refuses a name with another ending than the file's format, and one of the results themselves.
+fn check_output(path: &Path, ending: &str, results: &Path) -> Result<(), Failure> {
+    if !path.extension().and_then(OsStr::to_str).is_some_and(|found| found.eq_ignore_ascii_case(ending)) {
+        return Err(Failure::Usage(format!("{}: give a name that ends in .{ending}", path.display())));
+    }
+    if FILES.iter().any(|name| super::same_file(&results.join(name), path)) {
+        return Err(Failure::Usage(format!("{}: is a result of the solve; give another name", path.display())));
+    }
+    Ok(())
+}

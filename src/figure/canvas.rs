@@ -1,0 +1,211 @@
+//! What figures are drawn on: white paper, antialiased lines, text and pictures.
+
+use image::RgbImage;
+use tiny_skia::{
+    FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, PremultipliedColorU8, Rect, Stroke, StrokeDash,
+    Transform,
+};
+
+use super::text;
+
+/// The longest side of a canvas, px. What lies beyond is cut off.
+const MAX_SIDE: u32 = 1 << 14;
+
+/// Red, green, blue.
+pub(crate) type Color = [u8; 3];
+
+pub(crate) const WHITE: Color = [255; 3];
+pub(crate) const BLACK: Color = [20; 3];
+pub(crate) const GRAY: Color = [96; 3];
+pub(crate) const LIGHT: Color = [224; 3];
+
+/// A rectangle in px; x right, y down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Area {
+    pub x: f32,
+    pub y: f32,
+    pub width: f32,
+    pub height: f32,
+}
+
+impl Area {
+    pub(crate) fn right(&self) -> f32 {
+        self.x + self.width
+    }
+
+    pub(crate) fn bottom(&self) -> f32 {
+        self.y + self.height
+    }
+
+    pub(crate) fn middle(&self) -> (f32, f32) {
+        (self.x + self.width / 2.0, self.y + self.height / 2.0)
+    }
+}
+
+/// Where a line of text stands relative to its point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Align {
+    Left,
+    Middle,
+    Right,
+}
+
+/// White paper to draw on.
+pub(crate) struct Canvas(Pixmap);
+
+impl Canvas {
+    /// White paper; sides are brought into 1 to [`MAX_SIDE`].
+    pub(crate) fn new(width: u32, height: u32) -> Self {
+        let side = |length: u32| length.clamp(1, MAX_SIDE);
+        let mut pixmap = Pixmap::new(side(width), side(height)).expect("sides within limits");
+        pixmap.fill(tiny_skia::Color::WHITE);
+        Self(pixmap)
+    }
+
+    /// Fills a rectangle.
+    pub(crate) fn fill(&mut self, area: Area, color: Color) {
+        if let Some(rect) = rect(area) {
+            self.0.fill_rect(rect, &paint(color), Transform::identity(), None);
+        }
+    }
+
+    /// Draws the outline of a rectangle, its middle on the edge.
+    pub(crate) fn outline(&mut self, area: Area, color: Color, width: f32) {
+        if let Some(rect) = rect(area) {
+            self.stroke(&PathBuilder::from_rect(rect), color, width, None);
+        }
+    }
+
+    /// Draws a line through points, dashed with this period if there is one. Points that are not finite draw nothing.
+    pub(crate) fn line(&mut self, points: &[(f32, f32)], color: Color, width: f32, dash: Option<f32>) {
+        if let Some(path) = polygon(points, false) {
+            self.stroke(&path, color, width, dash);
+        }
+    }
+
+    /// Fills a polygon.
+    pub(crate) fn polygon(&mut self, points: &[(f32, f32)], color: Color) {
+        if let Some(path) = polygon(points, true) {
+            self.0.fill_path(&path, &paint(color), FillRule::Winding, Transform::identity(), None);
+        }
+    }
+
+    /// Fills a circle.
+    pub(crate) fn disc(&mut self, (x, y): (f32, f32), radius: f32, color: Color) {
+        if let Some(path) = PathBuilder::from_circle(x, y, radius) {
+            self.0.fill_path(&path, &paint(color), FillRule::Winding, Transform::identity(), None);
+        }
+    }
+
+    /// Puts a picture with its upper left corner at a pixel; what lies outside is cut off.
+    pub(crate) fn image(&mut self, image: &RgbImage, (left, top): (u32, u32)) {
+        let (width, height) = (self.0.width(), self.0.height());
+        let pixels = self.0.pixels_mut();
+        for (x, y, &image::Rgb([r, g, b])) in image.enumerate_pixels() {
+            let (x, y) = (left.saturating_add(x), top.saturating_add(y));
+            if x < width && y < height {
+                pixels[(y * width + x) as usize] =
+                    PremultipliedColorU8::from_rgba(r, g, b, 255).unwrap_or(PremultipliedColorU8::TRANSPARENT);
+            }
+        }
+    }
+
+    /// Writes a line of text whose baseline is at `y`.
+    pub(crate) fn text(&mut self, text: &str, (x, y): (f32, f32), size: f32, align: Align, color: Color) {
+        self.text_turned(text, (x, y), size, align, color, 0.0);
+    }
+
+    /// Writes a line of text that reads upwards, its baseline at `x`.
+    pub(crate) fn text_up(&mut self, text: &str, (x, y): (f32, f32), size: f32, align: Align, color: Color) {
+        self.text_turned(text, (x, y), size, align, color, -90.0);
+    }
+
+    fn text_turned(&mut self, text: &str, (x, y): (f32, f32), size: f32, align: Align, color: Color, turn: f32) {
+        let Some(path) = text::outline(text, size) else { return };
+        let start = match align {
+            Align::Left => 0.0,
+            Align::Middle => -text::width(text, size) / 2.0,
+            Align::Right => -text::width(text, size),
+        };
+        let place = Transform::from_translate(start, 0.0).post_rotate(turn).post_translate(x, y);
+        self.0.fill_path(&path, &paint(color), FillRule::Winding, place, None);
+        // The font is a light one: a thin outline gives it the weight that small text needs.
+        let stroke = Stroke { width: 0.022 * size, ..Stroke::default() };
+        self.0.stroke_path(&path, &paint(color), &stroke, place, None);
+    }
+
+    fn stroke(&mut self, path: &Path, color: Color, width: f32, dash: Option<f32>) {
+        let dash = dash.and_then(|period| StrokeDash::new(vec![0.6 * period, 0.4 * period], 0.0));
+        let line_cap = if dash.is_some() { LineCap::Butt } else { LineCap::Square };
+        let stroke = Stroke { width, dash, line_cap, line_join: LineJoin::Round, ..Stroke::default() };
+        self.0.stroke_path(path, &paint(color), &stroke, Transform::identity(), None);
+    }
+
+    /// The picture.
+    pub(crate) fn into_image(self) -> RgbImage {
+        let (width, height) = (self.0.width(), self.0.height());
+        let rgb = self.0.pixels().iter().flat_map(|p| [p.red(), p.green(), p.blue()]).collect();
+        RgbImage::from_raw(width, height, rgb).expect("three bytes for each pixel")
+    }
+}
+
+fn rect(area: Area) -> Option<Rect> {
+    Rect::from_xywh(area.x, area.y, area.width, area.height)
+}
+
+fn paint(color: Color) -> Paint<'static> {
+    let mut paint = Paint::default();
+    paint.set_color_rgba8(color[0], color[1], color[2], 255);
+    paint
+}
+
+/// `None` where there is nothing to draw or a coordinate is not finite.
+fn polygon(points: &[(f32, f32)], close: bool) -> Option<Path> {
+    let (&(x, y), rest) = points.split_first()?;
+    let mut path = PathBuilder::new();
+    path.move_to(x, y);
+    rest.iter().for_each(|&(x, y)| path.line_to(x, y));
+    if close {
+        path.close();
+    }
+    path.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_drawn_lands_where_it_should() {
+        let mut canvas = Canvas::new(40, 30);
+        canvas.fill(Area { x: 10.0, y: 5.0, width: 10.0, height: 5.0 }, [255, 0, 0]);
+        canvas.image(&RgbImage::from_pixel(2, 2, image::Rgb([0, 0, 255])), (30, 20));
+        let image = canvas.into_image();
+        assert_eq!(image.get_pixel(10, 5).0, [255, 0, 0]);
+        assert_eq!(image.get_pixel(19, 9).0, [255, 0, 0]);
+        assert_eq!((image.get_pixel(20, 9).0, image.get_pixel(9, 5).0), (WHITE, WHITE));
+        assert_eq!((image.get_pixel(31, 21).0, image.get_pixel(32, 21).0), ([0, 0, 255], WHITE));
+    }
+
+    #[test]
+    fn what_cannot_be_drawn_is_left_out() {
+        let mut canvas = Canvas::new(0, 0);
+        let nan = f32::NAN;
+        canvas.line(&[(nan, 1.0), (2.0, 3.0)], BLACK, 1.0, Some(0.0));
+        canvas.line(&[], BLACK, 1.0, None);
+        canvas.disc((nan, 0.0), 3.0, BLACK);
+        canvas.fill(Area { x: nan, y: 0.0, width: -1.0, height: 2.0 }, BLACK);
+        canvas.text("x", (nan, 0.0), 12.0, Align::Middle, BLACK);
+        canvas.image(&RgbImage::new(3, 3), (u32::MAX, 0));
+        assert_eq!(canvas.into_image().dimensions(), (1, 1));
+    }
+
+    #[test]
+    fn text_stands_on_its_baseline() {
+        let mut canvas = Canvas::new(60, 40);
+        canvas.text("H", (10.0, 30.0), 20.0, Align::Left, BLACK);
+        let image = canvas.into_image();
+        let dark = |y: u32| (0..60).any(|x| image.get_pixel(x, y)[0] < 100);
+        assert!(dark(29) && dark(20) && !dark(32) && !dark(10));
+    }
+}

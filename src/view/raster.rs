@@ -1,0 +1,181 @@
+//! The z-buffer: which point of the surface each pixel shows.
+
+use super::camera::{Camera, Fit};
+use super::mesh::{Mesh, Vertex};
+
+/// What a pixel shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Fragment {
+    /// Greater is nearer to the camera; negative infinity where the pixel is empty.
+    pub near: f32,
+    /// Cosine of the angle between light and normal, over that of a flat surface seen from above: 1 leaves a picture
+    /// as bright as it is.
+    pub light: f32,
+    /// Place in the image, 0 to 1, right and down.
+    pub uv: [f32; 2],
+    /// 0 far, 1 near.
+    pub nearness: f32,
+}
+
+impl Fragment {
+    const EMPTY: Self = Self { near: f32::NEG_INFINITY, light: 0.0, uv: [0.0; 2], nearness: 0.0 };
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.near == f32::NEG_INFINITY
+    }
+}
+
+/// Where the light comes from as the camera sees it, right, up, towards the camera; unit length. Upper left is where
+/// readers expect it: from below, hills look like hollows.
+const LIGHT: [f32; 3] = [-0.48, 0.6, 0.64];
+
+/// Draws a mesh; row-major fragments of the picture's size.
+pub(super) fn draw(mesh: &Mesh, camera: &Camera, fit: &Fit) -> Vec<Fragment> {
+    let (width, height) = (fit.size.0 as usize, fit.size.1 as usize);
+    let flat = dot(camera.turn([0.0, 0.0, 1.0]), LIGHT).max(0.1);
+    let corner = |vertex: &Vertex| Corner {
+        place: fit.place(camera.project(vertex.position)),
+        light: dot(camera.turn(vertex.normal), LIGHT).max(0.0) / flat,
+        uv: vertex.uv,
+        nearness: vertex.nearness,
+    };
+    let corners: Vec<Corner> = mesh.vertices.iter().map(corner).collect();
+    let mut target = Target { width, height, fragments: vec![Fragment::EMPTY; width * height] };
+    for triangle in &mesh.triangles {
+        target.triangle(triangle.map(|i| &corners[i as usize]));
+    }
+    target.fragments
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// A vertex in the picture.
+struct Corner {
+    /// Px right, px down, nearness to the camera.
+    place: [f32; 3],
+    light: f32,
+    uv: [f32; 2],
+    nearness: f32,
+}
+
+struct Target {
+    width: usize,
+    height: usize,
+    fragments: Vec<Fragment>,
+}
+
+impl Target {
+    /// Fills the pixels whose middle lies in the triangle and that show nothing nearer. What belongs to a corner is
+    /// linear in between: triangles are too small for perspective to matter.
+    fn triangle(&mut self, [a, b, c]: [&Corner; 3]) {
+        let area = edge(a.place, b.place, c.place);
+        if area == 0.0 || !area.is_finite() {
+            return;
+        }
+        let (xs, ys) = (span(a, b, c, 0, self.width), span(a, b, c, 1, self.height));
+        for y in ys {
+            for x in xs.clone() {
+                let middle = [x as f32 + 0.5, y as f32 + 0.5, 0.0];
+                let weights =
+                    [edge(b.place, c.place, middle), edge(c.place, a.place, middle), edge(a.place, b.place, middle)]
+                        .map(|w| w / area);
+                if weights.iter().any(|&w| w < 0.0) {
+                    continue;
+                }
+                let mix = |values: [f32; 3]| dot(weights, values);
+                let near = mix([a.place[2], b.place[2], c.place[2]]);
+                let fragment = &mut self.fragments[y * self.width + x];
+                if near > fragment.near {
+                    *fragment = Fragment {
+                        near,
+                        light: mix([a.light, b.light, c.light]),
+                        uv: [mix([a.uv[0], b.uv[0], c.uv[0]]), mix([a.uv[1], b.uv[1], c.uv[1]])],
+                        nearness: mix([a.nearness, b.nearness, c.nearness]),
+                    };
+                }
+            }
+        }
+    }
+}
+
+/// Twice the signed area of a triangle.
+fn edge(a: [f32; 3], b: [f32; 3], c: [f32; 3]) -> f32 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+/// The pixels whose middle may lie within the triangle along an axis.
+fn span(a: &Corner, b: &Corner, c: &Corner, axis: usize, size: usize) -> std::ops::Range<usize> {
+    let [a, b, c] = [a, b, c].map(|corner| corner.place[axis]);
+    // Casts saturate.
+    let first = (a.min(b).min(c) - 0.5).ceil().max(0.0) as usize;
+    let end = ((a.max(b).max(c) - 0.5).floor() + 1.0).max(0.0) as usize;
+    first..end.min(size)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square(z: f32, side: f32, nearness: f32) -> Mesh {
+        let vertex = |x: f32, y: f32| Vertex {
+            position: [x * side, y * side, z],
+            normal: [0.0, 0.0, 1.0],
+            uv: [x + 0.5, 0.5 - y],
+            nearness,
+        };
+        let vertices = vec![vertex(-0.5, 0.5), vertex(0.5, 0.5), vertex(0.5, -0.5), vertex(-0.5, -0.5)];
+        Mesh { vertices, triangles: vec![[0, 1, 2], [0, 2, 3]] }
+    }
+
+    fn joined(a: Mesh, b: Mesh) -> Mesh {
+        let first = a.vertices.len() as u32;
+        let triangles = a.triangles.into_iter().chain(b.triangles.into_iter().map(|t| t.map(|i| i + first)));
+        Mesh { vertices: a.vertices.iter().chain(&b.vertices).copied().collect(), triangles: triangles.collect() }
+    }
+
+    #[test]
+    fn a_square_seen_from_above_fills_its_silhouette_exactly() {
+        let (mesh, camera) = (square(0.0, 1.0, 0.25), Camera::new(90.0, 0.0));
+        let fit = Fit::new(&[camera], &mesh, 60, 10.0);
+        let fragments = draw(&mesh, &camera, &fit);
+        assert_eq!(fit.size, (60, 60));
+        for (i, fragment) in fragments.iter().enumerate() {
+            let (x, y) = (i % 60, i / 60);
+            let inside = (10..50).contains(&x) && (10..50).contains(&y);
+            assert_eq!(!fragment.is_empty(), inside, "{x} {y}");
+            if inside {
+                let expected = [(x as f32 - 9.5) / 40.0, (y as f32 - 9.5) / 40.0];
+                assert!((fragment.light - 1.0).abs() < 1e-5 && (fragment.nearness - 0.25).abs() < 1e-6);
+                assert!(fragment.uv.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-4), "{fragment:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_nearer_square_hides_the_other_in_either_order() {
+        let camera = Camera::new(90.0, 0.0);
+        let (far, near) = (|| square(-0.1, 1.0, 0.0), || square(0.1, 0.5, 1.0));
+        let fit = Fit::new(&[camera], &far(), 80, 2.0);
+        let first = draw(&joined(far(), near()), &camera, &fit);
+        assert_eq!(first, draw(&joined(near(), far()), &camera, &fit));
+        let at = |x: usize, y: usize| first[y * 80 + x].nearness;
+        assert_eq!((at(40, 40), at(8, 8)), (1.0, 0.0));
+    }
+
+    #[test]
+    fn a_surface_that_leans_towards_the_light_is_brighter() {
+        let lit = |normal: [f32; 3]| {
+            let mut mesh = square(0.0, 1.0, 0.0);
+            mesh.vertices.iter_mut().for_each(|vertex| vertex.normal = normal);
+            let camera = Camera::new(90.0, 0.0);
+            let fit = Fit::new(&[camera], &mesh, 20, 0.0);
+            draw(&mesh, &camera, &fit)[10 * 20 + 10].light
+        };
+        // Lambert: the cosine over that of the flat surface.
+        assert!((lit(LIGHT) - 1.0 / LIGHT[2]).abs() < 1e-4);
+        assert!((lit([0.6, 0.0, 0.8]) - (-0.48 * 0.6 + 0.64 * 0.8) / LIGHT[2]).abs() < 1e-4);
+        assert_eq!(lit([0.8, -0.6, 0.0]), 0.0);
+    }
+}
