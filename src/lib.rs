@@ -27,6 +27,7 @@
 //! An [`Engine`] is a device, a [`Solver`] a size and settings, prepared once and used for any number of pairs. Every
 //! failure is an [`Error`]; a pair that can be read but not solved is a [`Solution`] that has not converged and says why.
 
+mod baseline;
 mod device_info;
 mod engine;
 mod error;
@@ -37,6 +38,7 @@ mod kernel;
 mod plan;
 mod record;
 pub mod reference;
+mod registered;
 mod settings;
 mod shaders;
 mod similarity;
@@ -53,6 +55,7 @@ pub use device_info::DeviceInfo;
 pub use engine::{Engine, EngineOptions};
 pub use error::Error;
 pub use frame::{Channels, Depth, Format, Frame, Samples};
+pub use registered::Registered;
 pub use settings::{Decode, Method, Photometric, Settings};
 pub use similarity::{Similarity, centre};
 pub use solution::{Level, Solution, Timings};

@@ -3,8 +3,10 @@
 
 use crate::plan::{Level, Plan, halving_filter, node_filter};
 use crate::stages::state::Registration;
-use crate::stages::{Field, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update};
-use crate::{Error, Frame, Photometric, Settings, Similarity, kernel};
+use crate::stages::{
+    Field, appearance, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update,
+};
+use crate::{Error, Frame, Photometric, Settings, Similarity, baseline, kernel};
 
 /// What the reference finds.
 pub struct Reference {
@@ -25,12 +27,15 @@ pub struct Reference {
 /// Solves one pair on the CPU.
 ///
 /// # Errors
-/// [`Error::Setting`], [`Error::TooSmall`], [`Error::Mismatch`] where the sizes differ.
+/// [`Error::Setting`], [`Error::TooSmall`], [`Error::Mismatch`] where the sizes differ, [`Error::TooFewKeyPoints`].
 pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, Error> {
     crate::solver::same_size([i1, i2])?;
     let plan = Plan::new(i1.width(), i1.height(), [i1.format(), i2.format()], settings)?;
     let pyramids = [i1, i2].map(|frame| pyramid(&plan, ingest::twin(frame, settings.decode, ingest::LUMINANCE)));
-    let mut registration = Registration::new(&settings.start, &settings.start_photometric);
+    let mut registration = Registration::new(&baseline::start([i1, i2], settings)?, &settings.start_photometric);
+    for level in plan.appearance_levels() {
+        register(&plan, level, &pyramids, &mut registration);
+    }
     let mut v: Option<Field> = None;
     let mut system = None;
     let mut energies = Vec::new();
@@ -80,6 +85,24 @@ pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, E
         photometric: registration.photometric(),
         energies,
     })
+}
+
+/// Registers without a blur model on one level.
+fn register(plan: &Plan, level: &Level, pyramids: &[Vec<Field>; 2], registration: &mut Registration) {
+    if plan.matches_exposure() {
+        match_exposure(plan.low_pass(level), pyramids, registration);
+    }
+    let [i1, i2] = pyramids.each_ref().map(|p| &p[level.index]);
+    let spline = build_stack(i2, 1);
+    let mut before = 0.0;
+    for k in 0..plan.settings.outer_iterations {
+        let sums = appearance::twin(&plan.appearance(level), registration, i1, &spline[0]);
+        let step = step::twin(&plan.appearance_step(level, k), &sums, registration, before);
+        if step.settled {
+            break;
+        }
+        before = step.energy;
+    }
 }
 
 /// A filter along x, then along y.

@@ -2,6 +2,8 @@
 
 mod devices;
 mod failure;
+mod pair;
+mod register;
 mod solve;
 mod summary;
 
@@ -25,6 +27,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Solve(Box<solve::Arguments>),
+    Register(Box<register::Arguments>),
     Devices(devices::Arguments),
 }
 
@@ -39,6 +42,7 @@ Environment:
 pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Solve(arguments) => solve::run(&arguments),
+        Command::Register(arguments) => register::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
     };
     match result {

@@ -6,6 +6,7 @@ mod depth;
 mod field;
 mod fused;
 mod ranks;
+mod registration;
 mod report;
 mod staging;
 #[cfg(test)]
@@ -14,6 +15,7 @@ mod transform;
 
 use std::path::Path;
 
+pub use registration::{RegistrationReport, write_registration};
 pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TimingsReport};
 pub use transform::read_transform;
 

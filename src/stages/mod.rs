@@ -3,6 +3,7 @@
 //! A twin is the shader in plain Rust and double precision, a pure function over [`Field`]s, for tests and for the
 //! [reference solver](crate::reference), never a fallback.
 
+pub mod appearance;
 pub mod confidence;
 pub mod convolve;
 pub mod expose;
@@ -38,6 +39,7 @@ pub(crate) struct Pipelines {
     pub(crate) convolve: Arc<Pipeline>,
     pub(crate) expose: Arc<Pipeline>,
     pub(crate) prolong: Arc<Pipeline>,
+    pub(crate) appearance: Arc<Pipeline>,
     pub(crate) linearise: Arc<Pipeline>,
     pub(crate) step: Arc<Pipeline>,
     pub(crate) relax: Arc<Pipeline>,
@@ -54,6 +56,7 @@ impl Pipelines {
             convolve: compile(&convolve::STAGE)?,
             expose: compile(&expose::STAGE)?,
             prolong: compile(&prolong::STAGE)?,
+            appearance: compile(&appearance::STAGE)?,
             linearise: compile(&linearise::STAGE)?,
             step: compile(&step::STAGE)?,
             relax: compile(&relax::STAGE)?,
