@@ -113,7 +113,7 @@ pub(crate) fn record(
 /// Whether iteration k of a level goes into a new part.
 fn starts_part(level: &Level, k: u32) -> bool {
     let per_part = (PART_BUDGET / level.pixels()).max(1) as u32;
-    k > 0 && k % per_part == 0
+    k > 0 && k.is_multiple_of(per_part)
 }
 
 /// More than the passes there are.

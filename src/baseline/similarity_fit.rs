@@ -48,8 +48,8 @@ impl Linear {
         };
         let (place, by) = (mean(&|d| d.place), mean(&|d| d.by));
         let spread = mean(&|d| (d.place - place).norm_sqr().into()).re;
-        // Also not where the total is zero.
-        if !(spread > 1e-6) {
+        // Not a number where the total is zero.
+        if spread.is_nan() || spread < 1e-6 {
             return None;
         }
         let m = mean(&|d| (d.place - place).conj() * (d.by - by)) / spread;
