@@ -21,8 +21,8 @@ impl Desk {
                 // Blobs of many sizes where a hash of their cell says so.
                 let (x, y) = (x as i32 - shift[0] + 64, y as i32 - shift[1] + 64);
                 let blob = |size: i32| {
-                    let cell =
-                        (x / size) as u32 * 73_856_093 ^ (y / size) as u32 * 19_349_663 ^ size as u32 * 83_492_791;
+                    let [i, j, k] = [x / size, y / size, size].map(|n| n as u32);
+                    let cell = (i * 73_856_093) ^ (j * 19_349_663) ^ (k * 83_492_791);
                     let sign = if cell.wrapping_mul(2_654_435_761) >> 31 == 1 { 1.0 } else { -1.0 };
                     let [u, v] = [x, y].map(|p| (f64::from(p % size) + 0.5) / f64::from(size) - 0.5);
                     sign * (-(u * u + v * v) * 14.0).exp()

@@ -32,8 +32,10 @@ impl Nearest {
     }
 }
 
-/// The pairs that are each other's nearest and pass the ratio test in I2. Compares all with all. A place that looks alike
-/// under several orientations counts once.
+/// The pairs that are each other's nearest and pass the ratio test in I2. Compares all with all.
+///
+/// A place that matches under several orientations counts as often: counted once, five of six real pairs came out further
+/// from another program's estimate.
 pub(super) fn matches(a: &Features, b: &Features) -> Vec<Match> {
     let mut of_a = vec![Nearest::NONE; a.descriptors.len()];
     let mut of_b = vec![Nearest::NONE; b.descriptors.len()];
@@ -45,10 +47,7 @@ pub(super) fn matches(a: &Features, b: &Features) -> Vec<Match> {
         }
     }
     let mutual = of_a.iter().enumerate().filter(|(i, n)| n.is_distinct() && of_b[n.index].index == *i);
-    let mut matches: Vec<Match> = mutual.map(|(i, n)| [a.places[i], b.places[n.index]]).collect();
-    // The detector lists the orientations of a place one after another.
-    matches.dedup();
-    matches
+    mutual.map(|(i, n)| [a.places[i], b.places[n.index]]).collect()
 }
 
 /// Of two descriptors whose numbers are at most 255, so that neither a difference nor the sum overflows.
