@@ -4,11 +4,12 @@
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+
 #include "stack.glsl"
 #include "state.glsl"
-#include "sums.glsl"
+#include "accumulate.glsl"
 
-layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 2, r32f) uniform readonly image2DArray stack1;
@@ -50,32 +51,6 @@ float relative_blur_at(ivec2 x) {
 float inverse_gradient(float right, float left, float down, float up) {
     vec2 g = 0.5 * vec2(right - left, down - up);
     return inversesqrt(dot(g, g) + smoothness_eta * smoothness_eta);
-}
-
-// ∂S/∂ζ of a residual, up to its sign: by a L, b L, tx, ty; by gain, offset.
-struct Jacobian {
-    vec4 transform;
-    vec2 photometric;
-};
-
-Jacobian jacobian(float gain, float value, vec2 gradient, vec2 p) {
-    vec2 g = gain * gradient;
-    return Jacobian(vec4(dot(g, p) / length, (g.y * p.x - g.x * p.y) / length, g), vec2(value - 0.5, 1.0));
-}
-
-// Adds w J Jᵀ to N.
-void add_product(inout Sums sums, float w, Jacobian j) {
-    vec4 weighted = w * j.transform;
-    sums.transform += outerProduct(j.transform, weighted);
-    sums.gain += j.photometric.x * weighted;
-    sums.offset += j.photometric.y * weighted;
-    sums.photometric.xyz += w * vec3(j.photometric.x * j.photometric, j.photometric.y * j.photometric.y);
-}
-
-// Adds w J to g.
-void add_gradient(inout Sums sums, float w, Jacobian j) {
-    sums.g_transform += w * j.transform;
-    sums.g_photometric.xy += w * j.photometric;
 }
 
 struct Data {
@@ -181,8 +156,8 @@ Equation linearise(Registration r, ivec2 x, inout Sums sums) {
         diagonal = t.w1 * t.d1 * t.d1 + t.w2 * t.d2 * t.d2;
         right_side -= t.w1 * t.s1 * t.d1 + t.w2 * t.s2 * t.d2;
         float over = 1.0 / max(diagonal + elimination * smoothness, 1e-12);
-        Jacobian j1 = jacobian(r.gain, t.value1, t.gradient1, p);      // of -S1
-        Jacobian j2 = jacobian(r.gain, t.value2, t.gradient2, p);      // of S2
+        Jacobian j1 = jacobian(r.gain, t.value1, t.gradient1, p, length);      // of -S1
+        Jacobian j2 = jacobian(r.gain, t.value2, t.gradient2, p, length);      // of S2
         float q1 = -t.w1 * t.d1, q2 = t.w2 * t.d2;
         Jacobian q = Jacobian(q1 * j1.transform + q2 * j2.transform, q1 * j1.photometric + q2 * j2.photometric);
         add_product(sums, t.w1, j1);
@@ -208,14 +183,6 @@ void store(ivec2 h, Equation red, Equation black) {
     imageStore(change_black, ivec3(h, 0), vec4(0.0));
 }
 
-// One row of partial sums a workgroup: subgroups first, then theirs in order.
-shared vec4 by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMS / 4];
-
-void reduce(int n, vec4 sums) {
-    vec4 sum = subgroupAdd(sums);
-    if (subgroupElect()) by_subgroup[gl_SubgroupID][n] = sum;
-}
-
 void main() {
     Sums sums = Sums(mat4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
     Registration r = state.registration;
@@ -232,17 +199,7 @@ void main() {
         }
         before = equation;
     }
-    for (int n = 0; n < 4; n++) reduce(n, sums.transform[n]);
-    reduce(GAIN / 4, sums.gain);
-    reduce(OFFSET / 4, sums.offset);
-    reduce(PHOTOMETRIC / 4, sums.photometric);
-    reduce(G_TRANSFORM / 4, sums.g_transform);
-    reduce(G_PHOTOMETRIC / 4, sums.g_photometric);
-    barrier();
+    float sum = workgroup_sum(sums);
     uint n = gl_LocalInvocationIndex;
-    if (n < SUMS) {
-        float sum = 0.0;
-        for (uint group = 0; group < gl_NumSubgroups; group++) sum += by_subgroup[group][n / 4][n % 4];
-        partials[(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * SUMS + n] = sum;
-    }
+    if (n < SUMS) partials[(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * SUMS + n] = sum;
 }

@@ -96,6 +96,18 @@ pub enum Error {
         /// What is wrong with it.
         problem: String,
     },
+    /// SIFT found too little to register two images by.
+    #[error(
+        "SIFT cannot register the images: {found} {what} where {least} are needed; use the method unified or appearance, which need no key-points"
+    )]
+    TooFewKeyPoints {
+        /// What was counted.
+        what: &'static str,
+        /// How many there were.
+        found: usize,
+        /// How many it takes.
+        least: usize,
+    },
     /// A file could not be read or written, or does not hold what it should.
     #[error("{}: {problem}", path.display())]
     File {

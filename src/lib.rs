@@ -28,6 +28,7 @@
 //! failure is an [`Error`]; a pair that can be read but not solved is a [`Solution`] that has not converged and says why.
 
 mod aperture;
+mod baseline;
 mod device_info;
 mod engine;
 mod error;
@@ -41,6 +42,7 @@ mod lens;
 mod plan;
 mod record;
 pub mod reference;
+mod registered;
 pub mod scene;
 mod settings;
 mod shaders;
@@ -61,6 +63,7 @@ pub use error::Error;
 pub use frame::{Channels, Depth, Format, Frame, Samples};
 pub use kernel::{Aperture, Kernel};
 pub use lens::Lens;
+pub use registered::Registered;
 pub use settings::{Decode, Method, Photometric, RegistrationStep, Settings};
 pub use similarity::{Similarity, centre};
 pub use solution::{Level, Solution, Timings};

@@ -3,7 +3,7 @@
 use crate::filter::{self, Filter};
 use crate::stages::stack::{self, Slopes, node_count};
 use crate::stages::state::MAX_LEVELS;
-use crate::stages::{convolve, expose, linearise, step};
+use crate::stages::{appearance, convolve, expose, linearise, step};
 use crate::vulkan::{Device, MIB, image_limits};
 use crate::{Channels, Error, Format, Method, Photometric, RegistrationStep, Settings};
 
@@ -166,9 +166,19 @@ impl Plan {
         k > 0 && self.is_final(k - 1)
     }
 
-    /// Whether T is solved for.
+    /// Whether T is solved for together with V; otherwise it is known before V is.
     pub(crate) fn solves_transform(&self) -> bool {
         self.settings.method == Method::Unified
+    }
+
+    /// Whether T is solved for before V is, by appearance.
+    pub(crate) fn solves_appearance(&self) -> bool {
+        self.settings.method == Method::Appearance
+    }
+
+    /// The levels on which it is, coarsest first: all, or none.
+    pub(crate) fn appearance_levels(&self) -> impl Iterator<Item = &Level> {
+        self.coarse_to_fine().filter(|_| self.solves_appearance())
     }
 
     /// Whether gain and offset are solved for in iteration k of a level: late on the finest.
@@ -206,6 +216,24 @@ impl Plan {
             elimination: if self.descends() { 1e20 } else { linearise::ELIMINATION },
             mean: s.kernel.mean().map(|m| m as f32),
         }
+    }
+
+    /// What `appearance` is told on a level.
+    pub(crate) fn appearance(&self, level: &Level) -> appearance::Constants {
+        appearance::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            rows: linearise::ROWS,
+            factor: level.factor as f32,
+            centre: level.centre.map(|c| c as f32),
+            length: level.length as f32,
+            eta: self.settings.data_eta as f32,
+        }
+    }
+
+    /// What `step` is told after `appearance`, in iteration k of a level.
+    pub(crate) fn appearance_step(&self, level: &Level, k: u32) -> step::Constants {
+        step::Constants { solve_transform: 1, ..self.step(level, k) }
     }
 
     /// What `step` is told in iteration k of a level.

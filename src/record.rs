@@ -6,7 +6,8 @@ use bytemuck::Pod;
 
 use crate::plan::{FilterRange, Level, Plan, StackLayer};
 use crate::stages::stack::Slopes;
-use crate::stages::{Pipelines, confidence, convolve, fuse, ingest, prolong, relax, update};
+use crate::stages::state::State;
+use crate::stages::{Pipelines, confidence, convolve, fuse, ingest, prolong, relax, step, update};
 use crate::vulkan::{Device, Groups, Image, Pipeline, Recorder, Recording, Resource};
 use crate::workspace::{Grid, Workspace};
 use crate::{Channels, Decode, Error};
@@ -25,9 +26,12 @@ pub(crate) struct Recorded {
     pub(crate) recording: Recording,
     /// For each part the level, 0 the finest, that is done when it ends.
     pub(crate) level_done: Vec<Option<usize>>,
+    /// How many of the parts it takes until the registration is known.
+    pub(crate) registered: usize,
 }
 
-/// Records a whole solve: one part for the way up, one or more for each level, one for the results.
+/// Records a whole solve: one part for the way up, one or more for each level, one for the results. Where the registration
+/// does not wait for V, it comes first, with parts and levels of its own.
 pub(crate) fn record(
     device: &Arc<Device>,
     pipelines: &Pipelines,
@@ -41,9 +45,36 @@ pub(crate) fn record(
         r.pyramid(image)?;
     }
     let mut level_done = vec![None];
+    for level in plan.appearance_levels() {
+        r.recorder.next_part()?;
+        if plan.matches_exposure() {
+            // Nothing is known of V yet.
+            r.recorder.clear(r.relative_blur(level.index));
+            r.expose(level, true)?;
+        }
+        r.spline(level)?;
+        for k in 0..plan.settings.outer_iterations {
+            if starts_part(level, k) {
+                r.recorder.next_part()?;
+                level_done.push(None);
+            }
+            r.appearance(level)?;
+            r.step(level, &plan.appearance_step(level, k))?;
+        }
+        level_done.push(Some(level.index));
+    }
+    let mut registered = 0;
+    if !plan.solves_transform() {
+        r.recorder.next_part()?;
+        r.recorder.clear(r.relative_blur(0));
+        r.expose(&plan.pyramid[0], plan.matches_exposure() && !plan.solves_appearance())?;
+        r.bring_down_registration();
+        r.reset_levels();
+        level_done.push(None);
+        registered = level_done.len();
+    }
     for level in plan.coarse_to_fine() {
         r.recorder.next_part()?;
-        let per_part = (PART_BUDGET / level.pixels()).max(1) as u32;
         r.start(level)?;
         if plan.matches_exposure() {
             r.expose(level, true)?;
@@ -52,12 +83,12 @@ pub(crate) fn record(
             r.stack(level, image)?;
         }
         for k in 0..plan.settings.outer_iterations {
-            if k > 0 && k % per_part == 0 {
+            if starts_part(level, k) {
                 r.recorder.next_part()?;
                 level_done.push(None);
             }
             r.linearise(level, k)?;
-            r.step(level, k)?;
+            r.step(level, &plan.step(level, k))?;
             for _ in 0..plan.settings.sweeps {
                 r.relax(level, RED)?;
                 r.relax(level, BLACK)?;
@@ -68,20 +99,32 @@ pub(crate) fn record(
     }
     r.recorder.next_part()?;
     r.expose(&plan.pyramid[0], false)?;
+    if plan.solves_transform() {
+        r.bring_down_registration();
+        level_done.push(None);
+        registered = level_done.len();
+        r.recorder.next_part()?;
+    }
     r.confidence()?;
     for channel in 0..plan.fused_channels().count() {
         r.fuse(channel)?;
     }
     r.bring_down();
     level_done.push(None);
-    Ok(Recorded { recording: r.recorder.finish()?, level_done })
+    Ok(Recorded { recording: r.recorder.finish()?, level_done, registered })
+}
+
+/// Whether iteration k of a level goes into a new part.
+fn starts_part(level: &Level, k: u32) -> bool {
+    let per_part = (PART_BUDGET / level.pixels()).max(1) as u32;
+    k > 0 && k.is_multiple_of(per_part)
 }
 
 /// More than the passes there are.
 fn timestamps(plan: &Plan) -> u32 {
-    let iteration = 3 + 2 * plan.settings.sweeps;
+    let iteration = 5 + 2 * plan.settings.sweeps;
     let stacks = 4 + 4 * plan.layers.iter().map(|layer| layer.terms.len() as u32).sum::<u32>();
-    plan.solved as u32 * (plan.settings.outer_iterations * iteration + stacks + 4) + 4 * plan.pyramid.len() as u32 + 32
+    plan.solved as u32 * (plan.settings.outer_iterations * iteration + stacks + 8) + 4 * plan.pyramid.len() as u32 + 32
 }
 
 /// The recorder with what its passes are about.
@@ -106,6 +149,12 @@ impl<'a> Script<'a> {
     /// State, indirect arguments and energies as they are before a solve.
     fn reset(&mut self) {
         self.recorder.copy(&self.w.start_state, &self.w.state);
+        self.recorder.copy(&self.w.start_arguments, &self.w.arguments);
+    }
+
+    /// What levels have done, and their indirect arguments, as they are before a solve; T, gain and offset stay.
+    fn reset_levels(&mut self) {
+        self.recorder.copy_from(&self.w.start_state, &self.w.state, std::mem::offset_of!(State, levels) as u64);
         self.recorder.copy(&self.w.start_arguments, &self.w.arguments);
     }
 
@@ -147,6 +196,12 @@ impl<'a> Script<'a> {
             }
         }
         Ok(())
+    }
+
+    /// The spline coefficients of a level's I2, where its stack will stand.
+    fn spline(&mut self, level: &Level) -> Result<(), Error> {
+        let (i2, stack) = (&self.w.levels[level.index].images[1], &self.w.stacks[1]);
+        self.separable([(i2, 0), (stack, 0)], level.size, [self.plan.prefilter; 2], 1, false)
     }
 
     /// A filter along x into the scratch image, then one along y, from a layer of an image to one, in its place or added.
@@ -214,6 +269,19 @@ impl<'a> Script<'a> {
         self.pass(&self.pipelines.expose, &resources, &constants, Groups::Direct([1, 1, 1]))
     }
 
+    /// The registration integrals without a blur model: equation 36.
+    fn appearance(&mut self, level: &Level) -> Result<(), Error> {
+        let constants = self.plan.appearance(level);
+        let w = self.w;
+        let resources = [
+            Resource::Image(&w.levels[level.index].images[0]),
+            Resource::Image(&w.stacks[1]),
+            Resource::Buffer(&w.state),
+            Resource::Buffer(&w.partials),
+        ];
+        self.pass(&self.pipelines.appearance, &resources, &constants, self.grid(Grid::Tiles, level))
+    }
+
     /// S1, S2, D, b and the registration integrals: equations 22 to 32 and 23.
     fn linearise(&mut self, level: &Level, k: u32) -> Result<(), Error> {
         let constants = self.plan.linearise(level, k);
@@ -236,10 +304,9 @@ impl<'a> Script<'a> {
     }
 
     /// T, gain, offset; settled?
-    fn step(&mut self, level: &Level, k: u32) -> Result<(), Error> {
-        let constants = self.plan.step(level, k);
+    fn step(&mut self, level: &Level, constants: &step::Constants) -> Result<(), Error> {
         let resources = [&self.w.partials, &self.w.state, &self.w.energies, &self.w.arguments].map(Resource::Buffer);
-        self.pass(&self.pipelines.step, &resources, &constants, self.grid(Grid::One, level))
+        self.pass(&self.pipelines.step, &resources, constants, self.grid(Grid::One, level))
     }
 
     /// One half-iteration on dV.
@@ -301,6 +368,13 @@ impl<'a> Script<'a> {
         let resources = [&images.map(Resource::Image)[..], &[Resource::Buffer(&self.w.state)]].concat();
         let pipeline = &self.pipelines.fuse;
         self.pass(pipeline, &resources, &constants, Groups::Direct(pipeline.groups(finest.size)))
+    }
+
+    /// The registration, into mapped memory, before the results are there.
+    fn bring_down_registration(&mut self) {
+        self.recorder.copy(&self.w.state, &self.w.registered_state);
+        self.recorder.copy(&self.w.energies, &self.w.registered_energies);
+        self.recorder.host_barrier();
     }
 
     /// The results, into mapped memory.

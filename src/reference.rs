@@ -4,8 +4,10 @@
 use crate::plan::{Level, Plan, halving_filter};
 use crate::stages::stack::{Layer, Slopes, layer};
 use crate::stages::state::Registration;
-use crate::stages::{Field, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update};
-use crate::{Error, Frame, Kernel, Photometric, Settings, Similarity, filter};
+use crate::stages::{
+    Field, appearance, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update,
+};
+use crate::{Error, Frame, Kernel, Photometric, Settings, Similarity, baseline, filter};
 
 /// What the reference finds.
 pub struct Reference {
@@ -26,12 +28,15 @@ pub struct Reference {
 /// Solves one pair on the CPU.
 ///
 /// # Errors
-/// [`Error::Setting`], [`Error::TooSmall`], [`Error::Mismatch`] where the sizes differ.
+/// [`Error::Setting`], [`Error::TooSmall`], [`Error::Mismatch`] where the sizes differ, [`Error::TooFewKeyPoints`].
 pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, Error> {
     crate::solver::same_size([i1, i2])?;
     let plan = Plan::new(i1.width(), i1.height(), [i1.format(), i2.format()], settings)?;
     let pyramids = [i1, i2].map(|frame| pyramid(&plan, ingest::twin(frame, settings.decode, ingest::LUMINANCE)));
-    let mut registration = Registration::new(&settings.start, &settings.start_photometric);
+    let mut registration = Registration::new(&baseline::start([i1, i2], settings)?, &settings.start_photometric);
+    for level in plan.appearance_levels() {
+        register(&plan, level, &pyramids, &mut registration);
+    }
     let mut v: Option<Field> = None;
     let mut system = None;
     let mut energies = Vec::new();
@@ -84,6 +89,27 @@ pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, E
         photometric: registration.photometric(),
         energies,
     })
+}
+
+/// Registers without a blur model on one level.
+fn register(plan: &Plan, level: &Level, pyramids: &[Vec<Field>; 2], registration: &mut Registration) {
+    if plan.matches_exposure() {
+        // Nothing is known of V yet.
+        let (low_pass, constants) = plan.expose(level, true);
+        let [i1, i2] = pyramids.each_ref().map(|p| &p[low_pass]);
+        expose::twin(&constants, registration, i1, i2, &Field::zeros(1, 1));
+    }
+    let [i1, i2] = pyramids.each_ref().map(|p| &p[level.index]);
+    let spline = build_stack(i2, &Kernel::Gaussian, 1);
+    let mut before = 0.0;
+    for k in 0..plan.settings.outer_iterations {
+        let sums = appearance::twin(&plan.appearance(level), registration, i1, &spline[0]);
+        let step = step::twin(&plan.appearance_step(level, k), &sums, registration, before);
+        if step.settled {
+            break;
+        }
+        before = step.energy;
+    }
 }
 
 /// A filter along x, then along y.

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Error, Kernel, Similarity};
 
-/// Which of the systems of the paper runs.
+/// Which of the systems of the paper runs: registration and relative blur together, or one before the other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
@@ -13,14 +13,20 @@ pub enum Method {
     Unified,
     /// Relative blur alone: T is held at the start.
     Aligned,
+    /// Registration first, by the difference of the images without a blur model (equation 36); then aligned.
+    Appearance,
+    /// Registration first, by SIFT key-points, which need no start; then aligned.
+    Sift,
 }
 
 impl Method {
-    /// "unified" or "aligned".
+    /// "unified", "aligned", "appearance" or "sift".
     pub fn name(self) -> &'static str {
         match self {
             Method::Unified => "unified",
             Method::Aligned => "aligned",
+            Method::Appearance => "appearance",
+            Method::Sift => "sift",
         }
     }
 }
@@ -72,7 +78,7 @@ impl Default for Photometric {
 /// The defaults and what each does: the table in `docs/method.md`. Intensities are in [0, 1], blur in px².
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
-    /// Unified, or T held.
+    /// How registration and relative blur go together. Default unified.
     pub method: Method,
     /// Pyramid levels, 1 to 12; `None` halves while the short side stays at least 32 px. Default `None`.
     pub levels: Option<u32>,

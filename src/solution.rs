@@ -1,7 +1,7 @@
 //! What a solve gives back.
 
 use crate::stages::state::State;
-use crate::{Channels, Photometric, Settings, Similarity};
+use crate::{Channels, Photometric, Registered, Settings, Similarity};
 
 /// The result of one [`Solver::solve`](crate::Solver::solve).
 #[derive(Clone, Debug)]
@@ -84,9 +84,8 @@ impl Solution {
         self.mean_confidence = self.confidence.iter().map(|&c| f64::from(c)).sum::<f64>() / valid.len().max(1) as f64;
 
         let mut doubts = Vec::new();
-        let finite = [state.a, state.b, state.tx, state.ty, state.gain, state.offset].iter().all(|v| v.is_finite());
-        if !finite {
-            doubts.push("the solve ran out of numbers: bring the images nearer to 0 to 1".to_string());
+        if let Some(doubt) = numbers_doubt(state) {
+            doubts.push(doubt);
         } else if self.valid_fraction < LEAST_VALID {
             doubts.push(
                 "the images do not overlap: see whether they belong together, or start from a nearer transform"
@@ -97,21 +96,8 @@ impl Solution {
                 "there is too little texture, or too much blur, to measure blur by: light or focus the scene so that texture shows"
                     .to_string(),
             );
-        } else if state.degenerate == 1 {
-            doubts.push(
-                "the images do not determine the registration: hold what is known, or see that texture shows all over"
-                    .to_string(),
-            );
-        } else if state.correlation < LEAST_CORRELATION {
-            doubts.push(format!(
-                "the registered images hardly correlate ({:.2}): see whether they belong together, or start from a nearer transform",
-                state.correlation
-            ));
-        } else if state.levels[0].converged == 0 {
-            doubts.push(format!(
-                "the finest level had not converged after {} outer iterations: allow more, or more levels if fewer than auto were asked for",
-                state.levels[0].iterations
-            ));
+        } else {
+            doubts.extend(registration_doubt(state));
         }
         self.converged = doubts.is_empty();
         self.warnings = doubts;
@@ -122,5 +108,44 @@ impl Solution {
                 settings.max_relative_blur
             ));
         }
+    }
+
+    /// Takes over what speaks against the registration that came first.
+    pub(crate) fn doubt(&mut self, registered: &Registered) {
+        self.converged &= registered.converged;
+        for warning in &registered.warnings {
+            if !self.warnings.contains(warning) {
+                self.warnings.insert(0, format!("registration: {warning}"));
+            }
+        }
+    }
+}
+
+/// Whether the state holds numbers at all.
+pub(crate) fn numbers_doubt(state: &State) -> Option<String> {
+    let finite = [state.a, state.b, state.tx, state.ty, state.gain, state.offset].iter().all(|v| v.is_finite());
+    (!finite).then(|| "the solve ran out of numbers: bring the images nearer to 0 to 1".to_string())
+}
+
+/// What speaks against the registration, if anything does.
+pub(crate) fn registration_doubt(state: &State) -> Option<String> {
+    let finest = &state.levels[0];
+    if state.degenerate == 1 {
+        Some(
+            "the images do not determine the registration: hold what is known, or see that texture shows all over"
+                .to_string(),
+        )
+    } else if state.correlation < LEAST_CORRELATION {
+        Some(format!(
+            "the registered images hardly correlate ({:.2}): see whether they belong together, or start from a nearer transform",
+            state.correlation
+        ))
+    } else if finest.iterations > 0 && finest.converged == 0 {
+        Some(format!(
+            "the finest level had not converged after {} outer iterations: allow more, or more levels if fewer than auto were asked for",
+            finest.iterations
+        ))
+    } else {
+        None
     }
 }

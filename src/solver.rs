@@ -7,14 +7,14 @@ use crate::plan::Plan;
 use crate::record::{self, Recorded};
 use crate::solution::{Level, Timings};
 use crate::stages::state::{Registration, State};
-use crate::vulkan::{Device, Recorder, Recording};
+use crate::vulkan::{Buffer, Device, Recorder, Recording};
 use crate::workspace::Workspace;
-use crate::{Engine, Error, Format, Frame, Settings, Solution};
+use crate::{Engine, Error, Format, Frame, Registered, Settings, Solution, baseline};
 
 /// How far a solve has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
-    /// Levels done.
+    /// Levels done; with the method appearance those of the registration count too.
     pub done: u32,
     /// Levels in all.
     pub levels: u32,
@@ -29,6 +29,7 @@ pub struct Solver {
     plan: Plan,
     recording: Recording,
     level_done: Vec<Option<usize>>,
+    registered: usize,
     workspace: Workspace,
     device: Arc<Device>,
 }
@@ -55,8 +56,9 @@ impl Solver {
         let mut first = Recorder::new(&device, 0)?;
         first.prepare(&workspace.images());
         first.finish()?.run(&mut |_| ())?;
-        let Recorded { recording, level_done } = record::record(&device, engine.pipelines(), &plan, &workspace)?;
-        Ok(Self { plan, recording, level_done, workspace, device })
+        let Recorded { recording, level_done, registered } =
+            record::record(&device, engine.pipelines(), &plan, &workspace)?;
+        Ok(Self { plan, recording, level_done, registered, workspace, device })
     }
 
     /// Prepares for pairs like this one.
@@ -71,8 +73,8 @@ impl Solver {
     /// Solves one pair.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] where a frame is not of the size and format prepared for, [`Error::Timeout`],
-    /// [`Error::Poisoned`], [`Error::Vulkan`].
+    /// [`Error::Mismatch`] where a frame is not of the size and format prepared for, [`Error::TooFewKeyPoints`] with the
+    /// method SIFT, [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].
     pub fn solve(&mut self, i1: &Frame, i2: &Frame) -> Result<Solution, Error> {
         self.solve_with(i1, i2, &mut |_| ())
     }
@@ -88,30 +90,58 @@ impl Solver {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Solution, Error> {
         let started = Instant::now();
-        self.check_frames([i1, i2])?;
-        if self.device.is_poisoned() {
-            return Err(Error::Poisoned);
-        }
-        for (buffer, frame) in self.workspace.frames.iter().zip([i1, i2]) {
-            buffer.write(frame.bytes())?;
-        }
-        let settings = &self.plan.settings;
-        let start = State::new(&Registration::new(&settings.start, &settings.start_photometric));
-        self.workspace.start_state.write(bytemuck::bytes_of(&start))?;
-        let (plan, level_done) = (&self.plan, &self.level_done);
-        self.recording.run(&mut |part| {
-            if let Some(level) = level_done[part - 1].map(|index| &plan.pyramid[index]) {
-                progress(Progress {
-                    done: (plan.solved - level.index) as u32,
-                    levels: plan.solved as u32,
-                    width: level.size[0],
-                    height: level.size[1],
-                });
-            }
-        })?;
+        self.run([i1, i2], self.level_done.len(), progress)?;
         let mut solution = self.collect()?;
         solution.timings.total_ms = started.elapsed().as_secs_f64() * 1e3;
         Ok(solution)
+    }
+
+    /// Registers one pair and does no more than that takes: for the method appearance no blur is solved for, for SIFT
+    /// and aligned only exposure and correlation are measured on the device.
+    ///
+    /// # Errors
+    /// As [`Solver::solve`].
+    pub fn register(&mut self, i1: &Frame, i2: &Frame) -> Result<Registered, Error> {
+        self.register_with(i1, i2, &mut |_| ())
+    }
+
+    /// Registers one pair and tells after each level how far it has come.
+    ///
+    /// # Errors
+    /// As [`Solver::solve`].
+    pub fn register_with(
+        &mut self,
+        i1: &Frame,
+        i2: &Frame,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<Registered, Error> {
+        let started = Instant::now();
+        self.run([i1, i2], self.registered, progress)?;
+        let mut registered = self.collect_registered()?;
+        registered.timings.total_ms = started.elapsed().as_secs_f64() * 1e3;
+        Ok(registered)
+    }
+
+    /// Brings a pair up and runs the first parts of the recording on it.
+    fn run(&mut self, frames: [&Frame; 2], parts: usize, progress: &mut dyn FnMut(Progress)) -> Result<(), Error> {
+        self.check_frames(frames)?;
+        if self.device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        for (buffer, frame) in self.workspace.frames.iter().zip(frames) {
+            buffer.write(frame.bytes())?;
+        }
+        let settings = &self.plan.settings;
+        let start = Registration::new(&baseline::start(frames, settings)?, &settings.start_photometric);
+        self.workspace.start_state.write(bytemuck::bytes_of(&State::new(&start)))?;
+        let (plan, level_done) = (&self.plan, &self.level_done);
+        let levels = |parts: usize| level_done[..parts].iter().flatten().count() as u32;
+        self.recording.run_first(parts, &mut |part| {
+            if let Some(level) = level_done[part - 1].map(|index| &plan.pyramid[index]) {
+                let [width, height] = level.size;
+                progress(Progress { done: levels(part), levels: levels(parts), width, height });
+            }
+        })
     }
 
     fn check_frames(&self, frames: [&Frame; 2]) -> Result<(), Error> {
@@ -137,13 +167,6 @@ impl Solver {
         let pixels = plan.size[0] as usize * plan.size[1] as usize;
         let channels = plan.fused_channels();
         let state = w.end_state.read::<State>(0, 1)?[0];
-        let outer = plan.settings.outer_iterations as usize;
-        let energies: Vec<f32> = w.end_energies.read(0, plan.solved * outer)?;
-        let levels = plan.coarse_to_fine().map(|level| {
-            let done = (state.levels[level.index].iterations as usize).min(outer);
-            let energy = energies[level.index * outer..][..done].iter().map(|&e| e.into()).collect();
-            Level { width: level.size[0], height: level.size[1], energy }
-        });
         let times = self.recording.times()?;
         let mut solution = Solution {
             width: plan.size[0],
@@ -157,7 +180,7 @@ impl Solver {
             ),
             transform: state.registration().transform(),
             photometric: state.registration().photometric(),
-            levels: levels.collect(),
+            levels: self.levels(&state, &w.end_energies)?,
             converged: false,
             warnings: Vec::new(),
             valid_fraction: 0.0,
@@ -166,7 +189,40 @@ impl Solver {
             timings: Timings { total_ms: 0.0, gpu_ms: times.total_ms, passes_ms: times.passes_ms },
         };
         solution.judge(&state, &plan.settings);
+        if !plan.solves_transform() {
+            solution.doubt(&self.collect_registered()?);
+        }
         Ok(solution)
+    }
+
+    /// The registration, out of mapped memory.
+    fn collect_registered(&self) -> Result<Registered, Error> {
+        let state = self.workspace.registered_state.read::<State>(0, 1)?[0];
+        let times = self.recording.times()?;
+        let mut registered = Registered {
+            width: self.plan.size[0],
+            height: self.plan.size[1],
+            transform: state.registration().transform(),
+            photometric: state.registration().photometric(),
+            levels: self.levels(&state, &self.workspace.registered_energies)?,
+            converged: false,
+            warnings: Vec::new(),
+            timings: Timings { total_ms: 0.0, gpu_ms: times.total_ms, passes_ms: times.passes_ms },
+        };
+        registered.judge(&state);
+        Ok(registered)
+    }
+
+    /// What the levels did, coarse to fine.
+    fn levels(&self, state: &State, energies: &Buffer) -> Result<Vec<Level>, Error> {
+        let outer = self.plan.settings.outer_iterations as usize;
+        let energies: Vec<f32> = energies.read(0, self.plan.solved * outer)?;
+        let levels = self.plan.coarse_to_fine().map(|level| {
+            let done = (state.levels[level.index].iterations as usize).min(outer);
+            let energy = energies[level.index * outer..][..done].iter().map(|&e| e.into()).collect();
+            Level { width: level.size[0], height: level.size[1], energy }
+        });
+        Ok(levels.collect())
     }
 }
 

@@ -59,6 +59,9 @@ pub(crate) struct Workspace {
     pub(crate) results: Arc<Buffer>,
     pub(crate) end_state: Arc<Buffer>,
     pub(crate) end_energies: Arc<Buffer>,
+    /// State and energies once the registration is known, mapped.
+    pub(crate) registered_state: Arc<Buffer>,
+    pub(crate) registered_energies: Arc<Buffer>,
 }
 
 impl Workspace {
@@ -113,6 +116,8 @@ impl Workspace {
             results: Buffer::for_readback(device, "results", plan.result_bytes())?,
             end_state: Buffer::for_readback(device, "state at the end", size_of::<State>() as u64)?,
             end_energies: Buffer::for_readback(device, "energies at the end", energy_bytes)?,
+            registered_state: Buffer::for_readback(device, "state once registered", size_of::<State>() as u64)?,
+            registered_energies: Buffer::for_readback(device, "energies once registered", energy_bytes)?,
         })
     }
 

@@ -201,7 +201,9 @@ fn a_name_with_a_line_break_is_still_one_line() {
 
 #[test]
 fn help_of_every_subcommand() {
-    for (command, part) in [("solve", "--max-relative-blur"), ("devices", "--json"), ("help", "parfocal")] {
+    for (command, part) in
+        [("solve", "--max-relative-blur"), ("register", "--method"), ("devices", "--json"), ("help", "parfocal")]
+    {
         let argument = if command == "help" { &[command][..] } else { &[command, "--help"] };
         let output = Command::cargo_bin("parfocal").unwrap().args(argument).output().unwrap();
         assert!(output.status.success() && output.stderr.is_empty());

@@ -3,6 +3,8 @@
 mod devices;
 mod failure;
 mod output;
+mod pair;
+mod register;
 mod simulate;
 mod solve;
 mod summary;
@@ -32,6 +34,7 @@ enum Command {
     Solve(Box<solve::Arguments>),
     Simulate(Box<simulate::Arguments>),
     View(view::Arguments),
+    Register(Box<register::Arguments>),
     Devices(devices::Arguments),
 }
 
@@ -48,6 +51,7 @@ pub fn main() -> ExitCode {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
+        Command::Register(arguments) => register::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
     };
     match result {

@@ -9,15 +9,7 @@ pub(super) fn check(out: &Path, results: &[&str], inputs: &[&PathBuf]) -> Result
     if out.exists() && !out.is_dir() {
         return Err(Failure::Failed(format!("{}: is a file; give a folder for the results", out.display())));
     }
-    // The folder, or the nearest above it that there is, must take a file.
-    let above = out.ancestors().find(|p| p.is_dir()).filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if let Err(e) = tempfile::tempfile_in(above) {
-        return Err(Failure::Failed(format!(
-            "{}: cannot be written ({}); give another folder",
-            out.display(),
-            e.kind()
-        )));
-    }
+    check_writable(out)?;
     for input in inputs {
         if let Some(name) = results.iter().find(|name| super::same_file(&out.join(name), input)) {
             let problem = format!("is an input, and the result {name} would replace it; give another folder");
@@ -25,4 +17,13 @@ pub(super) fn check(out: &Path, results: &[&str], inputs: &[&PathBuf]) -> Result
         }
     }
     Ok(())
+}
+
+/// Refuses a file or folder that cannot be made.
+pub(super) fn check_writable(out: &Path) -> Result<(), Failure> {
+    // The folder, or the nearest above it that there is, must take a file.
+    let above = out.ancestors().find(|p| p.is_dir()).filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    tempfile::tempfile_in(above).map(|_| ()).map_err(|e| {
+        Failure::Failed(format!("{}: cannot be written ({}); give another folder", out.display(), e.kind()))
+    })
 }

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::Progress;
-use parfocal::export::{FILES, Report};
+use parfocal::export::{DeviceReport, FILES, RegistrationReport, Report, TimingsReport};
+use parfocal::{Method, Photometric, Progress, Similarity};
 
 /// A bar over the levels, on stderr.
 pub(super) struct Bar(ProgressBar);
@@ -33,9 +33,31 @@ impl Drop for Bar {
     }
 }
 
-/// The few lines, without a newline at the end.
+/// A label and what it says.
+type Row = (&'static str, String);
+
+/// The few lines of a solve, without a newline at the end.
 pub(super) fn summary(report: &Report, out: &Path) -> String {
-    let (t, p, time) = (&report.transform, &report.photometric, &report.timings_ms);
+    let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
+    rows.extend([("relative blur", blur(report)), ("depth.png", near_is_red(report))]);
+    rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
+    rows.push(("results", format!("{}: {}", out.display(), FILES.join(" "))));
+    lines(&rows)
+}
+
+/// The few lines of a registration, without a newline at the end.
+pub(super) fn registration_summary(report: &RegistrationReport, out: Option<&Path>) -> String {
+    let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
+    rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
+    rows.extend(out.map(|file| ("result", file.display().to_string())));
+    lines(&rows)
+}
+
+fn lines(rows: &[Row]) -> String {
+    rows.iter().map(|(label, value)| format!("{label:<14} {value}")).collect::<Vec<_>>().join("\n")
+}
+
+fn found(device: &DeviceReport, method: Method, levels: usize, t: &Similarity, p: &Photometric) -> Vec<Row> {
     let registration = format!(
         "{:+.3} px right, {:+.3} px down, rotation {:+.4}°, scale {:.5}",
         t.tx,
@@ -43,20 +65,19 @@ pub(super) fn summary(report: &Report, out: &Path) -> String {
         t.rotation_deg(),
         t.scale
     );
-    let converged = if report.converged { "yes" } else { "no" };
-    let mut rows = vec![
-        ("device", format!("{} ({})", report.device.name, report.device.driver)),
-        ("method", format!("{}, levels: {}", report.method.name(), report.levels.len())),
+    vec![
+        ("device", format!("{} ({})", device.name, device.driver)),
+        ("method", format!("{}, levels: {levels}", method.name())),
         ("transform", registration),
         ("exposure", format!("gain {:.4}, offset {:+.4}", p.gain, p.offset)),
-        ("relative blur", blur(report)),
-        ("depth.png", near_is_red(report)),
-        ("converged", converged.to_string()),
-    ];
-    rows.extend(report.warnings.iter().map(|warning| ("warning", warning.clone())));
+    ]
+}
+
+fn judged(converged: bool, warnings: &[String], time: &TimingsReport) -> Vec<Row> {
+    let mut rows = vec![("converged", if converged { "yes" } else { "no" }.to_string())];
+    rows.extend(warnings.iter().map(|warning| ("warning", warning.clone())));
     rows.push(("time", format!("{:.0} ms, {:.0} ms of it on the device", time.total, time.gpu)));
-    rows.push(("results", format!("{}: {}", out.display(), FILES.join(" "))));
-    rows.iter().map(|(label, value)| format!("{label:<14} {value}")).collect::<Vec<_>>().join("\n")
+    rows
 }
 
 fn near_is_red(report: &Report) -> String {

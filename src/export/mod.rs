@@ -6,6 +6,7 @@ mod depth;
 mod field;
 mod fused;
 mod ranks;
+mod registration;
 mod report;
 mod results;
 mod scale;
@@ -17,6 +18,7 @@ mod transform;
 
 use std::path::Path;
 
+pub use registration::{RegistrationReport, write_registration};
 pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TimingsReport};
 pub use results::Results;
 pub use scale::{Scale, color};

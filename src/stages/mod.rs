@@ -3,6 +3,7 @@
 //! A twin is the shader in plain Rust and double precision, a pure function over [`Field`]s, for tests and for the
 //! [reference solver](crate::reference), never a fallback.
 
+pub mod appearance;
 pub mod confidence;
 pub mod convolve;
 pub mod expose;
@@ -39,6 +40,7 @@ pub(crate) struct Pipelines {
     pub(crate) convolve_add: Arc<Pipeline>,
     pub(crate) expose: Arc<Pipeline>,
     pub(crate) prolong: Arc<Pipeline>,
+    pub(crate) appearance: Arc<Pipeline>,
     pub(crate) linearise: Arc<Pipeline>,
     pub(crate) linearise_any_kernel: Arc<Pipeline>,
     pub(crate) step: Arc<Pipeline>,
@@ -58,6 +60,7 @@ impl Pipelines {
             convolve_add: variant(&convolve::STAGE)?,
             expose: compile(&expose::STAGE)?,
             prolong: compile(&prolong::STAGE)?,
+            appearance: compile(&appearance::STAGE)?,
             linearise: compile(&linearise::STAGE)?,
             linearise_any_kernel: variant(&linearise::STAGE)?,
             step: compile(&step::STAGE)?,

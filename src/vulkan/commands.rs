@@ -92,6 +92,7 @@ impl Recorder {
     fn end_part(&mut self) -> Result<(), Error> {
         // SAFETY: the last part is being recorded.
         let ended = unsafe { self.device.handle.end_command_buffer(self.part()) };
+        self.timestamps.end_part();
         self.device.check("vkEndCommandBuffer", ended)
     }
 
@@ -211,8 +212,14 @@ impl Recorder {
 
     /// Copies a whole buffer to the start of another.
     pub(crate) fn copy(&mut self, from: &Arc<Buffer>, to: &Arc<Buffer>) {
+        self.copy_from(from, to, 0);
+    }
+
+    /// Copies a buffer from a byte offset on to the same place of another.
+    pub(crate) fn copy_from(&mut self, from: &Arc<Buffer>, to: &Arc<Buffer>, offset: u64) {
         self.transfer_barrier();
-        let region = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: from.size().min(to.size()) }];
+        let size = from.size().min(to.size()) - offset;
+        let region = [vk::BufferCopy { src_offset: offset, dst_offset: offset, size }];
         // SAFETY: the part is being recorded; the region lies within both buffers, which are kept alive.
         unsafe { self.device.handle.cmd_copy_buffer(self.part(), from.handle, to.handle, &region) };
         self.keep.push(from.clone());
@@ -291,8 +298,8 @@ impl Recorder {
         self.transfer_barrier();
     }
 
-    /// Ends the recording; what was written is visible to the host once it is done.
-    pub(crate) fn finish(mut self) -> Result<Recording, Error> {
+    /// What was copied so far is visible to the host once the part is done.
+    pub(crate) fn host_barrier(&mut self) {
         self.memory_barrier(
             (
                 vk::PipelineStageFlags2::TRANSFER | vk::PipelineStageFlags2::COMPUTE_SHADER,
@@ -300,6 +307,11 @@ impl Recorder {
             ),
             (vk::PipelineStageFlags2::HOST, vk::AccessFlags2::HOST_READ),
         );
+    }
+
+    /// Ends the recording; what was written is visible to the host once it is done.
+    pub(crate) fn finish(mut self) -> Result<Recording, Error> {
+        self.host_barrier();
         self.end_part()?;
         let timestamps = std::mem::take(&mut self.timestamps);
         Recording::new(

@@ -21,6 +21,8 @@ pub(crate) struct Recording {
     /// A timeline that counts the parts done, over all replays.
     timeline: vk::Semaphore,
     done: u64,
+    /// Parts of the latest run.
+    latest: usize,
     _keep: Vec<Arc<dyn Any + Send + Sync>>,
 }
 
@@ -45,37 +47,46 @@ impl Recording {
             timestamps,
             timeline: vk::Semaphore::null(),
             done: 0,
+            latest: 0,
             _keep: keep,
         };
         recording.timeline = device.check("vkCreateSemaphore", timeline)?;
         Ok(recording)
     }
 
-    /// Runs all parts, one submission; calls `after` with the number of parts done as each ends.
+    /// Runs all parts, as [`run_first`](Self::run_first) does.
+    pub(crate) fn run(&mut self, after: &mut dyn FnMut(usize)) -> Result<(), Error> {
+        self.run_first(self.parts.len(), after)
+    }
+
+    /// Runs the first parts, one submission; calls `after` with the number of parts done as each ends.
     ///
     /// # Errors
     /// [`Error::Timeout`] poisons the device: it may still be at work in this memory.
-    pub(crate) fn run(&mut self, after: &mut dyn FnMut(usize)) -> Result<(), Error> {
+    pub(crate) fn run_first(&mut self, parts: usize, after: &mut dyn FnMut(usize)) -> Result<(), Error> {
         if self.device.is_poisoned() {
             return Err(Error::Poisoned);
         }
         // Past what a clock can hold, there is no deadline.
         let deadline = Instant::now().checked_add(self.device.timeout);
         let pending = Pending { recording: self };
-        pending.recording.submit()?;
-        for part in 1..=pending.recording.parts.len() {
+        pending.recording.submit(parts)?;
+        for part in 1..=parts {
             pending.recording.wait(pending.recording.done + part as u64, deadline)?;
             after(part);
         }
         drop(pending);
-        self.done += self.parts.len() as u64;
+        self.done += parts as u64;
+        self.latest = parts;
         Ok(())
     }
 
-    fn submit(&self) -> Result<(), Error> {
-        let commands: Vec<_> =
-            self.parts.iter().map(|&part| [vk::CommandBufferSubmitInfo::default().command_buffer(part)]).collect();
-        let signals: Vec<_> = (1..=self.parts.len() as u64)
+    fn submit(&self, parts: usize) -> Result<(), Error> {
+        let commands: Vec<_> = self.parts[..parts]
+            .iter()
+            .map(|&part| [vk::CommandBufferSubmitInfo::default().command_buffer(part)])
+            .collect();
+        let signals: Vec<_> = (1..=parts as u64)
             .map(|part| {
                 [vk::SemaphoreSubmitInfo::default()
                     .semaphore(self.timeline)
@@ -119,9 +130,9 @@ impl Recording {
         }
     }
 
-    /// The last run on the device.
+    /// The latest run on the device.
     pub(crate) fn times(&self) -> Result<DeviceTimes, Error> {
-        self.timestamps.read()
+        self.timestamps.read(self.latest)
     }
 }
 

@@ -21,6 +21,8 @@ pub(super) struct Timestamps {
     pool: vk::QueryPool,
     capacity: u32,
     names: Vec<&'static str>,
+    /// Passes recorded when each part ended.
+    part_ends: Vec<usize>,
 }
 
 impl Timestamps {
@@ -38,6 +40,7 @@ impl Timestamps {
             device: Some(device.clone()),
             capacity,
             names: Vec::new(),
+            part_ends: Vec::new(),
         })
     }
 
@@ -63,11 +66,17 @@ impl Timestamps {
         unsafe { device.handle.cmd_write_timestamp2(part, vk::PipelineStageFlags2::COMPUTE_SHADER, self.pool, index) };
     }
 
-    /// The times of a run that has ended; nothing where the queue has no clock.
-    pub(super) fn read(&self) -> Result<DeviceTimes, Error> {
+    /// Notes that a part ends here.
+    pub(super) fn end_part(&mut self) {
+        self.part_ends.push(self.names.len());
+    }
+
+    /// The times of a run of the first parts that has ended; nothing where the queue has no clock.
+    pub(super) fn read(&self, parts: usize) -> Result<DeviceTimes, Error> {
         let Some(device) = &self.device else { return Ok(DeviceTimes::default()) };
-        let mut ticks = vec![0u64; self.names.len() + 1];
-        // SAFETY: the run has ended, so every query written has a value.
+        let names = &self.names[..parts.checked_sub(1).map_or(0, |last| self.part_ends[last])];
+        let mut ticks = vec![0u64; names.len() + 1];
+        // SAFETY: the run has ended, so every query that its parts write has a value.
         let read =
             unsafe { device.handle.get_query_pool_results(self.pool, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) };
         device.check("vkGetQueryPoolResults", read)?;
@@ -76,9 +85,9 @@ impl Timestamps {
         let milliseconds = |from: u64, to: u64| {
             (to.wrapping_sub(from) & mask) as f64 * f64::from(device.physical.limits.timestamp_period) * 1e-6
         };
-        let total_ms = milliseconds(ticks[0], ticks[self.names.len()]);
+        let total_ms = milliseconds(ticks[0], ticks[names.len()]);
         let mut times = DeviceTimes { total_ms, ..DeviceTimes::default() };
-        for (pair, &name) in ticks.windows(2).zip(&self.names) {
+        for (pair, &name) in ticks.windows(2).zip(names) {
             let spent = milliseconds(pair[0], pair[1]);
             match times.passes_ms.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, total)) => *total += spent,

@@ -1,0 +1,57 @@
+#version 460
+// Dense registration without a blur model, equation 36: the residual I1 - J at every pixel, its weight and its
+// derivatives, summed for the registration step. Twin: src/stages/appearance.rs.
+
+#extension GL_KHR_shader_subgroup_arithmetic : require
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+
+#include "spline.glsl"
+#include "state.glsl"
+#include "accumulate.glsl"
+
+layout(binding = 0, r32f) uniform readonly image2DArray image1;
+layout(binding = 1, r32f) uniform readonly image2DArray spline2;        // coefficients of I2 in layer 0
+layout(binding = 2, std430) readonly buffer StateBuffer { State state; };
+layout(binding = 3, std430) writeonly buffer Partials { float partials[]; };
+layout(push_constant) uniform Constants {
+    int width, height;
+    int rows;                        // pairs of pixels an invocation
+    float factor;                    // pixels of the full-size image a pixel of this level
+    float centre_x, centre_y;
+    float length;                    // that scales a and b, pixels
+    float eta;
+};
+
+float coefficient(int image, ivec3 place) {
+    return imageLoad(spline2, place).r;
+}
+
+void accumulate(Registration r, ivec2 x, inout Sums sums) {
+    ivec2 size = ivec2(width, height), i;
+    vec2 centre = vec2(centre_x, centre_y), f;
+    vec2 d = displacement(r, x, factor, centre);
+    if (!inside(x, d, size, 0.0, 1.0)) return;
+    place(x, d, size, i, f);
+    Jet i2 = spline_at(2, 0, size, i, f);
+    float s = imageLoad(image1, ivec3(x, 0)).r - (r.gain * i2.value + r.offset);
+    float psi = sqrt(s * s + eta * eta);
+    Jacobian j = jacobian(r.gain, i2.value, i2.gradient, vec2(x) - centre, length);    // of -S
+    add_product(sums, 1.0 / psi, j);
+    add_gradient(sums, -s / psi, j);
+    sums.photometric.w += psi;
+    sums.g_photometric.z += 1.0;
+}
+
+void main() {
+    Sums sums = Sums(mat4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
+    Registration r = state.registration;
+    for (int n = 0; n < 2 * rows; n++) {
+        ivec2 block = ivec2(2 * gl_WorkGroupID.x + n % 2, gl_WorkGroupID.y * rows + n / 2);
+        ivec2 x = block * ivec2(gl_WorkGroupSize.xy) + ivec2(gl_LocalInvocationID.xy);
+        if (x.x < width && x.y < height) accumulate(r, x, sums);
+    }
+    float sum = workgroup_sum(sums);
+    uint n = gl_LocalInvocationIndex;
+    if (n < SUMS) partials[(gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * SUMS + n] = sum;
+}

@@ -1,0 +1,36 @@
+//! Registration by key-points, apart from the passes: what the method SIFT starts from.
+//!
+//! SIFT key-points of both images (crate `sift-features`, after Lowe 2004), matched by the ratio test, and a similarity
+//! fitted to the matches by robust least squares. On the CPU: it is there to compare with, and is not the method.
+
+mod matching;
+mod sift;
+mod similarity_fit;
+
+use crate::stages::ingest;
+use crate::{Error, Frame, Method, Settings, Similarity, centre};
+
+/// Key-points, matches and agreeing matches that a registration takes: a similarity needs two, chance can give a third.
+const LEAST: usize = 6;
+
+/// Where T starts: as the settings say, or, with the method SIFT, where the key-points put it.
+///
+/// # Errors
+/// [`Error::TooFewKeyPoints`].
+pub(crate) fn start([i1, i2]: [&Frame; 2], settings: &Settings) -> Result<Similarity, Error> {
+    if settings.method != Method::Sift {
+        return Ok(settings.start);
+    }
+    let [a, b] = [i1, i2].map(|frame| sift::detect(&ingest::twin(frame, settings.decode, ingest::LUMINANCE)));
+    enough("key-points in I1", a.places.len())?;
+    enough("key-points in I2", b.places.len())?;
+    let matches = matching::matches(&a, &b);
+    enough("matches of key-points", matches.len())?;
+    let (transform, agreeing) = similarity_fit::fit(&matches, centre(i1.width(), i1.height()));
+    enough("matches that agree on a similarity", agreeing)?;
+    Ok(transform)
+}
+
+fn enough(what: &'static str, found: usize) -> Result<(), Error> {
+    if found < LEAST { Err(Error::TooFewKeyPoints { what, found, least: LEAST }) } else { Ok(()) }
+}

@@ -1,0 +1,206 @@
+//! What every subcommand that takes a pair of photographs is told, and how it starts.
+
+use std::convert::Infallible;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::time::Duration;
+
+use clap::ValueEnum;
+use parfocal::export;
+use parfocal::{Decode, Engine, EngineOptions, Frame, Kernel, Method, RegistrationStep, Settings, image_io};
+
+use super::failure::Failure;
+
+/// The pair, the settings, and the device.
+#[derive(clap::Args, Debug)]
+pub(super) struct PairArguments {
+    /// The reference photograph: PNG, JPEG, TIFF, PNM or EXR
+    pub(super) i1: PathBuf,
+    /// The other photograph, of the same size
+    pub(super) i2: PathBuf,
+    /// Pyramid levels, 1 to 12; auto halves the images while the short side stays at least 32 px
+    #[arg(long, value_name = "N|auto", default_value_t = Levels(Settings::default().levels))]
+    levels: Levels,
+    /// Largest |V|, the difference of the blurs' variances, px² of the full-size image, 1 to 256
+    #[arg(long, value_name = "PX2", allow_negative_numbers = true, default_value_t = Settings::default().max_relative_blur)]
+    max_relative_blur: f64,
+    /// Weight α of the smoothness of V, no unit, 1e-6 to 10; larger is smoother
+    #[arg(long, value_name = "A", allow_negative_numbers = true, default_value_t = Settings::default().regularization)]
+    regularization: f64,
+    /// Outer iterations on each level at most, 5 to 1000
+    #[arg(long, value_name = "N", default_value_t = Settings::default().outer_iterations)]
+    outer_iterations: u32,
+    /// Relaxation sweeps in each outer iteration, 1 to 100
+    #[arg(long, value_name = "N", default_value_t = Settings::default().sweeps)]
+    sweeps: u32,
+    /// Start from the registration (and exposure, if stated) in a report.json or its transform object
+    #[arg(long, value_name = "FILE")]
+    transform: Option<PathBuf>,
+    /// Shape of the blur: gaussian, pillbox, half-gaussian, or a picture of the kernel (of a coded aperture, say)
+    #[arg(long, value_name = "K|FILE", default_value = "gaussian")]
+    kernel: KernelChoice,
+    /// How the registration steps; gradient-descent is the paper's scheme, to compare with
+    #[arg(long, value_enum, default_value_t = StepName::from(Settings::default().registration))]
+    registration: StepName,
+    /// How stored values become intensities: as stored, or with the sRGB curve undone
+    #[arg(long, value_enum, default_value_t = DecodeName::from(Settings::default().decode))]
+    decode: DecodeName,
+    /// Do not solve for the difference in exposure (gain and offset) of the two images
+    #[arg(long)]
+    no_photometric: bool,
+    /// Print the report on stdout too
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Index, part of the name, or UUID of the device [default: the most capable]
+    #[arg(long, value_name = "D")]
+    device: Option<String>,
+    /// Longest wait for the device, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = EngineOptions::default().timeout.as_secs(),
+          value_parser = clap::value_parser!(u64).range(1..))]
+    timeout: u64,
+    /// Print nothing on stderr but errors
+    #[arg(long)]
+    pub(super) quiet: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum StepName {
+    GaussNewton,
+    GradientDescent,
+}
+
+impl From<RegistrationStep> for StepName {
+    fn from(step: RegistrationStep) -> Self {
+        match step {
+            RegistrationStep::GaussNewton => Self::GaussNewton,
+            RegistrationStep::GradientDescent => Self::GradientDescent,
+        }
+    }
+}
+
+/// A kernel by name, or a file that holds one.
+#[derive(Clone, Debug)]
+enum KernelChoice {
+    Named(Kernel),
+    File(PathBuf),
+}
+
+impl FromStr for KernelChoice {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        let named = [Kernel::Gaussian, Kernel::Pillbox, Kernel::HalfGaussian].into_iter().find(|k| k.name() == text);
+        Ok(named.map_or_else(|| Self::File(text.into()), Self::Named))
+    }
+}
+
+impl KernelChoice {
+    fn read(&self) -> Result<Kernel, Failure> {
+        match self {
+            Self::Named(kernel) => Ok(kernel.clone()),
+            Self::File(path) if !path.exists() => Err(Failure::Usage(format!(
+                "--kernel {}: neither gaussian, pillbox nor half-gaussian, nor is there such a file",
+                path.display()
+            ))),
+            Self::File(path) => Ok(image_io::read_kernel(path)?),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum DecodeName {
+    None,
+    Srgb,
+}
+
+impl From<Decode> for DecodeName {
+    fn from(decode: Decode) -> Self {
+        match decode {
+            Decode::None => Self::None,
+            Decode::Srgb => Self::Srgb,
+        }
+    }
+}
+
+/// A number of levels, or `auto`.
+#[derive(Clone, Copy, Debug)]
+struct Levels(Option<u32>);
+
+impl FromStr for Levels {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" {
+            return Ok(Self(None));
+        }
+        text.parse().map(|count| Self(Some(count))).map_err(|_| "give a whole number or auto".to_string())
+    }
+}
+
+impl fmt::Display for Levels {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            None => f.write_str("auto"),
+            Some(count) => count.fmt(f),
+        }
+    }
+}
+
+impl PairArguments {
+    /// The settings that the flags and `--transform` ask for; with `hold`, what the file states is kept.
+    pub(super) fn settings(&self, method: Method, hold: bool) -> Result<Settings, Failure> {
+        let mut settings = Settings {
+            method,
+            levels: self.levels.0,
+            outer_iterations: self.outer_iterations,
+            sweeps: self.sweeps,
+            regularization: self.regularization,
+            max_relative_blur: self.max_relative_blur,
+            registration: match self.registration {
+                StepName::GaussNewton => RegistrationStep::GaussNewton,
+                StepName::GradientDescent => RegistrationStep::GradientDescent,
+            },
+            photometric: !self.no_photometric,
+            decode: match self.decode {
+                DecodeName::None => Decode::None,
+                DecodeName::Srgb => Decode::Srgb,
+            },
+            ..Settings::default()
+        };
+        settings.check()?;
+        settings.kernel = self.kernel.read()?;
+        self.start_from_file(hold, &mut settings)?;
+        Ok(settings)
+    }
+
+    fn start_from_file(&self, hold: bool, settings: &mut Settings) -> Result<(), Failure> {
+        let Some(file) = &self.transform else { return Ok(()) };
+        let (start, photometric) = export::read_transform(file)?;
+        settings.start = start;
+        if hold {
+            settings.method = Method::Aligned;
+        }
+        if let Some(start_photometric) = photometric {
+            settings.start_photometric = start_photometric;
+            settings.photometric &= !hold;
+        }
+        Ok(())
+    }
+
+    /// The input that a result at this path would replace.
+    pub(super) fn replaced_by(&self, result: &Path) -> Option<&Path> {
+        [&self.i1, &self.i2].into_iter().find(|image| super::same_file(result, image)).map(PathBuf::as_path)
+    }
+
+    /// Decodes the pair, then opens the device: the cheap before the dear.
+    pub(super) fn open(&self) -> Result<(Frame, Frame, Engine), Failure> {
+        let (i1, i2) = image_io::read_pair(&self.i1, &self.i2)?;
+        let engine = Engine::new(&EngineOptions {
+            device: self.device.clone(),
+            validation: super::validation_asked(),
+            timeout: Duration::from_secs(self.timeout),
+        })?;
+        Ok((i1, i2, engine))
+    }
+}

@@ -1,0 +1,86 @@
+//! `parfocal register`: two photographs in, registration alone out.
+
+use std::io::{self, IsTerminal, Write};
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+use parfocal::export::{self, RegistrationReport};
+use parfocal::{Method, Solver};
+
+use super::failure::{Failure, print};
+use super::output;
+use super::pair::PairArguments;
+use super::summary::{Bar, registration_summary};
+
+/// Register two photographs of one scene: where each pixel of I1 lies in I2, and how they differ in exposure.
+#[derive(clap::Args, Debug)]
+#[command(after_help = super::AFTER_HELP)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    pair: PairArguments,
+    /// File for the registration, as JSON that `solve --transform` reads; an earlier one is replaced
+    #[arg(short, long, value_name = "FILE.json")]
+    output: Option<PathBuf>,
+    /// With the blur, by the difference of the images, or by SIFT key-points
+    #[arg(long, value_enum, default_value_t = MethodName::Unified)]
+    method: MethodName,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum MethodName {
+    Unified,
+    Appearance,
+    Sift,
+}
+
+impl From<MethodName> for Method {
+    fn from(name: MethodName) -> Self {
+        match name {
+            MethodName::Unified => Self::Unified,
+            MethodName::Appearance => Self::Appearance,
+            MethodName::Sift => Self::Sift,
+        }
+    }
+}
+
+/// Registers a pair, writes and prints the registration.
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let pair = &arguments.pair;
+    let settings = pair.settings(arguments.method.into(), false)?;
+    check_output(arguments)?;
+    let (i1, i2, engine) = pair.open()?;
+    let bar = Bar::new(!pair.quiet && io::stderr().is_terminal());
+    let registered = Solver::for_pair(&engine, &i1, &i2, &settings)
+        .and_then(|mut solver| solver.register_with(&i1, &i2, &mut |progress| bar.show(progress)))
+        .map_err(|e| Failure::of_solve(e, &pair.i1))?;
+    drop(bar);
+    super::check_validation(&engine)?;
+    let report = RegistrationReport::new(&registered, &settings, engine.info());
+    if let Some(file) = &arguments.output {
+        export::write_registration(file, &report)?;
+    }
+    tell(&report, arguments)
+}
+
+/// Refuses a file that cannot be one, or that is an input, before any work is done.
+fn check_output(arguments: &Arguments) -> Result<(), Failure> {
+    let Some(file) = &arguments.output else { return Ok(()) };
+    if file.is_dir() {
+        return Err(Failure::Failed(format!("{}: is a folder; give a file for the registration", file.display())));
+    }
+    if arguments.pair.replaced_by(file).is_some() {
+        return Err(Failure::Failed(format!("{}: is an input; give another file", file.display())));
+    }
+    output::check_writable(file)
+}
+
+fn tell(report: &RegistrationReport, arguments: &Arguments) -> Result<(), Failure> {
+    if !arguments.pair.quiet {
+        // Nobody is left to be told where stderr is closed.
+        let _ = writeln!(io::stderr(), "{}", registration_summary(report, arguments.output.as_deref()));
+    }
+    if arguments.pair.json {
+        print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
+    }
+    Ok(())
+}

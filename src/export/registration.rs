@@ -1,0 +1,81 @@
+//! A registration as JSON: fields named as in `report.json`, so that [`read_transform`](super::read_transform) takes it.
+
+use std::io::Write;
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::report::{DeviceReport, LevelReport, SizeReport, TimingsReport};
+use super::staging::Staging;
+use crate::{DeviceInfo, Error, Method, Photometric, Registered, Settings, Similarity};
+
+/// The report of one registration.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RegistrationReport {
+    /// Version of parfocal that wrote it.
+    pub version: &'static str,
+    /// T: I2(T x) lines up with I1(x).
+    pub transform: Similarity,
+    /// What maps I2 onto I1.
+    pub photometric: Photometric,
+    /// The method that ran.
+    pub method: Method,
+    /// What was asked.
+    pub settings: Settings,
+    /// Size of the images.
+    pub size: SizeReport,
+    /// Coarse to fine.
+    pub levels: Vec<LevelReport>,
+    /// Whether the registration settled on an answer that the images support.
+    pub converged: bool,
+    /// What the user should know; a sentence each.
+    pub warnings: Vec<String>,
+    /// What it ran on.
+    pub device: DeviceReport,
+    /// Where the time went.
+    pub timings_ms: TimingsReport,
+}
+
+impl RegistrationReport {
+    /// Gathers the report of a registration.
+    pub fn new(registered: &Registered, settings: &Settings, device: &DeviceInfo) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION"),
+            transform: registered.transform,
+            photometric: registered.photometric,
+            method: settings.method,
+            settings: settings.clone(),
+            size: SizeReport { width: registered.width, height: registered.height },
+            levels: registered.levels.iter().map(LevelReport::from).collect(),
+            converged: registered.converged,
+            warnings: registered.warnings.clone(),
+            device: device.into(),
+            timings_ms: (&registered.timings).into(),
+        }
+    }
+
+    /// As text, without a newline at its end.
+    ///
+    /// # Errors
+    /// None is known; serde_json's signature allows one.
+    pub fn to_json(&self) -> Result<String, serde_json::Error> {
+        serde_json::to_string_pretty(self)
+    }
+}
+
+/// Writes a registration into a file; its folder is made if it is missing. On failure an earlier file stays as it was.
+///
+/// # Errors
+/// [`Error::File`].
+pub fn write_registration(file: &Path, report: &RegistrationReport) -> Result<(), Error> {
+    let Some(name) = file.file_name().and_then(|name| name.to_str()) else {
+        return Err(Error::file(file, "is no name for a file; give another for the registration"));
+    };
+    // No folder at all is the current one.
+    let folder = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut staging = Staging::new(folder)?;
+    staging.add(name, |w| {
+        report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
+    })?;
+    staging.place()
+}
