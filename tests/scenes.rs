@@ -1,28 +1,35 @@
-//! Every symmetric scene, solved with the default settings, comes back registered:
+//! Every scene, solved with the default settings and its own kernel, comes back registered:
 //! `cargo test --release --test scenes -- --nocapture`.
 
 mod common;
 
 use common::{TestEngine, blur_error};
-use parfocal::scene::{Preset, Scene, Shape};
-use parfocal::{Settings, Solution};
+use parfocal::scene::{self, Preset, Scene, Shape};
+use parfocal::{Kernel, Settings, Similarity, Solution};
 
 /// Solves a scene; prints its errors and fails where T is off by more than 0.01 px at a corner, 0.0003°, or 0.003 %, or V
 /// by more than `rms` px².
 fn solve(engine: &TestEngine, scene: &Scene, rms: f64) -> Solution {
+    solve_under(engine, scene, Kernel::Gaussian, [0.01, 0.0003, 0.003, rms])
+}
+
+/// The same under a kernel, with all four bounds.
+fn solve_under(engine: &TestEngine, scene: &Scene, kernel: Kernel, bounds: [f64; 4]) -> Solution {
     let pair = scene.render().unwrap();
-    let solution = engine.solve([&pair.i1, &pair.i2], &Settings::default());
+    let settings = Settings { kernel, ..Settings::default() };
+    let solution = engine.solve([&pair.i1, &pair.i2], &settings);
     let (found, truth, width) = (&solution.transform, &pair.transform, solution.width);
     let corner = found.corner_distance(truth, width, solution.height);
     let degrees = (found.rotation_deg() - truth.rotation_deg()).abs();
     let percent = 100.0 * (found.scale - truth.scale).abs();
     let (v, bias) = blur_error(&solution, |x, y| f64::from(pair.relative_blur[y * width as usize + x]));
     println!(
-        "{}: corner {corner:.5} px, θ {degrees:.6}°, s {percent:.6} %, V rms {v:.4} px², bias {bias:+.4}",
-        scene.name
+        "{} under {}: corner {corner:.5} px, θ {degrees:.6}°, s {percent:.6} %, V rms {v:.4} px², bias {bias:+.4}",
+        scene.name,
+        settings.kernel.name()
     );
-    assert!(corner <= 0.01 && degrees <= 0.0003 && percent <= 0.003, "{found:?}, not {truth:?}");
-    assert!(v <= rms, "{v}");
+    let within = [corner, degrees, percent, v].iter().zip(&bounds).all(|(error, bound)| error <= bound);
+    assert!(within, "{found:?}, not {truth:?}; V off by {v}; bounds {bounds:?}");
     solution
 }
 
@@ -48,4 +55,47 @@ fn uniform_blur_is_registered_to_a_thousandth_of_a_pixel() {
         let solution = solve(&engine, &scene, 0.03);
         assert!(solution.transform.corner_distance(&scene.transform, 256, 256) <= 0.001);
     }
+}
+
+/// The paper's central claim, under its asymmetric kernel, with exposure solved for. σ 1 is the hardest: see section 3 of
+/// `docs/method.md`.
+#[test]
+fn asymmetric_blur_is_registered() {
+    let engine = TestEngine::new();
+    for (preset, rms) in [(Preset::HalfGaussianTexture, 0.05), (Preset::HalfGaussianDots, 0.1)] {
+        for (sigma, corner) in [(1.0, 0.02), (1.5, 0.02), (2.5, 0.02)] {
+            let name = format!("{} σ {sigma}", preset.name());
+            let scene = Scene { name, shape: Shape::Uniform { variance: sigma * sigma }, ..preset.scene() };
+            solve_under(&engine, &scene, Kernel::HalfGaussian, [corner, 0.0006, 0.003, rms]);
+        }
+    }
+}
+
+/// One image sharp and the other under the kernel, either way round: the mean of an asymmetric kernel then lies in I2 or in
+/// I1, and turns with it. T turns by 1°, which would take a mean that does not turn 0.04 px aside.
+#[test]
+fn either_image_may_be_the_blurred_one() {
+    let engine = TestEngine::new();
+    for (kernel, model) in
+        [(scene::Kernel::Pillbox, Kernel::Pillbox), (scene::Kernel::HalfGaussian, Kernel::HalfGaussian)]
+    {
+        for variance in [-6.25, 6.25] {
+            let scene = Scene {
+                name: format!("uniform {variance} px²"),
+                shape: Shape::Uniform { variance },
+                kernel,
+                base_blur: 0.0,
+                transform: Similarity::new(1.5, -0.7, 1.0, 1.005),
+                ..Preset::HalfGaussianTexture.scene()
+            };
+            solve_under(&engine, &scene, model.clone(), [0.01, 0.0006, 0.003, 0.05]);
+        }
+    }
+}
+
+/// A disk blurred by a disk is no disk: where both images are blurred, V under a pillbox is an approximation.
+#[test]
+fn a_slanted_plane_under_a_disk() {
+    let scene = Scene { kernel: scene::Kernel::Pillbox, ..Preset::Plane.scene() };
+    solve_under(&TestEngine::new(), &scene, Kernel::Pillbox, [0.01, 0.0006, 0.003, 0.25]);
 }

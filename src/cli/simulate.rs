@@ -45,7 +45,7 @@ pub(super) struct Arguments {
     /// Largest |V|, px², 0 to 256, of plane (4), steps (6) and relief (8)
     #[arg(long, value_name = "PX2", help_heading = "Blur", allow_negative_numbers = true)]
     range: Option<f64>,
-    /// σ of I2's blur, px, 0 to 16, of the half-gaussian scenes [default: 2.5]; I1 is sharp
+    /// σ of I2's blur, px, -16 to 16, of the half-gaussian scenes [default: 2.5]; where negative, I1 has it and I2 is sharp
     #[arg(long, value_name = "PX", help_heading = "Blur", allow_negative_numbers = true)]
     sigma: Option<f64>,
     /// Blur of both images even in focus, px², 0 to 16 [default: 0.3; 0 for the half-gaussian scenes]

@@ -154,7 +154,7 @@ impl Scene {
             Shape::Plane { limit } | Shape::Steps { limit } | Shape::Relief { limit } => {
                 range("largest relative blur", limit, 0.0, 256.0)?;
             }
-            Shape::Uniform { variance } => range("variance of the blur", variance, 0.0, 256.0)?,
+            Shape::Uniform { variance } => range("uniform relative blur", variance, -256.0, 256.0)?,
             Shape::DepthFile { unit, .. } => range("unit of depth", unit, 1e-9, 1e9)?,
             Shape::Cylinders { .. } | Shape::RelativeBlurFile { .. } => {}
         }

@@ -21,7 +21,7 @@ pub enum Shape {
         /// Largest |V|, px².
         limit: f64,
     },
-    /// I1 is sharp and I2 has blur of one variance: V is the same all over.
+    /// One image is sharp and the other blurred, I2 where V > 0 and I1 where V < 0: V is the same all over.
     Uniform {
         /// V, px².
         variance: f64,
@@ -91,7 +91,9 @@ impl Shape {
         let scale = scene.transform.scale;
         Ok(match self.clone() {
             Shape::Plane { limit } => Box::new(move |[x, _]| focused_at(limit, x / (width - 1.0))),
-            Shape::Uniform { variance } => Box::new(move |_| Point { variances: [0.0, variance], depth: None }),
+            Shape::Uniform { variance } => {
+                Box::new(move |_| Point { variances: [f64::max(-variance, 0.0), variance.max(0.0)], depth: None })
+            }
             Shape::Steps { limit } => Box::new(move |[x, _]| {
                 let terrace = ((x + 0.5) / width * TERRACES).floor().clamp(0.0, TERRACES - 1.0);
                 focused_at(limit, terrace / (TERRACES - 1.0))
