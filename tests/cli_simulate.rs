@@ -151,7 +151,7 @@ fn what_cannot_be_rendered() {
         ("plane", vec!["--exposure", "0"], "exposure"),
         ("plane", vec!["--scale", "-1"], "scale"),
         ("plane", vec!["--range", "-4"], "largest relative blur"),
-        ("half-gaussian-dots", vec!["--sigma", "-17"], "variance"),
+        ("half-gaussian-dots", vec!["--sigma", "-17"], "uniform relative blur"),
         ("plane", vec!["--sigma", "2"], "--sigma"),
         ("cylinders", vec!["--range", "2"], "--range"),
         ("cylinders", vec!["--focus", "200,200"], "focus distance"),
