@@ -6,8 +6,7 @@
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 
-#include "stack.glsl"
-#include "state.glsl"
+#include "blur.glsl"
 #include "accumulate.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
@@ -34,10 +33,6 @@ layout(push_constant) uniform Constants {
 };
 
 const float PI = 3.14159265358979;
-// Beyond V = 0 a blurred image goes on linearly for half a px².
-const float NEAR = 0.5;
-// Below this |V| the mean moves linearly, so that its derivative stays finite.
-const float LEAST_ROOT = 0.05;
 
 float coefficient(int image, ivec3 place) {
     return image == 1 ? imageLoad(stack1, place).r : imageLoad(stack2, place).r;
@@ -62,60 +57,14 @@ struct Data {
     vec2 gradient1, gradient2;
 };
 
-// Where the mean of the kernel lies at V, and its derivative by V, in I1's pixels. The kernel turns with the sensor that
-// it blurs, which is I2's for V > 0.
-mat2 mean_at(Registration r, float v, float scale) {
-    vec2 mean = vec2(mean_x, mean_y), turn = vec2(1.0 + r.a, r.b) / scale;
-    if (v > 0.0) mean = vec2(turn.x * mean.x + turn.y * mean.y, turn.x * mean.y - turn.y * mean.x);
-    float root = sqrt(max(abs(v), LEAST_ROOT));
-    return mat2(v / root * mean, (abs(v) > LEAST_ROOT ? 0.5 : 1.0) / root * mean);
-}
-
-// Î1 and Î2 of any kernel: the centred one, read where its mean takes it. Image 1 is then read off its pixels too.
-void any_blur(Registration r, ivec2 x, float v, vec2 d, float scale, out Blurred b1, out Blurred b2) {
-    mat2 mean = mean_at(r, v, scale);
-    mat2 linear = mat2(1.0 + r.a, r.b, -r.b, 1.0 + r.a);
-    ivec2 size = ivec2(width, height), i1, i2;
-    vec2 f1, f2;
-    place(x, -mean[0], size, i1, f1);
-    place(x, d + linear * mean[0], size, i2, f2);
-    float scale2 = scale * scale, still = abs(v) < NEAR ? 1.0 : 0.0;
-    if (v >= 0.0) {
-        b1 = stack_at(1, nodes, size, v, i1, f1);
-        Jet jet = spline_at(2, 0, size, i2, f2);
-        float slope = -scale2 * spline_at(2, 1, size, i2, f2).value;
-        b2 = Blurred(jet.value + slope * min(v, NEAR), still * slope, jet.gradient);
-    } else {
-        Jet jet = spline_at(1, 0, size, i1, f1);
-        float slope = spline_at(1, 1, size, i1, f1).value;
-        b1 = Blurred(jet.value + slope * max(v, -NEAR), still * slope, jet.gradient);
-        b2 = stack_at(2, nodes, size, -v * scale2, i2, f2);
-        b2.slope *= -scale2;
-    }
-    b1.slope -= dot(b1.gradient, mean[1]);
-    b2.slope += dot(b2.gradient, linear * mean[1]);
-}
-
 Data data_term(Registration r, ivec2 x, float v, vec2 d, float scale) {
     ivec2 size = ivec2(width, height), i;
     vec2 f;
     place(x, d, size, i, f);
     float i1 = imageLoad(image1, ivec3(x, 0)).r;
     Jet i2 = spline_at(2, 0, size, i, f);
-    float scale2 = scale * scale;
     Blurred b1, b2;
-    if (ANY_KERNEL) {
-        any_blur(r, x, v, d, scale, b1, b2);
-    } else if (v >= 0.0) {
-        b1 = stack_on(1, nodes, size, v, x);
-        float slope = 0.5 * scale2 * i2.laplacian;
-        b2 = Blurred(i2.value - slope * min(v, NEAR), v < NEAR ? -slope : 0.0, i2.gradient);
-    } else {
-        float slope = 0.5 * spline_on(1, 0, size, x).laplacian;
-        b1 = Blurred(i1 + slope * max(v, -NEAR), v > -NEAR ? slope : 0.0, vec2(0.0));
-        b2 = stack_at(2, nodes, size, -v * scale2, i, f);
-        b2.slope *= -scale2;
-    }
+    blur(Blur(size, nodes, vec2(mean_x, mean_y)), r, x, v, d, scale, i1, i2, b1, b2);
     float s1 = b1.value - (r.gain * i2.value + r.offset);
     float s2 = r.gain * b2.value + r.offset - i1;
     // Clamped, since a device's atan may overshoot and weights must not be negative.

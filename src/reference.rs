@@ -5,7 +5,7 @@ use crate::plan::{Level, Plan, halving_filter};
 use crate::stages::stack::{Layer, Slopes, layer};
 use crate::stages::state::Registration;
 use crate::stages::{
-    Field, appearance, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update,
+    Field, appearance, blur, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update,
 };
 use crate::{Error, Frame, Kernel, Photometric, Settings, Similarity, baseline, filter};
 
@@ -49,7 +49,7 @@ pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, E
         }
         let images = pyramids.each_ref().map(|p| &p[level.index]);
         let stacks = images.map(|image| build_stack(image, &settings.kernel, level.nodes));
-        let stacks = linearise::Stacks { first: &stacks[0], second: &stacks[1], slopes: plan.slopes() };
+        let stacks = blur::Stacks { first: &stacks[0], second: &stacks[1], slopes: plan.slopes() };
         let mut energy = Vec::new();
         for k in 0..settings.outer_iterations {
             let constants = plan.linearise(level, k);

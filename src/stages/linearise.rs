@@ -17,9 +17,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::stack::{Blurred, Slopes};
+use super::blur::{self, Stacks};
 use super::state::{Registration, inside};
-use super::{Field, WORKGROUP, spline, stack};
+use super::{Field, WORKGROUP, spline};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
@@ -32,10 +32,6 @@ pub const SUMS: usize = 36;
 pub const ROWS: u32 = 4;
 /// λ.
 pub const ELIMINATION: f32 = 0.25;
-/// Beyond V = 0 a blurred image goes on linearly for this many px².
-const NEAR: f64 = 0.5;
-/// Below this |V|, px², the kernel's mean moves linearly, so that its derivative stays finite.
-const LEAST_ROOT: f64 = 0.05;
 
 /// Push constants.
 #[repr(C)]
@@ -94,16 +90,6 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
-
-/// The stacks of I1 and I2.
-pub struct Stacks<'a> {
-    /// Of I1.
-    pub first: &'a [Field],
-    /// Of I2.
-    pub second: &'a [Field],
-    /// How both know their slopes.
-    pub slopes: Slopes,
-}
 
 /// What the pass leaves.
 pub struct Linearised {
@@ -222,7 +208,7 @@ fn data_term(
 ) -> ([Residual; 2], f64) {
     let (px, py) = (x as f64, y as f64);
     let i2 = spline::read(&stacks.second[0], px + d[0], py + d[1]);
-    let [b1, b2] = blurred(c, r, [px, py], d, v, stacks);
+    let [b1, b2] = blur::read(stacks, r, c.mean.map(f64::from), [px, py], d, v);
     let (s1, s2) = (b1.value - (r.gain * i2.value + r.offset), r.gain * b2.value + r.offset - i1);
     let eta2 = f64::from(c.eta).powi(2);
     let (psi1, psi2) = ((s1 * s1 + eta2).sqrt(), (s2 * s2 + eta2).sqrt());
@@ -252,54 +238,6 @@ fn data_term(
     (residuals, h * psi1 + (1.0 - h) * psi2)
 }
 
-/// Î1, and Î2 before gain and offset, both with their slopes by V: the centred kernel, read where its mean takes it.
-fn blurred(
-    c: &Constants,
-    r: &Registration,
-    [x, y]: [f64; 2],
-    d: [f64; 2],
-    v: f64,
-    &Stacks { first, second, slopes }: &Stacks,
-) -> [Blurred; 2] {
-    let scale2 = r.scale().powi(2);
-    let linear = |[ux, uy]: [f64; 2]| [(1.0 + r.a) * ux - r.b * uy, r.b * ux + (1.0 + r.a) * uy];
-    let (mean, by_v) = mean_at(c, r, v);
-    let (ahead, by_v2) = (linear(mean), linear(by_v));
-    let (p, q) = ([x - mean[0], y - mean[1]], [x + d[0] + ahead[0], y + d[1] + ahead[1]]);
-    // An image that is not blurred goes on linearly through V = 0.
-    let beyond = |stack: &[Field], [x, y]: [f64; 2], factor: f64| {
-        let (jet, slope) = stack::node(stack, slopes, 0, x, y);
-        let slope = factor * slope;
-        let still = if v.abs() < NEAR { slope } else { 0.0 };
-        Blurred { value: jet.value + slope * v.clamp(-NEAR, NEAR), slope: still, dx: jet.dx, dy: jet.dy }
-    };
-    let (mut b1, mut b2);
-    if v >= 0.0 {
-        b1 = stack::read(first, slopes, v, p[0], p[1]);
-        b2 = beyond(second, q, -scale2);
-    } else {
-        b1 = beyond(first, p, 1.0);
-        b2 = stack::read(second, slopes, -v * scale2, q[0], q[1]);
-        b2.slope *= -scale2;
-    }
-    b1.slope -= b1.dx * by_v[0] + b1.dy * by_v[1];
-    b2.slope += b2.dx * by_v2[0] + b2.dy * by_v2[1];
-    [b1, b2]
-}
-
-/// Where the mean of the kernel lies at V, and its derivative by V, in I1's pixels. The kernel turns with the sensor that
-/// it blurs, which is I2's for V > 0.
-fn mean_at(c: &Constants, r: &Registration, v: f64) -> ([f64; 2], [f64; 2]) {
-    let mut mean = c.mean.map(f64::from);
-    if v > 0.0 {
-        let (cos, sin) = ((1.0 + r.a) / r.scale(), r.b / r.scale());
-        mean = [cos * mean[0] + sin * mean[1], cos * mean[1] - sin * mean[0]];
-    }
-    let root = v.abs().max(LEAST_ROOT).sqrt();
-    let by_v = if v.abs() > LEAST_ROOT { 0.5 / root } else { 1.0 / root };
-    (mean.map(|m| v / root * m), mean.map(|m| by_v * m))
-}
-
 /// Adds a pixel to N and g, its own dV eliminated.
 fn accumulate(residuals: &[Residual; 2], right_side: f64, over: f64, sums: &mut Sums) {
     let sum = |term: &dyn Fn(&Residual) -> f64| residuals.iter().map(|t| t.weight * term(t)).sum::<f64>();
@@ -316,6 +254,7 @@ fn accumulate(residuals: &[Residual; 2], right_side: f64, over: f64, sums: &mut 
 mod tests {
     use super::super::harness::{Rig, random_field};
     use super::super::relax::{half, interleaved};
+    use super::super::stack::{self, Slopes};
     use super::super::state::State;
     use super::*;
     use crate::reference::build_stack;
@@ -421,26 +360,5 @@ mod tests {
             Similarity::new(1e4, 0.0, 0.0, 1.0),
             &Kernel::Gaussian,
         );
-    }
-
-    #[test]
-    fn the_gather_obeys_the_heat_equation() {
-        // Of a wave exp(-v k²/2) cos(k x) is left: value and slope between the nodes against the closed form. Waves are
-        // even about the border, so that the mirror is exact.
-        let (n, k) = (129, std::f64::consts::PI * 20.0 / 128.0);
-        let wave = Field::from_fn(n, 9, |x, _| (k * x as f64).cos());
-        let stack = build_stack(&wave, &Kernel::Gaussian, stack::node_count(36.0));
-        for step in 0..=360 {
-            let v = 0.1 * f64::from(step);
-            let decay = (-v * k * k / 2.0).exp();
-            for x in [3.0, 40.37, 101.5] {
-                let found = stack::read(&stack, Slopes::Laplacian, v, x, 4.0);
-                let expected = decay * (k * x).cos();
-                // 2e-3 of the contrast, between the two widest nodes; see `stack::node_sigma`.
-                assert!((found.value - expected).abs() < 2e-3, "v {v}: {} {expected}", found.value);
-                let slope = -k * k / 2.0 * expected;
-                assert!((found.slope - slope).abs() < 4e-3, "v {v}: slope {} {slope}", found.slope);
-            }
-        }
     }
 }

@@ -4,6 +4,7 @@
 //! [reference solver](crate::reference), never a fallback.
 
 pub mod appearance;
+pub mod blur;
 pub mod confidence;
 pub mod convolve;
 pub mod expose;

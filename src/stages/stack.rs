@@ -121,3 +121,30 @@ pub fn read(stack: &[Field], slopes: Slopes, v: f64, x: f64, y: f64) -> Blurred 
         dy: p.dy + t * (q.dy - p.dy),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference::build_stack;
+
+    #[test]
+    fn the_gather_obeys_the_heat_equation() {
+        // Of a wave exp(-v k²/2) cos(k x) is left: value and slope between the nodes against the closed form. Waves are
+        // even about the border, so that the mirror is exact.
+        let (n, k) = (129, std::f64::consts::PI * 20.0 / 128.0);
+        let wave = Field::from_fn(n, 9, |x, _| (k * x as f64).cos());
+        let stack = build_stack(&wave, &Kernel::Gaussian, node_count(36.0));
+        for step in 0..=360 {
+            let v = 0.1 * f64::from(step);
+            let decay = (-v * k * k / 2.0).exp();
+            for x in [3.0, 40.37, 101.5] {
+                let found = read(&stack, Slopes::Laplacian, v, x, 4.0);
+                let expected = decay * (k * x).cos();
+                // 2e-3 of the contrast, between the two widest nodes; see `node_sigma`.
+                assert!((found.value - expected).abs() < 2e-3, "v {v}: {} {expected}", found.value);
+                let slope = -k * k / 2.0 * expected;
+                assert!((found.slope - slope).abs() < 4e-3, "v {v}: slope {} {slope}", found.slope);
+            }
+        }
+    }
+}
