@@ -50,7 +50,7 @@ class Parfocal:
     def _run(self, arguments: list[str]) -> None:
         done = subprocess.run([self.path, *arguments, "--quiet"], stderr=subprocess.PIPE, text=True, check=False)
         if done.returncode:
-            raise Failed(f"parfocal {arguments[0]}: {done.stderr.strip()}")
+            raise Failed(done.stderr.strip())
 
 
 def _transform(path: Path) -> Similarity:
