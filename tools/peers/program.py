@@ -1,0 +1,57 @@
+"""The program parfocal: its scenes and its solves, through the command line and the files that it writes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from images import read_field
+from registration import Failed
+from similarity import Similarity
+
+
+@dataclass(frozen=True)
+class Solve:
+    """What a solve found, and the seconds it took: parfocal's own count, without starting the program."""
+
+    transform: Similarity
+    blur: np.ndarray
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Parfocal:
+    """A build of the program."""
+
+    path: Path
+
+    def simulate(self, scene: list[str], out: Path) -> Similarity:
+        """Renders a scene (its name, then options) into `out`: i1.png, i2.png, relative_blur.exr. Gives the true T."""
+        self._run(["simulate", *scene, "--output", str(out)])
+        return _transform(out / "truth.json")
+
+    def solve(self, pair: tuple[Path, Path], out: Path, method: str, options: list[str]) -> Solve:
+        """Solves a pair by one of the program's own methods."""
+        self._run(["solve", *map(str, pair), "--output", str(out), "--method", method, *options])
+        report = json.loads((out / "report.json").read_text())
+        blur = read_field(out / "relative_blur.exr")
+        return Solve(_transform(out / "report.json"), blur, report["timings_ms"]["total"] / 1000)
+
+    def solve_held(self, pair: tuple[Path, Path], out: Path, transform: Similarity, options: list[str]) -> Solve:
+        """Solves a pair with T held at what another program found; gain and offset are still solved for."""
+        file = out.with_suffix(".json")
+        file.write_text(json.dumps({"transform": asdict(transform)}))
+        return self.solve(pair, out, "aligned", ["--transform", str(file), "--hold", *options])
+
+    def _run(self, arguments: list[str]) -> None:
+        done = subprocess.run([self.path, *arguments, "--quiet"], stderr=subprocess.PIPE, text=True, check=False)
+        if done.returncode:
+            raise Failed(done.stderr.strip())
+
+
+def _transform(path: Path) -> Similarity:
+    return Similarity(**json.loads(path.read_text())["transform"])

@@ -1,0 +1,109 @@
+"""The results: what one system found on one pair, as JSON and as the tables of `parfocal evaluate`."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from similarity import Similarity, Size
+
+DASH = "–"
+
+
+@dataclass(frozen=True)
+class Error:
+    """What was found less the truth."""
+
+    tx_px: float
+    ty_px: float
+    rotation_deg: float
+    scale_percent: float
+    corner_px: float
+
+    @classmethod
+    def of(cls, found: Similarity, truth: Similarity, size: Size) -> Error:
+        return cls(
+            found.tx_px - truth.tx_px,
+            found.ty_px - truth.ty_px,
+            found.rotation_deg - truth.rotation_deg,
+            100 * (found.scale - truth.scale),
+            found.corner_distance(truth, size),
+        )
+
+
+@dataclass(frozen=True)
+class Row:
+    """One system on one scene. What is None failed, and `failure` says why, or has no truth to compare with."""
+
+    scene: str
+    system: str
+    transform: Similarity | None = None
+    error: Error | None = None
+    v_rms_px2: float | None = None
+    registration_seconds: float | None = None
+    solve_seconds: float | None = None
+    from_unified_px: float | None = None
+    failure: str | None = None
+
+
+def write(out: Path, versions: dict[str, str], scenes: list[Row], real: list[Row]) -> None:
+    """Writes peers.json and peers.md, each under a temporary name first."""
+    results = {"versions": versions, "registration": _plain(scenes), "real": _plain(real)}
+    _replace(out / "peers.json", json.dumps(results, indent=2) + "\n")
+    _replace(out / "peers.md", markdown(versions, scenes, real))
+
+
+def markdown(versions: dict[str, str], scenes: list[Row], real: list[Row]) -> str:
+    """Both tables, and below them why something failed."""
+    parts = ["# Peers", "Errors against the truth, found less true. V: root mean square, 16 px border left out."]
+    parts.append(_table("scene|system|t_x px|t_y px|θ °|s %|corner px|V rms px²|seconds", map(_scene_cells, scenes)))
+    if real:
+        parts.append("Real pairs have no truth: T itself, and how far it puts a corner from where unified puts it.")
+        parts.append(_table("pair|system|t_x px|t_y px|θ °|s|from unified px|seconds", map(_real_cells, real)))
+    parts += [f"{row.scene}, {row.system}: {row.failure}" for row in scenes + real if row.failure]
+    parts.append("Seconds: registration, then solve. " + ", ".join(f"{k} {v}" for k, v in versions.items()) + ".")
+    return "\n\n".join(parts) + "\n"
+
+
+def _scene_cells(row: Row) -> list[str]:
+    errors = asdict(row.error).values() if row.error else [None] * 5
+    return [row.scene, row.system, *map(_number, errors), _number(row.v_rms_px2), _seconds(row)]
+
+
+def _real_cells(row: Row) -> list[str]:
+    transform = [f"{v:.4f}" for v in asdict(row.transform).values()] if row.transform else [DASH] * 4
+    return [row.scene, row.system, *transform, _number(row.from_unified_px), _seconds(row)]
+
+
+def _seconds(row: Row) -> str:
+    parts = [s for s in (row.registration_seconds, row.solve_seconds) if s is not None]
+    return " + ".join(f"{s:.2f}" for s in parts) or DASH
+
+
+def _number(value: float | None) -> str:
+    """Three significant digits."""
+    if value is None or not math.isfinite(value):
+        return DASH
+    if value == 0:
+        return "0"
+    exponent = math.floor(math.log10(abs(value)))
+    return f"{value:.{max(2 - exponent, 0)}f}" if -7 <= exponent <= 5 else f"{value:.2e}"
+
+
+def _table(columns: str, rows: Iterable[list[str]]) -> str:
+    head = columns.split("|")
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [head, ["---"] * len(head), *rows])
+
+
+def _plain(rows: list[Row]) -> list[dict[str, object]]:
+    return [asdict(row) for row in rows]
+
+
+def _replace(path: Path, text: str) -> None:
+    part = path.with_name(path.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    os.replace(part, path)
