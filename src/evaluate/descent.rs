@@ -12,6 +12,8 @@ use crate::{Method, RegistrationStep, Settings};
 #[derive(Serialize)]
 pub(super) struct Race {
     pub scene: &'static str,
+    /// E a pixel that no V and T go below, `η + α η_tv`, since `ψ(a²) = √(a² + η²)`: what is compared is what lies above.
+    pub energy_floor: f64,
     /// The least energy that any run reached.
     pub best_energy: Option<f64>,
     pub schemes: Vec<Scheme>,
@@ -22,7 +24,7 @@ pub(super) struct Race {
 pub(super) struct Scheme {
     pub step: RegistrationStep,
     pub runs: Vec<Run>,
-    /// The least number of iterations a level that comes within 1 % of the best energy; `null` if none does.
+    /// The least number of iterations a level whose energy above the floor is within 1 % of the best; `null` if none is.
     pub iterations_to_best: Option<u32>,
     /// The time of that run, ms.
     pub time_to_best_ms: Option<f64>,
@@ -42,6 +44,18 @@ pub(super) struct Run {
     pub failure: Option<String>,
 }
 
+impl Race {
+    /// How much higher a run's energy above the floor is than the best, as a share of that.
+    pub(super) fn above_best(&self, run: &Run) -> Option<f64> {
+        above_best(run, self.best_energy, self.energy_floor)
+    }
+}
+
+fn above_best(run: &Run, best: Option<f64>, floor: f64) -> Option<f64> {
+    let best = best? - floor;
+    Some((run.energy? - floor - best) / best)
+}
+
 impl Scheme {
     /// Its name in tables and plots.
     pub(super) fn name(&self) -> &'static str {
@@ -52,8 +66,8 @@ impl Scheme {
     }
 }
 
-/// How near to the best energy is near enough.
-const NEAR: f64 = 1.01;
+/// How little above the best energy is near enough, as a share.
+const NEAR: f64 = 0.01;
 
 /// Iterations at which the two are compared as they are.
 pub(super) const EQUAL: u32 = 20;
@@ -77,14 +91,19 @@ fn race(bench: &mut Bench, preset: Preset) -> Race {
         }
         (step, runs)
     });
+    let energy_floor = floor(&Settings::default());
     let best_energy = runs.iter().flat_map(|(_, runs)| runs).filter_map(|run| run.energy).reduce(f64::min);
     let schemes = runs.map(|(step, runs)| {
-        let near = |run: &&Run| run.energy.zip(best_energy).is_some_and(|(e, best)| e <= NEAR * best);
+        let near = |run: &&Run| above_best(run, best_energy, energy_floor).is_some_and(|share| share <= NEAR);
         let first = runs.iter().find(near);
         let (iterations_to_best, time_to_best_ms) = (first.map(|r| r.iterations), first.and_then(|r| r.time_ms));
         Scheme { step, iterations_to_best, time_to_best_ms, runs }
     });
-    Race { scene: preset.name(), best_energy, schemes: schemes.into() }
+    Race { scene: preset.name(), energy_floor, best_energy, schemes: schemes.into() }
+}
+
+fn floor(settings: &Settings) -> f64 {
+    settings.data_eta + settings.regularization * settings.smoothness_eta
 }
 
 fn solve(bench: &mut Bench, scene: &Scene, registration: RegistrationStep, iterations: u32) -> Run {

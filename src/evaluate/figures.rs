@@ -111,7 +111,7 @@ impl Collector {
             ),
             (
                 "fig9-focus",
-                "Best focus (the paper's Figure 9), with close-ups where I1 is sharp (red) and where I2 is (blue).",
+                "Best focus (the paper's Figure 9), with close-ups where V is greatest (red: I1 the sharper, if it is anywhere) and least (blue: I2).",
                 190,
                 focus.to_vec(),
                 self.focus,
@@ -202,33 +202,37 @@ fn curves(sweeps: &[Sweep]) -> Figure {
 
 fn curve(sweep: &Sweep) -> image::RgbImage {
     let x = if sweep.logarithmic { Axis::log(sweep.quantity) } else { Axis::linear(sweep.quantity) };
-    let mut plot = Plot::new(sweep.name, x, Axis::log("corner error, px")).target(PAPER_PX, "the paper's bound");
+    let mut plot = Plot::new(sweep.name, x, Axis::log("corner error, px").limits(1e-3, 100.0))
+        .target(PAPER_PX, "the paper's bound");
     let finite = |v: f64| if v.is_finite() { v } else { f64::NAN };
     for (i, first) in sweep.points.first().map_or(&[][..], |p| &p.systems).iter().enumerate() {
         let points = sweep.points.iter().filter_map(|point| {
             let s = point.systems.get(i)?.spread;
             Some((point.value, [s.low, s.median, s.high].map(finite)))
         });
-        plot = plot.series(Series::with_spread(first.system, points));
+        plot = plot.series(Series::with_spread(called(first.system), points));
     }
     plot.draw()
 }
 
 /// Gauss-Newton against gradient descent: a row a scene.
 fn race(races: &[Race]) -> Figure {
-    let caption =
-        "Gauss-Newton against gradient descent: what whole solves reach with 5 to 200 outer iterations a level.";
-    type Axes = (fn() -> Axis, fn(&Run) -> Option<f64>);
-    let iterations: Axes = (|| Axis::log("outer iterations a level"), |run| Some(f64::from(run.iterations)));
-    let time: Axes = (|| Axis::log("time, s"), |run| run.time_ms.map(|ms| ms / 1e3));
-    let energy: Axes = (|| Axis::linear("energy a pixel"), |run| run.energy);
-    let corner: Axes = (|| Axis::log("corner error, px"), |run| run.corner_px);
+    let caption = "Gauss-Newton against gradient descent: what whole solves reach with more and more iterations.";
+    type Axes = (fn() -> Axis, fn(&Race, &Run) -> Option<f64>);
+    let iterations: Axes = (|| Axis::log("outer iterations a level"), |_, run| Some(f64::from(run.iterations)));
+    let time: Axes = (|| Axis::log("time, s"), |_, run| run.time_ms.map(|ms| ms / 1e3));
+    let energy: Axes = (
+        || Axis::log("energy above the best, %").limits(1e-3, 1e3),
+        |race, run| race.above_best(run).map(|share| 100.0 * share),
+    );
+    let corner: Axes = (|| Axis::log("corner error, px").limits(1e-3, 10.0), |_, run| run.corner_px);
     let mut plots = Vec::new();
     for race in races {
         for (x, y) in [(iterations, energy), (time, energy), (iterations, corner)] {
             let mut plot = Plot::new(race.scene, x.0(), y.0());
             for scheme in &race.schemes {
-                let points = scheme.runs.iter().filter_map(|run| Some((x.1(run)?, y.1(run).unwrap_or(f64::NAN))));
+                let points =
+                    scheme.runs.iter().filter_map(|run| Some((x.1(race, run)?, y.1(race, run).unwrap_or(f64::NAN))));
                 plot = plot.series(Series::new(scheme.name(), points));
             }
             plots.push(Panel::image(plot.draw()));

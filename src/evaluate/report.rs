@@ -5,7 +5,7 @@ use super::figures::called;
 use super::kernels::KernelResult;
 use super::measure::BORDER;
 use super::real::{Estimate, PairResult};
-use super::registration::{CaseResult, REFERENCE, SystemResult};
+use super::registration::{CaseResult, NONE, REFERENCE, SystemResult};
 use super::robustness::{PAPER_PX, Sweep};
 use super::table::{DASH, Table, number, seconds, yes};
 use super::targets::{Target, as_good};
@@ -108,8 +108,7 @@ fn table1(results: &[CaseResult]) -> String {
         }
         for s in &case.systems {
             table.row(table1_row(s));
-            let why = s.failure.iter().chain(&s.warnings);
-            notes.extend(why.map(|w| format!("- {}, {}: {w}", case.case, called(s.system))));
+            notes.extend(why(s.system, &s.failure, &s.warnings).map(|w| format!("- {}, {w}", case.case)));
         }
     }
     format!(
@@ -153,8 +152,7 @@ fn table2(results: &Results) -> String {
         notes.extend(pair.failure.iter().map(|problem| format!("- {}: {problem}", pair.pair)));
         for s in &pair.systems {
             table.row(table2_row(s));
-            let why = s.failure.iter().chain(&s.warnings);
-            notes.extend(why.map(|w| format!("- {}, {}: {w}", pair.pair, called(s.system))));
+            notes.extend(why(s.system, &s.failure, &s.warnings).map(|w| format!("- {}, {w}", pair.pair)));
         }
     }
     for absent in &results.absent {
@@ -162,9 +160,9 @@ fn table2(results: &Results) -> String {
         notes.push(format!("- {}: absent: looked for {}", absent.name, files.join(" and ")));
     }
     format!(
-        "## Table 2: photographs\n\nEstimates: nobody knows the truth. The lower the energy, the better a registration and \
-         its V explain the pair.\n\n{}{}",
-        table.markdown(),
+        "## Table 2: photographs\n\nEstimates: nobody knows the truth. The lower the energy a valid pixel, the better a \
+         registration and its V explain the pair; which pixels are valid differs a little between the systems.\n\n{}{}",
+        if results.real.is_empty() { "There was no pair.\n".to_string() } else { table.markdown() },
         listed(&notes)
     )
 }
@@ -193,8 +191,9 @@ fn robustness(sweeps: &[Sweep]) -> String {
     );
     for sweep in sweeps {
         for edge in &sweep.edges {
-            let end = edge.fails_at.map_or("not within the sweep".to_string(), |v| number(v));
-            edges.row([sweep.quantity.to_string(), called(edge.system).to_string(), number(edge.holds_to), end]);
+            let end = edge.fails_at.map_or("not within the sweep".to_string(), |v| v.to_string());
+            let start = edge.holds_to.map_or(DASH.to_string(), |v| v.to_string());
+            edges.row([sweep.quantity.to_string(), called(edge.system).to_string(), start, end]);
         }
     }
     text += &edges.markdown();
@@ -213,7 +212,7 @@ fn points(sweep: &Sweep) -> String {
             .systems
             .iter()
             .map(|s| format!("{} ({} to {})", number(s.spread.median), number(s.spread.low), number(s.spread.high)));
-        table.row([number(point.value)].into_iter().chain(cells));
+        table.row([point.value.to_string()].into_iter().chain(cells));
     }
     table.markdown()
 }
@@ -222,13 +221,14 @@ fn descent(races: &[Race]) -> String {
     let mut table = Table::new([
         "scene",
         "scheme",
-        "iterations to within 1 % of the best energy",
+        "iterations to within 1 % of the best",
         "time, s",
         "corners after 20, px",
-        "energy after 20",
-        "best energy of any run",
+        "energy above its floor after 20",
+        "best of any run",
     ]);
     for race in races {
+        let above = |energy: f64| energy - race.energy_floor;
         for scheme in &race.schemes {
             let equal = scheme.runs.iter().find(|run| run.iterations == EQUAL);
             table.row([
@@ -237,14 +237,18 @@ fn descent(races: &[Race]) -> String {
                 scheme.iterations_to_best.map_or("not reached".to_string(), |n| n.to_string()),
                 seconds(scheme.time_to_best_ms),
                 number(equal.and_then(|run| run.corner_px)),
-                number(equal.and_then(|run| run.energy)),
-                number(race.best_energy),
+                number(equal.and_then(|run| run.energy).map(above)),
+                number(race.best_energy.map(above)),
             ]);
         }
     }
+    let allowed = || races.iter().flat_map(|r| &r.schemes).flat_map(|s| &s.runs).map(|run| run.iterations);
+    let (least, most) = (allowed().min().unwrap_or(0), allowed().max().unwrap_or(0));
     format!(
-        "## Gauss-Newton against gradient descent\n\nWhole solves by the unified method, with from 5 to 200 outer iterations \
-         allowed on each level.\n\n{}",
+        "## Gauss-Newton against gradient descent\n\nWhole solves by the unified method, with from {least} to {most} outer \
+         iterations allowed on each level. Energy: E a pixel above its floor, η + α η_tv = {}, below which no V and T bring \
+         it.\n\n{}",
+        number(races.first().map(|race| race.energy_floor)),
         table.markdown()
     )
 }
@@ -261,6 +265,12 @@ fn kernels(results: &[KernelResult]) -> String {
         ]);
     }
     format!("## Kernels\n\nThe unified method with the scene's kernel and with another.\n\n{}", table.markdown())
+}
+
+/// Why a system failed or is in doubt. Without registration doubt is what is expected, and says nothing.
+fn why<'a>(system: &'a str, failure: &'a Option<String>, doubts: &'a [String]) -> impl Iterator<Item = String> + 'a {
+    let doubts = if system == NONE { &[] } else { doubts };
+    failure.iter().chain(doubts).map(move |w| format!("{}: {w}", called(system)))
 }
 
 fn listed(notes: &[String]) -> String {
