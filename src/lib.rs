@@ -32,6 +32,7 @@ mod baseline;
 mod device_info;
 mod engine;
 mod error;
+pub mod evaluate;
 pub mod export;
 pub mod figure;
 mod filter;

@@ -1,6 +1,7 @@
 //! What the program `parfocal` understands; one file for each subcommand.
 
 mod devices;
+mod evaluate;
 mod failure;
 mod output;
 mod pair;
@@ -35,6 +36,7 @@ enum Command {
     Simulate(Box<simulate::Arguments>),
     View(view::Arguments),
     Register(Box<register::Arguments>),
+    Evaluate(evaluate::Arguments),
     Devices(devices::Arguments),
 }
 
@@ -52,6 +54,7 @@ pub fn main() -> ExitCode {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
+        Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
     };
     match result {

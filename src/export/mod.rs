@@ -26,8 +26,7 @@ pub use simulated::{SIMULATED_FILES, Truth, write_simulated};
 pub use transform::read_transform;
 
 use crate::{Decode, Error, Format, Solution};
-use staging::Staging;
-pub(crate) use staging::write_file;
+pub(crate) use staging::{Staging, write_file};
 
 /// The files that [`write()`] makes.
 pub const FILES: [&str; 5] = ["relative_blur.exr", "confidence.exr", "depth.png", "fused.png", "report.json"];

@@ -11,7 +11,7 @@ use crate::Error;
 
 /// A folder and the files that are about to appear in it. Dropped before [`place`](Staging::place) has succeeded, it
 /// leaves nothing behind.
-pub(super) struct Staging {
+pub(crate) struct Staging {
     // Fields drop in this order: the temporary files go before the folder that holds them.
     written: Vec<(NamedTempFile, PathBuf)>,
     folder: Folder,
@@ -19,12 +19,12 @@ pub(super) struct Staging {
 
 impl Staging {
     /// Makes the folder if it is missing.
-    pub(super) fn new(out: &Path) -> Result<Self, Error> {
+    pub(crate) fn new(out: &Path) -> Result<Self, Error> {
         Ok(Self { written: Vec::new(), folder: Folder::make(out)? })
     }
 
     /// Writes one file under a temporary name.
-    pub(super) fn add(
+    pub(crate) fn add(
         &mut self,
         name: impl AsRef<OsStr>,
         fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
@@ -44,7 +44,7 @@ impl Staging {
 
     /// Gives every file its name. Where one cannot have it, those that already have theirs are removed again: results
     /// of two solves side by side would be worse than none.
-    pub(super) fn place(mut self) -> Result<(), Error> {
+    pub(crate) fn place(mut self) -> Result<(), Error> {
         if let Some((_, path)) = self.written.iter().find(|(_, path)| path.is_dir()) {
             return Err(Error::file(path, "is a folder where a result should go; move it away"));
         }

@@ -1,0 +1,63 @@
+//! `parfocal evaluate`: the paper's experiments, as tables and figures.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use parfocal::evaluate::{Evaluation, Options};
+use parfocal::{Engine, EngineOptions};
+
+use super::failure::Failure;
+use super::output;
+
+/// Run the paper's experiments with all systems, on scenes and photographs, and write tables and figures.
+#[derive(clap::Args, Debug)]
+#[command(after_help = AFTER_HELP)]
+pub(super) struct Arguments {
+    /// Folder for report.md, report.json and figures/; made if it is missing, earlier results in it replaced
+    #[arg(short, long, value_name = "OUT", default_value = "out/evaluate")]
+    output: PathBuf,
+    /// Folder with the pairs of photographs, each in a folder of its own; what is absent is named in the report
+    #[arg(long, value_name = "DIR", default_value_os_t = Options::default().data)]
+    data: PathBuf,
+    /// Small scenes, few points, reduced photographs: shows in a minute that everything runs
+    #[arg(long)]
+    quick: bool,
+    /// Index, part of the name, or UUID of the device [default: the most capable]
+    #[arg(long, value_name = "D")]
+    device: Option<String>,
+    /// Longest wait for the device in one solve, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = EngineOptions::default().timeout.as_secs(),
+          value_parser = clap::value_parser!(u64).range(1..))]
+    timeout: u64,
+    /// Print nothing on stderr but errors
+    #[arg(long)]
+    quiet: bool,
+}
+
+const AFTER_HELP: &str = "\
+The full run takes some 15 minutes on two processor cores without a GPU.
+
+Exit status: 0 done (whether or not the targets are met: see the report), 1 failed, 2 wrong usage.";
+
+/// Evaluates and writes. Cheap checks come before dear ones.
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    output::check(&arguments.output, &[], &[])?;
+    let engine = Engine::new(&EngineOptions {
+        device: arguments.device.clone(),
+        validation: super::validation_asked(),
+        timeout: Duration::from_secs(arguments.timeout),
+    })?;
+    let options = Options { data: arguments.data.clone(), quick: arguments.quick };
+    let mut say = |line: &str| {
+        if !arguments.quiet {
+            // Nobody is left to be told where stderr is closed.
+            let _ = writeln!(io::stderr(), "{line}");
+        }
+    };
+    let evaluation = Evaluation::run(&engine, &options, &mut say);
+    super::check_validation(&engine)?;
+    evaluation.write(&arguments.output)?;
+    say(&format!("in {}", arguments.output.display()));
+    Ok(())
+}

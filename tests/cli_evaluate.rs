@@ -1,0 +1,64 @@
+//! `parfocal evaluate --quick` on a device: what it writes, and what it says of data that are absent.
+
+use std::fs;
+use std::path::Path;
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use tempfile::TempDir;
+
+fn evaluate(folder: &Path, extra: &[&str]) -> Output {
+    let mut program = Command::cargo_bin("parfocal").unwrap();
+    program.env("PARFOCAL_CACHE_DIR", folder.join("cache")).current_dir(folder).args(["evaluate", "--quick"]);
+    if let Ok(device) = std::env::var("PARFOCAL_DEVICE") {
+        program.args(["--device", &device]);
+    }
+    program.args(extra).output().unwrap()
+}
+
+#[test]
+fn a_quick_run_without_data_writes_tables_figures_and_verdicts() {
+    let folder = TempDir::new().unwrap();
+    let output = evaluate(folder.path(), &["--data", "pairs", "-o", "made/out"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{stderr}");
+    assert!(output.stdout.is_empty() && stderr.contains("table 1: plane") && stderr.contains("robustness"), "{stderr}");
+
+    let out = folder.path().join("made/out");
+    let report: Value = serde_json::from_slice(&fs::read(out.join("report.json")).unwrap()).unwrap();
+    assert_eq!(report["absent"].as_array().unwrap().len(), 6);
+    assert_eq!(report["registration"].as_array().unwrap().len(), 2);
+    for case in report["registration"].as_array().unwrap() {
+        let systems = case["systems"].as_array().unwrap();
+        assert_eq!(systems.len(), 5, "{case}");
+        let unified = systems.iter().find(|s| s["system"] == "unified").unwrap();
+        assert!(unified["error"]["corner_px"].as_f64().unwrap() < 0.25, "{unified}");
+        assert!(unified["v_rms_to_aligned"].is_f64() && unified["failure"].is_null());
+    }
+    for target in report["targets"].as_array().unwrap() {
+        assert!(target["met"].is_boolean() && target["judged"].as_u64().unwrap() > 0, "{target}");
+    }
+    assert_eq!(report["robustness"].as_array().unwrap().len(), 5);
+    assert_eq!(report["descent"].as_array().unwrap().len(), 2);
+    assert!(report["kernels"].as_array().unwrap().len() >= 4);
+
+    let text = fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(text.contains("cup: absent: looked for pairs/cup/breakfast_near.png"), "{text}");
+    let links: Vec<&str> = text.split("](").skip(1).filter_map(|rest| rest.split(')').next()).collect();
+    assert_eq!(links, ["figures/fig4-scenes.png", "figures/robustness.png", "figures/descent.png"]);
+    for link in links {
+        assert!(image::open(out.join(link)).unwrap().width() > 500, "{link}");
+    }
+    assert_eq!(fs::read_dir(&out).unwrap().count(), 3);
+}
+
+#[test]
+fn a_file_where_the_folder_should_be_is_refused_before_any_work() {
+    let folder = TempDir::new().unwrap();
+    fs::write(folder.path().join("out"), "x").unwrap();
+    let output = evaluate(folder.path(), &["-o", "out"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!((output.status.code(), stderr.contains("give a folder")), (Some(1), true), "{stderr}");
+    assert_eq!(stderr.lines().count(), 1);
+}
