@@ -15,8 +15,8 @@ use crate::{Error, Frame, Kernel, Method, Similarity, image_io};
 pub(super) struct RealPair {
     pub name: &'static str,
     files: [&'static str; 2],
-    /// Whether I1 or I2 is focused nearer. A lens that refocuses moves out for what is near, and magnifies it: where T has
-    /// a scale above 1 it is I2.
+    /// Whether I1 or I2 is focused nearer. A lens that refocuses moves out for what is near, and magnifies it: where
+    /// T has a scale above 1 it is I2.
     pub nearer: Nearer,
 }
 

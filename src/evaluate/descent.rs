@@ -12,7 +12,8 @@ use crate::{Method, RegistrationStep, Settings};
 #[derive(Serialize)]
 pub(super) struct Race {
     pub scene: &'static str,
-    /// E a pixel that no V and T go below, `η + α η_tv`, since `ψ(a²) = √(a² + η²)`: what is compared is what lies above.
+    /// E a pixel that no V and T go below, `η + α η_tv`, since `ψ(a²) = √(a² + η²)`: what is compared is what lies
+    /// above.
     pub energy_floor: f64,
     /// The least energy that any run reached.
     pub best_energy: Option<f64>,
@@ -24,7 +25,8 @@ pub(super) struct Race {
 pub(super) struct Scheme {
     pub step: RegistrationStep,
     pub runs: Vec<Run>,
-    /// The least number of iterations a level whose energy above the floor is within 1 % of the best; `null` if none is.
+    /// The least number of iterations a level whose energy above the floor is within 1 % of the best; `null` if none
+    /// is.
     pub iterations_to_best: Option<u32>,
     /// The time of that run, ms.
     pub time_to_best_ms: Option<f64>,

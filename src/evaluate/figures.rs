@@ -111,7 +111,8 @@ impl Collector {
             ),
             (
                 "fig9-focus",
-                "Best focus (the paper's Figure 9), with close-ups where V is greatest (red: I1 the sharper, if it is anywhere) and least (blue: I2).",
+                "Best focus (the paper's Figure 9), with close-ups where V is greatest (red: I1 the \
+             sharper, if it is anywhere) and least (blue: I2).",
                 190,
                 focus.to_vec(),
                 self.focus,
@@ -135,8 +136,8 @@ impl Collector {
     }
 }
 
-const FOOTER: &str = "A row has one scale, from V of the unified method (and of the aligned pair); red is near, blue far, \
-                      grey not valid. What lies beyond the scale has its end colours.";
+const FOOTER: &str = "A row has one scale, from V of the unified method (and of the aligned pair); red is near, blue \
+                      far, grey not valid. What lies beyond the scale has its end colours.";
 
 fn blur(solution: &Result<Solution, String>, scale: &Scale) -> Panel {
     match solution {
@@ -161,8 +162,8 @@ fn fused(solution: &Solution) -> Option<Frame> {
 /// Parts of a picture along each side, among which close-ups are chosen.
 const PARTS: u32 = 6;
 
-/// Where I1 and where I2 is the sharper by most: the parts with the greatest and the least mean of V, of those in which the
-/// images say most about it.
+/// Where I1 and where I2 is the sharper by most: the parts with the greatest and the least mean of V, of those in
+/// which the images say most about it.
 fn sharpest(solution: &Solution) -> [Region; 2] {
     let (width, height) = ((solution.width / PARTS).max(1), (solution.height / PARTS).max(1));
     let parts = (1..PARTS - 1).flat_map(|j| (1..PARTS - 1).map(move |i| (i * width, j * height)));

@@ -120,8 +120,8 @@ fn error(solution: &Solution, prepared: &Prepared) -> TransformError {
     TransformError::of(&solution.transform, &prepared.truth, [solution.width, solution.height])
 }
 
-/// V of the displaced pair less V of the aligned pair. Where a lens breathes, the true V of the two differ (V is V2/s² - V1),
-/// so each is taken less its own truth.
+/// V of the displaced pair less V of the aligned pair. Where a lens breathes, the true V of the two differ (V is
+/// V2/s² - V1), so each is taken less its own truth.
 fn to_aligned(solution: &Solution, aligned: &Solution, prepared: &Prepared) -> Option<f64> {
     let truths = prepared.displaced.relative_blur.as_ref().zip(prepared.aligned.relative_blur.as_ref());
     let between = |i: usize| truths.map_or(0.0, |(d, a)| f64::from(d[i]) - f64::from(a[i]));

@@ -36,15 +36,16 @@ fn link(figure: &Figure) -> String {
 fn head(results: &Results) -> String {
     let device = &results.device;
     let quick = if results.quick {
-        "\nThis was a quick run, on scenes of 128 x 128 px and reduced photographs: it shows that everything runs, and the \
-         targets, which are for the full run, need not be met.\n"
+        "\nThis was a quick run, on scenes of 128 x 128 px and reduced photographs: it shows that everything runs, \
+         and the targets, which are for the full run, need not be met.\n"
     } else {
         ""
     };
     format!(
         "# Evaluation\n\nparfocal {} on {}, driver {}. The experiments are those of Ben-Ari, *A Unified Approach for \
-         Registration and Depth in Depth from Defocus*, TPAMI 2014, section 5. Times are wall-clock times of whole solves on \
-         this device, beside whatever else it did; on a software device they say little about a GPU.\n{quick}",
+         Registration and Depth in Depth from Defocus*, TPAMI 2014, section 5. Times are wall-clock times of whole \
+         solves on this device, beside whatever else it did; on a software device they say little about a \
+         GPU.\n{quick}",
         results.version, device.name, device.driver
     )
 }
@@ -65,8 +66,8 @@ fn targets(targets: &[Target], registration: &[CaseResult]) -> String {
     }
     let met = targets.iter().filter(|t| t.met == Some(true)).count();
     format!(
-        "## Targets\n\n{met} of {} targets are met.\n\n{}\nA separate system counts as good as the unified one where its \
-         corner error is at most twice as large, or at most 0.01 px: {}.\n",
+        "## Targets\n\n{met} of {} targets are met.\n\n{}\nA separate system counts as good as the unified one where \
+         its corner error is at most twice as large, or at most 0.01 px: {}.\n",
         targets.len(),
         table.markdown(),
         good(registration)
@@ -112,10 +113,10 @@ fn table1(results: &[CaseResult]) -> String {
         }
     }
     format!(
-        "## Table 1: registration errors\n\nWhat was found less the truth, and the largest error of a corner. V: rms, {BORDER} px \
-         along the border left out, of V less the true V and of V less that of the {REFERENCE} (the same without \
-         displacement, T held at identity), each less its own truth where a lens breathes. Energy: E per valid pixel after the \
-         last iteration.\n\n{}{}",
+        "## Table 1: registration errors\n\nWhat was found less the truth, and the largest error of a corner. V: rms, \
+         {BORDER} px along the border left out, of V less the true V and of V less that of the {REFERENCE} (the same \
+         without displacement, T held at identity), each less its own truth where a lens breathes. Energy: E per \
+         valid pixel after the last iteration.\n\n{}{}",
         table.markdown(),
         listed(&notes)
     )
@@ -160,8 +161,9 @@ fn table2(results: &Results) -> String {
         notes.push(format!("- {}: absent: looked for {}", absent.name, files.join(" and ")));
     }
     format!(
-        "## Table 2: photographs\n\nEstimates: nobody knows the truth. The lower the energy a valid pixel, the better a \
-         registration and its V explain the pair; which pixels are valid differs a little between the systems.\n\n{}{}",
+        "## Table 2: photographs\n\nEstimates: nobody knows the truth. The lower the energy a valid pixel, the better \
+         a registration and its V explain the pair; which pixels are valid differs a little between the \
+         systems.\n\n{}{}",
         if results.real.is_empty() { "There was no pair.\n".to_string() } else { table.markdown() },
         listed(&notes)
     )
@@ -185,9 +187,9 @@ fn table2_row(s: &Estimate) -> Vec<String> {
 fn robustness(sweeps: &[Sweep]) -> String {
     let mut edges = Table::new(["sweep", "system", "holds to", "fails at"]);
     let mut text = format!(
-        "## Robustness\n\nCorner error of the slanted plane, 256 x 256 px, V ±4 px², median over the seeds (least to greatest), \
-         px; registration alone. A dash: no answer. The working range of a system ends where its median first exceeds {PAPER_PX} \
-         px, the paper's bound.\n\n"
+        "## Robustness\n\nCorner error of the slanted plane, 256 x 256 px, V ±4 px², median over the seeds (least to \
+         greatest), px; registration alone. A dash: no answer. The working range of a system ends where its median \
+         first exceeds {PAPER_PX} px, the paper's bound.\n\n"
     );
     for sweep in sweeps {
         for edge in &sweep.edges {
@@ -245,9 +247,9 @@ fn descent(races: &[Race]) -> String {
     let allowed = || races.iter().flat_map(|r| &r.schemes).flat_map(|s| &s.runs).map(|run| run.iterations);
     let (least, most) = (allowed().min().unwrap_or(0), allowed().max().unwrap_or(0));
     format!(
-        "## Gauss-Newton against gradient descent\n\nWhole solves by the unified method, with from {least} to {most} outer \
-         iterations allowed on each level. Energy: E a pixel above its floor, η + α η_tv = {}, below which no V and T bring \
-         it.\n\n{}",
+        "## Gauss-Newton against gradient descent\n\nWhole solves by the unified method, with from {least} to {most} \
+         outer iterations allowed on each level. Energy: E a pixel above its floor, η + α η_tv = {}, below which no V \
+         and T bring it.\n\n{}",
         number(races.first().map(|race| race.energy_floor)),
         table.markdown()
     )
