@@ -43,14 +43,25 @@ float read(int image, ivec2 i, vec2 f, float variance) {
     return mix(top, bottom, f.y);
 }
 
+// The place in I1 and its place in I2 that x lies half way between, from x: T's displacement D at x over 2 + a + ib, as
+// complex numbers. Both are read as far from a pixel, so that interpolation takes as much contrast from one as from the
+// other. Near a turn by 180° there is no such place, and I1 is read at x.
+void meet(Registration r, vec2 d, out vec2 back, out vec2 ahead) {
+    vec2 m = vec2(2.0 + r.a, r.b);
+    float square = dot(m, m);
+    bool half_way = square > 0.25;
+    ahead = half_way ? vec2(dot(m, d), m.x * d.y - m.y * d.x) / square : d;
+    back = half_way ? -ahead : vec2(0.0);
+}
+
 void add(Registration r, ivec2 x, inout float moments[MOMENTS]) {
-    // Half the way in either image, so that interpolation takes as much contrast from one as from the other.
-    vec2 d = 0.5 * displacement(r, x, factor, vec2(centre_x, centre_y));
+    vec2 back, ahead;
+    meet(r, displacement(r, x, factor, vec2(centre_x, centre_y)), back, ahead);
     ivec2 size = ivec2(width, height), i, j;
     vec2 f, g;
-    if (!inside(x, d, size, 0.0, 1.0) || !inside(x, -d, size, 0.0, 1.0)) return;
-    place(x, -d, size, i, f);
-    place(x, d, size, j, g);
+    if (!inside(x, back, size, 0.0, 1.0) || !inside(x, ahead, size, 0.0, 1.0)) return;
+    place(x, back, size, i, f);
+    place(x, ahead, size, j, g);
     // In pixels of this level; ½ px² is as far as the Laplacian of a pixel goes.
     ivec2 solved = min(x * stride, imageSize(relative_blur).xy - 1);
     float variance = clamp(imageLoad(relative_blur, ivec3(solved, 0)).r / float(stride * stride), -0.5, 0.5);

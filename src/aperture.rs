@@ -9,6 +9,10 @@ use crate::kernel::Complex;
 /// cells would show.
 const MOST_CELLS: usize = 48;
 
+/// The farthest that a kernel may reach from u = 0 at scale 1, px: a Gaussian is cut off at 4.5. Beyond it stands stray
+/// light that widens every filter and nothing else.
+const FARTHEST: f64 = 6.0;
+
 /// A kernel on a grid of square cells, each of constant density.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Stored", into = "Stored")]
@@ -28,17 +32,33 @@ struct Stored {
     name: String,
     width: usize,
     height: usize,
+    /// The middle of the grid from u = 0, cells.
+    #[serde(default)]
+    offset: [f64; 2],
     /// Row by row; they sum to one.
     weights: Vec<f64>,
 }
 
 impl Aperture {
     /// From a picture of `width` x `height` densities, row by row, y down; u = 0 is its middle. Their unit does not
-    /// matter: they are made to sum to one. A picture of more than 48 cells a side is averaged down.
+    /// matter: they are made to sum to one. Black margins are cut off, and what is left, if more than 48 cells a side,
+    /// is averaged down.
     ///
     /// # Errors
-    /// [`Error::Kernel`] where it is not a kernel: of the wrong length, negative, not finite, or all in one cell's width.
+    /// [`Error::Kernel`] where it is not a kernel: of the wrong length, negative, not finite, black, or with light
+    /// further from its middle than 6 times its deviation.
     pub fn new(name: &str, width: usize, height: usize, densities: &[f64]) -> Result<Self, Error> {
+        Self::about(name, width, height, [0.0, 0.0], densities)
+    }
+
+    /// The same with the middle of the picture off u = 0, in its cells.
+    fn about(
+        name: &str,
+        width: usize,
+        height: usize,
+        [left, down]: [f64; 2],
+        densities: &[f64],
+    ) -> Result<Self, Error> {
         let bad = |problem: &str| Error::Kernel { name: name.to_string(), problem: problem.to_string() };
         if width == 0 || height == 0 || width.checked_mul(height) != Some(densities.len()) {
             return Err(bad("its size is not that of its values"));
@@ -50,10 +70,11 @@ impl Aperture {
         if !(sum > 0.0 && sum.is_finite()) {
             return Err(bad("it is black all over: light must pass somewhere"));
         }
-        let (width, height, densities) = reduce(width, height, densities);
+        let Grid { width, height, offset: [x, y], densities, block } = reduce(lit(width, height, densities));
+        let offset = [(left + x) / block, (down + y) / block];
         let sum: f64 = densities.iter().sum();
         let weights: Vec<f64> = densities.iter().map(|d| d / sum).collect();
-        let stored = Stored { name: name.to_string(), width, height, weights };
+        let stored = Stored { name: name.to_string(), width, height, offset, weights };
         let moment = |f: &dyn Fn(f64, f64) -> f64| stored.cells().map(|(x, y, w)| w * f(x, y)).sum::<f64>();
         let [mx, my] = [moment(&|x, _| x), moment(&|_, y| y)];
         // A cell of constant density has a variance of its own, a twelfth.
@@ -62,7 +83,11 @@ impl Aperture {
         let xy = moment(&|x, y| (x - mx) * (y - my));
         let cell = ((xx + yy) / 2.0).sqrt().recip();
         let (mean, covariance) = ([mx * cell, my * cell], [xx, xy, yy].map(|c| c * cell * cell));
-        Ok(Self { stored, cell, mean, covariance })
+        let aperture = Self { stored, cell, mean, covariance };
+        if aperture.reach() + mean[0].hypot(mean[1]) > FARTHEST {
+            return Err(bad("it has light far from its middle: cut it out, and subtract what is not the kernel"));
+        }
+        Ok(aperture)
     }
 
     /// Its name, as in messages and reports.
@@ -80,15 +105,18 @@ impl Aperture {
 
     /// From the mean to the farthest side of the grid at scale 1, px.
     pub(crate) fn reach(&self) -> f64 {
-        let side = |cells: usize, mean: f64| cells as f64 * self.cell / 2.0 + mean.abs();
-        side(self.stored.width, self.mean[0]).max(side(self.stored.height, self.mean[1]))
+        let Stored { width, height, offset, .. } = self.stored;
+        let side =
+            |cells: usize, n: usize| cells as f64 * self.cell / 2.0 + (self.mean[n] - offset[n] * self.cell).abs();
+        side(width, 0).max(side(height, 1))
     }
 
     /// About the mean, at all pairs of frequencies, rad a pixel at scale 1; rows along y.
     pub(crate) fn transfer(&self, frequencies: &[f64]) -> Vec<Complex> {
-        let Stored { width, height, weights, .. } = &self.stored;
+        let Stored { width, height, weights, offset, .. } = &self.stored;
         // exp(-i w u) for the cells along an axis, times the transfer function of a cell.
-        let waves = |w: f64, cells: usize, mean: f64| -> Vec<Complex> {
+        let waves = |w: f64, cells: usize, n: usize| -> Vec<Complex> {
+            let mean = self.mean[n] - offset[n] * self.cell;
             let half = w * self.cell / 2.0;
             let box_filter = if half.abs() < 1e-9 { 1.0 } else { half.sin() / half };
             (0..cells)
@@ -96,10 +124,10 @@ impl Aperture {
                 .map(|phase| [box_filter * phase.cos(), box_filter * phase.sin()])
                 .collect()
         };
-        let columns: Vec<_> = frequencies.iter().map(|&w| waves(w, *width, self.mean[0])).collect();
+        let columns: Vec<_> = frequencies.iter().map(|&w| waves(w, *width, 0)).collect();
         let mut out = Vec::with_capacity(frequencies.len().pow(2));
         for &wy in frequencies {
-            let rows = waves(wy, *height, self.mean[1]);
+            let rows = waves(wy, *height, 1);
             let along_x: Vec<Complex> = (0..*width)
                 .map(|x| sum((0..*height).map(|y| rows[y].map(|part| part * weights[y * width + x]))))
                 .collect();
@@ -110,10 +138,10 @@ impl Aperture {
 }
 
 impl Stored {
-    /// Place of each cell from the middle of the grid, in cells, and its weight.
+    /// Place of each cell from u = 0, in cells, and its weight.
     fn cells(&self) -> impl Iterator<Item = (f64, f64, f64)> {
-        let Self { width, height, .. } = *self;
-        let place = move |n: usize| (middle(n % width, width), middle(n / width, height));
+        let Self { width, height, offset: [x, y], .. } = *self;
+        let place = move |n: usize| (x + middle(n % width, width), y + middle(n / width, height));
         self.weights.iter().enumerate().map(move |(n, &w)| (place(n).0, place(n).1, w))
     }
 }
@@ -122,7 +150,7 @@ impl TryFrom<Stored> for Aperture {
     type Error = Error;
 
     fn try_from(s: Stored) -> Result<Self, Error> {
-        Self::new(&s.name, s.width, s.height, &s.weights)
+        Self::about(&s.name, s.width, s.height, s.offset, &s.weights)
     }
 }
 
@@ -137,17 +165,43 @@ fn middle(n: usize, cells: usize) -> f64 {
     n as f64 - (cells as f64 - 1.0) / 2.0
 }
 
+/// Densities on a grid, its middle from that of the picture in the picture's cells, and the cells of the picture along a
+/// side of one of its own.
+struct Grid {
+    width: usize,
+    height: usize,
+    offset: [f64; 2],
+    densities: Vec<f64>,
+    block: f64,
+}
+
+/// Without black margins.
+fn lit(width: usize, height: usize, densities: &[f64]) -> Grid {
+    let column = |x: usize| (0..height).any(|y| densities[y * width + x] > 0.0);
+    let row = |y: usize| densities[y * width..][..width].iter().any(|d| *d > 0.0);
+    let span = |lit: &dyn Fn(usize) -> bool, count: usize| {
+        let first = (0..count).find(|&n| lit(n)).unwrap_or(0);
+        let last = (0..count).rfind(|&n| lit(n)).unwrap_or(count - 1);
+        (first, last + 1, (first + last) as f64 / 2.0 - (count as f64 - 1.0) / 2.0)
+    };
+    let ((left, right, x), (top, bottom, y)) = (span(&column, width), span(&row, height));
+    let densities = (top..bottom).flat_map(|y| densities[y * width..][left..right].iter().copied()).collect();
+    Grid { width: right - left, height: bottom - top, offset: [x, y], densities, block: 1.0 }
+}
+
 /// Averages over whole blocks until no side has more than [`MOST_CELLS`]; what is missing at the edges is black.
-fn reduce(width: usize, height: usize, densities: &[f64]) -> (usize, usize, Vec<f64>) {
+fn reduce(grid: Grid) -> Grid {
+    let Grid { width, height, offset, densities, .. } = grid;
     let block = width.max(height).div_ceil(MOST_CELLS);
-    // Padded evenly, so that the middle stays the middle up to half a cell of the picture.
     let [w, h] = [width, height].map(|side| side.div_ceil(block));
     let [left, top] = [(w * block - width) / 2, (h * block - height) / 2];
+    // Padding that is not even on both sides moves the middle.
+    let [x, y] = [(w * block - width - 2 * left) as f64 / 2.0, (h * block - height - 2 * top) as f64 / 2.0];
     let mut reduced = vec![0.0; w * h];
     for (n, d) in densities.iter().enumerate() {
         reduced[(n / width + top) / block * w + (n % width + left) / block] += d;
     }
-    (w, h, reduced)
+    Grid { width: w, height: h, offset: [offset[0] + x, offset[1] + y], densities: reduced, block: block as f64 }
 }
 
 fn sum(terms: impl Iterator<Item = Complex>) -> Complex {
@@ -172,11 +226,27 @@ mod tests {
     }
 
     #[test]
-    fn large_pictures_are_averaged() {
-        let picture: Vec<f64> = (0..200 * 100).map(|n| f64::from(n % 200 < 100)).collect();
-        let aperture = Aperture::new("half", 200, 100, &picture).unwrap();
-        assert_eq!((aperture.stored.width, aperture.stored.height), (40, 20));
-        assert!(aperture.mean[0] < -0.5);
+    fn large_pictures_are_averaged_and_margins_cut_off() {
+        let picture = |width: usize, lit: std::ops::Range<usize>| -> Vec<f64> {
+            (0..width * 100).map(|n| f64::from(lit.contains(&(n % width)))).collect()
+        };
+        let aperture = Aperture::new("left half", 200, 100, &picture(200, 0..100)).unwrap();
+        assert_eq!((aperture.stored.width, aperture.stored.height), (34, 34));
+        // A square beside u = 0: its mean is half its side away, √3 deviations.
+        assert!((aperture.mean[0] + 3f64.sqrt()).abs() < 0.02 && aperture.mean[1].abs() < 0.02, "{:?}", aperture.mean);
+        let within = Aperture::new("the same in a wider picture", 400, 100, &picture(400, 100..200)).unwrap();
+        assert!((within.mean[0] - aperture.mean[0]).abs() < 1e-12 && within.cell == aperture.cell);
+        let again: Aperture = serde_json::from_str(&serde_json::to_string(&aperture).unwrap()).unwrap();
+        assert!((again.mean[0] - aperture.mean[0]).abs() < 1e-9 && (again.cell - aperture.cell).abs() < 1e-9);
+    }
+
+    #[test]
+    fn stray_light_is_refused() {
+        let mut picture = vec![0.0; 41 * 41];
+        (picture[20 * 41 + 20], picture[0]) = (1.0, 1e-3);
+        assert!(Aperture::new("stray", 41, 41, &picture).unwrap_err().to_string().contains("far from its middle"));
+        picture[0] = 0.0;
+        assert!(Aperture::new("one cell", 41, 41, &picture).unwrap().reach() < 2.0);
     }
 
     #[test]

@@ -20,6 +20,8 @@ const BLACK: usize = 1;
 /// Pixels times outer iterations of one part at most: some 8 s on lavapipe, and by estimate (0.7 kB a
 /// pixel and iteration) 1 s on a GPU of 50 GB/s, within the 2 s that Windows allows a submission.
 const PART_BUDGET: u64 = 1 << 26;
+/// Separable filters that take as long as an outer iteration: on lavapipe 5, of a disk's stacks.
+const FILTERS_AN_ITERATION: u64 = 5;
 
 /// A recorded solve.
 pub(crate) struct Recorded {
@@ -79,8 +81,14 @@ pub(crate) fn record(
         if plan.matches_exposure() {
             r.expose(level, true)?;
         }
-        for image in BOTH {
-            r.stack(level, image)?;
+        let mut passed = 0;
+        for (image, layer) in BOTH.iter().flat_map(|&image| (0..plan.layers_of(level)).map(move |n| (image, n))) {
+            passed += r.stack_layer(level, image, layer)? * level.pixels();
+            if passed > FILTERS_AN_ITERATION * PART_BUDGET {
+                r.recorder.next_part()?;
+                level_done.push(None);
+                passed = 0;
+            }
         }
         for k in 0..plan.settings.outer_iterations {
             if starts_part(level, k) {
@@ -184,18 +192,19 @@ impl<'a> Script<'a> {
         Ok(())
     }
 
-    /// The spline coefficients of a level's image, and of the image blurred by each node's variance.
-    fn stack(&mut self, level: &Level, image: usize) -> Result<(), Error> {
+    /// A layer of a level's stack: the spline coefficients of its image, or a filter of an earlier layer. Says how many
+    /// separable filters it took.
+    fn stack_layer(&mut self, level: &Level, image: usize, layer: u32) -> Result<u64, Error> {
         let (from, stack) = (&self.w.levels[level.index].images[image], &self.w.stacks[image]);
-        self.separable([(from, 0), (stack, 0)], level.size, [self.plan.prefilter; 2], 1, false)?;
-        for layer in 1..self.plan.layers_of(level) {
-            let plan = self.plan;
-            let StackLayer { from, terms } = &plan.layers[layer as usize - 1];
-            for (n, &term) in terms.iter().enumerate() {
-                self.separable([(stack, *from), (stack, layer)], level.size, term, 1, n > 0)?;
-            }
+        if layer == 0 {
+            self.separable([(from, 0), (stack, 0)], level.size, [self.plan.prefilter; 2], 1, false)?;
+            return Ok(1);
         }
-        Ok(())
+        let StackLayer { from, terms } = &self.plan.layers[layer as usize - 1];
+        for (n, &term) in terms.iter().enumerate() {
+            self.separable([(stack, *from), (stack, layer)], level.size, term, 1, n > 0)?;
+        }
+        Ok(terms.len() as u64)
     }
 
     /// The spline coefficients of a level's I2, where its stack will stand.

@@ -2,7 +2,7 @@
 
 use std::convert::Infallible;
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -176,6 +176,14 @@ impl PairArguments {
 
     fn start_from_file(&self, hold: bool, settings: &mut Settings) -> Result<(), Failure> {
         let Some(file) = &self.transform else { return Ok(()) };
+        let usage = |problem: &str| Err(Failure::Usage(problem.to_string()));
+        match settings.method {
+            Method::Appearance | Method::Sift if hold => {
+                return usage("--hold keeps T, and this method would find another; leave out --hold or --method");
+            }
+            Method::Sift => return usage("SIFT starts from key-points, not from --transform; leave one of them out"),
+            _ => {}
+        }
         let (start, photometric) = export::read_transform(file)?;
         settings.start = start;
         if hold {
@@ -188,9 +196,13 @@ impl PairArguments {
         Ok(())
     }
 
-    /// The input that a result at this path would replace.
-    pub(super) fn replaced_by(&self, result: &Path) -> Option<&Path> {
-        [&self.i1, &self.i2].into_iter().find(|image| super::same_file(result, image)).map(PathBuf::as_path)
+    /// Every file that is read, none of which a result may replace.
+    pub(super) fn inputs(&self) -> Vec<&PathBuf> {
+        let kernel = match &self.kernel {
+            KernelChoice::File(path) => Some(path),
+            KernelChoice::Named(_) => None,
+        };
+        [&self.i1, &self.i2].into_iter().chain(&self.transform).chain(kernel).collect()
     }
 
     /// Decodes the pair, then opens the device: the cheap before the dear.

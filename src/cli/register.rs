@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 use parfocal::export::{self, RegistrationReport};
-use parfocal::{Method, Solver};
+use parfocal::{Kernel, Method, Solver};
 
 use super::failure::{Failure, print};
 use super::output;
@@ -46,7 +46,11 @@ impl From<MethodName> for Method {
 /// Registers a pair, writes and prints the registration.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let pair = &arguments.pair;
-    let settings = pair.settings(arguments.method.into(), false)?;
+    let mut settings = pair.settings(arguments.method.into(), false)?;
+    if settings.method != Method::Unified {
+        // No blur is looked for: no memory for it.
+        (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
+    }
     check_output(arguments)?;
     let (i1, i2, engine) = pair.open()?;
     let bar = Bar::new(!pair.quiet && io::stderr().is_terminal());
@@ -68,7 +72,7 @@ fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     if file.is_dir() {
         return Err(Failure::Failed(format!("{}: is a folder; give a file for the registration", file.display())));
     }
-    if arguments.pair.replaced_by(file).is_some() {
+    if arguments.pair.inputs().iter().any(|input| super::same_file(file, input)) {
         return Err(Failure::Failed(format!("{}: is an input; give another file", file.display())));
     }
     output::check_writable(file)

@@ -68,7 +68,7 @@ impl From<MethodName> for Method {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let pair = &arguments.pair;
     let settings = settings(arguments)?;
-    output::check(&arguments.output, &FILES, &[&pair.i1, &pair.i2])?;
+    output::check(&arguments.output, &FILES, &pair.inputs())?;
     let (i1, i2, engine) = pair.open()?;
     let solution = solve(&engine, &i1, &i2, &settings, pair.quiet).map_err(|e| Failure::of_solve(e, &pair.i1))?;
     super::check_validation(&engine)?;

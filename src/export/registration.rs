@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::report::{DeviceReport, LevelReport, SizeReport, TimingsReport};
-use super::staging::Staging;
+use super::staging::write_file;
 use crate::{DeviceInfo, Error, Method, Photometric, Registered, Settings, Similarity};
 
 /// The report of one registration.
@@ -68,14 +68,6 @@ impl RegistrationReport {
 /// # Errors
 /// [`Error::File`].
 pub fn write_registration(file: &Path, report: &RegistrationReport) -> Result<(), Error> {
-    let Some(name) = file.file_name().and_then(|name| name.to_str()) else {
-        return Err(Error::file(file, "is no name for a file; give another for the registration"));
-    };
-    // No folder at all is the current one.
-    let folder = file.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut staging = Staging::new(folder)?;
-    staging.add(name, |w| {
-        report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
-    })?;
-    staging.place()
+    let text = report.to_json().map_err(|e| e.to_string());
+    write_file(file, |w| text.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))
 }

@@ -21,6 +21,9 @@ use crate::{Aperture, Decode, Error, Frame, Kernel};
 /// a float channel.
 pub const MAX_PIXELS: u64 = 1 << 28;
 
+/// The largest side of the picture of a kernel, which is averaged down to 48 cells in any case.
+const MAX_KERNEL_SIDE: u32 = 4096;
+
 /// Reads one photograph.
 ///
 /// 8-bit files stay 8-bit, 16-bit stay 16-bit, float (and half) becomes 32-bit float; grey stays grey, palettes become
@@ -62,7 +65,13 @@ pub fn read_pair(first: &Path, second: &Path) -> Result<(Frame, Frame), Error> {
 /// # Errors
 /// [`Error::File`], also where the picture is no kernel: see [`Aperture::new`].
 pub fn read_kernel(path: &Path) -> Result<Kernel, Error> {
-    let picture = read(path)?;
+    let pending = Pending::open(path)?;
+    if pending.size.0.max(pending.size.1) > MAX_KERNEL_SIDE {
+        let (width, height) = pending.size;
+        let problem = format!("is {width}x{height}, and a kernel has at most {MAX_KERNEL_SIDE} a side; reduce it");
+        return Err(Error::file(path, problem));
+    }
+    let picture = pending.decode()?;
     let densities = ingest::twin(&picture, Decode::None, ingest::LUMINANCE).data;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
     let aperture = Aperture::new(&name, picture.width() as usize, picture.height() as usize, &densities);

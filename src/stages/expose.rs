@@ -45,9 +45,8 @@ pub fn twin(c: &Constants, r: &mut Registration, i1: &Field, i2: &Field, v: &Fie
     let mut moments = [0.0; 6];
     let (size, stride) = ([i1.width, i1.height], c.stride as usize);
     for (x, y) in (0..i1.height).flat_map(|y| (0..i1.width).map(move |x| (x, y))) {
-        let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from)).map(|d| d / 2.0);
-        let back = d.map(|d| -d);
-        if !inside([x, y], d, size, 0.0, 1.0) || !inside([x, y], back, size, 0.0, 1.0) {
+        let [back, ahead] = meet(r, r.displacement(x, y, c.factor.into(), c.centre.map(f64::from)));
+        if !inside([x, y], back, size, 0.0, 1.0) || !inside([x, y], ahead, size, 0.0, 1.0) {
             continue;
         }
         let variance = v.clamped((x * stride) as isize, (y * stride) as isize) / (stride * stride) as f64;
@@ -55,7 +54,7 @@ pub fn twin(c: &Constants, r: &mut Registration, i1: &Field, i2: &Field, v: &Fie
         let read = |image: &Field, d: [f64; 2], variance: f64| {
             bilinear(image, x as f64 + d[0], y as f64 + d[1], variance.max(0.0)) - 0.5
         };
-        let (u, v) = (read(i1, back, variance), read(i2, d, -variance));
+        let (u, v) = (read(i1, back, variance), read(i2, ahead, -variance));
         for (moment, term) in moments.iter_mut().zip([1.0, u, v, u * u, v * v, u * v]) {
             *moment += term;
         }
@@ -72,6 +71,18 @@ pub fn twin(c: &Constants, r: &mut Registration, i1: &Field, i2: &Field, v: &Fie
         r.offset = mean1 + 0.5 - r.gain * (mean2 + 0.5);
     }
     correlation
+}
+
+/// The place in I1 and its place in I2 that a pixel lies half way between, from that pixel: T's displacement D there over
+/// 2 + a + ib, as complex numbers. Near a turn by 180° there is no such place, and I1 is read at the pixel.
+fn meet(r: &Registration, d: [f64; 2]) -> [[f64; 2]; 2] {
+    let (re, im) = (2.0 + r.a, r.b);
+    let square = re * re + im * im;
+    if square <= 0.25 {
+        return [[0.0, 0.0], d];
+    }
+    let ahead = [(re * d[0] + im * d[1]) / square, (re * d[1] - im * d[0]) / square];
+    [ahead.map(|d| -d), ahead]
 }
 
 /// Between pixels blurred by a small variance: half of it times the Laplacian.
@@ -135,6 +146,25 @@ mod tests {
             assert!((found.gain - 0.8).abs() < 1e-9 && (found.offset - 0.05).abs() < 1e-9, "{found:?}");
             check(&i1, &i2, Similarity::new(20.0, -9.0, 2.0, 1.04), 1, 8.0);
             check(&i1, &smooth_field(width, height, 9), Similarity::IDENTITY, 0, 2.0);
+            check(&i1, &i2, Similarity::new(3.0, 5.0, 40.0, 1.1), 1, 1.0);
+            check(&i1, &i2, Similarity::new(3.0, 5.0, 180.0, 1.0), 1, 1.0);
+        }
+    }
+
+    #[test]
+    fn places_that_meet_half_way_are_each_others() {
+        for transform in [Similarity::new(3.0, -7.0, 25.0, 1.2), Similarity::new(0.0, 0.0, 90.0, 0.8)] {
+            let r = Registration::new(&transform, &Photometric::IDENTITY);
+            let (x, centre) = ([40usize, 25usize], [31.0, 20.5]);
+            let at = |p: [f64; 2]| {
+                let q = [p[0] - centre[0], p[1] - centre[1]];
+                [p[0] + r.t[0] + r.a * q[0] - r.b * q[1], p[1] + r.t[1] + r.b * q[0] + r.a * q[1]]
+            };
+            let [back, ahead] = meet(&r, r.displacement(x[0], x[1], 1.0, centre));
+            let moved = at([x[0] as f64 + back[0], x[1] as f64 + back[1]]);
+            assert!(
+                (moved[0] - x[0] as f64 - ahead[0]).abs() < 1e-9 && (moved[1] - x[1] as f64 - ahead[1]).abs() < 1e-9
+            );
         }
     }
 
