@@ -203,7 +203,7 @@ fn curves(sweeps: &[Sweep]) -> Figure {
 
 fn curve(sweep: &Sweep) -> image::RgbImage {
     let x = if sweep.logarithmic { Axis::log(sweep.quantity) } else { Axis::linear(sweep.quantity) };
-    let mut plot = Plot::new(sweep.name, x, Axis::log("corner error, px").limits(1e-3, 100.0))
+    let mut plot = Plot::new(sweep.name, x, Axis::log("corner error, px").limits(1e-4, 100.0))
         .target(PAPER_PX, "the paper's bound");
     let finite = |v: f64| if v.is_finite() { v } else { f64::NAN };
     for (i, first) in sweep.points.first().map_or(&[][..], |p| &p.systems).iter().enumerate() {
