@@ -136,6 +136,11 @@ pub(super) struct Prepared {
 }
 
 impl Case {
+    /// Whether the registration is known from how the pair was made, and not by solving it.
+    pub(super) fn truth_is_known(&self) -> bool {
+        matches!(self.source, Source::Scene(_))
+    }
+
     /// Renders, or reads and displaces.
     pub(super) fn prepare(&self, bench: &mut Bench) -> Result<Prepared, String> {
         match &self.source {

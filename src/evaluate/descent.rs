@@ -74,9 +74,12 @@ const NEAR: f64 = 0.01;
 /// Iterations at which the two are compared as they are.
 pub(super) const EQUAL: u32 = 20;
 
-/// Runs both scenes: a symmetric and an asymmetric one.
+/// Runs a symmetric scene and both asymmetric ones.
 pub(super) fn run(bench: &mut Bench) -> Vec<Race> {
-    [Preset::Plane, Preset::HalfGaussianTexture].into_iter().map(|preset| race(bench, preset)).collect()
+    [Preset::Plane, Preset::HalfGaussianTexture, Preset::HalfGaussianDots]
+        .into_iter()
+        .map(|preset| race(bench, preset))
+        .collect()
 }
 
 fn race(bench: &mut Bench, preset: Preset) -> Race {

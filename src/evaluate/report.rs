@@ -116,7 +116,9 @@ fn table1(results: &[CaseResult]) -> String {
         "## Table 1: registration errors\n\nWhat was found less the truth, and the largest error of a corner. V: rms, \
          {BORDER} px along the border left out, of V less the true V and of V less that of the {REFERENCE} (the same \
          without displacement, T held at identity), each less its own truth where a lens breathes. Energy: E per \
-         valid pixel after the last iteration.\n\n{}{}",
+         valid pixel after the last iteration. The truth of a displaced photograph is the displacement after the \
+         unified method's own estimate of the pair as taken: that row leans towards it, and is not among the targets \
+         of registration.\n\n{}{}",
         table.markdown(),
         listed(&notes)
     )
