@@ -40,7 +40,7 @@ fn a_quick_run_without_data_writes_tables_figures_and_verdicts() {
         assert!(target["met"].is_boolean() && target["judged"].as_u64().unwrap() > 0, "{target}");
     }
     assert_eq!(report["robustness"].as_array().unwrap().len(), 5);
-    assert_eq!(report["descent"].as_array().unwrap().len(), 2);
+    assert_eq!(report["descent"].as_array().unwrap().len(), 3);
     assert!(report["kernels"].as_array().unwrap().len() >= 4);
 
     let text = fs::read_to_string(out.join("report.md")).unwrap();
