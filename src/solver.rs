@@ -38,7 +38,7 @@ impl Solver {
     /// Prepares for pairs of `width` x `height` pixels, I1 and I2 in the given formats.
     ///
     /// # Errors
-    /// [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Vulkan`].
+    /// [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
     pub fn new(
         engine: &Engine,
         width: u32,

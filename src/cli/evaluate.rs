@@ -2,11 +2,10 @@
 
 use std::io::{self, Write};
 use std::path::PathBuf;
-use std::time::Duration;
 
 use parfocal::evaluate::{Evaluation, Options};
-use parfocal::{Engine, EngineOptions};
 
+use super::engine::EngineArguments;
 use super::failure::Failure;
 use super::output;
 
@@ -23,13 +22,8 @@ pub(super) struct Arguments {
     /// Small scenes, few points, reduced photographs: shows in a minute that everything runs
     #[arg(long)]
     quick: bool,
-    /// Index, part of the name, or UUID of the device [default: the most capable]
-    #[arg(long, value_name = "D")]
-    device: Option<String>,
-    /// Longest wait for the device in one solve, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = EngineOptions::default().timeout.as_secs(),
-          value_parser = clap::value_parser!(u64).range(1..))]
-    timeout: u64,
+    #[command(flatten)]
+    engine: EngineArguments,
     /// Print nothing on stderr but errors
     #[arg(long)]
     quiet: bool,
@@ -43,11 +37,7 @@ Exit status: 0 done (whether or not the targets are met: see the report), 1 fail
 /// Evaluates and writes. Cheap checks come before dear ones.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     output::check(&arguments.output, &[], &[])?;
-    let engine = Engine::new(&EngineOptions {
-        device: arguments.device.clone(),
-        validation: super::validation_asked(),
-        timeout: Duration::from_secs(arguments.timeout),
-    })?;
+    let engine = arguments.engine.open()?;
     let options = Options { data: arguments.data.clone(), quick: arguments.quick };
     let mut say = |line: &str| {
         if !arguments.quiet {

@@ -1,6 +1,7 @@
 //! What the program `parfocal` understands; one file for each subcommand.
 
 mod devices;
+mod engine;
 mod evaluate;
 mod failure;
 mod output;

@@ -4,12 +4,12 @@ use std::convert::Infallible;
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
-use std::time::Duration;
 
 use clap::ValueEnum;
 use parfocal::export;
-use parfocal::{Decode, Engine, EngineOptions, Frame, Kernel, Method, RegistrationStep, Settings, image_io};
+use parfocal::{Decode, Engine, Frame, Kernel, Method, RegistrationStep, Settings, image_io};
 
+use super::engine::EngineArguments;
 use super::failure::Failure;
 
 /// The pair, the settings, and the device.
@@ -52,13 +52,8 @@ pub(super) struct PairArguments {
     /// Print the report on stdout too
     #[arg(long)]
     pub(super) json: bool,
-    /// Index, part of the name, or UUID of the device [default: the most capable]
-    #[arg(long, value_name = "D")]
-    device: Option<String>,
-    /// Longest wait for the device, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = EngineOptions::default().timeout.as_secs(),
-          value_parser = clap::value_parser!(u64).range(1..))]
-    timeout: u64,
+    #[command(flatten)]
+    engine: EngineArguments,
     /// Print nothing on stderr but errors
     #[arg(long)]
     pub(super) quiet: bool,
@@ -208,11 +203,6 @@ impl PairArguments {
     /// Decodes the pair, then opens the device: the cheap before the dear.
     pub(super) fn open(&self) -> Result<(Frame, Frame, Engine), Failure> {
         let (i1, i2) = image_io::read_pair(&self.i1, &self.i2)?;
-        let engine = Engine::new(&EngineOptions {
-            device: self.device.clone(),
-            validation: super::validation_asked(),
-            timeout: Duration::from_secs(self.timeout),
-        })?;
-        Ok((i1, i2, engine))
+        Ok((i1, i2, self.engine.open()?))
     }
 }

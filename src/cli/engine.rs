@@ -1,0 +1,30 @@
+//! The device that a subcommand runs on.
+
+use std::time::Duration;
+
+use parfocal::{Engine, EngineOptions};
+
+use super::failure::Failure;
+
+/// Which device, and for how long it is waited.
+#[derive(clap::Args, Debug)]
+pub(super) struct EngineArguments {
+    /// Index, part of the name, or UUID of the device [default: the most capable]
+    #[arg(long, value_name = "D")]
+    device: Option<String>,
+    /// Longest wait for the device in one solve, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = EngineOptions::default().timeout.as_secs(),
+          value_parser = clap::value_parser!(u64).range(1..))]
+    timeout: u64,
+}
+
+impl EngineArguments {
+    /// Opens it, under validation where the environment asks for that.
+    pub(super) fn open(&self) -> Result<Engine, Failure> {
+        Ok(Engine::new(&EngineOptions {
+            device: self.device.clone(),
+            validation: super::validation_asked(),
+            timeout: Duration::from_secs(self.timeout),
+        })?)
+    }
+}
