@@ -54,7 +54,7 @@ pub(crate) fn record(
             r.recorder.clear(r.relative_blur(level.index));
             r.expose(level, true)?;
         }
-        r.spline(level)?;
+        r.stack_layer(level, 1, 0)?;
         for k in 0..plan.settings.outer_iterations {
             if starts_part(level, k) {
                 r.recorder.next_part()?;
@@ -205,12 +205,6 @@ impl<'a> Script<'a> {
             self.separable([(stack, *from), (stack, layer)], level.size, term, 1, n > 0)?;
         }
         Ok(terms.len() as u64)
-    }
-
-    /// The spline coefficients of a level's I2, where its stack will stand.
-    fn spline(&mut self, level: &Level) -> Result<(), Error> {
-        let (i2, stack) = (&self.w.levels[level.index].images[1], &self.w.stacks[1]);
-        self.separable([(i2, 0), (stack, 0)], level.size, [self.plan.prefilter; 2], 1, false)
     }
 
     /// A filter along x into the scratch image, then one along y, from a layer of an image to one, in its place or added.

@@ -43,9 +43,7 @@ pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, E
     for level in plan.coarse_to_fine() {
         let mut blur = start(level, v.take());
         if plan.matches_exposure() {
-            let (low_pass, constants) = plan.expose(level, true);
-            let [i1, i2] = pyramids.each_ref().map(|p| &p[low_pass]);
-            expose::twin(&constants, &mut registration, i1, i2, &blur);
+            match_exposure(&plan, level, &pyramids, &blur, &mut registration);
         }
         let images = pyramids.each_ref().map(|p| &p[level.index]);
         let stacks = images.map(|image| build_stack(image, &settings.kernel, level.nodes));
@@ -91,13 +89,23 @@ pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, E
     })
 }
 
+fn match_exposure(
+    plan: &Plan,
+    level: &Level,
+    pyramids: &[Vec<Field>; 2],
+    blur: &Field,
+    registration: &mut Registration,
+) {
+    let (low_pass, constants) = plan.expose(level, true);
+    let [i1, i2] = pyramids.each_ref().map(|p| &p[low_pass]);
+    expose::twin(&constants, registration, i1, i2, blur);
+}
+
 /// Registers without a blur model on one level.
 fn register(plan: &Plan, level: &Level, pyramids: &[Vec<Field>; 2], registration: &mut Registration) {
     if plan.matches_exposure() {
         // Nothing is known of V yet.
-        let (low_pass, constants) = plan.expose(level, true);
-        let [i1, i2] = pyramids.each_ref().map(|p| &p[low_pass]);
-        expose::twin(&constants, registration, i1, i2, &Field::zeros(1, 1));
+        match_exposure(plan, level, pyramids, &Field::zeros(1, 1), registration);
     }
     let [i1, i2] = pyramids.each_ref().map(|p| &p[level.index]);
     let spline = build_stack(i2, &Kernel::Gaussian, 1);
