@@ -11,7 +11,7 @@ layout(local_size_x_id = 0, local_size_y_id = 1) in;
 #include "accumulate.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
-layout(binding = 1, r32f) uniform readonly image2DArray spline2;        // coefficients of I2 in layer 0
+layout(binding = 1, r32f) uniform readonly image2DArray stacks;
 layout(binding = 2, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 3, std430) writeonly buffer Partials { float partials[]; };
 layout(push_constant) uniform Constants {
@@ -21,10 +21,11 @@ layout(push_constant) uniform Constants {
     float centre_x, centre_y;
     float length;                    // that scales a and b, pixels
     float eta;
+    int layer;                       // of the stacks: coefficients of I2
 };
 
 float coefficient(int image, ivec3 place) {
-    return imageLoad(spline2, place).r;
+    return imageLoad(stacks, place).r;
 }
 
 void accumulate(Registration r, ivec2 x, inout Sums sums) {
@@ -33,18 +34,15 @@ void accumulate(Registration r, ivec2 x, inout Sums sums) {
     vec2 d = displacement(r, x, factor, centre);
     if (!inside(x, d, size, 0.0, 1.0)) return;
     place(x, d, size, i, f);
-    Jet i2 = spline_at(2, 0, size, i, f);
+    Jet i2 = spline_at(2, layer, size, i, f);
     float s = imageLoad(image1, ivec3(x, 0)).r - (r.gain * i2.value + r.offset);
     float psi = sqrt(s * s + eta * eta);
-    Jacobian j = jacobian(r.gain, i2.value, i2.gradient, vec2(x) - centre, length);    // of -S
-    add_product(sums, 1.0 / psi, j);
-    add_gradient(sums, -s / psi, j);
-    sums.photometric.w += psi;
-    sums.g_photometric.z += 1.0;
+    vec4 j = jacobian(r.gain, i2.value, i2.gradient);    // of -S
+    add_pixel(sums, product(1.0 / psi, j), -s / psi * j, psi, (vec2(x) - centre) / length);
 }
 
 void main() {
-    Sums sums = Sums(mat4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
+    Sums sums = Sums(vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
     Registration r = state.registration;
     for (int n = 0; n < 2 * rows; n++) {
         ivec2 block = ivec2(2 * gl_WorkGroupID.x + n % 2, gl_WorkGroupID.y * rows + n / 2);

@@ -6,7 +6,7 @@
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray channel1;
-layout(binding = 1, r32f) uniform readonly image2DArray coefficients2; // layer 0: spline of the channel of I2
+layout(binding = 1, r32f) uniform readonly image2DArray spline2;       // coefficients of the channel of I2
 layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 3, r32f) uniform writeonly image2DArray result;
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
@@ -18,7 +18,7 @@ layout(push_constant) uniform Constants {
 };
 
 float coefficient(int image, ivec3 place) {
-    return imageLoad(coefficients2, place).r;
+    return imageLoad(spline2, place).r;
 }
 
 void main() {

@@ -1,28 +1,31 @@
 #version 460
 // The fused blur-and-derivative pass: V, I1, I2, T to S1, S2, their derivatives, the weights, the linear system for dV, and
 // the registration integrals. Equations 22 to 32 and 23. Twin: src/stages/linearise.rs.
+//
+// An invocation goes down two columns side by side, a red and a black pixel a line, and keeps the lines around in
+// registers: V, its inverse gradient and the sharp coefficients are loaded once a line instead of once a pixel.
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
+// The stack of I2 is of I2 as `warp` brought it onto I1's pixels, and of a Gaussian.
+layout(constant_id = 3) const bool WARPED = false;
 
 #include "blur.glsl"
 #include "accumulate.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 2, r32f) uniform readonly image2DArray stack1;
-layout(binding = 3, r32f) uniform readonly image2DArray stack2;
-layout(binding = 4, r32f) uniform writeonly image2DArray right_sides;   // layer 0: red, layer 1: black
-layout(binding = 5, rgba32f) uniform writeonly image2DArray weights;    // likewise; right, left, down, up
-layout(binding = 6, r32f) uniform writeonly image2DArray change_red;    // dV
-layout(binding = 7, r32f) uniform writeonly image2DArray change_black;
-layout(binding = 8, std430) readonly buffer StateBuffer { State state; };
-layout(binding = 9, std430) writeonly buffer Partials { float partials[]; };
+layout(binding = 2, r32f) uniform readonly image2DArray stacks;         // of I1, then of I2
+layout(binding = 3, r32f) uniform writeonly image2DArray right_sides;   // layer 0: red, layer 1: black
+layout(binding = 4, rgba32f) uniform writeonly image2DArray weights;    // likewise; right, left, down, up
+layout(binding = 5, std430) readonly buffer StateBuffer { State state; };
+layout(binding = 6, std430) writeonly buffer Partials { float partials[]; };
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
-    int rows;                        // pairs of pixels an invocation
+    int second_stack;                // its first layer
+    int rows;                        // lines an invocation
     float factor;                    // pixels of the full-size image a pixel of this level
     float centre_x, centre_y;
     float length;                    // that scales a and b, pixels
@@ -35,43 +38,96 @@ layout(push_constant) uniform Constants {
 const float PI = 3.14159265358979;
 
 float coefficient(int image, ivec3 place) {
-    return image == 1 ? imageLoad(stack1, place).r : imageLoad(stack2, place).r;
+    return imageLoad(stacks, place + ivec3(0, 0, image == 1 ? 0 : second_stack)).r;
 }
 
-float relative_blur_at(ivec2 x) {
-    return imageLoad(relative_blur, ivec3(clamp(x, ivec2(0), ivec2(width, height) - 1), 0)).r;
+// A line of V, columns -2 to 3 from the left one of the two.
+struct Line {
+    float left;
+    vec4 middle;
+    float right;
+};
+
+// What the registers hold: V of the lines -1 to 2 from the one at hand, φ of -1 to 1, columns -1 to 2.
+struct Around {
+    Line above, here, below, next;
+    vec4 phi_above, phi, phi_below;
+};
+
+// The coefficients of a sharp image on lines -1 to 1, columns -1 to 2.
+struct Sharp {
+    vec4 above, here, below;
+};
+
+float relative_blur_at(int x, int y) {
+    return imageLoad(relative_blur, ivec3(clamp(ivec2(x, y), ivec2(0), ivec2(width, height) - 1), 0)).r;
 }
 
-// φ = 1/sqrt(|∇V|² + η²)
-float inverse_gradient(float right, float left, float down, float up) {
-    vec2 g = 0.5 * vec2(right - left, down - up);
-    return inversesqrt(dot(g, g) + smoothness_eta * smoothness_eta);
+Line line_at(int x, int y) {
+    return Line(relative_blur_at(x - 2, y),
+                vec4(relative_blur_at(x - 1, y), relative_blur_at(x, y), relative_blur_at(x + 1, y),
+                     relative_blur_at(x + 2, y)),
+                relative_blur_at(x + 3, y));
 }
+
+// φ = 1/sqrt(|∇V|² + η²) of a line between two others.
+vec4 inverse_gradient(Line above, Line here, Line below) {
+    vec4 gx = 0.5 * vec4(here.middle.y - here.left, here.middle.zw - here.middle.xy, here.right - here.middle.z);
+    vec4 gy = 0.5 * (below.middle - above.middle);
+    return inversesqrt(gx * gx + gy * gy + smoothness_eta * smoothness_eta);
+}
+
+void go_down(inout Around a, Line next) {
+    a.above = a.here;
+    a.here = a.below;
+    a.below = a.next;
+    a.next = next;
+    a.phi_above = a.phi;
+    a.phi = a.phi_below;
+    a.phi_below = inverse_gradient(a.here, a.below, a.next);
+}
+
+vec4 sharp_line(int image, ivec4 columns, int y) {
+    int line = reflect_once(ivec2(y), ivec2(height)).x;
+    return vec4(coefficient(image, ivec3(columns.x, line, 0)), coefficient(image, ivec3(columns.y, line, 0)),
+                coefficient(image, ivec3(columns.z, line, 0)), coefficient(image, ivec3(columns.w, line, 0)));
+}
+
+void go_down(inout Sharp s, vec4 next) {
+    s.above = s.here;
+    s.here = s.below;
+    s.below = next;
+}
+
+Stencil part(Sharp s, int k) {
+    return k == 0 ? Stencil(s.above.xyz, s.here.xyz, s.below.xyz) : Stencil(s.above.yzw, s.here.yzw, s.below.yzw);
+}
+
+// V of a pixel and its neighbours, right, left, lower, upper; φ likewise.
+struct Relative {
+    float v;
+    vec4 around;
+    float phi;
+    vec4 phis;
+};
 
 struct Data {
     float s1, s2;                    // residuals
     float d1, d2;                    // their derivatives by V
     float w1, w2;                    // H ψ', (1-H) ψ'
     float energy;
-    float value1, value2;            // I2 as S1 and as S2 see it, before gain and offset, with gradients
-    vec2 gradient1, gradient2;
+    vec4 j1, j2;                     // of -S1, of S2
 };
 
-Data data_term(Registration r, ivec2 x, float v, vec2 d, float scale) {
-    ivec2 size = ivec2(width, height), i;
-    vec2 f;
-    place(x, d, size, i, f);
-    float i1 = imageLoad(image1, ivec3(x, 0)).r;
-    Jet i2 = spline_at(2, 0, size, i, f);
-    Blurred b1, b2;
-    blur(Blur(size, nodes, vec2(mean_x, mean_y)), r, x, v, d, scale, i1, i2, b1, b2);
-    float s1 = b1.value - (r.gain * i2.value + r.offset);
-    float s2 = r.gain * b2.value + r.offset - i1;
+Data data_term(Registration r, float v, Seen seen) {
+    float s1 = seen.b1.value - (r.gain * seen.j.value + r.offset);
+    float s2 = r.gain * seen.b2.value + r.offset - seen.i1;
     // Clamped, since a device's atan may overshoot and weights must not be negative.
     float heaviside = clamp(0.5 + atan(v / epsilon) / PI, 0.0, 1.0);
     float psi1 = sqrt(s1 * s1 + eta * eta), psi2 = sqrt(s2 * s2 + eta * eta);
-    return Data(s1, s2, b1.slope, r.gain * b2.slope, heaviside / psi1, (1.0 - heaviside) / psi2,
-                heaviside * psi1 + (1.0 - heaviside) * psi2, i2.value, b2.value, i2.gradient, b2.gradient);
+    return Data(s1, s2, seen.b1.slope, r.gain * seen.b2.slope, heaviside / psi1, (1.0 - heaviside) / psi2,
+                heaviside * psi1 + (1.0 - heaviside) * psi2, jacobian(r.gain, seen.j.value, seen.j.gradient),
+                jacobian(r.gain, seen.b2.value, seen.b2.gradient));
 }
 
 struct Equation {
@@ -79,74 +135,90 @@ struct Equation {
     vec4 weights;                    // of the right, left, lower and upper neighbour
 };
 
-Equation linearise(Registration r, ivec2 x, inout Sums sums) {
-    float scale = scale_of(r);
-    ivec2 size = ivec2(width, height);
-    float v = relative_blur_at(x);
-    vec4 around = vec4(relative_blur_at(x + ivec2(1, 0)), relative_blur_at(x - ivec2(1, 0)),
-                       relative_blur_at(x + ivec2(0, 1)), relative_blur_at(x - ivec2(0, 1)));
-    vec4 corners = vec4(relative_blur_at(x + ivec2(1, 1)), relative_blur_at(x + ivec2(-1, 1)),
-                        relative_blur_at(x + ivec2(1, -1)), relative_blur_at(x + ivec2(-1, -1)));
-    float phi = inverse_gradient(around.x, around.y, around.z, around.w);
-    vec4 phis = vec4(inverse_gradient(relative_blur_at(x + ivec2(2, 0)), v, corners.x, corners.z),
-                     inverse_gradient(v, relative_blur_at(x - ivec2(2, 0)), corners.y, corners.w),
-                     inverse_gradient(corners.x, corners.y, relative_blur_at(x + ivec2(0, 2)), v),
-                     inverse_gradient(corners.z, corners.w, v, relative_blur_at(x - ivec2(0, 2))));
+// The pixel's equation for dV; what it adds to the sums.
+Equation equation(ivec2 x, vec2 p, Relative relative, bool valid, Data t, inout Sums sums) {
     bvec4 exists = bvec4(x.x + 1 < width, x.x > 0, x.y + 1 < height, x.y > 0);
-    vec4 a = mix(vec4(0.0), 0.5 * alpha * (phi + phis), exists);
+    vec4 a = mix(vec4(0.0), 0.5 * alpha * (relative.phi + relative.phis), exists);
     float smoothness = a.x + a.y + a.z + a.w;
-    float right_side = dot(a, around - v);
-
-    vec2 p = vec2(x) - vec2(centre_x, centre_y);
-    vec2 d = displacement(r, x, factor, vec2(centre_x, centre_y));
+    float right_side = dot(a, relative.around - relative.v);
     float diagonal = 0.0;
-    if (inside(x, d, size, v, scale)) {
-        Data t = data_term(r, x, v, d, scale);
+    if (valid) {
         diagonal = t.w1 * t.d1 * t.d1 + t.w2 * t.d2 * t.d2;
         right_side -= t.w1 * t.s1 * t.d1 + t.w2 * t.s2 * t.d2;
         float over = 1.0 / max(diagonal + elimination * smoothness, 1e-12);
-        Jacobian j1 = jacobian(r.gain, t.value1, t.gradient1, p, length);      // of -S1
-        Jacobian j2 = jacobian(r.gain, t.value2, t.gradient2, p, length);      // of S2
-        float q1 = -t.w1 * t.d1, q2 = t.w2 * t.d2;
-        Jacobian q = Jacobian(q1 * j1.transform + q2 * j2.transform, q1 * j1.photometric + q2 * j2.photometric);
-        add_product(sums, t.w1, j1);
-        add_product(sums, t.w2, j2);
-        add_product(sums, -over, q);
-        add_gradient(sums, -t.w1 * t.s1, j1);
-        add_gradient(sums, t.w2 * t.s2, j2);
-        add_gradient(sums, right_side * over, q);
-        sums.photometric.w += t.energy + final_alpha / phi;
-        sums.g_photometric.z += 1.0;
+        vec4 q = t.w2 * t.d2 * t.j2 - t.w1 * t.d1 * t.j1;
+        Products n = add(add(product(t.w1, t.j1), product(t.w2, t.j2)), product(-over, q));
+        vec4 g = t.w2 * t.s2 * t.j2 - t.w1 * t.s1 * t.j1 + right_side * over * q;
+        add_pixel(sums, n, g, t.energy + final_alpha / relative.phi, p / length);
     }
     float over = 1.0 / max(diagonal + smoothness, 1e-12);
     return Equation(right_side * over, a * over);
 }
 
-// A red and a black pixel beside each other; dV starts from zero.
+// A red and a black pixel beside each other.
 void store(ivec2 h, Equation red, Equation black) {
     imageStore(right_sides, ivec3(h, 0), vec4(red.right_side));
     imageStore(right_sides, ivec3(h, 1), vec4(black.right_side));
     imageStore(weights, ivec3(h, 0), red.weights);
     imageStore(weights, ivec3(h, 1), black.weights);
-    imageStore(change_red, ivec3(h, 0), vec4(0.0));
-    imageStore(change_black, ivec3(h, 0), vec4(0.0));
 }
 
 void main() {
-    Sums sums = Sums(mat4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
+    Sums sums = Sums(vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
     Registration r = state.registration;
-    Equation before;
-    for (int n = 0; n < 2 * rows; n++) {
-        ivec2 h = ivec2(gl_GlobalInvocationID.x,
-                        (gl_WorkGroupID.y * rows + n / 2) * gl_WorkGroupSize.y + gl_LocalInvocationID.y);
-        ivec2 x = ivec2(2 * h.x + n % 2, h.y);
-        Equation equation = Equation(0.0, vec4(0.0));
-        if (x.x < width && x.y < height) equation = linearise(r, x, sums);
-        if (n % 2 == 1 && 2 * h.x < width && h.y < height) {
-            if (h.y % 2 == 0) store(h, before, equation);
-            else store(h, equation, before);
+    Registration moved = moved_since(state.warped, r);
+    float scale = scale_of(r);
+    ivec2 size = ivec2(width, height);
+    vec2 centre = vec2(centre_x, centre_y);
+    Blur blur = Blur(size, nodes, vec2(mean_x, mean_y));
+    ivec2 h = ivec2(gl_GlobalInvocationID.x, rows * gl_GlobalInvocationID.y);
+    ivec2 x = ivec2(2 * h.x, h.y);
+    ivec4 columns = ivec4(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1, x.x + 2), size.xx));
+    Around a;
+    a.here = line_at(x.x, x.y - 2);
+    a.below = line_at(x.x, x.y - 1);
+    a.next = line_at(x.x, x.y);
+    a.phi_below = inverse_gradient(a.here, a.below, a.next);
+    go_down(a, line_at(x.x, x.y + 1));
+    Sharp sharp1, sharp2;
+    if (WARPED) {
+        sharp1.here = sharp_line(1, columns, x.y - 1);
+        sharp1.below = sharp_line(1, columns, x.y);
+        sharp2.here = sharp_line(2, columns, x.y - 1);
+        sharp2.below = sharp_line(2, columns, x.y);
+    }
+    for (int n = 0; n < rows; n++, x.y++, h.y++) {
+        go_down(a, line_at(x.x, x.y + 2));
+        if (WARPED) {
+            go_down(sharp1, sharp_line(1, columns, x.y + 1));
+            go_down(sharp2, sharp_line(2, columns, x.y + 1));
         }
-        before = equation;
+        ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);
+        Equation pair[2];
+        for (int k = 0; k < 2; k++) {
+            ivec2 at = x + ivec2(k, 0);
+            vec4 v = a.here.middle;
+            Relative relative = k == 0
+                ? Relative(v.y, vec4(v.z, v.x, a.below.middle.y, a.above.middle.y), a.phi.y,
+                           vec4(a.phi.z, a.phi.x, a.phi_below.y, a.phi_above.y))
+                : Relative(v.z, vec4(v.w, v.y, a.below.middle.z, a.above.middle.z), a.phi.z,
+                           vec4(a.phi.w, a.phi.y, a.phi_below.z, a.phi_above.z));
+            vec2 d = displacement(r, at, factor, centre);
+            bool valid = all(lessThan(at, size)) && inside(at, d, size, relative.v, scale);
+            Seen seen;
+            if (WARPED) {
+                seen = blur_near(blur, relative.v, displacement(moved, at, factor, centre), part(sharp1, k), part(sharp2, k),
+                                 k == 0 ? columns.xyz : columns.yzw, lines);
+            } else {
+                seen = blur_apart(blur, r, at, relative.v, d, scale, imageLoad(image1, ivec3(at, 0)).r);
+            }
+            pair[k] = equation(at, vec2(at) - centre, relative, valid, data_term(r, relative.v, seen), sums);
+            if (at.x >= width) pair[k] = Equation(0.0, vec4(0.0));
+        }
+        if (x.x < width && x.y < height) {
+            if (x.y % 2 == 0) store(h, pair[0], pair[1]);
+            else store(h, pair[1], pair[0]);
+        }
     }
     float sum = workgroup_sum(sums);
     uint n = gl_LocalInvocationIndex;

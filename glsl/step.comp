@@ -10,6 +10,7 @@ layout(binding = 0, std430) readonly buffer Partials { float partials[]; };
 layout(binding = 1, std430) buffer StateBuffer { State state; };
 layout(binding = 2, std430) writeonly buffer Energies { float energies[]; };
 layout(binding = 3, std430) writeonly buffer Arguments { uint arguments[]; };
+layout(binding = 4, std430) readonly buffer AllArguments { uint all_arguments[]; };
 layout(push_constant) uniform Constants {
     int rows;                        // of partial sums
     int level;
@@ -18,15 +19,21 @@ layout(push_constant) uniform Constants {
     int solve_transform, solve_photometric;
     int descend;                     // the gradient, instead of solving
     int may_settle;                  // α has its final value
+    int warp_place, warp_count;      // indirect arguments of what brings I2 onto I1's pixels anew; none: not before the next
     float factor;                    // pixels of the full-size image a pixel of this level
-    float length;                    // that scales a and b, pixels
+    float scale_length;              // that scales a and b, pixels
     float half_width, half_height;   // from the centre to a corner, pixels
 };
 
+// Pixels of the level that a corner may move before I2 is brought onto I1's pixels anew: the error of the Taylor series is
+// of the third order, below 1e-4 of the contrast.
+const float FOLLOWED = 0.05;
+
 // Chains that add a share of the rows each, so that one workgroup is not one invocation.
-const int CHAINS = 7;
+const int CHAINS = 8;
 shared float chains[CHAINS][SUMS];
 shared float totals[SUMS];
+shared bool settled, warps;
 
 void add_up() {
     int n = int(gl_LocalInvocationIndex) % SUMS, chain = int(gl_LocalInvocationIndex) / SUMS;
@@ -50,20 +57,15 @@ void solve(out float x[6]) {
     float m[6][6], scale[6];                 // the lower triangle of N
     bool held[6];
     bool degenerate = !(totals[VALID] > 0.0);
-    for (int i = 0; i < 4; i++) {
-        for (int j = 0; j <= i; j++) m[i][j] = totals[4 * i + j];
-        m[4][i] = totals[GAIN + i];
-        m[5][i] = totals[OFFSET + i];
+    for (int i = 0; i < 6; i++) {
+        for (int j = 0; j <= i; j++) m[i][j] = totals[normal_place(j, i)];
     }
-    m[4][4] = totals[PHOTOMETRIC];
-    m[5][4] = totals[PHOTOMETRIC + 1];
-    m[5][5] = totals[PHOTOMETRIC + 2];
     for (int i = 0; i < 6; i++) {
         bool free = (i < 4 ? solve_transform : solve_photometric) == 1, unseen = !(m[i][i] > 1e-12 * totals[VALID]);
         degenerate = degenerate || free && unseen;
         held[i] = unseen || !free;
         scale[i] = held[i] ? 0.0 : inversesqrt(m[i][i]);
-        x[i] = -(i < 4 ? totals[G_TRANSFORM + i] : totals[G_PHOTOMETRIC + i - 4]) * scale[i];
+        x[i] = -totals[GRADIENT + i] * scale[i];
     }
     if (descend == 1) {
         for (int i = 0; i < 6; i++) {
@@ -98,15 +100,16 @@ void solve(out float x[6]) {
     state.degenerate = uint(degenerate);
 }
 
-void main() {
-    add_up();
-    if (gl_LocalInvocationIndex != 0) return;
+// How far a corner moves, full-size pixels: by t and by (a, b) times its distance from the centre, level's pixels.
+float corner_moves(float a, float b, vec2 t) {
+    return length(t) + length(vec2(a, b)) * factor * length(vec2(half_width, half_height));
+}
+
+void step_once() {
     float x[6];
     solve(x);
-    float a = x[0] / length, b = x[1] / length;
-    // A corner is moved by t and by (a, b) times its distance from the centre, full-size pixels.
-    float moved = factor * (sqrt(x[2] * x[2] + x[3] * x[3])
-                          + sqrt(a * a + b * b) * sqrt(half_width * half_width + half_height * half_height));
+    float a = x[0] / scale_length, b = x[1] / scale_length;
+    float moved = corner_moves(a, b, factor * vec2(x[2], x[3]));
     state.registration.a += a;
     state.registration.b += b;
     state.registration.tx += factor * x[2];
@@ -123,7 +126,16 @@ void main() {
     energies[energy_place] = energy;
     state.levels[level].converged = uint(converged);
     // A level goes on a little after it has converged: the energy is flat before V and T are.
-    if (converged && moved < 0.001 * factor && change <= 1e-4 * before) {
-        for (int i = 0; i < argument_count; i++) arguments[argument_place + i] = 0;
-    }
+    settled = converged && moved < 0.001 * factor && change <= 1e-4 * before;
+    Registration since = moved_since(state.warped, state.registration);
+    warps = !settled && corner_moves(since.a, since.b, vec2(since.tx, since.ty)) > FOLLOWED * factor;
+}
+
+void main() {
+    add_up();
+    if (gl_LocalInvocationIndex == 0) step_once();
+    barrier();
+    int n = int(gl_LocalInvocationIndex), count = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    for (int i = n; settled && i < argument_count; i += count) arguments[argument_place + i] = 0;
+    for (int i = warp_place + n; i < warp_place + warp_count; i += count) arguments[i] = warps ? all_arguments[i] : 0;
 }

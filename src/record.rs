@@ -7,9 +7,9 @@ use bytemuck::Pod;
 use crate::plan::{FilterRange, Level, Plan, StackLayer};
 use crate::stages::stack::Slopes;
 use crate::stages::state::State;
-use crate::stages::{Pipelines, confidence, convolve, fuse, ingest, prolong, relax, step, update};
+use crate::stages::{Pipelines, confidence, convolve, fuse, ingest, prolong, relax, step, update, warp};
 use crate::vulkan::{Device, Groups, Image, Pipeline, Recorder, Recording, Resource};
-use crate::workspace::{Grid, Workspace};
+use crate::workspace::{Grid, Workspace, arguments};
 use crate::{Channels, Decode, Error};
 
 /// Which photograph.
@@ -40,7 +40,9 @@ pub(crate) fn record(
     plan: &Plan,
     workspace: &Workspace,
 ) -> Result<Recorded, Error> {
-    let mut r = Script { recorder: Recorder::new(device, timestamps(plan))?, pipelines, plan, w: workspace };
+    let recorder = Recorder::new(device, timestamps(plan))?;
+    let warps = vec![Vec::new(); plan.solved];
+    let mut r = Script { recorder, pipelines, plan, w: workspace, anew: None, warps };
     r.reset();
     for image in BOTH {
         r.ingest(image, ingest::LUMINANCE)?;
@@ -95,11 +97,14 @@ pub(crate) fn record(
                 r.recorder.next_part()?;
                 level_done.push(None);
             }
+            if plan.warps_anew(level, k) {
+                r.warp_anew(level)?;
+            }
             r.linearise(level, k)?;
             r.step(level, &plan.step(level, k))?;
-            for _ in 0..plan.settings.sweeps {
-                r.relax(level, RED)?;
-                r.relax(level, BLACK)?;
+            for sweep in 0..plan.settings.sweeps {
+                r.relax(level, RED, sweep)?;
+                r.relax(level, BLACK, sweep)?;
             }
             r.update(level)?;
         }
@@ -119,6 +124,7 @@ pub(crate) fn record(
     }
     r.bring_down();
     level_done.push(None);
+    workspace.start_arguments.write(bytemuck::cast_slice(&arguments(plan, &r.warps)))?;
     Ok(Recorded { recording: r.recorder.finish()?, level_done, registered })
 }
 
@@ -131,8 +137,11 @@ fn starts_part(level: &Level, k: u32) -> bool {
 /// More than the passes there are.
 fn timestamps(plan: &Plan) -> u32 {
     let iteration = 5 + 2 * plan.settings.sweeps;
-    let stacks = 4 + 4 * plan.layers.iter().map(|layer| layer.terms.len() as u32).sum::<u32>();
-    plan.solved as u32 * (plan.settings.outer_iterations * iteration + stacks + 8) + 4 * plan.pyramid.len() as u32 + 32
+    let stacks = 8 + 4 * plan.layers.iter().map(|layer| layer.terms.len() as u32).sum::<u32>();
+    let anew = plan.settings.outer_iterations.ilog2() * stacks;
+    plan.solved as u32 * (plan.settings.outer_iterations * iteration + stacks + anew + 8)
+        + 4 * plan.pyramid.len() as u32
+        + 32
 }
 
 /// The recorder with what its passes are about.
@@ -141,6 +150,10 @@ struct Script<'a> {
     pipelines: &'a Pipelines,
     plan: &'a Plan,
     w: &'a Workspace,
+    /// The level whose I2 is being brought onto I1's pixels anew, by passes that run only if T has moved.
+    anew: Option<usize>,
+    /// The workgroups of those passes, by level.
+    warps: Vec<Vec<[u32; 3]>>,
 }
 
 impl<'a> Script<'a> {
@@ -195,16 +208,65 @@ impl<'a> Script<'a> {
     /// A layer of a level's stack: the spline coefficients of its image, or a filter of an earlier layer. Says how many
     /// separable filters it took.
     fn stack_layer(&mut self, level: &Level, image: usize, layer: u32) -> Result<u64, Error> {
-        let (from, stack) = (&self.w.levels[level.index].images[image], &self.w.stacks[image]);
+        let w = self.w;
+        let base = self.plan.first_layer(image);
         if layer == 0 {
-            self.separable([(from, 0), (stack, 0)], level.size, [self.plan.prefilter; 2], 1, false)?;
+            if image == 1 && self.plan.warps(level) {
+                self.spline(level, (&w.levels[level.index].images[1], 0), (&w.spline2, 0))?;
+                self.warp(level)?;
+                return Ok(2);
+            }
+            self.spline(level, (&w.levels[level.index].images[image], 0), (&w.stacks, base))?;
             return Ok(1);
         }
         let StackLayer { from, terms } = &self.plan.layers[layer as usize - 1];
         for (n, &term) in terms.iter().enumerate() {
-            self.separable([(stack, *from), (stack, layer)], level.size, term, 1, n > 0)?;
+            self.separable([(&w.stacks, base + from), (&w.stacks, base + layer)], level.size, term, 1, n > 0)?;
         }
         Ok(terms.len() as u64)
+    }
+
+    /// Coefficients of the spline through an image.
+    fn spline(&mut self, level: &Level, from: (&Arc<Image>, u32), to: (&Arc<Image>, u32)) -> Result<(), Error> {
+        self.separable([from, to], level.size, [self.plan.prefilter; 2], 1, false)
+    }
+
+    /// The first layer of I2's stack: I2 on I1's pixels. The samples stand in the second until it is made.
+    fn warp(&mut self, level: &Level) -> Result<(), Error> {
+        let w = self.w;
+        let base = self.plan.first_layer(1);
+        let constants = warp::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            layer: base + 1,
+            factor: level.factor as f32,
+            centre: level.centre.map(|c| c as f32),
+        };
+        let pipeline = &self.pipelines.warp;
+        let resources = [Resource::Image(&w.spline2), Resource::Image(&w.stacks), Resource::Buffer(&w.state)];
+        let groups = self.groups(pipeline.groups(level.size));
+        self.pass(pipeline, &resources, &constants, groups)?;
+        self.spline(level, (&w.stacks, base + 1), (&w.stacks, base))
+    }
+
+    /// I2 on I1's pixels and its whole stack, if T has moved since.
+    fn warp_anew(&mut self, level: &Level) -> Result<(), Error> {
+        self.anew = Some(level.index);
+        self.warps[level.index].clear();
+        self.warp(level)?;
+        for layer in 1..self.plan.layers_of(level) {
+            self.stack_layer(level, 1, layer)?;
+        }
+        self.anew = None;
+        Ok(())
+    }
+
+    /// So many workgroups; if need be, only if T has moved.
+    fn groups(&mut self, groups: [u32; 3]) -> Groups<'a> {
+        let Some(level) = self.anew else { return Groups::Direct(groups) };
+        let warps = &mut self.warps[level];
+        warps.push(groups);
+        Groups::Indirect(&self.w.arguments, Grid::warp_offset(level, warps.len() - 1))
     }
 
     /// A filter along x into the scratch image, then one along y, from a layer of an image to one, in its place or added.
@@ -243,8 +305,8 @@ impl<'a> Script<'a> {
             [(from, scratch, across, along_x.bank, &p.convolve), (scratch, to, down, along_y.bank, last)]
         {
             let resources = [Resource::Image(from), Resource::Image(to), Resource::Uniform(&self.w.filters[bank])];
-            let groups = pipeline.groups(convolve::grid(&constants));
-            self.pass(pipeline, &resources, &constants, Groups::Direct(groups))?;
+            let groups = self.groups(pipeline.groups(convolve::grid(&constants)));
+            self.pass(pipeline, &resources, &constants, groups)?;
         }
         Ok(())
     }
@@ -278,7 +340,7 @@ impl<'a> Script<'a> {
         let w = self.w;
         let resources = [
             Resource::Image(&w.levels[level.index].images[0]),
-            Resource::Image(&w.stacks[1]),
+            Resource::Image(&w.stacks),
             Resource::Buffer(&w.state),
             Resource::Buffer(&w.partials),
         ];
@@ -289,31 +351,28 @@ impl<'a> Script<'a> {
     fn linearise(&mut self, level: &Level, k: u32) -> Result<(), Error> {
         let constants = self.plan.linearise(level, k);
         let w = self.w;
-        let images = [
-            &w.levels[level.index].images[0],
-            self.relative_blur(level.index),
-            &w.stacks[0],
-            &w.stacks[1],
-            &w.right_sides,
-            &w.weights,
-            &w.changes[RED],
-            &w.changes[BLACK],
-        ];
+        let images =
+            [&w.levels[level.index].images[0], self.relative_blur(level.index), &w.stacks, &w.right_sides, &w.weights];
         let resources =
             [&images.map(Resource::Image)[..], &[Resource::Buffer(&w.state), Resource::Buffer(&w.partials)]].concat();
         let p = self.pipelines;
-        let pipeline = if self.plan.slopes() == Slopes::Laplacian { &p.linearise } else { &p.linearise_any_kernel };
+        let pipeline = match self.plan.slopes() {
+            Slopes::Layers => &p.linearise_any_kernel,
+            Slopes::Laplacian if self.plan.warps(level) => &p.linearise_warped,
+            Slopes::Laplacian => &p.linearise,
+        };
         self.pass(pipeline, &resources, &constants, self.grid(Grid::Tiles, level))
     }
 
     /// T, gain, offset; settled?
     fn step(&mut self, level: &Level, constants: &step::Constants) -> Result<(), Error> {
-        let resources = [&self.w.partials, &self.w.state, &self.w.energies, &self.w.arguments].map(Resource::Buffer);
+        let resources = [&self.w.partials, &self.w.state, &self.w.energies, &self.w.arguments, &self.w.start_arguments];
+        let resources = resources.map(Resource::Buffer);
         self.pass(&self.pipelines.step, &resources, constants, self.grid(Grid::One, level))
     }
 
     /// One half-iteration on dV.
-    fn relax(&mut self, level: &Level, color: usize) -> Result<(), Error> {
+    fn relax(&mut self, level: &Level, color: usize, sweep: u32) -> Result<(), Error> {
         let constants = relax::Constants {
             width: level.size[0],
             height: level.size[1],
@@ -322,7 +381,8 @@ impl<'a> Script<'a> {
         };
         let w = self.w;
         let resources = [&w.right_sides, &w.weights, &w.changes[1 - color], &w.changes[color]].map(Resource::Image);
-        self.pass(&self.pipelines.relax, &resources, &constants, self.grid(Grid::Half, level))
+        let pipeline = if sweep == 0 { &self.pipelines.relax_first } else { &self.pipelines.relax };
+        self.pass(pipeline, &resources, &constants, self.grid(Grid::Half, level))
     }
 
     /// V + clamp(dV).
@@ -343,7 +403,7 @@ impl<'a> Script<'a> {
         let finest = &self.plan.pyramid[0];
         let [width, height] = finest.size;
         let constants = confidence::Constants { width, height, centre: finest.centre.map(|c| c as f32) };
-        let images = [self.relative_blur(0), &self.w.weights, &self.w.stacks[0]];
+        let images = [self.relative_blur(0), &self.w.weights, &self.w.stacks];
         let resources = [&images.map(Resource::Image)[..], &[Resource::Buffer(&self.w.state)]].concat();
         let pipeline = &self.pipelines.confidence;
         self.pass(pipeline, &resources, &constants, Groups::Direct(pipeline.groups(finest.size)))
@@ -359,7 +419,7 @@ impl<'a> Script<'a> {
         }
         let finest = &self.plan.pyramid[0];
         let [i1, i2] = &self.w.levels[0].images;
-        self.separable([(i2, 0), (&self.w.stacks[1], 0)], finest.size, [self.plan.prefilter; 2], 1, false)?;
+        self.spline(finest, (i2, 0), (&self.w.spline2, 0))?;
         let constants = fuse::Constants {
             width: finest.size[0],
             height: finest.size[1],
@@ -367,7 +427,7 @@ impl<'a> Script<'a> {
             centre: finest.centre.map(|c| c as f32),
             epsilon: self.plan.settings.heaviside_epsilon as f32,
         };
-        let images = [i1, &self.w.stacks[1], self.relative_blur(0), &self.w.stacks[0]];
+        let images = [i1, &self.w.spline2, self.relative_blur(0), &self.w.stacks];
         let resources = [&images.map(Resource::Image)[..], &[Resource::Buffer(&self.w.state)]].concat();
         let pipeline = &self.pipelines.fuse;
         self.pass(pipeline, &resources, &constants, Groups::Direct(pipeline.groups(finest.size)))
@@ -383,7 +443,7 @@ impl<'a> Script<'a> {
     /// The results, into mapped memory.
     fn bring_down(&mut self) {
         let layers = 2 + self.plan.fused_channels().count();
-        self.recorder.download(&self.w.stacks[0], self.plan.size, layers, &self.w.results);
+        self.recorder.download(&self.w.stacks, self.plan.size, layers, &self.w.results);
         self.recorder.copy(&self.w.state, &self.w.end_state);
         self.recorder.copy(&self.w.energies, &self.w.end_energies);
     }

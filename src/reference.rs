@@ -5,7 +5,7 @@ use crate::plan::{Level, Plan, halving_filter};
 use crate::stages::stack::{Layer, Slopes, layer};
 use crate::stages::state::Registration;
 use crate::stages::{
-    Field, appearance, blur, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update,
+    Field, appearance, blur, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update, warp,
 };
 use crate::{Error, Frame, Kernel, Photometric, Settings, Similarity, baseline, filter};
 
@@ -46,12 +46,24 @@ pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, E
             match_exposure(&plan, level, &pyramids, &blur, &mut registration);
         }
         let images = pyramids.each_ref().map(|p| &p[level.index]);
-        let stacks = images.map(|image| build_stack(image, &settings.kernel, level.nodes));
-        let stacks = blur::Stacks { first: &stacks[0], second: &stacks[1], slopes: plan.slopes() };
+        let mut stacks = images.map(|image| build_stack(image, &settings.kernel, level.nodes));
+        let mut warped = None;
+        if plan.warps(level) {
+            warped = Some(registration);
+            stacks[1] = warped_stack(level, &registration, images[1]);
+        }
         let mut energy = Vec::new();
         for k in 0..settings.outer_iterations {
+            if plan.warps_anew(level, k)
+                && let Some(before) = &mut warped
+                && step::moved_away(&plan.step(level, k), before, &registration)
+            {
+                *before = registration;
+                stacks[1] = warped_stack(level, &registration, images[1]);
+            }
             let constants = plan.linearise(level, k);
-            let linear = linearise::twin(&constants, &registration, images[0], &blur, &stacks);
+            let read = blur::Stacks { first: &stacks[0], second: &stacks[1], slopes: plan.slopes() };
+            let linear = linearise::twin(&constants, &registration, warped.as_ref(), images[0], &blur, &read);
             let before = energy.last().copied().unwrap_or(0.0);
             let step = step::twin(&plan.step(level, k), &linear.sums, &mut registration, before);
             energy.push(step.energy);
@@ -118,6 +130,15 @@ fn register(plan: &Plan, level: &Level, pyramids: &[Vec<Field>; 2], registration
         }
         before = step.energy;
     }
+}
+
+/// The stack of I2 on I1's pixels.
+fn warped_stack(level: &Level, registration: &Registration, i2: &Field) -> Vec<Field> {
+    let [width, height] = level.size;
+    let (factor, centre) = (level.factor as f32, level.centre.map(|c| c as f32));
+    let constants = warp::Constants { width, height, layer: 0, factor, centre };
+    let spline = build_stack(i2, &Kernel::Gaussian, 1);
+    build_stack(&warp::twin(&constants, registration, &spline[0]), &Kernel::Gaussian, level.nodes)
 }
 
 /// A filter along x, then along y.

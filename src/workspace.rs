@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::Error;
-use crate::plan::{ARGUMENT_WORDS, Plan};
+use crate::plan::{ARGUMENT_WORDS, GRID_WORDS, Plan};
 use crate::stages::convolve;
 use crate::stages::linearise::SUMS;
 use crate::stages::state::State;
@@ -34,8 +34,10 @@ pub(crate) struct Workspace {
     pub(crate) levels: Vec<LevelImages>,
     /// V of the levels solved, finest first.
     pub(crate) relative_blur: Vec<Arc<Image>>,
-    /// Stacks of blurred images, as spline coefficients. At the end: the results, and the colours of I2.
-    pub(crate) stacks: [Arc<Image>; 2],
+    /// Stacks of blurred images, as spline coefficients: of I1, then of I2. At the end the results stand in the first.
+    pub(crate) stacks: Arc<Image>,
+    /// Spline of I2.
+    pub(crate) spline2: Arc<Image>,
     /// Between the two directions of a separable filter.
     pub(crate) scratch: Arc<Image>,
     /// Linear system for dV: right sides of the red (layer 0) and of the black pixels (layer 1).
@@ -90,14 +92,11 @@ impl Workspace {
         });
         let filters = filters.collect::<Result<_, Error>>()?;
         let start_arguments = Buffer::for_upload(device, "indirect arguments at the start", argument_bytes)?;
-        start_arguments.write(bytemuck::cast_slice(&arguments(plan)))?;
         Ok(Self {
             levels,
             relative_blur,
-            stacks: [
-                image("stack of I1", plan.size, plan.stack_layers())?,
-                image("stack of I2", plan.size, plan.layers_of(finest))?,
-            ],
+            stacks: image("stacks", plan.size, plan.stack_layers())?,
+            spline2: image("spline of I2", plan.size, 1)?,
             scratch: image("scratch", plan.size, 1)?,
             right_sides: image("right sides", finest.half(), 2)?,
             weights: Image::new(device, "weights", finest.half(), 2, Texel::Four)?,
@@ -125,8 +124,7 @@ impl Workspace {
     pub(crate) fn images(&self) -> Vec<&Arc<Image>> {
         let levels = self.levels.iter().flat_map(|l| &l.images).chain(&self.relative_blur);
         levels
-            .chain(&self.stacks)
-            .chain([&self.scratch, &self.right_sides, &self.weights])
+            .chain([&self.stacks, &self.spline2, &self.scratch, &self.right_sides, &self.weights])
             .chain(&self.changes)
             .collect()
     }
@@ -137,15 +135,24 @@ impl Grid {
     pub(crate) fn offset(self, level: usize) -> u64 {
         4 * (level * ARGUMENT_WORDS + 3 * self as usize) as u64
     }
+
+    /// Byte offset of a level's n-th pass among those that bring I2 onto I1's pixels anew.
+    pub(crate) fn warp_offset(level: usize, n: usize) -> u64 {
+        4 * (level * ARGUMENT_WORDS + GRID_WORDS + 3 * n) as u64
+    }
 }
 
-/// The grids of every solved level.
-fn arguments(plan: &Plan) -> Vec<u32> {
+/// The grids of every solved level, and of its passes that bring I2 onto I1's pixels anew.
+pub(crate) fn arguments(plan: &Plan, warps: &[Vec<[u32; 3]>]) -> Vec<u32> {
     use crate::stages::WORKGROUP;
     let groups = |[width, height]: [u32; 2]| [width.div_ceil(WORKGROUP[0]), height.div_ceil(WORKGROUP[1]), 1];
     plan.pyramid[..plan.solved]
         .iter()
-        .flat_map(|level| [level.tiles(), groups(level.half()), groups(level.size), [1, 1, 1]])
-        .flatten()
+        .flat_map(|level| {
+            let grids = [level.tiles(), groups(level.half()), groups(level.size), [1, 1, 1]];
+            let mut words = [grids.as_flattened(), warps[level.index].as_flattened()].concat();
+            words.resize(ARGUMENT_WORDS, 0);
+            words
+        })
         .collect()
 }

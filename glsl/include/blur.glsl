@@ -14,6 +14,13 @@ struct Blur {
     vec2 mean;                       // of the kernel at V = 1
 };
 
+// What a pixel sees: I1, J and its gradient before gain and offset, and both images blurred.
+struct Seen {
+    float i1;
+    Blurred j;
+    Blurred b1, b2;
+};
+
 // Where the mean of the kernel lies at V, and its derivative by V, in I1's pixels. The kernel turns with the sensor that
 // it blurs, which is I2's for V > 0.
 mat2 mean_at(vec2 mean, Registration r, float v, float scale) {
@@ -24,50 +31,56 @@ mat2 mean_at(vec2 mean, Registration r, float v, float scale) {
 }
 
 // The image that is not blurred, going on through V = 0 with the slope it has there.
-Blurred beyond(Jet jet, float slope, float v) {
-    return Blurred(jet.value + slope * clamp(v, -NEAR, NEAR), abs(v) < NEAR ? slope : 0.0, jet.gradient);
+Blurred beyond(float value, vec2 gradient, float slope, float v) {
+    return Blurred(value + slope * clamp(v, -NEAR, NEAR), abs(v) < NEAR ? slope : 0.0, gradient);
 }
 
-// Of any kernel: the centred one, read where its mean takes it.
-void blur_any(Blur b, Registration r, ivec2 x, float v, vec2 d, float scale, out Blurred b1, out Blurred b2) {
+// Of any kernel, and stacks of I1 and I2 as they are: I2 is read where T and the kernel's mean take the pixel.
+Seen blur_apart(Blur b, Registration r, ivec2 x, float v, vec2 d, float scale, float i1) {
     mat2 mean = mean_at(b.mean, r, v, scale);
     mat2 linear = mat2(1.0 + r.a, r.b, -r.b, 1.0 + r.a);
-    ivec2 i1, i2;
-    vec2 f1, f2;
-    place(x, -mean[0], b.size, i1, f1);
-    place(x, d + linear * mean[0], b.size, i2, f2);
+    ivec2 i, i1_at, i2_at;
+    vec2 f, f1, f2;
+    place(x, d, b.size, i, f);
+    place(x, -mean[0], b.size, i1_at, f1);
+    place(x, d + linear * mean[0], b.size, i2_at, f2);
+    Jet jet = spline_at(2, 0, b.size, i, f);
+    Seen seen;
+    seen.i1 = i1;
+    seen.j = Blurred(jet.value, 0.0, jet.gradient);
     if (v >= 0.0) {
-        b1 = stack_at(1, b.nodes, b.size, v, i1, f1);
-        float slope = -scale * scale * spline_at(2, 1, b.size, i2, f2).value;
-        b2 = beyond(spline_at(2, 0, b.size, i2, f2), slope, v);
+        seen.b1 = stack_at(1, b.nodes, b.size, v, i1_at, f1);
+        Node node = node_at(2, 0, b.size, i2_at, f2);
+        seen.b2 = beyond(node.value, node.gradient, -scale * scale * node.slope, v);
     } else {
-        b1 = beyond(spline_at(1, 0, b.size, i1, f1), spline_at(1, 1, b.size, i1, f1).value, v);
-        b2 = stack_at(2, b.nodes, b.size, -v * scale * scale, i2, f2);
-        b2.slope *= -scale * scale;
+        Node node = node_at(1, 0, b.size, i1_at, f1);
+        seen.b1 = beyond(node.value, node.gradient, node.slope, v);
+        seen.b2 = stack_at(2, b.nodes, b.size, -v * scale * scale, i2_at, f2);
+        seen.b2.slope *= -scale * scale;
     }
-    b1.slope -= dot(b1.gradient, mean[1]);
-    b2.slope += dot(b2.gradient, linear * mean[1]);
+    seen.b1.slope -= dot(seen.b1.gradient, mean[1]);
+    seen.b2.slope += dot(seen.b2.gradient, linear * mean[1]);
+    return seen;
 }
 
-// Of a Gaussian: no mean, half the Laplacian for a slope, and I1 read on its pixels, where a spline takes nine
-// coefficients instead of sixteen; the gradient of Î1 is then not needed. `i1` is I1 at x, `i2` the jet of I2 at x + d.
-void blur_gaussian(Blur b, ivec2 x, float v, vec2 d, float scale, float i1, Jet i2, out Blurred b1, out Blurred b2) {
-    if (v >= 0.0) {
-        b1 = stack_on(1, b.nodes, b.size, v, x);
-        b2 = beyond(i2, -0.5 * scale * scale * i2.laplacian, v);
+// Of a Gaussian, and stacks of I1 and of I2 as `warp` has brought it onto I1's pixels. T has moved a pixel by `shift`
+// since, so little that the second-order Taylor series about the pixel will do. `i1` and `i2` are the coefficients around
+// the pixel in the sharp layers.
+Seen blur_near(Blur b, float v, vec2 shift, Stencil i1, Stencil i2, ivec3 columns, ivec3 lines) {
+    Bend sharp1 = bend(i1), sharp2 = bend(i2);
+    Blurred j = Blurred(taylor(sharp2, shift), 0.0, taylor_gradient(sharp2, shift));
+    bool first = v >= 0.0;
+    Blurred blurred = stack_on(first ? 1 : 2, b.nodes, abs(v), columns, lines, first ? vec2(0.0) : shift);
+    Seen seen;
+    seen.i1 = sharp1.value;
+    seen.j = j;
+    if (first) {
+        seen.b1 = blurred;
+        seen.b2 = beyond(j.value, j.gradient, -0.5 * laplacian(sharp2), v);
     } else {
-        b1 = beyond(Jet(i1, vec2(0.0), 0.0), 0.5 * spline_on(1, 0, b.size, x).laplacian, v);
-        ivec2 i;
-        vec2 f;
-        place(x, d, b.size, i, f);
-        b2 = stack_at(2, b.nodes, b.size, -v * scale * scale, i, f);
-        b2.slope *= -scale * scale;
+        seen.b1 = beyond(sharp1.value, vec2(0.0), 0.5 * laplacian(sharp1), v);
+        seen.b2 = blurred;
+        seen.b2.slope = -blurred.slope;
     }
-}
-
-// Î1 and Î2, the latter before gain and offset, both by V.
-void blur(Blur b, Registration r, ivec2 x, float v, vec2 d, float scale, float i1, Jet i2, out Blurred b1,
-          out Blurred b2) {
-    if (ANY_KERNEL) blur_any(b, r, x, v, d, scale, b1, b2);
-    else blur_gaussian(b, x, v, d, scale, i1, i2, b1, b2);
+    return seen;
 }

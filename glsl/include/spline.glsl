@@ -34,18 +34,47 @@ Jet spline_at(int image, int layer, ivec2 size, ivec2 i, vec2 f) {
     return jet;
 }
 
-// The spline on pixel i itself: nine coefficients instead of sixteen, and no gradient.
-Jet spline_on(int image, int layer, ivec2 size, ivec2 i) {
-    ivec2 before = reflect_once(i - 1, size), after = reflect_once(i + 1, size);
-    float centre = coefficient(image, ivec3(i, layer));
-    float sides = coefficient(image, ivec3(before.x, i.y, layer))
-                + coefficient(image, ivec3(after.x, i.y, layer))
-                + coefficient(image, ivec3(i.x, before.y, layer))
-                + coefficient(image, ivec3(i.x, after.y, layer));
-    float corners = coefficient(image, ivec3(before.x, before.y, layer))
-                  + coefficient(image, ivec3(after.x, before.y, layer))
-                  + coefficient(image, ivec3(before.x, after.y, layer))
-                  + coefficient(image, ivec3(after.x, after.y, layer));
-    return Jet((16.0 * centre + 4.0 * sides + corners) / 36.0, vec2(0.0),
-               (-8.0 * centre + sides + corners) / 3.0);
+// The nine coefficients around a pixel: all that the spline needs on the pixel itself.
+struct Stencil {
+    vec3 above, here, below;         // from left to right
+};
+
+Stencil stencil(int image, int layer, ivec3 columns, ivec3 lines) {
+    Stencil s;
+    for (int n = 0; n < 3; n++) {
+        s.above[n] = coefficient(image, ivec3(columns[n], lines.x, layer));
+        s.here[n] = coefficient(image, ivec3(columns[n], lines.y, layer));
+        s.below[n] = coefficient(image, ivec3(columns[n], lines.z, layer));
+    }
+    return s;
+}
+
+// Value and derivatives up to the second on the pixel.
+struct Bend {
+    float value;
+    vec2 gradient;
+    float xx, xy, yy;
+};
+
+Bend bend(Stencil s) {
+    vec3 sum = s.above + s.below;
+    vec3 smoothed = (sum + 4.0 * s.here) / 6.0, rise = 0.5 * (s.below - s.above), bent = sum - 2.0 * s.here;
+    return Bend((smoothed.x + smoothed.z + 4.0 * smoothed.y) / 6.0,
+                vec2(0.5 * (smoothed.z - smoothed.x), (rise.x + rise.z + 4.0 * rise.y) / 6.0),
+                smoothed.x + smoothed.z - 2.0 * smoothed.y, 0.5 * (rise.z - rise.x),
+                (bent.x + bent.z + 4.0 * bent.y) / 6.0);
+}
+
+float laplacian(Bend b) {
+    return b.xx + b.yy;
+}
+
+// The Taylor series about the pixel, at a shift of a fraction of a pixel from it.
+float taylor(Bend b, vec2 shift) {
+    vec2 s = vec2(b.xx * shift.x + b.xy * shift.y, b.xy * shift.x + b.yy * shift.y);
+    return b.value + dot(b.gradient + 0.5 * s, shift);
+}
+
+vec2 taylor_gradient(Bend b, vec2 shift) {
+    return b.gradient + vec2(b.xx * shift.x + b.xy * shift.y, b.xy * shift.x + b.yy * shift.y);
 }

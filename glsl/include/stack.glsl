@@ -11,6 +11,12 @@ struct Blurred {
     vec2 gradient;
 };
 
+struct Node {
+    float value;
+    float slope;
+    vec2 gradient;
+};
+
 float node_variance(int k) {
     float sigma = k <= 3 ? 0.5 * float(k) : 1.5 * pow(4.0 / 3.0, float(k - 3));
     return sigma * sigma;
@@ -22,33 +28,39 @@ int node_below(float v, int count) {
     return min(int(k), count - 2);
 }
 
-// Cubic Hermite between two nodes with slopes m and n.
-Blurred between(int k, float v, Jet p, Jet q, float m, float n) {
+// Cubic Hermite between two nodes.
+Blurred between(int k, float v, Node p, Node q) {
     float v0 = node_variance(k);
     float h = node_variance(k + 1) - v0;
     float t = (v - v0) / h;
     bool beyond = t > 1.0;           // of the top node: held there
     t = min(t, 1.0);
-    m *= h;
-    n *= h;
+    float m = h * p.slope, n = h * q.slope;
     float rise = q.value - p.value;
     float value = p.value + (3.0 - 2.0 * t) * t * t * rise + ((t - 2.0) * t + 1.0) * t * m + (t - 1.0) * t * t * n;
     float slope = (6.0 * (t - t * t) * rise + ((3.0 * t - 4.0) * t + 1.0) * m + (3.0 * t - 2.0) * t * n) / h;
     return Blurred(value, beyond ? 0.0 : slope, mix(p.gradient, q.gradient, t));
 }
 
-Blurred stack_at(int image, int nodes, ivec2 size, float v, ivec2 i, vec2 f) {
-    int k = node_below(v, nodes);
-    if (ANY_KERNEL)
-        return between(k, v, spline_at(image, 2 * k, size, i, f), spline_at(image, 2 * k + 2, size, i, f),
-                       spline_at(image, 2 * k + 1, size, i, f).value, spline_at(image, 2 * k + 3, size, i, f).value);
-    Jet p = spline_at(image, k, size, i, f), q = spline_at(image, k + 1, size, i, f);
-    return between(k, v, p, q, 0.5 * p.laplacian, 0.5 * q.laplacian);
+// Node k at pixel i plus a fraction f.
+Node node_at(int image, int k, ivec2 size, ivec2 i, vec2 f) {
+    Jet jet = spline_at(image, ANY_KERNEL ? 2 * k : k, size, i, f);
+    float slope = ANY_KERNEL ? spline_at(image, 2 * k + 1, size, i, f).value : 0.5 * jet.laplacian;
+    return Node(jet.value, slope, jet.gradient);
 }
 
-// On pixel i itself; of a Gaussian's stack alone.
-Blurred stack_on(int image, int nodes, ivec2 size, float v, ivec2 i) {
+Blurred stack_at(int image, int nodes, ivec2 size, float v, ivec2 i, vec2 f) {
     int k = node_below(v, nodes);
-    Jet p = spline_on(image, k, size, i), q = spline_on(image, k + 1, size, i);
-    return between(k, v, p, q, 0.5 * p.laplacian, 0.5 * q.laplacian);
+    return between(k, v, node_at(image, k, size, i, f), node_at(image, k + 1, size, i, f));
+}
+
+// A Gaussian's node k a shift from the pixel.
+Node node_on(int image, int k, ivec3 columns, ivec3 lines, vec2 shift) {
+    Bend b = bend(stencil(image, k, columns, lines));
+    return Node(taylor(b, shift), 0.5 * laplacian(b), taylor_gradient(b, shift));
+}
+
+Blurred stack_on(int image, int nodes, float v, ivec3 columns, ivec3 lines, vec2 shift) {
+    int k = node_below(v, nodes);
+    return between(k, v, node_on(image, k, columns, lines, shift), node_on(image, k + 1, columns, lines, shift));
 }

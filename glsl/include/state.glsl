@@ -19,6 +19,8 @@ struct State {
     Registration registration;
     float correlation; // of the two images at low pass, when it was last measured
     uint degenerate;   // the last step had unknowns that the images do not determine
+    Registration warped;   // when I2 was last brought onto I1's pixels
+    uvec2 padding;
     LevelState levels[MAX_LEVELS];
 };
 
@@ -27,6 +29,11 @@ struct State {
 vec2 displacement(Registration r, ivec2 x, float factor, vec2 centre) {
     vec2 p = vec2(x) - centre;
     return vec2(r.tx, r.ty) / factor + vec2(r.a * p.x - r.b * p.y, r.b * p.x + r.a * p.y);
+}
+
+// What T has done to a pixel since an earlier one: the small difference of two displacements, without their large parts.
+Registration moved_since(Registration before, Registration r) {
+    return Registration(r.a - before.a, r.b - before.b, r.tx - before.tx, r.ty - before.ty, 0.0, 0.0);
 }
 
 // s

@@ -1,21 +1,19 @@
-// What the registration step sums over the valid pixels, as the rows of nine vec4. Twin: Sums in src/stages/linearise.rs.
+// What the registration step sums over the valid pixels: the upper triangle of N between a L, b L, tx, ty, gain, offset,
+// row by row; g; the energy; the valid pixels. Twin: Sums in src/stages/linearise.rs.
 //
-// Vectors and no arrays: software devices keep arrays in memory.
+// Vectors and no array: software devices keep arrays in memory.
 
-const int SUMS = 36;
+const int UNKNOWNS = 6;
+const int SUMS = 32;
+const int GRADIENT = 21;
+const int ENERGY = 27;
+const int VALID = 28;
 
 struct Sums {
-    mat4 transform;       // N between a L, b L, tx, ty
-    vec4 gain, offset;    // N between these and gain, offset
-    vec4 photometric;     // N between gain and gain, gain and offset, offset and offset; the energy
-    vec4 g_transform;     // g
-    vec4 g_photometric;   // g of gain and offset; valid pixels; nothing
+    vec4 n00, n04, n13, n23, n34, n55, g3, valid;   // by the first place of each
 };
 
-const int GAIN = 16;
-const int OFFSET = 20;
-const int PHOTOMETRIC = 24;
-const int ENERGY = 27;
-const int G_TRANSFORM = 28;
-const int G_PHOTOMETRIC = 32;
-const int VALID = 34;
+// Where N(i, j), i <= j, stands.
+int normal_place(int i, int j) {
+    return i * UNKNOWNS - i * (i - 1) / 2 + j - i;
+}

@@ -2,6 +2,7 @@
 //! `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, section 3 of `docs/method.md`.
 
 use super::Field;
+use super::spline::{self, Jet};
 use super::stack::{self, Blurred, Slopes};
 use super::state::Registration;
 
@@ -54,6 +55,23 @@ pub fn read(
     b1.slope -= b1.dx * by_v[0] + b1.dy * by_v[1];
     b2.slope += b2.dx * by_v2[0] + b2.dy * by_v2[1];
     [b1, b2]
+}
+
+/// What a pixel sees where T has moved it by `shift` since the stack of I2 was brought onto I1's pixels, for a Gaussian: J
+/// before gain and offset, and Î1 and Î2 as [`read`] has them.
+pub fn read_near(stacks: &Stacks, [x, y]: [usize; 2], shift: [f64; 2], v: f64) -> (Jet, [Blurred; 2]) {
+    let Stacks { first, second, .. } = stacks;
+    let j = spline::near(&second[0], x, y, shift);
+    let beyond = |jet: &Jet, factor: f64| {
+        let slope = factor * jet.laplacian / 2.0;
+        let still = if v.abs() < NEAR { slope } else { 0.0 };
+        Blurred { value: jet.value + slope * v.clamp(-NEAR, NEAR), slope: still, dx: jet.dx, dy: jet.dy }
+    };
+    if v >= 0.0 {
+        return (j, [stack::read_near(first, v, [x, y], [0.0; 2]), beyond(&j, -1.0)]);
+    }
+    let b2 = stack::read_near(second, -v, [x, y], shift);
+    (j, [beyond(&spline::near(&first[0], x, y, [0.0; 2]), 1.0), Blurred { slope: -b2.slope, ..b2 }])
 }
 
 /// Where the mean of the kernel lies at V, and its derivative by V, in I1's pixels. The kernel turns with the sensor that

@@ -113,7 +113,13 @@ mod tests {
         rig.assert_close(&to, &[zeros.clone(), zeros.clone(), expected.clone()], 1e-5);
         let twice = Field { data: expected.data.iter().map(|v| 2.0 * v).collect(), ..expected };
         let [x, y] = grid(&constants);
-        rig.run_variant(&STAGE, true, &resources, &constants, [x.div_ceil(WORKGROUP[0]), y.div_ceil(WORKGROUP[1]), 1]);
+        rig.run_variant(
+            &STAGE,
+            [true, false],
+            &resources,
+            &constants,
+            [x.div_ceil(WORKGROUP[0]), y.div_ceil(WORKGROUP[1]), 1],
+        );
         rig.assert_close(&to, &[zeros.clone(), zeros, twice], 2e-5);
     }
 

@@ -18,6 +18,8 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::blur::{self, Stacks};
+use super::spline::Jet;
+use super::stack::Blurred;
 use super::state::{Registration, inside};
 use super::{Field, WORKGROUP, spline};
 use crate::shaders;
@@ -26,10 +28,16 @@ use crate::vulkan::{Binding, Stage};
 /// Unknowns of the registration step: a L, b L, t_x, t_y (pixels of the level), gain, offset at intensity ½.
 pub const UNKNOWNS: usize = 6;
 /// Floats in a row of partial sums.
-pub const SUMS: usize = 36;
-/// Pairs of a red and a black pixel that an invocation takes, one under another: the sums of a workgroup are reduced once
-/// for all of them.
-pub const ROWS: u32 = 4;
+pub const SUMS: usize = 32;
+/// Where g, the energy and the number of valid pixels stand among them.
+pub const GRADIENT: usize = 21;
+/// See [`GRADIENT`].
+pub const ENERGY: usize = 27;
+/// See [`GRADIENT`].
+pub const VALID: usize = 28;
+/// Lines of a red and a black pixel that an invocation goes down: what a line shares with the next is loaded once, and the
+/// sums of a workgroup are reduced once for all of them.
+pub const ROWS: u32 = 8;
 /// λ.
 pub const ELIMINATION: f32 = 0.25;
 
@@ -41,8 +49,10 @@ pub struct Constants {
     pub width: u32,
     /// Rows of the level.
     pub height: u32,
-    /// Layers of the stacks.
+    /// Nodes of the stacks.
     pub nodes: u32,
+    /// First layer of the stack of I2.
+    pub second_stack: u32,
     /// [`ROWS`].
     pub rows: u32,
     /// Pixels of the full-size image a pixel of this level.
@@ -72,13 +82,11 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * ROWS), 1]
 }
 
-/// I1, V, stack of I1, stack of I2, right sides, weights, red dV, black dV, state, partial sums.
+/// I1, V, stacks of I1 and I2, right sides, weights, state, partial sums. Variants: any kernel; the stack of I2 is of I2 as
+/// [`warp`](super::warp) brought it onto I1's pixels.
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::LINEARISE,
     bindings: &[
-        Binding::Image,
-        Binding::Image,
-        Binding::Image,
         Binding::Image,
         Binding::Image,
         Binding::Image,
@@ -113,23 +121,25 @@ pub struct Sums {
 }
 
 impl Sums {
-    /// From rows of partial sums as the device keeps them, nine vec4 each (`glsl/include/sums.glsl`).
+    /// From rows of partial sums as the device keeps them: the upper triangle of N row by row, g, energy, valid pixels
+    /// (`glsl/include/sums.glsl`).
     pub fn from_partials(partials: &[f32]) -> Self {
         let total = |n: usize| partials.chunks_exact(SUMS).map(|row| f64::from(row[n])).sum::<f64>();
-        let mut sums = Self { energy: total(27), valid: total(34), ..Self::default() };
-        for (i, row) in [0, 4, 8, 12, 16, 20].into_iter().enumerate() {
-            for j in 0..4 {
-                sums.normal[i][j] = total(row + j);
+        let mut sums = Self { energy: total(ENERGY), valid: total(VALID), ..Self::default() };
+        for i in 0..UNKNOWNS {
+            for j in i..UNKNOWNS {
+                sums.normal[i][j] = total(normal_place(i, j));
                 sums.normal[j][i] = sums.normal[i][j];
             }
         }
-        sums.normal[4][4] = total(24);
-        sums.normal[5][5] = total(26);
-        sums.normal[4][5] = total(25);
-        sums.normal[5][4] = sums.normal[4][5];
-        sums.gradient = std::array::from_fn(|i| total(28 + i));
+        sums.gradient = std::array::from_fn(|i| total(GRADIENT + i));
         sums
     }
+}
+
+/// Where a row of partial sums keeps N between unknowns i and j >= i.
+pub(crate) fn normal_place(i: usize, j: usize) -> usize {
+    i * UNKNOWNS - i * i.saturating_sub(1) / 2 + j - i
 }
 
 /// One residual: S, its derivative by V, its weight, and its derivatives by the unknowns.
@@ -145,8 +155,15 @@ pub fn heaviside(v: f64, epsilon: f64) -> f64 {
     0.5 + (v / epsilon).atan() / std::f64::consts::PI
 }
 
-/// One whole pass over a level.
-pub fn twin(c: &Constants, r: &Registration, i1: &Field, v: &Field, stacks: &Stacks) -> Linearised {
+/// One whole pass over a level. `warped` is T when the stack of I2 was brought onto I1's pixels, if it was.
+pub fn twin(
+    c: &Constants,
+    r: &Registration,
+    warped: Option<&Registration>,
+    i1: &Field,
+    v: &Field,
+    stacks: &Stacks,
+) -> Linearised {
     let (width, height) = (v.width, v.height);
     let mut system: [Field; 5] = std::array::from_fn(|_| Field::zeros(width, height));
     let mut sums = Sums::default();
@@ -157,7 +174,15 @@ pub fn twin(c: &Constants, r: &Registration, i1: &Field, v: &Field, stacks: &Sta
             let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
             let mut diagonal = 0.0;
             if inside([x, y], d, [width, height], v.get(x, y), r.scale()) {
-                let (residuals, energy) = data_term(c, r, [x, y], d, i1.get(x, y), v.get(x, y), stacks);
+                let seen = match warped {
+                    None => see(c, r, [x, y], d, v.get(x, y), stacks),
+                    Some(before) => {
+                        let moved = r.moved_since(before);
+                        let shift = moved.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
+                        blur::read_near(stacks, [x, y], shift, v.get(x, y))
+                    }
+                };
+                let (residuals, energy) = data_term(c, r, [x, y], i1.get(x, y), v.get(x, y), seen);
                 diagonal = residuals.iter().map(|t| t.weight * t.by_v * t.by_v).sum();
                 right_side -= residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
                 let over = 1.0 / (diagonal + f64::from(c.elimination) * smoothness).max(1e-12);
@@ -196,24 +221,34 @@ fn smoothness_term(c: &Constants, v: &Field, [x, y]: [usize; 2]) -> ([f64; 4], f
     (weights, pull)
 }
 
+/// J before gain and offset, Î1 and Î2 at a pixel that T displaces by d.
+fn see(
+    c: &Constants,
+    r: &Registration,
+    [x, y]: [usize; 2],
+    d: [f64; 2],
+    v: f64,
+    stacks: &Stacks,
+) -> (Jet, [Blurred; 2]) {
+    let p = [x as f64, y as f64];
+    let i2 = spline::read(&stacks.second[0], p[0] + d[0], p[1] + d[1]);
+    (i2, blur::read(stacks, r, c.mean.map(f64::from), p, d, v))
+}
+
 /// S1 and S2 at a pixel, and the energy of its data term.
 fn data_term(
     c: &Constants,
     r: &Registration,
     [x, y]: [usize; 2],
-    d: [f64; 2],
     i1: f64,
     v: f64,
-    stacks: &Stacks,
+    (i2, [b1, b2]): (Jet, [Blurred; 2]),
 ) -> ([Residual; 2], f64) {
-    let (px, py) = (x as f64, y as f64);
-    let i2 = spline::read(&stacks.second[0], px + d[0], py + d[1]);
-    let [b1, b2] = blur::read(stacks, r, c.mean.map(f64::from), [px, py], d, v);
     let (s1, s2) = (b1.value - (r.gain * i2.value + r.offset), r.gain * b2.value + r.offset - i1);
     let eta2 = f64::from(c.eta).powi(2);
     let (psi1, psi2) = ((s1 * s1 + eta2).sqrt(), (s2 * s2 + eta2).sqrt());
     let h = heaviside(v, c.epsilon.into());
-    let centred = [px - f64::from(c.centre[0]), py - f64::from(c.centre[1])];
+    let centred = [x as f64 - f64::from(c.centre[0]), y as f64 - f64::from(c.centre[1])];
     let jacobian = |sign: f64, value: f64, dx: f64, dy: f64| {
         let (gx, gy, length) = (r.gain * dx, r.gain * dy, f64::from(c.length));
         [
@@ -266,6 +301,7 @@ mod tests {
             width: width as u32,
             height: height as u32,
             nodes: nodes as u32,
+            second_stack: (nodes * Slopes::of(kernel).layers()) as u32,
             rows: ROWS,
             factor: 2.0,
             centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 0.5) / 2.0],
@@ -280,40 +316,39 @@ mod tests {
         }
     }
 
-    fn check(i1: &Field, i2: &Field, v: &Field, transform: Similarity, kernel: &Kernel) {
+    /// The last argument is how T has moved since I2 was brought onto I1's pixels, if it was.
+    fn check(i1: &Field, i2: &Field, v: &Field, transform: Similarity, kernel: &Kernel, moved: Option<Similarity>) {
         let (width, height) = (v.width, v.height);
         let nodes = stack::node_count(6.0);
         let slopes = Slopes::of(kernel);
         let stacks = [i1, i2].map(|i| build_stack(i, kernel, nodes));
         let c = constants(width, height, nodes, kernel);
         let registration = Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 });
-        let state = State::new(&registration);
-        let expected =
-            twin(&c, &state.registration(), i1, v, &Stacks { first: &stacks[0], second: &stacks[1], slopes });
+        let mut state = State::new(&registration);
+        if let Some(by) = moved {
+            let before = State::new(&Registration::new(&by.after(&transform), &registration.photometric()));
+            state.warped = [before.a, before.b, before.tx, before.ty, 1.0, 0.0];
+        }
+        let [a, b, tx, ty, ..] = state.warped.map(f64::from);
+        let warped = Registration { a, b, t: [tx, ty], gain: 1.0, offset: 0.0 };
+        let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
+        let expected = twin(&c, &state.registration(), moved.map(|_| &warped), i1, v, &read);
 
         let rig = Rig::new();
         let half_size = [width.div_ceil(2) as u32, height as u32];
-        let inputs = [
-            rig.image(std::slice::from_ref(i1)),
-            rig.image(std::slice::from_ref(v)),
-            rig.image(&stacks[0]),
-            rig.image(&stacks[1]),
-        ];
+        let inputs =
+            [rig.image(std::slice::from_ref(i1)), rig.image(std::slice::from_ref(v)), rig.image(&stacks.concat())];
         let system = [rig.empty(half_size, 2), rig.empty_weights(half_size)];
-        let changes = [0, 1].map(|_| rig.empty(half_size, 1));
         let state = rig.upload(bytemuck::bytes_of(&state));
         let groups = tiles([width as u32, height as u32]);
         let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
-        let mut resources: Vec<_> = inputs.iter().chain(&system).chain(&changes).map(Resource::Image).collect();
+        let mut resources: Vec<_> = inputs.iter().chain(&system).map(Resource::Image).collect();
         resources.extend([Resource::Buffer(&state), Resource::Buffer(&partials)]);
-        rig.run_variant(&STAGE, slopes == Slopes::Layers, &resources, &c, groups);
+        rig.run_variant(&STAGE, [slopes == Slopes::Layers, moved.is_some()], &resources, &c, groups);
 
         // 2e-4 px²: the right side divides differences of intensities by D, which is small where nothing is textured.
         rig.assert_close(&system[0], &[0, 1].map(|color| half(&expected.system[0], color)), 2e-4);
         rig.assert_close(&system[1], &interleaved(&expected.system), 2e-4);
-        for change in &changes {
-            rig.assert_close(change, &[Field::zeros(half_size[0] as usize, height)], 0.0);
-        }
         let found = Sums::from_partials(&rig.floats(&partials));
         let size = expected.sums.normal.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
         let close = |f: f64, e: f64, what: &str| assert!((f - e).abs() < 1e-4 * size, "{what}: {f}, not {e}");
@@ -335,15 +370,18 @@ mod tests {
             v.data.iter_mut().for_each(|v| *v = 8.0 * (*v - 0.5));
             let aperture = Aperture::new("code", 3, 2, &[1.0, 0.0, 2.0, 0.0, 1.0, 1.0]).unwrap();
             for kernel in [Kernel::Gaussian, Kernel::HalfGaussian, Kernel::Measured(aperture)] {
-                check(&smooth(1), &smooth(2), &v, Similarity::new(0.7, -1.1, 0.4, 1.02), &kernel);
+                check(&smooth(1), &smooth(2), &v, Similarity::new(0.7, -1.1, 0.4, 1.02), &kernel, None);
                 check(
                     &random_field(width, height, 5),
                     &random_field(width, height, 6),
                     &v,
                     Similarity::new(0.0, 0.0, 3.0, 0.97),
                     &kernel,
+                    None,
                 );
             }
+            let moved = Some(Similarity::new(0.02, -0.03, 0.01, 1.001));
+            check(&smooth(1), &smooth(2), &v, Similarity::new(0.7, -1.1, 0.4, 1.02), &Kernel::Gaussian, moved);
         }
     }
 
@@ -351,14 +389,17 @@ mod tests {
     fn flat_images_give_numbers_and_no_overlap_gives_no_weight() {
         let (width, height) = (35, 20);
         let flat = Field::from_fn(width, height, |_, _| 0.5);
-        check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY, &Kernel::Gaussian);
-        check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY, &Kernel::HalfGaussian);
+        check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY, &Kernel::Gaussian, None);
+        check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY, &Kernel::HalfGaussian, None);
         check(
             &flat,
             &random_field(width, height, 1),
             &random_field(width, height, 2),
             Similarity::new(1e4, 0.0, 0.0, 1.0),
             &Kernel::Gaussian,
+            None,
         );
+        let still = Some(Similarity::IDENTITY);
+        check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY, &Kernel::Gaussian, still);
     }
 }

@@ -21,6 +21,7 @@ pub mod stack;
 pub mod state;
 pub mod step;
 pub mod update;
+pub mod warp;
 
 use std::sync::Arc;
 
@@ -44,9 +45,12 @@ pub(crate) struct Pipelines {
     pub(crate) appearance: Arc<Pipeline>,
     pub(crate) linearise: Arc<Pipeline>,
     pub(crate) linearise_any_kernel: Arc<Pipeline>,
+    pub(crate) linearise_warped: Arc<Pipeline>,
     pub(crate) step: Arc<Pipeline>,
     pub(crate) relax: Arc<Pipeline>,
+    pub(crate) relax_first: Arc<Pipeline>,
     pub(crate) update: Arc<Pipeline>,
+    pub(crate) warp: Arc<Pipeline>,
     pub(crate) confidence: Arc<Pipeline>,
     pub(crate) fuse: Arc<Pipeline>,
 }
@@ -54,19 +58,22 @@ pub(crate) struct Pipelines {
 impl Pipelines {
     pub(crate) fn new(device: &Arc<Device>) -> Result<Self, Error> {
         let compile = |stage| Pipeline::new(device, stage).map(Arc::new);
-        let variant = |stage| Pipeline::variant(device, stage, true).map(Arc::new);
+        let variant = |stage, constants| Pipeline::variant(device, stage, constants).map(Arc::new);
         Ok(Self {
             ingest: compile(&ingest::STAGE)?,
             convolve: compile(&convolve::STAGE)?,
-            convolve_add: variant(&convolve::STAGE)?,
+            convolve_add: variant(&convolve::STAGE, [true, false])?,
             expose: compile(&expose::STAGE)?,
             prolong: compile(&prolong::STAGE)?,
             appearance: compile(&appearance::STAGE)?,
             linearise: compile(&linearise::STAGE)?,
-            linearise_any_kernel: variant(&linearise::STAGE)?,
+            linearise_any_kernel: variant(&linearise::STAGE, [true, false])?,
+            linearise_warped: variant(&linearise::STAGE, [false, true])?,
             step: compile(&step::STAGE)?,
             relax: compile(&relax::STAGE)?,
+            relax_first: variant(&relax::STAGE, [true, false])?,
             update: compile(&update::STAGE)?,
+            warp: compile(&warp::STAGE)?,
             confidence: compile(&confidence::STAGE)?,
             fuse: compile(&fuse::STAGE)?,
         })

@@ -102,9 +102,22 @@ pub fn node(stack: &[Field], slopes: Slopes, k: usize, x: f64, y: f64) -> (Jet, 
 
 /// Reads a stack of spline coefficients at variance v in px² and place (x, y).
 pub fn read(stack: &[Field], slopes: Slopes, v: f64, x: f64, y: f64) -> Blurred {
-    let k = node_below(v, stack.len() / slopes.layers());
+    between(v, stack.len() / slopes.layers(), |k| node(stack, slopes, k, x, y))
+}
+
+/// Reads a Gaussian's stack a shift from pixel (x, y), by the [Taylor series](spline::near) about it.
+pub fn read_near(stack: &[Field], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> Blurred {
+    between(v, stack.len(), |k| {
+        let jet = spline::near(&stack[k], x, y, shift);
+        (jet, jet.laplacian / 2.0)
+    })
+}
+
+/// Cubic Hermite between the two nodes around v, of so many.
+fn between(v: f64, count: usize, node: impl Fn(usize) -> (Jet, f64)) -> Blurred {
+    let k = node_below(v, count);
     let (v0, v1) = (node_sigma(k).powi(2), node_sigma(k + 1).powi(2));
-    let ((p, m), (q, n)) = (node(stack, slopes, k, x, y), node(stack, slopes, k + 1, x, y));
+    let ((p, m), (q, n)) = (node(k), node(k + 1));
     let h = v1 - v0;
     // Beyond the top node the value is held.
     let (t, beyond) = (((v - v0) / h).min(1.0), v > v1);

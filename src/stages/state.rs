@@ -27,6 +27,10 @@ pub struct State {
     pub correlation: f32,
     /// 1 if the last step had unknowns that the images do not determine.
     pub degenerate: u32,
+    /// T, gain and offset when I2 was last brought onto I1's pixels, in the order above.
+    pub warped: [f32; 6],
+    /// Nothing.
+    pub padding: [u32; 2],
     /// By level, finest first.
     pub levels: [LevelState; MAX_LEVELS],
 }
@@ -101,6 +105,12 @@ impl Registration {
     /// Gain and offset.
     pub fn photometric(&self) -> Photometric {
         Photometric { gain: self.gain, offset: self.offset }
+    }
+
+    /// What T has done since an earlier one: a registration whose displacement is the difference of both.
+    pub fn moved_since(&self, before: &Self) -> Self {
+        let t = [self.t[0] - before.t[0], self.t[1] - before.t[1]];
+        Self { a: self.a - before.a, b: self.b - before.b, t, gain: 0.0, offset: 0.0 }
     }
 
     /// s.

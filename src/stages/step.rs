@@ -32,6 +32,10 @@ pub struct Constants {
     pub descend: u32,
     /// 1 once an iteration at the final α is done; nothing may converge before.
     pub may_settle: u32,
+    /// First of the indirect arguments of the passes that bring I2 onto I1's pixels anew, in words.
+    pub warp_place: u32,
+    /// Words of them; zero where no such passes come before the next iteration.
+    pub warp_count: u32,
     /// Pixels of the full-size image a pixel of this level.
     pub factor: f32,
     /// L, which scales a and b to pixels of the level.
@@ -40,10 +44,10 @@ pub struct Constants {
     pub half_size: [f32; 2],
 }
 
-/// Partial sums, state, energies, indirect arguments.
+/// Partial sums, state, energies, indirect arguments, the same as they are before a solve.
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::STEP,
-    bindings: &[Binding::Buffer, Binding::Buffer, Binding::Buffer, Binding::Buffer],
+    bindings: &[Binding::Buffer; 5],
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
@@ -79,6 +83,16 @@ pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> St
     Step { energy, converged, settled: converged && moved < 0.001 * factor && change <= 1e-4 * before }
 }
 
+/// Pixels of the level that a corner may move before I2 is brought onto I1's pixels anew.
+const FOLLOWED: f64 = 0.05;
+
+/// Whether T has moved so far since `before` that the Taylor series about the pixels no longer follows it.
+pub(crate) fn moved_away(c: &Constants, before: &Registration, r: &Registration) -> bool {
+    let (since, factor) = (r.moved_since(before), f64::from(c.factor));
+    let corner = f64::from(c.half_size[0]).hypot(c.half_size[1].into());
+    since.t[0].hypot(since.t[1]) + since.a.hypot(since.b) * factor * corner > FOLLOWED * factor
+}
+
 /// Solves for the unknowns that are free; where N is singular nothing steps (the shader holds only the dependent unknowns).
 ///
 /// Down the gradient, each unknown steps by its gradient over `Σ_j |N_ij|`: the paper names no step length, and by
@@ -103,7 +117,7 @@ fn solve(c: &Constants, sums: &Sums) -> [f64; UNKNOWNS] {
 #[cfg(test)]
 mod tests {
     use super::super::harness::{Rig, random};
-    use super::super::linearise::SUMS;
+    use super::super::linearise::{ENERGY, GRADIENT, SUMS, VALID, normal_place};
     use super::super::state::State;
     use super::*;
     use crate::vulkan::Resource;
@@ -120,19 +134,11 @@ mod tests {
             solve_photometric: 1,
             descend: 0,
             may_settle: 1,
+            warp_place: 8,
+            warp_count: 0,
             factor: 2.0,
             length: 30.0,
             half_size: [60.0, 40.0],
-        }
-    }
-
-    /// Where the device keeps N between unknowns i and j >= i; see `glsl/include/sums.glsl`.
-    fn place(i: usize, j: usize) -> usize {
-        match (i, j) {
-            (4, 4) => 24,
-            (4, 5) => 25,
-            (5, 5) => 26,
-            _ => 4 * j + i,
         }
     }
 
@@ -146,16 +152,13 @@ mod tests {
                 let j: [f64; UNKNOWNS] = std::array::from_fn(|_| numbers.next().unwrap() - 0.5);
                 let s = 0.01 * (numbers.next().unwrap() - 0.5);
                 for i in 0..UNKNOWNS {
-                    sums[28 + i] += j[i] * s;
+                    sums[GRADIENT + i] += j[i] * s;
                     for k in i..UNKNOWNS {
-                        sums[place(i, k)] += j[i] * j[k];
-                        if k < 4 && k != i {
-                            sums[place(k, i)] += j[i] * j[k];
-                        }
+                        sums[normal_place(i, k)] += j[i] * j[k];
                     }
                 }
-                sums[27] += s.abs();
-                sums[34] += 1.0;
+                sums[ENERGY] += s.abs();
+                sums[VALID] += 1.0;
             }
             all.extend(sums.map(|s| s as f32));
         }
@@ -163,15 +166,22 @@ mod tests {
     }
 
     fn check(c: Constants, partials: &[f32], before: f32) -> (State, Vec<u32>) {
+        check_warped(c, partials, before, [0.0; 2])
+    }
+
+    /// `t` is T's translation when I2 was last warped, its other terms are those of the start.
+    fn check_warped(c: Constants, partials: &[f32], before: f32, t: [f32; 2]) -> (State, Vec<u32>) {
         let start = Registration::new(&Similarity::new(1.0, -2.0, 1.0, 1.05), &Photometric { gain: 0.9, offset: 0.1 });
         let mut state = State::new(&start);
         state.levels[1].energy = before;
+        state.warped = [state.a, state.b, t[0], t[1], 1.0, 0.0];
         let rig = Rig::new();
         let buffers = [
             rig.upload(bytemuck::cast_slice(partials)),
             rig.upload(bytemuck::bytes_of(&state)),
             rig.upload(&[0; 32]),
             rig.upload(bytemuck::cast_slice(&[7u32; 12])),
+            rig.upload(bytemuck::cast_slice(&[9u32; 12])),
         ];
         rig.run_groups(&STAGE, &buffers.each_ref().map(Resource::Buffer), &c, [1, 1, 1]);
         let found: State = rig.value(&buffers[1]);
@@ -223,14 +233,31 @@ mod tests {
     }
 
     #[test]
+    fn warps_anew_where_t_has_moved() {
+        let partials = partials(8, 40);
+        let held = Constants { solve_transform: 0, solve_photometric: 0, warp_count: 4, ..constants(8) };
+        // The start is at (1, -2); 0.05 px of a level of factor 2 are 0.1 px.
+        let (_, arguments) = check_warped(held, &partials, 0.1, [1.0, -2.0]);
+        assert_eq!(arguments, [7, 7, 7, 7, 7, 7, 7, 7, 0, 0, 0, 0]);
+        let (_, arguments) = check_warped(held, &partials, 0.1, [1.08, -2.0]);
+        assert_eq!(arguments[8..], [0; 4]);
+        let (_, arguments) = check_warped(held, &partials, 0.1, [1.0, -2.12]);
+        assert_eq!(arguments, [7, 7, 7, 7, 7, 7, 7, 7, 9, 9, 9, 9]);
+        let none = Constants { warp_count: 0, ..held };
+        assert_eq!(check_warped(none, &partials, 0.1, [1.0, -2.12]).1, [7; 12]);
+    }
+
+    #[test]
     fn nothing_to_go_by_is_no_step() {
         let (state, _) = check(constants(3), &vec![0.0; 3 * SUMS], 0.0);
         assert_eq!(state.degenerate, 1);
         // Gain and offset of a constant image cannot be told apart: only one of them may step.
         let mut sums = [0.0f32; SUMS];
-        sums[24..27].copy_from_slice(&[4.0, 8.0, 16.0]);
-        sums[32..34].copy_from_slice(&[0.2, 0.4]);
-        sums[34] = 16.0;
+        sums[normal_place(4, 4)] = 4.0;
+        sums[normal_place(4, 5)] = 8.0;
+        sums[normal_place(5, 5)] = 16.0;
+        sums[GRADIENT + 4..][..2].copy_from_slice(&[0.2, 0.4]);
+        sums[VALID] = 16.0;
         let rig = Rig::new();
         let buffers = [
             rig.upload(bytemuck::cast_slice(&sums)),
@@ -239,6 +266,7 @@ mod tests {
                 &Photometric::IDENTITY,
             )))),
             rig.upload(&[0; 32]),
+            rig.upload(&[0; 48]),
             rig.upload(&[0; 48]),
         ];
         rig.run_groups(&STAGE, &buffers.each_ref().map(Resource::Buffer), &constants(1), [1, 1, 1]);

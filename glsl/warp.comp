@@ -1,0 +1,32 @@
+#version 460
+// I2 on I1's pixels: its spline where T puts each pixel. Twin: src/stages/warp.rs.
+
+#include "spline.glsl"
+#include "state.glsl"
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform readonly image2DArray spline2;        // coefficients of I2
+layout(binding = 1, r32f) uniform writeonly image2DArray stacks;
+layout(binding = 2, std430) buffer StateBuffer { State state; };
+layout(push_constant) uniform Constants {
+    int width, height;
+    int layer;                       // of the stacks, where the samples go
+    float factor;                    // pixels of the full-size image a pixel of this level
+    float centre_x, centre_y;
+};
+
+float coefficient(int image, ivec3 place) {
+    return imageLoad(spline2, place).r;
+}
+
+void main() {
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy), size = ivec2(width, height), last = size - 1, i;
+    if (x.x >= width || x.y >= height) return;
+    if (x == ivec2(0)) state.warped = state.registration;
+    vec2 d = displacement(state.registration, x, factor, vec2(centre_x, centre_y)), f;
+    // Mirrored about the border pixels, once.
+    d = mix(d, vec2(-2 * x) - d, lessThan(vec2(x) + d, vec2(0.0)));
+    d = mix(d, vec2(2 * (last - x)) - d, greaterThan(vec2(x) + d, vec2(last)));
+    place(x, d, size, i, f);
+    imageStore(stacks, ivec3(x, layer), vec4(spline_at(2, 0, size, i, f).value));
+}
