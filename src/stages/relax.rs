@@ -4,7 +4,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{Field, WORKGROUP};
+use super::{Field, WORKGROUP, pixels};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
@@ -29,6 +29,11 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: right side, four weights and dV of both colours read, dV of one written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    32 * pixels(c.width.div_ceil(2), c.height)
+}
 
 /// Relaxes the pixels of one colour of dV in place.
 pub fn twin(c: &Constants, system: &[Field; 5], change: &mut Field) {
