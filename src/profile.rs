@@ -61,6 +61,9 @@ pub(crate) fn relaxed(done: u32, outer: u32) -> u32 {
     if done < outer { done.saturating_sub(1) } else { done }
 }
 
+/// The phase of the host in which the device works.
+pub(crate) const SUBMIT_WAIT: &str = "submit-wait";
+
 /// What the host did, one after the other.
 #[derive(Clone, Debug)]
 pub(crate) struct Phases {

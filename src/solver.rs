@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use crate::plan::Plan;
-use crate::profile::{Dispatch, Phases, Profile};
+use crate::profile::{Dispatch, Phases, Profile, SUBMIT_WAIT};
 use crate::record::{self, Recorded};
 use crate::solution::{Level, Timings};
 use crate::stages::state::{Registration, State};
@@ -150,7 +150,7 @@ impl Solver {
                 progress(Progress { done: levels(part), levels: levels(parts), width, height });
             }
         })?;
-        self.phases.end("device");
+        self.phases.end(SUBMIT_WAIT);
         Ok(())
     }
 

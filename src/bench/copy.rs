@@ -18,22 +18,24 @@ pub(super) fn bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
     let pipeline = Arc::new(Pipeline::new(device, &copy::STAGE)?);
     let [width, height] = SIZE;
     let (from, to) = (image(engine, "copied from")?, image(engine, "copied to")?);
+    let constants = Constants { width, height };
+    let copy = |recorder: &mut Recorder| {
+        let resources = [Resource::Image(&from), Resource::Image(&to)];
+        let groups = Groups::Direct(pipeline.groups(SIZE));
+        recorder.pass(&pipeline, &resources, bytemuck::bytes_of(&constants), groups)
+    };
+    // The first copy brings the pages in.
     let mut first = Recorder::new(device, 0)?;
     first.prepare(&[&from, &to]);
     first.clear(&from);
+    copy(&mut first)?;
     first.finish()?.run(&mut |_| ())?;
     let mut recorder = Recorder::new(device, COPIES)?;
-    let constants = Constants { width, height };
     for _ in 0..COPIES {
-        let resources = [Resource::Image(&from), Resource::Image(&to)];
-        let groups = Groups::Direct(pipeline.groups(SIZE));
-        recorder.pass(&pipeline, &resources, bytemuck::bytes_of(&constants), groups)?;
+        copy(&mut recorder)?;
     }
     let mut recording = recorder.finish()?;
-    // The first run brings the pages in.
-    for _ in 0..2 {
-        recording.run(&mut |_| ())?;
-    }
+    recording.run(&mut |_| ())?;
     let ends = recording.times()?.ends_ms;
     let starts = std::iter::once(0.0).chain(ends.iter().copied());
     let rate = |ms: f64| copy::bytes(&constants) as f64 / ms * 1e-6;

@@ -28,7 +28,7 @@ fn row<const N: usize>(cells: [&str; N]) -> Vec<String> {
 pub(super) fn number(value: impl Into<Option<f64>>) -> String {
     match value.into().filter(|v| v.is_finite()) {
         None => DASH.to_string(),
-        Some(v) if v == 0.0 => "0".to_string(),
+        Some(0.0) => "0".to_string(),
         Some(v) => format!("{v:.*}", (2 - v.abs().log10().floor() as i32).clamp(0, 6) as usize),
     }
 }

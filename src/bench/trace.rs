@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use crate::Error;
 use crate::export::write_file;
-use crate::profile::Profile;
+use crate::profile::{Profile, SUBMIT_WAIT};
 
 /// The events so far.
 #[derive(Clone, Debug, Default)]
@@ -40,7 +40,7 @@ impl Trace {
         }
         let (mut begin, mut submitted) = (0.0, 0.0);
         for &(name, end) in &profile.phases.ends_ms {
-            if name == "device" {
+            if name == SUBMIT_WAIT {
                 submitted = begin;
             }
             self.span(name, (host, 0), [begin, end], json!({}));
@@ -99,7 +99,7 @@ mod tests {
     fn profile() -> Profile {
         let dispatch = |pass, place| Dispatch { pass, place, bytes: 64 };
         let mut phases = Phases::default();
-        phases.ends_ms = vec![("upload", 1.0), ("start", 1.5), ("device", 5.0), ("collect", 6.0)];
+        phases.ends_ms = vec![("upload", 1.0), ("start", 1.5), (SUBMIT_WAIT, 5.0), ("collect", 6.0)];
         Profile {
             dispatches: vec![dispatch("ingest", Place::level(0)), dispatch("relax", Place::level(1).iteration(3))],
             executed: vec![true, false],
