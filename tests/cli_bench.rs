@@ -125,7 +125,7 @@ fn the_report_holds_what_it_promises_and_a_trace_stands_beside_it() {
     let runs = report["runs"].as_array().unwrap();
     assert_eq!(runs.iter().map(|r| r["method"].as_str().unwrap()).collect::<Vec<_>>(), ["unified", "appearance"]);
     assert_eq!(runs[0]["kernel"], "gaussian");
-    check_run(&runs[0]);
+    runs.iter().for_each(check_run);
     assert!(runs[1]["passes"].as_array().unwrap().iter().any(|p| p["name"] == "appearance"));
 
     let trace = desk.json("t.json");
@@ -171,6 +171,25 @@ fn a_size_that_does_not_fit_is_named_and_the_others_are_measured() {
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((report["runs"].as_array().unwrap().len(), report["refused"].as_array().unwrap().len()), (1, 2));
     check_run(&report["runs"][0]);
+}
+
+#[test]
+fn a_pair_of_photographs_is_measured_instead() {
+    let desk = Desk::new();
+    for (name, shift) in [("a.png", 0), ("b.png", 1)] {
+        let value = |x: u32, y: u32| (x + shift + 7 * (y / 5)).wrapping_mul(2_654_435_761) >> 24;
+        image::GrayImage::from_fn(80, 64, |x, y| image::Luma([value(x, y) as u8])).save(desk.path(name)).unwrap();
+    }
+    let pair = ["--pair", "a.png", "b.png", "--repeats", "1", "--outer-iterations", "5", "--quiet"];
+    let device = std::env::var("PARFOCAL_DEVICE").ok();
+    let device: Vec<&str> = device.iter().flat_map(|d| ["--device", d]).collect();
+    let report: Value =
+        serde_json::from_str(&done(&desk.run(&[&pair[..], &["--json"], &device[..]].concat()))).unwrap();
+    assert_eq!((&report["input"], &report["runs"][0]["width"]), (&"pair".into(), &80.into()));
+    // Two photographs of 8 bits; V, confidence and one channel of 32.
+    assert_eq!(report["runs"][0]["memory"]["host_bytes_per_px"], 14.0);
+    refused(&desk.run(&[&pair[..], &["-o", "a.png"]].concat()), 1, &["a.png", "is an input"]);
+    refused(&desk.run(&[&pair[..], &["--sizes", "64x64"]].concat()), 2, &["--sizes"]);
 }
 
 #[test]

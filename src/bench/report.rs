@@ -158,7 +158,7 @@ pub struct PassReport {
     pub bytes: u64,
     /// The one over the other.
     pub gb_per_s: f64,
-    /// That over what the copy does.
+    /// That over what the copy does; above 1 where a cache holds what moves.
     pub share_of_copy: Option<f64>,
 }
 
