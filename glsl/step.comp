@@ -122,8 +122,8 @@ void main() {
     state.levels[level].iterations += 1;
     energies[energy_place] = energy;
     state.levels[level].converged = uint(converged);
-    // A level goes on a little after it has converged: the energy is flat before V is.
-    if (converged && change <= 1e-4 * before) {
+    // A level goes on a little after it has converged: the energy is flat before V and T are.
+    if (converged && moved < 0.001 * factor && change <= 1e-4 * before) {
         for (int i = 0; i < argument_count; i++) arguments[argument_place + i] = 0;
     }
 }

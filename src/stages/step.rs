@@ -81,7 +81,7 @@ pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> St
     let energy = sums.energy / sums.valid.max(1.0);
     let change = (energy - before).abs();
     let converged = c.may_settle == 1 && moved < 0.01 && change <= 1e-3 * before;
-    Step { energy, converged, settled: converged && change <= 1e-4 * before }
+    Step { energy, converged, settled: converged && moved < 0.001 * factor && change <= 1e-4 * before }
 }
 
 /// Solves for the unknowns that are free; where N is singular nothing steps (the shader holds only the dependent unknowns).
