@@ -153,7 +153,8 @@ impl Plan {
     /// Outer iterations of a level in which α falls to its value.
     fn continuation(&self, level: &Level) -> f64 {
         let from_coarsest = (self.solved - 1).saturating_sub(level.index);
-        CONTINUATION_SHARES[from_coarsest.min(CONTINUATION_SHARES.len() - 1)] * f64::from(self.settings.outer_iterations)
+        CONTINUATION_SHARES[from_coarsest.min(CONTINUATION_SHARES.len() - 1)]
+            * f64::from(self.settings.outer_iterations)
     }
 
     /// α of a level's outer iteration k: it starts too large and falls to its value.

@@ -48,8 +48,9 @@ impl Place {
         Self { after_step: true, ..self }
     }
 
-    /// Whether a dispatch here had any workgroups, by the iterations that each level did of `outer` at most: in the solve,
-    /// and in the registration before it. A level that settles in its very last iteration counts as one that does not.
+    /// Whether a dispatch here had any workgroups, by the iterations that each level did of `outer` at most: in the
+    /// solve, and in the registration before it. A level that settles in its very last iteration counts as one that
+    /// does not.
     pub(crate) fn executed(self, done: [[u32; MAX_LEVELS]; 2], outer: u32) -> bool {
         let done = done[usize::from(self.registering)][self.level];
         self.iteration.is_none_or(|k| if self.after_step { k < relaxed(done, outer) } else { k < done })

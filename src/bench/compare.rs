@@ -4,8 +4,8 @@ use super::table::{aligned, number, title};
 use super::{Report, RunReport, Spread};
 
 /// New over old of every run that both reports hold, by size, method and kernel, as a table without a newline at its
-/// end: time end to end and on the device, with the least and the greatest ratio that the samples allow, and the medians
-/// of every pass. Above 1 is slower. Runs that only one of them holds are named.
+/// end: time end to end and on the device, with the least and the greatest ratio that the samples allow, and the
+/// medians of every pass. Above 1 is slower. Runs that only one of them holds are named.
 pub fn compare(old: &Report, new: &Report) -> String {
     let mut rows = vec![["", "old ms", "new ms", "new/old", "least", "greatest"].map(str::to_string).to_vec()];
     let mut lone: Vec<String> = Vec::new();

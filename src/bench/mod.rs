@@ -93,9 +93,9 @@ pub fn open(options: &EngineOptions) -> Result<(Engine, f64), Error> {
 /// Measures; `say` is told what is being done, a line at a time.
 ///
 /// # Errors
-/// Settings that no size could be solved with, a pair of two sizes, and whatever keeps the device from copying an image:
-/// [`Error::Setting`], [`Error::Mismatch`], [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`]. What keeps a
-/// single run from being done is in the report.
+/// Settings that no size could be solved with, a pair of two sizes, and whatever keeps the device from copying an
+/// image: [`Error::Setting`], [`Error::Mismatch`], [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`]. What
+/// keeps a single run from being done is in the report.
 pub fn run(engine: &Engine, engine_ms: f64, options: &Options, say: &mut dyn FnMut(&str)) -> Result<Measured, Error> {
     options.settings.check()?;
     if let Input::Pair(pair) = &options.input {

@@ -1,14 +1,16 @@
 //! A pair made on the spot, in a fraction of a second a megapixel: for its cost, not for its accuracy.
 //!
 //! The radiance is periodic noise of four correlation lengths on a tile of 512x512 px. The tile is blurred, around its
-//! edges, by Gaussians of a few variances; in between, the blurred tile is taken to be linear in the variance. With V1 and
-//! V2 the blur of either image, which varies slowly, and `q = T x`:
+//! edges, by Gaussians of a few variances; in between, the blurred tile is taken to be linear in the variance. With V1
+//! and V2 the blur of either image, which varies slowly, and `q = T x`:
 //!
 //! ```text
-//! I1(x) = tile(x; V1(x)),  I2(q) = 0.96 tile(x; V2(x)) + 0.02,  V2 - V1 = 6 sin(2π x/W) cos(2π y/H) px²
+//! I1(x) = tile(x; V1(x)),  I2(q) = 0.96 tile(x; V2(x)) + 0.02
+//! V2 - V1 = 6 sin(2π x/W) cos(2π y/H) px²
 //! ```
 //!
-//! I2 is read by cubic interpolation (Keys). What [`scene`](crate::scene) renders is exact, and takes seconds a megapixel.
+//! I2 is read by cubic interpolation (Keys). What [`scene`](crate::scene) renders is exact, and takes seconds a
+//! megapixel.
 
 use std::f64::consts::TAU;
 

@@ -42,33 +42,34 @@ fn spread(values: Option<&Spread>) -> String {
     values.map_or(DASH.to_string(), |s| format!("{} ({} to {})", number(s.median), number(s.min), number(s.max)))
 }
 
+/// A line for each name and what it says.
+fn lines(indent: &str, facts: &[(&str, String)]) -> String {
+    facts.iter().map(|(name, value)| format!("{indent}{name:<11}{value}")).collect::<Vec<_>>().join("\n")
+}
+
 impl Report {
     /// For a person, without a newline at its end.
     pub fn table(&self) -> String {
         let device = &self.device.device;
-        let mut text = format!(
-            "device   {} ({}), subgroups of {}\ncopy     {} GB/s\nengine   {} ms, cold\nsolves   {} pairs; {} after the first \
-             not counted, {} counted: median (least to greatest)\n",
-            device.name,
-            device.driver,
-            self.device.subgroup_size,
-            spread(self.copy_gb_per_s.as_ref()),
-            number(self.engine_ms),
-            self.input,
-            self.warmup,
-            self.repeats
-        );
+        let facts = [
+            ("device", format!("{} ({}), subgroups of {}", device.name, device.driver, self.device.subgroup_size)),
+            ("copy", format!("{} GB/s", spread(self.copy_gb_per_s.as_ref()))),
+            ("engine", format!("{} ms, cold", number(self.engine_ms))),
+            ("input", self.input.clone()),
+            (
+                "solves",
+                format!("{}, after the first and {} more: median (least to greatest)", self.repeats, self.warmup),
+            ),
+        ];
+        let mut text = lines("", &facts);
         for run in &self.runs {
-            text += &format!("\n{}\n", run.table());
+            text += &format!("\n\n{}", run.table());
         }
         for refused in &self.refused {
-            text += &format!(
-                "\n{}: {}\n",
-                title(refused.width, refused.height, &refused.method, &refused.kernel),
-                refused.error
-            );
+            let title = title(refused.width, refused.height, &refused.method, &refused.kernel);
+            text += &format!("\n\n{title}: {}", refused.error);
         }
-        text.trim_end().to_string()
+        text
     }
 
     /// A line for each run, under a line of names; without a newline at its end.
@@ -158,7 +159,7 @@ impl RunReport {
                 }),
             ),
         ];
-        let facts = facts.map(|(name, value)| format!("  {name:<11}{value}")).join("\n");
+        let facts = lines("  ", &facts);
         let mut rows = vec![row(["  pass", "ms", "dispatches", "MB", "GB/s", "of copy"])];
         rows.extend(self.passes.iter().map(|p| {
             vec![

@@ -38,7 +38,8 @@ pub(super) struct Arguments {
           value_parser = clap::value_parser!(u32).range(0..=1000))]
     warmup: u32,
     /// Largest |V|, px² of the full-size image, 1 to 256
-    #[arg(long, value_name = "PX2", allow_negative_numbers = true, default_value_t = Settings::default().max_relative_blur)]
+    #[arg(long, value_name = "PX2", allow_negative_numbers = true,
+          default_value_t = Settings::default().max_relative_blur)]
     max_relative_blur: f64,
     /// Outer iterations on each level at most, 5 to 1000
     #[arg(long, value_name = "N", default_value_t = Settings::default().outer_iterations)]
