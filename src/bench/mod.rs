@@ -40,7 +40,7 @@ pub struct Options {
     pub methods: Vec<Method>,
     /// Kernels.
     pub kernels: Vec<Kernel>,
-    /// Everything else that the solver is told.
+    /// Everything else that the solver is told; of a synthetic pair the method aligned is told T besides.
     pub settings: Settings,
     /// Solves after the first that are not counted.
     pub warmup: u32,
@@ -130,8 +130,14 @@ pub fn run(engine: &Engine, engine_ms: f64, options: &Options, say: &mut dyn FnM
 impl Options {
     /// What the solver is told in each run of a size.
     fn all_settings(&self) -> impl Iterator<Item = Settings> {
-        let of = |&method, kernel: &Kernel| Settings { method, kernel: kernel.clone(), ..self.settings.clone() };
-        self.methods.iter().flat_map(move |method| self.kernels.iter().map(move |kernel| of(method, kernel)))
+        let of = |method, kernel: &Kernel| {
+            let mut settings = Settings { method, kernel: kernel.clone(), ..self.settings.clone() };
+            if method == Method::Aligned && matches!(self.input, Input::Synthetic(_)) {
+                settings.start = synthetic::transform();
+            }
+            settings
+        };
+        self.methods.iter().flat_map(move |&method| self.kernels.iter().map(move |kernel| of(method, kernel)))
     }
 }
 
