@@ -23,7 +23,7 @@ pub(super) struct Arguments {
     /// A pair of photographs instead of synthetic ones
     #[arg(long, num_args = 2, value_names = ["I1", "I2"], conflicts_with = "sizes")]
     pair: Vec<PathBuf>,
-    /// Methods: unified, aligned, appearance, sift
+    /// How the registration is found, as `solve --method`
     #[arg(long, value_name = "METHOD,...", value_delimiter = ',', value_enum, default_value = "unified")]
     methods: Vec<MethodName>,
     /// Kernels: gaussian, pillbox, half-gaussian, or pictures of kernels
