@@ -128,7 +128,8 @@ void step_once() {
     // A level goes on a little after it has converged: the energy is flat before V and T are.
     settled = converged && moved < 0.001 * factor && change <= 1e-4 * before;
     Registration since = moved_since(state.warped, state.registration);
-    warps = !settled && corner_moves(since.a, since.b, vec2(since.tx, since.ty)) > FOLLOWED * factor;
+    warps = warp_count > 0 && !settled && corner_moves(since.a, since.b, vec2(since.tx, since.ty)) > FOLLOWED * factor;
+    if (warps) state.levels[level].warps |= 1u << findMSB(state.levels[level].iterations);
 }
 
 void main() {

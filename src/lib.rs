@@ -29,6 +29,7 @@
 
 mod aperture;
 mod baseline;
+pub mod bench;
 mod device_info;
 mod engine;
 mod error;
@@ -41,6 +42,7 @@ pub mod image_io;
 mod kernel;
 mod lens;
 mod plan;
+mod profile;
 mod record;
 pub mod reference;
 mod registered;

@@ -5,9 +5,12 @@ use std::sync::Arc;
 use bytemuck::Pod;
 
 use crate::plan::{FilterRange, Level, Plan, StackLayer};
+use crate::profile::{Dispatch, Place};
 use crate::stages::stack::Slopes;
 use crate::stages::state::State;
-use crate::stages::{Pipelines, confidence, convolve, fuse, ingest, prolong, relax, step, update, warp};
+use crate::stages::{
+    Pipelines, appearance, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update, warp,
+};
 use crate::vulkan::{Device, Groups, Image, Pipeline, Recorder, Recording, Resource};
 use crate::workspace::{Grid, Workspace, arguments};
 use crate::{Channels, Decode, Error};
@@ -30,6 +33,8 @@ pub(crate) struct Recorded {
     pub(crate) level_done: Vec<Option<usize>>,
     /// How many of the parts it takes until the registration is known.
     pub(crate) registered: usize,
+    /// What was recorded, in order.
+    pub(crate) dispatches: Vec<Dispatch>,
 }
 
 /// Records a whole solve: one part for the way up, one or more for each level, one for the results. Where the registration
@@ -41,8 +46,8 @@ pub(crate) fn record(
     workspace: &Workspace,
 ) -> Result<Recorded, Error> {
     let recorder = Recorder::new(device, timestamps(plan))?;
-    let warps = vec![Vec::new(); plan.solved];
-    let mut r = Script { recorder, pipelines, plan, w: workspace, anew: None, warps };
+    let (warps, place) = (vec![Vec::new(); plan.solved], Place::default());
+    let mut r = Script { recorder, pipelines, plan, w: workspace, anew: None, warps, place, dispatches: Vec::new() };
     r.reset();
     for image in BOTH {
         r.ingest(image, ingest::LUMINANCE)?;
@@ -51,6 +56,7 @@ pub(crate) fn record(
     let mut level_done = vec![None];
     for level in plan.appearance_levels() {
         r.recorder.next_part()?;
+        r.place = Place::registering(level.index);
         if plan.matches_exposure() {
             // Nothing is known of V yet.
             r.recorder.clear(r.relative_blur(level.index));
@@ -62,6 +68,7 @@ pub(crate) fn record(
                 r.recorder.next_part()?;
                 level_done.push(None);
             }
+            r.place = r.place.iteration(k);
             r.appearance(level)?;
             r.step(level, &plan.appearance_step(level, k))?;
         }
@@ -70,6 +77,7 @@ pub(crate) fn record(
     let mut registered = 0;
     if !plan.solves_transform() {
         r.recorder.next_part()?;
+        r.place = Place::level(0);
         r.recorder.clear(r.relative_blur(0));
         r.expose(&plan.pyramid[0], plan.matches_exposure() && !plan.solves_appearance())?;
         r.bring_down_registration();
@@ -79,6 +87,7 @@ pub(crate) fn record(
     }
     for level in plan.coarse_to_fine() {
         r.recorder.next_part()?;
+        r.place = Place::level(level.index);
         r.start(level)?;
         if plan.matches_exposure() {
             r.expose(level, true)?;
@@ -97,6 +106,7 @@ pub(crate) fn record(
                 r.recorder.next_part()?;
                 level_done.push(None);
             }
+            r.place = r.place.iteration(k);
             if plan.warps_anew(level, k) {
                 r.warp_anew(level)?;
             }
@@ -111,6 +121,7 @@ pub(crate) fn record(
         level_done.push(Some(level.index));
     }
     r.recorder.next_part()?;
+    r.place = Place::level(0);
     r.expose(&plan.pyramid[0], false)?;
     if plan.solves_transform() {
         r.bring_down_registration();
@@ -125,7 +136,7 @@ pub(crate) fn record(
     r.bring_down();
     level_done.push(None);
     workspace.start_arguments.write(bytemuck::cast_slice(&arguments(plan, &r.warps)))?;
-    Ok(Recorded { recording: r.recorder.finish()?, level_done, registered })
+    Ok(Recorded { recording: r.recorder.finish()?, level_done, registered, dispatches: r.dispatches })
 }
 
 /// Whether iteration k of a level goes into a new part.
@@ -154,16 +165,22 @@ struct Script<'a> {
     anew: Option<usize>,
     /// The workgroups of those passes, by level.
     warps: Vec<Vec<[u32; 3]>>,
+    /// Where the next pass stands.
+    place: Place,
+    dispatches: Vec<Dispatch>,
 }
 
 impl<'a> Script<'a> {
+    /// Records a pass that must move so many bytes.
     fn pass<C: Pod>(
         &mut self,
         pipeline: &Arc<Pipeline>,
         resources: &[Resource<'_>],
         constants: &C,
         groups: Groups<'_>,
+        bytes: u64,
     ) -> Result<(), Error> {
+        self.dispatches.push(Dispatch { pass: pipeline.name, place: self.place, bytes });
         self.recorder.pass(pipeline, resources, bytemuck::bytes_of(constants), groups)
     }
 
@@ -193,12 +210,14 @@ impl<'a> Script<'a> {
         };
         let pipeline = &self.pipelines.ingest;
         let resources = [Resource::Buffer(&self.w.frames[image]), Resource::Image(&self.w.levels[0].images[image])];
-        self.pass(pipeline, &resources, &constants, Groups::Direct(pipeline.groups(self.plan.size)))
+        let groups = Groups::Direct(pipeline.groups(self.plan.size));
+        self.pass(pipeline, &resources, &constants, groups, ingest::bytes(&constants))
     }
 
     /// Each level from its parent, both axes halved.
     fn pyramid(&mut self, image: usize) -> Result<(), Error> {
         for (parent, level) in self.plan.pyramid.iter().zip(&self.plan.pyramid[1..]) {
+            self.place = Place::level(level.index);
             let (from, to) = (&self.w.levels[parent.index].images[image], &self.w.levels[level.index].images[image]);
             self.separable([(from, 0), (to, 0)], parent.size, [self.plan.halve; 2], 2, false)?;
         }
@@ -245,19 +264,21 @@ impl<'a> Script<'a> {
         let pipeline = &self.pipelines.warp;
         let resources = [Resource::Image(&w.spline2), Resource::Image(&w.stacks), Resource::Buffer(&w.state)];
         let groups = self.groups(pipeline.groups(level.size));
-        self.pass(pipeline, &resources, &constants, groups)?;
+        self.pass(pipeline, &resources, &constants, groups, warp::bytes(&constants))?;
         self.spline(level, (&w.stacks, base + 1), (&w.stacks, base))
     }
 
     /// I2 on I1's pixels and its whole stack, if T has moved since.
     fn warp_anew(&mut self, level: &Level) -> Result<(), Error> {
         self.anew = Some(level.index);
+        let place = self.place;
+        self.place = place.if_moved();
         self.warps[level.index].clear();
         self.warp(level)?;
         for layer in 1..self.plan.layers_of(level) {
             self.stack_layer(level, 1, layer)?;
         }
-        self.anew = None;
+        (self.anew, self.place) = (None, place);
         Ok(())
     }
 
@@ -301,12 +322,12 @@ impl<'a> Script<'a> {
         let p = self.pipelines;
         let last = if add { &p.convolve_add } else { &p.convolve };
         let scratch = &self.w.scratch;
-        for (from, to, constants, bank, pipeline) in
-            [(from, scratch, across, along_x.bank, &p.convolve), (scratch, to, down, along_y.bank, last)]
+        for (from, to, constants, bank, pipeline, add) in
+            [(from, scratch, across, along_x.bank, &p.convolve, false), (scratch, to, down, along_y.bank, last, add)]
         {
             let resources = [Resource::Image(from), Resource::Image(to), Resource::Uniform(&self.w.filters[bank])];
             let groups = self.groups(pipeline.groups(convolve::grid(&constants)));
-            self.pass(pipeline, &resources, &constants, groups)?;
+            self.pass(pipeline, &resources, &constants, groups, convolve::bytes(&constants, add))?;
         }
         Ok(())
     }
@@ -322,7 +343,8 @@ impl<'a> Script<'a> {
         let constants = prolong::Constants { width, height, limit: level.limit as f32 };
         let pipeline = &self.pipelines.prolong;
         let resources = [Resource::Image(self.relative_blur(level.index + 1)), Resource::Image(v)];
-        self.pass(pipeline, &resources, &constants, Groups::Direct(pipeline.groups(level.size)))
+        let groups = Groups::Direct(pipeline.groups(level.size));
+        self.pass(pipeline, &resources, &constants, groups, prolong::bytes(&constants))
     }
 
     /// Gain and offset at low pass, or only the correlation there.
@@ -331,7 +353,8 @@ impl<'a> Script<'a> {
         let [i1, i2] = &self.w.levels[index].images;
         let [i1, i2, v] = [i1, i2, self.relative_blur(level.index)].map(Resource::Image);
         let resources = [i1, i2, v, Resource::Buffer(&self.w.state)];
-        self.pass(&self.pipelines.expose, &resources, &constants, Groups::Direct([1, 1, 1]))
+        let groups = Groups::Direct([1, 1, 1]);
+        self.pass(&self.pipelines.expose, &resources, &constants, groups, expose::bytes(&constants))
     }
 
     /// The registration integrals without a blur model: equation 36.
@@ -344,7 +367,8 @@ impl<'a> Script<'a> {
             Resource::Buffer(&w.state),
             Resource::Buffer(&w.partials),
         ];
-        self.pass(&self.pipelines.appearance, &resources, &constants, self.grid(Grid::Tiles, level))
+        let (groups, bytes) = (self.grid(Grid::Tiles, level), appearance::bytes(&constants));
+        self.pass(&self.pipelines.appearance, &resources, &constants, groups, bytes)
     }
 
     /// S1, S2, D, b and the registration integrals: equations 22 to 32 and 23.
@@ -361,14 +385,18 @@ impl<'a> Script<'a> {
             Slopes::Laplacian if self.plan.warps(level) => &p.linearise_warped,
             Slopes::Laplacian => &p.linearise,
         };
-        self.pass(pipeline, &resources, &constants, self.grid(Grid::Tiles, level))
+        let (groups, bytes) = (self.grid(Grid::Tiles, level), linearise::bytes(&constants, self.plan.slopes()));
+        self.pass(pipeline, &resources, &constants, groups, bytes)
     }
 
     /// T, gain, offset; settled?
     fn step(&mut self, level: &Level, constants: &step::Constants) -> Result<(), Error> {
         let resources = [&self.w.partials, &self.w.state, &self.w.energies, &self.w.arguments, &self.w.start_arguments];
         let resources = resources.map(Resource::Buffer);
-        self.pass(&self.pipelines.step, &resources, constants, self.grid(Grid::One, level))
+        let (groups, bytes) = (self.grid(Grid::One, level), step::bytes(constants));
+        self.pass(&self.pipelines.step, &resources, constants, groups, bytes)?;
+        self.place = self.place.after_step();
+        Ok(())
     }
 
     /// One half-iteration on dV.
@@ -382,7 +410,8 @@ impl<'a> Script<'a> {
         let w = self.w;
         let resources = [&w.right_sides, &w.weights, &w.changes[1 - color], &w.changes[color]].map(Resource::Image);
         let pipeline = if sweep == 0 { &self.pipelines.relax_first } else { &self.pipelines.relax };
-        self.pass(pipeline, &resources, &constants, self.grid(Grid::Half, level))
+        let (groups, bytes) = (self.grid(Grid::Half, level), relax::bytes(&constants, sweep == 0));
+        self.pass(pipeline, &resources, &constants, groups, bytes)
     }
 
     /// V + clamp(dV).
@@ -395,7 +424,8 @@ impl<'a> Script<'a> {
         };
         let w = self.w;
         let resources = [&w.changes[RED], &w.changes[BLACK], self.relative_blur(level.index)].map(Resource::Image);
-        self.pass(&self.pipelines.update, &resources, &constants, self.grid(Grid::Pixels, level))
+        let (groups, bytes) = (self.grid(Grid::Pixels, level), update::bytes(&constants));
+        self.pass(&self.pipelines.update, &resources, &constants, groups, bytes)
     }
 
     /// V where it is valid, and its confidence, into the first layers of the results.
@@ -406,7 +436,8 @@ impl<'a> Script<'a> {
         let images = [self.relative_blur(0), &self.w.weights, &self.w.stacks];
         let resources = [&images.map(Resource::Image)[..], &[Resource::Buffer(&self.w.state)]].concat();
         let pipeline = &self.pipelines.confidence;
-        self.pass(pipeline, &resources, &constants, Groups::Direct(pipeline.groups(finest.size)))
+        let groups = Groups::Direct(pipeline.groups(finest.size));
+        self.pass(pipeline, &resources, &constants, groups, confidence::bytes(&constants))
     }
 
     /// One channel of the pseudo-radiance, equation 37. The channel takes the luminance's place.
@@ -430,7 +461,8 @@ impl<'a> Script<'a> {
         let images = [i1, &self.w.spline2, self.relative_blur(0), &self.w.stacks];
         let resources = [&images.map(Resource::Image)[..], &[Resource::Buffer(&self.w.state)]].concat();
         let pipeline = &self.pipelines.fuse;
-        self.pass(pipeline, &resources, &constants, Groups::Direct(pipeline.groups(finest.size)))
+        let groups = Groups::Direct(pipeline.groups(finest.size));
+        self.pass(pipeline, &resources, &constants, groups, fuse::bytes(&constants))
     }
 
     /// The registration, into mapped memory, before the results are there.

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use crate::plan::Plan;
+use crate::profile::{Dispatch, Phases, Profile, SUBMIT_WAIT};
 use crate::record::{self, Recorded};
 use crate::solution::{Level, Timings};
 use crate::stages::state::{Registration, State};
@@ -30,6 +31,8 @@ pub struct Solver {
     recording: Recording,
     level_done: Vec<Option<usize>>,
     registered: usize,
+    dispatches: Vec<Dispatch>,
+    phases: Phases,
     workspace: Workspace,
     device: Arc<Device>,
 }
@@ -56,9 +59,10 @@ impl Solver {
         let mut first = Recorder::new(&device, 0)?;
         first.prepare(&workspace.images());
         first.finish()?.run(&mut |_| ())?;
-        let Recorded { recording, level_done, registered } =
+        let Recorded { recording, level_done, registered, dispatches } =
             record::record(&device, engine.pipelines(), &plan, &workspace)?;
-        Ok(Self { plan, recording, level_done, registered, workspace, device })
+        let phases = Phases::default();
+        Ok(Self { plan, recording, level_done, registered, dispatches, phases, workspace, device })
     }
 
     /// Prepares for pairs like this one.
@@ -92,6 +96,7 @@ impl Solver {
         let started = Instant::now();
         self.run([i1, i2], self.level_done.len(), progress)?;
         let mut solution = self.collect()?;
+        self.phases.end("collect");
         solution.timings.total_ms = started.elapsed().as_secs_f64() * 1e3;
         Ok(solution)
     }
@@ -128,12 +133,15 @@ impl Solver {
         if self.device.is_poisoned() {
             return Err(Error::Poisoned);
         }
+        self.phases = Phases::default();
         for (buffer, frame) in self.workspace.frames.iter().zip(frames) {
             buffer.write(frame.bytes())?;
         }
+        self.phases.end("upload");
         let settings = &self.plan.settings;
         let start = Registration::new(&baseline::start(frames, settings)?, &settings.start_photometric);
         self.workspace.start_state.write(bytemuck::bytes_of(&State::new(&start)))?;
+        self.phases.end("start");
         let (plan, level_done) = (&self.plan, &self.level_done);
         let levels = |parts: usize| level_done[..parts].iter().flatten().count() as u32;
         self.recording.run_first(parts, &mut |part| {
@@ -141,7 +149,25 @@ impl Solver {
                 let [width, height] = level.size;
                 progress(Progress { done: levels(part), levels: levels(parts), width, height });
             }
-        })
+        })?;
+        self.phases.end(SUBMIT_WAIT);
+        Ok(())
+    }
+
+    /// Everything about the solves that does not depend on the pixels.
+    pub(crate) fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// What the latest solve did, dispatch by dispatch.
+    pub(crate) fn profile(&self) -> Result<Profile, Error> {
+        let w = &self.workspace;
+        let [solved, registered] = [&w.end_state, &w.registered_state].map(|state| state.read::<State>(0, 1));
+        let done = [solved?[0].levels, registered?[0].levels];
+        let outer = self.plan.settings.outer_iterations;
+        let executed = self.dispatches.iter().map(|d| d.place.executed(&done, outer)).collect();
+        let (dispatches, ends_ms) = (self.dispatches.clone(), self.recording.times()?.ends_ms);
+        Ok(Profile { dispatches, executed, ends_ms, phases: self.phases.clone() })
     }
 
     fn check_frames(&self, frames: [&Frame; 2]) -> Result<(), Error> {

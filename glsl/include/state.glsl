@@ -7,6 +7,7 @@ struct LevelState {
     uint converged;    // the latest iteration moved no corner by 0.01 px and the energy by less than 0.1 %
     float energy;      // of the latest iteration
     float valid;       // pixels
+    uint warps;        // bit n: I2 was brought onto I1's pixels anew before iteration 2^n
 };
 
 struct Registration {
@@ -20,7 +21,6 @@ struct State {
     float correlation; // of the two images at low pass, when it was last measured
     uint degenerate;   // the last step had unknowns that the images do not determine
     Registration warped;   // when I2 was last brought onto I1's pixels
-    uvec2 padding;
     LevelState levels[MAX_LEVELS];
 };
 

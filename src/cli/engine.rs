@@ -21,10 +21,15 @@ pub(super) struct EngineArguments {
 impl EngineArguments {
     /// Opens it, under validation where the environment asks for that.
     pub(super) fn open(&self) -> Result<Engine, Failure> {
-        Ok(Engine::new(&EngineOptions {
+        Ok(Engine::new(&self.options())?)
+    }
+
+    /// How it is opened.
+    pub(super) fn options(&self) -> EngineOptions {
+        EngineOptions {
             device: self.device.clone(),
             validation: super::validation_asked(),
             timeout: Duration::from_secs(self.timeout),
-        })?)
+        }
     }
 }

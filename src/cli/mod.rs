@@ -1,5 +1,6 @@
 //! What the program `parfocal` understands; one file for each subcommand.
 
+mod bench;
 mod devices;
 mod engine;
 mod evaluate;
@@ -38,6 +39,7 @@ enum Command {
     View(view::Arguments),
     Register(Box<register::Arguments>),
     Evaluate(evaluate::Arguments),
+    Bench(Box<bench::Arguments>),
     Devices(devices::Arguments),
 }
 
@@ -56,6 +58,7 @@ pub fn main() -> ExitCode {
         Command::View(arguments) => view::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
     };
     match result {

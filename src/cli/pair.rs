@@ -76,7 +76,7 @@ impl From<RegistrationStep> for StepName {
 
 /// A kernel by name, or a file that holds one.
 #[derive(Clone, Debug)]
-enum KernelChoice {
+pub(super) enum KernelChoice {
     Named(Kernel),
     File(PathBuf),
 }
@@ -91,7 +91,7 @@ impl FromStr for KernelChoice {
 }
 
 impl KernelChoice {
-    fn read(&self) -> Result<Kernel, Failure> {
+    pub(super) fn read(&self) -> Result<Kernel, Failure> {
         match self {
             Self::Named(kernel) => Ok(kernel.clone()),
             Self::File(path) if !path.exists() => Err(Failure::Usage(format!(

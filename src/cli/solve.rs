@@ -35,7 +35,7 @@ pub(super) struct Arguments {
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum MethodName {
+pub(super) enum MethodName {
     Unified,
     Aligned,
     Appearance,

@@ -34,7 +34,7 @@ mod dots;
 mod kernel;
 mod presets;
 mod radiance;
-mod random;
+pub(crate) mod random;
 mod raster;
 mod shape;
 #[cfg(test)]

@@ -11,7 +11,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::linearise::{Sums, UNKNOWNS};
 use super::state::{Registration, inside};
-use super::{Field, WORKGROUP, spline};
+use super::{Field, WORKGROUP, linearise, pixels, spline};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
@@ -44,6 +44,11 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: I1 and the spline of I2 read, a row of sums a workgroup written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height])
+}
 
 /// One whole pass over a level; `spline2` holds the coefficients of I2.
 pub fn twin(c: &Constants, r: &Registration, i1: &Field, spline2: &Field) -> Sums {

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::state::{Registration, inside};
-use super::{Field, WORKGROUP};
+use super::{Field, WORKGROUP, pixels};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
@@ -26,6 +26,11 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: V and four weights read, V and confidence written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    28 * pixels(c.width, c.height)
+}
 
 /// V and confidence, from the last [linear system](super::linearise::Linearised).
 pub fn twin(c: &Constants, r: &Registration, v: &Field, system: &[Field; 5]) -> [Field; 2] {

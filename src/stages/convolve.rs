@@ -6,8 +6,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::WORKGROUP;
 use super::field::{Field, mirror};
+use super::{WORKGROUP, pixels};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
@@ -54,6 +54,12 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: every value read, every result written, and read first where it is added to.
+pub(crate) fn bytes(c: &Constants, add: bool) -> u64 {
+    let touched = if add { 2 } else { 1 };
+    4 * (pixels(c.length, c.breadth) + touched * pixels(c.length.div_ceil(c.stride), c.breadth))
+}
 
 /// `out(i) = Σ_n filter(n) input(stride i + n)` along x, or along y.
 pub fn twin(input: &Field, filter: &[f64], stride: usize, vertical: bool) -> Field {

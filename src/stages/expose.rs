@@ -10,7 +10,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::state::{Registration, inside};
-use super::{Field, WORKGROUP};
+use super::{Field, WORKGROUP, pixels};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
@@ -39,6 +39,11 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: the two images, and V at as many places.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    12 * pixels(c.width, c.height)
+}
 
 /// Matches gain and offset in place, `v` the relative blur of the level solved; gives the correlation of the two images.
 pub fn twin(c: &Constants, r: &mut Registration, i1: &Field, i2: &Field, v: &Field) -> f64 {

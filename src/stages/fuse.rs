@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::linearise::heaviside;
 use super::state::{Registration, inside};
-use super::{Field, WORKGROUP, spline};
+use super::{Field, WORKGROUP, pixels, spline};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
@@ -33,6 +33,11 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: both channels and V read, the fused channel written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    16 * pixels(c.width, c.height)
+}
 
 /// The fused channel.
 pub fn twin(c: &Constants, r: &Registration, channel1: &Field, coefficients2: &Field, v: &Field) -> Field {

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{Field, WORKGROUP};
+use super::{Field, WORKGROUP, pixels};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 use crate::{Decode, Frame, Samples};
@@ -35,6 +35,11 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: every sample read, every pixel written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    u64::from(c.channels * c.bytes + 4) * pixels(c.width, c.height)
+}
 
 /// Undoes the sRGB curve (IEC 61966-2-1).
 pub fn srgb_to_linear(value: f64) -> f64 {

@@ -19,9 +19,9 @@ use bytemuck::{Pod, Zeroable};
 
 use super::blur::{self, Stacks};
 use super::spline::Jet;
-use super::stack::Blurred;
+use super::stack::{Blurred, Slopes};
 use super::state::{Registration, inside};
-use super::{Field, WORKGROUP, spline};
+use super::{Field, WORKGROUP, pixels, spline};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
@@ -98,6 +98,19 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: I1, V, of the stacks the two nodes about V and what is read of the other image, all once a
+/// pixel; right side and four weights written, and a row of sums a workgroup.
+pub(crate) fn bytes(c: &Constants, slopes: Slopes) -> u64 {
+    let layers = 3 * slopes.layers() as u64;
+    (8 + 4 * layers + 20) * pixels(c.width, c.height) + row_bytes([c.width, c.height])
+}
+
+/// Bytes of a level's partial sums.
+pub(crate) fn row_bytes(size: [u32; 2]) -> u64 {
+    let [columns, rows, _] = tiles(size);
+    4 * SUMS as u64 * pixels(columns, rows)
+}
 
 /// What the pass leaves.
 pub struct Linearised {

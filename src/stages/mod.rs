@@ -7,6 +7,7 @@ pub mod appearance;
 pub mod blur;
 pub mod confidence;
 pub mod convolve;
+pub mod copy;
 pub mod expose;
 pub mod field;
 pub mod fuse;
@@ -34,6 +35,11 @@ use crate::vulkan::{Device, Pipeline};
 /// subgroup wide, so that subgroups are full. Of 16x16, 32x8, 64x4 and 128x2, 64x4 was the fastest on lavapipe: the heat
 /// sink took 16.0, 12.3, 12.2 and 15.2 s, its relaxation 3.5, 2.6, 2.0 and 2.5 s.
 pub(crate) const WORKGROUP: [u32; 2] = [64, 4];
+
+/// Pixels of a field.
+pub(crate) fn pixels(width: u32, height: u32) -> u64 {
+    u64::from(width) * u64::from(height)
+}
 
 /// The compiled passes.
 pub(crate) struct Pipelines {

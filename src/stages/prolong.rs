@@ -3,7 +3,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{Field, WORKGROUP};
+use super::{Field, WORKGROUP, pixels};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
@@ -26,6 +26,11 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: coarse V read, fine V written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
+}
 
 /// V of the fine level.
 pub fn twin(c: &Constants, coarse: &Field) -> Field {

@@ -4,7 +4,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{Field, WORKGROUP};
+use super::{Field, WORKGROUP, pixels};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
@@ -30,6 +30,17 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: right side, four weights and dV of both colours read, dV of one written. The first sweep reads only
+/// right sides of red, and of black neither its dV.
+pub(crate) fn bytes(c: &Constants, first: bool) -> u64 {
+    let floats = match (first, c.color) {
+        (true, 0) => 2,
+        (true, _) => 7,
+        (false, _) => 8,
+    };
+    4 * floats * pixels(c.width.div_ceil(2), c.height)
+}
 
 /// Relaxes the pixels of one colour of dV in place.
 pub fn twin(c: &Constants, system: &[Field; 5], change: &mut Field) {

@@ -29,8 +29,6 @@ pub struct State {
     pub degenerate: u32,
     /// T, gain and offset when I2 was last brought onto I1's pixels, in the order above.
     pub warped: [f32; 6],
-    /// Nothing.
-    pub padding: [u32; 2],
     /// By level, finest first.
     pub levels: [LevelState; MAX_LEVELS],
 }
@@ -47,6 +45,8 @@ pub struct LevelState {
     pub energy: f32,
     /// Valid pixels.
     pub valid: f32,
+    /// Bit n: I2 was brought onto I1's pixels anew before iteration 2ⁿ.
+    pub warps: u32,
 }
 
 /// T, gain and offset, in double precision.

@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
 use super::WORKGROUP;
-use super::linearise::{Sums, UNKNOWNS};
+use super::linearise::{SUMS, Sums, UNKNOWNS};
 use super::state::Registration;
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
@@ -51,6 +51,11 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: the partial sums.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    4 * SUMS as u64 * u64::from(c.rows)
+}
 
 /// What a step did.
 #[derive(Clone, Copy, Debug, PartialEq)]

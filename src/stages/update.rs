@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{Field, WORKGROUP};
+use super::{Field, WORKGROUP, pixels};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
@@ -27,6 +27,11 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: dV and V read, V written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    12 * pixels(c.width, c.height)
+}
 
 /// Adds dV to V.
 pub fn twin(c: &Constants, change: &Field, v: &mut Field) {

@@ -6,7 +6,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::state::Registration;
-use super::{Field, WORKGROUP, spline};
+use super::{Field, WORKGROUP, pixels, spline};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
@@ -33,6 +33,11 @@ pub(crate) const STAGE: Stage = Stage {
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
+
+/// Bytes that must move: the coefficients read, the samples written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    8 * pixels(c.width, c.height)
+}
 
 /// Samples of I2 at T x; mirrored once where T leaves I2.
 pub fn twin(c: &Constants, r: &Registration, spline2: &Field) -> Field {

@@ -1,4 +1,4 @@
-//! Where the time goes on the device, by named pass.
+//! Where the time goes on the device, by named pass and by dispatch.
 
 use std::sync::Arc;
 
@@ -12,6 +12,8 @@ use crate::Error;
 pub(crate) struct DeviceTimes {
     pub(crate) total_ms: f64,
     pub(crate) passes_ms: Vec<(&'static str, f64)>,
+    /// When each pass ended, in order, since the start; each begins as the one before it ends.
+    pub(crate) ends_ms: Vec<f64>,
 }
 
 /// A timestamp at the start and after every pass.
@@ -86,7 +88,8 @@ impl Timestamps {
             (to.wrapping_sub(from) & mask) as f64 * f64::from(device.physical.limits.timestamp_period) * 1e-6
         };
         let total_ms = milliseconds(ticks[0], ticks[names.len()]);
-        let mut times = DeviceTimes { total_ms, ..DeviceTimes::default() };
+        let ends_ms = ticks[1..].iter().map(|&end| milliseconds(ticks[0], end)).collect();
+        let mut times = DeviceTimes { total_ms, ends_ms, ..DeviceTimes::default() };
         for (pair, &name) in ticks.windows(2).zip(names) {
             let spent = milliseconds(pair[0], pair[1]);
             match times.passes_ms.iter_mut().find(|(known, _)| *known == name) {

@@ -1,0 +1,207 @@
+//! `parfocal bench` on a device, on sizes so small that nothing of it is about time.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use tempfile::TempDir;
+
+struct Desk(TempDir);
+
+impl Desk {
+    fn new() -> Self {
+        Self(TempDir::new().unwrap())
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        let mut program = Command::cargo_bin("parfocal").unwrap();
+        program.env("PARFOCAL_CACHE_DIR", self.path("cache")).current_dir(self.0.path()).arg("bench");
+        program.args(arguments).output().unwrap()
+    }
+
+    /// Measures 64x64 and more on the tests' device.
+    fn measure(&self, arguments: &[&str]) -> Output {
+        let device = std::env::var("PARFOCAL_DEVICE").ok();
+        let device: Vec<&str> = device.iter().flat_map(|d| ["--device", d]).collect();
+        let sizes: &[&str] = if arguments.contains(&"--sizes") { &[] } else { &["--sizes", "64x64"] };
+        self.run(&[sizes, &["--repeats", "2", "--outer-iterations", "8"], arguments, &device].concat())
+    }
+
+    fn json(&self, name: &str) -> Value {
+        serde_json::from_slice(&fs::read(self.path(name)).unwrap()).unwrap()
+    }
+}
+
+#[track_caller]
+fn done(output: &Output) -> String {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+#[track_caller]
+fn refused(output: &Output, status: i32, parts: &[&str]) {
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(status), "{stderr}");
+    assert!(parts.iter().all(|part| stderr.contains(part)), "{stderr}");
+}
+
+#[track_caller]
+fn positive(value: &Value) -> f64 {
+    let number = value.as_f64().unwrap_or_else(|| panic!("{value} is no number"));
+    assert!(number > 0.0, "{number}");
+    number
+}
+
+#[track_caller]
+fn spread(value: &Value, samples: usize) {
+    let [min, median, max] = ["min", "median", "max"].map(|name| positive(&value[name]));
+    assert!(min <= median && median <= max, "{value}");
+    assert_eq!(value["samples"].as_array().unwrap().len(), samples);
+}
+
+fn check_run(run: &Value) {
+    assert_eq!((&run["width"], &run["height"]), (&64.into(), &64.into()));
+    spread(&run["solve_ms"], 2);
+    spread(&run["device_ms"], 2);
+    for name in ["mpx_per_s", "device_mpx_per_s"] {
+        positive(&run[name]);
+    }
+    let megapixels = 64.0 * 64.0 * 1e-6;
+    let ratio = positive(&run["mpx_per_s"]) * positive(&run["solve_ms"]["median"]) / (1e3 * megapixels);
+    assert!((ratio - 1.0).abs() < 1e-9, "{ratio}");
+    for (group, name) in [
+        ("cold", "prepare_ms"),
+        ("cold", "first_ms"),
+        ("memory", "device_bytes_per_px"),
+        ("memory", "host_bytes_per_px"),
+        ("relaxation", "mpx_sweeps_per_s"),
+        ("relaxation", "share_of_copy"),
+    ] {
+        positive(&run[group][name]);
+    }
+    // Two photographs of 16 bits; V, confidence and one channel of 32.
+    assert_eq!(run["memory"]["host_bytes_per_px"], 16.0);
+
+    let [recorded, executed] = ["recorded", "executed"].map(|name| run["dispatches"][name].as_u64().unwrap());
+    assert!(executed <= recorded);
+    let levels = run["levels"].as_array().unwrap();
+    let iterations: Vec<u64> = levels.iter().map(|l| l["iterations"].as_u64().unwrap()).collect();
+    assert_eq!(levels.iter().map(|l| l["width"].as_u64().unwrap()).collect::<Vec<_>>(), [32, 64]);
+    assert!(iterations.iter().all(|n| (1..=8).contains(n)), "{iterations:?}");
+
+    let passes = run["passes"].as_array().unwrap();
+    let count = |name: &str| passes.iter().find(|p| p["name"] == name).map_or(0, |p| p["dispatches"].as_u64().unwrap());
+    assert_eq!(passes.iter().map(|p| p["dispatches"].as_u64().unwrap()).sum::<u64>(), executed);
+    assert_eq!(count("linearise"), iterations.iter().sum::<u64>());
+    // A level that settles early relaxes once less than it linearises.
+    let relaxed: u64 = iterations.iter().map(|&n| if n < 8 { n - 1 } else { n }).sum();
+    assert_eq!((count("update"), count("relax")), (relaxed, 2 * 5 * relaxed));
+    for pass in passes {
+        let (bytes, ms) = (positive(&pass["bytes"]), positive(&pass["ms"]));
+        assert!((positive(&pass["gb_per_s"]) * ms / (bytes * 1e-6) - 1.0).abs() < 1e-9, "{pass}");
+        positive(&pass["share_of_copy"]);
+    }
+}
+
+#[test]
+fn the_report_holds_what_it_promises_and_a_trace_stands_beside_it() {
+    let desk = Desk::new();
+    let stdout =
+        done(&desk.measure(&["--methods", "unified,appearance", "--json", "-o", "made/a.json", "--profile", "t.json"]));
+    let report: Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(desk.json("made/a.json"), report);
+    for name in ["name", "driver", "uuid"] {
+        assert!(!report["device"][name].as_str().unwrap().is_empty(), "{report}");
+    }
+    positive(&report["device"]["subgroup_size"]);
+    positive(&report["engine_ms"]);
+    spread(&report["copy_gb_per_s"], 8);
+    let runs = report["runs"].as_array().unwrap();
+    assert_eq!(runs.iter().map(|r| r["method"].as_str().unwrap()).collect::<Vec<_>>(), ["unified", "appearance"]);
+    assert_eq!(runs[0]["kernel"], "gaussian");
+    runs.iter().for_each(check_run);
+    assert!(runs[1]["passes"].as_array().unwrap().iter().any(|p| p["name"] == "appearance"));
+
+    let trace = desk.json("t.json");
+    let events = trace["traceEvents"].as_array().unwrap();
+    let spans: Vec<&Value> = events.iter().filter(|e| e["ph"] == "X").collect();
+    assert!(spans.iter().all(|e| e["ts"].is_f64() && e["dur"].as_f64().unwrap() >= 0.0 && e["name"].is_string()));
+    let recorded: u64 = runs.iter().map(|r| r["dispatches"]["recorded"].as_u64().unwrap()).sum();
+    // Four phases of the host in each run.
+    assert_eq!(spans.len() as u64, recorded + 8);
+    assert!(spans.iter().any(|e| e["name"] == "relax" && e["args"]["iteration"] == 0 && e["args"]["level"] == 1));
+}
+
+#[test]
+fn people_and_spreadsheets_are_told_too_and_ratios_to_an_earlier_report() {
+    let desk = Desk::new();
+    let text = done(&desk.measure(&["-o", "a.json"]));
+    for part in ["copy ", "GB/s", "64x64 unified gaussian", "Mpx-sweeps/s", "bytes a pixel", "linearise", "of copy"] {
+        assert!(text.contains(part), "{part} is missing in {text}");
+    }
+    let output = desk.measure(&["--kernels", "gaussian,half-gaussian", "--csv", "--against", "a.json", "--quiet"]);
+    let csv = done(&output);
+    let rows: Vec<Vec<&str>> = csv.trim_end().lines().map(|line| line.split(',').collect()).collect();
+    assert!(rows.len() == 3 && rows.iter().all(|row| row.len() == rows[0].len()), "{csv}");
+    assert_eq!(rows[0][..5], ["width", "height", "method", "kernel", "solve_ms"]);
+    assert_eq!(rows[2][..4], ["64", "64", "unified", "half-gaussian"]);
+    let numbers = rows[1..].iter().flat_map(|row| row.iter().enumerate().filter(|(i, _)| ![2, 3].contains(i)));
+    assert!(numbers.clone().all(|(_, cell)| cell.parse::<f64>().is_ok_and(|v| v >= 0.0)), "{csv}");
+    let ratios = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(ratios.contains("new/old") && ratios.contains("only in the new report: 64x64 unified half-gaussian"));
+
+    let text = done(&desk.run(&["--compare", "a.json", "a.json"]));
+    for name in ["solve", "device", "relax"] {
+        let line = text.lines().find(|line| line.trim_start().starts_with(name)).unwrap();
+        assert_eq!(line.split_whitespace().nth(3), Some("1.00"), "{text}");
+    }
+}
+
+#[test]
+fn a_size_that_does_not_fit_is_named_and_the_others_are_measured() {
+    let desk = Desk::new();
+    let output = desk.measure(&["--sizes", "400000x400000,64x64,8x8", "--json"]);
+    refused(&output, 1, &["400000x400000", "too large", "8x8", "too small"]);
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((report["runs"].as_array().unwrap().len(), report["refused"].as_array().unwrap().len()), (1, 2));
+    check_run(&report["runs"][0]);
+}
+
+#[test]
+fn a_pair_of_photographs_is_measured_instead() {
+    let desk = Desk::new();
+    for (name, shift) in [("a.png", 0), ("b.png", 1)] {
+        let value = |x: u32, y: u32| (x + shift + 7 * (y / 5)).wrapping_mul(2_654_435_761) >> 24;
+        image::GrayImage::from_fn(80, 64, |x, y| image::Luma([value(x, y) as u8])).save(desk.path(name)).unwrap();
+    }
+    let pair = ["--pair", "a.png", "b.png", "--repeats", "1", "--outer-iterations", "5", "--quiet"];
+    let device = std::env::var("PARFOCAL_DEVICE").ok();
+    let device: Vec<&str> = device.iter().flat_map(|d| ["--device", d]).collect();
+    let report: Value =
+        serde_json::from_str(&done(&desk.run(&[&pair[..], &["--json"], &device[..]].concat()))).unwrap();
+    assert_eq!((&report["input"], &report["runs"][0]["width"]), (&"pair".into(), &80.into()));
+    // Two photographs of 8 bits; V, confidence and one channel of 32.
+    assert_eq!(report["runs"][0]["memory"]["host_bytes_per_px"], 14.0);
+    refused(&desk.run(&[&pair[..], &["-o", "a.png"]].concat()), 1, &["a.png", "is an input"]);
+    refused(&desk.run(&[&pair[..], &["--sizes", "64x64"]].concat()), 2, &["--sizes"]);
+}
+
+#[test]
+fn what_cannot_be_asked_is_refused_before_any_work() {
+    let desk = Desk::new();
+    fs::write(desk.path("no.json"), "{}").unwrap();
+    refused(&desk.run(&["--sizes", "64"]), 2, &["'64'", "WIDTHxHEIGHT"]);
+    refused(&desk.run(&["--kernels", "none"]), 2, &["none", "gaussian"]);
+    refused(&desk.run(&["--outer-iterations", "1"]), 2, &["outer iterations is 1"]);
+    refused(&desk.run(&["--compare", "no.json", "no.json"]), 1, &["no.json", "no report of a bench"]);
+    refused(&desk.run(&["--against", "none.json"]), 1, &["none.json", "check the path"]);
+    refused(&desk.run(&["--pair", "a.png", "b.png"]), 1, &["a.png"]);
+    refused(&desk.run(&["-o", "."]), 1, &["is a folder"]);
+    refused(&desk.run(&["-o", "x.json", "--profile", "x.json"]), 2, &["one file"]);
+}
