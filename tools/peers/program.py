@@ -54,9 +54,11 @@ class Parfocal:
         printed = self._run(["bench", "--pair", *map(str, pair), *options])
         try:
             report = json.loads(printed)
-            report["device"]["name"], report["runs"][0]["solve_ms"]["median"]
-        except (json.JSONDecodeError, LookupError, TypeError) as e:
-            raise Failed(f"{self.path} bench printed no report that can be read: {e!r}") from e
+            refused = report.get("refused")
+        except (json.JSONDecodeError, AttributeError) as e:
+            raise Failed(f"{self.path} bench printed no report: {e}") from e
+        if refused:
+            raise Failed(refused[0]["error"])
         return report
 
     def _run(self, arguments: list[str]) -> str:
