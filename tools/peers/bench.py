@@ -21,6 +21,8 @@ from similarity import Size
 from systems import Reading, System, systems
 
 Files = tuple[Path, Path]
+SMALLEST = 16
+"""Width and height that parfocal takes, px."""
 
 
 def rounds(entries: list[System], repeats: int) -> list[Outcome]:
@@ -85,9 +87,12 @@ def say(line: str) -> None:
 
 def sizes(text: str) -> list[Size]:
     """`WxH,WxH`."""
-    found = [tuple(int(n) for n in size.split("x")) for size in text.split(",")]
-    if any(len(size) != 2 or min(size) < 16 for size in found):
-        raise ValueError
+    found = []
+    for size in text.split(","):
+        width, height = map(int, size.split("x"))
+        if min(width, height) < SMALLEST:
+            raise ValueError
+        found.append((width, height))
     return found
 
 

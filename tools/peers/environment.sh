@@ -18,6 +18,7 @@ if ! cmp -s "$requirements" "$venv/requirements.txt"; then
     fail "pip could not install $requirements; it needs Python 3.11 or later and PyPI"
   cp "$requirements" "$venv/requirements.txt" # last: an interrupted installation is done again
 fi
+# shellcheck disable=SC2034 # for those that source this
 python=$venv/bin/python
 
 parfocal=${PARFOCAL:-${CARGO_TARGET_DIR:-target}/release/parfocal}
