@@ -6,6 +6,7 @@ import json
 import subprocess
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -47,10 +48,20 @@ class Parfocal:
         file.write_text(json.dumps({"transform": asdict(transform)}))
         return self.solve(pair, out, "aligned", ["--transform", str(file), "--hold", *options])
 
-    def _run(self, arguments: list[str]) -> None:
-        done = subprocess.run([self.path, *arguments, "--quiet"], stderr=subprocess.PIPE, text=True, check=False)
+    def bench(self, pair: tuple[Path, Path], method: str) -> dict[str, Any]:
+        """What `parfocal bench --json` reports of one warm solve of a pair; at least one run is in it."""
+        options = ["--methods", method, "--warmup", "1", "--repeats", "1", "--json"]
+        printed = self._run(["bench", "--pair", *map(str, pair), *options])
+        try:
+            return json.loads(printed)
+        except json.JSONDecodeError as e:
+            raise Failed(f"{self.path} bench printed no report: {e}") from e
+
+    def _run(self, arguments: list[str]) -> str:
+        done = subprocess.run([self.path, *arguments, "--quiet"], capture_output=True, text=True, check=False)
         if done.returncode:
-            raise Failed(done.stderr.strip())
+            raise Failed(done.stderr.strip() or f"{self.path} {arguments[0]} ended with {done.returncode}")
+        return done.stdout
 
 
 def _transform(path: Path) -> Similarity:

@@ -38,6 +38,15 @@ def ecc(i1: np.ndarray, i2: np.ndarray) -> Similarity:
     return Similarity.nearest(warp, _size(i1))
 
 
+def ecc_default(i1: np.ndarray, i2: np.ndarray) -> Similarity:
+    """`findTransformECC` as OpenCV sets it: affine, from identity, one level, 50 iterations to 1e-3, filter of 5 px."""
+    try:
+        _, warp = cv2.findTransformECC(i1, i2, np.eye(2, 3, dtype=np.float32))
+    except cv2.error as e:
+        raise Failed(f"findTransformECC: {e.err}") from e
+    return Similarity.nearest(warp, _size(i1))
+
+
 def sift(i1: np.ndarray, i2: np.ndarray) -> Similarity:
     """SIFT key-points, ratio test, both ways the best; similarity by RANSAC and least squares. Images in 0 to 1."""
     detector = cv2.SIFT_create()

@@ -53,17 +53,17 @@ class Row:
 def write(out: Path, versions: dict[str, str], scenes: list[Row], real: list[Row]) -> None:
     """Writes peers.json and peers.md, each under a temporary name first."""
     results = {"versions": versions, "registration": _plain(scenes), "real": _plain(real)}
-    _replace(out / "peers.json", json.dumps(results, indent=2) + "\n")
-    _replace(out / "peers.md", markdown(versions, scenes, real))
+    replace(out / "peers.json", json.dumps(results, indent=2) + "\n")
+    replace(out / "peers.md", markdown(versions, scenes, real))
 
 
 def markdown(versions: dict[str, str], scenes: list[Row], real: list[Row]) -> str:
     """Both tables, and below them why something failed."""
     parts = ["# Peers", "Errors against the truth, found less true. V: root mean square, 16 px border left out."]
-    parts.append(_table("scene|system|t_x px|t_y px|θ °|s %|corner px|V rms px²|seconds", map(_scene_cells, scenes)))
+    parts.append(table("scene|system|t_x px|t_y px|θ °|s %|corner px|V rms px²|seconds", map(_scene_cells, scenes)))
     if real:
         parts.append("Real pairs have no truth: T itself, and how far it puts a corner from where unified puts it.")
-        parts.append(_table("pair|system|t_x px|t_y px|θ °|s|from unified px|seconds", map(_real_cells, real)))
+        parts.append(table("pair|system|t_x px|t_y px|θ °|s|from unified px|seconds", map(_real_cells, real)))
     parts += [f"{row.scene}, {row.system}: {row.failure}" for row in scenes + real if row.failure]
     parts.append("Seconds: registration, then solve. " + ", ".join(f"{k} {v}" for k, v in versions.items()) + ".")
     return "\n\n".join(parts) + "\n"
@@ -71,12 +71,12 @@ def markdown(versions: dict[str, str], scenes: list[Row], real: list[Row]) -> st
 
 def _scene_cells(row: Row) -> list[str]:
     errors = asdict(row.error).values() if row.error else [None] * 5
-    return [row.scene, row.system, *map(_number, errors), _number(row.v_rms_px2), _seconds(row)]
+    return [row.scene, row.system, *map(number, errors), number(row.v_rms_px2), _seconds(row)]
 
 
 def _real_cells(row: Row) -> list[str]:
     transform = [f"{v:.4f}" for v in asdict(row.transform).values()] if row.transform else [DASH] * 4
-    return [row.scene, row.system, *transform, _number(row.from_unified_px), _seconds(row)]
+    return [row.scene, row.system, *transform, number(row.from_unified_px), _seconds(row)]
 
 
 def _seconds(row: Row) -> str:
@@ -84,7 +84,7 @@ def _seconds(row: Row) -> str:
     return " + ".join(f"{s:.2f}" for s in parts) or DASH
 
 
-def _number(value: float | None) -> str:
+def number(value: float | None) -> str:
     """Three significant digits."""
     if value is None or not math.isfinite(value):
         return DASH
@@ -94,7 +94,8 @@ def _number(value: float | None) -> str:
     return f"{value:.{max(2 - exponent, 0)}f}" if -7 <= exponent <= 5 else f"{value:.2e}"
 
 
-def _table(columns: str, rows: Iterable[list[str]]) -> str:
+def table(columns: str, rows: Iterable[list[str]]) -> str:
+    """Markdown; the columns' names with | between them."""
     head = columns.split("|")
     return "\n".join("| " + " | ".join(cells) + " |" for cells in [head, ["---"] * len(head), *rows])
 
@@ -103,7 +104,8 @@ def _plain(rows: list[Row]) -> list[dict[str, object]]:
     return [asdict(row) for row in rows]
 
 
-def _replace(path: Path, text: str) -> None:
+def replace(path: Path, text: str) -> None:
+    """Writes a file under a temporary name, then renames it."""
     part = path.with_name(path.name + ".part")
     part.write_text(text, encoding="utf-8")
     os.replace(part, path)
