@@ -1,7 +1,8 @@
 #version 460
 // One red or black half-iteration on the linear system for dV. Twin: src/stages/relax.rs.
 //
-// Red and black stand apart in half-width images, so that a missing barrier between two half-iterations can be seen.
+// Red and black stand apart in half-width images, so that a missing barrier between two half-iterations can be seen. An
+// invocation goes down a column: of four neighbours two were loaded for the line before.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray right_sides; // layer 0: red, layer 1: black
@@ -12,23 +13,38 @@ layout(constant_id = 2) const bool FIRST = false;               // sweep: dV is 
 layout(push_constant) uniform Constants {
     int width, height;
     int color;                                                  // 0 red: x + y even
+    int rows;                                                   // lines an invocation
     float over_relaxation;
 };
 
+float other_at(int h, int y) {
+    // Weights across the border are zero; the index has only to exist.
+    return imageLoad(other, ivec3(clamp(h, 0, (width - 1) / 2), clamp(y, 0, height - 1), 0)).r;
+}
+
 void main() {
-    ivec2 h = ivec2(gl_GlobalInvocationID.xy);
-    int odd = h.y + color & 1;
-    if (2 * h.x + odd >= width || h.y >= height) return;
-    ivec3 place = ivec3(h, color);
-    float target = imageLoad(right_sides, place).r, before = 0.0;
-    if (!FIRST || color == 1) {
-        // Weights across the border are zero; the index has only to exist.
-        int right = min(h.x + odd, (width - 1) / 2), left = max(h.x + odd - 1, 0);
-        int down = min(h.y + 1, height - 1), up = max(h.y - 1, 0);
-        vec4 around = vec4(imageLoad(other, ivec3(right, h.y, 0)).r, imageLoad(other, ivec3(left, h.y, 0)).r,
-                           imageLoad(other, ivec3(h.x, down, 0)).r, imageLoad(other, ivec3(h.x, up, 0)).r);
-        target += dot(imageLoad(weights, place), around);
+    ivec2 h = ivec2(gl_GlobalInvocationID.x, rows * gl_GlobalInvocationID.y);
+    if (2 * h.x >= width || h.y >= height) return;
+    bool alone = FIRST && color == 0;
+    float above = 0.0, here = 0.0, below = 0.0;
+    if (!alone) {
+        here = other_at(h.x, h.y - 1);
+        below = other_at(h.x, h.y);
     }
-    if (!FIRST) before = imageLoad(own, ivec3(h, 0)).r;
-    imageStore(own, ivec3(h, 0), vec4(mix(before, target, over_relaxation)));
+    for (int n = 0; n < rows; n++, h.y++) {
+        int odd = h.y + color & 1;
+        ivec3 place = ivec3(h.x, min(h.y, height - 1), color);
+        float target = imageLoad(right_sides, place).r;
+        if (!alone) {
+            above = here;
+            here = below;
+            below = other_at(h.x, h.y + 1);
+            float side = other_at(h.x + 2 * odd - 1, h.y);
+            vec4 around = vec4(odd == 1 ? side : here, odd == 1 ? here : side, below, above);
+            target += dot(imageLoad(weights, place), around);
+        }
+        float before = FIRST ? 0.0 : imageLoad(own, ivec3(place.xy, 0)).r;
+        if (2 * h.x + odd < width && h.y < height)
+            imageStore(own, ivec3(h, 0), vec4(mix(before, target, over_relaxation)));
+    }
 }

@@ -405,6 +405,7 @@ impl<'a> Script<'a> {
             width: level.size[0],
             height: level.size[1],
             color: color as u32,
+            rows: relax::ROWS,
             over_relaxation: self.plan.settings.over_relaxation as f32,
         };
         let w = self.w;

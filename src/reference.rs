@@ -183,7 +183,11 @@ fn relaxed(plan: &Plan, level: &Level, system: &[Field; 5]) -> Field {
     let over_relaxation = plan.settings.over_relaxation as f32;
     for _ in 0..plan.settings.sweeps {
         for color in [0, 1] {
-            relax::twin(&relax::Constants { width, height, color, over_relaxation }, system, &mut change);
+            relax::twin(
+                &relax::Constants { width, height, color, rows: relax::ROWS, over_relaxation },
+                system,
+                &mut change,
+            );
         }
     }
     change

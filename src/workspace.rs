@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use crate::Error;
 use crate::plan::{ARGUMENT_WORDS, GRID_WORDS, Plan};
-use crate::stages::convolve;
 use crate::stages::linearise::SUMS;
 use crate::stages::state::State;
+use crate::stages::{convolve, relax};
 use crate::vulkan::{Buffer, Device, Image, Texel};
 
 /// Where a pass finds the indirect arguments of its grid, among those of a level.
@@ -149,7 +149,7 @@ pub(crate) fn arguments(plan: &Plan, warps: &[Vec<[u32; 3]>]) -> Vec<u32> {
     plan.pyramid[..plan.solved]
         .iter()
         .flat_map(|level| {
-            let grids = [level.tiles(), groups(level.half()), groups(level.size), [1, 1, 1]];
+            let grids = [level.tiles(), relax::tiles(level.size), groups(level.size), [1, 1, 1]];
             let mut words = [grids.as_flattened(), warps[level.index].as_flattened()].concat();
             words.resize(ARGUMENT_WORDS, 0);
             words

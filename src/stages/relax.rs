@@ -18,8 +18,18 @@ pub struct Constants {
     pub height: u32,
     /// 0 red, 1 black.
     pub color: u32,
+    /// [`ROWS`].
+    pub rows: u32,
     /// ω of successive over-relaxation.
     pub over_relaxation: f32,
+}
+
+/// Lines of one colour that an invocation goes down.
+pub const ROWS: u32 = 4;
+
+/// Workgroups that cover a level.
+pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
+    [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * ROWS), 1]
 }
 
 /// Right sides, weights, dV of the other colour, dV of this colour. Variant: the first sweep, which takes dV for zero and does
@@ -108,11 +118,16 @@ mod tests {
         let weights = rig.weights(&interleaved(&system));
         let changes = [0, 1].map(|color| rig.image(&[half(&random_field(width, height, 4), color)]));
         for color in [0, 1] {
-            let c = Constants { width: width as u32, height: height as u32, color: color as u32, over_relaxation: 1.8 };
+            let c = Constants {
+                width: width as u32,
+                height: height as u32,
+                color: color as u32,
+                rows: ROWS,
+                over_relaxation: 1.8,
+            };
             twin(&c, &system, &mut change);
             let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
-            let groups = [c.width.div_ceil(2).div_ceil(WORKGROUP[0]), c.height.div_ceil(WORKGROUP[1]), 1];
-            rig.run_variant(&STAGE, [true, false], &resources, &c, groups);
+            rig.run_variant(&STAGE, [true, false], &resources, &c, tiles([c.width, c.height]));
         }
         for color in [0, 1] {
             // The last pixels of a row without one keep what was there.
@@ -134,11 +149,17 @@ mod tests {
             let weights = rig.weights(&interleaved(&system));
             let changes = [0, 1].map(|color| rig.image(&[half(&change, color)]));
             for color in [0, 1, 0, 1] {
-                let constants =
-                    Constants { width: width as u32, height: height as u32, color: color as u32, over_relaxation: 1.8 };
+                let size = [width as u32, height as u32];
+                let constants = Constants {
+                    width: size[0],
+                    height: size[1],
+                    color: color as u32,
+                    rows: ROWS,
+                    over_relaxation: 1.8,
+                };
                 twin(&constants, &system, &mut change);
                 let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
-                rig.run(&STAGE, &resources, &constants, [width.div_ceil(2) as u32, height as u32]);
+                rig.run_groups(&STAGE, &resources, &constants, tiles(size));
             }
             for color in [0, 1] {
                 rig.assert_close(&changes[color], &[half(&change, color)], 1e-5);
@@ -175,7 +196,7 @@ mod tests {
         for _ in 0..200 {
             for color in [0, 1] {
                 twin(
-                    &Constants { width: n as u32, height: n as u32, color, over_relaxation: 1.8 },
+                    &Constants { width: n as u32, height: n as u32, color, rows: ROWS, over_relaxation: 1.8 },
                     &system,
                     &mut found,
                 );
@@ -199,8 +220,13 @@ mod tests {
         let changes = [0, 1].map(|_| rig.image(&[Field::zeros(width / 2, height)]));
         let pass = |color: usize| {
             let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]];
-            let constants =
-                Constants { width: width as u32, height: height as u32, color: color as u32, over_relaxation: 1.8 };
+            let constants = Constants {
+                width: width as u32,
+                height: height as u32,
+                color: color as u32,
+                rows: ROWS,
+                over_relaxation: 1.8,
+            };
             (resources, constants)
         };
         let record = |omit: bool| {
