@@ -162,13 +162,7 @@ impl Instance {
                 vk::api_version_patch(version)
             ),
             subgroup_size: subgroup.subgroup_size,
-            memory_bytes: memory
-                .memory_heaps_as_slice()
-                .iter()
-                .filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL))
-                .map(|h| h.size)
-                .max()
-                .unwrap_or(0),
+            memory_bytes: memory_bytes(basic.device_type, memory.memory_heaps_as_slice()),
             max_image_size: basic.limits.max_image_dimension2_d,
             max_storage_buffer: u64::from(basic.limits.max_storage_buffer_range),
             unusable,
@@ -253,6 +247,21 @@ fn text(name: Result<&CStr, std::ffi::FromBytesUntilNulError>) -> String {
 fn uuid(bytes: &[u8; vk::UUID_SIZE]) -> String {
     let hex: String = bytes.iter().map(|b| format!("{b:02x}")).collect();
     format!("{}-{}-{}-{}-{}", &hex[..8], &hex[8..12], &hex[12..16], &hex[16..20], &hex[20..])
+}
+
+/// The largest heap of the device. A device of software allocates from the system's memory, whatever size of heap it
+/// states: lavapipe 22.3 states 2 GiB everywhere.
+fn memory_bytes(device_type: vk::PhysicalDeviceType, heaps: &[vk::MemoryHeap]) -> u64 {
+    let local = heaps.iter().filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
+    let heap = local.map(|h| h.size).max().unwrap_or(0);
+    if device_type == vk::PhysicalDeviceType::CPU { available_memory().unwrap_or(heap) } else { heap }
+}
+
+/// Bytes that the system can give without swapping, where Linux tells.
+fn available_memory() -> Option<u64> {
+    let report = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = report.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    line.trim().strip_suffix(" kB")?.parse::<u64>().ok().map(|kibibytes| kibibytes << 10)
 }
 
 fn kind(device_type: vk::PhysicalDeviceType) -> &'static str {
