@@ -15,6 +15,7 @@ pub(crate) mod harness;
 pub mod ingest;
 pub mod linearise;
 pub mod prolong;
+pub mod refine;
 pub mod relax;
 pub mod spline;
 pub mod stack;
@@ -37,8 +38,10 @@ pub(crate) const WORKGROUP: [u32; 2] = [64, 4];
 /// The compiled passes.
 pub(crate) struct Pipelines {
     pub(crate) ingest: Arc<Pipeline>,
+    pub(crate) ingest_srgb: Arc<Pipeline>,
     pub(crate) convolve: Arc<Pipeline>,
-    pub(crate) convolve_add: Arc<Pipeline>,
+    pub(crate) convolve_long: Arc<Pipeline>,
+    pub(crate) refine: Arc<Pipeline>,
     pub(crate) expose: Arc<Pipeline>,
     pub(crate) prolong: Arc<Pipeline>,
     pub(crate) appearance: Arc<Pipeline>,
@@ -57,8 +60,10 @@ impl Pipelines {
         let variant = |stage| Pipeline::variant(device, stage, true).map(Arc::new);
         Ok(Self {
             ingest: compile(&ingest::STAGE)?,
+            ingest_srgb: variant(&ingest::STAGE)?,
             convolve: compile(&convolve::STAGE)?,
-            convolve_add: variant(&convolve::STAGE)?,
+            convolve_long: variant(&convolve::STAGE)?,
+            refine: compile(&refine::STAGE)?,
             expose: compile(&expose::STAGE)?,
             prolong: compile(&prolong::STAGE)?,
             appearance: compile(&appearance::STAGE)?,
