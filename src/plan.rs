@@ -57,7 +57,9 @@ pub(crate) struct Level {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FilterRange {
     pub(crate) bank: usize,
+    /// In fours.
     pub(crate) offset: u32,
+    pub(crate) blocks: u32,
     pub(crate) radius: u32,
 }
 
@@ -65,6 +67,7 @@ pub(crate) struct FilterRange {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct StackLayer {
     pub(crate) from: u32,
+    pub(crate) grid: stack::Grid,
     pub(crate) terms: Vec<[FilterRange; 2]>,
 }
 
@@ -76,16 +79,18 @@ pub(crate) struct Weights {
 
 impl Weights {
     fn add(&mut self, filter: &Filter) -> FilterRange {
-        let padding = convolve::SPAN as usize - 1;
-        if self.banks.last().is_none_or(|bank| bank.len() + filter.len() + padding > convolve::WEIGHTS) {
+        let blocks = (filter.len() as u32).div_ceil(convolve::BLOCK);
+        let length = (blocks * convolve::BLOCK) as usize;
+        if self.banks.last().is_none_or(|bank| bank.len() + length > convolve::WEIGHTS) {
             self.banks.push(Vec::new());
         }
         let bank = self.banks.len() - 1;
         let weights = &mut self.banks[bank];
-        let range = FilterRange { bank, offset: weights.len() as u32, radius: (filter.len() / 2) as u32 };
+        let (offset, radius) = (weights.len() as u32 / 4, (filter.len() / 2) as u32);
+        let end = weights.len() + length;
         weights.extend(filter.iter().map(|&w| w as f32));
-        weights.resize(weights.len() + padding, 0.0);
-        range
+        weights.resize(end, 0.0);
+        FilterRange { bank, offset, blocks, radius }
     }
 }
 
@@ -119,9 +124,9 @@ impl Plan {
             (0..solved.max(low_pass + 1)).map(|l| Level::new(l, width, height, settings.max_relative_blur)).collect();
         let mut weights = Weights::default();
         let layers = (1..pyramid[0].nodes * Slopes::of(&settings.kernel).layers()).map(|n| {
-            let stack::Layer { from, terms } = stack::layer(&settings.kernel, n);
+            let stack::Layer { from, grid, terms } = stack::layer(&settings.kernel, n);
             let terms = terms.iter().map(|filters| filters.each_ref().map(|f| weights.add(f))).collect();
-            StackLayer { from: from as u32, terms }
+            StackLayer { from: from as u32, grid, terms }
         });
         let layers = layers.collect();
         Ok(Self {

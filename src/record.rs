@@ -6,10 +6,11 @@ use bytemuck::Pod;
 
 use crate::plan::{FilterRange, Level, Plan, StackLayer};
 use crate::profile::{Dispatch, Place};
-use crate::stages::stack::Slopes;
+use crate::stages::stack::{self, Slopes};
 use crate::stages::state::State;
 use crate::stages::{
-    Pipelines, appearance, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update, warp,
+    Pipelines, appearance, confidence, convolve, expose, fuse, ingest, linearise, prolong, refine, relax, step, update,
+    warp,
 };
 use crate::vulkan::{Device, Groups, Image, Pipeline, Recorder, Recording, Resource};
 use crate::workspace::{Grid, Workspace, arguments};
@@ -148,7 +149,7 @@ fn starts_part(level: &Level, k: u32) -> bool {
 /// More than the passes there are.
 fn timestamps(plan: &Plan) -> u32 {
     let iteration = 5 + 2 * plan.settings.sweeps;
-    let stacks = 8 + 4 * plan.layers.iter().map(|layer| layer.terms.len() as u32).sum::<u32>();
+    let stacks = 8 + 6 * plan.layers.iter().map(|layer| layer.terms.len() as u32).sum::<u32>();
     let anew = plan.settings.outer_iterations.ilog2() * stacks;
     plan.solved as u32 * (plan.settings.outer_iterations * iteration + stacks + anew + 8)
         + 4 * plan.pyramid.len() as u32
@@ -168,6 +169,16 @@ struct Script<'a> {
     /// Where the next pass stands.
     place: Place,
     dispatches: Vec<Dispatch>,
+}
+
+/// What a filter goes along: pixels along the axis and across it, before the filter, the stride, after how many pixels
+/// the mirrored image repeats itself, and 1 for y.
+struct Axis {
+    length: u32,
+    breadth: u32,
+    stride: u32,
+    period: u32,
+    vertical: u32,
 }
 
 impl<'a> Script<'a> {
@@ -205,10 +216,10 @@ impl<'a> Script<'a> {
             height,
             channels: format.channels.count(),
             bytes: format.depth.bytes(),
-            decode: u32::from(self.plan.settings.decode == Decode::Srgb),
             weights,
         };
-        let pipeline = &self.pipelines.ingest;
+        let p = self.pipelines;
+        let pipeline = if self.plan.settings.decode == Decode::Srgb { &p.ingest_srgb } else { &p.ingest };
         let resources = [Resource::Buffer(&self.w.frames[image]), Resource::Image(&self.w.levels[0].images[image])];
         let groups = Groups::Direct(pipeline.groups(self.plan.size));
         self.pass(pipeline, &resources, &constants, groups, ingest::bytes(&constants))
@@ -238,7 +249,11 @@ impl<'a> Script<'a> {
             self.spline(level, (&w.levels[level.index].images[image], 0), (&w.stacks, base))?;
             return Ok(1);
         }
-        let StackLayer { from, terms } = &self.plan.layers[layer as usize - 1];
+        let StackLayer { from, grid, terms } = &self.plan.layers[layer as usize - 1];
+        if *grid != stack::Grid::Every {
+            self.half_layer(level, [base + from, base + layer], *grid == stack::Grid::Halving, terms[0])?;
+            return Ok(1);
+        }
         for (n, &term) in terms.iter().enumerate() {
             self.separable([(&w.stacks, base + from), (&w.stacks, base + layer)], level.size, term, 1, n > 0)?;
         }
@@ -290,46 +305,75 @@ impl<'a> Script<'a> {
         Groups::Indirect(&self.w.arguments, Grid::warp_offset(level, warps.len() - 1))
     }
 
+    /// A layer on every other pixel, in the corner of the scratch image, where the one before it is unless this is the
+    /// first; then on every pixel in its place, which until then holds what is between the two directions.
+    fn half_layer(
+        &mut self,
+        level: &Level,
+        [from, layer]: [u32; 2],
+        first: bool,
+        [along_x, along_y]: [FilterRange; 2],
+    ) -> Result<(), Error> {
+        let ([width, height], [half_width, half_height]) = (level.size, level.size.map(|side| side.div_ceil(2)));
+        let (stride, period) = if first { (2, 2) } else { (1, 1) };
+        let [length, breadth] = if first { [width, height] } else { [half_width, half_height] };
+        let x = Axis { length, breadth, stride, period: period * (width - 1), vertical: 0 };
+        let length = if first { height } else { half_height };
+        let y = Axis { length, breadth: half_width, stride, period: period * (height - 1), vertical: 1 };
+        let (scratch, stack) = (&self.w.scratch, &self.w.stacks);
+        let source = if first { (stack, from) } else { (scratch, 0) };
+        self.convolve([source, (stack, layer)], &x, along_x, false)?;
+        self.convolve([(stack, layer), (scratch, 0)], &y, along_y, false)?;
+        let constants = refine::Constants { width, height, layer };
+        let pipeline = &self.pipelines.refine;
+        let resources = [Resource::Image(scratch), Resource::Image(stack)];
+        let groups = self.groups(pipeline.groups([half_width, half_height]));
+        self.pass(pipeline, &resources, &constants, groups, refine::bytes(&constants))
+    }
+
     /// A filter along x into the scratch image, then one along y, from a layer of an image to one, in its place or added.
     fn separable(
         &mut self,
-        [(from, from_layer), (to, to_layer)]: [(&Arc<Image>, u32); 2],
+        [from, to]: [(&Arc<Image>, u32); 2],
         [width, height]: [u32; 2],
         [along_x, along_y]: [FilterRange; 2],
         stride: u32,
         add: bool,
     ) -> Result<(), Error> {
-        let across = convolve::Constants {
-            length: width,
-            breadth: height,
+        let x = Axis { length: width, breadth: height, stride, period: 2 * (width - 1), vertical: 0 };
+        let breadth = width.div_ceil(stride);
+        let y = Axis { length: height, breadth, stride, period: 2 * (height - 1), vertical: 1 };
+        let scratch = (&self.w.scratch, 0);
+        self.convolve([from, scratch], &x, along_x, false)?;
+        self.convolve([scratch, to], &y, along_y, add)
+    }
+
+    /// A filter along one axis.
+    fn convolve(
+        &mut self,
+        [(from, from_layer), (to, to_layer)]: [(&Arc<Image>, u32); 2],
+        &Axis { length, breadth, stride, period, vertical }: &Axis,
+        FilterRange { bank, offset, blocks, radius }: FilterRange,
+        add: bool,
+    ) -> Result<(), Error> {
+        let constants = convolve::Constants {
+            length,
+            breadth,
             stride,
-            vertical: 0,
+            vertical,
             from_layer,
-            to_layer: 0,
-            offset: along_x.offset,
-            radius: along_x.radius,
-        };
-        let down = convolve::Constants {
-            length: height,
-            breadth: width.div_ceil(stride),
-            vertical: 1,
-            from_layer: 0,
             to_layer,
-            offset: along_y.offset,
-            radius: along_y.radius,
-            ..across
+            offset,
+            blocks,
+            radius,
+            add: u32::from(add),
+            period: period.max(1) as f32,
         };
         let p = self.pipelines;
-        let last = if add { &p.convolve_add } else { &p.convolve };
-        let scratch = &self.w.scratch;
-        for (from, to, constants, bank, pipeline, add) in
-            [(from, scratch, across, along_x.bank, &p.convolve, false), (scratch, to, down, along_y.bank, last, add)]
-        {
-            let resources = [Resource::Image(from), Resource::Image(to), Resource::Uniform(&self.w.filters[bank])];
-            let groups = self.groups(pipeline.groups(convolve::grid(&constants)));
-            self.pass(pipeline, &resources, &constants, groups, convolve::bytes(&constants, add))?;
-        }
-        Ok(())
+        let pipeline = if add || blocks > 1 { &p.convolve_long } else { &p.convolve };
+        let resources = [Resource::Image(from), Resource::Image(to), Resource::Uniform(&self.w.filters[bank])];
+        let groups = self.groups(pipeline.groups(convolve::grid(&constants)));
+        self.pass(pipeline, &resources, &constants, groups, convolve::bytes(&constants))
     }
 
     /// V of a level before its first iteration: zero, or the coarser level's.

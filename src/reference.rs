@@ -2,10 +2,11 @@
 //! for learning. It takes the same [`Settings`] and goes through the same passes in the same order.
 
 use crate::plan::{Level, Plan, halving_filter};
-use crate::stages::stack::{Layer, Slopes, layer};
+use crate::stages::stack::{Grid, Layer, Slopes, layer};
 use crate::stages::state::Registration;
 use crate::stages::{
-    Field, appearance, blur, confidence, convolve, expose, fuse, ingest, linearise, prolong, relax, step, update, warp,
+    Field, appearance, blur, confidence, convolve, expose, fuse, ingest, linearise, prolong, refine, relax, step,
+    update, warp,
 };
 use crate::{Error, Frame, Kernel, Photometric, Settings, Similarity, baseline, filter};
 
@@ -157,8 +158,16 @@ fn pyramid(plan: &Plan, finest: Field) -> Vec<Field> {
 /// Spline coefficients of an image, then of the other layers of its [`stack`](crate::stages::stack).
 pub fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<Field> {
     let mut stack = vec![separable(image, &filter::spline_prefilter(), 1)];
+    // The last of the layers made on every other pixel, as it was there.
+    let mut half: Option<Field> = None;
     for n in 1..nodes * Slopes::of(kernel).layers() {
-        let Layer { from, terms } = layer(kernel, n);
+        let Layer { from, grid, terms } = layer(kernel, n);
+        if grid != Grid::Every {
+            let made = on_half(half.as_ref().unwrap_or(&stack[from]), &terms[0], grid, image);
+            stack.push(refine::twin([image.width, image.height], &made));
+            half = Some(made);
+            continue;
+        }
         let mut sum = Field::zeros(image.width, image.height);
         for [along_x, along_y] in &terms {
             let term = convolve::twin(&convolve::twin(&stack[from], along_x, 1, false), along_y, 1, true);
@@ -167,6 +176,15 @@ pub fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<Field> {
         stack.push(sum);
     }
     stack
+}
+
+/// A layer on every other pixel of the image.
+fn on_half(from: &Field, [along_x, along_y]: &[filter::Filter; 2], grid: Grid, image: &Field) -> Field {
+    if grid == Grid::Halving {
+        return convolve::twin(&convolve::twin(from, along_x, 2, false), along_y, 2, true);
+    }
+    let rows = convolve::twin_mirrored(from, along_x, 1, false, image.width - 1);
+    convolve::twin_mirrored(&rows, along_y, 1, true, image.height - 1)
 }
 
 fn start(level: &Level, coarser: Option<Field>) -> Field {

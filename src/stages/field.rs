@@ -51,12 +51,13 @@ impl Field {
 
 /// Reflects about 0 and `size - 1`, as often as it takes.
 pub fn mirror(i: isize, size: usize) -> usize {
-    let last = size as isize - 1;
-    if last == 0 {
-        return 0;
-    }
-    let j = i.rem_euclid(2 * last);
-    (if j > last { 2 * last - j } else { j }) as usize
+    fold(i, 2 * (size - 1))
+}
+
+/// Reflects about 0 and half a period, as often as it takes.
+pub fn fold(i: isize, period: usize) -> usize {
+    let j = i.unsigned_abs() % period.max(1);
+    j.min(period.max(1) - j)
 }
 
 #[cfg(test)]

@@ -22,13 +22,11 @@ pub struct Constants {
     pub channels: u32,
     /// 1, 2 or 4 bytes a sample.
     pub bytes: u32,
-    /// 1: the sRGB curve is undone.
-    pub decode: u32,
     /// Of red, green and blue; unused for one channel.
     pub weights: [f32; 3],
 }
 
-/// Samples, image.
+/// Samples, image; the variant undoes the sRGB curve.
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::INGEST,
     bindings: &[Binding::Buffer, Binding::Image],
@@ -81,10 +79,11 @@ mod tests {
             height: size[1],
             channels: format.channels.count(),
             bytes: format.depth.bytes(),
-            decode: u32::from(decode == Decode::Srgb),
             weights,
         };
-        rig.run(&STAGE, &[Resource::Buffer(&samples), Resource::Image(&image)], &constants, size);
+        let groups = [size[0].div_ceil(WORKGROUP[0]), size[1].div_ceil(WORKGROUP[1]), 1];
+        let resources = [Resource::Buffer(&samples), Resource::Image(&image)];
+        rig.run_variant(&STAGE, [decode == Decode::Srgb, false], &resources, &constants, groups);
         // 2e-6: single precision, and its pow.
         rig.assert_close(&image, &[twin(frame, decode, weights)], 2e-6);
     }

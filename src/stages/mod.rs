@@ -16,6 +16,7 @@ pub(crate) mod harness;
 pub mod ingest;
 pub mod linearise;
 pub mod prolong;
+pub mod refine;
 pub mod relax;
 pub mod spline;
 pub mod stack;
@@ -44,8 +45,10 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
 /// The compiled passes.
 pub(crate) struct Pipelines {
     pub(crate) ingest: Arc<Pipeline>,
+    pub(crate) ingest_srgb: Arc<Pipeline>,
     pub(crate) convolve: Arc<Pipeline>,
-    pub(crate) convolve_add: Arc<Pipeline>,
+    pub(crate) convolve_long: Arc<Pipeline>,
+    pub(crate) refine: Arc<Pipeline>,
     pub(crate) expose: Arc<Pipeline>,
     pub(crate) prolong: Arc<Pipeline>,
     pub(crate) appearance: Arc<Pipeline>,
@@ -67,8 +70,10 @@ impl Pipelines {
         let variant = |stage, constants| Pipeline::variant(device, stage, constants).map(Arc::new);
         Ok(Self {
             ingest: compile(&ingest::STAGE)?,
+            ingest_srgb: variant(&ingest::STAGE, [true, false])?,
             convolve: compile(&convolve::STAGE)?,
-            convolve_add: variant(&convolve::STAGE, [true, false])?,
+            convolve_long: variant(&convolve::STAGE, [true, false])?,
+            refine: compile(&refine::STAGE)?,
             expose: compile(&expose::STAGE)?,
             prolong: compile(&prolong::STAGE)?,
             appearance: compile(&appearance::STAGE)?,

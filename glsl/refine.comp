@@ -1,0 +1,30 @@
+#version 460
+// Spline coefficients on every other pixel to those of the same spline on every pixel. Twin: src/stages/refine.rs.
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform readonly image2DArray coarse;
+layout(binding = 1, r32f) uniform writeonly image2DArray fine;
+layout(push_constant) uniform Constants {
+    int width, height;   // of the fine image
+    int layer;           // of the fine image
+};
+
+float coefficient(int x, int y) { return imageLoad(coarse, ivec3(x, y, 0)).r; }
+
+void main() {
+    ivec2 size = ivec2(width, height), i = ivec2(gl_GlobalInvocationID.xy), pixel = 2 * i;
+    if (pixel.x >= width || pixel.y >= height) return;
+    // Mirrored about the border pixels of the fine image.
+    ivec2 before = min(abs(i - 1), max(size - 2, 0)), after = max(min(i + 1, size - 2 - i), 0);
+    vec3 row[3];
+    int ys[3] = int[](before.y, i.y, after.y);
+    for (int n = 0; n < 3; n++)
+        row[n] = vec3(coefficient(before.x, ys[n]), coefficient(i.x, ys[n]), coefficient(after.x, ys[n]));
+    vec3 on = 0.125 * (row[0] + row[2]) + 0.75 * row[1], below = 0.5 * (row[1] + row[2]);
+    const vec3 ON = vec3(0.125, 0.75, 0.125), BESIDE = vec3(0.0, 0.5, 0.5);
+    imageStore(fine, ivec3(pixel, layer), vec4(dot(ON, on)));
+    bool right = pixel.x + 1 < width, down = pixel.y + 1 < height;
+    if (right) imageStore(fine, ivec3(pixel + ivec2(1, 0), layer), vec4(dot(BESIDE, on)));
+    if (down) imageStore(fine, ivec3(pixel + ivec2(0, 1), layer), vec4(dot(ON, below)));
+    if (right && down) imageStore(fine, ivec3(pixel + 1, layer), vec4(dot(BESIDE, below)));
+}
