@@ -5,6 +5,7 @@
 // An invocation goes down two columns side by side, a red and a black pixel a line, and keeps the lines around in
 // registers: V, its inverse gradient and the sharp coefficients are loaded once a line instead of once a pixel.
 
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
@@ -195,7 +196,7 @@ void main() {
         }
         ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);
         Equation pair[2];
-        for (int k = 0; k < 2; k++) {
+        [[unroll]] for (int k = 0; k < 2; k++) {
             ivec2 at = x + ivec2(k, 0);
             vec4 v = a.here.middle;
             Relative relative = k == 0

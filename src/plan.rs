@@ -18,7 +18,7 @@ const LOW_PASS: usize = 4;
 /// The share of a level's outer iterations in which α falls to its value, from the coarsest level on; the last holds for
 /// all that are finer. The coarsest starts from nothing, the others from a V that needs less of it: with 0.6 everywhere
 /// levels did 14 to 20 iterations, now 7 to 9 on the finest, and errors are the same (`docs/performance.md`).
-const CONTINUATION_SHARES: [f64; 3] = [0.6, 0.4, 0.2];
+const CONTINUATION_SHARES: [f64; 5] = [0.6, 0.4, 0.2, 0.2, 0.1];
 /// The stack of I2 is read at s² V: a fifth above the limit leaves room for s up to 1.095.
 const READ_BEYOND: f64 = 1.2;
 /// Layers that the results need: V, confidence, three colours.
@@ -228,7 +228,7 @@ impl Plan {
             height: level.size[1],
             nodes: level.nodes as u32,
             second_stack: self.first_layer(1),
-            rows: linearise::ROWS,
+            rows: linearise::rows(level.size),
             factor: level.factor as f32,
             centre: level.centre.map(|c| c as f32),
             length: level.length as f32,
@@ -248,7 +248,7 @@ impl Plan {
         appearance::Constants {
             width: level.size[0],
             height: level.size[1],
-            rows: linearise::ROWS,
+            rows: linearise::rows(level.size),
             factor: level.factor as f32,
             centre: level.centre.map(|c| c as f32),
             length: level.length as f32,

@@ -9,8 +9,8 @@ use crate::profile::{Dispatch, Place};
 use crate::stages::stack::{self, Slopes};
 use crate::stages::state::State;
 use crate::stages::{
-    Pipelines, appearance, confidence, convolve, expose, fuse, ingest, linearise, prolong, refine, relax, step, update,
-    warp,
+    Pipelines, appearance, confidence, convolve, expose, fuse, ingest, linearise, prolong, refine, relax, relax_level,
+    step, update, warp,
 };
 use crate::vulkan::{Device, Groups, Image, Pipeline, Recorder, Recording, Resource};
 use crate::workspace::{Grid, Workspace, arguments};
@@ -113,10 +113,7 @@ pub(crate) fn record(
             }
             r.linearise(level, k)?;
             r.step(level, &plan.step(level, k))?;
-            for sweep in 0..plan.settings.sweeps {
-                r.relax(level, RED, sweep)?;
-                r.relax(level, BLACK, sweep)?;
-            }
+            r.relaxation(level)?;
             r.update(level)?;
         }
         level_done.push(Some(level.index));
@@ -441,6 +438,30 @@ impl<'a> Script<'a> {
         self.pass(&self.pipelines.step, &resources, constants, groups, bytes)?;
         self.place = self.place.after_step();
         Ok(())
+    }
+
+    /// dV by red-black sweeps: two passes each, or one pass for all where the level is small.
+    fn relaxation(&mut self, level: &Level) -> Result<(), Error> {
+        let sweeps = self.plan.settings.sweeps;
+        if relax_level::takes(level.size) {
+            return self.relax_level(level, sweeps);
+        }
+        for sweep in 0..sweeps {
+            self.relax(level, RED, sweep)?;
+            self.relax(level, BLACK, sweep)?;
+        }
+        Ok(())
+    }
+
+    /// All sweeps on a small level.
+    fn relax_level(&mut self, level: &Level, sweeps: u32) -> Result<(), Error> {
+        let [width, height] = level.size;
+        let over_relaxation = self.plan.settings.over_relaxation as f32;
+        let constants = relax_level::Constants { width, height, sweeps, over_relaxation };
+        let w = self.w;
+        let resources = [&w.right_sides, &w.weights, &w.changes[RED], &w.changes[BLACK]].map(Resource::Image);
+        let (groups, bytes) = (self.grid(Grid::One, level), relax_level::bytes(&constants));
+        self.pass(&self.pipelines.relax_level, &resources, &constants, groups, bytes)
     }
 
     /// One half-iteration on dV.

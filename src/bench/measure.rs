@@ -6,8 +6,8 @@ use super::{Cold, Dispatches, LevelReport, Memory, Options, PassReport, Relaxati
 use crate::profile::{self, Profile};
 use crate::{Engine, Error, Frame, Settings, Solution, Solver};
 
-/// The pass that relaxes.
-const RELAX: &str = "relax";
+/// The passes that relax: by half-iterations, and small levels in one.
+const RELAX: [&str; 2] = ["relax", "relax_level"];
 
 /// What one run took.
 pub(super) struct Timed {
@@ -127,7 +127,7 @@ impl Timed {
             cold: self.cold,
             memory: self.memory,
             dispatches: self.dispatches,
-            relaxation: passes.iter().find(|pass| pass.name == RELAX).map(|pass| self.relaxation(pass)),
+            relaxation: self.relaxation(&passes, copy),
             levels: self.levels,
             passes,
         }
@@ -147,13 +147,20 @@ impl Timed {
         }
     }
 
-    fn relaxation(&self, pass: &PassReport) -> Relaxation {
+    /// Of all levels; none where no pass has a time.
+    fn relaxation(&self, passes: &[PassReport], copy: Option<f64>) -> Option<Relaxation> {
+        let relaxing = || passes.iter().filter(|pass| RELAX.contains(&pass.name.as_str()));
+        let ms: f64 = relaxing().map(|pass| pass.ms).sum();
+        let bytes: u64 = relaxing().map(|pass| pass.bytes).sum();
+        if ms <= 0.0 {
+            return None;
+        }
         let swept = |level: &LevelReport| {
             let iterations = profile::relaxed(level.iterations as u32, self.settings.outer_iterations);
             f64::from(level.width) * f64::from(level.height) * f64::from(iterations * self.settings.sweeps)
         };
         let megapixels = self.levels.iter().map(swept).sum::<f64>() * 1e-6;
-        let mpx_sweeps_per_s = if pass.ms > 0.0 { megapixels / pass.ms * 1e3 } else { 0.0 };
-        Relaxation { mpx_sweeps_per_s, share_of_copy: pass.share_of_copy }
+        let share_of_copy = copy.map(|c| bytes as f64 / ms * 1e-6 / c);
+        Some(Relaxation { mpx_sweeps_per_s: megapixels / ms * 1e3, share_of_copy })
     }
 }

@@ -23,7 +23,7 @@ pub struct Constants {
     pub width: u32,
     /// Rows of the level.
     pub height: u32,
-    /// [`ROWS`](super::linearise::ROWS): the workgroups are those of `linearise`.
+    /// What [`linearise`](super::linearise) takes: the workgroups are those of `linearise`.
     pub rows: u32,
     /// Pixels of the full-size image a pixel of this level.
     pub factor: f32,
@@ -81,7 +81,7 @@ pub fn twin(c: &Constants, r: &Registration, i1: &Field, spline2: &Field) -> Sum
 #[cfg(test)]
 mod tests {
     use super::super::harness::{Rig, random_field, smooth_field};
-    use super::super::linearise::{ROWS, SUMS, tiles};
+    use super::super::linearise::{SUMS, rows, tiles};
     use super::super::state::State;
     use super::*;
     use crate::reference::build_stack;
@@ -92,7 +92,7 @@ mod tests {
         Constants {
             width: width as u32,
             height: height as u32,
-            rows: ROWS,
+            rows: rows([width as u32, height as u32]),
             factor: 2.0,
             centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 0.5) / 2.0],
             length: 20.0,

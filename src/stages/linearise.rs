@@ -35,9 +35,16 @@ pub const GRADIENT: usize = 21;
 pub const ENERGY: usize = 27;
 /// See [`GRADIENT`].
 pub const VALID: usize = 28;
-/// Lines of a red and a black pixel that an invocation goes down: what a line shares with the next is loaded once, and the
-/// sums of a workgroup are reduced once for all of them.
-pub const ROWS: u32 = 8;
+/// Lines of a red and a black pixel that an invocation goes down, at most: what a line shares with the next is loaded once,
+/// and the sums of a workgroup are reduced once for all of them.
+const MOST_ROWS: u32 = 8;
+/// Pixels below which a level is spread over more workgroups, so that small levels do not leave most of a device idle.
+const SPREAD: u64 = 1 << 17;
+
+/// Lines that an invocation goes down on a level of this size.
+pub(crate) fn rows([width, height]: [u32; 2]) -> u32 {
+    if pixels(width, height) < SPREAD { MOST_ROWS / 4 } else { MOST_ROWS }
+}
 /// λ.
 pub const ELIMINATION: f32 = 0.25;
 
@@ -53,7 +60,7 @@ pub struct Constants {
     pub nodes: u32,
     /// First layer of the stack of I2.
     pub second_stack: u32,
-    /// [`ROWS`].
+    /// [`rows`].
     pub rows: u32,
     /// Pixels of the full-size image a pixel of this level.
     pub factor: f32,
@@ -79,7 +86,7 @@ pub struct Constants {
 
 /// Workgroups that cover a level.
 pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
-    [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * ROWS), 1]
+    [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * rows([width, height])), 1]
 }
 
 /// I1, V, stacks of I1 and I2, right sides, weights, state, partial sums. Variants: any kernel; the stack of I2 is of I2 as
@@ -315,7 +322,7 @@ mod tests {
             height: height as u32,
             nodes: nodes as u32,
             second_stack: (nodes * Slopes::of(kernel).layers()) as u32,
-            rows: ROWS,
+            rows: MOST_ROWS,
             factor: 2.0,
             centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 0.5) / 2.0],
             length: 20.0,
@@ -331,11 +338,23 @@ mod tests {
 
     /// The last argument is how T has moved since I2 was brought onto I1's pixels, if it was.
     fn check(i1: &Field, i2: &Field, v: &Field, transform: Similarity, kernel: &Kernel, moved: Option<Similarity>) {
+        for rows in [2, MOST_ROWS] {
+            check_rows(rows, [i1, i2, v], transform, kernel, moved);
+        }
+    }
+
+    fn check_rows(
+        rows: u32,
+        [i1, i2, v]: [&Field; 3],
+        transform: Similarity,
+        kernel: &Kernel,
+        moved: Option<Similarity>,
+    ) {
         let (width, height) = (v.width, v.height);
         let nodes = stack::node_count(6.0);
         let slopes = Slopes::of(kernel);
         let stacks = [i1, i2].map(|i| build_stack(i, kernel, nodes));
-        let c = constants(width, height, nodes, kernel);
+        let c = Constants { rows, ..constants(width, height, nodes, kernel) };
         let registration = Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 });
         let mut state = State::new(&registration);
         if let Some(by) = moved {
@@ -353,7 +372,7 @@ mod tests {
             [rig.image(std::slice::from_ref(i1)), rig.image(std::slice::from_ref(v)), rig.image(&stacks.concat())];
         let system = [rig.empty(half_size, 2), rig.empty_weights(half_size)];
         let state = rig.upload(bytemuck::bytes_of(&state));
-        let groups = tiles([width as u32, height as u32]);
+        let groups = [c.width.div_ceil(2 * WORKGROUP[0]), c.height.div_ceil(WORKGROUP[1] * rows), 1];
         let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
         let mut resources: Vec<_> = inputs.iter().chain(&system).map(Resource::Image).collect();
         resources.extend([Resource::Buffer(&state), Resource::Buffer(&partials)]);

@@ -18,6 +18,7 @@ pub mod linearise;
 pub mod prolong;
 pub mod refine;
 pub mod relax;
+pub mod relax_level;
 pub mod spline;
 pub mod stack;
 pub mod state;
@@ -58,6 +59,7 @@ pub(crate) struct Pipelines {
     pub(crate) step: Arc<Pipeline>,
     pub(crate) relax: Arc<Pipeline>,
     pub(crate) relax_first: Arc<Pipeline>,
+    pub(crate) relax_level: Arc<Pipeline>,
     pub(crate) update: Arc<Pipeline>,
     pub(crate) warp: Arc<Pipeline>,
     pub(crate) confidence: Arc<Pipeline>,
@@ -82,6 +84,7 @@ impl Pipelines {
             linearise_warped: variant(&linearise::STAGE, [false, true])?,
             step: compile(&step::STAGE)?,
             relax: compile(&relax::STAGE)?,
+            relax_level: compile(&relax_level::STAGE)?,
             relax_first: variant(&relax::STAGE, [true, false])?,
             update: compile(&update::STAGE)?,
             warp: compile(&warp::STAGE)?,

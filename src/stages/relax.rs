@@ -86,13 +86,13 @@ pub fn interleaved(system: &[Field; 5]) -> [Field; 2] {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::super::harness::{Rig, random_field};
     use super::*;
     use crate::vulkan::Resource;
 
     /// A system as `linearise` makes them: weights across the border zero, their sum below one.
-    fn system(width: usize, height: usize) -> [Field; 5] {
+    pub(crate) fn system(width: usize, height: usize) -> [Field; 5] {
         let mut system: [Field; 5] = std::array::from_fn(|i| {
             let mut f = random_field(width, height, 20 + i as u64);
             f.data.iter_mut().for_each(|v| *v *= 0.24);

@@ -1,0 +1,49 @@
+#version 460
+// All sweeps on the linear system for dV of a small level, by one workgroup: where a level has few pixels, a pass costs
+// more than its half-iteration. Twin: src/stages/relax_level.rs.
+
+#extension GL_EXT_control_flow_attributes : require
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform readonly image2DArray right_sides; // layer 0: red, layer 1: black
+layout(binding = 1, rgba32f) uniform readonly image2DArray weights;  // likewise; right, left, down, up
+layout(binding = 2, r32f) uniform coherent image2DArray red;    // dV
+layout(binding = 3, r32f) uniform coherent image2DArray black;
+layout(push_constant) uniform Constants {
+    int width, height;
+    int sweeps;
+    float over_relaxation;
+};
+
+float change_at(int color, int h, int y) {
+    // Weights across the border are zero; the index has only to exist.
+    ivec3 place = ivec3(clamp(h, 0, (width - 1) / 2), clamp(y, 0, height - 1), 0);
+    return color == 0 ? imageLoad(red, place).r : imageLoad(black, place).r;
+}
+
+void relax(int color, int h, int y, bool first) {
+    int odd = y + color & 1;
+    if (2 * h + odd >= width) return;
+    ivec3 place = ivec3(h, y, color);
+    float target = imageLoad(right_sides, place).r, before = first ? 0.0 : change_at(color, h, y);
+    if (!first || color == 1) {
+        vec4 around = vec4(change_at(1 - color, h + odd, y), change_at(1 - color, h + odd - 1, y),
+                           change_at(1 - color, h, y + 1), change_at(1 - color, h, y - 1));
+        target += dot(imageLoad(weights, place), around);
+    }
+    vec4 after = vec4(mix(before, target, over_relaxation));
+    if (color == 0) imageStore(red, ivec3(h, y, 0), after);
+    else imageStore(black, ivec3(h, y, 0), after);
+}
+
+void main() {
+    ivec2 first = ivec2(gl_LocalInvocationID.xy), step = ivec2(gl_WorkGroupSize.xy);
+    for (int sweep = 0; sweep < sweeps; sweep++) {
+        [[unroll]] for (int color = 0; color < 2; color++) {
+            for (int y = first.y; y < height; y += step.y)
+                for (int h = first.x; 2 * h < width; h += step.x) relax(color, h, y, sweep == 0);
+            memoryBarrierImage();
+            barrier();
+        }
+    }
+}
