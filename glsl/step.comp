@@ -19,6 +19,7 @@ layout(push_constant) uniform Constants {
     int solve_transform, solve_photometric;
     int descend;                     // the gradient, instead of solving
     int may_settle;                  // α has its final value
+    float still;                     // pixels of the level that no corner may move any more, for it to settle
     int warp_place, warp_count;      // indirect arguments of what brings I2 onto I1's pixels anew; none: not before the next
     float factor;                    // pixels of the full-size image a pixel of this level
     float scale_length;              // that scales a and b, pixels
@@ -126,7 +127,7 @@ void step_once() {
     energies[energy_place] = energy;
     state.levels[level].converged = uint(converged);
     // A level goes on a little after it has converged: the energy is flat before V and T are.
-    settled = converged && moved < 0.001 * factor && change <= 1e-4 * before;
+    settled = may_settle == 1 && moved < still * factor && change <= 0.1 * still * before;
     Registration since = moved_since(state.warped, state.registration);
     warps = warp_count > 0 && !settled && corner_moves(since.a, since.b, vec2(since.tx, since.ty)) > FOLLOWED * factor;
     if (warps) state.levels[level].warps |= 1u << findMSB(state.levels[level].iterations);

@@ -32,6 +32,8 @@ pub struct Constants {
     pub descend: u32,
     /// 1 once an iteration at the final α is done; nothing may converge before.
     pub may_settle: u32,
+    /// Pixels of the level that no corner may move any more, for it to settle; the energy may change by a tenth of that share.
+    pub still: f32,
     /// First of the indirect arguments of the passes that bring I2 onto I1's pixels anew, in words.
     pub warp_place: u32,
     /// Words of them; zero where no such passes come before the next iteration.
@@ -85,7 +87,9 @@ pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> St
     let energy = sums.energy / sums.valid.max(1.0);
     let change = (energy - before).abs();
     let converged = c.may_settle == 1 && moved < 0.01 && change <= 1e-3 * before;
-    Step { energy, converged, settled: converged && moved < 0.001 * factor && change <= 1e-4 * before }
+    let still = f64::from(c.still);
+    let settled = c.may_settle == 1 && moved < still * factor && change <= 0.1 * still * before;
+    Step { energy, converged, settled }
 }
 
 /// Pixels of the level that a corner may move before I2 is brought onto I1's pixels anew.
@@ -139,6 +143,7 @@ mod tests {
             solve_photometric: 1,
             descend: 0,
             may_settle: 1,
+            still: 0.001,
             warp_place: 8,
             warp_count: 0,
             factor: 2.0,
