@@ -11,7 +11,7 @@ layout(local_size_x_id = 0, local_size_y_id = 1) in;
 #include "accumulate.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
-layout(binding = 1, r32f) uniform readonly image2DArray stacks;
+layout(binding = 1, r32f) uniform readonly image2DArray spline2;        // coefficients of I2
 layout(binding = 2, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 3, std430) writeonly buffer Partials { float partials[]; };
 layout(push_constant) uniform Constants {
@@ -21,11 +21,10 @@ layout(push_constant) uniform Constants {
     float centre_x, centre_y;
     float length;                    // that scales a and b, pixels
     float eta;
-    int layer;                       // of the stacks: coefficients of I2
 };
 
 float coefficient(int image, ivec3 place) {
-    return imageLoad(stacks, place).r;
+    return imageLoad(spline2, place).r;
 }
 
 void accumulate(Registration r, ivec2 x, inout Sums sums) {
@@ -34,7 +33,7 @@ void accumulate(Registration r, ivec2 x, inout Sums sums) {
     vec2 d = displacement(r, x, factor, centre);
     if (!inside(x, d, size, 0.0, 1.0)) return;
     place(x, d, size, i, f);
-    Jet i2 = spline_at(2, layer, size, i, f);
+    Jet i2 = spline_at(2, 0, size, i, f);
     float s = imageLoad(image1, ivec3(x, 0)).r - (r.gain * i2.value + r.offset);
     float psi = sqrt(s * s + eta * eta);
     vec4 j = jacobian(r.gain, i2.value, i2.gradient);    // of -S

@@ -4,7 +4,6 @@
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
-#include "border.glsl"
 #include "state.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;

@@ -88,8 +88,12 @@ void go_down(inout Around a, Line next) {
     a.phi_below = inverse_gradient(a.here, a.below, a.next);
 }
 
+int line_inside(int y) {
+    return reflect_once(ivec2(min(y, height)), ivec2(height)).x;
+}
+
 vec4 sharp_line(int image, ivec4 columns, int y) {
-    int line = reflect_once(ivec2(y), ivec2(height)).x;
+    int line = line_inside(y);
     return vec4(coefficient(image, ivec3(columns.x, line, 0)), coefficient(image, ivec3(columns.y, line, 0)),
                 coefficient(image, ivec3(columns.z, line, 0)), coefficient(image, ivec3(columns.w, line, 0)));
 }
@@ -174,7 +178,9 @@ void main() {
     Blur blur = Blur(size, nodes, vec2(mean_x, mean_y));
     ivec2 h = ivec2(gl_GlobalInvocationID.x, rows * gl_GlobalInvocationID.y);
     ivec2 x = ivec2(2 * h.x, h.y);
-    ivec4 columns = ivec4(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1, x.x + 2), size.xx));
+    // Invocations outside the level load from its last pixels, and add and store nothing.
+    int left = min(x.x, size.x - 1);
+    ivec4 columns = ivec4(reflect_once(ivec2(left - 1, left), size.xx), reflect_once(ivec2(left + 1, left + 2), size.xx));
     Around a;
     a.here = line_at(x.x, x.y - 2);
     a.below = line_at(x.x, x.y - 1);
@@ -194,7 +200,7 @@ void main() {
             go_down(sharp1, sharp_line(1, columns, x.y + 1));
             go_down(sharp2, sharp_line(2, columns, x.y + 1));
         }
-        ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);
+        ivec3 lines = ivec3(line_inside(x.y - 1), line_inside(x.y), line_inside(x.y + 1));
         Equation pair[2];
         [[unroll]] for (int k = 0; k < 2; k++) {
             ivec2 at = x + ivec2(k, 0);
@@ -211,7 +217,7 @@ void main() {
                 seen = blur_near(blur, relative.v, displacement(moved, at, factor, centre), part(sharp1, k), part(sharp2, k),
                                  k == 0 ? columns.xyz : columns.yzw, lines);
             } else {
-                seen = blur_apart(blur, r, at, relative.v, d, scale, imageLoad(image1, ivec3(at, 0)).r);
+                seen = blur_apart(blur, r, at, relative.v, d, scale, imageLoad(image1, ivec3(min(at, size - 1), 0)).r);
             }
             pair[k] = equation(at, vec2(at) - centre, relative, valid, data_term(r, relative.v, seen), sums);
             if (at.x >= width) pair[k] = Equation(0.0, vec4(0.0));

@@ -44,7 +44,8 @@ void main() {
             target += dot(imageLoad(weights, place), around);
         }
         float before = FIRST ? 0.0 : imageLoad(own, ivec3(place.xy, 0)).r;
-        if (2 * h.x + odd < width && h.y < height)
+        // The pixel that an odd width leaves out too: its neighbour reads it, with a weight of zero.
+        if (h.y < height)
             imageStore(own, ivec3(h, 0), vec4(mix(before, target, over_relaxation)));
     }
 }

@@ -23,7 +23,6 @@ float change_at(int color, int h, int y) {
 
 void relax(int color, int h, int y, bool first) {
     int odd = y + color & 1;
-    if (2 * h + odd >= width) return;
     ivec3 place = ivec3(h, y, color);
     float target = imageLoad(right_sides, place).r, before = first ? 0.0 : change_at(color, h, y);
     if (!first || color == 1) {
@@ -41,6 +40,7 @@ void main() {
     for (int sweep = 0; sweep < sweeps; sweep++) {
         [[unroll]] for (int color = 0; color < 2; color++) {
             for (int y = first.y; y < height; y += step.y)
+                // The pixel that an odd width leaves out too: its neighbour reads it, with a weight of zero.
                 for (int h = first.x; 2 * h < width; h += step.x) relax(color, h, y, sweep == 0);
             memoryBarrierImage();
             barrier();

@@ -17,7 +17,7 @@ pub struct DeviceInfo {
     pub api_version: String,
     /// Invocations in a subgroup.
     pub subgroup_size: u32,
-    /// Bytes of the largest device-local heap.
+    /// Bytes of the largest device-local heap; of a device of software, what the system can give.
     pub memory_bytes: u64,
     /// Widest or tallest image, pixels.
     pub max_image_size: u32,

@@ -17,7 +17,7 @@ const LEAST_LEVEL: u32 = 8;
 const LOW_PASS: usize = 4;
 /// The share of a level's outer iterations in which α falls to its value, from the coarsest level on; the last holds for
 /// all that are finer. The coarsest starts from nothing, the others from a V that needs less of it: with 0.6 everywhere
-/// levels did 14 to 20 iterations, now 7 to 9 on the finest, and errors are the same (`docs/performance.md`).
+/// levels did 14 to 20 iterations, now 5 to 9, and errors are the same (`docs/performance.md`).
 const CONTINUATION_SHARES: [f64; 5] = [0.6, 0.4, 0.2, 0.2, 0.1];
 /// The stack of I2 is read at s² V: a fifth above the limit leaves room for s up to 1.095.
 const READ_BEYOND: f64 = 1.2;
@@ -27,7 +27,7 @@ const RESULT_LAYERS: u32 = 5;
 /// Words of indirect arguments a level: three each for `linearise`, `relax`, `update` and `step`.
 pub(crate) const GRID_WORDS: usize = 12;
 /// Words of indirect arguments for the passes that bring I2 onto I1's pixels anew, at most so many a level.
-pub(crate) const WARP_WORDS: usize = 3 * 96;
+pub(crate) const WARP_WORDS: usize = 3 * 48;
 /// Words of indirect arguments a level.
 pub(crate) const ARGUMENT_WORDS: usize = GRID_WORDS + WARP_WORDS;
 /// Pixels that no corner may move any more in an iteration of the finest level, for it to settle: at 0.01 half-Gaussian pairs
@@ -258,7 +258,6 @@ impl Plan {
             centre: level.centre.map(|c| c as f32),
             length: level.length as f32,
             eta: self.settings.data_eta as f32,
-            layer: self.first_layer(1),
         }
     }
 
@@ -275,7 +274,7 @@ impl Plan {
             level: level.index as u32,
             energy_place: level.index as u32 * self.settings.outer_iterations + k,
             argument_place: (level.index * ARGUMENT_WORDS) as u32,
-            argument_count: GRID_WORDS as u32,
+            argument_count: ARGUMENT_WORDS as u32,
             solve_transform: u32::from(self.solves_transform()),
             solve_photometric: u32::from(self.solves_photometric(level, k)),
             descend: u32::from(self.descends()),

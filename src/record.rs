@@ -63,7 +63,7 @@ pub(crate) fn record(
             r.recorder.clear(r.relative_blur(level.index));
             r.expose(level, true)?;
         }
-        r.stack_layer(level, 1, 0)?;
+        r.spline(level, (&workspace.levels[level.index].images[1], 0), (&workspace.spline2, 0))?;
         for k in 0..plan.settings.outer_iterations {
             if starts_part(level, k) {
                 r.recorder.next_part()?;
@@ -109,6 +109,10 @@ pub(crate) fn record(
             }
             r.place = r.place.iteration(k);
             if plan.warps_anew(level, k) {
+                if level.pixels() > PART_BUDGET / FILTERS_AN_ITERATION {
+                    r.recorder.next_part()?;
+                    level_done.push(None);
+                }
                 r.warp_anew(level)?;
             }
             r.linearise(level, k)?;
@@ -404,7 +408,7 @@ impl<'a> Script<'a> {
         let w = self.w;
         let resources = [
             Resource::Image(&w.levels[level.index].images[0]),
-            Resource::Image(&w.stacks),
+            Resource::Image(&w.spline2),
             Resource::Buffer(&w.state),
             Resource::Buffer(&w.partials),
         ];

@@ -5,7 +5,7 @@ use crate::plan::{Level, Plan, halving_filter};
 use crate::stages::stack::{Grid, Layer, Slopes, layer};
 use crate::stages::state::Registration;
 use crate::stages::{
-    Field, appearance, blur, confidence, convolve, expose, fuse, ingest, linearise, prolong, refine, relax, step,
+    Field, appearance, blur, confidence, convolve, expose, fuse, ingest, linearise, prolong, refine, relax_level, step,
     update, warp,
 };
 use crate::{Error, Frame, Kernel, Photometric, Settings, Similarity, baseline, filter};
@@ -197,18 +197,8 @@ fn start(level: &Level, coarser: Option<Field>) -> Field {
 
 fn relaxed(plan: &Plan, level: &Level, system: &[Field; 5]) -> Field {
     let [width, height] = level.size;
-    let mut change = Field::zeros(width as usize, height as usize);
-    let over_relaxation = plan.settings.over_relaxation as f32;
-    for _ in 0..plan.settings.sweeps {
-        for color in [0, 1] {
-            relax::twin(
-                &relax::Constants { width, height, color, rows: relax::ROWS, over_relaxation },
-                system,
-                &mut change,
-            );
-        }
-    }
-    change
+    let (sweeps, over_relaxation) = (plan.settings.sweeps, plan.settings.over_relaxation as f32);
+    relax_level::twin(&relax_level::Constants { width, height, sweeps, over_relaxation }, system)
 }
 
 fn update_constants(plan: &Plan, level: &Level) -> update::Constants {

@@ -151,6 +151,7 @@ pub(crate) fn arguments(plan: &Plan, warps: &[Vec<[u32; 3]>]) -> Vec<u32> {
         .flat_map(|level| {
             let grids = [level.tiles(), relax::tiles(level.size), groups(level.size), [1, 1, 1]];
             let mut words = [grids.as_flattened(), warps[level.index].as_flattened()].concat();
+            assert!(words.len() <= ARGUMENT_WORDS, "{} warping passes on a level", warps[level.index].len());
             words.resize(ARGUMENT_WORDS, 0);
             words
         })

@@ -101,7 +101,8 @@ fn check_run(run: &Value) {
     assert_eq!(count("linearise"), iterations.iter().sum::<u64>());
     // A level that settles early relaxes once less than it linearises.
     let relaxed: u64 = iterations.iter().map(|&n| if n < 8 { n - 1 } else { n }).sum();
-    assert_eq!((count("update"), count("relax")), (relaxed, 2 * 5 * relaxed));
+    // So small that one pass takes all sweeps.
+    assert_eq!((count("update"), count("relax_level"), count("relax")), (relaxed, relaxed, 0));
     for pass in passes {
         let (bytes, ms) = (positive(&pass["bytes"]), positive(&pass["ms"]));
         assert!((positive(&pass["gb_per_s"]) * ms / (bytes * 1e-6) - 1.0).abs() < 1e-9, "{pass}");
@@ -135,7 +136,7 @@ fn the_report_holds_what_it_promises_and_a_trace_stands_beside_it() {
     let recorded: u64 = runs.iter().map(|r| r["dispatches"]["recorded"].as_u64().unwrap()).sum();
     // Four phases of the host in each run.
     assert_eq!(spans.len() as u64, recorded + 8);
-    assert!(spans.iter().any(|e| e["name"] == "relax" && e["args"]["iteration"] == 0 && e["args"]["level"] == 1));
+    assert!(spans.iter().any(|e| e["name"] == "relax_level" && e["args"]["iteration"] == 0 && e["args"]["level"] == 1));
 }
 
 #[test]

@@ -17,12 +17,25 @@ fn small_pair() -> [Frame; 2] {
 
 #[test]
 fn agrees_with_the_reference() {
-    let [i1, i2] = small_pair();
+    check_reference(small_pair());
+}
+
+/// With three levels the finest reads I2 where it has been brought onto I1's pixels.
+#[test]
+fn agrees_with_the_reference_where_i2_is_warped() {
+    check_reference(pair([151, 131], &Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(151), 0.0, 5));
+}
+
+fn check_reference([i1, i2]: [Frame; 2]) {
     let settings = Settings { max_relative_blur: 9.0, ..Settings::default() };
     let expected = reference::solve(&i1, &i2, &settings).unwrap();
     let found = TestEngine::new().solve([&i1, &i2], &settings);
     // Single against double precision over some sixty iterations that each feed the next.
-    assert!(found.transform.corner_distance(&expected.transform, 97, 75) < 2e-3, "{:?}", found.transform);
+    assert!(
+        found.transform.corner_distance(&expected.transform, i1.width(), i1.height()) < 2e-3,
+        "{:?}",
+        found.transform
+    );
     assert!((found.photometric.gain - expected.photometric.gain).abs() < 1e-4);
     let rms = |pairs: &mut dyn Iterator<Item = (f32, f64)>| {
         let squares: Vec<f64> = pairs.map(|(f, e)| (f64::from(f) - e).powi(2)).filter(|s| !s.is_nan()).collect();
@@ -67,7 +80,9 @@ fn a_settled_level_stops() {
     let solution = TestEngine::new().solve([&i1, &i2], &settings);
     let done: Vec<usize> = solution.levels.iter().map(|l| l.energy.len()).collect();
     println!("outer iterations by level: {done:?}");
-    assert!(solution.converged && done.iter().all(|d| (37..60).contains(d)), "{done:?}");
+    // Not before an iteration at the final α, which comes sooner the finer the level.
+    let earliest = [37, 25, 13];
+    assert!(solution.converged && done.iter().zip(earliest).all(|(d, e)| (e..60).contains(d)), "{done:?}");
 }
 
 #[test]

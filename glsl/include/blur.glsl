@@ -50,10 +50,10 @@ Seen blur_apart(Blur b, Registration r, ivec2 x, float v, vec2 d, float scale, f
     seen.j = Blurred(jet.value, 0.0, jet.gradient);
     if (v >= 0.0) {
         seen.b1 = stack_at(1, b.nodes, b.size, v, i1_at, f1);
-        Node node = node_at(2, 0, b.size, i2_at, f2);
+        Blurred node = node_at(2, 0, b.size, i2_at, f2);
         seen.b2 = beyond(node.value, node.gradient, -scale * scale * node.slope, v);
     } else {
-        Node node = node_at(1, 0, b.size, i1_at, f1);
+        Blurred node = node_at(1, 0, b.size, i1_at, f1);
         seen.b1 = beyond(node.value, node.gradient, node.slope, v);
         seen.b2 = stack_at(2, b.nodes, b.size, -v * scale * scale, i2_at, f2);
         seen.b2.slope *= -scale * scale;

@@ -11,12 +11,6 @@ struct Blurred {
     vec2 gradient;
 };
 
-struct Node {
-    float value;
-    float slope;
-    vec2 gradient;
-};
-
 float node_variance(int k) {
     float sigma = k <= 3 ? 0.5 * float(k) : 1.5 * pow(4.0 / 3.0, float(k - 3));
     return sigma * sigma;
@@ -29,7 +23,7 @@ int node_below(float v, int count) {
 }
 
 // Cubic Hermite between two nodes.
-Blurred between(int k, float v, Node p, Node q) {
+Blurred between(int k, float v, Blurred p, Blurred q) {
     float v0 = node_variance(k);
     float h = node_variance(k + 1) - v0;
     float t = (v - v0) / h;
@@ -43,10 +37,10 @@ Blurred between(int k, float v, Node p, Node q) {
 }
 
 // Node k at pixel i plus a fraction f.
-Node node_at(int image, int k, ivec2 size, ivec2 i, vec2 f) {
+Blurred node_at(int image, int k, ivec2 size, ivec2 i, vec2 f) {
     Jet jet = spline_at(image, ANY_KERNEL ? 2 * k : k, size, i, f);
     float slope = ANY_KERNEL ? spline_at(image, 2 * k + 1, size, i, f).value : 0.5 * jet.laplacian;
-    return Node(jet.value, slope, jet.gradient);
+    return Blurred(jet.value, slope, jet.gradient);
 }
 
 Blurred stack_at(int image, int nodes, ivec2 size, float v, ivec2 i, vec2 f) {
@@ -55,9 +49,9 @@ Blurred stack_at(int image, int nodes, ivec2 size, float v, ivec2 i, vec2 f) {
 }
 
 // A Gaussian's node k a shift from the pixel.
-Node node_on(int image, int k, ivec3 columns, ivec3 lines, vec2 shift) {
+Blurred node_on(int image, int k, ivec3 columns, ivec3 lines, vec2 shift) {
     Bend b = bend(stencil(image, k, columns, lines));
-    return Node(taylor(b, shift), 0.5 * laplacian(b), taylor_gradient(b, shift));
+    return Blurred(taylor(b, shift), 0.5 * laplacian(b), taylor_gradient(b, shift));
 }
 
 Blurred stack_on(int image, int nodes, float v, ivec3 columns, ivec3 lines, vec2 shift) {

@@ -31,9 +31,12 @@ vec2 displacement(Registration r, ivec2 x, float factor, vec2 centre) {
     return vec2(r.tx, r.ty) / factor + vec2(r.a * p.x - r.b * p.y, r.b * p.x + r.a * p.y);
 }
 
-// What T has done to a pixel since an earlier one: the small difference of two displacements, without their large parts.
+// What T has done since an earlier T0: the registration whose displacement d has T x = T0 (x + d), in I1's pixels.
 Registration moved_since(Registration before, Registration r) {
-    return Registration(r.a - before.a, r.b - before.b, r.tx - before.tx, r.ty - before.ty, 0.0, 0.0);
+    vec2 w = vec2(1.0 + before.a, before.b);
+    mat2 back = mat2(w.x, -w.y, w.y, w.x) / dot(w, w);
+    vec2 ab = back * vec2(r.a - before.a, r.b - before.b), t = back * vec2(r.tx - before.tx, r.ty - before.ty);
+    return Registration(ab.x, ab.y, t.x, t.y, 0.0, 0.0);
 }
 
 // s

@@ -139,7 +139,7 @@ pub struct LevelReport {
 /// The red-black relaxation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Relaxation {
-    /// Pixels of the sweeps done on all levels over the time in `relax`; a sweep is one over red and one over black.
+    /// Pixels of the sweeps done on all levels over the time in `relax` and `relax_level`; a sweep is one over red and one over black.
     pub mpx_sweeps_per_s: f64,
     /// Its compulsory traffic over what the copy moves in the same time.
     pub share_of_copy: Option<f64>,

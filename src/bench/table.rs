@@ -85,7 +85,8 @@ impl Report {
         let line = |run: &RunReport| {
             let ms = |name: &String| run.passes.iter().find(|p| p.name == *name).map(|p| p.ms.to_string());
             let cells = FIELDS.iter().map(|(_, value)| value(run));
-            cells.chain(passes.iter().map(|name| ms(name).unwrap_or_default())).collect::<Vec<_>>().join(",")
+            // A pass that a run lacks took no time.
+            cells.chain(passes.iter().map(|name| ms(name).unwrap_or("0".into()))).collect::<Vec<_>>().join(",")
         };
         std::iter::once(head.join(",")).chain(self.runs.iter().map(line)).collect::<Vec<_>>().join("\n")
     }

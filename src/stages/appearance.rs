@@ -33,11 +33,9 @@ pub struct Constants {
     pub length: f32,
     /// η, intensities.
     pub eta: f32,
-    /// Layer of the stacks that holds the coefficients of I2.
-    pub layer: u32,
 }
 
-/// I1, stacks, state, partial sums.
+/// I1, spline of I2, state, partial sums.
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::APPEARANCE,
     bindings: &[Binding::Image, Binding::Image, Binding::Buffer, Binding::Buffer],
@@ -97,7 +95,6 @@ mod tests {
             centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 0.5) / 2.0],
             length: 20.0,
             eta: 0.01,
-            layer: 0,
         }
     }
 

@@ -194,15 +194,16 @@ pub fn twin(
             let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
             let mut diagonal = 0.0;
             if inside([x, y], d, [width, height], v.get(x, y), r.scale()) {
-                let seen = match warped {
-                    None => see(c, r, [x, y], d, v.get(x, y), stacks),
+                let (i1, seen) = match warped {
+                    None => (i1.get(x, y), see(c, r, [x, y], d, v.get(x, y), stacks)),
                     Some(before) => {
                         let moved = r.moved_since(before);
                         let shift = moved.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
-                        blur::read_near(stacks, [x, y], shift, v.get(x, y))
+                        let i1 = spline::near(&stacks.first[0], x, y, [0.0; 2]).value;
+                        (i1, blur::read_near(stacks, [x, y], shift, v.get(x, y)))
                     }
                 };
-                let (residuals, energy) = data_term(c, r, [x, y], i1.get(x, y), v.get(x, y), seen);
+                let (residuals, energy) = data_term(c, r, [x, y], i1, v.get(x, y), seen);
                 diagonal = residuals.iter().map(|t| t.weight * t.by_v * t.by_v).sum();
                 right_side -= residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
                 let over = 1.0 / (diagonal + f64::from(c.elimination) * smoothness).max(1e-12);

@@ -107,10 +107,16 @@ impl Registration {
         Photometric { gain: self.gain, offset: self.offset }
     }
 
-    /// What T has done since an earlier one: a registration whose displacement is the difference of both.
+    /// What T has done since an earlier T₀: the registration whose displacement d has `T x = T₀ (x + d)`, in I1's pixels.
     pub fn moved_since(&self, before: &Self) -> Self {
-        let t = [self.t[0] - before.t[0], self.t[1] - before.t[1]];
-        Self { a: self.a - before.a, b: self.b - before.b, t, gain: 0.0, offset: 0.0 }
+        let (re, im) = (1.0 + before.a, before.b);
+        let turned_back = |[x, y]: [f64; 2]| {
+            let size = re * re + im * im;
+            [(x * re + y * im) / size, (y * re - x * im) / size]
+        };
+        let [a, b] = turned_back([self.a - before.a, self.b - before.b]);
+        let t = turned_back([self.t[0] - before.t[0], self.t[1] - before.t[1]]);
+        Self { a, b, t, gain: 0.0, offset: 0.0 }
     }
 
     /// s.
@@ -134,4 +140,26 @@ pub fn inside([x, y]: [usize; 2], d: [f64; 2], [width, height]: [usize; 2], v: f
         && within(y as f64, height, reach)
         && within(x as f64 + d[0], width, reach * scale)
         && within(y as f64 + d[1], height, reach * scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_t_has_done_since_is_seen_in_the_pixels_of_i1() {
+        let (before, now) = (Similarity::new(3.0, -2.0, 3.0, 1.08), Similarity::new(3.1, -2.2, 3.1, 1.07));
+        let [before, now] = [before, now].map(|t| Registration::new(&t, &Photometric::IDENTITY));
+        let moved = now.moved_since(&before);
+        let centre = [30.0, 20.0];
+        for (x, y) in [(0usize, 0usize), (60, 10), (17, 40)] {
+            let d = moved.displacement(x, y, 1.0, centre);
+            let at = |p: [f64; 2], r: &Registration| {
+                let (px, py) = (p[0] - centre[0], p[1] - centre[1]);
+                [p[0] + r.t[0] + r.a * px - r.b * py, p[1] + r.t[1] + r.b * px + r.a * py]
+            };
+            let (found, expected) = (at([x as f64 + d[0], y as f64 + d[1]], &before), at([x as f64, y as f64], &now));
+            assert!((found[0] - expected[0]).abs() < 1e-12 && (found[1] - expected[1]).abs() < 1e-12);
+        }
+    }
 }

@@ -209,6 +209,8 @@ impl Instance {
             "subgroups of 4 to 128"
         } else if limits.max_per_stage_descriptor_storage_images < 8 {
             "eight storage images a shader"
+        } else if limits.max_per_stage_descriptor_storage_buffers < 5 {
+            "five storage buffers a shader"
         } else if limits.max_compute_work_group_invocations < 256 {
             "workgroups of 256"
         } else {
