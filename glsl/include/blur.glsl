@@ -64,21 +64,20 @@ Seen blur_apart(Blur b, Registration r, ivec2 x, float v, vec2 d, float scale, f
 }
 
 // Of a Gaussian, and stacks of I1 and of I2 as `warp` has brought it onto I1's pixels. T has moved a pixel by `shift`
-// since, so little that the second-order Taylor series about the pixel will do. `i1` and `i2` are the coefficients around
+// since, so little that the gradient on the pixel will do. `i1` and `i2` are the coefficients around
 // the pixel in the sharp layers.
 Seen blur_near(Blur b, float v, vec2 shift, Stencil i1, Stencil i2, ivec3 columns, ivec3 lines) {
-    Bend sharp1 = bend(i1), sharp2 = bend(i2);
-    Blurred j = Blurred(taylor(sharp2, shift), 0.0, taylor_gradient(sharp2, shift));
+    Jet sharp1 = spline_near(i1, vec2(0.0)), sharp2 = spline_near(i2, shift);
     bool first = v >= 0.0;
     Blurred blurred = stack_on(first ? 1 : 2, b.nodes, abs(v), columns, lines, first ? vec2(0.0) : shift);
     Seen seen;
     seen.i1 = sharp1.value;
-    seen.j = j;
+    seen.j = Blurred(sharp2.value, 0.0, sharp2.gradient);
     if (first) {
         seen.b1 = blurred;
-        seen.b2 = beyond(j.value, j.gradient, -0.5 * laplacian(sharp2), v);
+        seen.b2 = beyond(sharp2.value, sharp2.gradient, -0.5 * sharp2.laplacian, v);
     } else {
-        seen.b1 = beyond(sharp1.value, vec2(0.0), 0.5 * laplacian(sharp1), v);
+        seen.b1 = beyond(sharp1.value, vec2(0.0), 0.5 * sharp1.laplacian, v);
         seen.b2 = blurred;
         seen.b2.slope = -blurred.slope;
     }

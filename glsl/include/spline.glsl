@@ -49,32 +49,13 @@ Stencil stencil(int image, int layer, ivec3 columns, ivec3 lines) {
     return s;
 }
 
-// Value and derivatives up to the second on the pixel.
-struct Bend {
-    float value;
-    vec2 gradient;
-    float xx, xy, yy;
-};
-
-Bend bend(Stencil s) {
+// A shift of a fraction of a pixel from the pixel, to first order: a second one would take noise away with the shift, all
+// over the image alike, and T would follow it.
+Jet spline_near(Stencil s, vec2 shift) {
     vec3 sum = s.above + s.below;
     vec3 smoothed = (sum + 4.0 * s.here) / 6.0, rise = 0.5 * (s.below - s.above), bent = sum - 2.0 * s.here;
-    return Bend((smoothed.x + smoothed.z + 4.0 * smoothed.y) / 6.0,
-                vec2(0.5 * (smoothed.z - smoothed.x), (rise.x + rise.z + 4.0 * rise.y) / 6.0),
-                smoothed.x + smoothed.z - 2.0 * smoothed.y, 0.5 * (rise.z - rise.x),
-                (bent.x + bent.z + 4.0 * bent.y) / 6.0);
-}
-
-float laplacian(Bend b) {
-    return b.xx + b.yy;
-}
-
-// The Taylor series about the pixel, at a shift of a fraction of a pixel from it.
-float taylor(Bend b, vec2 shift) {
-    vec2 s = vec2(b.xx * shift.x + b.xy * shift.y, b.xy * shift.x + b.yy * shift.y);
-    return b.value + dot(b.gradient + 0.5 * s, shift);
-}
-
-vec2 taylor_gradient(Bend b, vec2 shift) {
-    return b.gradient + vec2(b.xx * shift.x + b.xy * shift.y, b.xy * shift.x + b.yy * shift.y);
+    vec2 gradient = vec2(0.5 * (smoothed.z - smoothed.x), (rise.x + rise.z + 4.0 * rise.y) / 6.0);
+    float value = (smoothed.x + smoothed.z + 4.0 * smoothed.y) / 6.0;
+    return Jet(value + dot(gradient, shift), gradient,
+               smoothed.x + smoothed.z - 2.0 * smoothed.y + (bent.x + bent.z + 4.0 * bent.y) / 6.0);
 }

@@ -50,8 +50,8 @@ Blurred stack_at(int image, int nodes, ivec2 size, float v, ivec2 i, vec2 f) {
 
 // A Gaussian's node k a shift from the pixel.
 Blurred node_on(int image, int k, ivec3 columns, ivec3 lines, vec2 shift) {
-    Bend b = bend(stencil(image, k, columns, lines));
-    return Blurred(taylor(b, shift), 0.5 * laplacian(b), taylor_gradient(b, shift));
+    Jet jet = spline_near(stencil(image, k, columns, lines), shift);
+    return Blurred(jet.value, 0.5 * jet.laplacian, jet.gradient);
 }
 
 Blurred stack_on(int image, int nodes, float v, ivec3 columns, ivec3 lines, vec2 shift) {

@@ -128,7 +128,7 @@ pub fn read(stack: &[Field], slopes: Slopes, v: f64, x: f64, y: f64) -> Blurred 
     between(v, stack.len() / slopes.layers(), |k| node(stack, slopes, k, x, y))
 }
 
-/// Reads a Gaussian's stack a shift from pixel (x, y), by the [Taylor series](spline::near) about it.
+/// Reads a Gaussian's stack a shift from pixel (x, y), by its [gradient](spline::near) there.
 pub fn read_near(stack: &[Field], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> Blurred {
     between(v, stack.len(), |k| {
         let jet = spline::near(&stack[k], x, y, shift);

@@ -1,7 +1,7 @@
 //! I2 on I1's pixels: its spline where T puts each pixel, so that a stack of it can be read on the pixels themselves.
 //!
 //! The blur of a warped image is the warped blur, of a variance in I1's pixels; T may go on moving a little, since
-//! [`linearise`](super::linearise) follows it by a Taylor series about each pixel.
+//! [`linearise`](super::linearise) follows it by the gradient on each pixel.
 
 use bytemuck::{Pod, Zeroable};
 
