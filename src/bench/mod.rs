@@ -23,7 +23,9 @@ mod trace;
 
 use std::time::Instant;
 
-use crate::{Channels, Depth, Engine, EngineOptions, Error, Format, Frame, Kernel, Method, Settings, solver};
+use crate::{
+    Channels, Depth, Engine, EngineOptions, Error, Format, Frame, Kernel, Method, Settings, Similarity, solver,
+};
 
 pub use compare::compare;
 pub use report::{
@@ -40,8 +42,10 @@ pub struct Options {
     pub methods: Vec<Method>,
     /// Kernels.
     pub kernels: Vec<Kernel>,
-    /// Everything else that the solver is told; of a synthetic pair the method aligned is told T besides.
+    /// Everything else that the solver is told.
     pub settings: Settings,
+    /// T, which the method aligned holds; of a synthetic pair it is known.
+    pub held: Similarity,
     /// Solves after the first that are not counted.
     pub warmup: u32,
     /// Solves that are; at least one is done.
@@ -65,6 +69,7 @@ impl Default for Options {
             methods: vec![Method::Unified],
             kernels: vec![Kernel::Gaussian],
             settings: Settings::default(),
+            held: Similarity::IDENTITY,
             warmup: 1,
             repeats: 5,
         }
@@ -132,8 +137,11 @@ impl Options {
     fn all_settings(&self) -> impl Iterator<Item = Settings> {
         let of = |method, kernel: &Kernel| {
             let mut settings = Settings { method, kernel: kernel.clone(), ..self.settings.clone() };
-            if method == Method::Aligned && matches!(self.input, Input::Synthetic(_)) {
-                settings.start = synthetic::transform();
+            if method == Method::Aligned {
+                settings.start = match self.input {
+                    Input::Synthetic(_) => synthetic::transform(),
+                    Input::Pair(_) => self.held,
+                };
             }
             settings
         };

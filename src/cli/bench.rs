@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use parfocal::bench::{self, Input, Options, Report};
-use parfocal::{Settings, image_io};
+use parfocal::{Settings, export, image_io};
 
 use super::engine::EngineArguments;
 use super::failure::{Failure, print};
@@ -23,6 +23,9 @@ pub(super) struct Arguments {
     /// A pair of photographs instead of synthetic ones
     #[arg(long, num_args = 2, value_names = ["I1", "I2"], conflicts_with = "sizes")]
     pair: Vec<PathBuf>,
+    /// The registration that the method aligned holds on that pair, in a report.json or a truth.json; default: identity
+    #[arg(long, value_name = "FILE", requires = "pair")]
+    transform: Option<PathBuf>,
     /// How the registration is found, as `solve --method`
     #[arg(long, value_name = "METHOD,...", value_delimiter = ',', value_enum, default_value = "unified")]
     methods: Vec<MethodName>,
@@ -149,7 +152,12 @@ fn options(arguments: &Arguments) -> Result<Options, Failure> {
         [i1, i2] => Input::Pair(Box::new(image_io::read_pair(i1, i2)?.into())),
         _ => Input::Synthetic(arguments.sizes.iter().map(|size| size.0).collect()),
     };
+    let held = match &arguments.transform {
+        Some(file) => export::read_transform(file)?.0,
+        None => Options::default().held,
+    };
     Ok(Options {
+        held,
         input,
         methods: arguments.methods.iter().map(|&name| name.into()).collect(),
         kernels: arguments.kernels.iter().map(KernelChoice::read).collect::<Result<_, _>>()?,
@@ -164,7 +172,7 @@ fn check_output(file: &Path, arguments: &Arguments) -> Result<(), Failure> {
     if file.is_dir() {
         return Err(Failure::Failed(format!("{}: is a folder; give a file", file.display())));
     }
-    if arguments.pair.iter().any(|input| super::same_file(file, input)) {
+    if arguments.pair.iter().chain(&arguments.transform).any(|input| super::same_file(file, input)) {
         return Err(Failure::Failed(format!("{}: is an input; give another file", file.display())));
     }
     if arguments.output == arguments.profile {

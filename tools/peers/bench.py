@@ -46,20 +46,20 @@ def rounds(entries: list[System], repeats: int) -> list[Outcome]:
     return [Outcome(s.name, s.delivers, readings[s.name][1:], failures.get(s.name)) for s in entries]
 
 
-def pairs(parfocal: Parfocal, arguments: argparse.Namespace, work: Path) -> Iterator[tuple[str, Size, Files]]:
-    """Of each pair what it is called, its size and its files; a scene is rendered when its turn comes."""
+def pairs(parfocal: Parfocal, arguments: argparse.Namespace, work: Path) -> Iterator[tuple[str, Size, Files, Path | None]]:
+    """Of each pair what it is called, its size, its files and its truth; a scene is rendered when its turn comes."""
     if arguments.pair:
         i1, i2 = arguments.pair
         height, width = read_grey(i1).shape
         if read_grey(i2).shape != (height, width):
             raise Failed(f"{i1} and {i2} differ in size; give two images of one size")
-        yield f"{i1.name}, {i2.name}", (width, height), (i1, i2)
+        yield f"{i1.name}, {i2.name}", (width, height), (i1, i2), None
         return
     for width, height in arguments.sizes:
         say(f"rendering {width} x {height}")
         folder = work / f"{width}x{height}"
         parfocal.simulate(["relief", "--size", f"{width}x{height}"], folder)
-        yield "relief", (width, height), (folder / "i1.png", folder / "i2.png")
+        yield "relief", (width, height), (folder / "i1.png", folder / "i2.png"), folder / "truth.json"
 
 
 def run(parfocal: Parfocal, arguments: argparse.Namespace) -> None:
@@ -67,8 +67,8 @@ def run(parfocal: Parfocal, arguments: argparse.Namespace) -> None:
     versions = {package: version(package) for package in ("opencv-python-headless", "numpy")}
     results: list[PairResult] = []
     with tempfile.TemporaryDirectory() as folder:
-        for name, size, pair in pairs(parfocal, arguments, Path(folder)):
-            outcomes = rounds(systems(parfocal, pair), arguments.repeats)
+        for name, size, pair, truth in pairs(parfocal, arguments, Path(folder)):
+            outcomes = rounds(systems(parfocal, pair, truth), arguments.repeats)
             results.append(PairResult(name, size, outcomes))
             bench_report.write(arguments.output, Setting(bench_report.cpu(), arguments.threads, versions), results)
     say(f"results in {arguments.output}: bench.md bench.json")

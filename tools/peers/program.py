@@ -48,9 +48,11 @@ class Parfocal:
         file.write_text(json.dumps({"transform": asdict(transform)}))
         return self.solve(pair, out, "aligned", ["--transform", str(file), "--hold", *options])
 
-    def bench(self, pair: tuple[Path, Path], method: str) -> dict[str, Any]:
-        """What `parfocal bench --json` reports of one warm solve of a pair; at least one run is in it."""
+    def bench(self, pair: tuple[Path, Path], method: str, truth: Path | None = None) -> dict[str, Any]:
+        """What `parfocal bench --json` reports of one warm solve of a pair; at least one run is in it. Aligned holds the truth."""
         options = ["--methods", method, "--warmup", "1", "--repeats", "1", "--json"]
+        if truth:
+            options += ["--transform", str(truth)]
         printed = self._run(["bench", "--pair", *map(str, pair), *options])
         try:
             return json.loads(printed)

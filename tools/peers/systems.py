@@ -43,17 +43,17 @@ REFINEMENT = f"OpenCV VariationalRefinement {FIXED_POINT} x {SOR}"
 MORE_REFINEMENT = f"OpenCV VariationalRefinement {FIXED_POINT} x {MORE_SOR}"
 
 
-def systems(parfocal: Parfocal, pair: tuple[Path, Path]) -> list[System]:
+def systems(parfocal: Parfocal, pair: tuple[Path, Path], truth: Path | None) -> list[System]:
     """All of them, on one pair; each reads the same pixels."""
     grey = [read_grey(path) for path in pair]
-    return [*ours(parfocal, pair), *registrations(*grey), *flows(*map(_in_bytes, grey))]
+    return [*ours(parfocal, pair, truth), *registrations(*grey), *flows(*map(_in_bytes, grey))]
 
 
-def ours(parfocal: Parfocal, pair: tuple[Path, Path]) -> list[System]:
+def ours(parfocal: Parfocal, pair: tuple[Path, Path], truth: Path | None) -> list[System]:
     """A process a reading, which warms up before it is timed; starting it and reading files are no part of the time."""
 
     def measure(method: str) -> Reading:
-        report = parfocal.bench(pair, method)
+        report = parfocal.bench(pair, method, truth)
         run = report["runs"][0]
         relaxation = run["relaxation"] or {}  # null where the device has no clock
         return Reading(run["solve_ms"]["median"], report["device"]["name"], relaxation.get("mpx_sweeps_per_s"))
