@@ -23,7 +23,7 @@ pub struct Constants {
     pub width: u32,
     /// Rows of the level.
     pub height: u32,
-    /// What [`linearise`](super::linearise) takes: the workgroups are those of `linearise`.
+    /// What [`linearise`] takes: the workgroups are those of `linearise`.
     pub rows: u32,
     /// Pixels of the full-size image a pixel of this level.
     pub factor: f32,

@@ -1,4 +1,4 @@
-//! All sweeps of [`relax`](super::relax) on a small level by one workgroup: where a level has few pixels, a pass costs more
+//! All sweeps of [`relax`] on a small level by one workgroup: where a level has few pixels, a pass costs more
 //! than its half-iteration.
 
 use bytemuck::{Pod, Zeroable};
