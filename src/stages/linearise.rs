@@ -60,7 +60,7 @@ pub struct Constants {
     pub nodes: u32,
     /// First layer of the stack of I2.
     pub second_stack: u32,
-    /// [`rows`].
+    /// Lines that an invocation goes down.
     pub rows: u32,
     /// Pixels of the full-size image a pixel of this level.
     pub factor: f32,
