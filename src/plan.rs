@@ -18,7 +18,7 @@ const LOW_PASS: usize = 4;
 /// The share of a level's outer iterations in which α falls to its value, from the coarsest level on; the last holds for
 /// all that are finer. The coarsest starts from nothing, the others from a V that needs less of it: with 0.6 everywhere
 /// levels did 14 to 20 iterations, now 5 to 9, and errors are the same (`docs/performance.md`).
-const CONTINUATION_SHARES: [f64; 5] = [0.6, 0.4, 0.2, 0.2, 0.1];
+const CONTINUATION_SHARES: [f64; 5] = [0.6, 0.4, 0.3, 0.3, 0.1];
 /// The stack of I2 is read at s² V: a fifth above the limit leaves room for s up to 1.095.
 const READ_BEYOND: f64 = 1.2;
 /// Layers that the results need: V, confidence, three colours.
@@ -471,7 +471,7 @@ mod tests {
     #[test]
     fn smoothness_falls_to_its_value() {
         let plan = plan(256, 256);
-        for (level, length) in [(3, 12), (2, 8), (1, 4), (0, 4)] {
+        for (level, length) in [(3, 12), (2, 8), (1, 6), (0, 6)] {
             let level = &plan.pyramid[level];
             assert!((plan.smoothness(level, 0) - 0.033).abs() < 1e-12);
             assert_eq!(plan.smoothness(level, length), 0.003);
