@@ -66,8 +66,8 @@ pub struct Step {
     pub energy: f64,
     /// No corner moved by 0.01 px and the energy changed by less than 0.1 %.
     pub converged: bool,
-    /// The energy, besides, changed by less than 0.01 %, and the level stops. The energy is flat before V is: stopping at
-    /// 0.1 % put V of the Cup pair 0.086 px² from that of the same pair undisplaced, going on 0.063.
+    /// No corner moved by [`still`](Constants::still) pixels of the level, the energy changed by less than a tenth of that
+    /// share, and the level stops. The energy is flat before V and T are, so the finest level goes on after it has converged.
     pub settled: bool,
 }
 
@@ -75,9 +75,8 @@ pub struct Step {
 pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> Step {
     let x = solve(c, sums);
     let (a, b) = (x[0] / f64::from(c.length), x[1] / f64::from(c.length));
-    let corner = f64::from(c.half_size[0]).hypot(c.half_size[1].into());
     let factor = f64::from(c.factor);
-    let moved = factor * (x[2].hypot(x[3]) + a.hypot(b) * corner);
+    let moved = corner_moves(c, [a, b], [factor * x[2], factor * x[3]]);
     r.a += a;
     r.b += b;
     r.t[0] += factor * x[2];
@@ -92,14 +91,19 @@ pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> St
     Step { energy, converged, settled }
 }
 
+/// How far a corner moves, full-size pixels: by t and by (a, b) times its distance from the centre.
+fn corner_moves(c: &Constants, [a, b]: [f64; 2], [tx, ty]: [f64; 2]) -> f64 {
+    let corner = f64::from(c.half_size[0]).hypot(c.half_size[1].into());
+    tx.hypot(ty) + a.hypot(b) * f64::from(c.factor) * corner
+}
+
 /// Pixels of the level that a corner may move before I2 is brought onto I1's pixels anew.
 const FOLLOWED: f64 = 0.02;
 
 /// Whether T has moved so far since `before` that gradients on the pixels no longer follow it.
 pub(crate) fn moved_away(c: &Constants, before: &Registration, r: &Registration) -> bool {
-    let (since, factor) = (r.moved_since(before), f64::from(c.factor));
-    let corner = f64::from(c.half_size[0]).hypot(c.half_size[1].into());
-    since.t[0].hypot(since.t[1]) + since.a.hypot(since.b) * factor * corner > FOLLOWED * factor
+    let since = r.moved_since(before);
+    corner_moves(c, [since.a, since.b], since.t) > FOLLOWED * f64::from(c.factor)
 }
 
 /// Solves for the unknowns that are free; where N is singular nothing steps (the shader holds only the dependent unknowns).
