@@ -128,6 +128,7 @@ void step_once() {
     state.levels[level].converged = uint(converged);
     // A level goes on a little after it has converged: the energy is flat before V and T are.
     settled = may_settle == 1 && moved < still * factor && change <= 0.1 * still * before;
+    state.levels[level].settled = uint(settled);
     Registration since = moved_since(state.warped, state.registration);
     warps = warp_count > 0 && !settled && corner_moves(since.a, since.b, vec2(since.tx, since.ty)) > FOLLOWED * factor;
     if (warps) state.levels[level].warps |= 1u << findMSB(state.levels[level].iterations);

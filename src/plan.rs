@@ -35,6 +35,9 @@ pub(crate) const ARGUMENT_WORDS: usize = GRID_WORDS + WARP_WORDS;
 const STILL: f32 = 0.001;
 /// The same of the levels before, which only hand on a start: they did up to 20 iterations at 0.001, and no figure was better.
 const STILL_ENOUGH: f32 = 0.01;
+/// A level that may have settled goes on for so many outer iterations before the host is asked: a question takes as long as
+/// some dispatches over nothing, of which an iteration has a dozen.
+const ITERATIONS_A_QUESTION: usize = 2;
 /// Coarsest levels, on which T is still being found: I2 is read where T takes each pixel. On finer ones I2 is brought onto
 /// I1's pixels first.
 const FINDING: usize = 2;
@@ -183,6 +186,13 @@ impl Plan {
     /// Whether a level may settle in iteration k: it has done one at the final α, whose energy it can compare with.
     pub(crate) fn may_settle(&self, level: &Level, k: u32) -> bool {
         k > 0 && f64::from(k - 1) >= self.continuation(level)
+    }
+
+    /// Whether the host asks before iteration k if a level has settled, and leaves out what is recorded for it from there on
+    /// if it has; `may_settle` tells of iterations in which it can.
+    pub(crate) fn asks_before(k: u32, may_settle: impl Fn(u32) -> bool) -> bool {
+        let since_first = (0..k).rev().take_while(|&k| may_settle(k)).count();
+        since_first % ITERATIONS_A_QUESTION == 1
     }
 
     /// Whether T is solved for together with V; otherwise it is known before V is.
@@ -477,6 +487,14 @@ mod tests {
             assert_eq!(plan.smoothness(level, length), 0.003);
             assert!(!plan.may_settle(level, length) && plan.may_settle(level, length + 1));
         }
+    }
+
+    #[test]
+    fn the_host_asks_from_the_first_iteration_that_may_settle_on() {
+        let asks =
+            |may_settle: fn(u32) -> bool| (0..9).filter(move |&k| Plan::asks_before(k, may_settle)).collect::<Vec<_>>();
+        assert_eq!(asks(|k| k >= 3), [4, 6, 8]);
+        assert_eq!(asks(|k| k >= 8), [0; 0]);
     }
 
     #[test]

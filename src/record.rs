@@ -12,7 +12,7 @@ use crate::stages::{
     Pipelines, appearance, confidence, convolve, expose, fuse, ingest, linearise, prolong, refine, relax, relax_level,
     step, update, warp,
 };
-use crate::vulkan::{Device, Groups, Image, Pipeline, Recorder, Recording, Resource};
+use crate::vulkan::{Clock, Device, Groups, Image, Pipeline, Recorder, Recording, Resource};
 use crate::workspace::{Grid, Workspace, arguments};
 use crate::{Channels, Decode, Error};
 
@@ -27,118 +27,78 @@ const PART_BUDGET: u64 = 1 << 26;
 /// Separable filters that take as long as an outer iteration: on lavapipe 5, of a disk's stacks.
 const FILTERS_AN_ITERATION: u64 = 5;
 
+/// What a part of the recording is for.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Part {
+    /// The level, 0 the finest, that is done when it ends.
+    pub(crate) level_done: Option<usize>,
+    /// The level whose iterations it goes on with: not wanted once that has settled.
+    pub(crate) goes_on: Option<usize>,
+}
+
 /// A recorded solve.
 pub(crate) struct Recorded {
     pub(crate) recording: Recording,
-    /// For each part the level, 0 the finest, that is done when it ends.
-    pub(crate) level_done: Vec<Option<usize>>,
+    pub(crate) parts: Vec<Part>,
     /// How many of the parts it takes until the registration is known.
     pub(crate) registered: usize,
     /// What was recorded, in order.
     pub(crate) dispatches: Vec<Dispatch>,
 }
 
-/// Records a whole solve: one part for the way up, one or more for each level, one for the results. Where the registration
+/// Records a whole solve: one part for the way up, some for each level, one for the results. Where the registration
 /// does not wait for V, it comes first, with parts and levels of its own.
 pub(crate) fn record(
     device: &Arc<Device>,
     pipelines: &Pipelines,
     plan: &Plan,
     workspace: &Workspace,
+    traced: bool,
 ) -> Result<Recorded, Error> {
-    let recorder = Recorder::new(device, timestamps(plan))?;
+    let clock = if traced { Clock::Dispatches } else { Clock::Passes };
+    let recorder = Recorder::new(device, clock(timestamps(plan)))?;
     let (warps, place) = (vec![Vec::new(); plan.solved], Place::default());
-    let mut r = Script { recorder, pipelines, plan, w: workspace, anew: None, warps, place, dispatches: Vec::new() };
+    let parts = vec![Part::default()];
+    let mut r =
+        Script { recorder, pipelines, plan, w: workspace, anew: None, warps, place, parts, dispatches: Vec::new() };
     r.reset();
     for image in BOTH {
         r.ingest(image, ingest::LUMINANCE)?;
         r.pyramid(image)?;
     }
-    let mut level_done = vec![None];
     for level in plan.appearance_levels() {
-        r.recorder.next_part()?;
-        r.place = Place::registering(level.index);
-        if plan.matches_exposure() {
-            // Nothing is known of V yet.
-            r.recorder.clear(r.relative_blur(level.index));
-            r.expose(level, true)?;
-        }
-        r.spline(level, (&workspace.levels[level.index].images[1], 0), (&workspace.spline2, 0))?;
-        for k in 0..plan.settings.outer_iterations {
-            if starts_part(level, k) {
-                r.recorder.next_part()?;
-                level_done.push(None);
-            }
-            r.place = r.place.iteration(k);
-            r.appearance(level)?;
-            r.step(level, &plan.appearance_step(level, k))?;
-        }
-        level_done.push(Some(level.index));
+        r.next_part()?;
+        r.register_level(level)?;
     }
     let mut registered = 0;
     if !plan.solves_transform() {
-        r.recorder.next_part()?;
+        r.next_part()?;
         r.place = Place::level(0);
         r.recorder.clear(r.relative_blur(0));
         r.expose(&plan.pyramid[0], plan.matches_exposure() && !plan.solves_appearance())?;
         r.bring_down_registration();
         r.reset_levels();
-        level_done.push(None);
-        registered = level_done.len();
+        registered = r.parts.len();
     }
     for level in plan.coarse_to_fine() {
-        r.recorder.next_part()?;
-        r.place = Place::level(level.index);
-        r.start(level)?;
-        if plan.matches_exposure() {
-            r.expose(level, true)?;
-        }
-        let mut passed = 0;
-        for (image, layer) in BOTH.iter().flat_map(|&image| (0..plan.layers_of(level)).map(move |n| (image, n))) {
-            passed += r.stack_layer(level, image, layer)? * level.pixels();
-            if passed > FILTERS_AN_ITERATION * PART_BUDGET {
-                r.recorder.next_part()?;
-                level_done.push(None);
-                passed = 0;
-            }
-        }
-        for k in 0..plan.settings.outer_iterations {
-            if starts_part(level, k) {
-                r.recorder.next_part()?;
-                level_done.push(None);
-            }
-            r.place = r.place.iteration(k);
-            if plan.warps_anew(level, k) {
-                if level.pixels() > PART_BUDGET / FILTERS_AN_ITERATION {
-                    r.recorder.next_part()?;
-                    level_done.push(None);
-                }
-                r.warp_anew(level)?;
-            }
-            r.linearise(level, k)?;
-            r.step(level, &plan.step(level, k))?;
-            r.relaxation(level)?;
-            r.update(level)?;
-        }
-        level_done.push(Some(level.index));
+        r.next_part()?;
+        r.solve_level(level)?;
     }
-    r.recorder.next_part()?;
+    r.next_part()?;
     r.place = Place::level(0);
     r.expose(&plan.pyramid[0], false)?;
     if plan.solves_transform() {
         r.bring_down_registration();
-        level_done.push(None);
-        registered = level_done.len();
-        r.recorder.next_part()?;
+        registered = r.parts.len();
+        r.next_part()?;
     }
     r.confidence()?;
     for channel in 0..plan.fused_channels().count() {
         r.fuse(channel)?;
     }
     r.bring_down();
-    level_done.push(None);
     workspace.start_arguments.write(bytemuck::cast_slice(&arguments(plan, &r.warps)))?;
-    Ok(Recorded { recording: r.recorder.finish()?, level_done, registered, dispatches: r.dispatches })
+    Ok(Recorded { recording: r.recorder.finish()?, parts: r.parts, registered, dispatches: r.dispatches })
 }
 
 /// Whether iteration k of a level goes into a new part.
@@ -169,6 +129,7 @@ struct Script<'a> {
     warps: Vec<Vec<[u32; 3]>>,
     /// Where the next pass stands.
     place: Place,
+    parts: Vec<Part>,
     dispatches: Vec<Dispatch>,
 }
 
@@ -194,6 +155,84 @@ impl<'a> Script<'a> {
     ) -> Result<(), Error> {
         self.dispatches.push(Dispatch { pass: pipeline.name, place: self.place, bytes });
         self.recorder.pass(pipeline, resources, bytemuck::bytes_of(constants), groups)
+    }
+
+    /// The rest goes into another submission.
+    fn next_part(&mut self) -> Result<(), Error> {
+        self.parts.push(Part::default());
+        self.recorder.next_part()
+    }
+
+    /// Iteration k of a level: into another part, if the host is to be asked whether it is wanted or the part at hand is full.
+    fn begin_iteration(&mut self, level: &Level, k: u32, may_settle: impl Fn(u32) -> bool) -> Result<(), Error> {
+        if Plan::asks_before(k, may_settle) {
+            self.recorder.copy(&self.w.state, &self.w.progress);
+            self.parts.push(Part { goes_on: Some(level.index), level_done: None });
+            self.recorder.next_part_if_wanted()?;
+        } else if starts_part(level, k) {
+            self.next_part()?;
+        }
+        self.place = self.place.iteration(k);
+        Ok(())
+    }
+
+    /// The part at hand is the last of a level.
+    fn end_level(&mut self, level: &Level) {
+        if let Some(part) = self.parts.last_mut() {
+            part.level_done = Some(level.index);
+        }
+    }
+
+    /// T on one level, by appearance.
+    fn register_level(&mut self, level: &Level) -> Result<(), Error> {
+        let (w, plan) = (self.w, self.plan);
+        self.place = Place::registering(level.index);
+        if plan.matches_exposure() {
+            // Nothing is known of V yet.
+            self.recorder.clear(self.relative_blur(level.index));
+            self.expose(level, true)?;
+        }
+        self.spline(level, (&w.levels[level.index].images[1], 0), (&w.spline2, 0))?;
+        for k in 0..plan.settings.outer_iterations {
+            self.begin_iteration(level, k, |k| plan.appearance_step(level, k).may_settle == 1)?;
+            self.appearance(level)?;
+            self.step(level, &plan.appearance_step(level, k))?;
+        }
+        self.end_level(level);
+        Ok(())
+    }
+
+    /// V on one level, and the registration where it is solved for together with V.
+    fn solve_level(&mut self, level: &Level) -> Result<(), Error> {
+        let plan = self.plan;
+        self.place = Place::level(level.index);
+        self.start(level)?;
+        if plan.matches_exposure() {
+            self.expose(level, true)?;
+        }
+        let mut passed = 0;
+        for (image, layer) in BOTH.iter().flat_map(|&image| (0..plan.layers_of(level)).map(move |n| (image, n))) {
+            passed += self.stack_layer(level, image, layer)? * level.pixels();
+            if passed > FILTERS_AN_ITERATION * PART_BUDGET {
+                self.next_part()?;
+                passed = 0;
+            }
+        }
+        for k in 0..plan.settings.outer_iterations {
+            self.begin_iteration(level, k, |k| plan.may_settle(level, k))?;
+            if plan.warps_anew(level, k) {
+                if level.pixels() > PART_BUDGET / FILTERS_AN_ITERATION {
+                    self.next_part()?;
+                }
+                self.warp_anew(level)?;
+            }
+            self.linearise(level, k)?;
+            self.step(level, &plan.step(level, k))?;
+            self.relaxation(level)?;
+            self.update(level)?;
+        }
+        self.end_level(level);
+        Ok(())
     }
 
     /// State, indirect arguments and energies as they are before a solve.

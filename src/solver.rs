@@ -5,10 +5,10 @@ use std::time::Instant;
 
 use crate::plan::Plan;
 use crate::profile::{Dispatch, Phases, Profile, SUBMIT_WAIT};
-use crate::record::{self, Recorded};
+use crate::record::{self, Part, Recorded};
 use crate::solution::{Level, Timings};
 use crate::stages::state::{Registration, State};
-use crate::vulkan::{Buffer, Device, Recorder, Recording};
+use crate::vulkan::{Buffer, Clock, Device, Recorder, Recording};
 use crate::workspace::Workspace;
 use crate::{Engine, Error, Format, Frame, Registered, Settings, Solution, baseline};
 
@@ -29,7 +29,7 @@ pub struct Progress {
 pub struct Solver {
     plan: Plan,
     recording: Recording,
-    level_done: Vec<Option<usize>>,
+    parts: Vec<Part>,
     registered: usize,
     dispatches: Vec<Dispatch>,
     phases: Phases,
@@ -49,6 +49,17 @@ impl Solver {
         formats: [Format; 2],
         settings: &Settings,
     ) -> Result<Self, Error> {
+        Self::prepare(engine, [width, height], formats, settings, false)
+    }
+
+    /// The same, but the time of every single dispatch is taken if it is `traced`, which takes time itself.
+    pub(crate) fn prepare(
+        engine: &Engine,
+        [width, height]: [u32; 2],
+        formats: [Format; 2],
+        settings: &Settings,
+        traced: bool,
+    ) -> Result<Self, Error> {
         let plan = Plan::new(width, height, formats, settings)?;
         let device = engine.device().clone();
         if device.is_poisoned() {
@@ -56,13 +67,13 @@ impl Solver {
         }
         plan.check(&device)?;
         let workspace = Workspace::new(&device, &plan)?;
-        let mut first = Recorder::new(&device, 0)?;
+        let mut first = Recorder::new(&device, Clock::Never)?;
         first.prepare(&workspace.images());
-        first.finish()?.run(&mut |_| ())?;
-        let Recorded { recording, level_done, registered, dispatches } =
-            record::record(&device, engine.pipelines(), &plan, &workspace)?;
+        first.finish()?.run()?;
+        let Recorded { recording, parts, registered, dispatches } =
+            record::record(&device, engine.pipelines(), &plan, &workspace, traced)?;
         let phases = Phases::default();
-        Ok(Self { plan, recording, level_done, registered, dispatches, phases, workspace, device })
+        Ok(Self { plan, recording, parts, registered, dispatches, phases, workspace, device })
     }
 
     /// Prepares for pairs like this one.
@@ -94,7 +105,7 @@ impl Solver {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Solution, Error> {
         let started = Instant::now();
-        self.run([i1, i2], self.level_done.len(), progress)?;
+        self.run([i1, i2], self.parts.len(), progress)?;
         let mut solution = self.collect()?;
         self.phases.end("collect");
         solution.timings.total_ms = started.elapsed().as_secs_f64() * 1e3;
@@ -142,10 +153,14 @@ impl Solver {
         let start = Registration::new(&baseline::start(frames, settings)?, &settings.start_photometric);
         self.workspace.start_state.write(bytemuck::bytes_of(&State::new(&start)))?;
         self.phases.end("start");
-        let (plan, level_done) = (&self.plan, &self.level_done);
-        let levels = |parts: usize| level_done[..parts].iter().flatten().count() as u32;
-        self.recording.run_first(parts, &mut |part| {
-            if let Some(level) = level_done[part - 1].map(|index| &plan.pyramid[index]) {
+        let (plan, recorded, on_the_way) = (&self.plan, &self.parts, &self.workspace.progress);
+        let levels = |parts: usize| recorded[..parts].iter().filter(|part| part.level_done.is_some()).count() as u32;
+        let mut wanted = |part: usize| {
+            let state = on_the_way.read::<State>(0, 1)?[0];
+            Ok(recorded[part].goes_on.is_none_or(|level| state.levels[level].settled == 0))
+        };
+        self.recording.run_first(parts, &mut wanted, &mut |part| {
+            if let Some(level) = recorded[part - 1].level_done.map(|index| &plan.pyramid[index]) {
                 let [width, height] = level.size;
                 progress(Progress { done: levels(part), levels: levels(parts), width, height });
             }

@@ -59,6 +59,8 @@ pub(crate) struct Workspace {
     pub(crate) frames: [Arc<Buffer>; 2],
     /// V, confidence and the fused channels, mapped; then state and energies.
     pub(crate) results: Arc<Buffer>,
+    /// State while a level is under way, mapped.
+    pub(crate) progress: Arc<Buffer>,
     pub(crate) end_state: Arc<Buffer>,
     pub(crate) end_energies: Arc<Buffer>,
     /// State and energies once the registration is known, mapped.
@@ -113,6 +115,7 @@ impl Workspace {
                 Buffer::for_upload(device, "photograph 2", plan.frame_bytes(1))?,
             ],
             results: Buffer::for_readback(device, "results", plan.result_bytes())?,
+            progress: Buffer::for_readback(device, "state on the way", size_of::<State>() as u64)?,
             end_state: Buffer::for_readback(device, "state at the end", size_of::<State>() as u64)?,
             end_energies: Buffer::for_readback(device, "energies at the end", energy_bytes)?,
             registered_state: Buffer::for_readback(device, "state once registered", size_of::<State>() as u64)?,

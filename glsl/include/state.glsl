@@ -8,6 +8,7 @@ struct LevelState {
     float energy;      // of the latest iteration
     float valid;       // pixels
     uint warps;        // bit n: I2 was brought onto I1's pixels anew before iteration 2^n
+    uint settled;      // the level does nothing any more
 };
 
 struct Registration {

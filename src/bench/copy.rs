@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::Spread;
 use crate::stages::copy::{self, Constants};
-use crate::vulkan::{Groups, Image, Pipeline, Recorder, Resource, Texel};
+use crate::vulkan::{Clock, Groups, Image, Pipeline, Recorder, Resource, Texel};
 use crate::{Engine, Error};
 
 /// Width and height, pixels: as wide as every Vulkan device takes, and 64 MiB an image, more than most caches hold of two.
@@ -25,17 +25,17 @@ pub(super) fn bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
         recorder.pass(&pipeline, &resources, bytemuck::bytes_of(&constants), groups)
     };
     // The first copy brings the pages in.
-    let mut first = Recorder::new(device, 0)?;
+    let mut first = Recorder::new(device, Clock::Never)?;
     first.prepare(&[&from, &to]);
     first.clear(&from);
     copy(&mut first)?;
-    first.finish()?.run(&mut |_| ())?;
-    let mut recorder = Recorder::new(device, COPIES)?;
+    first.finish()?.run()?;
+    let mut recorder = Recorder::new(device, Clock::Dispatches(COPIES))?;
     for _ in 0..COPIES {
         copy(&mut recorder)?;
     }
     let mut recording = recorder.finish()?;
-    recording.run(&mut |_| ())?;
+    recording.run()?;
     let ends = recording.times()?.ends_ms;
     let starts = std::iter::once(0.0).chain(ends.iter().copied());
     let rate = |ms: f64| copy::bytes(&constants) as f64 / ms * 1e-6;

@@ -35,7 +35,7 @@ pub(super) fn run(
     pair: &mut Option<[Frame; 2]>,
 ) -> Result<(Timed, Profile), Error> {
     let started = Instant::now();
-    let mut solver = Solver::new(engine, size[0], size[1], options.input.formats(), settings)?;
+    let mut solver = Solver::prepare(engine, size, options.input.formats(), settings, options.traced)?;
     let prepare_ms = milliseconds(started);
     let [i1, i2] = match pair {
         Some(pair) => pair,

@@ -50,6 +50,8 @@ pub struct Options {
     pub warmup: u32,
     /// Solves that are; at least one is done.
     pub repeats: u32,
+    /// The time of every dispatch is taken, for a [trace](Trace), instead of those of the passes alone; that takes time itself.
+    pub traced: bool,
 }
 
 /// What is solved.
@@ -72,6 +74,7 @@ impl Default for Options {
             held: Similarity::IDENTITY,
             warmup: 1,
             repeats: 5,
+            traced: false,
         }
     }
 }

@@ -164,6 +164,7 @@ fn options(arguments: &Arguments) -> Result<Options, Failure> {
         settings,
         warmup: arguments.warmup,
         repeats: arguments.repeats,
+        traced: arguments.profile.is_some(),
     })
 }
 

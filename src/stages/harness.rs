@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::Field;
 use crate::filter;
-use crate::vulkan::{Buffer, Device, Groups, Image, Pipeline, Recorder, Resource, Stage, Texel};
+use crate::vulkan::{Buffer, Clock, Device, Groups, Image, Pipeline, Recorder, Resource, Stage, Texel};
 
 /// A device whose validation messages fail the test when it is dropped.
 pub(crate) struct Rig {
@@ -16,7 +16,7 @@ impl Rig {
         Self { device: crate::engine::open(&crate::testing::options()).unwrap() }
     }
 
-    fn device(&self) -> &Arc<Device> {
+    pub(crate) fn device(&self) -> &Arc<Device> {
         &self.device
     }
 
@@ -71,9 +71,9 @@ impl Rig {
 
     /// Records and runs.
     pub(crate) fn record(&self, fill: impl FnOnce(&mut Recorder, &dyn Fn(&Stage) -> Arc<Pipeline>)) {
-        let mut recorder = Recorder::new(self.device(), 0).unwrap();
+        let mut recorder = Recorder::new(self.device(), Clock::Never).unwrap();
         fill(&mut recorder, &|stage| Arc::new(Pipeline::new(self.device(), stage).unwrap()));
-        recorder.finish().unwrap().run(&mut |_| ()).unwrap();
+        recorder.finish().unwrap().run().unwrap();
     }
 
     /// Runs one pass over `size` invocations.

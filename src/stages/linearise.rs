@@ -39,7 +39,7 @@ pub const VALID: usize = 28;
 /// and the sums of a workgroup are reduced once for all of them.
 const MOST_ROWS: u32 = 8;
 /// Pixels below which a level is spread over more workgroups, so that small levels do not leave most of a device idle.
-const SPREAD: u64 = 1 << 17;
+const SPREAD: u64 = 1 << 15;
 
 /// Lines that an invocation goes down on a level of this size.
 pub(crate) fn rows([width, height]: [u32; 2]) -> u32 {

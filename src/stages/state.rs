@@ -47,6 +47,8 @@ pub struct LevelState {
     pub valid: f32,
     /// Bit n: I2 was brought onto I1's pixels anew before iteration 2ⁿ.
     pub warps: u32,
+    /// 1 once the level does nothing any more.
+    pub settled: u32,
 }
 
 /// T, gain and offset, in double precision.

@@ -214,6 +214,7 @@ mod tests {
         close(rig.floats(&buffers[2])[3].into(), step.energy);
         assert_eq!(found.levels[1].iterations, 1);
         assert_eq!(found.levels[1].converged, u32::from(step.converged));
+        assert_eq!(found.levels[1].settled, u32::from(step.settled));
         (found, rig.words(&buffers[3]))
     }
 

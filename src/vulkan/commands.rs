@@ -9,8 +9,8 @@ use ash::vk;
 use super::device::Device;
 use super::memory::{Buffer, Image};
 use super::pipeline::{Binding, Pipeline};
-use super::recording::Recording;
-use super::timestamps::Timestamps;
+use super::recording::{Part, Recording};
+use super::timestamps::{Clock, Timestamps};
 use crate::Error;
 
 /// What a pass binds, in the order of its stage's bindings.
@@ -36,7 +36,7 @@ const SETS_PER_POOL: u32 = 128;
 pub(crate) struct Recorder {
     device: Arc<Device>,
     pool: vk::CommandPool,
-    parts: Vec<vk::CommandBuffer>,
+    parts: Vec<Part>,
     descriptor_pools: Vec<vk::DescriptorPool>,
     sets_left: u32,
     sets: HashMap<(vk::Pipeline, Vec<u64>), vk::DescriptorSet>,
@@ -46,9 +46,9 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
-    /// Starts a recording of one part, with room for that many timestamps.
-    pub(crate) fn new(device: &Arc<Device>, timestamps: u32) -> Result<Self, Error> {
-        let timestamps = Timestamps::new(device, timestamps)?;
+    /// Starts a recording of one part.
+    pub(crate) fn new(device: &Arc<Device>, clock: Clock) -> Result<Self, Error> {
+        let timestamps = Timestamps::new(device, clock)?;
         let create = vk::CommandPoolCreateInfo::default().queue_family_index(device.physical.queue_family);
         // SAFETY: the family is the device's own.
         let pool = unsafe { device.handle.create_command_pool(&create, None) };
@@ -64,7 +64,7 @@ impl Recorder {
             timestamps,
             barrier_due: false,
         };
-        recorder.begin_part()?;
+        recorder.begin_part(false)?;
         recorder.timestamps.reset(recorder.part());
         Ok(recorder)
     }
@@ -72,17 +72,28 @@ impl Recorder {
     /// Goes on in a new command buffer, submitted with the others and waited for by itself.
     pub(crate) fn next_part(&mut self) -> Result<(), Error> {
         self.end_part()?;
-        self.begin_part()
+        self.begin_part(false)
     }
 
-    fn begin_part(&mut self) -> Result<(), Error> {
+    /// Goes on in a command buffer that is submitted only if it is [wanted](Recording::run_first) once what comes before is
+    /// done; so far the host sees all that was copied for it.
+    pub(crate) fn next_part_if_wanted(&mut self) -> Result<(), Error> {
+        self.host_barrier();
+        self.end_part()?;
+        self.begin_part(true)
+    }
+
+    fn begin_part(&mut self, optional: bool) -> Result<(), Error> {
         let create = vk::CommandBufferAllocateInfo::default()
             .command_pool(self.pool)
             .level(vk::CommandBufferLevel::PRIMARY)
             .command_buffer_count(1);
         // SAFETY: the pool belongs to this device and to this recorder alone.
         let buffers = unsafe { self.device.handle.allocate_command_buffers(&create) };
-        self.parts.extend(self.device.check("vkAllocateCommandBuffers", buffers)?);
+        let buffers = self.device.check("vkAllocateCommandBuffers", buffers)?;
+        self.parts.extend(buffers.into_iter().map(|commands| Part { commands, optional }));
+        // Between it and whichever part comes before.
+        self.barrier_due = true;
         // SAFETY: the command buffer is new.
         let begun =
             unsafe { self.device.handle.begin_command_buffer(self.part(), &vk::CommandBufferBeginInfo::default()) };
@@ -90,14 +101,14 @@ impl Recorder {
     }
 
     fn end_part(&mut self) -> Result<(), Error> {
+        self.timestamps.end_part(self.part());
         // SAFETY: the last part is being recorded.
         let ended = unsafe { self.device.handle.end_command_buffer(self.part()) };
-        self.timestamps.end_part();
         self.device.check("vkEndCommandBuffer", ended)
     }
 
     fn part(&self) -> vk::CommandBuffer {
-        self.parts.last().copied().unwrap_or_default()
+        self.parts.last().map(|part| part.commands).unwrap_or_default()
     }
 
     /// Makes new images ready for passes; their contents stay undefined.
@@ -138,8 +149,9 @@ impl Recorder {
     ) -> Result<(), Error> {
         assert_eq!(constants.len(), pipeline.constant_bytes, "push constants of {}", pipeline.name);
         let set = self.descriptor_set(pipeline, resources)?;
-        self.barrier();
         let part = self.part();
+        self.timestamps.before(part, pipeline.name);
+        self.barrier();
         let device = &self.device.handle;
         // SAFETY: the part is being recorded; pipeline, set and buffers belong to this device and are kept alive by `keep`; the
         // constants fill the layout's range exactly.
@@ -159,7 +171,6 @@ impl Recorder {
         }
         self.keep.push(pipeline.clone());
         self.barrier_due = true;
-        self.timestamps.after(part, pipeline.name);
         Ok(())
     }
 

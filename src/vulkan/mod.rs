@@ -16,3 +16,4 @@ pub(crate) use instance::Instance;
 pub(crate) use memory::{Buffer, Image, Texel, image_limits};
 pub(crate) use pipeline::{Binding, Pipeline, Stage};
 pub(crate) use recording::Recording;
+pub(crate) use timestamps::Clock;

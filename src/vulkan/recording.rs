@@ -11,18 +11,29 @@ use super::failure::failure;
 use super::timestamps::{DeviceTimes, Timestamps};
 use crate::Error;
 
+/// One command buffer of a recording.
+#[derive(Clone, Copy)]
+pub(super) struct Part {
+    pub(super) commands: vk::CommandBuffer,
+    /// Whether a run asks if it is wanted, once all before it is done.
+    pub(super) optional: bool,
+}
+
+/// Whether a run wants an optional part.
+pub(crate) type Wanted<'a> = &'a mut dyn FnMut(usize) -> Result<bool, Error>;
+
 /// Command buffers that can be replayed any number of times.
 pub(crate) struct Recording {
     device: Arc<Device>,
     pool: vk::CommandPool,
-    parts: Vec<vk::CommandBuffer>,
+    parts: Vec<Part>,
     descriptor_pools: Vec<vk::DescriptorPool>,
     timestamps: Timestamps,
     /// A timeline that counts the parts done, over all replays.
     timeline: vk::Semaphore,
     done: u64,
-    /// Parts of the latest run.
-    latest: usize,
+    /// Which parts the latest run ran.
+    latest: Vec<bool>,
     _keep: Vec<Arc<dyn Any + Send + Sync>>,
 }
 
@@ -30,7 +41,7 @@ impl Recording {
     pub(super) fn new(
         device: &Arc<Device>,
         pool: vk::CommandPool,
-        parts: Vec<vk::CommandBuffer>,
+        parts: Vec<Part>,
         descriptor_pools: Vec<vk::DescriptorPool>,
         keep: Vec<Arc<dyn Any + Send + Sync>>,
         timestamps: Timestamps,
@@ -47,46 +58,63 @@ impl Recording {
             timestamps,
             timeline: vk::Semaphore::null(),
             done: 0,
-            latest: 0,
+            latest: Vec::new(),
             _keep: keep,
         };
         recording.timeline = device.check("vkCreateSemaphore", timeline)?;
         Ok(recording)
     }
 
-    /// Runs all parts, as [`run_first`](Self::run_first) does.
-    pub(crate) fn run(&mut self, after: &mut dyn FnMut(usize)) -> Result<(), Error> {
-        self.run_first(self.parts.len(), after)
-    }
-
-    /// Runs the first parts, one submission; calls `after` with the number of parts done as each ends.
+    /// Runs all parts.
     ///
     /// # Errors
-    /// [`Error::Timeout`] poisons the device: it may still be at work in this memory.
-    pub(crate) fn run_first(&mut self, parts: usize, after: &mut dyn FnMut(usize)) -> Result<(), Error> {
+    /// As [`run_first`](Self::run_first).
+    pub(crate) fn run(&mut self) -> Result<(), Error> {
+        self.run_first(self.parts.len(), &mut |_| Ok(true), &mut |_| ())
+    }
+
+    /// Runs the first parts but for the optional ones that are not wanted; calls `after` with the number of parts done as
+    /// each ends, left out or not. Parts between two questions are one submission.
+    ///
+    /// # Errors
+    /// Those of `wanted`; [`Error::Timeout`] poisons the device: it may still be at work in this memory.
+    pub(crate) fn run_first(
+        &mut self,
+        parts: usize,
+        wanted: Wanted<'_>,
+        after: &mut dyn FnMut(usize),
+    ) -> Result<(), Error> {
         if self.device.is_poisoned() {
             return Err(Error::Poisoned);
         }
         // Past what a clock can hold, there is no deadline.
         let deadline = Instant::now().checked_add(self.device.timeout);
-        let pending = Pending { recording: self };
-        pending.recording.submit(parts)?;
-        for part in 1..=parts {
-            pending.recording.wait(pending.recording.done + part as u64, deadline)?;
-            after(part);
+        self.latest.clear();
+        while self.latest.len() < parts {
+            let next = self.latest.len();
+            if self.parts[next].optional && !wanted(next)? {
+                self.latest.push(false);
+                after(next + 1);
+                continue;
+            }
+            let end = (next + 1..parts).find(|&part| self.parts[part].optional).unwrap_or(parts);
+            let pending = Pending { recording: self };
+            pending.recording.submit(&pending.recording.parts[next..end])?;
+            for part in next + 1..=end {
+                pending.recording.wait(pending.recording.done + (part - next) as u64, deadline)?;
+                after(part);
+            }
+            drop(pending);
+            self.done += (end - next) as u64;
+            self.latest.resize(end, true);
         }
-        drop(pending);
-        self.done += parts as u64;
-        self.latest = parts;
         Ok(())
     }
 
-    fn submit(&self, parts: usize) -> Result<(), Error> {
-        let commands: Vec<_> = self.parts[..parts]
-            .iter()
-            .map(|&part| [vk::CommandBufferSubmitInfo::default().command_buffer(part)])
-            .collect();
-        let signals: Vec<_> = (1..=parts as u64)
+    fn submit(&self, parts: &[Part]) -> Result<(), Error> {
+        let commands: Vec<_> =
+            parts.iter().map(|part| [vk::CommandBufferSubmitInfo::default().command_buffer(part.commands)]).collect();
+        let signals: Vec<_> = (1..=parts.len() as u64)
             .map(|part| {
                 [vk::SemaphoreSubmitInfo::default()
                     .semaphore(self.timeline)
@@ -132,7 +160,7 @@ impl Recording {
 
     /// The latest run on the device.
     pub(crate) fn times(&self) -> Result<DeviceTimes, Error> {
-        self.timestamps.read(self.latest)
+        self.timestamps.read(&self.latest)
     }
 }
 
