@@ -1,5 +1,8 @@
 //! A photograph as the sensor or the file gave it.
 
+use crate::Decode;
+use crate::stages::ingest::srgb_to_linear;
+
 /// How one sample of a [`Frame`] is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Depth {
@@ -133,6 +136,16 @@ impl Frame {
             Samples::F32(_) => Depth::F32,
         };
         Format { channels: self.channels, depth }
+    }
+
+    /// Intensities, interleaved, white at 1.
+    pub(crate) fn intensities(&self, decode: Decode) -> Vec<f32> {
+        let value = |stored: f64| if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored } as f32;
+        match &self.samples {
+            Samples::U8(s) => s.iter().map(|&v| value(f64::from(v) / 255.0)).collect(),
+            Samples::U16(s) => s.iter().map(|&v| value(f64::from(v) / 65535.0)).collect(),
+            Samples::F32(s) => s.iter().map(|&v| value(v.into())).collect(),
+        }
     }
 
     /// The samples.

@@ -9,8 +9,8 @@ use crate::profile::{Dispatch, Place};
 use crate::stages::stack::{self, Slopes};
 use crate::stages::state::State;
 use crate::stages::{
-    Pipelines, appearance, confidence, convolve, expose, fuse, ingest, linearise, prolong, refine, relax, relax_level,
-    step, update, warp,
+    Pipelines, appearance, confidence, convolve, evidence, expose, fuse, ingest, linearise, prolong, refine, relax,
+    relax_level, step, update, warp,
 };
 use crate::vulkan::{Clock, Device, Groups, Image, Pipeline, Recorder, Recording, Resource};
 use crate::workspace::{Grid, Workspace, arguments};
@@ -537,16 +537,29 @@ impl<'a> Script<'a> {
         self.pass(&self.pipelines.update, &resources, &constants, groups, bytes)
     }
 
-    /// V where it is valid, and its confidence, into the first layers of the results.
+    /// V where it is valid, and its standard deviation, into the first layers of the results.
     fn confidence(&mut self) -> Result<(), Error> {
-        let finest = &self.plan.pyramid[0];
-        let [width, height] = finest.size;
-        let constants = confidence::Constants { width, height, centre: finest.centre.map(|c| c as f32) };
-        let images = [self.relative_blur(0), &self.w.weights, &self.w.stacks];
-        let resources = [&images.map(Resource::Image)[..], &[Resource::Buffer(&self.w.state)]].concat();
+        self.evidence()?;
+        let (w, constants) = (self.w, self.plan.confidence());
+        let images = [self.relative_blur(0), &w.evidence, &w.stacks];
+        let resources = [&images.map(Resource::Image)[..], &[Resource::Buffer(&w.state)]].concat();
         let pipeline = &self.pipelines.confidence;
-        let groups = Groups::Direct(pipeline.groups(finest.size));
+        let groups = Groups::Direct(pipeline.groups(self.plan.size));
         self.pass(pipeline, &resources, &constants, groups, confidence::bytes(&constants))
+    }
+
+    /// What decided V, averaged over a window around each pixel.
+    fn evidence(&mut self) -> Result<(), Error> {
+        let (w, constants) = (self.w, self.plan.evidence());
+        let resources = [self.relative_blur(0), &w.right_sides, &w.weights, &w.evidence].map(Resource::Image);
+        let pipeline = &self.pipelines.evidence;
+        let size = evidence::size(self.plan.size);
+        let groups = Groups::Direct(pipeline.groups(size));
+        self.pass(pipeline, &resources, &constants, groups, evidence::bytes(&constants))?;
+        (0..evidence::LAYERS as u32).try_for_each(|layer| {
+            let image = (&w.evidence, layer);
+            self.separable([image, image], size, [self.plan.window; 2], 1, false)
+        })
     }
 
     /// One channel of the pseudo-radiance, equation 37. The channel takes the luminance's place.

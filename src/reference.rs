@@ -5,8 +5,8 @@ use crate::plan::{Level, Plan, halving_filter};
 use crate::stages::stack::{Grid, Layer, Slopes, layer};
 use crate::stages::state::Registration;
 use crate::stages::{
-    Field, appearance, blur, confidence, convolve, expose, fuse, ingest, linearise, prolong, refine, relax_level, step,
-    update, warp,
+    Field, appearance, blur, confidence, convolve, evidence, expose, fuse, ingest, linearise, prolong, refine,
+    relax_level, step, update, warp,
 };
 use crate::{Error, Frame, Kernel, Photometric, Settings, Similarity, baseline, filter};
 
@@ -14,8 +14,8 @@ use crate::{Error, Frame, Kernel, Photometric, Settings, Similarity, baseline, f
 pub struct Reference {
     /// V where it is valid, NaN elsewhere, px².
     pub relative_blur: Field,
-    /// D/(D + Σa).
-    pub confidence: Field,
+    /// Standard deviation of V, px², NaN where V is.
+    pub uncertainty: Field,
     /// Pseudo-radiance, luminance only.
     pub fused: Field,
     /// T.
@@ -86,15 +86,16 @@ pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, E
     let finest = &plan.pyramid[0];
     let centre = finest.centre.map(|c| c as f32);
     let [width, height] = finest.size;
-    let found = confidence::twin(&confidence::Constants { width, height, centre }, &registration, &v, &system);
+    let evidence = evidence::twin(&plan.evidence(), &v, &system).map(|field| separable(&field, &evidence::window(), 1));
+    let found = confidence::twin(&plan.confidence(), &registration, &v, &evidence);
     let coefficients = build_stack(&pyramids[1][0], &Kernel::Gaussian, 1);
     let epsilon = settings.heaviside_epsilon as f32;
     let fuse = fuse::Constants { width, height, layer: 0, centre, epsilon };
     let fused = fuse::twin(&fuse, &registration, &pyramids[0][0], &coefficients[0], &v);
-    let [relative_blur, confidence] = found;
+    let [relative_blur, uncertainty] = found;
     Ok(Reference {
         relative_blur,
-        confidence,
+        uncertainty,
         fused,
         transform: registration.transform(),
         photometric: registration.photometric(),

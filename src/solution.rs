@@ -1,5 +1,6 @@
 //! What a solve gives back.
 
+use crate::stages::confidence::LARGEST;
 use crate::stages::state::State;
 use crate::{Channels, Photometric, Registered, Settings, Similarity};
 
@@ -12,7 +13,10 @@ pub struct Solution {
     pub height: u32,
     /// V, px² of I1, row-major; positive where I2 is the more blurred. NaN outside the valid region.
     pub relative_blur: Vec<f32>,
-    /// How far the images, not the smoothness, decided V: D/(D + Σa), in [0, 1]; 0 outside the valid region.
+    /// Standard deviation of V, px², by what the images say around each pixel (`docs/method.md`, section 7). NaN outside the
+    /// valid region; 1000 where nothing holds V but the smoothness.
+    pub uncertainty: Vec<f32>,
+    /// The same on a scale from 0 to 1: [`confidence`] of the uncertainty; 0 outside the valid region.
     pub confidence: Vec<f32>,
     /// Channels of `fused`: grey only if both inputs are.
     pub fused_channels: Channels,
@@ -63,14 +67,19 @@ pub struct Timings {
 
 /// Less of the frame than this is no overlap to speak of.
 const LEAST_VALID: f64 = 0.01;
-/// Less mean confidence than this: V is filled in by the smoothness term nearly everywhere.
+/// Less mean confidence than this, an uncertainty of 14 px² all over: V is filled in by the smoothness nearly everywhere.
 ///
-/// Real pairs that solve well have 0.001 to 0.1, since wide blur leaves little that changes with V; flat ones have 0.
-const LEAST_CONFIDENCE: f64 = 1e-4;
+/// Of real pairs the widest blurred, a macro photograph half of whose pixels are at the limit of |V|, has 0.02.
+const LEAST_CONFIDENCE: f64 = 0.005;
 /// Images of one scene correlate better than this at low pass.
 const LEAST_CORRELATION: f32 = 0.5;
 /// More valid pixels at the limit of |V| than this are worth a word.
 const MOST_SATURATED: f64 = 0.1;
+
+/// `1/(1 + σ²)` of a standard deviation in px²: ½ at 1 px²; 0 where the images say nothing, and where it is NaN.
+pub fn confidence(deviation: f32) -> f32 {
+    if deviation < LARGEST { 1.0 / (1.0 + deviation * deviation) } else { 0.0 }
+}
 
 impl Solution {
     /// Fills in what the fields say of themselves, and whether to believe them.

@@ -6,7 +6,7 @@ use std::time::Instant;
 use crate::plan::Plan;
 use crate::profile::{Dispatch, Phases, Profile, SUBMIT_WAIT};
 use crate::record::{self, Part, Recorded};
-use crate::solution::{Level, Timings};
+use crate::solution::{self, Level, Timings};
 use crate::stages::state::{Registration, State};
 use crate::vulkan::{Buffer, Clock, Device, Recorder, Recording};
 use crate::workspace::Workspace;
@@ -209,11 +209,13 @@ impl Solver {
         let channels = plan.fused_channels();
         let state = w.end_state.read::<State>(0, 1)?[0];
         let times = self.recording.times()?;
+        let uncertainty: Vec<f32> = w.results.read(4 * pixels, pixels)?;
         let mut solution = Solution {
             width: plan.size[0],
             height: plan.size[1],
             relative_blur: w.results.read(0, pixels)?,
-            confidence: w.results.read(4 * pixels, pixels)?,
+            confidence: uncertainty.iter().map(|&deviation| solution::confidence(deviation)).collect(),
+            uncertainty,
             fused_channels: channels,
             fused: record::interleave(
                 &w.results.read::<f32>(8 * pixels, pixels * channels.count() as usize)?,

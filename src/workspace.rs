@@ -6,7 +6,7 @@ use crate::Error;
 use crate::plan::{ARGUMENT_WORDS, GRID_WORDS, Plan};
 use crate::stages::linearise::SUMS;
 use crate::stages::state::State;
-use crate::stages::{convolve, relax};
+use crate::stages::{convolve, evidence, relax};
 use crate::vulkan::{Buffer, Device, Image, Texel};
 
 /// Where a pass finds the indirect arguments of its grid, among those of a level.
@@ -46,6 +46,8 @@ pub(crate) struct Workspace {
     pub(crate) weights: Arc<Image>,
     /// dV of the red and of the black pixels.
     pub(crate) changes: [Arc<Image>; 2],
+    /// What decided V, on every other pixel.
+    pub(crate) evidence: Arc<Image>,
     /// The banks of weights.
     pub(crate) filters: Vec<Arc<Buffer>>,
     pub(crate) state: Arc<Buffer>,
@@ -57,7 +59,7 @@ pub(crate) struct Workspace {
     pub(crate) start_arguments: Arc<Buffer>,
     /// The photographs, mapped.
     pub(crate) frames: [Arc<Buffer>; 2],
-    /// V, confidence and the fused channels, mapped; then state and energies.
+    /// V, its standard deviation and the fused channels, mapped; then state and energies.
     pub(crate) results: Arc<Buffer>,
     /// State while a level is under way, mapped.
     pub(crate) progress: Arc<Buffer>,
@@ -103,6 +105,7 @@ impl Workspace {
             right_sides: image("right sides", finest.half(), 2)?,
             weights: Image::new(device, "weights", finest.half(), 2, Texel::Four)?,
             changes: [image("red dV", finest.half(), 1)?, image("black dV", finest.half(), 1)?],
+            evidence: image("evidence", evidence::size(plan.size), evidence::LAYERS as u32)?,
             filters,
             state: Buffer::on_device(device, "state", size_of::<State>() as u64)?,
             partials: Buffer::on_device(device, "partial sums", 4 * SUMS as u64 * u64::from(partial_rows))?,
@@ -129,6 +132,7 @@ impl Workspace {
         levels
             .chain([&self.stacks, &self.spline2, &self.scratch, &self.right_sides, &self.weights])
             .chain(&self.changes)
+            .chain([&self.evidence])
             .collect()
     }
 }

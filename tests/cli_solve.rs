@@ -8,7 +8,8 @@ use assert_cmd::Command;
 use serde_json::Value;
 use tempfile::TempDir;
 
-const RESULTS: [&str; 5] = ["relative_blur.exr", "confidence.exr", "depth.png", "fused.png", "report.json"];
+const RESULTS: [&str; 6] =
+    ["relative_blur.exr", "confidence.exr", "depth.png", "fused.png", "report.json", "uncertainty.exr"];
 
 /// A folder with a pair of photographs that differ in blur, and a pair of constant grey.
 struct Desk(TempDir);

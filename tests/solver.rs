@@ -43,10 +43,10 @@ fn check_reference([i1, i2]: [Frame; 2]) {
     };
     let both = |f: &[f32], e: &[f64]| rms(&mut f.iter().copied().zip(e.iter().copied()));
     let v = both(&found.relative_blur, &expected.relative_blur.data);
-    let confidence = both(&found.confidence, &expected.confidence.data);
+    let uncertainty = both(&found.uncertainty, &expected.uncertainty.data);
     let fused = both(&found.fused, &expected.fused.data);
-    println!("rms against the reference: V {v:.5} px², confidence {confidence:.6}, fused {fused:.7}");
-    assert!(v < 5e-3 && confidence < 2e-3 && fused < 1e-4);
+    println!("rms against the reference: V {v:.5} px², uncertainty {uncertainty:.6} px², fused {fused:.7}");
+    assert!(v < 5e-3 && uncertainty < 5e-3 && fused < 1e-4);
     for (level, energy) in found.levels.iter().zip(&expected.energies) {
         let (last, truth) = (level.energy.last().unwrap(), energy.last().unwrap());
         assert!((last - truth).abs() < 1e-3 * truth, "{last} {truth}");
@@ -238,12 +238,18 @@ fn stripes_do_not_determine_the_registration() {
 fn a_listener_that_panics_leaves_nothing_in_use() {
     let engine = TestEngine::new();
     let [i1, i2] = small_pair();
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
-    let panics = std::panic::AssertUnwindSafe(|| {
-        let _ = solver.solve_with(&i1, &i2, &mut |_| panic!("on purpose"));
-    });
-    assert!(std::panic::catch_unwind(panics).is_err());
-    assert!(matches!(solver.solve(&i1, &i2), Err(Error::Poisoned)));
+    let panics = |settings: &Settings| {
+        let mut solver = Solver::for_pair(&engine, &i1, &i2, settings).unwrap();
+        let solve = std::panic::AssertUnwindSafe(|| {
+            let _ = solver.solve_with(&i1, &i2, &mut |_| panic!("on purpose"));
+        });
+        assert!(std::panic::catch_unwind(solve).is_err());
+        solver.solve(&i1, &i2)
+    };
+    // The coarsest level settles early, so that nothing is under way when it is told of.
+    assert!(panics(&Settings::default()).is_ok());
+    // With so few iterations the host asks nothing there, and the next level is.
+    assert!(matches!(panics(&Settings { outer_iterations: 5, ..Settings::default() }), Err(Error::Poisoned)));
     // The device is still at work in memory that nobody may free; let it end before the process does.
     std::thread::sleep(Duration::from_secs(2));
 }

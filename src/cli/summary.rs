@@ -122,6 +122,7 @@ mod tests {
             width: 2,
             height: 1,
             relative_blur: blur.to_vec(),
+            uncertainty: vec![f32::NAN; 2],
             confidence: vec![0.0; 2],
             fused_channels: Channels::Gray,
             fused: vec![0.0; 2],

@@ -14,6 +14,7 @@
 //! A solve that fails is a line of the tables that says why; it ends nothing. Only writing can fail.
 
 mod bench;
+mod calibration;
 mod cases;
 mod descent;
 mod displace;
@@ -74,6 +75,7 @@ struct Results {
     robustness: Vec<robustness::Sweep>,
     descent: Vec<descent::Race>,
     kernels: Vec<kernels::KernelResult>,
+    calibration: Vec<calibration::Calibration>,
 }
 
 /// A picture and the name of its file.
@@ -99,11 +101,23 @@ impl Evaluation {
         let robustness = robustness::run(&mut bench);
         let descent = descent::run(&mut bench);
         let kernels = kernels::run(&mut bench);
+        let calibration = calibration::run(&mut bench);
         let figures = figures.finish(&robustness, &descent);
         let targets = targets::all(&registration);
         let (version, device, quick) = (env!("CARGO_PKG_VERSION"), engine.info().into(), options.quick);
-        let results =
-            Results { version, device, quick, targets, registration, real, absent, robustness, descent, kernels };
+        let results = Results {
+            version,
+            device,
+            quick,
+            targets,
+            registration,
+            real,
+            absent,
+            robustness,
+            descent,
+            kernels,
+            calibration,
+        };
         Self { results, figures }
     }
 

@@ -1,5 +1,6 @@
 //! `report.md`: everything as tables and figures, every statement computed from the numbers.
 
+use super::calibration::Calibration;
 use super::descent::{EQUAL, Race};
 use super::figures::called;
 use super::kernels::KernelResult;
@@ -25,6 +26,7 @@ pub(super) fn markdown(results: &Results, figures: &[Figure]) -> String {
         descent(&results.descent),
         figure("descent"),
         kernels(&results.kernels),
+        calibration(&results.calibration),
     ];
     sections.iter().filter(|s| !s.is_empty()).cloned().collect::<Vec<_>>().join("\n")
 }
@@ -269,6 +271,30 @@ fn kernels(results: &[KernelResult]) -> String {
         ]);
     }
     format!("## Kernels\n\nThe unified method with the scene's kernel and with another.\n\n{}", table.markdown())
+}
+
+fn calibration(results: &[Calibration]) -> String {
+    let tenths = (1..=10).map(|n| n.to_string());
+    let mut table = Table::new(["scene", "noise σ", ""].map(String::from).into_iter().chain(tenths));
+    for c in results {
+        let name = [c.scene.to_string(), c.noise.to_string()];
+        let row = |what: &str, value: &dyn Fn(&super::calibration::Decile) -> f64| {
+            [String::new(), String::new(), what.to_string()]
+                .into_iter()
+                .chain(c.deciles.iter().map(|d| number(Some(value(d)))))
+                .collect::<Vec<_>>()
+        };
+        table.row(name.into_iter().chain(c.failure.clone()));
+        table.row(row("confidence", &|d| d.confidence));
+        table.row(row("stated σ_V, px²", &|d| d.stated_px2));
+        table.row(row("rms error, px²", &|d| d.rms_error_px2));
+    }
+    format!(
+        "## Calibration\n\nWhether V is off by what its uncertainty says: tenths of the valid pixels, from the most to \
+         the least certain; their median confidence, their median stated standard deviation, and the rms of V less the \
+         true V.\n\n{}",
+        table.markdown()
+    )
 }
 
 /// Why a system failed or is in doubt. Without registration doubt is what is expected, and says nothing.

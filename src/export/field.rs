@@ -20,10 +20,17 @@ pub(super) const RELATIVE_BLUR: Meaning = Meaning {
                NaN outside the valid region",
 };
 
-/// D/(D + Σa).
+/// σ_V.
+pub(super) const UNCERTAINTY: Meaning = Meaning {
+    units: "px^2",
+    comments: "Standard deviation of the relative blur V in px^2; NaN outside the valid region, 1000 where the images \
+               say nothing",
+};
+
+/// 1/(1 + σ_V²).
 pub(super) const CONFIDENCE: Meaning = Meaning {
     units: "1",
-    comments: "How far the images, not the smoothness, decided V, in [0, 1]; 0 outside the valid region",
+    comments: "1/(1 + s^2), s the standard deviation of V in px^2: 0.5 at 1 px^2; 0 outside the valid region",
 };
 
 /// True depth.

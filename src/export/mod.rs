@@ -1,6 +1,6 @@
 //! Results out: fields, pictures and the report of a solve.
 //!
-//! [`write()`] puts the five files of a solve into a folder: all of them, or none.
+//! [`write()`] puts the files of a solve into a folder: all of them, or none.
 
 mod depth;
 mod field;
@@ -29,7 +29,8 @@ use crate::{Decode, Error, Format, Solution};
 pub(crate) use staging::{Staging, write_file};
 
 /// The files that [`write()`] makes.
-pub const FILES: [&str; 5] = ["relative_blur.exr", "confidence.exr", "depth.png", "fused.png", "report.json"];
+pub const FILES: [&str; 6] =
+    ["relative_blur.exr", "confidence.exr", "depth.png", "fused.png", "report.json", "uncertainty.exr"];
 
 /// Which of the two images is focused nearer to the camera; it decides what V > 0 means in `depth.png`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -73,9 +74,10 @@ pub fn write(out: &Path, solution: &Solution, report: &Report, look: &Look) -> R
     let size = (solution.width, solution.height);
     check_lengths(solution)?;
     let mut staging = Staging::new(out)?;
-    let [blur, confidence, depth, fused, json] = FILES;
+    let [blur, confidence, depth, fused, json, uncertainty] = FILES;
     staging.add(blur, |w| field::write(w, size, &solution.relative_blur, &field::RELATIVE_BLUR))?;
     staging.add(confidence, |w| field::write(w, size, &solution.confidence, &field::CONFIDENCE))?;
+    staging.add(uncertainty, |w| field::write(w, size, &solution.uncertainty, &field::UNCERTAINTY))?;
     staging.add(depth, |w| depth::write(w, size, &solution.relative_blur, look.nearer))?;
     staging.add(fused, |w| fused::write(w, solution, look))?;
     staging.add(json, |w| {
@@ -88,8 +90,8 @@ pub fn write(out: &Path, solution: &Solution, report: &Report, look: &Look) -> R
 fn check_lengths(solution: &Solution) -> Result<(), Error> {
     let pixels = solution.width as usize * solution.height as usize;
     let colors = solution.fused_channels.count() as usize;
-    let found = [solution.relative_blur.len(), solution.confidence.len(), solution.fused.len()];
-    if found == [pixels, pixels, pixels * colors] {
+    let found = [&solution.relative_blur, &solution.uncertainty, &solution.confidence, &solution.fused].map(Vec::len);
+    if found == [pixels, pixels, pixels, pixels * colors] {
         return Ok(());
     }
     let (width, height) = (solution.width, solution.height);

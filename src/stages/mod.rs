@@ -8,6 +8,7 @@ pub mod blur;
 pub mod confidence;
 pub mod convolve;
 pub mod copy;
+pub mod evidence;
 pub mod expose;
 pub mod field;
 pub mod fuse;
@@ -62,6 +63,7 @@ pub(crate) struct Pipelines {
     pub(crate) relax_level: Arc<Pipeline>,
     pub(crate) update: Arc<Pipeline>,
     pub(crate) warp: Arc<Pipeline>,
+    pub(crate) evidence: Arc<Pipeline>,
     pub(crate) confidence: Arc<Pipeline>,
     pub(crate) fuse: Arc<Pipeline>,
 }
@@ -88,6 +90,7 @@ impl Pipelines {
             relax_first: variant(&relax::STAGE, [true, false])?,
             update: compile(&update::STAGE)?,
             warp: compile(&warp::STAGE)?,
+            evidence: compile(&evidence::STAGE)?,
             confidence: compile(&confidence::STAGE)?,
             fuse: compile(&fuse::STAGE)?,
         })

@@ -1,0 +1,162 @@
+//! Where each pixel is in focus, from the relative blur of every pair of neighbours.
+//!
+//! Between lens and sensor the blur of a point grows with the distance of the focus setting p from the point's own, u:
+//! its variance is c (p - u)², in settings that are even in 1/z. So the relative blur of neighbours p₀ and p₁ is linear in u,
+//!
+//! ```text
+//! V = c (p₁ - u)² - c (p₀ - u)² = 2 c Δ (m - u),   Δ = p₁ - p₀,  m = (p₀ + p₁)/2
+//! ```
+//!
+//! and each pair tells u = m - V/(2 c Δ) with the deviation σ_V/(2 c |Δ|). Where both are blurred widely σ_V is large and
+//! the pair says little; the pairs around the focus decide.
+
+use crate::resample::in_rows;
+
+/// One pair of neighbours, on the pixels of the reference frame.
+pub(crate) struct Observation {
+    /// The settings of its frames.
+    pub(crate) positions: [f64; 2],
+    /// V, px²; NaN where not valid.
+    pub(crate) relative_blur: Vec<f32>,
+    /// Its standard deviation, px².
+    pub(crate) uncertainty: Vec<f32>,
+}
+
+impl Observation {
+    fn middle(&self) -> f64 {
+        (self.positions[0] + self.positions[1]) / 2.0
+    }
+
+    /// V/(2 Δ), and its deviation: c (m - u).
+    fn scaled(&self, i: usize) -> Option<(f64, f64)> {
+        let (v, deviation) = (f64::from(self.relative_blur[i]), f64::from(self.uncertainty[i]));
+        let over = 2.0 * (self.positions[1] - self.positions[0]);
+        (!v.is_nan() && deviation < NOTHING).then(|| (v / over, (deviation / over.abs()).max(1e-6)))
+    }
+}
+
+/// A deviation of V from which on nothing is said, px².
+const NOTHING: f64 = 30.0;
+/// At most so many pixels are asked for c.
+const ASKED: usize = 20_000;
+/// A pixel tells of c only where both of its pairs are this sure of V, px².
+const SURE: f64 = 1.0;
+/// Where a pair is off by so many of its deviations, it counts half.
+const DOUBTED: f64 = 3.0;
+
+/// c, px² a squared setting: the median over pixels and triples of neighbours, by weight; nothing where no pixel tells, or
+/// where blur falls away from the focus.
+pub(crate) fn blur_rate(pairs: &[Observation]) -> Option<f64> {
+    let mut told: Vec<(f64, f64)> = Vec::new();
+    for neighbours in pairs.windows(2) {
+        let pixels = neighbours[0].relative_blur.len();
+        let apart = neighbours[1].middle() - neighbours[0].middle();
+        for i in (0..pixels).step_by((pixels / ASKED).max(1)) {
+            let (Some((a, da)), Some((b, db))) = (neighbours[0].scaled(i), neighbours[1].scaled(i)) else { continue };
+            if neighbours.iter().all(|pair| f64::from(pair.uncertainty[i]) < SURE) {
+                told.push(((b - a) / apart, 1.0 / (da * da + db * db)));
+            }
+        }
+    }
+    told.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = told.iter().map(|t| t.1).sum::<f64>() / 2.0;
+    let mut sum = 0.0;
+    let median = told.iter().find(|t| {
+        sum += t.1;
+        sum >= half
+    });
+    median.map(|t| t.0).filter(|&c| c > 0.0)
+}
+
+/// u of every pixel and its standard deviation, in settings; NaN where no pair tells.
+pub(crate) fn combine(pairs: &[Observation], rate: f64, width: usize) -> Vec<[f32; 2]> {
+    let pixels = pairs.first().map_or(0, |pair| pair.relative_blur.len());
+    let mut focus = vec![[f32::NAN; 2]; pixels];
+    in_rows(&mut focus, width, |y, row| {
+        let mut told = Vec::with_capacity(pairs.len());
+        for (x, focus) in row.iter_mut().enumerate() {
+            told.clear();
+            told.extend(pairs.iter().filter_map(|pair| {
+                let (scaled, deviation) = pair.scaled(y * width + x)?;
+                Some((pair.middle() - scaled / rate, deviation / rate))
+            }));
+            if let Some((u, deviation)) = agreed(&mut told) {
+                *focus = [u as f32, deviation as f32];
+            }
+        }
+    });
+    focus
+}
+
+/// The mean of values by their deviations; those far from what the surest say count less (Cauchy's weights). Its
+/// deviation is raised where they contradict each other.
+fn agreed(told: &mut [(f64, f64)]) -> Option<(f64, f64)> {
+    told.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let mut mean = told.first()?.0;
+    let mut deviation = told[0].1;
+    for _ in 0..3 {
+        let (mut sum, mut weights, mut misfit) = (0.0, 0.0, 0.0);
+        for &(u, s) in told.iter() {
+            let off = (u - mean) / s;
+            let weight = 1.0 / (s * s * (1.0 + (off / DOUBTED).powi(2)));
+            sum += weight * u;
+            weights += weight;
+            misfit += weight * (u - mean).powi(2);
+        }
+        mean = sum / weights;
+        let excess = (misfit / (told.len() as f64 - 1.0).max(1.0)).sqrt().max(1.0);
+        deviation = excess / weights.sqrt();
+    }
+    Some((mean, deviation))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// V of pairs of neighbours on a ramp of u, by the formula, beyond |V| 40 px² saturated and said to be unsure.
+    fn pairs(positions: &[f64], rate: f64, width: usize) -> (Vec<Observation>, Vec<f64>) {
+        let u: Vec<f64> = (0..width).map(|i| 0.5 + 5.0 * i as f64 / width as f64).collect();
+        let of = |pair: &[f64]| {
+            let v = u.iter().map(|u| rate * ((pair[1] - u).powi(2) - (pair[0] - u).powi(2)));
+            let relative_blur: Vec<f32> = v.map(|v| v.clamp(-40.0, 40.0) as f32).collect();
+            let uncertainty = relative_blur.iter().map(|v| if v.abs() < 40.0 { 0.1 + 0.01 * v.abs() } else { 20.0 });
+            Observation { positions: [pair[0], pair[1]], uncertainty: uncertainty.collect(), relative_blur }
+        };
+        (positions.windows(2).map(of).collect(), u)
+    }
+
+    #[test]
+    fn the_rate_and_the_focus_come_back_though_wide_blur_saturates() {
+        // Uneven settings, and 4 px² a squared setting: five settings away V would be 100 px².
+        let (pairs, u) = pairs(&[0.0, 1.0, 2.0, 3.5, 5.0, 6.0], 4.0, 400);
+        let rate = blur_rate(&pairs).unwrap();
+        assert!((rate - 4.0).abs() < 0.02, "{rate}");
+        let found = combine(&pairs, rate, 400);
+        for ([found, deviation], u) in found.iter().zip(&u) {
+            assert!((f64::from(*found) - u).abs() < 0.03, "{found} {u}");
+            assert!((1e-3..0.3).contains(deviation), "{deviation}");
+        }
+    }
+
+    #[test]
+    fn pixels_that_no_pair_sees_have_no_focus() {
+        let (mut pairs, _) = pairs(&[0.0, 1.0, 2.0], 4.0, 10);
+        for pair in &mut pairs {
+            pair.relative_blur[3] = f32::NAN;
+            pair.uncertainty[5] = 1000.0;
+        }
+        let found = combine(&pairs, 4.0, 10);
+        assert!(
+            found.iter().enumerate().all(|(i, [u, s])| u.is_nan() == (i == 3 || i == 5) && u.is_nan() == s.is_nan())
+        );
+        assert_eq!(blur_rate(&[]), None);
+    }
+
+    #[test]
+    fn one_pair_that_contradicts_surer_ones_is_outvoted_and_doubt_grows() {
+        let (u, deviation) = agreed(&mut [(2.0, 0.1), (2.1, 0.1), (9.0, 0.5)]).unwrap();
+        assert!((u - 2.05).abs() < 0.1, "{u}");
+        assert!(deviation > 0.1, "{deviation}");
+    }
+}
