@@ -33,6 +33,16 @@ pub(super) const CONFIDENCE: Meaning = Meaning {
     comments: "1/(1 + s^2), s the standard deviation of V in px^2: 0.5 at 1 px^2; 0 outside the valid region",
 };
 
+/// u of a sweep.
+pub(super) const FOCUS: Meaning = Meaning {
+    units: "focus settings",
+    comments: "Focus setting at which each pixel of the reference frame is sharp; NaN where no pair of frames tells",
+};
+
+/// Its standard deviation.
+pub(super) const FOCUS_UNCERTAINTY: Meaning =
+    Meaning { units: "focus settings", comments: "Standard deviation of the focus setting; NaN where there is none" };
+
 /// True depth.
 pub(super) const DEPTH: Meaning =
     Meaning { units: "mm", comments: "Depth in mm from the lens, at the pixels of the first image" };

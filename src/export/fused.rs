@@ -8,19 +8,32 @@ use image::{ExtendedColorType, ImageEncoder};
 use super::Look;
 use crate::{Channels, Decode, Depth, Solution};
 
+/// An image in intensities, white at 1, interleaved.
+pub(super) struct Image<'a> {
+    pub(super) size: (u32, u32),
+    pub(super) channels: Channels,
+    pub(super) values: &'a [f32],
+}
+
 /// Writes `fused.png`: 8 bits where both inputs have 8, else 16.
 pub(super) fn write(writer: impl Write, solution: &Solution, look: &Look) -> Result<(), String> {
     let size = (solution.width, solution.height);
-    let stored = solution.fused.iter().map(|&v| stored(v, look.decode));
-    let color = solution.fused_channels;
-    if look.formats.iter().all(|format| format.depth == Depth::U8) {
+    let image = Image { size, channels: solution.fused_channels, values: &solution.fused };
+    let bytes = look.formats.iter().all(|format| format.depth == Depth::U8);
+    write_image(writer, &image, look.decode, if bytes { Depth::U8 } else { Depth::U16 })
+}
+
+/// Writes an image as PNG: 8 bits for inputs of 8, else 16.
+pub(super) fn write_image(writer: impl Write, image: &Image<'_>, decode: Decode, depth: Depth) -> Result<(), String> {
+    let stored = image.values.iter().map(|&v| stored(v, decode));
+    let gray = image.channels == Channels::Gray;
+    if depth == Depth::U8 {
         let bytes: Vec<u8> = stored.map(|v| (v * 255.0).round() as u8).collect();
-        let kind = if color == Channels::Gray { ExtendedColorType::L8 } else { ExtendedColorType::Rgb8 };
-        return png(writer, &bytes, size, kind);
+        return png(writer, &bytes, image.size, if gray { ExtendedColorType::L8 } else { ExtendedColorType::Rgb8 });
     }
     let samples: Vec<u16> = stored.map(|v| (v * 65535.0).round() as u16).collect();
-    let kind = if color == Channels::Gray { ExtendedColorType::L16 } else { ExtendedColorType::Rgb16 };
-    png(writer, bytemuck::cast_slice(&samples), size, kind)
+    let kind = if gray { ExtendedColorType::L16 } else { ExtendedColorType::Rgb16 };
+    png(writer, bytemuck::cast_slice(&samples), image.size, kind)
 }
 
 /// The value that a file stores, in [0, 1].

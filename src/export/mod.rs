@@ -12,6 +12,7 @@ mod results;
 mod scale;
 mod simulated;
 mod staging;
+mod sweep;
 #[cfg(test)]
 mod tests;
 mod transform;
@@ -23,6 +24,7 @@ pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, Tim
 pub use results::Results;
 pub use scale::{Scale, color};
 pub use simulated::{SIMULATED_FILES, Truth, write_simulated};
+pub use sweep::{SWEEP_FILES, SweepFrame, SweepReport, write_sweep};
 pub use transform::read_transform;
 
 use crate::{Decode, Error, Format, Solution};

@@ -1,0 +1,113 @@
+//! What a focus sweep gives, in a folder.
+
+use std::io::Write;
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::report::{DeviceReport, RangeReport, SizeReport};
+use super::{Nearer, Staging, depth, field, fused};
+use crate::focus_stack::Sweep;
+use crate::{Decode, DeviceInfo, Error, Format, Photometric, Similarity};
+
+/// The files that [`write_sweep()`] makes.
+pub const SWEEP_FILES: [&str; 5] = ["focus.exr", "uncertainty.exr", "depth.png", "fused.png", "report.json"];
+
+/// What `report.json` of a sweep says: fields may be added, not renamed.
+#[derive(Clone, Debug, Serialize)]
+pub struct SweepReport {
+    /// Of the results.
+    pub size: SizeReport,
+    /// The frames in order.
+    pub frames: Vec<SweepFrame>,
+    /// The frame on whose pixels the results are, from 0.
+    pub reference: usize,
+    /// Whether the first or the last frame is focused nearest, 1 or 2.
+    pub nearer: u8,
+    /// px² of variance by which blur grows with the squared distance from the focus, in settings.
+    pub blur_rate_px2: f64,
+    /// Range of the focus setting; of no pixel: null.
+    pub focus: RangeReport,
+    /// Fraction of pixels of which some pair tells.
+    pub valid_fraction: f64,
+    /// What speaks against any of the pairs.
+    pub warnings: Vec<String>,
+    /// Where it ran.
+    pub device: DeviceReport,
+    /// From the first frame to the results, ms.
+    pub total_ms: f64,
+}
+
+/// One frame of a sweep.
+#[derive(Clone, Debug, Serialize)]
+pub struct SweepFrame {
+    /// Its file as given.
+    pub file: String,
+    /// Its focus setting.
+    pub position: f64,
+    /// Where each pixel of the reference lies in it.
+    pub transform: Similarity,
+    /// What maps its exposure to the reference's.
+    pub photometric: Photometric,
+}
+
+impl SweepReport {
+    /// Of a sweep of these files.
+    pub fn new(sweep: &Sweep, files: &[String], nearer: Nearer, device: &DeviceInfo, total_ms: f64) -> Self {
+        let frame = |(n, file): (usize, &String)| SweepFrame {
+            file: file.clone(),
+            position: sweep.positions[n],
+            transform: sweep.transforms[n],
+            photometric: sweep.photometric[n],
+        };
+        let valid = sweep.focus.iter().filter(|u| !u.is_nan()).count();
+        Self {
+            size: SizeReport { width: sweep.width, height: sweep.height },
+            frames: files.iter().enumerate().map(frame).collect(),
+            reference: sweep.reference,
+            nearer: nearer.number(),
+            blur_rate_px2: sweep.blur_rate,
+            focus: RangeReport::of(&sweep.focus),
+            valid_fraction: valid as f64 / sweep.focus.len().max(1) as f64,
+            warnings: sweep.warnings.clone(),
+            device: device.into(),
+            total_ms,
+        }
+    }
+
+    /// As JSON, without a newline at its end.
+    ///
+    /// # Errors
+    /// None is known; serde_json's signature allows one.
+    pub fn to_json(&self) -> Result<String, serde_json::Error> {
+        serde_json::to_string_pretty(self)
+    }
+}
+
+/// Writes the [`SWEEP_FILES`] into the folder `out`, which is made if it is missing; all of them, or none.
+///
+/// # Errors
+/// [`Error::File`].
+pub fn write_sweep(
+    out: &Path,
+    sweep: &Sweep,
+    report: &SweepReport,
+    nearer: Nearer,
+    decode: Decode,
+    format: Format,
+) -> Result<(), Error> {
+    let size = (sweep.width, sweep.height);
+    let mut staging = Staging::new(out)?;
+    let [focus, uncertainty, picture, fused, json] = SWEEP_FILES;
+    staging.add(focus, |w| field::write(w, size, &sweep.focus, &field::FOCUS))?;
+    staging.add(uncertainty, |w| field::write(w, size, &sweep.uncertainty, &field::FOCUS_UNCERTAINTY))?;
+    // A later setting is farther where the first frame is the nearest.
+    let later_is = if nearer == Nearer::First { Nearer::Second } else { Nearer::First };
+    staging.add(picture, |w| depth::write(w, size, &sweep.focus, later_is))?;
+    let image = fused::Image { size, channels: sweep.fused_channels, values: &sweep.fused };
+    staging.add(fused, |w| fused::write_image(w, &image, decode, format.depth))?;
+    staging.add(json, |w| {
+        report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
+    })?;
+    staging.place()
+}
