@@ -148,6 +148,18 @@ impl Frame {
         }
     }
 
+    /// A frame of the same size and format that holds other intensities, white at 1; integers are rounded, and what does not
+    /// fit them is clamped.
+    pub(crate) fn with_intensities(&self, values: &[f32]) -> Self {
+        let scaled = |v: &f32, white: f32| (v * white).round().clamp(0.0, white);
+        let samples = match &self.samples {
+            Samples::U8(_) => Samples::U8(values.iter().map(|v| scaled(v, 255.0) as u8).collect()),
+            Samples::U16(_) => Samples::U16(values.iter().map(|v| scaled(v, 65535.0) as u16).collect()),
+            Samples::F32(_) => Samples::F32(values.to_vec()),
+        };
+        Self { samples, ..self.clone() }
+    }
+
     /// The samples.
     pub fn samples(&self) -> &Samples {
         &self.samples

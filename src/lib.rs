@@ -47,7 +47,7 @@ mod profile;
 mod record;
 pub mod reference;
 mod registered;
-mod resample;
+pub mod resample;
 pub mod scene;
 mod settings;
 mod shaders;

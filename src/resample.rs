@@ -1,6 +1,6 @@
 //! A photograph or a field on the pixels of another.
 
-use crate::{Similarity, centre};
+use crate::{Decode, Frame, Photometric, Similarity, centre};
 
 /// Interleaved values of so many channels, row-major.
 #[derive(Clone, Copy)]
@@ -82,6 +82,19 @@ pub(crate) fn onto(grid: &Grid<'_>, t: &Similarity, [width, height]: [usize; 2],
         }
     });
     values
+}
+
+/// A photograph on the pixels of I1: what it holds where T takes them, of its own format; black where that is outside.
+/// Gain and offset are those of intensities as stored.
+pub fn registered(frame: &Frame, transform: &Similarity, photometric: &Photometric) -> Frame {
+    let (width, height, channels) = (frame.width() as usize, frame.height() as usize, frame.format().channels);
+    let values = frame.intensities(Decode::None);
+    let grid = Grid { width, height, channels: channels.count() as usize, values: &values };
+    let mut moved = onto(&grid, transform, [width, height], Interpolation::Cubic);
+    for value in &mut moved {
+        *value = if value.is_nan() { 0.0 } else { (photometric.gain * f64::from(*value) + photometric.offset) as f32 };
+    }
+    frame.with_intensities(&moved)
 }
 
 /// Fills rows of so many values, by all processors.

@@ -1,5 +1,6 @@
 //! What the program `parfocal` understands; one file for each subcommand.
 
+mod apply;
 mod bench;
 mod devices;
 mod engine;
@@ -38,6 +39,7 @@ enum Command {
     Simulate(Box<simulate::Arguments>),
     View(view::Arguments),
     Register(Box<register::Arguments>),
+    Apply(apply::Arguments),
     Evaluate(evaluate::Arguments),
     Bench(Box<bench::Arguments>),
     Devices(devices::Arguments),
@@ -57,6 +59,7 @@ pub fn main() -> ExitCode {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
+        Command::Apply(arguments) => apply::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),

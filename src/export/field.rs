@@ -43,6 +43,9 @@ pub(super) const FOCUS: Meaning = Meaning {
 pub(super) const FOCUS_UNCERTAINTY: Meaning =
     Meaning { units: "focus settings", comments: "Standard deviation of the focus setting; NaN where there is none" };
 
+/// A photograph.
+pub(super) const INTENSITY: Meaning = Meaning { units: "1", comments: "Intensity, white at 1" };
+
 /// True depth.
 pub(super) const DEPTH: Meaning =
     Meaning { units: "mm", comments: "Depth in mm from the lens, at the pixels of the first image" };

@@ -6,6 +6,7 @@ mod depth;
 mod field;
 mod fused;
 mod ranks;
+mod registered;
 mod registration;
 mod report;
 mod results;
@@ -19,6 +20,7 @@ mod transform;
 
 use std::path::Path;
 
+pub use registered::{registered_ending, write_registered};
 pub use registration::{RegistrationReport, write_registration};
 pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TimingsReport};
 pub use results::Results;

@@ -99,8 +99,20 @@ pub(crate) fn combine(pairs: &[Observation], rate: f64, width: usize) -> Vec<[f3
     for _ in 0..ROUNDS {
         focus = smoothed(pairs, rate, width, &focus);
     }
+    let positions = || pairs.iter().flat_map(|pair| pair.positions);
+    let (least, most) = positions().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), p| (l.min(p), m.max(p)));
+    let step = (most - least) / pairs.len().max(1) as f64;
+    for pixel in &mut focus {
+        let [u, deviation] = pixel.map(f64::from);
+        if !(least - step..=most + step).contains(&u) || deviation > UNSURE * step {
+            *pixel = [f32::NAN; 2];
+        }
+    }
     focus
 }
+
+/// Deviations of u above so many steps, like u more than a step outside the sweep, are no answer.
+const UNSURE: f64 = 2.0;
 
 /// Times that the smoothness is linearised about what was found.
 const ROUNDS: usize = 6;
@@ -111,7 +123,7 @@ const OMEGA: f64 = 1.6;
 /// Weight of the total variation of u.
 const SMOOTHNESS: f64 = 0.05;
 /// Slopes below this count by their square, settings a pixel.
-const SLOPE: f64 = 0.02;
+const SLOPE: f64 = 0.1;
 /// Pixels that share one residual: V's errors are as wide as its window.
 const SHARED: f64 = 100.0;
 

@@ -1,0 +1,76 @@
+//! `parfocal apply`: photographs, and a registration that is known, to photographs that lie on one another.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use parfocal::export::{self, registered_ending, write_registered};
+use parfocal::{Photometric, image_io, resample};
+
+use super::failure::{Failure, print};
+use super::output;
+
+/// Bring photographs onto the pixels of I1 by a saved registration: other lights or other channels of the camera that took I2.
+#[derive(clap::Args, Debug)]
+#[command(after_help = super::AFTER_HELP)]
+pub(super) struct Arguments {
+    /// The photographs, of the size of the pair that was registered
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+    /// The registration: a report.json, what register wrote, or its transform object
+    #[arg(long, value_name = "FILE")]
+    transform: PathBuf,
+    /// Folder for the results, each of the name of its image; made if it is missing
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Apply gain and offset of the registration too, to the values as stored
+    #[arg(long)]
+    exposure: bool,
+    /// Print the files written as JSON on stdout
+    #[arg(long)]
+    json: bool,
+    /// Print nothing on stderr but errors
+    #[arg(long)]
+    quiet: bool,
+}
+
+/// Reads, moves and writes one photograph after the other.
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let (transform, photometric) = export::read_transform(&arguments.transform)?;
+    let photometric = match photometric {
+        Some(photometric) if arguments.exposure => photometric,
+        None if arguments.exposure => {
+            let file = arguments.transform.display();
+            return Err(Failure::Failed(format!("{file}: states no gain and offset; leave out --exposure")));
+        }
+        _ => Photometric::IDENTITY,
+    };
+    let inputs: Vec<&PathBuf> = arguments.images.iter().chain([&arguments.transform]).collect();
+    let mut written = Vec::new();
+    for path in &arguments.images {
+        let frame = image_io::read(path)?;
+        let file = place(path, registered_ending(&frame))?;
+        if written.contains(&file) {
+            let problem = "two images have this name; bring them up one after the other into two folders";
+            return Err(Failure::Failed(format!("{}: {problem}", path.display())));
+        }
+        output::check(&arguments.output, &[&file], &inputs)?;
+        let file_path = arguments.output.join(&file);
+        write_registered(&file_path, &resample::registered(&frame, &transform, &photometric))?;
+        if !arguments.quiet {
+            // Nobody is left to be told where stderr is closed.
+            let _ = writeln!(io::stderr(), "{}", file_path.display());
+        }
+        written.push(file);
+    }
+    if arguments.json {
+        let files: Vec<String> = written.iter().map(|file| arguments.output.join(file).display().to_string()).collect();
+        print(&serde_json::json!({ "files": files }).to_string())?;
+    }
+    Ok(())
+}
+
+/// The name of an image's result.
+fn place(path: &Path, ending: &str) -> Result<String, Failure> {
+    let stem = path.file_stem().ok_or_else(|| Failure::Usage(format!("{}: names no file", path.display())))?;
+    Ok(format!("{}.{ending}", stem.to_string_lossy()))
+}
