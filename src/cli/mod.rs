@@ -1,10 +1,12 @@
 //! What the program `parfocal` understands; one file for each subcommand.
 
 mod bench;
+mod depth;
 mod devices;
 mod engine;
 mod evaluate;
 mod failure;
+mod lens;
 mod output;
 mod pair;
 mod register;
@@ -36,6 +38,7 @@ struct Cli {
 enum Command {
     Solve(Box<solve::Arguments>),
     Simulate(Box<simulate::Arguments>),
+    Depth(depth::Arguments),
     View(view::Arguments),
     Register(Box<register::Arguments>),
     Evaluate(evaluate::Arguments),
@@ -55,6 +58,7 @@ pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Depth(arguments) => depth::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),

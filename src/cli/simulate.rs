@@ -333,9 +333,14 @@ fn image(arguments: &Arguments) -> Result<Scene, Failure> {
 
 fn stated_lens(arguments: &Arguments) -> Result<Lens, Failure> {
     match (arguments.focal_length, arguments.f_number, arguments.pixel_pitch, arguments.focus) {
-        (Some(focal_length), Some(f_number), Some(pixel_pitch), Some(Pair(first, second))) => {
-            Ok(Lens { focal_length, f_number, pixel_pitch, focus: [first, second], kappa: Lens::DISK })
-        }
+        (Some(focal_length), Some(f_number), Some(pixel_pitch), Some(Pair(first, second))) => Ok(Lens {
+            focal_length,
+            f_number,
+            pixel_pitch,
+            focus: [first, second],
+            kappa: Lens::DISK,
+            telecentric: false,
+        }),
         _ => {
             let problem = "--depth needs the lens: --focal-length, --f-number, --pixel-pitch and --focus";
             Err(Failure::Usage(problem.to_string()))

@@ -4,10 +4,11 @@ use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use parfocal::export::{self, FILES, Look, Nearer, Report};
-use parfocal::{Engine, Frame, Method, Settings, Solution, Solver};
+use parfocal::export::{self, DEPTH_FILE, DepthReport, FILES, Look, Report};
+use parfocal::{Engine, Frame, Lens, Method, MetricDepth, Settings, Solution, Solver};
 
 use super::failure::{Failure, print};
+use super::lens::{self, LensArguments, PartOfLens};
 use super::output;
 use super::pair::PairArguments;
 use super::summary::{Bar, summary};
@@ -28,10 +29,12 @@ pub(super) struct Arguments {
     /// Keep what --transform states instead of starting from it; the method is then aligned
     #[arg(long, requires = "transform")]
     hold: bool,
-    /// Which image is focused nearer, 1 or 2; decides what is red in depth.png
-    #[arg(long, value_name = "1|2", default_value_t = Nearer::default().number(),
-          value_parser = clap::value_parser!(u8).range(1..=2))]
-    nearer: u8,
+    /// Which image is focused nearer, 1 or 2; decides what is red in depth.png [default: 1; with a lens, as
+    /// its focus distances say]
+    #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2))]
+    nearer: Option<u8>,
+    #[command(flatten)]
+    lens: LensArguments,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -68,15 +71,29 @@ impl From<MethodName> for Method {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let pair = &arguments.pair;
     let settings = settings(arguments)?;
-    output::check(&arguments.output, &FILES, &pair.inputs())?;
+    let lens = arguments.lens.lens(PartOfLens::default())?;
+    let nearer = lens::nearer(arguments.nearer, lens.as_ref())?;
+    check_output(arguments)?;
     let (i1, i2, engine) = pair.open()?;
     let solution = solve(&engine, &i1, &i2, &settings, pair.quiet).map_err(|e| Failure::of_solve(e, &pair.i1))?;
     super::check_validation(&engine)?;
-    let nearer = if arguments.nearer == 2 { Nearer::Second } else { Nearer::First };
-    let report = Report::new(&solution, &settings, engine.info(), nearer);
+    let metric = lens.map(|lens| metric_depth(&lens, &solution));
+    let mut report = Report::new(&solution, &settings, engine.info(), nearer);
+    report.depth = metric.as_ref().map(DepthReport::from);
     let look = Look { nearer, decode: settings.decode, formats: [i1.format(), i2.format()] };
-    export::write(&arguments.output, &solution, &report, &look)?;
+    export::write(&arguments.output, &solution, &report, &look, metric.as_ref())?;
     tell(&report, arguments)
+}
+
+fn check_output(arguments: &Arguments) -> Result<(), Failure> {
+    let inputs: Vec<_> = arguments.pair.inputs().into_iter().chain(arguments.lens.file()).collect();
+    output::check(&arguments.output, &[&FILES[..], &[DEPTH_FILE]].concat(), &inputs)
+}
+
+fn metric_depth(lens: &Lens, solution: &Solution) -> MetricDepth {
+    let blur = &solution.relative_blur;
+    let uncertainty = parfocal::blur_uncertainty(blur, solution.width);
+    MetricDepth::new(lens, solution.transform.scale, solution.width, blur, &uncertainty)
 }
 
 fn settings(arguments: &Arguments) -> Result<Settings, Failure> {

@@ -1,0 +1,112 @@
+//! What later steps need of the folder of a solve: V, how far to trust it, and the report.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use super::metric::{DEPTH_FILE, DepthReport};
+use super::results::{nearer_of, read_report};
+use super::staging::Staging;
+use super::{FILES, Nearer, depth, metric, read_transform};
+use crate::{Error, Lens, MetricDepth, Similarity, blur_uncertainty, image_io};
+
+/// A folder that `parfocal solve` wrote, without its pictures.
+#[derive(Clone, Debug)]
+pub struct Solved {
+    /// The folder.
+    pub folder: PathBuf,
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// V, px², row-major; NaN where not valid.
+    pub relative_blur: Vec<f32>,
+    /// In [0, 1], of the same size.
+    pub confidence: Vec<f32>,
+    /// T.
+    pub transform: Similarity,
+    /// Which image was taken to be focused nearer.
+    pub nearer: Nearer,
+    /// The whole of `report.json`.
+    report: Value,
+}
+
+impl Solved {
+    /// Reads a folder.
+    ///
+    /// # Errors
+    /// [`Error::File`]: a file is missing or damaged, or not of the size of `relative_blur.exr`.
+    pub fn read(folder: &Path) -> Result<Self, Error> {
+        if !folder.is_dir() {
+            return Err(Error::file(folder, "is no folder; give the one that parfocal solve -o wrote"));
+        }
+        let [blur, confidence, _, _, json] = FILES.map(|name| folder.join(name));
+        let report = read_report(&json)?;
+        let nearer = nearer_of(&report, &json)?;
+        let (transform, _) = read_transform(&json)?;
+        let (width, height, relative_blur) = image_io::read_field(&blur)?;
+        let solved = Self {
+            folder: folder.to_path_buf(),
+            width,
+            height,
+            relative_blur,
+            confidence: Vec::new(),
+            transform,
+            nearer,
+            report,
+        };
+        let confidence = solved.field(&confidence)?;
+        Ok(Self { confidence, ..solved })
+    }
+
+    /// Depth in mm, where an earlier step has written it.
+    ///
+    /// # Errors
+    /// [`Error::File`]: the file is damaged, or not of the size of `relative_blur.exr`.
+    pub fn depth(&self) -> Result<Option<Vec<f32>>, Error> {
+        let path = self.folder.join(DEPTH_FILE);
+        if path.exists() { self.field(&path).map(Some) } else { Ok(None) }
+    }
+
+    /// Its depth through a lens.
+    pub fn through(&self, lens: &Lens) -> MetricDepth {
+        let uncertainty = blur_uncertainty(&self.relative_blur, self.width);
+        MetricDepth::new(lens, self.transform.scale, self.width, &self.relative_blur, &uncertainty)
+    }
+
+    /// Adds metric depth to the folder: `depth_mm.exr`, `depth` in `report.json`, and `depth.png` anew, whose near and far
+    /// are now known. All of it, or none.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn write_depth(&self, metric: &MetricDepth) -> Result<(), Error> {
+        let nearer = Nearer::of_lens(&metric.lens);
+        // An object: `nearer` was read from it.
+        let mut report = self.report.clone();
+        report["nearer"] = nearer.number().into();
+        let json = serde_json::to_value(DepthReport::from(metric)).and_then(|depth| {
+            report["depth"] = depth;
+            serde_json::to_string_pretty(&report)
+        });
+        let [_, _, picture, _, report_file] = FILES;
+        let mut staging = Staging::new(&self.folder)?;
+        staging.add(DEPTH_FILE, |w| metric::write(w, metric))?;
+        staging.add(picture, |w| depth::write(w, (self.width, self.height), &self.relative_blur, nearer))?;
+        staging.add(report_file, |w| {
+            use std::io::Write;
+            json.map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
+        })?;
+        staging.place()
+    }
+
+    /// A field of the same size.
+    fn field(&self, path: &Path) -> Result<Vec<f32>, Error> {
+        let (w, h, values) = image_io::read_field(path)?;
+        if (w, h) == (self.width, self.height) {
+            return Ok(values);
+        }
+        let problem =
+            format!("is {w}x{h} and relative_blur.exr is {}x{}; solve the pair again", self.width, self.height);
+        Err(Error::file(path, problem))
+    }
+}
