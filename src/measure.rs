@@ -27,27 +27,26 @@ impl Field<'_> {
     /// pixels count for as many as there are areas of correlation among them, by the autocorrelation of their residuals.
     /// Relief within the region counts as noise. An error common to the region, of the lens or of the model, is not in it.
     ///
+    /// `None` where less than 16 pixels are valid.
+    ///
     /// # Errors
-    /// [`Error::Region`]: the region is not within the image, or hardly any of its pixels is valid.
-    pub fn median(&self, region: Region) -> Result<Estimate, Error> {
+    /// [`Error::Region`]: the region is not within the image.
+    pub fn median(&self, region: Region) -> Result<Option<Estimate>, Error> {
         let values = self.region(region)?;
         let valid = values.iter().filter(|v| v.is_finite()).count();
-        let estimate = median_estimate(&values, region.width as usize).filter(|_| valid >= LEAST_PIXELS);
-        estimate.ok_or_else(|| {
-            let Region { x, y, width, height } = region;
-            Error::Region(format!(
-                "the region {x},{y},{width},{height} has {valid} valid pixels, and {LEAST_PIXELS} are needed; give another"
-            ))
-        })
+        Ok(median_estimate(&values, region.width as usize).filter(|_| valid >= LEAST_PIXELS))
     }
 
     /// How far `to` lies above `from`, the difference of their medians; standard errors add as squares.
     ///
     /// # Errors
     /// As [`median`](Self::median).
-    pub fn step(&self, from: Region, to: Region) -> Result<Estimate, Error> {
-        let [a, b] = [self.median(from)?, self.median(to)?];
-        Ok(Estimate { value: b.value - a.value, standard_error: a.standard_error.hypot(b.standard_error) })
+    pub fn step(&self, from: Region, to: Region) -> Result<Option<Estimate>, Error> {
+        let medians = self.median(from)?.zip(self.median(to)?);
+        Ok(medians.map(|(a, b)| Estimate {
+            value: b.value - a.value,
+            standard_error: a.standard_error.hypot(b.standard_error),
+        }))
     }
 
     /// The values along a line, at places about 1 px apart from end to end; each is the mean of the valid ones of about
@@ -56,7 +55,7 @@ impl Field<'_> {
     /// # Errors
     /// [`Error::Region`]: the line has no length, or an end of it lies outside the image.
     pub fn profile(&self, line: &Line) -> Result<Vec<f64>, Error> {
-        self.check(line)?;
+        line.check((self.width, self.height()))?;
         let [across_x, across_y] = line.across();
         let half = (line.width.max(1.0).round() - 1.0) / 2.0;
         let places = (2.0 * half) as usize;
@@ -73,40 +72,14 @@ impl Field<'_> {
 
     /// The pixels of a region, row-major.
     pub(crate) fn region(&self, region: Region) -> Result<Vec<f64>, Error> {
+        region.check((self.width, self.height()))?;
         let Region { x, y, width, height } = region;
-        let within =
-            |from: u32, length: u32, size: u32| length > 0 && from.checked_add(length).is_some_and(|to| to <= size);
-        if !within(x, width, self.width) || !within(y, height, self.height()) {
-            return Err(Error::Region(format!(
-                "the region {x},{y},{width},{height} is not within the image, {}x{}; give X,Y,WIDTH,HEIGHT in pixels",
-                self.width,
-                self.height()
-            )));
-        }
         let row = |y: u32| (y as usize * self.width as usize + x as usize, width as usize);
         Ok((y..y + height)
             .map(row)
             .flat_map(|(start, n)| &self.values[start..start + n])
             .map(|&v| f64::from(v))
             .collect())
-    }
-
-    fn check(&self, line: &Line) -> Result<(), Error> {
-        let inside = |[x, y]: [f64; 2]| {
-            (0.0..=f64::from(self.width) - 1.0).contains(&x) && (0.0..=f64::from(self.height()) - 1.0).contains(&y)
-        };
-        let [[x1, y1], [x2, y2]] = [line.from, line.to];
-        let named = format!("the line {x1},{y1},{x2},{y2}");
-        if !inside(line.from) || !inside(line.to) {
-            let (right, bottom) = (i64::from(self.width) - 1, i64::from(self.height()) - 1);
-            return Err(Error::Region(format!(
-                "{named} leaves the image: x runs from 0 to {right}, y from 0 to {bottom}"
-            )));
-        }
-        if line.length() < 1.0 || !(1.0..=4096.0).contains(&line.width) {
-            return Err(Error::Region(format!("{named} must be at least 1 px long and 1 to 4096 px wide")));
-        }
-        Ok(())
     }
 
     /// Bilinear; NaN outside, and beside a pixel that is.
@@ -140,7 +113,44 @@ pub struct Line {
     pub width: f64,
 }
 
+impl Region {
+    /// Whether it holds pixels, all of them within an image of this width and height.
+    pub(crate) fn check(&self, (image_width, image_height): (u32, u32)) -> Result<(), Error> {
+        let Region { x, y, width, height } = *self;
+        let within =
+            |from: u32, length: u32, size: u32| length > 0 && from.checked_add(length).is_some_and(|to| to <= size);
+        if within(x, width, image_width) && within(y, height, image_height) {
+            return Ok(());
+        }
+        let problem = format!("is not within the image, {image_width}x{image_height}; give X,Y,WIDTH,HEIGHT in pixels");
+        Err(Error::Region(format!("the region {x},{y},{width},{height} {problem}")))
+    }
+}
+
+impl From<Region> for [u32; 4] {
+    fn from(region: Region) -> Self {
+        [region.x, region.y, region.width, region.height]
+    }
+}
+
 impl Line {
+    /// Whether it can be measured in an image of this width and height.
+    pub(crate) fn check(&self, (width, height): (u32, u32)) -> Result<(), Error> {
+        let (right, bottom) = (f64::from(width) - 1.0, f64::from(height) - 1.0);
+        let inside = |[x, y]: [f64; 2]| (0.0..=right).contains(&x) && (0.0..=bottom).contains(&y);
+        let [[x1, y1], [x2, y2]] = [self.from, self.to];
+        let named = format!("the line {x1},{y1},{x2},{y2}");
+        if !inside(self.from) || !inside(self.to) {
+            return Err(Error::Region(format!(
+                "{named} leaves the image: x runs from 0 to {right}, y from 0 to {bottom}"
+            )));
+        }
+        if self.length() < 1.0 || !(1.0..=4096.0).contains(&self.width) {
+            return Err(Error::Region(format!("{named} must be at least 1 px long and 1 to 4096 px wide")));
+        }
+        Ok(())
+    }
+
     /// Px.
     pub fn length(&self) -> f64 {
         (self.to[0] - self.from[0]).hypot(self.to[1] - self.from[1])
@@ -185,7 +195,7 @@ mod tests {
             values[i] = if i % 2 == 0 { f32::NAN } else { 1e6 };
         }
         let field = Field { width: 100, values: &values };
-        let step = field.step(region(2, 2, 40, 36), region(55, 2, 40, 36)).unwrap();
+        let step = field.step(region(2, 2, 40, 36), region(55, 2, 40, 36)).unwrap().unwrap();
         println!("{step:?}");
         assert!((step.value - 2.5).abs() < 3.0 * step.standard_error, "{step:?}");
         // 1440 px of noise that is alike over some 50 px².
@@ -227,11 +237,11 @@ mod tests {
             (region(0, 0, 41, 5), "not within the image, 40x30"),
             (region(u32::MAX, 0, 2, 2), "not within"),
             (region(3, 3, 0, 2), "not within"),
-            (region(0, 0, 40, 10), "0 valid pixels"),
         ] {
             let message = field.median(bad).unwrap_err().to_string();
             assert!(message.contains(part), "{message}");
         }
+        assert_eq!(field.median(region(0, 0, 40, 10)).unwrap(), None, "no pixel is valid");
         for line in [[[0.0, 0.0], [40.0, 0.0]], [[0.0, 0.0], [f64::NAN, 0.0]], [[3.0, 3.0], [3.0, 3.5]]] {
             assert!(field.profile(&Line { from: line[0], to: line[1], width: 1.0 }).is_err(), "{line:?}");
         }

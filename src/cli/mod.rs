@@ -1,14 +1,17 @@
 //! What the program `parfocal` understands; one file for each subcommand.
 
 mod bench;
+mod calibrate;
 mod depth;
 mod devices;
 mod engine;
 mod evaluate;
 mod failure;
 mod lens;
+mod measure;
 mod output;
 mod pair;
+mod region;
 mod register;
 mod simulate;
 mod solve;
@@ -39,6 +42,8 @@ enum Command {
     Solve(Box<solve::Arguments>),
     Simulate(Box<simulate::Arguments>),
     Depth(depth::Arguments),
+    Calibrate(Box<calibrate::Arguments>),
+    Measure(measure::Arguments),
     View(view::Arguments),
     Register(Box<register::Arguments>),
     Evaluate(evaluate::Arguments),
@@ -59,6 +64,8 @@ pub fn main() -> ExitCode {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Depth(arguments) => depth::run(&arguments),
+        Command::Calibrate(arguments) => calibrate::run(&arguments),
+        Command::Measure(arguments) => measure::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),

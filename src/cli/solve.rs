@@ -4,11 +4,12 @@ use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use parfocal::export::{self, DEPTH_FILE, DepthReport, FILES, Look, Report};
-use parfocal::{Engine, Frame, Lens, Method, MetricDepth, Settings, Solution, Solver};
+use parfocal::export::{self, Additions, DEPTH_FILE, DepthReport, FILES, Look, Report};
+use parfocal::{Engine, Frame, Method, MetricDepth, Settings, Solution, Solver};
 
 use super::failure::{Failure, print};
 use super::lens::{self, LensArguments, PartOfLens};
+use super::measure::MeasureArguments;
 use super::output;
 use super::pair::PairArguments;
 use super::summary::{Bar, summary};
@@ -35,6 +36,8 @@ pub(super) struct Arguments {
     nearer: Option<u8>,
     #[command(flatten)]
     lens: LensArguments,
+    #[command(flatten)]
+    measure: MeasureArguments,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -75,25 +78,25 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let nearer = lens::nearer(arguments.nearer, lens.as_ref())?;
     check_output(arguments)?;
     let (i1, i2, engine) = pair.open()?;
+    let wanted = arguments.measure.wanted();
+    wanted.check((i1.width(), i1.height()))?;
     let solution = solve(&engine, &i1, &i2, &settings, pair.quiet).map_err(|e| Failure::of_solve(e, &pair.i1))?;
     super::check_validation(&engine)?;
-    let metric = lens.map(|lens| metric_depth(&lens, &solution));
+    let (width, blur) = (solution.width, &solution.relative_blur);
+    let uncertainty = parfocal::blur_uncertainty(blur, width);
+    let metric = lens.map(|lens| MetricDepth::new(&lens, solution.transform.scale, width, blur, &uncertainty));
+    let measurements = wanted.measure(width, blur, &uncertainty, metric.as_ref())?;
     let mut report = Report::new(&solution, &settings, engine.info(), nearer);
     report.depth = metric.as_ref().map(DepthReport::from);
+    report.measurements = (!wanted.is_empty()).then(|| measurements.clone());
     let look = Look { nearer, decode: settings.decode, formats: [i1.format(), i2.format()] };
-    export::write(&arguments.output, &solution, &report, &look, metric.as_ref())?;
+    export::write(&arguments.output, &solution, &report, &look, &Additions { depth: metric.as_ref(), measurements })?;
     tell(&report, arguments)
 }
 
 fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     let inputs: Vec<_> = arguments.pair.inputs().into_iter().chain(arguments.lens.file()).collect();
     output::check(&arguments.output, &[&FILES[..], &[DEPTH_FILE]].concat(), &inputs)
-}
-
-fn metric_depth(lens: &Lens, solution: &Solution) -> MetricDepth {
-    let blur = &solution.relative_blur;
-    let uncertainty = parfocal::blur_uncertainty(blur, solution.width);
-    MetricDepth::new(lens, solution.transform.scale, solution.width, blur, &uncertainty)
 }
 
 fn settings(arguments: &Arguments) -> Result<Settings, Failure> {

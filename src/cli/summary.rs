@@ -6,7 +6,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{DEPTH_FILE, DeviceReport, FILES, RegistrationReport, Report, TimingsReport};
 use parfocal::{Method, Photometric, Progress, Similarity};
 
-use super::depth;
+use super::{depth, measure};
 
 /// A bar over the levels, on stderr.
 pub(super) struct Bar(ProgressBar);
@@ -42,6 +42,7 @@ type Row = (&'static str, String);
 pub(super) fn summary(report: &Report, out: &Path) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
     rows.extend([("relative blur", blur(report)), ("depth.png", near_is_red(report))]);
+    rows.extend(report.measurements.iter().flat_map(measure::rows));
     rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
     rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
     let files: Vec<&str> = FILES.into_iter().chain(report.depth.as_ref().map(|_| DEPTH_FILE)).collect();

@@ -5,6 +5,7 @@
 mod depth;
 mod field;
 mod fused;
+mod measurements;
 mod metric;
 mod ranks;
 mod registration;
@@ -22,8 +23,9 @@ mod transform;
 use std::fs;
 use std::path::Path;
 
+pub use measurements::{Measurements, ProfileReport, StepReport, Wanted};
 pub use metric::{DEPTH_FILE, DepthReport};
-pub use registration::{RegistrationReport, write_registration};
+pub use registration::{RegistrationReport, write_json, write_registration};
 pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TimingsReport};
 pub use results::Results;
 pub use scale::{Scale, color};
@@ -75,9 +77,18 @@ pub struct Look {
     pub formats: [Format; 2],
 }
 
+/// What is written only where it was asked for.
+#[derive(Clone, Debug, Default)]
+pub struct Additions<'a> {
+    /// Depth in mm: [`DEPTH_FILE`].
+    pub depth: Option<&'a MetricDepth>,
+    /// Profiles: `profile_1.csv`, `profile_1.png` and so on.
+    pub measurements: Measurements,
+}
+
 /// Writes the [`FILES`] of a solve into the folder `out`, which is made if it is missing.
 ///
-/// With `metric`, [`DEPTH_FILE`] too; without, one that an earlier solve left there is removed.
+/// With [`Additions`], their files too; those that an earlier solve left there are removed.
 ///
 /// Everything is written under temporary names first and renamed at the end. On failure the files of this solve, and
 /// the folder if it was made here, are removed again.
@@ -89,7 +100,7 @@ pub fn write(
     solution: &Solution,
     report: &Report,
     look: &Look,
-    metric: Option<&MetricDepth>,
+    additions: &Additions,
 ) -> Result<(), Error> {
     let size = (solution.width, solution.height);
     check_lengths(solution)?;
@@ -104,11 +115,15 @@ pub fn write(
         use std::io::Write;
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
-    if let Some(metric) = metric {
+    if let Some(metric) = additions.depth {
         staging.add(DEPTH_FILE, |w| metric::write(w, metric))?;
     }
+    additions.measurements.stage(&mut staging)?;
     staging.place()?;
-    if metric.is_none() { remove_stale(&out.join(DEPTH_FILE)) } else { Ok(()) }
+    if additions.depth.is_none() {
+        remove_stale(&out.join(DEPTH_FILE))?;
+    }
+    additions.measurements.remove_stale(out)
 }
 
 /// Removes a result of an earlier run that this one has not replaced.

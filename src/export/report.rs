@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::Nearer;
+use super::measurements::Measurements;
 use super::metric::DepthReport;
 use super::ranks::Ranks;
 use crate::{DeviceInfo, Level, Method, Photometric, Settings, Similarity, Solution, Timings};
@@ -39,6 +40,9 @@ pub struct Report {
     /// Depth in mm, where the lens is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthReport>,
+    /// What was asked to be measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub measurements: Option<Measurements>,
     /// What the user should know; a sentence each.
     pub warnings: Vec<String>,
     /// What it ran on.
@@ -125,6 +129,7 @@ impl Report {
             saturated_fraction: solution.saturated_fraction,
             nearer: nearer.number(),
             depth: None,
+            measurements: None,
             warnings: solution.warnings.clone(),
             device: device.into(),
             timings_ms: (&solution.timings).into(),

@@ -2,8 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
 use serde_json::Value;
 
+use super::measurements::{Measurements, Wanted};
 use super::metric::{DEPTH_FILE, DepthReport};
 use super::results::{nearer_of, read_report};
 use super::staging::Staging;
@@ -59,13 +61,26 @@ impl Solved {
         Ok(Self { confidence, ..solved })
     }
 
-    /// Depth in mm, where an earlier step has written it.
+    /// Measures V, and depth where the report states a lens.
     ///
     /// # Errors
-    /// [`Error::File`]: the file is damaged, or not of the size of `relative_blur.exr`.
-    pub fn depth(&self) -> Result<Option<Vec<f32>>, Error> {
-        let path = self.folder.join(DEPTH_FILE);
-        if path.exists() { self.field(&path).map(Some) } else { Ok(None) }
+    /// [`Error::Region`]; [`Error::File`]: the report states a lens that is none.
+    pub fn measure(&self, wanted: &Wanted) -> Result<Measurements, Error> {
+        let metric = self.lens()?.map(|lens| self.through(&lens));
+        let uncertainty = blur_uncertainty(&self.relative_blur, self.width);
+        wanted.measure(self.width, &self.relative_blur, &uncertainty, metric.as_ref())
+    }
+
+    /// The lens that the report states, if it states one.
+    fn lens(&self) -> Result<Option<Lens>, Error> {
+        let Some(stated) = self.report.get("depth").and_then(|depth| depth.get("lens")) else { return Ok(None) };
+        let wrap = |problem: String| {
+            let file = self.folder.join(FILES[4]);
+            Error::file(&file, format!("states a lens that cannot be used ({problem}); run parfocal depth again"))
+        };
+        let lens = Lens::deserialize(stated).map_err(|e| wrap(e.to_string()))?;
+        lens.check().map_err(|e| wrap(e.to_string()))?;
+        Ok(Some(lens))
     }
 
     /// Its depth through a lens.
