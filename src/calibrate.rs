@@ -281,7 +281,7 @@ impl Fit<'_> {
             if lens.check().is_ok() && cost(&self.residuals(&lens)) <= cost(&residuals) {
                 *at = moved;
                 damping = (damping / 10.0).max(1e-12);
-                if step.amax() < 1e-10 {
+                if step.amax() < 1e-7 {
                     return;
                 }
             } else {

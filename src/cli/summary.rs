@@ -42,8 +42,8 @@ type Row = (&'static str, String);
 pub(super) fn summary(report: &Report, out: &Path) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
     rows.extend([("relative blur", blur(report)), ("depth.png", near_is_red(report))]);
-    rows.extend(report.measurements.iter().flat_map(measure::rows));
     rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
+    rows.extend(report.measurements.iter().flat_map(measure::rows));
     rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
     let files: Vec<&str> = FILES.into_iter().chain(report.depth.as_ref().map(|_| DEPTH_FILE)).collect();
     rows.push(("results", format!("{}: {}", out.display(), files.join(" "))));

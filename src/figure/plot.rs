@@ -159,11 +159,11 @@ impl Plot {
         }
     }
 
-    /// Lines of the legend, each with the series in it: as many as fit beside each other.
+    /// Lines of the legend, each with the named series in it: as many as fit beside each other.
     fn legend(&self) -> Vec<Vec<usize>> {
         let mut lines: Vec<Vec<usize>> = Vec::new();
         let (limit, mut used) = (self.size.0 as f32 - 80.0 - RIGHT, 0.0);
-        for (i, series) in self.series.iter().enumerate() {
+        for (i, series) in self.series.iter().enumerate().filter(|(_, series)| !series.name.is_empty()) {
             let width = entry_width(series);
             match lines.last_mut() {
                 Some(line) if used + width <= limit => line.push(i),
