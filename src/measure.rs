@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::figure::Region;
-use crate::statistics::median_estimate;
+use crate::statistics::level;
 use crate::{Error, Estimate};
 
 /// The least valid pixels of which a median is taken.
@@ -23,27 +23,28 @@ impl Field<'_> {
         (self.values.len() / self.width.max(1) as usize) as u32
     }
 
-    /// The median of the valid pixels of a region, with a standard error that allows for neighbours being alike: the valid
-    /// pixels count for as many as there are areas of correlation among them, by the autocorrelation of their residuals.
-    /// Relief within the region counts as noise. An error common to the region, of the lens or of the model, is not in it.
+    /// The level of a region: the median of its valid pixels when the tilt of a plane through them, about their centre, has
+    /// been taken out. Its standard error allows for neighbours being alike: the valid pixels count for as many as there are
+    /// areas of correlation among them, by the autocorrelation of what is left. Relief other than tilt counts as noise. An
+    /// error common to the region, of the lens or of the model of the blur, is not in it.
     ///
     /// `None` where less than 16 pixels are valid.
     ///
     /// # Errors
     /// [`Error::Region`]: the region is not within the image.
-    pub fn median(&self, region: Region) -> Result<Option<Estimate>, Error> {
+    pub fn level(&self, region: Region) -> Result<Option<Estimate>, Error> {
         let values = self.region(region)?;
         let valid = values.iter().filter(|v| v.is_finite()).count();
-        Ok(median_estimate(&values, region.width as usize).filter(|_| valid >= LEAST_PIXELS))
+        Ok(level(&values, region.width as usize).filter(|_| valid >= LEAST_PIXELS))
     }
 
-    /// How far `to` lies above `from`, the difference of their medians; standard errors add as squares.
+    /// How far `to` lies above `from`, the difference of their levels; standard errors add as squares.
     ///
     /// # Errors
-    /// As [`median`](Self::median).
+    /// As [`level`](Self::level).
     pub fn step(&self, from: Region, to: Region) -> Result<Option<Estimate>, Error> {
-        let medians = self.median(from)?.zip(self.median(to)?);
-        Ok(medians.map(|(a, b)| Estimate {
+        let levels = self.level(from)?.zip(self.level(to)?);
+        Ok(levels.map(|(a, b)| Estimate {
             value: b.value - a.value,
             standard_error: a.standard_error.hypot(b.standard_error),
         }))
@@ -203,6 +204,13 @@ mod tests {
     }
 
     #[test]
+    fn the_level_of_a_tilted_region_is_that_of_its_centre() {
+        let values = ramp();
+        let level = Field { width: 40, values: &values }.level(region(10, 4, 21, 11)).unwrap().unwrap();
+        assert!((level.value - (0.5 * 20.0 - 0.25 * 9.0)).abs() < 1e-5 && level.standard_error < 1e-5, "{level:?}");
+    }
+
+    #[test]
     fn a_profile_of_a_ramp_is_the_ramp() {
         let values = ramp();
         let field = Field { width: 40, values: &values };
@@ -238,10 +246,10 @@ mod tests {
             (region(u32::MAX, 0, 2, 2), "not within"),
             (region(3, 3, 0, 2), "not within"),
         ] {
-            let message = field.median(bad).unwrap_err().to_string();
+            let message = field.level(bad).unwrap_err().to_string();
             assert!(message.contains(part), "{message}");
         }
-        assert_eq!(field.median(region(0, 0, 40, 10)).unwrap(), None, "no pixel is valid");
+        assert_eq!(field.level(region(0, 0, 40, 10)).unwrap(), None, "no pixel is valid");
         for line in [[[0.0, 0.0], [40.0, 0.0]], [[0.0, 0.0], [f64::NAN, 0.0]], [[3.0, 3.0], [3.0, 3.5]]] {
             assert!(field.profile(&Line { from: line[0], to: line[1], width: 1.0 }).is_err(), "{line:?}");
         }

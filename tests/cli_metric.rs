@@ -269,7 +269,7 @@ fn bread_cup_and_background_stand_one_behind_the_other_between_the_focus_distanc
     println!("bread {bread:.1}, cup {cup:.1}, background {background:.1} mm; {}", report["depth"]);
     assert!(529.0 < bread && bread < cup && cup + 50.0 < background && background < 869.0);
     let step = &report["measurements"]["steps"][0]["depth_mm"];
-    assert!((number(&step["value"]) - (cup - bread)).abs() < 1.0, "{step}");
+    assert!((number(&step["value"]) - (cup - bread)).abs() < 5.0, "{step}");
     assert_eq!(report["depth"]["out_of_range"], 0);
     assert_eq!(report["measurements"]["profiles"][0]["csv"], "profile_1.csv");
     assert!(desk.path("out/profile_1.csv").is_file() && desk.path("out/profile_1.png").is_file());

@@ -12,6 +12,7 @@ use parfocal::measure::Field;
 use parfocal::{Calibration, Target, Unknown, calibrate};
 use serde::Deserialize;
 
+use super::depth::decimals;
 use super::failure::{Failure, print};
 use super::lens::LensArguments;
 use super::output;
@@ -173,7 +174,8 @@ fn summary(found: &Calibration, file: Option<&Path>) -> String {
     let mut lines: Vec<String> = Vec::new();
     for item in &found.found {
         let ((label, unit), estimate) = (name(item.unknown), item.estimate);
-        lines.push(format!("{label:<14} {:.5} ± {:.5}{unit}", estimate.value, estimate.standard_error));
+        let digits = decimals(estimate.standard_error);
+        lines.push(format!("{label:<14} {:.digits$} ± {:.digits$}{unit}", estimate.value, estimate.standard_error));
     }
     for &unknown in &found.undetermined {
         lines.push(format!("{:<14} not determined by this target; left as stated", name(unknown).0));

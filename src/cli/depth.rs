@@ -68,5 +68,13 @@ pub(super) fn summary(report: &DepthReport) -> String {
     let (Some(min), Some(max), Some(median)) = (range.min, range.max, range.median) else {
         return format!("no pixel in the range of the lens, {} out of it", report.out_of_range);
     };
-    format!("{min:.4} to {max:.4} mm, median {median:.4}; {} pixels out of the range of the lens", report.out_of_range)
+    let digits = decimals(f64::from(max - min) / 100.0);
+    let out = report.out_of_range;
+    format!("{min:.digits$} to {max:.digits$} mm, median {median:.digits$}; out of the range of the lens: {out} px")
+}
+
+/// Decimals with which a number that is known to within `error` is written: two digits of the error.
+pub(super) fn decimals(error: f64) -> usize {
+    // 0 and what is not a number have no digits; six decimals are enough for either.
+    if error > 0.0 { (1.0 - error.log10().floor()).clamp(0.0, 6.0) as usize } else { 6 }
 }

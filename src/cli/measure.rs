@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use parfocal::Estimate;
 use parfocal::export::{Measurements, Solved, StepReport, Wanted};
 
+use super::depth::decimals;
 use super::failure::{Failure, print};
 use super::output;
 use super::region::{LineArgument, RegionArgument};
@@ -29,8 +30,8 @@ pub(super) struct Arguments {
 /// What to measure.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct MeasureArguments {
-    /// Step height from the first region to the second, rectangles in pixels: the difference of their medians, in px² and,
-    /// where the lens is known, in mm; may be repeated
+    /// Step height from the first region to the second, rectangles in pixels: the difference of their levels, medians
+    /// without the tilt, in px² and, where the lens is known, in mm; may be repeated
     #[arg(long, value_names = ["X,Y,W,H", "X,Y,W,H"], num_args = 2, help_heading = "Measurements")]
     step: Vec<RegionArgument>,
     /// Profile from one pixel to another, the mean over WIDTH px across [default: 1]; may be repeated
@@ -91,7 +92,10 @@ pub(super) fn rows(measured: &Measurements) -> Vec<(&'static str, String)> {
 }
 
 fn height(step: &StepReport) -> String {
-    let number = |Estimate { value, standard_error }, unit| format!("{value:+.4} ± {standard_error:.4} {unit}");
+    let number = |Estimate { value, standard_error }, unit| {
+        let digits = decimals(standard_error);
+        format!("{value:+.digits$} ± {standard_error:.digits$} {unit}")
+    };
     let blur = step.relative_blur.map_or("too few valid pixels".to_string(), |estimate| number(estimate, "px²"));
     step.depth_mm.map_or(blur.clone(), |estimate| format!("{}, {blur}", number(estimate, "mm")))
 }

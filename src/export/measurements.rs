@@ -22,7 +22,7 @@ pub struct Measurements {
     pub profiles: Vec<ProfileReport>,
 }
 
-/// How far one region lies above another: medians of the second less those of the first. `null` where a region has too few
+/// How far one region lies above another: the level of the second less that of the first. `null` where a region has too few
 /// valid pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StepReport {
