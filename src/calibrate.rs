@@ -47,9 +47,9 @@ pub struct Calibration {
     /// What the target does not determine beside `found`; it has its stated value.
     pub undetermined: Vec<Unknown>,
     /// Rms of V less that of the model over the pixels that belong, px².
-    pub residual_px2: f64,
+    pub residual_rms_px2: f64,
     /// Rms of the depth by the lens less the known depth over these pixels, mm; null where none has a depth.
-    pub residual_mm: Option<f64>,
+    pub residual_rms_mm: Option<f64>,
     /// Valid pixels on the target, or the part of them that was taken.
     pub pixels: usize,
     /// Those that do not belong: more than 4.685 deviations from the model.
@@ -231,8 +231,8 @@ impl Fit<'_> {
             lens: *lens,
             found,
             undetermined: undetermined.to_vec(),
-            residual_px2: rms(used.clone().map(|(_, &r)| r)).unwrap_or(0.0),
-            residual_mm: rms(in_mm),
+            residual_rms_px2: rms(used.clone().map(|(_, &r)| r)).unwrap_or(0.0),
+            residual_rms_mm: rms(in_mm),
             pixels: self.samples.valid,
             outliers: self.samples.valid - used.count(),
         }
@@ -460,9 +460,9 @@ mod tests {
         }
         let calibration = found(&Lens { kappa: 0.5, ..truth }, 1.0, &blur, &target, &TWO);
         assert!((calibration.lens.kappa - 0.43).abs() < 0.01 && (calibration.lens.focus[1] - 869.0).abs() < 10.0);
-        assert!(calibration.outliers >= 40 * 49 && calibration.residual_px2 < 0.03);
+        assert!(calibration.outliers >= 40 * 49 && calibration.residual_rms_px2 < 0.03);
         // 0.02 px² of 2.6 px² over 340 mm.
-        assert!((1.0..6.0).contains(&calibration.residual_mm.unwrap()));
+        assert!((1.0..6.0).contains(&calibration.residual_rms_mm.unwrap()));
     }
 
     #[test]

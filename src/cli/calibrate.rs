@@ -180,11 +180,11 @@ fn summary(found: &Calibration, file: Option<&Path>) -> String {
     for &unknown in &found.undetermined {
         lines.push(format!("{:<14} not determined by this target; left as stated", name(unknown).0));
     }
-    let in_mm = found.residual_mm.map_or(String::new(), |mm| format!(", {mm:.4} mm"));
+    let in_mm = found.residual_rms_mm.map_or(String::new(), |mm| format!(", {mm:.4} mm"));
     let part = 100.0 * found.outliers as f64 / found.pixels as f64;
     lines.push(format!(
         "residual rms   {:.4} px²{in_mm}; {part:.1} % of {} pixels do not belong",
-        found.residual_px2, found.pixels
+        found.residual_rms_px2, found.pixels
     ));
     lines.extend(file.map(|file| format!("result         {}", file.display())));
     lines.join("\n")

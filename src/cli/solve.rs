@@ -84,7 +84,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     super::check_validation(&engine)?;
     let (width, blur) = (solution.width, &solution.relative_blur);
     let uncertainty = parfocal::blur_uncertainty(blur, width);
-    let metric = lens.map(|lens| MetricDepth::new(&lens, solution.transform.scale, width, blur, &uncertainty));
+    let metric = lens.map(|lens| {
+        MetricDepth::new(&lens, solution.transform.scale, settings.max_relative_blur, width, blur, &uncertainty)
+    });
     let measurements = wanted.measure(width, blur, &uncertainty, metric.as_ref())?;
     let mut report = Report::new(&solution, &settings, engine.info(), nearer);
     report.depth = metric.as_ref().map(DepthReport::from);

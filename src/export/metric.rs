@@ -17,7 +17,8 @@ pub struct DepthReport {
     /// Least, greatest and median depth of the valid pixels, mm.
     #[serde(flatten)]
     pub range: RangeReport,
-    /// Valid pixels whose V no depth in the range of the lens model has; they are NaN.
+    /// Valid pixels whose V no depth in the range of the lens model has, or whose V is at the limit of the solve; they are
+    /// NaN.
     pub out_of_range: usize,
     /// The lens.
     pub lens: Lens,

@@ -25,6 +25,8 @@ pub struct Solved {
     pub relative_blur: Vec<f32>,
     /// In [0, 1], of the same size.
     pub confidence: Vec<f32>,
+    /// Standard deviation of V, px², of the same size.
+    pub uncertainty: Vec<f32>,
     /// T.
     pub transform: Similarity,
     /// Which image was taken to be focused nearer.
@@ -51,6 +53,7 @@ impl Solved {
             folder: folder.to_path_buf(),
             width,
             height,
+            uncertainty: blur_uncertainty(&relative_blur, width),
             relative_blur,
             confidence: Vec::new(),
             transform,
@@ -67,8 +70,13 @@ impl Solved {
     /// [`Error::Region`]; [`Error::File`]: the report states a lens that is none.
     pub fn measure(&self, wanted: &Wanted) -> Result<Measurements, Error> {
         let metric = self.lens()?.map(|lens| self.through(&lens));
-        let uncertainty = blur_uncertainty(&self.relative_blur, self.width);
-        wanted.measure(self.width, &self.relative_blur, &uncertainty, metric.as_ref())
+        wanted.measure(self.width, &self.relative_blur, &self.uncertainty, metric.as_ref())
+    }
+
+    /// The largest |V| that the solve allowed, px², where the report says so.
+    fn limit(&self) -> f64 {
+        let stated = self.report.get("settings").and_then(|settings| settings.get("max_relative_blur"));
+        stated.and_then(Value::as_f64).unwrap_or(f64::INFINITY)
     }
 
     /// The lens that the report states, if it states one.
@@ -85,8 +93,8 @@ impl Solved {
 
     /// Its depth through a lens.
     pub fn through(&self, lens: &Lens) -> MetricDepth {
-        let uncertainty = blur_uncertainty(&self.relative_blur, self.width);
-        MetricDepth::new(lens, self.transform.scale, self.width, &self.relative_blur, &uncertainty)
+        let (scale, width) = (self.transform.scale, self.width);
+        MetricDepth::new(lens, scale, self.limit(), width, &self.relative_blur, &self.uncertainty)
     }
 
     /// Adds metric depth to the folder: `depth_mm.exr`, `depth` in `report.json`, and `depth.png` anew, whose near and far
