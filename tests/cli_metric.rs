@@ -213,6 +213,12 @@ fn known_steps_calibrate_the_lens_and_what_they_cannot_tell_is_said() {
 /// A plane tilted in 1/z, as perspective has it, rendered through a lens, solved, and the lens calibrated by it.
 #[test]
 fn a_simulated_plane_gives_back_the_lens_that_rendered_it() {
+    for telecentric in ["--telecentric=false", "--telecentric"] {
+        calibrate_by_a_simulated_plane(telecentric);
+    }
+}
+
+fn calibrate_by_a_simulated_plane(telecentric: &str) {
     let desk = Desk::empty();
     let (size, near, far) = (256, 227.0, 233.0);
     let depth = |x: usize, y: usize| {
@@ -227,7 +233,7 @@ fn a_simulated_plane_gives_back_the_lens_that_rendered_it() {
     image::GrayImage::from_fn(size as u32, size as u32, |x, y| shade(x / 2, y / 2))
         .save(desk.path("texture.png"))
         .unwrap();
-    let optics = ["--focal-length=50", "--f-number=5.6", "--pixel-pitch=0.0075"];
+    let optics = ["--focal-length=50", "--f-number=5.6", "--pixel-pitch=0.0075", telecentric];
     let scene = ["simulate", "image", "-o", "pair", "--radiance", "texture.png", "--depth", "depth.exr"];
     desk.json(&[&scene, &optics[..], &["--focus=226.5,233.5", "--noise=0.003"]].concat());
     desk.json(&["solve", "pair/i1.png", "pair/i2.png", "-o", "out", "--lens", "pair/truth.json"]);
@@ -245,7 +251,7 @@ fn a_simulated_plane_gives_back_the_lens_that_rendered_it() {
     let valid: Vec<f64> = errors.filter(|e| e.is_finite()).collect();
     let rms = (valid.iter().map(|e| e * e).sum::<f64>() / valid.len() as f64).sqrt();
     println!("depth rms {rms:.4} mm over {} pixels, of 6 mm", valid.len());
-    assert!(rms < 0.15 && valid.len() > size * size * 9 / 10);
+    assert!(rms < 0.15 && valid.len() > size * size * 8 / 10);
 }
 
 /// The Cup pair, which may not be copied into the project.

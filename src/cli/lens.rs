@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use super::failure::Failure;
 
-const HEADING: &str = "Lens, for depth in mm";
+const HEADING: &str = "Lens";
 
 /// The most bytes of a file with a lens that are read, 16 MiB, as of a report.
 const MAX_BYTES: u64 = 16 << 20;
@@ -73,6 +73,19 @@ pub(super) struct PartOfLens {
     pub(super) telecentric: Option<bool>,
 }
 
+impl From<Lens> for PartOfLens {
+    fn from(lens: Lens) -> Self {
+        Self {
+            focal_length: Some(lens.focal_length),
+            f_number: Some(lens.f_number),
+            pixel_pitch: Some(lens.pixel_pitch),
+            focus: Some(lens.focus),
+            kappa: Some(lens.kappa),
+            telecentric: Some(lens.telecentric),
+        }
+    }
+}
+
 impl PartOfLens {
     /// Its own fields, and where it has none those of `other`.
     fn or(self, other: Self) -> Self {
@@ -114,12 +127,11 @@ impl LensArguments {
     /// The lens, whole and checked; `None` where neither file nor flag states any of it. What neither states is taken from
     /// `defaults`, which alone make no lens.
     pub(super) fn lens(&self, defaults: PartOfLens) -> Result<Option<Lens>, Failure> {
-        let file = self.lens.as_deref().map_or(Ok(PartOfLens::default()), read)?;
-        let given = self.flags().or(file);
-        if self.lens.is_none() && given == PartOfLens::default() {
+        if !self.is_given() {
             return Ok(None);
         }
-        given.or(defaults).whole().map(Some)
+        let file = self.lens.as_deref().map_or(Ok(PartOfLens::default()), read)?;
+        self.flags().or(file).or(defaults).whole().map(Some)
     }
 
     /// As [`lens`](Self::lens), of a command that is nothing without one.
@@ -127,6 +139,11 @@ impl LensArguments {
         let none =
             || Failure::Usage("give the lens: --lens FILE, or --focal-length and the flags beside it".to_string());
         self.lens(PartOfLens::default())?.ok_or_else(none)
+    }
+
+    /// Whether any of it is stated.
+    pub(super) fn is_given(&self) -> bool {
+        self.lens.is_some() || self.flags() != PartOfLens::default()
     }
 
     /// The file, which no result may replace.
@@ -214,6 +231,8 @@ mod tests {
             assert_eq!(lens(Some(&wrapped), &[]).unwrap(), Some(cup));
         }
         assert_eq!(lens(None, &[]).unwrap(), None);
+        let part = Only::try_parse_from(["only", "--f-number=4"]).unwrap().lens;
+        assert_eq!(part.lens(cup.into()).unwrap(), Some(Lens { f_number: 4.0, ..cup }));
     }
 
     #[test]
