@@ -73,7 +73,7 @@ pub use error::Error;
 pub use frame::{Channels, Depth, Format, Frame, Samples};
 pub use kernel::{Aperture, Kernel};
 pub use lens::{Inverse, Lens};
-pub use metric::{MetricDepth, blur_uncertainty};
+pub use metric::MetricDepth;
 pub use registered::Registered;
 pub use settings::{Decode, Method, Photometric, RegistrationStep, Settings};
 pub use similarity::{Similarity, centre};

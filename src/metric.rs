@@ -40,22 +40,6 @@ impl MetricDepth {
     }
 }
 
-/// A standard deviation of V in px² for each pixel, one for all, NaN where V is: by the second differences along the rows,
-/// whose median is that of the noise, not of the scene. V is smooth from pixel to pixel, so this is a lower bound.
-pub fn blur_uncertainty(blur: &[f32], width: u32) -> Vec<f32> {
-    let second = |w: &[f32]| (w[0] - 2.0 * w[1] + w[2]).abs();
-    let rows = blur.chunks(width.max(1) as usize);
-    let mut differences: Vec<f32> = rows.flat_map(|row| row.windows(3).map(second)).filter(|d| !d.is_nan()).collect();
-    let middle = differences.len() / 2;
-    let sigma = if differences.is_empty() {
-        f32::NAN
-    } else {
-        // The median of |d| is 0.6745 of its deviation, which is √6 that of a value.
-        *differences.select_nth_unstable_by(middle, f32::total_cmp).1 / (0.6745 * 6f32.sqrt())
-    };
-    blur.iter().map(|v| if v.is_nan() { f32::NAN } else { sigma }).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

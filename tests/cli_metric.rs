@@ -42,6 +42,10 @@ impl Desk {
             _ => CUP.relative_blur(700.0, 1.0) as f32,
         });
         desk.field("out/confidence.exr", SIZE, |_, _| 0.5);
+        desk.field("out/uncertainty.exr", SIZE, |x, y| match (x, y) {
+            (20..30, 20..30) => f32::NAN,
+            _ => 0.02,
+        });
         let report = r#"{"transform": {"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1}, "nearer": 2,
             "warnings": [], "zeta": 1, "alpha": 2}"#;
         fs::write(desk.path("out/report.json"), report).unwrap();
@@ -102,6 +106,14 @@ fn median(depth_file: &Path, [x, y, w, h]: [usize; 4]) -> f64 {
     assert!(inside.len() > w * h / 2);
     inside.sort_by(f32::total_cmp);
     f64::from(inside[inside.len() / 2])
+}
+
+/// The channel of the standard deviation.
+fn deviations(depth_file: &Path) -> Vec<f64> {
+    let file = exr::prelude::read_first_flat_layer_from_file(depth_file).unwrap();
+    let channels = &file.layer_data.channel_data.list;
+    let channel = channels.iter().find(|c| c.name.to_string() == "standard_deviation").unwrap();
+    channel.sample_data.values_as_f32().map(f64::from).collect()
 }
 
 #[test]
@@ -251,6 +263,13 @@ fn calibrate_by_a_simulated_plane(telecentric: &str) {
     let valid: Vec<f64> = errors.filter(|e| e.is_finite()).collect();
     let rms = (valid.iter().map(|e| e * e).sum::<f64>() / valid.len() as f64).sqrt();
     println!("depth rms {rms:.4} mm over {} pixels, of 6 mm", valid.len());
+    let claimed: Vec<f64> = deviations(&desk.path("out/depth_mm.exr"));
+    let ratios =
+        measured.iter().zip(&claimed).enumerate().map(|(i, (&z, s))| (f64::from(z) - depth(i % size, i / size)) / s);
+    let ratios: Vec<f64> = ratios.filter(|r| r.is_finite()).collect();
+    let within = ratios.iter().filter(|r| r.abs() < 1.0).count() as f64 / ratios.len() as f64;
+    println!("{:.1} % of the pixels are within one standard deviation", 100.0 * within);
+    assert!(ratios.len() == valid.len() && (0.5..0.95).contains(&within), "{within}");
     assert!(rms < 0.15 && valid.len() > size * size * 8 / 10);
 }
 

@@ -82,12 +82,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     wanted.check((i1.width(), i1.height()))?;
     let solution = solve(&engine, &i1, &i2, &settings, pair.quiet).map_err(|e| Failure::of_solve(e, &pair.i1))?;
     super::check_validation(&engine)?;
-    let (width, blur) = (solution.width, &solution.relative_blur);
-    let uncertainty = parfocal::blur_uncertainty(blur, width);
+    let (width, blur, uncertainty) = (solution.width, &solution.relative_blur, &solution.uncertainty);
     let metric = lens.map(|lens| {
-        MetricDepth::new(&lens, solution.transform.scale, settings.max_relative_blur, width, blur, &uncertainty)
+        MetricDepth::new(&lens, solution.transform.scale, settings.max_relative_blur, width, blur, uncertainty)
     });
-    let measurements = wanted.measure(width, blur, &uncertainty, metric.as_ref())?;
+    let measurements = wanted.measure(width, blur, uncertainty, metric.as_ref())?;
     let mut report = Report::new(&solution, &settings, engine.info(), nearer);
     report.depth = metric.as_ref().map(DepthReport::from);
     report.measurements = (!wanted.is_empty()).then(|| measurements.clone());

@@ -10,7 +10,7 @@ use super::metric::{DEPTH_FILE, DepthReport};
 use super::results::{nearer_of, read_report};
 use super::staging::Staging;
 use super::{FILES, Nearer, depth, metric, read_transform};
-use crate::{Error, Lens, MetricDepth, Similarity, blur_uncertainty, image_io};
+use crate::{Error, Lens, MetricDepth, Similarity, image_io};
 
 /// A folder that `parfocal solve` wrote, without its pictures.
 #[derive(Clone, Debug)]
@@ -44,7 +44,7 @@ impl Solved {
         if !folder.is_dir() {
             return Err(Error::file(folder, "is no folder; give the one that parfocal solve -o wrote"));
         }
-        let [blur, confidence, _, _, json] = FILES.map(|name| folder.join(name));
+        let [blur, confidence, _, _, json, uncertainty] = FILES.map(|name| folder.join(name));
         let report = read_report(&json)?;
         let nearer = nearer_of(&report, &json)?;
         let (transform, _) = read_transform(&json)?;
@@ -53,15 +53,15 @@ impl Solved {
             folder: folder.to_path_buf(),
             width,
             height,
-            uncertainty: blur_uncertainty(&relative_blur, width),
             relative_blur,
             confidence: Vec::new(),
+            uncertainty: Vec::new(),
             transform,
             nearer,
             report,
         };
-        let confidence = solved.field(&confidence)?;
-        Ok(Self { confidence, ..solved })
+        let (confidence, uncertainty) = (solved.field(&confidence)?, solved.field(&uncertainty)?);
+        Ok(Self { confidence, uncertainty, ..solved })
     }
 
     /// Measures V, and depth where the report states a lens.
@@ -111,7 +111,7 @@ impl Solved {
             report["depth"] = depth;
             serde_json::to_string_pretty(&report)
         });
-        let [_, _, picture, _, report_file] = FILES;
+        let [_, _, picture, _, report_file, _] = FILES;
         let mut staging = Staging::new(&self.folder)?;
         staging.add(DEPTH_FILE, |w| metric::write(w, metric))?;
         staging.add(picture, |w| depth::write(w, (self.width, self.height), &self.relative_blur, nearer))?;
