@@ -30,8 +30,8 @@ pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, Tim
 pub use results::Results;
 pub use scale::{Scale, color};
 pub use simulated::{SIMULATED_FILES, Truth, write_simulated};
-pub use sweep::{SWEEP_FILES, SweepFrame, SweepReport, write_sweep};
 pub use solved::Solved;
+pub use sweep::{SWEEP_FILES, SweepFrame, SweepReport, write_sweep};
 pub use transform::read_transform;
 
 use crate::{Decode, Error, Format, Lens, MetricDepth, Solution};
