@@ -108,6 +108,9 @@ pub enum Error {
         /// How many it takes.
         least: usize,
     },
+    /// A region, a line or a target is not in the image, or holds too little to measure.
+    #[error("{0}")]
+    Region(String),
     /// A file could not be read or written, or does not hold what it should.
     #[error("{}: {problem}", path.display())]
     File {

@@ -2,12 +2,17 @@
 
 mod apply;
 mod bench;
+mod calibrate;
+mod depth;
 mod devices;
 mod engine;
 mod evaluate;
 mod failure;
+mod lens;
+mod measure;
 mod output;
 mod pair;
+mod region;
 mod register;
 mod simulate;
 mod solve;
@@ -37,6 +42,9 @@ struct Cli {
 enum Command {
     Solve(Box<solve::Arguments>),
     Simulate(Box<simulate::Arguments>),
+    Depth(depth::Arguments),
+    Calibrate(Box<calibrate::Arguments>),
+    Measure(measure::Arguments),
     View(view::Arguments),
     Register(Box<register::Arguments>),
     Apply(apply::Arguments),
@@ -57,6 +65,9 @@ pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Depth(arguments) => depth::run(&arguments),
+        Command::Calibrate(arguments) => calibrate::run(&arguments),
+        Command::Measure(arguments) => measure::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
         Command::Apply(arguments) => apply::run(&arguments),

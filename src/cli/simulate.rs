@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::ValueEnum;
+use parfocal::Similarity;
 use parfocal::export::{SIMULATED_FILES, Truth, write_simulated};
 use parfocal::scene::{Kernel, Preset, Scene, Shape};
-use parfocal::{Lens, Similarity};
 
 use super::failure::{Failure, print};
+use super::lens::{LensArguments, PartOfLens};
 use super::output;
 
 /// Render a synthetic pair of images of which relative blur, depth and registration are known.
@@ -99,7 +100,7 @@ pub(super) struct Arguments {
     /// image: the picture on the surface, grey or colour; PNG, JPEG, TIFF, PNM or EXR
     #[arg(long, value_name = "FILE", help_heading = "Files, for the scene image")]
     radiance: Option<PathBuf>,
-    /// image: depth through the lens that all four options of the lens state; one channel, values as stored times
+    /// image: depth through the lens that is stated; one channel, values as stored times
     /// --depth-unit
     #[arg(long, value_name = "FILE", help_heading = "Files, for the scene image", conflicts_with = "relative_blur")]
     depth: Option<PathBuf>,
@@ -117,38 +118,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE", help_heading = "Files, for the scene image")]
     relative_blur: Option<PathBuf>,
 
-    /// Focal length [cylinders: 50]
-    #[arg(
-        long,
-        value_name = "MM",
-        help_heading = "Lens, for cylinders and for image with --depth",
-        allow_negative_numbers = true
-    )]
-    focal_length: Option<f64>,
-    /// f-number [cylinders: 5.6]
-    #[arg(
-        long,
-        value_name = "N",
-        help_heading = "Lens, for cylinders and for image with --depth",
-        allow_negative_numbers = true
-    )]
-    f_number: Option<f64>,
-    /// Distance of neighbouring pixels on the sensor [cylinders: 0.0075]
-    #[arg(
-        long,
-        value_name = "MM",
-        help_heading = "Lens, for cylinders and for image with --depth",
-        allow_negative_numbers = true
-    )]
-    pixel_pitch: Option<f64>,
-    /// Distances from the lens at which I1 and I2 are focused [cylinders: 226.5,233.5]
-    #[arg(
-        long,
-        value_name = "MM,MM",
-        help_heading = "Lens, for cylinders and for image with --depth",
-        allow_hyphen_values = true
-    )]
-    focus: Option<Pair>,
+    #[command(flatten)]
+    lens: LensArguments,
 }
 
 const AFTER_HELP: &str = "\
@@ -178,7 +149,8 @@ enum SceneName {
     HalfGaussianTexture,
     /// The same on random dots of 4 px, black and white: the hardest
     HalfGaussianDots,
-    /// Two cylinders in front of a plane, through a thin lens that breathes
+    /// Two cylinders in front of a plane, through a thin lens that breathes: 50 mm, f/5.6, pixels of 0.0075 mm, focused at
+    /// 226.5 and 233.5 mm, but for what is stated
     Cylinders,
     /// Seven terraces of constant V
     Steps,
@@ -269,8 +241,7 @@ fn scene(arguments: &Arguments) -> Result<Scene, Failure> {
         Shape::Plane { limit } | Shape::Steps { limit } | Shape::Relief { limit } => set(limit, arguments.range),
         Shape::Uniform { variance } => set(variance, arguments.sigma.map(|s| s.powi(2).copysign(s))),
         Shape::Cylinders { lens } => {
-            *lens = adjusted(*lens, arguments);
-            lens.check()?;
+            *lens = arguments.lens.lens((*lens).into())?.unwrap_or(*lens);
             scene.transform.scale = lens.breathing();
         }
         Shape::RelativeBlurFile { .. } | Shape::DepthFile { .. } => {}
@@ -301,16 +272,6 @@ fn transform(mut t: Similarity, arguments: &Arguments) -> Similarity {
     t
 }
 
-fn adjusted(mut lens: Lens, arguments: &Arguments) -> Lens {
-    set(&mut lens.focal_length, arguments.focal_length);
-    set(&mut lens.f_number, arguments.f_number);
-    set(&mut lens.pixel_pitch, arguments.pixel_pitch);
-    if let Some(Pair(first, second)) = arguments.focus {
-        lens.focus = [first, second];
-    }
-    lens
-}
-
 /// The scene that files describe.
 fn image(arguments: &Arguments) -> Result<Scene, Failure> {
     let Some(radiance) = &arguments.radiance else {
@@ -319,8 +280,9 @@ fn image(arguments: &Arguments) -> Result<Scene, Failure> {
     let shape = match (&arguments.depth, &arguments.relative_blur) {
         (_, Some(path)) => Shape::RelativeBlurFile { path: path.clone() },
         (Some(path), None) => {
-            let lens = stated_lens(arguments)?;
-            lens.check()?;
+            let missing =
+                || Failure::Usage("--depth needs the lens: --lens FILE, or --focal-length and so on".to_string());
+            let lens = arguments.lens.lens(PartOfLens::default())?.ok_or_else(missing)?;
             Shape::DepthFile { path: path.clone(), unit: arguments.depth_unit, lens }
         }
         (None, None) => {
@@ -331,23 +293,10 @@ fn image(arguments: &Arguments) -> Result<Scene, Failure> {
     Ok(Scene::image(radiance, shape)?)
 }
 
-fn stated_lens(arguments: &Arguments) -> Result<Lens, Failure> {
-    match (arguments.focal_length, arguments.f_number, arguments.pixel_pitch, arguments.focus) {
-        (Some(focal_length), Some(f_number), Some(pixel_pitch), Some(Pair(first, second))) => {
-            Ok(Lens { focal_length, f_number, pixel_pitch, focus: [first, second], kappa: Lens::DISK })
-        }
-        _ => {
-            let problem = "--depth needs the lens: --focal-length, --f-number, --pixel-pitch and --focus";
-            Err(Failure::Usage(problem.to_string()))
-        }
-    }
-}
-
 /// Refuses options that the scene has no use for: a sweep over one of them would else show nothing, without a word.
 fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
     use SceneName::*;
     let a = arguments;
-    let lens = a.focal_length.or(a.f_number).or(a.pixel_pitch).is_some() || a.focus.is_some();
     let files = a.radiance.is_some() || a.depth.is_some() || a.relative_blur.is_some();
     let has_lens = a.scene == Cylinders || (a.scene == Image && a.depth.is_some());
     for (given, applies, option, scenes) in [
@@ -360,7 +309,7 @@ fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
         ),
         (a.size.is_some(), a.scene != Image, "--size", "scenes other than image, which has the size of its radiance"),
         (files, a.scene == Image, "--radiance, --depth and --relative-blur", "image"),
-        (lens, has_lens, "the lens", "cylinders, and for image with --depth"),
+        (a.lens.is_given(), has_lens, "the lens", "cylinders, and for image with --depth"),
     ] {
         if given && !applies {
             return Err(Failure::Usage(format!("{option} is for {scenes}; leave it out")));
@@ -371,7 +320,8 @@ fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
 
 /// The files that the arguments name.
 fn inputs(arguments: &Arguments) -> Vec<&PathBuf> {
-    [&arguments.radiance, &arguments.depth, &arguments.relative_blur].into_iter().flatten().collect()
+    let files = [&arguments.radiance, &arguments.depth, &arguments.relative_blur].into_iter().flatten();
+    files.chain(arguments.lens.file()).collect()
 }
 
 fn tell(truth: &Truth, arguments: &Arguments) -> Result<(), Failure> {

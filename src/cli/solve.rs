@@ -4,10 +4,12 @@ use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use parfocal::export::{self, FILES, Look, Nearer, Report};
-use parfocal::{Engine, Frame, Method, Settings, Solution, Solver};
+use parfocal::export::{self, Additions, DEPTH_FILE, DepthReport, FILES, Look, Report};
+use parfocal::{Engine, Frame, Method, MetricDepth, Settings, Solution, Solver};
 
 use super::failure::{Failure, print};
+use super::lens::{self, LensArguments, PartOfLens};
+use super::measure::MeasureArguments;
 use super::output;
 use super::pair::PairArguments;
 use super::summary::{Bar, summary};
@@ -28,10 +30,14 @@ pub(super) struct Arguments {
     /// Keep what --transform states instead of starting from it; the method is then aligned
     #[arg(long, requires = "transform")]
     hold: bool,
-    /// Which image is focused nearer, 1 or 2; decides what is red in depth.png
-    #[arg(long, value_name = "1|2", default_value_t = Nearer::default().number(),
-          value_parser = clap::value_parser!(u8).range(1..=2))]
-    nearer: u8,
+    /// Which image is focused nearer, 1 or 2; decides what is red in depth.png [default: 1; with a lens, as
+    /// its focus distances say]
+    #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2))]
+    nearer: Option<u8>,
+    #[command(flatten)]
+    lens: LensArguments,
+    #[command(flatten)]
+    measure: MeasureArguments,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -68,15 +74,30 @@ impl From<MethodName> for Method {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let pair = &arguments.pair;
     let settings = settings(arguments)?;
-    output::check(&arguments.output, &FILES, &pair.inputs())?;
+    let lens = arguments.lens.lens(PartOfLens::default())?;
+    let nearer = lens::nearer(arguments.nearer, lens.as_ref())?;
+    check_output(arguments)?;
     let (i1, i2, engine) = pair.open()?;
+    let wanted = arguments.measure.wanted();
+    wanted.check((i1.width(), i1.height()))?;
     let solution = solve(&engine, &i1, &i2, &settings, pair.quiet).map_err(|e| Failure::of_solve(e, &pair.i1))?;
     super::check_validation(&engine)?;
-    let nearer = if arguments.nearer == 2 { Nearer::Second } else { Nearer::First };
-    let report = Report::new(&solution, &settings, engine.info(), nearer);
+    let (width, blur, uncertainty) = (solution.width, &solution.relative_blur, &solution.uncertainty);
+    let metric = lens.map(|lens| {
+        MetricDepth::new(&lens, solution.transform.scale, settings.max_relative_blur, width, blur, uncertainty)
+    });
+    let measurements = wanted.measure(width, blur, uncertainty, metric.as_ref())?;
+    let mut report = Report::new(&solution, &settings, engine.info(), nearer);
+    report.depth = metric.as_ref().map(DepthReport::from);
+    report.measurements = (!wanted.is_empty()).then(|| measurements.clone());
     let look = Look { nearer, decode: settings.decode, formats: [i1.format(), i2.format()] };
-    export::write(&arguments.output, &solution, &report, &look)?;
+    export::write(&arguments.output, &solution, &report, &look, &Additions { depth: metric.as_ref(), measurements })?;
     tell(&report, arguments)
+}
+
+fn check_output(arguments: &Arguments) -> Result<(), Failure> {
+    let inputs: Vec<_> = arguments.pair.inputs().into_iter().chain(arguments.lens.file()).collect();
+    output::check(&arguments.output, &[&FILES[..], &[DEPTH_FILE]].concat(), &inputs)
 }
 
 fn settings(arguments: &Arguments) -> Result<Settings, Failure> {

@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::export::{DeviceReport, FILES, RegistrationReport, Report, TimingsReport};
+use parfocal::export::{DEPTH_FILE, DeviceReport, FILES, RegistrationReport, Report, TimingsReport};
 use parfocal::{Method, Photometric, Progress, Similarity};
+
+use super::{depth, measure};
 
 /// A bar over the levels, on stderr.
 pub(super) struct Bar(ProgressBar);
@@ -40,8 +42,11 @@ type Row = (&'static str, String);
 pub(super) fn summary(report: &Report, out: &Path) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
     rows.extend([("relative blur", blur(report)), ("depth.png", near_is_red(report))]);
+    rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
+    rows.extend(report.measurements.iter().flat_map(measure::rows));
     rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
-    rows.push(("results", format!("{}: {}", out.display(), FILES.join(" "))));
+    let files: Vec<&str> = FILES.into_iter().chain(report.depth.as_ref().map(|_| DEPTH_FILE)).collect();
+    rows.push(("results", format!("{}: {}", out.display(), files.join(" "))));
     lines(&rows)
 }
 
@@ -81,6 +86,9 @@ fn judged(converged: bool, warnings: &[String], time: &TimingsReport) -> Vec<Row
 }
 
 fn near_is_red(report: &Report) -> String {
+    if report.depth.is_some() {
+        return format!("red near, blue far, I{} focused nearer by the lens", report.nearer);
+    }
     let other = 3 - report.nearer;
     format!("red near, blue far, I{} taken as focused nearer; --nearer {other} swaps them", report.nearer)
 }

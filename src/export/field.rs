@@ -1,4 +1,4 @@
-//! One float for each pixel, as EXR: a single 32-bit channel `Y`.
+//! One float for each pixel, as EXR: a single 32-bit channel `Y`, unless said otherwise.
 
 use std::io::{Seek, Write};
 
@@ -50,11 +50,28 @@ pub(super) const INTENSITY: Meaning = Meaning { units: "1", comments: "Intensity
 pub(super) const DEPTH: Meaning =
     Meaning { units: "mm", comments: "Depth in mm from the lens, at the pixels of the first image" };
 
+/// Depth by the lens, and its standard deviation.
+pub(super) const METRIC_DEPTH: Meaning = Meaning {
+    units: "mm",
+    comments: "Y: depth in mm from the lens, at the pixels of the first image; standard_deviation: that of Y in mm, from \
+               the uncertainty of the relative blur; NaN outside the valid region and the range of the lens model",
+};
+
 /// Writes a field of `width` x `height` values.
 pub(super) fn write(
     writer: impl Write + Seek,
-    (width, height): (u32, u32),
+    size: (u32, u32),
     values: &[f32],
+    meaning: &Meaning,
+) -> Result<(), String> {
+    write_channels(writer, size, &[("Y", values)], meaning)
+}
+
+/// Writes several fields of one size, each with the name of its channel.
+pub(super) fn write_channels(
+    writer: impl Write + Seek,
+    (width, height): (u32, u32),
+    fields: &[(&str, &[f32])],
     meaning: &Meaning,
 ) -> Result<(), String> {
     let text = |s: &str| Text::new_or_none(s).ok_or_else(|| format!("'{s}' does not fit EXR text"));
@@ -64,8 +81,8 @@ pub(super) fn write(
         ..LayerAttributes::default()
     };
     attributes.other.insert(text("units")?, AttributeValue::Text(text(meaning.units)?));
-    let channel = AnyChannel::new("Y", FlatSamples::F32(values.to_vec()));
-    let channels = AnyChannels::sort(std::iter::once(channel).collect());
+    let channel = |&(name, values): &(&str, &[f32])| AnyChannel::new(name, FlatSamples::F32(values.to_vec()));
+    let channels = AnyChannels::sort(fields.iter().map(channel).collect());
     let layer = Layer::new((width as usize, height as usize), attributes, Encoding::SMALL_FAST_LOSSLESS, channels);
     Image::from_layer(layer).write().to_buffered(writer).map_err(|e| e.to_string())
 }

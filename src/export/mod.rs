@@ -5,6 +5,8 @@
 mod depth;
 mod field;
 mod fused;
+mod measurements;
+mod metric;
 mod ranks;
 mod registered;
 mod registration;
@@ -12,24 +14,29 @@ mod report;
 mod results;
 mod scale;
 mod simulated;
+mod solved;
 mod staging;
 mod sweep;
 #[cfg(test)]
 mod tests;
 mod transform;
 
+use std::fs;
 use std::path::Path;
 
+pub use measurements::{Measurements, ProfileReport, StepReport, Wanted};
+pub use metric::{DEPTH_FILE, DepthReport};
 pub use registered::{registered_ending, write_registered};
-pub use registration::{RegistrationReport, write_registration};
+pub use registration::{RegistrationReport, write_json, write_registration};
 pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TimingsReport};
 pub use results::Results;
 pub use scale::{Scale, color};
 pub use simulated::{SIMULATED_FILES, Truth, write_simulated};
+pub use solved::Solved;
 pub use sweep::{SWEEP_FILES, SweepFrame, SweepReport, write_sweep};
 pub use transform::read_transform;
 
-use crate::{Decode, Error, Format, Solution};
+use crate::{Decode, Error, Format, Lens, MetricDepth, Solution};
 pub(crate) use staging::{Staging, write_file};
 
 /// The files that [`write()`] makes.
@@ -54,6 +61,11 @@ impl Nearer {
             Nearer::Second => 2,
         }
     }
+
+    /// As the focus distances of a lens say.
+    pub fn of_lens(lens: &Lens) -> Self {
+        if lens.focus[0] < lens.focus[1] { Self::First } else { Self::Second }
+    }
 }
 
 /// How the pictures of a solve are drawn.
@@ -67,14 +79,31 @@ pub struct Look {
     pub formats: [Format; 2],
 }
 
+/// What is written only where it was asked for.
+#[derive(Clone, Debug, Default)]
+pub struct Additions<'a> {
+    /// Depth in mm: [`DEPTH_FILE`].
+    pub depth: Option<&'a MetricDepth>,
+    /// Profiles: `profile_1.csv`, `profile_1.png` and so on.
+    pub measurements: Measurements,
+}
+
 /// Writes the [`FILES`] of a solve into the folder `out`, which is made if it is missing.
+///
+/// With [`Additions`], their files too; those that an earlier solve left there are removed.
 ///
 /// Everything is written under temporary names first and renamed at the end. On failure the files of this solve, and
 /// the folder if it was made here, are removed again.
 ///
 /// # Errors
 /// [`Error::File`]; [`Error::Mismatch`] where a field of `solution` is not of the size that it states.
-pub fn write(out: &Path, solution: &Solution, report: &Report, look: &Look) -> Result<(), Error> {
+pub fn write(
+    out: &Path,
+    solution: &Solution,
+    report: &Report,
+    look: &Look,
+    additions: &Additions,
+) -> Result<(), Error> {
     let size = (solution.width, solution.height);
     check_lengths(solution)?;
     let mut staging = Staging::new(out)?;
@@ -88,7 +117,25 @@ pub fn write(out: &Path, solution: &Solution, report: &Report, look: &Look) -> R
         use std::io::Write;
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
-    staging.place()
+    if let Some(metric) = additions.depth {
+        staging.add(DEPTH_FILE, |w| metric::write(w, metric))?;
+    }
+    additions.measurements.stage(&mut staging)?;
+    staging.place()?;
+    if additions.depth.is_none() {
+        remove_stale(&out.join(DEPTH_FILE))?;
+    }
+    additions.measurements.remove_stale(out)
+}
+
+/// Removes a result of an earlier run that this one has not replaced.
+fn remove_stale(file: &Path) -> Result<(), Error> {
+    match fs::remove_file(file) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+            Err(Error::file(file, format!("is of an earlier run, and cannot be removed ({e})")))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn check_lengths(solution: &Solution) -> Result<(), Error> {

@@ -68,6 +68,14 @@ impl RegistrationReport {
 /// # Errors
 /// [`Error::File`].
 pub fn write_registration(file: &Path, report: &RegistrationReport) -> Result<(), Error> {
-    let text = report.to_json().map_err(|e| e.to_string());
+    write_json(file, report)
+}
+
+/// Writes anything as JSON into a file; its folder is made if it is missing. On failure an earlier file stays as it was.
+///
+/// # Errors
+/// [`Error::File`].
+pub fn write_json(file: &Path, value: &impl Serialize) -> Result<(), Error> {
+    let text = serde_json::to_string_pretty(value).map_err(|e| e.to_string());
     write_file(file, |w| text.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))
 }

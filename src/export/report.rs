@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::Nearer;
+use super::measurements::Measurements;
+use super::metric::DepthReport;
 use super::ranks::Ranks;
 use crate::{DeviceInfo, Level, Method, Photometric, Settings, Similarity, Solution, Timings};
 
@@ -35,6 +37,12 @@ pub struct Report {
     pub saturated_fraction: f64,
     /// Which image was taken to be focused nearer, 1 or 2.
     pub nearer: u8,
+    /// Depth in mm, where the lens is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth: Option<DepthReport>,
+    /// What was asked to be measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub measurements: Option<Measurements>,
     /// What the user should know; a sentence each.
     pub warnings: Vec<String>,
     /// What it ran on.
@@ -120,6 +128,8 @@ impl Report {
             mean_confidence: solution.mean_confidence,
             saturated_fraction: solution.saturated_fraction,
             nearer: nearer.number(),
+            depth: None,
+            measurements: None,
             warnings: solution.warnings.clone(),
             device: device.into(),
             timings_ms: (&solution.timings).into(),

@@ -39,7 +39,7 @@ impl Results {
             return Err(Error::file(folder, "is no folder; give the one that parfocal solve -o wrote"));
         }
         let [blur, confidence, _, fused, report, _] = FILES.map(|name| folder.join(name));
-        let nearer = read_nearer(&report)?;
+        let nearer = nearer_of(&read_report(&report)?, &report)?;
         let (width, height, relative_blur) = image_io::read_field(&blur)?;
         let of_one_size = |path: &Path, (w, h): (u32, u32)| {
             if (w, h) == (width, height) {
@@ -56,14 +56,19 @@ impl Results {
     }
 }
 
-fn read_nearer(path: &Path) -> Result<Nearer, Error> {
-    const SOLVE: &str = "solve the pair again, or give the folder of another solve";
+const SOLVE: &str = "solve the pair again, or give the folder of another solve";
+
+/// The whole of `report.json`.
+pub(super) fn read_report(path: &Path) -> Result<Value, Error> {
     let mut text = String::new();
     File::open(path)
         .and_then(|file| file.take(MAX_BYTES).read_to_string(&mut text))
         .map_err(|e| Error::file(path, format!("cannot be read ({e}); {SOLVE}")))?;
-    let report: Value =
-        serde_json::from_str(&text).map_err(|e| Error::file(path, format!("is not JSON ({e}); {SOLVE}")))?;
+    serde_json::from_str(&text).map_err(|e| Error::file(path, format!("is not JSON ({e}); {SOLVE}")))
+}
+
+/// Which image was focused nearer, as the report at `path` says.
+pub(super) fn nearer_of(report: &Value, path: &Path) -> Result<Nearer, Error> {
     match report.get("nearer").and_then(Value::as_u64) {
         Some(1) => Ok(Nearer::First),
         Some(2) => Ok(Nearer::Second),

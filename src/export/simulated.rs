@@ -1,6 +1,5 @@
 //! A synthetic pair as files: images, true relative blur and depth, and `truth.json`.
 
-use std::fs;
 use std::io::Write;
 use std::path::Path;
 
@@ -9,7 +8,7 @@ use serde::Serialize;
 
 use super::report::{RangeReport, SizeReport};
 use super::staging::Staging;
-use super::{field, fused};
+use super::{field, fused, remove_stale};
 use crate::scene::{Exposure, Kernel, Radiance, Scene, Shape, Simulated};
 use crate::{Channels, Error, Frame, Lens, Photometric, Samples, Similarity};
 
@@ -108,12 +107,7 @@ pub fn write_simulated(out: &Path, simulated: &Simulated, truth: &Truth) -> Resu
         truth.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
     staging.place()?;
-    let stale = out.join(depth_file);
-    if simulated.depth.is_none() && stale.is_file() {
-        fs::remove_file(&stale)
-            .map_err(|e| Error::file(&stale, format!("is of another scene, and cannot be removed ({e})")))?;
-    }
-    Ok(())
+    if simulated.depth.is_none() { remove_stale(&out.join(depth_file)) } else { Ok(()) }
 }
 
 fn floats(frame: &Frame) -> &[f32] {

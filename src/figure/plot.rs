@@ -4,7 +4,7 @@ use image::RgbImage;
 
 use super::axis::{Axis, Span};
 use super::canvas::{Align, Area, BLACK, Canvas, GRAY, LIGHT};
-use super::series::{Point, Series, color, cross, marker};
+use super::series::{Point, Series, color, cross, marker, pale};
 use super::text;
 
 /// Size of the title, and of everything else, px.
@@ -143,7 +143,7 @@ impl Plot {
 
     /// The series of which a point failed.
     fn failing(&self) -> impl Iterator<Item = usize> {
-        let failed = |series: &Series| series.points.iter().any(|p| p.y.is_nan());
+        let failed = |series: &Series| series.marked && series.points.iter().any(|p| p.y.is_nan());
         (0..self.series.len()).filter(move |&i| failed(&self.series[i]))
     }
 
@@ -159,11 +159,11 @@ impl Plot {
         }
     }
 
-    /// Lines of the legend, each with the series in it: as many as fit beside each other.
+    /// Lines of the legend, each with the named series in it: as many as fit beside each other.
     fn legend(&self) -> Vec<Vec<usize>> {
         let mut lines: Vec<Vec<usize>> = Vec::new();
         let (limit, mut used) = (self.size.0 as f32 - 80.0 - RIGHT, 0.0);
-        for (i, series) in self.series.iter().enumerate() {
+        for (i, series) in self.series.iter().enumerate().filter(|(_, series)| !series.name.is_empty()) {
             let width = entry_width(series);
             match lines.last_mut() {
                 Some(line) if used + width <= limit => line.push(i),
@@ -209,12 +209,27 @@ fn draw_target(canvas: &mut Canvas, frame: &Frame, value: f64, name: &str) {
 fn draw_series(canvas: &mut Canvas, frame: &Frame, series: &Series, index: usize) {
     for run in series.points.split(|p| !frame.holds(p)) {
         let line: Vec<(f32, f32)> = run.iter().map(|p| (frame.x(p.x), frame.y(p.y))).collect();
+        if !series.marked {
+            draw_band(canvas, frame, run, index);
+        }
         canvas.line(&line, color(index), 2.0, None);
-        for (point, &(x, y)) in run.iter().zip(&line) {
+        for (point, &(x, y)) in run.iter().zip(&line).filter(|_| series.marked) {
             draw_spread(canvas, frame, point, x, index);
             marker(canvas, (x, y), index);
         }
     }
+}
+
+/// From low to high; where these are not finite, no wider than the curve itself.
+fn draw_band(canvas: &mut Canvas, frame: &Frame, run: &[Point], index: usize) {
+    let edge = |end: fn(&Point) -> f64| {
+        run.iter().map(move |p| {
+            let value = if end(p).is_finite() { end(p) } else { p.y };
+            (frame.x(p.x), frame.y(value).clamp(frame.area.y, frame.area.bottom()))
+        })
+    };
+    let outline: Vec<(f32, f32)> = edge(|p| p.low).chain(edge(|p| p.high).rev()).collect();
+    canvas.polygon(&outline, pale(index));
 }
 
 fn draw_spread(canvas: &mut Canvas, frame: &Frame, point: &Point, x: f32, index: usize) {
@@ -277,6 +292,16 @@ mod tests {
                 .any(|x| image.get_pixel(x, frame.y(v) as u32).0 != [255; 3])
         };
         assert!(at(0.25) && at(0.85) && !at(0.97), "{:?}", frame.area);
+    }
+
+    #[test]
+    fn an_unmarked_series_has_a_band_and_neither_markers_nor_crosses() {
+        let points = [(2.0, [0.3, 0.5, 0.7]), (8.0, [0.3, 0.5, 0.7]), (9.0, [f64::NAN; 3])];
+        let plot = plot().series(Series::with_spread("", points).unmarked());
+        let (frame, image) = (plot.frame(), plot.draw());
+        let at = |x: f64, y: f64| image.get_pixel(frame.x(x) as u32, frame.y(y) as u32).0;
+        assert_eq!((at(5.0, 0.5), at(5.0, 0.6)), (color(0), pale(0)));
+        assert!(plot.failing().next().is_none() && at(9.0, 0.5) != color(0));
     }
 
     #[test]

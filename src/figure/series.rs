@@ -13,6 +13,8 @@ const RADIUS: f32 = 4.5;
 pub struct Series {
     pub(super) name: String,
     pub(super) points: Vec<Point>,
+    /// Whether points have markers, bars of their spread, and crosses where they failed.
+    pub(super) marked: bool,
 }
 
 /// A point with the ends of its spread.
@@ -28,19 +30,29 @@ impl Series {
     /// Points (x, y), joined in this order.
     pub fn new(name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
         let points = points.into_iter().map(|(x, y)| Point { x, low: y, y, high: y }).collect();
-        Self { name: name.into(), points }
+        Self { name: name.into(), points, marked: true }
     }
 
     /// Points (x, [low, y, high]) with a bar from low to high, such as quartiles around a median.
     pub fn with_spread(name: impl Into<String>, points: impl IntoIterator<Item = (f64, [f64; 3])>) -> Self {
         let points = points.into_iter().map(|(x, [low, y, high])| Point { x, low, y, high }).collect();
-        Self { name: name.into(), points }
+        Self { name: name.into(), points, marked: true }
+    }
+
+    /// A plain line for many points, with its spread as a band; where y is NaN there is a gap and no cross.
+    pub fn unmarked(self) -> Self {
+        Self { marked: false, ..self }
     }
 }
 
 /// The colour of the i-th series.
 pub(super) fn color(index: usize) -> Color {
     COLORS[index % COLORS.len()]
+}
+
+/// The colour of the band of the i-th series.
+pub(super) fn pale(index: usize) -> Color {
+    color(index).map(|c| 255 - (255 - c) / 4)
 }
 
 /// Draws the marker of the i-th series: shapes differ too, for prints without colour.

@@ -181,7 +181,7 @@ fn smoothed(pairs: &[Observation], rate: f64, width: usize, focus: &[[f32; 2]]) 
         });
     }
     let [red, black] = colors;
-    (0..focus.len()).map(|i| if (i % width + i / width) % 2 == 0 { red[i] } else { black[i] }).collect()
+    (0..focus.len()).map(|i| if (i % width + i / width).is_multiple_of(2) { red[i] } else { black[i] }).collect()
 }
 
 /// The mean of values by their deviations; those far from what the surest say count less (Cauchy's weights). Its

@@ -64,8 +64,14 @@ impl Preset {
 
 /// A lens of 50 mm at f/5.6 close to its subject: 7 mm between the focus distances give V of ±6 px², over a field of
 /// 14 mm at 512 px.
-const MACRO: Lens =
-    Lens { focal_length: 50.0, f_number: 5.6, pixel_pitch: 0.0075, focus: [226.5, 233.5], kappa: Lens::DISK };
+const MACRO: Lens = Lens {
+    focal_length: 50.0,
+    f_number: 5.6,
+    pixel_pitch: 0.0075,
+    focus: [226.5, 233.5],
+    kappa: Lens::DISK,
+    telecentric: false,
+};
 
 impl Scene {
     /// A scene with the defaults of the symmetric presets: displaced by (1.3, -0.9) px, 0.15°, and 1 % in scale, or what

@@ -1,0 +1,191 @@
+//! `parfocal calibrate`: the constants of a lens from a target of known depth.
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use clap::ValueEnum;
+use parfocal::export::{self, Solved};
+use parfocal::figure::Region;
+use parfocal::measure::Field;
+use parfocal::{Calibration, Target, Unknown, calibrate};
+use serde::Deserialize;
+
+use super::depth::decimals;
+use super::failure::{Failure, print};
+use super::lens::LensArguments;
+use super::output;
+use super::region::RegionAtDepth;
+
+/// Find the blur constant kappa, and focus distances, from the solve of a pair of a known target.
+#[derive(clap::Args, Debug)]
+#[command(after_help = AFTER_HELP)]
+pub(super) struct Arguments {
+    /// Folder that `parfocal solve -o` wrote for the target
+    results: PathBuf,
+    #[command(flatten)]
+    lens: LensArguments,
+    /// The target is a plane that fills the image: its depths in mm at the corners top left, top right, bottom left
+    #[arg(long, value_name = "Z00,Z10,Z01", required_unless_present_any = ["step", "steps"],
+          conflicts_with_all = ["step", "steps"])]
+    plane: Option<Corners>,
+    /// A region of the target and its depth in mm; may be repeated
+    #[arg(long, value_name = "X,Y,W,H=Z")]
+    step: Vec<RegionAtDepth>,
+    /// Regions and depths as JSON: [{"region": [X, Y, W, H], "depth_mm": Z}, ...]
+    #[arg(long, value_name = "FILE")]
+    steps: Option<PathBuf>,
+    /// What to find; where the target does not determine all, the last is left as stated
+    #[arg(long, value_enum, value_name = "UNKNOWN,...", value_delimiter = ',', default_value = "kappa")]
+    fit: Vec<UnknownName>,
+    /// File for the result as JSON, which --lens reads; an earlier one is replaced
+    #[arg(short, long, value_name = "FILE.json")]
+    output: Option<PathBuf>,
+    /// Print the result on stdout
+    #[arg(long)]
+    json: bool,
+    /// Print nothing on stderr but errors
+    #[arg(long)]
+    quiet: bool,
+}
+
+const AFTER_HELP: &str = "\
+Example, a plane tilted from left to right:
+  parfocal solve near.png far.png -o target
+  parfocal calibrate target --focal-length 50 --f-number 5.6 --pixel-pitch 0.0075 --focus 226.5,233.5 \\
+    --plane 227,233,227 --fit kappa,focus2 -o lens.json
+  parfocal solve other-near.png other-far.png -o part --lens lens.json
+
+Exit status: 0 done, 1 failed (also where the target determines nothing), 2 wrong usage.";
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum UnknownName {
+    /// Deviation of the blur over its radius
+    Kappa,
+    /// Distance at which I1 is focused
+    Focus1,
+    /// Distance at which I2 is focused
+    Focus2,
+}
+
+impl From<UnknownName> for Unknown {
+    fn from(name: UnknownName) -> Self {
+        match name {
+            UnknownName::Kappa => Self::Kappa,
+            UnknownName::Focus1 => Self::Focus1,
+            UnknownName::Focus2 => Self::Focus2,
+        }
+    }
+}
+
+/// Three depths, mm.
+#[derive(Clone, Copy, Debug)]
+struct Corners([f64; 3]);
+
+impl FromStr for Corners {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+        let corners = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+        corners.map(Self).ok_or_else(|| "give three depths in mm, as in 227,233,227".to_string())
+    }
+}
+
+/// A line of --steps.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StepOfFile {
+    region: [u32; 4],
+    depth_mm: f64,
+}
+
+/// Reads, fits, writes and prints.
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let lens = arguments.lens.required()?;
+    let unknowns = unknowns(&arguments.fit)?;
+    let target = target(arguments)?;
+    check_output(arguments)?;
+    let solved = Solved::read(&arguments.results)?;
+    let blur = Field { width: solved.width, values: &solved.relative_blur };
+    let found = calibrate(&lens, solved.transform.scale, &blur, &solved.confidence, &target, &unknowns)?;
+    if let Some(file) = &arguments.output {
+        export::write_json(file, &found)?;
+    }
+    if !arguments.quiet {
+        // Nobody is left to be told where stderr is closed.
+        let _ = writeln!(io::stderr(), "{}", summary(&found, arguments.output.as_deref()));
+    }
+    if arguments.json {
+        print(&serde_json::to_string_pretty(&found).map_err(|e| Failure::Failed(e.to_string()))?)?;
+    }
+    Ok(())
+}
+
+fn unknowns(names: &[UnknownName]) -> Result<Vec<Unknown>, Failure> {
+    let twice = names.iter().enumerate().any(|(i, name)| names[..i].contains(name));
+    if twice {
+        return Err(Failure::Usage("--fit names one unknown twice".to_string()));
+    }
+    Ok(names.iter().map(|&name| name.into()).collect())
+}
+
+fn target(arguments: &Arguments) -> Result<Target, Failure> {
+    if let Some(Corners(corners)) = arguments.plane {
+        return Ok(Target::Plane(corners));
+    }
+    let mut steps: Vec<(Region, f64)> = arguments.step.iter().map(|&RegionAtDepth(region, z)| (region, z)).collect();
+    if let Some(file) = &arguments.steps {
+        steps.extend(read_steps(file)?);
+    }
+    Ok(Target::Steps(steps))
+}
+
+fn read_steps(file: &Path) -> Result<Vec<(Region, f64)>, Failure> {
+    const SHAPE: &str = r#"give [{"region": [X, Y, W, H], "depth_mm": Z}, ...]"#;
+    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+    let text = fs::read_to_string(file).map_err(|e| failed(format!("cannot be read ({e}); check the path")))?;
+    let steps: Vec<StepOfFile> =
+        serde_json::from_str(&text).map_err(|e| failed(format!("holds no steps ({e}); {SHAPE}")))?;
+    let step = |StepOfFile { region: [x, y, width, height], depth_mm }| (Region { x, y, width, height }, depth_mm);
+    Ok(steps.into_iter().map(step).collect())
+}
+
+/// Refuses a file that cannot be one, or that is an input; the lens may be replaced by a better one.
+fn check_output(arguments: &Arguments) -> Result<(), Failure> {
+    let Some(file) = &arguments.output else { return Ok(()) };
+    if file.is_dir() {
+        return Err(Failure::Failed(format!("{}: is a folder; give a file for the lens", file.display())));
+    }
+    let results = export::FILES.iter().map(|name| arguments.results.join(name));
+    if results.chain(arguments.steps.clone()).any(|input| super::same_file(file, &input)) {
+        return Err(Failure::Failed(format!("{}: is an input; give another file", file.display())));
+    }
+    output::check_writable(file)
+}
+
+fn summary(found: &Calibration, file: Option<&Path>) -> String {
+    let name = |unknown| match unknown {
+        Unknown::Kappa => ("kappa", ""),
+        Unknown::Focus1 => ("focus of I1", " mm"),
+        Unknown::Focus2 => ("focus of I2", " mm"),
+    };
+    let mut lines: Vec<String> = Vec::new();
+    for item in &found.found {
+        let ((label, unit), estimate) = (name(item.unknown), item.estimate);
+        let digits = decimals(estimate.standard_error);
+        lines.push(format!("{label:<14} {:.digits$} ± {:.digits$}{unit}", estimate.value, estimate.standard_error));
+    }
+    for &unknown in &found.undetermined {
+        lines.push(format!("{:<14} not determined by this target; left as stated", name(unknown).0));
+    }
+    let in_mm = found.residual_rms_mm.map_or(String::new(), |mm| format!(", {mm:.4} mm"));
+    let part = 100.0 * found.outliers as f64 / found.pixels as f64;
+    lines.push(format!(
+        "residual rms   {:.4} px²{in_mm}; {part:.1} % of {} pixels do not belong",
+        found.residual_rms_px2, found.pixels
+    ));
+    lines.extend(file.map(|file| format!("result         {}", file.display())));
+    lines.join("\n")
+}

@@ -1,0 +1,101 @@
+//! `parfocal measure`: step heights and profiles of a folder that has been solved.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use parfocal::Estimate;
+use parfocal::export::{Measurements, Solved, StepReport, Wanted};
+
+use super::depth::decimals;
+use super::failure::{Failure, print};
+use super::output;
+use super::region::{LineArgument, RegionArgument};
+
+/// Measure step heights and profiles in the results of a solve.
+#[derive(clap::Args, Debug)]
+#[command(after_help = AFTER_HELP)]
+pub(super) struct Arguments {
+    /// Folder that `parfocal solve -o` wrote
+    results: PathBuf,
+    #[command(flatten)]
+    wanted: MeasureArguments,
+    /// Print the numbers on stdout
+    #[arg(long)]
+    json: bool,
+    /// Print nothing on stderr but errors
+    #[arg(long)]
+    quiet: bool,
+}
+
+/// What to measure.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct MeasureArguments {
+    /// Step height from the first region to the second, rectangles in pixels: the difference of their levels, medians
+    /// without the tilt, in px² and, where the lens is known, in mm; may be repeated
+    #[arg(long, value_names = ["X,Y,W,H", "X,Y,W,H"], num_args = 2, help_heading = "Measurements")]
+    step: Vec<RegionArgument>,
+    /// Profile from one pixel to another, the mean over WIDTH px across [default: 1]; may be repeated
+    #[arg(long, value_name = "X1,Y1,X2,Y2[,WIDTH]", help_heading = "Measurements")]
+    profile: Vec<LineArgument>,
+}
+
+impl MeasureArguments {
+    pub(super) fn wanted(&self) -> Wanted {
+        Wanted {
+            // clap gives them in twos.
+            steps: self.step.chunks_exact(2).map(|pair| [pair[0].0, pair[1].0]).collect(),
+            lines: self.profile.iter().map(|line| line.0).collect(),
+        }
+    }
+}
+
+const AFTER_HELP: &str = "\
+Results, in the same folder: profile_1.csv and profile_1.png for the first profile, and so on.
+
+Standard errors come from the scatter within the regions, and allow for neighbouring pixels being alike. An error that
+regions have in common, of the lens or of the model of the blur, is not in them.
+
+Example:
+  parfocal measure out --step 40,60,32,32 200,60,32,32 --profile 10,80,300,80,9
+
+Exit status: 0 done, 1 failed, 2 wrong usage.";
+
+/// Reads, measures, writes and prints.
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let wanted = arguments.wanted.wanted();
+    if wanted.is_empty() {
+        return Err(Failure::Usage("nothing to measure: give --step or --profile".to_string()));
+    }
+    let solved = Solved::read(&arguments.results)?;
+    output::check(&arguments.results, &[], &[])?;
+    let measured = solved.measure(&wanted)?;
+    measured.write(&arguments.results)?;
+    if !arguments.quiet {
+        // Nobody is left to be told where stderr is closed.
+        let _ = writeln!(
+            io::stderr(),
+            "{}",
+            rows(&measured).iter().map(|(label, text)| format!("{label:<14} {text}")).collect::<Vec<_>>().join("\n")
+        );
+    }
+    if arguments.json {
+        print(&serde_json::to_string_pretty(&measured).map_err(|e| Failure::Failed(e.to_string()))?)?;
+    }
+    Ok(())
+}
+
+/// Labels and what they say.
+pub(super) fn rows(measured: &Measurements) -> Vec<(&'static str, String)> {
+    let steps = measured.steps.iter().map(|step| ("step", height(step)));
+    let profiles = measured.profiles.iter().map(|profile| ("profile", format!("{} {}", profile.csv, profile.png)));
+    steps.chain(profiles).collect()
+}
+
+fn height(step: &StepReport) -> String {
+    let number = |Estimate { value, standard_error }, unit| {
+        let digits = decimals(standard_error);
+        format!("{value:+.digits$} ± {standard_error:.digits$} {unit}")
+    };
+    let blur = step.relative_blur.map_or("too few valid pixels".to_string(), |estimate| number(estimate, "px²"));
+    step.depth_mm.map_or(blur.clone(), |estimate| format!("{}, {blur}", number(estimate, "mm")))
+}

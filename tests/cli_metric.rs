@@ -1,0 +1,301 @@
+//! Depth in mm, calibration and measurements: the program on synthetic results, on a simulated pair and on a real one.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use assert_cmd::Command;
+use parfocal::{Lens, image_io};
+use serde_json::Value;
+use tempfile::TempDir;
+
+const SIZE: (usize, usize) = (96, 64);
+
+/// The lens of the Cup pair.
+const CUP: Lens = Lens {
+    focal_length: 25.0,
+    f_number: 8.3,
+    pixel_pitch: 0.01304,
+    focus: [529.0, 869.0],
+    kappa: Lens::DISK,
+    telecentric: true,
+};
+const CUP_FLAGS: [&str; 5] =
+    ["--focal-length=25", "--f-number=8.3", "--pixel-pitch=0.01304", "--focus=529,869", "--telecentric"];
+
+/// A folder with the results of a solve, as far as these commands read them: depth by the lens of the Cup pair, 600 mm at
+/// the left, 700 at the right, with a hole and a pixel that has no depth.
+struct Desk(TempDir);
+
+impl Desk {
+    fn empty() -> Self {
+        Self(TempDir::new().unwrap())
+    }
+
+    fn new() -> Self {
+        let desk = Self::empty();
+        fs::create_dir(desk.path("out")).unwrap();
+        desk.field("out/relative_blur.exr", SIZE, |x, y| match (x, y) {
+            (20..30, 20..30) => f32::NAN,
+            (90, 60) => -50.0,
+            (0..48, _) => CUP.relative_blur(600.0, 1.0) as f32,
+            _ => CUP.relative_blur(700.0, 1.0) as f32,
+        });
+        desk.field("out/confidence.exr", SIZE, |_, _| 0.5);
+        desk.field("out/uncertainty.exr", SIZE, |x, y| match (x, y) {
+            (20..30, 20..30) => f32::NAN,
+            _ => 0.02,
+        });
+        let report = r#"{"transform": {"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1}, "nearer": 2,
+            "warnings": [], "zeta": 1, "alpha": 2}"#;
+        fs::write(desk.path("out/report.json"), report).unwrap();
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn field(&self, name: &str, size: (usize, usize), value: impl Fn(usize, usize) -> f32 + Sync) {
+        use exr::prelude::{Encoding, Image, Layer, LayerAttributes, SpecificChannels, Vec2, WritableImage};
+        let channels = SpecificChannels::build().with_channel("Y").with_pixel_fn(|Vec2(x, y)| (value(x, y),));
+        let layer = Layer::new(size, LayerAttributes::default(), Encoding::SMALL_FAST_LOSSLESS, channels);
+        Image::from_layer(layer).write().to_file(self.path(name)).unwrap();
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::cargo_bin("parfocal").unwrap();
+        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
+        if let (Ok(device), true) = (std::env::var("PARFOCAL_DEVICE"), arguments[0] == "solve") {
+            command.args(["--device", &device]);
+        }
+        command.output().unwrap()
+    }
+
+    /// What the program prints, as JSON.
+    fn json(&self, arguments: &[&str]) -> Value {
+        let output = self.run(&[arguments, &["--json"]].concat());
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{stderr}");
+        println!("{stderr}");
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    #[track_caller]
+    fn refuses(&self, arguments: &[&str], status: i32, parts: &[&str]) {
+        let output = self.run(arguments);
+        let stderr = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(status), "{arguments:?}: {stderr}");
+        assert!(parts.iter().all(|part| stderr.contains(part)), "{arguments:?}: {parts:?} in {stderr}");
+    }
+
+    fn report(&self) -> Value {
+        serde_json::from_slice(&fs::read(self.path("out/report.json")).unwrap()).unwrap()
+    }
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+/// The median of the depths in a region, x, y, width, height.
+fn median(depth_file: &Path, [x, y, w, h]: [usize; 4]) -> f64 {
+    let (width, _, values) = image_io::read_field(depth_file).unwrap();
+    let mut inside: Vec<f32> =
+        (y..y + h).flat_map(|y| values[y * width as usize + x..][..w].to_vec()).filter(|z| z.is_finite()).collect();
+    assert!(inside.len() > w * h / 2);
+    inside.sort_by(f32::total_cmp);
+    f64::from(inside[inside.len() / 2])
+}
+
+/// The channel of the standard deviation.
+fn deviations(depth_file: &Path) -> Vec<f64> {
+    let file = exr::prelude::read_first_flat_layer_from_file(depth_file).unwrap();
+    let channels = &file.layer_data.channel_data.list;
+    let channel = channels.iter().find(|c| c.name.to_string() == "standard_deviation").unwrap();
+    channel.sample_data.values_as_f32().map(f64::from).collect()
+}
+
+#[test]
+fn a_finished_folder_is_given_depth() {
+    let desk = Desk::new();
+    let printed = desk.json(&[&["depth", "out"], &CUP_FLAGS[..]].concat());
+    let report = desk.report();
+    assert_eq!(report["depth"], printed);
+    assert_eq!((&printed["out_of_range"], &report["nearer"]), (&Value::from(1), &Value::from(1)));
+    let keys: Vec<_> = report.as_object().unwrap().keys().collect();
+    assert_eq!(keys, ["transform", "nearer", "warnings", "zeta", "alpha", "depth"], "the order has changed");
+    assert_eq!(printed["lens"]["telecentric"], true);
+    assert!((number(&printed["min"]) - 600.0).abs() < 0.01 && (number(&printed["max"]) - 700.0).abs() < 0.01);
+
+    let (_, _, depth) = image_io::read_field(&desk.path("out/depth_mm.exr")).unwrap();
+    assert!(depth[25 * 96 + 25].is_nan() && depth[60 * 96 + 90].is_nan() && (depth[0] - 600.0).abs() < 0.01);
+    let file = exr::prelude::read_first_flat_layer_from_file(desk.path("out/depth_mm.exr")).unwrap();
+    let names: Vec<String> = file.layer_data.channel_data.list.iter().map(|c| c.name.to_string()).collect();
+    assert_eq!(names, ["Y", "standard_deviation"]);
+    let picture = image::open(desk.path("out/depth.png")).unwrap().into_rgba8();
+    let ([r, _, b, _], [far_r, _, far_b, _]) = (picture.get_pixel(5, 5).0, picture.get_pixel(90, 5).0);
+    assert!(r > b && far_b > far_r, "near is red and far is blue by the lens");
+
+    // The report states the lens; another constant makes another depth.
+    let again = desk.json(&["depth", "out", "--lens", "out/report.json", "--kappa", "0.6"]);
+    assert_eq!((number(&again["lens"]["kappa"]), number(&again["lens"]["f_number"])), (0.6, 8.3));
+    assert!((number(&again["min"]) - 600.0).abs() > 1.0);
+}
+
+#[test]
+fn a_lens_that_is_wrong_or_contradicted_is_named() {
+    let desk = Desk::new();
+    fs::write(desk.path("lens.json"), r#"{"focal_length": 25}"#).unwrap();
+    desk.refuses(&["depth", "out", "--lens", "lens.json"], 1, &["lens.json", "`focal_length`", "`focal_length_mm`"]);
+    desk.refuses(&["depth", "out", "--lens", "absent.json"], 1, &["absent.json", "check the path"]);
+    desk.refuses(&["depth", "out"], 2, &["--lens"]);
+    desk.refuses(&["depth", "out", "--f-number=8"], 2, &["--focal-length, --pixel-pitch, --focus"]);
+    desk.refuses(&[&["depth", "absent"], &CUP_FLAGS[..]].concat(), 1, &["absent", "no folder"]);
+    let contradicted = [&["solve", "a.png", "b.png", "-o", "o", "--nearer", "2"], &CUP_FLAGS[..]].concat();
+    desk.refuses(&contradicted, 2, &["--nearer 2 contradicts the lens", "I1"]);
+    assert!(!desk.path("out/depth_mm.exr").exists());
+}
+
+#[test]
+fn steps_and_profiles_are_measured_in_px2_and_with_a_lens_in_mm() {
+    let desk = Desk::new();
+    let arguments = [
+        "measure",
+        "out",
+        "--step",
+        "2,2,40,60",
+        "52,2,30,60",
+        "--profile",
+        "10,10,90,10,5",
+        "--profile",
+        "25,0,25,60",
+    ];
+    let measured = desk.json(&arguments);
+    let expected = CUP.relative_blur(700.0, 1.0) - CUP.relative_blur(600.0, 1.0);
+    let step = &measured["steps"][0];
+    assert!((number(&step["relative_blur"]["value"]) - expected).abs() < 1e-5, "{step}");
+    assert_eq!((number(&step["relative_blur"]["standard_error"]), &step["depth_mm"]), (0.0, &Value::Null));
+    let csv = fs::read_to_string(desk.path("out/profile_2.csv")).unwrap();
+    let lines: Vec<&str> = csv.lines().collect();
+    assert_eq!((lines.len(), lines[0].split(',').count()), (62, 5));
+    assert!(lines[26].ends_with(",,"), "a hole is empty: {}", lines[26]);
+
+    desk.json(&[&["depth", "out"], &CUP_FLAGS[..]].concat());
+    let in_mm = desk.json(&arguments[..7]);
+    assert!((number(&in_mm["steps"][0]["depth_mm"]["value"]) - 100.0).abs() < 0.01, "{in_mm}");
+    let csv = fs::read_to_string(desk.path("out/profile_1.csv")).unwrap();
+    let last: Vec<f64> = csv.lines().last().unwrap().split(',').map(|n| n.parse().unwrap()).collect();
+    assert_eq!(&last[..3], [80.0, 90.0, 10.0]);
+    assert!((last[5] - 700.0).abs() < 0.01 && csv.starts_with("distance_px,x_px,y_px,relative_blur_px2,"), "{csv}");
+    assert!(image::open(desk.path("out/profile_1.png")).unwrap().width() == 800);
+    assert!(!desk.path("out/profile_2.png").exists(), "that of the earlier run is removed");
+
+    desk.refuses(&["measure", "out"], 2, &["--step", "--profile"]);
+    desk.refuses(&["measure", "out", "--step", "0,0,9,9", "90,0,9,9"], 1, &["90,0,9,9", "96x64"]);
+    desk.refuses(&["measure", "out", "--profile", "0,0,96,0"], 1, &["0 to 95"]);
+    desk.refuses(&["measure", "out", "--profile", "0,0,96"], 2, &["as in"]);
+}
+
+#[test]
+fn known_steps_calibrate_the_lens_and_what_they_cannot_tell_is_said() {
+    let desk = Desk::new();
+    fs::write(desk.path("steps.json"), r#"[{"region": [2, 2, 40, 60], "depth_mm": 600}]"#).unwrap();
+    let start = [&["calibrate", "out", "--kappa", "0.7"], &CUP_FLAGS[..]].concat();
+    let both = ["--steps", "steps.json", "--step", "52,2,30,60=700", "--fit", "kappa,focus1", "-o", "lens.json"];
+    let found = desk.json(&[&start, &both[..]].concat());
+    assert!((number(&found["lens"]["kappa"]) - 0.5).abs() < 1e-4, "{found}");
+    assert!((number(&found["found"][1]["value"]) - 529.0).abs() < 0.1 && found["found"][1]["unknown"] == "focus1");
+    let depth = desk.json(&["depth", "out", "--lens", "lens.json"]);
+    assert!((number(&depth["max"]) - 700.0).abs() < 0.1, "{depth}");
+
+    let one = desk.json(&[&start, &["--step", "2,2,40,60=600", "--fit", "kappa,focus1"][..]].concat());
+    assert_eq!((&one["undetermined"][0], number(&one["lens"]["focus_mm"][0])), (&Value::from("focus1"), 529.0));
+
+    desk.refuses(&start, 2, &["--plane"]);
+    desk.refuses(&[&start, &["--plane", "600,700"][..]].concat(), 2, &["as in"]);
+    desk.refuses(&[&start, &["--plane", "20,700,600"][..]].concat(), 2, &["depth of the target is 20"]);
+    desk.refuses(&[&start, &["--step", "2,2,400,60=600"][..]].concat(), 1, &["not within the image"]);
+    let twice = [&start, &["--plane", "600,700,600", "--fit", "kappa,kappa"][..]].concat();
+    desk.refuses(&twice, 2, &["twice"]);
+    let onto = [&start, &["--steps", "steps.json", "-o", "steps.json"][..]].concat();
+    desk.refuses(&onto, 1, &["steps.json", "is an input"]);
+}
+
+/// A plane tilted in 1/z, as perspective has it, rendered through a lens, solved, and the lens calibrated by it.
+#[test]
+fn a_simulated_plane_gives_back_the_lens_that_rendered_it() {
+    for telecentric in ["--telecentric=false", "--telecentric"] {
+        calibrate_by_a_simulated_plane(telecentric);
+    }
+}
+
+fn calibrate_by_a_simulated_plane(telecentric: &str) {
+    let desk = Desk::empty();
+    let (size, near, far) = (256, 227.0, 233.0);
+    let depth = |x: usize, y: usize| {
+        let share = (x as f64 + 0.25 * y as f64) / (1.25 * (size - 1) as f64);
+        1.0 / ((1.0 - share) / near + share / far)
+    };
+    desk.field("depth.exr", (size, size), |x, y| depth(x, y) as f32);
+    let shade = |x: u32, y: u32| {
+        let hash = (x.wrapping_mul(0x9e37_79b1) ^ y.wrapping_mul(0x85eb_ca77)).wrapping_mul(0xc2b2_ae3d);
+        image::Luma([40 + (hash >> 24) as u8 / 2])
+    };
+    image::GrayImage::from_fn(size as u32, size as u32, |x, y| shade(x / 2, y / 2))
+        .save(desk.path("texture.png"))
+        .unwrap();
+    let optics = ["--focal-length=50", "--f-number=5.6", "--pixel-pitch=0.0075", telecentric];
+    let scene = ["simulate", "image", "-o", "pair", "--radiance", "texture.png", "--depth", "depth.exr"];
+    desk.json(&[&scene, &optics[..], &["--focus=226.5,233.5", "--noise=0.003"]].concat());
+    desk.json(&["solve", "pair/i1.png", "pair/i2.png", "-o", "out", "--lens", "pair/truth.json"]);
+
+    let corners = [depth(0, 0), depth(size - 1, 0), depth(0, size - 1)].map(|z| z.to_string()).join(",");
+    let stated = ["calibrate", "out", "--focus=226.5,235", "--kappa=0.4", "--fit=kappa,focus2", "--plane", &corners];
+    let found = desk.json(&[&stated, &optics[..]].concat());
+    let (kappa, focus) = (number(&found["lens"]["kappa"]), number(&found["lens"]["focus_mm"][1]));
+    println!("{found}");
+    assert!((kappa - 0.5).abs() < 0.02 && (focus - 233.5).abs() < 0.2, "{found}");
+
+    // The depth by the true lens.
+    let (_, _, measured) = image_io::read_field(&desk.path("out/depth_mm.exr")).unwrap();
+    let errors = measured.iter().enumerate().map(|(i, &z)| f64::from(z) - depth(i % size, i / size));
+    let valid: Vec<f64> = errors.filter(|e| e.is_finite()).collect();
+    let rms = (valid.iter().map(|e| e * e).sum::<f64>() / valid.len() as f64).sqrt();
+    println!("depth rms {rms:.4} mm over {} pixels, of 6 mm", valid.len());
+    let claimed: Vec<f64> = deviations(&desk.path("out/depth_mm.exr"));
+    let ratios =
+        measured.iter().zip(&claimed).enumerate().map(|(i, (&z, s))| (f64::from(z) - depth(i % size, i / size)) / s);
+    let ratios: Vec<f64> = ratios.filter(|r| r.is_finite()).collect();
+    let within = ratios.iter().filter(|r| r.abs() < 1.0).count() as f64 / ratios.len() as f64;
+    println!("{:.1} % of the pixels are within one standard deviation", 100.0 * within);
+    assert!(ratios.len() == valid.len() && (0.5..0.95).contains(&within), "{within}");
+    assert!(rms < 0.15 && valid.len() > size * size * 8 / 10);
+}
+
+/// The Cup pair, which may not be copied into the project.
+#[test]
+fn bread_cup_and_background_stand_one_behind_the_other_between_the_focus_distances() {
+    let folder = std::env::var_os("PARFOCAL_PAIRS")
+        .map_or(Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from)
+        .join("cup");
+    let [near, far] = ["breakfast_near.png", "breakfast_far.png"].map(|name| folder.join(name).display().to_string());
+    if !Path::new(&near).is_file() {
+        eprintln!("the pair 'cup' is absent: set PARFOCAL_PAIRS to the folder that holds it; nothing was tested");
+        return;
+    }
+    let desk = Desk::empty();
+    let measure = ["--step", "60,200,140,200", "280,220,200,100", "--profile", "20,300,600,300,9"];
+    let report = desk.json(&[&["solve", &near, &far, "-o", "out"], &CUP_FLAGS[..], &measure].concat());
+    let file = desk.path("out/depth_mm.exr");
+    let bread = median(&file, [60, 200, 140, 200]);
+    let cup = median(&file, [280, 220, 200, 100]);
+    let background = median(&file, [260, 20, 240, 110]);
+    println!("bread {bread:.1}, cup {cup:.1}, background {background:.1} mm; {}", report["depth"]);
+    assert!(529.0 < bread && bread < cup && cup + 50.0 < background && background < 869.0);
+    let step = &report["measurements"]["steps"][0]["depth_mm"];
+    assert!((number(&step["value"]) - (cup - bread)).abs() < 5.0, "{step}");
+    assert_eq!(report["depth"]["out_of_range"], 0);
+    assert_eq!(report["measurements"]["profiles"][0]["csv"], "profile_1.csv");
+    assert!(desk.path("out/profile_1.csv").is_file() && desk.path("out/profile_1.png").is_file());
+}
