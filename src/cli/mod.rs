@@ -1,23 +1,30 @@
 //! What the program `parfocal` understands; one file for each subcommand.
 
+mod batch;
 mod bench;
+mod config;
+mod defaults;
 mod devices;
 mod engine;
 mod evaluate;
 mod failure;
 mod output;
 mod pair;
+mod pairs;
 mod register;
+mod shell;
 mod simulate;
 mod solve;
 mod summary;
+mod tally;
+mod tuning;
 mod view;
 
 use std::fs;
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use self::failure::Failure;
 
@@ -35,16 +42,20 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Solve(Box<solve::Arguments>),
+    Batch(Box<batch::Arguments>),
     Simulate(Box<simulate::Arguments>),
     View(view::Arguments),
     Register(Box<register::Arguments>),
     Evaluate(evaluate::Arguments),
     Bench(Box<bench::Arguments>),
     Devices(devices::Arguments),
+    Config(defaults::Arguments),
+    Completions(shell::Completions),
+    Man(shell::Manual),
 }
 
 const AFTER_HELP: &str = "\
-Exit status: 0 done (a solve that did not converge is done, with warnings), 1 failed, 2 wrong usage.
+Exit status: 0 done (a solve that did not converge is done, with warnings, unless --strict), 1 failed, 2 wrong usage.
 
 Environment:
   PARFOCAL_VALIDATE=1  run under the Khronos validation layer, which must be installed
@@ -52,18 +63,30 @@ Environment:
 
 /// Runs the program.
 pub fn main() -> ExitCode {
-    let result = match Cli::parse().command {
+    match config::matches(&Cli::command(), std::env::args_os().collect()) {
+        Err(failure) => failure.report(),
+        Ok((matches, origin)) => {
+            let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|e| e.exit());
+            run(cli.command)
+                .map_err(|failure| origin.locate(failure))
+                .map_or_else(Failure::report, |()| ExitCode::SUCCESS)
+        }
+    }
+}
+
+fn run(command: Command) -> Result<(), Failure> {
+    match command {
         Command::Solve(arguments) => solve::run(&arguments),
+        Command::Batch(arguments) => batch::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => failure.report(),
+        Command::Config(arguments) => defaults::run(&arguments),
+        Command::Completions(arguments) => shell::completions(&arguments),
+        Command::Man(arguments) => shell::manual(&arguments),
     }
 }
 

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 use parfocal::export::{self, FILES, Look, Nearer, Report};
-use parfocal::{Engine, Frame, Method, Settings, Solution, Solver};
+use parfocal::image_io::{self, Input};
+use parfocal::{DeviceInfo, Frame, Method, Settings, Solution, Solver};
+use sha2::{Digest, Sha256};
 
 use super::failure::{Failure, print};
 use super::output;
@@ -13,14 +15,14 @@ use super::pair::PairArguments;
 use super::summary::{Bar, summary};
 
 /// Recover relative blur and registration of two photographs of one scene, focused at two distances.
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug)]
 #[command(after_help = super::AFTER_HELP)]
 pub(super) struct Arguments {
     #[command(flatten)]
-    pair: PairArguments,
+    pub(super) pair: PairArguments,
     /// Folder for the results; made if it is missing, earlier results in it replaced
     #[arg(short, long, value_name = "OUT")]
-    output: PathBuf,
+    pub(super) output: PathBuf,
     /// How the registration is found: with the blur; not at all, but held at identity (or at --transform); before the
     /// blur, by the difference of the images or by SIFT key-points
     #[arg(long, value_enum, default_value_t = MethodName::from(Settings::default().method))]
@@ -68,30 +70,74 @@ impl From<MethodName> for Method {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let pair = &arguments.pair;
     let settings = settings(arguments)?;
-    output::check(&arguments.output, &FILES, &pair.inputs())?;
-    let (i1, i2, engine) = pair.open()?;
-    let solution = solve(&engine, &i1, &i2, &settings, pair.quiet).map_err(|e| Failure::of_solve(e, &pair.i1))?;
+    check_output(arguments)?;
+    let Some(photographs) = read(arguments, |_| false)? else { return Ok(()) };
+    let engine = pair.open_engine()?;
+    let [i1, i2] = &photographs.frames;
+    let bar = Bar::new(!pair.quiet && io::stderr().is_terminal());
+    let solution = Solver::for_pair(&engine, i1, i2, &settings)
+        .and_then(|mut solver| solver.solve_with(i1, i2, &mut |progress| bar.show(progress)))
+        .map_err(|e| Failure::of_solve(e, &pair.i1))?;
+    drop(bar);
     super::check_validation(&engine)?;
-    let nearer = if arguments.nearer == 2 { Nearer::Second } else { Nearer::First };
-    let report = Report::new(&solution, &settings, engine.info(), nearer);
-    let look = Look { nearer, decode: settings.decode, formats: [i1.format(), i2.format()] };
-    export::write(&arguments.output, &solution, &report, &look)?;
-    tell(&report, arguments)
+    let report = write(arguments, &settings, engine.info(), photographs, &solution)?;
+    tell(&report, arguments)?;
+    pair.check_strict(report.converged, &report.warnings)
 }
 
-fn settings(arguments: &Arguments) -> Result<Settings, Failure> {
+/// A pair as its files hold it.
+pub(super) struct Photographs {
+    pub(super) frames: [Frame; 2],
+    pub(super) inputs: Vec<Input>,
+}
+
+/// What the flags ask for.
+pub(super) fn settings(arguments: &Arguments) -> Result<Settings, Failure> {
     arguments.pair.settings(arguments.method.into(), arguments.hold)
 }
 
-fn solve(
-    engine: &Engine,
-    i1: &Frame,
-    i2: &Frame,
+/// Refuses an output folder that cannot be written, or whose results would replace an input.
+pub(super) fn check_output(arguments: &Arguments) -> Result<(), Failure> {
+    output::check(&arguments.output, &FILES, &arguments.pair.inputs())
+}
+
+/// Reads the pair, unless what the files are says that it is `settled` already.
+pub(super) fn read(
+    arguments: &Arguments,
+    settled: impl FnOnce(&[Input]) -> bool,
+) -> Result<Option<Photographs>, Failure> {
+    let pair = &arguments.pair;
+    let inputs = pair.describe()?;
+    if settled(&inputs) {
+        return Ok(None);
+    }
+    let (i1, i2) = image_io::read_pair(&pair.i1, &pair.i2)?;
+    Ok(Some(Photographs { frames: [i1, i2], inputs }))
+}
+
+/// Writes the results.
+pub(super) fn write(
+    arguments: &Arguments,
     settings: &Settings,
-    quiet: bool,
-) -> Result<Solution, parfocal::Error> {
-    let bar = Bar::new(!quiet && io::stderr().is_terminal());
-    Solver::for_pair(engine, i1, i2, settings)?.solve_with(i1, i2, &mut |progress| bar.show(progress))
+    device: &DeviceInfo,
+    photographs: Photographs,
+    solution: &Solution,
+) -> Result<Report, Failure> {
+    let nearer = if arguments.nearer == 2 { Nearer::Second } else { Nearer::First };
+    let formats = photographs.frames.map(|frame| frame.format());
+    let mut report = Report::new(solution, settings, device, nearer);
+    report.of(photographs.inputs, super::validation_asked());
+    report.request = request(arguments, settings);
+    export::write(&arguments.output, solution, &report, &Look { nearer, decode: settings.decode, formats })?;
+    Ok(report)
+}
+
+/// SHA-256 of everything but the photographs that decides the results: the version, the settings with what the files
+/// that they name hold, and the flags.
+pub(super) fn request(arguments: &Arguments, settings: &Settings) -> String {
+    let flags = Arguments { output: PathBuf::new(), pair: arguments.pair.deciding(), ..arguments.clone() };
+    let text = format!("{} {settings:?} {flags:?}", env!("CARGO_PKG_VERSION"));
+    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn tell(report: &Report, arguments: &Arguments) -> Result<(), Failure> {

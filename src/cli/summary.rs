@@ -6,14 +6,14 @@ use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{DeviceReport, FILES, RegistrationReport, Report, TimingsReport};
 use parfocal::{Method, Photometric, Progress, Similarity};
 
-/// A bar over the levels, on stderr.
+/// A bar over the pixels of all levels, on stderr.
 pub(super) struct Bar(ProgressBar);
 
 impl Bar {
     /// A bar, or nothing at all where nobody would see it.
     pub(super) fn new(visible: bool) -> Self {
         let bar = if visible { ProgressBar::no_length() } else { ProgressBar::hidden() };
-        if let Ok(style) = ProgressStyle::with_template("level {pos}/{len} {bar:24} {elapsed} {msg}") {
+        if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} % {elapsed} {msg}") {
             bar.set_style(style);
         }
         Self(bar)
@@ -21,9 +21,10 @@ impl Bar {
 
     /// Shows how far the solve has come.
     pub(super) fn show(&self, progress: Progress) {
-        self.0.set_length(u64::from(progress.levels));
-        self.0.set_message(format!("{}x{}", progress.width, progress.height));
-        self.0.set_position(u64::from(progress.done));
+        let Progress { done, levels, width, height, .. } = progress;
+        self.0.set_length(progress.pixels);
+        self.0.set_message(format!("level {done} of {levels}, {width}x{height}"));
+        self.0.set_position(progress.pixels_done);
     }
 }
 

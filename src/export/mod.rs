@@ -5,6 +5,7 @@
 mod depth;
 mod field;
 mod fused;
+mod json;
 mod ranks;
 mod registration;
 mod report;

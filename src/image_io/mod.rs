@@ -4,6 +4,7 @@
 //! pixel is decoded, and whatever is wrong comes back as [`Error::File`] with the path and what to do.
 
 mod check;
+mod describe;
 mod openexr;
 mod raster;
 #[cfg(test)]
@@ -13,6 +14,9 @@ mod tiff_float;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
+
+pub use check::similar_file;
+pub use describe::{Input, describe, pair_warnings};
 
 use crate::stages::ingest;
 use crate::{Aperture, Decode, Error, Frame, Kernel};
@@ -120,6 +124,15 @@ impl<'a> Pending<'a> {
         };
         check::size(size).map_err(wrap)?;
         Ok(Self { path, size, source })
+    }
+
+    /// Bits of a stored sample and colour channels, alpha not counted.
+    fn bits_and_channels(&self) -> (u32, u32) {
+        match &self.source {
+            Source::Raster(s) => s.bits_and_channels(),
+            Source::TiffFloat(_) => (32, 1),
+            Source::Exr(s) => s.bits_and_channels(),
+        }
     }
 
     fn decode(self) -> Result<Frame, Error> {

@@ -54,6 +54,14 @@ impl Exr {
         self.size
     }
 
+    /// Bits of a sample, of the widest where they differ, and the number of channels.
+    pub(super) fn bits_and_channels(&self) -> (u32, u32) {
+        let chosen = |name: String| self.names.contains(&name);
+        let list = self.reader.headers().first().map(|header| header.channels.list.as_slice()).unwrap_or_default();
+        let bytes = list.iter().filter(|c| chosen(c.name.to_string())).map(|c| c.sample_type.bytes_per_sample());
+        (8 * bytes.max().unwrap_or(0) as u32, self.names.len() as u32)
+    }
+
     /// Decodes the pixels.
     pub(super) fn decode(self) -> Result<Frame, String> {
         let (width, height) = self.size;

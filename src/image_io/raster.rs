@@ -69,6 +69,13 @@ impl Raster {
         }
     }
 
+    /// Bits of a sample and colour channels, alpha not counted.
+    pub(super) fn bits_and_channels(&self) -> (u32, u32) {
+        let color = self.decoder.color_type();
+        let channels = u32::from(color.channel_count());
+        (u32::from(color.bits_per_pixel()) / channels.max(1), if color.has_color() { 3 } else { 1 })
+    }
+
     /// Decodes the pixels.
     pub(super) fn decode(self) -> Result<Frame, String> {
         let mut image = DynamicImage::from_decoder(self.decoder).map_err(|e| problem(self.format, &e))?;
