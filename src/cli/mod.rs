@@ -92,6 +92,7 @@ fn run(command: Command) -> Result<(), Failure> {
 
 /// Whether two paths lead to one file that exists.
 fn same_file(a: &Path, b: &Path) -> bool {
+    let [(a, _), (b, _)] = [a, b].map(parfocal::image_io::split_page);
     matches!((fs::canonicalize(a), fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
 }
 

@@ -18,7 +18,7 @@ use super::tuning::TuningArguments;
 /// The pair, the settings, and the device.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct PairArguments {
-    /// The reference photograph: PNG, JPEG, TIFF, PNM or EXR
+    /// The reference photograph: PNG, JPEG, TIFF (FILE#2: its second page), PNM, PFM or EXR
     pub(super) i1: PathBuf,
     /// The other photograph, of the same size
     pub(super) i2: PathBuf,

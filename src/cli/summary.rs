@@ -4,7 +4,8 @@ use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{DeviceReport, FILES, RegistrationReport, Report, TimingsReport};
-use parfocal::{Method, Photometric, Progress, Similarity};
+use parfocal::image_io::Input;
+use parfocal::{Decode, Method, Photometric, Progress, Similarity};
 
 /// A bar over the pixels of all levels, on stderr.
 pub(super) struct Bar(ProgressBar);
@@ -40,6 +41,7 @@ type Row = (&'static str, String);
 /// The few lines of a solve, without a newline at the end.
 pub(super) fn summary(report: &Report, out: &Path) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
+    rows.extend(values(&report.inputs, report.settings.decode));
     rows.extend([("relative blur", blur(report)), ("depth.png", near_is_red(report))]);
     rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
     rows.push(("results", format!("{}: {}", out.display(), FILES.join(" "))));
@@ -49,6 +51,7 @@ pub(super) fn summary(report: &Report, out: &Path) -> String {
 /// The few lines of a registration, without a newline at the end.
 pub(super) fn registration_summary(report: &RegistrationReport, out: Option<&Path>) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
+    rows.extend(values(&report.inputs, report.settings.decode));
     rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
     rows.extend(out.map(|file| ("result", file.display().to_string())));
     lines(&rows)
@@ -72,6 +75,22 @@ fn found(device: &DeviceReport, method: Method, levels: usize, t: &Similarity, p
         ("transform", registration),
         ("exposure", format!("gain {:.4}, offset {:+.4}", p.gain, p.offset)),
     ]
+}
+
+/// What the values of the files were taken for, and what the files say they are.
+fn values(inputs: &[Input], decode: Decode) -> Option<Row> {
+    let said: Vec<&str> = inputs.iter().filter_map(|input| input.encoding.as_deref()).collect();
+    let files = match said.as_slice() {
+        [] => "the files do not say what they are".to_string(),
+        [one, rest @ ..] if rest.iter().all(|other| other == one) => format!("the files say {one}"),
+        several => format!("the files say {}", several.join(" and ")),
+    };
+    let taken = match decode {
+        Decode::None if said.contains(&"sRGB") => "as stored; --decode srgb undoes the curve",
+        Decode::None => "as stored",
+        Decode::Srgb => "sRGB curve undone",
+    };
+    (!inputs.is_empty()).then(|| ("values", format!("{taken} ({files})")))
 }
 
 fn judged(converged: bool, warnings: &[String], time: &TimingsReport) -> Vec<Row> {

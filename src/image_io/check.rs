@@ -10,13 +10,13 @@ use super::MAX_PIXELS;
 pub(super) const DAMAGED: &str = "the file is damaged or incomplete; copy or save it again";
 
 /// What every format that is not read is told.
-pub(super) const CONVERT: &str = "convert it to PNG, TIFF, JPEG, PNM or EXR";
+pub(super) const CONVERT: &str = "convert it to PNG, TIFF, JPEG, PNM, PFM or EXR";
 
 /// Names more alike than this (Jaro and Winkler) may be misspelt ones.
 const SIMILAR: f64 = 0.9;
 
-/// Opens a regular file that is not empty; also gives its first 4 bytes, zeros where there are fewer.
-pub(super) fn open(path: &Path) -> Result<(File, [u8; 4]), String> {
+/// Opens a regular file that is not empty; also gives its first 16 bytes, zeros where there are fewer.
+pub(super) fn open(path: &Path) -> Result<(File, [u8; 16]), String> {
     let mut file = File::open(path).map_err(|e| match e.kind() {
         ErrorKind::NotFound => match similar_file(path) {
             Some(other) => format!("there is no such file; did you mean '{}'?", other.display()),
@@ -36,7 +36,7 @@ pub(super) fn open(path: &Path) -> Result<(File, [u8; 4]), String> {
     if kind.len() == 0 {
         return Err("is empty; copy or save it again".to_string());
     }
-    let mut magic = [0; 4];
+    let mut magic = [0; 16];
     let mut start = Vec::new();
     (&mut file).take(magic.len() as u64).read_to_end(&mut start).map_err(unreadable)?;
     magic[..start.len()].copy_from_slice(&start);

@@ -23,8 +23,8 @@ pub(super) struct Exr {
 }
 
 /// Whether a file starts as EXR.
-pub(super) fn is_exr(magic: [u8; 4]) -> bool {
-    magic == [0x76, 0x2f, 0x31, 0x01]
+pub(super) fn is_exr(magic: &[u8]) -> bool {
+    magic.starts_with(&[0x76, 0x2f, 0x31, 0x01])
 }
 
 fn problem(error: exr::error::Error) -> String {
@@ -47,6 +47,11 @@ impl Exr {
         let size = (side(header.layer_size.x())?, side(header.layer_size.y())?);
         let names = chosen_channels(header)?;
         Ok(Self { reader, names, size })
+    }
+
+    /// Whether there is an alpha channel, which is dropped.
+    pub(super) fn has_alpha(&self) -> bool {
+        self.reader.headers().first().is_some_and(|h| h.channels.list.iter().any(|c| c.name.to_string() == "A"))
     }
 
     /// Width and height of the data window.
