@@ -9,7 +9,7 @@ use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
 ///
 /// # Errors
 /// None is known for the reports; serde_json's signature allows one.
-pub(super) fn to_string(value: &impl Serialize) -> Result<String, serde_json::Error> {
+pub(crate) fn to_string(value: &impl Serialize) -> Result<String, serde_json::Error> {
     let mut bytes = Vec::new();
     value.serialize(&mut Serializer::with_formatter(&mut bytes, Positive(PrettyFormatter::new())))?;
     String::from_utf8(bytes).map_err(serde::ser::Error::custom)

@@ -29,6 +29,7 @@ pub use sweep::{SWEEP_FILES, SweepFrame, SweepReport, write_sweep};
 pub use transform::read_transform;
 
 use crate::{Decode, Error, Format, Solution};
+pub(crate) use json::to_string as to_json;
 pub(crate) use staging::{Staging, write_file};
 
 /// The files that [`write()`] makes.
