@@ -84,6 +84,7 @@ pub fn write(out: &Path, solution: &Solution, report: &Report, look: &Look) -> R
     staging.add(uncertainty, |w| field::write(w, size, &solution.uncertainty, &field::UNCERTAINTY))?;
     staging.add(depth, |w| depth::write(w, size, &solution.relative_blur, look.nearer))?;
     staging.add(fused, |w| fused::write(w, solution, look))?;
+    // The last to get its name: where the report is that was asked for, the rest is too (`batch --resume`).
     staging.add(json, |w| {
         use std::io::Write;
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))

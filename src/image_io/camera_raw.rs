@@ -35,7 +35,7 @@ pub(super) fn problem(path: &Path, start: &[u8], is_tiff: bool) -> Option<String
         // "CR" at byte 8 means something only in a TIFF.
         start.get(*at..).is_some_and(|rest| rest.starts_with(what)) && (*what != b"CR" || is_tiff)
     };
-    let ending = path.extension()?.to_string_lossy().to_lowercase();
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
     let by_ending = || TIFF_ENDINGS.iter().find(|(e, _)| is_tiff && *e == ending).map(|(_, name)| *name);
     let name = BEGINNINGS.iter().find(begins).map(|(_, _, name)| *name).or_else(by_ending)?;
     let file = path.display();
@@ -59,6 +59,7 @@ mod tests {
             ("a.RAF", b"FUJIFILMCCD-RAW 0201", Some("Fujifilm RAF")),
             ("a.NEF", b"MM\0*\0\0\0\x08", Some("Nikon NEF")),
             ("a.dng", b"II*\0\x08\0\0\0", Some("DNG")),
+            ("noending", b"IIU\0\x08\0\0\0", Some("Panasonic RW2")),
             ("a.tif", b"II*\0\x08\0\0\0", None),
             ("a.nef", b"\x89PNG\r\n\x1a\n", None),
             ("a.png", b"\x89PNG\r\n\x1a\nCR", None),
