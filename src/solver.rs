@@ -19,6 +19,10 @@ pub struct Progress {
     pub done: u32,
     /// Levels in all.
     pub levels: u32,
+    /// Pixels of the levels done, which is nearer to the time spent than their number.
+    pub pixels_done: u64,
+    /// Pixels of all levels.
+    pub pixels: u64,
     /// Width of the level just done, pixels.
     pub width: u32,
     /// Height of the level just done, pixels.
@@ -154,7 +158,10 @@ impl Solver {
         self.workspace.start_state.write(bytemuck::bytes_of(&State::new(&start)))?;
         self.phases.end("start");
         let (plan, recorded, on_the_way) = (&self.plan, &self.parts, &self.workspace.progress);
-        let levels = |parts: usize| recorded[..parts].iter().filter(|part| part.level_done.is_some()).count() as u32;
+        let levels = |parts: usize| recorded[..parts].iter().filter_map(|part| part.level_done);
+        let count = |parts: usize| levels(parts).count() as u32;
+        let pixels =
+            |parts: usize| levels(parts).map(|index| plan.pyramid[index].size.map(u64::from)).map(|[w, h]| w * h).sum();
         let mut wanted = |part: usize| {
             let state = on_the_way.read::<State>(0, 1)?[0];
             Ok(recorded[part].goes_on.is_none_or(|level| state.levels[level].settled == 0))
@@ -162,7 +169,8 @@ impl Solver {
         self.recording.run_first(parts, &mut wanted, &mut |part| {
             if let Some(level) = recorded[part - 1].level_done.map(|index| &plan.pyramid[index]) {
                 let [width, height] = level.size;
-                progress(Progress { done: levels(part), levels: levels(parts), width, height });
+                let (pixels_done, pixels) = (pixels(part), pixels(parts));
+                progress(Progress { done: count(part), levels: count(parts), pixels_done, pixels, width, height });
             }
         })?;
         self.phases.end(SUBMIT_WAIT);

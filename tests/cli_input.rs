@@ -42,7 +42,7 @@ impl Desk {
         let output = self.solve(i1, i2, extra);
         let stderr = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(status), "{stderr}");
-        assert!(stderr.starts_with("parfocal: error: ") && stderr.ends_with('\n'), "{stderr}");
+        assert!(stderr.starts_with("error: ") && stderr.ends_with('\n'), "{stderr}");
         assert_eq!(stderr.lines().count(), 1, "{stderr}");
         for part in parts {
             assert!(stderr.contains(part), "'{part}' is missing in: {stderr}");

@@ -104,6 +104,36 @@ fn a_pair_that_cannot_be_solved_is_an_answer() {
 }
 
 #[test]
+fn different_depths_solve_as_one_does_and_the_report_names_the_files() {
+    let desk = Desk::new();
+    let image = image::open(desk.path("far.png")).unwrap();
+    image::DynamicImage::from(image.to_rgb16()).save(desk.path("far16.png")).unwrap();
+    image::DynamicImage::from(image.to_rgb32f()).save(desk.path("far32.tif")).unwrap();
+    let median = |report: &Value| report["relative_blur"]["median"].as_f64().unwrap();
+    let plain = desk.solved(["near.png", "far.png"], &[]);
+    assert_eq!(plain["inputs"][0]["bits"], 8);
+    for (name, bits) in [("far16.png", 16), ("far32.tif", 32)] {
+        let report = desk.solved(["near.png", name], &[]);
+        assert!((median(&report) - median(&plain)).abs() < 1e-3, "{name} {report}");
+        let input = &report["inputs"][1];
+        assert!(input["file"].as_str().unwrap().ends_with(name) && input["bits"] == bits, "{input}");
+        assert!(input["sha256"].as_str().unwrap().len() == 64 && input["channels"] == 3, "{input}");
+    }
+}
+
+#[test]
+fn strict_fails_where_there_is_something_to_warn_of_and_writes_all_the_same() {
+    let desk = Desk::new();
+    let output = desk.solve(["near.png", "near.png"], &["--strict", "--quiet"]);
+    refused(&output, &["error: --strict", "same picture"]);
+    assert!(desk.path("out/report.json").is_file());
+    image::open(desk.path("far.png")).unwrap().to_luma8().save(desk.path("gray.png")).unwrap();
+    let report = desk.solved(["near.png", "gray.png"], &[]);
+    assert!(report["warnings"].to_string().contains("gray.png is grey and"), "{report}");
+    assert!(!fs::read_to_string(desk.path("out/report.json")).unwrap().contains("-0.0,"));
+}
+
+#[test]
 fn devices_are_listed() {
     let desk = Desk::new();
     let output = desk.command().args(["devices", "--json"]).output().unwrap();

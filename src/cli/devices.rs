@@ -49,12 +49,17 @@ impl<'a> From<&'a DeviceInfo> for Entry<'a> {
     }
 }
 
-/// Lists the devices on stdout.
+/// Lists the devices on stdout; where there is none, as JSON an empty list, and the status says so.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let devices = Engine::devices()?;
-    if devices.is_empty() {
-        return Err(Error::NoDevice(String::new()).into());
-    }
+    let devices = match Engine::devices() {
+        Ok(devices) if !devices.is_empty() => devices,
+        none => {
+            if arguments.json {
+                print("[]")?;
+            }
+            return Err(none.err().unwrap_or_else(|| Error::NoDevice(String::new())).into());
+        }
+    };
     if arguments.json {
         let entries: Vec<_> = devices.iter().map(Entry::from).collect();
         let text = serde_json::to_string_pretty(&entries).map_err(|e| Failure::Failed(e.to_string()))?;

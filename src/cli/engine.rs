@@ -7,7 +7,7 @@ use parfocal::{Engine, EngineOptions};
 use super::failure::Failure;
 
 /// Which device, and for how long it is waited.
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug, Default)]
 pub(super) struct EngineArguments {
     /// Index, part of the name, or UUID of the device [default: the most capable]
     #[arg(long, value_name = "D")]

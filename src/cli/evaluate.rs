@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use parfocal::evaluate::{Evaluation, Options};
 
 use super::engine::EngineArguments;
-use super::failure::Failure;
+use super::failure::{Failure, print};
 use super::output;
 
 /// Run the paper's experiments with all systems, on scenes and photographs, and write tables and figures.
@@ -22,6 +22,9 @@ pub(super) struct Arguments {
     /// Small scenes, few points, reduced photographs: shows in a minute that everything runs
     #[arg(long)]
     quick: bool,
+    /// Print report.json on stdout too
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     engine: EngineArguments,
     /// Print nothing on stderr but errors
@@ -49,5 +52,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     super::check_validation(&engine)?;
     evaluation.write(&arguments.output)?;
     say(&format!("in {}", arguments.output.display()));
+    if arguments.json {
+        print(&evaluation.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
+    }
     Ok(())
 }

@@ -1,11 +1,11 @@
-//! How the program fails: one line on stderr and a status.
+//! How the program fails: one line on stderr, which starts with "error: " as clap's own do, and a status.
 
 use std::error::Error as _;
 use std::io::{self, Write};
 use std::path::Path;
 use std::process::ExitCode;
 
-use parfocal::Error;
+use parfocal::{Error, image_io};
 
 /// Why a subcommand failed.
 #[derive(Debug, PartialEq)]
@@ -14,6 +14,8 @@ pub(super) enum Failure {
     Usage(String),
     /// Anything else, status 1.
     Failed(String),
+    /// Ctrl-C ended it, status 130 as of any program that the signal ends.
+    Interrupted(String),
 }
 
 impl Failure {
@@ -25,14 +27,21 @@ impl Failure {
         }
     }
 
+    /// What is said of it, in one line.
+    pub(super) fn message(&self) -> String {
+        let (Self::Usage(message) | Self::Failed(message) | Self::Interrupted(message)) = self;
+        one_line(message)
+    }
+
     /// Prints the line and gives the status.
     pub(super) fn report(self) -> ExitCode {
-        let (message, status) = match self {
-            Failure::Usage(message) => (message, 2),
-            Failure::Failed(message) => (message, 1),
+        let status = match self {
+            Failure::Usage(_) => 2,
+            Failure::Failed(_) => 1,
+            Failure::Interrupted(_) => 130,
         };
         // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(io::stderr(), "parfocal: error: {}", one_line(&message));
+        let _ = writeln!(io::stderr(), "error: {}", self.message());
         ExitCode::from(status)
     }
 }
@@ -57,10 +66,26 @@ fn one_line(message: &str) -> String {
     message.split(['\n', '\r']).map(str::trim).filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
 }
 
+/// Of the names, the one that a misspelt name is nearest to, if any is near.
+pub(super) fn nearest<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let scored = names.map(|other| (strsim::jaro_winkler(name, other), other));
+    scored.filter(|(score, _)| *score > 0.8).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, other)| other)
+}
+
+/// "; did you mean 'x'?" where a file that is not there has a neighbour of nearly its name, else nothing.
+pub(super) fn did_you_mean(file: &Path) -> String {
+    image_io::similar_file(file).map_or_else(String::new, |other| format!("; did you mean '{}'?", other.display()))
+}
+
 /// Writes text for scripts to stdout. A reader that has closed its end wants no more, which is no failure.
 pub(super) fn print(text: &str) -> Result<(), Failure> {
+    print_bytes(format!("{text}\n").as_bytes())
+}
+
+/// Writes to stdout what need not be text.
+pub(super) fn print_bytes(bytes: &[u8]) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
-    match writeln!(out, "{text}").and_then(|()| out.flush()) {
+    match out.write_all(bytes).and_then(|()| out.flush()) {
         Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
             Err(Failure::Failed(format!("stdout cannot be written ({e})")))
         }
@@ -75,6 +100,12 @@ mod tests {
     #[test]
     fn a_message_is_one_line() {
         assert_eq!(one_line("a\n  b\r\n\nc"), "a b c");
+    }
+
+    #[test]
+    fn only_a_name_that_is_near_is_suggested() {
+        assert_eq!(nearest("sweps", ["levels", "sweeps"].into_iter()), Some("sweeps"));
+        assert_eq!(nearest("zzz", ["levels", "sweeps"].into_iter()), None);
     }
 
     #[test]

@@ -7,6 +7,7 @@ use std::str::FromStr;
 
 use parfocal::Lens;
 use parfocal::export::Nearer;
+use parfocal::image_io::{Exif, Input};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -87,6 +88,23 @@ impl From<Lens> for PartOfLens {
 }
 
 impl PartOfLens {
+    /// What both photographs, or the only one that does, say of the lens that took them.
+    pub(super) fn of_photographs(inputs: &[Input]) -> Self {
+        let agreed = |of: fn(&Exif) -> Option<f64>| {
+            let mut stated = inputs.iter().filter_map(|input| of(input.exif.as_ref()?));
+            let first = stated.next()?;
+            stated.all(|other| other == first).then_some(first)
+        };
+        let focus = |input: &Input| input.exif.as_ref()?.subject_distance_mm;
+        Self {
+            focal_length: agreed(|exif| exif.focal_length_mm),
+            f_number: agreed(|exif| exif.f_number),
+            pixel_pitch: agreed(|exif| exif.pixel_pitch_mm),
+            focus: inputs.first().and_then(focus).zip(inputs.get(1).and_then(focus)).map(|(a, b)| [a, b]),
+            ..Self::default()
+        }
+    }
+
     /// Its own fields, and where it has none those of `other`.
     fn or(self, other: Self) -> Self {
         Self {
@@ -238,7 +256,7 @@ mod tests {
     #[test]
     fn what_is_missing_unknown_or_impossible_is_named() {
         let message = |json, flags: &[&str]| match lens(json, flags).unwrap_err() {
-            Failure::Usage(message) | Failure::Failed(message) => message,
+            Failure::Usage(m) | Failure::Failed(m) | Failure::Interrupted(m) => m,
         };
         assert!(message(None, &["--f-number=8"]).contains("--focal-length, --pixel-pitch, --focus"));
         let unknown = message(Some(r#"{"fnumber": 8}"#), &[]);

@@ -1,8 +1,11 @@
 //! What the program `parfocal` understands; one file for each subcommand.
 
 mod apply;
+mod batch;
 mod bench;
 mod calibrate;
+mod config;
+mod defaults;
 mod depth;
 mod devices;
 mod engine;
@@ -12,18 +15,22 @@ mod lens;
 mod measure;
 mod output;
 mod pair;
+mod pairs;
 mod region;
 mod register;
+mod shell;
 mod simulate;
 mod solve;
 mod summary;
+mod tally;
+mod tuning;
 mod view;
 
 use std::fs;
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use self::failure::Failure;
 
@@ -41,6 +48,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Solve(Box<solve::Arguments>),
+    Batch(Box<batch::Arguments>),
     Simulate(Box<simulate::Arguments>),
     Depth(depth::Arguments),
     Calibrate(Box<calibrate::Arguments>),
@@ -51,10 +59,13 @@ enum Command {
     Evaluate(evaluate::Arguments),
     Bench(Box<bench::Arguments>),
     Devices(devices::Arguments),
+    Config(defaults::Arguments),
+    Completions(shell::Completions),
+    Man(shell::Manual),
 }
 
 const AFTER_HELP: &str = "\
-Exit status: 0 done (a solve that did not converge is done, with warnings), 1 failed, 2 wrong usage.
+Exit status: 0 done (a solve that did not converge is done, with warnings, unless --strict), 1 failed, 2 wrong usage.
 
 Environment:
   PARFOCAL_VALIDATE=1  run under the Khronos validation layer, which must be installed
@@ -62,8 +73,21 @@ Environment:
 
 /// Runs the program.
 pub fn main() -> ExitCode {
-    let result = match Cli::parse().command {
+    match config::matches(&Cli::command(), std::env::args_os().collect()) {
+        Err(failure) => failure.report(),
+        Ok((matches, origin)) => {
+            let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|e| e.exit());
+            run(cli.command)
+                .map_err(|failure| origin.locate(failure))
+                .map_or_else(Failure::report, |()| ExitCode::SUCCESS)
+        }
+    }
+}
+
+fn run(command: Command) -> Result<(), Failure> {
+    match command {
         Command::Solve(arguments) => solve::run(&arguments),
+        Command::Batch(arguments) => batch::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Depth(arguments) => depth::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),
@@ -74,15 +98,15 @@ pub fn main() -> ExitCode {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => failure.report(),
+        Command::Config(arguments) => defaults::run(&arguments),
+        Command::Completions(arguments) => shell::completions(&arguments),
+        Command::Man(arguments) => shell::manual(&arguments),
     }
 }
 
 /// Whether two paths lead to one file that exists.
 fn same_file(a: &Path, b: &Path) -> bool {
+    let [(a, _), (b, _)] = [a, b].map(parfocal::image_io::split_page);
     matches!((fs::canonicalize(a), fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
 }
 

@@ -7,15 +7,18 @@ use std::str::FromStr;
 
 use clap::ValueEnum;
 use parfocal::export;
+use parfocal::image_io::Input;
 use parfocal::{Decode, Engine, Frame, Kernel, Method, RegistrationStep, Settings, image_io};
 
+use super::config::ConfigArgument;
 use super::engine::EngineArguments;
 use super::failure::Failure;
+use super::tuning::TuningArguments;
 
 /// The pair, the settings, and the device.
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug)]
 pub(super) struct PairArguments {
-    /// The reference photograph: PNG, JPEG, TIFF, PNM or EXR
+    /// The reference photograph: PNG, JPEG, TIFF (FILE#2: its second page), PNM, PFM or EXR
     pub(super) i1: PathBuf,
     /// The other photograph, of the same size
     pub(super) i2: PathBuf,
@@ -57,6 +60,13 @@ pub(super) struct PairArguments {
     /// Print nothing on stderr but errors
     #[arg(long)]
     pub(super) quiet: bool,
+    /// Exit status 1 if it does not converge or has warnings; the results are written all the same
+    #[arg(long)]
+    pub(super) strict: bool,
+    #[command(flatten)]
+    config: ConfigArgument,
+    #[command(flatten)]
+    tuning: TuningArguments,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -163,6 +173,7 @@ impl PairArguments {
             },
             ..Settings::default()
         };
+        self.tuning.apply(&mut settings);
         settings.check()?;
         settings.kernel = self.kernel.read()?;
         self.start_from_file(hold, &mut settings)?;
@@ -197,12 +208,38 @@ impl PairArguments {
             KernelChoice::File(path) => Some(path),
             KernelChoice::Named(_) => None,
         };
-        [&self.i1, &self.i2].into_iter().chain(&self.transform).chain(kernel).collect()
+        [&self.i1, &self.i2].into_iter().chain(&self.transform).chain(kernel).chain(self.config.file()).collect()
+    }
+
+    /// What the report says of the two photographs.
+    pub(super) fn describe(&self) -> Result<Vec<Input>, Failure> {
+        Ok(vec![image_io::describe(&self.i1)?, image_io::describe(&self.i2)?])
+    }
+
+    /// The same without what does not decide the results: the photographs, where it runs, and what is told of it.
+    pub(super) fn deciding(&self) -> Self {
+        let (i1, i2, quiet) = (PathBuf::new(), PathBuf::new(), false);
+        let (engine, config) = (EngineArguments::default(), ConfigArgument::default());
+        Self { i1, i2, json: false, quiet, strict: false, engine, config, ..self.clone() }
+    }
+
+    /// Fails, with `--strict`, if there is anything to warn of.
+    pub(super) fn check_strict(&self, converged: bool, warnings: &[String]) -> Result<(), Failure> {
+        if !self.strict || (converged && warnings.is_empty()) {
+            return Ok(());
+        }
+        let what = if converged { "has warnings" } else { "did not converge" };
+        Err(Failure::Failed(format!("--strict: the solve {what}: {}", warnings.join("; "))))
     }
 
     /// Decodes the pair, then opens the device: the cheap before the dear.
     pub(super) fn open(&self) -> Result<(Frame, Frame, Engine), Failure> {
         let (i1, i2) = image_io::read_pair(&self.i1, &self.i2)?;
-        Ok((i1, i2, self.engine.open()?))
+        Ok((i1, i2, self.open_engine()?))
+    }
+
+    /// Opens the device.
+    pub(super) fn open_engine(&self) -> Result<Engine, Failure> {
+        self.engine.open()
     }
 }

@@ -52,6 +52,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
     }
     check_output(arguments)?;
+    let inputs = pair.describe()?;
     let (i1, i2, engine) = pair.open()?;
     let bar = Bar::new(!pair.quiet && io::stderr().is_terminal());
     let registered = Solver::for_pair(&engine, &i1, &i2, &settings)
@@ -59,11 +60,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .map_err(|e| Failure::of_solve(e, &pair.i1))?;
     drop(bar);
     super::check_validation(&engine)?;
-    let report = RegistrationReport::new(&registered, &settings, engine.info());
+    let mut report = RegistrationReport::new(&registered, &settings, engine.info());
+    report.of(inputs, super::validation_asked());
     if let Some(file) = &arguments.output {
         export::write_registration(file, &report)?;
     }
-    tell(&report, arguments)
+    tell(&report, arguments)?;
+    pair.check_strict(report.converged, &report.warnings)
 }
 
 /// Refuses a file that cannot be one, or that is an input, before any work is done.

@@ -1,11 +1,14 @@
 //! `parfocal solve`: two photographs in, relative blur and registration out.
 
+use std::fs;
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
 use clap::ValueEnum;
 use parfocal::export::{self, Additions, DEPTH_FILE, DepthReport, FILES, Look, Report};
-use parfocal::{Engine, Frame, Method, MetricDepth, Settings, Solution, Solver};
+use parfocal::image_io::{self, Input};
+use parfocal::{DeviceInfo, Frame, Lens, Method, MetricDepth, Settings, Solution, Solver};
+use sha2::{Digest, Sha256};
 
 use super::failure::{Failure, print};
 use super::lens::{self, LensArguments, PartOfLens};
@@ -15,14 +18,14 @@ use super::pair::PairArguments;
 use super::summary::{Bar, summary};
 
 /// Recover relative blur and registration of two photographs of one scene, focused at two distances.
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug)]
 #[command(after_help = super::AFTER_HELP)]
 pub(super) struct Arguments {
     #[command(flatten)]
-    pair: PairArguments,
+    pub(super) pair: PairArguments,
     /// Folder for the results; made if it is missing, earlier results in it replaced
     #[arg(short, long, value_name = "OUT")]
-    output: PathBuf,
+    pub(super) output: PathBuf,
     /// How the registration is found: with the blur; not at all, but held at identity (or at --transform); before the
     /// blur, by the difference of the images or by SIFT key-points
     #[arg(long, value_enum, default_value_t = MethodName::from(Settings::default().method))]
@@ -74,45 +77,90 @@ impl From<MethodName> for Method {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let pair = &arguments.pair;
     let settings = settings(arguments)?;
-    let lens = arguments.lens.lens(PartOfLens::default())?;
-    let nearer = lens::nearer(arguments.nearer, lens.as_ref())?;
     check_output(arguments)?;
-    let (i1, i2, engine) = pair.open()?;
-    let wanted = arguments.measure.wanted();
-    wanted.check((i1.width(), i1.height()))?;
-    let solution = solve(&engine, &i1, &i2, &settings, pair.quiet).map_err(|e| Failure::of_solve(e, &pair.i1))?;
+    let Some(photographs) = read(arguments, |_| false)? else { return Ok(()) };
+    let engine = pair.open_engine()?;
+    let [i1, i2] = &photographs.frames;
+    let bar = Bar::new(!pair.quiet && io::stderr().is_terminal());
+    let solution = Solver::for_pair(&engine, i1, i2, &settings)
+        .and_then(|mut solver| solver.solve_with(i1, i2, &mut |progress| bar.show(progress)))
+        .map_err(|e| Failure::of_solve(e, &pair.i1))?;
+    drop(bar);
     super::check_validation(&engine)?;
-    let (width, blur, uncertainty) = (solution.width, &solution.relative_blur, &solution.uncertainty);
-    let metric = lens.map(|lens| {
-        MetricDepth::new(&lens, solution.transform.scale, settings.max_relative_blur, width, blur, uncertainty)
-    });
-    let measurements = wanted.measure(width, blur, uncertainty, metric.as_ref())?;
-    let mut report = Report::new(&solution, &settings, engine.info(), nearer);
-    report.depth = metric.as_ref().map(DepthReport::from);
-    report.measurements = (!wanted.is_empty()).then(|| measurements.clone());
-    let look = Look { nearer, decode: settings.decode, formats: [i1.format(), i2.format()] };
-    export::write(&arguments.output, &solution, &report, &look, &Additions { depth: metric.as_ref(), measurements })?;
-    tell(&report, arguments)
+    let report = write(arguments, &settings, engine.info(), photographs, &solution)?;
+    tell(&report, arguments)?;
+    pair.check_strict(report.converged, &report.warnings)
 }
 
-fn check_output(arguments: &Arguments) -> Result<(), Failure> {
+/// A pair as its files hold it.
+pub(super) struct Photographs {
+    pub(super) frames: [Frame; 2],
+    pub(super) inputs: Vec<Input>,
+    lens: Option<Lens>,
+}
+
+/// What the flags ask for.
+pub(super) fn settings(arguments: &Arguments) -> Result<Settings, Failure> {
+    arguments.pair.settings(arguments.method.into(), arguments.hold)
+}
+
+/// Refuses an output folder that cannot be written, or whose results would replace an input.
+pub(super) fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     let inputs: Vec<_> = arguments.pair.inputs().into_iter().chain(arguments.lens.file()).collect();
     output::check(&arguments.output, &[&FILES[..], &[DEPTH_FILE]].concat(), &inputs)
 }
 
-fn settings(arguments: &Arguments) -> Result<Settings, Failure> {
-    arguments.pair.settings(arguments.method.into(), arguments.hold)
+/// Reads the pair, unless what the files are says that it is `settled` already.
+pub(super) fn read(
+    arguments: &Arguments,
+    settled: impl FnOnce(&[Input]) -> bool,
+) -> Result<Option<Photographs>, Failure> {
+    let pair = &arguments.pair;
+    let inputs = pair.describe()?;
+    if settled(&inputs) {
+        return Ok(None);
+    }
+    let lens = arguments.lens.lens(PartOfLens::of_photographs(&inputs))?;
+    lens::nearer(arguments.nearer, lens.as_ref())?;
+    let (i1, i2) = image_io::read_pair(&pair.i1, &pair.i2)?;
+    arguments.measure.wanted().check((i1.width(), i1.height()))?;
+    Ok(Some(Photographs { frames: [i1, i2], inputs, lens }))
 }
 
-fn solve(
-    engine: &Engine,
-    i1: &Frame,
-    i2: &Frame,
+/// Writes the results.
+pub(super) fn write(
+    arguments: &Arguments,
     settings: &Settings,
-    quiet: bool,
-) -> Result<Solution, parfocal::Error> {
-    let bar = Bar::new(!quiet && io::stderr().is_terminal());
-    Solver::for_pair(engine, i1, i2, settings)?.solve_with(i1, i2, &mut |progress| bar.show(progress))
+    device: &DeviceInfo,
+    photographs: Photographs,
+    solution: &Solution,
+) -> Result<Report, Failure> {
+    let nearer = lens::nearer(arguments.nearer, photographs.lens.as_ref())?;
+    let (width, blur, uncertainty) = (solution.width, &solution.relative_blur, &solution.uncertainty);
+    let metric = photographs.lens.map(|lens| {
+        MetricDepth::new(&lens, solution.transform.scale, settings.max_relative_blur, width, blur, uncertainty)
+    });
+    let wanted = arguments.measure.wanted();
+    let measurements = wanted.measure(width, blur, uncertainty, metric.as_ref())?;
+    let formats = photographs.frames.map(|frame| frame.format());
+    let mut report = Report::new(solution, settings, device, nearer);
+    report.of(photographs.inputs, super::validation_asked());
+    report.request = request(arguments, settings);
+    report.depth = metric.as_ref().map(DepthReport::from);
+    report.measurements = (!wanted.is_empty()).then(|| measurements.clone());
+    let look = Look { nearer, decode: settings.decode, formats };
+    let additions = Additions { depth: metric.as_ref(), measurements };
+    export::write(&arguments.output, solution, &report, &look, &additions)?;
+    Ok(report)
+}
+
+/// SHA-256 of everything but the photographs that decides the results: the version, the settings with what the files
+/// that they name hold, and the flags.
+pub(super) fn request(arguments: &Arguments, settings: &Settings) -> String {
+    let flags = Arguments { output: PathBuf::new(), pair: arguments.pair.deciding(), ..arguments.clone() };
+    let lens = arguments.lens.file().and_then(|file| fs::read(file).ok());
+    let text = format!("{} {settings:?} {flags:?} {lens:?}", env!("CARGO_PKG_VERSION"));
+    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn tell(report: &Report, arguments: &Arguments) -> Result<(), Failure> {
@@ -128,8 +176,6 @@ fn tell(report: &Report, arguments: &Arguments) -> Result<(), Failure> {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use clap::Parser;
 
     use super::*;

@@ -4,18 +4,19 @@ use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{DEPTH_FILE, DeviceReport, FILES, RegistrationReport, Report, TimingsReport};
-use parfocal::{Method, Photometric, Progress, Similarity};
+use parfocal::image_io::Input;
+use parfocal::{Decode, Method, Photometric, Progress, Similarity};
 
 use super::{depth, measure};
 
-/// A bar over the levels, on stderr.
+/// A bar over the pixels of all levels, on stderr.
 pub(super) struct Bar(ProgressBar);
 
 impl Bar {
     /// A bar, or nothing at all where nobody would see it.
     pub(super) fn new(visible: bool) -> Self {
         let bar = if visible { ProgressBar::no_length() } else { ProgressBar::hidden() };
-        if let Ok(style) = ProgressStyle::with_template("level {pos}/{len} {bar:24} {elapsed} {msg}") {
+        if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} % {elapsed} {msg}") {
             bar.set_style(style);
         }
         Self(bar)
@@ -23,9 +24,10 @@ impl Bar {
 
     /// Shows how far the solve has come.
     pub(super) fn show(&self, progress: Progress) {
-        self.0.set_length(u64::from(progress.levels));
-        self.0.set_message(format!("{}x{}", progress.width, progress.height));
-        self.0.set_position(u64::from(progress.done));
+        let Progress { done, levels, width, height, .. } = progress;
+        self.0.set_length(progress.pixels);
+        self.0.set_message(format!("level {done} of {levels}, {width}x{height}"));
+        self.0.set_position(progress.pixels_done);
     }
 }
 
@@ -41,6 +43,7 @@ type Row = (&'static str, String);
 /// The few lines of a solve, without a newline at the end.
 pub(super) fn summary(report: &Report, out: &Path) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
+    rows.extend(values(&report.inputs, report.settings.decode));
     rows.extend([("relative blur", blur(report)), ("depth.png", near_is_red(report))]);
     rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
     rows.extend(report.measurements.iter().flat_map(measure::rows));
@@ -53,6 +56,7 @@ pub(super) fn summary(report: &Report, out: &Path) -> String {
 /// The few lines of a registration, without a newline at the end.
 pub(super) fn registration_summary(report: &RegistrationReport, out: Option<&Path>) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
+    rows.extend(values(&report.inputs, report.settings.decode));
     rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
     rows.extend(out.map(|file| ("result", file.display().to_string())));
     lines(&rows)
@@ -76,6 +80,22 @@ fn found(device: &DeviceReport, method: Method, levels: usize, t: &Similarity, p
         ("transform", registration),
         ("exposure", format!("gain {:.4}, offset {:+.4}", p.gain, p.offset)),
     ]
+}
+
+/// What the values of the files were taken for, and what the files say they are.
+fn values(inputs: &[Input], decode: Decode) -> Option<Row> {
+    let said: Vec<&str> = inputs.iter().filter_map(|input| input.encoding.as_deref()).collect();
+    let files = match said.as_slice() {
+        [] => "the files do not say what they are".to_string(),
+        [one, rest @ ..] if rest.iter().all(|other| other == one) => format!("the files say {one}"),
+        several => format!("the files say {}", several.join(" and ")),
+    };
+    let taken = match decode {
+        Decode::None if said.contains(&"sRGB") => "as stored; --decode srgb undoes the curve",
+        Decode::None => "as stored",
+        Decode::Srgb => "sRGB curve undone",
+    };
+    (!inputs.is_empty()).then(|| ("values", format!("{taken} ({files})")))
 }
 
 fn judged(converged: bool, warnings: &[String], time: &TimingsReport) -> Vec<Row> {

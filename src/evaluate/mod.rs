@@ -126,7 +126,7 @@ impl Evaluation {
     /// # Errors
     /// None is known; serde_json's signature allows one.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        serde_json::to_string_pretty(&self.results)
+        crate::export::to_json(&self.results)
     }
 
     /// The text of `report.md`.

@@ -5,6 +5,7 @@
 mod depth;
 mod field;
 mod fused;
+mod json;
 mod measurements;
 mod metric;
 mod ranks;
@@ -37,6 +38,7 @@ pub use sweep::{SWEEP_FILES, SweepFrame, SweepReport, write_sweep};
 pub use transform::read_transform;
 
 use crate::{Decode, Error, Format, Lens, MetricDepth, Solution};
+pub(crate) use json::to_string as to_json;
 pub(crate) use staging::{Staging, write_file};
 
 /// The files that [`write()`] makes.
@@ -113,6 +115,7 @@ pub fn write(
     staging.add(uncertainty, |w| field::write(w, size, &solution.uncertainty, &field::UNCERTAINTY))?;
     staging.add(depth, |w| depth::write(w, size, &solution.relative_blur, look.nearer))?;
     staging.add(fused, |w| fused::write(w, solution, look))?;
+    // The last to get its name: where the report is that was asked for, the rest is too (`batch --resume`).
     staging.add(json, |w| {
         use std::io::Write;
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))

@@ -5,8 +5,10 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use super::json;
 use super::report::{DeviceReport, LevelReport, SizeReport, TimingsReport};
 use super::staging::write_file;
+use crate::image_io::{self, Input};
 use crate::{DeviceInfo, Error, Method, Photometric, Registered, Settings, Similarity};
 
 /// The report of one registration.
@@ -32,6 +34,10 @@ pub struct RegistrationReport {
     pub warnings: Vec<String>,
     /// What it ran on.
     pub device: DeviceReport,
+    /// Whether it ran under the validation layer.
+    pub validated: bool,
+    /// The files of I1 and I2; empty where the frames did not come from files.
+    pub inputs: Vec<Input>,
     /// Where the time went.
     pub timings_ms: TimingsReport,
 }
@@ -50,8 +56,16 @@ impl RegistrationReport {
             converged: registered.converged,
             warnings: registered.warnings.clone(),
             device: device.into(),
+            validated: false,
+            inputs: Vec::new(),
             timings_ms: (&registered.timings).into(),
         }
+    }
+
+    /// Adds which files were read, and what they give to warn of; and whether the validation layer watched.
+    pub fn of(&mut self, inputs: Vec<Input>, validated: bool) {
+        self.warnings.extend(image_io::pair_warnings(&inputs, self.settings.decode));
+        (self.inputs, self.validated) = (inputs, validated);
     }
 
     /// As text, without a newline at its end.
@@ -59,7 +73,7 @@ impl RegistrationReport {
     /// # Errors
     /// None is known; serde_json's signature allows one.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        serde_json::to_string_pretty(self)
+        json::to_string(self)
     }
 }
 

@@ -2,10 +2,11 @@
 
 use serde::{Deserialize, Serialize, Serializer};
 
-use super::Nearer;
 use super::measurements::Measurements;
 use super::metric::DepthReport;
 use super::ranks::Ranks;
+use super::{Nearer, json};
+use crate::image_io::{self, Input};
 use crate::{DeviceInfo, Level, Method, Photometric, Settings, Similarity, Solution, Timings};
 
 /// The report of one solve. A quantity that no valid pixel supports is `null`.
@@ -47,6 +48,13 @@ pub struct Report {
     pub warnings: Vec<String>,
     /// What it ran on.
     pub device: DeviceReport,
+    /// Whether it ran under the validation layer.
+    pub validated: bool,
+    /// SHA-256 of the version, settings and flags, by which `batch --resume` knows a solve again; empty where a program
+    /// did not set it.
+    pub request: String,
+    /// The files of I1 and I2; empty where the frames did not come from files.
+    pub inputs: Vec<Input>,
     /// Where the time went.
     pub timings_ms: TimingsReport,
 }
@@ -132,8 +140,17 @@ impl Report {
             measurements: None,
             warnings: solution.warnings.clone(),
             device: device.into(),
+            validated: false,
+            request: String::new(),
+            inputs: Vec::new(),
             timings_ms: (&solution.timings).into(),
         }
+    }
+
+    /// Adds which files were read, and what they give to warn of; and whether the validation layer watched.
+    pub fn of(&mut self, inputs: Vec<Input>, validated: bool) {
+        self.warnings.extend(image_io::pair_warnings(&inputs, self.settings.decode));
+        (self.inputs, self.validated) = (inputs, validated);
     }
 
     /// The text of `report.json`, without a newline at its end.
@@ -141,7 +158,7 @@ impl Report {
     /// # Errors
     /// None is known; serde_json's signature allows one.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        serde_json::to_string_pretty(self)
+        json::to_string(self)
     }
 }
 

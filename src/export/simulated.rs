@@ -84,7 +84,7 @@ impl Truth {
     /// # Errors
     /// That of the serialiser, which numbers that JSON has no form for would cause.
     pub fn to_json(&self) -> serde_json::Result<String> {
-        serde_json::to_string_pretty(self)
+        super::json::to_string(self)
     }
 }
 

@@ -79,6 +79,9 @@ fn the_report_has_the_fields_that_scripts_read() {
         "nearer",
         "warnings",
         "device",
+        "validated",
+        "request",
+        "inputs",
         "timings_ms",
     ];
     expected.sort_unstable();

@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Seek};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::MAX_PIXELS;
 
@@ -10,12 +10,18 @@ use super::MAX_PIXELS;
 pub(super) const DAMAGED: &str = "the file is damaged or incomplete; copy or save it again";
 
 /// What every format that is not read is told.
-pub(super) const CONVERT: &str = "convert it to PNG, TIFF, JPEG, PNM or EXR";
+pub(super) const CONVERT: &str = "convert it to PNG, TIFF, JPEG, PNM, PFM or EXR";
 
-/// Opens a regular file that is not empty; also gives its first 4 bytes, zeros where there are fewer.
-pub(super) fn open(path: &Path) -> Result<(File, [u8; 4]), String> {
+/// Names more alike than this (Jaro and Winkler) may be misspelt ones.
+const SIMILAR: f64 = 0.9;
+
+/// Opens a regular file that is not empty; also gives its first 16 bytes, zeros where there are fewer.
+pub(super) fn open(path: &Path) -> Result<(File, [u8; 16]), String> {
     let mut file = File::open(path).map_err(|e| match e.kind() {
-        ErrorKind::NotFound => "there is no such file; check the path".to_string(),
+        ErrorKind::NotFound => match similar_file(path) {
+            Some(other) => format!("there is no such file; did you mean '{}'?", other.display()),
+            None => "there is no such file; check the path".to_string(),
+        },
         ErrorKind::PermissionDenied => "may not be read; check its permissions".to_string(),
         _ => format!("cannot be opened ({e})"),
     })?;
@@ -30,12 +36,27 @@ pub(super) fn open(path: &Path) -> Result<(File, [u8; 4]), String> {
     if kind.len() == 0 {
         return Err("is empty; copy or save it again".to_string());
     }
-    let mut magic = [0; 4];
+    let mut magic = [0; 16];
     let mut start = Vec::new();
     (&mut file).take(magic.len() as u64).read_to_end(&mut start).map_err(unreadable)?;
     magic[..start.len()].copy_from_slice(&start);
     file.rewind().map_err(unreadable)?;
     Ok((file, magic))
+}
+
+/// Of the files beside one that is not there, the one with the most similar name, if any is similar.
+pub fn similar_file(missing: &Path) -> Option<PathBuf> {
+    let wanted = missing.file_name()?.to_str()?;
+    let folder = missing.parent().filter(|p| !p.as_os_str().is_empty());
+    let beside = std::fs::read_dir(folder.unwrap_or(Path::new("."))).ok()?;
+    let scored = beside.filter_map(Result::ok).filter_map(|entry| {
+        let name = entry.file_name().into_string().ok()?;
+        let score = strsim::jaro_winkler(&wanted.to_lowercase(), &name.to_lowercase());
+        (score > SIMILAR).then_some((score, name))
+    });
+    // Names of equal score in a fixed order: a folder is listed in none.
+    let (_, name) = scored.max_by(|a, b| a.0.total_cmp(&b.0).then_with(|| b.1.cmp(&a.1)))?;
+    Some(folder.map_or_else(|| PathBuf::from(&name), |folder| folder.join(&name)))
 }
 
 /// Refuses sizes that would take more memory than a photograph can need.

@@ -1,10 +1,18 @@
 //! Photographs in: files to [`Frame`]s.
 //!
-//! PNG, JPEG, TIFF, PNM and EXR, told apart by content, not by name. Files are untrusted: size is checked before any
-//! pixel is decoded, and whatever is wrong comes back as [`Error::File`] with the path and what to do.
+//! PNG, JPEG, TIFF, PNM, PFM and EXR, told apart by content, not by name; of a TIFF of several pages the first, or page N
+//! where the path is `FILE#N`. Files are untrusted: size is checked before any pixel is decoded, and whatever is wrong
+//! comes back as [`Error::File`] with the path and what to do. Raw files of cameras are not read, but the error has the
+//! command that converts them.
 
+mod camera_raw;
 mod check;
+mod describe;
+mod encoding;
+mod exif;
 mod openexr;
+mod page;
+mod pfm;
 mod raster;
 #[cfg(test)]
 mod tests;
@@ -14,6 +22,13 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
+pub use check::similar_file;
+pub use describe::{Input, describe, pair_warnings};
+pub use exif::Exif;
+use image::metadata::Orientation;
+pub use page::split_page;
+
+use self::page::Paged;
 use crate::stages::ingest;
 use crate::{Aperture, Decode, Error, Frame, Kernel};
 
@@ -27,7 +42,8 @@ const MAX_KERNEL_SIDE: u32 = 4096;
 /// Reads one photograph.
 ///
 /// 8-bit files stay 8-bit, 16-bit stay 16-bit, float (and half) becomes 32-bit float; grey stays grey, palettes become
-/// colour, alpha is dropped. A rotation recorded by the camera (EXIF) is applied.
+/// colour. Alpha is dropped and the colour beside it kept as stored: where that is multiplied by alpha, as in EXR, a
+/// transparent pixel is black. A rotation recorded by the camera (EXIF, the orientation of a TIFF) is applied.
 ///
 /// # Errors
 /// [`Error::File`].
@@ -99,12 +115,15 @@ pub fn read_field(path: &Path) -> Result<(u32, u32, Vec<f32>), Error> {
 struct Pending<'a> {
     path: &'a Path,
     size: (u32, u32),
+    /// Pages of the file.
+    pages: usize,
     source: Source,
 }
 
 enum Source {
     Raster(raster::Raster),
-    TiffFloat(Box<tiff_float::TiffFloat>),
+    TiffFloat(Box<tiff_float::TiffFloat<BufReader<Paged>>>),
+    Pfm(pfm::Pfm<BufReader<File>>),
     // The crate keeps the whole header in place, 4 KiB.
     Exr(Box<openexr::Exr>),
 }
@@ -112,41 +131,91 @@ enum Source {
 impl<'a> Pending<'a> {
     fn open(path: &'a Path) -> Result<Self, Error> {
         let wrap = |problem| Error::file(path, problem);
-        let source = open_source(path).map_err(wrap)?;
+        let (file, page) = split_page(path);
+        let (source, pages) = open_source(&file, page).map_err(wrap)?;
         let size = match &source {
             Source::Raster(s) => s.size(),
             Source::TiffFloat(s) => s.size(),
+            Source::Pfm(s) => s.size(),
             Source::Exr(s) => s.size(),
         };
         check::size(size).map_err(wrap)?;
-        Ok(Self { path, size, source })
+        Ok(Self { path, size, pages, source })
+    }
+
+    /// Bits of a stored sample and colour channels, alpha not counted.
+    fn bits_and_channels(&self) -> (u32, u32) {
+        match &self.source {
+            Source::Raster(s) => s.bits_and_channels(),
+            Source::TiffFloat(_) => (32, 1),
+            Source::Pfm(s) => (32, s.channels().count()),
+            Source::Exr(s) => s.bits_and_channels(),
+        }
     }
 
     fn decode(self) -> Result<Frame, Error> {
         match self.source {
             Source::Raster(s) => s.decode(),
             Source::TiffFloat(s) => s.decode(),
+            Source::Pfm(s) => s.decode(),
             Source::Exr(s) => s.decode(),
         }
         .map_err(|problem| Error::file(self.path, problem))
     }
 }
 
-/// Opens a file with the reader that its first bytes ask for.
-fn open_source(path: &Path) -> Result<Source, String> {
+/// Opens a file with the reader that its first bytes ask for; also how many pages it has.
+fn open_source(path: &Path, page: Option<usize>) -> Result<(Source, usize), String> {
     let (file, magic) = check::open(path)?;
-    let reader = BufReader::new(file);
-    if openexr::is_exr(magic) {
-        return openexr::Exr::open(reader).map(|exr| Source::Exr(Box::new(exr)));
+    let is_tiff = tiff_float::is_tiff(&magic);
+    if let Some(problem) = camera_raw::problem(path, &magic, is_tiff) {
+        return Err(problem);
     }
-    if tiff_float::is_tiff(magic)
-        && let Some(float) = tiff_float::TiffFloat::open(BufReader::new(reopen(path)?))?
-    {
-        return Ok(Source::TiffFloat(Box::new(float)));
+    if is_tiff {
+        return open_tiff(path, &magic, page);
     }
-    raster::Raster::open(reader).map(Source::Raster)
+    if page.is_some_and(|page| page > 1) {
+        return Err("has one page only, for it is no TIFF; leave out what follows the #".to_string());
+    }
+    let source = if openexr::is_exr(&magic) {
+        Source::Exr(Box::new(openexr::Exr::open(BufReader::new(file))?))
+    } else if pfm::is_pfm(&magic) {
+        Source::Pfm(pfm::Pfm::open(BufReader::new(file))?)
+    } else {
+        Source::Raster(raster::Raster::open(BufReader::new(file))?)
+    };
+    Ok((source, 1))
 }
 
-fn reopen(path: &Path) -> Result<File, String> {
-    File::open(path).map_err(|e| format!("cannot be opened ({e})"))
+fn open_tiff(path: &Path, magic: &[u8], page: Option<usize>) -> Result<(Source, usize), String> {
+    let reopen = || File::open(path).map_err(|e| format!("cannot be opened ({e})"));
+    let offsets = page::offsets(reopen()?);
+    let wanted = page.unwrap_or(1);
+    let offset = offsets.get(wanted - 1).copied();
+    if offset.is_none() && wanted > 1 {
+        return Err(format!("has {} pages and no page {wanted}", offsets.len()));
+    }
+    let paged = || {
+        let file = reopen()?;
+        let paged = match offset {
+            Some(offset) => Paged::at_page(file, magic, offset),
+            None => Paged::whole(file),
+        };
+        Ok::<_, String>(BufReader::new(paged))
+    };
+    let source = match tiff_float::TiffFloat::open(paged()?)? {
+        Some(float) => Source::TiffFloat(Box::new(float)),
+        None => Source::Raster(raster::Raster::open_tiff(paged()?)?),
+    };
+    Ok((source, offsets.len().max(1)))
+}
+
+/// Width and height once a picture is upright.
+fn turned((width, height): (u32, u32), orientation: Orientation) -> (u32, u32) {
+    match orientation {
+        Orientation::Rotate90 | Orientation::Rotate270 | Orientation::Rotate90FlipH | Orientation::Rotate270FlipH => {
+            (height, width)
+        }
+        _ => (width, height),
+    }
 }

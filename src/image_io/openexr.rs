@@ -23,8 +23,8 @@ pub(super) struct Exr {
 }
 
 /// Whether a file starts as EXR.
-pub(super) fn is_exr(magic: [u8; 4]) -> bool {
-    magic == [0x76, 0x2f, 0x31, 0x01]
+pub(super) fn is_exr(magic: &[u8]) -> bool {
+    magic.starts_with(&[0x76, 0x2f, 0x31, 0x01])
 }
 
 fn problem(error: exr::error::Error) -> String {
@@ -49,9 +49,22 @@ impl Exr {
         Ok(Self { reader, names, size })
     }
 
+    /// Whether there is an alpha channel, which is dropped.
+    pub(super) fn has_alpha(&self) -> bool {
+        self.reader.headers().first().is_some_and(|h| h.channels.list.iter().any(|c| c.name.to_string() == "A"))
+    }
+
     /// Width and height of the data window.
     pub(super) fn size(&self) -> (u32, u32) {
         self.size
+    }
+
+    /// Bits of a sample, of the widest where they differ, and the number of channels.
+    pub(super) fn bits_and_channels(&self) -> (u32, u32) {
+        let chosen = |name: String| self.names.contains(&name);
+        let list = self.reader.headers().first().map(|header| header.channels.list.as_slice()).unwrap_or_default();
+        let bytes = list.iter().filter(|c| chosen(c.name.to_string())).map(|c| c.sample_type.bytes_per_sample());
+        (8 * bytes.max().unwrap_or(0) as u32, self.names.len() as u32)
     }
 
     /// Decodes the pixels.

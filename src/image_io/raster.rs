@@ -1,7 +1,6 @@
 //! PNG, JPEG, TIFF and PNM through the `image` crate.
 
-use std::fs::File;
-use std::io::{BufRead, BufReader, Cursor, Read, Seek};
+use std::io::{BufRead, Cursor, Seek};
 
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
@@ -26,7 +25,7 @@ pub(super) struct Raster {
 
 impl Raster {
     /// Reads the header.
-    pub(super) fn open(file: BufReader<File>) -> Result<Self, String> {
+    pub(super) fn open(file: impl BufRead + Seek + 'static) -> Result<Self, String> {
         let reader = ImageReader::new(file).with_guessed_format().map_err(|e| format!("cannot be read ({e})"))?;
         let Some(found) = reader.format() else {
             return Err(format!("is in no image format that parfocal knows; {CONVERT}"));
@@ -45,6 +44,11 @@ impl Raster {
         Self::with_decoder(ImageReader::with_format(Cursor::new(bytes), found), format)
     }
 
+    /// Reads the header of a TIFF, which may be a big one, whose beginning `image` does not guess.
+    pub(super) fn open_tiff(file: impl BufRead + Seek + 'static) -> Result<Self, String> {
+        Self::with_decoder(ImageReader::with_format(file, ImageFormat::Tiff), "TIFF")
+    }
+
     fn with_decoder(
         mut reader: ImageReader<impl BufRead + Seek + 'static>,
         format: &'static str,
@@ -59,14 +63,29 @@ impl Raster {
 
     /// Width and height once the camera's rotation is applied.
     pub(super) fn size(&self) -> (u32, u32) {
-        let (width, height) = self.decoder.dimensions();
-        match self.orientation {
-            Orientation::Rotate90
-            | Orientation::Rotate270
-            | Orientation::Rotate90FlipH
-            | Orientation::Rotate270FlipH => (height, width),
-            _ => (width, height),
-        }
+        super::turned(self.decoder.dimensions(), self.orientation)
+    }
+
+    /// The format's name.
+    pub(super) fn format(&self) -> &'static str {
+        self.format
+    }
+
+    /// Whether there is an alpha channel, which is dropped.
+    pub(super) fn has_alpha(&self) -> bool {
+        self.decoder.color_type().has_alpha()
+    }
+
+    /// The EXIF data, as a TIFF structure, and the ICC profile, where there are any. Of a TIFF only the latter.
+    pub(super) fn metadata(&mut self) -> (Option<Vec<u8>>, Option<Vec<u8>>) {
+        (self.decoder.exif_metadata().ok().flatten(), self.decoder.icc_profile().ok().flatten())
+    }
+
+    /// Bits of a sample and colour channels, alpha not counted.
+    pub(super) fn bits_and_channels(&self) -> (u32, u32) {
+        let color = self.decoder.color_type();
+        let channels = u32::from(color.channel_count());
+        (u32::from(color.bits_per_pixel()) / channels.max(1), if color.has_color() { 3 } else { 1 })
     }
 
     /// Decodes the pixels.

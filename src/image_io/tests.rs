@@ -99,6 +99,167 @@ fn float_tiff_round_trips_in_grey_and_colour() {
     assert_eq!(read(&path).unwrap(), Frame::new(WIDTH, HEIGHT, channels, samples).unwrap());
 }
 
+/// Writes pages of one size, each a tiled picture of `tile` x `tile` pixels a tile; what hangs over is filled with 0.
+fn tiled<C: colortype::ColorType<Inner = T>, T: Copy + Default>(path: &Path, values: &[T], tile: u32)
+where
+    [T]: tiff::encoder::TiffValue,
+{
+    use tiff::tags::Tag;
+    let samples = C::BITS_PER_SAMPLE.len();
+    let mut encoder = TiffEncoder::new(fs::File::create(path).unwrap()).unwrap();
+    let mut directory = encoder.image_directory().unwrap();
+    let (mut offsets, mut counts) = (Vec::new(), Vec::new());
+    for top in (0..HEIGHT).step_by(tile as usize) {
+        for left in (0..WIDTH).step_by(tile as usize) {
+            let places = (top..top + tile).flat_map(|y| (left..left + tile).map(move |x| (x, y)));
+            let pixel = |(x, y): (u32, u32)| {
+                let at = (y * WIDTH + x) as usize * samples;
+                if x < WIDTH && y < HEIGHT { values[at..at + samples].to_vec() } else { vec![T::default(); samples] }
+            };
+            let data: Vec<T> = places.flat_map(pixel).collect();
+            offsets.push(directory.write_data(data.as_slice()).unwrap() as u32);
+            counts.push((data.len() * size_of::<T>()) as u32);
+        }
+    }
+    let format: Vec<u16> = C::SAMPLE_FORMAT.iter().map(|f| f.to_u16()).collect();
+    for (tag, value) in [
+        (Tag::ImageWidth, WIDTH),
+        (Tag::ImageLength, HEIGHT),
+        (Tag::Compression, 1),
+        (Tag::PhotometricInterpretation, u32::from(C::TIFF_VALUE.to_u16())),
+        (Tag::SamplesPerPixel, samples as u32),
+        (Tag::TileWidth, tile),
+        (Tag::TileLength, tile),
+    ] {
+        directory.write_tag(tag, value).unwrap();
+    }
+    directory.write_tag(Tag::BitsPerSample, C::BITS_PER_SAMPLE).unwrap();
+    directory.write_tag(Tag::SampleFormat, format.as_slice()).unwrap();
+    directory.write_tag(Tag::TileOffsets, offsets.as_slice()).unwrap();
+    directory.write_tag(Tag::TileByteCounts, counts.as_slice()).unwrap();
+    directory.finish().unwrap();
+}
+
+#[test]
+fn tiled_tiff_is_read_in_every_depth() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("tiled.tif");
+    let (gray, rgb, deep) = (gray8().into_luma8(), rgb8().into_rgb8(), rgb16().into_rgb16());
+    tiled::<colortype::Gray8, _>(&path, gray.as_raw(), 16);
+    assert_eq!(read(&path).unwrap().samples(), &Samples::U8(gray.into_raw()));
+    tiled::<colortype::RGB8, _>(&path, rgb.as_raw(), 32);
+    assert_eq!(read(&path).unwrap().samples(), &Samples::U8(rgb.into_raw()));
+    tiled::<colortype::RGB16, _>(&path, deep.as_raw(), 16);
+    assert_eq!(read(&path).unwrap().samples(), &Samples::U16(deep.into_raw()));
+    let values: Vec<f32> = (0..WIDTH * HEIGHT).map(|i| i as f32 * 0.5).collect();
+    tiled::<colortype::Gray32Float, _>(&path, &values, 16);
+    assert_eq!(read(&path).unwrap(), Frame::gray(WIDTH, HEIGHT, values).unwrap());
+}
+
+#[test]
+fn a_page_of_several_is_named_by_its_number() {
+    use tiff::tags::Tag;
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("stack.tif");
+    let page = |n: u32| PathBuf::from(format!("{}#{n}", path.display()));
+    let (gray, deep) = (gray8().into_luma8(), rgb16().into_rgb16());
+    let float: Vec<f32> = (0..WIDTH * HEIGHT).map(|i| i as f32).collect();
+    for big in [false, true] {
+        let file = fs::File::create(&path).unwrap();
+        macro_rules! write {
+            ($encoder:expr) => {{
+                let mut encoder = $encoder;
+                encoder.write_image::<colortype::Gray8>(WIDTH, HEIGHT, gray.as_raw()).unwrap();
+                let mut reduced = encoder.new_image::<colortype::Gray8>(2, 1).unwrap();
+                reduced.encoder().write_tag(Tag::NewSubfileType, 1u32).unwrap();
+                reduced.write_data(&[1, 2]).unwrap();
+                encoder.write_image::<colortype::RGB16>(WIDTH, HEIGHT, deep.as_raw()).unwrap();
+                encoder.write_image::<colortype::Gray32Float>(WIDTH, HEIGHT, &float).unwrap();
+            }};
+        }
+        if big {
+            write!(TiffEncoder::new_big(file).unwrap())
+        } else {
+            write!(TiffEncoder::new(file).unwrap())
+        }
+        for first in [path.clone(), page(1)] {
+            assert_eq!(read(&first).unwrap().samples(), &Samples::U8(gray.as_raw().clone()));
+        }
+        assert_eq!(read(&page(2)).unwrap().samples(), &Samples::U16(deep.as_raw().clone()));
+        assert_eq!(read(&page(3)).unwrap().samples(), &Samples::F32(float.clone()));
+        assert!(read(&page(4)).unwrap_err().to_string().contains("has 3 pages and no page 4"));
+        let [all, third] = [&path, &page(3)].map(|p| describe(p).unwrap());
+        assert_eq!((all.pages, all.page, all.bits), (3, None, 8));
+        assert_eq!((third.pages, third.page, third.bits), (3, Some(3), 32));
+        assert_eq!(all.sha256, third.sha256);
+        assert!(
+            pair_warnings(&[page(1), page(2)].map(|p| describe(&p).unwrap()), Decode::None)[0].contains("coloured")
+        );
+    }
+    let png = save(&folder, "one.png", &gray8(), ImageFormat::Png);
+    assert!(read(&png.with_file_name("one.png#2")).unwrap_err().to_string().contains("one page only"));
+    assert!(read(&png.with_file_name("one.png#1")).is_ok());
+    // A file of that very name goes before a page.
+    let odd = save(&folder, "one.png#3", &gray16(), ImageFormat::Png);
+    assert!(matches!(read(&odd).unwrap().samples(), Samples::U16(_)));
+}
+
+#[test]
+fn png_and_tiff_are_turned_too() {
+    let folder = TempDir::new().unwrap();
+    let turned = |image: &DynamicImage| image.rotate90().into_luma8().into_raw();
+    let exif = b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0".to_vec();
+    let path = folder.path().join("turned.png");
+    let mut encoder = image::codecs::png::PngEncoder::new(fs::File::create(&path).unwrap());
+    encoder.set_exif_metadata(exif).unwrap();
+    encoder.write_image(gray8().as_bytes(), WIDTH, HEIGHT, image::ExtendedColorType::L8).unwrap();
+    let frame = read(&path).unwrap();
+    assert_eq!((frame.width(), frame.height()), (HEIGHT, WIDTH));
+    assert_eq!(frame.samples(), &Samples::U8(turned(&gray8())));
+
+    let path = folder.path().join("turned.tif");
+    for orientation in 1..=8u16 {
+        let upright = {
+            let mut image = gray8();
+            image.apply_orientation(Orientation::from_exif(orientation as u8).unwrap());
+            image.into_luma8()
+        };
+        let values: Vec<f32> = gray8().as_bytes().iter().map(|&v| v.into()).collect();
+        for float in [false, true] {
+            let mut encoder = TiffEncoder::new(fs::File::create(&path).unwrap()).unwrap();
+            macro_rules! write {
+                ($kind:ty, $values:expr) => {{
+                    let mut image = encoder.new_image::<$kind>(WIDTH, HEIGHT).unwrap();
+                    image.encoder().write_tag(tiff::tags::Tag::Orientation, orientation).unwrap();
+                    image.write_data($values).unwrap();
+                }};
+            }
+            if float {
+                write!(colortype::Gray32Float, &values)
+            } else {
+                write!(colortype::Gray8, gray8().as_bytes())
+            }
+            let frame = read(&path).unwrap();
+            assert_eq!((frame.width(), frame.height()), upright.dimensions(), "{orientation}");
+            let found: Vec<f32> = match frame.samples() {
+                Samples::U8(values) => values.iter().map(|&v| v.into()).collect(),
+                Samples::F32(values) => values.clone(),
+                Samples::U16(_) => panic!("16 bits"),
+            };
+            assert!(found.iter().zip(upright.as_raw()).all(|(a, b)| *a == f32::from(*b)), "{orientation} {float}");
+        }
+    }
+}
+
+#[test]
+fn a_pair_may_have_two_depths() {
+    let folder = TempDir::new().unwrap();
+    let a = save(&folder, "a.png", &gray8(), ImageFormat::Png);
+    let b = save(&folder, "b.tif", &rgb16(), ImageFormat::Tiff);
+    let (i1, i2) = read_pair(&a, &b).unwrap();
+    assert!(matches!((i1.samples(), i2.samples()), (Samples::U8(_), Samples::U16(_))));
+}
+
 #[test]
 fn jpeg_is_read_and_turned_as_the_camera_says() {
     let folder = TempDir::new().unwrap();
@@ -183,7 +344,9 @@ fn one_of_each(folder: &TempDir) -> Vec<PathBuf> {
     encoder.write_image::<colortype::Gray32Float>(8, 8, &[0.5; 64]).unwrap();
     let exr = folder.path().join("a.exr");
     exr_file(&exr, 20, 20, vec![("Y", FlatSamples::F32((0..400).map(|i| i as f32).collect()))]);
-    paths.extend([float, exr]);
+    let pfm = folder.path().join("a.pfm");
+    fs::write(&pfm, [&b"Pf\n10 8\n-1\n"[..], &[0; 320]].concat()).unwrap();
+    paths.extend([float, exr, pfm]);
     paths
 }
 
@@ -210,7 +373,7 @@ fn bent_files_never_panic() {
             let mut bent = bytes.clone();
             bent[at] ^= 0xa5;
             fs::write(&path, &bent).unwrap();
-            let _ = read(&path);
+            let _ = (read(&path), describe(&path));
         }
     }
 }

@@ -1,0 +1,308 @@
+//! `parfocal batch`: many pairs, one after the other, while the next is read and the last is written.
+
+use std::fs;
+use std::io::{self, IsTerminal, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread;
+use std::time::Instant;
+
+use indicatif::{ProgressBar, ProgressStyle};
+use parfocal::export::FILES;
+use parfocal::{DeviceInfo, Engine, Error, Format, Settings, Solution, Solver};
+
+use super::failure::{Failure, print};
+use super::solve::{self, Photographs};
+use super::tally::{Outcome, Row, Tally};
+use super::{output, pairs};
+
+/// Solve many pairs: those of a folder, or of a list.
+#[derive(clap::Args, Debug)]
+#[group(skip)]
+#[command(
+    after_help = after_help(),
+    mut_arg("i1", |a| a.value_name("DIR|MANIFEST").help("Folder of photographs, or list of pairs, as CSV or JSON lines")),
+    mut_arg("i2", |a| a.hide(true).required(false).default_value(NOTHING)),
+    mut_arg("output", |a| a.help("Folder for a folder of results for each pair, and batch.json; made if it is missing")),
+    mut_arg("json", |a| a.help("Print batch.json on stdout too")),
+    mut_arg("strict", |a| a.help("Exit status 1 if a pair does not converge or has warnings")),
+)]
+pub(super) struct Arguments {
+    // All flags of `solve`, of which I1 stands for the source and I2 for nothing.
+    #[command(flatten)]
+    solve: solve::Arguments,
+    /// Leave out pairs whose results are there, whole, and of the same photographs, settings and flags
+    #[arg(long)]
+    resume: bool,
+}
+
+/// What I2 is where no second photograph belongs.
+const NOTHING: &str = "-";
+
+fn after_help() -> String {
+    format!(
+        "{}\n\nA pair that fails is reported and the others go on. Ctrl-C finishes the pair at hand and writes the summary; \
+         a second one ends at once.\n\nExit status: 0 all done, 1 a pair failed, 2 wrong usage, 130 ended by Ctrl-C.\n\n\
+         Examples:\n  parfocal batch shots -o results --regularization 0.001\n  parfocal batch list.csv -o results --resume",
+        pairs::RULE
+    )
+}
+
+/// A pair and everything that is asked of it.
+struct Job {
+    name: String,
+    arguments: solve::Arguments,
+}
+
+/// What is the same for all pairs.
+struct Shared {
+    settings: Settings,
+    resume: bool,
+    /// Set by Ctrl-C.
+    stop: Arc<AtomicBool>,
+}
+
+/// A pair on its way from the reader to the solver.
+enum Read {
+    Photographs(Box<Photographs>),
+    Whole,
+    Failed(Failure),
+}
+
+/// A pair on its way from the solver to the writer.
+enum Solved {
+    Solution(Box<(Photographs, Solution, DeviceInfo)>),
+    Whole,
+    Failed(Failure),
+}
+
+/// Solves all pairs and says what came of each.
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let started = Instant::now();
+    let flags = &arguments.solve;
+    let (source, out) = (&flags.pair.i1, &flags.output);
+    if flags.pair.i2.as_os_str() != NOTHING {
+        return Err(Failure::Usage(
+            "batch takes one folder or manifest; to solve one pair, use `parfocal solve`".to_string(),
+        ));
+    }
+    let settings = solve::settings(flags)?;
+    output::check(out, &[], &[])?;
+    let jobs: Vec<Job> = pairs::find(source, out)?.into_iter().map(|pair| Job::new(flags, pair)).collect();
+    jobs.iter().try_for_each(|job| solve::check_output(&job.arguments))?;
+    let stop = on_interrupt()?;
+    let engine = flags.pair.open_engine()?;
+    let shared = Shared { settings, resume: arguments.resume, stop };
+    let bar = Bar::new(jobs.len(), flags.pair.quiet);
+    let rows = work(engine, &jobs, &shared, &bar)?;
+    drop(bar);
+    let interrupted = shared.stop.load(Ordering::Relaxed);
+    let tally = Tally::new(source, rows, interrupted, started.elapsed());
+    fs::create_dir_all(out)
+        .map_err(|e| Failure::Failed(format!("{}: cannot be made ({e}); give another folder", out.display())))?;
+    let json = tally.to_json()?;
+    output::write(&out.join("batch.json"), format!("{json}\n").as_bytes())?;
+    if !flags.pair.quiet {
+        // Nobody is left to be told where stderr is closed.
+        let _ = writeln!(io::stderr(), "{}", tally.table(out));
+    }
+    if flags.pair.json {
+        print(&json)?;
+    }
+    tally.check(flags.pair.strict)
+}
+
+impl Job {
+    fn new(flags: &solve::Arguments, pair: pairs::Pair) -> Self {
+        let mut arguments = flags.clone();
+        (arguments.pair.i1, arguments.pair.i2) = (pair.i1, pair.i2);
+        arguments.output = flags.output.join(&pair.name);
+        Self { name: pair.name, arguments }
+    }
+
+    fn row(&self, outcome: Outcome) -> Row {
+        let pair = &self.arguments.pair;
+        Row::new(&self.name, [&pair.i1, &pair.i2], &self.arguments.output, outcome)
+    }
+}
+
+/// A flag that the first Ctrl-C sets; the second ends the program.
+fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = stop.clone();
+    let handler = move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+        let _ = writeln!(io::stderr(), "\nfinishing the pair at hand; Ctrl-C again ends at once");
+    };
+    ctrlc::set_handler(handler).map_err(|e| Failure::Failed(format!("Ctrl-C cannot be listened to ({e})")))?;
+    Ok(stop)
+}
+
+/// Three threads in a row, each at most one pair ahead of the next: what is read and not yet solved stays small.
+fn work(engine: Engine, jobs: &[Job], shared: &Shared, bar: &Bar) -> Result<Vec<Row>, Failure> {
+    thread::scope(|scope| {
+        let (to_solver, from_reader) = sync_channel(1);
+        let (to_writer, from_solver) = sync_channel(1);
+        scope.spawn(move || read_all(jobs, shared, &to_solver));
+        let writer = scope.spawn(move || write_all(jobs, shared, from_solver, bar));
+        let solved = solve_all(engine, jobs, shared, from_reader, &to_writer);
+        drop(to_writer);
+        let rows =
+            writer.join().map_err(|_| Failure::Failed("the thread that writes results has stopped".to_string()))?;
+        solved.map(|()| rows)
+    })
+}
+
+fn read_all(jobs: &[Job], shared: &Shared, to_solver: &SyncSender<(usize, Read)>) {
+    for (index, job) in jobs.iter().enumerate() {
+        if shared.stop.load(Ordering::Relaxed) {
+            return;
+        }
+        let read = match solve::read(&job.arguments, |inputs| shared.resume && is_whole(job, shared, inputs)) {
+            Ok(Some(photographs)) => Read::Photographs(Box::new(photographs)),
+            Ok(None) => Read::Whole,
+            Err(failure) => Read::Failed(failure),
+        };
+        if to_solver.send((index, read)).is_err() {
+            return;
+        }
+    }
+}
+
+/// Whether the results of a pair are there, all of them, and of what is asked. The report gets its name last.
+fn is_whole(job: &Job, shared: &Shared, inputs: &[parfocal::image_io::Input]) -> bool {
+    let out = &job.arguments.output;
+    let Some(report) = Outcome::report(out) else { return false };
+    let hashes = |i: usize| report["inputs"][i]["sha256"].as_str();
+    FILES.iter().all(|name| out.join(name).is_file())
+        && report["request"].as_str() == Some(&solve::request(&job.arguments, &shared.settings))
+        && inputs.iter().enumerate().all(|(i, input)| hashes(i) == Some(&input.sha256))
+}
+
+fn solve_all(
+    engine: Engine,
+    jobs: &[Job],
+    shared: &Shared,
+    from_reader: Receiver<(usize, Read)>,
+    to_writer: &SyncSender<(usize, Solved)>,
+) -> Result<(), Failure> {
+    let mut bench = Bench { engine, prepared: None };
+    for (index, read) in from_reader {
+        if shared.stop.load(Ordering::Relaxed) {
+            break;
+        }
+        let arguments = &jobs[index].arguments;
+        let solved = match read {
+            Read::Whole => Solved::Whole,
+            Read::Failed(failure) => Solved::Failed(failure),
+            Read::Photographs(photographs) => match bench.solve(&photographs, &shared.settings) {
+                Ok(solution) => Solved::Solution(Box::new((*photographs, solution, bench.engine.info().clone()))),
+                Err(error) => {
+                    if matches!(error, Error::Timeout { .. } | Error::Poisoned | Error::Vulkan { .. }) {
+                        // The engine is of no more use, and the pairs to come need one.
+                        bench = Bench { engine: arguments.pair.open_engine()?, prepared: None };
+                    }
+                    Solved::Failed(Failure::of_solve(error, &arguments.pair.i1))
+                }
+            },
+        };
+        if to_writer.send((index, solved)).is_err() {
+            break;
+        }
+    }
+    super::check_validation(&bench.engine)
+}
+
+/// The device, and a solver for pairs of the size and formats of the last one.
+struct Bench {
+    engine: Engine,
+    prepared: Option<([u32; 2], [Format; 2], Solver)>,
+}
+
+impl Bench {
+    fn solve(&mut self, photographs: &Photographs, settings: &Settings) -> Result<Solution, Error> {
+        let [i1, i2] = &photographs.frames;
+        let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
+        let kept = self.prepared.take().filter(|(s, f, _)| (*s, *f) == (size, formats));
+        let solver = match kept {
+            Some((_, _, solver)) => solver,
+            None => Solver::for_pair(&self.engine, i1, i2, settings)?,
+        };
+        let (_, _, solver) = self.prepared.insert((size, formats, solver));
+        solver.solve(i1, i2)
+    }
+}
+
+fn write_all(jobs: &[Job], shared: &Shared, from_solver: Receiver<(usize, Solved)>, bar: &Bar) -> Vec<Row> {
+    let mut rows: Vec<Row> = jobs.iter().map(|job| job.row(Outcome::NotDone)).collect();
+    for (index, solved) in from_solver {
+        let job = &jobs[index];
+        let outcome = match solved {
+            Solved::Whole => Outcome::kept(&job.arguments.output),
+            Solved::Failed(failure) => Outcome::Failed { error: failure.message() },
+            Solved::Solution(solved) => {
+                let (photographs, solution, device) = *solved;
+                match solve::write(&job.arguments, &shared.settings, &device, photographs, &solution) {
+                    Ok(report) => Outcome::solved(&report),
+                    Err(failure) => Outcome::Failed { error: failure.message() },
+                }
+            }
+        };
+        rows[index] = job.row(outcome);
+        bar.show(index, &rows[index]);
+    }
+    rows
+}
+
+/// Progress over the pairs: a bar on a terminal, elsewhere a line a pair.
+struct Bar {
+    bar: ProgressBar,
+    lines: bool,
+    pairs: usize,
+}
+
+impl Bar {
+    fn new(pairs: usize, quiet: bool) -> Self {
+        let terminal = io::stderr().is_terminal();
+        let bar = if terminal && !quiet { ProgressBar::new(pairs as u64) } else { ProgressBar::hidden() };
+        let template = "{pos}/{len} {bar:24} {elapsed}, {rate}, {eta} left  {msg}";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style.with_key(
+                "rate",
+                |state: &indicatif::ProgressState, text: &mut dyn std::fmt::Write| {
+                    let _ = match state.per_sec() {
+                        rate if rate > 0.0 => write!(text, "{:.1} s a pair", 1.0 / rate),
+                        _ => write!(text, "- s a pair"),
+                    };
+                },
+            ));
+        }
+        bar.tick();
+        Self { bar, lines: !terminal && !quiet, pairs }
+    }
+
+    fn show(&self, index: usize, row: &Row) {
+        if matches!(row.outcome(), Outcome::Kept(_)) {
+            // What is left out took no time and says nothing about the rest.
+            self.bar.dec_length(1);
+        } else {
+            self.bar.inc(1);
+        }
+        self.bar.set_message(row.name().to_string());
+        let line = format!("{}/{} {}", index + 1, self.pairs, row.line());
+        if self.lines {
+            let _ = writeln!(io::stderr(), "{line}");
+        } else if matches!(row.outcome(), Outcome::Failed { .. }) {
+            self.bar.println(line);
+        }
+    }
+}
+
+impl Drop for Bar {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}

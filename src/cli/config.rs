@@ -1,0 +1,298 @@
+//! `--config FILE`: a TOML file whose keys are the long options without their dashes.
+//!
+//! What the file states and the command line does not is put before the user's own arguments, so that one parser checks
+//! both and every option, present or future, is a key.
+
+use std::any::TypeId;
+use std::collections::BTreeMap;
+use std::ffi::{OsStr, OsString};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use clap::error::{ContextKind, ContextValue};
+use clap::parser::ValueSource;
+use clap::{Arg, ArgAction, ArgMatches, Command};
+use toml::{Spanned, Value};
+
+use super::failure::{Failure, nearest};
+
+/// The most bytes that are read, 1 MiB.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// `--config`, for the subcommands that take it.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub(super) struct ConfigArgument {
+    /// Options from a TOML file, which those on the command line override; `parfocal config` prints one
+    #[arg(long, value_name = "FILE.toml")]
+    config: Option<PathBuf>,
+}
+
+impl ConfigArgument {
+    /// The file, if one was given.
+    pub(super) fn file(&self) -> Option<&PathBuf> {
+        self.config.as_ref()
+    }
+}
+
+/// Where the options of a file stand in it, so that what is refused later can be named.
+#[derive(Debug, Default)]
+pub(super) struct Origin {
+    file: PathBuf,
+    /// Key and line of each option that was taken.
+    taken: Vec<(String, usize)>,
+}
+
+impl Origin {
+    /// A failure that begins with the name of an option from the file gets the file and the line.
+    pub(super) fn locate(&self, failure: Failure) -> Failure {
+        let Failure::Usage(message) = failure else { return failure };
+        let begins = |key: &str| message.starts_with(&format!("{} is ", key.replace('-', " ")));
+        match self.taken.iter().find(|(key, _)| begins(key)) {
+            Some((_, line)) => Failure::Usage(format!("{}:{line}: {message}", self.file.display())),
+            None => Failure::Usage(message),
+        }
+    }
+}
+
+/// One line of the file.
+#[derive(Debug)]
+struct Entry {
+    key: String,
+    value: Value,
+    line: usize,
+}
+
+/// Parses the command line together with the file that its `--config` names. As `Command::get_matches_from`, it ends the
+/// program on an error in the arguments themselves.
+pub(super) fn matches(command: &Command, arguments: Vec<OsString>) -> Result<(ArgMatches, Origin), Failure> {
+    let Some((given, name, file)) = asked(command, &arguments) else {
+        return Ok((command.clone().get_matches_from(arguments), Origin::default()));
+    };
+    let wrap = |problem: String| Failure::Usage(problem);
+    let mut built = command.clone();
+    built.build();
+    let mut injected = Vec::new();
+    let mut origin = Origin { file: file.clone(), taken: Vec::new() };
+    for entry in read(&file)? {
+        let at = |problem: String| wrap(format!("{}:{}: {problem}", file.display(), entry.line));
+        let option = find(&built, &name, &entry.key).map_err(at)?;
+        let Some(option) = option else { continue };
+        if given.value_source(option.get_id().as_str()) == Some(ValueSource::CommandLine) {
+            continue;
+        }
+        injected.extend(as_arguments(option, &entry).map_err(at)?);
+        origin.taken.push((entry.key, entry.line));
+    }
+    let mut all = arguments;
+    let place = all.iter().position(|a| a == OsStr::new(&name)).map_or(all.len(), |i| i + 1);
+    all.splice(place..place, injected);
+    match command.clone().try_get_matches_from(all) {
+        Ok(matches) => Ok((matches, origin)),
+        Err(error) => Err(origin.blame(&error).unwrap_or_else(|| error.exit())),
+    }
+}
+
+impl Origin {
+    /// The failure, if the argument that clap refuses is one of the file's.
+    fn blame(&self, error: &clap::Error) -> Option<Failure> {
+        let Some(ContextValue::String(argument)) = error.get(ContextKind::InvalidArg) else { return None };
+        let name = argument.trim_start_matches('-').split([' ', '=']).next()?;
+        let (_, line) = self.taken.iter().find(|(key, _)| key == name)?;
+        let text = error.render().to_string();
+        let lines =
+            text.lines().map(str::trim).take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For "));
+        let message = lines.filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
+        let message = message.trim_start_matches("error: ");
+        Some(Failure::Usage(format!("{}:{line}: {message}", self.file.display())))
+    }
+}
+
+/// The subcommand's arguments, its name, and the file, where one is asked for.
+fn asked(command: &Command, arguments: &[OsString]) -> Option<(ArgMatches, String, PathBuf)> {
+    // What is wrong with the rest is found once the file has been read.
+    let matches = command.clone().ignore_errors(true).try_get_matches_from(arguments).ok()?;
+    let (name, given) = matches.subcommand()?;
+    let file = given.try_get_one::<PathBuf>("config").ok()??.clone();
+    Some((given.clone(), name.to_string(), file))
+}
+
+fn read(file: &Path) -> Result<Vec<Entry>, Failure> {
+    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+    let mut text = String::new();
+    let bytes = File::open(file).and_then(|open| open.take(MAX_BYTES + 1).read_to_string(&mut text)).map_err(|e| {
+        failed(format!("cannot be read as a configuration ({e}){}", super::failure::did_you_mean(file)))
+    })?;
+    if bytes as u64 > MAX_BYTES {
+        return Err(failed("is too long for a configuration; `parfocal config` prints one".to_string()));
+    }
+    parse(&text).map_err(|(line, problem)| Failure::Usage(format!("{}:{line}: {problem}", file.display())))
+}
+
+fn parse(text: &str) -> Result<Vec<Entry>, (usize, String)> {
+    let line = |offset: usize| 1 + text[..offset.min(text.len())].matches('\n').count();
+    let entries: BTreeMap<Spanned<String>, Spanned<Value>> = toml::from_str(text)
+        .map_err(|e| (line(e.span().map_or(0, |s| s.start)), format!("is not TOML ({})", e.message())))?;
+    let mut entries: Vec<Entry> = entries
+        .into_iter()
+        .map(|(key, value)| {
+            let line = line(key.span().start);
+            Entry { key: key.into_inner().replace('_', "-"), value: value.into_inner(), line }
+        })
+        .collect();
+    entries.sort_by_key(|entry| entry.line);
+    Ok(entries)
+}
+
+/// Whether an option may stand in a file.
+pub(super) fn is_key(option: &Arg) -> bool {
+    option.get_long().is_some_and(|long| !["config", "help", "version"].contains(&long))
+}
+
+/// The option of a subcommand that a key names; `None` if it is another subcommand's, so that one file serves several.
+fn find<'a>(command: &'a Command, subcommand: &str, key: &str) -> Result<Option<&'a Arg>, String> {
+    let takers = || command.get_subcommands().filter(|c| c.get_arguments().any(|a| a.get_long() == Some("config")));
+    let options = |c: &'a Command| c.get_arguments().filter(|a| is_key(a));
+    let own = takers().find(|c| c.get_name() == subcommand).into_iter().flat_map(options);
+    if let Some(option) = own.into_iter().find(|a| a.get_long() == Some(key)) {
+        return Ok(Some(option));
+    }
+    let names: Vec<&str> = takers().flat_map(options).filter_map(Arg::get_long).collect();
+    if names.contains(&key) {
+        return Ok(None);
+    }
+    let hint = nearest(key, names.into_iter())
+        .map_or_else(|| "`parfocal config` prints all there are".to_string(), |name| format!("did you mean '{name}'?"));
+    Err(format!("there is no option '{key}'; {hint}"))
+}
+
+/// Whether an option takes a number, as far as its parser says.
+pub(super) fn is_number(option: &Arg) -> bool {
+    let parsed = option.get_value_parser().type_id();
+    [TypeId::of::<f64>(), TypeId::of::<f32>(), TypeId::of::<u64>(), TypeId::of::<u32>(), TypeId::of::<u8>()]
+        .iter()
+        .any(|number| parsed == *number)
+        || parsed == TypeId::of::<usize>()
+}
+
+/// What stands on the command line for an entry.
+fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
+    let (key, value) = (&entry.key, &entry.value);
+    let found = value.type_str();
+    if matches!(option.get_action(), ArgAction::SetTrue) {
+        return match value {
+            Value::Boolean(true) => Ok(vec![format!("--{key}").into()]),
+            Value::Boolean(false) => Ok(Vec::new()),
+            _ => Err(format!("{key} must be true or false, and is {}", article(found))),
+        };
+    }
+    let Value::Array(values) = value else {
+        return Ok(vec![format!("--{key}={}", scalar(option, key, value)?).into()]);
+    };
+    let several = option.get_num_args().is_some_and(|n| n.max_values() > 1);
+    let delimiter = option.get_value_delimiter();
+    let repeated = matches!(option.get_action(), ArgAction::Append);
+    if !several && delimiter.is_none() && !repeated {
+        return Err(format!("{key} must be a single value, and is an array"));
+    }
+    let texts: Vec<String> = values.iter().map(|v| scalar(option, key, v)).collect::<Result<_, _>>()?;
+    Ok(match delimiter {
+        _ if texts.is_empty() => Vec::new(),
+        Some(delimiter) => vec![format!("--{key}={}", texts.join(&delimiter.to_string())).into()],
+        None if several => [format!("--{key}")].into_iter().chain(texts).map(OsString::from).collect(),
+        None => texts.iter().map(|text| format!("--{key}={text}").into()).collect(),
+    })
+}
+
+fn scalar(option: &Arg, key: &str, value: &Value) -> Result<String, String> {
+    match value {
+        Value::Integer(n) => Ok(n.to_string()),
+        Value::Float(x) => Ok(x.to_string()),
+        Value::String(text) if !is_number(option) => Ok(text.clone()),
+        other => {
+            let wanted = if is_number(option) { "a number" } else { "a string or a number" };
+            Err(format!("{key} must be {wanted}, and is {}", article(other.type_str())))
+        }
+    }
+}
+
+fn article(kind: &str) -> String {
+    let article = if kind.starts_with(['a', 'i', 'o']) { "an" } else { "a" };
+    format!("{article} {kind}")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use clap::CommandFactory;
+    use tempfile::TempDir;
+
+    use super::*;
+    use crate::cli::Cli;
+
+    /// The options of `solve` with a file and further arguments.
+    fn solve(text: &str, extra: &[&str]) -> Result<ArgMatches, String> {
+        let folder = TempDir::new().unwrap();
+        let file = folder.path().join("c.toml");
+        fs::write(&file, text).unwrap();
+        let base = ["parfocal", "solve", "a.png", "b.png", "--config", file.to_str().unwrap()];
+        let arguments = base.iter().chain(extra).map(OsString::from).collect();
+        match matches(&Cli::command(), arguments) {
+            Ok((found, _)) => Ok(found.subcommand().unwrap().1.clone()),
+            Err(Failure::Usage(message)) => Err(message.rsplit_once("c.toml").unwrap().1.to_string()),
+            Err(other) => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn the_command_line_goes_before_the_file_and_that_before_the_defaults() {
+        let text = "output = 'out'\nsweeps = 7\nouter_iterations = 33\nno-photometric = true\nhold = false\n";
+        let found = solve(text, &["--sweeps", "9"]).unwrap();
+        assert_eq!(found.get_one::<u32>("sweeps"), Some(&9));
+        assert_eq!(found.get_one::<u32>("outer_iterations"), Some(&33));
+        assert_eq!(found.get_one::<f64>("regularization"), Some(&0.003));
+        assert!(found.get_flag("no_photometric") && !found.get_flag("hold"));
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_its_line() {
+        let cases = [
+            ("\n\nsweps = 5\n", ":3: there is no option 'sweps'; did you mean 'sweeps'?"),
+            ("zzz = 5\n", ":1: there is no option 'zzz'; `parfocal config`"),
+            ("# one\nsweeps = 'few'\n", ":2: sweeps must be a number, and is a string"),
+            ("sweeps = true\n", ":1: sweeps must be a number, and is a boolean"),
+            ("hold = 1\n", ":1: hold must be true or false, and is an integer"),
+            ("method = ['sift']\n", ":1: method must be a single value, and is an array"),
+            ("[lens]\nx = 1\n", ":1: there is no option 'lens'"),
+            ("\nsweeps = = 1\n", ":2: is not TOML"),
+            ("sweeps = 1\nsweeps = 2\n", ":2: is not TOML"),
+            ("\nmethod = 'magic'\n", ":2: invalid value 'magic' for '--method"),
+            ("sweeps = 1.5\n", ":1: invalid value '1.5' for '--sweeps"),
+        ];
+        for (text, expected) in cases {
+            let message = solve(text, &["-o", "out"]).unwrap_err();
+            assert!(message.starts_with(expected), "{text:?}: {message}");
+        }
+    }
+
+    #[test]
+    fn a_range_that_the_library_refuses_is_traced_to_the_file() {
+        let origin = Origin { file: "c.toml".into(), taken: vec![("outer-iterations".to_string(), 4)] };
+        let failure = Failure::Usage("outer iterations is 1, and must be 5 to 1000".to_string());
+        let Failure::Usage(message) = origin.locate(failure) else { panic!("another kind") };
+        assert_eq!(message, "c.toml:4: outer iterations is 1, and must be 5 to 1000");
+    }
+
+    #[test]
+    fn an_option_of_another_subcommand_is_left_out() {
+        assert!(find(&built(), "register", "nearer").unwrap().is_none());
+        assert!(find(&built(), "solve", "nearer").unwrap().is_some());
+    }
+
+    fn built() -> Command {
+        let mut command = Cli::command();
+        command.build();
+        command
+    }
+}

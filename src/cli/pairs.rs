@@ -1,0 +1,339 @@
+//! Which photographs belong together: a folder's, by their names, or a list's.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use parfocal::export::{FILES, SIMULATED_FILES};
+use serde::Deserialize;
+
+use super::failure::Failure;
+
+/// Two photographs and the name of the folder that their results go to.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Pair {
+    pub(super) name: String,
+    pub(super) i1: PathBuf,
+    pub(super) i2: PathBuf,
+}
+
+/// The rule, as `--help` states it.
+pub(super) const RULE: &str = "\
+Pairs of a folder: names that differ only in what they end with belong together, in its order. That is a number \
+(shot_1.png shot_2.png; IMG_0417.tif IMG_0418.tif IMG_0419.tif IMG_0420.tif are two pairs), _near and _far, or _a and \
+_b; the first is I1. Where the folder holds folders and no photographs, the rule holds in each of them. A photograph \
+that is left over is an error.
+
+A manifest is CSV, lines of I1,I2 or I1,I2,NAME (a header is allowed, # begins a comment), or JSON lines, \
+{\"i1\": FILE, \"i2\": FILE, \"name\": NAME}, the name optional. Its paths are relative to its own folder.";
+
+/// Endings of the names of photographs.
+const ENDINGS: [&str; 11] = ["png", "jpg", "jpeg", "tif", "tiff", "exr", "pnm", "pgm", "ppm", "pam", "pfm"];
+
+/// The most bytes of a manifest that are read, 64 MiB.
+const MAX_BYTES: u64 = 64 << 20;
+
+/// The pairs of a folder or a manifest; results in `out` are not taken for photographs.
+pub(super) fn find(source: &Path, out: &Path) -> Result<Vec<Pair>, Failure> {
+    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", source.display()));
+    let pairs = if source.is_dir() {
+        of_folder(source, out)?
+    } else if source.exists() {
+        of_manifest(source)?
+    } else {
+        let hint = super::failure::did_you_mean(source);
+        return Err(failed(format!("there is no such folder or manifest{hint}")));
+    };
+    match pairs.as_slice() {
+        [] => {
+            Err(failed("holds no pair of photographs; see `parfocal batch --help` for how they are named".to_string()))
+        }
+        _ => named_apart(pairs).map_err(failed),
+    }
+}
+
+fn of_folder(folder: &Path, out: &Path) -> Result<Vec<Pair>, Failure> {
+    let (files, folders) = list(folder)?;
+    if !files.is_empty() {
+        return by_name(&files).map_err(|problem| Failure::Failed(format!("{}: {problem}", folder.display())));
+    }
+    let mut pairs = Vec::new();
+    for inner in folders.iter().filter(|inner| !super::same_file(inner, out)) {
+        let found =
+            by_name(&list(inner)?.0).map_err(|problem| Failure::Failed(format!("{}: {problem}", inner.display())))?;
+        let folder_name = inner.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let only = found.len() == 1;
+        pairs.extend(found.into_iter().map(|pair| {
+            let name = if only { folder_name.clone() } else { format!("{folder_name}-{}", pair.name) };
+            Pair { name, ..pair }
+        }));
+    }
+    Ok(pairs)
+}
+
+/// The photographs and the folders in a folder, sorted; hidden ones and results are passed over.
+fn list(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Failure> {
+    let failed = |e| Failure::Failed(format!("{}: cannot be listed ({e}); check its permissions", folder.display()));
+    let (mut files, mut folders) = (Vec::new(), Vec::new());
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let is_input = SIMULATED_FILES[..2].contains(&name.as_str());
+        let is_result = FILES.iter().chain(&SIMULATED_FILES).any(|result| *result == name) && !is_input;
+        if name.starts_with('.') || is_result {
+            continue;
+        } else if path.is_dir() {
+            folders.push(path);
+        } else if ENDINGS.contains(&ending.as_str()) {
+            files.push(path);
+        }
+    }
+    files.sort();
+    folders.sort();
+    Ok((files, folders))
+}
+
+/// What the name of a photograph ends with, which orders it among those that share the rest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    Number,
+    NearFar,
+    Letter,
+}
+
+/// The part of a stem before its ending, and the ending; `None` where it has none.
+fn split(stem: &str) -> Option<(&str, Kind, u64)> {
+    let rest = stem.trim_end_matches(|c: char| c.is_ascii_digit());
+    if rest.len() < stem.len() {
+        // A number of more than 18 digits is a date or a hash; its last ones count.
+        let digits = &stem[rest.len()..];
+        let last = &digits[digits.len().saturating_sub(18)..];
+        return Some((rest, Kind::Number, last.parse().ok()?));
+    }
+    let lower = stem.to_ascii_lowercase();
+    let words = [("near", Kind::NearFar, 0), ("far", Kind::NearFar, 1), ("a", Kind::Letter, 0), ("b", Kind::Letter, 1)];
+    words.into_iter().find_map(|(word, kind, order)| {
+        let rest = &stem[..lower.strip_suffix(word)?.len()];
+        (rest.is_empty() || rest.ends_with(['_', '-', '.', ' '])).then_some((rest, kind, order))
+    })
+}
+
+/// Pairs of files by their names.
+fn by_name(files: &[PathBuf]) -> Result<Vec<Pair>, String> {
+    let mut groups: BTreeMap<(String, Kind), BTreeMap<u64, &PathBuf>> = BTreeMap::new();
+    for file in files {
+        let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+        let Some((rest, kind, order)) = split(&stem) else {
+            return Err(format!("{} belongs to no pair: {ENDS}", shown(file)));
+        };
+        if let Some(other) = groups.entry((rest.to_string(), kind)).or_default().insert(order, file) {
+            return Err(format!("{} and {} have one place in their pair; move one away", shown(other), shown(file)));
+        }
+    }
+    let mut pairs = Vec::new();
+    for ((rest, _), group) in &groups {
+        let members: Vec<&PathBuf> = group.values().copied().collect();
+        for two in members.chunks(2) {
+            let &[i1, i2] = two else { return Err(format!("{} is left over: {ENDS}", shown(two[0]))) };
+            let trimmed = rest.trim_end_matches(['_', '-', '.', ' ']);
+            let name = if members.len() == 2 && !trimmed.is_empty() { trimmed.to_string() } else { stem(i1) };
+            pairs.push(Pair { name, i1: i1.clone(), i2: i2.clone() });
+        }
+    }
+    Ok(pairs)
+}
+
+const ENDS: &str = "names of a pair differ only in a number, near and far, or a and b at their end; rename it, move it \
+                    away, or give a manifest";
+
+fn shown(file: &Path) -> String {
+    file.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn stem(file: &Path) -> String {
+    file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// A line of a manifest.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Line {
+    i1: PathBuf,
+    i2: PathBuf,
+    #[serde(default)]
+    name: Option<String>,
+}
+
+fn of_manifest(file: &Path) -> Result<Vec<Pair>, Failure> {
+    use std::io::Read;
+    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+    let mut text = String::new();
+    let bytes = fs::File::open(file)
+        .and_then(|open| open.take(MAX_BYTES + 1).read_to_string(&mut text))
+        .map_err(|e| failed(format!("cannot be read as a manifest ({e}); give a folder, CSV or JSON lines")))?;
+    if bytes as u64 > MAX_BYTES {
+        return Err(failed("is too long for a manifest; split it".to_string()));
+    }
+    let lines = if text.trim_start().starts_with('{') { json_lines(&text) } else { csv_lines(&text) };
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let (mut pairs, mut given) = (Vec::new(), HashMap::new());
+    for (number, line) in lines.map_err(|(number, problem)| failed(format!("line {number}: {problem}")))? {
+        let name = line.name.filter(|name| !name.is_empty());
+        if let Some(name) = name.as_ref().filter(|name| !is_folder_name(name)) {
+            return Err(failed(format!("line {number}: '{name}' cannot name a folder; give a name without slashes")));
+        }
+        if let Some(name) = &name
+            && let Some(other) = given.insert(name.to_lowercase(), number)
+        {
+            return Err(failed(format!("line {number}: '{name}' is the name in line {other} already; give another")));
+        }
+        let name = name.unwrap_or_else(|| stem(&line.i1));
+        pairs.push(Pair { name, i1: folder.join(line.i1), i2: folder.join(line.i2) });
+    }
+    Ok(pairs)
+}
+
+fn is_folder_name(name: &str) -> bool {
+    !name.contains(['/', '\\', ':']) && !name.starts_with('.') && !name.chars().any(char::is_control)
+}
+
+/// Lines of a manifest with their numbers, or the first that is wrong.
+type Lines = Result<Vec<(usize, Line)>, (usize, String)>;
+
+fn json_lines(text: &str) -> Lines {
+    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    lines
+        .map(|(i, line)| match serde_json::from_str(line) {
+            Ok(parsed) => Ok((i + 1, parsed)),
+            Err(e) => Err((i + 1, format!("is not {{\"i1\": FILE, \"i2\": FILE, \"name\": NAME}} ({e})"))),
+        })
+        .collect()
+}
+
+fn csv_lines(text: &str) -> Lines {
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .trim(csv::Trim::All)
+        .comment(Some(b'#'))
+        .from_reader(text.as_bytes());
+    let mut lines = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|e| {
+            let number = e.position().map_or(0, csv::Position::line);
+            (number as usize, format!("is not CSV ({e})"))
+        })?;
+        let number = record.position().map_or(0, csv::Position::line) as usize;
+        let cells: Vec<&str> = record.iter().collect();
+        let is_header = lines.is_empty() && cells.first().is_some_and(|cell| cell.eq_ignore_ascii_case("i1"));
+        match cells.as_slice() {
+            _ if is_header => {}
+            [i1, i2] | [i1, i2, ""] if !i1.is_empty() && !i2.is_empty() => {
+                lines.push((number, Line { i1: i1.into(), i2: i2.into(), name: None }));
+            }
+            [i1, i2, name] if !i1.is_empty() && !i2.is_empty() => {
+                lines.push((number, Line { i1: i1.into(), i2: i2.into(), name: Some(name.to_string()) }));
+            }
+            _ => return Err((number, "is not I1,I2 or I1,I2,NAME".to_string())),
+        }
+    }
+    Ok(lines)
+}
+
+/// Gives pairs of one name the name of the folder of I1 too, and refuses what is then still alike.
+fn named_apart(mut pairs: Vec<Pair>) -> Result<Vec<Pair>, String> {
+    let mut count: HashMap<String, usize> = HashMap::new();
+    pairs.iter().for_each(|pair| *count.entry(pair.name.to_lowercase()).or_default() += 1);
+    for pair in pairs.iter_mut().filter(|pair| count[&pair.name.to_lowercase()] > 1) {
+        let folder = pair.i1.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
+        let folder = folder.filter(|name| is_folder_name(name)).map_or(String::new(), |name| format!("{name}-"));
+        pair.name = format!("{folder}{}", stem(&pair.i1));
+    }
+    let mut seen: HashMap<String, &Path> = HashMap::new();
+    for pair in &pairs {
+        if let Some(other) = seen.insert(pair.name.to_lowercase(), &pair.i1) {
+            let (name, i1) = (&pair.name, pair.i1.display());
+            return Err(format!(
+                "the pairs of {} and {i1} are both called '{name}'; name them in a manifest",
+                other.display()
+            ));
+        }
+    }
+    Ok(pairs)
+}
+
+#[cfg(test)]
+mod tests {
+    use tempfile::TempDir;
+
+    use super::*;
+
+    fn names(files: &[&str]) -> Result<Vec<String>, String> {
+        let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
+        let show = |p: Pair| format!("{} {} {}", p.name, p.i1.display(), p.i2.display());
+        by_name(&files).map(|pairs| pairs.into_iter().map(show).collect())
+    }
+
+    #[test]
+    fn names_that_differ_at_their_end_belong_together() {
+        let found = names(&["b_far.tif", "b_near.tif", "a_1.png", "a_2.png", "x-A.jpg", "x-B.jpg"]).unwrap();
+        assert_eq!(found, ["a a_1.png a_2.png", "b b_near.tif b_far.tif", "x x-A.jpg x-B.jpg"]);
+        let found = names(&["IMG_9.png", "IMG_10.png", "IMG_11.png", "IMG_12.png"]).unwrap();
+        assert_eq!(found, ["IMG_9 IMG_9.png IMG_10.png", "IMG_11 IMG_11.png IMG_12.png"]);
+        assert_eq!(names(&["1.png", "2.png"]).unwrap(), ["1 1.png 2.png"]);
+        assert_eq!(names(&["far.png", "near.png"]).unwrap(), ["near near.png far.png"]);
+    }
+
+    #[test]
+    fn a_photograph_that_is_left_over_is_named() {
+        for (files, part) in [
+            (&["a_1.png", "a_2.png", "a_3.png"][..], "a_3.png is left over"),
+            (&["a_1.png", "a_2.png", "banana.png"], "banana.png belongs to no pair"),
+            (&["a_1.png", "a_1.jpg"], "a_1.png and a_1.jpg have one place"),
+        ] {
+            let problem = names(files).unwrap_err();
+            assert!(problem.contains(part), "{problem}");
+        }
+    }
+
+    fn manifest(text: &str) -> Result<Vec<Pair>, String> {
+        let folder = TempDir::new().unwrap();
+        let file = folder.path().join("list");
+        fs::write(&file, text).unwrap();
+        match find(&file, Path::new("out")) {
+            Ok(pairs) => Ok(pairs),
+            Err(Failure::Failed(message)) => Err(message.split_once("list: ").unwrap().1.to_string()),
+            Err(other) => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_manifest_is_csv_or_json_lines() {
+        for text in [
+            "# the first\nI1,I2,name\nx/a.png, x/b.png, one\ny/a.png,y/b.png\n",
+            "{\"i1\": \"x/a.png\", \"i2\": \"x/b.png\", \"name\": \"one\"}\n\n{\"i1\": \"y/a.png\", \"i2\": \"y/b.png\"}",
+        ] {
+            let pairs = manifest(text).unwrap();
+            assert_eq!(pairs.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["one", "a"]);
+            assert!(pairs[0].i1.ends_with("x/a.png") && pairs[0].i1.is_absolute());
+        }
+        let pairs = manifest("x/i1.png,x/i2.png\ny/i1.png,y/i2.png\n").unwrap();
+        assert_eq!(pairs.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["x-i1", "y-i1"]);
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_manifest_is_named_with_its_line() {
+        for (text, part) in [
+            ("a.png,b.png\nc.png\n", "line 2: is not I1,I2"),
+            ("a.png,b.png,../up\n", "line 1: '../up' cannot name a folder"),
+            ("{\"i1\": \"a\"}\n", "line 1: is not {\"i1\""),
+            ("a.png,b.png,x\nc.png,d.png,X\n", "line 2: 'X' is the name in line 1"),
+            ("a.png,b.png\na.png,c.png\n", "are both called '"),
+            ("", "holds no pair"),
+        ] {
+            let problem = manifest(text).unwrap_err();
+            assert!(problem.contains(part), "{problem}");
+        }
+    }
+}

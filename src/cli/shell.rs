@@ -1,0 +1,69 @@
+//! `parfocal completions` and `parfocal man`: for the shell and for man(1), made from the command line itself.
+
+use std::fs;
+use std::path::PathBuf;
+
+use clap::CommandFactory;
+use clap_complete::Shell;
+use clap_mangen::Man;
+
+use super::Cli;
+use super::failure::{Failure, print, print_bytes};
+use super::output;
+
+/// Print a completion script for a shell.
+#[derive(clap::Args, Debug)]
+#[command(after_help = COMPLETIONS_HELP)]
+pub(super) struct Completions {
+    shell: Shell,
+}
+
+const COMPLETIONS_HELP: &str = "\
+Examples:
+  parfocal completions bash > ~/.local/share/bash-completion/completions/parfocal
+  parfocal completions zsh > ~/.zfunc/_parfocal      # with fpath+=~/.zfunc before compinit
+  parfocal completions fish > ~/.config/fish/completions/parfocal.fish";
+
+/// Prints the script.
+pub(super) fn completions(arguments: &Completions) -> Result<(), Failure> {
+    let mut script = Vec::new();
+    clap_complete::generate(arguments.shell, &mut Cli::command(), "parfocal", &mut script);
+    print_bytes(&script)
+}
+
+/// Print the manual page, or write a page for every subcommand.
+#[derive(clap::Args, Debug)]
+#[command(after_help = MAN_HELP)]
+pub(super) struct Manual {
+    /// Folder for parfocal.1, parfocal-solve.1 and so on; made if it is missing. Without it the main page is printed
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+}
+
+const MAN_HELP: &str = "\
+Examples:
+  parfocal man -o ~/.local/share/man/man1
+  parfocal man | man -l -";
+
+/// Prints or writes the pages.
+pub(super) fn manual(arguments: &Manual) -> Result<(), Failure> {
+    let mut command = Cli::command().disable_help_subcommand(true);
+    command.build();
+    let Some(folder) = &arguments.output else { return print_bytes(&page(command)?) };
+    fs::create_dir_all(folder)
+        .map_err(|e| Failure::Failed(format!("{}: cannot be made ({e}); give another folder", folder.display())))?;
+    // Once built, a subcommand's display name is "parfocal-solve" and the like.
+    let pages = command.get_subcommands().cloned();
+    let pages = pages.map(|sub| (format!("{}.1", sub.get_display_name().unwrap_or(sub.get_name())), sub));
+    let all: Vec<_> = std::iter::once(("parfocal.1".to_string(), command.clone())).chain(pages).collect();
+    for (name, command) in &all {
+        output::write(&folder.join(name), &page(command.clone())?)?;
+    }
+    print(&all.iter().map(|(name, _)| folder.join(name).display().to_string()).collect::<Vec<_>>().join("\n"))
+}
+
+fn page(command: clap::Command) -> Result<Vec<u8>, Failure> {
+    let mut page = Vec::new();
+    Man::new(command).render(&mut page).map_err(|e| Failure::Failed(format!("the page cannot be made ({e})")))?;
+    Ok(page)
+}

@@ -1,0 +1,162 @@
+//! `parfocal batch` on small synthetic pairs.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// A folder `shots` with pairs in it, of one small scene under several names.
+struct Desk(TempDir);
+
+impl Desk {
+    fn new(names: &[[&str; 2]]) -> Self {
+        let desk = Self(TempDir::new().unwrap());
+        let scene = ["simulate", "plane", "--size", "80x64", "-o", "scene", "--quiet"];
+        let output = desk.command().args(scene).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        fs::create_dir(desk.path("shots")).unwrap();
+        for pair in names {
+            for (name, from) in pair.iter().zip(["i1.png", "i2.png"]) {
+                fs::copy(desk.path("scene").join(from), desk.path("shots").join(name)).unwrap();
+            }
+        }
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn command(&self) -> Command {
+        let mut command = Command::cargo_bin("parfocal").unwrap();
+        command.env("PARFOCAL_CACHE_DIR", self.path("cache")).current_dir(self.0.path());
+        command
+    }
+
+    fn batch(&self, source: &str, extra: &[&str]) -> Output {
+        let mut command = self.command();
+        command.args(["batch", source, "-o", "out", "--outer-iterations", "6", "--json"]).args(extra);
+        if let Ok(device) = std::env::var("PARFOCAL_DEVICE") {
+            command.args(["--device", &device]);
+        }
+        command.output().unwrap()
+    }
+
+    /// Runs it, asserts the status, and gives back batch.json, which is also what was printed.
+    #[track_caller]
+    fn tally(&self, source: &str, extra: &[&str], status: i32) -> Value {
+        let output = self.batch(source, extra);
+        assert_eq!(output.status.code(), Some(status), "{}", String::from_utf8_lossy(&output.stderr));
+        let written: Value = serde_json::from_slice(&fs::read(self.path("out/batch.json")).unwrap()).unwrap();
+        assert_eq!(serde_json::from_slice::<Value>(&output.stdout).unwrap(), written);
+        written
+    }
+}
+
+fn statuses(tally: &Value) -> Vec<String> {
+    let row = |row: &Value| format!("{} {}", row["name"].as_str().unwrap(), row["status"].as_str().unwrap());
+    tally["pairs"].as_array().unwrap().iter().map(row).collect()
+}
+
+#[test]
+fn a_folder_is_solved_and_resumed_where_something_has_changed() {
+    let desk = Desk::new(&[["a_1.png", "a_2.png"], ["b_near.png", "b_far.png"]]);
+    let tally = desk.tally("shots", &[], 0);
+    assert_eq!(statuses(&tally), ["a solved", "b solved"]);
+    assert!(tally["pairs"][0]["relative_blur"]["median"].is_f64(), "{tally}");
+    let report: Value = serde_json::from_slice(&fs::read(desk.path("out/a/report.json")).unwrap()).unwrap();
+    assert_eq!(report["inputs"][0]["file"], "shots/a_1.png");
+    assert_eq!(report["inputs"][0]["sha256"].as_str().unwrap().len(), 64);
+
+    assert_eq!(statuses(&desk.tally("shots", &["--resume", "--timeout", "99"], 0)), ["a kept", "b kept"]);
+    fs::remove_file(desk.path("out/a/depth.png")).unwrap();
+    assert_eq!(statuses(&desk.tally("shots", &["--resume"], 0)), ["a solved", "b kept"]);
+    fs::copy(desk.path("shots/b_far.png"), desk.path("shots/b_near.png")).unwrap();
+    assert_eq!(statuses(&desk.tally("shots", &["--resume"], 0)), ["a kept", "b solved"]);
+    assert_eq!(statuses(&desk.tally("shots", &["--resume", "--sweeps", "6"], 0)), ["a solved", "b solved"]);
+    assert_eq!(
+        statuses(&desk.tally("shots", &["--resume", "--sweeps", "6", "--nearer", "2"], 0)),
+        ["a solved", "b solved"]
+    );
+}
+
+#[test]
+fn one_that_fails_does_not_stop_the_others() {
+    let desk = Desk::new(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"], ["c_1.png", "c_2.png"]]);
+    fs::write(desk.path("shots/b_2.png"), "no picture").unwrap();
+    let output = desk.batch("shots", &[]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(stderr.contains("1 of 3 pairs failed: b") && stderr.contains("b_2.png: "), "{stderr}");
+    let tally = desk.tally("shots", &["--quiet"], 1);
+    assert_eq!(statuses(&tally), ["a solved", "b failed", "c solved"]);
+    assert!(tally["pairs"][1]["error"].as_str().unwrap().contains("b_2.png"), "{tally}");
+    assert!(!desk.path("out/b").exists());
+}
+
+#[test]
+fn a_manifest_names_its_pairs_and_sizes_and_depths_may_change() {
+    let desk = Desk::new(&[["a_1.png", "a_2.png"]]);
+    for name in ["1", "2"] {
+        let image = image::open(desk.path(&format!("shots/a_{name}.png"))).unwrap();
+        image.crop_imm(3, 0, 70, 61).to_luma8().save(desk.path(&format!("small{name}.png"))).unwrap();
+    }
+    fs::write(desk.path("list.csv"), "i1,i2,name\nshots/a_1.png,shots/a_2.png,one\nsmall1.png,small2.png,two\n")
+        .unwrap();
+    assert_eq!(statuses(&desk.tally("list.csv", &[], 0)), ["one solved", "two solved"]);
+    assert!(desk.path("out/two/relative_blur.exr").is_file());
+}
+
+#[test]
+fn what_cannot_be_paired_or_asked_is_refused_before_any_work() {
+    let desk = Desk::new(&[["a_1.png", "a_2.png"]]);
+    fs::copy(desk.path("shots/a_1.png"), desk.path("shots/a_3.png")).unwrap();
+    for (source, extra, status, part) in [
+        ("shots", &[][..], 1, "a_3.png is left over"),
+        ("shot", &[], 1, "did you mean 'shots'?"),
+        ("shots", &["--sweeps", "0"], 2, "sweeps is 0"),
+        ("cache", &[], 1, "cache"),
+    ] {
+        let output = desk.batch(source, extra);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(status), "{stderr}");
+        assert!(stderr.starts_with("error: ") && stderr.contains(part), "{stderr}");
+        assert!(!desk.path("out").exists());
+    }
+    let output = desk.command().args(["batch", "shots", "more", "-o", "out"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupt_ends_it_whole() {
+    use std::io::{BufRead, BufReader};
+    use std::process::{Command, Stdio};
+
+    let names: Vec<[String; 2]> = (0..40).map(|i| [format!("p{i:02}_1.png"), format!("p{i:02}_2.png")]).collect();
+    let names: Vec<[&str; 2]> = names.iter().map(|[a, b]| [a.as_str(), b.as_str()]).collect();
+    let desk = Desk::new(&names);
+    let mut child = Command::new(assert_cmd::cargo::cargo_bin("parfocal"))
+        .args(["batch", "shots", "-o", "out"])
+        .env("PARFOCAL_CACHE_DIR", desk.path("cache"))
+        .current_dir(desk.0.path())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let first = lines.next().unwrap().unwrap();
+    assert!(first.starts_with("1/40 p00: solved"), "{first}");
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let rest: Vec<String> = lines.map(Result::unwrap).collect();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{rest:#?}");
+    assert!(rest.last().unwrap().starts_with("error: interrupted after "), "{rest:#?}");
+    let tally: Value = serde_json::from_slice(&fs::read(desk.path("out/batch.json")).unwrap()).unwrap();
+    assert!(tally["interrupted"] == true && tally["not_done"].as_u64().unwrap() > 0, "{tally}");
+    for row in tally["pairs"].as_array().unwrap() {
+        let folder = desk.path("out").join(row["name"].as_str().unwrap());
+        assert_eq!(folder.join("report.json").is_file(), row["status"] == "solved", "{row}");
+        assert_eq!(folder.exists(), row["status"] == "solved", "{row}");
+    }
+}
