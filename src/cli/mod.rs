@@ -5,6 +5,7 @@ mod devices;
 mod engine;
 mod evaluate;
 mod failure;
+mod models;
 mod output;
 mod pair;
 mod register;

@@ -1,13 +1,15 @@
 //! `parfocal solve`: two photographs in, relative blur and registration out.
 
 use std::io::{self, IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use parfocal::export::{self, FILES, Look, Nearer, Report};
+use parfocal::export::{self, EXTRA_FILES, FILES, Look, Nearer, Report};
+use parfocal::report_html::Page;
 use parfocal::{Engine, Frame, Method, Settings, Solution, Solver};
 
 use super::failure::{Failure, print};
+use super::models::ModelArguments;
 use super::output;
 use super::pair::PairArguments;
 use super::summary::{Bar, summary};
@@ -32,6 +34,11 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "1|2", default_value_t = Nearer::default().number(),
           value_parser = clap::value_parser!(u8).range(1..=2))]
     nearer: u8,
+    /// Do not write report.html
+    #[arg(long)]
+    no_html: bool,
+    #[command(flatten)]
+    models: ModelArguments,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -68,15 +75,29 @@ impl From<MethodName> for Method {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let pair = &arguments.pair;
     let settings = settings(arguments)?;
-    output::check(&arguments.output, &FILES, &pair.inputs())?;
+    output::check(&arguments.output, &[&FILES[..], &EXTRA_FILES].concat(), &pair.inputs())?;
     let (i1, i2, engine) = pair.open()?;
     let solution = solve(&engine, &i1, &i2, &settings, pair.quiet).map_err(|e| Failure::of_solve(e, &pair.i1))?;
     super::check_validation(&engine)?;
     let nearer = if arguments.nearer == 2 { Nearer::Second } else { Nearer::First };
     let report = Report::new(&solution, &settings, engine.info(), nearer);
     let look = Look { nearer, decode: settings.decode, formats: [i1.format(), i2.format()] };
-    export::write(&arguments.output, &solution, &report, &look)?;
-    tell(&report, arguments)
+    let fused = export::fused(&solution, settings.decode)?;
+    let points = arguments.models.points(&solution, &fused, nearer)?;
+    let mut extras = arguments.models.files(points.as_ref(), &fused);
+    if !arguments.no_html {
+        let names = [&pair.i1, &pair.i2].map(|path| name(path));
+        let page = Page { photographs: [&i1, &i2], names, decode: settings.decode, nearer };
+        extras.push(page.file(&solution, &report));
+    }
+    let written: Vec<&str> = FILES.into_iter().chain(extras.iter().map(|extra| extra.name())).collect();
+    export::write_with(&arguments.output, &solution, &report, &look, extras)?;
+    tell(&report, &written, arguments)
+}
+
+/// What a photograph is called in the report: without its folders.
+fn name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
 fn settings(arguments: &Arguments) -> Result<Settings, Failure> {
@@ -94,10 +115,10 @@ fn solve(
     Solver::for_pair(engine, i1, i2, settings)?.solve_with(i1, i2, &mut |progress| bar.show(progress))
 }
 
-fn tell(report: &Report, arguments: &Arguments) -> Result<(), Failure> {
+fn tell(report: &Report, written: &[&str], arguments: &Arguments) -> Result<(), Failure> {
     if !arguments.pair.quiet {
         // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(io::stderr(), "{}", summary(report, &arguments.output));
+        let _ = writeln!(io::stderr(), "{}", summary(report, &arguments.output, written));
     }
     if arguments.pair.json {
         print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;

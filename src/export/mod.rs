@@ -3,6 +3,7 @@
 //! [`write()`] puts the files of a solve into a folder: all of them, or none.
 
 mod depth;
+mod extra;
 mod field;
 mod fused;
 mod ranks;
@@ -17,8 +18,12 @@ mod sweep;
 mod tests;
 mod transform;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::{fs, io};
 
+pub use extra::{EXTRA_FILES, Extra};
+pub use fused::fused;
+pub(crate) use fused::stored;
 pub use registration::{RegistrationReport, write_registration};
 pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TimingsReport};
 pub use results::Results;
@@ -73,6 +78,21 @@ pub struct Look {
 /// # Errors
 /// [`Error::File`]; [`Error::Mismatch`] where a field of `solution` is not of the size that it states.
 pub fn write(out: &Path, solution: &Solution, report: &Report, look: &Look) -> Result<(), Error> {
+    write_with(out, solution, report, look, Vec::new())
+}
+
+/// As [`write()`], with further files; all of them, or none. Of the [`EXTRA_FILES`], those that are not among `extras`
+/// are removed from the folder.
+///
+/// # Errors
+/// As [`write()`].
+pub fn write_with(
+    out: &Path,
+    solution: &Solution,
+    report: &Report,
+    look: &Look,
+    extras: Vec<Extra>,
+) -> Result<(), Error> {
     let size = (solution.width, solution.height);
     check_lengths(solution)?;
     let mut staging = Staging::new(out)?;
@@ -86,7 +106,23 @@ pub fn write(out: &Path, solution: &Solution, report: &Report, look: &Look) -> R
         use std::io::Write;
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
-    staging.place()
+    let stale = EXTRA_FILES.into_iter().filter(|name| extras.iter().all(|extra| extra.name != *name));
+    let stale: Vec<PathBuf> = stale.map(|name| out.join(name)).collect();
+    for extra in extras {
+        staging.add(extra.name, |w| (extra.fill)(w))?;
+    }
+    staging.place()?;
+    stale.iter().try_for_each(|path| remove(path))
+}
+
+/// Removes a file of an earlier solve, if there is one.
+fn remove(path: &Path) -> Result<(), Error> {
+    match fs::remove_file(path) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => {
+            Err(Error::file(path, format!("is of an earlier solve and cannot be removed ({e}); check permissions")))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn check_lengths(solution: &Solution) -> Result<(), Error> {
