@@ -54,7 +54,7 @@ fn page(folder: &Path) -> PathBuf {
 
 fn opened(width: u32) -> Browser {
     let mut browser = Browser::start(width, 900);
-    browser.open(&page(results()), "window.report");
+    browser.open(&page(results()), "window.page");
     browser
 }
 
@@ -77,7 +77,7 @@ fn it_opens_by_itself_and_shows_odd_names_as_text() {
     let mut browser = opened(1280);
     assert_eq!(browser.evaluate("document.querySelector('h1').textContent"), format!("{ODD_NAME} with far.png"));
     assert_eq!(browser.evaluate("document.querySelectorAll('img').length"), 0);
-    assert_eq!(browser.evaluate("report.surface !== null"), true);
+    assert_eq!(browser.evaluate("page.surface !== null"), true);
     let shown: Value =
         serde_json::from_str(browser.evaluate("document.getElementById('json').textContent").as_str().unwrap())
             .unwrap();
@@ -102,7 +102,7 @@ fn the_slider_moves_by_mouse_and_by_itself_and_the_pictures_change() {
     let before = pixels(&mut browser, "stage");
     let (middle, y) = (left + width / 2.0, top + height / 2.0);
     browser.mouse(&[[middle, y], [middle + 60.0, y], [middle + 120.0, y]], true);
-    assert!(browser.evaluate("report.viewer.split").as_f64().unwrap() > 0.55);
+    assert!(browser.evaluate("page.viewer.split").as_f64().unwrap() > 0.55);
     let moved = pixels(&mut browser, "stage");
     assert!(before != moved);
     browser.evaluate(
@@ -126,7 +126,7 @@ fn flickering_shows_one_photograph_after_the_other() {
     // Read in the turn in which the picture is the one waited for.
     let [first, second] = [false, true].map(|second| {
         browser.evaluate(&format!(
-            "new Promise(r => {{ const f = () => report.viewer.second === {second} \
+            "new Promise(r => {{ const f = () => page.viewer.second === {second} \
              ? r(document.getElementById('stage').toDataURL()) : setTimeout(f, 10); f(); }})"
         ))
     });
@@ -139,11 +139,11 @@ fn the_cursor_reads_what_the_exr_holds() {
     let (width, _, blur) = read_field(&results().join("out/relative_blur.exr")).unwrap();
     let (_, _, confidence) = read_field(&results().join("out/confidence.exr")).unwrap();
     let hole = blur.iter().position(|v| v.is_nan()).expect("a pixel that is not valid") as u32;
-    assert_eq!(browser.evaluate("report.viewer.values.relative_blur.length"), blur.len());
+    assert_eq!(browser.evaluate("page.viewer.values.relative_blur.length"), blur.len());
     for (x, y) in [(120, 80), (37, 55), (201, 101), (hole % width, hole / width)] {
         let [left, top, ..] = canvas(&mut browser, "stage");
         let at = browser.evaluate(&format!(
-            "[report.viewer.left + report.viewer.scale * ({x} + .5), report.viewer.top + report.viewer.scale * ({y} + .5)]"
+            "[page.viewer.left + page.viewer.scale * ({x} + .5), page.viewer.top + page.viewer.scale * ({y} + .5)]"
         ));
         browser.mouse(&[[left + at[0].as_f64().unwrap(), top + at[1].as_f64().unwrap()]], false);
         let shown = browser.evaluate(
@@ -161,7 +161,7 @@ fn the_cursor_reads_what_the_exr_holds() {
         assert!((read - f64::from(confidence[i])).abs() <= 1e-3 * f64::from(confidence[i]), "{read} {}", confidence[i]);
     }
     // All of them, bit by bit.
-    let bits = "{ const b = new Uint32Array(report.viewer.values.relative_blur.buffer); let s = 0; \
+    let bits = "{ const b = new Uint32Array(page.viewer.values.relative_blur.buffer); let s = 0; \
                 b.forEach((v, i) => { s = (Math.imul(s, 31) + (v ^ i)) >>> 0 }); s }";
     let sum = blur.iter().zip(0u32..).fold(0u32, |s, (v, i)| s.wrapping_mul(31).wrapping_add(v.to_bits() ^ i));
     assert_eq!(browser.evaluate(bits), sum);
@@ -171,7 +171,7 @@ fn the_cursor_reads_what_the_exr_holds() {
 fn the_surface_is_drawn_and_turns_with_the_mouse_and_the_keys() {
     let mut browser = opened(1280);
     let [left, top, width, height] = canvas(&mut browser, "surface");
-    let drawn = "(() => { const gl = report.surface.renderer.getContext(); \
+    let drawn = "(() => { const gl = page.surface.renderer.getContext(); \
                  const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight]; const p = new Uint8Array(4 * w * h); \
                  gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p); \
                  let n = 0; const colors = new Set(); \

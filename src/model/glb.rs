@@ -115,7 +115,7 @@ fn container(writer: &mut dyn Write, text: &[u8], parts: &[&[u8]]) -> Result<(),
         return Err(format!("{whole} bytes are too many for glTF; reduce the mesh by --mesh-cells"));
     };
     let mut out = |bytes: &[u8]| writer.write_all(bytes).map_err(|e| e.to_string());
-    let mut chunk =
+    let chunk =
         |kind: &[u8; 4], length: usize| (length as u32).to_le_bytes().into_iter().chain(*kind).collect::<Vec<_>>();
     out(b"glTF")?;
     out(&2u32.to_le_bytes())?;

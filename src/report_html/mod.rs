@@ -109,12 +109,13 @@ impl<'a> Page<'a> {
         let scale = Scale::of(&solution.relative_blur, self.nearer);
         let confidences: Vec<f32> = solution.confidence.iter().copied().filter(|&c| c > 0.0).collect();
         let spread = Scale::of(&confidences, Nearer::First);
-        let greatest = confidences.iter().copied().fold(LEAST_CONFIDENCE, f32::max);
+        // Above the least, so that the logarithmic scale between them has a length.
+        let greatest = confidences.iter().copied().fold(10.0 * LEAST_CONFIDENCE, f32::max);
         json!({
             "names": self.names,
             "grid": { "step": grid.step, "first": grid.step / 2, "width": grid.width, "height": grid.height },
             "relative_blur": { "low": scale.low, "high": scale.high },
-            "confidence": { "low": spread.low.max(greatest * 1e-4).max(LEAST_CONFIDENCE), "high": greatest },
+            "confidence": { "low": spread.low.max(greatest * 1e-4).min(greatest / 10.0), "high": greatest },
             "surface": surface,
             "colormaps": [
                 { "name": "Red near, blue far", "colors": colormap(color) },

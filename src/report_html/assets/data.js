@@ -39,16 +39,15 @@ function colorsOf(map) {
   return Array.from({ length: 256 }, (_, i) => [0, 2, 4].map((at) => parseInt(map.colors.slice(6 * i + at, 6 * i + at + 2), 16)));
 }
 
-// A field as a picture: `position` says where a value stands among the colours, 0 to 1; nothing where it is no number.
-function colored(values, map, position) {
+// A field as a picture; nothing where it is not valid.
+function colored(values, valid, map, field) {
   const canvas = canvasOf(grid.width, grid.height);
   const context = canvas.getContext('2d');
   const image = context.createImageData(grid.width, grid.height);
   const colors = colorsOf(map);
   for (let i = 0; i < values.length; i++) {
-    const t = position(values[i]);
-    if (!(t === t)) continue;
-    const [r, g, b] = colors[Math.round(255 * Math.min(1, Math.max(0, t)))];
+    if (!valid(i)) continue;
+    const [r, g, b] = colors[Math.round(255 * Math.min(1, Math.max(0, field.position(values[i]))))];
     image.data.set([r, g, b, 255], 4 * i);
   }
   context.putImageData(image, 0, 0);
@@ -76,7 +75,7 @@ const fields = {
     ends: ['smoothness', 'images'],
     unit: '',
     logarithmic: true,
-    position(c) { return c > 0 ? Math.log(c / this.low) / Math.log(this.high / this.low) : NaN; },
+    position(c) { return Math.log(Math.max(c, this.low) / this.low) / Math.log(this.high / this.low); },
     value(t) { return this.low * (this.high / this.low) ** t; },
     text: (c) => c.toPrecision(4),
   },

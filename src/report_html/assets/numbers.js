@@ -138,7 +138,7 @@ function energyPlot(width) {
   const [low, high] = [least - 0.05 * (most - least || least || 1), most + 0.05 * (most - least || most || 1)];
   const x = (i) => left + ((i + 0.5) / count) * (width - left - right);
   const y = (e) => top + ((high - e) / (high - low)) * (height - top - bottom);
-  const { ticks, digits } = roundTicks(low, high, 4);
+  const { ticks, digits } = roundTicks(low, high, 7);
   for (const tick of ticks) {
     picture.append(svg('line', { class: 'grid', x1: left, x2: width - right, y1: y(tick), y2: y(tick) }));
     picture.append(svg('text', { x: left - 8, y: y(tick) + 4, 'text-anchor': 'end' }, tick.toFixed(digits)));

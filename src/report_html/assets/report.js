@@ -1,4 +1,4 @@
-// Puts the page together. `window.report` is for tests: it is set when all is drawn.
+// Puts the page together. `window.page` is for tests: it is set when all is drawn.
 
 function showHead() {
   [byId('name-1').textContent, byId('name-2').textContent] = data.names;
@@ -48,7 +48,7 @@ async function start() {
   const viewer = new Viewer({ i1, i2, fused }, { relative_blur: relativeBlur, confidence });
   byId('loading').hidden = true;
   const surface = showSurface(heights, viewer);
-  window.report = { viewer, surface, pixelOf };
+  window.page = { viewer, surface, pixelOf };
 }
 
 start().catch((error) => {

@@ -62,7 +62,7 @@ class SurfaceView {
     const { width, height } = data.surface;
     const longer = Math.max(width, height);
     const half = Math.tan((this.camera.fov / 2) * (Math.PI / 180));
-    return 0.56 * Math.max(width / longer / (half * this.camera.aspect), height / longer / half) + 0.1;
+    return 0.6 * Math.max(width / longer / (half * this.camera.aspect), height / longer / half) + 0.25;
   }
 
   look(elevation, azimuth, distance) {

@@ -15,7 +15,8 @@ class Viewer {
   constructor(pictures, values) {
     Object.assign(this, { pictures, values, canvas: byId('stage'), mode: 'compare', split: 0.5, cursor: null, held: false });
     this.context = this.canvas.getContext('2d');
-    this.colormap = data.colormaps[0];
+    // Of confidence, rising from dark to light.
+    this.colormaps = { relative_blur: 0, confidence: 1 };
     this.layers = {};
     this.listen();
     new ResizeObserver(() => this.resize()).observe(this.canvas);
@@ -75,14 +76,17 @@ class Viewer {
     byId('tag-1').textContent = mode === 'compare' ? `I1: ${data.names[0]}` : '';
     byId('tag-2').textContent = mode === 'compare' ? `I2 registered: ${data.names[1]}` : '';
     this.flicker(false);
-    if (field) this.key(field);
+    if (field) {
+      byId('colors').value = this.colormaps[mode];
+      this.key(field);
+    }
     this.draw();
   }
 
   // The key to the colours, values rising to the right.
   key(field) {
     const context = byId('ramp').getContext('2d');
-    const colors = colorsOf(this.colormap);
+    const colors = colorsOf(data.colormaps[this.colormaps[this.mode]]);
     for (let i = 0; i < 256; i++) {
       const [r, g, b] = colors[Math.round(255 * field.position(field.value((i + 0.5) / 256)))];
       context.fillStyle = `rgb(${r} ${g} ${b})`;
@@ -113,14 +117,13 @@ class Viewer {
   // The picture of a mode, made when it is first asked for.
   layer(mode) {
     if (this.pictures[mode]) return this.pictures[mode];
-    const key = fields[mode] ? mode + this.colormap.name : mode;
-    this.layers[key] ??= fields[mode]
-      ? colored(this.values[mode], this.colormap, (v) => fields[mode].position(v))
-      : this.difference();
-    return this.layers[key];
+    const map = this.colormaps[mode];
+    const valid = (i) => !Number.isNaN(this.values.relative_blur[i]);
+    const make = () => (mode === 'difference' ? this.difference(valid) : colored(this.values[mode], valid, data.colormaps[map], fields[mode]));
+    return (this.layers[`${mode} ${map}`] ??= make());
   }
 
-  difference() {
+  difference(valid) {
     const [a, b] = ['i1', 'i2'].map((name) => {
       const context = canvasOf(grid.width, grid.height).getContext('2d', { willReadFrequently: true });
       context.drawImage(this.pictures[name], 0, 0);
@@ -128,8 +131,7 @@ class Viewer {
     });
     for (let i = 0; i < a.data.length; i += 4) {
       // Where V is not valid, I2 may not reach.
-      const valid = !Number.isNaN(this.values.relative_blur[i / 4]);
-      for (let c = 0; c < 3; c++) a.data[i + c] = valid ? Math.min(255, 4 * Math.abs(a.data[i + c] - b.data[i + c])) : 0;
+      for (let c = 0; c < 3; c++) a.data[i + c] = valid(i / 4) ? Math.min(255, 4 * Math.abs(a.data[i + c] - b.data[i + c])) : 0;
     }
     const canvas = canvasOf(grid.width, grid.height);
     canvas.getContext('2d').putImageData(a, 0, 0);
@@ -292,7 +294,7 @@ class Viewer {
     byId('actual').addEventListener('click', () => this.zoom((grid.step * this.ratio) / this.scale));
     byId('colors').append(...data.colormaps.map((map, i) => new Option(map.name, i)));
     byId('colors').addEventListener('change', (event) => {
-      this.colormap = data.colormaps[event.target.value];
+      this.colormaps[this.mode] = Number(event.target.value);
       this.key(fields[this.mode]);
       this.draw();
     });
