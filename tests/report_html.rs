@@ -90,7 +90,7 @@ fn it_opens_by_itself_and_shows_odd_names_as_text() {
 #[test]
 fn nothing_is_wider_than_a_telephone() {
     let mut browser = opened(390);
-    let widths = browser.evaluate("[document.documentElement.scrollWidth, innerWidth]");
+    let widths = browser.evaluate("[document.documentElement.scrollWidth, document.documentElement.clientWidth]");
     assert_eq!(widths[0], widths[1]);
     assert_eq!(browser.complaints(), Vec::<String>::new());
 }
