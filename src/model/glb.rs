@@ -18,10 +18,10 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 ///
 /// glTF counts in metres: a node scales millimetres to them, and makes the longer side of anything else 1.
 pub(super) fn write(writer: &mut dyn Write, points: &Points, texture: &RgbImage) -> Result<(), String> {
-    let mesh = Mesh::new(points, true)?;
+    let mesh = Mesh::new(points)?;
     if mesh.triangles.is_empty() {
-        // The format knows no empty mesh; a scene without one is valid.
-        let text = json!({ "asset": asset(points), "scene": 0, "scenes": [{}] }).to_string();
+        // The format knows no empty mesh.
+        let text = json!({ "asset": asset(points), "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [{ "name": "surface" }] }).to_string();
         return container(writer, text.as_bytes(), &[]);
     }
     let mut png = Cursor::new(Vec::new());

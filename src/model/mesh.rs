@@ -17,13 +17,13 @@ impl Mesh {
     ///
     /// # Errors
     /// A phrase that says so where there are more points than a 32-bit number counts.
-    pub(super) fn new(points: &Points, with_triangles: bool) -> Result<Self, String> {
+    pub(super) fn new(points: &Points) -> Result<Self, String> {
         if points.positions.len() > u32::MAX as usize {
             return Err("there are too many points for a mesh; reduce it by --mesh-cells".to_string());
         }
         let vertices: Vec<usize> = (0..points.positions.len()).filter(|&i| points.is_there(i)).collect();
-        let normals = vertices.iter().map(|&i| normal(points, i)).collect();
-        let triangles = if with_triangles { triangles(points, &vertices) } else { Vec::new() };
+        let triangles = triangles(points, &vertices);
+        let normals = normals(points, &vertices, &triangles);
         Ok(Self { vertices, normals, triangles })
     }
 }
@@ -45,35 +45,23 @@ fn triangles(points: &Points, vertices: &[usize]) -> Vec<[u32; 3]> {
     triangles
 }
 
-/// Across the slopes along rows and columns; straight at the camera where there is none.
-fn normal(points: &Points, i: usize) -> [f32; 3] {
-    let (x, y) = (i % points.width, i / points.width);
-    let right = slope(points, i, (x + 1 < points.width).then_some(i + 1), x.checked_sub(1).map(|_| i - 1));
-    let down =
-        slope(points, i, (y + 1 < points.height).then(|| i + points.width), y.checked_sub(1).map(|_| i - points.width));
-    match (down, right) {
-        (Some(down), Some(right)) => unit(cross(down, right)),
-        _ => [0.0, 0.0, 1.0],
+/// At each vertex the mean of its triangles' normals by their areas; straight at the camera where it has none.
+fn normals(points: &Points, vertices: &[usize], triangles: &[[u32; 3]]) -> Vec<[f32; 3]> {
+    let mut normals = vec![[0.0f64; 3]; vertices.len()];
+    for corners in triangles {
+        let [a, b, c] = corners.map(|k| points.positions[vertices[k as usize]].map(f64::from));
+        let [u, v] = [b, c].map(|p| [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);
+        let across = cross(u, v);
+        corners.iter().for_each(|&k| (0..3).for_each(|i| normals[k as usize][i] += across[i]));
     }
+    normals.into_iter().map(unit).collect()
 }
 
-/// From the point behind to the one ahead, with the point itself in place of one that is not there.
-fn slope(points: &Points, i: usize, ahead: Option<usize>, behind: Option<usize>) -> Option<[f32; 3]> {
-    let there = |j: Option<usize>| j.filter(|&j| points.is_there(j));
-    let (from, to) = match (there(behind), there(ahead)) {
-        (None, None) => return None,
-        (behind, ahead) => (behind.unwrap_or(i), ahead.unwrap_or(i)),
-    };
-    let [p, q] = [from, to].map(|j| points.positions[j]);
-    Some([q[0] - p[0], q[1] - p[1], q[2] - p[2]])
-}
-
-fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-fn unit(v: [f32; 3]) -> [f32; 3] {
-    // In double precision no finite length overflows.
-    let length = v.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>().sqrt();
-    if length > 0.0 { v.map(|c| (f64::from(c) / length) as f32) } else { [0.0, 0.0, 1.0] }
+fn unit(v: [f64; 3]) -> [f32; 3] {
+    let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
+    if length > 0.0 { v.map(|c| (c / length) as f32) } else { [0.0, 0.0, 1.0] }
 }

@@ -7,7 +7,7 @@ use super::mesh::Mesh;
 
 /// Writes the points that are there, with normals and colours, and the triangles between them if asked.
 pub(super) fn write(writer: &mut dyn Write, points: &Points, with_triangles: bool) -> Result<(), String> {
-    let mesh = Mesh::new(points, with_triangles)?;
+    let mesh = Mesh::new(points)?;
     body(writer, points, &mesh, with_triangles).map_err(|e| e.to_string())
 }
 
@@ -36,7 +36,7 @@ fn body(writer: &mut dyn Write, points: &Points, mesh: &Mesh, with_triangles: bo
         vertex[24..].copy_from_slice(&points.colors[i]);
         writer.write_all(&vertex)?;
     }
-    for corners in &mesh.triangles {
+    for corners in mesh.triangles.iter().filter(|_| with_triangles) {
         let mut face = [3; 13];
         face[1..].chunks_exact_mut(4).zip(corners).for_each(|(bytes, n)| bytes.copy_from_slice(&n.to_le_bytes()));
         writer.write_all(&face)?;
