@@ -81,6 +81,25 @@ fn a_solve_writes_its_five_files_and_the_report_on_stdout() {
 }
 
 #[test]
+fn the_surface_is_exported_on_request_and_never_left_over() {
+    let desk = Desk::new();
+    let pair = ["near.png", "far.png"];
+    let files = ["surface.ply", "points.ply", "surface.glb"].map(|name| desk.path("out").join(name));
+    desk.solved(pair, &["--export", "ply,cloud,glb,ply", "--mesh-cells", "48", "--z-scale", "2.5"]);
+    let [mesh, cloud, glb] = files.each_ref().map(|file| fs::read(file).unwrap());
+    let holds = |bytes: &[u8], text: &str| bytes.windows(text.len()).any(|w| w == text.as_bytes());
+    assert!(holds(&mesh, "2.5 px per px^2") && holds(&mesh, "element face") && !holds(&cloud, "element face"));
+    assert!(glb.starts_with(b"glTF") && glb.len() % 4 == 0 && mesh.len() < 2 * cloud.len());
+    desk.solved(pair, &["--export", "glb", "--no-html"]);
+    assert!(files[2].is_file() && !files[0].exists() && !files[1].exists());
+    for wrong in [&["--export", "obj"][..], &["--z-scale", "-1"], &["--mesh-cells", "1"]] {
+        assert_eq!(desk.solve(pair, wrong).status.code(), Some(2));
+    }
+    // Nothing to draw is no failure.
+    desk.solved(["grey.png", "grey.png"], &["--export", "ply,cloud,glb", "--max-relative-blur", "256"]);
+}
+
+#[test]
 fn a_transform_that_is_held_comes_back_as_it_was() {
     let desk = Desk::new();
     let transform = r#"{"transform": {"tx_px": 0.25, "ty_px": -0.5, "rotation_deg": 0.1, "scale": 1.002}}"#;

@@ -246,7 +246,7 @@ fn write_all(jobs: &[Job], shared: &Shared, from_solver: Receiver<(usize, Solved
             Solved::Solution(solved) => {
                 let (photographs, solution, device) = *solved;
                 match solve::write(&job.arguments, &shared.settings, &device, photographs, &solution) {
-                    Ok(report) => Outcome::solved(&report),
+                    Ok((report, _)) => Outcome::solved(&report),
                     Err(failure) => Outcome::Failed { error: failure.message() },
                 }
             }

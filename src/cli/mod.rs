@@ -13,6 +13,7 @@ mod evaluate;
 mod failure;
 mod lens;
 mod measure;
+mod models;
 mod output;
 mod pair;
 mod pairs;

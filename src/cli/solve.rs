@@ -2,17 +2,19 @@
 
 use std::fs;
 use std::io::{self, IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use parfocal::export::{self, Additions, DEPTH_FILE, DepthReport, FILES, Look, Report};
+use parfocal::export::{self, Additions, DEPTH_FILE, DepthReport, EXTRA_FILES, FILES, Look, Report};
 use parfocal::image_io::{self, Input};
+use parfocal::report_html::Page;
 use parfocal::{DeviceInfo, Frame, Lens, Method, MetricDepth, Settings, Solution, Solver};
 use sha2::{Digest, Sha256};
 
 use super::failure::{Failure, print};
 use super::lens::{self, LensArguments, PartOfLens};
 use super::measure::MeasureArguments;
+use super::models::ModelArguments;
 use super::output;
 use super::pair::PairArguments;
 use super::summary::{Bar, summary};
@@ -37,6 +39,11 @@ pub(super) struct Arguments {
     /// its focus distances say]
     #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2))]
     nearer: Option<u8>,
+    /// Do not write report.html
+    #[arg(long)]
+    no_html: bool,
+    #[command(flatten)]
+    models: ModelArguments,
     #[command(flatten)]
     lens: LensArguments,
     #[command(flatten)]
@@ -87,9 +94,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .map_err(|e| Failure::of_solve(e, &pair.i1))?;
     drop(bar);
     super::check_validation(&engine)?;
-    let report = write(arguments, &settings, engine.info(), photographs, &solution)?;
-    tell(&report, arguments)?;
+    let (report, written) = write(arguments, &settings, engine.info(), photographs, &solution)?;
+    tell(&report, &written, arguments)?;
     pair.check_strict(report.converged, &report.warnings)
+}
+
+/// What a photograph is called in the report: without its folders.
+fn name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
 /// A pair as its files hold it.
@@ -107,7 +119,7 @@ pub(super) fn settings(arguments: &Arguments) -> Result<Settings, Failure> {
 /// Refuses an output folder that cannot be written, or whose results would replace an input.
 pub(super) fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     let inputs: Vec<_> = arguments.pair.inputs().into_iter().chain(arguments.lens.file()).collect();
-    output::check(&arguments.output, &[&FILES[..], &[DEPTH_FILE]].concat(), &inputs)
+    output::check(&arguments.output, &[&FILES[..], &EXTRA_FILES, &[DEPTH_FILE]].concat(), &inputs)
 }
 
 /// Reads the pair, unless what the files are says that it is `settled` already.
@@ -127,14 +139,14 @@ pub(super) fn read(
     Ok(Some(Photographs { frames: [i1, i2], inputs, lens }))
 }
 
-/// Writes the results.
+/// Writes the results; tells the report, and which files.
 pub(super) fn write(
     arguments: &Arguments,
     settings: &Settings,
     device: &DeviceInfo,
     photographs: Photographs,
     solution: &Solution,
-) -> Result<Report, Failure> {
+) -> Result<(Report, Vec<&'static str>), Failure> {
     let nearer = lens::nearer(arguments.nearer, photographs.lens.as_ref())?;
     let (width, blur, uncertainty) = (solution.width, &solution.relative_blur, &solution.uncertainty);
     let metric = photographs.lens.map(|lens| {
@@ -142,16 +154,27 @@ pub(super) fn write(
     });
     let wanted = arguments.measure.wanted();
     let measurements = wanted.measure(width, blur, uncertainty, metric.as_ref())?;
-    let formats = photographs.frames.map(|frame| frame.format());
+    let frames = photographs.frames;
+    let formats = frames.each_ref().map(Frame::format);
     let mut report = Report::new(solution, settings, device, nearer);
     report.of(photographs.inputs, super::validation_asked());
     report.request = request(arguments, settings);
     report.depth = metric.as_ref().map(DepthReport::from);
     report.measurements = (!wanted.is_empty()).then(|| measurements.clone());
     let look = Look { nearer, decode: settings.decode, formats };
-    let additions = Additions { depth: metric.as_ref(), measurements };
-    export::write(&arguments.output, solution, &report, &look, &additions)?;
-    Ok(report)
+    let fused = export::fused(solution, settings.decode)?;
+    let points = arguments.models.points(solution, &fused, nearer)?;
+    let mut extras = arguments.models.files(points.as_ref(), &fused);
+    if !arguments.no_html {
+        let names = [&arguments.pair.i1, &arguments.pair.i2].map(|path| name(path));
+        let page = Page { photographs: frames.each_ref(), names, decode: settings.decode, nearer };
+        extras.push(page.file(solution, &report));
+    }
+    let mut written: Vec<&str> = FILES.into_iter().chain(extras.iter().map(|extra| extra.name())).collect();
+    written.extend(metric.as_ref().map(|_| DEPTH_FILE));
+    let additions = Additions { depth: metric.as_ref(), measurements, extras };
+    export::write(&arguments.output, solution, &report, &look, additions)?;
+    Ok((report, written))
 }
 
 /// SHA-256 of everything but the photographs that decides the results: the version, the settings with what the files
@@ -163,10 +186,10 @@ pub(super) fn request(arguments: &Arguments, settings: &Settings) -> String {
     Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-fn tell(report: &Report, arguments: &Arguments) -> Result<(), Failure> {
+fn tell(report: &Report, written: &[&str], arguments: &Arguments) -> Result<(), Failure> {
     if !arguments.pair.quiet {
         // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(io::stderr(), "{}", summary(report, &arguments.output));
+        let _ = writeln!(io::stderr(), "{}", summary(report, &arguments.output, written));
     }
     if arguments.pair.json {
         print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;

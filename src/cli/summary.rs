@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::export::{DEPTH_FILE, DeviceReport, FILES, RegistrationReport, Report, TimingsReport};
+use parfocal::export::{DeviceReport, RegistrationReport, Report, TimingsReport};
 use parfocal::image_io::Input;
 use parfocal::{Decode, Method, Photometric, Progress, Similarity};
 
@@ -41,15 +41,14 @@ impl Drop for Bar {
 type Row = (&'static str, String);
 
 /// The few lines of a solve, without a newline at the end.
-pub(super) fn summary(report: &Report, out: &Path) -> String {
+pub(super) fn summary(report: &Report, out: &Path, written: &[&str]) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
     rows.extend(values(&report.inputs, report.settings.decode));
     rows.extend([("relative blur", blur(report)), ("depth.png", near_is_red(report))]);
     rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
     rows.extend(report.measurements.iter().flat_map(measure::rows));
     rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
-    let files: Vec<&str> = FILES.into_iter().chain(report.depth.as_ref().map(|_| DEPTH_FILE)).collect();
-    rows.push(("results", format!("{}: {}", out.display(), files.join(" "))));
+    rows.push(("results", format!("{}: {}", out.display(), written.join(" "))));
     lines(&rows)
 }
 
@@ -169,8 +168,9 @@ mod tests {
 
     #[test]
     fn a_person_is_told_what_came_out_and_where_it_is() {
-        let text = summary(&report([-1.5, 4.0]), Path::new("out"));
-        for part in ["a device (a driver)", "+1.250 px right", "gain 1.0200", "-1.50 to +4.00 px²", "50.0 %", "out: "]
+        let text = summary(&report([-1.5, 4.0]), Path::new("out"), &["depth.png"]);
+        for part in
+            ["a device (a driver)", "+1.250 px right", "gain 1.0200", "-1.50 to +4.00 px²", "50.0 %", "out: depth.png"]
         {
             assert!(text.contains(part), "{part} is missing in {text}");
         }
@@ -179,7 +179,7 @@ mod tests {
 
     #[test]
     fn without_a_valid_pixel_no_range_is_made_up() {
-        let text = summary(&report([f32::NAN; 2]), Path::new("out"));
+        let text = summary(&report([f32::NAN; 2]), Path::new("out"), &["depth.png"]);
         assert!(text.contains("no valid pixel") && !text.contains("NaN"), "{text}");
     }
 }

@@ -6,7 +6,7 @@ use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
 use super::Look;
-use crate::{Channels, Decode, Depth, Solution};
+use crate::{Channels, Decode, Depth, Error, Frame, Samples, Solution};
 
 /// An image in intensities, white at 1, interleaved.
 pub(super) struct Image<'a> {
@@ -36,8 +36,17 @@ pub(super) fn write_image(writer: impl Write, image: &Image<'_>, decode: Decode,
     png(writer, bytemuck::cast_slice(&samples), image.size, kind)
 }
 
+/// The fused image in 8 bits, as `fused.png` stores it where both inputs have 8.
+///
+/// # Errors
+/// [`Error::Mismatch`] where it is not of the size that the solution states.
+pub fn fused(solution: &Solution, decode: Decode) -> Result<Frame, Error> {
+    let bytes = solution.fused.iter().map(|&v| (stored(v, decode) * 255.0).round() as u8).collect();
+    Frame::new(solution.width, solution.height, solution.fused_channels, Samples::U8(bytes)).map_err(Error::Mismatch)
+}
+
 /// The value that a file stores, in [0, 1].
-fn stored(value: f32, decode: Decode) -> f32 {
+pub(crate) fn stored(value: f32, decode: Decode) -> f32 {
     let value = value.clamp(0.0, 1.0);
     match decode {
         Decode::None => value,

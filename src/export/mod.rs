@@ -3,6 +3,7 @@
 //! [`write()`] puts the files of a solve into a folder: all of them, or none.
 
 mod depth;
+mod extra;
 mod field;
 mod fused;
 mod json;
@@ -23,8 +24,11 @@ mod tests;
 mod transform;
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+pub use extra::{EXTRA_FILES, Extra};
+pub use fused::fused;
+pub(crate) use fused::stored;
 pub use measurements::{Measurements, ProfileReport, StepReport, Wanted};
 pub use metric::{DEPTH_FILE, DepthReport};
 pub use registered::{registered_ending, write_registered};
@@ -82,12 +86,14 @@ pub struct Look {
 }
 
 /// What is written only where it was asked for.
-#[derive(Clone, Debug, Default)]
+#[derive(Default)]
 pub struct Additions<'a> {
     /// Depth in mm: [`DEPTH_FILE`].
     pub depth: Option<&'a MetricDepth>,
     /// Profiles: `profile_1.csv`, `profile_1.png` and so on.
     pub measurements: Measurements,
+    /// Any of the [`EXTRA_FILES`].
+    pub extras: Vec<Extra<'a>>,
 }
 
 /// Writes the [`FILES`] of a solve into the folder `out`, which is made if it is missing.
@@ -104,7 +110,7 @@ pub fn write(
     solution: &Solution,
     report: &Report,
     look: &Look,
-    additions: &Additions,
+    additions: Additions<'_>,
 ) -> Result<(), Error> {
     let size = (solution.width, solution.height);
     check_lengths(solution)?;
@@ -115,20 +121,27 @@ pub fn write(
     staging.add(uncertainty, |w| field::write(w, size, &solution.uncertainty, &field::UNCERTAINTY))?;
     staging.add(depth, |w| depth::write(w, size, &solution.relative_blur, look.nearer))?;
     staging.add(fused, |w| fused::write(w, solution, look))?;
+    let of_this = |name: &str| additions.extras.iter().any(|extra| extra.name == name);
+    let stale: Vec<PathBuf> =
+        EXTRA_FILES.into_iter().filter(|name| !of_this(name)).map(|name| out.join(name)).collect();
+    for extra in additions.extras {
+        staging.add(extra.name, |w| (extra.fill)(w))?;
+    }
+    if let Some(metric) = additions.depth {
+        staging.add(DEPTH_FILE, |w| metric::write(w, metric))?;
+    }
+    additions.measurements.stage(&mut staging)?;
     // The last to get its name: where the report is that was asked for, the rest is too (`batch --resume`).
     staging.add(json, |w| {
         use std::io::Write;
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
-    if let Some(metric) = additions.depth {
-        staging.add(DEPTH_FILE, |w| metric::write(w, metric))?;
-    }
-    additions.measurements.stage(&mut staging)?;
     staging.place()?;
     if additions.depth.is_none() {
         remove_stale(&out.join(DEPTH_FILE))?;
     }
-    additions.measurements.remove_stale(out)
+    additions.measurements.remove_stale(out)?;
+    stale.iter().try_for_each(|file| remove_stale(file))
 }
 
 /// Removes a result of an earlier run that this one has not replaced.

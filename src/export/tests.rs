@@ -113,7 +113,7 @@ fn without_a_valid_pixel_the_range_is_null() {
 fn a_solve_appears_whole_and_reads_back() {
     let base = TempDir::new().unwrap();
     let out = base.path().join("deep/out");
-    write(&out, &solution(), &report(), &look(Depth::U8), &Additions::default()).unwrap();
+    write(&out, &solution(), &report(), &look(Depth::U8), Additions::default()).unwrap();
     let mut found: Vec<_> =
         fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     let mut expected = FILES.to_vec();
@@ -141,10 +141,10 @@ fn a_solve_appears_whole_and_reads_back() {
 fn fused_takes_the_depth_of_the_inputs() {
     let base = TempDir::new().unwrap();
     let path = base.path().join("fused.png");
-    write(base.path(), &solution(), &report(), &look(Depth::U8), &Additions::default()).unwrap();
+    write(base.path(), &solution(), &report(), &look(Depth::U8), Additions::default()).unwrap();
     assert_eq!(image_io::read(&path).unwrap().samples(), &Samples::U8(vec![0, 0, 51, 128, 255, 255]));
     for depth in [Depth::U16, Depth::F32] {
-        write(base.path(), &solution(), &report(), &look(depth), &Additions::default()).unwrap();
+        write(base.path(), &solution(), &report(), &look(depth), Additions::default()).unwrap();
         assert_eq!(image_io::read(&path).unwrap().samples(), &Samples::U16(vec![0, 0, 13107, 32768, 65535, 65535]));
     }
 }
@@ -154,7 +154,7 @@ fn a_solution_that_contradicts_itself_is_not_written() {
     let base = TempDir::new().unwrap();
     let mut wrong = solution();
     wrong.fused.pop();
-    let result = write(&base.path().join("out"), &wrong, &report(), &look(Depth::U8), &Additions::default());
+    let result = write(&base.path().join("out"), &wrong, &report(), &look(Depth::U8), Additions::default());
     assert!(matches!(result, Err(Error::Mismatch(_))));
     assert!(!base.path().join("out").exists());
 }

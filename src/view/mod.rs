@@ -101,6 +101,13 @@ impl<'a> Surface<'a> {
         Ok(Self { width, height, relative_blur, texture: figure::photograph(fused), scale })
     }
 
+    /// Nearness, 0 far to 1 near, row-major on a grid of about `view.width` nodes along the longer side, smoothed as the
+    /// view asks; NaN where no pixel is valid. With columns and rows.
+    pub(crate) fn heights(&self, view: &View) -> (usize, usize, Vec<f32>) {
+        let heights = heights::Heights::of(self, view.width as usize, view.smoothing as usize);
+        (heights.width, heights.height, heights.data)
+    }
+
     /// Both panels side by side, textured and colour-coded, with a key to the colours.
     ///
     /// # Errors

@@ -1,0 +1,29 @@
+//! Files beside those that every solve writes.
+
+use std::io::Write;
+
+/// Names that an [`Extra`] may have. One that a solve does not write is removed from its folder: left from another
+/// solve, it would contradict the rest.
+pub const EXTRA_FILES: [&str; 4] = ["report.html", "surface.ply", "points.ply", "surface.glb"];
+
+/// One more file of a solve, which appears with the others or not at all.
+pub struct Extra<'a> {
+    pub(super) name: &'static str,
+    pub(super) fill: Fill<'a>,
+}
+
+/// Writes the content of a file; a problem is a phrase that fits into "cannot be written (...)".
+pub(super) type Fill<'a> = Box<dyn FnOnce(&mut dyn Write) -> Result<(), String> + 'a>;
+
+impl<'a> Extra<'a> {
+    /// A file of this name, one of the [`EXTRA_FILES`].
+    pub(crate) fn new(name: &'static str, fill: impl FnOnce(&mut dyn Write) -> Result<(), String> + 'a) -> Self {
+        debug_assert!(EXTRA_FILES.contains(&name));
+        Self { name, fill: Box::new(fill) }
+    }
+
+    /// Its name in the folder of results.
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+}

@@ -1,0 +1,164 @@
+// The surface in three dimensions.
+
+class SurfaceView {
+  // The picture of each skin comes from `skin(name)`.
+  constructor(heights, skin) {
+    this.canvas = byId('surface');
+    this.skin = skin;
+    this.textures = {};
+    // Kept after it is drawn, so that the picture can be saved or printed at any time.
+    this.renderer = new Three.WebGLRenderer({ canvas: this.canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
+    this.scene = new Three.Scene();
+    this.camera = new Three.PerspectiveCamera(30, 1, 0.05, 20);
+    this.camera.up.set(0, 0, 1);
+    this.light();
+    this.material = new Three.MeshLambertMaterial({ side: Three.DoubleSide });
+    this.mesh = new Three.Mesh(geometry(heights), this.material);
+    this.scene.add(this.mesh);
+    this.controls = new Three.OrbitControls(this.camera, this.canvas);
+    this.controls.minDistance = 0.2;
+    this.controls.maxDistance = 8;
+    this.controls.maxPolarAngle = 0.49 * Math.PI;
+    this.controls.addEventListener('change', () => this.draw());
+    this.listen();
+    this.setRelief(100 * data.surface.relief);
+    this.setSkin('fused');
+    new ResizeObserver(() => this.resize()).observe(this.canvas);
+    this.resize();
+    this.reset();
+  }
+
+  light() {
+    this.scene.add(new Three.AmbientLight(0xffffff, 1.5));
+    const sun = new Three.DirectionalLight(0xffffff, 2);
+    sun.position.set(-1, 1, 1.5);
+    this.scene.add(sun);
+  }
+
+  listen() {
+    // The page scrolls until the surface has been chosen.
+    this.controls.enableZoom = false;
+    this.canvas.addEventListener('pointerdown', () => this.canvas.focus({ preventScroll: true }));
+    this.canvas.addEventListener('focus', () => { this.controls.enableZoom = true; });
+    this.canvas.addEventListener('blur', () => { this.controls.enableZoom = false; });
+    this.canvas.addEventListener('keydown', (event) => this.key(event));
+    byId('skins').addEventListener('click', (event) => event.target.dataset.skin && this.setSkin(event.target.dataset.skin));
+    byId('relief').addEventListener('input', (event) => this.setRelief(Number(event.target.value)));
+    byId('reset').addEventListener('click', () => this.reset());
+    byId('from-above').addEventListener('click', () => this.look(90, 0, this.distance()));
+  }
+
+  resize() {
+    const { clientWidth, clientHeight } = this.canvas;
+    this.renderer.setPixelRatio(Math.min(2, window.devicePixelRatio || 1));
+    this.renderer.setSize(clientWidth, clientHeight, false);
+    this.camera.aspect = clientWidth / clientHeight;
+    this.camera.updateProjectionMatrix();
+    this.draw();
+  }
+
+  // Far enough to see all of it.
+  distance() {
+    const { width, height } = data.surface;
+    const longer = Math.max(width, height);
+    const half = Math.tan((this.camera.fov / 2) * (Math.PI / 180));
+    return 0.6 * Math.max(width / longer / (half * this.camera.aspect), height / longer / half) + 0.25;
+  }
+
+  look(elevation, azimuth, distance) {
+    const [e, a] = [Math.min(89.99, elevation), azimuth].map((degrees) => (degrees * Math.PI) / 180);
+    this.controls.target.set(0, 0, 0);
+    this.camera.position.set(Math.cos(e) * Math.sin(a), -Math.cos(e) * Math.cos(a), Math.sin(e)).multiplyScalar(distance);
+    this.controls.update();
+    this.draw();
+  }
+
+  reset() {
+    this.setRelief(100 * data.surface.relief);
+    this.look(data.surface.elevation_deg, data.surface.azimuth_deg, this.distance());
+  }
+
+  // Turns by degrees about the target, and goes nearer by a factor.
+  turn(around, up, factor = 1) {
+    const { camera, controls } = this;
+    const offset = camera.position.clone().sub(controls.target).multiplyScalar(factor);
+    const distance = Math.min(8, Math.max(0.2, offset.length()));
+    const azimuth = Math.atan2(offset.x, -offset.y) + (around * Math.PI) / 180;
+    const elevation = Math.min(1.57, Math.max(0.04, Math.asin(offset.z / offset.length()) + (up * Math.PI) / 180));
+    const flat = Math.cos(elevation);
+    camera.position.set(flat * Math.sin(azimuth), -flat * Math.cos(azimuth), Math.sin(elevation)).multiplyScalar(distance);
+    camera.position.add(controls.target);
+    controls.update();
+    this.draw();
+  }
+
+  key(event) {
+    const turns = { ArrowLeft: [-5, 0], ArrowRight: [5, 0], ArrowUp: [0, 5], ArrowDown: [0, -5], '+': [0, 0, 0.85], '=': [0, 0, 0.85], '-': [0, 0, 1.18] };
+    if (turns[event.key]) this.turn(...turns[event.key]);
+    else if (event.key === '0') this.reset();
+    else return;
+    event.preventDefault();
+  }
+
+  setRelief(percent) {
+    byId('relief').value = percent;
+    byId('relief-value').value = `${Math.round(percent)} % of the longer side`;
+    // Flat is drawn as nearly so: normals need a height.
+    this.mesh.scale.z = Math.max(percent / 100, 1e-4);
+    this.draw();
+  }
+
+  setSkin(name) {
+    for (const button of byId('skins').children) button.setAttribute('aria-pressed', button.dataset.skin === name);
+    this.textures[name] ??= this.texture(this.skin(name));
+    this.material.map = this.textures[name];
+    this.material.needsUpdate = true;
+    this.draw();
+  }
+
+  // At most 2048 texels a side, which every device takes.
+  texture(source) {
+    const factor = Math.min(1, 2048 / Math.max(grid.width, grid.height));
+    const canvas = canvasOf(Math.round(factor * grid.width), Math.round(factor * grid.height));
+    canvas.getContext('2d').drawImage(source, 0, 0, canvas.width, canvas.height);
+    const texture = new Three.CanvasTexture(canvas);
+    texture.colorSpace = Three.SRGBColorSpace;
+    texture.anisotropy = this.renderer.capabilities.getMaxAnisotropy();
+    return texture;
+  }
+
+  draw() {
+    this.renderer.render(this.scene, this.camera);
+  }
+}
+
+// Two triangles between each four neighbouring nodes, one where only three are there: holes stay holes. x right, y up,
+// z near, the longer side 1; z runs from -1/2 to 1/2 and is scaled by the relief.
+function geometry(heights) {
+  const { width, height } = data.surface;
+  const longer = Math.max(width, height);
+  const index = new Int32Array(width * height).fill(-1);
+  const [positions, uvs, triangles] = [[], [], []];
+  heights.forEach((nearness, at) => {
+    if (Number.isNaN(nearness)) return;
+    index[at] = positions.length / 3;
+    const [u, v] = [((at % width) + 0.5) / width, (Math.floor(at / width) + 0.5) / height];
+    positions.push(((u - 0.5) * width) / longer, ((0.5 - v) * height) / longer, nearness - 0.5);
+    uvs.push(u, 1 - v);
+  });
+  for (let y = 1; y < height; y++) {
+    for (let x = 1; x < width; x++) {
+      const at = y * width + x;
+      const [a, b, c, d] = [at - width - 1, at - width, at, at - 1].map((i) => index[i]);
+      // Counter-clockwise as seen from the camera.
+      const cuts = a < 0 || c < 0 ? [[b, d, c], [a, d, b]] : [[a, c, b], [a, d, c]];
+      for (const cut of cuts) if (!cut.includes(-1)) triangles.push(...cut);
+    }
+  }
+  const found = new Three.BufferGeometry();
+  found.setAttribute('position', new Three.BufferAttribute(new Float32Array(positions), 3));
+  found.setAttribute('uv', new Three.BufferAttribute(new Float32Array(uvs), 2));
+  found.setIndex(new Three.BufferAttribute(new Uint32Array(triangles), 1));
+  found.computeVertexNormals();
+  return found;
+}
