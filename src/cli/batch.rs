@@ -92,9 +92,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let jobs: Vec<Job> = pairs::find(source, out)?.into_iter().map(|pair| Job::new(flags, pair)).collect();
     jobs.iter().try_for_each(|job| solve::check_output(&job.arguments))?;
     let stop = on_interrupt()?;
-    let engine = flags.pair.open_engine()?;
+    let engine = flags.pair.common.open_engine()?;
     let shared = Shared { settings, resume: arguments.resume, stop };
-    let bar = Bar::new(jobs.len(), flags.pair.quiet);
+    let bar = Bar::new(jobs.len(), flags.pair.common.quiet);
     let rows = work(engine, &jobs, &shared, &bar)?;
     drop(bar);
     let interrupted = shared.stop.load(Ordering::Relaxed);
@@ -103,14 +103,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .map_err(|e| Failure::Failed(format!("{}: cannot be made ({e}); give another folder", out.display())))?;
     let json = tally.to_json()?;
     output::write(&out.join("batch.json"), format!("{json}\n").as_bytes())?;
-    if !flags.pair.quiet {
+    if !flags.pair.common.quiet {
         // Nobody is left to be told where stderr is closed.
         let _ = writeln!(io::stderr(), "{}", tally.table(out));
     }
-    if flags.pair.json {
+    if flags.pair.common.json {
         print(&json)?;
     }
-    tally.check(flags.pair.strict)
+    tally.check(flags.pair.common.strict)
 }
 
 impl Job {
@@ -203,7 +203,7 @@ fn solve_all(
                 Err(error) => {
                     if matches!(error, Error::Timeout { .. } | Error::Poisoned | Error::Vulkan { .. }) {
                         // The engine is of no more use, and the pairs to come need one.
-                        bench = Bench { engine: arguments.pair.open_engine()?, prepared: None };
+                        bench = Bench { engine: arguments.pair.common.open_engine()?, prepared: None };
                     }
                     Solved::Failed(Failure::of_solve(error, &arguments.pair.i1))
                 }

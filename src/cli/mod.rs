@@ -22,6 +22,7 @@ mod register;
 mod shell;
 mod simulate;
 mod solve;
+mod stack;
 mod summary;
 mod tally;
 mod tuning;
@@ -50,6 +51,7 @@ struct Cli {
 enum Command {
     Solve(Box<solve::Arguments>),
     Batch(Box<batch::Arguments>),
+    Stack(Box<stack::Arguments>),
     Simulate(Box<simulate::Arguments>),
     Depth(depth::Arguments),
     Calibrate(Box<calibrate::Arguments>),
@@ -89,6 +91,7 @@ fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Batch(arguments) => batch::run(&arguments),
+        Command::Stack(arguments) => stack::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Depth(arguments) => depth::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),

@@ -22,6 +22,13 @@ pub(super) struct PairArguments {
     pub(super) i1: PathBuf,
     /// The other photograph, of the same size
     pub(super) i2: PathBuf,
+    #[command(flatten)]
+    pub(super) common: SettingsArguments,
+}
+
+/// The settings and the device.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct SettingsArguments {
     /// Pyramid levels, 1 to 12; auto halves the images while the short side stays at least 32 px
     #[arg(long, value_name = "N|auto", default_value_t = Levels(Settings::default().levels))]
     levels: Levels,
@@ -152,7 +159,7 @@ impl fmt::Display for Levels {
     }
 }
 
-impl PairArguments {
+impl SettingsArguments {
     /// The settings that the flags and `--transform` ask for; with `hold`, what the file states is kept.
     pub(super) fn settings(&self, method: Method, hold: bool) -> Result<Settings, Failure> {
         let mut settings = Settings {
@@ -202,25 +209,13 @@ impl PairArguments {
         Ok(())
     }
 
-    /// Every file that is read, none of which a result may replace.
-    pub(super) fn inputs(&self) -> Vec<&PathBuf> {
+    /// Every file that is read besides photographs, none of which a result may replace.
+    pub(super) fn inputs(&self) -> impl Iterator<Item = &PathBuf> {
         let kernel = match &self.kernel {
             KernelChoice::File(path) => Some(path),
             KernelChoice::Named(_) => None,
         };
-        [&self.i1, &self.i2].into_iter().chain(&self.transform).chain(kernel).chain(self.config.file()).collect()
-    }
-
-    /// What the report says of the two photographs.
-    pub(super) fn describe(&self) -> Result<Vec<Input>, Failure> {
-        Ok(vec![image_io::describe(&self.i1)?, image_io::describe(&self.i2)?])
-    }
-
-    /// The same without what does not decide the results: the photographs, where it runs, and what is told of it.
-    pub(super) fn deciding(&self) -> Self {
-        let (i1, i2, quiet) = (PathBuf::new(), PathBuf::new(), false);
-        let (engine, config) = (EngineArguments::default(), ConfigArgument::default());
-        Self { i1, i2, json: false, quiet, strict: false, engine, config, ..self.clone() }
+        self.transform.iter().chain(kernel).chain(self.config.file())
     }
 
     /// Fails, with `--strict`, if there is anything to warn of.
@@ -232,14 +227,34 @@ impl PairArguments {
         Err(Failure::Failed(format!("--strict: the solve {what}: {}", warnings.join("; "))))
     }
 
-    /// Decodes the pair, then opens the device: the cheap before the dear.
-    pub(super) fn open(&self) -> Result<(Frame, Frame, Engine), Failure> {
-        let (i1, i2) = image_io::read_pair(&self.i1, &self.i2)?;
-        Ok((i1, i2, self.open_engine()?))
-    }
-
     /// Opens the device.
     pub(super) fn open_engine(&self) -> Result<Engine, Failure> {
         self.engine.open()
+    }
+}
+
+impl PairArguments {
+    /// Every file that is read, none of which a result may replace.
+    pub(super) fn inputs(&self) -> Vec<&PathBuf> {
+        [&self.i1, &self.i2].into_iter().chain(self.common.inputs()).collect()
+    }
+
+    /// What the report says of the two photographs.
+    pub(super) fn describe(&self) -> Result<Vec<Input>, Failure> {
+        Ok(vec![image_io::describe(&self.i1)?, image_io::describe(&self.i2)?])
+    }
+
+    /// The same without what does not decide the results: the photographs, where it runs, and what is told of it.
+    pub(super) fn deciding(&self) -> Self {
+        let (engine, config) = (EngineArguments::default(), ConfigArgument::default());
+        let common =
+            SettingsArguments { json: false, quiet: false, strict: false, engine, config, ..self.common.clone() };
+        Self { i1: PathBuf::new(), i2: PathBuf::new(), common }
+    }
+
+    /// Decodes the pair, then opens the device: the cheap before the dear.
+    pub(super) fn open(&self) -> Result<(Frame, Frame, Engine), Failure> {
+        let (i1, i2) = image_io::read_pair(&self.i1, &self.i2)?;
+        Ok((i1, i2, self.common.open_engine()?))
     }
 }

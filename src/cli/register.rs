@@ -46,7 +46,7 @@ impl From<MethodName> for Method {
 /// Registers a pair, writes and prints the registration.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let pair = &arguments.pair;
-    let mut settings = pair.settings(arguments.method.into(), false)?;
+    let mut settings = pair.common.settings(arguments.method.into(), false)?;
     if settings.method != Method::Unified {
         // No blur is looked for: no memory for it.
         (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
@@ -54,7 +54,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     check_output(arguments)?;
     let inputs = pair.describe()?;
     let (i1, i2, engine) = pair.open()?;
-    let bar = Bar::new(!pair.quiet && io::stderr().is_terminal());
+    let bar = Bar::new(!pair.common.quiet && io::stderr().is_terminal());
     let registered = Solver::for_pair(&engine, &i1, &i2, &settings)
         .and_then(|mut solver| solver.register_with(&i1, &i2, &mut |progress| bar.show(progress)))
         .map_err(|e| Failure::of_solve(e, &pair.i1))?;
@@ -66,7 +66,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         export::write_registration(file, &report)?;
     }
     tell(&report, arguments)?;
-    pair.check_strict(report.converged, &report.warnings)
+    pair.common.check_strict(report.converged, &report.warnings)
 }
 
 /// Refuses a file that cannot be one, or that is an input, before any work is done.
@@ -82,11 +82,11 @@ fn check_output(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 fn tell(report: &RegistrationReport, arguments: &Arguments) -> Result<(), Failure> {
-    if !arguments.pair.quiet {
+    if !arguments.pair.common.quiet {
         // Nobody is left to be told where stderr is closed.
         let _ = writeln!(io::stderr(), "{}", registration_summary(report, arguments.output.as_deref()));
     }
-    if arguments.pair.json {
+    if arguments.pair.common.json {
         print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
     }
     Ok(())

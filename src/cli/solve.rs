@@ -86,9 +86,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let settings = settings(arguments)?;
     check_output(arguments)?;
     let Some(photographs) = read(arguments, |_| false)? else { return Ok(()) };
-    let engine = pair.open_engine()?;
+    let engine = pair.common.open_engine()?;
     let [i1, i2] = &photographs.frames;
-    let bar = Bar::new(!pair.quiet && io::stderr().is_terminal());
+    let bar = Bar::new(!pair.common.quiet && io::stderr().is_terminal());
     let solution = Solver::for_pair(&engine, i1, i2, &settings)
         .and_then(|mut solver| solver.solve_with(i1, i2, &mut |progress| bar.show(progress)))
         .map_err(|e| Failure::of_solve(e, &pair.i1))?;
@@ -96,7 +96,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     super::check_validation(&engine)?;
     let (report, written) = write(arguments, &settings, engine.info(), photographs, &solution)?;
     tell(&report, &written, arguments)?;
-    pair.check_strict(report.converged, &report.warnings)
+    pair.common.check_strict(report.converged, &report.warnings)
 }
 
 /// What a photograph is called in the report: without its folders.
@@ -113,7 +113,7 @@ pub(super) struct Photographs {
 
 /// What the flags ask for.
 pub(super) fn settings(arguments: &Arguments) -> Result<Settings, Failure> {
-    arguments.pair.settings(arguments.method.into(), arguments.hold)
+    arguments.pair.common.settings(arguments.method.into(), arguments.hold)
 }
 
 /// Refuses an output folder that cannot be written, or whose results would replace an input.
@@ -187,11 +187,11 @@ pub(super) fn request(arguments: &Arguments, settings: &Settings) -> String {
 }
 
 fn tell(report: &Report, written: &[&str], arguments: &Arguments) -> Result<(), Failure> {
-    if !arguments.pair.quiet {
+    if !arguments.pair.common.quiet {
         // Nobody is left to be told where stderr is closed.
         let _ = writeln!(io::stderr(), "{}", summary(report, &arguments.output, written));
     }
-    if arguments.pair.json {
+    if arguments.pair.common.json {
         print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
     }
     Ok(())
