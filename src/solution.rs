@@ -16,7 +16,7 @@ pub struct Solution {
     /// Standard deviation of V, px², by what the images say around each pixel (`docs/method.md`, section 7). NaN outside the
     /// valid region; 1000 where nothing holds V but the smoothness.
     pub uncertainty: Vec<f32>,
-    /// The same on a scale from 0 to 1: [`confidence()`] of the uncertainty; 0 outside the valid region.
+    /// The same on a scale from 0 to 1, `1/(1 + σ²)` with σ in px²; 0 where the images say nothing.
     pub confidence: Vec<f32>,
     /// Channels of `fused`: grey only if both inputs are.
     pub fused_channels: Channels,

@@ -264,7 +264,7 @@ mod tests {
             ("sweeps = true\n", ":1: sweeps must be a number, and is a boolean"),
             ("hold = 1\n", ":1: hold must be true or false, and is an integer"),
             ("method = ['sift']\n", ":1: method must be a single value, and is an array"),
-            ("[lens]\nx = 1\n", ":1: there is no option 'lens'"),
+            ("[optics]\nx = 1\n", ":1: there is no option 'optics'"),
             ("\nsweeps = = 1\n", ":2: is not TOML"),
             ("sweeps = 1\nsweeps = 2\n", ":2: is not TOML"),
             ("\nmethod = 'magic'\n", ":2: invalid value 'magic' for '--method"),

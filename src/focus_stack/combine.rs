@@ -237,7 +237,7 @@ mod tests {
 
     #[test]
     fn pixels_that_no_pair_sees_have_no_focus() {
-        let (mut pairs, _) = pairs(&[0.0, 1.0, 2.0], 4.0, 10);
+        let (mut pairs, _) = pairs(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0], 4.0, 10);
         for pair in &mut pairs {
             pair.relative_blur[3] = f32::NAN;
             pair.uncertainty[5] = 1000.0;

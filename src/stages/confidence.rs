@@ -1,7 +1,7 @@
 //! V where it is valid, NaN elsewhere, and its standard deviation, section 7 of `docs/method.md`.
 //!
 //! Over a window of N pixels, where V is one unknown, least squares give it the variance `Σb²/(ΣD)²`, b and D of the
-//! [evidence](mod@super::evidence): what each residual pulls, misfit and noise alike, over what holds V. An error in place of a
+//! evidence: what each residual pulls, misfit and noise alike, over what holds V. An error in place of a
 //! pixel adds |∇V|². So, with means over the window,
 //!
 //! ```text
