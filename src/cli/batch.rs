@@ -90,7 +90,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let settings = solve::settings(flags)?;
     output::check(out, &[], &[])?;
     let jobs: Vec<Job> = pairs::find(source, out)?.into_iter().map(|pair| Job::new(flags, pair)).collect();
-    jobs.iter().try_for_each(|job| solve::check_output(&job.arguments))?;
+    jobs.iter().try_for_each(|job| solve::check(&job.arguments))?;
     let stop = on_interrupt()?;
     let engine = flags.pair.common.open_engine()?;
     let shared = Shared { settings, resume: arguments.resume, stop };

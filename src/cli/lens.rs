@@ -117,6 +117,10 @@ impl PartOfLens {
         }
     }
 
+    fn is_whole(&self) -> bool {
+        self.focal_length.is_some() && self.f_number.is_some() && self.pixel_pitch.is_some() && self.focus.is_some()
+    }
+
     /// The whole lens, or the flags for what is missing.
     fn whole(self) -> Result<Lens, Failure> {
         let (Some(focal_length), Some(f_number), Some(pixel_pitch), Some(focus)) =
@@ -150,6 +154,13 @@ impl LensArguments {
         }
         let file = self.lens.as_deref().map_or(Ok(PartOfLens::default()), read)?;
         self.flags().or(file).or(defaults).whole().map(Some)
+    }
+
+    /// The lens where file and flags alone state all of it: what can be said before any photograph is read.
+    pub(super) fn stated(&self) -> Result<Option<Lens>, Failure> {
+        let file = self.lens.as_deref().map_or(Ok(PartOfLens::default()), read)?;
+        let stated = self.flags().or(file);
+        if stated.is_whole() { stated.whole().map(Some) } else { Ok(None) }
     }
 
     /// As [`lens`](Self::lens), of a command that is nothing without one.

@@ -84,7 +84,7 @@ impl From<MethodName> for Method {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let pair = &arguments.pair;
     let settings = settings(arguments)?;
-    check_output(arguments)?;
+    check(arguments)?;
     let Some(photographs) = read(arguments, |_| false)? else { return Ok(()) };
     let engine = pair.common.open_engine()?;
     let [i1, i2] = &photographs.frames;
@@ -116,8 +116,10 @@ pub(super) fn settings(arguments: &Arguments) -> Result<Settings, Failure> {
     arguments.pair.common.settings(arguments.method.into(), arguments.hold)
 }
 
-/// Refuses an output folder that cannot be written, or whose results would replace an input.
-pub(super) fn check_output(arguments: &Arguments) -> Result<(), Failure> {
+/// Refuses flags that contradict each other, and an output folder that cannot be written, or whose results would replace
+/// an input.
+pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
+    lens::nearer(arguments.nearer, arguments.lens.stated()?.as_ref())?;
     let inputs: Vec<_> = arguments.pair.inputs().into_iter().chain(arguments.lens.file()).collect();
     output::check(&arguments.output, &[&FILES[..], &EXTRA_FILES, &[DEPTH_FILE]].concat(), &inputs)
 }
