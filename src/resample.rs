@@ -85,14 +85,19 @@ pub(crate) fn onto(grid: &Grid<'_>, t: &Similarity, [width, height]: [usize; 2],
 }
 
 /// A photograph on the pixels of I1: what it holds where T takes them, of its own format; black where that is outside.
-/// Gain and offset are those of intensities as stored.
-pub fn registered(frame: &Frame, transform: &Similarity, photometric: &Photometric) -> Frame {
+/// Gain and offset are those of intensities decoded so.
+pub fn registered(frame: &Frame, transform: &Similarity, photometric: &Photometric, decode: Decode) -> Frame {
     let (width, height, channels) = (frame.width() as usize, frame.height() as usize, frame.format().channels);
-    let values = frame.intensities(Decode::None);
+    let values = frame.intensities(decode);
     let grid = Grid { width, height, channels: channels.count() as usize, values: &values };
     let mut moved = onto(&grid, transform, [width, height], Interpolation::Cubic);
     for value in &mut moved {
-        *value = if value.is_nan() { 0.0 } else { (photometric.gain * f64::from(*value) + photometric.offset) as f32 };
+        let exposed = (photometric.gain * f64::from(*value) + photometric.offset) as f32;
+        *value = match decode {
+            _ if value.is_nan() => 0.0,
+            Decode::None => exposed,
+            Decode::Srgb => crate::export::stored(exposed, decode),
+        };
     }
     frame.with_intensities(&moved)
 }

@@ -94,5 +94,5 @@ fn what_is_no_sweep_is_refused_in_plain_words() {
     };
     refused(&["--positions", "0,1"], &["2 positions for 3 frames"]);
     refused(&["--positions", "0,2,1"], &["ascending"]);
-    refused(&["--reference", "4"], &["reference"]);
+    refused(&["--reference", "4"], &["--reference 4", "3 frames"]);
 }

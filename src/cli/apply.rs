@@ -22,7 +22,7 @@ pub(super) struct Arguments {
     /// Folder for the results, each of the name of its image; made if it is missing
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Apply gain and offset of the registration too, to the values as stored
+    /// Apply gain and offset of the registration too, to the values as it was found with (--decode)
     #[arg(long)]
     exposure: bool,
     /// Print the files written as JSON on stdout
@@ -45,9 +45,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         _ => Photometric::IDENTITY,
     };
     let inputs: Vec<&PathBuf> = arguments.images.iter().chain([&arguments.transform]).collect();
+    let (size, decode) = export::read_pair_of(&arguments.transform)?;
     let mut written = Vec::new();
     for path in &arguments.images {
         let frame = image_io::read(path)?;
+        let found = (frame.width(), frame.height());
+        if let Some(size) = size.filter(|size| (size.width, size.height) != found) {
+            let (file, path) = (arguments.transform.display(), path.display());
+            let (registered, found) = (format!("{}x{}", size.width, size.height), format!("{}x{}", found.0, found.1));
+            let problem = format!("is {found}, and {file} registers images of {registered}; resize it first");
+            return Err(Failure::Failed(format!("{path}: {problem}")));
+        }
         let file = place(path, registered_ending(&frame))?;
         if written.contains(&file) {
             let problem = "two images have this name; bring them up one after the other into two folders";
@@ -55,7 +63,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         output::check(&arguments.output, &[&file], &inputs)?;
         let file_path = arguments.output.join(&file);
-        write_registered(&file_path, &resample::registered(&frame, &transform, &photometric))?;
+        write_registered(&file_path, &resample::registered(&frame, &transform, &photometric, decode))?;
         if !arguments.quiet {
             // Nobody is left to be told where stderr is closed.
             let _ = writeln!(io::stderr(), "{}", file_path.display());

@@ -95,7 +95,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let engine = flags.pair.common.open_engine()?;
     let shared = Shared { settings, resume: arguments.resume, stop };
     let bar = Bar::new(jobs.len(), flags.pair.common.quiet);
-    let rows = work(engine, &jobs, &shared, &bar)?;
+    let (rows, ended) = work(engine, &jobs, &shared, &bar)?;
     drop(bar);
     let interrupted = shared.stop.load(Ordering::Relaxed);
     let tally = Tally::new(source, rows, interrupted, started.elapsed());
@@ -110,6 +110,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if flags.pair.common.json {
         print(&json)?;
     }
+    ended?;
     tally.check(flags.pair.common.strict)
 }
 
@@ -141,8 +142,11 @@ fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
     Ok(stop)
 }
 
+/// What came of each pair, and whether the device held out to the end.
+type Worked = (Vec<Row>, Result<(), Failure>);
+
 /// Three threads in a row, each at most one pair ahead of the next: what is read and not yet solved stays small.
-fn work(engine: Engine, jobs: &[Job], shared: &Shared, bar: &Bar) -> Result<Vec<Row>, Failure> {
+fn work(engine: Engine, jobs: &[Job], shared: &Shared, bar: &Bar) -> Result<Worked, Failure> {
     thread::scope(|scope| {
         let (to_solver, from_reader) = sync_channel(1);
         let (to_writer, from_solver) = sync_channel(1);
@@ -152,7 +156,7 @@ fn work(engine: Engine, jobs: &[Job], shared: &Shared, bar: &Bar) -> Result<Vec<
         drop(to_writer);
         let rows =
             writer.join().map_err(|_| Failure::Failed("the thread that writes results has stopped".to_string()))?;
-        solved.map(|()| rows)
+        Ok((rows, solved))
     })
 }
 
@@ -179,7 +183,10 @@ fn is_whole(job: &Job, shared: &Shared, inputs: &[parfocal::image_io::Input]) ->
     let hashes = |i: usize| report["inputs"][i]["sha256"].as_str();
     FILES.iter().all(|name| out.join(name).is_file())
         && report["request"].as_str() == Some(&solve::request(&job.arguments, &shared.settings))
-        && inputs.iter().enumerate().all(|(i, input)| hashes(i) == Some(&input.sha256))
+        && inputs.iter().enumerate().all(|(i, input)| {
+            let page = report["inputs"][i]["page"].as_u64().map(|page| page as usize);
+            hashes(i) == Some(&input.sha256) && page == input.page
+        })
 }
 
 fn solve_all(
@@ -189,7 +196,7 @@ fn solve_all(
     from_reader: Receiver<(usize, Read)>,
     to_writer: &SyncSender<(usize, Solved)>,
 ) -> Result<(), Failure> {
-    let mut bench = Bench { engine, prepared: None };
+    let (mut bench, mut broken) = (Bench { engine, prepared: None }, false);
     for (index, read) in from_reader {
         if shared.stop.load(Ordering::Relaxed) {
             break;
@@ -201,16 +208,17 @@ fn solve_all(
             Read::Photographs(photographs) => match bench.solve(&photographs, &shared.settings) {
                 Ok(solution) => Solved::Solution(Box::new((*photographs, solution, bench.engine.info().clone()))),
                 Err(error) => {
-                    if matches!(error, Error::Timeout { .. } | Error::Poisoned | Error::Vulkan { .. }) {
-                        // The engine is of no more use, and the pairs to come need one.
-                        bench = Bench { engine: arguments.pair.common.open_engine()?, prepared: None };
-                    }
+                    broken = matches!(error, Error::Timeout { .. } | Error::Poisoned | Error::Vulkan { .. });
                     Solved::Failed(Failure::of_solve(error, &arguments.pair.i1))
                 }
             },
         };
         if to_writer.send((index, solved)).is_err() {
             break;
+        }
+        if std::mem::take(&mut broken) {
+            // The engine is of no more use, and the pairs to come need one.
+            bench = Bench { engine: arguments.pair.common.open_engine()?, prepared: None };
         }
     }
     super::check_validation(&bench.engine)

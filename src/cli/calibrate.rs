@@ -1,7 +1,8 @@
 //! `parfocal calibrate`: the constants of a lens from a target of known depth.
 
 use std::fs;
-use std::io::{self, Write};
+
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -142,10 +143,16 @@ fn target(arguments: &Arguments) -> Result<Target, Failure> {
     Ok(Target::Steps(steps))
 }
 
+/// The most bytes of a file of steps that are read, 1 MiB: some ten thousand of them.
+const MAX_BYTES: u64 = 1 << 20;
+
 fn read_steps(file: &Path) -> Result<Vec<(Region, f64)>, Failure> {
     const SHAPE: &str = r#"give [{"region": [X, Y, W, H], "depth_mm": Z}, ...]"#;
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
-    let text = fs::read_to_string(file).map_err(|e| failed(format!("cannot be read ({e}); check the path")))?;
+    let mut text = String::new();
+    fs::File::open(file)
+        .and_then(|file| file.take(MAX_BYTES).read_to_string(&mut text))
+        .map_err(|e| failed(format!("cannot be read ({e}); check the path")))?;
     let steps: Vec<StepOfFile> =
         serde_json::from_str(&text).map_err(|e| failed(format!("holds no steps ({e}); {SHAPE}")))?;
     let step = |StepOfFile { region: [x, y, width, height], depth_mm }| (Region { x, y, width, height }, depth_mm);

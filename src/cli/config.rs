@@ -175,6 +175,11 @@ pub(super) fn is_number(option: &Arg) -> bool {
         || parsed == TypeId::of::<usize>()
 }
 
+/// Whether an option takes true or false.
+pub(super) fn is_bool(option: &Arg) -> bool {
+    option.get_value_parser().type_id() == TypeId::of::<bool>()
+}
+
 /// What stands on the command line for an entry.
 fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
     let (key, value) = (&entry.key, &entry.value);
@@ -185,6 +190,11 @@ fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
             Value::Boolean(false) => Ok(Vec::new()),
             _ => Err(format!("{key} must be true or false, and is {}", article(found))),
         };
+    }
+    if let Value::Boolean(value) = value
+        && is_bool(option)
+    {
+        return Ok(vec![format!("--{key}={value}").into()]);
     }
     let Value::Array(values) = value else {
         return Ok(vec![format!("--{key}={}", scalar(option, key, value)?).into()]);

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use clap::{Arg, ArgAction, CommandFactory};
 
 use super::Cli;
-use super::config::{is_key, is_number};
+use super::config::{is_bool, is_key, is_number};
 use super::failure::{Failure, print};
 
 /// Print the options of `solve` with their defaults as TOML, for --config.
@@ -72,11 +72,15 @@ fn line(option: &Arg) -> String {
 
 fn placeholder(option: &Arg) -> String {
     let name = option.get_value_names().and_then(|names| names.first()).map(ToString::to_string);
-    if is_number(option) { "0".to_string() } else { name.unwrap_or_default() }
+    match (is_number(option), is_bool(option)) {
+        (true, _) => "0".to_string(),
+        (_, true) => "false".to_string(),
+        _ => name.unwrap_or_default(),
+    }
 }
 
 fn literal(option: &Arg, value: &str) -> String {
-    if is_number(option) { value.to_string() } else { toml::Value::from(value).to_string() }
+    if is_number(option) || is_bool(option) { value.to_string() } else { toml::Value::from(value).to_string() }
 }
 
 #[cfg(test)]

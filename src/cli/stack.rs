@@ -42,6 +42,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let started = Instant::now();
     let settings = arguments.settings.settings(Method::Unified, false)?;
+    check(arguments)?;
     let mut inputs: Vec<&PathBuf> = arguments.frames.iter().collect();
     inputs.extend(arguments.settings.inputs());
     output::check(&arguments.output, &SWEEP_FILES, &inputs)?;
@@ -62,6 +63,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     export::write_sweep(&arguments.output, &sweep, &report, nearer, decode, format)?;
     tell(&report, arguments)?;
     arguments.settings.check_strict(true, &report.warnings)
+}
+
+/// Refuses positions and a reference that do not fit the frames.
+fn check(arguments: &Arguments) -> Result<(), Failure> {
+    let frames = arguments.frames.len();
+    if let Some(reference) = arguments.reference.filter(|&n| n as usize > frames) {
+        return Err(Failure::Usage(format!("--reference {reference}: there are {frames} frames, counted from 1")));
+    }
+    match &arguments.positions {
+        Some(positions) if positions.len() != frames => {
+            let count = positions.len();
+            Err(Failure::Usage(format!("--positions: {count} positions for {frames} frames; give one for each")))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn bar(shown: bool, pairs: usize) -> ProgressBar {

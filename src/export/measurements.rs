@@ -127,6 +127,9 @@ impl Measurements {
     /// # Errors
     /// [`Error::File`].
     pub fn write(&self, folder: &Path) -> Result<(), Error> {
+        if self.profiles.is_empty() {
+            return Ok(());
+        }
         let mut staging = Staging::new(folder)?;
         self.stage(&mut staging)?;
         staging.place()?;

@@ -39,7 +39,7 @@ pub use scale::{Scale, color};
 pub use simulated::{SIMULATED_FILES, Truth, write_simulated};
 pub use solved::Solved;
 pub use sweep::{SWEEP_FILES, SweepFrame, SweepReport, write_sweep};
-pub use transform::read_transform;
+pub use transform::{read_pair_of, read_transform};
 
 use crate::{Decode, Error, Format, Lens, MetricDepth, Solution};
 pub(crate) use json::to_string as to_json;
@@ -141,7 +141,8 @@ pub fn write(
         remove_stale(&out.join(DEPTH_FILE))?;
     }
     additions.measurements.remove_stale(out)?;
-    stale.iter().try_for_each(|file| remove_stale(file))
+    stale.iter().try_for_each(|file| remove_stale(file))?;
+    SWEEP_FILES.into_iter().filter(|name| !FILES.contains(name)).try_for_each(|name| remove_stale(&out.join(name)))
 }
 
 /// Removes a result of an earlier run that this one has not replaced.

@@ -9,7 +9,7 @@ use super::measurements::{Measurements, Wanted};
 use super::metric::{DEPTH_FILE, DepthReport};
 use super::results::{nearer_of, read_report};
 use super::staging::Staging;
-use super::{FILES, Nearer, depth, metric, read_transform};
+use super::{EXTRA_FILES, FILES, Nearer, depth, metric, read_transform, remove_stale};
 use crate::{Error, Lens, MetricDepth, Similarity, image_io};
 
 /// A folder that `parfocal solve` wrote, without its pictures.
@@ -98,7 +98,7 @@ impl Solved {
     }
 
     /// Adds metric depth to the folder: `depth_mm.exr`, `depth` in `report.json`, and `depth.png` anew, whose near and far
-    /// are now known. All of it, or none.
+    /// are now known. All of it, or none. Where near and far change places, the [`EXTRA_FILES`] that show them are removed.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -119,7 +119,12 @@ impl Solved {
             use std::io::Write;
             json.map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
         })?;
-        staging.place()
+        staging.place()?;
+        if nearer == self.nearer {
+            return Ok(());
+        }
+        // They show near and far the other way round.
+        EXTRA_FILES.into_iter().try_for_each(|name| remove_stale(&self.folder.join(name)))
     }
 
     /// A field of the same size.

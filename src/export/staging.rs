@@ -48,6 +48,12 @@ impl Staging {
         if let Some((_, path)) = self.written.iter().find(|(_, path)| path.is_dir()) {
             return Err(Error::file(path, "is a folder where a result should go; move it away"));
         }
+        // The last is the report, which stands for the whole: an earlier one must not stand beside half of the new results.
+        if self.written.len() > 1
+            && let Some((_, last)) = self.written.last()
+        {
+            drop(fs::remove_file(last));
+        }
         let mut placed = Vec::new();
         for (file, path) in self.written.drain(..) {
             if let Err(e) = file.persist(&path) {

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::report::{DeviceReport, RangeReport, SizeReport};
-use super::{Nearer, Staging, depth, field, fused};
+use super::{DEPTH_FILE, EXTRA_FILES, FILES, Nearer, Staging, depth, field, fused, remove_stale};
 use crate::focus_stack::Sweep;
 use crate::{Decode, DeviceInfo, Error, Format, Photometric, Similarity};
 
@@ -109,5 +109,8 @@ pub fn write_sweep(
     staging.add(json, |w| {
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
-    staging.place()
+    staging.place()?;
+    // What a solve of a pair left there belongs to other pictures.
+    let of_a_pair = FILES.into_iter().chain(EXTRA_FILES).chain([DEPTH_FILE]);
+    of_a_pair.filter(|name| !SWEEP_FILES.contains(name)).try_for_each(|name| remove_stale(&out.join(name)))
 }

@@ -4,10 +4,12 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::{Error, Photometric, Settings, Similarity};
+use super::SizeReport;
+use crate::{Decode, Error, Photometric, Settings, Similarity};
 
 /// The most bytes that are read, 16 MiB: a report with every level and iteration at its limit takes under 1 MiB.
 const MAX_BYTES: u64 = 16 << 20;
@@ -23,6 +25,19 @@ const SHAPE: &str = "parfocal reads a report.json or {\"tx_px\", \"ty_px\", \"ro
 /// [`Error::File`]: the file cannot be read, is not of one of these shapes, or a value is out of range.
 pub fn read_transform(path: &Path) -> Result<(Similarity, Option<Photometric>), Error> {
     text(path).and_then(|text| parse(&text)).map_err(|problem| Error::file(path, problem))
+}
+
+/// Size and decoding of the pair that was registered, as far as the file of [`read_transform`] states them.
+///
+/// # Errors
+/// As [`read_transform`].
+pub fn read_pair_of(path: &Path) -> Result<(Option<SizeReport>, Decode), Error> {
+    let file: Value = text(path)
+        .and_then(|text| serde_json::from_str(&text).map_err(|e| format!("is not JSON ({e}); {SHAPE}")))
+        .map_err(|problem| Error::file(path, problem))?;
+    let size = file.get("size").and_then(|size| SizeReport::deserialize(size).ok());
+    let decode = file.get("settings").and_then(|settings| settings.get("decode"));
+    Ok((size, decode.and_then(|decode| Decode::deserialize(decode).ok()).unwrap_or_default()))
 }
 
 fn text(path: &Path) -> Result<String, String> {

@@ -210,13 +210,13 @@ fn agreed(told: &mut [(f64, f64)]) -> Option<(f64, f64)> {
 mod tests {
     use super::*;
 
-    /// V of pairs of neighbours on a ramp of u, by the formula, beyond |V| 40 px² saturated and said to be unsure.
+    /// V of pairs of neighbours on a ramp of u, by the formula; beyond |V| 40 px² saturated, which says nothing.
     fn pairs(positions: &[f64], rate: f64, width: usize) -> (Vec<Observation>, Vec<f64>) {
         let u: Vec<f64> = (0..width).map(|i| 0.5 + 5.0 * i as f64 / width as f64).collect();
         let of = |pair: &[f64]| {
             let v = u.iter().map(|u| rate * ((pair[1] - u).powi(2) - (pair[0] - u).powi(2)));
-            let relative_blur: Vec<f32> = v.map(|v| v.clamp(-40.0, 40.0) as f32).collect();
-            let uncertainty = relative_blur.iter().map(|v| if v.abs() < 40.0 { 0.1 + 0.01 * v.abs() } else { 20.0 });
+            let relative_blur: Vec<f32> = v.map(|v| if v.abs() < 40.0 { v as f32 } else { f32::NAN }).collect();
+            let uncertainty = relative_blur.iter().map(|v| 0.1 + 0.01 * v.abs());
             Observation { positions: [pair[0], pair[1]], uncertainty: uncertainty.collect(), relative_blur }
         };
         (positions.windows(2).map(of).collect(), u)

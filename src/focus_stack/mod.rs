@@ -78,11 +78,12 @@ pub fn solve_sweep(
     }
     let steps: Vec<_> = solutions.iter().map(|solution| (solution.transform, solution.photometric)).collect();
     let (transforms, photometric) = chained(&steps, reference);
+    let limit = options.settings.max_relative_blur as f32;
     let pairs: Vec<Observation> = solutions
         .iter()
         .zip(&transforms)
         .zip(positions.windows(2))
-        .map(|((solution, t), p)| observation(solution, t, [p[0], p[1]], size))
+        .map(|((solution, t), p)| observation(solution, t, [p[0], p[1]], size, limit))
         .collect();
     let blur_rate = combine::blur_rate(&pairs).ok_or_else(|| {
         Error::Mismatch(
@@ -175,8 +176,10 @@ fn chained(steps: &[(Similarity, Photometric)], reference: usize) -> (Vec<Simila
     (transforms, exposures)
 }
 
-/// A pair on the reference's pixels, in their px²; what is at the limit of |V| is unsure.
-fn observation(solution: &Solution, t: &Similarity, positions: [f64; 2], size: [usize; 2]) -> Observation {
+/// A pair on the reference's pixels, in their px². What is at the limit of |V| is only a bound, and says nothing.
+fn observation(solution: &Solution, t: &Similarity, positions: [f64; 2], size: [usize; 2], limit: f32) -> Observation {
+    let below = |v: &f32| if v.abs() < 0.999 * limit { *v } else { f32::NAN };
+    let relative_blur: Vec<f32> = solution.relative_blur.iter().map(below).collect();
     let on_reference = |values: &[f32]| {
         let grid = Grid { width: size[0], height: size[1], channels: 1, values };
         let mut moved = onto(&grid, t, size, Interpolation::Linear);
@@ -186,7 +189,7 @@ fn observation(solution: &Solution, t: &Similarity, positions: [f64; 2], size: [
     };
     Observation {
         positions,
-        relative_blur: on_reference(&solution.relative_blur),
+        relative_blur: on_reference(&relative_blur),
         uncertainty: on_reference(&solution.uncertainty),
     }
 }

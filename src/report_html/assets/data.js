@@ -72,7 +72,7 @@ const fields = {
   confidence: {
     low: data.confidence.low,
     high: data.confidence.high,
-    ends: ['smoothness', 'images'],
+    ends: ['unsure', 'sure'],
     unit: '',
     logarithmic: true,
     position(c) { return Math.log(Math.max(c, this.low) / this.low) / Math.log(this.high / this.low); },

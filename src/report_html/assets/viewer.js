@@ -8,7 +8,7 @@ const explanations = {
   difference: '|I1 − I2 registered| × 4. Edges that are left everywhere mean that the registration is off, edges that come and go with depth are blur.',
   fused: 'Of each pixel the sharper photograph.',
   relative_blur: 'V, the difference of the blurs’ variances: positive where I2 is the more blurred. Not drawn where it is not valid.',
-  confidence: 'How far the images, not the smoothness, decided V: 0 to 1, on a logarithmic scale. It falls steeply with |V|.',
+  confidence: '1/(1 + σ²), σ the standard deviation of V in px²: ½ where V is known to 1 px². On a logarithmic scale.',
 };
 
 class Viewer {
