@@ -9,11 +9,13 @@ layout(local_size_x_id = 0, local_size_y_id = 1) in;
 #include "spline.glsl"
 #include "state.glsl"
 #include "accumulate.glsl"
+#include "mask.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray spline2;        // coefficients of I2
 layout(binding = 2, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 3, std430) writeonly buffer Partials { float partials[]; };
+layout(binding = 4, r32f) uniform readonly image2DArray masks;          // of I1, of I2
 layout(push_constant) uniform Constants {
     int width, height;
     int rows;                        // pairs of pixels an invocation
@@ -27,17 +29,22 @@ float coefficient(int image, ivec3 place) {
     return imageLoad(spline2, place).r;
 }
 
+float mask_at(int image, ivec2 x) {
+    return imageLoad(masks, ivec3(x, image - 1)).r;
+}
+
 void accumulate(Registration r, ivec2 x, inout Sums sums) {
     ivec2 size = ivec2(width, height), i;
     vec2 centre = vec2(centre_x, centre_y), f;
     vec2 d = displacement(r, x, factor, centre);
     if (!inside(x, d, size, 0.0, 1.0)) return;
+    float share = counts(x, d, size);
     place(x, d, size, i, f);
     Jet i2 = spline_at(2, 0, size, i, f);
     float s = imageLoad(image1, ivec3(x, 0)).r - (r.gain * i2.value + r.offset);
     float psi = sqrt(s * s + eta * eta);
     vec4 j = jacobian(r.gain, i2.value, i2.gradient);    // of -S
-    add_pixel(sums, product(1.0 / psi, j), -s / psi * j, psi, (vec2(x) - centre) / length);
+    add_pixel(sums, product(share / psi, j), -share * s / psi * j, share * psi, (vec2(x) - centre) / length, share);
 }
 
 void main() {

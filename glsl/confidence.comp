@@ -1,12 +1,12 @@
 #version 460
-// V where it is valid, NaN elsewhere, and its standard deviation. Twin: src/stages/confidence.rs.
+// V where it is valid, NaN elsewhere, its standard deviation, and the residual. Twin: src/stages/confidence.rs.
 
 #include "state.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 1, r32f) uniform readonly image2DArray evidence;      // on every other pixel: means of D, b², |∇V|²
-layout(binding = 2, r32f) uniform writeonly image2DArray result;       // layer 0: V, layer 1: its standard deviation
+layout(binding = 1, r32f) uniform readonly image2DArray evidence;      // on every other pixel: means of D, b², |∇V|², S²
+layout(binding = 2, r32f) uniform writeonly image2DArray result;       // layers: V, its standard deviation, residual
 layout(binding = 3, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
@@ -16,8 +16,9 @@ layout(push_constant) uniform Constants {
     float largest;                   // standard deviation, px²
 };
 
-vec3 evidence_at(ivec2 h) {
-    return vec3(imageLoad(evidence, ivec3(h, 0)).r, imageLoad(evidence, ivec3(h, 1)).r, imageLoad(evidence, ivec3(h, 2)).r);
+vec4 evidence_at(ivec2 h) {
+    return vec4(imageLoad(evidence, ivec3(h, 0)).r, imageLoad(evidence, ivec3(h, 1)).r, imageLoad(evidence, ivec3(h, 2)).r,
+                imageLoad(evidence, ivec3(h, 3)).r);
 }
 
 void main() {
@@ -27,11 +28,12 @@ void main() {
     Registration r = state.registration;
     bool valid = inside(x, displacement(r, x, 1.0, vec2(centre_x, centre_y)), size, v, scale_of(r));
     ivec2 low = x / 2, high = min((x + 1) / 2, (size - 1) / 2);
-    vec3 mean = 0.25 * (evidence_at(low) + evidence_at(ivec2(high.x, low.y)) + evidence_at(ivec2(low.x, high.y))
+    vec4 mean = 0.25 * (evidence_at(low) + evidence_at(ivec2(high.x, low.y)) + evidence_at(ivec2(low.x, high.y))
                         + evidence_at(high));
     float data = mean.y / (pixels * mean.x * mean.x);
     float deviation = mean.x > 0.0 ? min(calibration * sqrt(data + mean.z), largest) : largest;
     const float NONE = uintBitsToFloat(0x7fc00000u);
     imageStore(result, ivec3(x, 0), vec4(valid ? v : NONE));
     imageStore(result, ivec3(x, 1), vec4(valid ? deviation : NONE));
+    imageStore(result, ivec3(x, 2), vec4(valid ? sqrt(max(mean.w, 0.0)) : NONE));
 }

@@ -5,12 +5,14 @@
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
 #include "state.glsl"
+#include "mask.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray image2;
 layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;  // of the level solved
 layout(binding = 3, std430) buffer StateBuffer { State state; };
+layout(binding = 4, r32f) uniform readonly image2DArray masks;          // of I1, of I2, at low pass
 layout(push_constant) uniform Constants {
     int width, height;
     float factor;
@@ -25,6 +27,10 @@ shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][MOMENTS];
 float intensity(int image, ivec2 i) {
     ivec3 place = ivec3(clamp(i, ivec2(0), ivec2(width, height) - 1), 0);
     return image == 1 ? imageLoad(image1, place).r : imageLoad(image2, place).r;
+}
+
+float mask_at(int image, ivec2 x) {
+    return imageLoad(masks, ivec3(x, image - 1)).r;
 }
 
 // A pixel blurred by a small variance: half of it times the Laplacian.
@@ -54,8 +60,8 @@ void meet(Registration r, vec2 d, out vec2 back, out vec2 ahead) {
 }
 
 void add(Registration r, ivec2 x, inout float moments[MOMENTS]) {
-    vec2 back, ahead;
-    meet(r, displacement(r, x, factor, vec2(centre_x, centre_y)), back, ahead);
+    vec2 displaced = displacement(r, x, factor, vec2(centre_x, centre_y)), back, ahead;
+    meet(r, displaced, back, ahead);
     ivec2 size = ivec2(width, height), i, j;
     vec2 f, g;
     if (!inside(x, back, size, 0.0, 1.0) || !inside(x, ahead, size, 0.0, 1.0)) return;
@@ -67,7 +73,8 @@ void add(Registration r, ivec2 x, inout float moments[MOMENTS]) {
     float u = read(1, i, f, max(variance, 0.0)) - 0.5;
     float v = read(2, j, g, max(-variance, 0.0)) - 0.5;
     float terms[MOMENTS] = float[](1.0, u, v, u * u, v * v, u * v);
-    for (int n = 0; n < MOMENTS; n++) moments[n] += terms[n];
+    float share = counts(x, displaced, size);
+    for (int n = 0; n < MOMENTS; n++) moments[n] += share * terms[n];
 }
 
 void main() {

@@ -1,6 +1,8 @@
 #version 460
 // Samples as the sensor gave them to one channel in [0, 1]. Twin: src/stages/ingest.rs.
 
+#include "samples.glsl"
+
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) readonly buffer Samples { uint samples[]; };
 layout(binding = 1, r32f) uniform writeonly image2DArray image;
@@ -10,12 +12,12 @@ layout(push_constant) uniform Constants {
     float red, green, blue;
 };
 
+uint sample_word(uint n) {
+    return samples[n];
+}
+
 float sample_value(uint i) {
-    uint word = samples[i * bytes >> 2];
-    uint shift = 8 * (i * bytes & 3);
-    float value = bytes == 1 ? float(word >> shift & 0xffu) / 255.0
-                : bytes == 2 ? float(word >> shift & 0xffffu) / 65535.0
-                : uintBitsToFloat(word);
+    float value = stored(i, bytes);
     if (!SRGB) return value;
     return value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4);
 }

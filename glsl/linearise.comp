@@ -14,6 +14,7 @@ layout(constant_id = 3) const bool WARPED = false;
 
 #include "blur.glsl"
 #include "accumulate.glsl"
+#include "mask.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
@@ -22,6 +23,7 @@ layout(binding = 3, r32f) uniform writeonly image2DArray right_sides;   // layer
 layout(binding = 4, rgba32f) uniform writeonly image2DArray weights;    // likewise; right, left, down, up
 layout(binding = 5, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 6, std430) writeonly buffer Partials { float partials[]; };
+layout(binding = 7, r32f) uniform readonly image2DArray masks;          // of I1, of I2
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
@@ -40,6 +42,10 @@ const float PI = 3.14159265358979;
 
 float coefficient(int image, ivec3 place) {
     return imageLoad(stacks, place + ivec3(0, 0, image == 1 ? 0 : second_stack)).r;
+}
+
+float mask_at(int image, ivec2 x) {
+    return imageLoad(masks, ivec3(x, image - 1)).r;
 }
 
 // A line of V, columns -2 to 3 from the left one of the two.
@@ -124,14 +130,16 @@ struct Data {
     vec4 j1, j2;                     // of -S1, of S2
 };
 
-Data data_term(Registration r, float v, Seen seen) {
+// `share` is what the pixel counts for.
+Data data_term(Registration r, float v, Seen seen, float share) {
     float s1 = seen.b1.value - (r.gain * seen.j.value + r.offset);
     float s2 = r.gain * seen.b2.value + r.offset - seen.i1;
     // Clamped, since a device's atan may overshoot and weights must not be negative.
     float heaviside = clamp(0.5 + atan(v / epsilon) / PI, 0.0, 1.0);
     float psi1 = sqrt(s1 * s1 + eta * eta), psi2 = sqrt(s2 * s2 + eta * eta);
-    return Data(s1, s2, seen.b1.slope, r.gain * seen.b2.slope, heaviside / psi1, (1.0 - heaviside) / psi2,
-                heaviside * psi1 + (1.0 - heaviside) * psi2, jacobian(r.gain, seen.j.value, seen.j.gradient),
+    float first = share * heaviside, second = share - first;
+    return Data(s1, s2, seen.b1.slope, r.gain * seen.b2.slope, first / psi1, second / psi2,
+                first * psi1 + second * psi2, jacobian(r.gain, seen.j.value, seen.j.gradient),
                 jacobian(r.gain, seen.b2.value, seen.b2.gradient));
 }
 
@@ -141,7 +149,7 @@ struct Equation {
 };
 
 // The pixel's equation for dV; what it adds to the sums.
-Equation equation(ivec2 x, vec2 p, Relative relative, bool valid, Data t, inout Sums sums) {
+Equation equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, Data t, inout Sums sums) {
     bvec4 exists = bvec4(x.x + 1 < width, x.x > 0, x.y + 1 < height, x.y > 0);
     vec4 a = mix(vec4(0.0), 0.5 * alpha * (relative.phi + relative.phis), exists);
     float smoothness = a.x + a.y + a.z + a.w;
@@ -154,7 +162,7 @@ Equation equation(ivec2 x, vec2 p, Relative relative, bool valid, Data t, inout 
         vec4 q = t.w2 * t.d2 * t.j2 - t.w1 * t.d1 * t.j1;
         Products n = add(add(product(t.w1, t.j1), product(t.w2, t.j2)), product(-over, q));
         vec4 g = t.w2 * t.s2 * t.j2 - t.w1 * t.s1 * t.j1 + right_side * over * q;
-        add_pixel(sums, n, g, t.energy + final_alpha / relative.phi, p / length);
+        add_pixel(sums, n, g, t.energy + share * final_alpha / relative.phi, p / length, share);
     }
     float over = 1.0 / max(diagonal + smoothness, 1e-12);
     return Equation(right_side * over, a * over);
@@ -212,6 +220,7 @@ void main() {
                            vec4(a.phi.w, a.phi.y, a.phi_below.z, a.phi_above.z));
             vec2 d = displacement(r, at, factor, centre);
             bool valid = all(lessThan(at, size)) && inside(at, d, size, relative.v, scale);
+            float share = counts(min(at, size - 1), d, size);
             Seen seen;
             if (WARPED) {
                 seen = blur_near(blur, relative.v, displacement(moved, at, factor, centre), part(sharp1, k), part(sharp2, k),
@@ -219,7 +228,8 @@ void main() {
             } else {
                 seen = blur_apart(blur, r, at, relative.v, d, scale, imageLoad(image1, ivec3(min(at, size - 1), 0)).r);
             }
-            pair[k] = equation(at, vec2(at) - centre, relative, valid, data_term(r, relative.v, seen), sums);
+            pair[k] = equation(at, vec2(at) - centre, relative, valid, share,
+                               data_term(r, relative.v, seen, share), sums);
             if (at.x >= width) pair[k] = Equation(0.0, vec4(0.0));
         }
         if (x.x < width && x.y < height) {

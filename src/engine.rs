@@ -38,6 +38,7 @@ impl Engine {
     pub fn new(options: &EngineOptions) -> Result<Self, Error> {
         let device = open(options)?;
         let pipelines = Arc::new(Pipelines::new(&device)?);
+        pipelines.weighing(false)?;
         device.save_pipeline_cache();
         Ok(Self { device, pipelines })
     }
@@ -64,7 +65,7 @@ impl Engine {
         &self.device
     }
 
-    pub(crate) fn pipelines(&self) -> &Pipelines {
+    pub(crate) fn pipelines(&self) -> &Arc<Pipelines> {
         &self.pipelines
     }
 }

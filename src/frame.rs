@@ -1,7 +1,7 @@
 //! A photograph as the sensor or the file gave it.
 
-use crate::Decode;
 use crate::stages::ingest::srgb_to_linear;
+use crate::{Decode, Region};
 
 /// How one sample of a [`Frame`] is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -138,6 +138,29 @@ impl Frame {
         Format { channels: self.channels, depth }
     }
 
+    /// A part of it.
+    ///
+    /// # Errors
+    /// A sentence that says that the region is not within the frame.
+    pub fn cropped(&self, region: Region) -> Result<Self, String> {
+        let Region { x, y, width, height } = region;
+        let within =
+            |from: u32, length: u32, side: u32| length > 0 && u64::from(from) + u64::from(length) <= u64::from(side);
+        if !within(x, width, self.width) || !within(y, height, self.height) {
+            return Err(format!(
+                "the region {x},{y},{width},{height} is not within the image of {}x{} px",
+                self.width, self.height
+            ));
+        }
+        let (row, channels) = (self.width as usize, self.channels.count() as usize);
+        let samples = match &self.samples {
+            Samples::U8(s) => Samples::U8(region.of(s, row, channels)),
+            Samples::U16(s) => Samples::U16(region.of(s, row, channels)),
+            Samples::F32(s) => Samples::F32(region.of(s, row, channels)),
+        };
+        Ok(Self { width, height, channels: self.channels, samples })
+    }
+
     /// Intensities, interleaved, white at 1.
     pub(crate) fn intensities(&self, decode: Decode) -> Vec<f32> {
         let value = |stored: f64| if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored } as f32;
@@ -160,6 +183,17 @@ impl Frame {
         Self { samples, ..self.clone() }
     }
 
+    /// Whether any pixel is clipped: one channel from the white level on, or all up to the black level; of integers on a
+    /// scale from 0 to 1.
+    pub(crate) fn clips(&self, [black, white]: [f32; 2]) -> bool {
+        let channels = self.channels.count() as usize;
+        match &self.samples {
+            Samples::U8(s) => clips(s, channels, [black, white].map(|level| 255.0 * level)),
+            Samples::U16(s) => clips(s, channels, [black, white].map(|level| 65535.0 * level)),
+            Samples::F32(s) => clips(s, channels, [black, white]),
+        }
+    }
+
     /// The samples.
     pub fn samples(&self) -> &Samples {
         &self.samples
@@ -173,4 +207,14 @@ impl Frame {
             Samples::F32(s) => bytemuck::cast_slice(s),
         }
     }
+}
+
+/// Whether one sample of a pixel is from `white` on, or all are up to `black`.
+fn clips<T: Copy + Into<f32>>(samples: &[T], channels: usize, [black, white]: [f32; 2]) -> bool {
+    let clipped = |pixel: &[T]| pixel.iter().any(|&s| s.into() >= white) || pixel.iter().all(|&s| s.into() <= black);
+    // First a test of many samples at once, which the processor does side by side: most images have next to none.
+    samples.chunks(4096 * channels).any(|many| {
+        let may = many.iter().fold(false, |may, &s| may | (s.into() >= white) | (s.into() <= black));
+        may && many.chunks_exact(channels).any(clipped)
+    })
 }

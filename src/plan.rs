@@ -3,7 +3,7 @@
 use crate::filter::{self, Filter};
 use crate::stages::stack::{self, Slopes, node_count};
 use crate::stages::state::MAX_LEVELS;
-use crate::stages::{appearance, confidence, convolve, evidence, expose, linearise, step};
+use crate::stages::{appearance, confidence, convolve, evidence, expose, linearise, residual, step};
 use crate::vulkan::{Device, MIB, image_limits};
 use crate::{Channels, Error, Format, Method, Photometric, RegistrationStep, Settings};
 
@@ -21,8 +21,8 @@ const LOW_PASS: usize = 4;
 const CONTINUATION_SHARES: [f64; 5] = [0.6, 0.4, 0.3, 0.3, 0.1];
 /// The stack of I2 is read at s² V: a fifth above the limit leaves room for s up to 1.095.
 const READ_BEYOND: f64 = 1.2;
-/// Layers that the results need: V, its standard deviation, three colours.
-const RESULT_LAYERS: u32 = 5;
+/// Layers that the results need: V, its standard deviation, the residual, three colours.
+const RESULT_LAYERS: u32 = 6;
 
 /// Words of indirect arguments a level: three each for `linearise`, `relax`, `update` and `step`.
 pub(crate) const GRID_WORDS: usize = 12;
@@ -274,6 +274,21 @@ impl Plan {
         }
     }
 
+    /// What `residual` is told.
+    pub(crate) fn residual(&self) -> residual::Constants {
+        let ([width, height], finest) = (self.size, &self.pyramid[0]);
+        residual::Constants {
+            width,
+            height,
+            layer: evidence::RESIDUAL as u32,
+            nodes: finest.nodes as u32,
+            second_stack: self.first_layer(1),
+            centre: finest.centre.map(|c| c as f32),
+            mean: self.settings.kernel.mean().map(|m| m as f32),
+            epsilon: self.settings.heaviside_epsilon as f32,
+        }
+    }
+
     /// What `confidence` is told.
     pub(crate) fn confidence(&self) -> confidence::Constants {
         confidence::Constants::new(self.size, self.pyramid[0].centre)
@@ -350,9 +365,14 @@ impl Plan {
         pixels(self.size) * u64::from(format.channels.count() * format.depth.bytes())
     }
 
-    /// Bytes of V, its standard deviation and the fused channels on their way down.
+    /// Bytes of the mask of I1, a whole number of words.
+    pub(crate) fn mask_bytes(&self) -> u64 {
+        pixels(self.size).next_multiple_of(4)
+    }
+
+    /// Bytes of V, its standard deviation, the residual and the fused channels on their way down.
     pub(crate) fn result_bytes(&self) -> u64 {
-        4 * pixels(self.size) * u64::from(2 + self.fused_channels().count())
+        4 * pixels(self.size) * u64::from(3 + self.fused_channels().count())
     }
 
     /// Bytes on the device, and bytes that the host sees.
@@ -363,8 +383,8 @@ impl Plan {
         let half = pixels([self.size[0].div_ceil(2), self.size[1]]);
         let stacks = u64::from(self.stack_layers());
         let evidence = evidence::LAYERS as u64 * pixels(evidence::size(self.size));
-        let floats = evidence + 2 * pyramid + solved + (2 + stacks) * full + 2 * (5 + 1) * half;
-        let host = self.frame_bytes(0) + self.frame_bytes(1) + self.result_bytes();
+        let floats = evidence + 4 * pyramid + solved + (2 + stacks) * full + 2 * (5 + 1) * half;
+        let host = self.frame_bytes(0) + self.frame_bytes(1) + self.mask_bytes() + self.result_bytes();
         (4 * floats, host)
     }
 

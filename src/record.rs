@@ -11,11 +11,11 @@ use crate::profile::{Dispatch, Place};
 use crate::stages::stack::Slopes;
 use crate::stages::state::State;
 use crate::stages::{
-    Pipelines, appearance, confidence, evidence, expose, fuse, ingest, linearise, prolong, relax, relax_level, step,
-    update,
+    Pipelines, Weighing, appearance, confidence, evidence, expose, fuse, ingest, linearise, mask, prolong, relax,
+    relax_level, residual, step, update,
 };
 use crate::vulkan::{Clock, Device, Groups, Image, Pipeline, Recorder, Recording, Resource};
-use crate::workspace::{Grid, Workspace, arguments};
+use crate::workspace::{Grid, LevelImages, Workspace, arguments};
 use crate::{Channels, Decode, Error};
 
 /// Which photograph.
@@ -38,6 +38,15 @@ pub(crate) struct Part {
     pub(crate) goes_on: Option<usize>,
 }
 
+/// How a solve is recorded.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Variant {
+    /// The time of every single dispatch is taken, which takes time itself.
+    pub(crate) traced: bool,
+    /// Pixels are masked or clipped.
+    pub(crate) masked: bool,
+}
+
 /// A recorded solve.
 pub(crate) struct Recorded {
     pub(crate) recording: Recording,
@@ -55,17 +64,31 @@ pub(crate) fn record(
     pipelines: &Pipelines,
     plan: &Plan,
     workspace: &Workspace,
-    traced: bool,
+    variant: Variant,
 ) -> Result<Recorded, Error> {
-    let clock = if traced { Clock::Dispatches } else { Clock::Passes };
+    let clock = if variant.traced { Clock::Dispatches } else { Clock::Passes };
     let recorder = Recorder::new(device, clock(timestamps(plan)))?;
     let (warps, place) = (vec![Vec::new(); plan.solved], Place::default());
     let parts = vec![Part::default()];
-    let mut r =
-        Script { recorder, pipelines, plan, w: workspace, anew: None, warps, place, parts, dispatches: Vec::new() };
+    let mut r = Script {
+        recorder,
+        pipelines,
+        weighing: pipelines.weighing(variant.masked)?,
+        masked: variant.masked,
+        plan,
+        w: workspace,
+        anew: None,
+        warps,
+        place,
+        parts,
+        dispatches: Vec::new(),
+    };
     r.reset();
     for image in BOTH {
         r.ingest(image, ingest::LUMINANCE)?;
+        if variant.masked {
+            r.mask(image)?;
+        }
         r.pyramid(image)?;
     }
     for level in plan.appearance_levels() {
@@ -115,7 +138,7 @@ fn timestamps(plan: &Plan) -> u32 {
     let stacks = 8 + 6 * plan.layers.iter().map(|layer| layer.terms.len() as u32).sum::<u32>();
     let anew = plan.settings.outer_iterations.ilog2() * stacks;
     plan.solved as u32 * (plan.settings.outer_iterations * iteration + stacks + anew + 8)
-        + 4 * plan.pyramid.len() as u32
+        + 8 * plan.pyramid.len() as u32
         + 32
 }
 
@@ -123,6 +146,8 @@ fn timestamps(plan: &Plan) -> u32 {
 struct Script<'a> {
     recorder: Recorder,
     pipelines: &'a Pipelines,
+    weighing: &'a Weighing,
+    masked: bool,
     plan: &'a Plan,
     w: &'a Workspace,
     /// The level whose I2 is being brought onto I1's pixels anew, by passes that run only if T has moved.
@@ -257,6 +282,26 @@ impl<'a> Script<'a> {
         self.pass(pipeline, &resources, &constants, groups, ingest::bytes(&constants))
     }
 
+    /// Which pixels of a photograph count, on the finest level.
+    fn mask(&mut self, image: usize) -> Result<(), Error> {
+        let ([width, height], format) = (self.plan.size, self.plan.formats[image]);
+        let constants = mask::Constants {
+            width,
+            height,
+            channels: format.channels.count(),
+            bytes: format.depth.bytes(),
+            second: image as u32,
+            clipped: self.plan.settings.clipped(format.depth),
+        };
+        let (w, pipeline) = (self.w, &self.pipelines.mask);
+        let resources =
+            [Resource::Buffer(&w.frames[image]), Resource::Buffer(&w.mask), Resource::Image(&w.levels[0].masks)];
+        let groups = Groups::Direct(pipeline.groups(self.plan.size));
+        self.pass(pipeline, &resources, &constants, groups, mask::bytes(&constants))?;
+        let layer = (&w.levels[0].masks, image as u32);
+        self.separable([layer, layer], self.plan.size, [self.plan.window; 2], 1, false)
+    }
+
     /// V of a level before its first iteration: zero, or the coarser level's.
     fn start(&mut self, level: &Level) -> Result<(), Error> {
         let v = self.relative_blur(level.index);
@@ -275,11 +320,12 @@ impl<'a> Script<'a> {
     /// Gain and offset at low pass, or only the correlation there.
     fn expose(&mut self, level: &Level, adopt: bool) -> Result<(), Error> {
         let (index, constants) = self.plan.expose(level, adopt);
-        let [i1, i2] = &self.w.levels[index].images;
-        let [i1, i2, v] = [i1, i2, self.relative_blur(level.index)].map(Resource::Image);
-        let resources = [i1, i2, v, Resource::Buffer(&self.w.state)];
+        let low_pass = &self.w.levels[index];
+        let [i1, i2] = &low_pass.images;
+        let [i1, i2, v, masks] = [i1, i2, self.relative_blur(level.index), &low_pass.masks].map(Resource::Image);
+        let resources = [i1, i2, v, Resource::Buffer(&self.w.state), masks];
         let groups = Groups::Direct([1, 1, 1]);
-        self.pass(&self.pipelines.expose, &resources, &constants, groups, expose::bytes(&constants))
+        self.pass(&self.weighing.expose, &resources, &constants, groups, expose::bytes(&constants))
     }
 
     /// The registration integrals without a blur model: equation 36.
@@ -291,20 +337,21 @@ impl<'a> Script<'a> {
             Resource::Image(&w.spline2),
             Resource::Buffer(&w.state),
             Resource::Buffer(&w.partials),
+            Resource::Image(&w.levels[level.index].masks),
         ];
         let (groups, bytes) = (self.grid(Grid::Tiles, level), appearance::bytes(&constants));
-        self.pass(&self.pipelines.appearance, &resources, &constants, groups, bytes)
+        self.pass(&self.weighing.appearance, &resources, &constants, groups, bytes)
     }
 
     /// S1, S2, D, b and the registration integrals: equations 22 to 32 and 23.
     fn linearise(&mut self, level: &Level, k: u32) -> Result<(), Error> {
         let constants = self.plan.linearise(level, k);
         let w = self.w;
-        let images =
-            [&w.levels[level.index].images[0], self.relative_blur(level.index), &w.stacks, &w.right_sides, &w.weights];
-        let resources =
-            [&images.map(Resource::Image)[..], &[Resource::Buffer(&w.state), Resource::Buffer(&w.partials)]].concat();
-        let p = self.pipelines;
+        let LevelImages { images: [i1, _], masks } = &w.levels[level.index];
+        let images = [i1, self.relative_blur(level.index), &w.stacks, &w.right_sides, &w.weights];
+        let buffers = [&w.state, &w.partials].map(Resource::Buffer);
+        let resources = [&images.map(Resource::Image)[..], &buffers, &[Resource::Image(masks)]].concat();
+        let p = self.weighing;
         let pipeline = match self.plan.slopes() {
             Slopes::Layers => &p.linearise_any_kernel,
             Slopes::Laplacian if self.plan.warps(level) => &p.linearise_warped,
@@ -378,7 +425,7 @@ impl<'a> Script<'a> {
         self.pass(&self.pipelines.update, &resources, &constants, groups, bytes)
     }
 
-    /// V where it is valid, and its standard deviation, into the first layers of the results.
+    /// V where it is valid, its standard deviation and the residual, into the first layers of the results.
     fn confidence(&mut self) -> Result<(), Error> {
         self.evidence()?;
         let (w, constants) = (self.w, self.plan.confidence());
@@ -389,7 +436,21 @@ impl<'a> Script<'a> {
         self.pass(pipeline, &resources, &constants, groups, confidence::bytes(&constants))
     }
 
-    /// What decided V, averaged over a window around each pixel.
+    /// The squared residual on the finest level, into the last layer of the evidence.
+    fn residual(&mut self) -> Result<(), Error> {
+        let (w, p, finest, constants) = (self.w, self.pipelines, &self.plan.pyramid[0], self.plan.residual());
+        let pipeline = match self.plan.slopes() {
+            Slopes::Layers => &p.residual_any_kernel,
+            Slopes::Laplacian if self.plan.warps(finest) => &p.residual_warped,
+            Slopes::Laplacian => &p.residual,
+        };
+        let images = [&w.levels[0].images[0], self.relative_blur(0), &w.stacks, &w.evidence];
+        let resources = [&images.map(Resource::Image)[..], &[Resource::Buffer(&w.state)]].concat();
+        let groups = Groups::Direct(pipeline.groups(evidence::size(self.plan.size)));
+        self.pass(pipeline, &resources, &constants, groups, residual::bytes(&constants))
+    }
+
+    /// What decided V and what nothing explains, averaged over a window around each pixel.
     fn evidence(&mut self) -> Result<(), Error> {
         let (w, constants) = (self.w, self.plan.evidence());
         let resources = [self.relative_blur(0), &w.right_sides, &w.weights, &w.evidence].map(Resource::Image);
@@ -397,6 +458,7 @@ impl<'a> Script<'a> {
         let size = evidence::size(self.plan.size);
         let groups = Groups::Direct(pipeline.groups(size));
         self.pass(pipeline, &resources, &constants, groups, evidence::bytes(&constants))?;
+        self.residual()?;
         (0..evidence::LAYERS as u32).try_for_each(|layer| {
             let image = (&w.evidence, layer);
             self.separable([image, image], size, [self.plan.window; 2], 1, false)
@@ -417,7 +479,7 @@ impl<'a> Script<'a> {
         let constants = fuse::Constants {
             width: finest.size[0],
             height: finest.size[1],
-            layer: 2 + channel,
+            layer: 3 + channel,
             centre: finest.centre.map(|c| c as f32),
             epsilon: self.plan.settings.heaviside_epsilon as f32,
         };
@@ -437,7 +499,7 @@ impl<'a> Script<'a> {
 
     /// The results, into mapped memory.
     fn bring_down(&mut self) {
-        let layers = 2 + self.plan.fused_channels().count();
+        let layers = 3 + self.plan.fused_channels().count();
         self.recorder.download(&self.w.stacks, self.plan.size, layers, &self.w.results);
         self.recorder.copy(&self.w.state, &self.w.end_state);
         self.recorder.copy(&self.w.energies, &self.w.end_energies);

@@ -2,13 +2,14 @@
 //! for learning. It takes the same [`Settings`] and goes through the same passes in the same order.
 
 use crate::plan::{Level, Plan, halving_filter};
+use crate::stages::mask::{self, Masks};
 use crate::stages::stack::{Grid, Layer, Slopes, layer};
 use crate::stages::state::Registration;
 use crate::stages::{
     Field, appearance, blur, confidence, convolve, evidence, expose, fuse, ingest, linearise, prolong, refine,
-    relax_level, step, update, warp,
+    relax_level, residual, step, update, warp,
 };
-use crate::{Error, Frame, Kernel, Photometric, Settings, Similarity, baseline, filter};
+use crate::{Error, Frame, Kernel, Mask, Photometric, Settings, Similarity, baseline, filter};
 
 /// What the reference finds.
 pub struct Reference {
@@ -16,6 +17,8 @@ pub struct Reference {
     pub relative_blur: Field,
     /// Standard deviation of V, px², NaN where V is.
     pub uncertainty: Field,
+    /// Root mean square residual, intensities, NaN where V is.
+    pub residual: Field,
     /// Pseudo-radiance, luminance only.
     pub fused: Field,
     /// T.
@@ -31,20 +34,29 @@ pub struct Reference {
 /// # Errors
 /// [`Error::Setting`], [`Error::TooSmall`], [`Error::Mismatch`] where the sizes differ, [`Error::TooFewKeyPoints`].
 pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, Error> {
+    solve_masked(i1, i2, settings, None)
+}
+
+/// Solves one pair on the CPU, without the pixels of I1 that a mask leaves out.
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_masked(i1: &Frame, i2: &Frame, settings: &Settings, mask: Option<&Mask>) -> Result<Reference, Error> {
     crate::solver::same_size([i1, i2])?;
     let plan = Plan::new(i1.width(), i1.height(), [i1.format(), i2.format()], settings)?;
     let pyramids = [i1, i2].map(|frame| pyramid(&plan, ingest::twin(frame, settings.decode, ingest::LUMINANCE)));
+    let masks = masks(&plan, [i1, i2], mask);
     let mut registration = Registration::new(&baseline::start([i1, i2], settings)?, &settings.start_photometric);
     for level in plan.appearance_levels() {
-        register(&plan, level, &pyramids, &mut registration);
+        register(&plan, level, &pyramids, &masks, &mut registration);
     }
     let mut v: Option<Field> = None;
-    let mut system = None;
+    let (mut system, mut squared) = (None, None);
     let mut energies = Vec::new();
     for level in plan.coarse_to_fine() {
         let mut blur = start(level, v.take());
         if plan.matches_exposure() {
-            match_exposure(&plan, level, &pyramids, &blur, &mut registration);
+            match_exposure(&plan, level, &pyramids, &masks, &blur, &mut registration);
         }
         let images = pyramids.each_ref().map(|p| &p[level.index]);
         let mut stacks = images.map(|image| build_stack(image, &settings.kernel, level.nodes));
@@ -64,7 +76,8 @@ pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, E
             }
             let constants = plan.linearise(level, k);
             let read = blur::Stacks { first: &stacks[0], second: &stacks[1], slopes: plan.slopes() };
-            let linear = linearise::twin(&constants, &registration, warped.as_ref(), images[0], &blur, &read);
+            let masks = Some(&masks[level.index]);
+            let linear = linearise::twin(&constants, &registration, warped.as_ref(), images[0], &blur, &read, masks);
             let before = energy.last().copied().unwrap_or(0.0);
             let step = step::twin(&plan.step(level, k), &linear.sums, &mut registration, before);
             energy.push(step.energy);
@@ -78,24 +91,30 @@ pub fn solve(i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Reference, E
             }
         }
         energies.push(energy);
+        if level.index == 0 {
+            let read = blur::Stacks { first: &stacks[0], second: &stacks[1], slopes: plan.slopes() };
+            squared = Some(residual::twin(&plan.residual(), &registration, warped.as_ref(), images[0], &blur, &read));
+        }
         v = Some(blur);
     }
-    let (Some(v), Some(system)) = (v, system) else {
+    let (Some(v), Some(system), Some(squared)) = (v, system, squared) else {
         return Err(Error::Setting { name: "levels", value: 0.0, range: "at least 1".into() });
     };
     let finest = &plan.pyramid[0];
     let centre = finest.centre.map(|c| c as f32);
     let [width, height] = finest.size;
-    let evidence = evidence::twin(&plan.evidence(), &v, &system).map(|field| separable(&field, &evidence::window(), 1));
+    let [d, b2, g2] = evidence::twin(&plan.evidence(), &v, &system);
+    let evidence = [d, b2, g2, squared].map(|field| separable(&field, &evidence::window(), 1));
     let found = confidence::twin(&plan.confidence(), &registration, &v, &evidence);
     let coefficients = build_stack(&pyramids[1][0], &Kernel::Gaussian, 1);
     let epsilon = settings.heaviside_epsilon as f32;
     let fuse = fuse::Constants { width, height, layer: 0, centre, epsilon };
     let fused = fuse::twin(&fuse, &registration, &pyramids[0][0], &coefficients[0], &v);
-    let [relative_blur, uncertainty] = found;
+    let [relative_blur, uncertainty, residual] = found;
     Ok(Reference {
         relative_blur,
         uncertainty,
+        residual,
         fused,
         transform: registration.transform(),
         photometric: registration.photometric(),
@@ -107,25 +126,26 @@ fn match_exposure(
     plan: &Plan,
     level: &Level,
     pyramids: &[Vec<Field>; 2],
+    masks: &[Masks],
     blur: &Field,
     registration: &mut Registration,
 ) {
     let (low_pass, constants) = plan.expose(level, true);
     let [i1, i2] = pyramids.each_ref().map(|p| &p[low_pass]);
-    expose::twin(&constants, registration, i1, i2, blur);
+    expose::twin(&constants, registration, i1, i2, blur, Some(&masks[low_pass]));
 }
 
 /// Registers without a blur model on one level.
-fn register(plan: &Plan, level: &Level, pyramids: &[Vec<Field>; 2], registration: &mut Registration) {
+fn register(plan: &Plan, level: &Level, pyramids: &[Vec<Field>; 2], masks: &[Masks], registration: &mut Registration) {
     if plan.matches_exposure() {
         // Nothing is known of V yet.
-        match_exposure(plan, level, pyramids, &Field::zeros(1, 1), registration);
+        match_exposure(plan, level, pyramids, masks, &Field::zeros(1, 1), registration);
     }
     let [i1, i2] = pyramids.each_ref().map(|p| &p[level.index]);
     let spline = build_stack(i2, &Kernel::Gaussian, 1);
     let mut before = 0.0;
     for k in 0..plan.settings.outer_iterations {
-        let sums = appearance::twin(&plan.appearance(level), registration, i1, &spline[0]);
+        let sums = appearance::twin(&plan.appearance(level), registration, i1, &spline[0], Some(&masks[level.index]));
         let step = step::twin(&plan.appearance_step(level, k), &sums, registration, before);
         if step.settled {
             break;
@@ -154,6 +174,17 @@ fn pyramid(plan: &Plan, finest: Field) -> Vec<Field> {
         levels.push(separable(&levels[level - 1], &halving_filter(), 2));
     }
     levels
+}
+
+/// Which pixels count, by level.
+fn masks(plan: &Plan, frames: [&Frame; 2], mask: Option<&Mask>) -> Vec<Masks> {
+    let [first, second] = [0, 1].map(|image| {
+        let frame: &Frame = frames[image];
+        let clipped = plan.settings.clipped(frame.format().depth);
+        let mask = mask::twin(frame, clipped, mask.filter(|_| image == 0).map(Mask::bytes));
+        pyramid(plan, separable(&mask, &evidence::window(), 1))
+    });
+    first.into_iter().zip(second).map(|(first, second)| [first, second]).collect()
 }
 
 /// Spline coefficients of an image, then of the other layers of its [`stack`](crate::stages::stack).

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, Kernel, Similarity};
+use crate::{Depth, Error, Kernel, Similarity};
 
 /// Which of the systems of the paper runs: registration and relative blur together, or one before the other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -111,6 +111,12 @@ pub struct Settings {
     pub photometric: bool,
     /// How stored values become intensities. Default as stored.
     pub decode: Decode,
+    /// Stored value up to which a sample is clipped at black; `None` is 0 of integers, and nothing of floats. A pixel all of
+    /// whose channels are has no weight. Default `None`.
+    pub black_level: Option<f64>,
+    /// Stored value from which on a sample is clipped at white; `None` is the greatest of integers, 255 or 65535, and
+    /// nothing of floats. A pixel one of whose channels is has no weight. Default `None`.
+    pub white_level: Option<f64>,
     /// Where T starts (and stays, when the method is aligned).
     pub start: Similarity,
     /// Where gain and offset start (and stay, when `photometric` is false).
@@ -136,6 +142,8 @@ impl Default for Settings {
             registration: RegistrationStep::GaussNewton,
             photometric: true,
             decode: Decode::None,
+            black_level: None,
+            white_level: None,
             start: Similarity::IDENTITY,
             start_photometric: Photometric::IDENTITY,
         }
@@ -143,6 +151,22 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// Black and white level of samples of this kind, integers on a scale from 0 to 1.
+    pub(crate) fn clipped(&self, depth: Depth) -> [f32; 2] {
+        let greatest = match depth {
+            Depth::U8 => 255.0,
+            Depth::U16 => 65535.0,
+            Depth::F32 => {
+                let level = |stated: Option<f64>, none: f32| stated.map_or(none, |level| level as f32);
+                return [level(self.black_level, f32::NEG_INFINITY), level(self.white_level, f32::INFINITY)];
+            }
+        };
+        // Half a step from the next value, since a device may round a quotient either way.
+        let black = (self.black_level.unwrap_or(0.0) + 0.5) / greatest;
+        let white = (self.white_level.unwrap_or(greatest) - 0.5) / greatest;
+        [black as f32, white as f32]
+    }
+
     /// Checks every range.
     ///
     /// # Errors
@@ -172,6 +196,8 @@ impl Settings {
         range("heaviside epsilon", self.heaviside_epsilon, 1e-3, 10.0)?;
         range("max relative blur", self.max_relative_blur, 1.0, 256.0)?;
         range("largest step", self.largest_step, 0.01, 100.0)?;
+        range("black level", self.black_level.unwrap_or(0.0), -1e6, 1e6)?;
+        range("white level", self.white_level.unwrap_or(0.0), -1e6, 1e6)?;
         range("start translation x", self.start.tx, -1e5, 1e5)?;
         range("start translation y", self.start.ty, -1e5, 1e5)?;
         range("start rotation", self.start.rotation, -7.0, 7.0)?;

@@ -79,6 +79,12 @@ impl Similarity {
         }
     }
 
+    /// The same map of the plane, whose centre is `to` instead of `from`, both in the pixels of either image.
+    pub fn about(&self, from: [f64; 2], to: [f64; 2]) -> Self {
+        let [x, y] = self.apply(to, from);
+        Self { tx: x - to[0], ty: y - to[1], ..*self }
+    }
+
     /// The largest distance in pixels between where the two similarities put a corner of a `width` x `height` image.
     pub fn corner_distance(&self, other: &Self, width: u32, height: u32) -> f64 {
         let [cx, cy] = centre(width, height);

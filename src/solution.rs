@@ -2,7 +2,7 @@
 
 use crate::stages::confidence::LARGEST;
 use crate::stages::state::State;
-use crate::{Channels, Photometric, Registered, Settings, Similarity};
+use crate::{Channels, Error, Mask, Photometric, Region, Registered, Settings, Similarity, centre};
 
 /// The result of one [`Solver::solve`](crate::Solver::solve).
 #[derive(Clone, Debug)]
@@ -11,6 +11,10 @@ pub struct Solution {
     pub width: u32,
     /// Rows.
     pub height: u32,
+    /// The pixel of I1 that is the first of every field: (0, 0) unless the solution was cropped.
+    pub origin: [u32; 2],
+    /// Width and height of the photographs, about whose centre T is stated.
+    pub photograph: [u32; 2],
     /// V, px² of I1, row-major; positive where I2 is the more blurred. NaN outside the valid region.
     pub relative_blur: Vec<f32>,
     /// Standard deviation of V, px², by what the images say around each pixel (`docs/method.md`, section 7). NaN outside the
@@ -18,6 +22,9 @@ pub struct Solution {
     pub uncertainty: Vec<f32>,
     /// The same on a scale from 0 to 1, `1/(1 + σ²)` with σ in px²; 0 where the images say nothing.
     pub confidence: Vec<f32>,
+    /// Root mean square, around each pixel, of what neither blur nor T explains, intensities: large where something moved
+    /// between the photographs or shone differently. NaN outside the valid region.
+    pub residual: Vec<f32>,
     /// Channels of `fused`: grey only if both inputs are.
     pub fused_channels: Channels,
     /// Pseudo-radiance, equation 37, interleaved, in the values of I1 with white at 1; I1 itself
@@ -82,16 +89,63 @@ pub fn confidence(deviation: f32) -> f32 {
 }
 
 impl Solution {
-    /// Fills in what the fields say of themselves, and whether to believe them.
-    pub(crate) fn judge(&mut self, state: &State, settings: &Settings) {
+    /// Keeps a region of the fields, in their pixels; what was judged of the whole stays.
+    ///
+    /// # Errors
+    /// [`Error::Region`]: it is not within the solution.
+    pub fn crop(&mut self, region: Region) -> Result<(), Error> {
+        region.check((self.width, self.height))?;
+        let row = self.width as usize;
+        for field in [&mut self.relative_blur, &mut self.uncertainty, &mut self.confidence, &mut self.residual] {
+            *field = region.of(field, row, 1);
+        }
+        self.fused = region.of(&self.fused, row, self.fused_channels.count() as usize);
+        self.origin = [self.origin[0] + region.x, self.origin[1] + region.y];
+        (self.width, self.height) = (region.width, region.height);
+        Ok(())
+    }
+
+    /// The largest rectangle of the fields in which V is valid everywhere; `None` where no pixel is.
+    pub fn largest_valid(&self) -> Option<Region> {
+        let valid: Vec<bool> = self.relative_blur.iter().map(|v| v.is_finite()).collect();
+        Region::largest(&valid, self.width as usize)
+    }
+
+    /// The part of I1 that the fields are of.
+    pub fn region(&self) -> Region {
+        Region { x: self.origin[0], y: self.origin[1], width: self.width, height: self.height }
+    }
+
+    /// Says that what was solved is a part of larger photographs, and states T about their centre.
+    pub(crate) fn place_in(&mut self, part: Region, photograph: [u32; 2]) {
+        self.transform = self.transform.about(part.centre(), centre(photograph[0], photograph[1]));
+        (self.origin, self.photograph) = ([part.x, part.y], photograph);
+    }
+
+    /// Makes nothing of what a mask leaves out.
+    pub(crate) fn leave_out(&mut self, mask: &Mask) {
+        for (pixel, _) in mask.bytes().iter().enumerate().filter(|(_, counts)| **counts == 0) {
+            self.relative_blur[pixel] = f32::NAN;
+            self.uncertainty[pixel] = f32::NAN;
+            self.residual[pixel] = f32::NAN;
+            self.confidence[pixel] = 0.0;
+        }
+    }
+
+    /// Fills in what the fields say of themselves, |V| limited to so many px².
+    pub(crate) fn count(&mut self, max_relative_blur: f64) {
         let valid: Vec<f32> = self.relative_blur.iter().copied().filter(|v| !v.is_nan()).collect();
-        self.valid_fraction = valid.len() as f64 / self.relative_blur.len() as f64;
+        self.valid_fraction = valid.len() as f64 / self.relative_blur.len().max(1) as f64;
         // The limit is reached by clamping, so a thousandth below it is room for rounding alone.
-        let limit = 0.999 * settings.max_relative_blur as f32;
+        let limit = 0.999 * max_relative_blur as f32;
         let saturated = valid.iter().filter(|v| v.abs() >= limit).count();
         self.saturated_fraction = saturated as f64 / valid.len().max(1) as f64;
         self.mean_confidence = self.confidence.iter().map(|&c| f64::from(c)).sum::<f64>() / valid.len().max(1) as f64;
+    }
 
+    /// Fills in what the fields say of themselves, and whether to believe them.
+    pub(crate) fn judge(&mut self, state: &State, settings: &Settings) {
+        self.count(settings.max_relative_blur);
         let mut doubts = Vec::new();
         if let Some(doubt) = numbers_doubt(state) {
             doubts.push(doubt);

@@ -4,13 +4,14 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use crate::plan::Plan;
-use crate::profile::{Dispatch, Phases, Profile, SUBMIT_WAIT};
-use crate::record::{self, Part, Recorded};
+use crate::profile::{Phases, Profile, SUBMIT_WAIT};
+use crate::record::{self, Recorded, Variant};
 use crate::solution::{self, Level, Timings};
+use crate::stages::Pipelines;
 use crate::stages::state::{Registration, State};
-use crate::vulkan::{Buffer, Clock, Device, Recorder, Recording};
+use crate::vulkan::{Buffer, Clock, Device, Recorder};
 use crate::workspace::Workspace;
-use crate::{Engine, Error, Format, Frame, Registered, Settings, Solution, baseline};
+use crate::{Engine, Error, Format, Frame, Mask, Registered, Settings, Solution, baseline};
 
 /// How far a solve has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,13 +33,18 @@ pub struct Progress {
 /// A size and settings, prepared once and used for any number of pairs.
 pub struct Solver {
     plan: Plan,
-    recording: Recording,
-    parts: Vec<Part>,
-    registered: usize,
-    dispatches: Vec<Dispatch>,
+    /// Of pairs all of whose pixels count.
+    plain: Recorded,
+    /// Of pairs with masked or clipped pixels, recorded when the first comes.
+    masked: Option<Recorded>,
+    /// Whether the latest pair had such pixels.
+    is_masked: bool,
+    traced: bool,
     phases: Phases,
     workspace: Workspace,
+    mask: Option<Mask>,
     device: Arc<Device>,
+    pipelines: Arc<Pipelines>,
 }
 
 impl Solver {
@@ -74,10 +80,44 @@ impl Solver {
         let mut first = Recorder::new(&device, Clock::Never)?;
         first.prepare(&workspace.images());
         first.finish()?.run()?;
-        let Recorded { recording, parts, registered, dispatches } =
-            record::record(&device, engine.pipelines(), &plan, &workspace, traced)?;
-        let phases = Phases::default();
-        Ok(Self { plan, recording, parts, registered, dispatches, phases, workspace, device })
+        let pipelines = engine.pipelines().clone();
+        let plain = record::record(&device, &pipelines, &plan, &workspace, Variant { traced, masked: false })?;
+        let (phases, masked, mask) = (Phases::default(), None, None);
+        let is_masked = false;
+        Ok(Self { plan, plain, masked, is_masked, traced, phases, workspace, mask, device, pipelines })
+    }
+
+    /// The recording of the latest pair.
+    fn recorded(&self) -> &Recorded {
+        self.masked.as_ref().filter(|_| self.is_masked).unwrap_or(&self.plain)
+    }
+
+    /// Chooses the recording for a pair: where no pixel is masked or clipped, the one that does not weigh them.
+    fn choose(&mut self, frames: [&Frame; 2]) -> Result<(), Error> {
+        let settings = &self.plan.settings;
+        let clips = |frame: &Frame| frame.clips(settings.clipped(frame.format().depth));
+        self.is_masked = self.mask.is_some() || frames.into_iter().any(clips);
+        if self.is_masked && self.masked.is_none() {
+            let variant = Variant { traced: self.traced, masked: true };
+            let (plan, workspace) = (&self.plan, &self.workspace);
+            workspace.mask.write(&mask_bytes(plan, self.mask.as_ref()))?;
+            self.masked = Some(record::record(&self.device, &self.pipelines, plan, workspace, variant)?);
+        }
+        Ok(())
+    }
+
+    /// Leaves out pixels of I1 in the solves to come; `None`: none.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] where the mask is not of the size prepared for, [`Error::Vulkan`].
+    pub fn set_mask(&mut self, mask: Option<Mask>) -> Result<(), Error> {
+        if let Some([width, height]) = mask.as_ref().map(Mask::size).filter(|size| *size != self.plan.size) {
+            let [w, h] = self.plan.size;
+            return Err(Error::Mismatch(format!("the mask is {width}x{height} and the images are {w}x{h}")));
+        }
+        self.workspace.mask.write(&mask_bytes(&self.plan, mask.as_ref()))?;
+        self.mask = mask;
+        Ok(())
     }
 
     /// Prepares for pairs like this one.
@@ -109,7 +149,7 @@ impl Solver {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Solution, Error> {
         let started = Instant::now();
-        self.run([i1, i2], self.parts.len(), progress)?;
+        self.run([i1, i2], |recorded| recorded.parts.len(), progress)?;
         let mut solution = self.collect()?;
         self.phases.end("collect");
         solution.timings.total_ms = started.elapsed().as_secs_f64() * 1e3;
@@ -136,14 +176,19 @@ impl Solver {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Registered, Error> {
         let started = Instant::now();
-        self.run([i1, i2], self.registered, progress)?;
+        self.run([i1, i2], |recorded| recorded.registered, progress)?;
         let mut registered = self.collect_registered()?;
         registered.timings.total_ms = started.elapsed().as_secs_f64() * 1e3;
         Ok(registered)
     }
 
     /// Brings a pair up and runs the first parts of the recording on it.
-    fn run(&mut self, frames: [&Frame; 2], parts: usize, progress: &mut dyn FnMut(Progress)) -> Result<(), Error> {
+    fn run(
+        &mut self,
+        frames: [&Frame; 2],
+        wanted_parts: fn(&Recorded) -> usize,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<(), Error> {
         self.check_frames(frames)?;
         if self.device.is_poisoned() {
             return Err(Error::Poisoned);
@@ -156,8 +201,12 @@ impl Solver {
         let settings = &self.plan.settings;
         let start = Registration::new(&baseline::start(frames, settings)?, &settings.start_photometric);
         self.workspace.start_state.write(bytemuck::bytes_of(&State::new(&start)))?;
+        self.choose(frames)?;
         self.phases.end("start");
-        let (plan, recorded, on_the_way) = (&self.plan, &self.parts, &self.workspace.progress);
+        let (plan, on_the_way) = (&self.plan, &self.workspace.progress);
+        let recorded = self.masked.as_mut().filter(|_| self.is_masked).unwrap_or(&mut self.plain);
+        let parts = wanted_parts(recorded);
+        let Recorded { recording, parts: recorded, .. } = recorded;
         let levels = |parts: usize| recorded[..parts].iter().filter_map(|part| part.level_done);
         let count = |parts: usize| levels(parts).count() as u32;
         let pixels =
@@ -166,7 +215,7 @@ impl Solver {
             let state = on_the_way.read::<State>(0, 1)?[0];
             Ok(recorded[part].goes_on.is_none_or(|level| state.levels[level].settled == 0))
         };
-        self.recording.run_first(parts, &mut wanted, &mut |part| {
+        recording.run_first(parts, &mut wanted, &mut |part| {
             if let Some(level) = recorded[part - 1].level_done.map(|index| &plan.pyramid[index]) {
                 let [width, height] = level.size;
                 let (pixels_done, pixels) = (pixels(part), pixels(parts));
@@ -188,8 +237,9 @@ impl Solver {
         let [solved, registered] = [&w.end_state, &w.registered_state].map(|state| state.read::<State>(0, 1));
         let done = [solved?[0].levels, registered?[0].levels];
         let outer = self.plan.settings.outer_iterations;
-        let executed = self.dispatches.iter().map(|d| d.place.executed(&done, outer)).collect();
-        let (dispatches, ends_ms) = (self.dispatches.clone(), self.recording.times()?.ends_ms);
+        let recorded = self.recorded();
+        let executed = recorded.dispatches.iter().map(|d| d.place.executed(&done, outer)).collect();
+        let (dispatches, ends_ms) = (recorded.dispatches.clone(), recorded.recording.times()?.ends_ms);
         Ok(Profile { dispatches, executed, ends_ms, phases: self.phases.clone() })
     }
 
@@ -216,17 +266,20 @@ impl Solver {
         let pixels = plan.size[0] as usize * plan.size[1] as usize;
         let channels = plan.fused_channels();
         let state = w.end_state.read::<State>(0, 1)?[0];
-        let times = self.recording.times()?;
+        let times = self.recorded().recording.times()?;
         let uncertainty: Vec<f32> = w.results.read(4 * pixels, pixels)?;
         let mut solution = Solution {
             width: plan.size[0],
             height: plan.size[1],
+            origin: [0, 0],
+            photograph: plan.size,
             relative_blur: w.results.read(0, pixels)?,
             confidence: uncertainty.iter().map(|&deviation| solution::confidence(deviation)).collect(),
             uncertainty,
+            residual: w.results.read(8 * pixels, pixels)?,
             fused_channels: channels,
             fused: record::interleave(
-                &w.results.read::<f32>(8 * pixels, pixels * channels.count() as usize)?,
+                &w.results.read::<f32>(12 * pixels, pixels * channels.count() as usize)?,
                 channels,
             ),
             transform: state.registration().transform(),
@@ -239,6 +292,9 @@ impl Solver {
             saturated_fraction: 0.0,
             timings: Timings { total_ms: 0.0, gpu_ms: times.total_ms, passes_ms: times.passes_ms },
         };
+        if let Some(mask) = &self.mask {
+            solution.leave_out(mask);
+        }
         solution.judge(&state, &plan.settings);
         if !plan.solves_transform() {
             solution.doubt(&self.collect_registered()?);
@@ -249,7 +305,7 @@ impl Solver {
     /// The registration, out of mapped memory.
     fn collect_registered(&self) -> Result<Registered, Error> {
         let state = self.workspace.registered_state.read::<State>(0, 1)?[0];
-        let times = self.recording.times()?;
+        let times = self.recorded().recording.times()?;
         let mut registered = Registered {
             width: self.plan.size[0],
             height: self.plan.size[1],
@@ -275,6 +331,13 @@ impl Solver {
         });
         Ok(levels.collect())
     }
+}
+
+/// A byte for each pixel of I1, 0 where it is left out.
+fn mask_bytes(plan: &Plan, mask: Option<&Mask>) -> Vec<u8> {
+    let mut bytes = mask.map_or_else(Vec::new, |mask| mask.bytes().to_vec());
+    bytes.resize(plan.mask_bytes() as usize, 1);
+    bytes
 }
 
 /// Two images of one pair have one size.

@@ -13,6 +13,8 @@ pub struct Estimate {
 
 /// Standard deviation of a Gaussian over its median absolute deviation.
 const MAD: f64 = 1.4826;
+/// Where Tukey's weight ends, in standard deviations: 95 % efficient for Gaussian noise.
+pub(crate) const TUKEY: f64 = 4.685;
 
 /// The median of those that are finite; `None` where none is.
 pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
@@ -24,6 +26,11 @@ pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
 /// The deviation of a Gaussian that has the median absolute value of these; 0 where none is finite.
 pub(crate) fn deviation(residuals: &[f64]) -> f64 {
     MAD * median(residuals.iter().map(|r| r.abs())).unwrap_or(0.0)
+}
+
+/// Tukey's weight of a residual, in standard deviations.
+pub(crate) fn tukey(r: f64) -> f64 {
+    if r.abs() < TUKEY { (1.0 - (r / TUKEY).powi(2)).powi(2) } else { 0.0 }
 }
 
 /// The level of a rectangle of values, row-major, with its standard error: the median of what is left when the tilt about

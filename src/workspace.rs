@@ -26,6 +26,8 @@ pub(crate) enum Grid {
 pub(crate) struct LevelImages {
     /// Luminance of I1 and I2.
     pub(crate) images: [Arc<Image>; 2],
+    /// Which of their pixels count, a layer each.
+    pub(crate) masks: Arc<Image>,
 }
 
 /// All of them. What only lives within a level is as large as the finest and shared: coarser levels use its corner.
@@ -59,7 +61,9 @@ pub(crate) struct Workspace {
     pub(crate) start_arguments: Arc<Buffer>,
     /// The photographs, mapped.
     pub(crate) frames: [Arc<Buffer>; 2],
-    /// V, its standard deviation and the fused channels, mapped; then state and energies.
+    /// A byte a pixel of I1, mapped: 0 where it does not count.
+    pub(crate) mask: Arc<Buffer>,
+    /// V, its standard deviation, the residual and the fused channels, mapped; then state and energies.
     pub(crate) results: Arc<Buffer>,
     /// State while a level is under way, mapped.
     pub(crate) progress: Arc<Buffer>,
@@ -79,7 +83,8 @@ impl Workspace {
             .iter()
             .map(|level| {
                 let name = |what: &str| format!("{what}, level {}", level.index);
-                Ok(LevelImages { images: [image(&name("I1"), level.size, 1)?, image(&name("I2"), level.size, 1)?] })
+                let images = [image(&name("I1"), level.size, 1)?, image(&name("I2"), level.size, 1)?];
+                Ok(LevelImages { images, masks: image(&name("masks"), level.size, 2)? })
             })
             .collect::<Result<_, Error>>()?;
         let relative_blur = plan.pyramid[..plan.solved]
@@ -117,6 +122,7 @@ impl Workspace {
                 Buffer::for_upload(device, "photograph 1", plan.frame_bytes(0))?,
                 Buffer::for_upload(device, "photograph 2", plan.frame_bytes(1))?,
             ],
+            mask: Buffer::for_upload(device, "mask", plan.mask_bytes())?,
             results: Buffer::for_readback(device, "results", plan.result_bytes())?,
             progress: Buffer::for_readback(device, "state on the way", size_of::<State>() as u64)?,
             end_state: Buffer::for_readback(device, "state at the end", size_of::<State>() as u64)?,
@@ -128,7 +134,7 @@ impl Workspace {
 
     /// Every image, to be made ready once.
     pub(crate) fn images(&self) -> Vec<&Arc<Image>> {
-        let levels = self.levels.iter().flat_map(|l| &l.images).chain(&self.relative_blur);
+        let levels = self.levels.iter().flat_map(|l| l.images.iter().chain([&l.masks])).chain(&self.relative_blur);
         levels
             .chain([&self.stacks, &self.spline2, &self.scratch, &self.right_sides, &self.weights])
             .chain(&self.changes)

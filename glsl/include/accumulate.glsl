@@ -26,8 +26,9 @@ Products add(Products a, Products b) {
     return Products(a.x + b.x, a.y + b.y, a.gain + b.gain, a.offset + b.offset);
 }
 
-// Adds Σ w J Jᵀ and Σ w J S of a pixel at p from the centre, over the length that scales a and b.
-void add_pixel(inout Sums sums, Products n, vec4 g, float energy, vec2 p) {
+// Adds Σ w J Jᵀ and Σ w J S of a pixel at p from the centre, over the length that scales a and b; `share` is what it
+// counts for.
+void add_pixel(inout Sums sums, Products n, vec4 g, float energy, vec2 p, float share) {
     vec2 turned = vec2(-p.y, p.x);
     mat2 by_place = mat2(n.x.x, n.x.y, n.x.y, n.y.x);
     vec2 a = by_place * p, b = by_place * turned;
@@ -39,7 +40,7 @@ void add_pixel(inout Sums sums, Products n, vec4 g, float energy, vec2 p) {
     sums.n34 += vec4(n.y.yz, n.gain);
     sums.n55 += vec4(n.offset, dot(p, g.xy), dot(turned, g.xy), g.x);
     sums.g3 += vec4(g.yzw, energy);
-    sums.valid.x += 1.0;
+    sums.valid.x += share;
 }
 
 shared vec4 by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMS / 4];

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::figure::Region;
 use crate::measure::Field;
-use crate::statistics::{Estimate, correlation_area, deviation};
+use crate::statistics::{Estimate, TUKEY, correlation_area, deviation, tukey};
 use crate::{Error, Lens};
 
 /// Where depth is known.
@@ -78,8 +78,6 @@ const LEAST_PIXELS: usize = 64;
 const LARGEST_ERROR: f64 = 0.5;
 /// The least eigenvalue of the normal equations, scaled to a unit diagonal, with which the unknowns can be told apart.
 const LEAST_EIGENVALUE: f64 = 1e-9;
-/// Where Tukey's weight ends, in deviations: 95 % efficient for Gaussian noise.
-const TUKEY: f64 = 4.685;
 /// Where Huber's weight begins to fall, in deviations: as efficient.
 const HUBER: f64 = 1.345;
 
@@ -340,10 +338,6 @@ impl Fit<'_> {
         let covariance = &inverse * spread * &inverse * correlation_area(&residuals, self.samples.width);
         Some(covariance.diagonal().iter().map(|v| v.sqrt()).collect())
     }
-}
-
-fn tukey(r: f64) -> f64 {
-    if r.abs() < TUKEY { (1.0 - (r / TUKEY).powi(2)).powi(2) } else { 0.0 }
 }
 
 fn rms(values: impl Iterator<Item = f64>) -> Option<f64> {

@@ -148,8 +148,11 @@ mod tests {
         let solution = Solution {
             width: 2,
             height: 1,
+            origin: [0, 0],
+            photograph: [2, 1],
             relative_blur: blur.to_vec(),
             uncertainty: vec![f32::NAN; 2],
+            residual: Vec::new(),
             confidence: vec![0.0; 2],
             fused_channels: Channels::Gray,
             fused: vec![0.0; 2],

@@ -12,8 +12,11 @@ fn solution() -> Solution {
     Solution {
         width: 3,
         height: 2,
+        origin: [0, 0],
+        photograph: [3, 2],
         relative_blur: vec![f32::NAN, -1.5, 0.1, 2.0, 4.0, f32::NAN],
         uncertainty: vec![f32::NAN, 3f32.sqrt(), 1.0, (1.0f32 / 3.0).sqrt(), 0.0, f32::NAN],
+        residual: Vec::new(),
         confidence: vec![0.0, 0.25, 0.5, 0.75, 1.0, 0.0],
         fused_channels: Channels::Gray,
         fused: vec![-0.1, 0.0, 0.2, 0.5, 1.0, 1.5],

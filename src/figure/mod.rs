@@ -43,7 +43,9 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 
 pub use axis::Axis;
-pub use panel::{Panel, Region};
+pub use panel::Panel;
+
+pub use crate::region::Region;
 pub use plot::Plot;
 pub use series::Series;
 pub use sheet::{Row, Sheet};

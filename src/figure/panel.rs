@@ -5,20 +5,7 @@ use image::{Rgb, RgbImage};
 
 use super::canvas::{Color, LIGHT};
 use crate::export::Scale;
-use crate::{Channels, Frame, Samples};
-
-/// A rectangle in the pixels of a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Region {
-    /// Left edge, px.
-    pub x: u32,
-    /// Upper edge, px.
-    pub y: u32,
-    /// Px.
-    pub width: u32,
-    /// Px.
-    pub height: u32,
-}
+use crate::{Channels, Frame, Region, Samples};
 
 /// One place of a [`Sheet`](super::Sheet): a picture or a reason, and a caption.
 #[derive(Clone, Debug)]

@@ -21,12 +21,17 @@ struct Axis {
 }
 
 impl<'a> Script<'a> {
-    /// Each level from its parent, both axes halved.
+    /// Each level from its parent, both axes halved: an image, and which of its pixels count.
     pub(super) fn pyramid(&mut self, image: usize) -> Result<(), Error> {
         for (parent, level) in self.plan.pyramid.iter().zip(&self.plan.pyramid[1..]) {
             self.place = Place::level(level.index);
-            let (from, to) = (&self.w.levels[parent.index].images[image], &self.w.levels[level.index].images[image]);
-            self.separable([(from, 0), (to, 0)], parent.size, [self.plan.halve; 2], 2, false)?;
+            let [from, to] = [parent, level].map(|level| &self.w.levels[level.index]);
+            let images = [(&from.images[image], 0), (&to.images[image], 0)];
+            let masks = [(&from.masks, image as u32), (&to.masks, image as u32)];
+            self.separable(images, parent.size, [self.plan.halve; 2], 2, false)?;
+            if self.masked {
+                self.separable(masks, parent.size, [self.plan.halve; 2], 2, false)?;
+            }
         }
         Ok(())
     }

@@ -10,6 +10,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::linearise::{Sums, UNKNOWNS};
+use super::mask::{self, Masks};
 use super::state::{Registration, inside};
 use super::{Field, WORKGROUP, linearise, pixels, spline};
 use crate::shaders;
@@ -35,10 +36,10 @@ pub struct Constants {
     pub eta: f32,
 }
 
-/// I1, spline of I2, state, partial sums.
+/// I1, spline of I2, state, partial sums, masks.
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::APPEARANCE,
-    bindings: &[Binding::Image, Binding::Image, Binding::Buffer, Binding::Buffer],
+    bindings: &[Binding::Image, Binding::Image, Binding::Buffer, Binding::Buffer, Binding::Image],
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
@@ -48,8 +49,8 @@ pub(crate) fn bytes(c: &Constants) -> u64 {
     8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height])
 }
 
-/// One whole pass over a level; `spline2` holds the coefficients of I2.
-pub fn twin(c: &Constants, r: &Registration, i1: &Field, spline2: &Field) -> Sums {
+/// One whole pass over a level; `spline2` holds the coefficients of I2, `masks` is where pixels are masked.
+pub fn twin(c: &Constants, r: &Registration, i1: &Field, spline2: &Field, masks: Option<&Masks>) -> Sums {
     let mut sums = Sums::default();
     for y in 0..i1.height {
         for x in 0..i1.width {
@@ -60,17 +61,18 @@ pub fn twin(c: &Constants, r: &Registration, i1: &Field, spline2: &Field) -> Sum
             let i2 = spline::read(spline2, x as f64 + d[0], y as f64 + d[1]);
             let s = i1.get(x, y) - (r.gain * i2.value + r.offset);
             let psi = s.hypot(c.eta.into());
+            let share = mask::counts(masks, [x, y], d);
             let (px, py) = (x as f64 - f64::from(c.centre[0]), y as f64 - f64::from(c.centre[1]));
             let (gx, gy, length) = (r.gain * i2.dx, r.gain * i2.dy, f64::from(c.length));
             let by_unknown = [(gx * px + gy * py) / length, (gy * px - gx * py) / length, gx, gy, i2.value - 0.5, 1.0];
             for i in 0..UNKNOWNS {
-                sums.gradient[i] -= by_unknown[i] * s / psi;
+                sums.gradient[i] -= share * by_unknown[i] * s / psi;
                 for j in 0..UNKNOWNS {
-                    sums.normal[i][j] += by_unknown[i] * by_unknown[j] / psi;
+                    sums.normal[i][j] += share * by_unknown[i] * by_unknown[j] / psi;
                 }
             }
-            sums.energy += psi;
-            sums.valid += 1.0;
+            sums.energy += share * psi;
+            sums.valid += share;
         }
     }
     sums
@@ -99,13 +101,21 @@ mod tests {
     }
 
     fn check(i1: &Field, i2: &Field, transform: Similarity) {
+        check_masked(i1, i2, transform, None);
+        check_masked(i1, i2, transform, Some(&[7, 8].map(|seed| mask::shares(i1.width, i1.height, seed))));
+    }
+
+    fn check_masked(i1: &Field, i2: &Field, transform: Similarity, masks: Option<&Masks>) {
         let c = constants(i1.width, i1.height);
-        let state = State::new(&Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 }));
+        let registration = Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 });
+        let state = State::new(&registration);
         let spline = build_stack(i2, &Kernel::Gaussian, 1);
-        let expected = twin(&c, &state.registration(), i1, &spline[0]);
+        let expected = twin(&c, &state.registration(), i1, &spline[0], masks);
 
         let rig = Rig::new();
         let images = [i1, &spline[0]].map(|image| rig.image(std::slice::from_ref(image)));
+        let none = [i1.clone(), i1.clone()];
+        let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
         let groups = tiles([c.width, c.height]);
         let state = rig.upload(bytemuck::bytes_of(&state));
         let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
@@ -114,14 +124,15 @@ mod tests {
             Resource::Image(&images[1]),
             Resource::Buffer(&state),
             Resource::Buffer(&partials),
+            Resource::Image(&masks),
         ];
-        rig.run_groups(&STAGE, &resources, &c, groups);
+        rig.run_variant(&STAGE, [false, false, masked], &resources, &c, groups);
         let found = Sums::from_partials(&rig.floats(&partials));
 
-        assert_eq!(found.valid, expected.valid);
         // 1e-4 of the diagonal: single precision over the pixels of a workgroup, which may cancel off the diagonal.
         let close = |f: f64, e: f64, scale: f64| assert!((f - e).abs() <= 1e-4 * scale + 1e-6, "{f}, not {e}");
         close(found.energy, expected.energy, expected.energy);
+        close(found.valid, expected.valid, expected.valid);
         for i in 0..UNKNOWNS {
             let diagonal = |j: usize| expected.normal[j][j];
             close(found.gradient[i], expected.gradient[i], (diagonal(i) * expected.energy).sqrt());
@@ -150,7 +161,7 @@ mod tests {
         // Kept well inside, so that every pixel is valid on both sides of the difference.
         let c = Constants { factor: 1.0, ..constants(60, 50) };
         let start = Registration { a: -0.1, b: 0.03, t: [0.4, -0.3], gain: 1.1, offset: -0.05 };
-        let gradient = twin(&c, &start, &i1, &spline[0]).gradient;
+        let gradient = twin(&c, &start, &i1, &spline[0], None).gradient;
         let (step, length) = (1e-5, f64::from(c.length));
         let moved = |i: usize, by: f64| {
             let mut r = start;
@@ -162,7 +173,7 @@ mod tests {
                 4 => (r.gain, r.offset) = (r.gain + by, r.offset - 0.5 * by),
                 _ => r.offset += by,
             }
-            twin(&c, &r, &i1, &spline[0]).energy
+            twin(&c, &r, &i1, &spline[0], None).energy
         };
         for (i, found) in gradient.iter().enumerate() {
             let expected = (moved(i, step) - moved(i, -step)) / (2.0 * step);

@@ -1,4 +1,5 @@
-//! V where it is valid, NaN elsewhere, and its standard deviation, section 7 of `docs/method.md`.
+//! V where it is valid, NaN elsewhere, its standard deviation, section 7 of `docs/method.md`, and the residual: the root of
+//! its mean square over a window.
 //!
 //! Over a window of N pixels, where V is one unknown, least squares give it the variance `Σb²/(ΣD)²`, b and D of the
 //! evidence: what each residual pulls, misfit and noise alike, over what holds V. An error in place of a
@@ -49,7 +50,7 @@ impl Constants {
     }
 }
 
-/// V, evidence, result (layer 0: V, layer 1: its standard deviation), state.
+/// V, evidence, result (layers: V, its standard deviation, the residual), state.
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::CONFIDENCE,
     bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Buffer],
@@ -57,14 +58,14 @@ pub(crate) const STAGE: Stage = Stage {
     workgroup: WORKGROUP,
 };
 
-/// Bytes that must move: V and on every fourth pixel the evidence read, V and its standard deviation written.
+/// Bytes that must move: V and on every fourth pixel the evidence read, three results written.
 pub(crate) fn bytes(c: &Constants) -> u64 {
     let [width, height] = evidence::size([c.width, c.height]);
-    12 * pixels(c.width, c.height) + 4 * evidence::LAYERS as u64 * pixels(width, height)
+    16 * pixels(c.width, c.height) + 4 * evidence::LAYERS as u64 * pixels(width, height)
 }
 
-/// V and its standard deviation, from the evidence of all pixels around.
-pub fn twin(c: &Constants, r: &Registration, v: &Field, evidence: &[Field; evidence::LAYERS]) -> [Field; 2] {
+/// V, its standard deviation and the residual, from the evidence of all pixels around.
+pub fn twin(c: &Constants, r: &Registration, v: &Field, evidence: &[Field; evidence::LAYERS]) -> [Field; 3] {
     let size = [v.width, v.height];
     let valid = |x, y| inside([x, y], r.displacement(x, y, 1.0, c.centre.map(f64::from)), size, v.get(x, y), r.scale());
     let mean = |f: &Field, x: usize, y: usize| {
@@ -72,7 +73,7 @@ pub fn twin(c: &Constants, r: &Registration, v: &Field, evidence: &[Field; evide
         (f.get(x / 2, y / 2) + f.get(right, y / 2) + f.get(x / 2, below) + f.get(right, below)) / 4.0
     };
     let deviation = Field::from_fn(v.width, v.height, |x, y| {
-        let [d, b2, g2] = evidence.each_ref().map(|f| mean(f, x, y));
+        let [d, b2, g2, _] = evidence.each_ref().map(|f| mean(f, x, y));
         let largest = f64::from(c.largest);
         let data = b2 / (f64::from(c.pixels) * d * d);
         match (valid(x, y), d > 0.0) {
@@ -81,7 +82,11 @@ pub fn twin(c: &Constants, r: &Registration, v: &Field, evidence: &[Field; evide
             (true, true) => (f64::from(c.calibration) * (data + g2).sqrt()).min(largest),
         }
     });
-    [Field::from_fn(v.width, v.height, |x, y| if valid(x, y) { v.get(x, y) } else { f64::NAN }), deviation]
+    let or_none = |value: &dyn Fn(usize, usize) -> f64| {
+        Field::from_fn(v.width, v.height, |x, y| if valid(x, y) { value(x, y) } else { f64::NAN })
+    };
+    let residual = or_none(&|x, y| mean(&evidence[evidence::RESIDUAL], x, y).max(0.0).sqrt());
+    [or_none(&|x, y| v.get(x, y)), deviation, residual]
 }
 
 #[cfg(test)]
@@ -108,7 +113,7 @@ mod tests {
             let size = [width as u32, height as u32];
             let c = Constants::new(size, [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0]);
             let rig = Rig::new();
-            let images = [rig.image(std::slice::from_ref(&v)), rig.image(&evidence), rig.empty(size, 2)];
+            let images = [rig.image(std::slice::from_ref(&v)), rig.image(&evidence), rig.empty(size, 3)];
             let buffer = rig.upload(bytemuck::bytes_of(&state));
             let resources = [&images.each_ref().map(Resource::Image)[..], &[Resource::Buffer(&buffer)]].concat();
             rig.run(&STAGE, &resources, &c, size);
@@ -125,10 +130,12 @@ mod tests {
         // N pixels with residuals of deviation s, weight w and slope g: D = w g², b² = w² g² s², σ_V = s/(g sqrt(N)).
         let (s, g, w) = (0.02, 0.01, 40.0);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
-        let evidence = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0)];
+        let evidence = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(s * s)];
         let c = Constants { calibration: 1.0, ..Constants::new([32, 32], [15.5; 2]) };
         let r = Registration::new(&Similarity::IDENTITY, &Photometric::IDENTITY);
-        let found = twin(&c, &r, &Field::zeros(32, 32), &evidence)[1].get(16, 16);
+        let [_, deviation, residual] = twin(&c, &r, &Field::zeros(32, 32), &evidence);
+        let found = deviation.get(16, 16);
+        assert!((residual.get(16, 16) / s - 1.0).abs() < 1e-9);
         let expected = s / (g * f64::from(WINDOW_PIXELS).sqrt());
         assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
     }

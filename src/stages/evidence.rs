@@ -10,8 +10,10 @@ use crate::filter::{self, Filter};
 use crate::shaders;
 use crate::vulkan::{Binding, Stage};
 
-/// Layers: D, b², |∇V|².
-pub const LAYERS: usize = 3;
+/// Layers: D, b², |∇V|²; then the squared [residual](mod@super::residual).
+pub const LAYERS: usize = 4;
+/// Which of them is the residual.
+pub const RESIDUAL: usize = 3;
 /// σ of the window in px of the image.
 pub const WINDOW: f64 = 4.0;
 /// Least standard deviation of a residual, intensities: values of 8 bits are rounded by 0.0011.
@@ -35,7 +37,7 @@ pub struct Constants {
     pub noise: f32,
 }
 
-/// V, right sides and weights of the linear system, evidence.
+/// V, right sides and weights of the linear system, evidence; of that the first three layers.
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::EVIDENCE,
     bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Image],
@@ -60,7 +62,7 @@ pub fn window() -> Filter {
 }
 
 /// D, b² (of residuals of `noise` at least) and |∇V|² on every other pixel.
-pub fn twin(c: &Constants, v: &Field, system: &[Field; 5]) -> [Field; LAYERS] {
+pub fn twin(c: &Constants, v: &Field, system: &[Field; 5]) -> [Field; 3] {
     let [alpha, eta, smoothness_eta, noise] = [c.alpha, c.eta, c.smoothness_eta, c.noise].map(f64::from);
     let gradient = |x: isize, y: isize| {
         [(v.clamped(x + 1, y) - v.clamped(x - 1, y)) / 2.0, (v.clamped(x, y + 1) - v.clamped(x, y - 1)) / 2.0]
@@ -115,7 +117,9 @@ mod tests {
             let resources = [&v_image, &right_sides, &weights, &found].map(Resource::Image);
             rig.run(&STAGE, &resources, &constants(&v), size([width as u32, height as u32]));
             // D is up to 0.3 where the random weights hardly add up to anything, else some 0.01.
-            rig.assert_close(&found, &twin(&constants(&v), &v, &system), 1e-4);
+            let mut expected = twin(&constants(&v), &v, &system).to_vec();
+            expected.push(Field::zeros(expected[0].width, expected[0].height));
+            rig.assert_close(&found, &expected, 1e-4);
         }
     }
 

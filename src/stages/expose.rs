@@ -9,6 +9,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::mask::{self, Masks};
 use super::state::{Registration, inside};
 use super::{Field, WORKGROUP, pixels};
 use crate::shaders;
@@ -32,10 +33,10 @@ pub struct Constants {
     pub stride: u32,
 }
 
-/// I1, I2, V of the level solved, state.
+/// I1, I2, V of the level solved, state, masks at low pass.
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::EXPOSE,
-    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Buffer],
+    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Buffer, Binding::Image],
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
@@ -45,12 +46,14 @@ pub(crate) fn bytes(c: &Constants) -> u64 {
     12 * pixels(c.width, c.height)
 }
 
-/// Matches gain and offset in place, `v` the relative blur of the level solved; gives the correlation of the two images.
-pub fn twin(c: &Constants, r: &mut Registration, i1: &Field, i2: &Field, v: &Field) -> f64 {
+/// Matches gain and offset in place, `v` the relative blur of the level solved, `masks` where pixels are masked; gives the
+/// correlation of the two images.
+pub fn twin(c: &Constants, r: &mut Registration, i1: &Field, i2: &Field, v: &Field, masks: Option<&Masks>) -> f64 {
     let mut moments = [0.0; 6];
     let (size, stride) = ([i1.width, i1.height], c.stride as usize);
     for (x, y) in (0..i1.height).flat_map(|y| (0..i1.width).map(move |x| (x, y))) {
-        let [back, ahead] = meet(r, r.displacement(x, y, c.factor.into(), c.centre.map(f64::from)));
+        let displaced = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
+        let [back, ahead] = meet(r, displaced);
         if !inside([x, y], back, size, 0.0, 1.0) || !inside([x, y], ahead, size, 0.0, 1.0) {
             continue;
         }
@@ -61,7 +64,7 @@ pub fn twin(c: &Constants, r: &mut Registration, i1: &Field, i2: &Field, v: &Fie
         };
         let (u, v) = (read(i1, back, variance), read(i2, ahead, -variance));
         for (moment, term) in moments.iter_mut().zip([1.0, u, v, u * u, v * v, u * v]) {
-            *moment += term;
+            *moment += mask::counts(masks, [x, y], displaced) * term;
         }
     }
     let count = f64::max(moments[0], 1.0);
@@ -112,6 +115,18 @@ mod tests {
     use crate::{Photometric, Similarity};
 
     fn check(i1: &Field, i2: &Field, transform: Similarity, adopt: u32, blur: f64) -> Registration {
+        check_masked(i1, i2, transform, adopt, blur, Some(&[7, 8].map(|seed| mask::shares(i1.width, i1.height, seed))));
+        check_masked(i1, i2, transform, adopt, blur, None)
+    }
+
+    fn check_masked(
+        i1: &Field,
+        i2: &Field,
+        transform: Similarity,
+        adopt: u32,
+        blur: f64,
+        masks: Option<&Masks>,
+    ) -> Registration {
         let mut expected = Registration::new(&transform, &Photometric::IDENTITY);
         let state = State::new(&expected);
         let c = Constants {
@@ -124,13 +139,15 @@ mod tests {
         };
         let mut v = smooth_field(2 * i1.width - 1, 2 * i1.height - 1, 4);
         v.data.iter_mut().for_each(|v| *v = blur * (*v - 0.5));
-        let correlation = twin(&c, &mut expected, i1, i2, &v);
+        let correlation = twin(&c, &mut expected, i1, i2, &v, masks);
         let rig = Rig::new();
         let (images, state) =
             ([i1, i2, &v].map(|i| rig.image(std::slice::from_ref(i))), rig.upload(bytemuck::bytes_of(&state)));
+        let none = [i1.clone(), i2.clone()];
+        let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
         let [i1, i2, v] = images.each_ref().map(Resource::Image);
-        let resources = [i1, i2, v, Resource::Buffer(&state)];
-        rig.run_groups(&STAGE, &resources, &c, [1, 1, 1]);
+        let resources = [i1, i2, v, Resource::Buffer(&state), Resource::Image(&masks)];
+        rig.run_variant(&STAGE, [false, false, masked], &resources, &c, [1, 1, 1]);
         let found: State = rig.value(&state);
         for (found, expected) in
             [(found.gain, expected.gain), (found.offset, expected.offset), (found.correlation, correlation)]

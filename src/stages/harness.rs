@@ -96,14 +96,14 @@ impl Rig {
         constants: &C,
         groups: [u32; 3],
     ) {
-        self.run_variant(stage, [false; 2], resources, constants, groups);
+        self.run_variant(stage, [false; 3], resources, constants, groups);
     }
 
     /// Runs one pass of so many workgroups, of a variant of the stage.
     pub(crate) fn run_variant<C: bytemuck::Pod>(
         &self,
         stage: &Stage,
-        variant: [bool; 2],
+        variant: [bool; 3],
         resources: &[Resource<'_>],
         constants: &C,
         groups: [u32; 3],

@@ -44,14 +44,19 @@ pub fn srgb_to_linear(value: f64) -> f64 {
     if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
+/// Sample i as it is stored, of integers white at 1: the twin of `glsl/include/samples.glsl`.
+pub fn stored(frame: &Frame, i: usize) -> f64 {
+    match frame.samples() {
+        Samples::U8(s) => f64::from(s[i]) / 255.0,
+        Samples::U16(s) => f64::from(s[i]) / 65535.0,
+        Samples::F32(s) => f64::from(s[i]),
+    }
+}
+
 /// The weighted sum of a frame's channels.
 pub fn twin(frame: &Frame, decode: Decode, weights: [f32; 3]) -> Field {
     let value = |i: usize| {
-        let stored = match frame.samples() {
-            Samples::U8(s) => f64::from(s[i]) / 255.0,
-            Samples::U16(s) => f64::from(s[i]) / 65535.0,
-            Samples::F32(s) => f64::from(s[i]),
-        };
+        let stored = stored(frame, i);
         if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored }
     };
     let channels = frame.format().channels.count() as usize;
@@ -83,7 +88,7 @@ mod tests {
         };
         let groups = [size[0].div_ceil(WORKGROUP[0]), size[1].div_ceil(WORKGROUP[1]), 1];
         let resources = [Resource::Buffer(&samples), Resource::Image(&image)];
-        rig.run_variant(&STAGE, [decode == Decode::Srgb, false], &resources, &constants, groups);
+        rig.run_variant(&STAGE, [decode == Decode::Srgb, false, false], &resources, &constants, groups);
         // 2e-6: single precision, and its pow.
         rig.assert_close(&image, &[twin(frame, decode, weights)], 2e-6);
     }

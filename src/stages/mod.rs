@@ -16,10 +16,12 @@ pub mod fuse;
 pub(crate) mod harness;
 pub mod ingest;
 pub mod linearise;
+pub mod mask;
 pub mod prolong;
 pub mod refine;
 pub mod relax;
 pub mod relax_level;
+pub mod residual;
 pub mod spline;
 pub mod stack;
 pub mod state;
@@ -27,7 +29,7 @@ pub mod step;
 pub mod update;
 pub mod warp;
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 pub use field::Field;
 
@@ -46,17 +48,13 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
 
 /// The compiled passes.
 pub(crate) struct Pipelines {
+    pub(crate) mask: Arc<Pipeline>,
     pub(crate) ingest: Arc<Pipeline>,
     pub(crate) ingest_srgb: Arc<Pipeline>,
     pub(crate) convolve: Arc<Pipeline>,
     pub(crate) convolve_long: Arc<Pipeline>,
     pub(crate) refine: Arc<Pipeline>,
-    pub(crate) expose: Arc<Pipeline>,
     pub(crate) prolong: Arc<Pipeline>,
-    pub(crate) appearance: Arc<Pipeline>,
-    pub(crate) linearise: Arc<Pipeline>,
-    pub(crate) linearise_any_kernel: Arc<Pipeline>,
-    pub(crate) linearise_warped: Arc<Pipeline>,
     pub(crate) step: Arc<Pipeline>,
     pub(crate) relax: Arc<Pipeline>,
     pub(crate) relax_first: Arc<Pipeline>,
@@ -64,8 +62,22 @@ pub(crate) struct Pipelines {
     pub(crate) update: Arc<Pipeline>,
     pub(crate) warp: Arc<Pipeline>,
     pub(crate) evidence: Arc<Pipeline>,
+    pub(crate) residual: Arc<Pipeline>,
+    pub(crate) residual_any_kernel: Arc<Pipeline>,
+    pub(crate) residual_warped: Arc<Pipeline>,
     pub(crate) confidence: Arc<Pipeline>,
     pub(crate) fuse: Arc<Pipeline>,
+    weighing: [OnceLock<Weighing>; 2],
+    device: Arc<Device>,
+}
+
+/// Those that weigh pixels: where some are masked or clipped, variants do, which take longer.
+pub(crate) struct Weighing {
+    pub(crate) expose: Arc<Pipeline>,
+    pub(crate) appearance: Arc<Pipeline>,
+    pub(crate) linearise: Arc<Pipeline>,
+    pub(crate) linearise_any_kernel: Arc<Pipeline>,
+    pub(crate) linearise_warped: Arc<Pipeline>,
 }
 
 impl Pipelines {
@@ -73,26 +85,50 @@ impl Pipelines {
         let compile = |stage| Pipeline::new(device, stage).map(Arc::new);
         let variant = |stage, constants| Pipeline::variant(device, stage, constants).map(Arc::new);
         Ok(Self {
+            mask: compile(&mask::STAGE)?,
             ingest: compile(&ingest::STAGE)?,
-            ingest_srgb: variant(&ingest::STAGE, [true, false])?,
+            ingest_srgb: variant(&ingest::STAGE, [true, false, false])?,
             convolve: compile(&convolve::STAGE)?,
-            convolve_long: variant(&convolve::STAGE, [true, false])?,
+            convolve_long: variant(&convolve::STAGE, [true, false, false])?,
             refine: compile(&refine::STAGE)?,
-            expose: compile(&expose::STAGE)?,
             prolong: compile(&prolong::STAGE)?,
-            appearance: compile(&appearance::STAGE)?,
-            linearise: compile(&linearise::STAGE)?,
-            linearise_any_kernel: variant(&linearise::STAGE, [true, false])?,
-            linearise_warped: variant(&linearise::STAGE, [false, true])?,
             step: compile(&step::STAGE)?,
             relax: compile(&relax::STAGE)?,
             relax_level: compile(&relax_level::STAGE)?,
-            relax_first: variant(&relax::STAGE, [true, false])?,
+            relax_first: variant(&relax::STAGE, [true, false, false])?,
             update: compile(&update::STAGE)?,
             warp: compile(&warp::STAGE)?,
             evidence: compile(&evidence::STAGE)?,
+            residual: compile(&residual::STAGE)?,
+            residual_any_kernel: variant(&residual::STAGE, [true, false, false])?,
+            residual_warped: variant(&residual::STAGE, [false, true, false])?,
             confidence: compile(&confidence::STAGE)?,
             fuse: compile(&fuse::STAGE)?,
+            weighing: Default::default(),
+            device: device.clone(),
+        })
+    }
+
+    /// Those that weigh pixels, compiled when they are first asked for.
+    pub(crate) fn weighing(&self, masked: bool) -> Result<&Weighing, Error> {
+        let made = &self.weighing[usize::from(masked)];
+        if let Some(weighing) = made.get() {
+            return Ok(weighing);
+        }
+        let weighing = Weighing::new(&self.device, masked)?;
+        Ok(made.get_or_init(|| weighing))
+    }
+}
+
+impl Weighing {
+    fn new(device: &Arc<Device>, masked: bool) -> Result<Self, Error> {
+        let variant = |stage, [a, b]: [bool; 2]| Pipeline::variant(device, stage, [a, b, masked]).map(Arc::new);
+        Ok(Self {
+            expose: variant(&expose::STAGE, [false, false])?,
+            appearance: variant(&appearance::STAGE, [false, false])?,
+            linearise: variant(&linearise::STAGE, [false, false])?,
+            linearise_any_kernel: variant(&linearise::STAGE, [true, false])?,
+            linearise_warped: variant(&linearise::STAGE, [false, true])?,
         })
     }
 }

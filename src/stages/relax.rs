@@ -128,7 +128,7 @@ pub(crate) mod tests {
             };
             twin(&c, &system, &mut change);
             let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
-            rig.run_variant(&STAGE, [true, false], &resources, &c, tiles([c.width, c.height]));
+            rig.run_variant(&STAGE, [true, false, false], &resources, &c, tiles([c.width, c.height]));
         }
         for color in [0, 1] {
             rig.assert_close(&changes[color], &[half(&change, color)], 1e-5);

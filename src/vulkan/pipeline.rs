@@ -53,11 +53,11 @@ impl Binding {
 impl Pipeline {
     /// Compiles a stage, through the device's cache.
     pub(crate) fn new(device: &Arc<Device>, stage: &Stage) -> Result<Self, Error> {
-        Self::variant(device, stage, [false; 2])
+        Self::variant(device, stage, [false; 3])
     }
 
-    /// Compiles a stage with its specialization constants 2 and 3, both bool, as given.
-    pub(crate) fn variant(device: &Arc<Device>, stage: &Stage, variant: [bool; 2]) -> Result<Self, Error> {
+    /// Compiles a stage with its specialization constants 2 to 4, all bool, as given.
+    pub(crate) fn variant(device: &Arc<Device>, stage: &Stage, variant: [bool; 3]) -> Result<Self, Error> {
         let name = stage.shader.name;
         let mut pipeline = Self {
             handle: vk::Pipeline::null(),
@@ -107,14 +107,16 @@ impl Pipeline {
         Ok(())
     }
 
-    fn compile(&mut self, stage: &Stage, variant: [bool; 2]) -> Result<(), Error> {
+    fn compile(&mut self, stage: &Stage, variant: [bool; 3]) -> Result<(), Error> {
         let device = &self.device;
         let create = vk::ShaderModuleCreateInfo::default().code(stage.shader.spirv);
         // SAFETY: the words are SPIR-V that shaderc made at build time.
         let module = unsafe { device.handle.create_shader_module(&create, None) };
         let module = device.check("vkCreateShaderModule", module)?;
-        let entries = [0u32, 1, 2, 3].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
-        let constants = [stage.workgroup[0], stage.workgroup[1], variant[0].into(), variant[1].into()];
+        let entries =
+            [0u32, 1, 2, 3, 4].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
+        let [width, height] = stage.workgroup;
+        let constants = [width, height, variant[0].into(), variant[1].into(), variant[2].into()];
         let specialization =
             vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&constants));
         let shader = vk::PipelineShaderStageCreateInfo::default()

@@ -1,0 +1,33 @@
+#version 460
+// Which pixels of a photograph count: not those that its mask leaves out, nor those that are clipped. Twin:
+// src/stages/mask.rs.
+
+#include "samples.glsl"
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, std430) readonly buffer Samples { uint samples[]; };
+layout(binding = 1, std430) readonly buffer Mask { uint mask[]; };  // a byte a pixel of I1: 0 where it does not count
+layout(binding = 2, r32f) uniform writeonly image2DArray masks;     // of I1 and I2
+layout(push_constant) uniform Constants {
+    uint width, height, channels, bytes;
+    uint second;                     // 1 of I2, which has no mask of its own
+    float black, white;              // stored values at which a sample is clipped
+};
+
+uint sample_word(uint n) {
+    return samples[n];
+}
+
+void main() {
+    uvec2 x = gl_GlobalInvocationID.xy;
+    if (x.x >= width || x.y >= height) return;
+    uint pixel = x.y * width + x.x;
+    bool all_black = true, any_white = false;
+    for (uint c = 0; c < channels; c++) {
+        float value = stored(pixel * channels + c, bytes);
+        all_black = all_black && value <= black;
+        any_white = any_white || value >= white;
+    }
+    bool masked = second == 0u && (mask[pixel / 4] >> 8 * (pixel & 3) & 0xffu) == 0u;
+    imageStore(masks, ivec3(x, second), vec4(masked || all_black || any_white ? 0.0 : 1.0));
+}

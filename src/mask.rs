@@ -1,0 +1,43 @@
+//! Which pixels of I1 a solve is about.
+
+use crate::stages::ingest::LUMINANCE;
+use crate::{Frame, Region};
+
+/// A mask on the pixels of I1: those left out have no data term and no part in the registration, and their results are
+/// NaN.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Mask {
+    width: u32,
+    height: u32,
+    /// A byte a pixel, 0 where it is left out.
+    counts: Vec<u8>,
+}
+
+impl Mask {
+    /// The pixels of a picture that are at least half as bright as white.
+    pub fn of_picture(picture: &Frame) -> Self {
+        let channels = picture.format().channels.count() as usize;
+        let bright = |pixel: &[f32]| match *pixel {
+            [r, g, b] => LUMINANCE[0] * r + LUMINANCE[1] * g + LUMINANCE[2] * b >= 0.5,
+            _ => pixel[0] >= 0.5,
+        };
+        let intensities = picture.intensities(crate::Decode::None);
+        let counts = intensities.chunks_exact(channels).map(|pixel| u8::from(bright(pixel))).collect();
+        Self { width: picture.width(), height: picture.height(), counts }
+    }
+
+    /// A part of it, which must be within it.
+    pub(crate) fn cropped(&self, region: Region) -> Self {
+        Self { width: region.width, height: region.height, counts: region.of(&self.counts, self.width as usize, 1) }
+    }
+
+    /// Width and height.
+    pub fn size(&self) -> [u32; 2] {
+        [self.width, self.height]
+    }
+
+    /// A byte a pixel, 0 where it is left out.
+    pub fn bytes(&self) -> &[u8] {
+        &self.counts
+    }
+}

@@ -1,0 +1,116 @@
+//! A smooth field over an image: a polynomial in both directions, fitted to what is known at some places.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::statistics::{deviation, tukey};
+
+/// Sum of the powers of x and y at most.
+const DEGREE: usize = 4;
+/// Coefficients.
+const TERMS: usize = (DEGREE + 1) * (DEGREE + 2) / 2;
+/// Rounds of reweighting: after the first few the weights hardly change.
+const ROUNDS: usize = 8;
+
+/// A polynomial of fourth degree in the place, from the image centre in half diagonals.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct SmoothField {
+    centre: [f64; 2],
+    length: f64,
+    coefficients: [f64; TERMS],
+}
+
+/// A value at a place, px, and its weight.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Known {
+    pub(crate) place: [f64; 2],
+    pub(crate) value: f64,
+    pub(crate) weight: f64,
+}
+
+impl SmoothField {
+    /// Fits values over an image of `width` x `height` pixels by least squares, reweighted by Tukey's function so that
+    /// outliers have no say; `None` where the places do not determine it.
+    pub(crate) fn fit([width, height]: [u32; 2], known: &[Known]) -> Option<Self> {
+        let centre = crate::centre(width, height);
+        let length = (f64::from(width).hypot(height.into()) / 2.0).max(1.0);
+        let mut field = Self { centre, length, coefficients: [0.0; TERMS] };
+        let terms: Vec<[f64; TERMS]> = known.iter().map(|k| field.terms(k.place)).collect();
+        let mut robust = vec![1.0; known.len()];
+        for _ in 0..ROUNDS {
+            field.coefficients = least_squares(&terms, known, &robust)?;
+            let residuals: Vec<f64> = known.iter().map(|k| k.value - field.at(k.place)).collect();
+            let deviation = deviation(&residuals).max(1e-12);
+            robust = residuals.into_iter().map(|r| tukey(r / deviation)).collect();
+        }
+        Some(field)
+    }
+
+    /// Its value at a place, px.
+    pub(crate) fn at(&self, place: [f64; 2]) -> f64 {
+        self.terms(place).iter().zip(&self.coefficients).map(|(term, c)| term * c).sum()
+    }
+
+    /// The same with the value at the image centre taken off.
+    pub(crate) fn from_centre(&self, place: [f64; 2]) -> f64 {
+        self.at(place) - self.coefficients[0]
+    }
+
+    fn terms(&self, [x, y]: [f64; 2]) -> [f64; TERMS] {
+        let (x, y) = ((x - self.centre[0]) / self.length, (y - self.centre[1]) / self.length);
+        let mut terms = [0.0; TERMS];
+        let powers = (0..=DEGREE).flat_map(|degree| (0..=degree).map(move |j| (degree - j, j)));
+        for (term, (i, j)) in terms.iter_mut().zip(powers) {
+            *term = x.powi(i as i32) * y.powi(j as i32);
+        }
+        terms
+    }
+}
+
+fn least_squares(terms: &[[f64; TERMS]], known: &[Known], robust: &[f64]) -> Option<[f64; TERMS]> {
+    let (mut normal, mut right) = (DMatrix::zeros(TERMS, TERMS), DVector::zeros(TERMS));
+    for ((term, known), robust) in terms.iter().zip(known).zip(robust) {
+        let term = DVector::from_column_slice(term);
+        let weight = known.weight * robust;
+        normal.ger(weight, &term, &term, 1.0);
+        right.axpy(weight * known.value, &term, 1.0);
+    }
+    // A millionth of the diagonal keeps terms that the places hardly determine from growing.
+    for i in 0..TERMS {
+        normal[(i, i)] *= 1.0 + 1e-6;
+    }
+    let solved = normal.cholesky()?.solve(&right);
+    let mut coefficients = [0.0; TERMS];
+    coefficients.copy_from_slice(solved.as_slice());
+    coefficients.iter().all(|c: &f64| c.is_finite()).then_some(coefficients)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn places() -> impl Iterator<Item = [f64; 2]> {
+        (0..20).flat_map(|y| (0..30).map(move |x| [10.0 * f64::from(x), 10.0 * f64::from(y)]))
+    }
+
+    #[test]
+    fn a_bowl_is_found_in_spite_of_outliers() {
+        let bowl = |[x, y]: [f64; 2]| 2.0 + 1e-4 * ((x - 120.0).powi(2) + (y - 90.0).powi(2)) + 1e-9 * x.powi(4);
+        let known: Vec<Known> = places()
+            .enumerate()
+            .map(|(i, place)| Known { place, value: bowl(place) + if i % 7 == 0 { 50.0 } else { 0.0 }, weight: 1.0 })
+            .collect();
+        let field = SmoothField::fit([300, 200], &known).unwrap();
+        for place in places() {
+            assert!((field.at(place) - bowl(place)).abs() < 0.02, "{place:?}: {} {}", field.at(place), bowl(place));
+        }
+        let centre = crate::centre(300, 200);
+        assert!(field.from_centre(centre).abs() < 1e-12);
+    }
+
+    #[test]
+    fn too_little_to_go_by_is_none() {
+        let one = Known { place: [3.0, 4.0], value: 1.0, weight: 1.0 };
+        assert_eq!(SmoothField::fit([300, 200], &[]), None);
+        assert_eq!(SmoothField::fit([300, 200], &[Known { weight: 0.0, ..one }; 30]), None);
+    }
+}

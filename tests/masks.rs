@@ -1,0 +1,144 @@
+//! Pixels that do not count: clipped, or left out by a mask.
+
+mod common;
+
+use common::scene::{luminance, pair, slanted};
+use common::{TestEngine, blur_error};
+use parfocal::{Channels, Frame, Mask, Samples, Settings, Similarity, Solution, Solver, reference};
+
+const SIZE: [u32; 2] = [160, 128];
+
+fn transform() -> Similarity {
+    Similarity::new(1.3, -0.9, 0.15, 1.01)
+}
+
+fn clean_pair() -> [Frame; 2] {
+    pair(SIZE, &transform(), slanted(SIZE[0]), 0.0, 5)
+}
+
+/// 16-bit, with a value where `replace` gives one.
+fn stored(frame: &Frame, replace: impl Fn(u32, u32) -> Option<f64>) -> Frame {
+    let values = luminance(frame).into_iter().enumerate().map(|(i, v)| {
+        let (x, y) = (i as u32 % frame.width(), i as u32 / frame.width());
+        // Half of the range, so that nothing else is clipped.
+        (65535.0 * replace(x, y).unwrap_or(0.25 + 0.5 * v).clamp(0.0, 1.0)).round() as u16
+    });
+    Frame::new(frame.width(), frame.height(), Channels::Gray, Samples::U16(values.collect())).unwrap()
+}
+
+/// Blots of this radius on a lattice moved by `shift`.
+fn blots(radius: i64, shift: i64) -> impl Fn(u32, u32) -> bool {
+    move |x, y| {
+        let offset = |i: u32| (i64::from(i) + shift).rem_euclid(40) - 20;
+        offset(x).pow(2) + offset(y).pow(2) <= radius * radius
+    }
+}
+
+fn v_rms(solution: &Solution, skip: impl Fn(u32, u32) -> bool) -> f64 {
+    let mut left_out = solution.clone();
+    for (i, v) in left_out.relative_blur.iter_mut().enumerate() {
+        if skip(i as u32 % SIZE[0], i as u32 / SIZE[0]) {
+            *v = f32::NAN;
+        }
+    }
+    blur_error(&left_out, |x, _| {
+        let [v1, v2] = slanted(SIZE[0])([x as f64, 0.0]);
+        v2 - v1
+    })
+    .0
+}
+
+fn corner(solution: &Solution) -> f64 {
+    solution.transform.corner_distance(&transform(), SIZE[0], SIZE[1])
+}
+
+/// Highlights that clip and lie elsewhere in the two images, as reflections do.
+#[test]
+fn clipped_pixels_carry_no_weight() {
+    let [i1, i2] = clean_pair();
+    let white = |on: bool| on.then_some(1.0);
+    let i1 = stored(&i1, |x, y| white(blots(3, 0)(x, y)));
+    let i2 = stored(&i2, |x, y| white(blots(3, 6)(x, y)));
+    let engine = TestEngine::new();
+    let near = |x: u32, y: u32| blots(9, 0)(x, y) || blots(9, 6)(x, y);
+    let weighed = engine.solve([&i1, &i2], &Settings::default());
+    let believed = engine.solve([&i1, &i2], &Settings { white_level: Some(1e5), ..Settings::default() });
+    let [a, b] = [&weighed, &believed].map(|s| (corner(s), v_rms(s, near)));
+    println!("clipped: corner {:.4} px, V rms {:.4} px²; believed: {:.4}, {:.4}", a.0, a.1, b.0, b.1);
+    assert!(a.0 < 0.1 && a.1 < 0.25, "{a:?}");
+    assert!(b.0 > 3.0 * a.0 && b.1 > 2.0 * a.1, "{b:?}");
+}
+
+/// The same level below white says so as well, in stored values.
+#[test]
+fn the_white_level_can_be_stated() {
+    let [i1, i2] = clean_pair();
+    let grey = |on: bool| on.then_some(0.9);
+    let i1 = stored(&i1, |x, y| grey(blots(3, 0)(x, y)));
+    let i2 = stored(&i2, |x, y| grey(blots(3, 6)(x, y)));
+    let solution = TestEngine::new()
+        .solve([&i1, &i2], &Settings { white_level: Some((0.9 * 65535.0f64).round()), ..Settings::default() });
+    assert!(corner(&solution) < 0.1, "{}", corner(&solution));
+}
+
+/// A part of I2 that moved by itself, and a mask over it.
+#[test]
+fn what_a_mask_leaves_out_has_no_part_in_the_registration() {
+    let [i1, i2] = clean_pair();
+    let [_, moved] = pair(SIZE, &Similarity::new(7.0, 5.0, 0.0, 1.0), slanted(SIZE[0]), 0.0, 5);
+    let left_out = |x: u32, y: u32| (20..110).contains(&x) && (24..104).contains(&y);
+    let (there, here) = (luminance(&moved), luminance(&i2));
+    let mixed = (0..SIZE[0] * SIZE[1]).map(|i| {
+        let inside = left_out(i % SIZE[0], i / SIZE[0]);
+        (if inside { there[i as usize] } else { here[i as usize] }) as f32
+    });
+    let i2 = Frame::gray(SIZE[0], SIZE[1], mixed.collect()).unwrap();
+    let picture = (0..SIZE[0] * SIZE[1]).map(|i| if left_out(i % SIZE[0], i / SIZE[0]) { 0.0 } else { 1.0 });
+    let mask = Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], picture.collect()).unwrap());
+    let engine = TestEngine::new();
+    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let whole = solver.solve(&i1, &i2).unwrap();
+    solver.set_mask(Some(mask)).unwrap();
+    let masked = solver.solve(&i1, &i2).unwrap();
+    println!("corner {:.4} px with the mask, {:.4} without", corner(&masked), corner(&whole));
+    assert!(corner(&masked) < 0.05 && corner(&whole) > 0.2);
+    let place = (60 * SIZE[0] + 60) as usize;
+    assert!(masked.relative_blur[place].is_nan() && masked.confidence[place] == 0.0);
+    // Of what moved by itself the residual tells.
+    let middle = whole.residual[place];
+    let beside = whole.residual[(64 * SIZE[0] + 140) as usize];
+    println!("residual {middle:.4} where the scene moved, {beside:.4} beside it");
+    assert!(middle > 5.0 * beside, "{middle} {beside}");
+    solver.set_mask(None).unwrap();
+    let again = solver.solve(&i1, &i2).unwrap();
+    assert_eq!(again.transform, whole.transform, "a mask leaves no trace");
+    let other = Mask::of_picture(&Frame::gray(16, 16, vec![1.0; 256]).unwrap());
+    assert!(solver.set_mask(Some(other)).unwrap_err().to_string().contains("16x16"));
+}
+
+#[test]
+fn masks_agree_with_the_reference() {
+    let size = [151, 131];
+    let [i1, i2] = pair(size, &Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(size[0]), 0.0, 5);
+    let white = |on: bool| on.then_some(1.0);
+    let i1 = stored(&i1, |x, y| white(blots(3, 0)(x, y)));
+    let i2 = stored(&i2, |x, y| white(blots(3, 6)(x, y)));
+    let settings = Settings { max_relative_blur: 9.0, ..Settings::default() };
+    let picture = (0..size[0] * size[1]).map(|i| if i % size[0] < 30 { 0.0 } else { 1.0 }).collect();
+    let mask = Mask::of_picture(&Frame::gray(size[0], size[1], picture).unwrap());
+    let expected = reference::solve_masked(&i1, &i2, &settings, Some(&mask)).unwrap();
+    let engine = TestEngine::new();
+    let mut solver = Solver::for_pair(&engine, &i1, &i2, &settings).unwrap();
+    solver.set_mask(Some(mask)).unwrap();
+    let found = solver.solve(&i1, &i2).unwrap();
+    let rms = |f: &[f32], e: &[f64]| {
+        let squares = f.iter().zip(e).map(|(f, e)| (f64::from(*f) - e).powi(2)).filter(|s| !s.is_nan());
+        let squares: Vec<f64> = squares.collect();
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    };
+    let v = rms(&found.relative_blur, &expected.relative_blur.data);
+    let residual = rms(&found.residual, &expected.residual.data);
+    println!("rms against the reference: V {v:.5} px², residual {residual:.7}");
+    assert!(v < 5e-3 && residual < 1e-5);
+    assert!(found.transform.corner_distance(&expected.transform, size[0], size[1]) < 2e-3);
+}

@@ -1,0 +1,113 @@
+//! A part of the frame, a gain field and a flat reference.
+
+mod common;
+
+use common::scene::{exposed, luminance, pair, slanted};
+use common::{TestEngine, blur_error};
+use parfocal::{FieldCurvature, Frame, Region, Scope, Settings, Similarity, Solution};
+
+const SIZE: [u32; 2] = [300, 280];
+
+fn transform() -> Similarity {
+    Similarity::new(1.3, -0.9, 0.15, 1.01)
+}
+
+fn clean_pair() -> [Frame; 2] {
+    pair(SIZE, &transform(), slanted(SIZE[0]), 0.0, 5)
+}
+
+fn settings() -> Settings {
+    Settings { max_relative_blur: 16.0, ..Settings::default() }
+}
+
+fn solve(scope: &Scope, [i1, i2]: [&Frame; 2], settings: &Settings) -> Solution {
+    scope.solve(&TestEngine::new(), &mut None, [i1, i2], settings, &mut |_| ()).unwrap().solution
+}
+
+fn v_rms(solution: &Solution) -> f64 {
+    let left = f64::from(solution.origin[0]);
+    let truth = |x: usize, _: usize| {
+        let [v1, v2] = slanted(SIZE[0])([left + x as f64, 0.0]);
+        v2 - v1
+    };
+    blur_error(solution, truth).0
+}
+
+fn corner(solution: &Solution) -> f64 {
+    solution.transform.corner_distance(&transform(), SIZE[0], SIZE[1])
+}
+
+#[test]
+fn a_region_is_solved_as_it_is_within_the_whole() {
+    let [i1, i2] = clean_pair();
+    let region = Region { x: 120, y: 90, width: 150, height: 110 };
+    let scope = Scope { region: Some(region), ..Scope::default() };
+    let solution = solve(&scope, [&i1, &i2], &settings());
+    assert_eq!((solution.origin, solution.width, solution.height), ([120, 90], 150, 110));
+    assert_eq!(solution.photograph, SIZE);
+    let (at_corner, v) = (corner(&solution), v_rms(&solution));
+    println!(
+        "region: corner of the whole frame {at_corner:.4} px, V rms {v:.4} px², valid {}",
+        solution.valid_fraction
+    );
+    assert!(at_corner < 0.05 && v < 0.05 && solution.valid_fraction == 1.0);
+    let held = Settings { start: transform(), method: parfocal::Method::Aligned, ..settings() };
+    assert!(corner(&solve(&scope, [&i1, &i2], &held)) < 1e-3, "a start is of the whole frame");
+    let outside = Scope { region: Some(Region { x: 200, ..region }), ..Scope::default() };
+    let engine = TestEngine::new();
+    let refused = outside.solve(&engine, &mut None, [&i1, &i2], &settings(), &mut |_| ()).unwrap_err();
+    assert!(refused.to_string().contains("200,90,150,110"), "{refused}");
+}
+
+#[test]
+fn the_valid_part_is_valid_everywhere() {
+    let [i1, i2] = clean_pair();
+    let solution = solve(&Scope { crop_valid: true, ..Scope::default() }, [&i1, &i2], &settings());
+    assert!(solution.relative_blur.iter().all(|v| v.is_finite()) && solution.valid_fraction == 1.0);
+    assert!(solution.width > 260 && solution.height > 240, "{:?}", solution.region());
+    assert!(v_rms(&solution) < 0.05 && corner(&solution) < 0.02);
+    assert_eq!(solution.fused.len(), (solution.width * solution.height) as usize);
+}
+
+/// I2 falls off by a third towards the corners, off the middle.
+#[test]
+fn vignetting_is_found_and_taken_out() {
+    let [i1, i2] = clean_pair();
+    let darker = |x: f64, y: f64| 1.0 - 0.35 * ((x - 160.0).powi(2) + (y - 130.0).powi(2)) / 4e4;
+    let values = luminance(&i2).into_iter().enumerate().map(|(i, v)| {
+        let (x, y) = (i as u32 % SIZE[0], i as u32 / SIZE[0]);
+        (v * darker(x.into(), y.into())) as f32
+    });
+    let i2 = Frame::gray(SIZE[0], SIZE[1], values.collect()).unwrap();
+    let plain = solve(&Scope::default(), [&i1, &i2], &settings());
+    let scope = Scope { vignetting: true, ..Scope::default() };
+    let engine = TestEngine::new();
+    let found = scope.solve(&engine, &mut None, [&i1, &i2], &settings(), &mut |_| ()).unwrap();
+    let [low, high] = found.gain_field.as_ref().unwrap().range();
+    let [a, b] = [&found.solution, &plain].map(|s| (corner(s), v_rms(s)));
+    println!("gain {low:.3} to {high:.3}; corner {:.4} px, V rms {:.4}; without: {:.4}, {:.4}", a.0, a.1, b.0, b.1);
+    assert!((high / low - darker(160.0, 130.0) / darker(0.0, 279.0)).abs() < 0.1);
+    assert!(a.0 < 0.05 && a.1 < 0.08 && a.1 < b.1 && a.0 < b.0);
+    // Equal photographs need none.
+    let even = scope.solve(&engine, &mut None, [&i1, &exposed(&i1, 0.8, 0.0)], &settings(), &mut |_| ()).unwrap();
+    let [low, high] = even.gain_field.unwrap().range();
+    assert!(low > 0.99 && high < 1.01, "{low} to {high}");
+}
+
+#[test]
+fn a_flat_reference_is_taken_off() {
+    let [i1, i2] = clean_pair();
+    let plain = solve(&Scope::default(), [&i1, &i2], &settings());
+    // The slanted plane as its own flat target: what is left is V in the middle.
+    let flat = FieldCurvature::of_flat_target(SIZE, &plain.relative_blur, &plain.uncertainty).unwrap();
+    let scope = Scope { flat: Some(flat), crop_valid: true, ..Scope::default() };
+    let solution = solve(&scope, [&i1, &i2], &settings());
+    let largest = solution.relative_blur.iter().fold(0.0f32, |m, v| m.max(v.abs()));
+    println!("largest |V| {largest:.3} px²");
+    assert!(largest < 0.2, "{largest}");
+    let small = FieldCurvature::of_flat_target([30, 28], &vec![1.0; 840], &vec![0.1; 840]).unwrap();
+    let engine = TestEngine::new();
+    let refused =
+        Scope { flat: Some(small), ..Scope::default() }.solve(&engine, &mut None, [&i1, &i2], &settings(), &mut |_| ());
+    assert!(refused.unwrap_err().to_string().contains("30x28"));
+}
