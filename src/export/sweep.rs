@@ -121,6 +121,6 @@ pub fn write_sweep(
     staging.place()?;
     // What a solve of a pair left there belongs to other pictures.
     let of_a_pair = FILES.into_iter().chain(EXTRA_FILES).chain([DEPTH_FILE]);
-    let is_stale = |name: &&str| !SWEEP_FILES.contains(name) && !(is_float && *name == FUSED_FLOAT_FILE);
-    of_a_pair.filter(is_stale).try_for_each(|name| remove_stale(&out.join(name)))
+    let is_new = |name: &str| SWEEP_FILES.contains(&name) || is_float && name == FUSED_FLOAT_FILE;
+    of_a_pair.filter(|name| !is_new(name)).try_for_each(|name| remove_stale(&out.join(name)))
 }

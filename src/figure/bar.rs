@@ -14,8 +14,8 @@ const GAP: f32 = 0.5;
 const LEAST_TEXT: f32 = 11.0;
 /// Size of text as a part of the longer side: so a picture of any size reads alike where all of it is seen.
 const TEXT: f32 = 0.018;
-/// The key has this many lines of text at least, if they can still be read.
-const LINES: f32 = 8.0;
+/// The height of a map in sizes of the text at least, as long as that can be read: half of it is for words.
+const LINES: f32 = 12.0;
 
 /// Draws a colour bar, near on top, with values to its right in text of this size. Of the area, the left part is the bar;
 /// the right must hold the numbers.
