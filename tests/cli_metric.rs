@@ -135,7 +135,7 @@ fn a_finished_folder_is_given_depth() {
     assert_eq!(names, ["Y", "standard_deviation"]);
     let picture = image::open(desk.path("out/depth.png")).unwrap().into_rgba8();
     let ([r, _, b, _], [far_r, _, far_b, _]) = (picture.get_pixel(5, 5).0, picture.get_pixel(90, 5).0);
-    assert!(r > b && far_b > far_r, "near is red and far is blue by the lens");
+    assert!(r > b && far_b > far_r, "near is yellow and far is purple by the lens");
 
     // The report states the lens; another constant makes another depth.
     let again = desk.json(&["depth", "out", "--lens", "out/report.json", "--kappa", "0.6"]);

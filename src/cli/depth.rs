@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use parfocal::export::{DEPTH_FILE, DepthReport, Solved};
 
+use super::colors::ColorsArgument;
 use super::failure::{Failure, print};
 use super::lens::LensArguments;
 use super::output;
@@ -17,6 +18,8 @@ pub(super) struct Arguments {
     results: PathBuf,
     #[command(flatten)]
     lens: LensArguments,
+    #[command(flatten)]
+    colors: ColorsArgument,
     /// Print what the report says about depth on stdout
     #[arg(long)]
     json: bool,
@@ -30,7 +33,9 @@ Results, in the same folder, all or none:
   depth_mm.exr  channel Y: depth from the lens in mm, NaN where V is or where no depth in the range of the lens has it;
                 channel standard_deviation: of Y, mm
   report.json   gains depth: its range in mm, the number of pixels out of range, the lens; near and far by the lens
-  depth.png     near and far by the lens
+  depth.png     depth in mm, transparent where there is none
+  depth16.png, depth16.tiff
+                the same in 16 bits, where the solve has written them
 
 Exit status: 0 done, 1 failed, 2 wrong usage.";
 
@@ -44,7 +49,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         arguments.lens.file().into_iter().filter(|file| !file.ends_with("report.json")).collect();
     output::check(&arguments.results, &written, &inputs)?;
     let metric = solved.through(&lens);
-    solved.write_depth(&metric)?;
+    solved.write_depth(&metric, arguments.colors.palette())?;
     let report = DepthReport::from(&metric);
     if !arguments.quiet {
         // Nobody is left to be told where stderr is closed.

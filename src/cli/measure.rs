@@ -50,7 +50,8 @@ impl MeasureArguments {
 }
 
 const AFTER_HELP: &str = "\
-Results, in the same folder: profile_1.csv and profile_1.png for the first profile, and so on.
+Results, in the same folder: profile_1.csv and profile_1.png for the first profile, and so on; the numbers also in
+report.json. Steps take the place of those measured before, profiles that of profiles.
 
 Standard errors come from the scatter within the regions, and allow for neighbouring pixels being alike. An error that
 regions have in common, of the lens or of the model of the blur, is not in them.
@@ -69,7 +70,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let solved = Solved::read(&arguments.results)?;
     output::check(&arguments.results, &[], &[])?;
     let measured = solved.measure(&wanted)?;
-    measured.write(&arguments.results)?;
+    solved.write_measurements(&measured)?;
     if !arguments.quiet {
         // Nobody is left to be told where stderr is closed.
         let _ = writeln!(

@@ -4,6 +4,7 @@ mod apply;
 mod batch;
 mod bench;
 mod calibrate;
+mod colors;
 mod config;
 mod defaults;
 mod depth;

@@ -1,17 +1,20 @@
-//! The surface for other programs.
+//! The surface and its depth for other programs.
 
 use clap::ValueEnum;
-use parfocal::export::{Extra, Nearer};
+use parfocal::export::{self, Depth16, Extra, Nearer};
 use parfocal::model::{Model, Points};
-use parfocal::{Error, Frame, Solution};
+use parfocal::{Error, Frame, MetricDepth, Solution};
 
-/// Which files of the surface are written, and how.
+/// Which files beside the usual ones are written, and how.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct ModelArguments {
-    /// Also write the surface: ply (surface.ply, a mesh with colour and normals), cloud (points.ply, points with both),
-    /// glb (surface.glb, glTF with the best-focus image as texture); several with commas
+    /// Also write, several with commas: ply (surface.ply, a mesh with colour and normals), cloud (points.ply, points with
+    /// both), glb (surface.glb, glTF with the best-focus image as texture), depth16 (depth16.png and depth16.tiff: depth
+    /// in mm with a lens, else V, in 16-bit grey, 0 where not valid; scale and offset are in the files and in
+    /// report.json), labels (labels.png: 1 where I1 is the sharper, 2 where I2 is, 3 where V is within its standard
+    /// deviation of 0, 0 where not valid)
     #[arg(long, value_name = "KIND", value_enum, value_delimiter = ',')]
-    export: Vec<ModelName>,
+    export: Vec<ExportName>,
     /// Most vertices of a mesh along its longer side, 2 to 65536; default: one for each pixel
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=65536))]
     mesh_cells: Option<u32>,
@@ -21,21 +24,17 @@ pub(super) struct ModelArguments {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
-enum ModelName {
+enum ExportName {
     Ply,
     Cloud,
     Glb,
+    Depth16,
+    Labels,
 }
 
-impl From<ModelName> for Model {
-    fn from(name: ModelName) -> Self {
-        match name {
-            ModelName::Ply => Self::Ply,
-            ModelName::Cloud => Self::Cloud,
-            ModelName::Glb => Self::Glb,
-        }
-    }
-}
+/// The kinds that show the surface.
+const MODELS: [(ExportName, Model); 3] =
+    [(ExportName::Ply, Model::Ply), (ExportName::Cloud, Model::Cloud), (ExportName::Glb, Model::Glb)];
 
 fn positive(text: &str) -> Result<f64, String> {
     let good = |value: &f64| (1e-6..=1e6).contains(value);
@@ -43,9 +42,9 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 impl ModelArguments {
-    /// The points of the surface, if any file is asked for.
+    /// The points of the surface, if any file of it is asked for.
     pub(super) fn points(&self, solution: &Solution, fused: &Frame, nearer: Nearer) -> Result<Option<Points>, Error> {
-        if self.export.is_empty() {
+        if self.models().next().is_none() {
             return Ok(None);
         }
         let blur = &solution.relative_blur;
@@ -53,11 +52,26 @@ impl ModelArguments {
         Points::of_relative_blur(blur, fused, nearer, exaggeration).map(Some)
     }
 
-    /// The files that are asked for, each once.
+    /// Depth in 16 bits, if it is asked for.
+    pub(super) fn depth16(&self, solution: &Solution, metric: Option<&MetricDepth>) -> Option<Depth16> {
+        let size = (solution.width, solution.height);
+        let of_blur = || Depth16::of_relative_blur(size, &solution.relative_blur);
+        self.export.contains(&ExportName::Depth16).then(|| metric.map_or_else(of_blur, Depth16::of_depth))
+    }
+
+    /// The files of the surface that are asked for, each once.
     pub(super) fn files<'a>(&self, points: Option<&'a Points>, fused: &'a Frame) -> Vec<Extra<'a>> {
         let Some(points) = points else { return Vec::new() };
         let nodes = self.mesh_cells.map(|n| n as usize);
-        let asked = [ModelName::Ply, ModelName::Cloud, ModelName::Glb].into_iter().filter(|n| self.export.contains(n));
-        asked.map(|name| points.file(name.into(), fused, nodes)).collect()
+        self.models().map(|model| points.file(model, fused, nodes)).collect()
+    }
+
+    /// `labels.png`, if it is asked for.
+    pub(super) fn labels<'a>(&self, solution: &'a Solution) -> Option<Extra<'a>> {
+        self.export.contains(&ExportName::Labels).then(|| export::labels(solution))
+    }
+
+    fn models(&self) -> impl Iterator<Item = Model> {
+        MODELS.into_iter().filter(|(name, _)| self.export.contains(name)).map(|(_, model)| model)
     }
 }

@@ -5,12 +5,13 @@ use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use parfocal::export::{self, Additions, DEPTH_FILE, DepthReport, EXTRA_FILES, FILES, Look, Report};
+use parfocal::export::{self, Additions, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, FILES, Look, Report};
 use parfocal::image_io::{self, Input};
 use parfocal::report_html::Page;
 use parfocal::{DeviceInfo, Frame, Lens, Method, MetricDepth, Settings, Solution, Solver};
 use sha2::{Digest, Sha256};
 
+use super::colors::ColorsArgument;
 use super::failure::{Failure, print};
 use super::lens::{self, LensArguments, PartOfLens};
 use super::measure::MeasureArguments;
@@ -35,10 +36,12 @@ pub(super) struct Arguments {
     /// Keep what --transform states instead of starting from it; the method is then aligned
     #[arg(long, requires = "transform")]
     hold: bool,
-    /// Which image is focused nearer, 1 or 2; decides what is red in depth.png [default: 1; with a lens, as
-    /// its focus distances say]
+    /// Which image is focused nearer, 1 or 2; decides which end of V is near in depth.png [default: 1; with a lens,
+    /// as its focus distances say]
     #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2))]
     nearer: Option<u8>,
+    #[command(flatten)]
+    colors: ColorsArgument,
     /// Do not write report.html
     #[arg(long)]
     no_html: bool,
@@ -121,7 +124,10 @@ pub(super) fn settings(arguments: &Arguments) -> Result<Settings, Failure> {
 pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
     lens::nearer(arguments.nearer, arguments.lens.stated()?.as_ref())?;
     let inputs: Vec<_> = arguments.pair.inputs().into_iter().chain(arguments.lens.file()).collect();
-    output::check(&arguments.output, &[&FILES[..], &EXTRA_FILES, &[DEPTH_FILE]].concat(), &inputs)
+    // Those of an earlier run are replaced or removed, with --profile or without.
+    let profiles = export::profiles_in(&arguments.output);
+    let profiles: Vec<&str> = profiles.iter().map(String::as_str).collect();
+    output::check(&arguments.output, &[&FILES[..], &EXTRA_FILES, &[DEPTH_FILE], &profiles].concat(), &inputs)
 }
 
 /// Reads the pair, unless what the files are says that it is `settled` already.
@@ -163,10 +169,15 @@ pub(super) fn write(
     report.request = request(arguments, settings);
     report.depth = metric.as_ref().map(DepthReport::from);
     report.measurements = (!wanted.is_empty()).then(|| measurements.clone());
-    let look = Look { nearer, decode: settings.decode, formats };
+    let depth16 = arguments.models.depth16(solution, metric.as_ref());
+    report.depth16 = depth16.as_ref().map(Depth16::report);
+    let look = Look { nearer, decode: settings.decode, formats, palette: arguments.colors.palette() };
     let fused = export::fused(solution, settings.decode)?;
     let points = arguments.models.points(solution, &fused, nearer)?;
     let mut extras = arguments.models.files(points.as_ref(), &fused);
+    extras.extend(depth16.iter().flat_map(Depth16::files));
+    extras.extend(arguments.models.labels(solution));
+    extras.extend(export::fused_float(solution, &look));
     if !arguments.no_html {
         let names = [&arguments.pair.i1, &arguments.pair.i2].map(|path| name(path));
         let page = Page { photographs: frames.each_ref(), names, decode: settings.decode, nearer };
@@ -191,7 +202,7 @@ pub(super) fn request(arguments: &Arguments, settings: &Settings) -> String {
 fn tell(report: &Report, written: &[&str], arguments: &Arguments) -> Result<(), Failure> {
     if !arguments.pair.common.quiet {
         // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(io::stderr(), "{}", summary(report, &arguments.output, written));
+        let _ = writeln!(io::stderr(), "{}", summary(report, arguments.colors.palette(), &arguments.output, written));
     }
     if arguments.pair.common.json {
         print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;

@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use parfocal::export::{self, Nearer, SWEEP_FILES, SweepReport};
+use parfocal::export::{self, DEPTH_FILE, EXTRA_FILES, FILES, Nearer, SWEEP_FILES, SweepReport};
 use parfocal::focus_stack::{SweepOptions, solve_sweep};
 use parfocal::{Frame, Method, image_io};
 
+use super::colors::ColorsArgument;
 use super::failure::{Failure, print};
 use super::output;
 use super::pair::SettingsArguments;
@@ -30,10 +31,12 @@ pub(super) struct Arguments {
     /// The frame on whose pixels the results are, counted from 1; the middle one without it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     reference: Option<u32>,
-    /// Whether the first frame is focused nearest (1) or the last (2); decides what is red in depth.png
+    /// Whether the first frame is focused nearest (1) or the last (2); decides which end is near in depth.png
     #[arg(long, value_name = "1|2", default_value_t = Nearer::default().number(),
           value_parser = clap::value_parser!(u8).range(1..=2))]
     nearer: u8,
+    #[command(flatten)]
+    colors: ColorsArgument,
     #[command(flatten)]
     settings: SettingsArguments,
 }
@@ -45,7 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     check(arguments)?;
     let mut inputs: Vec<&PathBuf> = arguments.frames.iter().collect();
     inputs.extend(arguments.settings.inputs());
-    output::check(&arguments.output, &SWEEP_FILES, &inputs)?;
+    output::check(&arguments.output, &[&SWEEP_FILES[..], &FILES, &EXTRA_FILES, &[DEPTH_FILE]].concat(), &inputs)?;
     let frames: Vec<Frame> = arguments.frames.iter().map(|file| image_io::read(file)).collect::<Result<_, _>>()?;
     let engine = arguments.settings.open_engine()?;
     let reference = arguments.reference.map(|n| n as usize - 1);
@@ -60,7 +63,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let files: Vec<String> = arguments.frames.iter().map(|file| file.display().to_string()).collect();
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
     let report = SweepReport::new(&sweep, &files, nearer, engine.info(), total_ms);
-    export::write_sweep(&arguments.output, &sweep, &report, nearer, decode, format)?;
+    let palette = arguments.colors.palette();
+    export::write_sweep(&arguments.output, &sweep, &report, nearer, decode, format, palette)?;
     tell(&report, arguments)?;
     arguments.settings.check_strict(true, &report.warnings)
 }

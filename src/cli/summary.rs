@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::export::{DeviceReport, RegistrationReport, Report, TimingsReport};
+use parfocal::export::{DeviceReport, Palette, RegistrationReport, Report, TimingsReport};
 use parfocal::image_io::Input;
 use parfocal::{Decode, Method, Photometric, Progress, Similarity};
 
@@ -41,10 +41,10 @@ impl Drop for Bar {
 type Row = (&'static str, String);
 
 /// The few lines of a solve, without a newline at the end.
-pub(super) fn summary(report: &Report, out: &Path, written: &[&str]) -> String {
+pub(super) fn summary(report: &Report, palette: Palette, out: &Path, written: &[&str]) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
     rows.extend(values(&report.inputs, report.settings.decode));
-    rows.extend([("relative blur", blur(report)), ("depth.png", near_is_red(report))]);
+    rows.extend([("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);
     rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
     rows.extend(report.measurements.iter().flat_map(measure::rows));
     rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
@@ -104,12 +104,13 @@ fn judged(converged: bool, warnings: &[String], time: &TimingsReport) -> Vec<Row
     rows
 }
 
-fn near_is_red(report: &Report) -> String {
+fn near_and_far(report: &Report, palette: Palette) -> String {
+    let [near, far] = palette.ends();
     if report.depth.is_some() {
-        return format!("red near, blue far, I{} focused nearer by the lens", report.nearer);
+        return format!("mm, {near} near, {far} far; I{} focused nearer by the lens", report.nearer);
     }
     let other = 3 - report.nearer;
-    format!("red near, blue far, I{} taken as focused nearer; --nearer {other} swaps them", report.nearer)
+    format!("{near} near, {far} far, I{} taken as focused nearer; --nearer {other} swaps them", report.nearer)
 }
 
 fn blur(report: &Report) -> String {
@@ -126,7 +127,7 @@ fn blur(report: &Report) -> String {
 
 #[cfg(test)]
 mod tests {
-    use parfocal::export::{Nearer, Report};
+    use parfocal::export::{Nearer, Palette, Report};
     use parfocal::{Channels, DeviceInfo, Level, Photometric, Settings, Similarity, Solution, Timings};
 
     use super::*;
@@ -171,7 +172,7 @@ mod tests {
 
     #[test]
     fn a_person_is_told_what_came_out_and_where_it_is() {
-        let text = summary(&report([-1.5, 4.0]), Path::new("out"), &["depth.png"]);
+        let text = summary(&report([-1.5, 4.0]), Palette::Viridis, Path::new("out"), &["depth.png"]);
         for part in
             ["a device (a driver)", "+1.250 px right", "gain 1.0200", "-1.50 to +4.00 px²", "50.0 %", "out: depth.png"]
         {
@@ -182,7 +183,7 @@ mod tests {
 
     #[test]
     fn without_a_valid_pixel_no_range_is_made_up() {
-        let text = summary(&report([f32::NAN; 2]), Path::new("out"), &["depth.png"]);
+        let text = summary(&report([f32::NAN; 2]), Palette::Viridis, Path::new("out"), &["depth.png"]);
         assert!(text.contains("no valid pixel") && !text.contains("NaN"), "{text}");
     }
 }

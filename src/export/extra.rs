@@ -4,7 +4,21 @@ use std::io::Write;
 
 /// Names that an [`Extra`] may have. One that a solve does not write is removed from its folder: left from another
 /// solve, it would contradict the rest.
-pub const EXTRA_FILES: [&str; 4] = ["report.html", "surface.ply", "points.ply", "surface.glb"];
+pub const EXTRA_FILES: [&str; 8] = [
+    "report.html",
+    "surface.ply",
+    "points.ply",
+    "surface.glb",
+    "depth16.png",
+    "depth16.tiff",
+    "labels.png",
+    "fused.exr",
+];
+
+/// Those of them that show near and far.
+pub(super) fn with_near_and_far() -> impl Iterator<Item = &'static str> {
+    EXTRA_FILES.into_iter().take(4)
+}
 
 /// One more file of a solve, which appears with the others or not at all.
 pub struct Extra<'a> {

@@ -7,55 +7,8 @@ use exr::meta::attribute::{AttributeValue, Text};
 use exr::meta::header::LayerAttributes;
 use exr::prelude::{AnyChannel, AnyChannels, Encoding, WritableImage};
 
-/// What a field holds, for the attributes of its file.
-pub(super) struct Meaning {
-    units: &'static str,
-    comments: &'static str,
-}
-
-/// V.
-pub(super) const RELATIVE_BLUR: Meaning = Meaning {
-    units: "px^2",
-    comments: "Relative blur V in px^2 of the first image; positive where the second is the more blurred; \
-               NaN outside the valid region",
-};
-
-/// σ_V.
-pub(super) const UNCERTAINTY: Meaning = Meaning {
-    units: "px^2",
-    comments: "Standard deviation of the relative blur V in px^2; NaN outside the valid region, 1000 where the images \
-               say nothing",
-};
-
-/// 1/(1 + σ_V²).
-pub(super) const CONFIDENCE: Meaning = Meaning {
-    units: "1",
-    comments: "1/(1 + s^2), s the standard deviation of V in px^2: 0.5 at 1 px^2; 0 outside the valid region",
-};
-
-/// u of a sweep.
-pub(super) const FOCUS: Meaning = Meaning {
-    units: "focus settings",
-    comments: "Focus setting at which each pixel of the reference frame is sharp; NaN where no pair of frames tells",
-};
-
-/// Its standard deviation.
-pub(super) const FOCUS_UNCERTAINTY: Meaning =
-    Meaning { units: "focus settings", comments: "Standard deviation of the focus setting; NaN where there is none" };
-
-/// A photograph.
-pub(super) const INTENSITY: Meaning = Meaning { units: "1", comments: "Intensity, white at 1" };
-
-/// True depth.
-pub(super) const DEPTH: Meaning =
-    Meaning { units: "mm", comments: "Depth in mm from the lens, at the pixels of the first image" };
-
-/// Depth by the lens, and its standard deviation.
-pub(super) const METRIC_DEPTH: Meaning = Meaning {
-    units: "mm",
-    comments: "Y: depth in mm from the lens, at the pixels of the first image; standard_deviation: that of Y in mm, from \
-               the uncertainty of the relative blur; NaN outside the valid region and the range of the lens model",
-};
+use super::meaning::{Meaning, SOFTWARE};
+use crate::Channels;
 
 /// Writes a field of `width` x `height` values.
 pub(super) fn write(
@@ -67,6 +20,22 @@ pub(super) fn write(
     write_channels(writer, size, &[("Y", values)], meaning)
 }
 
+/// Writes an image of interleaved intensities: channel `Y`, or `R`, `G` and `B`.
+pub(super) fn write_image(
+    writer: impl Write + Seek,
+    size: (u32, u32),
+    channels: Channels,
+    values: &[f32],
+    meaning: &Meaning,
+) -> Result<(), String> {
+    if channels == Channels::Gray {
+        return write(writer, size, values, meaning);
+    }
+    let plane = |k: usize| values.iter().skip(k).step_by(3).copied().collect::<Vec<f32>>();
+    let [r, g, b] = [0, 1, 2].map(plane);
+    write_channels(writer, size, &[("R", &r), ("G", &g), ("B", &b)], meaning)
+}
+
 /// Writes several fields of one size, each with the name of its channel.
 pub(super) fn write_channels(
     writer: impl Write + Seek,
@@ -76,8 +45,8 @@ pub(super) fn write_channels(
 ) -> Result<(), String> {
     let text = |s: &str| Text::new_or_none(s).ok_or_else(|| format!("'{s}' does not fit EXR text"));
     let mut attributes = LayerAttributes {
-        software_name: Some(text(concat!("parfocal ", env!("CARGO_PKG_VERSION")))?),
-        comments: Some(text(meaning.comments)?),
+        software_name: Some(text(SOFTWARE)?),
+        comments: Some(text(&meaning.comments)?),
         ..LayerAttributes::default()
     };
     attributes.other.insert(text("units")?, AttributeValue::Text(text(meaning.units)?));

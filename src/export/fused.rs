@@ -1,11 +1,12 @@
 //! The pseudo-radiance as a picture, in the depth of the inputs.
 
-use std::io::Write;
+use std::io::{Cursor, Seek, Write};
 
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder};
+use png::ColorType;
 
-use super::Look;
+use super::meaning::{FUSED, FUSED_FLOAT};
+use super::picture::{self, Stored};
+use super::{Extra, Look, field};
 use crate::{Channels, Decode, Depth, Error, Frame, Samples, Solution};
 
 /// An image in intensities, white at 1, interleaved.
@@ -26,14 +27,46 @@ pub(super) fn write(writer: impl Write, solution: &Solution, look: &Look) -> Res
 /// Writes an image as PNG: 8 bits for inputs of 8, else 16.
 pub(super) fn write_image(writer: impl Write, image: &Image<'_>, decode: Decode, depth: Depth) -> Result<(), String> {
     let stored = image.values.iter().map(|&v| stored(v, decode));
-    let gray = image.channels == Channels::Gray;
+    let color = color_type(image.channels);
     if depth == Depth::U8 {
         let bytes: Vec<u8> = stored.map(|v| (v * 255.0).round() as u8).collect();
-        return png(writer, &bytes, image.size, if gray { ExtendedColorType::L8 } else { ExtendedColorType::Rgb8 });
+        return picture::write(writer, image.size, color, &Stored::Bytes(&bytes), &FUSED);
     }
-    let samples: Vec<u16> = stored.map(|v| (v * 65535.0).round() as u16).collect();
-    let kind = if gray { ExtendedColorType::L16 } else { ExtendedColorType::Rgb16 };
-    png(writer, bytemuck::cast_slice(&samples), image.size, kind)
+    let words: Vec<u16> = stored.map(|v| (v * 65535.0).round() as u16).collect();
+    picture::write(writer, image.size, color, &Stored::Words(&words), &FUSED)
+}
+
+/// How PNG calls the channels.
+pub(super) fn color_type(channels: Channels) -> ColorType {
+    match channels {
+        Channels::Gray => ColorType::Grayscale,
+        Channels::Rgb => ColorType::Rgb,
+    }
+}
+
+/// The fused image in floats, which the integers of `fused.png` clip.
+pub const FUSED_FLOAT_FILE: &str = "fused.exr";
+
+/// `fused.exr`, where I1 or I2 is in floats.
+pub fn fused_float<'a>(solution: &'a Solution, look: &Look) -> Option<Extra<'a>> {
+    let decode = look.decode;
+    let size = (solution.width, solution.height);
+    let image = Image { size, channels: solution.fused_channels, values: &solution.fused };
+    let is_float = look.formats.iter().any(|format| format.depth == Depth::F32);
+    is_float.then(|| {
+        Extra::new(FUSED_FLOAT_FILE, move |w| {
+            // The format goes back and forth in its file.
+            let mut bytes = Cursor::new(Vec::new());
+            write_float(&mut bytes, &image, decode)?;
+            w.write_all(&bytes.into_inner()).map_err(|e| e.to_string())
+        })
+    })
+}
+
+/// Writes an image as EXR, in the values of the inputs and with nothing clipped.
+pub(super) fn write_float(writer: impl Write + Seek, image: &Image<'_>, decode: Decode) -> Result<(), String> {
+    let encoded = image.values.iter().map(|&v| if decode == Decode::Srgb { encode_srgb(v) } else { v });
+    field::write_image(writer, image.size, image.channels, &encoded.collect::<Vec<_>>(), &FUSED_FLOAT)
 }
 
 /// The fused image in 8 bits, as `fused.png` stores it where both inputs have 8.
@@ -57,16 +90,6 @@ pub(crate) fn stored(value: f32, decode: Decode) -> f32 {
 /// The sRGB curve, IEC 61966-2-1.
 fn encode_srgb(linear: f32) -> f32 {
     if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
-}
-
-/// Writes a PNG; 16-bit samples in the machine's byte order.
-pub(super) fn png(
-    writer: impl Write,
-    bytes: &[u8],
-    (width, height): (u32, u32),
-    color: ExtendedColorType,
-) -> Result<(), String> {
-    PngEncoder::new(writer).write_image(bytes, width, height, color).map_err(|e| e.to_string())
 }
 
 #[cfg(test)]

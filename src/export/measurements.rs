@@ -1,12 +1,14 @@
 //! Step heights and profiles: for the report, as CSV and as pictures.
 
+use std::fs;
 use std::io::Write;
 use std::path::Path;
 
-use image::ExtendedColorType::Rgb8;
+use png::ColorType;
 use serde::Serialize;
 
-use super::fused::png;
+use super::meaning::PROFILE;
+use super::picture::{self, Stored};
 use super::remove_stale;
 use super::staging::Staging;
 use crate::figure::{Axis, Plot, Region, Series};
@@ -121,27 +123,24 @@ fn name(index: usize, ending: &str) -> String {
     format!("profile_{}.{ending}", index + 1)
 }
 
-impl Measurements {
-    /// Writes the profiles into a folder, all or none; those that an earlier run left there are removed.
-    ///
-    /// # Errors
-    /// [`Error::File`].
-    pub fn write(&self, folder: &Path) -> Result<(), Error> {
-        if self.profiles.is_empty() {
-            return Ok(());
-        }
-        let mut staging = Staging::new(folder)?;
-        self.stage(&mut staging)?;
-        staging.place()?;
-        self.remove_stale(folder)
-    }
+/// The files of profiles that are in a folder, which a solve into it may replace or remove; none where it cannot be listed.
+pub fn profiles_in(folder: &Path) -> Vec<String> {
+    let number = |name: &str| {
+        let rest = name.strip_prefix("profile_")?;
+        rest.strip_suffix(".csv").or(rest.strip_suffix(".png"))?.parse::<usize>().ok()
+    };
+    let names = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
+    names.filter_map(|name| name.into_string().ok()).filter(|name| number(name).is_some()).collect()
+}
 
+impl Measurements {
     /// Adds the profiles to what is about to appear.
     pub(super) fn stage(&self, staging: &mut Staging) -> Result<(), Error> {
         for profile in &self.profiles {
             staging.add(&profile.csv, |w| profile.write_csv(w).map_err(|e| e.to_string()))?;
             let picture = profile.plot().draw();
-            staging.add(&profile.png, |w| png(w, &picture, picture.dimensions(), Rgb8))?;
+            let bytes = Stored::Bytes(&picture);
+            staging.add(&profile.png, |w| picture::write(w, picture.dimensions(), ColorType::Rgb, &bytes, &PROFILE))?;
         }
         Ok(())
     }

@@ -5,6 +5,7 @@ use std::io::{Seek, Write};
 use serde::Serialize;
 
 use super::field;
+use super::meaning::METRIC_DEPTH;
 use super::report::RangeReport;
 use crate::{Lens, MetricDepth};
 
@@ -33,5 +34,5 @@ impl From<&MetricDepth> for DepthReport {
 /// Writes `depth_mm.exr`: channel `Y` and channel `standard_deviation`, both mm.
 pub(super) fn write(writer: impl Write + Seek, metric: &MetricDepth) -> Result<(), String> {
     let channels = [("Y", &metric.depth[..]), ("standard_deviation", &metric.deviation)];
-    field::write_channels(writer, (metric.width, metric.height), &channels, &field::METRIC_DEPTH)
+    field::write_channels(writer, (metric.width, metric.height), &channels, &METRIC_DEPTH)
 }

@@ -3,12 +3,17 @@
 //! [`write()`] puts the files of a solve into a folder: all of them, or none.
 
 mod depth;
+mod depth16;
 mod extra;
 mod field;
 mod fused;
 mod json;
+mod labels;
+mod meaning;
 mod measurements;
 mod metric;
+mod palette;
+mod picture;
 mod ranks;
 mod registered;
 mod registration;
@@ -26,11 +31,14 @@ mod transform;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+pub use depth16::{Depth16, Depth16Report};
 pub use extra::{EXTRA_FILES, Extra};
-pub use fused::fused;
 pub(crate) use fused::stored;
-pub use measurements::{Measurements, ProfileReport, StepReport, Wanted};
+pub use fused::{FUSED_FLOAT_FILE, fused, fused_float};
+pub use labels::labels;
+pub use measurements::{Measurements, ProfileReport, StepReport, Wanted, profiles_in};
 pub use metric::{DEPTH_FILE, DepthReport};
+pub use palette::Palette;
 pub use registered::{registered_ending, write_registered};
 pub use registration::{RegistrationReport, write_json, write_registration};
 pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TimingsReport};
@@ -42,6 +50,7 @@ pub use sweep::{SWEEP_FILES, SweepFrame, SweepReport, write_sweep};
 pub use transform::{read_pair_of, read_transform};
 
 use crate::{Decode, Error, Format, Lens, MetricDepth, Solution};
+use depth::Map;
 pub(crate) use json::to_string as to_json;
 pub(crate) use staging::{Staging, write_file};
 
@@ -49,7 +58,7 @@ pub(crate) use staging::{Staging, write_file};
 pub const FILES: [&str; 6] =
     ["relative_blur.exr", "confidence.exr", "depth.png", "fused.png", "report.json", "uncertainty.exr"];
 
-/// Which of the two images is focused nearer to the camera; it decides what V > 0 means in `depth.png`.
+/// Which of the two images is focused nearer to the camera; it decides which end of V is near in `depth.png`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Nearer {
     /// I1: V > 0 is near.
@@ -83,6 +92,8 @@ pub struct Look {
     pub decode: Decode,
     /// The formats of I1 and I2; `fused.png` has 8 bits where both have.
     pub formats: [Format; 2],
+    /// The colours of `depth.png`.
+    pub palette: Palette,
 }
 
 /// What is written only where it was asked for.
@@ -116,10 +127,14 @@ pub fn write(
     check_lengths(solution)?;
     let mut staging = Staging::new(out)?;
     let [blur, confidence, depth, fused, json, uncertainty] = FILES;
-    staging.add(blur, |w| field::write(w, size, &solution.relative_blur, &field::RELATIVE_BLUR))?;
-    staging.add(confidence, |w| field::write(w, size, &solution.confidence, &field::CONFIDENCE))?;
-    staging.add(uncertainty, |w| field::write(w, size, &solution.uncertainty, &field::UNCERTAINTY))?;
-    staging.add(depth, |w| depth::write(w, size, &solution.relative_blur, look.nearer))?;
+    staging.add(blur, |w| field::write(w, size, &solution.relative_blur, &meaning::RELATIVE_BLUR))?;
+    staging.add(confidence, |w| field::write(w, size, &solution.confidence, &meaning::CONFIDENCE))?;
+    staging.add(uncertainty, |w| field::write(w, size, &solution.uncertainty, &meaning::UNCERTAINTY))?;
+    let map = match additions.depth {
+        Some(metric) => Map::of_depth(metric, look.palette),
+        None => Map::of_relative_blur(size, &solution.relative_blur, look.nearer, look.palette),
+    };
+    staging.add(depth, |w| depth::write(w, &map))?;
     staging.add(fused, |w| fused::write(w, solution, look))?;
     let of_this = |name: &str| additions.extras.iter().any(|extra| extra.name == name);
     let stale: Vec<PathBuf> =

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize, Serializer};
 
+use super::depth16::Depth16Report;
 use super::measurements::Measurements;
 use super::metric::DepthReport;
 use super::ranks::Ranks;
@@ -41,6 +42,9 @@ pub struct Report {
     /// Depth in mm, where the lens is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthReport>,
+    /// What the samples of `depth16.png` and `depth16.tiff` mean, where they were asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth16: Option<Depth16Report>,
     /// What was asked to be measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measurements: Option<Measurements>,
@@ -137,6 +141,7 @@ impl Report {
             saturated_fraction: solution.saturated_fraction,
             nearer: nearer.number(),
             depth: None,
+            depth16: None,
             measurements: None,
             warnings: solution.warnings.clone(),
             device: device.into(),

@@ -1,4 +1,5 @@
-//! V as colour: red near, blue far, as in the paper, and one scale for as many fields as are to be compared.
+//! From values to nearness, on one scale for as many fields as are to be compared; and red near, blue far, as in the
+//! paper.
 
 use super::Nearer;
 use super::ranks::Ranks;
@@ -9,7 +10,7 @@ const TAIL: f64 = 0.01;
 /// The least span of the scale, px²: less than that is rounding and noise, and must not look like relief.
 const LEAST_SPAN: f32 = 0.5;
 
-/// From V, px², to nearness and colour; the scale of `depth.png` and of every other picture of V.
+/// From V, px², to nearness; the scale of `depth.png` and of every other picture of V. Depth has one in mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     /// V at one end, px².
@@ -29,12 +30,17 @@ impl Scale {
 
     /// One scale for several fields: from the lowest 1st to the highest 99th percentile of any.
     pub fn common<'a>(fields: impl IntoIterator<Item = &'a [f32]>, nearer: Nearer) -> Self {
+        Self::spanning(fields, nearer, LEAST_SPAN)
+    }
+
+    /// The same for values of another unit, over `least_span` of it at least.
+    pub(super) fn spanning<'a>(fields: impl IntoIterator<Item = &'a [f32]>, nearer: Nearer, least_span: f32) -> Self {
         let ends = fields.into_iter().filter_map(|values| {
             let mut ranks = Ranks::of(values);
             Some((ranks.quantile(TAIL)?, ranks.quantile(1.0 - TAIL)?))
         });
         let (low, high) = ends.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((0.0, 0.0));
-        let widen = (LEAST_SPAN - (high - low)).max(0.0) / 2.0;
+        let widen = (least_span - (high - low)).max(0.0) / 2.0;
         Self { low: low - widen, high: high + widen, nearer }
     }
 
@@ -58,7 +64,7 @@ impl Scale {
         f64::from(self.low) + t * (f64::from(self.high) - f64::from(self.low))
     }
 
-    /// RGBA: [`color`] of the nearness, transparent where `v` is not finite.
+    /// RGBA: [`color`] of the nearness, red near and blue far; transparent where `v` is not finite.
     pub fn rgba(&self, v: f32) -> [u8; 4] {
         if !v.is_finite() {
             return [0; 4];

@@ -3,14 +3,16 @@
 use std::io::Write;
 use std::path::Path;
 
-use image::ExtendedColorType;
 use serde::Serialize;
 
+use super::fused::color_type;
+use super::meaning::{DEPTH, PHOTOGRAPH, RELATIVE_BLUR};
+use super::picture::{self, Stored};
 use super::report::{RangeReport, SizeReport};
 use super::staging::Staging;
-use super::{field, fused, remove_stale};
+use super::{field, remove_stale};
 use crate::scene::{Exposure, Kernel, Radiance, Scene, Shape, Simulated};
-use crate::{Channels, Error, Frame, Lens, Photometric, Samples, Similarity};
+use crate::{Error, Frame, Lens, Photometric, Samples, Similarity};
 
 /// The files that [`write_simulated`] makes; `depth.exr` only where the scene has a lens.
 pub const SIMULATED_FILES: [&str; 5] = ["i1.png", "i2.png", "relative_blur.exr", "depth.exr", "truth.json"];
@@ -97,11 +99,11 @@ pub fn write_simulated(out: &Path, simulated: &Simulated, truth: &Truth) -> Resu
     let size = (simulated.i1.width(), simulated.i1.height());
     let mut staging = Staging::new(out)?;
     let [i1, i2, blur, depth_file, json] = SIMULATED_FILES;
-    staging.add(i1, |w| picture(w, &simulated.i1))?;
-    staging.add(i2, |w| picture(w, &simulated.i2))?;
-    staging.add(blur, |w| field::write(w, size, &simulated.relative_blur, &field::RELATIVE_BLUR))?;
+    staging.add(i1, |w| write_picture(w, &simulated.i1))?;
+    staging.add(i2, |w| write_picture(w, &simulated.i2))?;
+    staging.add(blur, |w| field::write(w, size, &simulated.relative_blur, &RELATIVE_BLUR))?;
     if let Some(depth) = &simulated.depth {
-        staging.add(depth_file, |w| field::write(w, size, depth, &field::DEPTH))?;
+        staging.add(depth_file, |w| field::write(w, size, depth, &DEPTH))?;
     }
     staging.add(json, |w| {
         truth.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
@@ -123,9 +125,8 @@ fn clipped(frame: &Frame) -> usize {
 }
 
 /// 16-bit PNG, white at 1.
-fn picture(writer: impl Write, frame: &Frame) -> Result<(), String> {
+fn write_picture(writer: impl Write, frame: &Frame) -> Result<(), String> {
     let samples: Vec<u16> = floats(frame).iter().map(|v| (v.clamp(0.0, 1.0) * 65535.0).round() as u16).collect();
-    let gray = frame.format().channels == Channels::Gray;
-    let kind = if gray { ExtendedColorType::L16 } else { ExtendedColorType::Rgb16 };
-    fused::png(writer, bytemuck::cast_slice(&samples), (frame.width(), frame.height()), kind)
+    let size = (frame.width(), frame.height());
+    picture::write(writer, size, color_type(frame.format().channels), &Stored::Words(&samples), &PHOTOGRAPH)
 }

@@ -1,15 +1,19 @@
 //! What later steps need of the folder of a solve: V, how far to trust it, and the report.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use serde_json::Value;
+use serde_json::{Value, json};
 
+use super::depth::{self, Map};
+use super::depth16::Depth16;
+use super::extra::with_near_and_far;
 use super::measurements::{Measurements, Wanted};
 use super::metric::{DEPTH_FILE, DepthReport};
 use super::results::{nearer_of, read_report};
 use super::staging::Staging;
-use super::{EXTRA_FILES, FILES, Nearer, depth, metric, read_transform, remove_stale};
+use super::{FILES, Nearer, Palette, metric, read_transform, remove_stale};
 use crate::{Error, Lens, MetricDepth, Similarity, image_io};
 
 /// A folder that `parfocal solve` wrote, without its pictures.
@@ -97,34 +101,60 @@ impl Solved {
         MetricDepth::new(lens, scale, self.limit(), width, &self.relative_blur, &self.uncertainty)
     }
 
-    /// Adds metric depth to the folder: `depth_mm.exr`, `depth` in `report.json`, and `depth.png` anew, whose near and far
-    /// are now known. All of it, or none. Where near and far change places, the [`EXTRA_FILES`] that show them are removed.
+    /// Adds metric depth to the folder: `depth_mm.exr`, `depth` in `report.json`, and `depth.png` anew, in mm; `depth16.png`
+    /// and `depth16.tiff` too, if the report says that they are there. All of it, or none. Where near and far change places,
+    /// the other files that show them are removed.
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn write_depth(&self, metric: &MetricDepth) -> Result<(), Error> {
+    pub fn write_depth(&self, metric: &MetricDepth, palette: Palette) -> Result<(), Error> {
         let nearer = Nearer::of_lens(&metric.lens);
         // An object: `nearer` was read from it.
         let mut report = self.report.clone();
         report["nearer"] = nearer.number().into();
-        let json = serde_json::to_value(DepthReport::from(metric)).and_then(|depth| {
-            report["depth"] = depth;
-            serde_json::to_string_pretty(&report)
-        });
-        let [_, _, picture, _, report_file, _] = FILES;
+        report["depth"] = json!(DepthReport::from(metric));
+        let depth16 = report.get("depth16").map(|_| Depth16::of_depth(metric));
+        if let Some(depth16) = &depth16 {
+            report["depth16"] = json!(depth16.report());
+        }
+        let picture = FILES[2];
         let mut staging = Staging::new(&self.folder)?;
         staging.add(DEPTH_FILE, |w| metric::write(w, metric))?;
-        staging.add(picture, |w| depth::write(w, (self.width, self.height), &self.relative_blur, nearer))?;
-        staging.add(report_file, |w| {
-            use std::io::Write;
-            json.map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
-        })?;
+        staging.add(picture, |w| depth::write(w, &Map::of_depth(metric, palette)))?;
+        for extra in depth16.iter().flat_map(Depth16::files) {
+            staging.add(extra.name, |w| (extra.fill)(w))?;
+        }
+        stage_report(&mut staging, &report)?;
         staging.place()?;
         if nearer == self.nearer {
             return Ok(());
         }
         // They show near and far the other way round.
-        EXTRA_FILES.into_iter().try_for_each(|name| remove_stale(&self.folder.join(name)))
+        with_near_and_far().try_for_each(|name| remove_stale(&self.folder.join(name)))
+    }
+
+    /// Adds measurements to the folder: the files of the profiles, and `measurements` in `report.json`. Steps take the place
+    /// of earlier steps there, profiles of earlier profiles; where this has none, the earlier ones stay. All of it, or none.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn write_measurements(&self, measured: &Measurements) -> Result<(), Error> {
+        let mut report = self.report.clone();
+        if !report.get("measurements").is_some_and(Value::is_object) {
+            report["measurements"] = json!(Measurements::default());
+        }
+        let known = &mut report["measurements"];
+        if !measured.steps.is_empty() {
+            known["steps"] = json!(measured.steps);
+        }
+        if !measured.profiles.is_empty() {
+            known["profiles"] = json!(measured.profiles);
+        }
+        let mut staging = Staging::new(&self.folder)?;
+        measured.stage(&mut staging)?;
+        stage_report(&mut staging, &report)?;
+        staging.place()?;
+        if measured.profiles.is_empty() { Ok(()) } else { measured.remove_stale(&self.folder) }
     }
 
     /// A field of the same size.
@@ -137,4 +167,9 @@ impl Solved {
             format!("is {w}x{h} and relative_blur.exr is {}x{}; solve the pair again", self.width, self.height);
         Err(Error::file(path, problem))
     }
+}
+
+/// `report.json` anew.
+fn stage_report(staging: &mut Staging, report: &Value) -> Result<(), Error> {
+    staging.add(FILES[4], |w| writeln!(w, "{report:#}").map_err(|e| e.to_string()))
 }

@@ -5,10 +5,14 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use super::depth::Map;
 use super::report::{DeviceReport, RangeReport, SizeReport};
-use super::{DEPTH_FILE, EXTRA_FILES, FILES, Nearer, Staging, depth, field, fused, remove_stale};
+use super::{
+    DEPTH_FILE, EXTRA_FILES, FILES, FUSED_FLOAT_FILE, Nearer, Palette, Staging, depth, field, fused, meaning,
+    remove_stale,
+};
 use crate::focus_stack::Sweep;
-use crate::{Decode, DeviceInfo, Error, Format, Photometric, Similarity};
+use crate::{Decode, Depth, DeviceInfo, Error, Format, Photometric, Similarity};
 
 /// The files that [`write_sweep()`] makes.
 pub const SWEEP_FILES: [&str; 5] = ["focus.exr", "uncertainty.exr", "depth.png", "fused.png", "report.json"];
@@ -84,7 +88,8 @@ impl SweepReport {
     }
 }
 
-/// Writes the [`SWEEP_FILES`] into the folder `out`, which is made if it is missing; all of them, or none.
+/// Writes the [`SWEEP_FILES`] into the folder `out`, which is made if it is missing; all of them, or none. `format` is that
+/// of the frames: where they are in floats, `fused.exr` is written too.
 ///
 /// # Errors
 /// [`Error::File`].
@@ -95,22 +100,27 @@ pub fn write_sweep(
     nearer: Nearer,
     decode: Decode,
     format: Format,
+    palette: Palette,
 ) -> Result<(), Error> {
     let size = (sweep.width, sweep.height);
     let mut staging = Staging::new(out)?;
     let [focus, uncertainty, picture, fused, json] = SWEEP_FILES;
-    staging.add(focus, |w| field::write(w, size, &sweep.focus, &field::FOCUS))?;
-    staging.add(uncertainty, |w| field::write(w, size, &sweep.uncertainty, &field::FOCUS_UNCERTAINTY))?;
-    // A later setting is farther where the first frame is the nearest.
-    let later_is = if nearer == Nearer::First { Nearer::Second } else { Nearer::First };
-    staging.add(picture, |w| depth::write(w, size, &sweep.focus, later_is))?;
+    staging.add(focus, |w| field::write(w, size, &sweep.focus, &meaning::FOCUS))?;
+    staging.add(uncertainty, |w| field::write(w, size, &sweep.uncertainty, &meaning::FOCUS_UNCERTAINTY))?;
+    let map = Map::of_focus(size, &sweep.focus, &sweep.positions, nearer, palette);
+    staging.add(picture, |w| depth::write(w, &map))?;
     let image = fused::Image { size, channels: sweep.fused_channels, values: &sweep.fused };
     staging.add(fused, |w| fused::write_image(w, &image, decode, format.depth))?;
+    let is_float = format.depth == Depth::F32;
+    if is_float {
+        staging.add(FUSED_FLOAT_FILE, |w| fused::write_float(w, &image, decode))?;
+    }
     staging.add(json, |w| {
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
     staging.place()?;
     // What a solve of a pair left there belongs to other pictures.
     let of_a_pair = FILES.into_iter().chain(EXTRA_FILES).chain([DEPTH_FILE]);
-    of_a_pair.filter(|name| !SWEEP_FILES.contains(name)).try_for_each(|name| remove_stale(&out.join(name)))
+    let is_new = |name: &str| SWEEP_FILES.contains(&name) || is_float && name == FUSED_FLOAT_FILE;
+    of_a_pair.filter(|name| !is_new(name)).try_for_each(|name| remove_stale(&out.join(name)))
 }

@@ -53,7 +53,8 @@ fn report() -> Report {
 }
 
 fn look(depth: Depth) -> Look {
-    Look { nearer: Nearer::First, decode: Decode::None, formats: [Format { channels: Channels::Gray, depth }; 2] }
+    let formats = [Format { channels: Channels::Gray, depth }; 2];
+    Look { nearer: Nearer::First, decode: Decode::None, formats, palette: Palette::Viridis }
 }
 
 fn keys(value: &Value) -> Vec<&str> {

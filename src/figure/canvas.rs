@@ -9,7 +9,7 @@ use tiny_skia::{
 use super::text;
 
 /// The longest side of a canvas, px. What lies beyond is cut off.
-const MAX_SIDE: u32 = 1 << 14;
+pub(super) const MAX_SIDE: u32 = 1 << 14;
 
 /// Red, green, blue.
 pub(crate) type Color = [u8; 3];

@@ -25,7 +25,7 @@
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
-//! V has the colours of `depth.png`: red near, blue far, grey where not valid. Nothing here fails on odd data: what
+//! V is red near and blue far, as in the paper, and grey where not valid. Nothing here fails on odd data: what
 //! cannot be shown is a panel that says why, or a gap in a curve.
 
 mod axis;
@@ -50,7 +50,7 @@ pub use plot::Plot;
 pub use series::Series;
 pub use sheet::{Row, Sheet};
 
-pub(crate) use bar::{color_bar, width as bar_width};
+pub(crate) use bar::{color_bar, key, width as bar_width};
 pub(crate) use canvas::{Align, Area, BLACK, Canvas, GRAY};
 pub(crate) use panel::{photograph, resized};
 

@@ -6,7 +6,7 @@ use super::bar;
 use super::canvas::{Align, Area, BLACK, Canvas, GRAY, LIGHT, WHITE};
 use super::panel::{Content, Panel, resized};
 use super::text;
-use crate::export::Scale;
+use crate::export::{Palette, Scale};
 
 /// Px around the sheet.
 const MARGIN: f32 = 16.0;
@@ -146,7 +146,7 @@ impl Sheet {
                 width: bar::width(CAPTION),
                 height: place.height - 2.0 * CAPTION,
             };
-            bar::color_bar(canvas, bar, scale, CAPTION);
+            bar::color_bar(canvas, bar, scale, Palette::RedBlue, CAPTION);
         }
     }
 

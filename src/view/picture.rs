@@ -7,7 +7,7 @@ use super::heights::Heights;
 use super::mesh::Mesh;
 use super::raster::{self, Fragment};
 use super::{Surface, View};
-use crate::export::color;
+use crate::export::{Palette, color};
 use crate::figure::{Align, Area, BLACK, Canvas, GRAY, bar_width, color_bar, resized};
 
 /// Samples of a pixel along each axis.
@@ -103,6 +103,6 @@ pub(super) fn draw(surface: &Surface, view: &View) -> RgbImage {
     canvas.text("V, px²", (x, 2.0 * TEXT), TEXT, Align::Left, GRAY);
     let long = (height as f32 * 0.7).min(320.0);
     let y = top as f32 + (height as f32 - long) / 2.0;
-    color_bar(&mut canvas, Area { x, y, width: bar_width(TEXT), height: long }, &surface.scale, TEXT);
+    color_bar(&mut canvas, Area { x, y, width: bar_width(TEXT), height: long }, &surface.scale, Palette::RedBlue, TEXT);
     canvas.into_image()
 }

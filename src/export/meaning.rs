@@ -1,0 +1,78 @@
+//! What a file holds, in words, for its own metadata.
+
+use std::borrow::Cow;
+
+/// The program and its version, as files name what wrote them.
+pub(super) const SOFTWARE: &str = concat!("parfocal ", env!("CARGO_PKG_VERSION"));
+
+/// Unit and content of a field or picture, in ASCII.
+pub(super) struct Meaning {
+    pub(super) units: &'static str,
+    pub(super) comments: Cow<'static, str>,
+}
+
+impl Meaning {
+    pub(super) const fn new(units: &'static str, comments: &'static str) -> Self {
+        Self { units, comments: Cow::Borrowed(comments) }
+    }
+}
+
+/// V.
+pub(super) const RELATIVE_BLUR: Meaning = Meaning::new(
+    "px^2",
+    "Relative blur V in px^2 of the first image; positive where the second is the more blurred; NaN outside the valid \
+     region",
+);
+
+/// σ_V.
+pub(super) const UNCERTAINTY: Meaning = Meaning::new(
+    "px^2",
+    "Standard deviation of the relative blur V in px^2; NaN outside the valid region, 1000 where the images say nothing",
+);
+
+/// 1/(1 + σ_V²).
+pub(super) const CONFIDENCE: Meaning =
+    Meaning::new("1", "1/(1 + s^2), s the standard deviation of V in px^2: 0.5 at 1 px^2; 0 outside the valid region");
+
+/// u of a sweep.
+pub(super) const FOCUS: Meaning = Meaning::new(
+    "focus settings",
+    "Focus setting at which each pixel of the reference frame is sharp; NaN where no pair of frames tells",
+);
+
+/// Its standard deviation.
+pub(super) const FOCUS_UNCERTAINTY: Meaning =
+    Meaning::new("focus settings", "Standard deviation of the focus setting; NaN where there is none");
+
+/// A photograph in floats.
+pub(super) const INTENSITY: Meaning = Meaning::new("1", "Intensity, white at 1");
+
+/// A photograph in integers.
+pub(super) const PHOTOGRAPH: Meaning = Meaning::new("1", "Intensity, white at the largest sample");
+
+/// The fused image in integers.
+pub(super) const FUSED: Meaning = Meaning::new(
+    "1",
+    "Best focus: of each pixel the sharpest photograph, at the pixels and in the values of the first (of a sweep, of the \
+     reference frame); white at the largest sample, values beyond black and white clipped",
+);
+
+/// The fused image in floats.
+pub(super) const FUSED_FLOAT: Meaning = Meaning::new(
+    "1",
+    "Best focus: of each pixel the sharpest photograph, at the pixels and in the values of the first (of a sweep, of the \
+     reference frame); white at 1, nothing clipped",
+);
+
+/// True depth.
+pub(super) const DEPTH: Meaning = Meaning::new("mm", "Depth in mm from the lens, at the pixels of the first image");
+
+/// Depth by the lens, and its standard deviation.
+pub(super) const METRIC_DEPTH: Meaning = Meaning::new(
+    "mm",
+    "Y: depth in mm from the lens, at the pixels of the first image; standard_deviation: that of Y in mm, from the \
+     uncertainty of the relative blur; NaN outside the valid region and the range of the lens model",
+);
+
+/// A curve.
+pub(super) const PROFILE: Meaning = Meaning::new("1", "Profile with one standard deviation to either side");

@@ -1,0 +1,269 @@
+//! The files of a solve for other programs and for people: what they hold, and what they say of themselves.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::PathBuf;
+use std::process::Output;
+
+use assert_cmd::Command;
+use parfocal::{Samples, image_io};
+use png::{ColorType, Transformations};
+use serde_json::Value;
+use tempfile::TempDir;
+
+const SIZE: [u32; 2] = [96, 64];
+
+/// A lens whose range holds what the photographs of a desk show.
+const LENS: [&str; 5] =
+    ["--focal-length=25", "--f-number=4", "--pixel-pitch=0.013", "--focus=500,900", "--telecentric"];
+
+/// A folder with photographs that differ in blur: in 8 bits, and one in floats with a highlight beyond white.
+struct Desk(TempDir);
+
+impl Desk {
+    fn new() -> Self {
+        let desk = Self(TempDir::new().unwrap());
+        for (name, contrast) in [("near.png", 0.35), ("far.png", 0.28)] {
+            image::DynamicImage::from(photograph(contrast, 0.0)).into_rgb8().save(desk.path(name)).unwrap();
+        }
+        image::DynamicImage::from(photograph(0.35, 1.0)).save(desk.path("near.tif")).unwrap();
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::cargo_bin("parfocal").unwrap();
+        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
+        if let (Ok(device), true) = (std::env::var("PARFOCAL_DEVICE"), ["solve", "stack"].contains(&arguments[0])) {
+            command.args(["--device", &device]);
+        }
+        command.output().unwrap()
+    }
+
+    /// Runs the program, which must succeed, and gives the report that is in `out` then.
+    #[track_caller]
+    fn report(&self, arguments: &[&str]) -> Value {
+        let output = self.run(arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&fs::read(self.path("out/report.json")).unwrap()).unwrap()
+    }
+
+    fn solve(&self, extra: &[&str]) -> Value {
+        self.report(&[&["solve", "near.png", "far.png", "-o", "out", "--no-html"], extra].concat())
+    }
+
+    fn field(&self, name: &str) -> Vec<f32> {
+        let (width, height, values) = image_io::read_field(&self.path(name)).unwrap();
+        assert_eq!([width, height], SIZE);
+        values
+    }
+
+    fn has(&self, name: &str) -> bool {
+        self.path("out").join(name).exists()
+    }
+
+    fn png(&self, name: &str) -> Png {
+        let file = std::io::BufReader::new(fs::File::open(self.path(name)).unwrap());
+        let mut decoder = png::Decoder::new(file);
+        decoder.set_transformations(Transformations::IDENTITY);
+        let mut reader = decoder.read_info().unwrap();
+        let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+        let frame = reader.next_frame(&mut bytes).unwrap();
+        let info = reader.info();
+        let text = info.uncompressed_latin1_text.iter().map(|t| (t.keyword.clone(), t.text.clone())).collect();
+        Png { width: info.width, color: frame.color_type, text, bytes }
+    }
+}
+
+/// Waves of this contrast, and a highlight that may go beyond white.
+fn photograph(contrast: f32, highlight: f32) -> image::Rgb32FImage {
+    image::Rgb32FImage::from_fn(SIZE[0], SIZE[1], |x, y| {
+        let (x, y) = (x as f32, y as f32);
+        let waves = (0.9 * x + 0.2 * y).sin() + (0.3 * x - 0.8 * y).cos() + (0.1 * x * y / 20.0).sin();
+        let value = 0.5 + contrast / 3.0 * waves + if x < 16.0 { highlight } else { 0.0 };
+        image::Rgb([value, value, value / 2.0])
+    })
+}
+
+/// A PNG as stored.
+struct Png {
+    width: u32,
+    color: ColorType,
+    text: HashMap<String, String>,
+    bytes: Vec<u8>,
+}
+
+impl Png {
+    fn number(&self, keyword: &str) -> f64 {
+        self.text[keyword].parse().unwrap()
+    }
+
+    /// Fails unless it names the program and holds these words.
+    #[track_caller]
+    fn states(&self, units: &str, words: &[&str]) {
+        assert!(self.text["Software"].starts_with("parfocal ") && self.text["Units"] == units, "{:?}", self.text);
+        let description = &self.text["Description"];
+        assert!(words.iter().all(|word| description.contains(word)), "{description}");
+    }
+}
+
+/// Fails unless both files of 16 bits give back the field, NaN for NaN, to half a step of the scale that they state.
+#[track_caller]
+fn holds(desk: &Desk, report: &Value, field: &[f32], unit: &str) {
+    let stated = &report["depth16"];
+    let [scale, offset] = ["scale", "offset"].map(|name| stated[name].as_f64().unwrap());
+    let png = desk.png("out/depth16.png");
+    assert_eq!((png.number("Scale"), png.number("Offset"), png.color), (scale, offset, ColorType::Grayscale));
+    assert_eq!(stated["unit"], unit);
+    png.states(unit, &["sample 0 is not valid"]);
+    let file = fs::File::open(desk.path("out/depth16.tiff")).unwrap();
+    let mut tiff = tiff::decoder::Decoder::new(std::io::BufReader::new(file)).unwrap();
+    let description = tiff.get_tag_ascii_string(tiff::tags::Tag::ImageDescription).unwrap();
+    assert!(description.contains(&format!("units={unit}\nscale={scale}\noffset={offset}\n")), "{description}");
+    let tiff::decoder::DecodingResult::U16(samples) = tiff.read_image().unwrap() else { panic!("not 16 bits") };
+    let of_png: Vec<u16> = png.bytes.chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect();
+    assert_eq!(samples, of_png);
+    for (&sample, &value) in samples.iter().zip(field) {
+        assert_eq!(sample == 0, !value.is_finite());
+        let found = offset + scale * f64::from(sample);
+        assert!(sample == 0 || (found - f64::from(value)).abs() <= 0.501 * scale, "{found}, not {value}");
+    }
+    assert!(samples.contains(&1) && samples.contains(&65535) && samples.contains(&0));
+}
+
+#[test]
+fn depth_in_16_bits_gives_back_v_and_with_a_lens_depth() {
+    let desk = Desk::new();
+    let report = desk.solve(&["--export", "depth16"]);
+    holds(&desk, &report, &desk.field("out/relative_blur.exr"), "px^2");
+    // The lens comes afterwards.
+    let report = desk.report(&[&["depth", "out"], &LENS[..]].concat());
+    holds(&desk, &report, &desk.field("out/depth_mm.exr"), "mm");
+    let report = desk.solve(&[&["--export", "depth16"], &LENS[..]].concat());
+    holds(&desk, &report, &desk.field("out/depth_mm.exr"), "mm");
+    assert!(desk.solve(&[]).get("depth16").is_none() && !desk.has("depth16.png") && !desk.has("depth16.tiff"));
+}
+
+#[test]
+fn the_depth_map_keeps_its_pixels_beside_its_key_and_states_its_ends() {
+    let desk = Desk::new();
+    desk.solve(&[]);
+    let map = desk.png("out/depth.png");
+    map.states("px^2", &["relative blur V", "yellow near (", "purple far (", "right of column 96"]);
+    assert!(map.width > SIZE[0] && map.color == ColorType::Rgba);
+    let row = 4 * map.width as usize;
+    for (i, v) in desk.field("out/relative_blur.exr").iter().enumerate() {
+        let opacity = map.bytes[i / 96 * row + 4 * (i % 96) + 3];
+        assert_eq!(opacity, if v.is_nan() { 0 } else { 255 });
+    }
+    assert!(map.bytes.chunks_exact(row).all(|line| line[row - 1] == 255), "the key is on paper");
+
+    desk.solve(&["--colors", "red-blue"]);
+    desk.png("out/depth.png").states("px^2", &["red near", "blue far"]);
+    desk.report(&[&["depth", "out", "--colors", "grey"], &LENS[..]].concat());
+    let map = desk.png("out/depth.png");
+    map.states("mm", &["depth in mm", "white near", "black far"]);
+    let depth = desk.field("out/depth_mm.exr");
+    let alpha = |i: usize| map.bytes[4 * (i / 96 * map.width as usize + i % 96) + 3];
+    assert!((0..depth.len()).all(|i| (alpha(i) == 255) == depth[i].is_finite()));
+    assert_eq!(desk.run(&["solve", "near.png", "far.png", "-o", "out", "--colors", "jet"]).status.code(), Some(2));
+}
+
+#[test]
+fn labels_say_which_photograph_is_the_sharper() {
+    let desk = Desk::new();
+    desk.solve(&["--export", "labels,ply,glb"]);
+    let labels = desk.png("out/labels.png");
+    assert_eq!((labels.width, labels.color), (SIZE[0], ColorType::Indexed));
+    labels.states("label", &["1 the first", "2 the second", "3 undecided"]);
+    let (blur, deviation) = (desk.field("out/relative_blur.exr"), desk.field("out/uncertainty.exr"));
+    for ((label, v), sigma) in labels.bytes.iter().zip(blur).zip(deviation) {
+        let expected = if v.is_nan() {
+            0
+        } else if v.abs() <= sigma {
+            3
+        } else if v > 0.0 {
+            1
+        } else {
+            2
+        };
+        assert_eq!(*label, expected, "{v} ± {sigma}");
+    }
+    // Programs that know no labels see colours.
+    let seen = image::open(desk.path("out/labels.png")).unwrap();
+    assert!(seen.color().has_color() && seen.color().has_alpha());
+}
+
+#[test]
+fn every_file_states_what_it_holds() {
+    let desk = Desk::new();
+    desk.solve(&["--export", "ply,cloud,glb", "--profile", "10,10,80,10"]);
+    desk.png("out/fused.png").states("1", &["Best focus", "white at the largest sample"]);
+    desk.png("out/profile_1.png").states("1", &["Profile"]);
+    for name in ["surface.ply", "points.ply"] {
+        let bytes = fs::read(desk.path("out").join(name)).unwrap();
+        let header = String::from_utf8_lossy(&bytes[..600]).into_owned();
+        for words in ["comment parfocal ", "comment unit: px; x right, y up", "px per px^2 times the relative blur V"] {
+            assert!(header.contains(words), "{name}: {words:?} in {header}");
+        }
+    }
+    let glb = gltf::Gltf::open(desk.path("out/surface.glb")).unwrap().document.into_json();
+    assert!(glb.asset.generator.unwrap().starts_with("parfocal "));
+    let bytes = fs::read(desk.path("out/surface.glb")).unwrap();
+    let text = String::from_utf8_lossy(&bytes[20..3000]).into_owned();
+    assert!(text.contains(r#""unit":"px""#) && text.contains("relative blur V; near is up"), "{text}");
+    for (name, units) in [("relative_blur", "px^2"), ("uncertainty", "px^2"), ("confidence", "1")] {
+        let file = exr::prelude::read_first_flat_layer_from_file(desk.path(&format!("out/{name}.exr"))).unwrap();
+        let attributes = file.layer_data.attributes;
+        let found = attributes.other.values().next().unwrap();
+        assert_eq!(*found, exr::prelude::AttributeValue::Text(exr::prelude::Text::from(units)));
+        assert!(attributes.comments.is_some() && attributes.software_name.is_some());
+    }
+}
+
+#[test]
+fn of_floats_the_fused_image_is_in_floats_too_and_not_clipped() {
+    let desk = Desk::new();
+    let pair = ["near.tif", "near.tif", "-o", "out", "--no-html"];
+    desk.report(&[&["solve"], &pair[..]].concat());
+    let fused = image_io::read(&desk.path("out/fused.exr")).unwrap();
+    let Samples::F32(values) = fused.samples() else { panic!("not in floats") };
+    assert_eq!((fused.width(), values.len()), (96, 3 * 96 * 64));
+    assert!(values.iter().any(|v| *v > 1.2), "clipped");
+    let blue_is_half = values.chunks_exact(3).filter(|p| (p[2] - p[0] / 2.0).abs() < 0.01).count();
+    assert!(blue_is_half == 96 * 64 && desk.has("fused.png"));
+    desk.solve(&[]);
+    assert!(!desk.has("fused.exr"), "of 8 bits there is none, and that of the earlier solve is gone");
+}
+
+#[test]
+fn what_is_measured_later_is_what_the_report_states() {
+    let desk = Desk::new();
+    let report = desk.solve(&["--step", "8,8,20,20", "50,8,20,20", "--profile", "10,10,80,10"]);
+    let step = report["measurements"]["steps"][0].clone();
+    let report = desk.report(&["measure", "out", "--profile", "10,40,80,40", "--profile", "10,50,80,50"]);
+    let measured = &report["measurements"];
+    assert_eq!((&measured["steps"][0], measured["profiles"].as_array().unwrap().len()), (&step, 2));
+    assert_eq!(measured["profiles"][0]["from"], serde_json::json!([10.0, 40.0]));
+    let csv = fs::read_to_string(desk.path("out/profile_1.csv")).unwrap();
+    assert!(csv.lines().nth(1).unwrap().starts_with("0,10,40,"), "{csv}");
+    let report = desk.report(&["measure", "out", "--step", "8,30,20,20", "50,30,20,20"]);
+    assert_eq!(report["measurements"]["steps"][0]["from"], serde_json::json!([8, 30, 20, 20]));
+    assert!(report["measurements"]["profiles"][1]["csv"] == "profile_2.csv" && desk.has("profile_2.png"));
+}
+
+#[test]
+fn a_photograph_with_the_name_of_a_profile_is_not_replaced() {
+    let desk = Desk::new();
+    fs::create_dir(desk.path("out")).unwrap();
+    fs::copy(desk.path("near.png"), desk.path("out/profile_2.png")).unwrap();
+    for extra in [&["--profile", "10,10,80,10", "--profile", "10,20,80,20"][..], &[]] {
+        let output = desk.run(&[&["solve", "out/profile_2.png", "far.png", "-o", "out"], extra].concat());
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(1) && told.contains("profile_2.png would replace it"), "{told}");
+    }
+    assert!(!desk.has("report.json"));
+}
