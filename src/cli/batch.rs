@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::FILES;
-use parfocal::{DeviceInfo, Engine, Error, Format, Settings, Solution, Solver};
+use parfocal::{DeviceInfo, Engine, Error, Kept, Scoped, Settings};
 
 use super::failure::{Failure, print};
 use super::solve::{self, Photographs};
@@ -72,7 +72,7 @@ enum Read {
 
 /// A pair on its way from the solver to the writer.
 enum Solved {
-    Solution(Box<(Photographs, Solution, DeviceInfo)>),
+    Solution(Box<(Photographs, Scoped, DeviceInfo)>),
     Whole,
     Failed(Failure),
 }
@@ -196,7 +196,7 @@ fn solve_all(
     from_reader: Receiver<(usize, Read)>,
     to_writer: &SyncSender<(usize, Solved)>,
 ) -> Result<(), Failure> {
-    let (mut bench, mut broken) = (Bench { engine, prepared: None }, false);
+    let (mut bench, mut broken) = (Bench { engine, kept: None }, false);
     for (index, read) in from_reader {
         if shared.stop.load(Ordering::Relaxed) {
             break;
@@ -218,29 +218,22 @@ fn solve_all(
         }
         if std::mem::take(&mut broken) {
             // The engine is of no more use, and the pairs to come need one.
-            bench = Bench { engine: arguments.pair.common.open_engine()?, prepared: None };
+            bench = Bench { engine: arguments.pair.common.open_engine()?, kept: None };
         }
     }
     super::check_validation(&bench.engine)
 }
 
-/// The device, and a solver for pairs of the size and formats of the last one.
+/// The device, and a solver for pairs like the last one.
 struct Bench {
     engine: Engine,
-    prepared: Option<([u32; 2], [Format; 2], Solver)>,
+    kept: Option<Kept>,
 }
 
 impl Bench {
-    fn solve(&mut self, photographs: &Photographs, settings: &Settings) -> Result<Solution, Error> {
-        let [i1, i2] = &photographs.frames;
-        let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
-        let kept = self.prepared.take().filter(|(s, f, _)| (*s, *f) == (size, formats));
-        let solver = match kept {
-            Some((_, _, solver)) => solver,
-            None => Solver::for_pair(&self.engine, i1, i2, settings)?,
-        };
-        let (_, _, solver) = self.prepared.insert((size, formats, solver));
-        solver.solve(i1, i2)
+    fn solve(&mut self, photographs: &Photographs, settings: &Settings) -> Result<Scoped, Error> {
+        let frames = photographs.frames.each_ref();
+        photographs.scope.solve(&self.engine, &mut self.kept, frames, settings, &mut |_| ())
     }
 }
 

@@ -20,6 +20,7 @@ mod pair;
 mod pairs;
 mod region;
 mod register;
+mod scope;
 mod shell;
 mod simulate;
 mod solve;

@@ -5,10 +5,12 @@ use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use parfocal::export::{self, Additions, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, FILES, Look, Report};
+use parfocal::export::{
+    self, Additions, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, FILES, Look, Report, Texture, TextureReport,
+};
 use parfocal::image_io::{self, Input};
 use parfocal::report_html::Page;
-use parfocal::{DeviceInfo, Frame, Lens, Method, MetricDepth, Settings, Solution, Solver};
+use parfocal::{DeviceInfo, Frame, GainField, Lens, Method, MetricDepth, Scope, Scoped, Settings, Solution};
 use sha2::{Digest, Sha256};
 
 use super::colors::ColorsArgument;
@@ -18,6 +20,7 @@ use super::measure::MeasureArguments;
 use super::models::ModelArguments;
 use super::output;
 use super::pair::PairArguments;
+use super::scope::ScopeArguments;
 use super::summary::{Bar, summary};
 
 /// Recover relative blur and registration of two photographs of one scene, focused at two distances.
@@ -45,6 +48,8 @@ pub(super) struct Arguments {
     /// Do not write report.html
     #[arg(long)]
     no_html: bool,
+    #[command(flatten)]
+    scope: ScopeArguments,
     #[command(flatten)]
     models: ModelArguments,
     #[command(flatten)]
@@ -90,14 +95,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     check(arguments)?;
     let Some(photographs) = read(arguments, |_| false)? else { return Ok(()) };
     let engine = pair.common.open_engine()?;
-    let [i1, i2] = &photographs.frames;
     let bar = Bar::new(!pair.common.quiet && io::stderr().is_terminal());
-    let solution = Solver::for_pair(&engine, i1, i2, &settings)
-        .and_then(|mut solver| solver.solve_with(i1, i2, &mut |progress| bar.show(progress)))
+    let scoped = photographs
+        .scope
+        .solve(&engine, &mut None, photographs.frames.each_ref(), &settings, &mut |progress| bar.show(progress))
         .map_err(|e| Failure::of_solve(e, &pair.i1))?;
     drop(bar);
     super::check_validation(&engine)?;
-    let (report, written) = write(arguments, &settings, engine.info(), photographs, &solution)?;
+    let (report, written) = write(arguments, &settings, engine.info(), photographs, &scoped)?;
     tell(&report, &written, arguments)?;
     pair.common.check_strict(report.converged, &report.warnings)
 }
@@ -111,6 +116,7 @@ fn name(path: &Path) -> String {
 pub(super) struct Photographs {
     pub(super) frames: [Frame; 2],
     pub(super) inputs: Vec<Input>,
+    pub(super) scope: Scope,
     lens: Option<Lens>,
 }
 
@@ -123,7 +129,12 @@ pub(super) fn settings(arguments: &Arguments) -> Result<Settings, Failure> {
 /// an input.
 pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
     lens::nearer(arguments.nearer, arguments.lens.stated()?.as_ref())?;
-    let inputs: Vec<_> = arguments.pair.inputs().into_iter().chain(arguments.lens.file()).collect();
+    let of_the_pair = arguments.pair.inputs().into_iter().chain(arguments.lens.file());
+    let inputs: Vec<_> = of_the_pair.chain(arguments.scope.inputs()).collect();
+    if arguments.scope.flat().is_some_and(|flat| super::same_file(flat, &arguments.output)) {
+        let problem = "holds the flat reference; give another folder for the results";
+        return Err(Failure::Failed(format!("{}: {problem}", arguments.output.display())));
+    }
     // Those of an earlier run are replaced or removed, with --profile or without.
     let profiles = export::profiles_in(&arguments.output);
     let profiles: Vec<&str> = profiles.iter().map(String::as_str).collect();
@@ -143,8 +154,12 @@ pub(super) fn read(
     let lens = arguments.lens.lens(PartOfLens::of_photographs(&inputs))?;
     lens::nearer(arguments.nearer, lens.as_ref())?;
     let (i1, i2) = image_io::read_pair(&pair.i1, &pair.i2)?;
-    arguments.measure.wanted().check((i1.width(), i1.height()))?;
-    Ok(Some(Photographs { frames: [i1, i2], inputs, lens }))
+    let scope = arguments.scope.scope()?;
+    scope.check([i1.width(), i1.height()]).map_err(|e| Failure::of_solve(e, &pair.i1))?;
+    if let Some(size) = arguments.scope.size((i1.width(), i1.height())) {
+        arguments.measure.wanted().check(size)?;
+    }
+    Ok(Some(Photographs { frames: [i1, i2], inputs, scope, lens }))
 }
 
 /// Writes the results; tells the report, and which files.
@@ -153,7 +168,7 @@ pub(super) fn write(
     settings: &Settings,
     device: &DeviceInfo,
     photographs: Photographs,
-    solution: &Solution,
+    Scoped { solution, gain_field }: &Scoped,
 ) -> Result<(Report, Vec<&'static str>), Failure> {
     let nearer = lens::nearer(arguments.nearer, photographs.lens.as_ref())?;
     let (width, blur, uncertainty) = (solution.width, &solution.relative_blur, &solution.uncertainty);
@@ -166,14 +181,21 @@ pub(super) fn write(
     let formats = frames.each_ref().map(Frame::format);
     let mut report = Report::new(solution, settings, device, nearer);
     report.of(photographs.inputs, super::validation_asked());
+    let texture = Texture::of(solution, arguments.scope.max_uncertainty());
+    report.texture = TextureReport::of(&texture);
+    report.gain_field = gain_field.as_ref().map(GainField::range);
     report.request = request(arguments, settings);
     report.depth = metric.as_ref().map(DepthReport::from);
     report.measurements = (!wanted.is_empty()).then(|| measurements.clone());
-    let depth16 = arguments.models.depth16(solution, metric.as_ref());
+    // What was filled in is no measurement, and is not handed on as one.
+    let measured = Solution { relative_blur: texture.without(blur), ..solution.clone() };
+    let measured_metric =
+        metric.as_ref().map(|metric| MetricDepth { depth: texture.without(&metric.depth), ..metric.clone() });
+    let depth16 = arguments.models.depth16(&measured, measured_metric.as_ref());
     report.depth16 = depth16.as_ref().map(Depth16::report);
     let look = Look { nearer, decode: settings.decode, formats, palette: arguments.colors.palette() };
     let fused = export::fused(solution, settings.decode)?;
-    let points = arguments.models.points(solution, &fused, nearer)?;
+    let points = arguments.models.points(&measured, &fused, nearer)?;
     let mut extras = arguments.models.files(points.as_ref(), &fused);
     extras.extend(depth16.iter().flat_map(Depth16::files));
     extras.extend(arguments.models.labels(solution));
@@ -195,7 +217,8 @@ pub(super) fn write(
 pub(super) fn request(arguments: &Arguments, settings: &Settings) -> String {
     let flags = Arguments { output: PathBuf::new(), pair: arguments.pair.deciding(), ..arguments.clone() };
     let lens = arguments.lens.file().and_then(|file| fs::read(file).ok());
-    let text = format!("{} {settings:?} {flags:?} {lens:?}", env!("CARGO_PKG_VERSION"));
+    let files = arguments.scope.contents();
+    let text = format!("{} {settings:?} {flags:?} {lens:?} {files:?}", env!("CARGO_PKG_VERSION"));
     Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 

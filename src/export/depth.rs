@@ -13,6 +13,10 @@ use crate::figure;
 /// The least span of a scale in mm or in settings, as a part of the distance between the focus settings: less than that is
 /// noise, and must not look like relief.
 const LEAST_PART: f64 = 0.01;
+/// Stripes of pixels without texture: light and dark grey.
+const HATCH: [[u8; 4]; 2] = [[205, 205, 205, 255], [165, 165, 165, 255]];
+/// Width of a stripe along x, px.
+const HATCH_WIDTH: usize = 4;
 
 /// A field that tells near from far, and how it is drawn.
 pub(super) struct Map<'a> {
@@ -24,12 +28,14 @@ pub(super) struct Map<'a> {
     quantity: &'static str,
     unit: &'static str,
     palette: Palette,
+    /// Which pixels are without texture; none if empty.
+    marked: &'a [bool],
 }
 
 impl<'a> Map<'a> {
     /// V, px².
     pub(super) fn of_relative_blur(size: (u32, u32), values: &'a [f32], nearer: Nearer, palette: Palette) -> Self {
-        Self { size, values, scale: Scale::of(values, nearer), quantity: "V", unit: "px²", palette }
+        Self { size, values, scale: Scale::of(values, nearer), quantity: "V", unit: "px²", palette, marked: &[] }
     }
 
     /// Depth in mm, of which the least is near.
@@ -37,7 +43,7 @@ impl<'a> Map<'a> {
         let [first, second] = metric.lens.focus;
         let scale = Scale::spanning([&metric.depth[..]], Nearer::Second, (LEAST_PART * (second - first).abs()) as f32);
         let size = (metric.width, metric.height);
-        Self { size, values: &metric.depth, scale, quantity: "depth", unit: "mm", palette }
+        Self { size, values: &metric.depth, scale, quantity: "depth", unit: "mm", palette, marked: &[] }
     }
 
     /// Focus settings from the first to the last of `positions`, the nearest of which is at the end that `nearer` names.
@@ -52,7 +58,19 @@ impl<'a> Map<'a> {
         let high_is_near = (nearer == Nearer::First) == (first > last);
         let near = if high_is_near { Nearer::First } else { Nearer::Second };
         let scale = Scale::spanning([values], near, (LEAST_PART * (last - first).abs()).max(1e-6) as f32);
-        Self { size, values, scale, quantity: "focus", unit: "setting", palette }
+        Self { size, values, scale, quantity: "focus", unit: "setting", palette, marked: &[] }
+    }
+
+    /// The same with pixels hatched that are without texture.
+    pub(super) fn marking(self, marked: &'a [bool]) -> Self {
+        Self { marked, ..self }
+    }
+
+    /// RGBA of a pixel: in colour, transparent where not valid, hatched where there is no texture.
+    fn pixel(&self, x: usize, y: usize) -> [u8; 4] {
+        let i = y * self.size.0 as usize + x;
+        let hatched = self.values[i].is_finite() && self.marked.get(i).is_some_and(|&marked| marked);
+        if hatched { HATCH[(x + y) / HATCH_WIDTH % 2] } else { self.rgba(self.values[i]) }
     }
 
     /// RGBA; transparent where not valid.
@@ -74,7 +92,7 @@ impl<'a> Map<'a> {
         };
         let comments = format!(
             "Map of {name} in {units}, {near_color} near ({near}) to {far_color} far ({far}), transparent where not \
-             valid; its key is to the right of column {}",
+             valid, hatched in grey where there is no texture; its key is to the right of column {}",
             self.size.0
         );
         Meaning { units, comments: comments.into() }
@@ -87,8 +105,8 @@ pub(super) fn write(writer: impl Write, map: &Map<'_>) -> Result<(), String> {
     let title = format!("{}, {}", map.quantity, map.unit);
     let key = figure::key(&title, &map.scale, map.palette, map.size);
     let mut pixels = Vec::with_capacity(4 * (width + key.width()) as usize * height as usize);
-    for (y, row) in (0..).zip(map.values.chunks_exact(width.max(1) as usize)) {
-        pixels.extend(row.iter().flat_map(|&v| map.rgba(v)));
+    for y in 0..height {
+        pixels.extend((0..width as usize).flat_map(|x| map.pixel(x, y as usize)));
         // Beyond the paper, of which there is so much and no more, nothing.
         let beside =
             (0..key.width()).flat_map(|x| key.get_pixel_checked(x, y).map_or([0; 4], |p| [p[0], p[1], p[2], 255]));

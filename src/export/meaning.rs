@@ -34,6 +34,13 @@ pub(super) const UNCERTAINTY: Meaning = Meaning::new(
 pub(super) const CONFIDENCE: Meaning =
     Meaning::new("1", "1/(1 + s^2), s the standard deviation of V in px^2: 0.5 at 1 px^2; 0 outside the valid region");
 
+/// What nothing explains.
+pub(super) const RESIDUAL: Meaning = Meaning::new(
+    "1",
+    "Root mean square, around each pixel, of what neither blur nor registration explains, in intensities with white at 1; \
+     NaN outside the valid region",
+);
+
 /// u of a sweep.
 pub(super) const FOCUS: Meaning = Meaning::new(
     "focus settings",

@@ -26,7 +26,9 @@ mod staging;
 mod sweep;
 #[cfg(test)]
 mod tests;
+mod texture;
 mod transform;
+mod valid;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -41,12 +43,13 @@ pub use metric::{DEPTH_FILE, DepthReport};
 pub use palette::Palette;
 pub use registered::{registered_ending, write_registered};
 pub use registration::{RegistrationReport, write_json, write_registration};
-pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TimingsReport};
+pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TextureReport, TimingsReport};
 pub use results::Results;
 pub use scale::{Scale, color};
 pub use simulated::{SIMULATED_FILES, Truth, write_simulated};
 pub use solved::Solved;
 pub use sweep::{SWEEP_FILES, SweepFrame, SweepReport, write_sweep};
+pub use texture::Texture;
 pub use transform::{read_pair_of, read_transform};
 
 use crate::{Decode, Error, Format, Lens, MetricDepth, Solution};
@@ -55,8 +58,16 @@ pub(crate) use json::to_string as to_json;
 pub(crate) use staging::{Staging, write_file};
 
 /// The files that [`write()`] makes.
-pub const FILES: [&str; 6] =
-    ["relative_blur.exr", "confidence.exr", "depth.png", "fused.png", "report.json", "uncertainty.exr"];
+pub const FILES: [&str; 8] = [
+    "relative_blur.exr",
+    "confidence.exr",
+    "depth.png",
+    "fused.png",
+    "report.json",
+    "uncertainty.exr",
+    "residual.exr",
+    "valid.png",
+];
 
 /// Which of the two images is focused nearer to the camera; it decides which end of V is near in `depth.png`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -126,15 +137,18 @@ pub fn write(
     let size = (solution.width, solution.height);
     check_lengths(solution)?;
     let mut staging = Staging::new(out)?;
-    let [blur, confidence, depth, fused, json, uncertainty] = FILES;
+    let [blur, confidence, depth, fused, json, uncertainty, residual, valid] = FILES;
     staging.add(blur, |w| field::write(w, size, &solution.relative_blur, &meaning::RELATIVE_BLUR))?;
     staging.add(confidence, |w| field::write(w, size, &solution.confidence, &meaning::CONFIDENCE))?;
     staging.add(uncertainty, |w| field::write(w, size, &solution.uncertainty, &meaning::UNCERTAINTY))?;
+    staging.add(residual, |w| field::write(w, size, &solution.residual, &meaning::RESIDUAL))?;
+    let texture = Texture::of(solution, Some(report.texture.max_uncertainty_px2));
+    staging.add(valid, |w| valid::write(w, solution, &texture))?;
     let map = match additions.depth {
         Some(metric) => Map::of_depth(metric, look.palette),
         None => Map::of_relative_blur(size, &solution.relative_blur, look.nearer, look.palette),
     };
-    staging.add(depth, |w| depth::write(w, &map))?;
+    staging.add(depth, |w| depth::write(w, &map.marking(&texture.marked)))?;
     staging.add(fused, |w| fused::write(w, solution, look))?;
     let of_this = |name: &str| additions.extras.iter().any(|extra| extra.name == name);
     let stale: Vec<PathBuf> =
@@ -173,8 +187,9 @@ fn remove_stale(file: &Path) -> Result<(), Error> {
 fn check_lengths(solution: &Solution) -> Result<(), Error> {
     let pixels = solution.width as usize * solution.height as usize;
     let colors = solution.fused_channels.count() as usize;
-    let found = [&solution.relative_blur, &solution.uncertainty, &solution.confidence, &solution.fused].map(Vec::len);
-    if found == [pixels, pixels, pixels, pixels * colors] {
+    let fields = [&solution.relative_blur, &solution.uncertainty, &solution.confidence, &solution.residual];
+    let found = [fields.map(Vec::len).as_slice(), &[solution.fused.len()]].concat();
+    if found == [pixels, pixels, pixels, pixels, pixels * colors] {
         return Ok(());
     }
     let (width, height) = (solution.width, solution.height);

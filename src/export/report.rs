@@ -6,9 +6,9 @@ use super::depth16::Depth16Report;
 use super::measurements::Measurements;
 use super::metric::DepthReport;
 use super::ranks::Ranks;
-use super::{Nearer, json};
+use super::{Nearer, Texture, json};
 use crate::image_io::{self, Input};
-use crate::{DeviceInfo, Level, Method, Photometric, Settings, Similarity, Solution, Timings};
+use crate::{DeviceInfo, Level, Method, Photometric, Region, Settings, Similarity, Solution, Timings};
 
 /// The report of one solve. A quantity that no valid pixel supports is `null`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -23,8 +23,17 @@ pub struct Report {
     pub method: Method,
     /// What was asked.
     pub settings: Settings,
-    /// Size of the images.
+    /// Size of the results.
     pub size: SizeReport,
+    /// Size of the photographs, about whose centre T is stated.
+    pub photograph: SizeReport,
+    /// The part of I1 that the results are of.
+    pub region: Region,
+    /// Where there is nothing to tell V by.
+    pub texture: TextureReport,
+    /// What I2 was multiplied by to take out a difference in vignetting: least and greatest over I1, 1 in the middle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gain_field: Option<[f64; 2]>,
     /// Coarse to fine.
     pub levels: Vec<LevelReport>,
     /// Whether the finest level settled on an answer that the images support.
@@ -70,6 +79,22 @@ pub struct SizeReport {
     pub width: u32,
     /// Rows.
     pub height: u32,
+}
+
+/// Pixels marked as without texture.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct TextureReport {
+    /// Standard deviation of V beyond which a pixel is marked, px².
+    pub max_uncertainty_px2: f32,
+    /// Fraction of all pixels that are.
+    pub marked_fraction: f64,
+}
+
+impl TextureReport {
+    /// In numbers.
+    pub fn of(texture: &Texture) -> Self {
+        Self { max_uncertainty_px2: texture.max_uncertainty, marked_fraction: texture.marked_fraction() }
+    }
 }
 
 /// What one pyramid level did.
@@ -133,6 +158,10 @@ impl Report {
             method: settings.method,
             settings: settings.clone(),
             size: SizeReport { width: solution.width, height: solution.height },
+            photograph: SizeReport { width: solution.photograph[0], height: solution.photograph[1] },
+            region: solution.region(),
+            texture: TextureReport::of(&Texture::of(solution, None)),
+            gain_field: None,
             levels: solution.levels.iter().map(LevelReport::from).collect(),
             converged: solution.converged,
             relative_blur: RangeReport::of(&solution.relative_blur),

@@ -38,7 +38,7 @@ impl Results {
         if !folder.is_dir() {
             return Err(Error::file(folder, "is no folder; give the one that parfocal solve -o wrote"));
         }
-        let [blur, confidence, _, fused, report, _] = FILES.map(|name| folder.join(name));
+        let [blur, confidence, _, fused, report, ..] = FILES.map(|name| folder.join(name));
         let nearer = nearer_of(&read_report(&report)?, &report)?;
         let (width, height, relative_blur) = image_io::read_field(&blur)?;
         let of_one_size = |path: &Path, (w, h): (u32, u32)| {

@@ -31,6 +31,8 @@ pub struct Solved {
     pub confidence: Vec<f32>,
     /// Standard deviation of V, px², of the same size.
     pub uncertainty: Vec<f32>,
+    /// Width and height of the photographs, about whose centre T is stated.
+    pub photograph: [u32; 2],
     /// T.
     pub transform: Similarity,
     /// Which image was taken to be focused nearer.
@@ -48,11 +50,13 @@ impl Solved {
         if !folder.is_dir() {
             return Err(Error::file(folder, "is no folder; give the one that parfocal solve -o wrote"));
         }
-        let [blur, confidence, _, _, json, uncertainty] = FILES.map(|name| folder.join(name));
+        let [blur, confidence, _, _, json, uncertainty, ..] = FILES.map(|name| folder.join(name));
         let report = read_report(&json)?;
         let nearer = nearer_of(&report, &json)?;
         let (transform, _) = read_transform(&json)?;
         let (width, height, relative_blur) = image_io::read_field(&blur)?;
+        let side = |name: &str| report["photograph"][name].as_u64().and_then(|side| u32::try_from(side).ok());
+        let photograph = [side("width").unwrap_or(width), side("height").unwrap_or(height)];
         let solved = Self {
             folder: folder.to_path_buf(),
             width,
@@ -60,6 +64,7 @@ impl Solved {
             relative_blur,
             confidence: Vec::new(),
             uncertainty: Vec::new(),
+            photograph,
             transform,
             nearer,
             report,

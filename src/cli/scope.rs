@@ -1,0 +1,93 @@
+//! What of the photographs is solved, and what is known of lens and light: masks, regions, references.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use parfocal::export::Solved;
+use parfocal::{FieldCurvature, Mask, Scope, image_io};
+
+use super::failure::Failure;
+use super::region::RegionArgument;
+
+/// The part, the mask, and the corrections.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct ScopeArguments {
+    /// A picture of I1's size, white where pixels count: the rest is left out, and NaN in the results
+    #[arg(long, value_name = "FILE")]
+    mask: Option<PathBuf>,
+    /// Results of a part of I1 only, px; a little around it is solved too
+    #[arg(long, value_name = "X,Y,W,H")]
+    roi: Option<RegionArgument>,
+    /// Crop the results to the largest rectangle in which V is valid everywhere
+    #[arg(long)]
+    crop_valid: bool,
+    /// Folder of the solve of a flat target taken with the same optics: its field curvature is taken from V
+    #[arg(long, value_name = "DIR")]
+    flat: Option<PathBuf>,
+    /// Find a smooth gain field between the photographs first and take it out, where they vignette differently
+    #[arg(long)]
+    vignetting: bool,
+    /// Standard deviation of V beyond which a pixel is marked as without texture, px²; default: half of V's range, and 1
+    /// at least
+    #[arg(long, value_name = "PX2", value_parser = positive)]
+    max_uncertainty: Option<f32>,
+}
+
+fn positive(text: &str) -> Result<f32, String> {
+    let good = |value: &f32| (1e-6..=1e6).contains(value);
+    text.parse().ok().filter(good).ok_or_else(|| "give a number of px² from 1e-6 to 1e6".to_string())
+}
+
+impl ScopeArguments {
+    /// Reads what the flags name.
+    pub(super) fn scope(&self) -> Result<Scope, Failure> {
+        let mask = self.mask.as_ref().map(|file| image_io::read(file)).transpose()?;
+        let flat = self.flat.as_ref().map(|folder| flat_reference(folder)).transpose()?;
+        Ok(Scope {
+            region: self.roi.map(|RegionArgument(region)| region),
+            mask: mask.as_ref().map(Mask::of_picture),
+            vignetting: self.vignetting,
+            flat,
+            crop_valid: self.crop_valid,
+        })
+    }
+
+    /// Files that it reads.
+    pub(super) fn inputs(&self) -> impl Iterator<Item = &PathBuf> {
+        self.mask.iter()
+    }
+
+    /// The flat reference's folder, whose results must not be replaced.
+    pub(super) fn flat(&self) -> Option<&Path> {
+        self.flat.as_deref()
+    }
+
+    /// Standard deviation of V beyond which a pixel is marked, px².
+    pub(super) fn max_uncertainty(&self) -> Option<f32> {
+        self.max_uncertainty
+    }
+
+    /// The size of the results, where it is known before the solve.
+    pub(super) fn size(&self, photograph: (u32, u32)) -> Option<(u32, u32)> {
+        let size = self.roi.map_or(photograph, |RegionArgument(region)| (region.width, region.height));
+        (!self.crop_valid).then_some(size)
+    }
+
+    /// What the files hold that decide the results.
+    pub(super) fn contents(&self) -> Vec<Option<Vec<u8>>> {
+        let flat =
+            self.flat.iter().flat_map(|folder| ["relative_blur.exr", "report.json"].map(|name| folder.join(name)));
+        self.mask.iter().cloned().chain(flat).map(|file| fs::read(file).ok()).collect()
+    }
+}
+
+fn flat_reference(folder: &Path) -> Result<FieldCurvature, Failure> {
+    let flat = Solved::read(folder)?;
+    let [width, height] = flat.photograph;
+    if (flat.width, flat.height) != (width, height) {
+        let problem = "is of a part of the photographs; solve the flat target without --roi and --crop-valid";
+        return Err(Failure::Failed(format!("{}: {problem}", folder.display())));
+    }
+    FieldCurvature::of_flat_target([width, height], &flat.relative_blur, &flat.uncertainty)
+        .map_err(|e| Failure::Failed(format!("{}: {e}", folder.display())))
+}
