@@ -22,6 +22,7 @@ mod register;
 mod shell;
 mod simulate;
 mod solve;
+mod solved;
 mod stack;
 mod summary;
 mod tally;
