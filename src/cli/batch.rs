@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::io::{self, IsTerminal, Write};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -9,8 +10,8 @@ use std::thread;
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::export::FILES;
-use parfocal::{DeviceInfo, Engine, Error, Format, Settings, Solution, Solver};
+use parfocal::export::remove_unfinished;
+use parfocal::{Decode, DeviceInfo, Engine, Error, Format, Settings, Solution, Solver};
 
 use super::failure::{Failure, print};
 use super::solve::{self, Photographs};
@@ -91,7 +92,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     output::check(out, &[], &[])?;
     let jobs: Vec<Job> = pairs::find(source, out)?.into_iter().map(|pair| Job::new(flags, pair)).collect();
     jobs.iter().try_for_each(|job| solve::check(&job.arguments))?;
-    let stop = on_interrupt()?;
+    let stop = on_interrupt(jobs.iter().map(|job| job.arguments.output.clone()).collect())?;
     let engine = flags.pair.common.open_engine()?;
     let shared = Shared { settings, resume: arguments.resume, stop };
     let bar = Bar::new(jobs.len(), flags.pair.common.quiet);
@@ -128,12 +129,13 @@ impl Job {
     }
 }
 
-/// A flag that the first Ctrl-C sets; the second ends the program.
-fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
+/// A flag that the first Ctrl-C sets; the second removes what is half written in the folders and ends the program.
+fn on_interrupt(folders: Vec<PathBuf>) -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     let handler = move || {
         if flag.swap(true, Ordering::Relaxed) {
+            folders.iter().for_each(|folder| remove_unfinished(folder));
             std::process::exit(130);
         }
         let _ = writeln!(io::stderr(), "\nfinishing the pair at hand; Ctrl-C again ends at once");
@@ -176,12 +178,15 @@ fn read_all(jobs: &[Job], shared: &Shared, to_solver: &SyncSender<(usize, Read)>
     }
 }
 
-/// Whether the results of a pair are there, all of them, and of what is asked. The report gets its name last.
+/// Whether the results of a pair are there, all that its report names, and of what is asked. The report gets its name last.
 fn is_whole(job: &Job, shared: &Shared, inputs: &[parfocal::image_io::Input]) -> bool {
     let out = &job.arguments.output;
     let Some(report) = Outcome::report(out) else { return false };
+    let files = report["files"].as_array().map_or(&[][..], Vec::as_slice);
+    let is_there = |name: &serde_json::Value| name.as_str().is_some_and(|name| out.join(name).is_file());
     let hashes = |i: usize| report["inputs"][i]["sha256"].as_str();
-    FILES.iter().all(|name| out.join(name).is_file())
+    !files.is_empty()
+        && files.iter().all(is_there)
         && report["request"].as_str() == Some(&solve::request(&job.arguments, &shared.settings))
         && inputs.iter().enumerate().all(|(i, input)| {
             let page = report["inputs"][i]["page"].as_u64().map(|page| page as usize);
@@ -224,22 +229,31 @@ fn solve_all(
     super::check_validation(&bench.engine)
 }
 
-/// The device, and a solver for pairs of the size and formats of the last one.
+/// What a solver is prepared for, besides the settings that all pairs share.
+#[derive(PartialEq)]
+struct Kind {
+    size: [u32; 2],
+    formats: [Format; 2],
+    decode: Decode,
+}
+
+/// The device, and a solver for pairs of the kind of the last one.
 struct Bench {
     engine: Engine,
-    prepared: Option<([u32; 2], [Format; 2], Solver)>,
+    prepared: Option<(Kind, Solver)>,
 }
 
 impl Bench {
     fn solve(&mut self, photographs: &Photographs, settings: &Settings) -> Result<Solution, Error> {
         let [i1, i2] = &photographs.frames;
-        let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
-        let kept = self.prepared.take().filter(|(s, f, _)| (*s, *f) == (size, formats));
-        let solver = match kept {
-            Some((_, _, solver)) => solver,
-            None => Solver::for_pair(&self.engine, i1, i2, settings)?,
+        let settings = photographs.settings(settings);
+        let kind =
+            Kind { size: [i1.width(), i1.height()], formats: [i1.format(), i2.format()], decode: settings.decode };
+        let solver = match self.prepared.take().filter(|(of, _)| *of == kind) {
+            Some((_, solver)) => solver,
+            None => Solver::for_pair(&self.engine, i1, i2, &settings)?,
         };
-        let (_, _, solver) = self.prepared.insert((size, formats, solver));
+        let (_, solver) = self.prepared.insert((kind, solver));
         solver.solve(i1, i2)
     }
 }

@@ -5,10 +5,10 @@ use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use parfocal::export::{self, Additions, DEPTH_FILE, DepthReport, EXTRA_FILES, FILES, Look, Report};
+use parfocal::export::{self, Additions, DEPTH_FILE, DepthReport, EXTRA_FILES, FILES, Look, PAGE_FILE, Report};
 use parfocal::image_io::{self, Input};
 use parfocal::report_html::Page;
-use parfocal::{DeviceInfo, Frame, Lens, Method, MetricDepth, Settings, Solution, Solver};
+use parfocal::{Decode, DeviceInfo, Frame, Lens, Method, MetricDepth, Settings, Solution, Solver};
 use sha2::{Digest, Sha256};
 
 use super::failure::{Failure, print};
@@ -28,8 +28,8 @@ pub(super) struct Arguments {
     /// Folder for the results; made if it is missing, earlier results in it replaced
     #[arg(short, long, value_name = "OUT")]
     pub(super) output: PathBuf,
-    /// How the registration is found: with the blur; not at all, but held at identity (or at --transform); before the
-    /// blur, by the difference of the images or by SIFT key-points
+    /// How the registration is found: unified with the blur; aligned not at all, which is depth only, with T held at
+    /// identity or at --transform; before the blur by appearance, the difference of the images, or by SIFT key-points
     #[arg(long, value_enum, default_value_t = MethodName::from(Settings::default().method))]
     method: MethodName,
     /// Keep what --transform states instead of starting from it; the method is then aligned
@@ -87,9 +87,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     check(arguments)?;
     let Some(photographs) = read(arguments, |_| false)? else { return Ok(()) };
     let engine = pair.common.open_engine()?;
-    let [i1, i2] = &photographs.frames;
+    let (decided, [i1, i2]) = (photographs.settings(&settings), &photographs.frames);
     let bar = Bar::new(!pair.common.quiet && io::stderr().is_terminal());
-    let solution = Solver::for_pair(&engine, i1, i2, &settings)
+    let solution = Solver::for_pair(&engine, i1, i2, &decided)
         .and_then(|mut solver| solver.solve_with(i1, i2, &mut |progress| bar.show(progress)))
         .map_err(|e| Failure::of_solve(e, &pair.i1))?;
     drop(bar);
@@ -109,6 +109,14 @@ pub(super) struct Photographs {
     pub(super) frames: [Frame; 2],
     pub(super) inputs: Vec<Input>,
     lens: Option<Lens>,
+    decode: Decode,
+}
+
+impl Photographs {
+    /// The settings, with values decoded as these files ask for under `--decode auto`.
+    pub(super) fn settings(&self, settings: &Settings) -> Settings {
+        Settings { decode: self.decode, ..settings.clone() }
+    }
 }
 
 /// What the flags ask for.
@@ -136,9 +144,10 @@ pub(super) fn read(
     }
     let lens = arguments.lens.lens(PartOfLens::of_photographs(&inputs))?;
     lens::nearer(arguments.nearer, lens.as_ref())?;
+    let decode = pair.common.decode(|| Ok(inputs.clone()))?;
     let (i1, i2) = image_io::read_pair(&pair.i1, &pair.i2)?;
     arguments.measure.wanted().check((i1.width(), i1.height()))?;
-    Ok(Some(Photographs { frames: [i1, i2], inputs, lens }))
+    Ok(Some(Photographs { frames: [i1, i2], inputs, lens, decode }))
 }
 
 /// Writes the results; tells the report, and which files.
@@ -150,6 +159,8 @@ pub(super) fn write(
     solution: &Solution,
 ) -> Result<(Report, Vec<&'static str>), Failure> {
     let nearer = lens::nearer(arguments.nearer, photographs.lens.as_ref())?;
+    let request = request(arguments, settings);
+    let settings = &photographs.settings(settings);
     let (width, blur, uncertainty) = (solution.width, &solution.relative_blur, &solution.uncertainty);
     let metric = photographs.lens.map(|lens| {
         MetricDepth::new(&lens, solution.transform.scale, settings.max_relative_blur, width, blur, uncertainty)
@@ -160,20 +171,22 @@ pub(super) fn write(
     let formats = frames.each_ref().map(Frame::format);
     let mut report = Report::new(solution, settings, device, nearer);
     report.of(photographs.inputs, super::validation_asked());
-    report.request = request(arguments, settings);
+    report.request = request;
     report.depth = metric.as_ref().map(DepthReport::from);
     report.measurements = (!wanted.is_empty()).then(|| measurements.clone());
     let look = Look { nearer, decode: settings.decode, formats };
     let fused = export::fused(solution, settings.decode)?;
     let points = arguments.models.points(solution, &fused, nearer)?;
     let mut extras = arguments.models.files(points.as_ref(), &fused);
+    let mut written: Vec<&str> = FILES.into_iter().chain(extras.iter().map(|extra| extra.name())).collect();
+    written.extend(metric.as_ref().map(|_| DEPTH_FILE));
+    written.extend((!arguments.no_html).then_some(PAGE_FILE));
+    report.files = written.iter().map(ToString::to_string).collect();
     if !arguments.no_html {
         let names = [&arguments.pair.i1, &arguments.pair.i2].map(|path| name(path));
         let page = Page { photographs: frames.each_ref(), names, decode: settings.decode, nearer };
         extras.push(page.file(solution, &report));
     }
-    let mut written: Vec<&str> = FILES.into_iter().chain(extras.iter().map(|extra| extra.name())).collect();
-    written.extend(metric.as_ref().map(|_| DEPTH_FILE));
     let additions = Additions { depth: metric.as_ref(), measurements, extras };
     export::write(&arguments.output, solution, &report, &look, additions)?;
     Ok((report, written))
@@ -202,6 +215,7 @@ fn tell(report: &Report, written: &[&str], arguments: &Arguments) -> Result<(), 
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+    use parfocal::Photometric;
 
     use super::*;
     use crate::cli::{Cli, Command};
@@ -244,6 +258,15 @@ mod tests {
         assert_eq!((exposure_not_stated.method, exposure_not_stated.photometric), (Method::Aligned, true));
         let aligned = with_file(&["--method", "aligned"], &with_exposure());
         assert_eq!((aligned.method, aligned.photometric, aligned.start.tx), (Method::Aligned, true, 3.0));
+    }
+
+    #[test]
+    fn an_exposure_by_flag_is_held_and_goes_before_a_file() {
+        let found = settings(&parse(&["--gain", "1.1"])).unwrap();
+        assert_eq!((found.photometric, found.start_photometric), (false, Photometric { gain: 1.1, offset: 0.0 }));
+        let found = with_file(&["--offset", "-0.02"], &with_exposure());
+        assert_eq!((found.photometric, found.start_photometric), (false, Photometric { gain: 1.0, offset: -0.02 }));
+        assert!(settings(&parse(&["--gain", "0"])).is_err());
     }
 
     #[test]

@@ -2,9 +2,12 @@
 
 use std::io::Write;
 
+/// The page of a solve.
+pub const PAGE_FILE: &str = "report.html";
+
 /// Names that an [`Extra`] may have. One that a solve does not write is removed from its folder: left from another
 /// solve, it would contradict the rest.
-pub const EXTRA_FILES: [&str; 4] = ["report.html", "surface.ply", "points.ply", "surface.glb"];
+pub const EXTRA_FILES: [&str; 4] = [PAGE_FILE, "surface.ply", "points.ply", "surface.glb"];
 
 /// One more file of a solve, which appears with the others or not at all.
 pub struct Extra<'a> {

@@ -26,7 +26,7 @@ mod transform;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-pub use extra::{EXTRA_FILES, Extra};
+pub use extra::{EXTRA_FILES, Extra, PAGE_FILE};
 pub use fused::fused;
 pub(crate) use fused::stored;
 pub use measurements::{Measurements, ProfileReport, StepReport, Wanted};
@@ -43,6 +43,7 @@ pub use transform::{read_pair_of, read_transform};
 
 use crate::{Decode, Error, Format, Lens, MetricDepth, Solution};
 pub(crate) use json::to_string as to_json;
+pub use staging::remove_unfinished;
 pub(crate) use staging::{Staging, write_file};
 
 /// The files that [`write()`] makes.
