@@ -38,7 +38,7 @@ pub use results::Results;
 pub use scale::{Scale, color};
 pub use simulated::{SIMULATED_FILES, Truth, write_simulated};
 pub use solved::Solved;
-pub use sweep::{SWEEP_FILES, SweepFrame, SweepReport, write_sweep};
+pub use sweep::{SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, write_sweep};
 pub use transform::{read_pair_of, read_transform};
 
 use crate::{Decode, Error, Format, Lens, MetricDepth, Solution};

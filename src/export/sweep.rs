@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::report::{DeviceReport, RangeReport, SizeReport};
 use super::{DEPTH_FILE, EXTRA_FILES, FILES, Nearer, Staging, depth, field, fused, remove_stale};
-use crate::focus_stack::Sweep;
+use crate::focus_stack::{Sweep, SweepDepth};
 use crate::{Decode, DeviceInfo, Error, Format, Photometric, Similarity};
 
 /// The files that [`write_sweep()`] makes.
@@ -26,8 +26,15 @@ pub struct SweepReport {
     pub nearer: u8,
     /// px² of variance by which blur grows with the squared distance from the focus, in settings.
     pub blur_rate_px2: f64,
+    /// How stored values became intensities.
+    pub decode: Decode,
+    /// The unit of focus settings: "settings", "1/m" of a lens whose focus distances are known, or "mm" of a stage.
+    pub focus_unit: &'static str,
     /// Range of the focus setting; of no pixel: null.
     pub focus: RangeReport,
+    /// Depth in mm, where the frames' places of focus are known in mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth: Option<SweepDepthReport>,
     /// Fraction of pixels of which some pair tells.
     pub valid_fraction: f64,
     /// What speaks against any of the pairs.
@@ -38,6 +45,28 @@ pub struct SweepReport {
     pub total_ms: f64,
 }
 
+/// What `report.json` of a sweep says about depth in mm; `null` where no pixel has one.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SweepDepthReport {
+    /// Least, greatest and median depth, mm.
+    #[serde(flatten)]
+    pub range: RangeReport,
+    /// The median of its standard deviation, mm.
+    pub median_deviation: Option<f32>,
+    /// Pixels whose focus setting is beyond infinity; they are NaN.
+    pub out_of_range: usize,
+}
+
+impl From<&SweepDepth> for SweepDepthReport {
+    fn from(found: &SweepDepth) -> Self {
+        Self {
+            range: RangeReport::of(&found.depth),
+            median_deviation: RangeReport::of(&found.deviation).median,
+            out_of_range: found.out_of_range,
+        }
+    }
+}
+
 /// One frame of a sweep.
 #[derive(Clone, Debug, Serialize)]
 pub struct SweepFrame {
@@ -45,6 +74,9 @@ pub struct SweepFrame {
     pub file: String,
     /// Its focus setting.
     pub position: f64,
+    /// Where it is focused, mm, as stated: the distance from the lens, or the place along the axis of a stage.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focus_mm: Option<f64>,
     /// Where each pixel of the reference lies in it.
     pub transform: Similarity,
     /// What maps its exposure to the reference's.
@@ -57,6 +89,7 @@ impl SweepReport {
         let frame = |(n, file): (usize, &String)| SweepFrame {
             file: file.clone(),
             position: sweep.positions[n],
+            focus_mm: sweep.stated.millimetres().map(|at| at[n]),
             transform: sweep.transforms[n],
             photometric: sweep.photometric[n],
         };
@@ -67,7 +100,10 @@ impl SweepReport {
             reference: sweep.reference,
             nearer: nearer.number(),
             blur_rate_px2: sweep.blur_rate,
+            decode: sweep.decode,
+            focus_unit: sweep.stated.unit(),
             focus: RangeReport::of(&sweep.focus),
+            depth: sweep.depth.as_ref().map(SweepDepthReport::from),
             valid_fraction: valid as f64 / sweep.focus.len().max(1) as f64,
             warnings: sweep.warnings.clone(),
             device: device.into(),
@@ -84,7 +120,8 @@ impl SweepReport {
     }
 }
 
-/// Writes the [`SWEEP_FILES`] into the folder `out`, which is made if it is missing; all of them, or none.
+/// Writes the [`SWEEP_FILES`], and [`DEPTH_FILE`] where depth is known, into the folder `out`, which is made if it is
+/// missing; all of them, or none.
 ///
 /// # Errors
 /// [`Error::File`].
@@ -101,8 +138,13 @@ pub fn write_sweep(
     let [focus, uncertainty, picture, fused, json] = SWEEP_FILES;
     staging.add(focus, |w| field::write(w, size, &sweep.focus, &field::FOCUS))?;
     staging.add(uncertainty, |w| field::write(w, size, &sweep.uncertainty, &field::FOCUS_UNCERTAINTY))?;
-    // A later setting is farther where the first frame is the nearest.
-    let later_is = if nearer == Nearer::First { Nearer::Second } else { Nearer::First };
+    if let Some(found) = &sweep.depth {
+        let channels = [("Y", &found.depth[..]), ("standard_deviation", &found.deviation)];
+        staging.add(DEPTH_FILE, |w| field::write_channels(w, size, &channels, &field::SWEEP_DEPTH))?;
+    }
+    // A larger setting is farther where the frame with the least is the nearest; depth.png has V > 0 near by default.
+    let ascending = sweep.positions.first() < sweep.positions.last();
+    let later_is = if ascending == (nearer == Nearer::First) { Nearer::Second } else { Nearer::First };
     staging.add(picture, |w| depth::write(w, size, &sweep.focus, later_is))?;
     let image = fused::Image { size, channels: sweep.fused_channels, values: &sweep.fused };
     staging.add(fused, |w| fused::write_image(w, &image, decode, format.depth))?;
@@ -111,6 +153,6 @@ pub fn write_sweep(
     })?;
     staging.place()?;
     // What a solve of a pair left there belongs to other pictures.
-    let of_a_pair = FILES.into_iter().chain(EXTRA_FILES).chain([DEPTH_FILE]);
+    let of_a_pair = FILES.into_iter().chain(EXTRA_FILES).chain(sweep.depth.is_none().then_some(DEPTH_FILE));
     of_a_pair.filter(|name| !SWEEP_FILES.contains(name)).try_for_each(|name| remove_stale(&out.join(name)))
 }
