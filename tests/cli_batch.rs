@@ -74,6 +74,8 @@ fn a_folder_is_solved_and_resumed_where_something_has_changed() {
     assert_eq!(statuses(&desk.tally("shots", &["--resume", "--timeout", "99"], 0)), ["a kept", "b kept"]);
     fs::remove_file(desk.path("out/a/depth.png")).unwrap();
     assert_eq!(statuses(&desk.tally("shots", &["--resume"], 0)), ["a solved", "b kept"]);
+    fs::remove_file(desk.path("out/b/report.html")).unwrap();
+    assert_eq!(statuses(&desk.tally("shots", &["--resume"], 0)), ["a kept", "b solved"]);
     fs::copy(desk.path("shots/b_far.png"), desk.path("shots/b_near.png")).unwrap();
     assert_eq!(statuses(&desk.tally("shots", &["--resume"], 0)), ["a kept", "b solved"]);
     assert_eq!(statuses(&desk.tally("shots", &["--resume", "--sweeps", "6"], 0)), ["a solved", "b solved"]);

@@ -10,7 +10,7 @@ use assert_cmd::Command;
 use parfocal::image_io::read_field;
 use serde_json::Value;
 
-/// A sweep over two planes, of which the left is in focus at setting 1 and the right at 2.6: variance 2 (p - u)² px².
+/// A sweep over a scene whose focus is known at each column: variance 2 (p - u)² px².
 struct Sweep {
     folder: tempfile::TempDir,
     files: Vec<PathBuf>,
@@ -19,12 +19,18 @@ struct Sweep {
 const SIZE: [u32; 2] = [192, 128];
 const RATE: f64 = 2.0;
 
-fn focus_at(x: u32) -> f64 {
+/// Two planes, the left in focus at setting 1, the right at 2.6.
+fn planes(x: u32) -> f64 {
     if x < SIZE[0] / 2 { 1.0 } else { 2.6 }
 }
 
+/// A slope from setting 1 to 3.
+fn slope(x: u32) -> f64 {
+    1.0 + 2.0 * f64::from(x) / f64::from(SIZE[0])
+}
+
 impl Sweep {
-    fn new(frames: u32) -> Self {
+    fn new(frames: u32, focus_at: fn(u32) -> f64) -> Self {
         let folder = tempfile::TempDir::new().unwrap();
         let files = (0..frames).map(|n| folder.path().join(format!("frame_{n}.png"))).collect::<Vec<_>>();
         for (n, file) in files.iter().enumerate() {
@@ -59,7 +65,7 @@ impl Sweep {
 
 #[test]
 fn a_sweep_gives_the_focus_of_both_planes() {
-    let sweep = Sweep::new(5);
+    let sweep = Sweep::new(5, planes);
     let output = sweep.stack(&["--json", "--reference", "3"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -75,7 +81,7 @@ fn a_sweep_gives_the_focus_of_both_planes() {
             .collect();
         found.sort_by(f32::total_cmp);
         let median = f64::from(found[found.len() / 2]);
-        assert!((median - focus_at(from)).abs() < 0.1, "{median} at {from}");
+        assert!((median - planes(from)).abs() < 0.1, "{median} at {from}");
     }
     assert!(uncertainty.iter().all(|s| s.is_nan() || *s > 0.0));
     for file in ["depth.png", "fused.png", "report.json"] {
@@ -83,9 +89,58 @@ fn a_sweep_gives_the_focus_of_both_planes() {
     }
 }
 
+/// Depth and its standard deviation, mm, against the truth by column, 20 px inside the border: how far the median pixel is
+/// off, and the fraction of pixels within two of their deviations.
+fn depth_error(sweep: &Sweep, truth: impl Fn(u32) -> f64) -> (f64, f64) {
+    use exr::prelude::read_first_flat_layer_from_file;
+    let layer = read_first_flat_layer_from_file(sweep.out().join("depth_mm.exr")).unwrap().layer_data;
+    let channel = |name: &str| {
+        let found = layer.channel_data.list.iter().find(|c| c.name.to_string() == name).unwrap();
+        found.sample_data.values_as_f32().map(f64::from).collect::<Vec<f64>>()
+    };
+    let (depth, deviation) = (channel("Y"), channel("standard_deviation"));
+    let inside = (20..SIZE[1] - 20).flat_map(|y| (20..SIZE[0] - 20).map(move |x| (x, (y * SIZE[0] + x) as usize)));
+    let mut off: Vec<(f64, bool)> = inside
+        .filter(|&(_, i)| !depth[i].is_nan())
+        .map(|(x, i)| ((depth[i] - truth(x)).abs(), (depth[i] - truth(x)).abs() < 2.0 * deviation[i]))
+        .collect();
+    assert!(off.len() > 12_000, "only {} pixels have a depth", off.len());
+    off.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let within = off.iter().filter(|o| o.1).count() as f64 / off.len() as f64;
+    (off[off.len() / 2].0, within)
+}
+
+#[test]
+fn distances_and_a_stage_give_depth_in_mm_within_its_deviation() {
+    let sweep = Sweep::new(5, slope);
+    // Settings of 4 to 4.4 1/m; the lens moves away from what is near.
+    let inverse = |setting: f64| 1000.0 / (4.0 + 0.1 * setting);
+    let at = (0..5).map(|n| inverse(f64::from(n)).to_string()).collect::<Vec<_>>().join(",");
+    let output = sweep.stack(&["--json", "--focus-at", &at]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&report["focus_unit"], &report["nearer"]), (&"1/m".into(), &2.into()));
+    assert_eq!(report["frames"][1]["focus_mm"].as_f64(), Some(inverse(1.0)));
+    let summary = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(summary.contains("depth ") && summary.contains(" mm, median "), "{summary}");
+    // A setting is 6 mm here.
+    let (median, within) = depth_error(&sweep, |x| inverse(slope(x)));
+    assert!(median < 0.3 && within > 0.9, "{median} mm, {within}");
+    let median = report["depth"]["median"].as_f64().unwrap();
+    assert!((median - inverse(2.0)).abs() < 1.0, "{median}");
+
+    let output = sweep.stack(&["--focus-at", "-1,-0.5,0,0.5,1", "--stage", "--quiet", "--nearer", "2"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let (median, within) = depth_error(&sweep, |x| -1.0 + 0.5 * slope(x));
+    assert!(median < 0.025 && within > 0.9, "{median} mm, {within}");
+
+    let output = sweep.stack(&["--quiet"]);
+    assert!(output.status.success() && !sweep.out().join("depth_mm.exr").exists());
+}
+
 #[test]
 fn what_is_no_sweep_is_refused_in_plain_words() {
-    let sweep = Sweep::new(3);
+    let sweep = Sweep::new(3, planes);
     let refused = |extra: &[&str], words: &[&str]| {
         let output = sweep.stack(extra);
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -94,5 +149,8 @@ fn what_is_no_sweep_is_refused_in_plain_words() {
     };
     refused(&["--positions", "0,1"], &["2 positions for 3 frames"]);
     refused(&["--positions", "0,2,1"], &["ascending"]);
-    refused(&["--reference", "4"], &["--reference 4", "3 frames"]);
+    refused(&["--focus-at", "100,0,-100"], &["0 mm", "distance"]);
+    refused(&["--focus-at", "100,200,300", "--nearer", "2"], &["--nearer", "--focus-at"]);
+    refused(&["--stage"], &["--focus-at"]);
+    refused(&["--reference", "4"], &["no reference frame 4", "there are 3"]);
 }

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::io::{self, IsTerminal, Write};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -9,7 +10,7 @@ use std::thread;
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::export::FILES;
+use parfocal::export::remove_unfinished;
 use parfocal::{DeviceInfo, Engine, Error, Kept, Scoped, Settings};
 
 use super::failure::{Failure, print};
@@ -91,7 +92,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     output::check(out, &[], &[])?;
     let jobs: Vec<Job> = pairs::find(source, out)?.into_iter().map(|pair| Job::new(flags, pair)).collect();
     jobs.iter().try_for_each(|job| solve::check(&job.arguments))?;
-    let stop = on_interrupt()?;
+    let stop = on_interrupt(jobs.iter().map(|job| job.arguments.output.clone()).collect())?;
     let engine = flags.pair.common.open_engine()?;
     let shared = Shared { settings, resume: arguments.resume, stop };
     let bar = Bar::new(jobs.len(), flags.pair.common.quiet);
@@ -128,12 +129,13 @@ impl Job {
     }
 }
 
-/// A flag that the first Ctrl-C sets; the second ends the program.
-fn on_interrupt() -> Result<Arc<AtomicBool>, Failure> {
+/// A flag that the first Ctrl-C sets; the second removes what is half written in the folders and ends the program.
+fn on_interrupt(folders: Vec<PathBuf>) -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     let handler = move || {
         if flag.swap(true, Ordering::Relaxed) {
+            folders.iter().for_each(|folder| remove_unfinished(folder));
             std::process::exit(130);
         }
         let _ = writeln!(io::stderr(), "\nfinishing the pair at hand; Ctrl-C again ends at once");
@@ -176,12 +178,15 @@ fn read_all(jobs: &[Job], shared: &Shared, to_solver: &SyncSender<(usize, Read)>
     }
 }
 
-/// Whether the results of a pair are there, all of them, and of what is asked. The report gets its name last.
+/// Whether the results of a pair are there, all that its report names, and of what is asked. The report gets its name last.
 fn is_whole(job: &Job, shared: &Shared, inputs: &[parfocal::image_io::Input]) -> bool {
     let out = &job.arguments.output;
     let Some(report) = Outcome::report(out) else { return false };
+    let files = report["files"].as_array().map_or(&[][..], Vec::as_slice);
+    let is_there = |name: &serde_json::Value| name.as_str().is_some_and(|name| out.join(name).is_file());
     let hashes = |i: usize| report["inputs"][i]["sha256"].as_str();
-    FILES.iter().all(|name| out.join(name).is_file())
+    !files.is_empty()
+        && files.iter().all(is_there)
         && report["request"].as_str() == Some(&solve::request(&job.arguments, &shared.settings))
         && inputs.iter().enumerate().all(|(i, input)| {
             let page = report["inputs"][i]["page"].as_u64().map(|page| page as usize);
@@ -232,8 +237,8 @@ struct Bench {
 
 impl Bench {
     fn solve(&mut self, photographs: &Photographs, settings: &Settings) -> Result<Scoped, Error> {
-        let frames = photographs.frames.each_ref();
-        photographs.scope.solve(&self.engine, &mut self.kept, frames, settings, &mut |_| ())
+        let (frames, settings) = (photographs.frames.each_ref(), photographs.settings(settings));
+        photographs.scope.solve(&self.engine, &mut self.kept, frames, &settings, &mut |_| ())
     }
 }
 

@@ -1,8 +1,7 @@
 //! `parfocal calibrate`: the constants of a lens from a target of known depth.
 
 use std::fs;
-
-use std::io::{self, Read, Write};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -14,17 +13,18 @@ use parfocal::{Calibration, Target, Unknown, calibrate};
 use serde::Deserialize;
 
 use super::depth::decimals;
-use super::failure::{Failure, print};
+use super::failure::Failure;
 use super::lens::LensArguments;
 use super::output;
 use super::region::RegionAtDepth;
+use super::solved::SolvedArguments;
 
 /// Find the blur constant kappa, and focus distances, from the solve of a pair of a known target.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(super) struct Arguments {
-    /// Folder that `parfocal solve -o` wrote for the target
-    results: PathBuf,
+    #[command(flatten)]
+    of: SolvedArguments,
     #[command(flatten)]
     lens: LensArguments,
     /// The target is a plane that fills the image: its depths in mm at the corners top left, top right, bottom left
@@ -43,12 +43,6 @@ pub(super) struct Arguments {
     /// File for the result as JSON, which --lens reads; an earlier one is replaced
     #[arg(short, long, value_name = "FILE.json")]
     output: Option<PathBuf>,
-    /// Print the result on stdout
-    #[arg(long)]
-    json: bool,
-    /// Print nothing on stderr but errors
-    #[arg(long)]
-    quiet: bool,
 }
 
 const AFTER_HELP: &str = "\
@@ -108,20 +102,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let unknowns = unknowns(&arguments.fit)?;
     let target = target(arguments)?;
     check_output(arguments)?;
-    let solved = Solved::read(&arguments.results)?;
+    let solved = Solved::read(&arguments.of.results)?;
     let blur = Field { width: solved.width, values: &solved.relative_blur };
     let found = calibrate(&lens, solved.transform.scale, &blur, &solved.confidence, &target, &unknowns)?;
     if let Some(file) = &arguments.output {
         export::write_json(file, &found)?;
     }
-    if !arguments.quiet {
-        // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(io::stderr(), "{}", summary(&found, arguments.output.as_deref()));
-    }
-    if arguments.json {
-        print(&serde_json::to_string_pretty(&found).map_err(|e| Failure::Failed(e.to_string()))?)?;
-    }
-    Ok(())
+    arguments.of.tell(&summary(&found, arguments.output.as_deref()), &found)
 }
 
 fn unknowns(names: &[UnknownName]) -> Result<Vec<Unknown>, Failure> {
@@ -165,7 +152,7 @@ fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     if file.is_dir() {
         return Err(Failure::Failed(format!("{}: is a folder; give a file for the lens", file.display())));
     }
-    let results = export::FILES.iter().map(|name| arguments.results.join(name));
+    let results = export::FILES.iter().map(|name| arguments.of.results.join(name));
     if results.chain(arguments.steps.clone()).any(|input| super::same_file(file, &input)) {
         return Err(Failure::Failed(format!("{}: is an input; give another file", file.display())));
     }

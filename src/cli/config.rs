@@ -144,6 +144,31 @@ fn parse(text: &str) -> Result<Vec<Entry>, (usize, String)> {
     Ok(entries)
 }
 
+/// Lets `--switch=false` stand on the command line of a subcommand that takes `--config`, against a file that turns it on.
+pub(super) fn with_optional_switches(command: Command) -> Command {
+    if !takes_config(&command) {
+        return command;
+    }
+    command.mut_args(|option| match option.get_action() {
+        ArgAction::SetTrue if option.get_long().is_some() => option
+            .action(ArgAction::Set)
+            .value_parser(clap::value_parser!(bool))
+            .num_args(0..=1)
+            .require_equals(true)
+            .value_name("BOOL")
+            .default_value("false")
+            .default_missing_value("true")
+            .hide_default_value(true)
+            .hide_possible_values(true),
+        _ => option,
+    })
+}
+
+/// Whether a subcommand takes `--config`.
+pub(super) fn takes_config(command: &Command) -> bool {
+    command.get_arguments().any(|option| option.get_long() == Some("config"))
+}
+
 /// Whether an option may stand in a file.
 pub(super) fn is_key(option: &Arg) -> bool {
     option.get_long().is_some_and(|long| !["config", "help", "version"].contains(&long))
@@ -151,7 +176,7 @@ pub(super) fn is_key(option: &Arg) -> bool {
 
 /// The option of a subcommand that a key names; `None` if it is another subcommand's, so that one file serves several.
 fn find<'a>(command: &'a Command, subcommand: &str, key: &str) -> Result<Option<&'a Arg>, String> {
-    let takers = || command.get_subcommands().filter(|c| c.get_arguments().any(|a| a.get_long() == Some("config")));
+    let takers = || command.get_subcommands().filter(|c| takes_config(c));
     let options = |c: &'a Command| c.get_arguments().filter(|a| is_key(a));
     let own = takers().find(|c| c.get_name() == subcommand).into_iter().flat_map(options);
     if let Some(option) = own.into_iter().find(|a| a.get_long() == Some(key)) {
@@ -184,34 +209,30 @@ pub(super) fn is_bool(option: &Arg) -> bool {
 fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
     let (key, value) = (&entry.key, &entry.value);
     let found = value.type_str();
-    if matches!(option.get_action(), ArgAction::SetTrue) {
-        return match value {
-            Value::Boolean(true) => Ok(vec![format!("--{key}").into()]),
-            Value::Boolean(false) => Ok(Vec::new()),
-            _ => Err(format!("{key} must be true or false, and is {}", article(found))),
-        };
-    }
-    if let Value::Boolean(value) = value
-        && is_bool(option)
-    {
-        return Ok(vec![format!("--{key}={value}").into()]);
+    match value {
+        Value::Boolean(value) if is_bool(option) => return Ok(vec![format!("--{key}={value}").into()]),
+        _ if is_bool(option) => return Err(format!("{key} must be true or false, and is {}", article(found))),
+        _ => {}
     }
     let Value::Array(values) = value else {
         return Ok(vec![format!("--{key}={}", scalar(option, key, value)?).into()]);
     };
-    let several = option.get_num_args().is_some_and(|n| n.max_values() > 1);
-    let delimiter = option.get_value_delimiter();
+    let each = option.get_num_args().map_or(1, |n| n.max_values());
     let repeated = matches!(option.get_action(), ArgAction::Append);
-    if !several && delimiter.is_none() && !repeated {
+    if each == 1 && option.get_value_delimiter().is_none() && !repeated {
         return Err(format!("{key} must be a single value, and is an array"));
     }
     let texts: Vec<String> = values.iter().map(|v| scalar(option, key, v)).collect::<Result<_, _>>()?;
-    Ok(match delimiter {
-        _ if texts.is_empty() => Vec::new(),
-        Some(delimiter) => vec![format!("--{key}={}", texts.join(&delimiter.to_string())).into()],
-        None if several => [format!("--{key}")].into_iter().chain(texts).map(OsString::from).collect(),
-        None => texts.iter().map(|text| format!("--{key}={text}").into()).collect(),
-    })
+    if let Some(delimiter) = option.get_value_delimiter() {
+        let all = texts.join(&delimiter.to_string());
+        return Ok(if texts.is_empty() { Vec::new() } else { vec![format!("--{key}={all}").into()] });
+    }
+    // Several values an occurrence, as in --step FROM TO, may occur several times too.
+    let occurrence = |values: &[String]| match values {
+        [one] => vec![format!("--{key}={one}").into()],
+        several => [format!("--{key}")].iter().chain(several).map(OsString::from).collect(),
+    };
+    Ok(texts.chunks(each).flat_map(occurrence).collect())
 }
 
 fn scalar(option: &Arg, key: &str, value: &Value) -> Result<String, String> {
@@ -235,11 +256,9 @@ fn article(kind: &str) -> String {
 mod tests {
     use std::fs;
 
-    use clap::CommandFactory;
     use tempfile::TempDir;
 
     use super::*;
-    use crate::cli::Cli;
 
     /// The options of `solve` with a file and further arguments.
     fn solve(text: &str, extra: &[&str]) -> Result<ArgMatches, String> {
@@ -248,7 +267,7 @@ mod tests {
         fs::write(&file, text).unwrap();
         let base = ["parfocal", "solve", "a.png", "b.png", "--config", file.to_str().unwrap()];
         let arguments = base.iter().chain(extra).map(OsString::from).collect();
-        match matches(&Cli::command(), arguments) {
+        match matches(&crate::cli::command(), arguments) {
             Ok((found, _)) => Ok(found.subcommand().unwrap().1.clone()),
             Err(Failure::Usage(message)) => Err(message.rsplit_once("c.toml").unwrap().1.to_string()),
             Err(other) => panic!("{other:?}"),
@@ -295,13 +314,34 @@ mod tests {
     }
 
     #[test]
+    fn a_switch_that_the_file_turns_on_is_turned_off_on_the_command_line() {
+        let on = |extra: &[&str]| {
+            solve("output = 'out'\nno-photometric = true\n", extra).unwrap().get_flag("no_photometric")
+        };
+        assert!(on(&[]) && on(&["--no-photometric"]) && on(&["--no-photometric=true"]));
+        assert!(!on(&["--no-photometric=false"]));
+    }
+
+    #[test]
+    fn an_option_of_several_values_may_occur_several_times() {
+        let regions = |text: &str, extra: &[&str]| {
+            let found = solve(&format!("output = 'out'\n{text}"), extra);
+            found.map(|found| found.get_raw("step").map_or(0, Iterator::count))
+        };
+        assert_eq!(regions("step = ['0,0,9,9', '9,9,9,9']", &[]), Ok(2));
+        assert_eq!(regions("step = ['0,0,9,9', '9,9,9,9', '0,0,8,8', '8,8,8,8']", &[]), Ok(4));
+        assert_eq!(regions("step = ['0,0,9,9', '9,9,9,9']", &["--step", "1,1,2,2", "3,3,4,4"]), Ok(2));
+        assert!(regions("step = ['0,0,9,9', '9,9,9,9', '0,0,8,8']", &[]).unwrap_err().starts_with(":2: "));
+    }
+
+    #[test]
     fn an_option_of_another_subcommand_is_left_out() {
         assert!(find(&built(), "register", "nearer").unwrap().is_none());
         assert!(find(&built(), "solve", "nearer").unwrap().is_some());
     }
 
     fn built() -> Command {
-        let mut command = Cli::command();
+        let mut command = crate::cli::command();
         command.build();
         command
     }

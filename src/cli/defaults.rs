@@ -2,32 +2,43 @@
 
 use std::fmt::Write;
 
-use clap::{Arg, ArgAction, CommandFactory};
+use clap::Arg;
 
-use super::Cli;
-use super::config::{is_bool, is_key, is_number};
-use super::failure::{Failure, print};
+use super::config::{is_bool, is_key, is_number, takes_config};
+use super::failure::{Failure, nearest, print};
 
-/// Print the options of `solve` with their defaults as TOML, for --config.
+/// Print the options of a subcommand with their defaults as TOML, for --config.
 #[derive(clap::Args, Debug)]
-pub(super) struct Arguments {}
+pub(super) struct Arguments {
+    /// The subcommand: solve, batch, stack or register
+    #[arg(value_name = "COMMAND", default_value = "solve")]
+    command: String,
+}
 
 const HEADER: &str = "\
 # Options of parfocal, for --config FILE: the keys are the long options. What the command line states goes before what
-# this file states, and that before the defaults. A key that the subcommand at hand lacks but another one has is left
+# this file states (a switch is turned off by --switch=false), and that before the defaults. A key that the subcommand at hand lacks but another one has is left
 # out, so that one file serves solve, register and batch. Paths are relative to the working folder.";
 
 /// Columns of a comment.
 const WIDTH: usize = 110;
 
 /// Prints the file.
-pub(super) fn run(_: &Arguments) -> Result<(), Failure> {
-    print(&text("solve"))
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let command = super::command();
+    let names: Vec<&str> = command.get_subcommands().filter(|c| takes_config(c)).map(clap::Command::get_name).collect();
+    let asked = arguments.command.as_str();
+    if names.contains(&asked) {
+        return print(&text(asked));
+    }
+    let hint =
+        nearest(asked, names.iter().copied()).map_or_else(String::new, |name| format!("; did you mean '{name}'?"));
+    Err(Failure::Usage(format!("{asked} takes no --config; {} do{hint}", names.join(", "))))
 }
 
 /// The file for a subcommand.
 fn text(subcommand: &str) -> String {
-    let mut command = Cli::command();
+    let mut command = super::command();
     command.build();
     let options = command.find_subcommand(subcommand).into_iter().flat_map(clap::Command::get_arguments);
     let mut text = HEADER.to_string();
@@ -41,8 +52,7 @@ fn text(subcommand: &str) -> String {
 fn comment(option: &Arg) -> String {
     let mut words = option.get_help().map(ToString::to_string).unwrap_or_default();
     let names: Vec<_> = option.get_possible_values().iter().map(|v| v.get_name().to_string()).collect();
-    let is_switch = matches!(option.get_action(), ArgAction::SetTrue);
-    if !names.is_empty() && !is_switch {
+    if !names.is_empty() && !is_bool(option) {
         words = format!("{words} ({})", names.join(", "));
     }
     let mut lines = vec![String::new()];
@@ -58,9 +68,6 @@ fn comment(option: &Arg) -> String {
 /// The default; where there is none, a comment that says what could stand there.
 fn line(option: &Arg) -> String {
     let key = option.get_long().unwrap_or_default();
-    if matches!(option.get_action(), ArgAction::SetTrue) {
-        return format!("{key} = false");
-    }
     let values: Vec<String> =
         option.get_default_values().iter().map(|v| literal(option, &v.to_string_lossy())).collect();
     match values.as_slice() {
@@ -92,11 +99,11 @@ mod tests {
     use tempfile::TempDir;
 
     use super::*;
-    use crate::cli::config;
+    use crate::cli::{Cli, config};
 
     fn parse(arguments: &[&str]) -> String {
         let arguments = arguments.iter().map(OsString::from).collect();
-        let (matches, _) = config::matches(&Cli::command(), arguments).unwrap();
+        let (matches, _) = config::matches(&crate::cli::command(), arguments).unwrap();
         format!("{:?}", Cli::from_arg_matches(&matches).unwrap())
     }
 
@@ -104,9 +111,16 @@ mod tests {
     fn the_defaults_fed_back_change_nothing() {
         let folder = TempDir::new().unwrap();
         let file = folder.path().join("defaults.toml");
-        fs::write(&file, text("solve")).unwrap();
         let file = file.to_str().unwrap();
-        for base in [&["parfocal", "solve", "a", "b", "-o", "out"][..], &["parfocal", "register", "a", "b"]] {
+        let cases = [
+            ("solve", &["parfocal", "solve", "a", "b", "-o", "out"][..]),
+            ("solve", &["parfocal", "register", "a", "b"]),
+            ("register", &["parfocal", "register", "a", "b"]),
+            ("batch", &["parfocal", "batch", "a", "-o", "out"]),
+            ("stack", &["parfocal", "stack", "a", "b", "c", "-o", "out"]),
+        ];
+        for (of, base) in cases {
+            fs::write(file, text(of)).unwrap();
             let with = parse(&[base, &["--config", file]].concat());
             let plain = parse(base).replace("config: None", &format!("config: Some({file:?})"));
             assert_eq!(with, plain);
@@ -115,6 +129,8 @@ mod tests {
 
     #[test]
     fn every_option_stands_there_with_a_comment() {
+        assert!(text("stack").contains("\n# focus-at = 0\n"), "{}", text("stack"));
+        assert!(text("batch").contains("\nresume = false\n"), "{}", text("batch"));
         let text = text("solve");
         for part in [
             "\nlevels = \"auto\"\n",

@@ -1,31 +1,25 @@
 //! `parfocal depth`: depth in mm for a folder that has been solved.
 
-use std::io::{self, Write};
 use std::path::PathBuf;
 
 use parfocal::export::{DEPTH_FILE, DepthReport, Solved};
 
 use super::colors::ColorsArgument;
-use super::failure::{Failure, print};
+use super::failure::Failure;
 use super::lens::LensArguments;
 use super::output;
+use super::solved::SolvedArguments;
 
 /// Turn the relative blur of a finished solve into depth in mm, once the lens is known. Nothing is solved again.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(super) struct Arguments {
-    /// Folder that `parfocal solve -o` wrote
-    results: PathBuf,
+    #[command(flatten)]
+    of: SolvedArguments,
     #[command(flatten)]
     lens: LensArguments,
     #[command(flatten)]
     colors: ColorsArgument,
-    /// Print what the report says about depth on stdout
-    #[arg(long)]
-    json: bool,
-    /// Print nothing on stderr but errors
-    #[arg(long)]
-    quiet: bool,
 }
 
 const AFTER_HELP: &str = "\
@@ -42,29 +36,18 @@ Exit status: 0 done, 1 failed, 2 wrong usage.";
 /// Reads, inverts, writes.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let lens = arguments.lens.required()?;
-    let solved = Solved::read(&arguments.results)?;
+    let results = &arguments.of.results;
+    let solved = Solved::read(results)?;
     let written = [DEPTH_FILE, "depth.png", "report.json"];
     // A report may state the lens: it is read before it is written again.
     let inputs: Vec<&PathBuf> =
         arguments.lens.file().into_iter().filter(|file| !file.ends_with("report.json")).collect();
-    output::check(&arguments.results, &written, &inputs)?;
+    output::check(results, &written, &inputs)?;
     let metric = solved.through(&lens);
     solved.write_depth(&metric, arguments.colors.palette())?;
     let report = DepthReport::from(&metric);
-    if !arguments.quiet {
-        // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(
-            io::stderr(),
-            "depth          {}\nresults        {}: {}",
-            summary(&report),
-            arguments.results.display(),
-            written.join(" ")
-        );
-    }
-    if arguments.json {
-        print(&serde_json::to_string_pretty(&report).map_err(|e| Failure::Failed(e.to_string()))?)?;
-    }
-    Ok(())
+    let (range, files) = (summary(&report), written.join(" "));
+    arguments.of.tell(&format!("depth          {range}\nresults        {}: {files}", results.display()), &report)
 }
 
 /// The range of depth, in words.

@@ -1,30 +1,22 @@
 //! `parfocal measure`: step heights and profiles of a folder that has been solved.
 
-use std::io::{self, Write};
-use std::path::PathBuf;
-
 use parfocal::Estimate;
 use parfocal::export::{Measurements, Solved, StepReport, Wanted};
 
 use super::depth::decimals;
-use super::failure::{Failure, print};
+use super::failure::Failure;
 use super::output;
 use super::region::{LineArgument, RegionArgument};
+use super::solved::SolvedArguments;
 
 /// Measure step heights and profiles in the results of a solve.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(super) struct Arguments {
-    /// Folder that `parfocal solve -o` wrote
-    results: PathBuf,
+    #[command(flatten)]
+    of: SolvedArguments,
     #[command(flatten)]
     wanted: MeasureArguments,
-    /// Print the numbers on stdout
-    #[arg(long)]
-    json: bool,
-    /// Print nothing on stderr but errors
-    #[arg(long)]
-    quiet: bool,
 }
 
 /// What to measure.
@@ -67,22 +59,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if wanted.is_empty() {
         return Err(Failure::Usage("nothing to measure: give --step or --profile".to_string()));
     }
-    let solved = Solved::read(&arguments.results)?;
-    output::check(&arguments.results, &[], &[])?;
+    let results = &arguments.of.results;
+    let solved = Solved::read(results)?;
+    output::check(results, &[], &[])?;
     let measured = solved.measure(&wanted)?;
     solved.write_measurements(&measured)?;
-    if !arguments.quiet {
-        // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(
-            io::stderr(),
-            "{}",
-            rows(&measured).iter().map(|(label, text)| format!("{label:<14} {text}")).collect::<Vec<_>>().join("\n")
-        );
-    }
-    if arguments.json {
-        print(&serde_json::to_string_pretty(&measured).map_err(|e| Failure::Failed(e.to_string()))?)?;
-    }
-    Ok(())
+    let lines: Vec<String> = rows(&measured).iter().map(|(label, text)| format!("{label:<14} {text}")).collect();
+    arguments.of.tell(&lines.join("\n"), &measured)
 }
 
 /// Labels and what they say.

@@ -24,6 +24,7 @@ mod scope;
 mod shell;
 mod simulate;
 mod solve;
+mod solved;
 mod stack;
 mod summary;
 mod tally;
@@ -78,7 +79,7 @@ Environment:
 
 /// Runs the program.
 pub fn main() -> ExitCode {
-    match config::matches(&Cli::command(), std::env::args_os().collect()) {
+    match config::matches(&command(), std::env::args_os().collect()) {
         Err(failure) => failure.report(),
         Ok((matches, origin)) => {
             let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|e| e.exit());
@@ -87,6 +88,11 @@ pub fn main() -> ExitCode {
                 .map_or_else(Failure::report, |()| ExitCode::SUCCESS)
         }
     }
+}
+
+/// What clap is told: as derived, and switches that a configuration turns on can be turned off.
+fn command() -> clap::Command {
+    Cli::command().mut_subcommands(config::with_optional_switches)
 }
 
 fn run(command: Command) -> Result<(), Failure> {
@@ -131,10 +137,8 @@ fn check_validation(engine: &parfocal::Engine) -> Result<(), Failure> {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     #[test]
     fn the_command_line_is_consistent() {
-        super::Cli::command().debug_assert();
+        super::command().debug_assert();
     }
 }

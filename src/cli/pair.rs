@@ -8,7 +8,7 @@ use std::str::FromStr;
 use clap::ValueEnum;
 use parfocal::export;
 use parfocal::image_io::Input;
-use parfocal::{Decode, Engine, Frame, Kernel, Method, RegistrationStep, Settings, image_io};
+use parfocal::{Decode, Engine, Frame, Kernel, Method, Photometric, RegistrationStep, Settings, image_io};
 
 use super::config::ConfigArgument;
 use super::engine::EngineArguments;
@@ -53,12 +53,19 @@ pub(super) struct SettingsArguments {
     /// How the registration steps; gradient-descent is the paper's scheme, to compare with
     #[arg(long, value_enum, default_value_t = StepName::from(Settings::default().registration))]
     registration: StepName,
-    /// How stored values become intensities: as stored, or with the sRGB curve undone
+    /// How stored values become intensities: none, as stored; srgb, with the sRGB curve undone; auto, by what the files say
+    /// (8-bit PNG and JPEG that say nothing are taken for sRGB, all others for linear), in which they must agree
     #[arg(long, value_enum, default_value_t = DecodeName::from(Settings::default().decode))]
     decode: DecodeName,
     /// Do not solve for the difference in exposure (gain and offset) of the two images
     #[arg(long)]
     no_photometric: bool,
+    /// Hold the exposure: the factor on I2's values that makes them I1's, 0.001 to 1000; with --offset, which is 0 if not given
+    #[arg(long, value_name = "G", allow_negative_numbers = true)]
+    gain: Option<f64>,
+    /// Hold the exposure: what is added after the gain, where white is 1
+    #[arg(long, value_name = "O", allow_negative_numbers = true)]
+    offset: Option<f64>,
     /// Print the report on stdout too
     #[arg(long)]
     pub(super) json: bool,
@@ -124,6 +131,7 @@ impl KernelChoice {
 enum DecodeName {
     None,
     Srgb,
+    Auto,
 }
 
 impl From<Decode> for DecodeName {
@@ -173,11 +181,10 @@ impl SettingsArguments {
                 StepName::GaussNewton => RegistrationStep::GaussNewton,
                 StepName::GradientDescent => RegistrationStep::GradientDescent,
             },
-            photometric: !self.no_photometric,
-            decode: match self.decode {
-                DecodeName::None => Decode::None,
-                DecodeName::Srgb => Decode::Srgb,
-            },
+            photometric: !self.no_photometric && self.exposure().is_none(),
+            start_photometric: self.exposure().unwrap_or_default(),
+            // Auto is settled by `decode`, once the files are known.
+            decode: if matches!(self.decode, DecodeName::Srgb) { Decode::Srgb } else { Decode::None },
             ..Settings::default()
         };
         self.tuning.apply(&mut settings);
@@ -185,6 +192,22 @@ impl SettingsArguments {
         settings.kernel = self.kernel.read()?;
         self.start_from_file(hold, &mut settings)?;
         Ok(settings)
+    }
+
+    /// How the values of photographs become intensities; `files` says what they are, where that decides.
+    pub(super) fn decode(&self, files: impl FnOnce() -> Result<Vec<Input>, Failure>) -> Result<Decode, Failure> {
+        Ok(match self.decode {
+            DecodeName::None => Decode::None,
+            DecodeName::Srgb => Decode::Srgb,
+            DecodeName::Auto => image_io::decode_of(&files()?)?,
+        })
+    }
+
+    /// The exposure that is held by flag.
+    fn exposure(&self) -> Option<Photometric> {
+        let Photometric { gain, offset } = Photometric::IDENTITY;
+        let held = Photometric { gain: self.gain.unwrap_or(gain), offset: self.offset.unwrap_or(offset) };
+        self.gain.or(self.offset).map(|_| held)
     }
 
     fn start_from_file(&self, hold: bool, settings: &mut Settings) -> Result<(), Failure> {
@@ -202,7 +225,7 @@ impl SettingsArguments {
         if hold {
             settings.method = Method::Aligned;
         }
-        if let Some(start_photometric) = photometric {
+        if let (Some(start_photometric), None) = (photometric, self.exposure()) {
             settings.start_photometric = start_photometric;
             settings.photometric &= !hold;
         }

@@ -53,6 +53,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     check_output(arguments)?;
     let inputs = pair.describe()?;
+    settings.decode = pair.common.decode(|| Ok(inputs.clone()))?;
     let (i1, i2, engine) = pair.open()?;
     let bar = Bar::new(!pair.common.quiet && io::stderr().is_terminal());
     let registered = Solver::for_pair(&engine, &i1, &i2, &settings)

@@ -3,11 +3,9 @@
 use std::fs;
 use std::path::PathBuf;
 
-use clap::CommandFactory;
 use clap_complete::Shell;
 use clap_mangen::Man;
 
-use super::Cli;
 use super::failure::{Failure, print, print_bytes};
 use super::output;
 
@@ -27,7 +25,7 @@ Examples:
 /// Prints the script.
 pub(super) fn completions(arguments: &Completions) -> Result<(), Failure> {
     let mut script = Vec::new();
-    clap_complete::generate(arguments.shell, &mut Cli::command(), "parfocal", &mut script);
+    clap_complete::generate(arguments.shell, &mut super::command(), "parfocal", &mut script);
     print_bytes(&script)
 }
 
@@ -47,7 +45,7 @@ Examples:
 
 /// Prints or writes the pages.
 pub(super) fn manual(arguments: &Manual) -> Result<(), Failure> {
-    let mut command = Cli::command().disable_help_subcommand(true);
+    let mut command = super::command().disable_help_subcommand(true);
     command.build();
     let Some(folder) = &arguments.output else { return print_bytes(&page(command)?) };
     fs::create_dir_all(folder)

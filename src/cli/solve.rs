@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use parfocal::export::{
-    self, Additions, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, FILES, Look, Report, Texture, TextureReport,
+    self, Additions, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, FILES, Look, PAGE_FILE, Report, Texture,
+    TextureReport,
 };
 use parfocal::image_io::{self, Input};
 use parfocal::report_html::Page;
-use parfocal::{DeviceInfo, Frame, GainField, Lens, Method, MetricDepth, Scope, Scoped, Settings, Solution};
+use parfocal::{Decode, DeviceInfo, Frame, GainField, Lens, Method, MetricDepth, Scope, Scoped, Settings, Solution};
 use sha2::{Digest, Sha256};
 
 use super::colors::ColorsArgument;
@@ -32,8 +33,8 @@ pub(super) struct Arguments {
     /// Folder for the results; made if it is missing, earlier results in it replaced
     #[arg(short, long, value_name = "OUT")]
     pub(super) output: PathBuf,
-    /// How the registration is found: with the blur; not at all, but held at identity (or at --transform); before the
-    /// blur, by the difference of the images or by SIFT key-points
+    /// How the registration is found: unified with the blur; aligned not at all, which is depth only, with T held at
+    /// identity or at --transform; before the blur by appearance, the difference of the images, or by SIFT key-points
     #[arg(long, value_enum, default_value_t = MethodName::from(Settings::default().method))]
     method: MethodName,
     /// Keep what --transform states instead of starting from it; the method is then aligned
@@ -95,10 +96,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     check(arguments)?;
     let Some(photographs) = read(arguments, |_| false)? else { return Ok(()) };
     let engine = pair.common.open_engine()?;
+    let (decided, frames) = (photographs.settings(&settings), photographs.frames.each_ref());
     let bar = Bar::new(!pair.common.quiet && io::stderr().is_terminal());
     let scoped = photographs
         .scope
-        .solve(&engine, &mut None, photographs.frames.each_ref(), &settings, &mut |progress| bar.show(progress))
+        .solve(&engine, &mut None, frames, &decided, &mut |progress| bar.show(progress))
         .map_err(|e| Failure::of_solve(e, &pair.i1))?;
     drop(bar);
     super::check_validation(&engine)?;
@@ -118,6 +120,14 @@ pub(super) struct Photographs {
     pub(super) inputs: Vec<Input>,
     pub(super) scope: Scope,
     lens: Option<Lens>,
+    decode: Decode,
+}
+
+impl Photographs {
+    /// The settings, with values decoded as these files ask for under `--decode auto`.
+    pub(super) fn settings(&self, settings: &Settings) -> Settings {
+        Settings { decode: self.decode, ..settings.clone() }
+    }
 }
 
 /// What the flags ask for.
@@ -153,13 +163,14 @@ pub(super) fn read(
     }
     let lens = arguments.lens.lens(PartOfLens::of_photographs(&inputs))?;
     lens::nearer(arguments.nearer, lens.as_ref())?;
+    let decode = pair.common.decode(|| Ok(inputs.clone()))?;
     let (i1, i2) = image_io::read_pair(&pair.i1, &pair.i2)?;
     let scope = arguments.scope.scope()?;
     scope.check([i1.width(), i1.height()]).map_err(|e| Failure::of_solve(e, &pair.i1))?;
     if let Some(size) = arguments.scope.size((i1.width(), i1.height())) {
         arguments.measure.wanted().check(size)?;
     }
-    Ok(Some(Photographs { frames: [i1, i2], inputs, scope, lens }))
+    Ok(Some(Photographs { frames: [i1, i2], inputs, scope, lens, decode }))
 }
 
 /// Writes the results; tells the report, and which files.
@@ -171,6 +182,8 @@ pub(super) fn write(
     Scoped { solution, gain_field }: &Scoped,
 ) -> Result<(Report, Vec<&'static str>), Failure> {
     let nearer = lens::nearer(arguments.nearer, photographs.lens.as_ref())?;
+    let request = request(arguments, settings);
+    let settings = &photographs.settings(settings);
     let (width, blur, uncertainty) = (solution.width, &solution.relative_blur, &solution.uncertainty);
     let metric = photographs.lens.map(|lens| {
         MetricDepth::new(&lens, solution.transform.scale, settings.max_relative_blur, width, blur, uncertainty)
@@ -184,7 +197,7 @@ pub(super) fn write(
     let texture = Texture::of(solution, arguments.scope.max_uncertainty());
     report.texture = TextureReport::of(&texture);
     report.gain_field = gain_field.as_ref().map(GainField::range);
-    report.request = request(arguments, settings);
+    report.request = request;
     report.depth = metric.as_ref().map(DepthReport::from);
     report.measurements = (!wanted.is_empty()).then(|| measurements.clone());
     // What was filled in is no measurement, and is not handed on as one.
@@ -200,13 +213,15 @@ pub(super) fn write(
     extras.extend(depth16.iter().flat_map(Depth16::files));
     extras.extend(arguments.models.labels(solution));
     extras.extend(export::fused_float(solution, &look));
+    let mut written: Vec<&str> = FILES.into_iter().chain(extras.iter().map(|extra| extra.name())).collect();
+    written.extend(metric.as_ref().map(|_| DEPTH_FILE));
+    written.extend((!arguments.no_html).then_some(PAGE_FILE));
+    report.files = written.iter().map(ToString::to_string).collect();
     if !arguments.no_html {
         let names = [&arguments.pair.i1, &arguments.pair.i2].map(|path| name(path));
         let page = Page { photographs: frames.each_ref(), names, decode: settings.decode, nearer };
         extras.push(page.file(solution, &report));
     }
-    let mut written: Vec<&str> = FILES.into_iter().chain(extras.iter().map(|extra| extra.name())).collect();
-    written.extend(metric.as_ref().map(|_| DEPTH_FILE));
     let additions = Additions { depth: metric.as_ref(), measurements, extras };
     export::write(&arguments.output, solution, &report, &look, additions)?;
     Ok((report, written))
@@ -236,6 +251,7 @@ fn tell(report: &Report, written: &[&str], arguments: &Arguments) -> Result<(), 
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+    use parfocal::Photometric;
 
     use super::*;
     use crate::cli::{Cli, Command};
@@ -278,6 +294,15 @@ mod tests {
         assert_eq!((exposure_not_stated.method, exposure_not_stated.photometric), (Method::Aligned, true));
         let aligned = with_file(&["--method", "aligned"], &with_exposure());
         assert_eq!((aligned.method, aligned.photometric, aligned.start.tx), (Method::Aligned, true, 3.0));
+    }
+
+    #[test]
+    fn an_exposure_by_flag_is_held_and_goes_before_a_file() {
+        let found = settings(&parse(&["--gain", "1.1"])).unwrap();
+        assert_eq!((found.photometric, found.start_photometric), (false, Photometric { gain: 1.1, offset: 0.0 }));
+        let found = with_file(&["--offset", "-0.02"], &with_exposure());
+        assert_eq!((found.photometric, found.start_photometric), (false, Photometric { gain: 1.0, offset: -0.02 }));
+        assert!(settings(&parse(&["--gain", "0"])).is_err());
     }
 
     #[test]

@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use parfocal::export::{self, DEPTH_FILE, EXTRA_FILES, FILES, Nearer, SWEEP_FILES, SweepReport};
-use parfocal::focus_stack::{SweepOptions, solve_sweep};
+use parfocal::export::{self, DEPTH_FILE, EXTRA_FILES, FILES, Nearer, RangeReport, SWEEP_FILES, SweepReport};
+use parfocal::focus_stack::{Positions, SweepOptions, solve_sweep};
 use parfocal::{Frame, Method, image_io};
 
 use super::colors::ColorsArgument;
+use super::depth::decimals;
 use super::failure::{Failure, print};
 use super::output;
 use super::pair::SettingsArguments;
@@ -28,13 +29,26 @@ pub(super) struct Arguments {
     /// without it
     #[arg(long, value_name = "P,P,...", value_delimiter = ',', allow_negative_numbers = true)]
     positions: Option<Vec<f64>>,
+    /// The distance from the lens at which it is focused in each frame, in order; gives depth in mm
+    #[arg(
+        long,
+        value_name = "MM,MM,...",
+        value_delimiter = ',',
+        allow_negative_numbers = true,
+        conflicts_with = "positions"
+    )]
+    focus_at: Option<Vec<f64>>,
+    /// What --focus-at states are places along the axis, from any origin, because a stage moved the camera or the scene,
+    /// or the lens is telecentric towards the scene: depth is even in them, not in their inverse
+    #[arg(long, requires = "focus_at")]
+    stage: bool,
     /// The frame on whose pixels the results are, counted from 1; the middle one without it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     reference: Option<u32>,
-    /// Whether the first frame is focused nearest (1) or the last (2); decides which end is near in depth.png
-    #[arg(long, value_name = "1|2", default_value_t = Nearer::default().number(),
-          value_parser = clap::value_parser!(u8).range(1..=2))]
-    nearer: u8,
+    /// Whether the first frame is focused nearest (1) or the last (2); decides which end is near in depth.png [default:
+    /// 1; with --focus-at, as that says, larger being farther]
+    #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2))]
+    nearer: Option<u8>,
     #[command(flatten)]
     colors: ColorsArgument,
     #[command(flatten)]
@@ -44,22 +58,21 @@ pub(super) struct Arguments {
 /// Solves a sweep and writes the results.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let started = Instant::now();
-    let settings = arguments.settings.settings(Method::Unified, false)?;
-    check(arguments)?;
+    let mut options = options(arguments)?;
+    let nearer = nearer(arguments.nearer, &options.positions)?;
     let mut inputs: Vec<&PathBuf> = arguments.frames.iter().collect();
     inputs.extend(arguments.settings.inputs());
     output::check(&arguments.output, &[&SWEEP_FILES[..], &FILES, &EXTRA_FILES, &[DEPTH_FILE]].concat(), &inputs)?;
+    let describe = || arguments.frames.iter().map(|file| Ok(image_io::describe(file)?)).collect();
+    options.settings.decode = arguments.settings.decode(describe)?;
     let frames: Vec<Frame> = arguments.frames.iter().map(|file| image_io::read(file)).collect::<Result<_, _>>()?;
     let engine = arguments.settings.open_engine()?;
-    let reference = arguments.reference.map(|n| n as usize - 1);
-    let (decode, format) = (settings.decode, frames[0].format());
-    let options = SweepOptions { settings, positions: arguments.positions.clone(), reference };
+    let (decode, format) = (options.settings.decode, frames[0].format());
     let bar = bar(!arguments.settings.quiet && io::stderr().is_terminal(), frames.len() - 1);
     let sweep = solve_sweep(&engine, &frames, &options, &mut |done, _| bar.set_position(done as u64))
         .map_err(|e| Failure::of_solve(e, &arguments.frames[0]))?;
     bar.finish_and_clear();
     super::check_validation(&engine)?;
-    let nearer = if arguments.nearer == 2 { Nearer::Second } else { Nearer::First };
     let files: Vec<String> = arguments.frames.iter().map(|file| file.display().to_string()).collect();
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
     let report = SweepReport::new(&sweep, &files, nearer, engine.info(), total_ms);
@@ -69,19 +82,28 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.settings.check_strict(true, &report.warnings)
 }
 
-/// Refuses positions and a reference that do not fit the frames.
-fn check(arguments: &Arguments) -> Result<(), Failure> {
-    let frames = arguments.frames.len();
-    if let Some(reference) = arguments.reference.filter(|&n| n as usize > frames) {
-        return Err(Failure::Usage(format!("--reference {reference}: there are {frames} frames, counted from 1")));
+/// What the flags ask for, once it fits together.
+fn options(arguments: &Arguments) -> Result<SweepOptions, Failure> {
+    let positions = match (&arguments.focus_at, &arguments.positions) {
+        (Some(at), _) if arguments.stage => Positions::Stage(at.clone()),
+        (Some(at), _) => Positions::Distances(at.clone()),
+        (None, Some(settings)) => Positions::Settings(settings.clone()),
+        (None, None) => Positions::Counted,
+    };
+    let settings = arguments.settings.settings(Method::Unified, false)?;
+    let options = SweepOptions { settings, positions, reference: arguments.reference.map(|n| n as usize - 1) };
+    options.check(arguments.frames.len()).map_err(|e| Failure::Usage(e.to_string()))?;
+    Ok(options)
+}
+
+/// Which end of the sweep is near, by `--nearer` and by the distances. A stage may count either way, and is overruled.
+fn nearer(stated: Option<u8>, positions: &Positions) -> Result<Nearer, Failure> {
+    let by_distance = positions.first_is_nearest().map(|first| if first { 1 } else { 2 });
+    let contradicted = stated.is_some() && by_distance.is_some() && stated != by_distance;
+    if contradicted && matches!(positions, Positions::Distances(_)) {
+        return Err(Failure::Usage("--nearer contradicts --focus-at; leave --nearer out".to_string()));
     }
-    match &arguments.positions {
-        Some(positions) if positions.len() != frames => {
-            let count = positions.len();
-            Err(Failure::Usage(format!("--positions: {count} positions for {frames} frames; give one for each")))
-        }
-        _ => Ok(()),
-    }
+    Ok(if stated.or(by_distance) == Some(2) { Nearer::Second } else { Nearer::First })
 }
 
 fn bar(shown: bool, pairs: usize) -> ProgressBar {
@@ -93,17 +115,20 @@ fn bar(shown: bool, pairs: usize) -> ProgressBar {
 
 fn tell(report: &SweepReport, arguments: &Arguments) -> Result<(), Failure> {
     if !arguments.settings.quiet {
-        let number = |v: Option<f32>| v.map_or("none".to_string(), |v| format!("{v:.2}"));
+        let unit = &report.focus_unit;
         let mut lines = vec![
             format!(
-                "focus      {} to {}, median {} (settings); {:.1} % of the frame",
-                number(report.focus.min),
-                number(report.focus.max),
-                number(report.focus.median),
+                "focus      {}; {:.1} % of the frame",
+                in_words(&report.focus, unit),
                 100.0 * report.valid_fraction
             ),
-            format!("blur       grows by {:.3} px² a squared setting", report.blur_rate_px2),
+            format!("blur       grows by {:.4} px² a squared distance from the focus ({unit})", report.blur_rate_px2),
         ];
+        if let Some(depth) = &report.depth {
+            let range = in_words(&depth.range, "mm");
+            let beyond = depth.out_of_range;
+            lines.push(format!("depth      {range}; beyond infinity: {beyond} px"));
+        }
         lines.extend(report.warnings.iter().map(|warning| format!("warning    {warning}")));
         lines.push(format!("results    {}", arguments.output.display()));
         // Nobody is left to be told where stderr is closed.
@@ -113,4 +138,13 @@ fn tell(report: &SweepReport, arguments: &Arguments) -> Result<(), Failure> {
         print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
     }
     Ok(())
+}
+
+/// A range with the digits that tell its ends apart.
+fn in_words(range: &RangeReport, unit: &str) -> String {
+    let (Some(min), Some(max), Some(median)) = (range.min, range.max, range.median) else {
+        return "nowhere".to_string();
+    };
+    let digits = decimals(f64::from(max - min) / 100.0);
+    format!("{min:.digits$} to {max:.digits$} {unit}, median {median:.digits$}")
 }

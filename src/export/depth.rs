@@ -38,12 +38,16 @@ impl<'a> Map<'a> {
         Self { size, values, scale: Scale::of(values, nearer), quantity: "V", unit: "px²", palette, marked: &[] }
     }
 
-    /// Depth in mm, of which the least is near.
+    /// Depth in mm through a lens.
     pub(super) fn of_depth(metric: &'a MetricDepth, palette: Palette) -> Self {
         let [first, second] = metric.lens.focus;
-        let scale = Scale::spanning([&metric.depth[..]], Nearer::Second, (LEAST_PART * (second - first).abs()) as f32);
-        let size = (metric.width, metric.height);
-        Self { size, values: &metric.depth, scale, quantity: "depth", unit: "mm", palette, marked: &[] }
+        Self::in_mm((metric.width, metric.height), &metric.depth, (second - first).abs(), palette)
+    }
+
+    /// Depth in mm, of which the least is near; the planes of focus are so many mm apart.
+    pub(super) fn in_mm(size: (u32, u32), values: &'a [f32], apart: f64, palette: Palette) -> Self {
+        let scale = Scale::spanning([values], Nearer::Second, (LEAST_PART * apart) as f32);
+        Self { size, values, scale, quantity: "depth", unit: "mm", palette, marked: &[] }
     }
 
     /// Focus settings from the first to the last of `positions`, the nearest of which is at the end that `nearer` names.

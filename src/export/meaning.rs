@@ -44,7 +44,8 @@ pub(super) const RESIDUAL: Meaning = Meaning::new(
 /// u of a sweep.
 pub(super) const FOCUS: Meaning = Meaning::new(
     "focus settings",
-    "Focus setting at which each pixel of the reference frame is sharp; NaN where no pair of frames tells",
+    "Focus setting at which each pixel of the reference frame is sharp, in the focus_unit of report.json; NaN where no \
+     pair of frames tells",
 );
 
 /// Its standard deviation.
@@ -79,6 +80,13 @@ pub(super) const METRIC_DEPTH: Meaning = Meaning::new(
     "mm",
     "Y: depth in mm from the lens, at the pixels of the first image; standard_deviation: that of Y in mm, from the \
      uncertainty of the relative blur; NaN outside the valid region and the range of the lens model",
+);
+
+/// Depth of a sweep, and its standard deviation.
+pub(super) const SWEEP_DEPTH: Meaning = Meaning::new(
+    "mm",
+    "Y: depth in mm, from the lens or along the axis of the stage, at the pixels of the reference frame; \
+     standard_deviation: that of Y in mm; NaN where no pair of frames tells",
 );
 
 /// A curve.

@@ -34,7 +34,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 pub use depth16::{Depth16, Depth16Report};
-pub use extra::{EXTRA_FILES, Extra};
+pub use extra::{EXTRA_FILES, Extra, PAGE_FILE};
 pub(crate) use fused::stored;
 pub use fused::{FUSED_FLOAT_FILE, fused, fused_float};
 pub use labels::labels;
@@ -48,13 +48,14 @@ pub use results::Results;
 pub use scale::{Scale, color};
 pub use simulated::{SIMULATED_FILES, Truth, write_simulated};
 pub use solved::Solved;
-pub use sweep::{SWEEP_FILES, SweepFrame, SweepReport, write_sweep};
+pub use sweep::{SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, write_sweep};
 pub use texture::Texture;
 pub use transform::{read_pair_of, read_transform};
 
 use crate::{Decode, Error, Format, Lens, MetricDepth, Solution};
 use depth::Map;
 pub(crate) use json::to_string as to_json;
+pub use staging::remove_unfinished;
 pub(crate) use staging::{Staging, write_file};
 
 /// The files that [`write()`] makes.

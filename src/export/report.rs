@@ -66,6 +66,8 @@ pub struct Report {
     /// SHA-256 of the version, settings and flags, by which `batch --resume` knows a solve again; empty where a program
     /// did not set it.
     pub request: String,
+    /// The files beside the report that belong to it; empty where a program did not set it.
+    pub files: Vec<String>,
     /// The files of I1 and I2; empty where the frames did not come from files.
     pub inputs: Vec<Input>,
     /// Where the time went.
@@ -176,6 +178,7 @@ impl Report {
             device: device.into(),
             validated: false,
             request: String::new(),
+            files: Vec::new(),
             inputs: Vec::new(),
             timings_ms: (&solution.timings).into(),
         }

@@ -81,11 +81,36 @@ pub(crate) fn write_file(
     staging.place()
 }
 
+/// Removes the temporary files that a program which is about to end at once leaves in a folder of results, and the folder
+/// if nothing else is in it. Not for folders that another program writes to at the same time.
+pub fn remove_unfinished(folder: &Path) {
+    let Ok(entries) = fs::read_dir(folder) else { return };
+    for entry in entries.flatten().filter(|entry| is_temporary(&entry.file_name().to_string_lossy())) {
+        // What cannot be removed stays: there is nobody to tell.
+        let _ = fs::remove_file(entry.path());
+    }
+    let _ = fs::remove_dir(folder);
+}
+
+/// Whether a name is one of [`temporary`]: that of a result with an ending, between dots, and six characters.
+fn is_temporary(name: &str) -> bool {
+    let parts = name.strip_prefix('.').and_then(|rest| rest.rsplit_once('.'));
+    parts.is_some_and(|(result, random)| {
+        let ours = [".exr", ".png", ".csv", ".json", ".html", ".ply", ".glb", ".tif", ".tiff"];
+        ours.iter().any(|ending| result.ends_with(ending))
+            && random.len() == RANDOM
+            && random.chars().all(|c| c.is_ascii_alphanumeric())
+    })
+}
+
+/// Characters that tell temporary files apart.
+const RANDOM: usize = 6;
+
 /// A temporary file that becomes as readable as any other file when it gets its name.
 fn temporary(folder: &Path, name: &OsStr) -> std::io::Result<NamedTempFile> {
     let prefix = format!(".{}.", name.to_string_lossy());
     let mut builder = Builder::new();
-    builder.prefix(&prefix);
+    builder.prefix(&prefix).rand_bytes(RANDOM);
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder.tempfile_in(folder)
@@ -147,6 +172,24 @@ mod tests {
         }
         assert!(staging.place().is_err());
         assert_eq!(fs::read(base.path().join("one")).unwrap(), b"old");
+        assert_eq!(fs::read_dir(base.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    fn what_is_half_written_is_known_by_its_name_and_removed() {
+        let base = TempDir::new().unwrap();
+        let made = base.path().join("made");
+        for (folder, names) in [(base.path(), &["old.png", ".report.json.bak"][..]), (&made, &[])] {
+            let mut staging = Staging::new(folder).unwrap();
+            staging.add("depth.png", |_| Ok(())).unwrap();
+            names.iter().for_each(|name| fs::write(folder.join(name), "x").unwrap());
+            // As where the program ends at once.
+            std::mem::forget(staging);
+            assert_eq!(fs::read_dir(folder).unwrap().count(), names.len() + 1);
+        }
+        remove_unfinished(&made);
+        assert!(!made.exists());
+        remove_unfinished(base.path());
         assert_eq!(fs::read_dir(base.path()).unwrap().count(), 2);
     }
 

@@ -11,7 +11,7 @@ use super::{
     DEPTH_FILE, EXTRA_FILES, FILES, FUSED_FLOAT_FILE, Nearer, Palette, Staging, depth, field, fused, meaning,
     remove_stale,
 };
-use crate::focus_stack::Sweep;
+use crate::focus_stack::{Sweep, SweepDepth};
 use crate::{Decode, Depth, DeviceInfo, Error, Format, Photometric, Similarity};
 
 /// The files that [`write_sweep()`] makes.
@@ -30,8 +30,15 @@ pub struct SweepReport {
     pub nearer: u8,
     /// px² of variance by which blur grows with the squared distance from the focus, in settings.
     pub blur_rate_px2: f64,
+    /// How stored values became intensities.
+    pub decode: Decode,
+    /// The unit of focus settings: "settings", "1/m" of a lens whose focus distances are known, or "mm" of a stage.
+    pub focus_unit: &'static str,
     /// Range of the focus setting; of no pixel: null.
     pub focus: RangeReport,
+    /// Depth in mm, where the frames' places of focus are known in mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth: Option<SweepDepthReport>,
     /// Fraction of pixels of which some pair tells.
     pub valid_fraction: f64,
     /// What speaks against any of the pairs.
@@ -42,6 +49,28 @@ pub struct SweepReport {
     pub total_ms: f64,
 }
 
+/// What `report.json` of a sweep says about depth in mm; `null` where no pixel has one.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SweepDepthReport {
+    /// Least, greatest and median depth, mm.
+    #[serde(flatten)]
+    pub range: RangeReport,
+    /// The median of its standard deviation, mm.
+    pub median_deviation: Option<f32>,
+    /// Pixels whose focus setting is beyond infinity; they are NaN.
+    pub out_of_range: usize,
+}
+
+impl From<&SweepDepth> for SweepDepthReport {
+    fn from(found: &SweepDepth) -> Self {
+        Self {
+            range: RangeReport::of(&found.depth),
+            median_deviation: RangeReport::of(&found.deviation).median,
+            out_of_range: found.out_of_range,
+        }
+    }
+}
+
 /// One frame of a sweep.
 #[derive(Clone, Debug, Serialize)]
 pub struct SweepFrame {
@@ -49,6 +78,9 @@ pub struct SweepFrame {
     pub file: String,
     /// Its focus setting.
     pub position: f64,
+    /// Where it is focused, mm, as stated: the distance from the lens, or the place along the axis of a stage.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focus_mm: Option<f64>,
     /// Where each pixel of the reference lies in it.
     pub transform: Similarity,
     /// What maps its exposure to the reference's.
@@ -61,6 +93,7 @@ impl SweepReport {
         let frame = |(n, file): (usize, &String)| SweepFrame {
             file: file.clone(),
             position: sweep.positions[n],
+            focus_mm: sweep.stated.millimetres().map(|at| at[n]),
             transform: sweep.transforms[n],
             photometric: sweep.photometric[n],
         };
@@ -71,7 +104,10 @@ impl SweepReport {
             reference: sweep.reference,
             nearer: nearer.number(),
             blur_rate_px2: sweep.blur_rate,
+            decode: sweep.decode,
+            focus_unit: sweep.stated.unit(),
             focus: RangeReport::of(&sweep.focus),
+            depth: sweep.depth.as_ref().map(SweepDepthReport::from),
             valid_fraction: valid as f64 / sweep.focus.len().max(1) as f64,
             warnings: sweep.warnings.clone(),
             device: device.into(),
@@ -88,8 +124,8 @@ impl SweepReport {
     }
 }
 
-/// Writes the [`SWEEP_FILES`] into the folder `out`, which is made if it is missing; all of them, or none. `format` is that
-/// of the frames: where they are in floats, `fused.exr` is written too.
+/// Writes the [`SWEEP_FILES`], and [`DEPTH_FILE`] where depth is known, into the folder `out`, which is made if it is
+/// missing; all of them, or none. `format` is that of the frames: where they are in floats, `fused.exr` is written too.
 ///
 /// # Errors
 /// [`Error::File`].
@@ -107,7 +143,18 @@ pub fn write_sweep(
     let [focus, uncertainty, picture, fused, json] = SWEEP_FILES;
     staging.add(focus, |w| field::write(w, size, &sweep.focus, &meaning::FOCUS))?;
     staging.add(uncertainty, |w| field::write(w, size, &sweep.uncertainty, &meaning::FOCUS_UNCERTAINTY))?;
-    let map = Map::of_focus(size, &sweep.focus, &sweep.positions, nearer, palette);
+    if let Some(found) = &sweep.depth {
+        let channels = [("Y", &found.depth[..]), ("standard_deviation", &found.deviation)];
+        staging.add(DEPTH_FILE, |w| field::write_channels(w, size, &channels, &meaning::SWEEP_DEPTH))?;
+    }
+    let map = match &sweep.depth {
+        // The extent of the depth found stands for that of the planes of focus.
+        Some(found) => {
+            let RangeReport { min, max, .. } = RangeReport::of(&found.depth);
+            Map::in_mm(size, &found.depth, (max.unwrap_or(1.0) - min.unwrap_or(0.0)).into(), palette)
+        }
+        None => Map::of_focus(size, &sweep.focus, &sweep.positions, nearer, palette),
+    };
     staging.add(picture, |w| depth::write(w, &map))?;
     let image = fused::Image { size, channels: sweep.fused_channels, values: &sweep.fused };
     staging.add(fused, |w| fused::write_image(w, &image, decode, format.depth))?;
@@ -120,7 +167,7 @@ pub fn write_sweep(
     })?;
     staging.place()?;
     // What a solve of a pair left there belongs to other pictures.
-    let of_a_pair = FILES.into_iter().chain(EXTRA_FILES).chain([DEPTH_FILE]);
+    let of_a_pair = FILES.into_iter().chain(EXTRA_FILES).chain(sweep.depth.is_none().then_some(DEPTH_FILE));
     let is_new = |name: &str| SWEEP_FILES.contains(&name) || is_float && name == FUSED_FLOAT_FILE;
     of_a_pair.filter(|name| !is_new(name)).try_for_each(|name| remove_stale(&out.join(name)))
 }

@@ -16,10 +16,8 @@ use crate::resample::in_rows;
 pub(crate) struct Observation {
     /// The settings of its frames.
     pub(crate) positions: [f64; 2],
-    /// V, px²; NaN where not valid.
-    pub(crate) relative_blur: Vec<f32>,
-    /// Its standard deviation, px².
-    pub(crate) uncertainty: Vec<f32>,
+    /// V, NaN where not valid, and its standard deviation, px².
+    pub(crate) measured: Vec<[f32; 2]>,
 }
 
 impl Observation {
@@ -27,12 +25,16 @@ impl Observation {
         (self.positions[0] + self.positions[1]) / 2.0
     }
 
+    fn step(&self) -> f64 {
+        self.positions[1] - self.positions[0]
+    }
+
     /// V/(2 Δ), and its deviation: c (m - u).
-    fn scaled(&self, i: usize) -> Option<(f64, f64)> {
-        let (v, deviation) = (f64::from(self.relative_blur[i]), f64::from(self.uncertainty[i]));
-        let over = 2.0 * (self.positions[1] - self.positions[0]);
+    fn scaled(&self, measured: [f32; 2]) -> Option<(f64, f64)> {
+        let [v, deviation] = measured.map(f64::from);
+        let over = 2.0 * self.step();
         let deviation = deviation.hypot(SYSTEMATIC * v);
-        (!v.is_nan() && deviation < NOTHING).then(|| (v / over, (deviation / over.abs()).max(LEAST)))
+        (!v.is_nan() && deviation < NOTHING).then(|| (v / over, (deviation / over).max(LEAST)))
     }
 }
 
@@ -43,65 +45,90 @@ const SYSTEMATIC: f64 = 0.2;
 const LEAST: f64 = 1e-6;
 /// A deviation of V from which on nothing is said, px².
 const NOTHING: f64 = 30.0;
-/// At most so many pixels are asked for c.
+/// At most so many pixels of each pair are asked for c.
 const ASKED: usize = 20_000;
-/// A pixel tells of c only where both of its pairs are this sure of V, px².
-const SURE: f64 = 1.0;
+/// A pixel tells of c only where its deviation is less than such a share of c.
+const SURE: f64 = 0.2;
 /// Where a pair is off by so many of its deviations, it counts half.
 const DOUBTED: f64 = 3.0;
 
-/// c, px² a squared setting: the median over pixels and triples of neighbours, by weight; nothing where no pixel tells, or
-/// where blur falls away from the focus.
+/// c, px² a squared setting, of settings that ascend: the median over pixels and neighbouring pairs; nothing where no pixel
+/// tells, or where blur falls away from the focus more often than it rises.
+///
+/// Only the two pairs between whose middles the focus lies are asked, which V's signs show. Farther away both of a pair's
+/// frames are blurred widely, what is left of the texture says ever less, and c would come out too small: on the heat
+/// sink's sweep 7 where it is 18. All pixels count alike, for V is the surer the smaller it is, and so is c.
 pub(crate) fn blur_rate(pairs: &[Observation]) -> Option<f64> {
-    let mut told: Vec<(f64, f64)> = Vec::new();
+    let (mut rates, mut against) = (Vec::new(), 0);
     for neighbours in pairs.windows(2) {
-        let pixels = neighbours[0].relative_blur.len();
+        let pixels = neighbours[0].measured.len();
         let apart = neighbours[1].middle() - neighbours[0].middle();
         for i in (0..pixels).step_by((pixels / ASKED).max(1)) {
-            let (Some((a, da)), Some((b, db))) = (neighbours[0].scaled(i), neighbours[1].scaled(i)) else { continue };
-            if neighbours.iter().all(|pair| f64::from(pair.uncertainty[i]) < SURE) {
-                told.push(((b - a) / apart, 1.0 / (da * da + db * db)));
+            let [(a, da), (b, db)] = [0, 1].map(|n| {
+                let over = 2.0 * neighbours[n].step();
+                let [v, deviation] = neighbours[n].measured[i].map(f64::from);
+                (v / over, deviation / over)
+            });
+            if da.hypot(db) >= SURE * (b - a).abs() {
+                continue;
+            }
+            if a < 0.0 && b > 0.0 {
+                rates.push((b - a) / apart);
+            } else if a > 0.0 && b < 0.0 {
+                against += 1;
             }
         }
     }
-    told.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let half = told.iter().map(|t| t.1).sum::<f64>() / 2.0;
-    let mut sum = 0.0;
-    let median = told.iter().find(|t| {
-        sum += t.1;
-        sum >= half
-    });
-    median.map(|t| t.0).filter(|&c| c > 0.0)
+    if rates.len() <= against {
+        return None;
+    }
+    let middle = rates.len() / 2;
+    Some(*rates.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// What the pairs tell of u at a pixel, with deviations.
-fn told_of(pairs: &[Observation], rate: f64, i: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
-    pairs.iter().filter_map(move |pair| {
-        let (scaled, deviation) = pair.scaled(i)?;
-        Some((pair.middle() - scaled / rate, deviation / rate))
-    })
+/// What one pair tells of u at each pixel, and with what deviation; NaN where it tells nothing. Asked for in every round,
+/// so it is kept, in the memory of the pair.
+type Told = Vec<[f32; 2]>;
+
+fn told_of(mut pair: Observation, rate: f64, width: usize) -> Told {
+    let mut told = std::mem::take(&mut pair.measured);
+    in_rows(&mut told, width, |_, row| {
+        for pixel in row {
+            let found =
+                pair.scaled(*pixel).map(|(scaled, deviation)| [pair.middle() - scaled / rate, deviation / rate]);
+            *pixel = found.map_or([f32::NAN; 2], |found| found.map(|v| v as f32));
+        }
+    });
+    told
+}
+
+/// What the pairs tell of a pixel.
+fn at(pairs: &[Told], i: usize) -> impl Iterator<Item = (f64, f64)> + '_ {
+    let all = pairs.iter().map(move |told| (f64::from(told[i][0]), f64::from(told[i][1])));
+    all.filter(|(u, _)| !u.is_nan())
 }
 
 /// u of every pixel and its standard deviation, in settings; NaN where no pair tells.
-pub(crate) fn combine(pairs: &[Observation], rate: f64, width: usize) -> Vec<[f32; 2]> {
-    let pixels = pairs.first().map_or(0, |pair| pair.relative_blur.len());
+pub(crate) fn combine(pairs: Vec<Observation>, rate: f64, width: usize) -> Vec<[f32; 2]> {
+    let positions = || pairs.iter().flat_map(|pair| pair.positions);
+    let (least, most) = positions().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), p| (l.min(p), m.max(p)));
+    let step = (most - least) / pairs.len().max(1) as f64;
+    let pixels = pairs.first().map_or(0, |pair| pair.measured.len());
+    let pairs: Vec<Told> = pairs.into_iter().map(|pair| told_of(pair, rate, width)).collect();
     let mut focus = vec![[f32::NAN; 2]; pixels];
     in_rows(&mut focus, width, |y, row| {
         let mut told = Vec::with_capacity(pairs.len());
         for (x, focus) in row.iter_mut().enumerate() {
             told.clear();
-            told.extend(told_of(pairs, rate, y * width + x));
+            told.extend(at(&pairs, y * width + x));
             if let Some((u, deviation)) = agreed(&mut told) {
                 *focus = [u as f32, deviation as f32];
             }
         }
     });
     for _ in 0..ROUNDS {
-        focus = smoothed(pairs, rate, width, &focus);
+        focus = smoothed(&pairs, width, focus);
     }
-    let positions = || pairs.iter().flat_map(|pair| pair.positions);
-    let (least, most) = positions().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), p| (l.min(p), m.max(p)));
-    let step = (most - least) / pairs.len().max(1) as f64;
     for pixel in &mut focus {
         let [u, deviation] = pixel.map(f64::from);
         if !(least - step..=most + step).contains(&u) || deviation > UNSURE * step {
@@ -129,22 +156,22 @@ const SHARED: f64 = 100.0;
 
 /// One round of `Σ_k log(1 + (u - u_k)²/(3σ_k)²) + λ |∇u|` with lagged weights: neighbours decide between pairs that
 /// contradict each other, and steps stay.
-fn smoothed(pairs: &[Observation], rate: f64, width: usize, focus: &[[f32; 2]]) -> Vec<[f32; 2]> {
+fn smoothed(pairs: &[Told], width: usize, focus: Vec<[f32; 2]>) -> Vec<[f32; 2]> {
     let height = focus.len() / width;
     // The weights that hold u, and where; then the diffusivity.
     let mut system = vec![[0.0f64; 3]; focus.len()];
     in_rows(&mut system, width, |y, row| {
-        let at = |x: usize, y: usize| f64::from(focus[y * width + x][0]);
+        let u_at = |x: usize, y: usize| f64::from(focus[y * width + x][0]);
         for (x, system) in row.iter_mut().enumerate() {
-            let u = at(x, y);
+            let u = u_at(x, y);
             let (mut weights, mut sum) = (0.0, 0.0);
-            for (told, deviation) in told_of(pairs, rate, y * width + x) {
+            for (told, deviation) in at(pairs, y * width + x) {
                 let weight = 1.0 / (deviation * deviation * (1.0 + ((told - u) / (DOUBTED * deviation)).powi(2)));
                 weights += weight / SHARED;
                 sum += weight / SHARED * told;
             }
-            let dx = (at((x + 1).min(width - 1), y) - at(x.saturating_sub(1), y)) / 2.0;
-            let dy = (at(x, (y + 1).min(height - 1)) - at(x, y.saturating_sub(1))) / 2.0;
+            let dx = (u_at((x + 1).min(width - 1), y) - u_at(x.saturating_sub(1), y)) / 2.0;
+            let dy = (u_at(x, (y + 1).min(height - 1)) - u_at(x, y.saturating_sub(1))) / 2.0;
             let slope = dx * dx + dy * dy;
             let diffusivity = if slope.is_nan() { 0.0 } else { SMOOTHNESS / (slope + SLOPE * SLOPE).sqrt() };
             *system = [weights, sum, diffusivity];
@@ -215,9 +242,9 @@ mod tests {
         let u: Vec<f64> = (0..width).map(|i| 0.5 + 5.0 * i as f64 / width as f64).collect();
         let of = |pair: &[f64]| {
             let v = u.iter().map(|u| rate * ((pair[1] - u).powi(2) - (pair[0] - u).powi(2)));
-            let relative_blur: Vec<f32> = v.map(|v| if v.abs() < 40.0 { v as f32 } else { f32::NAN }).collect();
-            let uncertainty = relative_blur.iter().map(|v| 0.1 + 0.01 * v.abs());
-            Observation { positions: [pair[0], pair[1]], uncertainty: uncertainty.collect(), relative_blur }
+            let measured =
+                v.map(|v| if v.abs() < 40.0 { [v as f32, 0.1 + 0.01 * v.abs() as f32] } else { [f32::NAN; 2] });
+            Observation { positions: [pair[0], pair[1]], measured: measured.collect() }
         };
         (positions.windows(2).map(of).collect(), u)
     }
@@ -228,7 +255,7 @@ mod tests {
         let (pairs, u) = pairs(&[0.0, 1.0, 2.0, 3.5, 5.0, 6.0], 4.0, 400);
         let rate = blur_rate(&pairs).unwrap();
         assert!((rate - 4.0).abs() < 0.02, "{rate}");
-        let found = combine(&pairs, rate, 400);
+        let found = combine(pairs, rate, 400);
         for ([found, deviation], u) in found.iter().zip(&u) {
             assert!((f64::from(*found) - u).abs() < 0.03, "{found} {u}");
             assert!((1e-3..0.3).contains(deviation), "{deviation}");
@@ -239,10 +266,10 @@ mod tests {
     fn pixels_that_no_pair_sees_have_no_focus() {
         let (mut pairs, _) = pairs(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0], 4.0, 10);
         for pair in &mut pairs {
-            pair.relative_blur[3] = f32::NAN;
-            pair.uncertainty[5] = 1000.0;
+            pair.measured[3][0] = f32::NAN;
+            pair.measured[5][1] = 1000.0;
         }
-        let found = combine(&pairs, 4.0, 10);
+        let found = combine(pairs, 4.0, 10);
         assert!(
             found.iter().enumerate().all(|(i, [u, s])| u.is_nan() == (i == 3 || i == 5) && u.is_nan() == s.is_nan())
         );

@@ -7,21 +7,43 @@
 
 mod combine;
 mod fuse;
+mod position;
 
 use self::combine::Observation;
+pub use self::position::{Positions, SweepDepth};
 use crate::resample::{Grid, Interpolation, onto};
-use crate::{Channels, Engine, Error, Frame, Photometric, Settings, Similarity, Solution, Solver};
+use crate::{Channels, Decode, Engine, Error, Frame, Photometric, Settings, Similarity, Solution, Solver};
 
 /// How a sweep is solved.
 #[derive(Clone, Debug)]
 pub struct SweepOptions {
     /// Settings of each pair.
     pub settings: Settings,
-    /// The focus setting of each frame in any unit that is even in 1/z, ascending or descending; `None` counts the frames
-    /// from 0.
-    pub positions: Option<Vec<f64>>,
+    /// What the frames are focused at.
+    pub positions: Positions,
     /// The frame on whose pixels the results are; `None` takes the middle one.
     pub reference: Option<usize>,
+}
+
+impl SweepOptions {
+    /// Checks what can be said before any photograph is read: that a sweep of so many frames has these positions and this
+    /// reference.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`]; those of [`Settings::check`].
+    pub fn check(&self, frames: usize) -> Result<(), Error> {
+        let mismatch = |problem: String| Err(Error::Mismatch(problem));
+        if frames < 3 {
+            return mismatch(format!(
+                "a sweep has three frames or more, not {frames}; solve a pair with parfocal solve"
+            ));
+        }
+        if let Some(n) = self.reference.filter(|&reference| reference >= frames) {
+            return mismatch(format!("there is no reference frame {}, counted from 1: there are {frames}", n + 1));
+        }
+        self.settings.check()?;
+        self.positions.check(frames)
+    }
 }
 
 /// Where a scene is in focus.
@@ -35,20 +57,26 @@ pub struct Sweep {
     pub focus: Vec<f32>,
     /// Its standard deviation, in settings.
     pub uncertainty: Vec<f32>,
+    /// Depth in mm, where the positions are in mm.
+    pub depth: Option<SweepDepth>,
     /// Grey only if all frames are.
     pub fused_channels: Channels,
     /// The all-in-focus image, interleaved, in the values of the reference with white at 1.
     pub fused: Vec<f32>,
     /// The frame on whose pixels the results are.
     pub reference: usize,
-    /// The focus setting of each frame.
+    /// The focus setting of each frame, in which blur is linear.
     pub positions: Vec<f64>,
+    /// What the frames are focused at, as stated.
+    pub stated: Positions,
     /// Where each pixel of the reference lies in each frame.
     pub transforms: Vec<Similarity>,
     /// What maps each frame's exposure to the reference's.
     pub photometric: Vec<Photometric>,
     /// c: by how many px² of variance blur grows with the squared distance from the focus, in settings.
     pub blur_rate: f64,
+    /// How stored values became intensities.
+    pub decode: Decode,
     /// Of each pair of neighbours what speaks against it; a sentence each.
     pub warnings: Vec<String>,
 }
@@ -64,27 +92,21 @@ pub fn solve_sweep(
     options: &SweepOptions,
     say: &mut dyn FnMut(usize, usize),
 ) -> Result<Sweep, Error> {
-    let positions = checked(frames, options)?;
+    check(frames, options)?;
     let reference = options.reference.unwrap_or(frames.len() / 2);
-    let size = [frames[0].width() as usize, frames[0].height() as usize];
-    let mut solver = Solver::for_pair(engine, &frames[0], &frames[1], &options.settings)?;
-    let mut solutions = Vec::new();
-    for (n, pair) in frames.windows(2).enumerate() {
-        let mut solution = solver.solve(&pair[0], &pair[1])?;
-        // Only V and its deviation are kept of so many.
-        (solution.fused, solution.confidence) = (Vec::new(), Vec::new());
-        solutions.push(solution);
-        say(n + 1, frames.len() - 1);
-    }
+    let solutions = solve_pairs(engine, frames, &options.settings, say)?;
     let steps: Vec<_> = solutions.iter().map(|solution| (solution.transform, solution.photometric)).collect();
     let (transforms, photometric) = chained(&steps, reference);
+    let warnings = warnings(&solutions);
+    let settings = options.positions.settings(frames.len());
+    let step = mean_step(&settings);
+    // Weights of the smoothness are for settings a step apart, so counted they are combined.
+    let counted: Vec<f64> = settings.iter().map(|p| (p - settings[0]) / step).collect();
     let limit = options.settings.max_relative_blur as f32;
-    let pairs: Vec<Observation> = solutions
-        .iter()
-        .zip(&transforms)
-        .zip(positions.windows(2))
-        .map(|((solution, t), p)| observation(solution, t, [p[0], p[1]], size, limit))
-        .collect();
+    let mut pairs = Vec::new();
+    for ((solution, t), p) in solutions.into_iter().zip(&transforms).zip(counted.windows(2)) {
+        pairs.push(observation(&solution, t, [p[0], p[1]], limit));
+    }
     let blur_rate = combine::blur_rate(&pairs).ok_or_else(|| {
         Error::Mismatch(
             "the frames do not come into focus one after the other: see that they are in the order of their focus, \
@@ -92,35 +114,59 @@ pub fn solve_sweep(
                 .to_string(),
         )
     })?;
-    let found = combine::combine(&pairs, blur_rate, size[0]);
-    let (focus, uncertainty): (Vec<f32>, Vec<f32>) = found.iter().map(|&[u, s]| (u, s)).unzip();
-    let placed = fuse::Placed { transforms: &transforms, photometric: &photometric, positions: &positions };
-    let (fused, fused_channels) = fuse::fuse(frames, &placed, reference, &focus, options.settings.decode);
+    let (width, height) = (frames[0].width(), frames[0].height());
+    let found = combine::combine(pairs, blur_rate, width as usize);
+    let (counts, deviations): (Vec<f32>, Vec<f32>) = found.iter().map(|&[u, s]| (u, s)).unzip();
+    let placed = fuse::Placed { transforms: &transforms, photometric: &photometric, positions: &counted };
+    let (fused, fused_channels) = fuse::fuse(frames, &placed, reference, &counts, options.settings.decode);
+    let focus: Vec<f32> = counts.iter().map(|&u| (settings[0] + step * f64::from(u)) as f32).collect();
+    let uncertainty: Vec<f32> = deviations.iter().map(|&s| (step.abs() * f64::from(s)) as f32).collect();
     Ok(Sweep {
-        width: frames[0].width(),
-        height: frames[0].height(),
+        width,
+        height,
+        depth: options.positions.depth(&focus, &uncertainty),
         focus,
         uncertainty,
         fused_channels,
         fused,
         reference,
-        positions,
+        positions: settings,
+        stated: options.positions.clone(),
         transforms,
         photometric,
-        blur_rate,
-        warnings: warnings(&solutions),
+        blur_rate: blur_rate / (step * step),
+        decode: options.settings.decode,
+        warnings,
     })
 }
 
-/// The focus settings, once frames and options fit each other.
-fn checked(frames: &[Frame], options: &SweepOptions) -> Result<Vec<f64>, Error> {
-    let mismatch = |problem: String| Err(Error::Mismatch(problem));
-    if frames.len() < 3 {
-        return mismatch(format!(
-            "a sweep has three frames or more, not {}; solve a pair with parfocal solve",
-            frames.len()
-        ));
+/// Each frame and the next. Of so many only V and its deviation are kept.
+fn solve_pairs(
+    engine: &Engine,
+    frames: &[Frame],
+    settings: &Settings,
+    say: &mut dyn FnMut(usize, usize),
+) -> Result<Vec<Solution>, Error> {
+    let mut solver = Solver::for_pair(engine, &frames[0], &frames[1], settings)?;
+    let mut solutions = Vec::new();
+    for (n, pair) in frames.windows(2).enumerate() {
+        let mut solution = solver.solve(&pair[0], &pair[1])?;
+        (solution.fused, solution.confidence) = (Vec::new(), Vec::new());
+        solutions.push(solution);
+        say(n + 1, frames.len() - 1);
     }
+    Ok(solutions)
+}
+
+/// The mean step from setting to setting, negative where they descend.
+fn mean_step(settings: &[f64]) -> f64 {
+    (settings[settings.len() - 1] - settings[0]) / (settings.len() - 1) as f64
+}
+
+/// Whether frames and options fit each other.
+fn check(frames: &[Frame], options: &SweepOptions) -> Result<(), Error> {
+    let mismatch = |problem: String| Err(Error::Mismatch(problem));
+    options.check(frames.len())?;
     let first = (frames[0].width(), frames[0].height(), frames[0].format());
     if let Some(n) = frames.iter().position(|f| (f.width(), f.height(), f.format()) != first) {
         let found = &frames[n];
@@ -135,24 +181,7 @@ fn checked(frames: &[Frame], options: &SweepOptions) -> Result<Vec<f64>, Error> 
             first.2
         ));
     }
-    if options.reference.is_some_and(|reference| reference >= frames.len()) {
-        return mismatch(format!("there is no such reference frame among {}", frames.len()));
-    }
-    let positions = options.positions.clone().unwrap_or_else(|| (0..frames.len()).map(|n| n as f64).collect());
-    let rises = |a: f64, b: f64| a < b;
-    let falls = |a: f64, b: f64| a > b;
-    let ordered = |by: fn(f64, f64) -> bool| positions.windows(2).all(|p| by(p[0], p[1]));
-    if positions.len() != frames.len()
-        || !positions.iter().all(|p| p.is_finite())
-        || !(ordered(rises) || ordered(falls))
-    {
-        return mismatch(format!(
-            "{} positions for {} frames: give one for each, ascending or descending",
-            positions.len(),
-            frames.len()
-        ));
-    }
-    Ok(positions)
+    Ok(())
 }
 
 /// From the reference to each frame, by way of those between; exposures the other way.
@@ -177,21 +206,17 @@ fn chained(steps: &[(Similarity, Photometric)], reference: usize) -> (Vec<Simila
 }
 
 /// A pair on the reference's pixels, in their px². What is at the limit of |V| is only a bound, and says nothing.
-fn observation(solution: &Solution, t: &Similarity, positions: [f64; 2], size: [usize; 2], limit: f32) -> Observation {
+fn observation(solution: &Solution, t: &Similarity, positions: [f64; 2], limit: f32) -> Observation {
+    let size = [solution.width as usize, solution.height as usize];
     let below = |v: &f32| if v.abs() < 0.999 * limit { *v } else { f32::NAN };
     let relative_blur: Vec<f32> = solution.relative_blur.iter().map(below).collect();
     let on_reference = |values: &[f32]| {
         let grid = Grid { width: size[0], height: size[1], channels: 1, values };
-        let mut moved = onto(&grid, t, size, Interpolation::Linear);
-        let area = (t.scale * t.scale) as f32;
-        moved.iter_mut().for_each(|v| *v /= area);
-        moved
+        onto(&grid, t, size, Interpolation::Linear)
     };
-    Observation {
-        positions,
-        relative_blur: on_reference(&relative_blur),
-        uncertainty: on_reference(&solution.uncertainty),
-    }
+    let area = (t.scale * t.scale) as f32;
+    let moved = on_reference(&relative_blur).into_iter().zip(on_reference(&solution.uncertainty));
+    Observation { positions, measured: moved.map(|(v, deviation)| [v / area, deviation / area]).collect() }
 }
 
 fn warnings(solutions: &[Solution]) -> Vec<String> {

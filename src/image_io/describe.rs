@@ -91,6 +91,45 @@ fn said(source: &mut Source, file: &Path, bytes: u64) -> (Option<String>, Option
     (encoding.or_else(|| if format == "PNG" { chunks() } else { None }).or(by_exif), exif)
 }
 
+/// How the values of photographs of one scene become intensities by what their files say, or imply: 8-bit PNG and JPEG are
+/// made to be looked at, and follow the sRGB curve where they say nothing (so do browsers take them); values of more bits
+/// are linear.
+///
+/// # Errors
+/// [`Error::File`] where a file says something else, [`Error::Mismatch`] where two do not agree.
+pub fn decode_of(inputs: &[Input]) -> Result<Decode, Error> {
+    let of = |input: &Input| {
+        let looked_at = input.bits == 8 && ["PNG", "JPEG"].contains(&input.format.as_str());
+        match input.encoding.as_deref() {
+            Some(encoding::SRGB) => Ok(Decode::Srgb),
+            Some(encoding::LINEAR) => Ok(Decode::None),
+            Some(other) => {
+                let problem =
+                    format!("says that its values are {other}, neither sRGB nor linear: give --decode none or srgb");
+                Err(Error::file(Path::new(&input.file), problem))
+            }
+            None if looked_at => Ok(Decode::Srgb),
+            None => Ok(Decode::None),
+        }
+    };
+    let all: Vec<Decode> = inputs.iter().map(of).collect::<Result<_, _>>()?;
+    let first = all.first().copied().unwrap_or_default();
+    match all.iter().position(|decode| *decode != first) {
+        None => Ok(first),
+        Some(n) => {
+            let name = |decode| if decode == Decode::Srgb { "sRGB" } else { "linear" };
+            Err(Error::Mismatch(format!(
+                "{} is {} by what it says or its format implies, and {} is {}: save both in one way, or give --decode none \
+                 or srgb",
+                inputs[0].file,
+                name(first),
+                inputs[n].file,
+                name(all[n])
+            )))
+        }
+    }
+}
+
 /// What two photographs of a pair give to warn of; a sentence each.
 pub fn pair_warnings(inputs: &[Input], decode: Decode) -> Vec<String> {
     let [i1, i2] = inputs else { return Vec::new() };
@@ -270,6 +309,19 @@ mod tests {
             encoding: None,
             exif: None,
         }
+    }
+
+    #[test]
+    fn how_values_are_decoded_is_what_the_files_say_or_imply() {
+        let says = |encoding: &str| Input { encoding: Some(encoding.to_string()), ..input("a") };
+        let of = |inputs: &[Input]| decode_of(inputs).map_err(|e| e.to_string());
+        assert_eq!(of(&[input("a"), says("sRGB")]), Ok(Decode::Srgb));
+        let (tiff, deep) = (Input { format: "TIFF".to_string(), ..input("t") }, Input { bits: 16, ..input("d") });
+        assert_eq!(of(&[says("linear"), tiff.clone(), deep.clone()]), Ok(Decode::None));
+        assert_eq!(of(&[Input { bits: 16, ..says("sRGB") }]), Ok(Decode::Srgb));
+        let problem = of(&[input("a"), deep]).unwrap_err();
+        assert!(problem.starts_with("a is sRGB") && problem.contains("d is linear: "), "{problem}");
+        assert!(of(&[says("gamma 1.80")]).unwrap_err().contains("gamma 1.80, neither"));
     }
 
     #[test]

@@ -23,7 +23,7 @@ use std::io::BufReader;
 use std::path::Path;
 
 pub use check::similar_file;
-pub use describe::{Input, describe, pair_warnings};
+pub use describe::{Input, decode_of, describe, pair_warnings};
 pub use exif::Exif;
 use image::metadata::Orientation;
 pub use page::split_page;
