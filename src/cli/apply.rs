@@ -45,7 +45,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         _ => Photometric::IDENTITY,
     };
     let inputs: Vec<&PathBuf> = arguments.images.iter().chain([&arguments.transform]).collect();
-    let (size, decode) = export::read_pair_of(&arguments.transform)?;
+    let export::PairOf { size, region, decode } = export::read_pair_of(&arguments.transform)?;
     let mut written = Vec::new();
     for path in &arguments.images {
         let frame = image_io::read(path)?;
@@ -63,7 +63,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         output::check(&arguments.output, &[&file], &inputs)?;
         let file_path = arguments.output.join(&file);
-        write_registered(&file_path, &resample::registered(&frame, &transform, &photometric, decode))?;
+        let mut moved = resample::registered(&frame, &transform, &photometric, decode);
+        if let Some(region) = region {
+            let problem = |e| Failure::Failed(format!("{}: {e}", arguments.transform.display()));
+            moved = moved.cropped(region).map_err(problem)?;
+        }
+        write_registered(&file_path, &moved)?;
         if !arguments.quiet {
             // Nobody is left to be told where stderr is closed.
             let _ = writeln!(io::stderr(), "{}", file_path.display());

@@ -4,7 +4,6 @@ use parfocal::Settings;
 
 /// Their flags, which only the long help shows.
 #[derive(clap::Args, Clone, Debug)]
-
 pub(super) struct TuningArguments {
     /// Over-relaxation ω of a sweep, 0.01 to 1.99
     #[arg(long, value_name = "W", hide_short_help = true, help_heading = "Fine tuning", allow_negative_numbers = true,
@@ -30,6 +29,12 @@ pub(super) struct TuningArguments {
     #[arg(long, value_name = "PX2", hide_short_help = true, help_heading = "Fine tuning", allow_negative_numbers = true,
           default_value_t = Settings::default().largest_step)]
     largest_step: f64,
+    /// Stored value from which on a sample is clipped and carries no weight [default: 255 or 65535; of floats none]
+    #[arg(long, value_name = "V", hide_short_help = true, help_heading = "Fine tuning", allow_negative_numbers = true)]
+    white_level: Option<f64>,
+    /// Stored value up to which a pixel is clipped if all its samples are [default: 0; of floats none]
+    #[arg(long, value_name = "V", hide_short_help = true, help_heading = "Fine tuning", allow_negative_numbers = true)]
+    black_level: Option<f64>,
 }
 
 impl TuningArguments {
@@ -41,5 +46,7 @@ impl TuningArguments {
         settings.smoothness_eta = self.smoothness_eta;
         settings.heaviside_epsilon = self.heaviside_epsilon;
         settings.largest_step = self.largest_step;
+        settings.white_level = self.white_level;
+        settings.black_level = self.black_level;
     }
 }

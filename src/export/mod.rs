@@ -50,7 +50,7 @@ pub use simulated::{SIMULATED_FILES, Truth, write_simulated};
 pub use solved::Solved;
 pub use sweep::{SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, write_sweep};
 pub use texture::Texture;
-pub use transform::{read_pair_of, read_transform};
+pub use transform::{PairOf, read_pair_of, read_transform};
 
 use crate::{Decode, Error, Format, Lens, MetricDepth, Solution};
 use depth::Map;

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::SizeReport;
-use crate::{Decode, Error, Photometric, Settings, Similarity};
+use crate::{Decode, Error, Photometric, Region, Settings, Similarity};
 
 /// The most bytes that are read, 16 MiB: a report with every level and iteration at its limit takes under 1 MiB.
 const MAX_BYTES: u64 = 16 << 20;
@@ -27,17 +27,30 @@ pub fn read_transform(path: &Path) -> Result<(Similarity, Option<Photometric>), 
     text(path).and_then(|text| parse(&text)).map_err(|problem| Error::file(path, problem))
 }
 
-/// Size and decoding of the pair that was registered, as far as the file of [`read_transform`] states them.
+/// What the file of [`read_transform`] states of the pair that was registered.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PairOf {
+    /// Size of the photographs.
+    pub size: Option<SizeReport>,
+    /// The part of I1 that its results are of.
+    pub region: Option<Region>,
+    /// How stored values became intensities.
+    pub decode: Decode,
+}
+
+/// Reads it.
 ///
 /// # Errors
 /// As [`read_transform`].
-pub fn read_pair_of(path: &Path) -> Result<(Option<SizeReport>, Decode), Error> {
+pub fn read_pair_of(path: &Path) -> Result<PairOf, Error> {
     let file: Value = text(path)
         .and_then(|text| serde_json::from_str(&text).map_err(|e| format!("is not JSON ({e}); {SHAPE}")))
         .map_err(|problem| Error::file(path, problem))?;
-    let size = file.get("size").and_then(|size| SizeReport::deserialize(size).ok());
+    let size = file.get("photograph").or(file.get("size")).and_then(|size| SizeReport::deserialize(size).ok());
+    let region = file.get("region").and_then(|region| Region::deserialize(region).ok());
     let decode = file.get("settings").and_then(|settings| settings.get("decode"));
-    Ok((size, decode.and_then(|decode| Decode::deserialize(decode).ok()).unwrap_or_default()))
+    let decode = decode.and_then(|decode| Decode::deserialize(decode).ok()).unwrap_or_default();
+    Ok(PairOf { size, region, decode })
 }
 
 fn text(path: &Path) -> Result<String, String> {
