@@ -17,8 +17,9 @@ pub(super) struct Arguments {
 
 const HEADER: &str = "\
 # Options of parfocal, for --config FILE: the keys are the long options. What the command line states goes before what
-# this file states (a switch is turned off by --switch=false), and that before the defaults. A key that the subcommand at hand lacks but another one has is left
-# out, so that one file serves solve, register and batch. Paths are relative to the working folder.";
+# this file states, and that before the defaults; --SWITCH=false turns a switch off. A key that the subcommand at hand
+# lacks but another one has is left out, so that one file serves solve, batch, stack and register. Paths are relative to
+# the working folder.";
 
 /// Columns of a comment.
 const WIDTH: usize = 110;

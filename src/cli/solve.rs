@@ -38,7 +38,7 @@ pub(super) struct Arguments {
     #[arg(long, value_enum, default_value_t = MethodName::from(Settings::default().method))]
     method: MethodName,
     /// Keep what --transform states instead of starting from it; the method is then aligned
-    #[arg(long, requires = "transform")]
+    #[arg(long, requires_if("true", "transform"))]
     hold: bool,
     /// Which image is focused nearer, 1 or 2; decides which end of V is near in depth.png [default: 1; with a lens,
     /// as its focus distances say]

@@ -27,20 +27,20 @@ pub(super) struct Arguments {
     output: PathBuf,
     /// The focus setting of each frame, ascending or descending, even in 1/distance (a lens' travel is); counted from 0
     /// without it
-    #[arg(long, value_name = "P,P,...", value_delimiter = ',', allow_negative_numbers = true)]
+    #[arg(long, value_name = "P,P,...", value_delimiter = ',', allow_hyphen_values = true)]
     positions: Option<Vec<f64>>,
     /// The distance from the lens at which it is focused in each frame, in order; gives depth in mm
     #[arg(
         long,
         value_name = "MM,MM,...",
         value_delimiter = ',',
-        allow_negative_numbers = true,
+        allow_hyphen_values = true,
         conflicts_with = "positions"
     )]
     focus_at: Option<Vec<f64>>,
     /// What --focus-at states are places along the axis, from any origin, because a stage moved the camera or the scene,
     /// or the lens is telecentric towards the scene: depth is even in them, not in their inverse
-    #[arg(long, requires = "focus_at")]
+    #[arg(long, requires_if("true", "focus_at"))]
     stage: bool,
     /// The frame on whose pixels the results are, counted from 1; the middle one without it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
