@@ -56,7 +56,7 @@ impl FieldCurvature {
 
     /// What V of the target is at a pixel more than at the image centre, px².
     pub fn at(&self, place: [f64; 2]) -> f64 {
-        self.field.from_centre(place)
+        self.field.above_centre(place)
     }
 
     /// Takes it from V of a solution whose photographs have its size.

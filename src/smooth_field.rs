@@ -51,7 +51,7 @@ impl SmoothField {
     }
 
     /// The same with the value at the image centre taken off.
-    pub(crate) fn from_centre(&self, place: [f64; 2]) -> f64 {
+    pub(crate) fn above_centre(&self, place: [f64; 2]) -> f64 {
         self.at(place) - self.coefficients[0]
     }
 
@@ -104,7 +104,7 @@ mod tests {
             assert!((field.at(place) - bowl(place)).abs() < 0.02, "{place:?}: {} {}", field.at(place), bowl(place));
         }
         let centre = crate::centre(300, 200);
-        assert!(field.from_centre(centre).abs() < 1e-12);
+        assert!(field.above_centre(centre).abs() < 1e-12);
     }
 
     #[test]

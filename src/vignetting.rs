@@ -52,7 +52,7 @@ impl GainField {
 
     /// The gain at a pixel of I1, 1 in the middle.
     pub fn at(&self, place: [f64; 2]) -> f64 {
-        self.field.from_centre(place).exp()
+        self.field.above_centre(place).exp()
     }
 
     /// Least and greatest gain over I1.
