@@ -39,7 +39,8 @@ fn results() -> &'static Path {
             });
             image.save(folder.path().join(name)).unwrap();
         }
-        stack(folder.path(), &[]);
+        // Settings of 4 to 4.3 1/m.
+        stack(folder.path(), &["--focus-at", "250,243.9024,238.0952,232.5581"]);
         folder
     });
     folder.path()
@@ -70,6 +71,8 @@ fn it_opens_by_itself_and_shows_what_a_sweep_has() {
     let hidden = "[...document.querySelectorAll('[data-kind]')].map(e => e.dataset.kind + (e.hidden ? ' hidden' : ''))";
     assert_eq!(browser.evaluate(&format!("{hidden}.sort().join()")), "pair hidden,sweep");
     assert_surface(&mut browser);
+    let note = browser.evaluate("document.getElementById('surface-note').textContent");
+    assert!(note.as_str().unwrap().contains(" mm from far to near"), "{note}");
     assert_eq!(browser.complaints(), Vec::<String>::new());
 }
 
@@ -96,7 +99,7 @@ fn the_frames_are_leafed_through_and_any_two_pictures_compared() {
         let tag = browser.evaluate("document.getElementById('tag-1').textContent");
         assert!(tag.as_str().unwrap().starts_with(name), "{tag}");
     }
-    for mode in ["difference", "fused", "focus", "uncertainty"] {
+    for mode in ["difference", "fused", "focus", "uncertainty", "depth", "depth_deviation"] {
         browser.evaluate(&format!("document.querySelector('[data-mode={mode}]').click()"));
         look(&mut browser, mode);
     }
@@ -106,14 +109,14 @@ fn the_frames_are_leafed_through_and_any_two_pictures_compared() {
 #[test]
 fn the_cursor_reads_what_the_exr_holds() {
     let mut browser = opened();
-    let fields = [("focus", "focus.exr"), ("uncertainty", "uncertainty.exr")];
-    for (key, file) in fields {
+    let fields = [("focus", "focus.exr", 4), ("uncertainty", "uncertainty.exr", 4), ("depth", "depth_mm.exr", 3)];
+    for (key, file, digits) in fields {
         let (width, _, values) = read_field(&results().join("out").join(file)).unwrap();
         for (x, y) in [(96, 64), (40, 100), (3, 2)] {
             point(&mut browser, x, y);
-            assert_reads(&shown(&mut browser, key), values[(y * width + x) as usize], 4);
+            assert_reads(&shown(&mut browser, key), values[(y * width + x) as usize], digits);
         }
-        assert_holds(&mut browser, key, &values, 4);
+        assert_holds(&mut browser, key, &values, digits);
     }
 }
 
