@@ -139,6 +139,19 @@ mod tests {
     }
 
     #[test]
+    fn exposure_is_taken_over_in_intensities() {
+        let exposed = |byte: u8, gain: f64, offset: f64, decode: Decode| {
+            let frame = Frame::new(2, 2, crate::Channels::Gray, crate::Samples::U8(vec![byte; 4])).unwrap();
+            registered(&frame, &Similarity::IDENTITY, &Photometric { gain, offset }, decode).bytes()[0]
+        };
+        assert_eq!(exposed(50, 2.0, 0.1, Decode::None), 126);
+        assert_eq!(exposed(200, 2.0, 0.0, Decode::None), 255);
+        // 188 is half the intensity of white.
+        assert!(exposed(188, 0.5, 0.0, Decode::Srgb).abs_diff(137) <= 1);
+        assert_eq!(exposed(77, 1.0, 0.0, Decode::Srgb), 77);
+    }
+
+    #[test]
     fn holes_stay_holes_and_spread_no_further_than_a_pixel() {
         let mut values = vec![1.0; 35];
         values[17] = f32::NAN;

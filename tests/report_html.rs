@@ -1,7 +1,9 @@
-//! `report.html` in a real browser: that it opens by itself, moves, turns, and reads as the EXR does.
+//! `report.html` of a pair in a real browser: that it opens by itself, moves, turns, and reads as the EXR does.
 
 #[path = "common/browser.rs"]
 mod browser;
+#[path = "common/page.rs"]
+mod page;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,9 +15,14 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use browser::Browser;
+use page::{assert_holds, assert_reads, assert_surface, canvas, pixels, point, shown};
 
 /// A name as an attacker would choose it.
 const ODD_NAME: &str = "<img src=x onerror=alert(1)>&amp;.png";
+
+/// So that there is depth in mm.
+const LENS: [&str; 9] =
+    ["--focal-length", "25", "--f-number", "8.3", "--pixel-pitch", "0.01304", "--focus", "529,869", "--telecentric"];
 
 /// A folder with the results of one solve, of whose pair one photograph has an odd name.
 fn results() -> &'static Path {
@@ -31,7 +38,7 @@ fn results() -> &'static Path {
             let image = image::RgbImage::from_fn(240, 160, |x, y| image::Rgb([value(x, y), value(x, y), x as u8]));
             image.save(folder.path().join(name)).unwrap();
         }
-        solve(folder.path(), &[]);
+        solve(folder.path(), &LENS);
         folder
     });
     folder.path()
@@ -48,28 +55,14 @@ fn solve(folder: &Path, extra: &[&str]) {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-fn page(folder: &Path) -> PathBuf {
+fn page_of(folder: &Path) -> PathBuf {
     folder.join("out/report.html")
 }
 
 fn opened(width: u32) -> Browser {
     let mut browser = Browser::start(width, 900);
-    browser.open(&page(results()), "window.page");
+    browser.open(&page_of(results()), "window.page");
     browser
-}
-
-/// Puts a canvas in the middle of the window and says where it then is: left, top, width, height.
-fn canvas(browser: &mut Browser, id: &str) -> [f64; 4] {
-    let place = format!(
-        "(() => {{ const c = document.getElementById('{id}'); c.scrollIntoView({{ block: 'center', behavior: 'instant' }});
-           const b = c.getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; }})()"
-    );
-    serde_json::from_value(browser.evaluate(&place)).unwrap()
-}
-
-/// What a canvas shows.
-fn pixels(browser: &mut Browser, id: &str) -> String {
-    browser.evaluate(&format!("document.getElementById('{id}').toDataURL()")).as_str().unwrap().to_string()
 }
 
 #[test]
@@ -110,7 +103,7 @@ fn the_slider_moves_by_mouse_and_by_itself_and_the_pictures_change() {
     );
     assert!(moved != pixels(&mut browser, "stage"));
     let mut seen = vec![pixels(&mut browser, "stage")];
-    for mode in ["difference", "fused", "relative_blur", "confidence"] {
+    for mode in ["difference", "fused", "relative_blur", "uncertainty", "confidence", "depth", "depth_deviation"] {
         browser.evaluate(&format!("document.querySelector('[data-mode={mode}]').click()"));
         let shown = pixels(&mut browser, "stage");
         assert!(!seen.contains(&shown), "{mode}");
@@ -136,49 +129,39 @@ fn flickering_shows_one_photograph_after_the_other() {
 #[test]
 fn the_cursor_reads_what_the_exr_holds() {
     let mut browser = opened(1280);
-    let (width, _, blur) = read_field(&results().join("out/relative_blur.exr")).unwrap();
-    let (_, _, confidence) = read_field(&results().join("out/confidence.exr")).unwrap();
+    let read = |file: &str| read_field(&results().join("out").join(file)).unwrap();
+    let (width, _, blur) = read("relative_blur.exr");
+    let depth = read("depth_mm.exr").2;
+    let fields = [
+        ("relative_blur", &blur, 4),
+        ("uncertainty", &read("uncertainty.exr").2, 4),
+        ("confidence", &read("confidence.exr").2, 5),
+        ("depth", &depth, 3),
+    ];
     let hole = blur.iter().position(|v| v.is_nan()).expect("a pixel that is not valid") as u32;
-    assert_eq!(browser.evaluate("page.viewer.values.relative_blur.length"), blur.len());
-    for (x, y) in [(120, 80), (37, 55), (201, 101), (hole % width, hole / width)] {
-        let [left, top, ..] = canvas(&mut browser, "stage");
-        let at = browser.evaluate(&format!(
-            "[page.viewer.left + page.viewer.scale * ({x} + .5), page.viewer.top + page.viewer.scale * ({y} + .5)]"
-        ));
-        browser.mouse(&[[left + at[0].as_f64().unwrap(), top + at[1].as_f64().unwrap()]], false);
-        let shown = browser.evaluate(
-            "['x', 'y', 'relative_blur', 'confidence'].map(n => document.getElementById('at-' + n).textContent)",
-        );
-        assert_eq!((&shown[0], &shown[1]), (&json!(x.to_string()), &json!(y.to_string())));
-        let i = (y * width + x) as usize;
-        if blur[i].is_nan() {
-            assert_eq!(shown[2], "not valid");
-        } else {
-            let read: f64 = shown[2].as_str().unwrap().replace('−', "-").parse().unwrap();
-            assert!((read - f64::from(blur[i])).abs() <= 0.5001e-4, "{read} {}", blur[i]);
+    let is_deep = |i: &usize| depth[*i].is_finite();
+    let deep = (0..blur.len()).find(is_deep).expect("a pixel with a depth") as u32;
+    for (x, y) in [(120, 80), (37, 55), (201, 101), (hole % width, hole / width), (deep % width, deep / width)] {
+        point(&mut browser, x, y);
+        assert_eq!((shown(&mut browser, "x"), shown(&mut browser, "y")), (x.to_string(), y.to_string()));
+        for (key, values, digits) in &fields {
+            let value = values[(y * width + x) as usize];
+            assert_reads(&shown(&mut browser, key), value, *digits);
         }
-        let read: f64 = shown[3].as_str().unwrap().parse().unwrap();
-        assert!((read - f64::from(confidence[i])).abs() <= 1e-3 * f64::from(confidence[i]), "{read} {}", confidence[i]);
     }
-    // All of them, bit by bit.
-    let bits = "{ const b = new Uint32Array(page.viewer.values.relative_blur.buffer); let s = 0; \
-                b.forEach((v, i) => { s = (Math.imul(s, 31) + (v ^ i)) >>> 0 }); s }";
-    let sum = blur.iter().zip(0u32..).fold(0u32, |s, (v, i)| s.wrapping_mul(31).wrapping_add(v.to_bits() ^ i));
-    assert_eq!(browser.evaluate(bits), sum);
+    // All of them.
+    for (key, values, digits) in fields {
+        assert_holds(&mut browser, key, values, digits);
+    }
 }
 
 #[test]
 fn the_surface_is_drawn_and_turns_with_the_mouse_and_the_keys() {
     let mut browser = opened(1280);
     let [left, top, width, height] = canvas(&mut browser, "surface");
-    let drawn = "(() => { const gl = page.surface.renderer.getContext(); \
-                 const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight]; const p = new Uint8Array(4 * w * h); \
-                 gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p); \
-                 let n = 0; const colors = new Set(); \
-                 for (let i = 0; i < p.length; i += 4) if (p[i + 3]) { n++; colors.add(p[i] << 16 | p[i + 1] << 8 | p[i + 2]) } \
-                 return [n / w / h, colors.size]; })()";
-    let found = browser.evaluate(drawn);
-    assert!(found[0].as_f64().unwrap() > 0.1 && found[1].as_f64().unwrap() > 100.0, "{found}");
+    assert_surface(&mut browser);
+    let note = browser.evaluate("document.getElementById('surface-note').textContent");
+    assert!(note.as_str().unwrap().contains(" mm from far to near"), "{note}");
     let before = pixels(&mut browser, "surface");
     let (x, y) = (left + width / 2.0, top + height / 2.0);
     browser.mouse(&[[x, y], [x + 40.0, y + 10.0], [x + 90.0, y + 20.0]], true);
@@ -188,7 +171,7 @@ fn the_surface_is_drawn_and_turns_with_the_mouse_and_the_keys() {
     browser.call("Input.dispatchKeyEvent", key);
     let by_key = pixels(&mut browser, "surface");
     assert!(turned != by_key);
-    browser.evaluate("document.querySelector('[data-skin=relative_blur]').click()");
+    browser.evaluate("document.querySelector('[data-skin=depth]').click()");
     assert!(by_key != pixels(&mut browser, "surface"));
     browser.evaluate("document.getElementById('reset').click()");
     browser.evaluate("document.querySelector('[data-skin=fused]').click()");
@@ -203,7 +186,7 @@ fn without_html_none_is_left_over() {
         fs::copy(results().join(name), folder.path().join(name)).unwrap();
     }
     solve(folder.path(), &[]);
-    assert!(page(folder.path()).is_file());
+    assert!(page_of(folder.path()).is_file());
     solve(folder.path(), &["--no-html"]);
-    assert!(!page(folder.path()).exists() && folder.path().join("out/report.json").is_file());
+    assert!(!page_of(folder.path()).exists() && folder.path().join("out/report.json").is_file());
 }

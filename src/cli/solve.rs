@@ -110,7 +110,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// What a photograph is called in the report: without its folders.
-fn name(path: &Path) -> String {
+pub(super) fn name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
@@ -219,7 +219,9 @@ pub(super) fn write(
     report.files = written.iter().map(ToString::to_string).collect();
     if !arguments.no_html {
         let names = [&arguments.pair.i1, &arguments.pair.i2].map(|path| name(path));
-        let page = Page { photographs: frames.each_ref(), names, decode: settings.decode, nearer };
+        let depth = metric.as_ref();
+        let photographs = frames.each_ref();
+        let page = Page { photographs, names, decode: settings.decode, nearer, depth, fields: Vec::new() };
         extras.push(page.file(solution, &report));
     }
     let additions = Additions { depth: metric.as_ref(), measurements, extras };

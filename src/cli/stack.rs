@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use parfocal::export::{self, DEPTH_FILE, EXTRA_FILES, FILES, Nearer, RangeReport, SWEEP_FILES, SweepReport};
+use parfocal::export::{self, DEPTH_FILE, EXTRA_FILES, FILES, Look, Nearer, RangeReport, SWEEP_FILES, SweepReport};
 use parfocal::focus_stack::{Positions, SweepOptions, solve_sweep};
+use parfocal::report_html::SweepPage;
 use parfocal::{Frame, Method, image_io};
 
 use super::colors::ColorsArgument;
@@ -14,6 +15,7 @@ use super::depth::decimals;
 use super::failure::{Failure, print};
 use super::output;
 use super::pair::SettingsArguments;
+use super::solve::name;
 
 /// Recover from a focus sweep where each pixel is in focus, and an image sharp all over.
 #[derive(clap::Args, Debug)]
@@ -49,6 +51,9 @@ pub(super) struct Arguments {
     /// 1; with --focus-at, as that says, larger being farther]
     #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2))]
     nearer: Option<u8>,
+    /// Do not write report.html
+    #[arg(long)]
+    no_html: bool,
     #[command(flatten)]
     colors: ColorsArgument,
     #[command(flatten)]
@@ -76,8 +81,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let files: Vec<String> = arguments.frames.iter().map(|file| file.display().to_string()).collect();
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
     let report = SweepReport::new(&sweep, &files, nearer, engine.info(), total_ms);
-    let palette = arguments.colors.palette();
-    export::write_sweep(&arguments.output, &sweep, &report, nearer, decode, format, palette)?;
+    let look = Look { nearer, decode, formats: [format; 2], palette: arguments.colors.palette() };
+    let names = arguments.frames.iter().map(|path| name(path)).collect();
+    let page = SweepPage { frames: &frames, names, decode, nearer, fields: Vec::new() };
+    let page = (!arguments.no_html).then(|| page.file(&sweep, &report));
+    export::write_sweep(&arguments.output, &sweep, &report, &look, page)?;
     tell(&report, arguments)?;
     arguments.settings.check_strict(true, &report.warnings)
 }

@@ -59,8 +59,7 @@ impl<'a> Map<'a> {
         palette: Palette,
     ) -> Self {
         let (first, last) = (positions.first().copied().unwrap_or(0.0), positions.last().copied().unwrap_or(0.0));
-        let high_is_near = (nearer == Nearer::First) == (first > last);
-        let near = if high_is_near { Nearer::First } else { Nearer::Second };
+        let near = larger_is(positions, nearer);
         let scale = Scale::spanning([values], near, (LEAST_PART * (last - first).abs()).max(1e-6) as f32);
         Self { size, values, scale, quantity: "focus", unit: "setting", palette, marked: &[] }
     }
@@ -118,6 +117,12 @@ pub(super) fn write(writer: impl Write, map: &Map<'_>) -> Result<(), String> {
     }
     let size = (width + key.width(), height);
     picture::write(writer, size, ColorType::Rgba, &Stored::Bytes(&pixels), &map.meaning())
+}
+
+/// The sense of a scale of focus settings: [`Nearer::First`] where a larger one is near.
+pub(crate) fn larger_is(positions: &[f64], nearer: Nearer) -> Nearer {
+    let descending = positions.first() > positions.last();
+    if descending == (nearer == Nearer::First) { Nearer::First } else { Nearer::Second }
 }
 
 #[cfg(test)]

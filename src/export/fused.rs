@@ -74,8 +74,18 @@ pub(super) fn write_float(writer: impl Write + Seek, image: &Image<'_>, decode: 
 /// # Errors
 /// [`Error::Mismatch`] where it is not of the size that the solution states.
 pub fn fused(solution: &Solution, decode: Decode) -> Result<Frame, Error> {
-    let bytes = solution.fused.iter().map(|&v| (stored(v, decode) * 255.0).round() as u8).collect();
-    Frame::new(solution.width, solution.height, solution.fused_channels, Samples::U8(bytes)).map_err(Error::Mismatch)
+    fused_frame((solution.width, solution.height), solution.fused_channels, &solution.fused, decode)
+}
+
+/// The same of intensities, white at 1, interleaved.
+pub(crate) fn fused_frame(
+    (width, height): (u32, u32),
+    channels: Channels,
+    values: &[f32],
+    decode: Decode,
+) -> Result<Frame, Error> {
+    let bytes = values.iter().map(|&v| (stored(v, decode) * 255.0).round() as u8).collect();
+    Frame::new(width, height, channels, Samples::U8(bytes)).map_err(Error::Mismatch)
 }
 
 /// The value that a file stores, in [0, 1].

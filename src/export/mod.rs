@@ -33,10 +33,11 @@ mod valid;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+pub(crate) use depth::larger_is;
 pub use depth16::{Depth16, Depth16Report};
 pub use extra::{EXTRA_FILES, Extra, PAGE_FILE};
-pub(crate) use fused::stored;
 pub use fused::{FUSED_FLOAT_FILE, fused, fused_float};
+pub(crate) use fused::{fused_frame, stored};
 pub use labels::labels;
 pub use measurements::{Measurements, ProfileReport, StepReport, Wanted, profiles_in};
 pub use metric::{DEPTH_FILE, DepthReport};
@@ -55,6 +56,7 @@ pub use transform::{PairOf, read_pair_of, read_transform};
 use crate::{Decode, Error, Format, Lens, MetricDepth, Solution};
 use depth::Map;
 pub(crate) use json::to_string as to_json;
+pub(crate) use ranks::Ranks;
 pub use staging::remove_unfinished;
 pub(crate) use staging::{Staging, write_file};
 

@@ -1,16 +1,16 @@
 //! Order statistics of a field.
 
 /// Valid values of a field, of which ranks are asked.
-pub(super) struct Ranks(Vec<f32>);
+pub(crate) struct Ranks(Vec<f32>);
 
 impl Ranks {
     /// The values that are finite.
-    pub(super) fn of(values: &[f32]) -> Self {
+    pub(crate) fn of(values: &[f32]) -> Self {
         Self(values.iter().copied().filter(|v| v.is_finite()).collect())
     }
 
     /// The quantile `q` in [0, 1], linear between ranks (0 is the least value, ½ the median); `None` if no value is valid.
-    pub(super) fn quantile(&mut self, q: f64) -> Option<f32> {
+    pub(crate) fn quantile(&mut self, q: f64) -> Option<f32> {
         let last = self.0.len().checked_sub(1)?;
         let rank = q * last as f64;
         let (_, &mut low, above) = self.0.select_nth_unstable_by(rank as usize, f32::total_cmp);

@@ -8,11 +8,11 @@ use serde::Serialize;
 use super::depth::Map;
 use super::report::{DeviceReport, RangeReport, SizeReport};
 use super::{
-    DEPTH_FILE, EXTRA_FILES, FILES, FUSED_FLOAT_FILE, Nearer, Palette, Staging, depth, field, fused, meaning,
+    DEPTH_FILE, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Nearer, Staging, depth, field, fused, meaning,
     remove_stale,
 };
 use crate::focus_stack::{Sweep, SweepDepth};
-use crate::{Decode, Depth, DeviceInfo, Error, Format, Photometric, Similarity};
+use crate::{Decode, Depth, DeviceInfo, Error, Photometric, Similarity};
 
 /// The files that [`write_sweep()`] makes.
 pub const SWEEP_FILES: [&str; 5] = ["focus.exr", "uncertainty.exr", "depth.png", "fused.png", "report.json"];
@@ -124,8 +124,8 @@ impl SweepReport {
     }
 }
 
-/// Writes the [`SWEEP_FILES`], and [`DEPTH_FILE`] where depth is known, into the folder `out`, which is made if it is
-/// missing; all of them, or none. `format` is that of the frames: where they are in floats, `fused.exr` is written too.
+/// Writes the [`SWEEP_FILES`], [`DEPTH_FILE`] where depth is known, and the page where one is given, into the folder
+/// `out`, which is made if it is missing; all of them, or none. Where the frames are in floats, `fused.exr` is written too.
 ///
 /// # Errors
 /// [`Error::File`].
@@ -133,10 +133,8 @@ pub fn write_sweep(
     out: &Path,
     sweep: &Sweep,
     report: &SweepReport,
-    nearer: Nearer,
-    decode: Decode,
-    format: Format,
-    palette: Palette,
+    look: &Look,
+    page: Option<Extra<'_>>,
 ) -> Result<(), Error> {
     let size = (sweep.width, sweep.height);
     let mut staging = Staging::new(out)?;
@@ -151,16 +149,21 @@ pub fn write_sweep(
         // The extent of the depth found stands for that of the planes of focus.
         Some(found) => {
             let RangeReport { min, max, .. } = RangeReport::of(&found.depth);
-            Map::in_mm(size, &found.depth, (max.unwrap_or(1.0) - min.unwrap_or(0.0)).into(), palette)
+            Map::in_mm(size, &found.depth, (max.unwrap_or(1.0) - min.unwrap_or(0.0)).into(), look.palette)
         }
-        None => Map::of_focus(size, &sweep.focus, &sweep.positions, nearer, palette),
+        None => Map::of_focus(size, &sweep.focus, &sweep.positions, look.nearer, look.palette),
     };
     staging.add(picture, |w| depth::write(w, &map))?;
     let image = fused::Image { size, channels: sweep.fused_channels, values: &sweep.fused };
-    staging.add(fused, |w| fused::write_image(w, &image, decode, format.depth))?;
-    let is_float = format.depth == Depth::F32;
+    let depth = look.formats[0].depth;
+    staging.add(fused, |w| fused::write_image(w, &image, look.decode, depth))?;
+    let is_float = depth == Depth::F32;
     if is_float {
-        staging.add(FUSED_FLOAT_FILE, |w| fused::write_float(w, &image, decode))?;
+        staging.add(FUSED_FLOAT_FILE, |w| fused::write_float(w, &image, look.decode))?;
+    }
+    let page_name = page.as_ref().map(Extra::name);
+    if let Some(page) = page {
+        staging.add(page.name, |w| (page.fill)(w))?;
     }
     staging.add(json, |w| {
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
@@ -168,6 +171,7 @@ pub fn write_sweep(
     staging.place()?;
     // What a solve of a pair left there belongs to other pictures.
     let of_a_pair = FILES.into_iter().chain(EXTRA_FILES).chain(sweep.depth.is_none().then_some(DEPTH_FILE));
-    let is_new = |name: &str| SWEEP_FILES.contains(&name) || is_float && name == FUSED_FLOAT_FILE;
+    let is_new =
+        |name: &str| SWEEP_FILES.contains(&name) || page_name == Some(name) || is_float && name == FUSED_FLOAT_FILE;
     of_a_pair.filter(|name| !is_new(name)).try_for_each(|name| remove_stale(&out.join(name)))
 }

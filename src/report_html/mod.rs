@@ -1,33 +1,46 @@
-//! `report.html`: the results of a solve in one page to look at, which asks nothing of a network.
+//! `report.html`: the results of a solve or of a focus sweep in one page to look at, which asks nothing of a network.
 //!
-//! The page holds its style, its scripts, three.js for the surface, and all data: V and confidence bit by bit, the
-//! photographs, registered, and the fused image as JPEG, and the report. What comes from outside, names of files say,
-//! goes in as JSON and out as text, never as HTML; a content security policy keeps the page from loading anything.
+//! The page holds its style, its scripts, three.js for the surface, and all data: each field to the digits that its
+//! read-out shows, the photographs, registered, and the fused image as JPEG, and the report. Pair and sweep share one
+//! template, of which parts are left out. What comes from outside, names of files say, goes in as JSON and out as text,
+//! never as HTML; a content security policy keeps the page from loading anything.
 
+mod field;
+mod grid;
 mod packed;
-mod registered;
+mod pair;
+mod sweep;
 
+use std::borrow::Cow;
 use std::io::Write;
 use std::thread;
 
-use image::RgbImage;
 use serde_json::{Value, json};
 
-use self::registered::registered;
-use crate::export::{Extra, Nearer, Report, Scale, color, fused};
-use crate::figure::{photograph, resized};
+pub use self::field::Field;
+use self::grid::Grid;
+pub use self::pair::Page;
+pub use self::sweep::SweepPage;
+use crate::export::Palette;
+use crate::figure::photograph;
+use crate::resample::registered;
 use crate::view::{Surface, View};
-use crate::{Decode, Frame, Solution};
-
-/// The most pixels that a page holds. Of larger images it has every second pixel of every second row, or every third
-/// and so on, so that a browser can still open it; each value is still that of its pixel.
-const MOST_PIXELS: u64 = 1 << 22;
+use crate::{Decode, Error, Frame, Photometric, Region, Similarity};
 
 /// Nodes of the surface along its longer side.
 const NODES: u32 = 512;
 
-/// The least confidence that has a colour of its own.
-const LEAST_CONFIDENCE: f32 = 1e-6;
+/// Digits after the point of its heights, which run from 0 to 1.
+const HEIGHT_DIGITS: u32 = 5;
+
+/// Quality of the pictures, of 100: at 92 no block shows, even flickering.
+const QUALITY: u8 = 92;
+
+/// Of many frames.
+const LESSER_QUALITY: u8 = 85;
+
+/// The most pixels of all the frames that are there only to be leafed through.
+const MOST_LEAFED: usize = 12 << 20;
 
 const TEMPLATE: &str = include_str!("assets/report.html");
 
@@ -43,139 +56,132 @@ const ASSETS: [(&str, &str); 8] = [
     ("report.js", include_str!("assets/report.js")),
 ];
 
-/// What `report.html` shows besides the solution.
-#[derive(Clone, Debug)]
-pub struct Page<'a> {
-    /// I1 and I2.
-    pub photographs: [&'a Frame; 2],
-    /// What they are called; any text.
-    pub names: [String; 2],
-    /// How they were decoded.
-    pub decode: Decode,
-    /// Which image is focused nearer.
-    pub nearer: Nearer,
+/// A picture of the page, on the pixels of the reference.
+struct Picture<'a> {
+    name: String,
+    frame: Cow<'a, Frame>,
+    /// Where it lies and how it is exposed, unless it is the reference.
+    place: Option<(Similarity, Photometric)>,
+    /// Whether it may be reduced, because it is one of many.
+    is_leafed: bool,
 }
 
-impl<'a> Page<'a> {
-    /// The page as a file of the solve, for [`write`](crate::export::write()).
-    ///
-    /// The solution's fields must be of its size, as `write` checks.
-    pub fn file(self, solution: &'a Solution, report: &'a Report) -> Extra<'a> {
-        Extra::new("report.html", move |writer| self.write(solution, report, writer))
-    }
+/// What a page is made of, be it of a pair or of a sweep.
+struct Contents<'a> {
+    /// Of the fields and the fused image.
+    size: (u32, u32),
+    /// The part of the photographs that the fields are of.
+    part: Region,
+    decode: Decode,
+    /// The last one is the fused image.
+    pictures: Vec<Picture<'a>>,
+    /// The first says which pixels are valid.
+    fields: Vec<Field<'a>>,
+    /// The key of the field that gives the surface its heights.
+    heights: &'static str,
+    /// What the scripts are told besides; an object.
+    told: Value,
+}
 
-    fn write(&self, solution: &Solution, report: &Report, writer: &mut dyn Write) -> Result<(), String> {
-        let parts = self.parts(solution, report)?;
+impl Contents<'_> {
+    fn write(self, writer: &mut dyn Write) -> Result<(), String> {
+        let parts = self.parts()?;
         for (i, piece) in TEMPLATE.split("{{").enumerate() {
             let (name, text) = if i == 0 { ("", piece) } else { piece.split_once("}}").unwrap_or(("", piece)) };
-            let asset = ASSETS.iter().find(|(asset, _)| *asset == name).map(|(_, text)| *text);
-            let part = parts.iter().find(|(part, _)| *part == name).map(|(_, text)| text.as_str());
-            for text in [asset.or(part).unwrap_or_default(), text] {
+            let asset = ASSETS.iter().filter(|(asset, _)| *asset == name).map(|(_, text)| *text);
+            let part = parts.iter().filter(|(part, _)| *part == name).map(|(_, text)| text.as_str());
+            for text in asset.chain(part).chain([text]) {
                 writer.write_all(text.as_bytes()).map_err(|e| e.to_string())?;
             }
         }
         Ok(())
     }
 
-    /// What of the page changes from solve to solve, by its name in the template. The dear parts are made side by side.
-    fn parts(&self, solution: &Solution, report: &Report) -> Result<Vec<(&'static str, String)>, String> {
-        let grid = Grid::of(solution);
-        let [i1, i2] = self.photographs;
-        let best = fused(solution, self.decode).map_err(|e| e.to_string())?;
-        let surface = Surface::new(&solution.relative_blur, &best, self.nearer).map_err(|e| e.to_string())?;
-        let (surface_json, heights) = surface_data(&surface);
-        let field = |values: &[f32]| packed::floats(&grid.values(values));
-        let image = |image: &RgbImage| packed::picture(&grid.picture(image));
-        let warped = || registered(&photograph(i2), &report.transform, &report.photometric, self.decode);
-        let results = thread::scope(|scope| {
-            let parts = [
-                ("relative-blur", scope.spawn(|| field(&solution.relative_blur))),
-                ("confidence", scope.spawn(|| field(&solution.confidence))),
-                ("i1", scope.spawn(|| image(&photograph(i1)))),
-                ("i2", scope.spawn(|| image(&warped()))),
-                ("fused", scope.spawn(|| image(&photograph(&best)))),
-                ("heights", scope.spawn(|| packed::floats(&heights))),
-            ];
-            parts.map(|(name, part)| (name, part.join().unwrap_or_else(|_| Err("out of memory".to_string()))))
+    /// What of the page changes from page to page, by its name in the template. The dear parts are made side by side.
+    fn parts(mut self) -> Result<Vec<(&'static str, String)>, String> {
+        let first = self.fields.first().map(Field::key);
+        self.fields.retain(|field| Some(field.key()) == first || field.is_worth_showing());
+        let grid = Grid::of(self.size);
+        let heights = self.fields.iter().find(|field| field.key() == self.heights).or(self.fields.first());
+        let heights = heights.ok_or("the page has no field")?;
+        let fused = self.pictures.last().ok_or("the page has no picture")?;
+        let surface = Surface::on(heights.values(), &fused.frame, heights.scale()).map_err(|e| e.to_string())?;
+        let (nodes, described) = surface_data(&surface, heights.key())?;
+        let (fields, pictures) = thread::scope(|scope| {
+            let fields: Vec<_> = self.fields.iter().map(|field| scope.spawn(|| field.packed(&grid))).collect();
+            // One after the other: warping takes all processors, and memory.
+            let pictures = self.pictures.iter().enumerate().map(|(i, picture)| {
+                let text = self.packed_picture(picture, &grid)?;
+                Ok(element(&format!("picture-{i}"), &text))
+            });
+            let pictures: Result<String, String> = pictures.collect();
+            let join = |packed: thread::ScopedJoinHandle<'_, _>| packed.join().unwrap_or_else(|_| Err(OUT.to_string()));
+            (fields.into_iter().map(join).collect::<Result<Vec<_>, String>>(), pictures)
         });
-        let mut parts = vec![("data", packed::json(&self.data(solution, report, &grid, surface_json))?)];
-        for (name, part) in results {
-            parts.push((name, part?));
-        }
-        Ok(parts)
+        let values = self.fields.iter().zip(fields?);
+        let values = values.map(|(field, text)| element(&format!("field-{}", field.key()), &text)).collect();
+        let data = packed::json(&self.data(&grid, described))?;
+        Ok(vec![("data", data), ("fields", values), ("heights", nodes), ("pictures", pictures?)])
     }
 
-    fn data(&self, solution: &Solution, report: &Report, grid: &Grid, surface: Value) -> Value {
-        let scale = Scale::of(&solution.relative_blur, self.nearer);
-        let confidences: Vec<f32> = solution.confidence.iter().copied().filter(|&c| c > 0.0).collect();
-        let spread = Scale::of(&confidences, Nearer::First);
-        // Above the least, so that the logarithmic scale between them has a length.
-        let greatest = confidences.iter().copied().fold(10.0 * LEAST_CONFIDENCE, f32::max);
-        json!({
-            "names": self.names,
+    fn packed_picture(&self, picture: &Picture<'_>, grid: &Grid) -> Result<String, String> {
+        let moved = picture.place.map(|(t, p)| registered(&picture.frame, &t, &p, self.decode));
+        let whole = moved.as_ref().unwrap_or(&picture.frame);
+        let part = ((whole.width(), whole.height()) != self.size).then(|| whole.cropped(self.part)).transpose()?;
+        let image = photograph(part.as_ref().unwrap_or(whole));
+        if !picture.is_leafed {
+            return packed::picture(&grid.picture(image), QUALITY);
+        }
+        let leafed = self.pictures.iter().filter(|picture| picture.is_leafed).count();
+        let most = (MOST_LEAFED / leafed.max(1)).min(grid.width * grid.height);
+        packed::picture(&Grid::within(self.size, most).picture(image), LESSER_QUALITY)
+    }
+
+    fn data(&self, grid: &Grid, surface: Value) -> Value {
+        let mut data = json!({
+            "version": env!("CARGO_PKG_VERSION"),
             "grid": { "step": grid.step, "first": grid.step / 2, "width": grid.width, "height": grid.height },
-            "relative_blur": { "low": scale.low, "high": scale.high },
-            "confidence": { "low": spread.low.max(greatest * 1e-4).min(greatest / 10.0), "high": greatest },
+            "fields": self.fields.iter().map(Field::description).collect::<Vec<_>>(),
+            "pictures": self.pictures.iter().map(|picture| &picture.name).collect::<Vec<_>>(),
             "surface": surface,
-            "colormaps": [
-                { "name": "Red near, blue far", "colors": colormap(color) },
-                { "name": "Viridis", "colors": colormap(gradient(colorous::VIRIDIS)) },
-                { "name": "Grey", "colors": colormap(|t| [(255.0 * t) as u8; 3]) },
-            ],
-            "report": report,
-        })
-    }
-}
-
-/// Which pixels a page holds: those at `step / 2 + k step` of both axes, k = 0, 1 and so on.
-struct Grid {
-    full: (usize, usize),
-    step: usize,
-    width: usize,
-    height: usize,
-}
-
-impl Grid {
-    fn of(solution: &Solution) -> Self {
-        let full = (solution.width as usize, solution.height as usize);
-        let count = |side: usize, step: usize| (side - step / 2).div_ceil(step);
-        let mut step = 1;
-        while (count(full.0, step) * count(full.1, step)) as u64 > MOST_PIXELS {
-            step += 1;
+            "colormaps": COLORMAPS.map(|(name, palette)| json!({ "name": name, "colors": hexadecimal(palette) })),
+        });
+        if let (Some(data), Value::Object(told)) = (data.as_object_mut(), &self.told) {
+            data.extend(told.clone());
         }
-        Self { full, step, width: count(full.0, step), height: count(full.1, step) }
-    }
-
-    fn values(&self, values: &[f32]) -> Vec<f32> {
-        let (first, step) = (self.step / 2, self.step);
-        let rows = values.chunks_exact(self.full.0).skip(first).step_by(step);
-        rows.flat_map(|row| row.iter().skip(first).step_by(step)).copied().collect()
-    }
-
-    fn picture(&self, image: &RgbImage) -> RgbImage {
-        if self.step == 1 { image.clone() } else { resized(image, (self.width as u32, self.height as u32)) }
+        data
     }
 }
 
-/// The surface's nodes: what they are, and their nearness, NaN in holes.
-fn surface_data(surface: &Surface) -> (Value, Vec<f32>) {
+const OUT: &str = "out of memory";
+
+/// An element that holds text which no browser reads by itself.
+fn element(id: &str, text: &str) -> String {
+    format!("<script type=\"text/plain\" id=\"{id}\">{text}</script>\n")
+}
+
+/// The surface's nodes: their nearness, NaN in holes; and what they are.
+fn surface_data(surface: &Surface, field: &str) -> Result<(String, Value), String> {
     let view = View { width: NODES, smoothing: 2, ..View::default() };
     let (width, height, heights) = surface.heights(&view);
-    let view = json!({
-        "width": width, "height": height,
+    let described = json!({
+        "field": field, "width": width, "height": height, "digits": HEIGHT_DIGITS,
         "relief": view.relief, "elevation_deg": view.elevation, "azimuth_deg": view.azimuth,
     });
-    (view, heights)
+    Ok((packed::decimals(&heights, width, HEIGHT_DIGITS)?, described))
 }
 
-fn gradient(gradient: colorous::Gradient) -> impl Fn(f64) -> [u8; 3] {
-    move |t| {
-        let c = gradient.eval_continuous(t);
-        [c.r, c.g, c.b]
-    }
+/// What the page offers, its own choice first; the last one is for fields in grey.
+const COLORMAPS: [(&str, Palette); 3] =
+    [("Viridis", Palette::Viridis), ("Red near, blue far", Palette::RedBlue), ("Grey", Palette::Grey)];
+
+/// 256 colours from far to near.
+fn hexadecimal(palette: Palette) -> String {
+    (0..256).flat_map(|i| palette.color(f64::from(i) / 255.0)).map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// 256 colours from far to near, as hexadecimal digits.
-fn colormap(color: impl Fn(f64) -> [u8; 3]) -> String {
-    (0..256).flat_map(|i| color(f64::from(i) / 255.0)).map(|byte| format!("{byte:02x}")).collect()
+/// The fused image as the page's last picture.
+fn best_focus<'a>(fused: Result<Frame, Error>) -> Result<Picture<'a>, String> {
+    let frame = Cow::Owned(fused.map_err(|e| e.to_string())?);
+    Ok(Picture { name: "Best focus".to_string(), frame, place: None, is_leafed: false })
 }

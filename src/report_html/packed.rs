@@ -9,29 +9,46 @@ use flate2::write::ZlibEncoder;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, RgbImage};
 
-/// Quality of the pictures, of 100: at 92 no block shows, even flickering.
-const QUALITY: u8 = 92;
+/// What stands for NaN among the integers, and beside the range of the others for what is beyond it.
+const NOTHING: i32 = i32::MIN;
+const BEYOND: f64 = i32::MAX as f64;
 
-/// 32-bit floats, bit by bit as they are: of each the difference of its bits from those of the one before, all first
-/// bytes, then all second ones and so on (neighbours differ little, so that most high bytes are alike), zlib, base64.
-/// `report.js` undoes it.
-pub(super) fn floats(values: &[f32]) -> Result<String, String> {
+/// Numbers, `width` a row, to so many digits after the point. Each, as an integer, is told by how far it lies off the plane
+/// through the neighbours left, above and between, as zigzag (0, -1, 1, -2 ...); then all first bytes, all second ones and
+/// so on (most high bytes are 0), zlib, base64. `data.js` undoes it.
+pub(super) fn decimals(values: &[f32], width: usize, digits: u32) -> Result<String, String> {
+    let integers: Vec<i32> = values.iter().map(|&v| integer(v, digits)).collect();
     let mut planes = vec![0; 4 * values.len()];
-    let mut before = 0u32;
-    for (i, value) in values.iter().enumerate() {
-        let bits = value.to_bits();
-        let difference = bits.wrapping_sub(before).to_le_bytes();
-        before = bits;
-        (0..4).for_each(|plane| planes[plane * values.len() + i] = difference[plane]);
+    for (i, &value) in integers.iter().enumerate() {
+        let off = value.wrapping_sub(predicted(&integers, width, i));
+        let zigzag = ((off << 1) ^ (off >> 31)).to_le_bytes();
+        (0..4).for_each(|plane| planes[plane * values.len() + i] = zigzag[plane]);
     }
     let mut encoder = ZlibEncoder::new(Vec::with_capacity(planes.len()), Compression::fast());
     encoder.write_all(&planes).and_then(|()| encoder.finish()).map(base64).map_err(|e| e.to_string())
 }
 
-/// A picture as JPEG, base64.
-pub(super) fn picture(image: &RgbImage) -> Result<String, String> {
+fn integer(value: f32, digits: u32) -> i32 {
+    if value.is_nan() {
+        return NOTHING;
+    }
+    (f64::from(value) * 10f64.powi(digits as i32)).round().clamp(-BEYOND, BEYOND) as i32
+}
+
+/// What the neighbours before an integer let expect of it.
+fn predicted(integers: &[i32], width: usize, i: usize) -> i32 {
+    match (i % width, i / width) {
+        (0, 0) => 0,
+        (_, 0) => integers[i - 1],
+        (0, _) => integers[i - width],
+        _ => integers[i - 1].wrapping_add(integers[i - width]).wrapping_sub(integers[i - width - 1]),
+    }
+}
+
+/// A picture as JPEG of a quality up to 100, base64.
+pub(super) fn picture(image: &RgbImage, quality: u8) -> Result<String, String> {
     let mut bytes = Vec::new();
-    JpegEncoder::new_with_quality(&mut bytes, QUALITY)
+    JpegEncoder::new_with_quality(&mut bytes, quality)
         .encode(image, image.width(), image.height(), ExtendedColorType::Rgb8)
         .map_err(|e| e.to_string())?;
     Ok(base64(bytes))
@@ -53,18 +70,26 @@ mod tests {
 
     use super::*;
 
-    #[test]
-    fn every_bit_of_a_float_comes_back() {
-        let values = [0.0f32, -0.0, 1.5, f32::NAN, f32::INFINITY, -144.0, 1e-30];
-        let packed = STANDARD.decode(floats(&values).unwrap()).unwrap();
+    fn unpacked(text: &str, width: usize) -> Vec<i32> {
         let mut planes = Vec::new();
-        flate2::read::ZlibDecoder::new(&packed[..]).read_to_end(&mut planes).unwrap();
-        let mut bits = 0u32;
-        for (i, value) in values.iter().enumerate() {
-            bits = bits.wrapping_add(u32::from_le_bytes([0, 1, 2, 3].map(|plane| planes[plane * values.len() + i])));
-            assert_eq!(bits, value.to_bits());
+        flate2::read::ZlibDecoder::new(&STANDARD.decode(text).unwrap()[..]).read_to_end(&mut planes).unwrap();
+        let count = planes.len() / 4;
+        let mut integers = Vec::new();
+        for i in 0..count {
+            let zigzag = u32::from_le_bytes([0, 1, 2, 3].map(|plane| planes[plane * count + i]));
+            let off = (zigzag >> 1) as i32 ^ -((zigzag & 1) as i32);
+            integers.push(predicted(&integers, width, i).wrapping_add(off));
         }
-        assert_eq!(floats(&[]).unwrap(), STANDARD.encode([0x78, 0x01, 0x03, 0, 0, 0, 0, 1]));
+        integers
+    }
+
+    #[test]
+    fn every_digit_comes_back() {
+        let values = [0.0f32, -0.0, 1.5, f32::NAN, f32::INFINITY, -144.0, 1e-30, -1e30, 0.12345, 9.0, f32::NAN, -7.25];
+        let found = unpacked(&decimals(&values, 4, 4).unwrap(), 4);
+        let expected = [0, 0, 15000, NOTHING, i32::MAX, -1_440_000, 0, -i32::MAX, 1235, 90_000, NOTHING, -72_500];
+        assert_eq!(found, expected);
+        assert!(unpacked(&decimals(&[], 4, 4).unwrap(), 4).is_empty());
     }
 
     #[test]

@@ -90,6 +90,11 @@ impl<'a> Surface<'a> {
     /// # Errors
     /// [`Error::Mismatch`] where the sizes differ.
     pub fn new(relative_blur: &'a [f32], fused: &Frame, nearer: Nearer) -> Result<Self, Error> {
+        Self::on(relative_blur, fused, Scale::of(relative_blur, nearer))
+    }
+
+    /// The surface of any field, on this scale.
+    pub(crate) fn on(relative_blur: &'a [f32], fused: &Frame, scale: Scale) -> Result<Self, Error> {
         let (width, height) = (fused.width() as usize, fused.height() as usize);
         if relative_blur.len() != width * height || relative_blur.is_empty() {
             let values = relative_blur.len();
@@ -97,7 +102,6 @@ impl<'a> Surface<'a> {
                 "{values} values of V cannot be shown under an image of {width}x{height}"
             )));
         }
-        let scale = Scale::of(relative_blur, nearer);
         Ok(Self { width, height, relative_blur, texture: figure::photograph(fused), scale })
     }
 

@@ -13,32 +13,85 @@ const plus = (value, digits) => (value === null ? missing : signed(value, digits
 const percent = (fraction, digits = 1) => (fraction === null ? missing : `${(100 * fraction).toFixed(digits)} %`);
 const time = (ms) => (ms >= 10000 ? `${(ms / 1000).toFixed(1)} s` : ms >= 100 ? `${ms.toFixed(0)} ms` : `${ms.toFixed(1)} ms`);
 
+const unit = (value, text) => (value === null ? '' : text);
+const range = ({ min, max }, digits, write = plus) => (min === null ? missing : `${write(min, digits)} … ${write(max, digits)}`);
+const deviation = (key) => fields[key]?.median ?? null;
+
 // Few figures, large: what a person looks at first.
 function showFigures() {
-  const { transform: t, photometric: p, relative_blur: v } = report;
-  const figures = [
+  byId('figures').append(...(isPair ? pairFigures() : sweepFigures()).map(([name, value, text]) =>
+    element('div', {}, element('dt', {}, name), element('dd', {}, `${value} `, element('small', {}, text)))));
+}
+
+function depthFigures(depth) {
+  return [['Depth', number(depth.median, 2), unit(depth.median, 'mm median')], ['Range of depth', range(depth, 1, number), unit(depth.min, 'mm')]];
+}
+
+function pairFigures() {
+  const { transform: t, photometric: p, relative_blur: v, depth } = report;
+  const blur = [['Relative blur', plus(v.median, 2), unit(v.median, 'px² median')], ['Range of V', range(v, 1), unit(v.min, 'px²')]];
+  return [
     ['I2 lies', `${plus(t.tx_px, 3)}, ${plus(t.ty_px, 3)}`, 'px right, down'],
     ['Rotation', `${plus(t.rotation_deg, 4)}°`, ''],
     ['Scale', number(t.scale, 5), `${plus(100 * (t.scale - 1), 3)} %`],
     ['Gain', number(p.gain, 4), `offset ${plus(p.offset, 4)}`],
-    ['Relative blur', v.median === null ? missing : plus(v.median, 2), v.median === null ? '' : `px² median`],
-    ['Range of V', v.min === null ? missing : `${plus(v.min, 1)} … ${plus(v.max, 1)}`, v.min === null ? '' : 'px²'],
+    ...(depth ? depthFigures(depth) : blur),
     ['Valid', percent(report.valid_fraction), 'of the pixels'],
     ['Time', time(report.timings_ms.total), `${time(report.timings_ms.gpu)} on the device`],
   ];
-  byId('figures').append(...figures.map(([name, value, unit]) =>
-    element('div', {}, element('dt', {}, name), element('dd', {}, `${value} `, element('small', {}, unit)))));
 }
 
-function row(name, value, unit = '') {
-  return element('tr', {}, element('th', { scope: 'row' }, name), element('td', { class: 'number' }, `${value}${unit && ` ${unit}`}`));
+function sweepFigures() {
+  const { focus, depth, frames } = report;
+  const text = report.focus_unit ?? 'settings';
+  return [
+    ['Frames', frames.length, `reference ${report.reference + 1}`],
+    ['Settings', `${frames[0].position} … ${frames.at(-1).position}`, text],
+    ['Focus', number(focus.median, 2), unit(focus.median, `${text}, median`)],
+    ['Range of focus', range(focus, 2, number), unit(focus.min, text)],
+    ...(depth ? depthFigures(depth) : [['Blur grows by', number(report.blur_rate_px2, 3), 'px² a squared setting'],
+      ['σ of focus', number(deviation('uncertainty'), 3), `${text}, median`]]),
+    ['Valid', percent(report.valid_fraction), 'of the pixels'],
+    ['Time', time(report.total_ms), ''],
+  ];
+}
+
+function row(name, value, text = '') {
+  return element('tr', {}, element('th', { scope: 'row' }, name), element('td', { class: 'number' }, `${value}${text && ` ${text}`}`));
 }
 
 const group = (name) => element('tr', { class: 'group' }, element('th', { colspan: 2, scope: 'rowgroup' }, name));
 
-function showResults() {
-  const { transform: t, photometric: p, relative_blur: v } = report;
-  byId('results').append(
+function heads(...names) {
+  return element('tr', {}, ...names.map((name, i) => element('th', { class: i ? 'number' : '', scope: 'col' }, name)));
+}
+
+function line(name, ...numbers) {
+  return element('tr', {}, element('th', { scope: 'row' }, name), ...numbers.map((text) => element('td', { class: 'number' }, text)));
+}
+
+function ranges(name, found, digits, text, write = plus) {
+  return [group(name), ...[['Least', 'min'], ['Median', 'median'], ['Greatest', 'max']].map(([title, key]) =>
+    row(title, write(found[key], digits), unit(found[key], text)))];
+}
+
+function depthRows() {
+  const { depth } = report;
+  if (!depth) return [];
+  return [...ranges('Depth', depth, 3, 'mm', number), row('Median of σ', number(deviation('depth_deviation'), 3), 'mm'),
+    row('Valid, but out of range', depth.out_of_range, 'px'), ...lensRows(depth.lens)];
+}
+
+function lensRows(lens) {
+  if (!lens) return [];
+  return [group('Lens'), row('Focal length', lens.focal_length_mm, 'mm'), row('f-number', lens.f_number), row('Pixel pitch', lens.pixel_pitch_mm, 'mm'),
+    row('Focused at', lens.focus_mm.map((at) => Number(at.toPrecision(6))).join(' and '), 'mm'), row('Blur constant κ', Number(lens.kappa.toPrecision(5))),
+    row('Telecentric', lens.telecentric ? 'yes' : 'no')];
+}
+
+function pairRows() {
+  const { transform: t, photometric: p } = report;
+  return [
     group('Transform: I2(T x) lines up with I1(x)'),
     row('Translation to the right', plus(t.tx_px, 5), 'px'),
     row('Translation downwards', plus(t.ty_px, 5), 'px'),
@@ -47,17 +100,58 @@ function showResults() {
     group('Exposure: gain × I2 + offset is like I1'),
     row('Gain', number(p.gain, 6)),
     row('Offset, white being 1', plus(p.offset, 6)),
-    group('Relative blur V, of the valid pixels'),
-    row('Least', plus(v.min, 4), v.min === null ? '' : 'px²'),
-    row('Median', plus(v.median, 4), v.median === null ? '' : 'px²'),
-    row('Greatest', plus(v.max, 4), v.max === null ? '' : 'px²'),
+    ...depthRows(),
+    ...ranges('Relative blur V, of the valid pixels', report.relative_blur, 4, 'px²'),
     row('At the limit of |V|', percent(report.saturated_fraction, 2)),
     row('Mean confidence', report.mean_confidence === null ? missing : report.mean_confidence.toPrecision(4)),
     group('Pixels'),
     row('Size', `${report.size.width} × ${report.size.height}`, 'px'),
     row('Valid', percent(report.valid_fraction, 2)),
     row('Converged', report.converged ? 'yes' : 'no'),
-  );
+  ];
+}
+
+function sweepRows() {
+  return [
+    ...depthRows(),
+    ...ranges('Focus', report.focus, 4, report.focus_unit ?? 'settings', number),
+    row('Median of σ', number(deviation('uncertainty'), 4), report.focus_unit ?? 'settings'),
+    row('Blur grows by', number(report.blur_rate_px2, 4), 'px² a squared setting'),
+    group('Pixels'),
+    row('Size', `${report.size.width} × ${report.size.height}`, 'px'),
+    row('Valid', percent(report.valid_fraction, 2)),
+  ];
+}
+
+function showFrames() {
+  byId('frames').append(heads('File', 'Setting', 'Right, px', 'Down, px', 'Rotation, °', 'Scale', 'Gain', 'Offset'), ...report.frames.map((frame, n) => {
+    const { transform: t, photometric: p } = frame;
+    const where = [plus(t.tx_px, 3), plus(t.ty_px, 3), plus(t.rotation_deg, 4), number(t.scale, 5)];
+    return line(data.pictures[n], Number(frame.position.toPrecision(6)), ...where, number(p.gain, 4), plus(p.offset, 4));
+  }));
+}
+
+// Steps and lines that were asked for.
+function showMeasured() {
+  const { measurements } = report;
+  if (!measurements) return;
+  byId('measured').hidden = false;
+  const known = (found, digits, text) => (found ? `${plus(found.value, digits)} ± ${number(found.standard_error, digits)} ${text}` : missing);
+  const place = ([x, y, w, h]) => `${w} × ${h} px at ${x}, ${y}`;
+  const steps = measurements.steps.map((step) =>
+    line(`Step from ${place(step.from)} to ${place(step.to)}`, known(step.depth_mm, 3, 'mm'), known(step.relative_blur, 3, 'px²')));
+  const profiles = measurements.profiles.map((profile) => line(`Profile: ${profile.csv}, ${profile.png}`, '', ''));
+  byId('measurements').append(heads('', 'Depth', 'Relative blur'), ...steps, ...profiles);
+}
+
+function showNumbers() {
+  showFigures();
+  byId('results').append(...(isPair ? pairRows() : sweepRows()));
+  showSettings();
+  showMeasured();
+  if (!isPair) return showFrames();
+  showTimes();
+  showLevels();
 }
 
 const units = {
@@ -78,13 +172,13 @@ function setting(key, value, prefix = '') {
 function showSettings() {
   const { device } = report;
   byId('settings').append(
-    ...Object.entries(report.settings).flatMap(([key, value]) => setting(key, value)),
-    row('image focused nearer', `I${report.nearer}`),
+    ...Object.entries(report.settings ?? {}).flatMap(([key, value]) => setting(key, value)),
+    row(isPair ? 'image focused nearer' : 'focused nearest', isPair ? `I${report.nearer}` : `the ${report.nearer === 1 ? 'first' : 'last'} frame`),
     group('Device'),
     row('Name', device.name),
     row('Driver', device.driver),
     row('UUID', device.uuid),
-    row('parfocal', report.version),
+    row('parfocal', data.version),
   );
 }
 

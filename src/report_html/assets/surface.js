@@ -4,6 +4,9 @@ class SurfaceView {
   // The picture of each skin comes from `skin(name)`.
   constructor(heights, skin) {
     this.canvas = byId('surface');
+    this.axes = byId('axes');
+    this.field = fields[data.surface.field];
+    byId('skins').append(element('button', { type: 'button', 'data-skin': this.field.key }, this.field.name));
     this.skin = skin;
     this.textures = {};
     // Kept after it is drawn, so that the picture can be saved or printed at any time.
@@ -52,6 +55,7 @@ class SurfaceView {
     const { clientWidth, clientHeight } = this.canvas;
     this.renderer.setPixelRatio(Math.min(2, window.devicePixelRatio || 1));
     this.renderer.setSize(clientWidth, clientHeight, false);
+    [this.axes.width, this.axes.height] = [this.canvas.width, this.canvas.height];
     this.camera.aspect = clientWidth / clientHeight;
     this.camera.updateProjectionMatrix();
     this.draw();
@@ -62,7 +66,7 @@ class SurfaceView {
     const { width, height } = data.surface;
     const longer = Math.max(width, height);
     const half = Math.tan((this.camera.fov / 2) * (Math.PI / 180));
-    return 0.6 * Math.max(width / longer / (half * this.camera.aspect), height / longer / half) + 0.25;
+    return 0.66 * Math.max(width / longer / (half * this.camera.aspect), height / longer / half) + 0.25;
   }
 
   look(elevation, azimuth, distance) {
@@ -129,6 +133,56 @@ class SurfaceView {
 
   draw() {
     this.renderer.render(this.scene, this.camera);
+    this.drawAxes();
+  }
+
+  // Where a point of the surface's box stands in the picture, px.
+  project(x, y, z) {
+    const seen = new Three.Vector3(x, y, z).project(this.camera);
+    return [((seen.x + 1) / 2) * this.axes.width, ((1 - seen.y) / 2) * this.axes.height];
+  }
+
+  // Heights in their unit, at the corner that stands farthest to the left, where the surface hides nothing; and the sides.
+  drawAxes() {
+    const { width, height } = data.surface;
+    const [x, y] = [width, height].map((side) => side / 2 / Math.max(width, height));
+    const relief = this.mesh.scale.z;
+    const context = this.axes.getContext('2d');
+    const ratio = this.renderer.getPixelRatio();
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.clearRect(0, 0, this.axes.width, this.axes.height);
+    context.font = `${12 * ratio}px system-ui, sans-serif`;
+    context.fillStyle = context.strokeStyle = getComputedStyle(this.axes).color;
+    context.lineWidth = ratio;
+    const corners = [[-x, -y], [x, -y], [x, y], [-x, y]];
+    const seen = corners.map(([cx, cy]) => this.project(cx, cy, -relief / 2));
+    const leftmost = seen.reduce((best, place, i) => (place[0] < seen[best][0] ? i : best), 0);
+    const at = (z) => this.project(...corners[leftmost], z * relief);
+    const [foot, head] = [at(-0.5), at(0.5)];
+    const long = Math.hypot(head[0] - foot[0], head[1] - foot[1]);
+    context.textBaseline = 'middle';
+    if (long > 40 * ratio) {
+      context.textAlign = 'right';
+      const line = (from, to) => { context.beginPath(); context.moveTo(...from); context.lineTo(...to); context.stroke(); };
+      line(foot, head);
+      for (const { value, text } of this.field.ticks(Math.min(8, long / (18 * ratio)))) {
+        const [tx, ty] = at(this.field.position(value) - 0.5);
+        line([tx - 5 * ratio, ty], [tx, ty]);
+        context.fillText(text, tx - 8 * ratio, ty);
+      }
+      context.fillText(this.field.title, head[0] - 8 * ratio, head[1] - 18 * ratio);
+    }
+    // The two sides of the base that are nearest to the eye.
+    context.textAlign = 'center';
+    const middle = this.project(0, 0, -relief / 2);
+    corners.forEach(([cx, cy], i) => {
+      const [nx, ny] = corners[(i + 1) % 4];
+      const place = this.project((cx + nx) / 2, (cy + ny) / 2, -relief / 2);
+      if (place[1] <= middle[1] + 10 * ratio) return;
+      const out = Math.hypot(place[0] - middle[0], place[1] - middle[1]);
+      const [dx, dy] = [0, 1].map((k) => ((place[k] - middle[k]) / out) * 32 * ratio);
+      context.fillText(`${i % 2 ? report.size.height : report.size.width} px`, place[0] + dx, place[1] + dy);
+    });
   }
 }
 

@@ -4,24 +4,41 @@
 const pixelOf = (sample) => grid.first + sample * grid.step;
 
 const explanations = {
-  compare: 'I2 on I1’s pixels by the transform found, with gain and offset. What jumps is not registered; what only changes sharpness is.',
-  difference: '|I1 − I2 registered| × 4. Edges that are left everywhere mean that the registration is off, edges that come and go with depth are blur.',
-  fused: 'Of each pixel the sharper photograph.',
-  relative_blur: 'V, the difference of the blurs’ variances: positive where I2 is the more blurred. Not drawn where it is not valid.',
-  confidence: '1/(1 + σ²), σ the standard deviation of V in px²: ½ where V is known to 1 px². On a logarithmic scale.',
+  compare: 'Each photograph lies on the reference’s pixels by the transform found, with gain and offset. What jumps is not registered; '
+    + 'what only changes sharpness is.',
+  frames: 'The frames on the pixels of the reference, one after the other: sharpness wanders through the scene, and nothing else should '
+    + 'move. Many frames are reduced in size.',
+  difference: '|left − right| × 4. Edges that are left everywhere mean that the registration is off, edges that come and go with depth are blur.',
+  fused: isPair ? 'Of each pixel the sharper photograph.' : 'Each pixel from the frames focused nearest to where it is sharp.',
 };
 
 class Viewer {
-  constructor(pictures, values) {
-    Object.assign(this, { pictures, values, canvas: byId('stage'), mode: 'compare', split: 0.5, cursor: null, held: false });
+  // Pictures as `data.pictures` names them, the fused one last.
+  constructor(pictures) {
+    Object.assign(this, { pictures, canvas: byId('stage'), mode: 'compare', split: 0.5, cursor: null, held: false });
+    this.sides = [...data.compare];
     this.context = this.canvas.getContext('2d');
-    // Of confidence, rising from dark to light.
-    this.colormaps = { relative_blur: 0, confidence: 1 };
+    this.colormaps = Object.fromEntries(Object.values(fields).map((f) => [f.key, f.gray ? data.colormaps.length - 1 : 0]));
+    this.frame = data.compare[0];
     this.layers = {};
+    this.build();
     this.listen();
     new ResizeObserver(() => this.resize()).observe(this.canvas);
     this.resize();
     this.show('compare');
+  }
+
+  // A button and a number for each field, and what depends on how many pictures there are.
+  build() {
+    const button = (mode, text) => element('button', { type: 'button', 'data-mode': mode }, text);
+    const own = [['compare', 'Compare'], ...(data.frames ? [['frames', 'Frames']] : []), ['difference', 'Difference'], ['fused', 'Best focus']];
+    byId('modes').append(...own.map(([mode, text]) => button(mode, text)), ...Object.values(fields).map((f) => button(f.key, f.name)));
+    const number = (f) => element('b', { id: `at-${f.key}` }, '–');
+    byId('readout').append(...Object.values(fields).map((f) => element('span', {}, element('i', {}, f.sign), ' ', number(f), ` ${f.unit}`)));
+    for (const id of ['left', 'right']) byId(id).append(...data.pictures.map((name, i) => new Option(name, i)));
+    [byId('left').value, byId('right').value] = data.compare;
+    byId('frame').max = (data.frames ?? 1) - 1;
+    byId('frame').value = this.frame;
   }
 
   resize() {
@@ -72,15 +89,26 @@ class Viewer {
     byId('scale').hidden = !field;
     byId('colors-control').hidden = !field;
     byId('split-control').hidden = byId('flicker').hidden = mode !== 'compare';
-    byId('explanation').textContent = explanations[mode];
-    byId('tag-1').textContent = mode === 'compare' ? `I1: ${data.names[0]}` : '';
-    byId('tag-2').textContent = mode === 'compare' ? `I2 registered: ${data.names[1]}` : '';
+    byId('sides').hidden = mode !== 'compare' && mode !== 'difference';
+    byId('frame-control').hidden = mode !== 'frames';
+    byId('explanation').textContent = field ? field.note : explanations[mode];
     this.flicker(false);
+    this.tag();
     if (field) {
       byId('colors').value = this.colormaps[mode];
       this.key(field);
     }
     this.draw();
+  }
+
+  // What is seen where.
+  tag() {
+    const shown = { compare: this.sides, frames: [this.frame] }[this.mode] ?? [];
+    const of = (i) => {
+      const frame = this.mode === 'frames' && report.frames[i];
+      return i === undefined ? '' : data.pictures[i] + (frame ? ` · setting ${Number(frame.position.toPrecision(6))}` : '');
+    };
+    [byId('tag-1').textContent, byId('tag-2').textContent] = [of(shown[0]), of(shown[1])];
   }
 
   // The key to the colours, values rising to the right.
@@ -94,44 +122,33 @@ class Viewer {
     }
     [byId('scale-low').textContent, byId('scale-high').textContent] = field.ends;
     byId('ticks').replaceChildren();
-    const tick = (value, text, t) => {
-      const label = document.createElement('span');
-      label.textContent = text;
-      label.style.left = `${100 * t}%`;
+    field.ticks(6).forEach(({ text, at }, i, all) => {
+      const label = element('span', {}, i === all.length - 1 ? `${text} ${field.unit}` : text);
+      label.style.left = `${100 * at}%`;
       byId('ticks').append(label);
-    };
-    if (field.logarithmic) {
-      const span = Math.log(field.high / field.low);
-      for (let power = Math.ceil(Math.log10(field.low)); 10 ** power <= field.high * 1.0001; power++) {
-        tick(10 ** power, power < -3 ? `1e−${-power}` : String(10 ** power), Math.log(10 ** power / field.low) / span);
-      }
-    } else {
-      const { ticks, digits } = roundTicks(field.low, field.high, 6);
-      ticks.forEach((value, i) => {
-        const unit = i === ticks.length - 1 ? ` ${field.unit}` : '';
-        tick(value, (value < 0 ? '−' : '') + Math.abs(value).toFixed(digits) + unit, (value - field.low) / (field.high - field.low));
-      });
-    }
+    });
   }
 
   // The picture of a mode, made when it is first asked for.
   layer(mode) {
-    if (this.pictures[mode]) return this.pictures[mode];
+    if (mode === 'fused') return this.pictures.at(-1);
+    if (mode === 'frames') return this.pictures[this.frame];
     const map = this.colormaps[mode];
-    const valid = (i) => !Number.isNaN(this.values.relative_blur[i]);
-    const make = () => (mode === 'difference' ? this.difference(valid) : colored(this.values[mode], valid, data.colormaps[map], fields[mode]));
-    return (this.layers[`${mode} ${map}`] ??= make());
+    const field = fields[mode];
+    const name = field ? `${mode} ${map}` : `${mode} ${this.sides}`;
+    return (this.layers[name] ??= field ? colored(field.values, data.colormaps[map], field) : this.difference());
   }
 
-  difference(valid) {
-    const [a, b] = ['i1', 'i2'].map((name) => {
+  difference() {
+    const [a, b] = this.sides.map((i) => {
       const context = canvasOf(grid.width, grid.height).getContext('2d', { willReadFrequently: true });
-      context.drawImage(this.pictures[name], 0, 0);
+      context.drawImage(this.pictures[i], 0, 0, grid.width, grid.height);
       return context.getImageData(0, 0, grid.width, grid.height);
     });
     for (let i = 0; i < a.data.length; i += 4) {
-      // Where V is not valid, I2 may not reach.
-      for (let c = 0; c < 3; c++) a.data[i + c] = valid(i / 4) ? Math.min(255, 4 * Math.abs(a.data[i + c] - b.data[i + c])) : 0;
+      // Elsewhere a photograph may not reach.
+      const valid = isValid(i / 4);
+      for (let c = 0; c < 3; c++) a.data[i + c] = valid ? Math.min(255, 4 * Math.abs(a.data[i + c] - b.data[i + c])) : 0;
     }
     const canvas = canvasOf(grid.width, grid.height);
     canvas.getContext('2d').putImageData(a, 0, 0);
@@ -153,15 +170,15 @@ class Viewer {
 
   drawPair() {
     const { context } = this;
-    const paint = (name) => context.drawImage(this.pictures[name], 0, 0, grid.width, grid.height);
-    if (this.timer) return paint(this.second ? 'i2' : 'i1');
-    paint('i2');
+    const paint = (i) => context.drawImage(this.pictures[i], 0, 0, grid.width, grid.height);
+    if (this.timer) return paint(this.second ? this.sides[1] : this.sides[0]);
+    paint(this.sides[1]);
     const seam = this.split * grid.width;
     context.save();
     context.beginPath();
     context.rect(0, 0, seam, grid.height);
     context.clip();
-    paint('i1');
+    paint(this.sides[0]);
     context.restore();
     context.setTransform(1, 0, 0, 1, 0, 0);
     const x = this.left + this.scale * seam;
@@ -210,7 +227,7 @@ class Viewer {
     const at = this.cursor[1] * grid.width + this.cursor[0];
     byId('at-x').textContent = pixelOf(this.cursor[0]);
     byId('at-y').textContent = pixelOf(this.cursor[1]);
-    for (const [name, field] of Object.entries(fields)) byId(`at-${name}`).textContent = field.text(this.values[name][at]);
+    for (const field of Object.values(fields)) byId(`at-${field.key}`).textContent = field.text(field.values[at]);
     this.draw();
   }
 
@@ -287,6 +304,15 @@ class Viewer {
     canvas.addEventListener('keydown', (event) => this.key_(event));
     byId('modes').addEventListener('click', (event) => event.target.dataset.mode && this.show(event.target.dataset.mode));
     byId('split').addEventListener('input', (event) => this.setSplit(event.target.value / 1000));
+    byId('sides').addEventListener('change', () => {
+      this.sides = ['left', 'right'].map((id) => Number(byId(id).value));
+      this.show(this.mode);
+    });
+    byId('frame').addEventListener('input', (event) => {
+      this.frame = Number(event.target.value);
+      this.tag();
+      this.draw();
+    });
     byId('flicker').addEventListener('click', () => { this.flicker(!this.timer); this.draw(); });
     byId('zoom-in').addEventListener('click', () => this.zoom(1.5));
     byId('zoom-out').addEventListener('click', () => this.zoom(1 / 1.5));

@@ -1,0 +1,134 @@
+//! `report.html` of a focus sweep in a real browser.
+
+#[path = "common/browser.rs"]
+mod browser;
+#[path = "common/page.rs"]
+mod page;
+
+use std::fs;
+use std::path::Path;
+use std::sync::OnceLock;
+
+use assert_cmd::Command;
+use parfocal::image_io::read_field;
+use tempfile::TempDir;
+
+use browser::Browser;
+use page::{assert_holds, assert_reads, assert_surface, pixels, point, shown};
+
+const FRAMES: [&str; 4] = ["a & b.png", "<i>2.png", "3.png", "4.png"];
+
+/// A folder with the results of a sweep over a slope, whose focus goes from 0.5 on the left to 2.5 on the right.
+fn results() -> &'static Path {
+    static FOLDER: OnceLock<TempDir> = OnceLock::new();
+    let folder = FOLDER.get_or_init(|| {
+        let folder = TempDir::new().unwrap();
+        for (n, name) in FRAMES.iter().enumerate() {
+            let value = |x: u32, y: u32| {
+                let focus = 0.5 + 2.0 * f64::from(x) / 192.0;
+                let v = 2.0 * (n as f64 - focus).powi(2) + 0.3;
+                let waves = (0..40).map(|i| {
+                    let (angle, k) = (f64::from(i) * 2.399, 0.25 + 0.035 * f64::from(i));
+                    let phase = k * (f64::from(x) * angle.cos() + f64::from(y) * angle.sin()) + f64::from(i * i);
+                    (-v * k * k / 2.0).exp() * phase.sin()
+                });
+                0.5 + 0.05 * waves.sum::<f64>()
+            };
+            let image = image::GrayImage::from_fn(192, 128, |x, y| {
+                image::Luma([(value(x, y).clamp(0.0, 1.0) * 255.0).round() as u8])
+            });
+            image.save(folder.path().join(name)).unwrap();
+        }
+        // Settings of 4 to 4.3 1/m.
+        stack(folder.path(), &["--focus-at", "250,243.9024,238.0952,232.5581"]);
+        folder
+    });
+    folder.path()
+}
+
+fn stack(folder: &Path, extra: &[&str]) {
+    let mut command = Command::cargo_bin("parfocal").unwrap();
+    command.env("PARFOCAL_CACHE_DIR", folder.join("cache")).arg("stack");
+    command.args(FRAMES.map(|name| folder.join(name))).arg("-o").arg(folder.join("out")).args(extra);
+    if let Ok(device) = std::env::var("PARFOCAL_DEVICE") {
+        command.args(["--device", &device]);
+    }
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+fn opened() -> Browser {
+    let mut browser = Browser::start(1280, 900);
+    browser.open(&results().join("out/report.html"), "window.page");
+    browser
+}
+
+#[test]
+fn it_opens_by_itself_and_shows_what_a_sweep_has() {
+    let mut browser = opened();
+    assert_eq!(browser.evaluate("document.querySelector('h1').textContent"), "a & b.png to 4.png");
+    assert_eq!(browser.evaluate("document.querySelectorAll('#frames tr').length"), 1 + FRAMES.len());
+    let hidden = "[...document.querySelectorAll('[data-kind]')].map(e => e.dataset.kind + (e.hidden ? ' hidden' : ''))";
+    assert_eq!(browser.evaluate(&format!("{hidden}.sort().join()")), "pair hidden,sweep");
+    assert_surface(&mut browser);
+    let note = browser.evaluate("document.getElementById('surface-note').textContent");
+    assert!(note.as_str().unwrap().contains(" mm from far to near"), "{note}");
+    assert_eq!(browser.complaints(), Vec::<String>::new());
+}
+
+#[test]
+fn the_frames_are_leafed_through_and_any_two_pictures_compared() {
+    let mut browser = opened();
+    let mut seen = vec![pixels(&mut browser, "stage")];
+    let mut look = |browser: &mut Browser, what: &str| {
+        let picture = pixels(browser, "stage");
+        assert!(!seen.contains(&picture), "{what}");
+        seen.push(picture);
+    };
+    browser.evaluate("page.viewer.setSplit(0.2)");
+    look(&mut browser, "slider");
+    let left = "{ const s = document.getElementById('left'); s.value = 0; \
+                s.dispatchEvent(new Event('change', { bubbles: true })) }";
+    browser.evaluate(left);
+    look(&mut browser, "another picture");
+    browser.evaluate("document.querySelector('[data-mode=frames]').click()");
+    for (n, name) in FRAMES.iter().enumerate() {
+        let to = "{ const s = document.getElementById('frame'); s.value = N; s.dispatchEvent(new Event('input')) }";
+        browser.evaluate(&to.replace('N', &n.to_string()));
+        look(&mut browser, "frame");
+        let tag = browser.evaluate("document.getElementById('tag-1').textContent");
+        assert!(tag.as_str().unwrap().starts_with(name), "{tag}");
+    }
+    for mode in ["difference", "fused", "focus", "uncertainty", "depth", "depth_deviation"] {
+        browser.evaluate(&format!("document.querySelector('[data-mode={mode}]').click()"));
+        look(&mut browser, mode);
+    }
+    assert_eq!(browser.complaints(), Vec::<String>::new());
+}
+
+#[test]
+fn the_cursor_reads_what_the_exr_holds() {
+    let mut browser = opened();
+    let fields = [("focus", "focus.exr", 4), ("uncertainty", "uncertainty.exr", 4), ("depth", "depth_mm.exr", 3)];
+    for (key, file, digits) in fields {
+        let (width, _, values) = read_field(&results().join("out").join(file)).unwrap();
+        for (x, y) in [(96, 64), (40, 100), (3, 2)] {
+            point(&mut browser, x, y);
+            assert_reads(&shown(&mut browser, key), values[(y * width + x) as usize], digits);
+        }
+        assert_holds(&mut browser, key, &values, digits);
+    }
+}
+
+#[test]
+fn without_html_none_is_left_over() {
+    let folder = TempDir::new().unwrap();
+    for name in FRAMES {
+        fs::copy(results().join(name), folder.path().join(name)).unwrap();
+    }
+    stack(folder.path(), &[]);
+    let page = folder.path().join("out/report.html");
+    assert!(page.is_file());
+    stack(folder.path(), &["--no-html"]);
+    assert!(!page.exists() && folder.path().join("out/report.json").is_file());
+}
