@@ -10,7 +10,7 @@ use parfocal::export::{
     TextureReport,
 };
 use parfocal::image_io::{self, Input};
-use parfocal::report_html::Page;
+use parfocal::report_html::{Field, Page};
 use parfocal::{Decode, DeviceInfo, Frame, GainField, Lens, Method, MetricDepth, Scope, Scoped, Settings, Solution};
 use sha2::{Digest, Sha256};
 
@@ -221,12 +221,25 @@ pub(super) fn write(
         let names = [&arguments.pair.i1, &arguments.pair.i2].map(|path| name(path));
         let depth = metric.as_ref();
         let photographs = frames.each_ref();
-        let page = Page { photographs, names, decode: settings.decode, nearer, depth, fields: Vec::new() };
+        let page =
+            Page { photographs, names, decode: settings.decode, nearer, depth, fields: vec![residual(solution)] };
         extras.push(page.file(solution, &report));
     }
     let additions = Additions { depth: metric.as_ref(), measurements, extras };
     export::write(&arguments.output, solution, &report, &look, additions)?;
     Ok((report, written))
+}
+
+/// What neither blur nor registration explains, for the page.
+fn residual(solution: &Solution) -> Field<'_> {
+    Field::new("residual", "Residual", "residual", &solution.residual)
+        .digits(5)
+        .logarithmic()
+        .ends(["explained", "not"])
+        .note(
+            "What neither blur nor registration explains around each pixel, in intensities with white at 1: large where \
+             something moved between the photographs or shone differently. On a logarithmic scale.",
+        )
 }
 
 /// SHA-256 of everything but the photographs that decides the results: the version, the settings with what the files
