@@ -40,7 +40,7 @@ fn positive(text: &str) -> Result<f32, String> {
 
 impl ScopeArguments {
     /// Reads what the flags name.
-    pub(super) fn scope(&self) -> Result<Scope, Failure> {
+    fn scope(&self) -> Result<Scope, Failure> {
         let mask = self.mask.as_ref().map(|file| image_io::read(file)).transpose()?;
         let flat = self.flat.as_ref().map(|folder| flat_reference(folder)).transpose()?;
         Ok(Scope {
@@ -50,6 +50,24 @@ impl ScopeArguments {
             flat,
             crop_valid: self.crop_valid,
         })
+    }
+
+    /// Reads it, and refuses what does not fit photographs of this size.
+    pub(super) fn fitting(&self, size: [u32; 2]) -> Result<Scope, Failure> {
+        let scope = self.scope()?;
+        let [width, height] = size;
+        let of_size = |path: &Option<PathBuf>, found: Option<[u32; 2]>| match (path, found) {
+            (Some(path), Some([w, h])) if [w, h] != size => Err(Failure::Failed(format!(
+                "{}: is of {w}x{h}, and the photographs are {width}x{height}; give one of their size",
+                path.display()
+            ))),
+            _ => Ok(()),
+        };
+        of_size(&self.mask, scope.mask.as_ref().map(Mask::size))?;
+        of_size(&self.flat, scope.flat.as_ref().map(FieldCurvature::size))?;
+        let outside = |e| Failure::Failed(format!("--roi: {e}"));
+        scope.check(size).map_err(outside)?;
+        Ok(scope)
     }
 
     /// Files that it reads.

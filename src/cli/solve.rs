@@ -165,8 +165,7 @@ pub(super) fn read(
     lens::nearer(arguments.nearer, lens.as_ref())?;
     let decode = pair.common.decode(|| Ok(inputs.clone()))?;
     let (i1, i2) = image_io::read_pair(&pair.i1, &pair.i2)?;
-    let scope = arguments.scope.scope()?;
-    scope.check([i1.width(), i1.height()]).map_err(|e| Failure::of_solve(e, &pair.i1))?;
+    let scope = arguments.scope.fitting([i1.width(), i1.height()])?;
     if let Some(size) = arguments.scope.size((i1.width(), i1.height())) {
         arguments.measure.wanted().check(size)?;
     }
