@@ -60,10 +60,6 @@ impl<'a> Page<'a> {
         if let Some(metric) = self.depth {
             fields.extend(Field::depth_with_deviation(&metric.depth, &metric.deviation));
         }
-        fields.push(Field::new("residual", "Residual", "residual", &solution.residual).digits(5).note(
-            "What neither blur nor the transform explains, root mean square around each pixel, white being 1: large where \
-             something moved between the photographs or shone differently.",
-        ));
         fields.extend(self.fields);
         fields
     }
