@@ -1,7 +1,5 @@
 //! `parfocal stack`, from outside: a sweep over scenes whose focus is known.
 
-mod common;
-
 use std::fs;
 use std::path::PathBuf;
 use std::process::Output;

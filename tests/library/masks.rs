@@ -1,9 +1,7 @@
 //! Pixels that do not count: clipped, or left out by a mask.
 
-mod common;
-
-use common::scene::{luminance, pair, slanted};
-use common::{TestEngine, blur_error};
+use crate::common::scene::{luminance, pair, slanted};
+use crate::common::{TestEngine, blur_error};
 use parfocal::{Channels, Frame, Mask, Samples, Settings, Similarity, Solution, Solver, reference};
 
 const SIZE: [u32; 2] = [160, 128];

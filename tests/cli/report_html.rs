@@ -1,10 +1,5 @@
 //! `report.html` of a pair in a real browser: that it opens by itself, moves, turns, and reads as the EXR does.
 
-#[path = "common/browser.rs"]
-mod browser;
-#[path = "common/page.rs"]
-mod page;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -14,8 +9,8 @@ use parfocal::image_io::read_field;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use browser::Browser;
-use page::{assert_holds, assert_reads, assert_surface, canvas, pixels, point, shown};
+use crate::browser::Browser;
+use crate::page::{assert_holds, assert_reads, assert_surface, canvas, pixels, point, shown};
 
 /// A name as an attacker would choose it.
 const ODD_NAME: &str = "<img src=x onerror=alert(1)>&amp;.png";

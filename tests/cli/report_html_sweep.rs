@@ -1,10 +1,5 @@
 //! `report.html` of a focus sweep in a real browser.
 
-#[path = "common/browser.rs"]
-mod browser;
-#[path = "common/page.rs"]
-mod page;
-
 use std::fs;
 use std::path::Path;
 use std::sync::OnceLock;
@@ -13,8 +8,8 @@ use assert_cmd::Command;
 use parfocal::image_io::read_field;
 use tempfile::TempDir;
 
-use browser::Browser;
-use page::{assert_holds, assert_reads, assert_surface, pixels, point, shown};
+use crate::browser::Browser;
+use crate::page::{assert_holds, assert_reads, assert_surface, pixels, point, shown};
 
 const FRAMES: [&str; 4] = ["a & b.png", "<i>2.png", "3.png", "4.png"];
 

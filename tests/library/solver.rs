@@ -1,11 +1,9 @@
 //! The solver as an embedding program sees it.
 
-mod common;
-
 use std::time::Duration;
 
-use common::scene::{Random, luminance, pair, slanted};
-use common::{TestEngine, blur_error, options};
+use crate::common::scene::{Random, luminance, pair, slanted};
+use crate::common::{TestEngine, blur_error, options};
 use parfocal::{
     Channels, Depth, Engine, EngineOptions, Error, Format, Frame, Method, Photometric, Samples, Settings, Similarity,
     Solver, reference,

@@ -1,9 +1,7 @@
 //! The systems that the unified method is compared with: registration by appearance and by SIFT, then blur.
 
-mod common;
-
-use common::scene::{exposed, pair, slanted};
-use common::{TestEngine, assert_transform, blur_error, real_pair};
+use crate::common::scene::{exposed, pair, slanted};
+use crate::common::{TestEngine, assert_transform, blur_error, real_pair};
 use parfocal::{Channels, Error, Format, Frame, Method, Samples, Settings, Similarity, Solver, reference};
 
 fn by(method: Method) -> Settings {
@@ -163,7 +161,7 @@ fn too_few_key_points_are_a_failure_that_says_so() {
 fn colours_are_registered_by_their_luminance() {
     let [i1, i2] = pair([160, 128], &truth(), |_| [0.5, 0.5], 0.0, 4);
     let colour = |frame: &Frame| {
-        let grey = common::scene::luminance(frame);
+        let grey = crate::common::scene::luminance(frame);
         let samples = grey.iter().flat_map(|v| [0.9, 1.0, 1.1].map(|c| (c * v * 255.0).round() as u8)).collect();
         Frame::new(160, 128, Channels::Rgb, Samples::U8(samples)).unwrap()
     };

@@ -1,9 +1,7 @@
 //! A part of the frame, a gain field and a flat reference.
 
-mod common;
-
-use common::scene::{exposed, luminance, pair, slanted};
-use common::{TestEngine, blur_error};
+use crate::common::scene::{exposed, luminance, pair, slanted};
+use crate::common::{TestEngine, blur_error};
 use parfocal::{FieldCurvature, Frame, Region, Scope, Settings, Similarity, Solution};
 
 const SIZE: [u32; 2] = [300, 280];

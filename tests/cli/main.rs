@@ -1,0 +1,23 @@
+//! The program from outside, a file for each subcommand. One test program, since each takes long to link.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod apply;
+mod batch;
+mod bench;
+mod browser;
+mod evaluate;
+mod input;
+mod metric;
+mod outputs;
+mod page;
+mod register;
+mod report_html;
+mod report_html_sweep;
+mod scope;
+mod shell;
+mod simulate;
+mod solve;
+mod stack;
+mod view;

@@ -1,0 +1,9 @@
+//! The library as an embedding program sees it. One test program, since each takes long to link.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod baseline;
+mod masks;
+mod scope;
+mod solver;
