@@ -16,7 +16,7 @@ fn solution() -> Solution {
         photograph: [3, 2],
         relative_blur: vec![f32::NAN, -1.5, 0.1, 2.0, 4.0, f32::NAN],
         uncertainty: vec![f32::NAN, 3f32.sqrt(), 1.0, (1.0f32 / 3.0).sqrt(), 0.0, f32::NAN],
-        residual: Vec::new(),
+        residual: vec![f32::NAN, 0.01, 0.02, 0.01, 0.03, f32::NAN],
         confidence: vec![0.0, 0.25, 0.5, 0.75, 1.0, 0.0],
         fused_channels: Channels::Gray,
         fused: vec![-0.1, 0.0, 0.2, 0.5, 1.0, 1.5],
@@ -86,6 +86,10 @@ fn the_report_has_the_fields_that_scripts_read() {
         "validated",
         "request",
         "inputs",
+        "files",
+        "photograph",
+        "region",
+        "texture",
         "timings_ms",
     ];
     expected.sort_unstable();

@@ -85,8 +85,8 @@ fn check_run(run: &Value) {
     ] {
         positive(&run[group][name]);
     }
-    // Two photographs of 16 bits; V, confidence and one channel of 32.
-    assert_eq!(run["memory"]["host_bytes_per_px"], 16.0);
+    // Two photographs of 16 bits, a mask of 8; V, its deviation, the residual and one channel of 32.
+    assert_eq!(run["memory"]["host_bytes_per_px"], 21.0);
 
     let [recorded, executed] = ["recorded", "executed"].map(|name| run["dispatches"][name].as_u64().unwrap());
     assert!(executed <= recorded);
@@ -188,7 +188,7 @@ fn a_pair_of_photographs_is_measured_instead() {
         serde_json::from_str(&done(&desk.run(&[&pair[..], &["--json"], &device[..]].concat()))).unwrap();
     assert_eq!((&report["input"], &report["runs"][0]["width"]), (&"pair".into(), &80.into()));
     // Two photographs of 8 bits; V, confidence and one channel of 32.
-    assert_eq!(report["runs"][0]["memory"]["host_bytes_per_px"], 14.0);
+    assert_eq!(report["runs"][0]["memory"]["host_bytes_per_px"], 19.0);
     refused(&desk.run(&[&pair[..], &["-o", "a.png"]].concat()), 1, &["a.png", "is an input"]);
     refused(&desk.run(&[&pair[..], &["--sizes", "64x64"]].concat()), 2, &["--sizes"]);
 }
