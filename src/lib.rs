@@ -74,6 +74,11 @@ mod vignetting;
 mod vulkan;
 mod workspace;
 
+/// The examples in the guide, which are compiled with those of the documentation.
+#[cfg(doctest)]
+#[doc = include_str!("../docs/guide/src/embedding.md")]
+mod guide {}
+
 pub use calibrate::{Calibration, Found, Target, Unknown, calibrate};
 pub use device_info::DeviceInfo;
 pub use engine::{Engine, EngineOptions};

@@ -8,6 +8,7 @@ mod batch;
 mod bench;
 mod browser;
 mod evaluate;
+mod guide;
 mod input;
 mod metric;
 mod outputs;
