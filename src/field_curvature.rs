@@ -1,6 +1,6 @@
 //! A flat reference: V of a flat target shows the curvature of the field of focus, which is taken from V of other pairs.
 
-use crate::smooth_field::{Known, SmoothField};
+use crate::smooth_field::{Known, SmoothField, covers};
 use crate::{Error, Solution};
 
 /// Fewest pixels of the reference that tell of V.
@@ -38,11 +38,12 @@ impl FieldCurvature {
                 weight: f64::from(uncertainty[i].max(LEAST_DEVIATION)).powi(-2),
             })
             .collect();
-        let field = if known.len() < LEAST_PIXELS { None } else { SmoothField::fit(size, &known) };
+        let enough = known.len() >= LEAST_PIXELS && covers(size, &known);
+        let field = if enough { SmoothField::fit(size, &known) } else { None };
         match field {
             Some(field) => Ok(Self { size, field }),
             None => Err(Error::Region(format!(
-                "the flat reference tells of V in {} of {} places: photograph a textured flat target that fills the frame",
+                "the flat reference tells of V in {} of {} places, too few or not all over the frame: photograph a textured flat target that fills it",
                 known.len(),
                 relative_blur.len().div_ceil(stride)
             ))),
@@ -59,11 +60,25 @@ impl FieldCurvature {
         self.field.above_centre(place)
     }
 
-    /// Takes it from V of a solution whose photographs have its size.
-    pub fn flatten(&self, solution: &mut Solution) {
+    /// Takes it from V of a solution whose photographs have its size, |V| limited to so many px². A pixel at the limit stays
+    /// there, and no other comes there: it says that V is only a bound.
+    pub fn flatten(&self, solution: &mut Solution, limit: f64) {
+        let (reached, below) = (0.999 * limit as f32, 0.998 * limit as f32);
+        self.change(solution, |v, curvature| if v.abs() >= reached { v } else { (v - curvature).clamp(-below, below) });
+    }
+
+    /// A flattened solution with V as it was, but for pixels near the limit.
+    pub fn restored(&self, solution: &Solution) -> Solution {
+        let mut restored = solution.clone();
+        self.change(&mut restored, |v, curvature| v + curvature);
+        restored
+    }
+
+    fn change(&self, solution: &mut Solution, change: impl Fn(f32, f32) -> f32) {
         let (width, [left, top]) = (solution.width as usize, solution.origin.map(f64::from));
         for (i, v) in solution.relative_blur.iter_mut().enumerate() {
-            *v -= self.at([left + (i % width) as f64, top + (i / width) as f64]) as f32;
+            let place = [left + (i % width) as f64, top + (i / width) as f64];
+            *v = if v.is_nan() { *v } else { change(*v, self.at(place) as f32) };
         }
     }
 }

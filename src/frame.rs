@@ -1,7 +1,7 @@
 //! A photograph as the sensor or the file gave it.
 
 use crate::stages::ingest::srgb_to_linear;
-use crate::{Decode, Region};
+use crate::{Decode, Mask, Region};
 
 /// How one sample of a [`Frame`] is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -192,6 +192,17 @@ impl Frame {
             Samples::U16(s) => clips(s, channels, [black, white].map(|level| 65535.0 * level)),
             Samples::F32(s) => clips(s, channels, [black, white]),
         }
+    }
+
+    /// A grey frame, 1 where a pixel counts and 0 where it is clipped or a mask of this size leaves it out.
+    pub(crate) fn counting(&self, [black, white]: [f32; 2], mask: Option<&Mask>) -> Self {
+        let channels = self.channels.count() as usize;
+        let stored = self.intensities(Decode::None);
+        let clipped = |pixel: &[f32]| pixel.iter().any(|&s| s >= white) || pixel.iter().all(|&s| s <= black);
+        let left_out = |i: usize| mask.is_some_and(|mask| mask.bytes().get(i) == Some(&0));
+        let count = |(i, pixel): (usize, &[f32])| if clipped(pixel) || left_out(i) { 0.0 } else { 1.0 };
+        let values = stored.chunks_exact(channels).enumerate().map(count).collect();
+        Self { width: self.width, height: self.height, channels: Channels::Gray, samples: Samples::F32(values) }
     }
 
     /// The samples.

@@ -36,6 +36,13 @@ impl Mask {
         [self.width, self.height]
     }
 
+    /// Whether the pixel nearest to a place counts.
+    pub(crate) fn counts(&self, x: f64, y: f64) -> bool {
+        let [column, row] = [(x, self.width), (y, self.height)]
+            .map(|(at, side)| (at.round().clamp(0.0, f64::from(side) - 1.0)) as usize);
+        self.counts.get(row * self.width as usize + column) == Some(&1)
+    }
+
     /// A byte a pixel, 0 where it is left out.
     pub fn bytes(&self) -> &[u8] {
         &self.counts

@@ -46,7 +46,7 @@ pub fn solve_masked(i1: &Frame, i2: &Frame, settings: &Settings, mask: Option<&M
     let plan = Plan::new(i1.width(), i1.height(), [i1.format(), i2.format()], settings)?;
     let pyramids = [i1, i2].map(|frame| pyramid(&plan, ingest::twin(frame, settings.decode, ingest::LUMINANCE)));
     let masks = masks(&plan, [i1, i2], mask);
-    let mut registration = Registration::new(&baseline::start([i1, i2], settings)?, &settings.start_photometric);
+    let mut registration = Registration::new(&baseline::start([i1, i2], settings, mask)?, &settings.start_photometric);
     for level in plan.appearance_levels() {
         register(&plan, level, &pyramids, &masks, &mut registration);
     }

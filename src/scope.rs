@@ -69,7 +69,8 @@ impl Scope {
         crate::solver::same_size([i1, i2])?;
         let size = [i1.width(), i1.height()];
         self.check(size)?;
-        let gain_field = self.vignetting.then(|| GainField::between(engine, [i1, i2], settings)).transpose()?;
+        let gain_field =
+            self.vignetting.then(|| GainField::between(engine, [i1, i2], settings, self.mask.as_ref())).transpose()?;
         let evened = gain_field.as_ref().map(|field| field.even_out(i2, settings));
         let i2 = evened.as_ref().unwrap_or(i2);
         let mut solution = match self.region {
@@ -86,6 +87,9 @@ impl Scope {
                 solution
             }
         };
+        if let Some(field) = &gain_field {
+            solution.warnings.extend(field.warnings().iter().map(|warning| format!("gain field: {warning}")));
+        }
         match solution.largest_valid().filter(|_| self.crop_valid) {
             Some(valid) => solution.crop(valid)?,
             None if self.crop_valid => solution.warnings.push("no pixel is valid: nothing was cropped".to_string()),
@@ -94,7 +98,7 @@ impl Scope {
         // Before V is changed: its limit is that of the blur in the photographs.
         solution.count(settings.max_relative_blur);
         if let Some(flat) = &self.flat {
-            flat.flatten(&mut solution);
+            flat.flatten(&mut solution, settings.max_relative_blur);
         }
         Ok(Scoped { solution, gain_field })
     }

@@ -27,6 +27,16 @@ pub(crate) struct Known {
     pub(crate) weight: f64,
 }
 
+/// Whether there is something known in each ninth of an image: beyond what is known a polynomial goes anywhere.
+pub(crate) fn covers([width, height]: [u32; 2], known: &[Known]) -> bool {
+    let mut ninths = [false; 9];
+    for k in known.iter().filter(|k| k.weight > 0.0) {
+        let third = |at: f64, side: u32| ((3.0 * at / f64::from(side.max(1))) as usize).min(2);
+        ninths[3 * third(k.place[1], height) + third(k.place[0], width)] = true;
+    }
+    ninths.iter().all(|known| *known)
+}
+
 impl SmoothField {
     /// Fits values over an image of `width` x `height` pixels by least squares, reweighted by Tukey's function so that
     /// outliers have no say; `None` where the places do not determine it.
@@ -105,6 +115,15 @@ mod tests {
         }
         let centre = crate::centre(300, 200);
         assert!(field.above_centre(centre).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_third_of_the_frame_does_not_cover_it() {
+        let known = |places: Vec<[f64; 2]>| -> Vec<Known> {
+            places.into_iter().map(|place| Known { place, value: 1.0, weight: 1.0 }).collect()
+        };
+        assert!(covers([300, 200], &known(places().collect())));
+        assert!(!covers([300, 200], &known(places().filter(|[x, _]| (100.0..200.0).contains(x)).collect())));
     }
 
     #[test]

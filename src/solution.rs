@@ -40,7 +40,7 @@ pub struct Solution {
     pub converged: bool,
     /// Why not, or what else the user should know; a sentence each.
     pub warnings: Vec<String>,
-    /// Fraction of pixels whose whole blur window lies inside both images.
+    /// Fraction of pixels whose whole blur window lies inside both images, and that no mask leaves out.
     pub valid_fraction: f64,
     /// Mean confidence of the valid pixels.
     pub mean_confidence: f64,

@@ -199,7 +199,8 @@ impl Solver {
         }
         self.phases.end("upload");
         let settings = &self.plan.settings;
-        let start = Registration::new(&baseline::start(frames, settings)?, &settings.start_photometric);
+        let start =
+            Registration::new(&baseline::start(frames, settings, self.mask.as_ref())?, &settings.start_photometric);
         self.workspace.start_state.write(bytemuck::bytes_of(&State::new(&start)))?;
         self.choose(frames)?;
         self.phases.end("start");
@@ -292,10 +293,12 @@ impl Solver {
             saturated_fraction: 0.0,
             timings: Timings { total_ms: 0.0, gpu_ms: times.total_ms, passes_ms: times.passes_ms },
         };
+        // Whether the images overlap is judged before a mask, which may be small, leaves most of them out.
+        solution.judge(&state, &plan.settings);
         if let Some(mask) = &self.mask {
             solution.leave_out(mask);
+            solution.count(plan.settings.max_relative_blur);
         }
-        solution.judge(&state, &plan.settings);
         if !plan.solves_transform() {
             solution.doubt(&self.collect_registered()?);
         }

@@ -1,16 +1,20 @@
 //! A difference in vignetting: a smooth gain field between the two photographs, found before they are solved.
 
 use crate::resample::{Grid, Interpolation, in_rows, onto};
-use crate::smooth_field::{Known, SmoothField};
+use crate::smooth_field::{Known, SmoothField, covers};
 use crate::stages::ingest::LUMINANCE;
-use crate::{Decode, Engine, Error, Frame, Method, Settings, Similarity, Solver, centre};
+use crate::{Decode, Engine, Error, Frame, Mask, Method, Settings, Similarity, Solver, centre};
 
 /// The photographs are made smaller, by averaging, while their shorter side stays at least so long, px.
 const LEAST_SIDE: u32 = 256;
 /// Cells that are compared, px of the smaller photographs: wider than any blur there.
 const CELL: usize = 8;
-/// Mean intensity below which a cell says nothing of a quotient.
+/// Mean intensity, of white, below which a cell says nothing of a quotient.
 const DARK: f64 = 0.02;
+/// Most that the gain may differ from that in the middle: more is no vignetting, and a polynomial gone astray.
+const MOST_GAIN: f64 = 4.0;
+/// How far values are kept from where they would be clipped: a step of 8 bits.
+const MARGIN: f32 = 4e-3;
 /// Fewest cells that determine the field.
 const LEAST_CELLS: usize = 50;
 
@@ -25,34 +29,54 @@ pub struct GainField {
     /// Logarithm of the gain.
     field: SmoothField,
     transform: Similarity,
+    warnings: Vec<String>,
 }
 
 impl GainField {
-    /// Registers and compares the photographs at a fraction of their size.
+    /// Registers and compares the photographs at a fraction of their size, without what is clipped or a mask of I1 leaves
+    /// out.
     ///
     /// # Errors
     /// As [`Solver::solve`]; [`Error::Mismatch`] where they have too little in common, or are too dark, to compare.
-    pub fn between(engine: &Engine, frames: [&Frame; 2], settings: &Settings) -> Result<Self, Error> {
+    pub fn between(
+        engine: &Engine,
+        frames: [&Frame; 2],
+        settings: &Settings,
+        mask: Option<&Mask>,
+    ) -> Result<Self, Error> {
         crate::solver::same_size(frames)?;
         let size = [frames[0].width(), frames[0].height()];
         let factor = (size[0].min(size[1]) / LEAST_SIDE).max(1);
         let small = frames.map(|frame| averaged(frame, settings.decode, factor as usize));
         let [a, b] = small.each_ref();
-        let transform = registered(engine, [a, b], settings, factor, size)?;
-        let known = cells([a, b], &transform.0, factor);
+        let masks = [mask, None];
+        let counting: [Frame; 2] = std::array::from_fn(|i| {
+            let clipped = settings.clipped(frames[i].format().depth);
+            averaged(&frames[i].counting(clipped, masks[i]), Decode::None, factor as usize)
+        });
+        let (small_transform, transform, warnings) =
+            registered(engine, [a, b], settings, factor, size, Mask::of_picture(&counting[0]))?;
+        let known = cells([a, b], [&counting[0], &counting[1]], &small_transform, factor);
         let problem = || {
             Error::Mismatch(format!(
-                "the photographs agree in {} places only, too few for a gain field: solve without --vignetting",
+                "the photographs can be compared in {} places only, too few or not all over the frame for a gain field: \
+                 solve without --vignetting",
                 known.len()
             ))
         };
-        let field = SmoothField::fit(size, &known).filter(|_| known.len() >= LEAST_CELLS).ok_or_else(problem)?;
-        Ok(Self { size, field, transform: transform.1 })
+        let enough = known.len() >= LEAST_CELLS && covers(size, &known);
+        let field = SmoothField::fit(size, &known).filter(|_| enough).ok_or_else(problem)?;
+        Ok(Self { size, field, transform, warnings })
     }
 
     /// The gain at a pixel of I1, 1 in the middle.
     pub fn at(&self, place: [f64; 2]) -> f64 {
-        self.field.above_centre(place).exp()
+        self.field.above_centre(place).exp().clamp(1.0 / MOST_GAIN, MOST_GAIN)
+    }
+
+    /// What speaks against the registration that it was found by; a sentence each.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
     }
 
     /// Least and greatest gain over I1.
@@ -67,7 +91,7 @@ impl GainField {
     pub fn even_out(&self, i2: &Frame, settings: &Settings) -> Frame {
         let (back, middle) = (self.transform.inverse(), centre(self.size[0], self.size[1]));
         let channels = i2.format().channels.count() as usize;
-        let [_, white] = settings.clipped(i2.format().depth);
+        let [black, white] = settings.clipped(i2.format().depth);
         let stored = i2.intensities(Decode::None);
         let mut values = i2.intensities(settings.decode);
         let row = i2.width() as usize * channels;
@@ -79,8 +103,9 @@ impl GainField {
                     Decode::None => *value * gain,
                     Decode::Srgb => crate::export::stored(*value * gain, settings.decode),
                 };
-                // Just below the level at which it would count as clipped.
-                *value = if before >= white { before } else { evened.min(white - 1e-3) };
+                // Just off the levels at which it would count as clipped.
+                let is_clipped = before >= white || before <= black;
+                *value = if is_clipped { before } else { evened.clamp(black + MARGIN, white - MARGIN) };
             }
         });
         i2.with_intensities(&values)
@@ -109,14 +134,15 @@ fn averaged(frame: &Frame, decode: Decode, factor: usize) -> Frame {
     Frame::gray(width as u32, height as u32, means).unwrap_or_else(|_| frame.clone())
 }
 
-/// T of the smaller photographs, and for full-size pixels.
+/// T of the smaller photographs, and for full-size pixels; what speaks against it.
 fn registered(
     engine: &Engine,
     [a, b]: [&Frame; 2],
     settings: &Settings,
     factor: u32,
     size: [u32; 2],
-) -> Result<(Similarity, Similarity), Error> {
+    mask: Mask,
+) -> Result<(Similarity, Similarity, Vec<String>), Error> {
     let f = f64::from(factor);
     // The centre of the averaged photograph in full-size pixels: sides need not be multiples of the factor.
     let averaged_centre = centre(factor * a.width(), factor * a.height());
@@ -132,16 +158,24 @@ fn registered(
         start: scaled(settings.start.about(full_centre, averaged_centre), 1.0 / f),
         ..settings.clone()
     };
-    let found = Solver::for_pair(engine, a, b, &small)?.register(a, b)?.transform;
-    Ok((found, scaled(found, f).about(averaged_centre, full_centre)))
+    let mut solver = Solver::for_pair(engine, a, b, &small)?;
+    solver.set_mask(Some(mask))?;
+    let found = solver.register(a, b)?;
+    Ok((found.transform, scaled(found.transform, f).about(averaged_centre, full_centre), found.warnings))
 }
 
-/// Logarithms of what I1 is over J, by cells, at places in full-size pixels.
-fn cells([a, b]: [&Frame; 2], transform: &Similarity, factor: u32) -> Vec<Known> {
+/// Logarithms of what I1 is over J, by cells all of whose pixels count, at places in full-size pixels.
+fn cells([a, b]: [&Frame; 2], counting: [&Frame; 2], transform: &Similarity, factor: u32) -> Vec<Known> {
     let (width, height) = (a.width() as usize, a.height() as usize);
-    let [a, b] = [a, b].map(|frame| frame.intensities(Decode::None));
-    let grid = Grid { width, height, channels: 1, values: &b };
-    let j = onto(&grid, transform, [width, height], Interpolation::Linear);
+    let moved = |frame: &Frame| {
+        let values = frame.intensities(Decode::None);
+        let grid = Grid { width, height, channels: 1, values: &values };
+        onto(&grid, transform, [width, height], Interpolation::Linear)
+    };
+    let (j, second_counts) = (moved(b), moved(counting[1]));
+    let [a, first_counts] = [a, counting[0]].map(|frame| frame.intensities(Decode::None));
+    let brightest = a.iter().copied().fold(0.0f32, f32::max);
+    let dark = DARK * f64::from(brightest);
     let mut known = Vec::new();
     for (y, x) in (0..height / CELL).flat_map(|y| (0..width / CELL).map(move |x| (y * CELL, x * CELL))) {
         let mean = |values: &[f32]| {
@@ -149,7 +183,8 @@ fn cells([a, b]: [&Frame; 2], transform: &Similarity, factor: u32) -> Vec<Known>
             rows.flat_map(|row| &row[x..x + CELL]).map(|&v| f64::from(v)).sum::<f64>() / (CELL * CELL) as f64
         };
         let (first, second) = (mean(&a), mean(&j));
-        if first > DARK && second > DARK {
+        let all_count = mean(&first_counts).min(mean(&second_counts)) > 0.999;
+        if first > dark && second > dark && all_count {
             let middle = |at: usize| f64::from(factor) * (at as f64 + CELL as f64 / 2.0) - 0.5;
             known.push(Known {
                 place: [middle(x), middle(y)],

@@ -8,20 +8,24 @@ mod sift;
 mod similarity_fit;
 
 use crate::stages::ingest;
-use crate::{Error, Frame, Method, Settings, Similarity, centre};
+use crate::{Error, Frame, Mask, Method, Settings, Similarity, centre};
 
 /// Key-points, matches and agreeing matches that a registration takes: a similarity needs two, chance can give a third.
 const LEAST: usize = 6;
 
-/// Where T starts: as the settings say, or, with the method SIFT, where the key-points put it.
+/// Where T starts: as the settings say, or, with the method SIFT, where the key-points put it, those of I1 that a mask does
+/// not leave out.
 ///
 /// # Errors
 /// [`Error::TooFewKeyPoints`].
-pub(crate) fn start([i1, i2]: [&Frame; 2], settings: &Settings) -> Result<Similarity, Error> {
+pub(crate) fn start([i1, i2]: [&Frame; 2], settings: &Settings, mask: Option<&Mask>) -> Result<Similarity, Error> {
     if settings.method != Method::Sift {
         return Ok(settings.start);
     }
-    let [a, b] = [i1, i2].map(|frame| sift::detect(&ingest::twin(frame, settings.decode, ingest::LUMINANCE)));
+    let [mut a, b] = [i1, i2].map(|frame| sift::detect(&ingest::twin(frame, settings.decode, ingest::LUMINANCE)));
+    if let Some(mask) = mask {
+        a.keep(|[x, y]| mask.counts(x, y));
+    }
     enough("key-points in I1", a.places.len())?;
     enough("key-points in I2", b.places.len())?;
     let matches = matching::matches(&a, &b);

@@ -21,6 +21,16 @@ pub(super) struct Features {
     pub(super) descriptors: Vec<Descriptor>,
 }
 
+impl Features {
+    /// Keeps those at some places.
+    pub(super) fn keep(&mut self, wanted: impl Fn([f64; 2]) -> bool) {
+        let kept: Vec<bool> = self.places.iter().map(|&place| wanted(place)).collect();
+        let (mut places, mut descriptors) = (kept.iter(), kept.iter());
+        self.places.retain(|_| places.next().is_some_and(|kept| *kept));
+        self.descriptors.retain(|_| descriptors.next().is_some_and(|kept| *kept));
+    }
+}
+
 type Image = ImageBuffer<Luma<f32>, Vec<f32>>;
 
 /// Finds the key-points of a luminance in [0, 1], which the detector takes as 8 bits.

@@ -103,6 +103,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let target = target(arguments)?;
     check_output(arguments)?;
     let solved = Solved::read(&arguments.of.results)?;
+    if matches!(target, Target::Plane(_)) && [solved.width, solved.height] != solved.photograph {
+        let problem = "is of a part of the photographs, whose corners are not the plane's; solve it without --roi and --crop-valid";
+        return Err(Failure::Failed(format!("{}: {problem}", arguments.of.results.display())));
+    }
     let blur = Field { width: solved.width, values: &solved.relative_blur };
     let found = calibrate(&lens, solved.transform.scale, &blur, &solved.confidence, &target, &unknowns)?;
     if let Some(file) = &arguments.output {

@@ -22,11 +22,11 @@ pub(super) struct Arguments {
 /// What to measure.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct MeasureArguments {
-    /// Step height from the first region to the second, rectangles in pixels: the difference of their levels, medians
+    /// Step height from the first region to the second, rectangles in pixels of the results: the difference of their levels, medians
     /// without the tilt, in px² and, where the lens is known, in mm; may be repeated
     #[arg(long, value_names = ["X,Y,W,H", "X,Y,W,H"], num_args = 2, help_heading = "Measurements")]
     step: Vec<RegionArgument>,
-    /// Profile from one pixel to another, the mean over WIDTH px across [default: 1]; may be repeated
+    /// Profile from one pixel of the results to another, the mean over WIDTH px across [default: 1]; may be repeated
     #[arg(long, value_name = "X1,Y1,X2,Y2[,WIDTH]", help_heading = "Measurements")]
     profile: Vec<LineArgument>,
 }

@@ -85,6 +85,11 @@ impl ScopeArguments {
         self.max_uncertainty
     }
 
+    /// Whether results are cropped by what is valid.
+    pub(super) fn crops(&self) -> bool {
+        self.crop_valid
+    }
+
     /// The size of the results, where it is known before the solve.
     pub(super) fn size(&self, photograph: (u32, u32)) -> Option<(u32, u32)> {
         let size = self.roi.map_or(photograph, |RegionArgument(region)| (region.width, region.height));
@@ -93,9 +98,10 @@ impl ScopeArguments {
 
     /// What the files hold that decide the results.
     pub(super) fn contents(&self) -> Vec<Option<Vec<u8>>> {
-        let flat =
-            self.flat.iter().flat_map(|folder| ["relative_blur.exr", "report.json"].map(|name| folder.join(name)));
-        self.mask.iter().cloned().chain(flat).map(|file| fs::read(file).ok()).collect()
+        let of_flat = ["relative_blur.exr", "uncertainty.exr", "report.json"];
+        let flat = self.flat.iter().flat_map(|folder| of_flat.map(|name| folder.join(name)));
+        let mask = self.mask.iter().map(|file| image_io::split_page(file).0.to_path_buf());
+        mask.chain(flat).map(|file| fs::read(file).ok()).collect()
     }
 }
 

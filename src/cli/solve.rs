@@ -139,6 +139,12 @@ pub(super) fn settings(arguments: &Arguments) -> Result<Settings, Failure> {
 /// an input.
 pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
     lens::nearer(arguments.nearer, arguments.lens.stated()?.as_ref())?;
+    if arguments.scope.crops() && !arguments.measure.wanted().is_empty() {
+        return Err(Failure::Usage(
+            "--crop-valid moves the pixels that --step and --profile name; measure afterwards, with parfocal measure"
+                .to_string(),
+        ));
+    }
     let of_the_pair = arguments.pair.inputs().into_iter().chain(arguments.lens.file());
     let inputs: Vec<_> = of_the_pair.chain(arguments.scope.inputs()).collect();
     if arguments.scope.flat().is_some_and(|flat| super::same_file(flat, &arguments.output)) {
@@ -196,6 +202,7 @@ pub(super) fn write(
     let texture = Texture::of(solution, arguments.scope.max_uncertainty());
     report.texture = TextureReport::of(&texture);
     report.gain_field = gain_field.as_ref().map(GainField::range);
+    report.flattened = photographs.scope.flat.is_some();
     report.request = request;
     report.depth = metric.as_ref().map(DepthReport::from);
     report.measurements = (!wanted.is_empty()).then(|| measurements.clone());
@@ -206,11 +213,13 @@ pub(super) fn write(
     let depth16 = arguments.models.depth16(&measured, measured_metric.as_ref());
     report.depth16 = depth16.as_ref().map(Depth16::report);
     let look = Look { nearer, decode: settings.decode, formats, palette: arguments.colors.palette() };
+    // Which photograph is the sharper V tells before a flat reference is taken off.
+    let sharpness = photographs.scope.flat.as_ref().map(|flat| flat.restored(solution));
     let fused = export::fused(solution, settings.decode)?;
     let points = arguments.models.points(&measured, &fused, nearer)?;
     let mut extras = arguments.models.files(points.as_ref(), &fused);
     extras.extend(depth16.iter().flat_map(Depth16::files));
-    extras.extend(arguments.models.labels(solution));
+    extras.extend(arguments.models.labels(sharpness.as_ref().unwrap_or(solution)));
     extras.extend(export::fused_float(solution, &look));
     let mut written: Vec<&str> = FILES.into_iter().chain(extras.iter().map(|extra| extra.name())).collect();
     written.extend(metric.as_ref().map(|_| DEPTH_FILE));

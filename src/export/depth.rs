@@ -41,12 +41,14 @@ impl<'a> Map<'a> {
     /// Depth in mm through a lens.
     pub(super) fn of_depth(metric: &'a MetricDepth, palette: Palette) -> Self {
         let [first, second] = metric.lens.focus;
-        Self::in_mm((metric.width, metric.height), &metric.depth, (second - first).abs(), palette)
+        let (size, apart) = ((metric.width, metric.height), (second - first).abs());
+        Self::in_mm(size, &metric.depth, apart, Nearer::Second, palette)
     }
 
-    /// Depth in mm, of which the least is near; the planes of focus are so many mm apart.
-    pub(super) fn in_mm(size: (u32, u32), values: &'a [f32], apart: f64, palette: Palette) -> Self {
-        let scale = Scale::spanning([values], Nearer::Second, (LEAST_PART * apart) as f32);
+    /// Depth in mm; the planes of focus are so many mm apart. `near` says whether the greatest is near (`First`) or the
+    /// least.
+    pub(super) fn in_mm(size: (u32, u32), values: &'a [f32], apart: f64, near: Nearer, palette: Palette) -> Self {
+        let scale = Scale::spanning([values], near, (LEAST_PART * apart).max(1e-6) as f32);
         Self { size, values, scale, quantity: "depth", unit: "mm", palette, marked: &[] }
     }
 

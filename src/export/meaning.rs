@@ -20,8 +20,8 @@ impl Meaning {
 /// V.
 pub(super) const RELATIVE_BLUR: Meaning = Meaning::new(
     "px^2",
-    "Relative blur V in px^2 of the first image; positive where the second is the more blurred; NaN outside the valid \
-     region",
+    "Relative blur V in px^2 of the first image; positive where the second is the more blurred, less the field \
+     curvature where report.json says flattened; NaN outside the valid region",
 );
 
 /// σ_V.

@@ -34,6 +34,8 @@ pub struct Report {
     /// What I2 was multiplied by to take out a difference in vignetting: least and greatest over I1, 1 in the middle.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gain_field: Option<[f64; 2]>,
+    /// Whether the field curvature that a flat reference shows was taken from V.
+    pub flattened: bool,
     /// Coarse to fine.
     pub levels: Vec<LevelReport>,
     /// Whether the finest level settled on an answer that the images support.
@@ -164,6 +166,7 @@ impl Report {
             region: solution.region(),
             texture: TextureReport::of(&Texture::of(solution, None)),
             gain_field: None,
+            flattened: false,
             levels: solution.levels.iter().map(LevelReport::from).collect(),
             converged: solution.converged,
             relative_blur: RangeReport::of(&solution.relative_blur),

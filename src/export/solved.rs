@@ -118,14 +118,20 @@ impl Solved {
         let mut report = self.report.clone();
         report["nearer"] = nearer.number().into();
         report["depth"] = json!(DepthReport::from(metric));
-        let depth16 = report.get("depth16").map(|_| Depth16::of_depth(metric));
+        let marked = self.marked();
+        let shown = |field: &[f32]| {
+            let known = |(&value, &marked): (&f32, &bool)| if marked { f32::NAN } else { value };
+            field.iter().zip(&marked).map(known).collect()
+        };
+        let measured = MetricDepth { depth: shown(&metric.depth), ..metric.clone() };
+        let depth16 = report.get("depth16").map(|_| Depth16::of_depth(&measured));
         if let Some(depth16) = &depth16 {
             report["depth16"] = json!(depth16.report());
         }
         let picture = FILES[2];
         let mut staging = Staging::new(&self.folder)?;
         staging.add(DEPTH_FILE, |w| metric::write(w, metric))?;
-        staging.add(picture, |w| depth::write(w, &Map::of_depth(metric, palette)))?;
+        staging.add(picture, |w| depth::write(w, &Map::of_depth(metric, palette).marking(&marked)))?;
         for extra in depth16.iter().flat_map(Depth16::files) {
             staging.add(extra.name, |w| (extra.fill)(w))?;
         }
@@ -136,6 +142,12 @@ impl Solved {
         }
         // They show near and far the other way round.
         with_near_and_far().try_for_each(|name| remove_stale(&self.folder.join(name)))
+    }
+
+    /// Which pixels the solve marked as without texture.
+    fn marked(&self) -> Vec<bool> {
+        let most = self.report["texture"]["max_uncertainty_px2"].as_f64().unwrap_or(f64::INFINITY);
+        self.uncertainty.iter().map(|&deviation| f64::from(deviation) > most).collect()
     }
 
     /// Adds measurements to the folder: the files of the profiles, and `measurements` in `report.json`. Steps take the place

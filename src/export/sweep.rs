@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::depth::Map;
+use super::depth::{Map, larger_is};
 use super::report::{DeviceReport, RangeReport, SizeReport};
 use super::{
     DEPTH_FILE, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Nearer, Staging, depth, field, fused, meaning,
@@ -146,10 +146,10 @@ pub fn write_sweep(
         staging.add(DEPTH_FILE, |w| field::write_channels(w, size, &channels, &meaning::SWEEP_DEPTH))?;
     }
     let map = match &sweep.depth {
-        // The extent of the depth found stands for that of the planes of focus.
         Some(found) => {
-            let RangeReport { min, max, .. } = RangeReport::of(&found.depth);
-            Map::in_mm(size, &found.depth, (max.unwrap_or(1.0) - min.unwrap_or(0.0)).into(), look.palette)
+            let stated = sweep.stated.millimetres().unwrap_or_default();
+            let apart = stated.first().zip(stated.last()).map_or(0.0, |(first, last)| (last - first).abs());
+            Map::in_mm(size, &found.depth, apart, larger_is(stated, look.nearer), look.palette)
         }
         None => Map::of_focus(size, &sweep.focus, &sweep.positions, look.nearer, look.palette),
     };

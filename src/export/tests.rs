@@ -87,6 +87,7 @@ fn the_report_has_the_fields_that_scripts_read() {
         "request",
         "inputs",
         "files",
+        "flattened",
         "photograph",
         "region",
         "texture",

@@ -151,7 +151,7 @@ fn solve_pairs(
     let mut solutions = Vec::new();
     for (n, pair) in frames.windows(2).enumerate() {
         let mut solution = solver.solve(&pair[0], &pair[1])?;
-        (solution.fused, solution.confidence) = (Vec::new(), Vec::new());
+        (solution.fused, solution.confidence, solution.residual) = (Vec::new(), Vec::new(), Vec::new());
         solutions.push(solution);
         say(n + 1, frames.len() - 1);
     }

@@ -98,19 +98,22 @@ impl<'a> Field<'a> {
     /// The focus setting; whether a greater one is near.
     pub(super) fn focus(values: &'a [f32], nearer: Nearer) -> Self {
         let (low, high) = span(values);
-        Self::new("focus", "Focus", "focus", values).near_and_far(Scale { low, high, nearer }).note(
+        let digits = digits_of(values, high - low);
+        Self::new("focus", "Focus", "focus", values).digits(digits).near_and_far(Scale { low, high, nearer }).note(
             "The setting at which each pixel is in focus, in the units of the frames’ settings. Not drawn where no pair of \
              frames tells.",
         )
     }
 
     /// Depth and its standard deviation, mm.
-    pub(super) fn depth_with_deviation(values: &'a [f32], deviation: &'a [f32]) -> [Self; 2] {
+    ///
+    /// `near` says whether the greatest depth is near (`First`, of a stage that counts so) or the least.
+    pub(super) fn depth_with_deviation(values: &'a [f32], deviation: &'a [f32], near: Nearer) -> [Self; 2] {
         let (low, high) = span(values);
-        let scale = Scale { low, high, nearer: Nearer::Second };
+        let scale = Scale { low, high, nearer: near };
         let depth = Self::new("depth", "Depth", "depth", values)
             .unit("mm")
-            .digits(metric_digits(high - low))
+            .digits(digits_of(values, high - low))
             .near_and_far(scale)
             .note("Depth in mm. Not drawn where it is not valid, or outside the range in which the lens can tell.");
         let sigma = Self::deviation("depth_deviation", &depth, ["σ of depth", "σ"], deviation).note(
@@ -181,10 +184,13 @@ fn span(values: &[f32]) -> (f32, f32) {
     if high > low { (low, high) } else { (low, low + low.abs().max(1e-3) * 1e-3) }
 }
 
-/// To the micrometre, or to a thousandth of the power of ten above the span where that is finer.
-fn metric_digits(span: f32) -> u32 {
-    let power = f64::from(span).log10().ceil().clamp(-3.0, 0.0);
-    (3.0 - power) as u32
+/// Digits after the point: three, or to a thousandth of the power of ten above the span where that is finer; fewer where the
+/// page's integers of 32 bits could not hold the greatest value.
+fn digits_of(values: &[f32], span: f32) -> u32 {
+    let greatest = values.iter().filter(|v| v.is_finite()).fold(1.0f64, |m, v| m.max(f64::from(v.abs())));
+    let power = f64::from(span).log10().ceil().clamp(-5.0, 0.0);
+    let most = 9.0 - greatest.log10().ceil();
+    (3.0 - power).min(most).max(0.0) as u32
 }
 
 #[cfg(test)]
@@ -211,6 +217,9 @@ mod tests {
 
     #[test]
     fn depth_is_read_to_the_micrometre_or_finer() {
-        assert_eq!([340.0, 7.0, 0.5, 0.05, 1e-9, 0.0].map(metric_digits), [3, 3, 3, 4, 6, 6]);
+        assert_eq!([340.0, 7.0, 0.5, 0.05, 1e-9, 0.0].map(|span| digits_of(&[], span)), [3, 3, 3, 4, 8, 8]);
+        assert_eq!(digits_of(&[310_000.0, f32::NAN], 2e4), 3);
+        assert_eq!(digits_of(&[3e8], 2e4), 0);
+        assert_eq!(digits_of(&[0.0044, 0.0043], 1e-4), 7);
     }
 }

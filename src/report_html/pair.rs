@@ -58,7 +58,7 @@ impl<'a> Page<'a> {
         );
         let mut fields = vec![blur, sigma, Field::confidence(&solution.confidence)];
         if let Some(metric) = self.depth {
-            fields.extend(Field::depth_with_deviation(&metric.depth, &metric.deviation));
+            fields.extend(Field::depth_with_deviation(&metric.depth, &metric.deviation, Nearer::Second));
         }
         fields.extend(self.fields);
         fields

@@ -61,7 +61,8 @@ impl<'a> SweepPage<'a> {
             .note("σ, the standard deviation of the focus setting, by what the pairs say. On a logarithmic scale.");
         let mut fields = vec![focus, sigma];
         if let Some(found) = &sweep.depth {
-            fields.extend(Field::depth_with_deviation(&found.depth, &found.deviation));
+            let near = larger_is(sweep.stated.millimetres().unwrap_or_default(), self.nearer);
+            fields.extend(Field::depth_with_deviation(&found.depth, &found.deviation, near));
         }
         fields.extend(self.fields);
         fields

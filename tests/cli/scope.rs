@@ -150,6 +150,13 @@ fn what_does_not_fit_is_refused_by_name() {
     assert!(message.contains("--roi") && message.contains("200,0,100,50"), "{message}");
     let message = refused(&["--flat", "nowhere"]);
     assert!(message.contains("nowhere"), "{message}");
+    let output = desk.solve("out", &["--crop-valid", "--profile", "0,10,100,10"]);
+    assert_eq!(output.status.code(), Some(2), "the pixels of a profile would move");
+    desk.solved("part", &["--roi", "60,50,120,90"]);
+    let lens = "--focal-length 50 --f-number 4 --pixel-pitch 0.0075 --focus 300,310 --telecentric --plane 300,305,300";
+    let output = desk.run(&[&["calibrate", "part"][..], &lens.split(' ').collect::<Vec<_>>()].concat());
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(1) && message.contains("--roi"), "{message}");
     let output = desk.solve("out", &["--roi", "1,2,3"]);
     assert_eq!(output.status.code(), Some(2));
 }

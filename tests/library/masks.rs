@@ -114,6 +114,21 @@ fn what_a_mask_leaves_out_has_no_part_in_the_registration() {
     assert!(solver.set_mask(Some(other)).unwrap_err().to_string().contains("16x16"));
 }
 
+/// Less than a hundredth of the frame is enough, if that is what was asked for.
+#[test]
+fn a_small_mask_is_no_lack_of_overlap() {
+    let [i1, i2] = clean_pair();
+    let inside = |i: u32| (64..78).contains(&(i % SIZE[0])) && (60..74).contains(&(i / SIZE[0]));
+    let picture = (0..SIZE[0] * SIZE[1]).map(|i| if inside(i) { 1.0 } else { 0.0 }).collect();
+    let engine = TestEngine::new();
+    let start = Settings { start: transform(), method: parfocal::Method::Aligned, ..Settings::default() };
+    let mut solver = Solver::for_pair(&engine, &i1, &i2, &start).unwrap();
+    solver.set_mask(Some(Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], picture).unwrap()))).unwrap();
+    let solution = solver.solve(&i1, &i2).unwrap();
+    assert!(solution.valid_fraction > 0.0 && solution.valid_fraction < 0.01, "{}", solution.valid_fraction);
+    assert!(!solution.warnings.iter().any(|warning| warning.contains("overlap")), "{:?}", solution.warnings);
+}
+
 #[test]
 fn masks_agree_with_the_reference() {
     let size = [151, 131];

@@ -103,6 +103,16 @@ fn a_flat_reference_is_taken_off() {
     let largest = solution.relative_blur.iter().fold(0.0f32, |m, v| m.max(v.abs()));
     println!("largest |V| {largest:.3} px²");
     assert!(largest < 0.2, "{largest}");
+    // Where |V| was at its limit it stays there, and V before it can be had again.
+    let limited = Settings { max_relative_blur: 2.0, ..settings() };
+    let flat = scope.flat.clone();
+    let bounded = solve(&Scope { flat: flat.clone(), ..Scope::default() }, [&i1, &i2], &limited);
+    let before = solve(&Scope::default(), [&i1, &i2], &limited);
+    let at_limit = |s: &Solution| s.relative_blur.iter().filter(|v| v.abs() >= 1.998).count();
+    assert!(at_limit(&before) > 1000 && at_limit(&bounded) == at_limit(&before));
+    let restored = flat.unwrap().restored(&solution);
+    let center = (restored.height / 2 * restored.width + restored.width / 8) as usize;
+    assert!((restored.relative_blur[center] - solution.relative_blur[center]).abs() > 2.0);
     let small = FieldCurvature::of_flat_target([30, 28], &vec![1.0; 840], &vec![0.1; 840]).unwrap();
     let engine = TestEngine::new();
     let refused =
