@@ -39,6 +39,9 @@ const LEAST_RATIO: f32 = 10.0;
 /// Digits after the point of what has a span of some tens to hundreds of its unit.
 const DIGITS: u32 = 4;
 
+/// Of mm: to the micrometre.
+const METRIC_DIGITS: u32 = 3;
+
 impl<'a> Field<'a> {
     /// A field in grey, least black and greatest white, with four digits after the point.
     ///
@@ -98,7 +101,7 @@ impl<'a> Field<'a> {
     /// The focus setting; whether a greater one is near.
     pub(super) fn focus(values: &'a [f32], nearer: Nearer) -> Self {
         let (low, high) = span(values);
-        let digits = digits_of(values, high - low);
+        let digits = digits_of(values, high - low, DIGITS);
         Self::new("focus", "Focus", "focus", values).digits(digits).near_and_far(Scale { low, high, nearer }).note(
             "The setting at which each pixel is in focus, in the units of the frames’ settings. Not drawn where no pair of \
              frames tells.",
@@ -113,7 +116,7 @@ impl<'a> Field<'a> {
         let scale = Scale { low, high, nearer: near };
         let depth = Self::new("depth", "Depth", "depth", values)
             .unit("mm")
-            .digits(digits_of(values, high - low))
+            .digits(digits_of(values, high - low, METRIC_DIGITS))
             .near_and_far(scale)
             .note("Depth in mm. Not drawn where it is not valid, or outside the range in which the lens can tell.");
         let sigma = Self::deviation("depth_deviation", &depth, ["σ of depth", "σ"], deviation).note(
@@ -126,7 +129,11 @@ impl<'a> Field<'a> {
     /// How sure another field is: a standard deviation in the same unit.
     pub(super) fn deviation(key: &'static str, of: &Field<'_>, names: [&'static str; 2], values: &'a [f32]) -> Self {
         let [name, sign] = names;
-        Self::new(key, name, sign, values).unit(of.unit).digits(of.digits).logarithmic().ends(["sure", "unsure"])
+        Self::new(key, name, sign, values)
+            .unit(of.unit)
+            .digits(of.digits.min(most_digits(values)))
+            .logarithmic()
+            .ends(["sure", "unsure"])
     }
 
     /// Confidence, by which a solve weighs V.
@@ -184,13 +191,17 @@ fn span(values: &[f32]) -> (f32, f32) {
     if high > low { (low, high) } else { (low, low + low.abs().max(1e-3) * 1e-3) }
 }
 
-/// Digits after the point: three, or to a thousandth of the power of ten above the span where that is finer; fewer where the
-/// page's integers of 32 bits could not hold the greatest value.
-fn digits_of(values: &[f32], span: f32) -> u32 {
-    let greatest = values.iter().filter(|v| v.is_finite()).fold(1.0f64, |m, v| m.max(f64::from(v.abs())));
+/// Digits after the point: so many of a span of 1 and more, one more for each power of ten below; fewer where the page's
+/// integers of 32 bits could not hold the greatest value.
+fn digits_of(values: &[f32], span: f32, usual: u32) -> u32 {
     let power = f64::from(span).log10().ceil().clamp(-5.0, 0.0);
-    let most = 9.0 - greatest.log10().ceil();
-    (3.0 - power).min(most).max(0.0) as u32
+    most_digits(values).min((f64::from(usual) - power) as u32)
+}
+
+/// Digits with which the greatest value still is an integer of 32 bits.
+fn most_digits(values: &[f32]) -> u32 {
+    let greatest = values.iter().filter(|v| v.is_finite()).fold(1.0f64, |m, v| m.max(f64::from(v.abs())));
+    (9.0 - greatest.log10().ceil()).max(0.0) as u32
 }
 
 #[cfg(test)]
@@ -217,9 +228,12 @@ mod tests {
 
     #[test]
     fn depth_is_read_to_the_micrometre_or_finer() {
-        assert_eq!([340.0, 7.0, 0.5, 0.05, 1e-9, 0.0].map(|span| digits_of(&[], span)), [3, 3, 3, 4, 8, 8]);
-        assert_eq!(digits_of(&[310_000.0, f32::NAN], 2e4), 3);
-        assert_eq!(digits_of(&[3e8], 2e4), 0);
-        assert_eq!(digits_of(&[0.0044, 0.0043], 1e-4), 7);
+        assert_eq!(
+            [340.0, 7.0, 0.5, 0.05, 1e-9, 0.0].map(|span| digits_of(&[], span, METRIC_DIGITS)),
+            [3, 3, 3, 4, 8, 8]
+        );
+        assert_eq!(digits_of(&[310_000.0, f32::NAN], 2e4, METRIC_DIGITS), 3);
+        assert_eq!(digits_of(&[3e8], 2e4, METRIC_DIGITS), 0);
+        assert_eq!(digits_of(&[0.0044, 0.0043], 1e-4, DIGITS), 8);
     }
 }
