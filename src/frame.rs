@@ -195,12 +195,11 @@ impl Frame {
     }
 
     /// A grey frame, 1 where a pixel counts and 0 where it is clipped or a mask of this size leaves it out.
-    pub(crate) fn counting(&self, [black, white]: [f32; 2], mask: Option<&Mask>) -> Self {
+    pub(crate) fn counting(&self, levels: [f32; 2], mask: Option<&Mask>) -> Self {
         let channels = self.channels.count() as usize;
         let stored = self.intensities(Decode::None);
-        let clipped = |pixel: &[f32]| pixel.iter().any(|&s| s >= white) || pixel.iter().all(|&s| s <= black);
         let left_out = |i: usize| mask.is_some_and(|mask| mask.bytes().get(i) == Some(&0));
-        let count = |(i, pixel): (usize, &[f32])| if clipped(pixel) || left_out(i) { 0.0 } else { 1.0 };
+        let count = |(i, pixel): (usize, &[f32])| if is_clipped(pixel, levels) || left_out(i) { 0.0 } else { 1.0 };
         let values = stored.chunks_exact(channels).enumerate().map(count).collect();
         Self { width: self.width, height: self.height, channels: Channels::Gray, samples: Samples::F32(values) }
     }
@@ -220,12 +219,16 @@ impl Frame {
     }
 }
 
-/// Whether one sample of a pixel is from `white` on, or all are up to `black`.
+/// Whether any pixel is clipped.
 fn clips<T: Copy + Into<f32>>(samples: &[T], channels: usize, [black, white]: [f32; 2]) -> bool {
-    let clipped = |pixel: &[T]| pixel.iter().any(|&s| s.into() >= white) || pixel.iter().all(|&s| s.into() <= black);
     // First a test of many samples at once, which the processor does side by side: most images have next to none.
     samples.chunks(4096 * channels).any(|many| {
         let may = many.iter().fold(false, |may, &s| may | (s.into() >= white) | (s.into() <= black));
-        may && many.chunks_exact(channels).any(clipped)
+        may && many.chunks_exact(channels).any(|pixel| is_clipped(pixel, [black, white]))
     })
+}
+
+/// Whether one sample of a pixel is from `white` on, or all are up to `black`.
+fn is_clipped<T: Copy + Into<f32>>(pixel: &[T], [black, white]: [f32; 2]) -> bool {
+    pixel.iter().any(|&s| s.into() >= white) || pixel.iter().all(|&s| s.into() <= black)
 }

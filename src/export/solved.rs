@@ -13,7 +13,7 @@ use super::measurements::{Measurements, Wanted};
 use super::metric::{DEPTH_FILE, DepthReport};
 use super::results::{nearer_of, read_report};
 use super::staging::Staging;
-use super::{FILES, Nearer, Palette, metric, read_transform, remove_stale};
+use super::{FILES, Nearer, Palette, Texture, metric, read_transform, remove_stale};
 use crate::{Error, Lens, MetricDepth, Similarity, image_io};
 
 /// A folder that `parfocal solve` wrote, without its pictures.
@@ -118,12 +118,8 @@ impl Solved {
         let mut report = self.report.clone();
         report["nearer"] = nearer.number().into();
         report["depth"] = json!(DepthReport::from(metric));
-        let marked = self.marked();
-        let shown = |field: &[f32]| {
-            let known = |(&value, &marked): (&f32, &bool)| if marked { f32::NAN } else { value };
-            field.iter().zip(&marked).map(known).collect()
-        };
-        let measured = MetricDepth { depth: shown(&metric.depth), ..metric.clone() };
+        let texture = self.texture();
+        let measured = MetricDepth { depth: texture.without(&metric.depth), ..metric.clone() };
         let depth16 = report.get("depth16").map(|_| Depth16::of_depth(&measured));
         if let Some(depth16) = &depth16 {
             report["depth16"] = json!(depth16.report());
@@ -131,7 +127,7 @@ impl Solved {
         let picture = FILES[2];
         let mut staging = Staging::new(&self.folder)?;
         staging.add(DEPTH_FILE, |w| metric::write(w, metric))?;
-        staging.add(picture, |w| depth::write(w, &Map::of_depth(metric, palette).marking(&marked)))?;
+        staging.add(picture, |w| depth::write(w, &Map::of_depth(metric, palette).marking(&texture.marked)))?;
         for extra in depth16.iter().flat_map(Depth16::files) {
             staging.add(extra.name, |w| (extra.fill)(w))?;
         }
@@ -145,9 +141,9 @@ impl Solved {
     }
 
     /// Which pixels the solve marked as without texture.
-    fn marked(&self) -> Vec<bool> {
-        let most = self.report["texture"]["max_uncertainty_px2"].as_f64().unwrap_or(f64::INFINITY);
-        self.uncertainty.iter().map(|&deviation| f64::from(deviation) > most).collect()
+    fn texture(&self) -> Texture {
+        let stated = self.report["texture"]["max_uncertainty_px2"].as_f64();
+        Texture::beyond(stated.map_or(f32::INFINITY, |most| most as f32), &self.uncertainty)
     }
 
     /// Adds measurements to the folder: the files of the profiles, and `measurements` in `report.json`. Steps take the place

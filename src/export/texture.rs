@@ -25,8 +25,12 @@ impl Texture {
             let [Some(low), Some(high)] = range else { return ALWAYS_ENOUGH };
             (0.5 * (high - low)).max(ALWAYS_ENOUGH)
         });
-        let marked = solution.uncertainty.iter().map(|&deviation| deviation > max_uncertainty).collect();
-        Self { max_uncertainty, marked }
+        Self::beyond(max_uncertainty, &solution.uncertainty)
+    }
+
+    /// Marks by the standard deviation given, px², of a field of them.
+    pub(super) fn beyond(max_uncertainty: f32, uncertainty: &[f32]) -> Self {
+        Self { max_uncertainty, marked: uncertainty.iter().map(|&deviation| deviation > max_uncertainty).collect() }
     }
 
     /// Fraction of all pixels that are marked.

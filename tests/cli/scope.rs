@@ -114,10 +114,16 @@ fn what_is_masked_or_cropped_away_is_not_in_the_results() {
 #[test]
 fn untextured_pixels_are_marked() {
     let desk = Desk::new();
-    let report = desk.solved("all", &["--max-uncertainty", "1e-6"]);
+    let report = desk.solved("all", &["--max-uncertainty", "1e-6", "--export", "depth16"]);
     assert!(report["texture"]["marked_fraction"].as_f64().unwrap() > 0.5);
     let valid = image::open(desk.path("all/valid.png")).unwrap().into_luma8();
     assert!(valid.pixels().all(|p| p[0] == 0), "nothing is that sure");
+    // A lens that comes later does not make measurements of them.
+    let lens = "--focal-length 50 --f-number 4 --pixel-pitch 0.0075 --focus 300,310 --telecentric";
+    let output = desk.run(&[&["depth", "all"][..], &lens.split(' ').collect::<Vec<_>>()].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let depth16 = image::open(desk.path("all/depth16.png")).unwrap().into_luma16();
+    assert!(depth16.pixels().all(|p| p[0] == 0));
     let report = desk.solved("none", &[]);
     assert!(report["texture"]["marked_fraction"].as_f64().unwrap() < 0.05);
 }
