@@ -90,10 +90,11 @@ impl Scope {
         if let Some(field) = &gain_field {
             solution.warnings.extend(field.warnings().iter().map(|warning| format!("gain field: {warning}")));
         }
-        match solution.largest_valid().filter(|_| self.crop_valid) {
-            Some(valid) => solution.crop(valid)?,
-            None if self.crop_valid => solution.warnings.push("no pixel is valid: nothing was cropped".to_string()),
-            None => (),
+        if self.crop_valid {
+            match solution.largest_valid() {
+                Some(valid) => solution.crop(valid)?,
+                None => solution.warnings.push("no pixel is valid: nothing was cropped".to_string()),
+            }
         }
         // Before V is changed: its limit is that of the blur in the photographs.
         solution.count(settings.max_relative_blur);

@@ -115,8 +115,11 @@ impl Solver {
             let [w, h] = self.plan.size;
             return Err(Error::Mismatch(format!("the mask is {width}x{height} and the images are {w}x{h}")));
         }
-        self.workspace.mask.write(&mask_bytes(&self.plan, mask.as_ref()))?;
-        self.mask = mask;
+        // Of pairs without a mask, the usual, nothing need go up.
+        if self.mask != mask {
+            self.workspace.mask.write(&mask_bytes(&self.plan, mask.as_ref()))?;
+            self.mask = mask;
+        }
         Ok(())
     }
 
