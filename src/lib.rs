@@ -27,74 +27,28 @@
 //! An [`Engine`] is a device, a [`Solver`] a size and settings, prepared once and used for any number of pairs. Every
 //! failure is an [`Error`]; a pair that can be read but not solved is a [`Solution`] that has not converged and says why.
 
-mod aperture;
-mod baseline;
-pub mod bench;
-mod calibrate;
-mod device_info;
+mod around;
+mod base;
 mod engine;
-mod error;
-pub mod evaluate;
-pub mod export;
-mod field_curvature;
-pub mod figure;
-mod filter;
-pub mod focus_stack;
-mod frame;
-pub mod image_io;
-mod kernel;
-mod lens;
-mod mask;
-pub mod measure;
+mod files;
+mod lab;
 mod metric;
-pub mod model;
-mod plan;
-mod profile;
-mod record;
-pub mod reference;
-mod region;
-mod registered;
-pub mod report_html;
-pub mod resample;
-pub mod scene;
-mod scope;
-mod settings;
-mod shaders;
-mod similarity;
-mod smooth_field;
-mod solution;
-mod solver;
-pub mod stages;
-mod statistics;
-#[cfg(test)]
-mod testing;
-pub mod view;
-mod vignetting;
-#[allow(unsafe_code, reason = "the one room that talks to Vulkan")]
-mod vulkan;
-mod workspace;
+mod page;
 
 /// The examples in the guide, which are compiled with those of the documentation.
 #[cfg(doctest)]
 #[doc = include_str!("../docs/guide/src/embedding.md")]
 mod guide {}
 
-pub use calibrate::{Calibration, Found, Target, Unknown, calibrate};
-pub use device_info::DeviceInfo;
-pub use engine::{Engine, EngineOptions};
-pub use error::Error;
-pub use field_curvature::FieldCurvature;
-pub use frame::{Channels, Depth, Format, Frame, Samples};
-pub use kernel::{Aperture, Kernel};
-pub use lens::{Inverse, Lens};
-pub use mask::Mask;
-pub use metric::MetricDepth;
-pub use region::Region;
-pub use registered::Registered;
-pub use scope::{Kept, Scope, Scoped};
-pub use settings::{Decode, Method, Photometric, RegistrationStep, Settings};
-pub use similarity::{Similarity, centre};
-pub use solution::{Level, Solution, Timings};
-pub use solver::{Progress, Solver};
-pub use statistics::Estimate;
-pub use vignetting::GainField;
+pub use around::{FieldCurvature, GainField, Kept, Scope, Scoped, focus_stack, resample};
+pub use base::{
+    Aperture, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format, Frame, Inverse, Kernel, Lens, Mask, Method,
+    Photometric, Region, RegistrationStep, Samples, Settings, Similarity, centre,
+};
+pub use engine::{
+    Engine, EngineOptions, KeyPoints, Level, Progress, Registered, Solution, Solver, Timings, reference, stages,
+};
+pub use files::{export, image_io, model};
+pub use lab::{baseline, bench, contact_sheet, evaluate, scene};
+pub use metric::{Calibration, Found, MetricDepth, Target, Unknown, calibrate, measure};
+pub use page::{figure, report_html, view};

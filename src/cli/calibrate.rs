@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::ValueEnum;
+use parfocal::Region;
 use parfocal::export::{self, Solved};
-use parfocal::figure::Region;
 use parfocal::measure::Field;
 use parfocal::{Calibration, Target, Unknown, calibrate};
 use serde::Deserialize;

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use parfocal::export::{DEPTH_FILE, DepthReport, Solved};
+use parfocal::figure::PEN;
 
 use super::colors::ColorsArgument;
 use super::failure::Failure;
@@ -44,7 +45,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         arguments.lens.file().into_iter().filter(|file| !file.ends_with("report.json")).collect();
     output::check(results, &written, &inputs)?;
     let metric = solved.through(&lens);
-    solved.write_depth(&metric, arguments.colors.palette())?;
+    solved.write_depth(&metric, arguments.colors.palette(), Some(PEN))?;
     let report = DepthReport::from(&metric);
     let (range, files) = (summary(&report), written.join(" "));
     arguments.of.tell(&format!("depth          {range}\nresults        {}: {files}", results.display()), &report)

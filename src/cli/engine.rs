@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use parfocal::{Engine, EngineOptions};
+use parfocal::{Engine, EngineOptions, baseline};
 
 use super::failure::Failure;
 
@@ -30,6 +30,7 @@ impl EngineArguments {
             device: self.device.clone(),
             validation: super::validation_asked(),
             timeout: Duration::from_secs(self.timeout),
+            key_points: Some(baseline::key_points),
         }
     }
 }

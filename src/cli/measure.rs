@@ -2,6 +2,7 @@
 
 use parfocal::Estimate;
 use parfocal::export::{Measurements, Solved, StepReport, Wanted};
+use parfocal::figure::PEN;
 
 use super::depth::decimals;
 use super::failure::Failure;
@@ -63,7 +64,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let solved = Solved::read(results)?;
     output::check(results, &[], &[])?;
     let measured = solved.measure(&wanted)?;
-    solved.write_measurements(&measured)?;
+    solved.write_measurements(&measured, Some(PEN))?;
     let lines: Vec<String> = rows(&measured).iter().map(|(label, text)| format!("{label:<14} {text}")).collect();
     arguments.of.tell(&lines.join("\n"), &measured)
 }

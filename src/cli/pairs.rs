@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{DEPTH_FILE, EXTRA_FILES, FILES, SIMULATED_FILES, SWEEP_FILES};
+use parfocal::export::{DEPTH_FILE, EXTRA_FILES, FILES, SWEEP_FILES};
+use parfocal::scene::SIMULATED_FILES;
 use serde::Deserialize;
 
 use super::failure::Failure;

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use parfocal::figure::Region;
+use parfocal::Region;
 use parfocal::measure::Line;
 
 /// `X,Y,W,H`.

@@ -6,8 +6,8 @@ use std::str::FromStr;
 
 use clap::ValueEnum;
 use parfocal::Similarity;
-use parfocal::export::{SIMULATED_FILES, Truth, write_simulated};
 use parfocal::scene::{Kernel, Preset, Scene, Shape};
+use parfocal::scene::{SIMULATED_FILES, Truth, write_simulated};
 
 use super::failure::{Failure, print};
 use super::lens::{LensArguments, PartOfLens};

@@ -9,6 +9,7 @@ use parfocal::export::{
     self, Additions, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, FILES, Look, PAGE_FILE, Report, Texture,
     TextureReport,
 };
+use parfocal::figure::PEN;
 use parfocal::image_io::{self, Input};
 use parfocal::report_html::{Field, Page};
 use parfocal::{Decode, DeviceInfo, Frame, GainField, Lens, Method, MetricDepth, Scope, Scoped, Settings, Solution};
@@ -212,7 +213,7 @@ pub(super) fn write(
         metric.as_ref().map(|metric| MetricDepth { depth: texture.without(&metric.depth), ..metric.clone() });
     let depth16 = arguments.models.depth16(&measured, measured_metric.as_ref());
     report.depth16 = depth16.as_ref().map(Depth16::report);
-    let look = Look { nearer, decode: settings.decode, formats, palette: arguments.colors.palette() };
+    let look = Look { nearer, decode: settings.decode, formats, palette: arguments.colors.palette(), pen: Some(PEN) };
     // Which photograph is the sharper V tells before a flat reference is taken off.
     let sharpness = photographs.scope.flat.as_ref().map(|flat| flat.restored(solution));
     let fused = export::fused(solution, settings.decode)?;

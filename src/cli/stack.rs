@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use parfocal::export::{self, DEPTH_FILE, EXTRA_FILES, FILES, Look, Nearer, RangeReport, SWEEP_FILES, SweepReport};
+use parfocal::figure::PEN;
 use parfocal::focus_stack::{Positions, SweepOptions, solve_sweep};
 use parfocal::report_html::SweepPage;
 use parfocal::{Frame, Method, image_io};
@@ -81,7 +82,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let files: Vec<String> = arguments.frames.iter().map(|file| file.display().to_string()).collect();
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
     let report = SweepReport::new(&sweep, &files, nearer, engine.info(), total_ms);
-    let look = Look { nearer, decode, formats: [format; 2], palette: arguments.colors.palette() };
+    let look = Look { nearer, decode, formats: [format; 2], palette: arguments.colors.palette(), pen: Some(PEN) };
     let names = arguments.frames.iter().map(|path| name(path)).collect();
     let page = SweepPage { frames: &frames, names, decode, nearer, fields: Vec::new() };
     let page = (!arguments.no_html).then(|| page.file(&sweep, &report));

@@ -6,7 +6,7 @@ pub mod scene;
 use std::ops::Deref;
 use std::path::PathBuf;
 
-use parfocal::{Engine, EngineOptions, Frame, Settings, Similarity, Solution, Solver, image_io};
+use parfocal::{Engine, EngineOptions, Frame, Settings, Similarity, Solution, Solver, baseline, image_io};
 
 /// An engine whose validation messages fail the test when it is dropped.
 pub struct TestEngine(Engine);
@@ -29,6 +29,7 @@ pub fn options() -> EngineOptions {
     EngineOptions {
         device: std::env::var("PARFOCAL_DEVICE").ok(),
         validation: std::env::var("PARFOCAL_VALIDATE").as_deref() != Ok("0"),
+        key_points: Some(baseline::key_points),
         ..EngineOptions::default()
     }
 }

@@ -1,0 +1,155 @@
+//! What the frames of a sweep are focused at, and depth in mm from it.
+
+use crate::base::Error;
+
+/// The focus setting of each frame, ascending or descending.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Positions {
+    /// Not known: even, and counted from 0.
+    #[default]
+    Counted,
+    /// In any unit that is even in 1/z.
+    Settings(Vec<f64>),
+    /// Of a lens that is refocused: the distances from the lens at which it is focused, mm. The settings are their inverses
+    /// in 1/m, in which blur is linear (`docs/method.md`, section 11).
+    Distances(Vec<f64>),
+    /// Of a stage that moves camera or scene, or a lens that is telecentric towards the scene: where the plane in focus
+    /// lies along the axis, mm from any origin. These are the settings.
+    Stage(Vec<f64>),
+}
+
+/// 1/m for 1/mm, and back.
+const PER_METRE: f64 = 1e3;
+
+impl Positions {
+    /// Checks that there is one for each of so many frames, and that they are in order.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`].
+    pub fn check(&self, frames: usize) -> Result<(), Error> {
+        let mismatch = |problem: String| Err(Error::Mismatch(problem));
+        let Some(stated) = self.stated() else { return Ok(()) };
+        if stated.len() != frames {
+            return mismatch(format!("{} positions for {frames} frames: give one for each", stated.len()));
+        }
+        if let (Self::Distances(_), Some(u)) = (self, stated.iter().find(|u| **u <= 0.0)) {
+            return mismatch(format!("{u} mm is no distance to be focused at: distances from the lens are positive"));
+        }
+        let ordered = |by: fn(&f64, &f64) -> bool| stated.windows(2).all(|p| by(&p[0], &p[1]));
+        if !stated.iter().all(|p| p.is_finite()) || !(ordered(f64::lt) || ordered(f64::gt)) {
+            return mismatch("the positions are not in order: give them ascending or descending".to_string());
+        }
+        Ok(())
+    }
+
+    fn stated(&self) -> Option<&[f64]> {
+        match self {
+            Self::Counted => None,
+            Self::Settings(p) | Self::Distances(p) | Self::Stage(p) => Some(p),
+        }
+    }
+
+    /// Where each frame is focused, mm, if that is known.
+    pub fn millimetres(&self) -> Option<&[f64]> {
+        match self {
+            Self::Counted | Self::Settings(_) => None,
+            Self::Distances(z) | Self::Stage(z) => Some(z),
+        }
+    }
+
+    /// In which blur is linear: as stated, or 1/m for distances.
+    pub(super) fn settings(&self, frames: usize) -> Vec<f64> {
+        match self {
+            Self::Counted => (0..frames).map(|n| n as f64).collect(),
+            Self::Settings(p) | Self::Stage(p) => p.clone(),
+            Self::Distances(u) => u.iter().map(|u| PER_METRE / u).collect(),
+        }
+    }
+
+    /// The unit of the settings.
+    pub fn unit(&self) -> &'static str {
+        match self {
+            Self::Counted | Self::Settings(_) => "settings",
+            Self::Distances(_) => "1/m",
+            Self::Stage(_) => "mm",
+        }
+    }
+
+    /// Whether the first frame is focused nearer than the last; `None` where only settings are known.
+    pub fn first_is_nearest(&self) -> Option<bool> {
+        self.millimetres().map(|z| z.first() < z.last())
+    }
+
+    /// Depth where settings and their standard deviations are these; `None` where only settings are known.
+    pub(super) fn depth(&self, focus: &[f32], uncertainty: &[f32]) -> Option<SweepDepth> {
+        let pixels = focus.iter().zip(uncertainty).map(|(&u, &sigma)| (f64::from(u), f64::from(sigma)));
+        let (depth, deviation): (Vec<f32>, Vec<f32>) = match self {
+            Self::Counted | Self::Settings(_) => return None,
+            Self::Stage(_) => (focus.to_vec(), uncertainty.to_vec()),
+            Self::Distances(_) => pixels.map(|(u, sigma)| distance(u, sigma)).unzip(),
+        };
+        let out_of_range = focus.iter().zip(&depth).filter(|(u, z)| !u.is_nan() && z.is_nan()).count();
+        Some(SweepDepth { depth, deviation, out_of_range })
+    }
+}
+
+/// The distance in mm of a setting in 1/m, and half of what lies between the distances a deviation on either side, as
+/// [`Inverse::deviation`](crate::Inverse::deviation); NaN where the setting is none of a distance.
+fn distance(u: f64, sigma: f64) -> (f32, f32) {
+    let of = |u: f64| if u > 0.0 { PER_METRE / u } else { f64::INFINITY };
+    if u.is_nan() || u <= 0.0 {
+        return (f32::NAN, f32::NAN);
+    }
+    (of(u) as f32, ((of(u - sigma) - of(u + sigma)) / 2.0) as f32)
+}
+
+/// Depth in mm at each pixel of a sweep's reference.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SweepDepth {
+    /// Depth, mm: from the lens, or along the axis of the stage from its origin; NaN where no pair tells.
+    pub depth: Vec<f32>,
+    /// Its standard deviation, mm; infinite where infinity lies within one deviation. What the positions themselves are off
+    /// by is not in it.
+    pub deviation: Vec<f32>,
+    /// Pixels whose setting is beyond infinity, which have no depth.
+    pub out_of_range: usize,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_come_back_with_their_deviation() {
+        let at = Positions::Distances(vec![200.0, 250.0, 400.0]);
+        at.check(3).unwrap();
+        assert_eq!(at.settings(3), [5.0, 4.0, 2.5]);
+        assert_eq!(at.first_is_nearest(), Some(true));
+        let found = at.depth(&[5.0, 2.5, f32::NAN, -0.1, 0.1], &[0.01, 0.01, f32::NAN, 0.1, 0.2]).unwrap();
+        assert_eq!(found.depth[..2], [200.0, 400.0]);
+        // z² σ / 1000.
+        assert!((found.deviation[0] - 0.4).abs() < 1e-3 && (found.deviation[1] - 1.6).abs() < 1e-3);
+        assert!(found.depth[2].is_nan() && found.depth[3].is_nan() && found.deviation[3].is_nan());
+        assert_eq!((found.out_of_range, found.deviation[4]), (1, f32::INFINITY));
+    }
+
+    #[test]
+    fn a_stage_is_its_own_depth_and_settings_have_none() {
+        let stage = Positions::Stage(vec![0.3, 0.1, -0.1]);
+        assert_eq!((stage.settings(3), stage.first_is_nearest()), (vec![0.3, 0.1, -0.1], Some(false)));
+        let found = stage.depth(&[0.2, f32::NAN], &[0.01, f32::NAN]).unwrap();
+        assert_eq!((found.depth[0], found.deviation[0], found.out_of_range), (0.2, 0.01, 0));
+        assert_eq!(Positions::Counted.depth(&[0.2], &[0.1]), None);
+    }
+
+    #[test]
+    fn positions_that_do_not_fit_are_refused() {
+        let refused = |positions: Positions| positions.check(3).unwrap_err().to_string();
+        assert!(refused(Positions::Settings(vec![0.0, 1.0])).contains("2 positions for 3 frames"));
+        for bad in [[0.0, 2.0, 1.0], [1.0, 1.0, 2.0], [0.0, f64::NAN, 1.0], [0.0, 1.0, f64::INFINITY]] {
+            assert!(refused(Positions::Stage(bad.to_vec())).contains("ascending"));
+        }
+        assert!(refused(Positions::Distances(vec![100.0, 0.0, -1.0])).contains("0 mm"));
+        assert!(Positions::Counted.check(3).is_ok());
+    }
+}

@@ -1,0 +1,166 @@
+//! A photograph or a field on the pixels of another.
+
+use crate::base::color::stored;
+use crate::base::{Decode, Frame, Photometric, Similarity, centre};
+
+/// Interleaved values of so many channels, row-major.
+#[derive(Clone, Copy)]
+pub(crate) struct Grid<'a> {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) channels: usize,
+    pub(crate) values: &'a [f32],
+}
+
+impl Grid<'_> {
+    fn at(&self, x: isize, y: isize, channel: usize) -> f64 {
+        let x = x.clamp(0, self.width as isize - 1) as usize;
+        let y = y.clamp(0, self.height as isize - 1) as usize;
+        self.values[(y * self.width + x) * self.channels + channel].into()
+    }
+
+    /// Whether a place lies between the outermost pixels' centres.
+    fn holds(&self, [x, y]: [f64; 2]) -> bool {
+        x >= 0.0 && y >= 0.0 && x <= self.width as f64 - 1.0 && y <= self.height as f64 - 1.0
+    }
+
+    /// By cubic convolution (Keys 1981, a = -½), which follows a parabola exactly; NaN outside.
+    fn cubic(&self, place: [f64; 2], channel: usize) -> f32 {
+        if !self.holds(place) {
+            return f32::NAN;
+        }
+        let [(x, wx), (y, wy)] = place.map(|p| (p.floor() as isize, cubic_weights(p - p.floor())));
+        let line = |row: usize| -> f64 {
+            (0..4).map(|column| wx[column] * self.at(x + column as isize - 1, y + row as isize - 1, channel)).sum()
+        };
+        (0..4).map(|row| wy[row] * line(row)).sum::<f64>() as f32
+    }
+
+    /// By the four pixels around; NaN outside, and where one of them is.
+    fn linear(&self, place: [f64; 2], channel: usize) -> f32 {
+        if !self.holds(place) {
+            return f32::NAN;
+        }
+        let [(x, fx), (y, fy)] = place.map(|p| (p.floor() as isize, p - p.floor()));
+        let line = |y| {
+            let left = self.at(x, y, channel);
+            // A neighbour that has no part in it may be NaN.
+            if fx > 0.0 { left + fx * (self.at(x + 1, y, channel) - left) } else { left }
+        };
+        let above = line(y);
+        (if fy > 0.0 { above + fy * (line(y + 1) - above) } else { above }) as f32
+    }
+}
+
+fn cubic_weights(f: f64) -> [f64; 4] {
+    let near = |d: f64| (1.5 * d - 2.5) * d * d + 1.0;
+    let far = |d: f64| ((-0.5 * d + 2.5) * d - 4.0) * d + 2.0;
+    [far(1.0 + f), near(f), near(1.0 - f), far(2.0 - f)]
+}
+
+/// How values between pixels are found.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Interpolation {
+    /// Photographs.
+    Cubic,
+    /// Fields with NaN in them.
+    Linear,
+}
+
+/// What a grid holds where T takes the pixels of an image of `size`; NaN where that is outside.
+pub(crate) fn onto(grid: &Grid<'_>, t: &Similarity, [width, height]: [usize; 2], by: Interpolation) -> Vec<f32> {
+    let mut values = vec![0.0; width * height * grid.channels];
+    let middle = centre(width as u32, height as u32);
+    in_rows(&mut values, width * grid.channels, |y, row| {
+        for (x, pixel) in row.chunks_exact_mut(grid.channels).enumerate() {
+            let place = t.apply([x as f64, y as f64], middle);
+            for (channel, value) in pixel.iter_mut().enumerate() {
+                *value = match by {
+                    Interpolation::Cubic => grid.cubic(place, channel),
+                    Interpolation::Linear => grid.linear(place, channel),
+                };
+            }
+        }
+    });
+    values
+}
+
+/// A photograph on the pixels of I1: what it holds where T takes them, of its own format; black where that is outside.
+/// Gain and offset are those of intensities decoded so.
+pub fn registered(frame: &Frame, transform: &Similarity, photometric: &Photometric, decode: Decode) -> Frame {
+    let (width, height, channels) = (frame.width() as usize, frame.height() as usize, frame.format().channels);
+    let values = frame.intensities(decode);
+    let grid = Grid { width, height, channels: channels.count() as usize, values: &values };
+    let mut moved = onto(&grid, transform, [width, height], Interpolation::Cubic);
+    for value in &mut moved {
+        let exposed = (photometric.gain * f64::from(*value) + photometric.offset) as f32;
+        *value = match decode {
+            _ if value.is_nan() => 0.0,
+            Decode::None => exposed,
+            Decode::Srgb => stored(exposed, decode),
+        };
+    }
+    frame.with_intensities(&moved)
+}
+
+/// Fills rows of so many values, by all processors.
+pub(crate) fn in_rows<T: Send>(values: &mut [T], row: usize, fill: impl Fn(usize, &mut [T]) + Sync) {
+    let rows = values.len() / row.max(1);
+    let share = rows.div_ceil(std::thread::available_parallelism().map_or(1, usize::from)).max(1);
+    std::thread::scope(|scope| {
+        for (part, values) in values.chunks_mut(share * row).enumerate() {
+            let fill = &fill;
+            scope.spawn(move || {
+                for (n, values) in values.chunks_exact_mut(row).enumerate() {
+                    fill(part * share + n, values);
+                }
+            });
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_parabola_is_followed_and_a_plane_under_any_similarity() {
+        let (width, height) = (31, 23);
+        let of = |x: f64, y: f64| 0.2 + 0.01 * x - 0.02 * y + 1e-3 * x * x;
+        let values: Vec<f32> = (0..width * height).map(|i| of((i % width) as f64, (i / width) as f64) as f32).collect();
+        let grid = Grid { width, height, channels: 1, values: &values };
+        let t = Similarity::new(1.3, -0.6, 2.0, 0.9);
+        let found = onto(&grid, &t, [width, height], Interpolation::Cubic);
+        for (x, y) in [(8usize, 7usize), (15, 11), (20, 15)] {
+            let [px, py] = t.apply([x as f64, y as f64], centre(31, 23));
+            assert!((f64::from(found[y * width + x]) - of(px, py)).abs() < 1e-6);
+        }
+        let away = onto(&grid, &Similarity::new(100.0, 0.0, 0.0, 1.0), [width, height], Interpolation::Cubic);
+        assert!(away.iter().all(|v| v.is_nan()));
+    }
+
+    #[test]
+    fn exposure_is_taken_over_in_intensities() {
+        let exposed = |byte: u8, gain: f64, offset: f64, decode: Decode| {
+            let frame = Frame::new(2, 2, crate::base::Channels::Gray, crate::base::Samples::U8(vec![byte; 4])).unwrap();
+            registered(&frame, &Similarity::IDENTITY, &Photometric { gain, offset }, decode).bytes()[0]
+        };
+        assert_eq!(exposed(50, 2.0, 0.1, Decode::None), 126);
+        assert_eq!(exposed(200, 2.0, 0.0, Decode::None), 255);
+        // 188 is half the intensity of white.
+        assert!(exposed(188, 0.5, 0.0, Decode::Srgb).abs_diff(137) <= 1);
+        assert_eq!(exposed(77, 1.0, 0.0, Decode::Srgb), 77);
+    }
+
+    #[test]
+    fn holes_stay_holes_and_spread_no_further_than_a_pixel() {
+        let mut values = vec![1.0; 35];
+        values[17] = f32::NAN;
+        let grid = Grid { width: 7, height: 5, channels: 1, values: &values };
+        let same = onto(&grid, &Similarity::IDENTITY, [7, 5], Interpolation::Linear);
+        assert!(same.iter().enumerate().all(|(i, v)| v.is_nan() == (i == 17)), "{same:?}");
+        let moved = onto(&grid, &Similarity::new(0.5, 0.0, 0.0, 1.0), [7, 5], Interpolation::Linear);
+        let holes: Vec<usize> = (0..35).filter(|&i| moved[i].is_nan() && i % 7 < 6).collect();
+        assert_eq!(holes, [16, 17]);
+    }
+}

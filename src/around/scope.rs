@@ -1,0 +1,132 @@
+//! What of a pair is solved, and what is done to it before and after.
+
+use crate::around::{FieldCurvature, GainField};
+use crate::base::{Error, Format, Frame, Mask, Region, Settings, centre};
+use crate::engine::same_size;
+use crate::engine::{Engine, Progress, Solution, Solver};
+
+/// A part of the frame, a mask, and what is known of lens and light; nothing of it by default.
+#[derive(Clone, Debug, Default)]
+pub struct Scope {
+    /// The part of I1 that results are wanted of, px.
+    pub region: Option<Region>,
+    /// Which pixels of I1 count.
+    pub mask: Option<Mask>,
+    /// Whether a smooth gain field between the photographs is found first and taken out.
+    pub vignetting: bool,
+    /// Of the same size as the photographs: what a flat target showed, to be taken from V.
+    pub flat: Option<FieldCurvature>,
+    /// Whether results are cropped to the largest rectangle in which V is valid everywhere.
+    pub crop_valid: bool,
+}
+
+/// What a [`Scope`] gives.
+#[derive(Clone, Debug)]
+pub struct Scoped {
+    /// Its `origin`, `width` and `height` say which part of I1 it is of.
+    pub solution: Solution,
+    /// What I2 was multiplied by, if that was asked for.
+    pub gain_field: Option<GainField>,
+}
+
+/// A solver that is kept for pairs like the last one.
+pub struct Kept {
+    size: [u32; 2],
+    formats: [Format; 2],
+    settings: Settings,
+    solver: Solver,
+}
+
+impl Scope {
+    /// Checks it against photographs of this size.
+    ///
+    /// # Errors
+    /// [`Error::Region`]: the region is not within them. [`Error::Mismatch`]: mask or flat reference are of another size.
+    pub fn check(&self, size: [u32; 2]) -> Result<(), Error> {
+        let [width, height] = size;
+        let of_size = |what: &str, found: Option<[u32; 2]>| match found {
+            Some([w, h]) if [w, h] != size => {
+                Err(Error::Mismatch(format!("the {what} is {w}x{h} and the photographs are {width}x{height}")))
+            }
+            _ => Ok(()),
+        };
+        of_size("mask", self.mask.as_ref().map(Mask::size))?;
+        of_size("flat reference", self.flat.as_ref().map(FieldCurvature::size))?;
+        self.region.map_or(Ok(()), |region| region.check((width, height)))
+    }
+
+    /// Solves a pair, with the solver kept if it fits.
+    ///
+    /// # Errors
+    /// As [`Scope::check`], [`Solver::for_pair`], [`Solver::solve`] and [`GainField::between`].
+    pub fn solve(
+        &self,
+        engine: &Engine,
+        kept: &mut Option<Kept>,
+        [i1, i2]: [&Frame; 2],
+        settings: &Settings,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<Scoped, Error> {
+        same_size([i1, i2])?;
+        let size = [i1.width(), i1.height()];
+        self.check(size)?;
+        let gain_field =
+            self.vignetting.then(|| GainField::between(engine, [i1, i2], settings, self.mask.as_ref())).transpose()?;
+        let evened = gain_field.as_ref().map(|field| field.even_out(i2, settings));
+        let i2 = evened.as_ref().unwrap_or(i2);
+        let mut solution = match self.region {
+            None => solve(engine, kept, [i1, i2], settings, self.mask.clone(), progress)?,
+            Some(region) => {
+                let part = region.grown(margin(size, settings), size);
+                let [a, b] = [i1.cropped(part).map_err(Error::Region)?, i2.cropped(part).map_err(Error::Region)?];
+                let start = settings.start.about(centre(size[0], size[1]), part.centre());
+                let settings = Settings { start, ..settings.clone() };
+                let mask = self.mask.as_ref().map(|mask| mask.cropped(part));
+                let mut solution = solve(engine, kept, [&a, &b], &settings, mask, progress)?;
+                solution.place_in(part, size);
+                solution.crop(Region { x: region.x - part.x, y: region.y - part.y, ..region })?;
+                solution
+            }
+        };
+        if let Some(field) = &gain_field {
+            solution.warnings.extend(field.warnings().iter().map(|warning| format!("gain field: {warning}")));
+        }
+        if self.crop_valid {
+            match solution.largest_valid() {
+                Some(valid) => solution.crop(valid)?,
+                None => solution.warnings.push("no pixel is valid: nothing was cropped".to_string()),
+            }
+        }
+        // Before V is changed: its limit is that of the blur in the photographs.
+        solution.count(settings.max_relative_blur);
+        if let Some(flat) = &self.flat {
+            flat.flatten(&mut solution, settings.max_relative_blur);
+        }
+        Ok(Scoped { solution, gain_field })
+    }
+}
+
+/// What is solved around a region, so that V is valid up to its borders: the widest blur window, and two hundredths of
+/// the frame for the displacement.
+fn margin([width, height]: [u32; 2], settings: &Settings) -> u32 {
+    (3.0 * settings.max_relative_blur.sqrt() + 0.02 * f64::from(width.max(height))).ceil() as u32
+}
+
+fn solve(
+    engine: &Engine,
+    kept: &mut Option<Kept>,
+    [i1, i2]: [&Frame; 2],
+    settings: &Settings,
+    mask: Option<Mask>,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Solution, Error> {
+    let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
+    let fits = |kept: &Kept| kept.size == size && kept.formats == formats && kept.settings == *settings;
+    let solver = match kept.take().filter(fits) {
+        Some(kept) => kept.solver,
+        None => Solver::for_pair(engine, i1, i2, settings)?,
+    };
+    let Kept { solver, .. } = kept.insert(Kept { size, formats, settings: settings.clone(), solver });
+    solver.set_mask(mask)?;
+    solver.solve_with(i1, i2, progress)
+}

@@ -1,0 +1,337 @@
+//! The thin lens, and the lens that is telecentric on the image side: from depth to blur, and back.
+
+use serde::{Deserialize, Serialize};
+
+use crate::base::Error;
+
+/// A lens in front of a sensor, focused at one distance for each of the two images.
+///
+/// The blur of image i has the radius `a_i |x_i - x(z)|`, where x is the coordinate of depth in which blur is linear and
+/// x_i its value at the focus distance u_i:
+///
+/// | | x(z) | a_i | I2 over I1, s |
+/// | --- | --- | --- | --- |
+/// | thin lens | 1/z | f v_i / 2N | v2 / v1 |
+/// | telecentric on the image side (Watanabe and Nayar 1997) | v_z = f z / (z - f) | 1 / 2N | 1 |
+///
+/// with `v_i = f u_i / (u_i - f)`; section 7 of docs/method.md, "Metric depth". Both x fall with depth, and relative blur is
+/// a polynomial of second degree in them, linear where s is that of the table. Distances are from the lens, along its axis.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lens {
+    /// Focal length f, mm.
+    #[serde(rename = "focal_length_mm")]
+    pub focal_length: f64,
+    /// f-number N; the aperture is f/N wide.
+    pub f_number: f64,
+    /// Distance between the centres of neighbouring pixels, mm.
+    #[serde(rename = "pixel_pitch_mm")]
+    pub pixel_pitch: f64,
+    /// The distances at which I1 and I2 are focused, mm.
+    #[serde(rename = "focus_mm")]
+    pub focus: [f64; 2],
+    /// Deviation of the blur, per axis, over its radius: ½ for a disk, by its second moment.
+    #[serde(default = "disk")]
+    pub kappa: f64,
+    /// Whether the lens is telecentric on the image side: magnification does not change with focus.
+    #[serde(default)]
+    pub telecentric: bool,
+}
+
+fn disk() -> f64 {
+    Lens::DISK
+}
+
+impl Lens {
+    /// κ of a disk.
+    pub const DISK: f64 = 0.5;
+
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// [`Error::Setting`]: a length that is not positive and finite, or a focus that this lens cannot have.
+    pub fn check(&self) -> Result<(), Error> {
+        let positive = |name, value: f64| {
+            if value > 0.0 && value < 1e9 {
+                Ok(())
+            } else {
+                Err(Error::Setting { name, value, range: "positive, and less than 1e9".to_string() })
+            }
+        };
+        positive("focal length", self.focal_length)?;
+        positive("f-number", self.f_number)?;
+        positive("pixel pitch", self.pixel_pitch)?;
+        positive("kappa", self.kappa)?;
+        for (name, value) in [("focus distance of I1", self.focus[0]), ("focus distance of I2", self.focus[1])] {
+            positive(name, value)?;
+            if value <= self.focal_length {
+                let range = format!("more than the focal length, {} mm", self.focal_length);
+                return Err(Error::Setting { name, value, range });
+            }
+        }
+        if self.focus[0] == self.focus[1] {
+            let range = format!("another than that of I1, {} mm", self.focus[0]);
+            return Err(Error::Setting { name: "focus distance of I2", value: self.focus[1], range });
+        }
+        Ok(())
+    }
+
+    /// Distance v_i from the lens to the sensor, mm, for image 0 (I1) or 1 (I2): `f u_i / (u_i - f)`.
+    pub fn sensor_distance(&self, image: usize) -> f64 {
+        let (f, u) = (self.focal_length, self.focus[image]);
+        f * u / (u - f)
+    }
+
+    /// How much larger I2 is than I1 because the sensor distance changed: `s = v2 / v1`; 1 if telecentric.
+    pub fn breathing(&self) -> f64 {
+        if self.telecentric { 1.0 } else { self.sensor_distance(1) / self.sensor_distance(0) }
+    }
+
+    /// Variance of the blur of a point at depth `z` mm, per axis, in the px² of its own image: `κ² (r_i / pitch)²` with
+    /// `r_i = a_i |x_i - x(z)|`.
+    pub fn variance(&self, image: usize, z: f64) -> f64 {
+        self.strength(image) * (self.coordinate(self.focus[image]) - self.coordinate(z)).powi(2)
+    }
+
+    /// Relative blur `V = V2/s² - V1` of a point at depth `z` mm, px² of I1; `scale` is s of the registration.
+    pub fn relative_blur(&self, z: f64, scale: f64) -> f64 {
+        self.variance(1, z) / (scale * scale) - self.variance(0, z)
+    }
+
+    /// The depth in mm at which the relative blur is `v` px²; `None` outside. See [`inverse`](Self::inverse).
+    pub fn depth(&self, v: f64, scale: f64) -> Option<f64> {
+        self.inverse(scale).depth(v)
+    }
+
+    /// The depths in mm, nearest and farthest, between which the relative blur is monotonic; the farthest may be
+    /// infinite. Where `scale` is not [`breathing`](Self::breathing), V turns back at some depth, and the range ends there.
+    pub fn depth_range(&self, scale: f64) -> [f64; 2] {
+        self.inverse(scale).range
+    }
+
+    /// The inverse of [`relative_blur`](Self::relative_blur), made ready for many pixels.
+    pub fn inverse(&self, scale: f64) -> Inverse {
+        let polynomial @ [_, c1, c2] = self.polynomial(scale);
+        let (vertex, middle) = (-c1 / (2.0 * c2), self.middle());
+        // From infinity to the focal length, where nothing is imaged.
+        let (mut low, mut high) =
+            if self.telecentric { (self.focal_length, f64::INFINITY) } else { (0.0, 1.0 / self.focal_length) };
+        if vertex > middle {
+            high = vertex.min(high);
+        } else if vertex > low {
+            low = vertex;
+        }
+        let range = [high, low].map(|x| self.depth_at(x));
+        Inverse { lens: *self, polynomial, rising: c1 + 2.0 * c2 * middle > 0.0, range }
+    }
+
+    /// V as a polynomial in the coordinate x of depth: `[c0, c1, c2]`.
+    pub(crate) fn polynomial(&self, scale: f64) -> [f64; 3] {
+        let [x1, x2] = self.focus.map(|u| self.coordinate(u));
+        let (k1, k2) = (self.strength(0), self.strength(1) / (scale * scale));
+        [k2 * x2 * x2 - k1 * x1 * x1, -2.0 * (k2 * x2 - k1 * x1), k2 - k1]
+    }
+
+    /// x(z): per mm for a thin lens, mm if telecentric.
+    pub(crate) fn coordinate(&self, z: f64) -> f64 {
+        if self.telecentric { self.focal_length * z / (z - self.focal_length) } else { 1.0 / z }
+    }
+
+    /// The depth at a coordinate, mm: the inverse of x(z).
+    fn depth_at(&self, x: f64) -> f64 {
+        if self.telecentric { self.focal_length / (1.0 - self.focal_length / x) } else { 1.0 / x }
+    }
+
+    /// `(κ a_i / pitch)²`: blur in px² for a coordinate that differs by 1 from that in focus.
+    fn strength(&self, image: usize) -> f64 {
+        let aperture = 1.0 / (2.0 * self.f_number);
+        let a = if self.telecentric { aperture } else { aperture * self.focal_length * self.sensor_distance(image) };
+        (self.kappa * a / self.pixel_pitch).powi(2)
+    }
+
+    /// The coordinate half way between those in focus, which lies in the range of every lens that can be registered.
+    fn middle(&self) -> f64 {
+        (self.coordinate(self.focus[0]) + self.coordinate(self.focus[1])) / 2.0
+    }
+}
+
+/// From relative blur to depth, for one lens and one scale s of the registration; [`Lens::inverse`] makes it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inverse {
+    lens: Lens,
+    polynomial: [f64; 3],
+    /// Whether V rises with the coordinate, which is to say towards the lens.
+    rising: bool,
+    /// Nearest and farthest depth, mm.
+    range: [f64; 2],
+}
+
+impl Inverse {
+    /// The depth in mm at which the relative blur is `v` px²; `None` outside [`Lens::depth_range`].
+    pub fn depth(&self, v: f64) -> Option<f64> {
+        let [c0, c1, c2] = self.polynomial;
+        let discriminant = c1 * c1 - 4.0 * c2 * (c0 - v);
+        if discriminant.is_nan() || discriminant < 0.0 {
+            return None;
+        }
+        // On one side of the vertex the slope c1 + 2 c2 x has one sign, which chooses the root. Of its two forms, the one
+        // that subtracts no nearly equal numbers: c2 vanishes where s is that of the lens.
+        let slope = if self.rising { discriminant.sqrt() } else { -discriminant.sqrt() };
+        let x = if slope * c1 >= 0.0 { 2.0 * (v - c0) / (c1 + slope) } else { (slope - c1) / (2.0 * c2) };
+        let (z, [near, far]) = (self.lens.depth_at(x), self.range);
+        (z.is_finite() && (near..=far).contains(&z)).then_some(z)
+    }
+
+    /// Standard deviation in mm of the depth where V is `v` px² with the standard deviation `sigma` px²: half the distance
+    /// between the depths at v - sigma and v + sigma, which is `|dz/dV| sigma` where sigma is small. Past an end of the
+    /// range the depth is that of the end; where that is infinite, so is the deviation. `None` where `v` has no depth.
+    pub fn deviation(&self, v: f64, sigma: f64) -> Option<f64> {
+        self.depth(v)?;
+        let [nearer, farther] = if self.rising { [v + sigma, v - sigma] } else { [v - sigma, v + sigma] };
+        let [near, far] = self.range;
+        let spread = self.depth(farther).unwrap_or(far) - self.depth(nearer).unwrap_or(near);
+        Some(if sigma.is_nan() { f64::NAN } else { spread / 2.0 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lens() -> Lens {
+        Lens { focal_length: 50.0, f_number: 2.8, pixel_pitch: 0.015, focus: [226.5, 233.5], ..telecentric(false) }
+    }
+
+    /// That of the Cup pair, up to the last field.
+    fn telecentric(telecentric: bool) -> Lens {
+        let (pixel_pitch, focus) = (0.01304, [529.0, 869.0]);
+        Lens { focal_length: 25.0, f_number: 8.3, pixel_pitch, focus, kappa: Lens::DISK, telecentric }
+    }
+
+    #[test]
+    fn a_point_in_focus_is_sharp_and_blur_is_the_aperture_seen_from_the_point() {
+        let lens = lens();
+        assert_eq!(lens.variance(0, 226.5), 0.0);
+        assert_eq!(lens.variance(1, 233.5), 0.0);
+        // By similar triangles: the cone from the aperture to the image at v_z is cut by the sensor at v.
+        let (v, z) = (lens.sensor_distance(0), 240.0);
+        let v_z = 50.0 * z / (z - 50.0);
+        let radius = 50.0 / 2.8 / 2.0 * (v - v_z).abs() / v_z;
+        let expected = (0.5 * radius / 0.015).powi(2);
+        assert!((lens.variance(0, z) / expected - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn with_the_lens_own_breathing_relative_blur_is_linear_in_inverse_depth() {
+        let (lens, s) = (lens(), lens().breathing());
+        assert!((s - lens.sensor_distance(1) / lens.sensor_distance(0)).abs() < 1e-15 && s < 1.0);
+        let at = |q: f64| lens.relative_blur(1.0 / q, s);
+        let (a, b) = (1.0 / 226.5, 1.0 / 233.5);
+        assert!((at((a + b) / 2.0) - (at(a) + at(b)) / 2.0).abs() < 1e-9);
+        assert!(at((a + b) / 2.0).abs() < 1e-9, "halfway between the focus distances both are equally blurred");
+        let [near, far] = lens.depth_range(s);
+        assert!((near - 50.0).abs() < 1e-9 && far > 1e6);
+    }
+
+    #[test]
+    fn a_telecentric_lens_blurs_by_the_distance_of_the_image_from_the_sensor() {
+        let lens = telecentric(true);
+        let (v1, v_z) = (25.0 * 529.0 / (529.0 - 25.0), 25.0 * 700.0 / (700.0 - 25.0));
+        let radius = (v1 - v_z) / (2.0 * 8.3) / 0.01304;
+        assert!((lens.variance(0, 700.0) / (0.25 * radius * radius) - 1.0).abs() < 1e-12);
+        assert_eq!((lens.variance(0, 529.0), lens.variance(1, 869.0), lens.breathing()), (0.0, 0.0, 1.0));
+        // The readme of the pair states the radius where the other image is focused: 2.307 px.
+        for (z, sign) in [(529.0, 1.0), (869.0, -1.0)] {
+            let v = lens.relative_blur(z, 1.0);
+            assert!((v - sign * (2.307f64 / 2.0).powi(2)).abs() < 2e-3, "{v} px²");
+        }
+        // V is linear in v_z, and 0 half way.
+        let middle = (v1 + lens.sensor_distance(1)) / 2.0;
+        assert!(lens.relative_blur(25.0 * middle / (middle - 25.0), 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn depth_inverts_relative_blur_where_it_is_monotonic() {
+        for telecentric in [false, true] {
+            for focus in [[226.5, 233.5], [233.5, 226.5], [400.0, 2000.0]] {
+                let lens = Lens { focus, telecentric, ..lens() };
+                for scale in [lens.breathing(), 1.0, 0.99, 1.013] {
+                    let [near, far] = lens.depth_range(scale);
+                    assert!(focus.iter().any(|u| (near..=far).contains(u)), "{near} {far}");
+                    for i in 1..40 {
+                        // Even in 1/z, and not beyond what any photograph shows.
+                        let (near, share) = (near.max(51.0), f64::from(i) / 40.0);
+                        let z = 1.0 / ((1.0 - share) / near + share / far);
+                        let found = lens.depth(lens.relative_blur(z, scale), scale).unwrap();
+                        assert!((found / z - 1.0).abs() < 1e-7, "{found} mm, not {z}, scale {scale}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_range_ends_where_v_turns_back() {
+        // k (v2 - x)²/s² - k (v1 - x)² is level at x = (v2 - s² v1) / (1 - s²).
+        let lens = telecentric(true);
+        let [v1, v2] = [0, 1].map(|i| lens.sensor_distance(i));
+        let (s, at) = (1.05f64, |z: f64| lens.relative_blur(z, 1.05));
+        let x = (v2 - s * s * v1) / (1.0 - s * s);
+        let [near, far] = lens.depth_range(s);
+        assert!((near / (25.0 * x / (x - 25.0)) - 1.0).abs() < 1e-9 && near > 100.0 && far.is_infinite(), "{near}");
+        assert!(at(near) > at(1.01 * near) && at(near) > at(0.99 * near));
+        assert_eq!(lens.depth(at(near) + 1e-6, s), None);
+    }
+
+    #[test]
+    fn deviation_is_the_slope_times_that_of_v_and_grows_towards_the_end_of_the_range() {
+        // Of V = a + b x: dz/dV is -z²/b for the thin lens, and -(z - f)²/(f² b) for the telecentric.
+        for lens in [lens(), telecentric(true)] {
+            let (s, f) = (lens.breathing(), lens.focal_length);
+            let inverse = lens.inverse(s);
+            for z in [lens.focus[0], lens.focus[1], 1.02 * lens.focus[1]] {
+                let slope = lens.polynomial(s)[1];
+                let expected = if lens.telecentric { (z - f).powi(2) / (f * f) } else { z * z } / slope.abs();
+                let found = inverse.deviation(lens.relative_blur(z, s), 1e-4).unwrap() / 1e-4;
+                assert!((found / expected - 1.0).abs() < 1e-4, "{found} mm/px², not {expected}");
+            }
+            assert!(inverse.deviation(0.0, f64::NAN).unwrap().is_nan());
+            assert_eq!(inverse.deviation(0.0, 1e6), Some(f64::INFINITY), "infinity lies within one deviation");
+            assert_eq!(inverse.deviation(-1e9, 0.1), None, "beyond infinity");
+        }
+    }
+
+    #[test]
+    fn a_file_may_leave_out_kappa_and_telecentric_and_nothing_else() {
+        let text = r#"{"focal_length_mm": 25, "f_number": 8.3, "pixel_pitch_mm": 0.01304, "focus_mm": [529, 869]}"#;
+        assert_eq!(serde_json::from_str::<Lens>(text).unwrap(), telecentric(false));
+        let more = text.replace('}', r#", "telecentric": true}"#);
+        assert_eq!(serde_json::from_str::<Lens>(&more).unwrap(), telecentric(true));
+        let unknown = serde_json::from_str::<Lens>(&text.replace('}', r#", "fnumber": 8}"#)).unwrap_err().to_string();
+        assert!(unknown.contains("fnumber") && unknown.contains("f_number") && unknown.contains("kappa"), "{unknown}");
+        assert!(serde_json::from_str::<Lens>(r#"{"f_number": 8}"#).is_err());
+        assert_eq!(serde_json::from_str::<Lens>(&serde_json::to_string(&lens()).unwrap()).unwrap(), lens());
+    }
+
+    #[test]
+    fn outside_the_range_there_is_no_depth() {
+        let lens = lens();
+        assert_eq!(lens.depth(1e9, lens.breathing()), None);
+        assert_eq!(lens.depth(-1e9, lens.breathing()), None);
+        assert_eq!(lens.depth(f64::NAN, 1.0), None);
+    }
+
+    #[test]
+    fn a_lens_that_cannot_be_is_refused() {
+        for bad in [
+            Lens { focal_length: 0.0, ..lens() },
+            Lens { f_number: f64::NAN, ..lens() },
+            Lens { pixel_pitch: -1.0, ..lens() },
+            Lens { focus: [50.0, 200.0], ..lens() },
+            Lens { focus: [200.0, 200.0], ..lens() },
+        ] {
+            assert!(bad.check().is_err(), "{bad:?}");
+        }
+        assert!(lens().check().is_ok());
+    }
+}

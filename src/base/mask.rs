@@ -1,0 +1,61 @@
+//! Which pixels of I1 a solve is about.
+
+use crate::base::color::LUMINANCE;
+use crate::base::frame::is_clipped;
+use crate::base::{Decode, Frame, Region};
+
+/// A mask on the pixels of I1: those left out have no data term and no part in the registration, and their results are
+/// NaN.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Mask {
+    width: u32,
+    height: u32,
+    /// A byte a pixel, 0 where it is left out.
+    counts: Vec<u8>,
+}
+
+impl Mask {
+    /// The pixels of a picture that are at least half as bright as white.
+    pub fn of_picture(picture: &Frame) -> Self {
+        let channels = picture.format().channels.count() as usize;
+        let bright = |pixel: &[f32]| match *pixel {
+            [r, g, b] => LUMINANCE[0] * r + LUMINANCE[1] * g + LUMINANCE[2] * b >= 0.5,
+            _ => pixel[0] >= 0.5,
+        };
+        let intensities = picture.intensities(Decode::None);
+        let counts = intensities.chunks_exact(channels).map(|pixel| u8::from(bright(pixel))).collect();
+        Self { width: picture.width(), height: picture.height(), counts }
+    }
+
+    /// A grey frame, 1 where a pixel of a frame counts and 0 where it is clipped or a mask of its size leaves it out.
+    pub(crate) fn counting(frame: &Frame, levels: [f32; 2], mask: Option<&Mask>) -> Frame {
+        let channels = frame.format().channels.count() as usize;
+        let stored = frame.intensities(Decode::None);
+        let left_out = |i: usize| mask.is_some_and(|mask| mask.counts.get(i) == Some(&0));
+        let count = |(i, pixel): (usize, &[f32])| if is_clipped(pixel, levels) || left_out(i) { 0.0 } else { 1.0 };
+        let values = stored.chunks_exact(channels).enumerate().map(count).collect();
+        frame.gray_like(values)
+    }
+
+    /// A part of it, which must be within it.
+    pub(crate) fn cropped(&self, region: Region) -> Self {
+        Self { width: region.width, height: region.height, counts: region.of(&self.counts, self.width as usize, 1) }
+    }
+
+    /// Width and height.
+    pub fn size(&self) -> [u32; 2] {
+        [self.width, self.height]
+    }
+
+    /// Whether the pixel nearest to a place counts.
+    pub(crate) fn counts(&self, x: f64, y: f64) -> bool {
+        let [column, row] = [(x, self.width), (y, self.height)]
+            .map(|(at, side)| (at.round().clamp(0.0, f64::from(side) - 1.0)) as usize);
+        self.counts.get(row * self.width as usize + column) == Some(&1)
+    }
+
+    /// A byte a pixel, 0 where it is left out.
+    pub fn bytes(&self) -> &[u8] {
+        &self.counts
+    }
+}

@@ -1,0 +1,29 @@
+//! The nouns: plain numbers and their names, which every other room uses. Nothing here knows a device, a file or a pass.
+
+pub(crate) mod aperture;
+pub(crate) mod color;
+mod device_info;
+mod error;
+mod frame;
+mod kernel;
+mod lens;
+mod mask;
+#[cfg(any(test, feature = "lab"))]
+pub(crate) mod random;
+mod region;
+mod settings;
+mod similarity;
+pub(crate) mod statistics;
+
+pub use aperture::Aperture;
+pub use color::Decode;
+pub use device_info::DeviceInfo;
+pub use error::Error;
+pub use frame::{Channels, Depth, Format, Frame, Samples};
+pub use kernel::Kernel;
+pub use lens::{Inverse, Lens};
+pub use mask::Mask;
+pub use region::Region;
+pub use settings::{Method, Photometric, RegistrationStep, Settings};
+pub use similarity::{Similarity, centre};
+pub use statistics::Estimate;

@@ -1,0 +1,180 @@
+//! Two photographs to relative blur and registration, on a Vulkan device: the engine that other programs embed.
+
+pub(crate) mod filter;
+pub(crate) mod plan;
+pub(crate) mod profile;
+mod record;
+pub mod reference;
+mod registered;
+mod shaders;
+pub(crate) mod solution;
+mod solver;
+pub mod stages;
+#[cfg(test)]
+pub(crate) mod testing;
+#[allow(unsafe_code, reason = "the one room that talks to Vulkan")]
+pub(crate) mod vulkan;
+mod workspace;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+pub use registered::Registered;
+pub use solution::{Level, Solution, Timings};
+pub(crate) use solver::same_size;
+pub use solver::{Progress, Solver};
+
+use crate::base::{Decode, DeviceInfo, Error, Frame, Mask, Similarity};
+use crate::engine::stages::Pipelines;
+use crate::engine::vulkan::{Device, Instance};
+
+/// How an [`Engine`] is made.
+#[derive(Clone, Debug)]
+pub struct EngineOptions {
+    /// Index, part of the name (case ignored), or UUID of the device; `None` takes the most capable.
+    pub device: Option<String>,
+    /// Turns core and synchronization validation on; needs the Khronos validation layer.
+    pub validation: bool,
+    /// The longest wait for one solve.
+    pub timeout: Duration,
+    /// How [`Method::Sift`](crate::base::Method::Sift) finds where T starts; `baseline::key_points` does. `None`: that method is refused.
+    pub key_points: Option<KeyPoints>,
+}
+
+/// T by key-points of I1, but for those that a mask leaves out, and of I2.
+pub type KeyPoints = fn([&Frame; 2], Decode, Option<&Mask>) -> Result<Similarity, Error>;
+
+impl Default for EngineOptions {
+    fn default() -> Self {
+        Self { device: None, validation: false, timeout: Duration::from_secs(600), key_points: None }
+    }
+}
+
+/// A Vulkan device with its queue, memory and compiled passes.
+pub struct Engine {
+    device: Arc<Device>,
+    pipelines: Arc<Pipelines>,
+    key_points: Option<KeyPoints>,
+}
+
+impl Engine {
+    /// Opens a device.
+    ///
+    /// # Errors
+    /// [`Error::NoLoader`], [`Error::NoDevice`], [`Error::NoSuchDevice`], [`Error::Vulkan`].
+    pub fn new(options: &EngineOptions) -> Result<Self, Error> {
+        let device = open(options)?;
+        let pipelines = Arc::new(Pipelines::new(&device)?);
+        pipelines.weighing(false)?;
+        device.save_pipeline_cache();
+        Ok(Self { device, pipelines, key_points: options.key_points })
+    }
+
+    /// Lists the devices, usable or not.
+    ///
+    /// # Errors
+    /// [`Error::NoLoader`], [`Error::Vulkan`].
+    pub fn devices() -> Result<Vec<DeviceInfo>, Error> {
+        Ok(Instance::new(false)?.physical_devices()?.into_iter().map(|d| d.info).collect())
+    }
+
+    /// The device in use.
+    pub fn info(&self) -> &DeviceInfo {
+        self.device.info()
+    }
+
+    /// What validation has said so far; empty without [`EngineOptions::validation`].
+    pub fn validation_messages(&self) -> Vec<String> {
+        self.device.instance.messages()
+    }
+
+    pub(crate) fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    pub(crate) fn pipelines(&self) -> &Arc<Pipelines> {
+        &self.pipelines
+    }
+}
+
+/// Opens the device that the options ask for.
+pub(crate) fn open(options: &EngineOptions) -> Result<Arc<Device>, Error> {
+    let instance = Instance::new(options.validation)?;
+    let mut devices = instance.physical_devices()?;
+    let infos: Vec<DeviceInfo> = devices.iter().map(|d| d.info.clone()).collect();
+    let chosen = choose(&infos, options.device.as_deref())?;
+    Device::new(instance, devices.swap_remove(chosen), options.timeout)
+}
+
+/// The position of the device that is asked for, or of the most capable.
+fn choose(devices: &[DeviceInfo], wanted: Option<&str>) -> Result<usize, Error> {
+    let Some(wanted) = wanted else {
+        let rank = |kind: &str| {
+            ["CPU", "other", "virtual GPU", "integrated GPU", "discrete GPU"].iter().position(|k| *k == kind)
+        };
+        let usable = (0..devices.len()).rev().filter(|&i| devices[i].unusable.is_none());
+        return usable.max_by_key(|&i| rank(devices[i].kind)).ok_or_else(|| Error::NoDevice(reasons(devices)));
+    };
+    let matches = |d: &DeviceInfo| {
+        d.index.to_string() == wanted
+            || d.uuid.eq_ignore_ascii_case(wanted)
+            || (wanted.parse::<usize>().is_err() && d.name.to_lowercase().contains(&wanted.to_lowercase()))
+    };
+    let found = devices.iter().position(matches).ok_or_else(|| Error::NoSuchDevice {
+        wanted: wanted.into(),
+        available: if devices.is_empty() {
+            "none".into()
+        } else {
+            devices.iter().map(|d| format!("{} {}", d.index, d.name)).collect::<Vec<_>>().join(", ")
+        },
+    })?;
+    match &devices[found].unusable {
+        None => Ok(found),
+        Some(_) => Err(Error::NoDevice(reasons(&devices[found..=found]))),
+    }
+}
+
+fn reasons(devices: &[DeviceInfo]) -> String {
+    let reasons: Vec<String> =
+        devices.iter().filter_map(|d| d.unusable.as_ref().map(|why| format!("{}: {why}", d.name))).collect();
+    if reasons.is_empty() { String::new() } else { format!(" ({})", reasons.join("; ")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn device(index: usize, name: &str, kind: &'static str) -> DeviceInfo {
+        DeviceInfo {
+            index,
+            name: name.into(),
+            driver: String::new(),
+            uuid: format!("0000000{index}-0000-0000-0000-000000000000"),
+            kind,
+            api_version: "1.3.0".into(),
+            subgroup_size: 8,
+            memory_bytes: 0,
+            max_image_size: 0,
+            max_storage_buffer: 0,
+            unusable: None,
+        }
+    }
+
+    #[test]
+    fn devices_are_chosen_by_index_name_uuid_or_rank() {
+        let mut devices = [
+            device(0, "llvmpipe", "CPU"),
+            device(1, "GeForce A", "discrete GPU"),
+            device(2, "GeForce B", "discrete GPU"),
+        ];
+        assert_eq!(choose(&devices, None).unwrap(), 1);
+        assert_eq!(choose(&devices, Some("2")).unwrap(), 2);
+        assert_eq!(choose(&devices, Some("LLVM")).unwrap(), 0);
+        assert_eq!(choose(&devices, Some("00000002-0000-0000-0000-000000000000")).unwrap(), 2);
+        assert!(matches!(choose(&devices, Some("7")), Err(Error::NoSuchDevice { .. })));
+        devices[1].unusable = Some("it lacks Vulkan 1.3".into());
+        assert_eq!(choose(&devices, None).unwrap(), 2);
+        assert!(matches!(choose(&devices, Some("1")), Err(Error::NoDevice(_))));
+        assert!(matches!(choose(&[], None), Err(Error::NoDevice(_))));
+    }
+}

@@ -1,0 +1,35 @@
+//! What a registration alone gives back.
+
+use crate::base::{Photometric, Similarity};
+use crate::engine::solution::{self, Level, Timings};
+use crate::engine::stages::state::State;
+
+/// The result of one [`Solver::register`](crate::Solver::register).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Registered {
+    /// Pixels a row of the images.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// T, for full-size pixels.
+    pub transform: Similarity,
+    /// Gain and offset of I2. Where the method does not solve for them, the match of mean and deviation at low pass.
+    pub photometric: Photometric,
+    /// Coarse to fine; no energies where the method has no iterations.
+    pub levels: Vec<Level>,
+    /// Whether the registration settled on an answer that the images support.
+    pub converged: bool,
+    /// Why not; a sentence each.
+    pub warnings: Vec<String>,
+    /// Where the time went.
+    pub timings: Timings,
+}
+
+impl Registered {
+    /// Fills in whether to believe it.
+    pub(crate) fn judge(&mut self, state: &State) {
+        self.warnings =
+            solution::numbers_doubt(state).or_else(|| solution::registration_doubt(state)).into_iter().collect();
+        self.converged = self.warnings.is_empty();
+    }
+}

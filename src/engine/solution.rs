@@ -1,0 +1,215 @@
+//! What a solve gives back.
+
+use crate::base::{Channels, Error, Mask, Photometric, Region, Settings, Similarity, centre};
+use crate::engine::Registered;
+use crate::engine::stages::confidence::LARGEST;
+use crate::engine::stages::state::State;
+
+/// The result of one [`Solver::solve`](crate::Solver::solve).
+#[derive(Clone, Debug)]
+pub struct Solution {
+    /// Pixels a row, of every field below.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// The pixel of I1 that is the first of every field: (0, 0) unless the solution was cropped.
+    pub origin: [u32; 2],
+    /// Width and height of the photographs, about whose centre T is stated.
+    pub photograph: [u32; 2],
+    /// V, px² of I1, row-major; positive where I2 is the more blurred. NaN outside the valid region.
+    pub relative_blur: Vec<f32>,
+    /// Standard deviation of V, px², by what the images say around each pixel (`docs/method.md`, section 7). NaN outside the
+    /// valid region; 1000 where nothing holds V but the smoothness.
+    pub uncertainty: Vec<f32>,
+    /// The same on a scale from 0 to 1, `1/(1 + σ²)` with σ in px²; 0 where the images say nothing.
+    pub confidence: Vec<f32>,
+    /// Root mean square, around each pixel, of what neither blur nor T explains, intensities: large where something moved
+    /// between the photographs or shone differently. NaN outside the valid region.
+    pub residual: Vec<f32>,
+    /// Channels of `fused`: grey only if both inputs are.
+    pub fused_channels: Channels,
+    /// Pseudo-radiance, equation 37, interleaved, in the values of I1 with white at 1; I1 itself
+    /// where I2 does not reach.
+    pub fused: Vec<f32>,
+    /// T, for full-size pixels.
+    pub transform: Similarity,
+    /// Gain and offset of I2.
+    pub photometric: Photometric,
+    /// Coarse to fine.
+    pub levels: Vec<Level>,
+    /// Whether the finest level settled on an answer that the images support.
+    pub converged: bool,
+    /// Why not, or what else the user should know; a sentence each.
+    pub warnings: Vec<String>,
+    /// Fraction of pixels whose whole blur window lies inside both images, and that no mask leaves out.
+    pub valid_fraction: f64,
+    /// Mean confidence of the valid pixels.
+    pub mean_confidence: f64,
+    /// Fraction of the valid pixels at the limit of |V|.
+    pub saturated_fraction: f64,
+    /// Where the time went.
+    pub timings: Timings,
+}
+
+/// What one pyramid level did.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Level {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// E of section 2 of docs/method.md per valid pixel, one for each outer iteration done.
+    pub energy: Vec<f64>,
+}
+
+/// Milliseconds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Timings {
+    /// From the call to the answer.
+    pub total_ms: f64,
+    /// On the device, from the first pass to the last.
+    pub gpu_ms: f64,
+    /// On the device by named pass, in order of first use; empty where the device has no timestamps.
+    pub passes_ms: Vec<(&'static str, f64)>,
+}
+
+/// Less of the frame than this is no overlap to speak of.
+const LEAST_VALID: f64 = 0.01;
+/// Less mean confidence than this, an uncertainty of 14 px² all over: V is filled in by the smoothness nearly everywhere.
+///
+/// Of real pairs the widest blurred, a macro photograph half of whose pixels are at the limit of |V|, has 0.02.
+const LEAST_CONFIDENCE: f64 = 0.005;
+/// Images of one scene correlate better than this at low pass.
+const LEAST_CORRELATION: f32 = 0.5;
+/// More valid pixels at the limit of |V| than this are worth a word.
+const MOST_SATURATED: f64 = 0.1;
+
+/// `1/(1 + σ²)` of a standard deviation in px²: ½ at 1 px²; 0 where the images say nothing, and where it is NaN.
+pub fn confidence(deviation: f32) -> f32 {
+    if deviation < LARGEST { 1.0 / (1.0 + deviation * deviation) } else { 0.0 }
+}
+
+impl Solution {
+    /// Keeps a region of the fields, in their pixels; what was judged of the whole stays.
+    ///
+    /// # Errors
+    /// [`Error::Region`]: it is not within the solution.
+    pub fn crop(&mut self, region: Region) -> Result<(), Error> {
+        region.check((self.width, self.height))?;
+        let row = self.width as usize;
+        for field in [&mut self.relative_blur, &mut self.uncertainty, &mut self.confidence, &mut self.residual] {
+            *field = region.of(field, row, 1);
+        }
+        self.fused = region.of(&self.fused, row, self.fused_channels.count() as usize);
+        self.origin = [self.origin[0] + region.x, self.origin[1] + region.y];
+        (self.width, self.height) = (region.width, region.height);
+        Ok(())
+    }
+
+    /// The largest rectangle of the fields in which V is valid everywhere; `None` where no pixel is.
+    pub fn largest_valid(&self) -> Option<Region> {
+        let valid: Vec<bool> = self.relative_blur.iter().map(|v| v.is_finite()).collect();
+        Region::largest(&valid, self.width as usize)
+    }
+
+    /// The part of I1 that the fields are of.
+    pub fn region(&self) -> Region {
+        Region { x: self.origin[0], y: self.origin[1], width: self.width, height: self.height }
+    }
+
+    /// Says that what was solved is a part of larger photographs, and states T about their centre.
+    pub(crate) fn place_in(&mut self, part: Region, photograph: [u32; 2]) {
+        self.transform = self.transform.about(part.centre(), centre(photograph[0], photograph[1]));
+        (self.origin, self.photograph) = ([part.x, part.y], photograph);
+    }
+
+    /// Makes nothing of what a mask leaves out.
+    pub(crate) fn leave_out(&mut self, mask: &Mask) {
+        for (pixel, _) in mask.bytes().iter().enumerate().filter(|(_, counts)| **counts == 0) {
+            self.relative_blur[pixel] = f32::NAN;
+            self.uncertainty[pixel] = f32::NAN;
+            self.residual[pixel] = f32::NAN;
+            self.confidence[pixel] = 0.0;
+        }
+    }
+
+    /// Fills in what the fields say of themselves, |V| limited to so many px².
+    pub(crate) fn count(&mut self, max_relative_blur: f64) {
+        let valid: Vec<f32> = self.relative_blur.iter().copied().filter(|v| !v.is_nan()).collect();
+        self.valid_fraction = valid.len() as f64 / self.relative_blur.len().max(1) as f64;
+        // The limit is reached by clamping, so a thousandth below it is room for rounding alone.
+        let limit = 0.999 * max_relative_blur as f32;
+        let saturated = valid.iter().filter(|v| v.abs() >= limit).count();
+        self.saturated_fraction = saturated as f64 / valid.len().max(1) as f64;
+        self.mean_confidence = self.confidence.iter().map(|&c| f64::from(c)).sum::<f64>() / valid.len().max(1) as f64;
+    }
+
+    /// Fills in what the fields say of themselves, and whether to believe them.
+    pub(crate) fn judge(&mut self, state: &State, settings: &Settings) {
+        self.count(settings.max_relative_blur);
+        let mut doubts = Vec::new();
+        if let Some(doubt) = numbers_doubt(state) {
+            doubts.push(doubt);
+        } else if self.valid_fraction < LEAST_VALID {
+            doubts.push(
+                "the images do not overlap: see whether they belong together, or start from a nearer transform"
+                    .to_string(),
+            );
+        } else if self.mean_confidence < LEAST_CONFIDENCE {
+            doubts.push(
+                "there is too little texture, or too much blur, to measure blur by: light or focus the scene so that texture shows"
+                    .to_string(),
+            );
+        } else {
+            doubts.extend(registration_doubt(state));
+        }
+        self.converged = doubts.is_empty();
+        self.warnings = doubts;
+        if self.saturated_fraction > MOST_SATURATED {
+            self.warnings.push(format!(
+                "{:.0} % of the valid pixels are at the limit of |V|, {} px²: raise the largest relative blur (256 px² at most), or focus the two nearer to each other",
+                100.0 * self.saturated_fraction,
+                settings.max_relative_blur
+            ));
+        }
+    }
+
+    /// Takes over what speaks against the registration that came first.
+    pub(crate) fn doubt(&mut self, registered: &Registered) {
+        self.converged &= registered.converged;
+        for warning in &registered.warnings {
+            if !self.warnings.contains(warning) {
+                self.warnings.insert(0, format!("registration: {warning}"));
+            }
+        }
+    }
+}
+
+/// Whether the state holds numbers at all.
+pub(crate) fn numbers_doubt(state: &State) -> Option<String> {
+    let finite = [state.a, state.b, state.tx, state.ty, state.gain, state.offset].iter().all(|v| v.is_finite());
+    (!finite).then(|| "the solve ran out of numbers: bring the images nearer to 0 to 1".to_string())
+}
+
+/// What speaks against the registration, if anything does.
+pub(crate) fn registration_doubt(state: &State) -> Option<String> {
+    let finest = &state.levels[0];
+    if state.degenerate == 1 {
+        Some(
+            "the images do not determine the registration: hold what is known, or see that texture shows all over"
+                .to_string(),
+        )
+    } else if state.correlation < LEAST_CORRELATION {
+        Some(format!(
+            "the registered images hardly correlate ({:.2}): see whether they belong together, or start from a nearer transform",
+            state.correlation
+        ))
+    } else if finest.iterations > 0 && finest.converged == 0 {
+        Some(format!(
+            "the finest level had not converged after {} outer iterations: allow more, or more levels if fewer than auto were asked for",
+            finest.iterations
+        ))
+    } else {
+        None
+    }
+}

@@ -1,0 +1,183 @@
+//! Dense registration without a blur model, equation 36 of the paper: what the registration step sums for it.
+//!
+//! ```text
+//! E(T) = ∫ ψ(S²) dx,  S = I1 - J,  J = g I2(T x) + o
+//! N = Σ w J Jᵀ,  g = Σ w J S,  w = ψ'(S²)
+//! ```
+//!
+//! Over all pixels that T keeps inside I2. The [step](super::step) is that of the unified method.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::linearise::{Sums, UNKNOWNS};
+use super::mask::{self, Masks};
+use super::state::{Registration, inside};
+use super::{Field, WORKGROUP, linearise, pixels, spline};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the level.
+    pub width: u32,
+    /// Rows of the level.
+    pub height: u32,
+    /// What [`linearise`] takes: the workgroups are those of `linearise`.
+    pub rows: u32,
+    /// Pixels of the full-size image a pixel of this level.
+    pub factor: f32,
+    /// The image centre in pixels of this level.
+    pub centre: [f32; 2],
+    /// L, which scales a and b to pixels: a quarter of the diagonal.
+    pub length: f32,
+    /// η, intensities.
+    pub eta: f32,
+}
+
+/// I1, spline of I2, state, partial sums, masks.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::APPEARANCE,
+    bindings: &[Binding::Image, Binding::Image, Binding::Buffer, Binding::Buffer, Binding::Image],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: I1 and the spline of I2 read, a row of sums a workgroup written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height])
+}
+
+/// One whole pass over a level; `spline2` holds the coefficients of I2, `masks` is where pixels are masked.
+pub fn twin(c: &Constants, r: &Registration, i1: &Field, spline2: &Field, masks: Option<&Masks>) -> Sums {
+    let mut sums = Sums::default();
+    for y in 0..i1.height {
+        for x in 0..i1.width {
+            let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
+            if !inside([x, y], d, [i1.width, i1.height], 0.0, 1.0) {
+                continue;
+            }
+            let i2 = spline::read(spline2, x as f64 + d[0], y as f64 + d[1]);
+            let s = i1.get(x, y) - (r.gain * i2.value + r.offset);
+            let psi = s.hypot(c.eta.into());
+            let share = mask::counts(masks, [x, y], d);
+            let (px, py) = (x as f64 - f64::from(c.centre[0]), y as f64 - f64::from(c.centre[1]));
+            let (gx, gy, length) = (r.gain * i2.dx, r.gain * i2.dy, f64::from(c.length));
+            let by_unknown = [(gx * px + gy * py) / length, (gy * px - gx * py) / length, gx, gy, i2.value - 0.5, 1.0];
+            for i in 0..UNKNOWNS {
+                sums.gradient[i] -= share * by_unknown[i] * s / psi;
+                for j in 0..UNKNOWNS {
+                    sums.normal[i][j] += share * by_unknown[i] * by_unknown[j] / psi;
+                }
+            }
+            sums.energy += share * psi;
+            sums.valid += share;
+        }
+    }
+    sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field, smooth_field};
+    use super::super::linearise::{SUMS, rows, tiles};
+    use super::super::state::State;
+    use super::*;
+    use crate::base::{Kernel, Photometric, Similarity};
+    use crate::engine::reference::build_stack;
+    use crate::engine::vulkan::Resource;
+
+    fn constants(width: usize, height: usize) -> Constants {
+        Constants {
+            width: width as u32,
+            height: height as u32,
+            rows: rows([width as u32, height as u32]),
+            factor: 2.0,
+            centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 0.5) / 2.0],
+            length: 20.0,
+            eta: 0.01,
+        }
+    }
+
+    fn check(i1: &Field, i2: &Field, transform: Similarity) {
+        check_masked(i1, i2, transform, None);
+        check_masked(i1, i2, transform, Some(&[7, 8].map(|seed| mask::shares(i1.width, i1.height, seed))));
+    }
+
+    fn check_masked(i1: &Field, i2: &Field, transform: Similarity, masks: Option<&Masks>) {
+        let c = constants(i1.width, i1.height);
+        let registration = Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 });
+        let state = State::new(&registration);
+        let spline = build_stack(i2, &Kernel::Gaussian, 1);
+        let expected = twin(&c, &state.registration(), i1, &spline[0], masks);
+
+        let rig = Rig::new();
+        let images = [i1, &spline[0]].map(|image| rig.image(std::slice::from_ref(image)));
+        let none = [i1.clone(), i1.clone()];
+        let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
+        let groups = tiles([c.width, c.height]);
+        let state = rig.upload(bytemuck::bytes_of(&state));
+        let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
+        let resources = [
+            Resource::Image(&images[0]),
+            Resource::Image(&images[1]),
+            Resource::Buffer(&state),
+            Resource::Buffer(&partials),
+            Resource::Image(&masks),
+        ];
+        rig.run_variant(&STAGE, [false, false, masked], &resources, &c, groups);
+        let found = Sums::from_partials(&rig.floats(&partials));
+
+        // 1e-4 of the diagonal: single precision over the pixels of a workgroup, which may cancel off the diagonal.
+        let close = |f: f64, e: f64, scale: f64| assert!((f - e).abs() <= 1e-4 * scale + 1e-6, "{f}, not {e}");
+        close(found.energy, expected.energy, expected.energy);
+        close(found.valid, expected.valid, expected.valid);
+        for i in 0..UNKNOWNS {
+            let diagonal = |j: usize| expected.normal[j][j];
+            close(found.gradient[i], expected.gradient[i], (diagonal(i) * expected.energy).sqrt());
+            for j in 0..UNKNOWNS {
+                close(found.normal[i][j], expected.normal[i][j], (diagonal(i) * diagonal(j)).sqrt());
+            }
+        }
+    }
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(37, 21), (150, 40), (16, 16)] {
+            let (i1, i2) = (smooth_field(width, height, 1), smooth_field(width, height, 2));
+            for transform in [Similarity::IDENTITY, Similarity::new(3.3, -1.7, 2.0, 1.05)] {
+                check(&i1, &i2, transform);
+                check(&i1, &random_field(width, height, 4), transform);
+            }
+            check(&i1, &i2, Similarity::new(1e4, 0.0, 0.0, 1.0));
+        }
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_energy() {
+        let (i1, i2) = (smooth_field(60, 50, 1), smooth_field(60, 50, 2));
+        let spline = build_stack(&i2, &Kernel::Gaussian, 1);
+        // Kept well inside, so that every pixel is valid on both sides of the difference.
+        let c = Constants { factor: 1.0, ..constants(60, 50) };
+        let start = Registration { a: -0.1, b: 0.03, t: [0.4, -0.3], gain: 1.1, offset: -0.05 };
+        let gradient = twin(&c, &start, &i1, &spline[0], None).gradient;
+        let (step, length) = (1e-5, f64::from(c.length));
+        let moved = |i: usize, by: f64| {
+            let mut r = start;
+            match i {
+                0 => r.a += by / length,
+                1 => r.b += by / length,
+                2 => r.t[0] += by,
+                3 => r.t[1] += by,
+                4 => (r.gain, r.offset) = (r.gain + by, r.offset - 0.5 * by),
+                _ => r.offset += by,
+            }
+            twin(&c, &r, &i1, &spline[0], None).energy
+        };
+        for (i, found) in gradient.iter().enumerate() {
+            let expected = (moved(i, step) - moved(i, -step)) / (2.0 * step);
+            assert!((found - expected).abs() < 1e-4 * expected.abs().max(1.0), "{i}: {found}, not {expected}");
+        }
+    }
+}

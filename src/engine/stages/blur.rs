@@ -1,0 +1,133 @@
+//! Î1 and Î2, both images as the kernel of variance V blurs them, and their derivatives by V: the twin of
+//! `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, section 3 of `docs/method.md`.
+
+use super::Field;
+use super::spline::{self, Jet};
+use super::stack::{self, Blurred, Slopes};
+use super::state::Registration;
+
+/// Beyond V = 0 a blurred image goes on linearly for this many px².
+const NEAR: f64 = 0.5;
+/// Below this |V|, px², the kernel's mean moves linearly, so that its derivative stays finite.
+const LEAST_ROOT: f64 = 0.05;
+
+/// The stacks of I1 and I2.
+pub struct Stacks<'a> {
+    /// Of I1.
+    pub first: &'a [Field],
+    /// Of I2.
+    pub second: &'a [Field],
+    /// How both know their slopes.
+    pub slopes: Slopes,
+}
+
+/// At pixel (x, y), which T puts at (x, y) + d: Î1, and Î2 before gain and offset, both with their slopes by V. The centred
+/// kernel is read where its mean, given at V = 1, takes it.
+pub fn read(
+    &Stacks { first, second, slopes }: &Stacks,
+    r: &Registration,
+    mean: [f64; 2],
+    [x, y]: [f64; 2],
+    d: [f64; 2],
+    v: f64,
+) -> [Blurred; 2] {
+    let scale2 = r.scale().powi(2);
+    let linear = |[ux, uy]: [f64; 2]| [(1.0 + r.a) * ux - r.b * uy, r.b * ux + (1.0 + r.a) * uy];
+    let (mean, by_v) = mean_at(mean, r, v);
+    let (ahead, by_v2) = (linear(mean), linear(by_v));
+    let (p, q) = ([x - mean[0], y - mean[1]], [x + d[0] + ahead[0], y + d[1] + ahead[1]]);
+    // An image that is not blurred goes on linearly through V = 0.
+    let beyond = |stack: &[Field], [x, y]: [f64; 2], factor: f64| {
+        let (jet, slope) = stack::node(stack, slopes, 0, x, y);
+        let slope = factor * slope;
+        let still = if v.abs() < NEAR { slope } else { 0.0 };
+        Blurred { value: jet.value + slope * v.clamp(-NEAR, NEAR), slope: still, dx: jet.dx, dy: jet.dy }
+    };
+    let (mut b1, mut b2);
+    if v >= 0.0 {
+        b1 = stack::read(first, slopes, v, p[0], p[1]);
+        b2 = beyond(second, q, -scale2);
+    } else {
+        b1 = beyond(first, p, 1.0);
+        b2 = stack::read(second, slopes, -v * scale2, q[0], q[1]);
+        b2.slope *= -scale2;
+    }
+    b1.slope -= b1.dx * by_v[0] + b1.dy * by_v[1];
+    b2.slope += b2.dx * by_v2[0] + b2.dy * by_v2[1];
+    [b1, b2]
+}
+
+/// What a pixel sees where T has moved it by `shift` since the stack of I2 was brought onto I1's pixels, for a Gaussian: J
+/// before gain and offset, and Î1 and Î2 as [`read`] has them.
+pub fn read_near(stacks: &Stacks, [x, y]: [usize; 2], shift: [f64; 2], v: f64) -> (Jet, [Blurred; 2]) {
+    let Stacks { first, second, .. } = stacks;
+    let j = spline::near(&second[0], x, y, shift);
+    let beyond = |jet: &Jet, factor: f64| {
+        let slope = factor * jet.laplacian / 2.0;
+        let still = if v.abs() < NEAR { slope } else { 0.0 };
+        Blurred { value: jet.value + slope * v.clamp(-NEAR, NEAR), slope: still, dx: jet.dx, dy: jet.dy }
+    };
+    if v >= 0.0 {
+        return (j, [stack::read_near(first, v, [x, y], [0.0; 2]), beyond(&j, -1.0)]);
+    }
+    let b2 = stack::read_near(second, -v, [x, y], shift);
+    (j, [beyond(&spline::near(&first[0], x, y, [0.0; 2]), 1.0), Blurred { slope: -b2.slope, ..b2 }])
+}
+
+/// Where the mean of the kernel lies at V, and its derivative by V, in I1's pixels. The kernel turns with the sensor that
+/// it blurs, which is I2's for V > 0.
+fn mean_at(mut mean: [f64; 2], r: &Registration, v: f64) -> ([f64; 2], [f64; 2]) {
+    if v > 0.0 {
+        let (cos, sin) = ((1.0 + r.a) / r.scale(), r.b / r.scale());
+        mean = [cos * mean[0] + sin * mean[1], cos * mean[1] - sin * mean[0]];
+    }
+    let root = v.abs().max(LEAST_ROOT).sqrt();
+    let by_v = if v.abs() > LEAST_ROOT { 0.5 / root } else { 1.0 / root };
+    (mean.map(|m| v / root * m), mean.map(|m| by_v * m))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::super::stack::node_count;
+    use super::*;
+    use crate::base::{Kernel, Photometric, Similarity};
+    use crate::engine::reference::build_stack;
+
+    /// The wave cos(k x) under the half-Gaussian of variance v, by a midpoint rule over its density.
+    fn blurred_wave(k: f64, v: f64, x: f64) -> f64 {
+        let steps = 4000;
+        let density = |u: f64| (2.0 / PI).sqrt() * (-u * u / 2.0).exp();
+        let step = 7.0 / f64::from(steps);
+        (0..steps)
+            .map(|n| (f64::from(n) + 0.5) * step)
+            .map(|u| density(u) * (k * (x - u * v.sqrt())).cos())
+            .sum::<f64>()
+            * step
+    }
+
+    #[test]
+    fn a_wave_under_the_half_gaussian_is_shifted_and_damped_as_in_closed_form() {
+        let (width, k) = (128, 2.0 * PI * 13.0 / 127.0);
+        let wave = Field::from_fn(width, 9, |x, _| (k * x as f64).cos());
+        let stack = build_stack(&wave, &Kernel::HalfGaussian, node_count(12.0));
+        let stacks = Stacks { first: &stack, second: &stack, slopes: Slopes::Layers };
+        let mean = Kernel::HalfGaussian.mean();
+        let identity = Registration::new(&Similarity::IDENTITY, &Photometric::IDENTITY);
+        for v in [0.3, 1.0, 2.25, 6.25, 9.0] {
+            // Far enough from the borders, where the mirrored wave is another.
+            for x in [50.0, 57.0, 63.0] {
+                let [b1, _] = read(&stacks, &identity, mean, [x, 4.0], [0.0, 0.0], v);
+                let [_, b2] = read(&stacks, &identity, mean, [x, 4.0], [0.0, 0.0], -v);
+                let expected = blurred_wave(k, v, x);
+                let slope = (blurred_wave(k, v + 1e-3, x) - blurred_wave(k, v - 1e-3, x)) / 2e-3;
+                // 3e-3 of the contrast, as the cubic between the nodes has it.
+                assert!((b1.value - expected).abs() < 3e-3, "v {v}, x {x}: {} {expected}", b1.value);
+                assert!((b2.value - expected).abs() < 3e-3, "v {v}, x {x}: {} {expected}", b2.value);
+                assert!((b1.slope - slope).abs() < 1e-2, "v {v}, x {x}: slope {} {slope}", b1.slope);
+                assert!((b2.slope + slope).abs() < 1e-2, "v {v}, x {x}: slope {} {slope}", b2.slope);
+            }
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! V where it is valid, NaN elsewhere, its standard deviation, section 7 of `docs/method.md`, and the residual: the root of
+//! its mean square over a window.
+//!
+//! Over a window of N pixels, where V is one unknown, least squares give it the variance `Σb²/(ΣD)²`, b and D of the
+//! evidence: what each residual pulls, misfit and noise alike, over what holds V. An error in place of a
+//! pixel adds |∇V|². So, with means over the window,
+//!
+//! ```text
+//! σ_V = κ sqrt(mean b² / (N (mean D)²) + mean |∇V|²)
+//! ```
+
+use bytemuck::{Pod, Zeroable};
+
+use super::evidence::{self, WINDOW};
+use super::state::{Registration, inside};
+use super::{Field, WORKGROUP, pixels};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// κ, by which predicted and true errors of noisy scenes agree: 1.5 (see the table in `docs/method.md`).
+pub const CALIBRATION: f32 = 1.5;
+/// Pixels in a Gaussian window of σ px: 4π σ².
+pub const WINDOW_PIXELS: f32 = (4.0 * std::f64::consts::PI * WINDOW * WINDOW) as f32;
+/// Standard deviation where nothing holds V, px²: more than any |V|.
+pub const LARGEST: f32 = 1e3;
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// The image centre, pixels.
+    pub centre: [f32; 2],
+    /// N.
+    pub pixels: f32,
+    /// κ.
+    pub calibration: f32,
+    /// Standard deviation where nothing holds V, px².
+    pub largest: f32,
+}
+
+impl Constants {
+    /// Of an image of this size.
+    pub(crate) fn new([width, height]: [u32; 2], centre: [f64; 2]) -> Self {
+        let centre = centre.map(|c| c as f32);
+        Self { width, height, centre, pixels: WINDOW_PIXELS, calibration: CALIBRATION, largest: LARGEST }
+    }
+}
+
+/// V, evidence, result (layers: V, its standard deviation, the residual), state.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::CONFIDENCE,
+    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Buffer],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: V and on every fourth pixel the evidence read, three results written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    let [width, height] = evidence::size([c.width, c.height]);
+    16 * pixels(c.width, c.height) + 4 * evidence::LAYERS as u64 * pixels(width, height)
+}
+
+/// V, its standard deviation and the residual, from the evidence of all pixels around.
+pub fn twin(c: &Constants, r: &Registration, v: &Field, evidence: &[Field; evidence::LAYERS]) -> [Field; 3] {
+    let size = [v.width, v.height];
+    let valid = |x, y| inside([x, y], r.displacement(x, y, 1.0, c.centre.map(f64::from)), size, v.get(x, y), r.scale());
+    let mean = |f: &Field, x: usize, y: usize| {
+        let [right, below] = [(x.div_ceil(2)).min(f.width - 1), (y.div_ceil(2)).min(f.height - 1)];
+        (f.get(x / 2, y / 2) + f.get(right, y / 2) + f.get(x / 2, below) + f.get(right, below)) / 4.0
+    };
+    let deviation = Field::from_fn(v.width, v.height, |x, y| {
+        let [d, b2, g2, _] = evidence.each_ref().map(|f| mean(f, x, y));
+        let largest = f64::from(c.largest);
+        let data = b2 / (f64::from(c.pixels) * d * d);
+        match (valid(x, y), d > 0.0) {
+            (false, _) => f64::NAN,
+            (true, false) => largest,
+            (true, true) => (f64::from(c.calibration) * (data + g2).sqrt()).min(largest),
+        }
+    });
+    let or_none = |value: &dyn Fn(usize, usize) -> f64| {
+        Field::from_fn(v.width, v.height, |x, y| if valid(x, y) { value(x, y) } else { f64::NAN })
+    };
+    let residual = or_none(&|x, y| mean(&evidence[evidence::RESIDUAL], x, y).max(0.0).sqrt());
+    [or_none(&|x, y| v.get(x, y)), deviation, residual]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field};
+    use super::super::state::State;
+    use super::*;
+    use crate::base::{Photometric, Similarity};
+    use crate::engine::vulkan::Resource;
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(37usize, 21usize), (64, 16)] {
+            let v = random_field(width, height, 1);
+            let half = evidence::size([width as u32, height as u32]);
+            let mut evidence: [Field; evidence::LAYERS] =
+                std::array::from_fn(|i| random_field(half[0] as usize, half[1] as usize, 2 + i as u64));
+            // Nothing to go by in a corner.
+            for y in 4..8 {
+                (4..8).for_each(|x| evidence[0].data[y * half[0] as usize + x] = 0.0);
+            }
+            let registration = Registration::new(&Similarity::new(2.2, -1.0, 0.5, 1.03), &Photometric::IDENTITY);
+            let state = State::new(&registration);
+            let size = [width as u32, height as u32];
+            let c = Constants::new(size, [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0]);
+            let rig = Rig::new();
+            let images = [rig.image(std::slice::from_ref(&v)), rig.image(&evidence), rig.empty(size, 3)];
+            let buffer = rig.upload(bytemuck::bytes_of(&state));
+            let resources = [&images.each_ref().map(Resource::Image)[..], &[Resource::Buffer(&buffer)]].concat();
+            rig.run(&STAGE, &resources, &c, size);
+            let expected = twin(&c, &state.registration(), &v, &evidence);
+            assert!(expected[0].data.iter().any(|v| v.is_nan()) && expected[0].data.iter().any(|v| !v.is_nan()));
+            assert!(expected[1].data.contains(&f64::from(LARGEST)));
+            // 1e-3 of up to 1000 px²: quotients by evidence near zero.
+            rig.assert_close(&images[2], &expected, 1e-3);
+        }
+    }
+
+    #[test]
+    fn of_equal_pixels_the_deviation_is_that_of_their_mean() {
+        // N pixels with residuals of deviation s, weight w and slope g: D = w g², b² = w² g² s², σ_V = s/(g sqrt(N)).
+        let (s, g, w) = (0.02, 0.01, 40.0);
+        let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
+        let evidence = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(s * s)];
+        let c = Constants { calibration: 1.0, ..Constants::new([32, 32], [15.5; 2]) };
+        let r = Registration::new(&Similarity::IDENTITY, &Photometric::IDENTITY);
+        let [_, deviation, residual] = twin(&c, &r, &Field::zeros(32, 32), &evidence);
+        let found = deviation.get(16, 16);
+        assert!((residual.get(16, 16) / s - 1.0).abs() < 1e-9);
+        let expected = s / (g * f64::from(WINDOW_PIXELS).sqrt());
+        assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
+    }
+}

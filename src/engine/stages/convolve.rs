@@ -1,0 +1,181 @@
+//! One-dimensional filter along one axis, mirrored borders; with a stride it also halves that axis.
+//!
+//! Three passes of the method are this one: the Gaussian pyramid (σ 1 px, stride 2; pixel i of a level sits on pixel 2i
+//! of its parent), the cubic B-spline prefilter, and the stack of uniformly blurred images. A variant takes filters of
+//! any length and can add to what is there: a filter that is not separable is a sum of some that are.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::field::{Field, fold};
+use super::{WORKGROUP, pixels};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels along the filtered axis, before the filter.
+    pub length: u32,
+    /// Pixels across it.
+    pub breadth: u32,
+    /// 1, or 2 to halve.
+    pub stride: u32,
+    /// 0 along x, 1 along y.
+    pub vertical: u32,
+    /// Layer read.
+    pub from_layer: u32,
+    /// Layer written.
+    pub to_layer: u32,
+    /// First weight of the filter, in fours.
+    pub offset: u32,
+    /// [`BLOCK`]s of weights in the filter, the last filled up with zeros.
+    pub blocks: u32,
+    /// The filter has 2 radius + 1 weights.
+    pub radius: u32,
+    /// 1: to what is there; the variant's alone.
+    pub add: u32,
+    /// After which the mirrored image repeats itself, pixels, at least 1.
+    pub period: f32,
+}
+
+/// Neighbouring results an invocation: each weight and each value is loaded once for all of them.
+pub const SPAN: u32 = 8;
+
+/// Weights are taken in blocks of so many, and a filter of one block has a pipeline of its own, without a loop: all that
+/// a Gaussian's stack has on every pixel are. Software devices load a weight whose place they know beforehand once for
+/// all invocations of a subgroup, and keep arrays in registers.
+pub const BLOCK: u32 = 20;
+
+/// Weights of all filters at most: the 16 KiB that every device allows a uniform buffer.
+pub const WEIGHTS: usize = 4096;
+
+/// Width and height of the grid of a filter along x, or along y.
+pub(crate) fn grid(c: &Constants) -> [u32; 2] {
+    let spans = c.length.div_ceil(SPAN);
+    if c.vertical == 1 { [c.breadth, spans] } else { [spans, c.breadth] }
+}
+
+/// From, to, weights.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::CONVOLVE,
+    bindings: &[Binding::Image, Binding::Image, Binding::Uniform],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: every value read, every result written, and read first where it is added to.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    let touched = if c.add == 1 { 2 } else { 1 };
+    4 * (pixels(c.length, c.breadth) + touched * pixels(c.length.div_ceil(c.stride), c.breadth))
+}
+
+/// `out(i) = Σ_n filter(n) input(stride i + n)` along x, or along y; mirrored about the border pixels.
+pub fn twin(input: &Field, filter: &[f64], stride: usize, vertical: bool) -> Field {
+    let period = 2 * (if vertical { input.height } else { input.width } - 1);
+    twin_mirrored(input, filter, stride, vertical, period)
+}
+
+/// The same, mirrored about the first pixel and half a period from it.
+pub fn twin_mirrored(input: &Field, filter: &[f64], stride: usize, vertical: bool, period: usize) -> Field {
+    let radius = (filter.len() / 2) as isize;
+    let tap = |x: usize, y: usize, n: isize| {
+        if vertical {
+            input.get(x, fold((y * stride) as isize + n, period))
+        } else {
+            input.get(fold((x * stride) as isize + n, period), y)
+        }
+    };
+    let (width, height) = if vertical {
+        (input.width, input.height.div_ceil(stride))
+    } else {
+        (input.width.div_ceil(stride), input.height)
+    };
+    Field::from_fn(width, height, |x, y| filter.iter().zip(-radius..).map(|(w, n)| w * tap(x, y, n)).sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field};
+    use super::*;
+    use crate::engine::filter;
+    use crate::engine::vulkan::Resource;
+
+    fn check(input: &Field, filter: &[f64], stride: usize, vertical: bool, odd_period: bool) {
+        let length = if vertical { input.height } else { input.width };
+        let period = 2 * (length - 1) + usize::from(odd_period);
+        let expected = twin_mirrored(input, filter, stride, vertical, period);
+        let rig = Rig::new();
+        let size = [expected.width as u32, expected.height as u32];
+        // From layer 1 into layer 2, so that layers are seen to be heeded.
+        let from = rig.image(&[Field::zeros(input.width, input.height), input.clone()]);
+        let to = rig.empty(size, 3);
+        let weights = rig.upload(bytemuck::cast_slice(
+            &std::iter::repeat_n(9.0, 8)
+                .chain(filter.iter().copied())
+                .chain(std::iter::repeat_n(0.0, WEIGHTS))
+                .map(|w: f64| w as f32)
+                .take(WEIGHTS)
+                .collect::<Vec<f32>>(),
+        ));
+        let (length, breadth) = if vertical { (input.height, input.width) } else { (input.width, input.height) };
+        let constants = Constants {
+            length: length as u32,
+            breadth: breadth as u32,
+            stride: stride as u32,
+            vertical: u32::from(vertical),
+            from_layer: 1,
+            to_layer: 2,
+            offset: 2,
+            blocks: (filter.len() as u32).div_ceil(BLOCK),
+            radius: (filter.len() / 2) as u32,
+            add: 0,
+            period: period.max(1) as f32,
+        };
+        let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Uniform(&weights)];
+        let [x, y] = grid(&constants);
+        let groups = [x.div_ceil(WORKGROUP[0]), y.div_ceil(WORKGROUP[1]), 1];
+        let zeros = Field::zeros(expected.width, expected.height);
+        if constants.blocks == 1 {
+            rig.run_groups(&STAGE, &resources, &constants, groups);
+            rig.assert_close(&to, &[zeros.clone(), zeros.clone(), expected.clone()], 1e-5);
+        }
+        rig.run_variant(&STAGE, [true, false, false], &resources, &constants, groups);
+        // 1e-5: up to 41 products of single precision, weights of the prefilter adding up to 3 in absolute value.
+        rig.assert_close(&to, &[zeros.clone(), zeros.clone(), expected.clone()], 1e-5);
+        if stride == 2 {
+            return;
+        }
+        let twice = Field { data: expected.data.iter().map(|v| 2.0 * v).collect(), ..expected };
+        rig.run_variant(&STAGE, [true, false, false], &resources, &Constants { add: 1, ..constants }, groups);
+        rig.assert_close(&to, &[zeros.clone(), zeros, twice], 2e-5);
+    }
+
+    #[test]
+    fn agrees_with_the_twin_on_odd_sizes_and_filters_wider_than_the_image() {
+        for (width, height) in [(37, 21), (64, 9), (2, 1)] {
+            let input = random_field(width, height, 7);
+            for filter in [filter::gaussian(1.0), filter::spline_prefilter(), filter::gaussian(17.5)] {
+                for (stride, vertical) in [(1, false), (1, true), (2, false), (2, true)] {
+                    check(&input, &filter, stride, vertical, false);
+                    check(&input, &filter, stride, vertical, true);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_gaussian_blob_gains_the_filters_variance() {
+        let blob = |v: f64| {
+            Field::from_fn(65, 65, |x, y| {
+                let (dx, dy) = (x as f64 - 32.0, y as f64 - 30.0);
+                (-(dx * dx + dy * dy) / (2.0 * v)).exp() / v
+            })
+        };
+        let filter = filter::gaussian(3.0);
+        let blurred = twin(&twin(&blob(4.0), &filter, 1, false), &filter, 1, true);
+        for (found, expected) in blurred.data.iter().zip(blob(7.0).data) {
+            assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! A field as it is, from image to image. No part of the method: [`bench`](crate::bench) measures by it what the memory
+//! under the other passes does at most.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{Field, WORKGROUP, pixels};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+/// From, to.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::COPY,
+    bindings: &[Binding::Image, Binding::Image],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: every pixel read, every pixel written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    8 * pixels(c.width, c.height)
+}
+
+/// The same field.
+pub fn twin(from: &Field) -> Field {
+    from.clone()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::super::harness::{Rig, random_field};
+    use super::*;
+    use crate::engine::vulkan::{Clock, Groups, Pipeline, Recorder, Resource};
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(37, 21), (64, 4), (1, 1)] {
+            let rig = Rig::new();
+            let field = random_field(width, height, 5);
+            let size = [width as u32, height as u32];
+            let (from, to) = (rig.image(std::slice::from_ref(&field)), rig.empty(size, 1));
+            let constants = Constants { width: size[0], height: size[1] };
+            rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, size);
+            // 1e-7: the field in single precision.
+            rig.assert_close(&to, &[twin(&field)], 1e-7);
+        }
+    }
+
+    #[test]
+    fn parts_that_are_not_wanted_are_left_out() {
+        let rig = Rig::new();
+        let fields = [1, 2, 3].map(|seed| random_field(37, 21, seed));
+        let sources = fields.each_ref().map(|field| rig.image(std::slice::from_ref(field)));
+        let to = rig.empty([37, 21], 1);
+        let pipeline = Arc::new(Pipeline::new(rig.device(), &STAGE).unwrap());
+        let constants = Constants { width: 37, height: 21 };
+        for clock in [Clock::Never, Clock::Passes(8), Clock::Dispatches(8)] {
+            let mut recorder = Recorder::new(rig.device(), clock).unwrap();
+            for (n, from) in sources.iter().enumerate() {
+                if n > 0 {
+                    recorder.next_part_if_wanted().unwrap();
+                }
+                let resources = [Resource::Image(from), Resource::Image(&to)];
+                let groups = Groups::Direct(pipeline.groups([37, 21]));
+                recorder.pass(&pipeline, &resources, bytemuck::bytes_of(&constants), groups).unwrap();
+            }
+            let mut recording = recorder.finish().unwrap();
+            for (wanted, last) in [([true, true], 2), ([true, false], 1), ([false, true], 2), ([false, false], 0)] {
+                let mut ended = Vec::new();
+                recording.run_first(3, &mut |part| Ok(wanted[part - 1]), &mut |parts| ended.push(parts)).unwrap();
+                assert_eq!(ended, [1, 2, 3], "whoever watches hears of every part");
+                rig.assert_close(&to, &[fields[last].clone()], 1e-7);
+                let times = recording.times().unwrap();
+                let spans = if matches!(clock, Clock::Never) { 0 } else { 3 };
+                assert_eq!(times.ends_ms.len(), spans);
+                assert!(times.ends_ms.is_sorted(), "{times:?}");
+                for part in (1..spans).filter(|&part| !wanted[part - 1]) {
+                    assert_eq!(times.ends_ms[part], times.ends_ms[part - 1], "what is left out takes no time");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! Pseudo-radiance of one channel, equation 37: `r̃ = I1 H(V) + J (1 - H(V))`, of each pixel the sharper image.
+//!
+//! J with gain and offset, or seams show. Where I2 does not reach, I1.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::linearise::heaviside;
+use super::state::{Registration, inside};
+use super::{Field, WORKGROUP, pixels, spline};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Layer of the result.
+    pub layer: u32,
+    /// The image centre, pixels.
+    pub centre: [f32; 2],
+    /// ε of the Heaviside, px².
+    pub epsilon: f32,
+}
+
+/// Channel of I1, spline coefficients of the channel of I2 (layer 0), V, result, state.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::FUSE,
+    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Image, Binding::Buffer],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: both channels and V read, the fused channel written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    16 * pixels(c.width, c.height)
+}
+
+/// The fused channel.
+pub fn twin(c: &Constants, r: &Registration, channel1: &Field, coefficients2: &Field, v: &Field) -> Field {
+    let size = [v.width, v.height];
+    Field::from_fn(v.width, v.height, |x, y| {
+        let d = r.displacement(x, y, 1.0, c.centre.map(f64::from));
+        let i1 = channel1.get(x, y);
+        if !inside([x, y], d, size, 0.0, 1.0) {
+            return i1;
+        }
+        let j = r.gain * spline::read(coefficients2, x as f64 + d[0], y as f64 + d[1]).value + r.offset;
+        let h = heaviside(v.get(x, y), c.epsilon.into());
+        h * i1 + (1.0 - h) * j
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field};
+    use super::super::state::State;
+    use super::*;
+    use crate::base::{Photometric, Similarity};
+    use crate::engine::vulkan::Resource;
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(37usize, 21usize), (64, 16)] {
+            let fields = [1, 2, 3].map(|seed| random_field(width, height, seed));
+            let registration =
+                Registration::new(&Similarity::new(1.4, -0.8, 0.5, 1.01), &Photometric { gain: 0.9, offset: 0.02 });
+            let state = State::new(&registration);
+            let c = Constants {
+                width: width as u32,
+                height: height as u32,
+                layer: 1,
+                centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0],
+                epsilon: 0.1,
+            };
+            let rig = Rig::new();
+            let inputs = fields.each_ref().map(|f| rig.image(std::slice::from_ref(f)));
+            let result = rig.empty([width as u32, height as u32], 2);
+            let buffer = rig.upload(bytemuck::bytes_of(&state));
+            let images = [&inputs[0], &inputs[1], &inputs[2], &result].map(Resource::Image);
+            rig.run(&STAGE, &[&images[..], &[Resource::Buffer(&buffer)]].concat(), &c, [width as u32, height as u32]);
+            let expected = twin(&c, &state.registration(), &fields[0], &fields[1], &fields[2]);
+            rig.assert_close(&result, &[Field::zeros(width, height), expected], 2e-5);
+        }
+    }
+}

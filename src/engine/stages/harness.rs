@@ -1,0 +1,185 @@
+//! For tests: one pass on a device under validation, fed and read by the twins' fields.
+
+use std::sync::Arc;
+
+use super::Field;
+use crate::engine::filter;
+use crate::engine::vulkan::{Buffer, Clock, Device, Groups, Image, Pipeline, Recorder, Resource, Stage, Texel};
+
+/// A device whose validation messages fail the test when it is dropped.
+pub(crate) struct Rig {
+    device: Arc<Device>,
+}
+
+impl Rig {
+    pub(crate) fn new() -> Self {
+        Self { device: crate::engine::open(&crate::engine::testing::options()).unwrap() }
+    }
+
+    pub(crate) fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
+    /// Whether validation is on.
+    pub(crate) fn validates(&self) -> bool {
+        crate::engine::testing::options().validation
+    }
+
+    /// The validation messages so far, which then no longer fail the test.
+    pub(crate) fn take_messages(&self) -> Vec<String> {
+        self.device().instance.take_messages()
+    }
+
+    /// A buffer that both sides see, filled.
+    pub(crate) fn upload(&self, bytes: &[u8]) -> Arc<Buffer> {
+        let buffer = Buffer::for_readback(self.device(), "test buffer", bytes.len() as u64).unwrap();
+        buffer.write(bytes).unwrap();
+        buffer
+    }
+
+    /// An image of zeros.
+    pub(crate) fn empty(&self, [width, height]: [u32; 2], layers: usize) -> Arc<Image> {
+        self.image(&vec![Field::zeros(width as usize, height as usize); layers])
+    }
+
+    /// An image of these layers.
+    pub(crate) fn image(&self, layers: &[Field]) -> Arc<Image> {
+        self.image_of(layers, Texel::One)
+    }
+
+    /// An image of four floats a pixel, which stand side by side in the fields.
+    pub(crate) fn weights(&self, layers: &[Field]) -> Arc<Image> {
+        self.image_of(layers, Texel::Four)
+    }
+
+    /// An image of zeros for the weights of both colours.
+    pub(crate) fn empty_weights(&self, [width, height]: [u32; 2]) -> Arc<Image> {
+        self.weights(&vec![Field::zeros(4 * width as usize, height as usize); 2])
+    }
+
+    fn image_of(&self, layers: &[Field], texel: Texel) -> Arc<Image> {
+        let size = [(layers[0].width / texel.floats()) as u32, layers[0].height as u32];
+        let image = Image::new(self.device(), "test image", size, layers.len() as u32, texel).unwrap();
+        let values: Vec<f32> = layers.iter().flat_map(Field::to_f32).collect();
+        let staging = self.upload(bytemuck::cast_slice(&values));
+        self.record(|recorder, _| {
+            recorder.prepare(&[&image]);
+            recorder.upload(&staging, &image);
+        });
+        image
+    }
+
+    /// Records and runs.
+    pub(crate) fn record(&self, fill: impl FnOnce(&mut Recorder, &dyn Fn(&Stage) -> Arc<Pipeline>)) {
+        let mut recorder = Recorder::new(self.device(), Clock::Never).unwrap();
+        fill(&mut recorder, &|stage| Arc::new(Pipeline::new(self.device(), stage).unwrap()));
+        recorder.finish().unwrap().run().unwrap();
+    }
+
+    /// Runs one pass over `size` invocations.
+    pub(crate) fn run<C: bytemuck::Pod>(
+        &self,
+        stage: &Stage,
+        resources: &[Resource<'_>],
+        constants: &C,
+        size: [u32; 2],
+    ) {
+        let groups = [size[0].div_ceil(stage.workgroup[0]), size[1].div_ceil(stage.workgroup[1]), 1];
+        self.run_groups(stage, resources, constants, groups);
+    }
+
+    /// Runs one pass of so many workgroups.
+    pub(crate) fn run_groups<C: bytemuck::Pod>(
+        &self,
+        stage: &Stage,
+        resources: &[Resource<'_>],
+        constants: &C,
+        groups: [u32; 3],
+    ) {
+        self.run_variant(stage, [false; 3], resources, constants, groups);
+    }
+
+    /// Runs one pass of so many workgroups, of a variant of the stage.
+    pub(crate) fn run_variant<C: bytemuck::Pod>(
+        &self,
+        stage: &Stage,
+        variant: [bool; 3],
+        resources: &[Resource<'_>],
+        constants: &C,
+        groups: [u32; 3],
+    ) {
+        let pipeline = Arc::new(Pipeline::variant(self.device(), stage, variant).unwrap());
+        self.record(|recorder, _| {
+            recorder.pass(&pipeline, resources, bytemuck::bytes_of(constants), Groups::Direct(groups)).unwrap();
+        });
+    }
+
+    /// The layers of an image.
+    pub(crate) fn layers(&self, image: &Arc<Image>) -> Vec<Field> {
+        let (width, height) = (image.width as usize * image.texel.floats(), image.height as usize);
+        let staging = self.upload(&vec![0; 4 * width * height * image.layers as usize]);
+        self.record(|recorder, _| recorder.download(image, [image.width, image.height], image.layers, &staging));
+        self.floats(&staging).chunks_exact(width * height).map(|l| Field::from_f32(width, height, l)).collect()
+    }
+
+    pub(crate) fn floats(&self, buffer: &Buffer) -> Vec<f32> {
+        buffer.read(0, buffer.size() as usize / 4).unwrap()
+    }
+
+    pub(crate) fn words(&self, buffer: &Buffer) -> Vec<u32> {
+        buffer.read(0, buffer.size() as usize / 4).unwrap()
+    }
+
+    pub(crate) fn value<T: bytemuck::AnyBitPattern>(&self, buffer: &Buffer) -> T {
+        buffer.read(0, 1).unwrap()[0]
+    }
+
+    /// Fails unless every number of the image is within `tolerance` of the expected one, or both are NaN.
+    #[track_caller]
+    pub(crate) fn assert_close(&self, image: &Arc<Image>, expected: &[Field], tolerance: f64) {
+        let found = self.layers(image);
+        assert_eq!(found.len(), expected.len(), "layers");
+        for (layer, (found, expected)) in found.iter().zip(expected).enumerate() {
+            for (i, (f, e)) in found.data.iter().zip(&expected.data).enumerate() {
+                let (x, y) = (i % found.width, i / found.width);
+                let close = (f - e).abs() <= tolerance || (f.is_nan() && e.is_nan());
+                assert!(close, "layer {layer}, ({x}, {y}): {f}, not {e} ± {tolerance}");
+            }
+        }
+    }
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        let messages = self.take_messages();
+        assert!(std::thread::panicking() || messages.is_empty(), "validation: {messages:#?}");
+    }
+}
+
+/// Numbers in [0, 1), the same for the same seed (splitmix64).
+pub(crate) fn random(count: usize, seed: u64) -> Vec<f64> {
+    let mut state = seed;
+    std::iter::repeat_with(|| {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    })
+    .take(count)
+    .collect()
+}
+
+/// White noise in [0, 1).
+pub(crate) fn random_field(width: usize, height: usize, seed: u64) -> Field {
+    Field { width, height, data: random(width * height, seed) }
+}
+
+/// Noise smoothed to σ 2 px, about ½.
+pub(crate) fn smooth_field(width: usize, height: usize, seed: u64) -> Field {
+    let filter = filter::gaussian(4.0);
+    let noise = random_field(width, height, seed);
+    let mut field = super::convolve::twin(&super::convolve::twin(&noise, &filter, 1, false), &filter, 1, true);
+    field.data.iter_mut().for_each(|v| *v = 0.5 + 3.0 * (*v - 0.5));
+    field
+}

@@ -1,0 +1,109 @@
+//! Samples as the sensor gave them to one channel in [0, 1], Rec. 601 luminance or one of the colours.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{Field, WORKGROUP, pixels};
+use crate::base::color::srgb_to_linear;
+use crate::base::{Decode, Frame, Samples};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// 1 or 3 interleaved channels.
+    pub channels: u32,
+    /// 1, 2 or 4 bytes a sample.
+    pub bytes: u32,
+    /// Of red, green and blue; unused for one channel.
+    pub weights: [f32; 3],
+}
+
+/// Samples, image; the variant undoes the sRGB curve.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::INGEST,
+    bindings: &[Binding::Buffer, Binding::Image],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: every sample read, every pixel written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    u64::from(c.channels * c.bytes + 4) * pixels(c.width, c.height)
+}
+
+/// Sample i as it is stored, of integers white at 1: the twin of `glsl/include/samples.glsl`.
+pub fn stored(frame: &Frame, i: usize) -> f64 {
+    match frame.samples() {
+        Samples::U8(s) => f64::from(s[i]) / 255.0,
+        Samples::U16(s) => f64::from(s[i]) / 65535.0,
+        Samples::F32(s) => f64::from(s[i]),
+    }
+}
+
+/// The weighted sum of a frame's channels.
+pub fn twin(frame: &Frame, decode: Decode, weights: [f32; 3]) -> Field {
+    let value = |i: usize| {
+        let stored = stored(frame, i);
+        if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored }
+    };
+    let channels = frame.format().channels.count() as usize;
+    let width = frame.width() as usize;
+    Field::from_fn(width, frame.height() as usize, |x, y| {
+        let first = (y * width + x) * channels;
+        if channels == 1 { value(first) } else { (0..3).map(|c| f64::from(weights[c]) * value(first + c)).sum() }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random};
+    use super::*;
+    use crate::base::color::LUMINANCE;
+    use crate::base::{Channels, Depth};
+    use crate::engine::vulkan::Resource;
+
+    fn check(frame: &Frame, decode: Decode, weights: [f32; 3]) {
+        let rig = Rig::new();
+        let size = [frame.width(), frame.height()];
+        let (samples, image) = (rig.upload(frame.bytes()), rig.empty(size, 1));
+        let format = frame.format();
+        let constants = Constants {
+            width: size[0],
+            height: size[1],
+            channels: format.channels.count(),
+            bytes: format.depth.bytes(),
+            weights,
+        };
+        let groups = [size[0].div_ceil(WORKGROUP[0]), size[1].div_ceil(WORKGROUP[1]), 1];
+        let resources = [Resource::Buffer(&samples), Resource::Image(&image)];
+        rig.run_variant(&STAGE, [decode == Decode::Srgb, false, false], &resources, &constants, groups);
+        // 2e-6: single precision, and its pow.
+        rig.assert_close(&image, &[twin(frame, decode, weights)], 2e-6);
+    }
+
+    #[test]
+    fn every_format_agrees_with_the_twin() {
+        for (width, height) in [(37, 19), (16, 16), (33, 8)] {
+            for channels in [Channels::Gray, Channels::Rgb] {
+                let n = (width * height * channels.count()) as usize;
+                let values = random(n, 3);
+                for depth in [Depth::U8, Depth::U16, Depth::F32] {
+                    let samples = match depth {
+                        Depth::U8 => Samples::U8(values.iter().map(|v| (v * 255.0) as u8).collect()),
+                        Depth::U16 => Samples::U16(values.iter().map(|v| (v * 65535.0) as u16).collect()),
+                        Depth::F32 => Samples::F32(values.iter().map(|&v| v as f32).collect()),
+                    };
+                    let frame = Frame::new(width, height, channels, samples).unwrap();
+                    check(&frame, Decode::None, LUMINANCE);
+                    check(&frame, Decode::Srgb, [0.0, 1.0, 0.0]);
+                }
+            }
+        }
+    }
+}

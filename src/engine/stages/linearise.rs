@@ -1,0 +1,456 @@
+//! The fused blur-and-derivative pass: from V, I1, I2 and T to the linear system for dV and the registration integrals.
+//!
+//! Equations 22 to 32 and 23 of the paper, sections 3 to 5 of `docs/method.md`:
+//!
+//! ```text
+//! S1 = G(V) * I1 - J,  S2 = G(-V) * J - I1,  w1 = H ψ'(S1²),  w2 = (1-H) ψ'(S2²)
+//! D = w1 Î1v² + w2 Î2v²,  b = -(w1 S1 Î1v + w2 S2 Î2v),  a_n = α (φ + φ_n)/2
+//! (D + Σ a_n) dV = r + Σ a_n dV_n
+//! r = b + Σ a_n (V_n - V)
+//! N = Σ w J Jᵀ - q qᵀ/(D + λ Σa),  g = Σ w J S + q r/(D + λ Σa),  q = w1 Î1v J1 + w2 Î2v J2
+//! ```
+//!
+//! The terms in q eliminate each pixel's dV from the registration step (Schur complement), so that T, gain and offset
+//! step as if V had already answered. A neighbourhood moves together and feels less of the smoothness than a pixel alone:
+//! λ = 0.25 stands for that. On the slanted plane in 15 iterations a level, in a CPU trial: V rms 0.032 px² without it,
+//! 0.026 with λ = 1, 0.007 with 0.1; but with 0.1 black and white dots under a half-Gaussian do not settle.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::blur::{self, Stacks};
+use super::mask::{self, Masks};
+use super::spline::Jet;
+use super::stack::{Blurred, Slopes};
+use super::state::{Registration, inside};
+use super::{Field, WORKGROUP, pixels, spline};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// Unknowns of the registration step: a L, b L, t_x, t_y (pixels of the level), gain, offset at intensity ½.
+pub const UNKNOWNS: usize = 6;
+/// Floats in a row of partial sums.
+pub const SUMS: usize = 32;
+/// Where g, the energy and the number of valid pixels stand among them.
+pub const GRADIENT: usize = 21;
+/// See [`GRADIENT`].
+pub const ENERGY: usize = 27;
+/// See [`GRADIENT`].
+pub const VALID: usize = 28;
+/// Lines of a red and a black pixel that an invocation goes down, at most: what a line shares with the next is loaded once,
+/// and the sums of a workgroup are reduced once for all of them.
+const MOST_ROWS: u32 = 8;
+/// Pixels below which a level is spread over more workgroups, so that small levels do not leave most of a device idle.
+const SPREAD: u64 = 1 << 15;
+
+/// Lines that an invocation goes down on a level of this size.
+pub(crate) fn rows([width, height]: [u32; 2]) -> u32 {
+    if pixels(width, height) < SPREAD { MOST_ROWS / 4 } else { MOST_ROWS }
+}
+/// λ.
+pub const ELIMINATION: f32 = 0.25;
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the level.
+    pub width: u32,
+    /// Rows of the level.
+    pub height: u32,
+    /// Nodes of the stacks.
+    pub nodes: u32,
+    /// First layer of the stack of I2.
+    pub second_stack: u32,
+    /// Lines that an invocation goes down.
+    pub rows: u32,
+    /// Pixels of the full-size image a pixel of this level.
+    pub factor: f32,
+    /// The image centre in pixels of this level.
+    pub centre: [f32; 2],
+    /// L, which scales a and b to pixels: a quarter of the diagonal.
+    pub length: f32,
+    /// α of this iteration.
+    pub alpha: f32,
+    /// α that the energy is measured with.
+    pub final_alpha: f32,
+    /// η of the data term, intensities.
+    pub eta: f32,
+    /// η of the smoothness term, px² a pixel.
+    pub smoothness_eta: f32,
+    /// ε of the Heaviside, px².
+    pub epsilon: f32,
+    /// λ; [`ELIMINATION`].
+    pub elimination: f32,
+    /// Mean of the kernel at V = 1, px.
+    pub mean: [f32; 2],
+}
+
+/// Workgroups that cover a level.
+pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
+    [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * rows([width, height])), 1]
+}
+
+/// I1, V, stacks of I1 and I2, right sides, weights, state, partial sums, masks. Variants: any kernel; the stack of I2 is of I2 as
+/// [`warp`](super::warp) brought it onto I1's pixels.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::LINEARISE,
+    bindings: &[
+        Binding::Image,
+        Binding::Image,
+        Binding::Image,
+        Binding::Image,
+        Binding::Image,
+        Binding::Buffer,
+        Binding::Buffer,
+        Binding::Image,
+    ],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: I1, V, of the stacks the two nodes about V and what is read of the other image, all once a
+/// pixel; right side and four weights written, and a row of sums a workgroup.
+pub(crate) fn bytes(c: &Constants, slopes: Slopes) -> u64 {
+    let layers = 3 * slopes.layers() as u64;
+    (8 + 4 * layers + 20) * pixels(c.width, c.height) + row_bytes([c.width, c.height])
+}
+
+/// Bytes of a level's partial sums.
+pub(crate) fn row_bytes(size: [u32; 2]) -> u64 {
+    let [columns, rows, _] = tiles(size);
+    4 * SUMS as u64 * pixels(columns, rows)
+}
+
+/// What the pass leaves.
+pub struct Linearised {
+    /// Right side, then the weights of the right, left, lower and upper neighbour, each over D + Σa.
+    pub system: [Field; 5],
+    /// N, g, energy, valid pixels.
+    pub sums: Sums,
+}
+
+/// What the registration step sums over the valid pixels.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sums {
+    /// N.
+    pub normal: [[f64; UNKNOWNS]; UNKNOWNS],
+    /// g.
+    pub gradient: [f64; UNKNOWNS],
+    /// Energy.
+    pub energy: f64,
+    /// Valid pixels.
+    pub valid: f64,
+}
+
+impl Sums {
+    /// From rows of partial sums as the device keeps them: the upper triangle of N row by row, g, energy, valid pixels
+    /// (`glsl/include/sums.glsl`).
+    pub fn from_partials(partials: &[f32]) -> Self {
+        let total = |n: usize| partials.chunks_exact(SUMS).map(|row| f64::from(row[n])).sum::<f64>();
+        let mut sums = Self { energy: total(ENERGY), valid: total(VALID), ..Self::default() };
+        for i in 0..UNKNOWNS {
+            for j in i..UNKNOWNS {
+                sums.normal[i][j] = total(normal_place(i, j));
+                sums.normal[j][i] = sums.normal[i][j];
+            }
+        }
+        sums.gradient = std::array::from_fn(|i| total(GRADIENT + i));
+        sums
+    }
+}
+
+/// Where a row of partial sums keeps N between unknowns i and j >= i.
+pub(crate) fn normal_place(i: usize, j: usize) -> usize {
+    i * UNKNOWNS - i * i.saturating_sub(1) / 2 + j - i
+}
+
+/// One residual: S, its derivative by V, its weight, and its derivatives by the unknowns.
+struct Residual {
+    s: f64,
+    by_v: f64,
+    weight: f64,
+    by_unknown: [f64; UNKNOWNS],
+}
+
+/// Smooth Heaviside, equation 35.
+pub fn heaviside(v: f64, epsilon: f64) -> f64 {
+    0.5 + (v / epsilon).atan() / std::f64::consts::PI
+}
+
+/// One whole pass over a level. `warped` is T when the stack of I2 was brought onto I1's pixels, if it was; `masks` where
+/// pixels are masked.
+pub fn twin(
+    c: &Constants,
+    r: &Registration,
+    warped: Option<&Registration>,
+    i1: &Field,
+    v: &Field,
+    stacks: &Stacks,
+    masks: Option<&Masks>,
+) -> Linearised {
+    let (width, height) = (v.width, v.height);
+    let mut system: [Field; 5] = std::array::from_fn(|_| Field::zeros(width, height));
+    let mut sums = Sums::default();
+    for y in 0..height {
+        for x in 0..width {
+            let (weights, mut right_side) = smoothness_term(c, v, [x, y]);
+            let smoothness: f64 = weights.iter().sum();
+            let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
+            let mut diagonal = 0.0;
+            if inside([x, y], d, [width, height], v.get(x, y), r.scale()) {
+                let seen = see((c.mean, c.factor, c.centre), r, warped, [x, y], i1, v.get(x, y), stacks);
+                let share = mask::counts(masks, [x, y], d);
+                let (mut residuals, energy) = data_term(c, r, [x, y], v.get(x, y), seen);
+                residuals.iter_mut().for_each(|t| t.weight *= share);
+                diagonal = residuals.iter().map(|t| t.weight * t.by_v * t.by_v).sum();
+                right_side -= residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
+                let over = 1.0 / (diagonal + f64::from(c.elimination) * smoothness).max(1e-12);
+                accumulate(&residuals, right_side, over, &mut sums);
+                let smooth = f64::from(c.final_alpha) / inverse_gradient(c, v, x as isize, y as isize);
+                sums.energy += share * (energy + smooth);
+                sums.valid += share;
+            }
+            let over = 1.0 / (diagonal + smoothness).max(1e-12);
+            let at = y * width + x;
+            system[0].data[at] = right_side * over;
+            for (field, weight) in system[1..].iter_mut().zip(weights) {
+                field.data[at] = weight * over;
+            }
+        }
+    }
+    Linearised { system, sums }
+}
+
+/// φ = 1/sqrt(|∇V|² + η²), lagged.
+fn inverse_gradient(c: &Constants, v: &Field, x: isize, y: isize) -> f64 {
+    let dx = (v.clamped(x + 1, y) - v.clamped(x - 1, y)) / 2.0;
+    let dy = (v.clamped(x, y + 1) - v.clamped(x, y - 1)) / 2.0;
+    1.0 / (dx * dx + dy * dy + f64::from(c.smoothness_eta).powi(2)).sqrt()
+}
+
+/// The weights a_n of the four neighbours, zero across the border, and Σ a_n (V_n - V).
+fn smoothness_term(c: &Constants, v: &Field, [x, y]: [usize; 2]) -> ([f64; 4], f64) {
+    let (x, y) = (x as isize, y as isize);
+    let phi = inverse_gradient(c, v, x, y);
+    let neighbours = [(x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)];
+    let weights = neighbours.map(|(nx, ny)| {
+        let exists = nx >= 0 && ny >= 0 && nx < v.width as isize && ny < v.height as isize;
+        if exists { 0.5 * f64::from(c.alpha) * (phi + inverse_gradient(c, v, nx, ny)) } else { 0.0 }
+    });
+    let pull = weights.iter().zip(neighbours).map(|(a, (nx, ny))| a * (v.clamped(nx, ny) - v.clamped(x, y))).sum();
+    (weights, pull)
+}
+
+/// What a pixel sees: I1, J before gain and offset, Î1 and Î2.
+pub(super) struct Seen {
+    pub(super) i1: f64,
+    pub(super) i2: Jet,
+    pub(super) blurred: [Blurred; 2],
+}
+
+/// What a pixel sees at V, on a level with a kernel of that mean, whose pixels are `factor` wide, with that centre.
+pub(super) fn see(
+    (mean, factor, centre): ([f32; 2], f32, [f32; 2]),
+    r: &Registration,
+    warped: Option<&Registration>,
+    [x, y]: [usize; 2],
+    i1: &Field,
+    v: f64,
+    stacks: &Stacks,
+) -> Seen {
+    let (factor, centre) = (factor.into(), centre.map(f64::from));
+    if let Some(before) = warped {
+        let shift = r.moved_since(before).displacement(x, y, factor, centre);
+        let i1 = spline::near(&stacks.first[0], x, y, [0.0; 2]).value;
+        let (i2, blurred) = blur::read_near(stacks, [x, y], shift, v);
+        return Seen { i1, i2, blurred };
+    }
+    let (p, d) = ([x as f64, y as f64], r.displacement(x, y, factor, centre));
+    let i2 = spline::read(&stacks.second[0], p[0] + d[0], p[1] + d[1]);
+    Seen { i1: i1.get(x, y), i2, blurred: blur::read(stacks, r, mean.map(f64::from), p, d, v) }
+}
+
+/// S1 and S2 at a pixel, and the energy of its data term.
+fn data_term(
+    c: &Constants,
+    r: &Registration,
+    [x, y]: [usize; 2],
+    v: f64,
+    Seen { i1, i2, blurred: [b1, b2] }: Seen,
+) -> ([Residual; 2], f64) {
+    let (s1, s2) = (b1.value - (r.gain * i2.value + r.offset), r.gain * b2.value + r.offset - i1);
+    let eta2 = f64::from(c.eta).powi(2);
+    let (psi1, psi2) = ((s1 * s1 + eta2).sqrt(), (s2 * s2 + eta2).sqrt());
+    let h = heaviside(v, c.epsilon.into());
+    let centred = [x as f64 - f64::from(c.centre[0]), y as f64 - f64::from(c.centre[1])];
+    let jacobian = |sign: f64, value: f64, dx: f64, dy: f64| {
+        let (gx, gy, length) = (r.gain * dx, r.gain * dy, f64::from(c.length));
+        [
+            (gx * centred[0] + gy * centred[1]) / length,
+            (gy * centred[0] - gx * centred[1]) / length,
+            gx,
+            gy,
+            value - 0.5,
+            1.0,
+        ]
+        .map(|j| sign * j)
+    };
+    let residuals = [
+        Residual { s: s1, by_v: b1.slope, weight: h / psi1, by_unknown: jacobian(-1.0, i2.value, i2.dx, i2.dy) },
+        Residual {
+            s: s2,
+            by_v: r.gain * b2.slope,
+            weight: (1.0 - h) / psi2,
+            by_unknown: jacobian(1.0, b2.value, b2.dx, b2.dy),
+        },
+    ];
+    (residuals, h * psi1 + (1.0 - h) * psi2)
+}
+
+/// Adds a pixel to N and g, its own dV eliminated.
+fn accumulate(residuals: &[Residual; 2], right_side: f64, over: f64, sums: &mut Sums) {
+    let sum = |term: &dyn Fn(&Residual) -> f64| residuals.iter().map(|t| t.weight * term(t)).sum::<f64>();
+    let q: [f64; UNKNOWNS] = std::array::from_fn(|i| sum(&|t| t.by_v * t.by_unknown[i]));
+    for i in 0..UNKNOWNS {
+        sums.gradient[i] += sum(&|t| t.s * t.by_unknown[i]) + q[i] * right_side * over;
+        for j in 0..UNKNOWNS {
+            sums.normal[i][j] += sum(&|t| t.by_unknown[i] * t.by_unknown[j]) - q[i] * q[j] * over;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field};
+    use super::super::relax::{half, interleaved};
+    use super::super::stack::{self, Slopes};
+    use super::super::state::State;
+    use super::*;
+    use crate::base::{Aperture, Kernel, Photometric, Similarity};
+    use crate::engine::reference::build_stack;
+    use crate::engine::vulkan::Resource;
+
+    fn constants(width: usize, height: usize, nodes: usize, kernel: &Kernel) -> Constants {
+        Constants {
+            width: width as u32,
+            height: height as u32,
+            nodes: nodes as u32,
+            second_stack: (nodes * Slopes::of(kernel).layers()) as u32,
+            rows: MOST_ROWS,
+            factor: 2.0,
+            centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 0.5) / 2.0],
+            length: 20.0,
+            alpha: 0.006,
+            final_alpha: 0.003,
+            eta: 0.01,
+            smoothness_eta: 0.1,
+            epsilon: 0.1,
+            elimination: ELIMINATION,
+            mean: kernel.mean().map(|m| m as f32),
+        }
+    }
+
+    /// The last argument is how T has moved since I2 was brought onto I1's pixels, if it was.
+    fn check(i1: &Field, i2: &Field, v: &Field, transform: Similarity, kernel: &Kernel, moved: Option<Similarity>) {
+        let masks = [7, 8].map(|seed| mask::shares(v.width, v.height, seed));
+        for rows in [2, MOST_ROWS] {
+            check_rows(rows, [i1, i2, v], transform, kernel, moved, None);
+            check_rows(rows, [i1, i2, v], transform, kernel, moved, Some(&masks));
+        }
+    }
+
+    fn check_rows(
+        rows: u32,
+        [i1, i2, v]: [&Field; 3],
+        transform: Similarity,
+        kernel: &Kernel,
+        moved: Option<Similarity>,
+        masks: Option<&Masks>,
+    ) {
+        let (width, height) = (v.width, v.height);
+        let nodes = stack::node_count(6.0);
+        let slopes = Slopes::of(kernel);
+        let stacks = [i1, i2].map(|i| build_stack(i, kernel, nodes));
+        let c = Constants { rows, ..constants(width, height, nodes, kernel) };
+        let registration = Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 });
+        let mut state = State::new(&registration);
+        if let Some(by) = moved {
+            let before = State::new(&Registration::new(&by.after(&transform), &registration.photometric()));
+            state.warped = [before.a, before.b, before.tx, before.ty, 1.0, 0.0];
+        }
+        let [a, b, tx, ty, ..] = state.warped.map(f64::from);
+        let warped = Registration { a, b, t: [tx, ty], gain: 1.0, offset: 0.0 };
+        let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
+        let expected = twin(&c, &state.registration(), moved.map(|_| &warped), i1, v, &read, masks);
+
+        let rig = Rig::new();
+        let half_size = [width.div_ceil(2) as u32, height as u32];
+        let inputs =
+            [rig.image(std::slice::from_ref(i1)), rig.image(std::slice::from_ref(v)), rig.image(&stacks.concat())];
+        let system = [rig.empty(half_size, 2), rig.empty_weights(half_size)];
+        let state = rig.upload(bytemuck::bytes_of(&state));
+        let none = [Field::zeros(width, height), Field::zeros(width, height)];
+        let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
+        let groups = [c.width.div_ceil(2 * WORKGROUP[0]), c.height.div_ceil(WORKGROUP[1] * rows), 1];
+        let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
+        let mut resources: Vec<_> = inputs.iter().chain(&system).map(Resource::Image).collect();
+        resources.extend([Resource::Buffer(&state), Resource::Buffer(&partials), Resource::Image(&masks)]);
+        rig.run_variant(&STAGE, [slopes == Slopes::Layers, moved.is_some(), masked], &resources, &c, groups);
+
+        // 2e-4 px²: the right side divides differences of intensities by D, which is small where nothing is textured.
+        rig.assert_close(&system[0], &[0, 1].map(|color| half(&expected.system[0], color)), 2e-4);
+        rig.assert_close(&system[1], &interleaved(&expected.system), 2e-4);
+        let found = Sums::from_partials(&rig.floats(&partials));
+        let size = expected.sums.normal.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
+        let close = |f: f64, e: f64, what: &str| assert!((f - e).abs() < 1e-4 * size, "{what}: {f}, not {e}");
+        for i in 0..UNKNOWNS {
+            close(found.gradient[i], expected.sums.gradient[i], "g");
+            for j in 0..UNKNOWNS {
+                close(found.normal[i][j], expected.sums.normal[i][j], "N");
+            }
+        }
+        close(found.energy, expected.sums.energy, "energy");
+        close(found.valid, expected.sums.valid, "valid");
+    }
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(67usize, 43usize), (33, 32), (40, 17)] {
+            let smooth = |seed| super::super::harness::smooth_field(width, height, seed);
+            let mut v = smooth(3);
+            v.data.iter_mut().for_each(|v| *v = 8.0 * (*v - 0.5));
+            let aperture = Aperture::new("code", 3, 2, &[1.0, 0.0, 2.0, 0.0, 1.0, 1.0]).unwrap();
+            for kernel in [Kernel::Gaussian, Kernel::HalfGaussian, Kernel::Measured(aperture)] {
+                check(&smooth(1), &smooth(2), &v, Similarity::new(0.7, -1.1, 0.4, 1.02), &kernel, None);
+                check(
+                    &random_field(width, height, 5),
+                    &random_field(width, height, 6),
+                    &v,
+                    Similarity::new(0.0, 0.0, 3.0, 0.97),
+                    &kernel,
+                    None,
+                );
+            }
+            let moved = Some(Similarity::new(0.02, -0.03, 0.01, 1.001));
+            check(&smooth(1), &smooth(2), &v, Similarity::new(0.7, -1.1, 0.4, 1.02), &Kernel::Gaussian, moved);
+        }
+    }
+
+    #[test]
+    fn flat_images_give_numbers_and_no_overlap_gives_no_weight() {
+        let (width, height) = (35, 20);
+        let flat = Field::from_fn(width, height, |_, _| 0.5);
+        check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY, &Kernel::Gaussian, None);
+        check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY, &Kernel::HalfGaussian, None);
+        check(
+            &flat,
+            &random_field(width, height, 1),
+            &random_field(width, height, 2),
+            Similarity::new(1e4, 0.0, 0.0, 1.0),
+            &Kernel::Gaussian,
+            None,
+        );
+        let still = Some(Similarity::IDENTITY);
+        check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY, &Kernel::Gaussian, still);
+    }
+}

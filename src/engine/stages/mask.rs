@@ -1,0 +1,142 @@
+//! Which pixels count, and for how much.
+//!
+//! A clipped pixel, one channel of which is white or all of which are black, says only that the light was at least, or at
+//! most, so much; a pixel that the mask leaves out is none of the scene. Neither has a data term or a part in the
+//! registration. Nor have the pixels close around: blurred, an image shows there what is not the scene's. So the mask is
+//! averaged over the [window](super::evidence::window()) of every pixel, σ 2 px of the finest level, then filtered and
+//! halved as the images are; and a pixel counts for `1 - 25 (1 - m)`, at least 0, of that mean m. A single clipped pixel
+//! takes 0.04 from the m of its own: it counts for nothing and its neighbours for little; of a large clipped area nothing
+//! counts up to 3.5 px around.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{Field, WORKGROUP, ingest, pixels};
+use crate::base::Frame;
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// The share of pixels that count around each of I1 and of I2 on one level.
+pub type Masks = [Field; 2];
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// 1 or 3 interleaved channels.
+    pub channels: u32,
+    /// 1, 2 or 4 bytes a sample.
+    pub bytes: u32,
+    /// 1 of I2, which has no mask of its own.
+    pub second: u32,
+    /// Stored values, white at 1 unless they are floats, at which a sample is clipped: black and white.
+    pub clipped: [f32; 2],
+}
+
+/// Samples, mask of I1, masks.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::MASK,
+    bindings: &[Binding::Buffer, Binding::Buffer, Binding::Image],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: every sample and the mask read, a number a pixel written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    u64::from(c.channels * c.bytes + 4 + (1 - c.second)) * pixels(c.width, c.height)
+}
+
+/// Which pixels of a frame count, on the finest level; the mask has a byte a pixel, 0 where it is left out.
+pub fn twin(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Field {
+    let channels = frame.format().channels.count() as usize;
+    let width = frame.width() as usize;
+    Field::from_fn(width, frame.height() as usize, |x, y| {
+        let pixel = y * width + x;
+        let samples = || (0..channels).map(|c| ingest::stored(frame, pixel * channels + c));
+        let clipped = samples().any(|s| s >= f64::from(white)) || samples().all(|s| s <= f64::from(black));
+        if clipped || mask.is_some_and(|mask| mask[pixel] == 0) { 0.0 } else { 1.0 }
+    })
+}
+
+/// What pixel x, which T displaces by d, counts for: the twin of `glsl/include/mask.glsl`. 1 where nothing is masked.
+pub fn counts(masks: Option<&Masks>, [x, y]: [usize; 2], d: [f64; 2]) -> f64 {
+    let Some([first, second]) = masks else { return 1.0 };
+    let place = |x: usize, d: f64, size: usize| (x as f64 + d).clamp(0.0, size as f64 - 1.0);
+    let (px, py) = (place(x, d[0], second.width), place(y, d[1], second.height));
+    let (fx, fy) = (px.fract(), py.fract());
+    let at = |dx: isize, dy: isize| second.clamped(px as isize + dx, py as isize + dy);
+    let [above, below] = [0, 1].map(|dy| (1.0 - fx) * at(0, dy) + fx * at(1, dy));
+    from_share(first.get(x, y)) * from_share((1.0 - fy) * above + fy * below)
+}
+
+/// What a pixel counts for around which this share of pixels does.
+fn from_share(share: f64) -> f64 {
+    (25.0 * share - 24.0).clamp(0.0, 1.0)
+}
+
+/// Shares for tests: from none to all of a pixel's weight.
+#[cfg(test)]
+pub(super) fn shares(width: usize, height: usize, seed: u64) -> Field {
+    let mut shares = super::harness::random_field(width, height, seed);
+    shares.data.iter_mut().for_each(|share| *share = 0.95 + 0.05 * *share);
+    shares
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random};
+    use super::*;
+    use crate::base::{Channels, Depth, Samples};
+    use crate::engine::vulkan::Resource;
+
+    fn check(frame: &Frame, clipped: [f32; 2]) {
+        let rig = Rig::new();
+        let size = [frame.width(), frame.height()];
+        let pixels = size[0] as usize * size[1] as usize;
+        // As the solver pads it.
+        let mask: Vec<u8> = (0..pixels.next_multiple_of(4)).map(|i| u8::from(i % 5 != 1)).collect();
+        let (samples, buffer, masks) = (rig.upload(frame.bytes()), rig.upload(&mask), rig.empty(size, 2));
+        let (channels, bytes) = (frame.format().channels.count(), frame.format().depth.bytes());
+        let resources = [Resource::Buffer(&samples), Resource::Buffer(&buffer), Resource::Image(&masks)];
+        for second in [0, 1] {
+            let constants = Constants { width: size[0], height: size[1], channels, bytes, second, clipped };
+            rig.run(&STAGE, &resources, &constants, size);
+        }
+        let expected = [twin(frame, clipped, Some(&mask)), twin(frame, clipped, None)];
+        assert!(expected[1].data.contains(&0.0) == clipped[1].is_finite());
+        rig.assert_close(&masks, &expected, 0.0);
+    }
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(37, 19), (16, 16), (33, 8)] {
+            for channels in [Channels::Gray, Channels::Rgb] {
+                let values = random((width * height * channels.count()) as usize, 3);
+                for depth in [Depth::U8, Depth::U16, Depth::F32] {
+                    let samples = match depth {
+                        Depth::U8 => Samples::U8(values.iter().map(|v| (v * 255.0) as u8).collect()),
+                        Depth::U16 => Samples::U16(values.iter().map(|v| (v * 65535.0) as u16).collect()),
+                        Depth::F32 => Samples::F32(values.iter().map(|&v| v as f32).collect()),
+                    };
+                    let frame = Frame::new(width, height, channels, samples).unwrap();
+                    check(&frame, [0.2013, 0.9007]);
+                    check(&frame, [f32::NEG_INFINITY, f32::INFINITY]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_mask_of_i2_is_read_where_the_pixel_goes() {
+        let mut masks = [(); 2].map(|()| Field::from_fn(8, 6, |_, _| 1.0));
+        masks[1].data[2 * 8 + 5] = 0.0;
+        assert_eq!(counts(Some(&masks), [3, 1], [2.0, 1.0]), 0.0);
+        assert!((counts(Some(&masks), [3, 1], [1.02, 1.0]) - 0.5).abs() < 1e-9);
+        assert_eq!(counts(Some(&masks), [3, 1], [0.9, 0.7]), 1.0);
+        assert_eq!(counts(Some(&masks), [3, 1], [100.0, -100.0]), 1.0);
+        assert_eq!(counts(None, [3, 1], [2.0, 1.0]), 1.0);
+    }
+}

@@ -1,0 +1,75 @@
+//! V of a level from V of the next coarser one: read at x/2 (half-way between pixels: their mean), times four, since px²
+//! of the finer level are a quarter as large.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{Field, WORKGROUP, pixels};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the fine level.
+    pub width: u32,
+    /// Rows of the fine level.
+    pub height: u32,
+    /// Largest |V|, px² of the fine level.
+    pub limit: f32,
+}
+
+/// Coarse V, fine V.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::PROLONG,
+    bindings: &[Binding::Image, Binding::Image],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: coarse V read, fine V written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
+}
+
+/// V of the fine level.
+pub fn twin(c: &Constants, coarse: &Field) -> Field {
+    let limit = f64::from(c.limit);
+    Field::from_fn(c.width as usize, c.height as usize, |x, y| {
+        let (right, down) = (x.div_ceil(2).min(coarse.width - 1), y.div_ceil(2).min(coarse.height - 1));
+        let sum =
+            coarse.get(x / 2, y / 2) + coarse.get(right, y / 2) + coarse.get(x / 2, down) + coarse.get(right, down);
+        sum.clamp(-limit, limit)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field};
+    use super::*;
+    use crate::engine::vulkan::Resource;
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(37u32, 21u32), (16, 8), (2, 3)] {
+            let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
+            let constants = Constants { width, height, limit: 3.0 };
+            let rig = Rig::new();
+            let (from, to) = (rig.image(std::slice::from_ref(&coarse)), rig.empty([width, height], 1));
+            rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, [width, height]);
+            rig.assert_close(&to, &[twin(&constants, &coarse)], 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_plane_stays_the_same_plane() {
+        let plane = Field::from_fn(9, 7, |x, y| 0.1 * x as f64 - 0.2 * y as f64);
+        let fine = twin(&Constants { width: 17, height: 13, limit: 100.0 }, &plane);
+        for y in 0..13 {
+            for x in 0..17 {
+                let expected = 4.0 * (0.05 * x as f64 - 0.1 * y as f64);
+                assert!((fine.get(x, y) - expected).abs() < 1e-12);
+            }
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! A cubic B-spline on every other pixel as one on every pixel: the same function, no approximation.
+//!
+//! By the two-scale relation `β(x/2) = Σ h(k) β(x - k)`, h = (1 4 6 4 1)/8 (Unser 1999): a coefficient on a pixel of the
+//! coarse grid is (1 6 1)/8 of those around it, one between two pixels their mean. Pixel i of the coarse grid sits on
+//! pixel 2i, and the image is mirrored about the border pixels of the *fine* one: where that has an even number of
+//! pixels, half-way between the last pixel of the coarse grid and the next.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::field::{Field, fold};
+use super::{WORKGROUP, pixels};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the fine image.
+    pub width: u32,
+    /// Rows of the fine image.
+    pub height: u32,
+    /// Layer of the fine image that is written.
+    pub layer: u32,
+}
+
+/// Coarse (its first layer), fine; an invocation for each coarse pixel.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::REFINE,
+    bindings: &[Binding::Image, Binding::Image],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: a quarter of the pixels read, all written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
+}
+
+/// The fine image.
+pub fn twin([width, height]: [usize; 2], coarse: &Field) -> Field {
+    // The coarse pixels, mirrored, and weights that make fine coefficient x.
+    let taps = |x: usize, size: usize| {
+        let i = (x / 2) as isize;
+        let weights = if x.is_multiple_of(2) { [0.125, 0.75, 0.125] } else { [0.0, 0.5, 0.5] };
+        [0, 1, 2].map(|n| (fold(i + n - 1, size - 1), weights[n as usize]))
+    };
+    Field::from_fn(width, height, |x, y| {
+        let (columns, rows) = (taps(x, width), taps(y, height));
+        rows.iter().map(|&(j, v)| v * columns.iter().map(|&(i, w)| w * coarse.get(i, j)).sum::<f64>()).sum()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field};
+    use super::super::spline;
+    use super::*;
+    use crate::engine::vulkan::Resource;
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(37u32, 22u32), (16, 8), (2, 3), (1, 1)] {
+            let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
+            let expected = twin([width as usize, height as usize], &coarse);
+            let rig = Rig::new();
+            let (from, to) = (rig.image(std::slice::from_ref(&coarse)), rig.empty([width, height], 2));
+            let constants = Constants { width, height, layer: 1 };
+            let size = [width.div_ceil(2), height.div_ceil(2)];
+            rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, size);
+            // 1e-6: nine products of single precision.
+            rig.assert_close(&to, &[Field::zeros(width as usize, height as usize), expected], 1e-6);
+        }
+    }
+
+    #[test]
+    fn both_are_one_spline() {
+        let coarse = random_field(20, 17, 6);
+        let fine = twin([39, 33], &coarse);
+        for (x, y) in [(0.0, 0.0), (7.0, 12.0), (10.3, 3.7), (37.6, 31.2), (38.0, 32.0)] {
+            let (one, other) = (spline::read(&coarse, x / 2.0, y / 2.0), spline::read(&fine, x, y));
+            assert!((one.value - other.value).abs() < 1e-12, "({x}, {y}): {} {}", one.value, other.value);
+        }
+    }
+
+    #[test]
+    fn even_sizes_are_mirrored_about_the_fine_border() {
+        // As if the mirrored image went on.
+        for size in [39, 40] {
+            let coarse = random_field(20, 1, 8);
+            let beyond = Field::from_fn(40, 1, |x, _| coarse.get(fold(x as isize, size - 1), 0));
+            let (fine, wide) = (twin([size, 1], &coarse), twin([79, 1], &beyond));
+            for x in 0..70 {
+                let (found, expected) = (fine.get(fold(x, 2 * (size - 1)), 0), wide.get(x as usize, 0));
+                assert!((found - expected).abs() < 1e-12, "{x} of {size}: {found} {expected}");
+            }
+        }
+    }
+}

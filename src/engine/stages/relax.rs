@@ -1,0 +1,249 @@
+//! Red-black relaxation of the linear system for dV, equation 28: one half-iteration.
+//!
+//! The system comes divided by its diagonal: `dV = r + Σ_n a_n dV_n`. Red pixels have x + y even.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{Field, WORKGROUP, pixels};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the level.
+    pub width: u32,
+    /// Rows of the level.
+    pub height: u32,
+    /// 0 red, 1 black.
+    pub color: u32,
+    /// [`ROWS`].
+    pub rows: u32,
+    /// ω of successive over-relaxation.
+    pub over_relaxation: f32,
+}
+
+/// Lines of one colour that an invocation goes down.
+pub const ROWS: u32 = 4;
+
+/// Workgroups that cover a level.
+pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
+    [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * ROWS), 1]
+}
+
+/// Right sides, weights, dV of the other colour, dV of this colour. Variant: the first sweep, which takes dV for zero and does
+/// not read it.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::RELAX,
+    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Image],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: right side, four weights and dV of both colours read, dV of one written. The first sweep reads only
+/// right sides of red, and of black neither its dV.
+pub(crate) fn bytes(c: &Constants, first: bool) -> u64 {
+    let floats = match (first, c.color) {
+        (true, 0) => 2,
+        (true, _) => 7,
+        (false, _) => 8,
+    };
+    4 * floats * pixels(c.width.div_ceil(2), c.height)
+}
+
+/// Relaxes the pixels of one colour of dV in place.
+pub fn twin(c: &Constants, system: &[Field; 5], change: &mut Field) {
+    let (width, height) = (change.width, change.height);
+    let omega = f64::from(c.over_relaxation);
+    for y in 0..height {
+        for x in ((y + c.color as usize) & 1..width).step_by(2) {
+            let (xi, yi) = (x as isize, y as isize);
+            let neighbours = [(xi + 1, yi), (xi - 1, yi), (xi, yi + 1), (xi, yi - 1)];
+            let pull: f64 =
+                system[1..].iter().zip(neighbours).map(|(a, (nx, ny))| a.get(x, y) * change.clamped(nx, ny)).sum();
+            let target = system[0].get(x, y) + pull;
+            let own = &mut change.data[y * width + x];
+            *own += omega * (target - *own);
+        }
+    }
+}
+
+/// The pixels of one colour as the device keeps them: column x/2 of a half-width field; 0 where a row has none left.
+pub fn half(field: &Field, color: usize) -> Field {
+    Field::from_fn(field.width.div_ceil(2), field.height, |h, y| {
+        let x = 2 * h + ((y + color) & 1);
+        if x < field.width { field.get(x, y) } else { 0.0 }
+    })
+}
+
+/// The weights of a system as the device keeps them: a field for each colour, four numbers a pixel side by side.
+pub fn interleaved(system: &[Field; 5]) -> [Field; 2] {
+    [0, 1].map(|color| {
+        let weights: Vec<Field> = system[1..].iter().map(|f| half(f, color)).collect();
+        Field::from_fn(4 * weights[0].width, weights[0].height, |x, y| weights[x % 4].get(x / 4, y))
+    })
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::super::harness::{Rig, random_field};
+    use super::*;
+    use crate::engine::vulkan::Resource;
+
+    /// A system as `linearise` makes them: weights across the border zero, their sum below one.
+    pub(crate) fn system(width: usize, height: usize) -> [Field; 5] {
+        let mut system: [Field; 5] = std::array::from_fn(|i| {
+            let mut f = random_field(width, height, 20 + i as u64);
+            f.data.iter_mut().for_each(|v| *v *= 0.24);
+            f
+        });
+        for y in 0..height {
+            system[1].data[y * width + width - 1] = 0.0;
+            system[2].data[y * width] = 0.0;
+        }
+        for x in 0..width {
+            system[3].data[(height - 1) * width + x] = 0.0;
+            system[4].data[x] = 0.0;
+        }
+        system
+    }
+
+    #[test]
+    fn the_first_sweep_starts_from_zero_whatever_is_there() {
+        let (width, height) = (37usize, 21usize);
+        let (system, mut change) = (system(width, height), Field::zeros(width, height));
+        let rig = Rig::new();
+        let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
+        let weights = rig.weights(&interleaved(&system));
+        let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
+        let changes = [0, 1].map(|_| rig.image(std::slice::from_ref(&nothing)));
+        for color in [0, 1] {
+            let c = Constants {
+                width: width as u32,
+                height: height as u32,
+                color: color as u32,
+                rows: ROWS,
+                over_relaxation: 1.8,
+            };
+            twin(&c, &system, &mut change);
+            let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
+            rig.run_variant(&STAGE, [true, false, false], &resources, &c, tiles([c.width, c.height]));
+        }
+        for color in [0, 1] {
+            rig.assert_close(&changes[color], &[half(&change, color)], 1e-5);
+        }
+    }
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(37usize, 21usize), (64, 16), (17, 18), (2, 2)] {
+            let (system, mut change) = (system(width, height), random_field(width, height, 4));
+            let rig = Rig::new();
+            let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
+            let weights = rig.weights(&interleaved(&system));
+            let changes = [0, 1].map(|color| rig.image(&[half(&change, color)]));
+            for color in [0, 1, 0, 1] {
+                let size = [width as u32, height as u32];
+                let constants = Constants {
+                    width: size[0],
+                    height: size[1],
+                    color: color as u32,
+                    rows: ROWS,
+                    over_relaxation: 1.8,
+                };
+                twin(&constants, &system, &mut change);
+                let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
+                rig.run_groups(&STAGE, &resources, &constants, tiles(size));
+            }
+            for color in [0, 1] {
+                rig.assert_close(&changes[color], &[half(&change, color)], 1e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn solves_a_membrane() {
+        // -Δu + u/100 = f with a known u: cos modes of the Neumann grid.
+        let n = 24;
+        let truth = Field::from_fn(n, n, |x, y| {
+            let mode = |k: f64, i: usize| (std::f64::consts::PI * k * (i as f64 + 0.5) / n as f64).cos();
+            mode(1.0, x) * mode(2.0, y)
+        });
+        let mut system: [Field; 5] = std::array::from_fn(|_| Field::zeros(n, n));
+        for y in 0..n {
+            for x in 0..n {
+                let exists = [x + 1 < n, x > 0, y + 1 < n, y > 0];
+                let diagonal = 0.01 + exists.iter().filter(|e| **e).count() as f64;
+                let (xi, yi) = (x as isize, y as isize);
+                let around = [(xi + 1, yi), (xi - 1, yi), (xi, yi + 1), (xi, yi - 1)];
+                let mut f = 0.01 * truth.get(x, y);
+                for i in 0..4 {
+                    if exists[i] {
+                        f += truth.get(x, y) - truth.clamped(around[i].0, around[i].1);
+                        system[i + 1].data[y * n + x] = 1.0 / diagonal;
+                    }
+                }
+                system[0].data[y * n + x] = f / diagonal;
+            }
+        }
+        let mut found = Field::zeros(n, n);
+        for _ in 0..200 {
+            for color in [0, 1] {
+                twin(
+                    &Constants { width: n as u32, height: n as u32, color, rows: ROWS, over_relaxation: 1.8 },
+                    &system,
+                    &mut found,
+                );
+            }
+        }
+        for (found, expected) in found.data.iter().zip(&truth.data) {
+            assert!((found - expected).abs() < 1e-8, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_missing_barrier_between_red_and_black_is_reported() {
+        let (width, height) = (32usize, 16usize);
+        let rig = Rig::new();
+        if !rig.validates() {
+            return;
+        }
+        let system = system(width, height);
+        let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
+        let weights = rig.weights(&interleaved(&system));
+        let changes = [0, 1].map(|_| rig.image(&[Field::zeros(width / 2, height)]));
+        let pass = |color: usize| {
+            let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]];
+            let constants = Constants {
+                width: width as u32,
+                height: height as u32,
+                color: color as u32,
+                rows: ROWS,
+                over_relaxation: 1.8,
+            };
+            (resources, constants)
+        };
+        let record = |omit: bool| {
+            rig.record(|recorder, compile| {
+                let pipeline = compile(&STAGE);
+                for color in [0, 1] {
+                    let (resources, constants) = pass(color);
+                    if omit && color == 1 {
+                        recorder.omit_barrier();
+                    }
+                    let groups =
+                        crate::engine::vulkan::Groups::Direct(pipeline.groups([width as u32 / 2, height as u32]));
+                    recorder
+                        .pass(&pipeline, &resources.map(Resource::Image), bytemuck::bytes_of(&constants), groups)
+                        .unwrap();
+                }
+            });
+        };
+        record(false);
+        assert_eq!(rig.take_messages(), Vec::<String>::new(), "with the barrier");
+        record(true);
+        let messages = rig.take_messages();
+        assert!(messages.iter().any(|m| m.contains("SYNC-HAZARD")), "without the barrier: {messages:?}");
+    }
+}

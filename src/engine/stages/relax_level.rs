@@ -1,0 +1,87 @@
+//! All sweeps of [`relax`] on a small level by one workgroup: where a level has few pixels, a pass costs more
+//! than its half-iteration.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{Field, WORKGROUP, pixels, relax};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// The most pixels of a level that one workgroup takes. On lavapipe ten passes over 64 x 64 pixels take 1 ms, one
+/// workgroup on its one core 0.3 ms; over four times as many pixels they are even.
+const MOST_PIXELS: u64 = 1 << 13;
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the level.
+    pub width: u32,
+    /// Rows of the level.
+    pub height: u32,
+    /// Red-black sweeps.
+    pub sweeps: u32,
+    /// ω of successive over-relaxation.
+    pub over_relaxation: f32,
+}
+
+/// Right sides, weights, red dV, black dV. One workgroup.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::RELAX_LEVEL,
+    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Image],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Whether a level is small enough.
+pub(crate) fn takes([width, height]: [u32; 2]) -> bool {
+    pixels(width, height) <= MOST_PIXELS
+}
+
+/// Bytes that must move: the system read and dV written, once.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    24 * pixels(c.width, c.height)
+}
+
+/// dV from zero.
+pub fn twin(c: &Constants, system: &[Field; 5]) -> Field {
+    let mut change = Field::zeros(c.width as usize, c.height as usize);
+    for _ in 0..c.sweeps {
+        for color in [0, 1] {
+            let Constants { width, height, over_relaxation, .. } = *c;
+            relax::twin(
+                &relax::Constants { width, height, color, rows: relax::ROWS, over_relaxation },
+                system,
+                &mut change,
+            );
+        }
+    }
+    change
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::Rig;
+    use super::super::relax::{half, interleaved, tests::system};
+    use super::*;
+    use crate::engine::vulkan::Resource;
+
+    #[test]
+    fn agrees_with_the_twin_whatever_was_there() {
+        for (width, height) in [(37usize, 21usize), (64, 16), (17, 18), (2, 2), (200, 40)] {
+            let system = system(width, height);
+            let c = Constants { width: width as u32, height: height as u32, sweeps: 3, over_relaxation: 1.8 };
+            let rig = Rig::new();
+            let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
+            let weights = rig.weights(&interleaved(&system));
+            let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
+            let changes = [0, 1].map(|_| rig.image(std::slice::from_ref(&nothing)));
+            let resources = [&right_sides, &weights, &changes[0], &changes[1]].map(Resource::Image);
+            rig.run_groups(&STAGE, &resources, &c, [1, 1, 1]);
+            let expected = twin(&c, &system);
+            for color in [0, 1] {
+                rig.assert_close(&changes[color], &[half(&expected, color)], 1e-4);
+            }
+        }
+    }
+}

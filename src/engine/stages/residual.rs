@@ -1,0 +1,136 @@
+//! What neither blur nor T explains, on every other pixel: H S1² + (1 - H) S2², with the residuals of
+//! [`linearise`](mod@super::linearise).
+//!
+//! Averaged over the [window](super::evidence::window()) its root is a map of what moved between the photographs, shone
+//! differently, or is nearer than what it hides.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::blur::Stacks;
+use super::linearise::{heaviside, see};
+use super::state::{Registration, inside};
+use super::{Field, WORKGROUP, evidence, pixels};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the image.
+    pub width: u32,
+    /// Rows of the image.
+    pub height: u32,
+    /// Of the evidence.
+    pub layer: u32,
+    /// Nodes of the stacks.
+    pub nodes: u32,
+    /// First layer of the stack of I2.
+    pub second_stack: u32,
+    /// The image centre, pixels.
+    pub centre: [f32; 2],
+    /// Mean of the kernel at V = 1, px.
+    pub mean: [f32; 2],
+    /// ε of the Heaviside, px².
+    pub epsilon: f32,
+}
+
+/// I1, V, stacks of I1 and I2, evidence, state. Variants as of [`linearise`](mod@super::linearise).
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::RESIDUAL,
+    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Image, Binding::Buffer],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: on every fourth pixel V, I1, J and two nodes read, one value written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    let [width, height] = evidence::size([c.width, c.height]);
+    24 * pixels(width, height)
+}
+
+/// The squared residual on every other pixel. `warped` is T when the stack of I2 was brought onto I1's pixels, if it was.
+pub fn twin(
+    c: &Constants,
+    r: &Registration,
+    warped: Option<&Registration>,
+    i1: &Field,
+    v: &Field,
+    stacks: &Stacks,
+) -> Field {
+    let [width, height] = evidence::size([c.width, c.height]);
+    Field::from_fn(width as usize, height as usize, |x, y| {
+        let (x, v) = ([2 * x, 2 * y], v.get(2 * x, 2 * y));
+        let d = r.displacement(x[0], x[1], 1.0, c.centre.map(f64::from));
+        if !inside(x, d, [c.width as usize, c.height as usize], v, r.scale()) {
+            return 0.0;
+        }
+        let seen = see((c.mean, 1.0, c.centre), r, warped, x, i1, v, stacks);
+        let s1 = seen.blurred[0].value - (r.gain * seen.i2.value + r.offset);
+        let s2 = r.gain * seen.blurred[1].value + r.offset - seen.i1;
+        let h = heaviside(v, c.epsilon.into());
+        h * s1 * s1 + (1.0 - h) * s2 * s2
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field, smooth_field};
+    use super::super::stack::{self, Slopes};
+    use super::super::state::State;
+    use super::*;
+    use crate::base::{Kernel, Photometric, Similarity};
+    use crate::engine::reference::build_stack;
+    use crate::engine::vulkan::Resource;
+
+    fn check(images: [Field; 2], kernel: &Kernel, warped: bool) {
+        let [i1, i2] = images;
+        let (width, height) = (i1.width, i1.height);
+        let (nodes, slopes) = (stack::node_count(6.0), Slopes::of(kernel));
+        let stacks = [&i1, &i2].map(|image| build_stack(image, kernel, nodes));
+        let mut v = smooth_field(width, height, 3);
+        v.data.iter_mut().for_each(|v| *v = 8.0 * (*v - 0.5));
+        let c = Constants {
+            width: width as u32,
+            height: height as u32,
+            layer: 1,
+            nodes: nodes as u32,
+            second_stack: (nodes * slopes.layers()) as u32,
+            centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0],
+            mean: kernel.mean().map(|m| m as f32),
+            epsilon: 0.1,
+        };
+        let transform = Similarity::new(0.7, -1.1, 0.4, 1.02);
+        let r = Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 });
+        let before = Registration::new(&Similarity::new(0.68, -1.07, 0.39, 1.019), &Photometric::IDENTITY);
+        let mut state = State::new(&r);
+        state.warped = [before.a, before.b, before.t[0], before.t[1], 1.0, 0.0].map(|n| n as f32);
+        let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
+        let expected = twin(&c, &state.registration(), warped.then_some(&before), &i1, &v, &read);
+
+        let rig = Rig::new();
+        let images = [rig.image(&[i1]), rig.image(&[v]), rig.image(&stacks.concat())];
+        let size = evidence::size([c.width, c.height]);
+        let (found, state) = (rig.empty(size, 2), rig.upload(bytemuck::bytes_of(&state)));
+        let mut resources: Vec<_> = images.iter().chain([&found]).map(Resource::Image).collect();
+        resources.push(Resource::Buffer(&state));
+        let groups = [size[0].div_ceil(WORKGROUP[0]), size[1].div_ceil(WORKGROUP[1]), 1];
+        rig.run_variant(&STAGE, [slopes == Slopes::Layers, warped, false], &resources, &c, groups);
+        // 2e-5: a residual of up to 1, squared in single precision.
+        rig.assert_close(&found, &[Field::zeros(expected.width, expected.height), expected], 2e-5);
+    }
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(67, 43), (32, 33), (17, 40)] {
+            let smooth = || [1, 2].map(|seed| smooth_field(width, height, seed));
+            for kernel in [Kernel::Gaussian, Kernel::HalfGaussian] {
+                check(smooth(), &kernel, false);
+                check([5, 6].map(|seed| random_field(width, height, seed)), &kernel, false);
+            }
+            check(smooth(), &Kernel::Gaussian, true);
+        }
+        let flat = || Field::from_fn(35, 20, |_, _| 0.5);
+        check([flat(), flat()], &Kernel::Gaussian, true);
+    }
+}

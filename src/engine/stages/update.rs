@@ -1,0 +1,63 @@
+//! `V ← V + clamp(dV)`, section 4 of `docs/method.md`.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{Field, WORKGROUP, pixels};
+use crate::engine::shaders;
+use crate::engine::vulkan::{Binding, Stage};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the level.
+    pub width: u32,
+    /// Rows of the level.
+    pub height: u32,
+    /// Largest |dV|, px² of the level.
+    pub largest_step: f32,
+    /// Largest |V|, px² of the level.
+    pub limit: f32,
+}
+
+/// Red dV, black dV, V.
+pub(crate) const STAGE: Stage = Stage {
+    shader: &shaders::UPDATE,
+    bindings: &[Binding::Image, Binding::Image, Binding::Image],
+    constant_bytes: size_of::<Constants>(),
+    workgroup: WORKGROUP,
+};
+
+/// Bytes that must move: dV and V read, V written.
+pub(crate) fn bytes(c: &Constants) -> u64 {
+    12 * pixels(c.width, c.height)
+}
+
+/// Adds dV to V.
+pub fn twin(c: &Constants, change: &Field, v: &mut Field) {
+    let (step, limit) = (f64::from(c.largest_step), f64::from(c.limit));
+    for (v, change) in v.data.iter_mut().zip(&change.data) {
+        *v = (*v + change.clamp(-step, step)).clamp(-limit, limit);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field};
+    use super::super::relax::half;
+    use super::*;
+    use crate::engine::vulkan::Resource;
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(37usize, 21usize), (16, 16), (1, 2)] {
+            let (mut v, change) = (random_field(width, height, 1), random_field(width, height, 2));
+            let constants = Constants { width: width as u32, height: height as u32, largest_step: 0.4, limit: 0.9 };
+            let rig = Rig::new();
+            let images = [&half(&change, 0), &half(&change, 1), &v].map(|f| rig.image(std::slice::from_ref(f)));
+            rig.run(&STAGE, &images.each_ref().map(Resource::Image), &constants, [width as u32, height as u32]);
+            twin(&constants, &change, &mut v);
+            rig.assert_close(&images[2], &[v], 1e-6);
+        }
+    }
+}

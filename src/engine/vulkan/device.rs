@@ -1,0 +1,166 @@
+//! The logical device: its queue, its allocator, its clock.
+
+use std::mem::ManuallyDrop;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use ash::{ext, vk};
+use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
+
+use super::cache;
+use super::failure::failure;
+use super::instance::{Instance, PhysicalDevice};
+use crate::base::{DeviceInfo, Error};
+
+/// Bytes in a mebibyte.
+pub(crate) const MIB: u64 = 1 << 20;
+
+/// A Vulkan device with one compute queue.
+pub(crate) struct Device {
+    pub(super) handle: ash::Device,
+    pub(super) physical: PhysicalDevice,
+    pub(super) queue: Mutex<vk::Queue>,
+    pub(super) pipeline_cache: vk::PipelineCache,
+    pub(super) timeout: Duration,
+    allocator: ManuallyDrop<Mutex<Allocator>>,
+    names: Option<ext::debug_utils::Device>,
+    poisoned: AtomicBool,
+    pub(crate) instance: Arc<Instance>,
+}
+
+impl Device {
+    /// Opens a physical device.
+    pub(crate) fn new(
+        instance: Arc<Instance>,
+        physical: PhysicalDevice,
+        timeout: Duration,
+    ) -> Result<Arc<Self>, Error> {
+        let name = physical.info.name.clone();
+        let priorities = [1.0];
+        let queues = [vk::DeviceQueueCreateInfo::default()
+            .queue_family_index(physical.queue_family)
+            .queue_priorities(&priorities)];
+        let mut v12 = vk::PhysicalDeviceVulkan12Features::default().timeline_semaphore(true);
+        let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).maintenance4(true);
+        let create =
+            vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut v12).push_next(&mut v13);
+        // SAFETY: the physical device came from this instance and has the features (`Instance::missing`).
+        let handle = unsafe { instance.handle.create_device(physical.handle, &create, None) }
+            .map_err(|e| failure("vkCreateDevice", &name, e))?;
+        // SAFETY: the family was asked for above, with one queue.
+        let queue = unsafe { handle.get_device_queue(physical.queue_family, 0) };
+        let allocator = Allocator::new(&AllocatorCreateDesc {
+            instance: instance.handle.clone(),
+            device: handle.clone(),
+            physical_device: physical.handle,
+            debug_settings: gpu_allocator::AllocatorDebugSettings::default(),
+            buffer_device_address: false,
+            allocation_sizes: gpu_allocator::AllocationSizes::default(),
+        })
+        .map_err(|e| Error::Vulkan {
+            call: "opening the allocator".into(),
+            device: name.clone(),
+            result: e.to_string(),
+            advice: "",
+        });
+        let allocator = match allocator {
+            Ok(allocator) => allocator,
+            Err(error) => {
+                // SAFETY: nothing was made from the device yet.
+                unsafe { handle.destroy_device(None) };
+                return Err(error);
+            }
+        };
+        let names = instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.handle, &handle));
+        let mut device = Self {
+            handle,
+            physical,
+            queue: Mutex::new(queue),
+            pipeline_cache: vk::PipelineCache::null(),
+            timeout,
+            allocator: ManuallyDrop::new(Mutex::new(allocator)),
+            names,
+            poisoned: AtomicBool::new(false),
+            instance,
+        };
+        device.pipeline_cache = device.open_pipeline_cache()?;
+        Ok(Arc::new(device))
+    }
+
+    /// What the device is.
+    pub(crate) fn info(&self) -> &DeviceInfo {
+        &self.physical.info
+    }
+
+    /// Most bytes of one allocation and of one buffer.
+    pub(crate) fn allocation_limits(&self) -> (u64, u64) {
+        let mut v11 = vk::PhysicalDeviceVulkan11Properties::default();
+        let mut v13 = vk::PhysicalDeviceVulkan13Properties::default();
+        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut v11).push_next(&mut v13);
+        // SAFETY: the physical device belongs to this instance, and a 1.3 device fills both structures.
+        unsafe { self.instance.handle.get_physical_device_properties2(self.physical.handle, &mut properties) };
+        (v11.max_memory_allocation_size, v13.max_buffer_size)
+    }
+
+    /// An earlier wait timed out or failed, and the device may still be at work.
+    pub(crate) fn is_poisoned(&self) -> bool {
+        self.poisoned.load(Ordering::Acquire)
+    }
+
+    pub(super) fn poison(&self) {
+        self.poisoned.store(true, Ordering::Release);
+    }
+
+    pub(super) fn allocator(&self) -> MutexGuard<'_, Allocator> {
+        self.allocator.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Turns a failed call into an error that names it and the device.
+    pub(super) fn check<T>(&self, call: &str, result: Result<T, vk::Result>) -> Result<T, Error> {
+        result.map_err(|e| failure(call, &self.physical.info.name, e))
+    }
+
+    /// Gives an object a name that validation and debuggers show.
+    pub(super) fn name(&self, object: impl vk::Handle, name: &str) {
+        let (Some(names), Ok(name)) = (&self.names, std::ffi::CString::new(name)) else { return };
+        let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
+        // SAFETY: the object belongs to this device and is used by this thread alone so far. A name is only a help: its
+        // failure changes nothing.
+        let _ = unsafe { names.set_debug_utils_object_name(&info) };
+    }
+
+    fn open_pipeline_cache(&self) -> Result<vk::PipelineCache, Error> {
+        let data = cache::read(&self.physical).unwrap_or_default();
+        let create = vk::PipelineCacheCreateInfo::default().initial_data(&data);
+        // SAFETY: `data` outlives the call; it carries this driver's stamp and a checksum (`cache::read`).
+        let made = unsafe { self.handle.create_pipeline_cache(&create, None) };
+        self.check("vkCreatePipelineCache", made)
+    }
+
+    /// Writes the pipeline cache where the next engine finds it; failing to is no error.
+    pub(crate) fn save_pipeline_cache(&self) {
+        // SAFETY: the cache belongs to this device.
+        if let Ok(data) = unsafe { self.handle.get_pipeline_cache_data(self.pipeline_cache) } {
+            cache::write(&self.physical, &data);
+        }
+    }
+}
+
+impl Drop for Device {
+    fn drop(&mut self) {
+        if self.is_poisoned() {
+            // What the device may still use is left alone, and so is the instance under it.
+            std::mem::forget(self.instance.clone());
+            return;
+        }
+        // SAFETY: everything made from the device holds an Arc to it and is gone; the queue is idle after this wait; the
+        // allocator frees its memory before the device goes, and is not touched again.
+        unsafe {
+            let _ = self.handle.device_wait_idle();
+            self.handle.destroy_pipeline_cache(self.pipeline_cache, None);
+            ManuallyDrop::drop(&mut self.allocator);
+            self.handle.destroy_device(None);
+        }
+    }
+}

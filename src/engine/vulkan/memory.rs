@@ -1,0 +1,271 @@
+//! Buffers and images, each with a name and its own allocation.
+
+use std::mem::ManuallyDrop;
+use std::sync::Arc;
+
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
+
+use super::device::Device;
+use super::failure::failure;
+use crate::base::Error;
+
+/// What an image holds in a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Texel {
+    /// One 32-bit float.
+    One,
+    /// Four of them.
+    Four,
+}
+
+impl Texel {
+    fn format(self) -> vk::Format {
+        match self {
+            Texel::One => vk::Format::R32_SFLOAT,
+            Texel::Four => vk::Format::R32G32B32A32_SFLOAT,
+        }
+    }
+
+    /// Floats a pixel.
+    #[cfg(test)]
+    pub(crate) fn floats(self) -> usize {
+        match self {
+            Texel::One => 1,
+            Texel::Four => 4,
+        }
+    }
+}
+
+/// Every image is read and written by shaders and copied.
+const IMAGE_USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
+    vk::ImageUsageFlags::STORAGE.as_raw()
+        | vk::ImageUsageFlags::TRANSFER_SRC.as_raw()
+        | vk::ImageUsageFlags::TRANSFER_DST.as_raw(),
+);
+
+/// A storage buffer; one that the host sees is mapped for as long as it lives.
+pub(crate) struct Buffer {
+    pub(super) handle: vk::Buffer,
+    size: u64,
+    allocation: ManuallyDrop<Allocation>,
+    device: Arc<Device>,
+}
+
+/// An array of `layers` fields of `width` x `height` texels.
+pub(crate) struct Image {
+    pub(super) handle: vk::Image,
+    pub(super) view: vk::ImageView,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) layers: u32,
+    #[cfg(test)]
+    pub(crate) texel: Texel,
+    allocation: ManuallyDrop<Allocation>,
+    device: Arc<Device>,
+}
+
+/// Bytes of the largest image of one float a texel, and the most layers.
+pub(crate) fn image_limits(device: &Device) -> Result<(u64, u32), Error> {
+    // SAFETY: the physical device belongs to this instance.
+    let found = unsafe {
+        device.instance.handle.get_physical_device_image_format_properties(
+            device.physical.handle,
+            Texel::One.format(),
+            vk::ImageType::TYPE_2D,
+            vk::ImageTiling::OPTIMAL,
+            IMAGE_USAGE,
+            vk::ImageCreateFlags::empty(),
+        )
+    };
+    let found = device.check("vkGetPhysicalDeviceImageFormatProperties", found)?;
+    Ok((found.max_resource_size, found.max_array_layers))
+}
+
+impl Buffer {
+    /// A buffer on the device alone.
+    pub(crate) fn on_device(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
+        Self::new(device, name, size, MemoryLocation::GpuOnly)
+    }
+
+    /// A mapped buffer that the host fills.
+    pub(crate) fn for_upload(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
+        Self::new(device, name, size, MemoryLocation::CpuToGpu)
+    }
+
+    /// A mapped buffer that the host reads.
+    pub(crate) fn for_readback(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
+        Self::new(device, name, size, MemoryLocation::GpuToCpu)
+    }
+
+    fn new(device: &Arc<Device>, name: &str, size: u64, location: MemoryLocation) -> Result<Arc<Self>, Error> {
+        // Shaders read whole words, so the last one must be there.
+        let size = size.next_multiple_of(4).max(4);
+        let usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::UNIFORM_BUFFER
+            | vk::BufferUsageFlags::INDIRECT_BUFFER
+            | vk::BufferUsageFlags::TRANSFER_SRC
+            | vk::BufferUsageFlags::TRANSFER_DST;
+        let create = vk::BufferCreateInfo::default().size(size).usage(usage);
+        // SAFETY: the device is alive; the size is not zero.
+        let handle = device.check("vkCreateBuffer", unsafe { device.handle.create_buffer(&create, None) })?;
+        device.name(handle, name);
+        // SAFETY: the buffer belongs to this device.
+        let requirements = unsafe { device.handle.get_buffer_memory_requirements(handle) };
+        let allocation = allocate(device, name, requirements, location, true).inspect_err(|_| {
+            // SAFETY: the buffer was never used.
+            unsafe { device.handle.destroy_buffer(handle, None) };
+        })?;
+        // SAFETY: memory and offset come from the allocator for these requirements, and nothing is bound yet.
+        let bound = unsafe { device.handle.bind_buffer_memory(handle, allocation.memory(), allocation.offset()) };
+        let buffer = Self { handle, size, allocation: ManuallyDrop::new(allocation), device: device.clone() };
+        device.check("vkBindBufferMemory", bound)?;
+        Ok(Arc::new(buffer))
+    }
+
+    /// Bytes.
+    pub(crate) fn size(&self) -> u64 {
+        self.size
+    }
+
+    /// Writes at the start of a mapped buffer.
+    pub(crate) fn write(&self, bytes: &[u8]) -> Result<(), Error> {
+        assert!(bytes.len() as u64 <= self.size, "{} bytes for a buffer of {}", bytes.len(), self.size);
+        let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
+        // SAFETY: the mapping is as long as the buffer, longer than `bytes`; no submission that reads it is under way, since
+        // every submission is waited for before its recording is given back.
+        unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), mapped.as_ptr().cast(), bytes.len()) };
+        Ok(())
+    }
+
+    /// Copies `count` values out of a mapped buffer, from a byte offset.
+    pub(crate) fn read<T: bytemuck::AnyBitPattern>(&self, offset: usize, count: usize) -> Result<Vec<T>, Error> {
+        let bytes = self.allocation.mapped_slice().ok_or_else(|| self.not_mapped())?;
+        let bytes = &bytes[offset..offset + count * size_of::<T>()];
+        Ok(bytemuck::pod_collect_to_vec::<u8, u8>(bytes)
+            .chunks_exact(size_of::<T>())
+            .map(bytemuck::pod_read_unaligned)
+            .collect())
+    }
+
+    fn not_mapped(&self) -> Error {
+        failure("mapping a buffer", &self.device.info().name, vk::Result::ERROR_MEMORY_MAP_FAILED)
+    }
+}
+
+impl Image {
+    /// An image whose contents are undefined; [`super::Recorder::prepare`] must see it before any pass does.
+    pub(crate) fn new(
+        device: &Arc<Device>,
+        name: &str,
+        [width, height]: [u32; 2],
+        layers: u32,
+        texel: Texel,
+    ) -> Result<Arc<Self>, Error> {
+        let create = vk::ImageCreateInfo::default()
+            .image_type(vk::ImageType::TYPE_2D)
+            .format(texel.format())
+            .extent(vk::Extent3D { width, height, depth: 1 })
+            .mip_levels(1)
+            .array_layers(layers)
+            .samples(vk::SampleCountFlags::TYPE_1)
+            .usage(IMAGE_USAGE);
+        // SAFETY: the device is alive; sizes were checked against its limits by the plan.
+        let handle = device.check("vkCreateImage", unsafe { device.handle.create_image(&create, None) })?;
+        device.name(handle, name);
+        // SAFETY: the image belongs to this device.
+        let requirements = unsafe { device.handle.get_image_memory_requirements(handle) };
+        let allocation = allocate(device, name, requirements, MemoryLocation::GpuOnly, false).inspect_err(|_| {
+            // SAFETY: the image was never used.
+            unsafe { device.handle.destroy_image(handle, None) };
+        })?;
+        // SAFETY: memory and offset come from the allocator for these requirements, and nothing is bound yet.
+        let bound = unsafe { device.handle.bind_image_memory(handle, allocation.memory(), allocation.offset()) };
+        let mut image = Self {
+            handle,
+            view: vk::ImageView::null(),
+            width,
+            height,
+            layers,
+            #[cfg(test)]
+            texel,
+            allocation: ManuallyDrop::new(allocation),
+            device: device.clone(),
+        };
+        device.check("vkBindImageMemory", bound)?;
+        let create = vk::ImageViewCreateInfo::default()
+            .image(handle)
+            .view_type(vk::ImageViewType::TYPE_2D_ARRAY)
+            .format(texel.format())
+            .subresource_range(image.whole());
+        // SAFETY: the image is bound and belongs to this device.
+        image.view = device.check("vkCreateImageView", unsafe { device.handle.create_image_view(&create, None) })?;
+        Ok(Arc::new(image))
+    }
+
+    pub(super) fn whole(&self) -> vk::ImageSubresourceRange {
+        vk::ImageSubresourceRange {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            base_mip_level: 0,
+            level_count: 1,
+            base_array_layer: 0,
+            layer_count: self.layers,
+        }
+    }
+}
+
+fn allocate(
+    device: &Device,
+    name: &str,
+    requirements: vk::MemoryRequirements,
+    location: MemoryLocation,
+    linear: bool,
+) -> Result<Allocation, Error> {
+    let desc = AllocationCreateDesc {
+        name,
+        requirements,
+        location,
+        linear,
+        allocation_scheme: AllocationScheme::GpuAllocatorManaged,
+    };
+    device.allocator().allocate(&desc).map_err(|e| Error::Vulkan {
+        call: format!("allocating {:.1} MiB for {name}", requirements.size as f64 / super::MIB as f64),
+        device: device.info().name.clone(),
+        result: e.to_string(),
+        advice: "; use smaller images, or free memory on the device",
+    })
+}
+
+/// Gives an allocation back.
+fn release(device: &Device, allocation: &mut ManuallyDrop<Allocation>) {
+    // SAFETY: called once, from the owner's drop, and the allocation is not touched again.
+    let allocation = unsafe { ManuallyDrop::take(allocation) };
+    // The allocator refuses only an allocation that is not its own.
+    let _ = device.allocator().free(allocation);
+}
+
+impl Drop for Buffer {
+    fn drop(&mut self) {
+        if self.device.is_poisoned() {
+            return;
+        }
+        // SAFETY: recordings keep what they use alive and are waited for, so the device no longer uses the buffer.
+        unsafe { self.device.handle.destroy_buffer(self.handle, None) };
+        release(&self.device, &mut self.allocation);
+    }
+}
+
+impl Drop for Image {
+    fn drop(&mut self) {
+        if self.device.is_poisoned() {
+            return;
+        }
+        // SAFETY: as for `Buffer`; destroying a null view does nothing.
+        unsafe {
+            self.device.handle.destroy_image_view(self.view, None);
+            self.device.handle.destroy_image(self.handle, None);
+        }
+        release(&self.device, &mut self.allocation);
+    }
+}

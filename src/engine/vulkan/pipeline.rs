@@ -1,0 +1,155 @@
+//! Compute pipelines.
+
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::device::Device;
+use crate::base::Error;
+use crate::engine::shaders::Shader;
+
+/// What a shader binds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Binding {
+    /// An array image of one or four floats a texel.
+    Image,
+    /// A storage buffer.
+    Buffer,
+    /// A uniform buffer.
+    Uniform,
+}
+
+/// A shader, what it binds in order, and the bytes of its push constants.
+pub(crate) struct Stage {
+    pub(crate) shader: &'static Shader,
+    pub(crate) bindings: &'static [Binding],
+    pub(crate) constant_bytes: usize,
+    /// Workgroup width and height, specialization constants 0 and 1.
+    pub(crate) workgroup: [u32; 2],
+}
+
+/// A compiled stage.
+pub(crate) struct Pipeline {
+    pub(super) handle: vk::Pipeline,
+    pub(super) layout: vk::PipelineLayout,
+    pub(super) set_layout: vk::DescriptorSetLayout,
+    pub(super) bindings: &'static [Binding],
+    pub(super) constant_bytes: usize,
+    pub(crate) name: &'static str,
+    pub(crate) workgroup: [u32; 2],
+    device: Arc<Device>,
+}
+
+impl Binding {
+    pub(super) fn descriptor_type(self) -> vk::DescriptorType {
+        match self {
+            Binding::Image => vk::DescriptorType::STORAGE_IMAGE,
+            Binding::Buffer => vk::DescriptorType::STORAGE_BUFFER,
+            Binding::Uniform => vk::DescriptorType::UNIFORM_BUFFER,
+        }
+    }
+}
+
+impl Pipeline {
+    /// Compiles a stage, through the device's cache.
+    pub(crate) fn new(device: &Arc<Device>, stage: &Stage) -> Result<Self, Error> {
+        Self::variant(device, stage, [false; 3])
+    }
+
+    /// Compiles a stage with its specialization constants 2 to 4, all bool, as given.
+    pub(crate) fn variant(device: &Arc<Device>, stage: &Stage, variant: [bool; 3]) -> Result<Self, Error> {
+        let name = stage.shader.name;
+        let mut pipeline = Self {
+            handle: vk::Pipeline::null(),
+            layout: vk::PipelineLayout::null(),
+            set_layout: vk::DescriptorSetLayout::null(),
+            bindings: stage.bindings,
+            constant_bytes: stage.constant_bytes,
+            name,
+            workgroup: stage.workgroup,
+            device: device.clone(),
+        };
+        pipeline.create_layouts()?;
+        pipeline.compile(stage, variant)?;
+        device.name(pipeline.handle, name);
+        Ok(pipeline)
+    }
+
+    fn create_layouts(&mut self) -> Result<(), Error> {
+        let device = &self.device;
+        let bindings: Vec<_> = (0..)
+            .zip(self.bindings)
+            .map(|(index, binding)| {
+                vk::DescriptorSetLayoutBinding::default()
+                    .binding(index)
+                    .descriptor_type(binding.descriptor_type())
+                    .descriptor_count(1)
+                    .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            })
+            .collect();
+        let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+        // SAFETY: the device is alive; `bindings` outlives the call.
+        let made = unsafe { device.handle.create_descriptor_set_layout(&create, None) };
+        self.set_layout = device.check("vkCreateDescriptorSetLayout", made)?;
+        let set_layouts = [self.set_layout];
+        let ranges = [vk::PushConstantRange {
+            stage_flags: vk::ShaderStageFlags::COMPUTE,
+            offset: 0,
+            size: u32::try_from(self.constant_bytes).unwrap_or(u32::MAX),
+        }];
+        let mut create = vk::PipelineLayoutCreateInfo::default().set_layouts(&set_layouts);
+        if self.constant_bytes > 0 {
+            create = create.push_constant_ranges(&ranges);
+        }
+        // SAFETY: the set layout belongs to this device; the range is within the 128 bytes that every device has.
+        let made = unsafe { device.handle.create_pipeline_layout(&create, None) };
+        self.layout = device.check("vkCreatePipelineLayout", made)?;
+        Ok(())
+    }
+
+    fn compile(&mut self, stage: &Stage, variant: [bool; 3]) -> Result<(), Error> {
+        let device = &self.device;
+        let create = vk::ShaderModuleCreateInfo::default().code(stage.shader.spirv);
+        // SAFETY: the words are SPIR-V that shaderc made at build time.
+        let module = unsafe { device.handle.create_shader_module(&create, None) };
+        let module = device.check("vkCreateShaderModule", module)?;
+        let entries =
+            [0u32, 1, 2, 3, 4].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
+        let [width, height] = stage.workgroup;
+        let constants = [width, height, variant[0].into(), variant[1].into(), variant[2].into()];
+        let specialization =
+            vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&constants));
+        let shader = vk::PipelineShaderStageCreateInfo::default()
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .module(module)
+            .name(c"main")
+            .specialization_info(&specialization);
+        let create = [vk::ComputePipelineCreateInfo::default().stage(shader).layout(self.layout)];
+        // SAFETY: module, layout and cache belong to this device; everything pointed to outlives the call.
+        let made = unsafe { device.handle.create_compute_pipelines(device.pipeline_cache, &create, None) };
+        // SAFETY: a pipeline no longer needs its module once it is made.
+        unsafe { device.handle.destroy_shader_module(module, None) };
+        let made = made.map_err(|(_, result)| result);
+        self.handle = device.check(&format!("compiling {}", self.name), made)?[0];
+        Ok(())
+    }
+
+    /// Workgroups that cover `width` x `height` invocations.
+    pub(crate) fn groups(&self, [width, height]: [u32; 2]) -> [u32; 3] {
+        [width.div_ceil(self.workgroup[0]), height.div_ceil(self.workgroup[1]), 1]
+    }
+}
+
+impl Drop for Pipeline {
+    fn drop(&mut self) {
+        if self.device.is_poisoned() {
+            return;
+        }
+        // SAFETY: recordings that use the pipeline were waited for; destroying a null handle does nothing.
+        unsafe {
+            self.device.handle.destroy_pipeline(self.handle, None);
+            self.device.handle.destroy_pipeline_layout(self.layout, None);
+            self.device.handle.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}

@@ -1,0 +1,194 @@
+//! A finished recording: submit, and wait with a limit.
+
+use std::any::Any;
+use std::sync::{Arc, PoisonError};
+use std::time::Instant;
+
+use ash::vk;
+
+use super::device::Device;
+use super::failure::failure;
+use super::timestamps::{DeviceTimes, Timestamps};
+use crate::base::Error;
+
+/// One command buffer of a recording.
+#[derive(Clone, Copy)]
+pub(super) struct Part {
+    pub(super) commands: vk::CommandBuffer,
+    /// Whether a run asks if it is wanted, once all before it is done.
+    pub(super) optional: bool,
+}
+
+/// Whether a run wants an optional part.
+pub(crate) type Wanted<'a> = &'a mut dyn FnMut(usize) -> Result<bool, Error>;
+
+/// Command buffers that can be replayed any number of times.
+pub(crate) struct Recording {
+    device: Arc<Device>,
+    pool: vk::CommandPool,
+    parts: Vec<Part>,
+    descriptor_pools: Vec<vk::DescriptorPool>,
+    timestamps: Timestamps,
+    /// A timeline that counts the parts done, over all replays.
+    timeline: vk::Semaphore,
+    done: u64,
+    /// Which parts the latest run ran.
+    latest: Vec<bool>,
+    _keep: Vec<Arc<dyn Any + Send + Sync>>,
+}
+
+impl Recording {
+    pub(super) fn new(
+        device: &Arc<Device>,
+        pool: vk::CommandPool,
+        parts: Vec<Part>,
+        descriptor_pools: Vec<vk::DescriptorPool>,
+        keep: Vec<Arc<dyn Any + Send + Sync>>,
+        timestamps: Timestamps,
+    ) -> Result<Self, Error> {
+        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
+        let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
+        // SAFETY: the device has timeline semaphores.
+        let timeline = unsafe { device.handle.create_semaphore(&create, None) };
+        let mut recording = Self {
+            device: device.clone(),
+            pool,
+            parts,
+            descriptor_pools,
+            timestamps,
+            timeline: vk::Semaphore::null(),
+            done: 0,
+            latest: Vec::new(),
+            _keep: keep,
+        };
+        recording.timeline = device.check("vkCreateSemaphore", timeline)?;
+        Ok(recording)
+    }
+
+    /// Runs all parts.
+    ///
+    /// # Errors
+    /// As [`run_first`](Self::run_first).
+    pub(crate) fn run(&mut self) -> Result<(), Error> {
+        self.run_first(self.parts.len(), &mut |_| Ok(true), &mut |_| ())
+    }
+
+    /// Runs the first parts but for the optional ones that are not wanted; calls `after` with the number of parts done as
+    /// each ends, left out or not. Parts between two questions are one submission.
+    ///
+    /// # Errors
+    /// Those of `wanted`; [`Error::Timeout`] poisons the device: it may still be at work in this memory.
+    pub(crate) fn run_first(
+        &mut self,
+        parts: usize,
+        wanted: Wanted<'_>,
+        after: &mut dyn FnMut(usize),
+    ) -> Result<(), Error> {
+        if self.device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        // Past what a clock can hold, there is no deadline.
+        let deadline = Instant::now().checked_add(self.device.timeout);
+        self.latest.clear();
+        while self.latest.len() < parts {
+            let next = self.latest.len();
+            if self.parts[next].optional && !wanted(next)? {
+                self.latest.push(false);
+                after(next + 1);
+                continue;
+            }
+            let end = (next + 1..parts).find(|&part| self.parts[part].optional).unwrap_or(parts);
+            let pending = Pending { recording: self };
+            pending.recording.submit(&pending.recording.parts[next..end])?;
+            for part in next + 1..=end {
+                pending.recording.wait(pending.recording.done + (part - next) as u64, deadline)?;
+                after(part);
+            }
+            drop(pending);
+            self.done += (end - next) as u64;
+            self.latest.resize(end, true);
+        }
+        Ok(())
+    }
+
+    fn submit(&self, parts: &[Part]) -> Result<(), Error> {
+        let commands: Vec<_> =
+            parts.iter().map(|part| [vk::CommandBufferSubmitInfo::default().command_buffer(part.commands)]).collect();
+        let signals: Vec<_> = (1..=parts.len() as u64)
+            .map(|part| {
+                [vk::SemaphoreSubmitInfo::default()
+                    .semaphore(self.timeline)
+                    .value(self.done + part)
+                    .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)]
+            })
+            .collect();
+        let submits: Vec<_> = commands
+            .iter()
+            .zip(&signals)
+            .map(|(command, signal)| {
+                vk::SubmitInfo2::default().command_buffer_infos(command).signal_semaphore_infos(signal)
+            })
+            .collect();
+        let queue = self.device.queue.lock().unwrap_or_else(PoisonError::into_inner);
+        // SAFETY: the queue is locked; the parts are recorded and not pending, since every run waits to the end; what they
+        // use is kept alive.
+        let submitted = unsafe { self.device.handle.queue_submit2(*queue, &submits, vk::Fence::null()) };
+        if submitted == Err(vk::Result::ERROR_DEVICE_LOST) {
+            self.device.poison();
+        }
+        self.device.check("vkQueueSubmit2", submitted)
+    }
+
+    fn wait(&self, value: u64, deadline: Option<Instant>) -> Result<(), Error> {
+        let (semaphores, values) = ([self.timeline], [value]);
+        let wait = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
+        let left = deadline.map(|d| d.saturating_duration_since(Instant::now()).as_nanos());
+        let nanoseconds = left.and_then(|ns| u64::try_from(ns).ok()).unwrap_or(u64::MAX);
+        // SAFETY: the semaphore is a timeline of this device.
+        match unsafe { self.device.handle.wait_semaphores(&wait, nanoseconds) } {
+            Ok(()) => Ok(()),
+            Err(result) => {
+                self.device.poison();
+                let device = self.device.info().name.clone();
+                if result == vk::Result::TIMEOUT {
+                    return Err(Error::Timeout { device, seconds: self.device.timeout.as_secs() });
+                }
+                Err(failure("waiting for the device", &device, result))
+            }
+        }
+    }
+
+    /// The latest run on the device.
+    pub(crate) fn times(&self) -> Result<DeviceTimes, Error> {
+        self.timestamps.read(&self.latest)
+    }
+}
+
+/// A run under way. Should `after` unwind, the parts still pending may go on using the device's memory.
+struct Pending<'a> {
+    recording: &'a Recording,
+}
+
+impl Drop for Pending<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.recording.device.poison();
+        }
+    }
+}
+
+impl Drop for Recording {
+    fn drop(&mut self) {
+        if self.device.is_poisoned() {
+            return;
+        }
+        // SAFETY: every run was waited for, so nothing here is pending; destroying null handles does nothing.
+        unsafe {
+            self.device.handle.destroy_semaphore(self.timeline, None);
+            for &pool in &self.descriptor_pools {
+                self.device.handle.destroy_descriptor_pool(pool, None);
+            }
+            self.device.handle.destroy_command_pool(self.pool, None);
+        }
+    }
+}

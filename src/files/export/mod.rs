@@ -1,0 +1,204 @@
+//! Results out: fields, pictures and the report of a solve.
+//!
+//! [`write()`] puts the files of a solve into a folder: all of them, or none.
+
+mod depth;
+mod depth16;
+mod extra;
+pub(crate) mod field;
+mod fused;
+mod json;
+mod labels;
+pub(crate) mod meaning;
+mod measurements;
+mod metric;
+mod palette;
+mod pen;
+pub(crate) mod picture;
+mod ranks;
+mod registered;
+mod registration;
+mod report;
+mod results;
+mod scale;
+mod solved;
+mod staging;
+mod sweep;
+#[cfg(test)]
+mod tests;
+mod texture;
+mod transform;
+mod valid;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+pub(crate) use depth::larger_is;
+pub use depth16::{Depth16, Depth16Report};
+pub use extra::{EXTRA_FILES, Extra, PAGE_FILE};
+pub use fused::{FUSED_FLOAT_FILE, fused, fused_float};
+pub(crate) use fused::{color_type, fused_frame};
+pub use labels::labels;
+pub use measurements::{Measurements, ProfileReport, StepReport, Wanted, profiles_in};
+pub use metric::{DEPTH_FILE, DepthReport};
+pub use palette::Palette;
+pub use pen::Pen;
+pub use registered::{registered_ending, write_registered};
+pub use registration::{RegistrationReport, write_json, write_registration};
+pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TextureReport, TimingsReport};
+pub use results::Results;
+pub use scale::{Scale, color};
+pub use solved::Solved;
+pub use sweep::{SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, write_sweep};
+pub use texture::Texture;
+pub use transform::{PairOf, read_pair_of, read_transform};
+
+use crate::base::{Decode, Error, Format, Lens};
+use crate::engine::Solution;
+use crate::metric::MetricDepth;
+use depth::Map;
+pub(crate) use json::to_string as to_json;
+pub(crate) use ranks::Ranks;
+pub use staging::remove_unfinished;
+pub(crate) use staging::{Staging, write_file};
+
+/// The files that [`write()`] makes.
+pub const FILES: [&str; 8] = [
+    "relative_blur.exr",
+    "confidence.exr",
+    "depth.png",
+    "fused.png",
+    "report.json",
+    "uncertainty.exr",
+    "residual.exr",
+    "valid.png",
+];
+
+/// Which of the two images is focused nearer to the camera; it decides which end of V is near in `depth.png`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Nearer {
+    /// I1: V > 0 is near.
+    #[default]
+    First,
+    /// I2: V > 0 is far.
+    Second,
+}
+
+impl Nearer {
+    /// 1 or 2.
+    pub fn number(self) -> u8 {
+        match self {
+            Nearer::First => 1,
+            Nearer::Second => 2,
+        }
+    }
+
+    /// As the focus distances of a lens say.
+    pub fn of_lens(lens: &Lens) -> Self {
+        if lens.focus[0] < lens.focus[1] { Self::First } else { Self::Second }
+    }
+}
+
+/// How the pictures of a solve are drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct Look {
+    /// Which image is focused nearer.
+    pub nearer: Nearer,
+    /// How the inputs were decoded; `fused.png` is encoded back.
+    pub decode: Decode,
+    /// The formats of I1 and I2; `fused.png` has 8 bits where both have.
+    pub formats: [Format; 2],
+    /// The colours of `depth.png`.
+    pub palette: Palette,
+    /// What draws keys and curves.
+    pub pen: Option<Pen>,
+}
+
+/// What is written only where it was asked for.
+#[derive(Default)]
+pub struct Additions<'a> {
+    /// Depth in mm: [`DEPTH_FILE`].
+    pub depth: Option<&'a MetricDepth>,
+    /// Profiles: `profile_1.csv`, `profile_1.png` and so on.
+    pub measurements: Measurements,
+    /// Any of the [`EXTRA_FILES`].
+    pub extras: Vec<Extra<'a>>,
+}
+
+/// Writes the [`FILES`] of a solve into the folder `out`, which is made if it is missing.
+///
+/// With [`Additions`], their files too; those that an earlier solve left there are removed.
+///
+/// Everything is written under temporary names first and renamed at the end. On failure the files of this solve, and
+/// the folder if it was made here, are removed again.
+///
+/// # Errors
+/// [`Error::File`]; [`Error::Mismatch`] where a field of `solution` is not of the size that it states.
+pub fn write(
+    out: &Path,
+    solution: &Solution,
+    report: &Report,
+    look: &Look,
+    additions: Additions<'_>,
+) -> Result<(), Error> {
+    let size = (solution.width, solution.height);
+    check_lengths(solution)?;
+    let mut staging = Staging::new(out)?;
+    let [blur, confidence, depth, fused, json, uncertainty, residual, valid] = FILES;
+    staging.add(blur, |w| field::write(w, size, &solution.relative_blur, &meaning::RELATIVE_BLUR))?;
+    staging.add(confidence, |w| field::write(w, size, &solution.confidence, &meaning::CONFIDENCE))?;
+    staging.add(uncertainty, |w| field::write(w, size, &solution.uncertainty, &meaning::UNCERTAINTY))?;
+    staging.add(residual, |w| field::write(w, size, &solution.residual, &meaning::RESIDUAL))?;
+    let texture = Texture::of(solution, Some(report.texture.max_uncertainty_px2));
+    staging.add(valid, |w| valid::write(w, solution, &texture))?;
+    let map = match additions.depth {
+        Some(metric) => Map::of_depth(metric, look.palette),
+        None => Map::of_relative_blur(size, &solution.relative_blur, look.nearer, look.palette),
+    };
+    staging.add(depth, |w| depth::write(w, &map.marking(&texture.marked), look.pen))?;
+    staging.add(fused, |w| fused::write(w, solution, look))?;
+    let of_this = |name: &str| additions.extras.iter().any(|extra| extra.name == name);
+    let stale: Vec<PathBuf> =
+        EXTRA_FILES.into_iter().filter(|name| !of_this(name)).map(|name| out.join(name)).collect();
+    for extra in additions.extras {
+        staging.add(extra.name, |w| (extra.fill)(w))?;
+    }
+    if let Some(metric) = additions.depth {
+        staging.add(DEPTH_FILE, |w| metric::write(w, metric))?;
+    }
+    additions.measurements.stage(&mut staging, look.pen)?;
+    // The last to get its name: where the report is that was asked for, the rest is too (`batch --resume`).
+    staging.add(json, |w| {
+        use std::io::Write;
+        report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
+    })?;
+    staging.place()?;
+    if additions.depth.is_none() {
+        remove_stale(&out.join(DEPTH_FILE))?;
+    }
+    additions.measurements.remove_stale(out)?;
+    stale.iter().try_for_each(|file| remove_stale(file))?;
+    SWEEP_FILES.into_iter().filter(|name| !FILES.contains(name)).try_for_each(|name| remove_stale(&out.join(name)))
+}
+
+/// Removes a result of an earlier run that this one has not replaced.
+pub(crate) fn remove_stale(file: &Path) -> Result<(), Error> {
+    match fs::remove_file(file) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+            Err(Error::file(file, format!("is of an earlier run, and cannot be removed ({e})")))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn check_lengths(solution: &Solution) -> Result<(), Error> {
+    let pixels = solution.width as usize * solution.height as usize;
+    let colors = solution.fused_channels.count() as usize;
+    let fields = [&solution.relative_blur, &solution.uncertainty, &solution.confidence, &solution.residual];
+    let found = [fields.map(Vec::len).as_slice(), &[solution.fused.len()]].concat();
+    if found == [pixels, pixels, pixels, pixels, pixels * colors] {
+        return Ok(());
+    }
+    let (width, height) = (solution.width, solution.height);
+    Err(Error::Mismatch(format!("a solution of {width}x{height} with fields of {found:?} values cannot be written")))
+}

@@ -1,0 +1,177 @@
+//! What a focus sweep gives, in a folder.
+
+use std::io::Write;
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::depth::{Map, larger_is};
+use super::report::{DeviceReport, RangeReport, SizeReport};
+use super::{
+    DEPTH_FILE, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Nearer, Staging, depth, field, fused, meaning,
+    remove_stale,
+};
+use crate::around::focus_stack::{Sweep, SweepDepth};
+use crate::base::{Decode, Depth, DeviceInfo, Error, Photometric, Similarity};
+
+/// The files that [`write_sweep()`] makes.
+pub const SWEEP_FILES: [&str; 5] = ["focus.exr", "uncertainty.exr", "depth.png", "fused.png", "report.json"];
+
+/// What `report.json` of a sweep says: fields may be added, not renamed.
+#[derive(Clone, Debug, Serialize)]
+pub struct SweepReport {
+    /// Of the results.
+    pub size: SizeReport,
+    /// The frames in order.
+    pub frames: Vec<SweepFrame>,
+    /// The frame on whose pixels the results are, from 0.
+    pub reference: usize,
+    /// Whether the first or the last frame is focused nearest, 1 or 2.
+    pub nearer: u8,
+    /// px² of variance by which blur grows with the squared distance from the focus, in settings.
+    pub blur_rate_px2: f64,
+    /// How stored values became intensities.
+    pub decode: Decode,
+    /// The unit of focus settings: "settings", "1/m" of a lens whose focus distances are known, or "mm" of a stage.
+    pub focus_unit: &'static str,
+    /// Range of the focus setting; of no pixel: null.
+    pub focus: RangeReport,
+    /// Depth in mm, where the frames' places of focus are known in mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth: Option<SweepDepthReport>,
+    /// Fraction of pixels of which some pair tells.
+    pub valid_fraction: f64,
+    /// What speaks against any of the pairs.
+    pub warnings: Vec<String>,
+    /// Where it ran.
+    pub device: DeviceReport,
+    /// From the first frame to the results, ms.
+    pub total_ms: f64,
+}
+
+/// What `report.json` of a sweep says about depth in mm; `null` where no pixel has one.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SweepDepthReport {
+    /// Least, greatest and median depth, mm.
+    #[serde(flatten)]
+    pub range: RangeReport,
+    /// The median of its standard deviation, mm.
+    pub median_deviation: Option<f32>,
+    /// Pixels whose focus setting is beyond infinity; they are NaN.
+    pub out_of_range: usize,
+}
+
+impl From<&SweepDepth> for SweepDepthReport {
+    fn from(found: &SweepDepth) -> Self {
+        Self {
+            range: RangeReport::of(&found.depth),
+            median_deviation: RangeReport::of(&found.deviation).median,
+            out_of_range: found.out_of_range,
+        }
+    }
+}
+
+/// One frame of a sweep.
+#[derive(Clone, Debug, Serialize)]
+pub struct SweepFrame {
+    /// Its file as given.
+    pub file: String,
+    /// Its focus setting.
+    pub position: f64,
+    /// Where it is focused, mm, as stated: the distance from the lens, or the place along the axis of a stage.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focus_mm: Option<f64>,
+    /// Where each pixel of the reference lies in it.
+    pub transform: Similarity,
+    /// What maps its exposure to the reference's.
+    pub photometric: Photometric,
+}
+
+impl SweepReport {
+    /// Of a sweep of these files.
+    pub fn new(sweep: &Sweep, files: &[String], nearer: Nearer, device: &DeviceInfo, total_ms: f64) -> Self {
+        let frame = |(n, file): (usize, &String)| SweepFrame {
+            file: file.clone(),
+            position: sweep.positions[n],
+            focus_mm: sweep.stated.millimetres().map(|at| at[n]),
+            transform: sweep.transforms[n],
+            photometric: sweep.photometric[n],
+        };
+        let valid = sweep.focus.iter().filter(|u| !u.is_nan()).count();
+        Self {
+            size: SizeReport { width: sweep.width, height: sweep.height },
+            frames: files.iter().enumerate().map(frame).collect(),
+            reference: sweep.reference,
+            nearer: nearer.number(),
+            blur_rate_px2: sweep.blur_rate,
+            decode: sweep.decode,
+            focus_unit: sweep.stated.unit(),
+            focus: RangeReport::of(&sweep.focus),
+            depth: sweep.depth.as_ref().map(SweepDepthReport::from),
+            valid_fraction: valid as f64 / sweep.focus.len().max(1) as f64,
+            warnings: sweep.warnings.clone(),
+            device: device.into(),
+            total_ms,
+        }
+    }
+
+    /// As JSON, without a newline at its end.
+    ///
+    /// # Errors
+    /// None is known; serde_json's signature allows one.
+    pub fn to_json(&self) -> Result<String, serde_json::Error> {
+        serde_json::to_string_pretty(self)
+    }
+}
+
+/// Writes the [`SWEEP_FILES`], [`DEPTH_FILE`] where depth is known, and the page where one is given, into the folder
+/// `out`, which is made if it is missing; all of them, or none. Where the frames are in floats, `fused.exr` is written too.
+///
+/// # Errors
+/// [`Error::File`].
+pub fn write_sweep(
+    out: &Path,
+    sweep: &Sweep,
+    report: &SweepReport,
+    look: &Look,
+    page: Option<Extra<'_>>,
+) -> Result<(), Error> {
+    let size = (sweep.width, sweep.height);
+    let mut staging = Staging::new(out)?;
+    let [focus, uncertainty, picture, fused, json] = SWEEP_FILES;
+    staging.add(focus, |w| field::write(w, size, &sweep.focus, &meaning::FOCUS))?;
+    staging.add(uncertainty, |w| field::write(w, size, &sweep.uncertainty, &meaning::FOCUS_UNCERTAINTY))?;
+    if let Some(found) = &sweep.depth {
+        let channels = [("Y", &found.depth[..]), ("standard_deviation", &found.deviation)];
+        staging.add(DEPTH_FILE, |w| field::write_channels(w, size, &channels, &meaning::SWEEP_DEPTH))?;
+    }
+    let map = match &sweep.depth {
+        Some(found) => {
+            let stated = sweep.stated.millimetres().unwrap_or_default();
+            let apart = stated.first().zip(stated.last()).map_or(0.0, |(first, last)| (last - first).abs());
+            Map::in_mm(size, &found.depth, apart, larger_is(stated, look.nearer), look.palette)
+        }
+        None => Map::of_focus(size, &sweep.focus, &sweep.positions, look.nearer, look.palette),
+    };
+    staging.add(picture, |w| depth::write(w, &map, look.pen))?;
+    let image = fused::Image { size, channels: sweep.fused_channels, values: &sweep.fused };
+    let depth = look.formats[0].depth;
+    staging.add(fused, |w| fused::write_image(w, &image, look.decode, depth))?;
+    let is_float = depth == Depth::F32;
+    if is_float {
+        staging.add(FUSED_FLOAT_FILE, |w| fused::write_float(w, &image, look.decode))?;
+    }
+    let page_name = page.as_ref().map(Extra::name);
+    if let Some(page) = page {
+        staging.add(page.name, |w| (page.fill)(w))?;
+    }
+    staging.add(json, |w| {
+        report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
+    })?;
+    staging.place()?;
+    // What a solve of a pair left there belongs to other pictures.
+    let of_a_pair = FILES.into_iter().chain(EXTRA_FILES).chain(sweep.depth.is_none().then_some(DEPTH_FILE));
+    let is_new =
+        |name: &str| SWEEP_FILES.contains(&name) || page_name == Some(name) || is_float && name == FUSED_FLOAT_FILE;
+    of_a_pair.filter(|name| !is_new(name)).try_for_each(|name| remove_stale(&out.join(name)))
+}

@@ -1,0 +1,171 @@
+//! The files of a whole solve, read back.
+
+use std::fs;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use super::*;
+use crate::base::{Channels, Depth, DeviceInfo, Frame, Photometric, Samples, Settings, Similarity};
+use crate::engine::{Level, Timings};
+use crate::files::image_io;
+
+fn solution() -> Solution {
+    Solution {
+        width: 3,
+        height: 2,
+        origin: [0, 0],
+        photograph: [3, 2],
+        relative_blur: vec![f32::NAN, -1.5, 0.1, 2.0, 4.0, f32::NAN],
+        uncertainty: vec![f32::NAN, 3f32.sqrt(), 1.0, (1.0f32 / 3.0).sqrt(), 0.0, f32::NAN],
+        residual: vec![f32::NAN, 0.01, 0.02, 0.01, 0.03, f32::NAN],
+        confidence: vec![0.0, 0.25, 0.5, 0.75, 1.0, 0.0],
+        fused_channels: Channels::Gray,
+        fused: vec![-0.1, 0.0, 0.2, 0.5, 1.0, 1.5],
+        transform: Similarity::new(1.25, -0.5, 0.15, 1.01),
+        photometric: Photometric { gain: 1.02, offset: -0.01 },
+        levels: vec![Level { width: 2, height: 1, energy: vec![0.5, f64::NAN] }],
+        converged: true,
+        warnings: vec!["a warning".to_string()],
+        valid_fraction: 4.0 / 6.0,
+        mean_confidence: 0.0,
+        saturated_fraction: f64::NAN,
+        timings: Timings { total_ms: 9.0, gpu_ms: 7.0, passes_ms: vec![("warp", 1.0), ("blur", 2.0), ("apply", 3.0)] },
+    }
+}
+
+fn device() -> DeviceInfo {
+    DeviceInfo {
+        index: 0,
+        name: "a device".to_string(),
+        driver: "a driver 1.2".to_string(),
+        uuid: "00000000-0000-0000-0000-000000000001".to_string(),
+        kind: "CPU",
+        api_version: "1.3.0".to_string(),
+        subgroup_size: 8,
+        memory_bytes: 1,
+        max_image_size: 1,
+        max_storage_buffer: 1,
+        unusable: None,
+    }
+}
+
+fn report() -> Report {
+    Report::new(&solution(), &Settings::default(), &device(), Nearer::First)
+}
+
+fn look(depth: Depth) -> Look {
+    let formats = [Format { channels: Channels::Gray, depth }; 2];
+    Look { nearer: Nearer::First, decode: Decode::None, formats, palette: Palette::Viridis, pen: None }
+}
+
+fn keys(value: &Value) -> Vec<&str> {
+    let mut keys: Vec<&str> = value.as_object().unwrap().keys().map(String::as_str).collect();
+    keys.sort_unstable();
+    keys
+}
+
+#[test]
+fn the_report_has_the_fields_that_scripts_read() {
+    let text = report().to_json().unwrap();
+    let json: Value = serde_json::from_str(&text).unwrap();
+    let mut expected = vec![
+        "version",
+        "transform",
+        "photometric",
+        "method",
+        "settings",
+        "size",
+        "levels",
+        "converged",
+        "relative_blur",
+        "valid_fraction",
+        "mean_confidence",
+        "saturated_fraction",
+        "nearer",
+        "warnings",
+        "device",
+        "validated",
+        "request",
+        "inputs",
+        "files",
+        "flattened",
+        "photograph",
+        "region",
+        "texture",
+        "timings_ms",
+    ];
+    expected.sort_unstable();
+    assert_eq!(keys(&json), expected);
+    assert_eq!(keys(&json["transform"]), ["rotation_deg", "scale", "tx_px", "ty_px"]);
+    assert_eq!(keys(&json["photometric"]), ["gain", "offset"]);
+    assert_eq!(keys(&json["size"]), ["height", "width"]);
+    assert_eq!(keys(&json["levels"][0]), ["energy", "height", "iterations", "width"]);
+    assert_eq!(keys(&json["relative_blur"]), ["max", "median", "min"]);
+    assert_eq!(keys(&json["device"]), ["driver", "name", "uuid"]);
+    assert_eq!(keys(&json["timings_ms"]), ["gpu", "passes", "total"]);
+    assert_eq!((&json["method"], &json["nearer"]), (&Value::from("unified"), &Value::from(1)));
+    assert_eq!(json["settings"]["levels"], Value::Null);
+    assert_eq!(json["settings"]["start_photometric"]["gain"], Value::from(1.0));
+    assert_eq!(json["levels"][0]["iterations"], Value::from(2));
+    assert_eq!((&json["levels"][0]["energy"][1], &json["saturated_fraction"]), (&Value::Null, &Value::Null));
+    assert_eq!(json["relative_blur"]["median"], Value::from(1.05));
+    let places: Vec<_> = ["\"warp\"", "\"blur\"", "\"apply\""].map(|name| text.find(name).unwrap()).to_vec();
+    assert!(places.is_sorted(), "passes are out of order");
+}
+
+#[test]
+fn without_a_valid_pixel_the_range_is_null() {
+    let json = serde_json::to_value(RangeReport::of(&[f32::NAN; 4])).unwrap();
+    assert!(["min", "max", "median"].iter().all(|name| json[name].is_null()));
+}
+
+#[test]
+fn a_solve_appears_whole_and_reads_back() {
+    let base = TempDir::new().unwrap();
+    let out = base.path().join("deep/out");
+    write(&out, &solution(), &report(), &look(Depth::U8), Additions::default()).unwrap();
+    let mut found: Vec<_> =
+        fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    let mut expected = FILES.to_vec();
+    found.sort_unstable();
+    expected.sort_unstable();
+    assert_eq!(found, expected);
+
+    let confidence = image_io::read(&out.join("confidence.exr")).unwrap();
+    assert_eq!(confidence, Frame::gray(3, 2, solution().confidence).unwrap());
+    let (transform, photometric) = read_transform(&out.join("report.json")).unwrap();
+    assert!(transform.corner_distance(&solution().transform, 4000, 3000) < 1e-9);
+    assert_eq!(photometric, Some(solution().photometric));
+
+    let image = exr::prelude::read_first_flat_layer_from_file(out.join("relative_blur.exr")).unwrap();
+    let channel = &image.layer_data.channel_data.list[0];
+    assert_eq!(channel.name.to_string(), "Y");
+    let values: Vec<f32> = channel.sample_data.values_as_f32().collect();
+    assert!(values[0].is_nan() && values[1..5] == solution().relative_blur[1..5]);
+    let attributes = &image.layer_data.attributes;
+    assert!(attributes.software_name.as_ref().unwrap().to_string().starts_with("parfocal "));
+    assert_eq!(attributes.other.len(), 1);
+}
+
+#[test]
+fn fused_takes_the_depth_of_the_inputs() {
+    let base = TempDir::new().unwrap();
+    let path = base.path().join("fused.png");
+    write(base.path(), &solution(), &report(), &look(Depth::U8), Additions::default()).unwrap();
+    assert_eq!(image_io::read(&path).unwrap().samples(), &Samples::U8(vec![0, 0, 51, 128, 255, 255]));
+    for depth in [Depth::U16, Depth::F32] {
+        write(base.path(), &solution(), &report(), &look(depth), Additions::default()).unwrap();
+        assert_eq!(image_io::read(&path).unwrap().samples(), &Samples::U16(vec![0, 0, 13107, 32768, 65535, 65535]));
+    }
+}
+
+#[test]
+fn a_solution_that_contradicts_itself_is_not_written() {
+    let base = TempDir::new().unwrap();
+    let mut wrong = solution();
+    wrong.fused.pop();
+    let result = write(&base.path().join("out"), &wrong, &report(), &look(Depth::U8), Additions::default());
+    assert!(matches!(result, Err(Error::Mismatch(_))));
+    assert!(!base.path().join("out").exists());
+}

@@ -1,0 +1,124 @@
+//! A registration from a file: a report, or part of one.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use super::SizeReport;
+use crate::base::{Decode, Error, Photometric, Region, Settings, Similarity};
+
+/// The most bytes that are read, 16 MiB: a report with every level and iteration at its limit takes under 1 MiB.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// What the file may look like, for whoever has got it wrong.
+const SHAPE: &str = "parfocal reads a report.json or {\"tx_px\", \"ty_px\", \"rotation_deg\", \"scale\"}";
+
+/// Reads where T, and gain and offset if the file states them, should start.
+///
+/// Takes a whole `report.json`, an object with `transform` and perhaps `photometric`, or the transform object itself.
+///
+/// # Errors
+/// [`Error::File`]: the file cannot be read, is not of one of these shapes, or a value is out of range.
+pub fn read_transform(path: &Path) -> Result<(Similarity, Option<Photometric>), Error> {
+    text(path).and_then(|text| parse(&text)).map_err(|problem| Error::file(path, problem))
+}
+
+/// What the file of [`read_transform`] states of the pair that was registered.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PairOf {
+    /// Size of the photographs.
+    pub size: Option<SizeReport>,
+    /// The part of I1 that its results are of.
+    pub region: Option<Region>,
+    /// How stored values became intensities.
+    pub decode: Decode,
+}
+
+/// Reads it.
+///
+/// # Errors
+/// As [`read_transform`].
+pub fn read_pair_of(path: &Path) -> Result<PairOf, Error> {
+    let file: Value = text(path)
+        .and_then(|text| serde_json::from_str(&text).map_err(|e| format!("is not JSON ({e}); {SHAPE}")))
+        .map_err(|problem| Error::file(path, problem))?;
+    let size = file.get("photograph").or(file.get("size")).and_then(|size| SizeReport::deserialize(size).ok());
+    let region = file.get("region").and_then(|region| Region::deserialize(region).ok());
+    let decode = file.get("settings").and_then(|settings| settings.get("decode"));
+    let decode = decode.and_then(|decode| Decode::deserialize(decode).ok()).unwrap_or_default();
+    Ok(PairOf { size, region, decode })
+}
+
+fn text(path: &Path) -> Result<String, String> {
+    let mut text = String::new();
+    let read = File::open(path).and_then(|file| file.take(MAX_BYTES + 1).read_to_string(&mut text));
+    match read {
+        Err(e) => Err(format!("cannot be read as a transform ({e}); check the path")),
+        Ok(bytes) if bytes as u64 > MAX_BYTES => Err(format!("is too long for a transform; {SHAPE}")),
+        Ok(_) => Ok(text),
+    }
+}
+
+fn parse(text: &str) -> Result<(Similarity, Option<Photometric>), String> {
+    let file: Value = serde_json::from_str(text).map_err(|e| format!("is not JSON ({e}); {SHAPE}"))?;
+    let start: Similarity = part(file.get("transform").unwrap_or(&file), "transform")?;
+    let start_photometric: Option<Photometric> = match file.get("photometric") {
+        None | Some(Value::Null) => None,
+        Some(value) => Some(part(value, "photometric")?),
+    };
+    let asked = Settings { start, start_photometric: start_photometric.unwrap_or_default(), ..Settings::default() };
+    asked.check().map_err(|e| format!("cannot be started from: {e}"))?;
+    Ok((start, start_photometric))
+}
+
+fn part<T: DeserializeOwned>(value: &Value, name: &str) -> Result<T, String> {
+    T::deserialize(value).map_err(|e| format!("holds no {name} that can be used ({e}); {SHAPE}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const T: &str = r#"{"tx_px": 1.5, "ty_px": -2, "rotation_deg": 90, "scale": 1.07}"#;
+
+    #[test]
+    fn all_three_shapes_are_read() {
+        let (t, p) = parse(T).unwrap();
+        assert_eq!((t.tx, t.ty, t.scale, p), (1.5, -2.0, 1.07, None));
+        assert!((t.rotation - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+        assert_eq!(parse(&format!(r#"{{"transform": {T}, "photometric": null}}"#)).unwrap(), (t, None));
+        let whole =
+            format!(r#"{{"transform": {T}, "photometric": {{"gain": 1.1, "offset": -0.02}}, "converged": true}}"#);
+        assert_eq!(parse(&whole).unwrap(), (t, Some(Photometric { gain: 1.1, offset: -0.02 })));
+    }
+
+    #[test]
+    fn what_cannot_be_used_says_why() {
+        let cases = [
+            ("", "is not JSON"),
+            ("[1, 2]", "no transform"),
+            ("7", "no transform"),
+            (r#"{"tx_px": 1, "ty_px": 1, "rotation_deg": 0}"#, "scale"),
+            (r#"{"tx_px": null, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "null"),
+            (r#"{"tx_px": 1e999, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "is not JSON"),
+            (r#"{"tx_px": 0, "ty_px": 1, "rotation_deg": 0, "scale": 0}"#, "scale is 0"),
+            (r#"{"tx_px": 1e6, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "translation x is 1000000"),
+        ];
+        for (text, expected) in cases {
+            let problem = parse(text).unwrap_err();
+            assert!(problem.contains(expected), "{text}: {problem}");
+        }
+        let bad_gain = format!(r#"{{"transform": {T}, "photometric": {{"gain": 0, "offset": 0}}}}"#);
+        assert!(parse(&bad_gain).unwrap_err().contains("gain is 0"));
+    }
+
+    #[test]
+    fn a_missing_file_is_named() {
+        let message = read_transform(Path::new("no/such.json")).unwrap_err().to_string();
+        assert!(message.starts_with("no/such.json: "), "{message}");
+    }
+}

@@ -1,0 +1,342 @@
+//! What a report says of the photographs: which files, told apart by their contents, and what they hold.
+
+use std::fs::{self, File};
+use std::io::{self, BufReader};
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::{Exif, Pending, Source, encoding, exif, split_page};
+use crate::base::{Decode, Error};
+
+/// The largest TIFF in which EXIF is looked for, 1 GiB, since it is read whole for that.
+const MAX_TIFF: u64 = 1 << 30;
+
+/// The file of a photograph.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Input {
+    /// The name as given.
+    pub file: String,
+    /// Size of the file, bytes.
+    pub bytes: u64,
+    /// SHA-256 of the file, as `sha256sum` prints it.
+    pub sha256: String,
+    /// Bits of a stored sample.
+    pub bits: u32,
+    /// 1 for grey, 3 for colour; alpha is not counted.
+    pub channels: u32,
+    /// Whether there is an alpha channel, which is dropped.
+    pub alpha: bool,
+    /// "PNG", "JPEG", "TIFF", "PNM", "PFM" or "EXR".
+    pub format: String,
+    /// Pages of the file.
+    pub pages: usize,
+    /// The page that is read, from 1, where the path names one.
+    pub page: Option<usize>,
+    /// What the file says of its values: "sRGB", "linear", the name of another curve or colour space, or nothing. By
+    /// the ICC profile, the chunks of a PNG, or EXIF; EXR and PFM are linear by convention.
+    pub encoding: Option<String>,
+    /// What the camera says of the lens, where it says anything.
+    pub exif: Option<Exif>,
+}
+
+/// Describes a photograph without decoding its pixels.
+///
+/// # Errors
+/// [`Error::File`].
+pub fn describe(path: &Path) -> Result<Input, Error> {
+    let mut pending = Pending::open(path)?;
+    let (bits, channels) = pending.bits_and_channels();
+    let (file, page) = split_page(path);
+    let mut hasher = Hasher(Sha256::new());
+    let bytes = File::open(&file)
+        .and_then(|mut file| io::copy(&mut file, &mut hasher))
+        .map_err(|e| Error::file(path, format!("cannot be read ({e})")))?;
+    let sha256 = hasher.0.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    let alpha = match &pending.source {
+        Source::Raster(s) => s.has_alpha(),
+        Source::Exr(s) => s.has_alpha(),
+        Source::TiffFloat(_) | Source::Pfm(_) => false,
+    };
+    let (encoding, exif) = said(&mut pending.source, &file, bytes);
+    let format = format(&pending.source).to_string();
+    let (pages, file) = (pending.pages, path.display().to_string());
+    Ok(Input { file, bytes, sha256, bits, channels, alpha, format, pages, page, encoding, exif })
+}
+
+fn format(source: &Source) -> &'static str {
+    match source {
+        Source::Raster(s) => s.format(),
+        Source::TiffFloat(_) => "TIFF",
+        Source::Pfm(_) => "PFM",
+        Source::Exr(_) => "EXR",
+    }
+}
+
+/// What a file says of its values and of the lens.
+fn said(source: &mut Source, file: &Path, bytes: u64) -> (Option<String>, Option<Exif>) {
+    let (data, profile) = match source {
+        Source::Exr(_) | Source::Pfm(_) => return (Some(encoding::LINEAR.to_string()), None),
+        Source::Raster(s) => s.metadata(),
+        Source::TiffFloat(_) => (None, None),
+    };
+    let format = format(source);
+    // A TIFF is itself such a structure as EXIF is.
+    let whole = || (format == "TIFF" && bytes <= MAX_TIFF).then(|| fs::read(file).ok()).flatten();
+    let (exif, is_srgb) = data.or_else(whole).map_or((None, false), exif::parse);
+    let chunks = || File::open(file).ok().and_then(|file| encoding::of_png(BufReader::new(file)));
+    let by_exif = is_srgb.then(|| encoding::SRGB.to_string());
+    let encoding = profile.and_then(|profile| encoding::of_icc(&profile));
+    (encoding.or_else(|| if format == "PNG" { chunks() } else { None }).or(by_exif), exif)
+}
+
+/// How the values of photographs of one scene become intensities by what their files say, or imply: 8-bit PNG and JPEG are
+/// made to be looked at, and follow the sRGB curve where they say nothing (so do browsers take them); values of more bits
+/// are linear.
+///
+/// # Errors
+/// [`Error::File`] where a file says something else, [`Error::Mismatch`] where two do not agree.
+pub fn decode_of(inputs: &[Input]) -> Result<Decode, Error> {
+    let of = |input: &Input| {
+        let looked_at = input.bits == 8 && ["PNG", "JPEG"].contains(&input.format.as_str());
+        match input.encoding.as_deref() {
+            Some(encoding::SRGB) => Ok(Decode::Srgb),
+            Some(encoding::LINEAR) => Ok(Decode::None),
+            Some(other) => {
+                let problem =
+                    format!("says that its values are {other}, neither sRGB nor linear: give --decode none or srgb");
+                Err(Error::file(Path::new(&input.file), problem))
+            }
+            None if looked_at => Ok(Decode::Srgb),
+            None => Ok(Decode::None),
+        }
+    };
+    let all: Vec<Decode> = inputs.iter().map(of).collect::<Result<_, _>>()?;
+    let first = all.first().copied().unwrap_or_default();
+    match all.iter().position(|decode| *decode != first) {
+        None => Ok(first),
+        Some(n) => {
+            let name = |decode| if decode == Decode::Srgb { "sRGB" } else { "linear" };
+            Err(Error::Mismatch(format!(
+                "{} is {} by what it says or its format implies, and {} is {}: save both in one way, or give --decode none \
+                 or srgb",
+                inputs[0].file,
+                name(first),
+                inputs[n].file,
+                name(all[n])
+            )))
+        }
+    }
+}
+
+/// What two photographs of a pair give to warn of; a sentence each.
+pub fn pair_warnings(inputs: &[Input], decode: Decode) -> Vec<String> {
+    let [i1, i2] = inputs else { return Vec::new() };
+    let mut warnings = Vec::new();
+    if i1.sha256 == i2.sha256 && i1.page.unwrap_or(1) == i2.page.unwrap_or(1) {
+        warnings.push(format!(
+            "{} and {} hold the same picture, so that V is 0 everywhere: give two photographs, focused at two distances",
+            i1.file, i2.file
+        ));
+    }
+    if i1.channels != i2.channels {
+        let (gray, color) = if i1.channels < i2.channels { (i1, i2) } else { (i2, i1) };
+        warnings.push(format!(
+            "{} is grey and {} is coloured, so that a colour that reads otherwise in grey looks like a change of \
+             exposure: take both in one way",
+            gray.file, color.file
+        ));
+    }
+    for input in inputs.iter().filter(|input| input.pages > 1 && input.page.is_none()) {
+        warnings.push(format!(
+            "{0} has {1} pages, of which the first is read: name the page, as in '{0}#2', or '{0}#1' for this one",
+            input.file, input.pages
+        ));
+    }
+    warnings.extend(encoding_warning([i1, i2], decode));
+    warnings
+}
+
+fn encoding_warning([i1, i2]: [&Input; 2], decode: Decode) -> Option<String> {
+    let [first, second] = [i1, i2].map(|input| input.encoding.as_deref());
+    if let (Some(a), Some(b)) = (first, second)
+        && a != b
+    {
+        let (f1, f2) = (&i1.file, &i2.file);
+        return Some(format!("{f1} says that its values are {a}, and {f2} that its are {b}: save both in one way"));
+    }
+    let linear = [i1, i2].into_iter().find(|input| input.encoding.as_deref() == Some(encoding::LINEAR))?;
+    (decode == Decode::Srgb)
+        .then(|| format!("{} says that its values are linear, and --decode srgb bends them: leave it out", linear.file))
+}
+
+/// A digest as something that bytes are written to.
+struct Hasher(Sha256);
+
+impl io::Write for Hasher {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.update(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use ::exif::experimental::Writer;
+    use ::exif::{Field, In, Rational, Tag, Value};
+    use image::codecs::{jpeg::JpegEncoder, png::PngEncoder};
+    use image::{ExtendedColorType, ImageEncoder};
+    use tempfile::TempDir;
+    use tiff::encoder::{TiffEncoder, colortype};
+
+    use super::*;
+
+    /// EXIF of a camera whose distance is 1.25 m, or unknown.
+    fn camera(distance: (u32, u32)) -> Vec<u8> {
+        let ratio = |num, denom| Value::Rational(vec![Rational { num, denom }]);
+        let text = |text: &str| Value::Ascii(vec![text.as_bytes().to_vec()]);
+        let fields = [
+            (Tag::Make, text("Canon")),
+            (Tag::Model, text("Canon EOS 5D")),
+            (Tag::FocalLength, ratio(1000, 10)),
+            (Tag::FocalLengthIn35mmFilm, Value::Short(vec![100])),
+            (Tag::FNumber, ratio(56, 10)),
+            (Tag::SubjectDistance, ratio(distance.0, distance.1)),
+            (Tag::FocalPlaneXResolution, ratio(2540, 1)),
+            (Tag::ColorSpace, Value::Short(vec![1])),
+        ];
+        let fields = fields.map(|(tag, value)| Field { tag, ifd_num: In::PRIMARY, value });
+        let mut writer = Writer::new();
+        fields.iter().for_each(|field| writer.push_field(field));
+        let mut bytes = io::Cursor::new(Vec::new());
+        writer.write(&mut bytes, false).unwrap();
+        bytes.into_inner()
+    }
+
+    fn save(folder: &TempDir, name: &str, exif: Vec<u8>) -> PathBuf {
+        let path = folder.path().join(name);
+        let file = File::create(&path).unwrap();
+        let pixels = vec![7; 5 * 3 * 3];
+        if name.ends_with("png") {
+            let mut encoder = PngEncoder::new(file);
+            encoder.set_exif_metadata(exif).unwrap();
+            encoder.write_image(&pixels, 5, 3, ExtendedColorType::Rgb8).unwrap();
+        } else {
+            let mut encoder = JpegEncoder::new(file);
+            encoder.set_exif_metadata(exif).unwrap();
+            encoder.write_image(&pixels, 5, 3, ExtendedColorType::Rgb8).unwrap();
+        }
+        path
+    }
+
+    #[test]
+    fn the_lens_is_read_where_the_camera_states_it() {
+        let folder = TempDir::new().unwrap();
+        for name in ["a.jpg", "a.png"] {
+            let input = describe(&save(&folder, name, camera((125, 100)))).unwrap();
+            let expected = Exif {
+                camera: Some("Canon EOS 5D".to_string()),
+                focal_length_mm: Some(100.0),
+                focal_length_35mm_mm: Some(100.0),
+                f_number: Some(5.6),
+                subject_distance_mm: Some(1250.0),
+                pixel_pitch_mm: Some(0.01),
+            };
+            assert_eq!(input.exif, Some(expected), "{name}");
+            assert_eq!((input.encoding.as_deref(), input.bits, input.channels), (Some("sRGB"), 8, 3));
+        }
+        for unknown in [(0, 1), (u32::MAX, 1), (1, 0)] {
+            let input = describe(&save(&folder, "a.jpg", camera(unknown))).unwrap();
+            assert_eq!(input.exif.unwrap().subject_distance_mm, None, "{unknown:?}");
+        }
+        let input = describe(&save(&folder, "a.jpg", b"II*\0nonsense".to_vec())).unwrap();
+        assert_eq!((input.exif, input.encoding), (None, None));
+        let path = folder.path().join("a.tif");
+        let mut encoder = TiffEncoder::new(File::create(&path).unwrap()).unwrap();
+        let mut image = encoder.new_image::<colortype::Gray8>(4, 1).unwrap();
+        image.encoder().write_tag(tiff::tags::Tag::Model, "bench").unwrap();
+        image.write_data(&[1, 2, 3, 4]).unwrap();
+        assert_eq!(describe(&path).unwrap().exif.unwrap().camera.as_deref(), Some("bench"));
+    }
+
+    #[test]
+    fn a_png_says_what_its_values_are() {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("a.png");
+        let write = |set: &dyn Fn(&mut png::Encoder<File>)| {
+            let mut encoder = png::Encoder::new(File::create(&path).unwrap(), 2, 1);
+            set(&mut encoder);
+            encoder.write_header().unwrap().write_image_data(&[1, 2]).unwrap();
+            describe(&path).unwrap().encoding
+        };
+        assert_eq!(write(&|_| ()), None);
+        assert_eq!(write(&|e| e.set_source_srgb(png::SrgbRenderingIntent::Perceptual)).as_deref(), Some("sRGB"));
+        assert_eq!(write(&|e| e.set_source_gamma(png::ScaledFloat::new(1.0))).as_deref(), Some("linear"));
+        assert_eq!(write(&|e| e.set_source_gamma(png::ScaledFloat::new(0.45455))).as_deref(), Some("gamma 2.20"));
+    }
+
+    #[test]
+    fn the_hash_is_that_of_sha256sum() {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("a.pgm");
+        fs::write(&path, "P2 2 1 255 0 255\n").unwrap();
+        let input = describe(&path).unwrap();
+        assert_eq!(input.bytes, 17);
+        assert_eq!(input.sha256, SHA256_OF_PGM);
+        assert_eq!((input.format.as_str(), input.pages, input.alpha), ("PNM", 1, false));
+    }
+
+    const SHA256_OF_PGM: &str = "d76b71c5c2925d05d8176edc363b6c0c7d6c5f7787296055a8e638c09184bef7";
+
+    fn input(name: &str) -> Input {
+        Input {
+            file: name.to_string(),
+            bytes: 1,
+            sha256: name.to_string(),
+            bits: 8,
+            channels: 3,
+            alpha: false,
+            format: "PNG".to_string(),
+            pages: 1,
+            page: None,
+            encoding: None,
+            exif: None,
+        }
+    }
+
+    #[test]
+    fn how_values_are_decoded_is_what_the_files_say_or_imply() {
+        let says = |encoding: &str| Input { encoding: Some(encoding.to_string()), ..input("a") };
+        let of = |inputs: &[Input]| decode_of(inputs).map_err(|e| e.to_string());
+        assert_eq!(of(&[input("a"), says("sRGB")]), Ok(Decode::Srgb));
+        let (tiff, deep) = (Input { format: "TIFF".to_string(), ..input("t") }, Input { bits: 16, ..input("d") });
+        assert_eq!(of(&[says("linear"), tiff.clone(), deep.clone()]), Ok(Decode::None));
+        assert_eq!(of(&[Input { bits: 16, ..says("sRGB") }]), Ok(Decode::Srgb));
+        let problem = of(&[input("a"), deep]).unwrap_err();
+        assert!(problem.starts_with("a is sRGB") && problem.contains("d is linear: "), "{problem}");
+        assert!(of(&[says("gamma 1.80")]).unwrap_err().contains("gamma 1.80, neither"));
+    }
+
+    #[test]
+    fn a_pair_is_warned_of_what_does_not_go_together() {
+        let (a, b) = (input("a"), input("b"));
+        let warn = |b: Input, decode| pair_warnings(&[a.clone(), b], decode).join("; ");
+        assert_eq!(warn(b.clone(), Decode::None), "");
+        assert!(warn(a.clone(), Decode::None).contains("same picture"));
+        assert!(warn(Input { channels: 1, ..b.clone() }, Decode::None).contains("b is grey and a is coloured"));
+        assert!(warn(Input { pages: 3, ..b.clone() }, Decode::None).contains("b has 3 pages"));
+        assert_eq!(warn(Input { pages: 3, page: Some(2), ..b.clone() }, Decode::None), "");
+        let linear = Input { encoding: Some("linear".to_string()), ..b.clone() };
+        assert_eq!(warn(linear.clone(), Decode::None), "");
+        assert!(warn(linear.clone(), Decode::Srgb).contains("b says that its values are linear"));
+        let both = pair_warnings(&[Input { encoding: Some("sRGB".to_string()), ..a.clone() }, linear], Decode::None);
+        assert!(both[0].contains("a says that its values are sRGB, and b that its are linear"), "{both:?}");
+    }
+}

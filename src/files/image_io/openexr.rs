@@ -1,0 +1,150 @@
+//! EXR: red, green and blue, or one channel, in half or float.
+
+use std::fs::File;
+use std::io::BufReader;
+
+use exr::block::reader::Reader;
+use exr::image::{AnyChannels, FlatSamples};
+use exr::meta::attribute::SampleType;
+use exr::meta::header::Header;
+use exr::prelude::{ReadChannels, ReadLayers};
+
+use super::check::DAMAGED;
+use crate::base::{Channels, Frame, Samples};
+
+/// The most samples over all channels of a layer, 2^30: the largest image with four channels.
+const MAX_SAMPLES: u64 = 1 << 30;
+
+/// An EXR whose header has been read.
+pub(super) struct Exr {
+    reader: Reader<BufReader<File>>,
+    names: Vec<String>,
+    size: (u32, u32),
+}
+
+/// Whether a file starts as EXR.
+pub(super) fn is_exr(magic: &[u8]) -> bool {
+    magic.starts_with(&[0x76, 0x2f, 0x31, 0x01])
+}
+
+fn problem(error: exr::error::Error) -> String {
+    match error {
+        exr::error::Error::NotSupported(what) => {
+            format!("this kind of EXR is not read ({what}); save it as scan lines with ZIP compression")
+        }
+        e => format!("cannot be decoded as EXR ({e}); {DAMAGED}"),
+    }
+}
+
+impl Exr {
+    /// Reads the header and chooses the channels.
+    pub(super) fn open(file: BufReader<File>) -> Result<Self, String> {
+        let reader = exr::block::read(file, false).map_err(problem)?;
+        let Some(header) = reader.headers().first() else {
+            return Err(format!("holds no layer; {DAMAGED}"));
+        };
+        let side = |length: usize| u32::try_from(length).map_err(|_| format!("is {length} pixels long; reduce it"));
+        let size = (side(header.layer_size.x())?, side(header.layer_size.y())?);
+        let names = chosen_channels(header)?;
+        Ok(Self { reader, names, size })
+    }
+
+    /// Whether there is an alpha channel, which is dropped.
+    pub(super) fn has_alpha(&self) -> bool {
+        self.reader.headers().first().is_some_and(|h| h.channels.list.iter().any(|c| c.name.to_string() == "A"))
+    }
+
+    /// Width and height of the data window.
+    pub(super) fn size(&self) -> (u32, u32) {
+        self.size
+    }
+
+    /// Bits of a sample, of the widest where they differ, and the number of channels.
+    pub(super) fn bits_and_channels(&self) -> (u32, u32) {
+        let chosen = |name: String| self.names.contains(&name);
+        let list = self.reader.headers().first().map(|header| header.channels.list.as_slice()).unwrap_or_default();
+        let bytes = list.iter().filter(|c| chosen(c.name.to_string())).map(|c| c.sample_type.bytes_per_sample());
+        (8 * bytes.max().unwrap_or(0) as u32, self.names.len() as u32)
+    }
+
+    /// Decodes the pixels.
+    pub(super) fn decode(self) -> Result<Frame, String> {
+        let (width, height) = self.size;
+        match <[Vec<f32>; 3]>::try_from(self.planes()?) {
+            Ok([r, g, b]) => {
+                let values = r.into_iter().zip(g).zip(b).flat_map(|((r, g), b)| [r, g, b]).collect();
+                Frame::new(width, height, Channels::Rgb, Samples::F32(values))
+            }
+            Err(mut planes) => Frame::gray(width, height, planes.pop().unwrap_or_default()),
+        }
+    }
+
+    /// Decodes a single channel, whatever its values.
+    pub(super) fn decode_field(self) -> Result<Vec<f32>, String> {
+        match <[Vec<f32>; 1]>::try_from(self.planes()?) {
+            Ok([values]) => Ok(values),
+            Err(_) => {
+                Err("is a colour image, and a field has one channel; give the file that parfocal wrote".to_string())
+            }
+        }
+    }
+
+    /// The chosen channels, one or three.
+    fn planes(self) -> Result<Vec<Vec<f32>>, String> {
+        let image = exr::prelude::read()
+            .no_deep_data()
+            .largest_resolution_level()
+            .all_channels()
+            .first_valid_layer()
+            .all_attributes()
+            .from_chunks(self.reader)
+            .map_err(problem)?;
+        let channels = &image.layer_data.channel_data;
+        let plane = |name| plane(channels, name).map(|samples| samples.values_as_f32().collect());
+        let planes: Option<Vec<Vec<f32>>> = self.names.iter().map(|name| plane(name)).collect();
+        planes.ok_or_else(|| format!("cannot be decoded as EXR (a channel is missing); {DAMAGED}"))
+    }
+}
+
+fn plane<'a>(channels: &'a AnyChannels<FlatSamples>, name: &str) -> Option<&'a FlatSamples> {
+    channels.list.iter().find(|channel| channel.name.to_string() == name).map(|channel| &channel.sample_data)
+}
+
+/// R, G and B; or Y; or the only channel besides alpha.
+fn chosen_channels(header: &Header) -> Result<Vec<String>, String> {
+    let list = &header.channels.list;
+    let samples = header.layer_size.area() as u64 * list.len() as u64;
+    if header.deep {
+        return Err("is a deep EXR; flatten it".to_string());
+    }
+    if samples > MAX_SAMPLES {
+        return Err(format!("holds {} channels, {samples} samples, and the most read is {MAX_SAMPLES}", list.len()));
+    }
+    if list.iter().any(|c| c.sampling.x() != 1 || c.sampling.y() != 1) {
+        return Err("has subsampled channels, which are not read; save it as RGB".to_string());
+    }
+    let names: Vec<String> = list.iter().map(|c| c.name.to_string()).collect();
+    let chosen = choose(&names).ok_or_else(|| {
+        format!("has the channels {}; parfocal reads R, G and B, or Y, or a single channel", names.join(", "))
+    })?;
+    if list.iter().any(|c| c.sample_type == SampleType::U32 && chosen.contains(&c.name.to_string())) {
+        return Err("holds 32-bit integers; save it as half or float".to_string());
+    }
+    Ok(chosen)
+}
+
+fn choose(names: &[String]) -> Option<Vec<String>> {
+    let has = |wanted: &&str| names.iter().any(|name| name == wanted);
+    let color = ["R", "G", "B"];
+    if color.iter().all(has) {
+        return Some(color.map(String::from).to_vec());
+    }
+    if has(&"Y") && !has(&"RY") {
+        return Some(vec!["Y".to_string()]);
+    }
+    let mut others = names.iter().filter(|name| *name != "A");
+    match (others.next(), others.next()) {
+        (Some(only), None) => Some(vec![only.clone()]),
+        _ => None,
+    }
+}

@@ -1,0 +1,138 @@
+//! PNG, JPEG, TIFF and PNM through the `image` crate.
+
+use std::io::{BufRead, Cursor, Seek};
+
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+
+use super::MAX_PIXELS;
+use super::check::{CONVERT, DAMAGED};
+use crate::base::{Channels, Frame, Samples};
+
+/// The formats that are read, by the names that people know them by.
+const READ: [(ImageFormat, &str); 4] =
+    [(ImageFormat::Png, "PNG"), (ImageFormat::Jpeg, "JPEG"), (ImageFormat::Tiff, "TIFF"), (ImageFormat::Pnm, "PNM")];
+
+/// Bytes that one pixel may take while it is decoded: RGBA in 32-bit floats.
+const LARGEST_PIXEL: u64 = 16;
+
+/// A file whose header has been read.
+pub(super) struct Raster {
+    decoder: Box<dyn ImageDecoder>,
+    format: &'static str,
+    orientation: Orientation,
+}
+
+impl Raster {
+    /// Reads the header.
+    pub(super) fn open(file: impl BufRead + Seek + 'static) -> Result<Self, String> {
+        let reader = ImageReader::new(file).with_guessed_format().map_err(|e| format!("cannot be read ({e})"))?;
+        let Some(found) = reader.format() else {
+            return Err(format!("is in no image format that parfocal knows; {CONVERT}"));
+        };
+        let Some(&(_, format)) = READ.iter().find(|(read, _)| *read == found) else {
+            return Err(format!("is in a format that parfocal does not read ({found:?}); {CONVERT}"));
+        };
+        if found != ImageFormat::Jpeg {
+            return Self::with_decoder(reader, format);
+        }
+        let mut bytes = Vec::new();
+        reader.into_inner().read_to_end(&mut bytes).map_err(|e| format!("cannot be read ({e})"))?;
+        if !jpeg_has_end(&bytes) {
+            return Err(format!("the JPEG breaks off before its end; {DAMAGED}"));
+        }
+        Self::with_decoder(ImageReader::with_format(Cursor::new(bytes), found), format)
+    }
+
+    /// Reads the header of a TIFF, which may be a big one, whose beginning `image` does not guess.
+    pub(super) fn open_tiff(file: impl BufRead + Seek + 'static) -> Result<Self, String> {
+        Self::with_decoder(ImageReader::with_format(file, ImageFormat::Tiff), "TIFF")
+    }
+
+    fn with_decoder(
+        mut reader: ImageReader<impl BufRead + Seek + 'static>,
+        format: &'static str,
+    ) -> Result<Self, String> {
+        let mut limits = Limits::no_limits();
+        limits.max_alloc = Some(MAX_PIXELS * LARGEST_PIXEL);
+        reader.limits(limits);
+        let mut decoder = reader.into_decoder().map_err(|e| problem(format, &e))?;
+        let orientation = decoder.orientation().map_err(|e| problem(format, &e))?;
+        Ok(Self { decoder: Box::new(decoder), format, orientation })
+    }
+
+    /// Width and height once the camera's rotation is applied.
+    pub(super) fn size(&self) -> (u32, u32) {
+        super::turned(self.decoder.dimensions(), self.orientation)
+    }
+
+    /// The format's name.
+    pub(super) fn format(&self) -> &'static str {
+        self.format
+    }
+
+    /// Whether there is an alpha channel, which is dropped.
+    pub(super) fn has_alpha(&self) -> bool {
+        self.decoder.color_type().has_alpha()
+    }
+
+    /// The EXIF data, as a TIFF structure, and the ICC profile, where there are any. Of a TIFF only the latter.
+    pub(super) fn metadata(&mut self) -> (Option<Vec<u8>>, Option<Vec<u8>>) {
+        (self.decoder.exif_metadata().ok().flatten(), self.decoder.icc_profile().ok().flatten())
+    }
+
+    /// Bits of a sample and colour channels, alpha not counted.
+    pub(super) fn bits_and_channels(&self) -> (u32, u32) {
+        let color = self.decoder.color_type();
+        let channels = u32::from(color.channel_count());
+        (u32::from(color.bits_per_pixel()) / channels.max(1), if color.has_color() { 3 } else { 1 })
+    }
+
+    /// Decodes the pixels.
+    pub(super) fn decode(self) -> Result<Frame, String> {
+        let mut image = DynamicImage::from_decoder(self.decoder).map_err(|e| problem(self.format, &e))?;
+        image.apply_orientation(self.orientation);
+        frame(image)
+    }
+}
+
+fn problem(format: &str, error: &image::ImageError) -> String {
+    match error {
+        image::ImageError::Unsupported(e) => format!("this kind of {format} is not read ({e}); {CONVERT}, 8 or 16 bit"),
+        image::ImageError::Limits(e) => format!("this {format} takes too much memory to decode ({e}); reduce it"),
+        e => format!("cannot be decoded as {format} ({e}); {DAMAGED}"),
+    }
+}
+
+fn frame(image: DynamicImage) -> Result<Frame, String> {
+    use DynamicImage::*;
+    let (width, height) = (image.width(), image.height());
+    let (channels, samples) = match image {
+        ImageLuma8(_) | ImageLumaA8(_) => (Channels::Gray, Samples::U8(image.into_luma8().into_raw())),
+        ImageLuma16(_) | ImageLumaA16(_) => (Channels::Gray, Samples::U16(image.into_luma16().into_raw())),
+        ImageRgb8(_) | ImageRgba8(_) => (Channels::Rgb, Samples::U8(image.into_rgb8().into_raw())),
+        ImageRgb16(_) | ImageRgba16(_) => (Channels::Rgb, Samples::U16(image.into_rgb16().into_raw())),
+        ImageRgb32F(_) | ImageRgba32F(_) => (Channels::Rgb, Samples::F32(image.into_rgb32f().into_raw())),
+        other => return Err(format!("holds {:?} samples, which are not read; {CONVERT}", other.color())),
+    };
+    Frame::new(width, height, channels, samples)
+}
+
+/// Whether the scan of a JPEG is closed by an end-of-image marker.
+///
+/// The decoder fills what is missing with grey, and a half-grey photograph gives a wrong depth without a word. The
+/// segments before the scan are stepped over because a thumbnail in them has an end marker of its own. What does not
+/// look like segments is left to the decoder to refuse.
+fn jpeg_has_end(bytes: &[u8]) -> bool {
+    const START_OF_SCAN: u8 = 0xda;
+    const END_OF_IMAGE: [u8; 2] = [0xff, 0xd9];
+    let mut at = 2;
+    while let Some(&[0xff, marker, high, low]) = bytes.get(at..at + 4) {
+        match marker {
+            START_OF_SCAN => return bytes[at..].windows(2).any(|pair| pair == END_OF_IMAGE),
+            0xff => at += 1,
+            _ => at += 2 + usize::from(u16::from_be_bytes([high, low])),
+        }
+    }
+    true
+}

@@ -1,0 +1,6 @@
+//! Files to [`Frame`](crate::Frame)s, and results to files: all of them or none. Nothing here knows Vulkan or a pass.
+
+pub mod export;
+pub mod image_io;
+pub mod model;
+pub(crate) mod preview;

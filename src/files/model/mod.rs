@@ -1,0 +1,131 @@
+//! The surface for other programs: PLY mesh and point cloud, and glTF 2.0 with texture.
+//!
+//! All are written from [`Points`] on a grid, whatever they measure: relative blur times an exaggeration, or a distance.
+
+mod glb;
+mod mesh;
+mod ply;
+#[cfg(test)]
+mod tests;
+
+use crate::base::{Error, Frame};
+use crate::files::export::{Extra, Nearer, Scale};
+use crate::files::preview::photograph;
+
+/// A kind of file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Model {
+    /// `surface.ply`: triangles, with colour and normals at their corners.
+    Ply,
+    /// `points.ply`: every point, with colour and normal.
+    Cloud,
+    /// `surface.glb`: triangles and normals under the picture as texture.
+    Glb,
+}
+
+/// Points in the order of an image's pixels, and their colours.
+///
+/// x is to the right, y up and z towards the camera: a right-handed system, which shows the scene as photographed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Points {
+    /// Points a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Pixels of the image along the side of the square that a point stands for: 1 before [`reduced`](Self::reduced).
+    pub cell: usize,
+    /// Row-major; a point with a coordinate that is not finite is a hole.
+    pub positions: Vec<[f32; 3]>,
+    /// Of each point, sRGB.
+    pub colors: Vec<[u8; 3]>,
+    /// Unit of the coordinates: "px", "mm".
+    pub unit: String,
+    /// What else a reader should know of the coordinates; a line each.
+    pub comments: Vec<String>,
+}
+
+impl Points {
+    /// V over I1's pixels: x = column, y = -row, z = ±V times `exaggeration` (px per px²), near up; holes where V is not
+    /// finite.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] where the image is not of as many pixels as there are values.
+    pub fn of_relative_blur(
+        relative_blur: &[f32],
+        fused: &Frame,
+        nearer: Nearer,
+        exaggeration: f64,
+    ) -> Result<Self, Error> {
+        let picture = photograph(fused);
+        let width = fused.width() as usize;
+        if relative_blur.len() != width * fused.height() as usize || relative_blur.is_empty() {
+            let (values, height) = (relative_blur.len(), fused.height());
+            return Err(Error::Mismatch(format!("{values} values of V are no surface under {width}x{height} pixels")));
+        }
+        let sign = if nearer == Nearer::First { 1.0 } else { -1.0 };
+        let factor = (sign * exaggeration) as f32;
+        let point = |(i, v): (usize, &f32)| [(i % width) as f32, -((i / width) as f32), factor * v];
+        Ok(Self {
+            width,
+            height: fused.height() as usize,
+            cell: 1,
+            positions: relative_blur.iter().enumerate().map(point).collect(),
+            colors: picture.pixels().map(|p| p.0).collect(),
+            unit: "px".to_string(),
+            comments: vec![
+                "x = column and y = -row of the first image".to_string(),
+                format!("z = {factor} px per px^2 times the relative blur V; near is up; not metric"),
+            ],
+        })
+    }
+
+    /// The exaggeration, px per px², at which the relief is 15 % of the image's longer side, as `parfocal view` shows it.
+    pub fn exaggeration(relative_blur: &[f32], width: u32, height: u32) -> f64 {
+        let scale = Scale::of(relative_blur, Nearer::First);
+        0.15 * f64::from(width.max(height)) / (f64::from(scale.high) - f64::from(scale.low))
+    }
+
+    /// Square cells of pixels become one point each, the mean of theirs, about `nodes` along the longer side; as they are
+    /// where there are no more.
+    pub fn reduced(&self, nodes: usize) -> Self {
+        let cell = self.width.max(self.height).div_ceil(nodes.max(1));
+        if cell <= 1 {
+            return self.clone();
+        }
+        let (width, height) = (self.width.div_ceil(cell), self.height.div_ceil(cell));
+        let means = (0..width * height).map(|i| self.mean(i % width * cell, i / width * cell, cell));
+        let (positions, colors) = means.unzip();
+        let (unit, comments) = (self.unit.clone(), self.comments.clone());
+        Self { width, height, cell: cell * self.cell, positions, colors, unit, comments }
+    }
+
+    /// Of the points of a cell that are there.
+    fn mean(&self, left: usize, top: usize, cell: usize) -> ([f32; 3], [u8; 3]) {
+        let (right, bottom) = ((left + cell).min(self.width), (top + cell).min(self.height));
+        let (mut position, mut color, mut count) = ([0.0f64; 3], [0.0f64; 3], 0.0);
+        for i in (top..bottom).flat_map(|y| y * self.width + left..y * self.width + right) {
+            if self.is_there(i) {
+                (0..3).for_each(|k| position[k] += f64::from(self.positions[i][k]));
+                (0..3).for_each(|k| color[k] += f64::from(self.colors[i][k]));
+                count += 1.0;
+            }
+        }
+        // Without a point 0 / 0, which is a hole.
+        (position.map(|sum| (sum / count) as f32), color.map(|sum| (sum / count).round() as u8))
+    }
+
+    fn is_there(&self, i: usize) -> bool {
+        self.positions[i].iter().all(|c| c.is_finite())
+    }
+
+    /// A file of this kind; `texture` is the picture on `surface.glb`, `nodes` the most points of a mesh along the longer
+    /// side, if there is a limit.
+    pub fn file<'a>(&'a self, model: Model, texture: &'a Frame, nodes: Option<usize>) -> Extra<'a> {
+        let mesh = move || nodes.map_or_else(|| self.clone(), |nodes| self.reduced(nodes));
+        match model {
+            Model::Ply => Extra::new("surface.ply", move |w| ply::write(w, &mesh(), true)),
+            Model::Cloud => Extra::new("points.ply", move |w| ply::write(w, self, false)),
+            Model::Glb => Extra::new("surface.glb", move |w| glb::write(w, &mesh(), &photograph(texture))),
+        }
+    }
+}

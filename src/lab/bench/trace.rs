@@ -1,0 +1,136 @@
+//! A trace that Perfetto and chrome://tracing open: the last solve of each run, dispatch by dispatch.
+//!
+//! The format is Chrome's ("Trace Event Format"): times in µs, a process for each run's device and one for its host, a
+//! thread for each level. Device and host have clocks of their own; the device's first pass is drawn at the moment when
+//! the host submits.
+
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use crate::base::Error;
+use crate::engine::profile::{Profile, SUBMIT_WAIT};
+use crate::files::export::write_file;
+
+/// The events so far.
+#[derive(Clone, Debug, Default)]
+pub struct Trace {
+    events: Vec<Value>,
+    /// Runs so far, and where the next begins, ms.
+    runs: usize,
+    start_ms: f64,
+}
+
+/// Between one run and the next, ms.
+const GAP: f64 = 1.0;
+
+impl Trace {
+    /// Adds the profile of a run, after those before it.
+    pub(super) fn add(&mut self, title: &str, size: [u32; 2], profile: &Profile) {
+        let (host, device) = (2 * self.runs + 1, 2 * self.runs + 2);
+        self.name("process_name", host, 0, &format!("{title}: host"));
+        self.name("process_name", device, 0, &format!("{title}: device"));
+        self.name("thread_name", host, 0, "solve");
+        let levels: BTreeSet<usize> = profile.dispatches.iter().map(|d| d.place.level).collect();
+        for level in levels {
+            let [width, height] = size.map(|side| side.div_ceil(1 << level));
+            self.name("thread_name", device, level, &format!("level {level}, {width}x{height}"));
+        }
+        let (mut begin, mut submitted) = (0.0, 0.0);
+        for &(name, end) in &profile.phases.ends_ms {
+            if name == SUBMIT_WAIT {
+                submitted = begin;
+            }
+            self.span(name, (host, 0), [begin, end], json!({}));
+            begin = end;
+        }
+        let mut last = begin;
+        let mut begin = submitted;
+        let passes = profile.dispatches.iter().zip(&profile.executed).zip(&profile.ends_ms);
+        for ((dispatch, executed), end) in passes {
+            let (place, end) = (dispatch.place, submitted + end);
+            let arguments = json!({
+                "level": place.level, "iteration": place.iteration, "bytes": dispatch.bytes, "executed": executed,
+            });
+            self.span(dispatch.pass, (device, place.level), [begin, end], arguments);
+            begin = end;
+            last = f64::max(last, end);
+        }
+        self.runs += 1;
+        self.start_ms += last + GAP;
+    }
+
+    /// A complete event, from and to in ms since this run began.
+    fn span(&mut self, name: &str, (process, thread): (usize, usize), [from, to]: [f64; 2], arguments: Value) {
+        let (ts, dur) = (1e3 * (self.start_ms + from), 1e3 * (to - from).max(0.0));
+        self.events.push(json!({
+            "ph": "X", "name": name, "pid": process, "tid": thread, "ts": ts, "dur": dur, "args": arguments,
+        }));
+    }
+
+    /// An event that names a process or a thread.
+    fn name(&mut self, kind: &str, process: usize, thread: usize, name: &str) {
+        self.events.push(json!({
+            "ph": "M", "name": kind, "pid": process, "tid": thread, "args": { "name": name },
+        }));
+    }
+
+    /// As JSON.
+    pub fn to_json(&self) -> String {
+        json!({ "displayTimeUnit": "ms", "traceEvents": self.events }).to_string()
+    }
+
+    /// Writes it into a file; its folder is made if it is missing. On failure an earlier file stays as it was.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn write(&self, file: &Path) -> Result<(), Error> {
+        write_file(file, |w| writeln!(w, "{}", self.to_json()).map_err(|e| e.to_string()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::profile::{Dispatch, Phases, Place};
+
+    fn profile() -> Profile {
+        let dispatch = |pass, place| Dispatch { pass, place, bytes: 64 };
+        let mut phases = Phases::default();
+        phases.ends_ms = vec![("upload", 1.0), ("start", 1.5), (SUBMIT_WAIT, 5.0), ("collect", 6.0)];
+        Profile {
+            dispatches: vec![dispatch("ingest", Place::level(0)), dispatch("relax", Place::level(1).iteration(3))],
+            executed: vec![true, false],
+            ends_ms: vec![2.0, 3.0],
+            phases,
+        }
+    }
+
+    #[test]
+    fn spans_follow_one_another_and_runs_do_not_overlap() {
+        let mut trace = Trace::default();
+        trace.add("first", [64, 48], &profile());
+        trace.add("second", [64, 48], &profile());
+        let all: Value = serde_json::from_str(&trace.to_json()).unwrap();
+        let spans: Vec<&Value> = all["traceEvents"].as_array().unwrap().iter().filter(|e| e["ph"] == "X").collect();
+        let times: Vec<[f64; 2]> = spans.iter().map(|e| [&e["ts"], &e["dur"]].map(|v| v.as_f64().unwrap())).collect();
+        let first = [[0.0, 1e3], [1e3, 500.0], [1.5e3, 3.5e3], [5e3, 1e3], [1.5e3, 2e3], [3.5e3, 1e3]];
+        assert_eq!(times[..6], first);
+        assert_eq!(times[6], [7e3, 1e3]);
+        let relax = spans[5];
+        assert_eq!((&relax["name"], &relax["tid"]), (&"relax".into(), &1.into()));
+        assert_eq!(relax["args"], json!({ "level": 1, "iteration": 3, "bytes": 64, "executed": false }));
+        assert!(spans[4]["args"]["iteration"].is_null());
+        let named = |name: &str| all["traceEvents"].as_array().unwrap().iter().any(|e| e["args"]["name"] == name);
+        assert!(named("first: device") && named("second: host") && named("level 1, 32x24"), "{all}");
+    }
+
+    #[test]
+    fn without_a_clock_the_host_is_left() {
+        let mut trace = Trace::default();
+        trace.add("run", [64, 48], &Profile { ends_ms: Vec::new(), ..profile() });
+        assert_eq!(trace.events.iter().filter(|e| e["ph"] == "X").count(), 4);
+    }
+}

@@ -1,0 +1,314 @@
+//! Contact sheets: labelled panels in rows and columns.
+//!
+//! ```
+//! use parfocal::contact_sheet::{Panel, Row, Sheet};
+//! use parfocal::export::{Nearer, Scale};
+//!
+//! let (raw, ours) = (vec![0.0; 64 * 48], vec![1.5; 64 * 48]);
+//! let scale = Scale::common([&raw[..], &ours], Nearer::First);
+//! let field = |v: &[f32]| Panel::relative_blur(64, 48, v, &scale);
+//! let sheet = Sheet::new("Relative blur").columns(["without registration", "SIFT", "ours"]).row(
+//!     Row::new("Cup").scale(scale).panels([
+//!         field(&raw).caption("t off by 2.9 px"),
+//!         Panel::missing("too few key-points"),
+//!         field(&ours).caption("0.001 px"),
+//!     ]),
+//! );
+//! # let folder = tempfile::TempDir::new().unwrap();
+//! # let sheet_png = folder.path().join("sheet.png");
+//! parfocal::figure::write_png(&sheet_png, &sheet.draw())?;
+//! # Ok::<(), parfocal::Error>(())
+//! ```
+//!
+//! V is red near and blue far, as in the paper, and grey where not valid. Nothing here fails on odd data: what cannot be
+//! shown is a panel that says why.
+
+mod panel;
+
+use image::RgbImage;
+
+use self::panel::Content;
+use crate::files::export::{Palette, Scale};
+use crate::page::figure::{Align, Area, BLACK, Canvas, GRAY, LIGHT, WHITE, bar_width, color_bar, resized, text};
+
+pub use panel::Panel;
+
+/// Px around the sheet.
+const MARGIN: f32 = 16.0;
+/// Px between panels.
+const GAP: f32 = 8.0;
+/// Size of titles, of column and row names, and of captions, px.
+const TITLE: f32 = 22.0;
+const NAME: f32 = 16.0;
+const CAPTION: f32 = 13.0;
+/// Height of a line of text over its size.
+const LINE: f32 = 1.3;
+/// The tallest panel over its width: one long picture must not stretch its row.
+const TALLEST: f32 = 1.6;
+/// Height over width of a row without a picture.
+const NO_PICTURE: f32 = 0.3;
+
+/// A grid of panels, as the paper's Figures 4, 6, 7 and 9; see [the module](self) for an example.
+#[derive(Clone, Debug)]
+pub struct Sheet {
+    title: String,
+    columns: Vec<String>,
+    rows: Vec<Row>,
+    footer: String,
+    panel_width: u32,
+}
+
+/// One row of a [`Sheet`].
+#[derive(Clone, Debug)]
+pub struct Row {
+    name: String,
+    panels: Vec<Panel>,
+    scale: Option<Scale>,
+}
+
+impl Row {
+    /// A row without panels; its name is written beside it.
+    pub fn new(name: impl Into<String>) -> Self {
+        Self { name: name.into(), panels: Vec::new(), scale: None }
+    }
+
+    /// Adds panels, left to right.
+    pub fn panels(mut self, panels: impl IntoIterator<Item = Panel>) -> Self {
+        self.panels.extend(panels);
+        self
+    }
+
+    /// Draws the key to the colours of V at the right of the row.
+    pub fn scale(mut self, scale: Scale) -> Self {
+        self.scale = Some(scale);
+        self
+    }
+}
+
+/// Where everything of a sheet goes, px.
+struct Layout {
+    width: u32,
+    height: u32,
+    left: f32,
+    top: f32,
+    rows: Vec<RowLayout>,
+}
+
+struct RowLayout {
+    y: f32,
+    /// Of the panels, without their captions.
+    height: f32,
+}
+
+impl Sheet {
+    /// A sheet without rows.
+    pub fn new(title: impl Into<String>) -> Self {
+        Self { title: title.into(), columns: Vec::new(), rows: Vec::new(), footer: String::new(), panel_width: 260 }
+    }
+
+    /// Names above the columns.
+    pub fn columns<T: Into<String>>(mut self, names: impl IntoIterator<Item = T>) -> Self {
+        self.columns = names.into_iter().map(Into::into).collect();
+        self
+    }
+
+    /// Adds a row.
+    pub fn row(mut self, row: Row) -> Self {
+        self.rows.push(row);
+        self
+    }
+
+    /// Text below the rows.
+    pub fn footer(mut self, text: impl Into<String>) -> Self {
+        self.footer = text.into();
+        self
+    }
+
+    /// Width of every panel, px, 32 to 4096. Default 260.
+    pub fn panel_width(mut self, width: u32) -> Self {
+        self.panel_width = width.clamp(32, 4096);
+        self
+    }
+
+    /// Draws the sheet. Pictures of one size have one scale; smaller ones are enlarged to the width of the panel.
+    pub fn draw(&self) -> RgbImage {
+        let layout = self.layout();
+        let mut canvas = Canvas::new(layout.width, layout.height);
+        canvas.text(&self.title, (MARGIN, MARGIN + TITLE), TITLE, Align::Left, BLACK);
+        for (i, name) in self.columns.iter().enumerate() {
+            let middle = self.column(&layout, i) + self.panel_width as f32 / 2.0;
+            canvas.text(name, (middle, layout.top - 0.5 * NAME), NAME, Align::Middle, BLACK);
+        }
+        for (row, place) in self.rows.iter().zip(&layout.rows) {
+            self.draw_row(&mut canvas, &layout, row, place);
+        }
+        let lines = self.footer_lines(layout.width as f32);
+        for (i, line) in lines.iter().enumerate() {
+            let y = layout.height as f32 - MARGIN - (lines.len() - 1 - i) as f32 * LINE * CAPTION;
+            canvas.text(line, (MARGIN, y), CAPTION, Align::Left, GRAY);
+        }
+        canvas.into_image()
+    }
+
+    fn draw_row(&self, canvas: &mut Canvas, layout: &Layout, row: &Row, place: &RowLayout) {
+        let middle = place.y + place.height / 2.0;
+        canvas.text_up(&row.name, (MARGIN + NAME, middle), NAME, Align::Middle, BLACK);
+        for (i, panel) in row.panels.iter().enumerate() {
+            let cell =
+                Area { x: self.column(layout, i), y: place.y, width: self.panel_width as f32, height: place.height };
+            draw_panel(canvas, cell, panel);
+            for (k, line) in text::wrap(&panel.caption, CAPTION, cell.width).iter().enumerate() {
+                let y = cell.bottom() + (k as f32 + 1.0) * LINE * CAPTION;
+                canvas.text(line, (cell.middle().0, y), CAPTION, Align::Middle, GRAY);
+            }
+        }
+        if let Some(scale) = &row.scale {
+            let x = self.column(layout, self.column_count()) + GAP;
+            canvas.text("V, px²", (x, place.y + CAPTION), CAPTION, Align::Left, GRAY);
+            let bar =
+                Area { x, y: place.y + 2.0 * CAPTION, width: bar_width(CAPTION), height: place.height - 2.0 * CAPTION };
+            color_bar(canvas, bar, scale, Palette::RedBlue, CAPTION);
+        }
+    }
+
+    fn column(&self, layout: &Layout, index: usize) -> f32 {
+        layout.left + index as f32 * (self.panel_width as f32 + GAP)
+    }
+
+    fn column_count(&self) -> usize {
+        self.rows.iter().map(|row| row.panels.len()).max().unwrap_or(0).max(self.columns.len())
+    }
+
+    fn layout(&self) -> Layout {
+        let named = self.rows.iter().any(|row| !row.name.is_empty());
+        let left = MARGIN + if named { NAME + GAP } else { 0.0 };
+        let columns = self.column_count() as f32 * (self.panel_width as f32 + GAP) - GAP;
+        let keys = if self.rows.iter().any(|row| row.scale.is_some()) { 2.0 * GAP + bar_width(CAPTION) } else { 0.0 };
+        let title = 2.0 * MARGIN + text::width(&self.title, TITLE);
+        let width = (left + columns.max(0.0) + keys + MARGIN).max(title).ceil();
+        let top = MARGIN
+            + if self.title.is_empty() { 0.0 } else { LINE * TITLE + GAP }
+            + if self.columns.is_empty() { 0.0 } else { LINE * NAME + GAP / 2.0 };
+        let mut y = top.ceil();
+        let mut rows = Vec::with_capacity(self.rows.len());
+        for row in &self.rows {
+            let height = self.panel_height(row);
+            rows.push(RowLayout { y, height });
+            let lines =
+                row.panels.iter().map(|panel| text::wrap(&panel.caption, CAPTION, self.panel_width as f32).len());
+            y += (height + lines.max().unwrap_or(0) as f32 * LINE * CAPTION + 1.5 * GAP).ceil();
+        }
+        let footer = match self.footer_lines(width).len() {
+            0 => 0.0,
+            lines => GAP + lines as f32 * LINE * CAPTION,
+        };
+        Layout {
+            width: width as u32,
+            height: (y - 1.5 * GAP + footer + MARGIN).ceil() as u32,
+            left,
+            top: top.ceil(),
+            rows,
+        }
+    }
+
+    fn panel_height(&self, row: &Row) -> f32 {
+        let tallest = row.panels.iter().filter_map(Panel::aspect).reduce(f32::max);
+        (self.panel_width as f32 * tallest.unwrap_or(NO_PICTURE).min(TALLEST)).round().max(1.0)
+    }
+
+    fn footer_lines(&self, width: f32) -> Vec<String> {
+        text::wrap(&self.footer, CAPTION, width - 2.0 * MARGIN)
+    }
+}
+
+fn draw_panel(canvas: &mut Canvas, cell: Area, panel: &Panel) {
+    let picture = match &panel.content {
+        Content::Picture(picture) => picture,
+        Content::Missing(reason) => return draw_missing(canvas, cell, reason),
+    };
+    let (width, height) = (picture.width() as f32, picture.height() as f32);
+    let scale = (cell.width / width).min(cell.height / height);
+    let size = ((width * scale).round().max(1.0) as u32, (height * scale).round().max(1.0) as u32);
+    let x = (cell.x + (cell.width - size.0 as f32) / 2.0).round();
+    let y = (cell.y + (cell.height - size.1 as f32) / 2.0).round();
+    canvas.image(&resized(picture, size), (x as u32, y as u32));
+    for (region, color) in &panel.marks {
+        let area = Area {
+            x: x + region.x as f32 * scale,
+            y: y + region.y as f32 * scale,
+            width: region.width as f32 * scale,
+            height: region.height as f32 * scale,
+        };
+        // A white line under the coloured one, which then shows on any picture.
+        canvas.outline(area, WHITE, 4.0);
+        canvas.outline(area, *color, 2.0);
+    }
+}
+
+fn draw_missing(canvas: &mut Canvas, cell: Area, reason: &str) {
+    canvas.outline(
+        Area { x: cell.x + 0.5, y: cell.y + 0.5, width: cell.width - 1.0, height: cell.height - 1.0 },
+        LIGHT,
+        1.0,
+    );
+    let (x, y) = cell.middle();
+    canvas.line(&[(x - 12.0, y - 8.0), (x + 12.0, y - 8.0)], GRAY, 2.0, None);
+    for (i, line) in text::wrap(reason, CAPTION, cell.width - 2.0 * GAP).iter().enumerate() {
+        canvas.text(line, (x, y + 14.0 + i as f32 * LINE * CAPTION), CAPTION, Align::Middle, GRAY);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::Rgb;
+
+    fn plain(width: u32, height: u32, color: [u8; 3]) -> Panel {
+        Panel::image(RgbImage::from_pixel(width, height, Rgb(color)))
+    }
+
+    /// The pixels that have exactly this colour: their least and greatest x and y.
+    fn extent(image: &RgbImage, color: [u8; 3]) -> Option<[u32; 4]> {
+        let found = image.enumerate_pixels().filter(|(_, _, p)| p.0 == color).map(|(x, y, _)| [x, y, x, y]);
+        found.reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])])
+    }
+
+    #[test]
+    fn panels_stand_in_rows_and_columns_at_one_width() {
+        let (red, blue, green) = ([250, 0, 0], [0, 0, 250], [0, 250, 0]);
+        let sheet = Sheet::new("")
+            .panel_width(100)
+            .row(Row::new("").panels([plain(200, 100, red), plain(50, 25, blue)]))
+            .row(Row::new("").panels([Panel::missing("none"), plain(100, 100, green)]))
+            .draw();
+        assert_eq!(extent(&sheet, red), Some([16, 16, 115, 65]));
+        assert_eq!(extent(&sheet, blue), Some([124, 16, 223, 65]));
+        assert_eq!(extent(&sheet, green), Some([124, 78, 223, 177]));
+        assert_eq!(sheet.dimensions(), (240, 194));
+    }
+
+    #[test]
+    fn names_captions_and_a_key_take_room_and_no_panel_is_covered() {
+        let red = [250, 0, 0];
+        let scale = Scale { low: -4.0, high: 4.0, nearer: crate::files::export::Nearer::First };
+        let row = Row::new("Cup").scale(scale).panels([plain(80, 80, red).caption("a caption of several words")]);
+        let sheet = Sheet::new("Title").columns(["ours"]).panel_width(80).row(row).footer("a footer").draw();
+        let [left, top, right, bottom] = extent(&sheet, red).unwrap();
+        assert_eq!((right - left, bottom - top), (79, 79));
+        assert!(top > 60 && left > 30 && sheet.width() > right + 50 && sheet.height() > bottom + 40);
+    }
+
+    #[test]
+    fn empty_sheets_are_drawn() {
+        for sheet in [Sheet::new(""), Sheet::new("").row(Row::new("r")), Sheet::new("t").columns(["a", "b"])] {
+            let image = sheet.draw();
+            assert!(image.width() >= 1 && image.height() >= 1);
+        }
+    }
+
+    #[test]
+    fn a_tall_picture_does_not_stretch_its_row() {
+        let image = Sheet::new("").panel_width(50).row(Row::new("").panels([plain(2, 400, [9, 9, 9])])).draw();
+        assert_eq!(image.height(), 80 + 32);
+    }
+}

@@ -1,0 +1,160 @@
+//! The paper's experiments (Ben-Ari, TPAMI 2014, section 5) with parfocal's four systems: tables, figures, and which of
+//! the aims are met.
+//!
+//! ```no_run
+//! use parfocal::evaluate::{Evaluation, Options};
+//! use parfocal::{Engine, EngineOptions};
+//!
+//! let engine = Engine::new(&EngineOptions::default())?;
+//! let evaluation = Evaluation::run(&engine, &Options::default(), &mut |line| eprintln!("{line}"));
+//! evaluation.write("out/evaluate".as_ref())?;
+//! # Ok::<(), parfocal::Error>(())
+//! ```
+//!
+//! A solve that fails is a line of the tables that says why; it ends nothing. Only writing can fail.
+
+mod bench;
+mod calibration;
+mod cases;
+mod descent;
+mod displace;
+mod figures;
+mod kernels;
+mod measure;
+mod real;
+mod registration;
+mod report;
+mod robustness;
+mod table;
+mod targets;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use image::RgbImage;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
+use serde::Serialize;
+
+use self::bench::Bench;
+use crate::base::Error;
+use crate::engine::Engine;
+use crate::files::export::{DeviceReport, Staging};
+
+/// What is evaluated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Folder that holds the real pairs, each in a folder of its own; those that are absent are named in the report.
+    pub data: PathBuf,
+    /// Small scenes, few points, reduced photographs: whether everything runs, not how good it is.
+    pub quick: bool,
+}
+
+impl Default for Options {
+    /// Everything in full, on the pairs in the folder `data`.
+    fn default() -> Self {
+        Self { data: PathBuf::from("data"), quick: false }
+    }
+}
+
+/// The results of all experiments.
+pub struct Evaluation {
+    results: Results,
+    figures: Vec<Figure>,
+}
+
+/// What `report.json` holds: fields may be added, not renamed.
+#[derive(Serialize)]
+struct Results {
+    version: &'static str,
+    device: DeviceReport,
+    quick: bool,
+    targets: Vec<targets::Target>,
+    registration: Vec<registration::CaseResult>,
+    real: Vec<real::PairResult>,
+    absent: Vec<cases::Absent>,
+    robustness: Vec<robustness::Sweep>,
+    descent: Vec<descent::Race>,
+    kernels: Vec<kernels::KernelResult>,
+    calibration: Vec<calibration::Calibration>,
+}
+
+/// A picture and the name of its file.
+struct Figure {
+    name: String,
+    /// What it shows, a sentence.
+    caption: String,
+    picture: RgbImage,
+}
+
+/// Where the figures go within the folder of the report.
+const FIGURES: &str = "figures";
+
+impl Evaluation {
+    /// Runs every experiment; `say` is told what is being done, a line at a time.
+    pub fn run(engine: &Engine, options: &Options, say: &mut dyn FnMut(&str)) -> Self {
+        let mut bench = Bench::new(engine, options.quick, say);
+        let (pairs, absent) = cases::real_pairs(&options.data);
+        let cases = cases::all(&options.data, &pairs, options.quick);
+        let mut figures = figures::Collector::default();
+        let registration = registration::run(&mut bench, cases, &mut figures);
+        let real = real::run(&mut bench, &options.data, &pairs, &mut figures);
+        let robustness = robustness::run(&mut bench);
+        let descent = descent::run(&mut bench);
+        let kernels = kernels::run(&mut bench);
+        let calibration = calibration::run(&mut bench);
+        let figures = figures.finish(&robustness, &descent);
+        let targets = targets::all(&registration);
+        let (version, device, quick) = (env!("CARGO_PKG_VERSION"), engine.info().into(), options.quick);
+        let results = Results {
+            version,
+            device,
+            quick,
+            targets,
+            registration,
+            real,
+            absent,
+            robustness,
+            descent,
+            kernels,
+            calibration,
+        };
+        Self { results, figures }
+    }
+
+    /// The text of `report.json`, without a newline at its end.
+    ///
+    /// # Errors
+    /// None is known; serde_json's signature allows one.
+    pub fn to_json(&self) -> Result<String, serde_json::Error> {
+        crate::files::export::to_json(&self.results)
+    }
+
+    /// The text of `report.md`.
+    pub fn to_markdown(&self) -> String {
+        report::markdown(&self.results, &self.figures)
+    }
+
+    /// Writes `report.md`, `report.json` and `figures/*.png` into a folder, which is made if it is missing. All are
+    /// written under temporary names before the first gets its own; the report comes last.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn write(&self, out: &Path) -> Result<(), Error> {
+        let mut reports = Staging::new(out)?;
+        let mut figures = Staging::new(&out.join(FIGURES))?;
+        for figure in &self.figures {
+            let (name, picture) = (format!("{}.png", figure.name), &figure.picture);
+            figures.add(name, |writer| {
+                PngEncoder::new_with_quality(writer, CompressionType::Default, FilterType::Adaptive)
+                    .write_image(picture, picture.width(), picture.height(), ExtendedColorType::Rgb8)
+                    .map_err(|e| e.to_string())
+            })?;
+        }
+        let json = self.to_json().map_err(|e| e.to_string());
+        reports.add("report.json", |w| json.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))?;
+        reports.add("report.md", |w| w.write_all(self.to_markdown().as_bytes()).map_err(|e| e.to_string()))?;
+        figures.place()?;
+        reports.place()
+    }
+}

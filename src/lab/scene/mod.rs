@@ -1,0 +1,244 @@
+//! The image formation model: synthetic pairs with ground truth.
+//!
+//! A [`Scene`] is plain data: a shape (blur, or depth and a lens), a radiance, a kernel, and how the second image was
+//! displaced and exposed. [`Scene::render`] makes the pair.
+//!
+//! ```
+//! use parfocal::scene::{Preset, Scene};
+//!
+//! # fn main() -> Result<(), parfocal::Error> {
+//! let scene = Scene { noise: 0.003, width: 64, height: 48, ..Preset::Relief.scene() };
+//! let pair = scene.render()?;
+//! println!("V at the first pixel is {} px², T is {:?}", pair.relative_blur[0], pair.transform);
+//! # assert_eq!(pair.relative_blur.len(), 64 * 48);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # What is computed
+//!
+//! With r the radiance in focus, h(u; v) the kernel of variance v, V1 and V2 the blur of both images in px² of I1, and
+//! `x = T⁻¹ q`:
+//!
+//! ```text
+//! I1(x) = ∫ h(u; V1(x)) r(x - u) du
+//! I2(q) = ∫ h(u; s² V2(x)) r(T⁻¹(q - u)) du          V(x) = V2(x) - V1(x)
+//! ```
+//!
+//! Blur is a gather, with the variance at the place that receives: **occlusion is ignored**, and at a jump in depth both
+//! sides show through each other's blur as if neither hid the other. The kernel is oriented with the sensor of its own
+//! image. Nothing is resampled: texture has a closed form under every kernel, other radiance is a continuous function over
+//! which the kernel is integrated. No code is shared with the solver's blur.
+
+mod dots;
+mod files;
+mod kernel;
+mod presets;
+mod radiance;
+mod raster;
+mod shape;
+#[cfg(test)]
+mod tests;
+mod view;
+mod waves;
+
+use serde::{Deserialize, Serialize};
+
+pub use files::{SIMULATED_FILES, Truth, write_simulated};
+pub use kernel::Kernel;
+pub use presets::Preset;
+pub use radiance::Radiance;
+pub use shape::Shape;
+
+use self::kernel::Rules;
+use self::radiance::Pattern;
+use self::shape::Surface;
+use self::view::{View, fill_rows};
+use crate::base::random::Random;
+use crate::base::{Channels, Error, Frame, Lens, Photometric, Samples, Similarity};
+
+/// A description from which a pair is rendered; [`Preset::scene`] gives one to change.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scene {
+    /// What it is called in `truth.json`.
+    pub name: String,
+    /// Pixels a row, at least 16.
+    pub width: u32,
+    /// Rows, at least 16; at most 2^24 pixels in all.
+    pub height: u32,
+    /// Seeds texture, dots, relief and noise, each with its own sequence of random numbers.
+    pub seed: u64,
+    /// Blur, or depth.
+    pub shape: Shape,
+    /// What is on the surface.
+    pub radiance: Radiance,
+    /// From the darkest to the brightest: radiance p in [0, 1] becomes `½ + contrast (p - ½)`. Above 0, at most 1.
+    pub contrast: f64,
+    /// Shape of the blur of both images.
+    pub kernel: Kernel,
+    /// Blur that both images have even in focus, added to V1 and V2: px² of I1, 0 to 16.
+    pub base_blur: f64,
+    /// T: `I2(T x)` lies over I1(x).
+    pub transform: Similarity,
+    /// Of I2, relative to I1.
+    pub exposure: Exposure,
+    /// Deviation of the Gaussian noise that is added to both images after the exposure, intensities; 0 to 1.
+    pub noise: f64,
+}
+
+/// How I2 was exposed: `I2 ← gain I2 + offset`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Exposure {
+    /// Factor on I2, 0.01 to 100.
+    pub gain: f64,
+    /// Added after the gain, intensities, -10 to 10.
+    pub offset: f64,
+}
+
+impl Default for Exposure {
+    fn default() -> Self {
+        Self { gain: 1.0, offset: 0.0 }
+    }
+}
+
+impl Exposure {
+    /// What undoes it: the gain and offset that map I2 onto I1.
+    pub fn photometric(&self) -> Photometric {
+        // Adding zero turns the -0 of an exposure without offset into 0.
+        Photometric { gain: 1.0 / self.gain, offset: -self.offset / self.gain + 0.0 }
+    }
+}
+
+/// A rendered pair, and the truth about it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Simulated {
+    /// The reference image, 32-bit floats with white at 1; grey unless the radiance is in colour. Not clipped.
+    pub i1: Frame,
+    /// The other image.
+    pub i2: Frame,
+    /// V at each pixel of I1, px² of I1, row-major.
+    pub relative_blur: Vec<f32>,
+    /// Depth at each pixel of I1, mm, row-major, where the scene has a lens.
+    pub depth: Option<Vec<f32>>,
+    /// T.
+    pub transform: Similarity,
+    /// Gain and offset that map I2 onto I1.
+    pub photometric: Photometric,
+}
+
+/// Least width and height, px.
+const LEAST_SIDE: u32 = 16;
+
+/// Most pixels: more would take the texture minutes.
+const MOST_PIXELS: u64 = 1 << 24;
+
+/// Largest variance of either blur, px² of its own image: σ 24 px.
+const MOST_VARIANCE: f64 = 576.0;
+
+impl Scene {
+    /// The lens, where the scene has one.
+    pub fn lens(&self) -> Option<&Lens> {
+        self.shape.lens()
+    }
+
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// [`Error::TooSmall`]; [`Error::Setting`] with the first field that is out of range.
+    pub fn check(&self) -> Result<(), Error> {
+        let (width, height) = (self.width, self.height);
+        if width.min(height) < LEAST_SIDE {
+            return Err(Error::TooSmall { width, height, least: LEAST_SIDE });
+        }
+        range("number of pixels", f64::from(width) * f64::from(height), 256.0, MOST_PIXELS as f64)?;
+        match self.shape {
+            Shape::Plane { limit } | Shape::Steps { limit } | Shape::Relief { limit } => {
+                range("largest relative blur", limit, 0.0, 256.0)?;
+            }
+            Shape::Uniform { variance } => range("uniform relative blur", variance, -256.0, 256.0)?,
+            Shape::DepthFile { unit, .. } => range("unit of depth", unit, 1e-9, 1e9)?,
+            Shape::Cylinders { .. } | Shape::RelativeBlurFile { .. } => {}
+        }
+        self.lens().map_or(Ok(()), Lens::check)?;
+        range("contrast", self.contrast, 1e-3, 1.0)?;
+        range("base blur", self.base_blur, 0.0, 16.0)?;
+        range("noise", self.noise, 0.0, 1.0)?;
+        range("exposure", self.exposure.gain, 0.01, 100.0)?;
+        range("offset", self.exposure.offset, -10.0, 10.0)?;
+        range("translation x", self.transform.tx, -1e4, 1e4)?;
+        range("translation y", self.transform.ty, -1e4, 1e4)?;
+        range("rotation", self.transform.rotation_deg(), -360.0, 360.0)?;
+        range("scale", self.transform.scale, 0.2, 5.0)
+    }
+
+    /// Renders the pair. Takes all processors, for a second or two at the default size.
+    ///
+    /// # Errors
+    /// Those of [`check`](Self::check); [`Error::File`] where the radiance or the shape is a file that does not do;
+    /// [`Error::Setting`] where depth and lens make a blur beyond σ 24 px.
+    pub fn render(&self) -> Result<Simulated, Error> {
+        self.check()?;
+        let size = [self.width, self.height];
+        let surface = self.shape.surface(self)?;
+        let channels = self.radiance.channels(self)?;
+        let views = [View::new(&Similarity::IDENTITY, size), View::new(&self.transform, size)];
+        let [i1, i2] = [self.image_of(0, &views, &surface, &channels)?, self.image_of(1, &views, &surface, &channels)?];
+        let point = |i: usize| surface([(i % self.width as usize) as f64, (i / self.width as usize) as f64]);
+        let pixels = self.width as usize * self.height as usize;
+        let relative_blur = (0..pixels).map(point).map(|p| (p.variances[1] - p.variances[0]) as f32).collect();
+        let depth = (0..pixels).map(point).map(|p| p.depth.map(|z| z as f32)).collect();
+        let (transform, photometric) = (self.transform, self.exposure.photometric());
+        Ok(Simulated { i1, i2, relative_blur, depth, transform, photometric })
+    }
+
+    /// Image 0 (I1) or 1 (I2).
+    fn image_of(
+        &self,
+        image: usize,
+        views: &[View; 2],
+        surface: &Surface,
+        channels: &[Pattern],
+    ) -> Result<Frame, Error> {
+        let (size, width, view) = ([self.width, self.height], self.width as usize, &views[image]);
+        // The sensor of I2 sees the same blur s² times as large.
+        let own = if image == 0 { 1.0 } else { self.transform.scale.powi(2) };
+        let variances = fill_rows(size, |y, row| {
+            for (x, v) in row.iter_mut().enumerate() {
+                *v = own * (self.base_blur + surface(view.place([x as f64, y as f64])).variances[image]);
+            }
+        });
+        let largest = variances.iter().copied().fold(0.0, f64::max);
+        range("largest variance of the blur", largest, 0.0, MOST_VARIANCE)?;
+        let rules = Rules::new(self.kernel, largest.sqrt());
+        let render = |pattern: &Pattern| {
+            fill_rows(size, |y, values| {
+                pattern.fill(self.kernel, &rules, &view.row(y, &variances[y * width..][..width]), values);
+            })
+        };
+        self.expose(image, &channels.iter().map(render).collect::<Vec<_>>())
+    }
+
+    /// Contrast, exposure and noise; channels are interleaved.
+    fn expose(&self, image: usize, planes: &[Vec<f64>]) -> Result<Frame, Error> {
+        let Exposure { gain, offset } = if image == 0 { Exposure::default() } else { self.exposure };
+        let mut random = Random::new(self.seed, 10 + image as u64);
+        let mut samples = Vec::with_capacity(planes.len() * planes[0].len());
+        for i in 0..planes[0].len() {
+            for plane in planes {
+                let intensity = 0.5 + self.contrast * (plane[i] - 0.5);
+                let noise = if self.noise > 0.0 { self.noise * random.normal() } else { 0.0 };
+                samples.push((gain * intensity + offset + noise) as f32);
+            }
+        }
+        let channels = if planes.len() == 1 { Channels::Gray } else { Channels::Rgb };
+        Frame::new(self.width, self.height, channels, Samples::F32(samples)).map_err(Error::Mismatch)
+    }
+}
+
+fn range(name: &'static str, value: f64, low: f64, high: f64) -> Result<(), Error> {
+    if value >= low && value <= high {
+        Ok(())
+    } else {
+        Err(Error::Setting { name, value, range: format!("{low} to {high}") })
+    }
+}

@@ -1,0 +1,76 @@
+//! Metric depth: relative blur through a lens, pixel by pixel; the lens from a known target; steps and profiles.
+
+mod calibrate;
+pub mod measure;
+
+pub use calibrate::{Calibration, Found, Target, Unknown, calibrate};
+
+use crate::base::Lens;
+
+/// Depth in mm at each pixel of I1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MetricDepth {
+    /// Pixels a row, of both fields.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Depth from the lens, mm, row-major; NaN where V is NaN or outside the range of the lens model.
+    pub depth: Vec<f32>,
+    /// Standard deviation of the depth, mm, from that of V; NaN where the depth is, infinite where infinity lies within one
+    /// deviation. What the lens' own numbers are off by is not in it.
+    pub deviation: Vec<f32>,
+    /// Pixels where V is a number, but no depth in the range of the model has it, or V is at its limit.
+    pub out_of_range: usize,
+    /// The lens.
+    pub lens: Lens,
+}
+
+impl MetricDepth {
+    /// Inverts `blur`, V in px² with NaN where not valid, and carries its standard deviation `uncertainty`, px², over:
+    /// [`Inverse`](crate::Inverse) has the equations. `scale` is s of the registration; both fields are row-major and of
+    /// `width` values a row. Where |V| is at the `limit` of the solve, px², V is only a bound, and there is no depth.
+    pub fn new(lens: &Lens, scale: f64, limit: f64, width: u32, blur: &[f32], uncertainty: &[f32]) -> Self {
+        let inverse = lens.inverse(scale);
+        // The limit is reached by clamping, so a thousandth below it is room for rounding alone.
+        let is_measured = |v: f64| v.abs() < 0.999 * limit;
+        let invert = |(&v, &sigma): (&f32, &f32)| {
+            let (v, sigma) = (f64::from(v), f64::from(sigma));
+            let pair = inverse.depth(v).zip(inverse.deviation(v, sigma)).filter(|_| is_measured(v));
+            pair.map_or((f32::NAN, f32::NAN), |(z, deviation)| (z as f32, deviation as f32))
+        };
+        let (depth, deviation): (Vec<f32>, Vec<f32>) = blur.iter().zip(uncertainty).map(invert).unzip();
+        let out_of_range = blur.iter().zip(&depth).filter(|(v, z)| !v.is_nan() && z.is_nan()).count();
+        let height = (depth.len() / width.max(1) as usize) as u32;
+        Self { width, height, depth, deviation, out_of_range, lens: *lens }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_pixel_has_its_depth_or_is_counted() {
+        let lens = Lens {
+            focal_length: 50.0,
+            f_number: 5.6,
+            pixel_pitch: 0.0075,
+            focus: [226.5, 233.5],
+            kappa: Lens::DISK,
+            telecentric: false,
+        };
+        let s = lens.breathing();
+        let blur = [227.0, 230.0, 233.0].map(|z| lens.relative_blur(z, s) as f32);
+        let field = [blur[0], blur[1], f32::NAN, blur[2], 1e9, -1e9];
+        let metric = MetricDepth::new(&lens, s, 1e12, 3, &field, &[0.01; 6]);
+        assert_eq!((metric.width, metric.height, metric.out_of_range), (3, 2, 2));
+        for (i, z) in [(0, 227.0), (1, 230.0), (3, 233.0)] {
+            assert!((metric.depth[i] - z).abs() < 1e-3, "{} mm, not {z}", metric.depth[i]);
+            // V falls by 12 px² over the 7 mm.
+            assert!((metric.deviation[i] / (0.01 * 7.0 / 12.3) - 1.0).abs() < 0.2, "{} mm", metric.deviation[i]);
+        }
+        let clamped = MetricDepth::new(&lens, s, f64::from(blur[0].abs()), 3, &field, &[0.01; 6]);
+        assert!(clamped.depth[0].is_nan() && clamped.depth[1].is_finite());
+        assert!([2, 4, 5].iter().all(|&i| metric.depth[i].is_nan() && metric.deviation[i].is_nan()));
+    }
+}

@@ -1,0 +1,71 @@
+//! The key to the colours of a map.
+
+use image::RgbImage;
+
+use super::axis::{Axis, Tick};
+use super::canvas::{Align, Area, BLACK, Canvas, GRAY, MAX_SIDE};
+use super::text;
+use crate::files::export::{Palette, Scale};
+
+/// Between the bar and its numbers, in sizes of the text.
+const GAP: f32 = 0.5;
+
+/// The least size of text that can be read, px.
+const LEAST_TEXT: f32 = 11.0;
+/// Size of text as a part of the longer side: so a picture of any size reads alike where all of it is seen.
+const TEXT: f32 = 0.018;
+/// The height of a map in sizes of the text at least, as long as that can be read: half of it is for words.
+const LINES: f32 = 12.0;
+
+/// Draws a colour bar, near on top, with values to its right in text of this size. Of the area, the left part is the bar;
+/// the right must hold the numbers.
+pub(crate) fn color_bar(canvas: &mut Canvas, area: Area, scale: &Scale, palette: Palette, size: f32) {
+    let bar = Area { width: 0.9 * size, ..area };
+    // Whole rows: antialiased edges between them would show as stripes.
+    let (top, bottom) = (bar.y.round(), bar.bottom().round());
+    for row in 0..(bottom - top).max(0.0) as u32 {
+        let nearness = 1.0 - (f64::from(row) + 0.5) / f64::from(bottom - top);
+        canvas.fill(Area { y: top + row as f32, height: 1.0, ..bar }, palette.color(nearness));
+    }
+    let line = (size / 12.0).max(1.0);
+    canvas.outline(Area { y: top, height: bottom - top, ..bar }, GRAY, line);
+    for Tick { value, label } in ticks(scale, area.height, size) {
+        let Some(label) = label else { continue };
+        let y = bottom - scale.nearness(value as f32) as f32 * (bottom - top);
+        canvas.line(&[(bar.right(), y), (bar.right() + 3.0 * line, y)], GRAY, line, None);
+        canvas.text(&label, (bar.right() + GAP * size, y + 0.35 * size), size, Align::Left, BLACK);
+    }
+}
+
+/// Round values along a bar of this height.
+fn ticks(scale: &Scale, height: f32, size: f32) -> Vec<Tick> {
+    let span = Axis::linear("").spanning([f64::from(scale.low), f64::from(scale.high)]);
+    span.ticks((height / (2.5 * size)).max(1.0) as usize)
+}
+
+/// Width that a colour bar with numbers as of V takes, px.
+pub(crate) fn width(size: f32) -> f32 {
+    (0.9 + GAP) * size + text::width("−188.8", size)
+}
+
+/// The key beside a map of this size, on white paper of the map's height: a title with the unit, the bar, its ends named
+/// and round values marked. Text is as large as the map asks for.
+pub(crate) fn key(title: &str, scale: &Scale, palette: Palette, (width, height): (u32, u32)) -> RgbImage {
+    let high = height.min(MAX_SIDE) as f32;
+    let size = (TEXT * width.max(height) as f32).min(high / LINES).max(LEAST_TEXT);
+    let line = 1.4 * size;
+    // Where the map is too low for words, the colours alone.
+    let around = if high >= 5.0 * line { 2.3 * line } else { 0.0 };
+    let bar = Area { x: size, y: around + 0.2 * line, width: 0.0, height: high - 1.6 * around - 0.4 * line };
+    let labels = ticks(scale, bar.height, size).into_iter().filter_map(|tick| tick.label);
+    let numbers = labels.map(|label| text::width(&label, size)).fold(0.0, f32::max);
+    let wide = text::width(title, size).max((0.9 + GAP) * size + numbers);
+    let mut canvas = Canvas::new((wide + 2.0 * size).ceil() as u32, height);
+    if around > 0.0 {
+        for (words, y) in [(title, line), ("near", around), ("far", bar.bottom() + line)] {
+            canvas.text(words, (bar.x, y), size, Align::Left, BLACK);
+        }
+    }
+    color_bar(&mut canvas, Area { width: wide, ..bar }, scale, palette, size);
+    canvas.into_image()
+}

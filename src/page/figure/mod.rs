@@ -1,0 +1,56 @@
+//! Drawing: plots of curves, and the keys of maps, as PNG.
+//!
+//! ```
+//! use parfocal::figure::{Axis, Plot, Series};
+//!
+//! let plot = Plot::new("Translation against noise", Axis::linear("noise σ"), Axis::log("error, px"))
+//!     .series(Series::new("ours", [(0.0, 0.002), (0.01, 0.02), (0.02, 0.05)]))
+//!     .series(Series::new("SIFT", [(0.0, 0.3), (0.01, 0.8), (0.02, f64::NAN)]))
+//!     .target(0.25, "target");
+//! # let folder = tempfile::TempDir::new().unwrap();
+//! # let plot_png = folder.path().join("plot.png");
+//! parfocal::figure::write_png(&plot_png, &plot.draw())?;
+//! # Ok::<(), parfocal::Error>(())
+//! ```
+//!
+//! Nothing here fails on odd data: what cannot be shown is a gap in a curve.
+
+mod axis;
+mod bar;
+mod canvas;
+mod plot;
+mod profile;
+mod resize;
+mod series;
+pub(crate) mod text;
+
+use std::path::Path;
+
+use crate::base::Error;
+use crate::files::export::{Pen, write_file};
+
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder, RgbImage};
+
+pub use axis::Axis;
+pub use plot::Plot;
+pub use series::Series;
+
+pub(crate) use bar::{color_bar, width as bar_width};
+pub(crate) use canvas::{Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, WHITE};
+pub(crate) use resize::resized;
+
+/// What draws keys and curves into results.
+pub const PEN: Pen = Pen { key: bar::key, profile: profile::profile };
+
+/// Writes a picture as PNG, whole or not at all; its folder is made if it is missing.
+///
+/// # Errors
+/// [`Error::File`](crate::Error::File).
+pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), Error> {
+    write_file(path, |writer| {
+        PngEncoder::new_with_quality(writer, CompressionType::Default, FilterType::Adaptive)
+            .write_image(image, image.width(), image.height(), ExtendedColorType::Rgb8)
+            .map_err(|e| e.to_string())
+    })
+}

@@ -1,0 +1,5 @@
+//! What is drawn of a result: plots and keys, the surface in three dimensions, and `report.html`.
+
+pub mod figure;
+pub mod report_html;
+pub mod view;

@@ -1,0 +1,239 @@
+//! What the page knows of each pixel: values, what they are called, and how they are read and drawn.
+
+use serde_json::{Value, json};
+
+use super::grid::Grid;
+use super::packed;
+use crate::files::export::{Nearer, Ranks, Scale};
+
+/// One value at each pixel, as the page reads and draws it.
+#[derive(Clone, Debug)]
+pub struct Field<'a> {
+    key: &'static str,
+    name: &'static str,
+    sign: &'static str,
+    unit: &'static str,
+    note: &'static str,
+    values: &'a [f32],
+    digits: u32,
+    ramp: Ramp,
+    ends: [&'static str; 2],
+    /// Whether the colours run from the high to the low end.
+    reversed: bool,
+    gray: bool,
+}
+
+/// From values to colours, ends included.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Ramp {
+    Linear { low: f32, high: f32 },
+    Logarithmic { low: f32, high: f32 },
+}
+
+/// The part of the values, at either end, that may leave the ramp.
+const TAIL: f64 = 0.01;
+
+/// The least ratio between the ends of a logarithmic ramp.
+const LEAST_RATIO: f32 = 10.0;
+
+/// Digits after the point of what has a span of some tens to hundreds of its unit.
+const DIGITS: u32 = 4;
+
+/// Of mm: to the micrometre.
+const METRIC_DIGITS: u32 = 3;
+
+impl<'a> Field<'a> {
+    /// A field in grey, least black and greatest white, with four digits after the point.
+    ///
+    /// `key` names it within the page, in small letters and underscores; `name` is what a person reads, and `sign` its
+    /// short form beside the number. `values` has one value a pixel of the page's images, row-major; NaN where there is
+    /// none. A field of which no two values differ is left out of the page.
+    pub fn new(key: &'static str, name: &'static str, sign: &'static str, values: &'a [f32]) -> Self {
+        let (low, high) = span(values);
+        let ramp = Ramp::Linear { low, high };
+        let ends = ["little", "much"];
+        Self { key, name, sign, unit: "", note: "", values, digits: DIGITS, ramp, ends, reversed: false, gray: true }
+    }
+
+    /// In this unit.
+    pub fn unit(self, unit: &'static str) -> Self {
+        Self { unit, ..self }
+    }
+
+    /// What it means, in a sentence or two.
+    pub fn note(self, note: &'static str) -> Self {
+        Self { note, ..self }
+    }
+
+    /// With so many digits after the point.
+    pub fn digits(self, digits: u32) -> Self {
+        Self { digits, ..self }
+    }
+
+    /// On a logarithmic scale, for values above 0.
+    pub fn logarithmic(self) -> Self {
+        let values: Vec<f32> = self.values.iter().copied().filter(|&v| v > 0.0).collect();
+        let (low, high) = span(&values);
+        let low = low.max(f32::MIN_POSITIVE);
+        Self { ramp: Ramp::Logarithmic { low, high: high.max(LEAST_RATIO * low) }, ..self }
+    }
+
+    /// What the low and the high end mean.
+    pub fn ends(self, ends: [&'static str; 2]) -> Self {
+        Self { ends, ..self }
+    }
+
+    /// In colours, of which the last is near.
+    fn near_and_far(self, scale: Scale) -> Self {
+        let reversed = scale.nearer == Nearer::Second;
+        let ends = if reversed { ["near", "far"] } else { ["far", "near"] };
+        Self { ramp: Ramp::Linear { low: scale.low, high: scale.high }, ends, reversed, gray: false, ..self }
+    }
+
+    /// V, px², on the scale of `depth.png`.
+    pub(super) fn relative_blur(values: &'a [f32], nearer: Nearer) -> Self {
+        Self::new("relative_blur", "Relative blur", "V", values).unit("px²").near_and_far(Scale::of(values, nearer)).note(
+            "V, the difference of the blurs’ variances: positive where I2 is the more blurred. Not drawn where it is not \
+             valid.",
+        )
+    }
+
+    /// The focus setting; whether a greater one is near.
+    pub(super) fn focus(values: &'a [f32], nearer: Nearer) -> Self {
+        let (low, high) = span(values);
+        let digits = digits_of(values, high - low, DIGITS);
+        Self::new("focus", "Focus", "focus", values).digits(digits).near_and_far(Scale { low, high, nearer }).note(
+            "The setting at which each pixel is in focus, in the units of the frames’ settings. Not drawn where no pair of \
+             frames tells.",
+        )
+    }
+
+    /// Depth and its standard deviation, mm.
+    ///
+    /// `near` says whether the greatest depth is near (`First`, of a stage that counts so) or the least.
+    pub(super) fn depth_with_deviation(values: &'a [f32], deviation: &'a [f32], near: Nearer) -> [Self; 2] {
+        let (low, high) = span(values);
+        let scale = Scale { low, high, nearer: near };
+        let depth = Self::new("depth", "Depth", "depth", values)
+            .unit("mm")
+            .digits(digits_of(values, high - low, METRIC_DIGITS))
+            .near_and_far(scale)
+            .note("Depth in mm. Not drawn where it is not valid, or outside the range in which the lens can tell.");
+        let sigma = Self::deviation("depth_deviation", &depth, ["σ of depth", "σ"], deviation).note(
+            "The standard deviation of depth, mm, that comes of the images; what the stated optics are off by is not in it. On \
+             a logarithmic scale.",
+        );
+        [depth, sigma]
+    }
+
+    /// How sure another field is: a standard deviation in the same unit.
+    pub(super) fn deviation(key: &'static str, of: &Field<'_>, names: [&'static str; 2], values: &'a [f32]) -> Self {
+        let [name, sign] = names;
+        Self::new(key, name, sign, values)
+            .unit(of.unit)
+            .digits(of.digits.min(most_digits(values)))
+            .logarithmic()
+            .ends(["sure", "unsure"])
+    }
+
+    /// Confidence, by which a solve weighs V.
+    pub(super) fn confidence(values: &'a [f32]) -> Self {
+        Self::new("confidence", "Confidence", "confidence", values)
+            .digits(5)
+            .logarithmic()
+            .ends(["unsure", "sure"])
+            .note("1/(1 + σ²), σ the standard deviation of V in px²: ½ where V is known to 1 px². On a logarithmic scale.")
+    }
+
+    /// Whether there is anything to see: two values that differ.
+    pub(super) fn is_worth_showing(&self) -> bool {
+        let mut values = self.values.iter().filter(|v| !v.is_nan());
+        values.next().is_some_and(|first| values.any(|v| v != first))
+    }
+
+    pub(super) fn key(&self) -> &'static str {
+        self.key
+    }
+
+    pub(super) fn values(&self) -> &'a [f32] {
+        self.values
+    }
+
+    /// The scale of its heights.
+    pub(super) fn scale(&self) -> Scale {
+        let (Ramp::Linear { low, high } | Ramp::Logarithmic { low, high }) = self.ramp;
+        Scale { low, high, nearer: if self.reversed { Nearer::Second } else { Nearer::First } }
+    }
+
+    /// What `data.js` needs to know of it.
+    pub(super) fn description(&self) -> Value {
+        let (Ramp::Linear { low, high } | Ramp::Logarithmic { low, high }) = self.ramp;
+        json!({
+            "key": self.key, "name": self.name, "sign": self.sign, "unit": self.unit, "note": self.note,
+            "digits": self.digits, "low": low, "high": high,
+            "logarithmic": matches!(self.ramp, Ramp::Logarithmic { .. }),
+            "ends": self.ends, "reversed": self.reversed, "gray": self.gray,
+            "median": Ranks::of(self.values).quantile(0.5),
+        })
+    }
+
+    /// Its values on the grid, to the digits that are shown.
+    pub(super) fn packed(&self, grid: &Grid) -> Result<String, String> {
+        packed::decimals(&grid.values(self.values), grid.width, self.digits)
+    }
+}
+
+/// The 1st and the 99th percentile of the finite values, apart; 0 and 1 where none is finite.
+fn span(values: &[f32]) -> (f32, f32) {
+    let mut ranks = Ranks::of(values);
+    let ends = ranks.quantile(TAIL).zip(ranks.quantile(1.0 - TAIL));
+    let (low, high) = ends.unwrap_or((0.0, 1.0));
+    if high > low { (low, high) } else { (low, low + low.abs().max(1e-3) * 1e-3) }
+}
+
+/// Digits after the point: so many of a span of 1 and more, one more for each power of ten below; fewer where the page's
+/// integers of 32 bits could not hold the greatest value.
+fn digits_of(values: &[f32], span: f32, usual: u32) -> u32 {
+    let power = f64::from(span).log10().ceil().clamp(-5.0, 0.0);
+    most_digits(values).min((f64::from(usual) - power) as u32)
+}
+
+/// Digits with which the greatest value still is an integer of 32 bits.
+fn most_digits(values: &[f32]) -> u32 {
+    let greatest = values.iter().filter(|v| v.is_finite()).fold(1.0f64, |m, v| m.max(f64::from(v.abs())));
+    (9.0 - greatest.log10().ceil()).max(0.0) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_says_nothing_is_left_out() {
+        let shown = |values: &[f32]| Field::new("a", "A", "a", values).is_worth_showing();
+        assert!(shown(&[0.0, f32::NAN, 1.0]));
+        assert!(!shown(&[]) && !shown(&[f32::NAN; 2]) && !shown(&[2.0, f32::NAN, 2.0]));
+    }
+
+    #[test]
+    fn every_ramp_has_a_length() {
+        for values in [&[][..], &[5.0; 3], &[f32::NAN, -1.0], &[0.0, 0.0], &[f32::INFINITY, 3.0]] {
+            let linear = Field::new("a", "A", "a", values);
+            for field in [linear.clone(), linear.logarithmic()] {
+                let (Ramp::Linear { low, high } | Ramp::Logarithmic { low, high }) = field.ramp;
+                assert!(low < high && low.is_finite() && high.is_finite(), "{values:?} {field:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn depth_is_read_to_the_micrometre_or_finer() {
+        assert_eq!(
+            [340.0, 7.0, 0.5, 0.05, 1e-9, 0.0].map(|span| digits_of(&[], span, METRIC_DIGITS)),
+            [3, 3, 3, 4, 8, 8]
+        );
+        assert_eq!(digits_of(&[310_000.0, f32::NAN], 2e4, METRIC_DIGITS), 3);
+        assert_eq!(digits_of(&[3e8], 2e4, METRIC_DIGITS), 0);
+        assert_eq!(digits_of(&[0.0044, 0.0043], 1e-4, DIGITS), 8);
+    }
+}

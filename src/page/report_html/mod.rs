@@ -1,0 +1,187 @@
+//! `report.html`: the results of a solve or of a focus sweep in one page to look at, which asks nothing of a network.
+//!
+//! The page holds its style, its scripts, three.js for the surface, and all data: each field to the digits that its
+//! read-out shows, the photographs, registered, and the fused image as JPEG, and the report. Pair and sweep share one
+//! template, of which parts are left out. What comes from outside, names of files say, goes in as JSON and out as text,
+//! never as HTML; a content security policy keeps the page from loading anything.
+
+mod field;
+mod grid;
+mod packed;
+mod pair;
+mod sweep;
+
+use std::borrow::Cow;
+use std::io::Write;
+use std::thread;
+
+use serde_json::{Value, json};
+
+pub use self::field::Field;
+use self::grid::Grid;
+pub use self::pair::Page;
+pub use self::sweep::SweepPage;
+use crate::around::resample::registered;
+use crate::base::{Decode, Error, Frame, Photometric, Region, Similarity};
+use crate::files::export::Palette;
+use crate::files::preview::photograph;
+use crate::page::view::{Surface, View};
+
+/// Nodes of the surface along its longer side.
+const NODES: u32 = 512;
+
+/// Digits after the point of its heights, which run from 0 to 1.
+const HEIGHT_DIGITS: u32 = 5;
+
+/// Quality of the pictures, of 100: at 92 no block shows, even flickering.
+const QUALITY: u8 = 92;
+
+/// Of many frames.
+const LESSER_QUALITY: u8 = 85;
+
+/// The most pixels of all the frames that are there only to be leafed through.
+const MOST_LEAFED: usize = 12 << 20;
+
+const TEMPLATE: &str = include_str!("assets/report.html");
+
+/// Style, scripts and licence, by their names in the template.
+const ASSETS: [(&str, &str); 8] = [
+    ("style", include_str!("assets/report.css")),
+    ("three", include_str!("assets/three/three.min.js")),
+    ("three-license", include_str!("assets/three/LICENSE")),
+    ("data.js", include_str!("assets/data.js")),
+    ("viewer.js", include_str!("assets/viewer.js")),
+    ("surface.js", include_str!("assets/surface.js")),
+    ("numbers.js", include_str!("assets/numbers.js")),
+    ("report.js", include_str!("assets/report.js")),
+];
+
+/// A picture of the page, on the pixels of the reference.
+struct Picture<'a> {
+    name: String,
+    frame: Cow<'a, Frame>,
+    /// Where it lies and how it is exposed, unless it is the reference.
+    place: Option<(Similarity, Photometric)>,
+    /// Whether it may be reduced, because it is one of many.
+    is_leafed: bool,
+}
+
+/// What a page is made of, be it of a pair or of a sweep.
+struct Contents<'a> {
+    /// Of the fields and the fused image.
+    size: (u32, u32),
+    /// The part of the photographs that the fields are of.
+    part: Region,
+    decode: Decode,
+    /// The last one is the fused image.
+    pictures: Vec<Picture<'a>>,
+    /// The first says which pixels are valid.
+    fields: Vec<Field<'a>>,
+    /// The key of the field that gives the surface its heights.
+    heights: &'static str,
+    /// What the scripts are told besides; an object.
+    told: Value,
+}
+
+impl Contents<'_> {
+    fn write(self, writer: &mut dyn Write) -> Result<(), String> {
+        let parts = self.parts()?;
+        for (i, piece) in TEMPLATE.split("{{").enumerate() {
+            let (name, text) = if i == 0 { ("", piece) } else { piece.split_once("}}").unwrap_or(("", piece)) };
+            let asset = ASSETS.iter().filter(|(asset, _)| *asset == name).map(|(_, text)| *text);
+            let part = parts.iter().filter(|(part, _)| *part == name).map(|(_, text)| text.as_str());
+            for text in asset.chain(part).chain([text]) {
+                writer.write_all(text.as_bytes()).map_err(|e| e.to_string())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What of the page changes from page to page, by its name in the template. The dear parts are made side by side.
+    fn parts(mut self) -> Result<Vec<(&'static str, String)>, String> {
+        let first = self.fields.first().map(Field::key);
+        self.fields.retain(|field| Some(field.key()) == first || field.is_worth_showing());
+        let grid = Grid::of(self.size);
+        let heights = self.fields.iter().find(|field| field.key() == self.heights).or(self.fields.first());
+        let heights = heights.ok_or("the page has no field")?;
+        let fused = self.pictures.last().ok_or("the page has no picture")?;
+        let surface = Surface::on(heights.values(), &fused.frame, heights.scale()).map_err(|e| e.to_string())?;
+        let (nodes, described) = surface_data(&surface, heights.key())?;
+        let (fields, pictures) = thread::scope(|scope| {
+            let fields: Vec<_> = self.fields.iter().map(|field| scope.spawn(|| field.packed(&grid))).collect();
+            // One after the other: warping takes all processors, and memory.
+            let pictures = self.pictures.iter().enumerate().map(|(i, picture)| {
+                let text = self.packed_picture(picture, &grid)?;
+                Ok(element(&format!("picture-{i}"), &text))
+            });
+            let pictures: Result<String, String> = pictures.collect();
+            let join = |packed: thread::ScopedJoinHandle<'_, _>| packed.join().unwrap_or_else(|_| Err(OUT.to_string()));
+            (fields.into_iter().map(join).collect::<Result<Vec<_>, String>>(), pictures)
+        });
+        let values = self.fields.iter().zip(fields?);
+        let values = values.map(|(field, text)| element(&format!("field-{}", field.key()), &text)).collect();
+        let data = packed::json(&self.data(&grid, described))?;
+        Ok(vec![("data", data), ("fields", values), ("heights", nodes), ("pictures", pictures?)])
+    }
+
+    fn packed_picture(&self, picture: &Picture<'_>, grid: &Grid) -> Result<String, String> {
+        let moved = picture.place.map(|(t, p)| registered(&picture.frame, &t, &p, self.decode));
+        let whole = moved.as_ref().unwrap_or(&picture.frame);
+        let part = ((whole.width(), whole.height()) != self.size).then(|| whole.cropped(self.part)).transpose()?;
+        let image = photograph(part.as_ref().unwrap_or(whole));
+        if !picture.is_leafed {
+            return packed::picture(&grid.picture(image), QUALITY);
+        }
+        let leafed = self.pictures.iter().filter(|picture| picture.is_leafed).count();
+        let most = (MOST_LEAFED / leafed.max(1)).min(grid.width * grid.height);
+        packed::picture(&Grid::within(self.size, most).picture(image), LESSER_QUALITY)
+    }
+
+    fn data(&self, grid: &Grid, surface: Value) -> Value {
+        let mut data = json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "grid": { "step": grid.step, "first": grid.step / 2, "width": grid.width, "height": grid.height },
+            "fields": self.fields.iter().map(Field::description).collect::<Vec<_>>(),
+            "pictures": self.pictures.iter().map(|picture| &picture.name).collect::<Vec<_>>(),
+            "surface": surface,
+            "colormaps": COLORMAPS.map(|(name, palette)| json!({ "name": name, "colors": hexadecimal(palette) })),
+        });
+        if let (Some(data), Value::Object(told)) = (data.as_object_mut(), &self.told) {
+            data.extend(told.clone());
+        }
+        data
+    }
+}
+
+const OUT: &str = "out of memory";
+
+/// An element that holds text which no browser reads by itself.
+fn element(id: &str, text: &str) -> String {
+    format!("<script type=\"text/plain\" id=\"{id}\">{text}</script>\n")
+}
+
+/// The surface's nodes: their nearness, NaN in holes; and what they are.
+fn surface_data(surface: &Surface, field: &str) -> Result<(String, Value), String> {
+    let view = View { width: NODES, smoothing: 2, ..View::default() };
+    let (width, height, heights) = surface.heights(&view);
+    let described = json!({
+        "field": field, "width": width, "height": height, "digits": HEIGHT_DIGITS,
+        "relief": view.relief, "elevation_deg": view.elevation, "azimuth_deg": view.azimuth,
+    });
+    Ok((packed::decimals(&heights, width, HEIGHT_DIGITS)?, described))
+}
+
+/// What the page offers, its own choice first; the last one is for fields in grey.
+const COLORMAPS: [(&str, Palette); 3] =
+    [("Viridis", Palette::Viridis), ("Red near, blue far", Palette::RedBlue), ("Grey", Palette::Grey)];
+
+/// 256 colours from far to near.
+fn hexadecimal(palette: Palette) -> String {
+    (0..256).flat_map(|i| palette.color(f64::from(i) / 255.0)).map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The fused image as the page's last picture.
+fn best_focus<'a>(fused: Result<Frame, Error>) -> Result<Picture<'a>, String> {
+    let frame = Cow::Owned(fused.map_err(|e| e.to_string())?);
+    Ok(Picture { name: "Best focus".to_string(), frame, place: None, is_leafed: false })
+}

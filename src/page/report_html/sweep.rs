@@ -1,0 +1,70 @@
+//! The page of a focus sweep.
+
+use std::borrow::Cow;
+use std::io::Write;
+
+use serde_json::json;
+
+use super::{Contents, Field, Picture, best_focus};
+use crate::around::focus_stack::Sweep;
+use crate::base::{Decode, Frame, Region};
+use crate::files::export::{Extra, Nearer, PAGE_FILE, SweepReport, fused_frame, larger_is};
+
+/// What `report.html` shows besides the sweep.
+#[derive(Clone, Debug)]
+pub struct SweepPage<'a> {
+    /// The frames in order.
+    pub frames: &'a [Frame],
+    /// What they are called; any text.
+    pub names: Vec<String>,
+    /// How they were decoded.
+    pub decode: Decode,
+    /// Whether the first or the last frame is focused nearest.
+    pub nearer: Nearer,
+    /// Whatever else there is to read at each pixel.
+    pub fields: Vec<Field<'a>>,
+}
+
+impl<'a> SweepPage<'a> {
+    /// The page as a file of the sweep, for [`write_sweep`](crate::export::write_sweep()).
+    pub fn file(self, sweep: &'a Sweep, report: &'a SweepReport) -> Extra<'a> {
+        Extra::new(PAGE_FILE, move |writer| self.write(sweep, report, writer))
+    }
+
+    fn write(self, sweep: &'a Sweep, report: &SweepReport, writer: &mut dyn Write) -> Result<(), String> {
+        let reference = sweep.reference;
+        let mut pictures: Vec<Picture<'_>> = Vec::new();
+        for (n, (frame, name)) in self.frames.iter().zip(&self.names).enumerate() {
+            let is_reference = n == reference;
+            pictures.push(Picture {
+                name: if is_reference { format!("{name} (reference)") } else { name.clone() },
+                frame: Cow::Borrowed(frame),
+                place: (!is_reference).then(|| (sweep.transforms[n], sweep.photometric[n])),
+                is_leafed: !is_reference,
+            });
+        }
+        let compare = [reference, pictures.len()];
+        let (size, decode) = ((sweep.width, sweep.height), self.decode);
+        pictures.push(best_focus(fused_frame(size, sweep.fused_channels, &sweep.fused, decode))?);
+        let ends = [self.names.first(), self.names.last()];
+        let told = json!({
+            "kind": "sweep", "names": ends, "compare": compare, "frames": self.frames.len(), "report": report,
+        });
+        let heights = if sweep.depth.is_some() { "depth" } else { "focus" };
+        let part = Region { x: 0, y: 0, width: sweep.width, height: sweep.height };
+        Contents { size, part, decode, pictures, fields: self.all_fields(sweep), heights, told }.write(writer)
+    }
+
+    fn all_fields(self, sweep: &'a Sweep) -> Vec<Field<'a>> {
+        let focus = Field::focus(&sweep.focus, larger_is(&sweep.positions, self.nearer)).unit(sweep.stated.unit());
+        let sigma = Field::deviation("uncertainty", &focus, ["σ of focus", "σ"], &sweep.uncertainty)
+            .note("σ, the standard deviation of the focus setting, by what the pairs say. On a logarithmic scale.");
+        let mut fields = vec![focus, sigma];
+        if let Some(found) = &sweep.depth {
+            let near = larger_is(sweep.stated.millimetres().unwrap_or_default(), self.nearer);
+            fields.extend(Field::depth_with_deviation(&found.depth, &found.deviation, near));
+        }
+        fields.extend(self.fields);
+        fields
+    }
+}

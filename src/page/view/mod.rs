@@ -1,0 +1,154 @@
+//! The surface in three dimensions, textured and colour-coded, as the paper's Figure 8; still or turning.
+//!
+//! ```
+//! use parfocal::export::Nearer;
+//! use parfocal::view::{Surface, View};
+//! use parfocal::{Frame, figure};
+//!
+//! let bump = |i: usize| 9.0 * (-((i % 64) as f32 - 32.0).powi(2) / 99.0).exp();
+//! let blur: Vec<f32> = (0..64 * 48).map(bump).collect();
+//! let fused = Frame::gray(64, 48, vec![0.5; 64 * 48]).unwrap();
+//! let surface = Surface::new(&blur, &fused, Nearer::First)?;
+//! let picture = surface.picture(&View { width: 200, ..View::default() })?;
+//! # let folder = tempfile::TempDir::new().unwrap();
+//! # let (png, gif) = (folder.path().join("view.png"), folder.path().join("turntable.gif"));
+//! figure::write_png(&png, &picture)?;
+//! surface.write_turntable(&gif, &View { width: 120, ..View::default() })?;
+//! # Ok::<(), parfocal::Error>(())
+//! ```
+//!
+//! Heights are nearness, from the 1st to the 99th percentile of V: they order what is near and far and are not metric.
+//! The rasteriser is plain Rust and gives the same picture everywhere.
+
+mod camera;
+mod heights;
+mod mesh;
+mod picture;
+mod raster;
+mod turntable;
+
+use image::RgbImage;
+
+use crate::base::{Error, Frame};
+use crate::files::export::{Nearer, Scale};
+use crate::files::preview::photograph;
+
+/// V and the picture that goes on it.
+#[derive(Clone, Debug)]
+pub struct Surface<'a> {
+    width: usize,
+    height: usize,
+    relative_blur: &'a [f32],
+    texture: RgbImage,
+    scale: Scale,
+}
+
+/// From where, how large and how steep a surface is shown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Height of the camera over the plane of the image, degrees, 10 to 90; 90 sees it as photographed.
+    pub elevation: f64,
+    /// How far the camera goes around to the right, degrees, -180 to 180; 0 stands below the lower edge.
+    pub azimuth: f64,
+    /// Height from the far to the near end of the scale, over the longer side of the image, 0 to 2.
+    pub relief: f64,
+    /// Radius of the median that takes spikes off the surface, in about pixels of a panel, or of V where there are fewer;
+    /// 0 to 16, 0 leaves the surface as it is.
+    pub smoothing: u32,
+    /// Width of one of the two panels, px, 64 to 2048.
+    pub width: u32,
+}
+
+impl Default for View {
+    fn default() -> Self {
+        Self { elevation: 55.0, azimuth: -20.0, relief: 0.15, smoothing: 6, width: 900 }
+    }
+}
+
+impl View {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] with the first value that is out of range.
+    pub fn check(&self) -> Result<(), Error> {
+        let ranges = [
+            ("elevation", self.elevation, 10.0, 90.0),
+            ("azimuth", self.azimuth, -180.0, 180.0),
+            ("relief", self.relief, 0.0, 2.0),
+            ("smoothing", f64::from(self.smoothing), 0.0, 16.0),
+            ("width", f64::from(self.width), 64.0, 2048.0),
+        ];
+        match ranges.into_iter().find(|&(_, value, low, high)| !(value >= low && value <= high)) {
+            None => Ok(()),
+            Some((name, value, low, high)) => Err(Error::Setting { name, value, range: format!("{low} to {high}") }),
+        }
+    }
+}
+
+impl<'a> Surface<'a> {
+    /// The surface of V, px², row-major, NaN where not valid, under an image of the same size.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] where the sizes differ.
+    pub fn new(relative_blur: &'a [f32], fused: &Frame, nearer: Nearer) -> Result<Self, Error> {
+        Self::on(relative_blur, fused, Scale::of(relative_blur, nearer))
+    }
+
+    /// The surface of any field, on this scale.
+    pub(crate) fn on(relative_blur: &'a [f32], fused: &Frame, scale: Scale) -> Result<Self, Error> {
+        let (width, height) = (fused.width() as usize, fused.height() as usize);
+        if relative_blur.len() != width * height || relative_blur.is_empty() {
+            let values = relative_blur.len();
+            return Err(Error::Mismatch(format!(
+                "{values} values of V cannot be shown under an image of {width}x{height}"
+            )));
+        }
+        Ok(Self { width, height, relative_blur, texture: photograph(fused), scale })
+    }
+
+    /// Nearness, 0 far to 1 near, row-major on a grid of about `view.width` nodes along the longer side, smoothed as the
+    /// view asks; NaN where no pixel is valid. With columns and rows.
+    pub(crate) fn heights(&self, view: &View) -> (usize, usize, Vec<f32>) {
+        let heights = heights::Heights::of(self, view.width as usize, view.smoothing as usize);
+        (heights.width, heights.height, heights.data)
+    }
+
+    /// Both panels side by side, textured and colour-coded, with a key to the colours.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn picture(&self, view: &View) -> Result<RgbImage, Error> {
+        view.check()?;
+        Ok(picture::draw(self, view))
+    }
+
+    /// Writes an animated GIF of both panels in which the camera swings 40° to either side of `view`; its folder is made
+    /// if it is missing.
+    ///
+    /// # Errors
+    /// [`Error::Setting`], [`Error::File`].
+    pub fn write_turntable(&self, path: &std::path::Path, view: &View) -> Result<(), Error> {
+        view.check()?;
+        turntable::write(self, view, path)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_out_of_range_and_sizes_that_differ_are_refused() {
+        let fused = Frame::gray(4, 3, vec![0.5; 12]).unwrap();
+        assert!(matches!(Surface::new(&[0.0; 11], &fused, Nearer::First), Err(Error::Mismatch(_))));
+        let blur = [0.0; 12];
+        let surface = Surface::new(&blur, &fused, Nearer::First).unwrap();
+        for view in [
+            View { elevation: f64::NAN, ..View::default() },
+            View { relief: -0.1, ..View::default() },
+            View { width: 5000, ..View::default() },
+        ] {
+            assert!(matches!(surface.picture(&view), Err(Error::Setting { .. })), "{view:?}");
+        }
+    }
+}

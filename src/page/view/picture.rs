@@ -1,0 +1,108 @@
+//! From fragments to panels, and both panels with their key.
+
+use image::{Rgb, RgbImage};
+
+use super::camera::{Camera, Fit};
+use super::heights::Heights;
+use super::mesh::Mesh;
+use super::raster::{self, Fragment};
+use super::{Surface, View};
+use crate::files::export::{Palette, color};
+use crate::page::figure::{Align, Area, BLACK, Canvas, GRAY, bar_width, color_bar, resized};
+
+/// Samples of a pixel along each axis.
+const SAMPLES: u32 = 2;
+
+/// Brightness of what no light reaches, of the textured panel and the colour-coded one: a photograph has shading of
+/// its own.
+const AMBIENT: [f32; 2] = [0.5, 0.35];
+
+/// The most that light brightens.
+const BRIGHTEST: f32 = 1.25;
+
+/// Size of text, px.
+const TEXT: f32 = 15.0;
+const MARGIN: f32 = 12.0;
+
+/// A mesh and its texture, as fine as the panels of a view show them.
+pub(super) struct Model {
+    pub mesh: Mesh,
+    texture: RgbImage,
+}
+
+impl Model {
+    pub(super) fn new(surface: &Surface, view: &View) -> Self {
+        let heights = Heights::of(surface, view.width as usize, view.smoothing as usize);
+        let (width, height) = surface.texture.dimensions();
+        let factor = f64::from(SAMPLES * view.width) / f64::from(width.max(height));
+        let size = [width, height].map(|side| (f64::from(side) * factor.min(1.0)).round() as u32);
+        let texture = resized(&surface.texture, (size[0], size[1]));
+        Self { mesh: Mesh::new(&heights, view.relief as f32), texture }
+    }
+
+    /// The textured and the colour-coded panel.
+    pub(super) fn panels(&self, camera: &Camera, fit: &Fit) -> [RgbImage; 2] {
+        let fragments = raster::draw(&self.mesh, camera, &fit.enlarged(SAMPLES));
+        [0, 1].map(|panel| {
+            average(&fragments, fit.size, |fragment| {
+                let color = if panel == 0 {
+                    self.texel(fragment.uv)
+                } else {
+                    color(f64::from(fragment.nearness)).map(f32::from)
+                };
+                let light = (AMBIENT[panel] + (1.0 - AMBIENT[panel]) * fragment.light).min(BRIGHTEST);
+                color.map(|c| c * light)
+            })
+        })
+    }
+
+    /// The texture at a place, bilinear.
+    fn texel(&self, [u, v]: [f32; 2]) -> [f32; 3] {
+        let (width, height) = self.texture.dimensions();
+        let along = |t: f32, size: u32| {
+            let at = (t * size as f32 - 0.5).clamp(0.0, size as f32 - 1.0);
+            (at as u32, (at as u32 + 1).min(size - 1), at.fract())
+        };
+        let ((x0, x1, fx), (y0, y1, fy)) = (along(u, width), along(v, height));
+        let get = |x: u32, y: u32| self.texture.get_pixel(x, y).0.map(f32::from);
+        let (a, b, c, d) = (get(x0, y0), get(x1, y0), get(x0, y1), get(x1, y1));
+        [0, 1, 2].map(|i| (a[i] * (1.0 - fx) + b[i] * fx) * (1.0 - fy) + (c[i] * (1.0 - fx) + d[i] * fx) * fy)
+    }
+}
+
+/// The mean of the samples of each pixel, white where they are empty.
+fn average(fragments: &[Fragment], (width, height): (u32, u32), color: impl Fn(&Fragment) -> [f32; 3]) -> RgbImage {
+    let row = (width * SAMPLES) as usize;
+    RgbImage::from_fn(width, height, |x, y| {
+        let (x, y) = ((x * SAMPLES) as usize, (y * SAMPLES) as usize);
+        let mut sum = [0.0; 3];
+        for fragment in (0..SAMPLES as usize).flat_map(|dy| &fragments[(y + dy) * row + x..][..SAMPLES as usize]) {
+            let sample = if fragment.is_empty() { [255.0; 3] } else { color(fragment) };
+            sum.iter_mut().zip(sample).for_each(|(sum, c)| *sum += c.min(255.0));
+        }
+        Rgb(sum.map(|c| (c / (SAMPLES * SAMPLES) as f32).round() as u8))
+    })
+}
+
+/// Both panels side by side, named, and the key.
+pub(super) fn draw(surface: &Surface, view: &View) -> RgbImage {
+    let model = Model::new(surface, view);
+    let camera = Camera::new(view.elevation, view.azimuth);
+    let fit = Fit::new(&[camera], &model.mesh, view.width, MARGIN);
+    let [textured, coded] = model.panels(&camera, &fit);
+    let (width, height) = fit.size;
+    let top = (3.0 * TEXT) as u32;
+    let key = bar_width(TEXT) + 2.0 * MARGIN;
+    let mut canvas = Canvas::new(2 * width + key.ceil() as u32, height + top);
+    canvas.image(&textured, (0, top));
+    canvas.image(&coded, (width, top));
+    for (name, left) in [("Best focus", 0.0), ("Relative blur V: red near, blue far", width as f32)] {
+        canvas.text(name, (left + width as f32 / 2.0, 2.0 * TEXT), TEXT, Align::Middle, BLACK);
+    }
+    let x = 2.0 * width as f32 + MARGIN;
+    canvas.text("V, px²", (x, 2.0 * TEXT), TEXT, Align::Left, GRAY);
+    let long = (height as f32 * 0.7).min(320.0);
+    let y = top as f32 + (height as f32 - long) / 2.0;
+    color_bar(&mut canvas, Area { x, y, width: bar_width(TEXT), height: long }, &surface.scale, Palette::RedBlue, TEXT);
+    canvas.into_image()
+}
