@@ -46,7 +46,7 @@ pub use base::{
     Photometric, Region, RegistrationStep, Samples, Settings, Similarity, centre,
 };
 pub use engine::{
-    Engine, EngineOptions, KeyPoints, Level, Progress, Registered, Solution, Solver, Timings, reference, stages,
+    Engine, EngineOptions, KeyPoints, LevelHistory, Progress, Registered, Solution, Solver, Timings, reference, stages,
 };
 pub use files::{export, image_io, model};
 pub use lab::{baseline, bench, contact_sheet, evaluate, scene};

@@ -32,7 +32,7 @@ impl FieldCurvature {
         let stride = (relative_blur.len() / SAMPLES).max(1);
         let known: Vec<Known> = (0..relative_blur.len())
             .step_by(stride)
-            .filter(|&i| relative_blur[i].is_finite() && uncertainty[i] < crate::engine::stages::confidence::LARGEST)
+            .filter(|&i| relative_blur[i].is_finite() && uncertainty[i] < crate::engine::stages::uncertainty::LARGEST)
             .map(|i| Known {
                 place: [(i % width) as f64, (i / width) as f64],
                 value: relative_blur[i].into(),

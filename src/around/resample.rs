@@ -5,14 +5,14 @@ use crate::base::{Decode, Frame, Photometric, Similarity, centre};
 
 /// Interleaved values of so many channels, row-major.
 #[derive(Clone, Copy)]
-pub(crate) struct Grid<'a> {
+pub(crate) struct Interleaved<'a> {
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(crate) channels: usize,
     pub(crate) values: &'a [f32],
 }
 
-impl Grid<'_> {
+impl Interleaved<'_> {
     fn at(&self, x: isize, y: isize, channel: usize) -> f64 {
         let x = x.clamp(0, self.width as isize - 1) as usize;
         let y = y.clamp(0, self.height as isize - 1) as usize;
@@ -67,17 +67,22 @@ pub(crate) enum Interpolation {
     Linear,
 }
 
-/// What a grid holds where T takes the pixels of an image of `size`; NaN where that is outside.
-pub(crate) fn onto(grid: &Grid<'_>, t: &Similarity, [width, height]: [usize; 2], by: Interpolation) -> Vec<f32> {
-    let mut values = vec![0.0; width * height * grid.channels];
+/// What a image holds where T takes the pixels of an image of `size`; NaN where that is outside.
+pub(crate) fn onto(
+    image: &Interleaved<'_>,
+    t: &Similarity,
+    [width, height]: [usize; 2],
+    by: Interpolation,
+) -> Vec<f32> {
+    let mut values = vec![0.0; width * height * image.channels];
     let middle = centre(width as u32, height as u32);
-    in_rows(&mut values, width * grid.channels, |y, row| {
-        for (x, pixel) in row.chunks_exact_mut(grid.channels).enumerate() {
+    in_rows(&mut values, width * image.channels, |y, row| {
+        for (x, pixel) in row.chunks_exact_mut(image.channels).enumerate() {
             let place = t.apply([x as f64, y as f64], middle);
             for (channel, value) in pixel.iter_mut().enumerate() {
                 *value = match by {
-                    Interpolation::Cubic => grid.cubic(place, channel),
-                    Interpolation::Linear => grid.linear(place, channel),
+                    Interpolation::Cubic => image.cubic(place, channel),
+                    Interpolation::Linear => image.linear(place, channel),
                 };
             }
         }
@@ -90,8 +95,8 @@ pub(crate) fn onto(grid: &Grid<'_>, t: &Similarity, [width, height]: [usize; 2],
 pub fn registered(frame: &Frame, transform: &Similarity, photometric: &Photometric, decode: Decode) -> Frame {
     let (width, height, channels) = (frame.width() as usize, frame.height() as usize, frame.format().channels);
     let values = frame.intensities(decode);
-    let grid = Grid { width, height, channels: channels.count() as usize, values: &values };
-    let mut moved = onto(&grid, transform, [width, height], Interpolation::Cubic);
+    let image = Interleaved { width, height, channels: channels.count() as usize, values: &values };
+    let mut moved = onto(&image, transform, [width, height], Interpolation::Cubic);
     for value in &mut moved {
         let exposed = (photometric.gain * f64::from(*value) + photometric.offset) as f32;
         *value = match decode {
@@ -128,14 +133,14 @@ mod tests {
         let (width, height) = (31, 23);
         let of = |x: f64, y: f64| 0.2 + 0.01 * x - 0.02 * y + 1e-3 * x * x;
         let values: Vec<f32> = (0..width * height).map(|i| of((i % width) as f64, (i / width) as f64) as f32).collect();
-        let grid = Grid { width, height, channels: 1, values: &values };
+        let image = Interleaved { width, height, channels: 1, values: &values };
         let t = Similarity::new(1.3, -0.6, 2.0, 0.9);
-        let found = onto(&grid, &t, [width, height], Interpolation::Cubic);
+        let found = onto(&image, &t, [width, height], Interpolation::Cubic);
         for (x, y) in [(8usize, 7usize), (15, 11), (20, 15)] {
             let [px, py] = t.apply([x as f64, y as f64], centre(31, 23));
             assert!((f64::from(found[y * width + x]) - of(px, py)).abs() < 1e-6);
         }
-        let away = onto(&grid, &Similarity::new(100.0, 0.0, 0.0, 1.0), [width, height], Interpolation::Cubic);
+        let away = onto(&image, &Similarity::new(100.0, 0.0, 0.0, 1.0), [width, height], Interpolation::Cubic);
         assert!(away.iter().all(|v| v.is_nan()));
     }
 
@@ -156,10 +161,10 @@ mod tests {
     fn holes_stay_holes_and_spread_no_further_than_a_pixel() {
         let mut values = vec![1.0; 35];
         values[17] = f32::NAN;
-        let grid = Grid { width: 7, height: 5, channels: 1, values: &values };
-        let same = onto(&grid, &Similarity::IDENTITY, [7, 5], Interpolation::Linear);
+        let image = Interleaved { width: 7, height: 5, channels: 1, values: &values };
+        let same = onto(&image, &Similarity::IDENTITY, [7, 5], Interpolation::Linear);
         assert!(same.iter().enumerate().all(|(i, v)| v.is_nan() == (i == 17)), "{same:?}");
-        let moved = onto(&grid, &Similarity::new(0.5, 0.0, 0.0, 1.0), [7, 5], Interpolation::Linear);
+        let moved = onto(&image, &Similarity::new(0.5, 0.0, 0.0, 1.0), [7, 5], Interpolation::Linear);
         let holes: Vec<usize> = (0..35).filter(|&i| moved[i].is_nan() && i % 7 < 6).collect();
         assert_eq!(holes, [16, 17]);
     }

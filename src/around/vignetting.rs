@@ -1,6 +1,6 @@
 //! A difference in vignetting: a smooth gain field between the two photographs, found before they are solved.
 
-use crate::around::resample::{Grid, Interpolation, in_rows, onto};
+use crate::around::resample::{Interleaved, Interpolation, in_rows, onto};
 use crate::around::smooth_field::{Known, SmoothField, covers};
 use crate::base::color::{self, LUMINANCE};
 use crate::base::{Decode, Error, Frame, Mask, Method, Settings, Similarity, centre};
@@ -171,8 +171,8 @@ fn cells([a, b]: [&Frame; 2], counting: [&Frame; 2], transform: &Similarity, fac
     let (width, height) = (a.width() as usize, a.height() as usize);
     let moved = |frame: &Frame| {
         let values = frame.intensities(Decode::None);
-        let grid = Grid { width, height, channels: 1, values: &values };
-        onto(&grid, transform, [width, height], Interpolation::Linear)
+        let image = Interleaved { width, height, channels: 1, values: &values };
+        onto(&image, transform, [width, height], Interpolation::Linear)
     };
     let (j, second_counts) = (moved(b), moved(counting[1]));
     let [a, first_counts] = [a, counting[0]].map(|frame| frame.intensities(Decode::None));

@@ -72,7 +72,7 @@ impl Aperture {
         if !(sum > 0.0 && sum.is_finite()) {
             return Err(bad("it is black all over: light must pass somewhere"));
         }
-        let Grid { width, height, offset: [x, y], densities, block } = reduce(lit(width, height, densities));
+        let Cells { width, height, offset: [x, y], densities, block } = reduce(lit(width, height, densities));
         let offset = [(left + x) / block, (down + y) / block];
         let sum: f64 = densities.iter().sum();
         let weights: Vec<f64> = densities.iter().map(|d| d / sum).collect();
@@ -169,7 +169,7 @@ fn middle(n: usize, cells: usize) -> f64 {
 
 /// Densities on a grid, its middle from that of the picture in the picture's cells, and the cells of the picture along a
 /// side of one of its own.
-struct Grid {
+struct Cells {
     width: usize,
     height: usize,
     offset: [f64; 2],
@@ -178,7 +178,7 @@ struct Grid {
 }
 
 /// Without black margins.
-fn lit(width: usize, height: usize, densities: &[f64]) -> Grid {
+fn lit(width: usize, height: usize, densities: &[f64]) -> Cells {
     let column = |x: usize| (0..height).any(|y| densities[y * width + x] > 0.0);
     let row = |y: usize| densities[y * width..][..width].iter().any(|d| *d > 0.0);
     let span = |lit: &dyn Fn(usize) -> bool, count: usize| {
@@ -188,12 +188,12 @@ fn lit(width: usize, height: usize, densities: &[f64]) -> Grid {
     };
     let ((left, right, x), (top, bottom, y)) = (span(&column, width), span(&row, height));
     let densities = (top..bottom).flat_map(|y| densities[y * width..][left..right].iter().copied()).collect();
-    Grid { width: right - left, height: bottom - top, offset: [x, y], densities, block: 1.0 }
+    Cells { width: right - left, height: bottom - top, offset: [x, y], densities, block: 1.0 }
 }
 
 /// Averages over whole blocks until no side has more than [`MOST_CELLS`]; what is missing at the edges is black.
-fn reduce(grid: Grid) -> Grid {
-    let Grid { width, height, offset, densities, .. } = grid;
+fn reduce(grid: Cells) -> Cells {
+    let Cells { width, height, offset, densities, .. } = grid;
     let block = width.max(height).div_ceil(MOST_CELLS);
     let [w, h] = [width, height].map(|side| side.div_ceil(block));
     let [left, top] = [(w * block - width) / 2, (h * block - height) / 2];
@@ -203,7 +203,7 @@ fn reduce(grid: Grid) -> Grid {
     for (n, d) in densities.iter().enumerate() {
         reduced[(n / width + top) / block * w + (n % width + left) / block] += d;
     }
-    Grid { width: w, height: h, offset: [offset[0] + x, offset[1] + y], densities: reduced, block: block as f64 }
+    Cells { width: w, height: h, offset: [offset[0] + x, offset[1] + y], densities: reduced, block: block as f64 }
 }
 
 fn sum(terms: impl Iterator<Item = Complex>) -> Complex {

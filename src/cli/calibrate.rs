@@ -8,7 +8,7 @@ use std::str::FromStr;
 use clap::ValueEnum;
 use parfocal::Region;
 use parfocal::export::{self, Solved};
-use parfocal::measure::Field;
+use parfocal::measure::Values;
 use parfocal::{Calibration, Target, Unknown, calibrate};
 use serde::Deserialize;
 
@@ -107,7 +107,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let problem = "is of a part of the photographs, whose corners are not the plane's; solve it without --roi and --crop-valid";
         return Err(Failure::Failed(format!("{}: {problem}", arguments.of.results.display())));
     }
-    let blur = Field { width: solved.width, values: &solved.relative_blur };
+    let blur = Values { width: solved.width, values: &solved.relative_blur };
     let found = calibrate(&lens, solved.transform.scale, &blur, &solved.confidence, &target, &unknowns)?;
     if let Some(file) = &arguments.output {
         export::write_json(file, &found)?;

@@ -11,7 +11,7 @@ use parfocal::export::{
 };
 use parfocal::figure::PEN;
 use parfocal::image_io::{self, Input};
-use parfocal::report_html::{Field, Page};
+use parfocal::report_html::{Page, Readout};
 use parfocal::{Decode, DeviceInfo, Frame, GainField, Lens, Method, MetricDepth, Scope, Scoped, Settings, Solution};
 use sha2::{Digest, Sha256};
 
@@ -240,8 +240,8 @@ pub(super) fn write(
 }
 
 /// What neither blur nor registration explains, for the page.
-fn residual(solution: &Solution) -> Field<'_> {
-    Field::new("residual", "Residual", "residual", &solution.residual)
+fn residual(solution: &Solution) -> Readout<'_> {
+    Readout::new("residual", "Residual", "residual", &solution.residual)
         .digits(5)
         .logarithmic()
         .ends(["explained", "not"])

@@ -128,7 +128,7 @@ fn blur(report: &Report) -> String {
 #[cfg(test)]
 mod tests {
     use parfocal::export::{Nearer, Palette, Report};
-    use parfocal::{Channels, DeviceInfo, Level, Photometric, Settings, Similarity, Solution, Timings};
+    use parfocal::{Channels, DeviceInfo, LevelHistory, Photometric, Settings, Similarity, Solution, Timings};
 
     use super::*;
 
@@ -159,7 +159,7 @@ mod tests {
             fused: vec![0.0; 2],
             transform: Similarity::new(1.25, -0.5, 0.15, 1.01),
             photometric: Photometric { gain: 1.02, offset: -0.01 },
-            levels: vec![Level { width: 2, height: 1, energy: vec![0.5] }],
+            levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5] }],
             converged: false,
             warnings: vec!["something to know".to_string()],
             valid_fraction: 0.5,

@@ -1,12 +1,15 @@
 //! Two photographs to relative blur and registration, on a Vulkan device: the engine that other programs embed.
 
+pub(crate) mod arguments;
 pub(crate) mod filter;
 pub(crate) mod plan;
 pub(crate) mod profile;
 mod record;
 pub mod reference;
 mod registered;
+mod script;
 mod shaders;
+pub(crate) mod slot;
 pub(crate) mod solution;
 mod solver;
 pub mod stages;
@@ -20,7 +23,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 pub use registered::Registered;
-pub use solution::{Level, Solution, Timings};
+pub use solution::{LevelHistory, Solution, Timings};
 pub(crate) use solver::same_size;
 pub use solver::{Progress, Solver};
 
@@ -65,7 +68,6 @@ impl Engine {
     pub fn new(options: &EngineOptions) -> Result<Self, Error> {
         let device = open(options)?;
         let pipelines = Arc::new(Pipelines::new(&device)?);
-        pipelines.weighing(false)?;
         device.save_pipeline_cache();
         Ok(Self { device, pipelines, key_points: options.key_points })
     }

@@ -1,7 +1,7 @@
 //! What a registration alone gives back.
 
 use crate::base::{Photometric, Similarity};
-use crate::engine::solution::{self, Level, Timings};
+use crate::engine::solution::{self, LevelHistory, Timings};
 use crate::engine::stages::state::State;
 
 /// The result of one [`Solver::register`](crate::Solver::register).
@@ -16,7 +16,7 @@ pub struct Registered {
     /// Gain and offset of I2. Where the method does not solve for them, the match of mean and deviation at low pass.
     pub photometric: Photometric,
     /// Coarse to fine; no energies where the method has no iterations.
-    pub levels: Vec<Level>,
+    pub levels: Vec<LevelHistory>,
     /// Whether the registration settled on an answer that the images support.
     pub converged: bool,
     /// Why not; a sentence each.

@@ -1,6 +1,7 @@
 //! The shaders of `glsl/`, compiled by `build.rs`: a constant for each, named after its file, and `ALL` of them.
 
 /// A compute shader.
+#[derive(Debug)]
 pub struct Shader {
     /// Its file in `glsl/`, without `.comp`.
     pub name: &'static str,

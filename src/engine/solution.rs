@@ -2,8 +2,8 @@
 
 use crate::base::{Channels, Error, Mask, Photometric, Region, Settings, Similarity, centre};
 use crate::engine::Registered;
-use crate::engine::stages::confidence::LARGEST;
 use crate::engine::stages::state::State;
+use crate::engine::stages::uncertainty::LARGEST;
 
 /// The result of one [`Solver::solve`](crate::Solver::solve).
 #[derive(Clone, Debug)]
@@ -36,7 +36,7 @@ pub struct Solution {
     /// Gain and offset of I2.
     pub photometric: Photometric,
     /// Coarse to fine.
-    pub levels: Vec<Level>,
+    pub levels: Vec<LevelHistory>,
     /// Whether the finest level settled on an answer that the images support.
     pub converged: bool,
     /// Why not, or what else the user should know; a sentence each.
@@ -53,7 +53,7 @@ pub struct Solution {
 
 /// What one pyramid level did.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Level {
+pub struct LevelHistory {
     /// Pixels a row.
     pub width: u32,
     /// Rows.

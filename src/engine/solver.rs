@@ -3,14 +3,16 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use crate::base::{Error, Format, Frame, Mask, Method, Settings, Similarity};
+use crate::base::{Channels, Error, Format, Frame, Mask, Method, Settings, Similarity};
 use crate::engine::plan::Plan;
-use crate::engine::profile::{Phases, Profile, SUBMIT_WAIT};
-use crate::engine::record::{self, Recorded, Variant};
-use crate::engine::solution::{self, Level, Timings};
+use crate::engine::profile::{Phases, Profile, Ran, SUBMIT_WAIT};
+use crate::engine::record::record;
+use crate::engine::script::{Dispatch, Script, compose};
+use crate::engine::slot::Slot;
+use crate::engine::solution::{self, LevelHistory, Timings};
 use crate::engine::stages::Pipelines;
 use crate::engine::stages::state::{Registration, State};
-use crate::engine::vulkan::{Buffer, Clock, Device, Recorder};
+use crate::engine::vulkan::{Clock, Device, Recorder, Recording};
 use crate::engine::workspace::Workspace;
 use crate::engine::{Engine, KeyPoints, Registered, Solution};
 
@@ -31,13 +33,35 @@ pub struct Progress {
     pub height: u32,
 }
 
+/// A script, and its recording.
+struct Prepared {
+    script: Script,
+    recording: Recording,
+}
+
+impl Prepared {
+    fn new(
+        device: &Arc<Device>,
+        pipelines: &Pipelines,
+        plan: &Plan,
+        workspace: &Workspace,
+        masked: bool,
+        traced: bool,
+    ) -> Result<Self, Error> {
+        let script = compose(plan, masked);
+        let recording = record(device, pipelines, workspace, &script, traced)?;
+        workspace.buffer(Slot::StartArguments).write(bytemuck::cast_slice(&script.arguments))?;
+        Ok(Self { script, recording })
+    }
+}
+
 /// A size and settings, prepared once and used for any number of pairs.
 pub struct Solver {
     plan: Plan,
     /// Of pairs all of whose pixels count.
-    plain: Recorded,
+    plain: Prepared,
     /// Of pairs with masked or clipped pixels, recorded when the first comes.
-    masked: Option<Recorded>,
+    masked: Option<Prepared>,
     /// Whether the latest pair had such pixels.
     is_masked: bool,
     traced: bool,
@@ -83,15 +107,15 @@ impl Solver {
         first.prepare(&workspace.images());
         first.finish()?.run()?;
         let pipelines = engine.pipelines().clone();
-        let plain = record::record(&device, &pipelines, &plan, &workspace, Variant { traced, masked: false })?;
+        let plain = Prepared::new(&device, &pipelines, &plan, &workspace, false, traced)?;
         let (phases, masked, mask) = (Phases::default(), None, None);
         let key_points = engine.key_points;
         let is_masked = false;
         Ok(Self { plan, plain, masked, is_masked, traced, phases, workspace, mask, key_points, device, pipelines })
     }
 
-    /// The recording of the latest pair.
-    fn recorded(&self) -> &Recorded {
+    /// What the latest pair took.
+    fn latest(&self) -> &Prepared {
         self.masked.as_ref().filter(|_| self.is_masked).unwrap_or(&self.plain)
     }
 
@@ -101,10 +125,9 @@ impl Solver {
         let clips = |frame: &Frame| frame.clips(settings.clipped(frame.format().depth));
         self.is_masked = self.mask.is_some() || frames.into_iter().any(clips);
         if self.is_masked && self.masked.is_none() {
-            let variant = Variant { traced: self.traced, masked: true };
             let (plan, workspace) = (&self.plan, &self.workspace);
-            workspace.mask.write(&mask_bytes(plan, self.mask.as_ref()))?;
-            self.masked = Some(record::record(&self.device, &self.pipelines, plan, workspace, variant)?);
+            workspace.buffer(Slot::Mask).write(&mask_bytes(plan, self.mask.as_ref()))?;
+            self.masked = Some(Prepared::new(&self.device, &self.pipelines, plan, workspace, true, self.traced)?);
         }
         Ok(())
     }
@@ -120,7 +143,7 @@ impl Solver {
         }
         // Of pairs without a mask, the usual, nothing need go up.
         if self.mask != mask {
-            self.workspace.mask.write(&mask_bytes(&self.plan, mask.as_ref()))?;
+            self.workspace.buffer(Slot::Mask).write(&mask_bytes(&self.plan, mask.as_ref()))?;
             self.mask = mask;
         }
         Ok(())
@@ -165,7 +188,7 @@ impl Solver {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Solution, Error> {
         let started = Instant::now();
-        self.run([i1, i2], |recorded| recorded.parts.len(), progress)?;
+        self.run([i1, i2], |script| script.parts.len(), progress)?;
         let mut solution = self.collect()?;
         self.phases.end("collect");
         solution.timings.total_ms = started.elapsed().as_secs_f64() * 1e3;
@@ -192,7 +215,7 @@ impl Solver {
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Registered, Error> {
         let started = Instant::now();
-        self.run([i1, i2], |recorded| recorded.registered, progress)?;
+        self.run([i1, i2], |script| script.registered, progress)?;
         let mut registered = self.collect_registered()?;
         registered.timings.total_ms = started.elapsed().as_secs_f64() * 1e3;
         Ok(registered)
@@ -202,7 +225,7 @@ impl Solver {
     fn run(
         &mut self,
         frames: [&Frame; 2],
-        wanted_parts: fn(&Recorded) -> usize,
+        wanted_parts: fn(&Script) -> usize,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<(), Error> {
         self.check_frames(frames)?;
@@ -210,29 +233,29 @@ impl Solver {
             return Err(Error::Poisoned);
         }
         self.phases = Phases::default();
-        for (buffer, frame) in self.workspace.frames.iter().zip(frames) {
-            buffer.write(frame.bytes())?;
+        for (image, frame) in frames.into_iter().enumerate() {
+            self.workspace.buffer(Slot::Photograph { image }).write(frame.bytes())?;
         }
         self.phases.end("upload");
         let settings = &self.plan.settings;
         let start = Registration::new(&self.start(frames)?, &settings.start_photometric);
-        self.workspace.start_state.write(bytemuck::bytes_of(&State::new(&start)))?;
+        self.workspace.buffer(Slot::StartState).write(bytemuck::bytes_of(&State::new(&start)))?;
         self.choose(frames)?;
         self.phases.end("start");
-        let (plan, on_the_way) = (&self.plan, &self.workspace.progress);
-        let recorded = self.masked.as_mut().filter(|_| self.is_masked).unwrap_or(&mut self.plain);
-        let parts = wanted_parts(recorded);
-        let Recorded { recording, parts: recorded, .. } = recorded;
-        let levels = |parts: usize| recorded[..parts].iter().filter_map(|part| part.level_done);
+        let (plan, on_the_way) = (&self.plan, self.workspace.buffer(Slot::Progress));
+        let latest = self.masked.as_mut().filter(|_| self.is_masked).unwrap_or(&mut self.plain);
+        let Prepared { script, recording } = latest;
+        let parts = wanted_parts(script);
+        let levels = |parts: usize| script.parts[..parts].iter().filter_map(|part| part.level_done);
         let count = |parts: usize| levels(parts).count() as u32;
         let pixels =
             |parts: usize| levels(parts).map(|index| plan.pyramid[index].size.map(u64::from)).map(|[w, h]| w * h).sum();
         let mut wanted = |part: usize| {
             let state = on_the_way.read::<State>(0, 1)?[0];
-            Ok(recorded[part].goes_on.is_none_or(|level| state.levels[level].settled == 0))
+            Ok(script.parts[part].goes_on.is_none_or(|level| state.levels[level].settled == 0))
         };
         recording.run_first(parts, &mut wanted, &mut |part| {
-            if let Some(level) = recorded[part - 1].level_done.map(|index| &plan.pyramid[index]) {
+            if let Some(level) = script.parts[part - 1].level_done.map(|index| &plan.pyramid[index]) {
                 let [width, height] = level.size;
                 let (pixels_done, pixels) = (pixels(part), pixels(parts));
                 progress(Progress { done: count(part), levels: count(parts), pixels_done, pixels, width, height });
@@ -249,14 +272,19 @@ impl Solver {
 
     /// What the latest solve did, dispatch by dispatch.
     pub(crate) fn profile(&self) -> Result<Profile, Error> {
-        let w = &self.workspace;
-        let [solved, registered] = [&w.end_state, &w.registered_state].map(|state| state.read::<State>(0, 1));
-        let done = [solved?[0].levels, registered?[0].levels];
+        let states = [Slot::EndState, Slot::RegisteredState].map(|slot| self.state(slot));
+        let [solved, registered] = states;
+        let done = [solved?.levels, registered?.levels];
         let outer = self.plan.settings.outer_iterations;
-        let recorded = self.recorded();
-        let executed = recorded.dispatches.iter().map(|d| d.place.executed(&done, outer)).collect();
-        let (dispatches, ends_ms) = (recorded.dispatches.clone(), recorded.recording.times()?.ends_ms);
-        Ok(Profile { dispatches, executed, ends_ms, phases: self.phases.clone() })
+        let Prepared { script, recording } = self.latest();
+        let ran = |d: &Dispatch| Ran {
+            pass: d.stage.shader.name,
+            place: d.place,
+            bytes: d.bytes,
+            executed: d.place.executed(d.grid, &done, outer),
+        };
+        let (dispatches, ends_ms) = (script.dispatches().map(ran).collect(), recording.times()?.ends_ms);
+        Ok(Profile { dispatches, ends_ms, phases: self.phases.clone() })
     }
 
     fn check_frames(&self, frames: [&Frame; 2]) -> Result<(), Error> {
@@ -278,29 +306,26 @@ impl Solver {
 
     /// The results, out of mapped memory.
     fn collect(&self) -> Result<Solution, Error> {
-        let (w, plan) = (&self.workspace, &self.plan);
+        let (results, plan) = (self.workspace.buffer(Slot::Results), &self.plan);
         let pixels = plan.size[0] as usize * plan.size[1] as usize;
         let channels = plan.fused_channels();
-        let state = w.end_state.read::<State>(0, 1)?[0];
-        let times = self.recorded().recording.times()?;
-        let uncertainty: Vec<f32> = w.results.read(4 * pixels, pixels)?;
+        let state = self.state(Slot::EndState)?;
+        let times = self.latest().recording.times()?;
+        let uncertainty: Vec<f32> = results.read(4 * pixels, pixels)?;
         let mut solution = Solution {
             width: plan.size[0],
             height: plan.size[1],
             origin: [0, 0],
             photograph: plan.size,
-            relative_blur: w.results.read(0, pixels)?,
+            relative_blur: results.read(0, pixels)?,
             confidence: uncertainty.iter().map(|&deviation| solution::confidence(deviation)).collect(),
             uncertainty,
-            residual: w.results.read(8 * pixels, pixels)?,
+            residual: results.read(8 * pixels, pixels)?,
             fused_channels: channels,
-            fused: record::interleave(
-                &w.results.read::<f32>(12 * pixels, pixels * channels.count() as usize)?,
-                channels,
-            ),
+            fused: interleave(&results.read::<f32>(12 * pixels, pixels * channels.count() as usize)?, channels),
             transform: state.registration().transform(),
             photometric: state.registration().photometric(),
-            levels: self.levels(&state, &w.end_energies)?,
+            levels: self.levels(&state, Slot::EndEnergies)?,
             converged: false,
             warnings: Vec::new(),
             valid_fraction: 0.0,
@@ -322,14 +347,14 @@ impl Solver {
 
     /// The registration, out of mapped memory.
     fn collect_registered(&self) -> Result<Registered, Error> {
-        let state = self.workspace.registered_state.read::<State>(0, 1)?[0];
-        let times = self.recorded().recording.times()?;
+        let state = self.state(Slot::RegisteredState)?;
+        let times = self.latest().recording.times()?;
         let mut registered = Registered {
             width: self.plan.size[0],
             height: self.plan.size[1],
             transform: state.registration().transform(),
             photometric: state.registration().photometric(),
-            levels: self.levels(&state, &self.workspace.registered_energies)?,
+            levels: self.levels(&state, Slot::RegisteredEnergies)?,
             converged: false,
             warnings: Vec::new(),
             timings: Timings { total_ms: 0.0, gpu_ms: times.total_ms, passes_ms: times.passes_ms },
@@ -338,14 +363,18 @@ impl Solver {
         Ok(registered)
     }
 
+    fn state(&self, slot: Slot) -> Result<State, Error> {
+        Ok(self.workspace.buffer(slot).read::<State>(0, 1)?[0])
+    }
+
     /// What the levels did, coarse to fine.
-    fn levels(&self, state: &State, energies: &Buffer) -> Result<Vec<Level>, Error> {
+    fn levels(&self, state: &State, energies: Slot) -> Result<Vec<LevelHistory>, Error> {
         let outer = self.plan.settings.outer_iterations as usize;
-        let energies: Vec<f32> = energies.read(0, self.plan.solved * outer)?;
+        let energies: Vec<f32> = self.workspace.buffer(energies).read(0, self.plan.solved * outer)?;
         let levels = self.plan.coarse_to_fine().map(|level| {
             let done = (state.levels[level.index].iterations as usize).min(outer);
             let energy = energies[level.index * outer..][..done].iter().map(|&e| e.into()).collect();
-            Level { width: level.size[0], height: level.size[1], energy }
+            LevelHistory { width: level.size[0], height: level.size[1], energy }
         });
         Ok(levels.collect())
     }
@@ -356,6 +385,13 @@ fn mask_bytes(plan: &Plan, mask: Option<&Mask>) -> Vec<u8> {
     let mut bytes = mask.map_or_else(Vec::new, |mask| mask.bytes().to_vec());
     bytes.resize(plan.mask_bytes() as usize, 1);
     bytes
+}
+
+/// The channels of the fused image as the results hold them: planes, to be interleaved.
+fn interleave(planes: &[f32], channels: Channels) -> Vec<f32> {
+    let count = channels.count() as usize;
+    let pixels = planes.len() / count;
+    (0..pixels).flat_map(|i| (0..count).map(move |c| planes[c * pixels + i])).collect()
 }
 
 /// Two images of one pair have one size.

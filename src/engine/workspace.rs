@@ -1,172 +1,104 @@
-//! The images and buffers of one solver, allocated once.
+//! The images and buffers of one solver, allocated once: what stands in each slot.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use super::arguments;
+use super::plan::Plan;
+use super::slot::Slot;
+use super::stages::state::State;
+use super::stages::sums::SUMS;
+use super::stages::{convolve, evidence};
+use super::vulkan::{Buffer, Device, Image, Texel};
 use crate::base::Error;
-use crate::engine::plan::{ARGUMENT_WORDS, GRID_WORDS, Plan};
-use crate::engine::stages::linearise::SUMS;
-use crate::engine::stages::state::State;
-use crate::engine::stages::{convolve, evidence, relax};
-use crate::engine::vulkan::{Buffer, Device, Image, Texel};
-
-/// Where a pass finds the indirect arguments of its grid, among those of a level.
-#[derive(Clone, Copy)]
-pub(crate) enum Grid {
-    /// Tiles of `linearise`.
-    Tiles,
-    /// The pixels of one colour.
-    Half,
-    /// All pixels.
-    Pixels,
-    /// One workgroup.
-    One,
-}
-
-/// I1 and I2 on one level.
-pub(crate) struct LevelImages {
-    /// Luminance of I1 and I2.
-    pub(crate) images: [Arc<Image>; 2],
-    /// Which of their pixels count, a layer each.
-    pub(crate) masks: Arc<Image>,
-}
 
 /// All of them. What only lives within a level is as large as the finest and shared: coarser levels use its corner.
 pub(crate) struct Workspace {
-    /// Finest first.
-    pub(crate) levels: Vec<LevelImages>,
-    /// V of the levels solved, finest first.
-    pub(crate) relative_blur: Vec<Arc<Image>>,
-    /// Stacks of blurred images, as spline coefficients: of I1, then of I2. At the end the results stand in the first.
-    pub(crate) stacks: Arc<Image>,
-    /// Spline of I2.
-    pub(crate) spline2: Arc<Image>,
-    /// Between the two directions of a separable filter.
-    pub(crate) scratch: Arc<Image>,
-    /// Linear system for dV: right sides of the red (layer 0) and of the black pixels (layer 1).
-    pub(crate) right_sides: Arc<Image>,
-    /// Linear system for dV: weights of the right, left, lower and upper neighbour, likewise.
-    pub(crate) weights: Arc<Image>,
-    /// dV of the red and of the black pixels.
-    pub(crate) changes: [Arc<Image>; 2],
-    /// What decided V, on every other pixel.
-    pub(crate) evidence: Arc<Image>,
-    /// The banks of weights.
-    pub(crate) filters: Vec<Arc<Buffer>>,
-    pub(crate) state: Arc<Buffer>,
-    pub(crate) partials: Arc<Buffer>,
-    pub(crate) energies: Arc<Buffer>,
-    pub(crate) arguments: Arc<Buffer>,
-    /// What state and arguments are before a solve, mapped.
-    pub(crate) start_state: Arc<Buffer>,
-    pub(crate) start_arguments: Arc<Buffer>,
-    /// The photographs, mapped.
-    pub(crate) frames: [Arc<Buffer>; 2],
-    /// A byte a pixel of I1, mapped: 0 where it does not count.
-    pub(crate) mask: Arc<Buffer>,
-    /// V, its standard deviation, the residual and the fused channels, mapped; then state and energies.
-    pub(crate) results: Arc<Buffer>,
-    /// State while a level is under way, mapped.
-    pub(crate) progress: Arc<Buffer>,
-    pub(crate) end_state: Arc<Buffer>,
-    pub(crate) end_energies: Arc<Buffer>,
-    /// State and energies once the registration is known, mapped.
-    pub(crate) registered_state: Arc<Buffer>,
-    pub(crate) registered_energies: Arc<Buffer>,
+    images: BTreeMap<Slot, Arc<Image>>,
+    buffers: BTreeMap<Slot, Arc<Buffer>>,
+    /// Width and height of the finest level, pixels.
+    pub(crate) size: [u32; 2],
 }
 
 impl Workspace {
     pub(crate) fn new(device: &Arc<Device>, plan: &Plan) -> Result<Self, Error> {
-        let image = |name: &str, size, layers| Image::new(device, name, size, layers, Texel::One);
-        let finest = &plan.pyramid[0];
-        let levels = plan
-            .pyramid
-            .iter()
-            .map(|level| {
-                let name = |what: &str| format!("{what}, level {}", level.index);
-                let images = [image(&name("I1"), level.size, 1)?, image(&name("I2"), level.size, 1)?];
-                Ok(LevelImages { images, masks: image(&name("masks"), level.size, 2)? })
-            })
-            .collect::<Result<_, Error>>()?;
-        let relative_blur = plan.pyramid[..plan.solved]
-            .iter()
-            .map(|level| image(&format!("V, level {}", level.index), level.size, 1))
-            .collect::<Result<_, Error>>()?;
-        let partial_rows = plan.pyramid.iter().map(|l| l.tiles()[0] * l.tiles()[1]).max().unwrap_or(1);
-        let energy_bytes = 4 * plan.solved as u64 * u64::from(plan.settings.outer_iterations);
-        let argument_bytes = (4 * ARGUMENT_WORDS * plan.solved) as u64;
-        let filters = plan.weights.banks.iter().map(|bank| {
-            let buffer = Buffer::for_upload(device, "filters", 4 * convolve::WEIGHTS as u64)?;
-            buffer.write(bytemuck::cast_slice(bank))?;
-            Ok(buffer)
-        });
-        let filters = filters.collect::<Result<_, Error>>()?;
-        let start_arguments = Buffer::for_upload(device, "indirect arguments at the start", argument_bytes)?;
-        Ok(Self {
-            levels,
-            relative_blur,
-            stacks: image("stacks", plan.size, plan.stack_layers())?,
-            spline2: image("spline of I2", plan.size, 1)?,
-            scratch: image("scratch", plan.size, 1)?,
-            right_sides: image("right sides", finest.half(), 2)?,
-            weights: Image::new(device, "weights", finest.half(), 2, Texel::Four)?,
-            changes: [image("red dV", finest.half(), 1)?, image("black dV", finest.half(), 1)?],
-            evidence: image("evidence", evidence::size(plan.size), evidence::LAYERS as u32)?,
-            filters,
-            state: Buffer::on_device(device, "state", size_of::<State>() as u64)?,
-            partials: Buffer::on_device(device, "partial sums", 4 * SUMS as u64 * u64::from(partial_rows))?,
-            energies: Buffer::on_device(device, "energies", energy_bytes)?,
-            arguments: Buffer::on_device(device, "indirect arguments", argument_bytes)?,
-            start_state: Buffer::for_upload(device, "state at the start", size_of::<State>() as u64)?,
-            start_arguments,
-            frames: [
-                Buffer::for_upload(device, "photograph 1", plan.frame_bytes(0))?,
-                Buffer::for_upload(device, "photograph 2", plan.frame_bytes(1))?,
-            ],
-            mask: Buffer::for_upload(device, "mask", plan.mask_bytes())?,
-            results: Buffer::for_readback(device, "results", plan.result_bytes())?,
-            progress: Buffer::for_readback(device, "state on the way", size_of::<State>() as u64)?,
-            end_state: Buffer::for_readback(device, "state at the end", size_of::<State>() as u64)?,
-            end_energies: Buffer::for_readback(device, "energies at the end", energy_bytes)?,
-            registered_state: Buffer::for_readback(device, "state once registered", size_of::<State>() as u64)?,
-            registered_energies: Buffer::for_readback(device, "energies once registered", energy_bytes)?,
-        })
+        let images = images(device, plan)?;
+        let buffers = buffers(device, plan)?;
+        for (bank, weights) in plan.weights.banks.iter().enumerate() {
+            let single: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
+            buffers[&Slot::Filters { bank }].write(bytemuck::cast_slice(&single))?;
+        }
+        Ok(Self { images, buffers, size: plan.size })
+    }
+
+    /// The image in a slot.
+    pub(crate) fn image(&self, slot: Slot) -> &Arc<Image> {
+        &self.images[&slot]
+    }
+
+    /// The buffer in a slot.
+    pub(crate) fn buffer(&self, slot: Slot) -> &Arc<Buffer> {
+        &self.buffers[&slot]
     }
 
     /// Every image, to be made ready once.
     pub(crate) fn images(&self) -> Vec<&Arc<Image>> {
-        let levels = self.levels.iter().flat_map(|l| l.images.iter().chain([&l.masks])).chain(&self.relative_blur);
-        levels
-            .chain([&self.stacks, &self.spline2, &self.scratch, &self.right_sides, &self.weights])
-            .chain(&self.changes)
-            .chain([&self.evidence])
-            .collect()
+        self.images.values().collect()
     }
 }
 
-impl Grid {
-    /// Byte offset of a level's grid among the indirect arguments.
-    pub(crate) fn offset(self, level: usize) -> u64 {
-        4 * (level * ARGUMENT_WORDS + 3 * self as usize) as u64
+fn images(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Image>>, Error> {
+    let half = plan.pyramid[0].half();
+    let mut wanted = vec![
+        (Slot::Stacks, plan.size, plan.stack_layers(), Texel::One),
+        (Slot::Spline2, plan.size, 1, Texel::One),
+        (Slot::Scratch, plan.size, 1, Texel::One),
+        (Slot::RightSides, half, 2, Texel::One),
+        (Slot::Weights, half, 2, Texel::Four),
+        (Slot::Change { color: 0 }, half, 1, Texel::One),
+        (Slot::Change { color: 1 }, half, 1, Texel::One),
+        (Slot::Evidence, evidence::size(plan.size), evidence::LAYERS as u32, Texel::One),
+    ];
+    for level in &plan.pyramid {
+        let (size, level) = (level.size, level.index);
+        wanted.extend([0, 1].map(|image| (Slot::Luminance { image, level }, size, 1, Texel::One)));
+        wanted.push((Slot::Masks { level }, size, 2, Texel::One));
+        if level < plan.solved {
+            wanted.push((Slot::RelativeBlur { level }, size, 1, Texel::One));
+        }
     }
-
-    /// Byte offset of a level's n-th pass among those that bring I2 onto I1's pixels anew.
-    pub(crate) fn warp_offset(level: usize, n: usize) -> u64 {
-        4 * (level * ARGUMENT_WORDS + GRID_WORDS + 3 * n) as u64
-    }
+    let make = |(slot, size, layers, texel): (Slot, _, _, _)| {
+        Ok((slot, Image::new(device, &format!("{slot:?}"), size, layers, texel)?))
+    };
+    wanted.into_iter().map(make).collect()
 }
 
-/// The grids of every solved level, and of its passes that bring I2 onto I1's pixels anew.
-pub(crate) fn arguments(plan: &Plan, warps: &[Vec<[u32; 3]>]) -> Vec<u32> {
-    use crate::engine::stages::WORKGROUP;
-    let groups = |[width, height]: [u32; 2]| [width.div_ceil(WORKGROUP[0]), height.div_ceil(WORKGROUP[1]), 1];
-    plan.pyramid[..plan.solved]
-        .iter()
-        .flat_map(|level| {
-            let grids = [level.tiles(), relax::tiles(level.size), groups(level.size), [1, 1, 1]];
-            let mut words = [grids.as_flattened(), warps[level.index].as_flattened()].concat();
-            assert!(words.len() <= ARGUMENT_WORDS, "{} warping passes on a level", warps[level.index].len());
-            words.resize(ARGUMENT_WORDS, 0);
-            words
-        })
-        .collect()
+fn buffers(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Buffer>>, Error> {
+    let partial_rows = plan.pyramid.iter().map(|l| l.tiles()[0] * l.tiles()[1]).max().unwrap_or(1);
+    let energies = 4 * plan.solved as u64 * u64::from(plan.settings.outer_iterations);
+    let arguments = (4 * arguments::WORDS * plan.solved) as u64;
+    let state = size_of::<State>() as u64;
+    type Make = fn(&Arc<Device>, &str, u64) -> Result<Arc<Buffer>, Error>;
+    let (on_device, up, down): (Make, Make, Make) = (Buffer::on_device, Buffer::for_upload, Buffer::for_readback);
+    let mut wanted = vec![
+        (Slot::State, state, on_device),
+        (Slot::Partials, 4 * SUMS as u64 * u64::from(partial_rows), on_device),
+        (Slot::Energies, energies, on_device),
+        (Slot::Arguments, arguments, on_device),
+        (Slot::StartState, state, up),
+        (Slot::StartArguments, arguments, up),
+        (Slot::Photograph { image: 0 }, plan.frame_bytes(0), up),
+        (Slot::Photograph { image: 1 }, plan.frame_bytes(1), up),
+        (Slot::Mask, plan.mask_bytes(), up),
+        (Slot::Results, plan.result_bytes(), down),
+        (Slot::Progress, state, down),
+        (Slot::EndState, state, down),
+        (Slot::EndEnergies, energies, down),
+        (Slot::RegisteredState, state, down),
+        (Slot::RegisteredEnergies, energies, down),
+    ];
+    let bytes = 4 * convolve::WEIGHTS as u64;
+    wanted.extend((0..plan.weights.banks.len()).map(|bank| (Slot::Filters { bank }, bytes, up)));
+    let make = |(slot, bytes, make): (Slot, u64, Make)| Ok((slot, make(device, &format!("{slot:?}"), bytes)?));
+    wanted.into_iter().map(make).collect()
 }

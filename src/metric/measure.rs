@@ -11,14 +11,14 @@ const LEAST_PIXELS: usize = 16;
 
 /// Values at the pixels of an image, row-major; NaN where there is none.
 #[derive(Clone, Copy, Debug)]
-pub struct Field<'a> {
+pub struct Values<'a> {
     /// Pixels a row.
     pub width: u32,
     /// The values.
     pub values: &'a [f32],
 }
 
-impl Field<'_> {
+impl Values<'_> {
     fn height(&self) -> u32 {
         (self.values.len() / self.width.max(1) as usize) as u32
     }
@@ -195,7 +195,7 @@ mod tests {
         for i in (0..4000).step_by(37) {
             values[i] = if i % 2 == 0 { f32::NAN } else { 1e6 };
         }
-        let field = Field { width: 100, values: &values };
+        let field = Values { width: 100, values: &values };
         let step = field.step(region(2, 2, 40, 36), region(55, 2, 40, 36)).unwrap().unwrap();
         println!("{step:?}");
         assert!((step.value - 2.5).abs() < 3.0 * step.standard_error, "{step:?}");
@@ -206,14 +206,14 @@ mod tests {
     #[test]
     fn the_level_of_a_tilted_region_is_that_of_its_centre() {
         let values = ramp();
-        let level = Field { width: 40, values: &values }.level(region(10, 4, 21, 11)).unwrap().unwrap();
+        let level = Values { width: 40, values: &values }.level(region(10, 4, 21, 11)).unwrap().unwrap();
         assert!((level.value - (0.5 * 20.0 - 0.25 * 9.0)).abs() < 1e-5 && level.standard_error < 1e-5, "{level:?}");
     }
 
     #[test]
     fn a_profile_of_a_ramp_is_the_ramp() {
         let values = ramp();
-        let field = Field { width: 40, values: &values };
+        let field = Values { width: 40, values: &values };
         for width in [1.0, 4.0, 5.0] {
             let line = Line { from: [5.5, 20.0], to: [30.0, 10.25], width };
             let profile = field.profile(&line).unwrap();
@@ -230,7 +230,7 @@ mod tests {
     fn a_hole_is_a_gap_unless_there_are_values_beside_it() {
         let mut values = ramp();
         values[10 * 40 + 20] = f32::NAN;
-        let field = Field { width: 40, values: &values };
+        let field = Values { width: 40, values: &values };
         let along = |width| field.profile(&Line { from: [10.0, 10.0], to: [30.0, 10.0], width }).unwrap();
         assert_eq!(along(1.0).iter().filter(|v| v.is_nan()).count(), 1);
         assert!(along(3.0).iter().all(|v| v.is_finite()));
@@ -240,7 +240,7 @@ mod tests {
     fn what_cannot_be_measured_says_why() {
         let mut values = ramp();
         values[..400].fill(f32::NAN);
-        let field = Field { width: 40, values: &values };
+        let field = Values { width: 40, values: &values };
         for (bad, part) in [
             (region(0, 0, 41, 5), "not within the image, 40x30"),
             (region(u32::MAX, 0, 2, 2), "not within"),

@@ -42,7 +42,7 @@ fn check_reference([i1, i2]: [Frame; 2]) {
     let both = |f: &[f32], e: &[f64]| rms(&mut f.iter().copied().zip(e.iter().copied()));
     let v = both(&found.relative_blur, &expected.relative_blur.data);
     let uncertainty = both(&found.uncertainty, &expected.uncertainty.data);
-    let fused = both(&found.fused, &expected.fused.data);
+    let fused = both(&found.fused, &expected.fused[0].data);
     println!("rms against the reference: V {v:.5} px², uncertainty {uncertainty:.6} px², fused {fused:.7}");
     assert!(v < 5e-3 && uncertainty < 5e-3 && fused < 1e-4);
     for (level, energy) in found.levels.iter().zip(&expected.energies) {

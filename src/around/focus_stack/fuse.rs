@@ -1,6 +1,6 @@
 //! The all-in-focus image: each pixel from the frames focused nearest to where it is sharp.
 
-use crate::around::resample::{Grid, Interpolation, in_rows, onto};
+use crate::around::resample::{Interleaved, Interpolation, in_rows, onto};
 use crate::base::{Channels, Decode, Frame, Photometric, Similarity};
 
 /// Where the frames of a sweep lie.
@@ -30,8 +30,8 @@ pub(super) fn fuse(
     let mut sums = vec![[0.0f32; 4]; size[0] * size[1]];
     for (n, frame) in frames.iter().enumerate() {
         let values = frame.intensities(decode);
-        let grid = Grid { width: size[0], height: size[1], channels: count, values: &values };
-        let moved = onto(&grid, &placed.transforms[n], size, Interpolation::Cubic);
+        let image = Interleaved { width: size[0], height: size[1], channels: count, values: &values };
+        let moved = onto(&image, &placed.transforms[n], size, Interpolation::Cubic);
         let Photometric { gain, offset } = placed.photometric[n];
         in_rows(&mut sums, size[0], |y, row| {
             for (x, sum) in row.iter_mut().enumerate() {

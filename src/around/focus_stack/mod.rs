@@ -11,7 +11,7 @@ mod position;
 
 use self::combine::Observation;
 pub use self::position::{Positions, SweepDepth};
-use crate::around::resample::{Grid, Interpolation, onto};
+use crate::around::resample::{Interleaved, Interpolation, onto};
 use crate::base::{Channels, Decode, Error, Frame, Photometric, Settings, Similarity};
 use crate::engine::{Engine, Solution, Solver};
 
@@ -212,8 +212,8 @@ fn observation(solution: &Solution, t: &Similarity, positions: [f64; 2], limit: 
     let below = |v: &f32| if v.abs() < 0.999 * limit { *v } else { f32::NAN };
     let relative_blur: Vec<f32> = solution.relative_blur.iter().map(below).collect();
     let on_reference = |values: &[f32]| {
-        let grid = Grid { width: size[0], height: size[1], channels: 1, values };
-        onto(&grid, t, size, Interpolation::Linear)
+        let image = Interleaved { width: size[0], height: size[1], channels: 1, values };
+        onto(&image, t, size, Interpolation::Linear)
     };
     let area = (t.scale * t.scale) as f32;
     let moved = on_reference(&relative_blur).into_iter().zip(on_reference(&solution.uncertainty));

@@ -9,12 +9,14 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::linearise::{Sums, UNKNOWNS};
 use super::mask::{self, Masks};
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::state::{Registration, inside};
+use super::sums::{Sums, UNKNOWNS};
 use super::{Field, WORKGROUP, linearise, pixels, spline};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -36,18 +38,42 @@ pub struct Constants {
     pub eta: f32,
 }
 
-/// I1, spline of I2, state, partial sums, masks.
+bindings! {
+    /// I1.
+    i1: Reads<I1>,
+    /// Spline coefficients of I2.
+    spline2: Reads<Spline2>,
+    /// State.
+    state: Reads<State>,
+    /// A row of sums for each workgroup of `linearise`.
+    partials: Writes<Partials>,
+    /// Of I1, of I2.
+    masks: Reads<Masks>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: I1 and the spline of I2 read, a row of sums a workgroup written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height])
+    }
+
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+        let r = memory.state(self.state).registration;
+        let masks = mask::of(memory, self.masks, variant);
+        let sums = twin(c, &r, memory.layer(self.i1, 0), memory.layer(self.spline2, 0), masks);
+        memory.set_sums(self.partials, sums);
+    }
+}
+
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::APPEARANCE,
-    bindings: &[Binding::Image, Binding::Image, Binding::Buffer, Binding::Buffer, Binding::Image],
+    bindings: LAYOUT,
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
-
-/// Bytes that must move: I1 and the spline of I2 read, a row of sums a workgroup written.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height])
-}
 
 /// One whole pass over a level; `spline2` holds the coefficients of I2, `masks` is where pixels are masked.
 pub fn twin(c: &Constants, r: &Registration, i1: &Field, spline2: &Field, masks: Option<&Masks>) -> Sums {
@@ -81,11 +107,12 @@ pub fn twin(c: &Constants, r: &Registration, i1: &Field, spline2: &Field, masks:
 #[cfg(test)]
 mod tests {
     use super::super::harness::{Rig, random_field, smooth_field};
-    use super::super::linearise::{SUMS, rows, tiles};
+    use super::super::linearise::{rows, tiles};
     use super::super::state::State;
+    use super::super::sums::SUMS;
     use super::*;
     use crate::base::{Kernel, Photometric, Similarity};
-    use crate::engine::reference::build_stack;
+    use crate::engine::stages::harness::build_stack;
     use crate::engine::vulkan::Resource;
 
     fn constants(width: usize, height: usize) -> Constants {

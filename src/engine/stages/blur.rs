@@ -21,6 +21,15 @@ pub struct Stacks<'a> {
     pub slopes: Slopes,
 }
 
+impl<'a> Stacks<'a> {
+    /// Of `nodes` nodes each in the layers of one image, that of I2 from layer `second` on.
+    pub(super) fn of(layers: &'a [Field], second: u32, nodes: u32, any_kernel: bool) -> Self {
+        let slopes = if any_kernel { Slopes::Layers } else { Slopes::Laplacian };
+        let (second, count) = (second as usize, nodes as usize * slopes.layers());
+        Self { first: &layers[..count], second: &layers[second..second + count], slopes }
+    }
+}
+
 /// At pixel (x, y), which T puts at (x, y) + d: Î1, and Î2 before gain and offset, both with their slopes by V. The centred
 /// kernel is read where its mean, given at V = 1, takes it.
 pub fn read(
@@ -93,7 +102,7 @@ mod tests {
     use super::super::stack::node_count;
     use super::*;
     use crate::base::{Kernel, Photometric, Similarity};
-    use crate::engine::reference::build_stack;
+    use crate::engine::stages::harness::build_stack;
 
     /// The wave cos(k x) under the half-Gaussian of variance v, by a midpoint rule over its density.
     fn blurred_wave(k: f64, v: f64, x: f64) -> f64 {

@@ -7,9 +7,11 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::field::{Field, fold};
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::{WORKGROUP, pixels};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -56,19 +58,47 @@ pub(crate) fn grid(c: &Constants) -> [u32; 2] {
     if c.vertical == 1 { [c.breadth, spans] } else { [spans, c.breadth] }
 }
 
-/// From, to, weights.
+/// The variant for filters of more than one block, and for those that add.
+pub(crate) const LONG: Variant = [true, false, false];
+
+bindings! {
+    /// Image that is filtered.
+    from: Reads<Plane>,
+    /// Where the result goes, or is added to.
+    to: Updates<Plane>,
+    /// Weights.
+    filters: Reads<Filters>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: every value read, every result written, and read first where it is added to.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        let touched = if c.add == 1 { 2 } else { 1 };
+        4 * (pixels(c.length, c.breadth) + touched * pixels(c.length.div_ceil(c.stride), c.breadth))
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let first = 4 * c.offset as usize;
+        let filter = &memory.numbers(self.filters)[first..first + 2 * c.radius as usize + 1];
+        let input = memory.layer(self.from, c.from_layer as usize);
+        let mut found = twin_mirrored(input, filter, c.stride as usize, c.vertical == 1, c.period as usize);
+        let to = memory.layer_mut(self.to, c.to_layer as usize);
+        if c.add == 1 {
+            found.data.iter_mut().zip(&to.data).for_each(|(sum, before)| *sum += before);
+        }
+        *to = found;
+    }
+}
+
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::CONVOLVE,
-    bindings: &[Binding::Image, Binding::Image, Binding::Uniform],
+    bindings: LAYOUT,
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
-
-/// Bytes that must move: every value read, every result written, and read first where it is added to.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    let touched = if c.add == 1 { 2 } else { 1 };
-    4 * (pixels(c.length, c.breadth) + touched * pixels(c.length.div_ceil(c.stride), c.breadth))
-}
 
 /// `out(i) = Σ_n filter(n) input(stride i + n)` along x, or along y; mirrored about the border pixels.
 pub fn twin(input: &Field, filter: &[f64], stride: usize, vertical: bool) -> Field {

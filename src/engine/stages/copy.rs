@@ -3,9 +3,11 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -17,18 +19,30 @@ pub struct Constants {
     pub height: u32,
 }
 
-/// From, to.
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::COPY,
-    bindings: &[Binding::Image, Binding::Image],
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
-
-/// Bytes that must move: every pixel read, every pixel written.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    8 * pixels(c.width, c.height)
+bindings! {
+    /// From.
+    from: Reads<Plane>,
+    /// To.
+    to: Writes<Plane>,
 }
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: every pixel read, every pixel written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        8 * pixels(c.width, c.height)
+    }
+
+    fn run(&self, _c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let copied = twin(memory.layer(self.from, 0));
+        memory.set_layer(self.to, 0, copied);
+    }
+}
+
+pub(crate) const STAGE: Stage =
+    Stage { shader: &shaders::COPY, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// The same field.
 pub fn twin(from: &Field) -> Field {
@@ -72,7 +86,8 @@ mod tests {
                     recorder.next_part_if_wanted().unwrap();
                 }
                 let resources = [Resource::Image(from), Resource::Image(&to)];
-                let groups = Groups::Direct(pipeline.groups([37, 21]));
+                let groups = Groups::Direct(STAGE.groups([37, 21]));
+                recorder.barrier();
                 recorder.pass(&pipeline, &resources, bytemuck::bytes_of(&constants), groups).unwrap();
             }
             let mut recording = recorder.finish().unwrap();

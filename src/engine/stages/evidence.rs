@@ -5,10 +5,12 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::filter::{self, Filter};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Layers: D, b², |∇V|²; then the squared [residual](mod@super::residual).
 pub const LAYERS: usize = 4;
@@ -37,10 +39,36 @@ pub struct Constants {
     pub noise: f32,
 }
 
-/// V, right sides and weights of the linear system, evidence; of that the first three layers.
+bindings! {
+    /// V.
+    v: Reads<RelativeBlur>,
+    /// Right sides of the linear system.
+    right_sides: Reads<RightSides>,
+    /// Weights of the linear system.
+    weights: Reads<Weights>,
+    /// Evidence, of that the first three layers.
+    evidence: Writes<Evidence>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: V read; on every fourth pixel right side and weights read, three values written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        let [width, height] = size([c.width, c.height]);
+        4 * pixels(c.width, c.height) + 32 * pixels(width, height)
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let found = twin(c, memory.layer(self.v, 0), &memory.system(self.right_sides, self.weights));
+        found.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.evidence, n, field));
+    }
+}
+
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::EVIDENCE,
-    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Image],
+    bindings: LAYOUT,
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
@@ -48,12 +76,6 @@ pub(crate) const STAGE: Stage = Stage {
 /// The pixels of the evidence.
 pub(crate) fn size([width, height]: [u32; 2]) -> [u32; 2] {
     [width.div_ceil(2), height.div_ceil(2)]
-}
-
-/// Bytes that must move: V read; on every fourth pixel right side and weights read, three values written.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    let [width, height] = size([c.width, c.height]);
-    4 * pixels(c.width, c.height) + 32 * pixels(width, height)
 }
 
 /// The filter along x and y that makes the window, on every other pixel.

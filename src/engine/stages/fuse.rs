@@ -5,10 +5,12 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::linearise::heaviside;
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::state::{Registration, inside};
 use super::{Field, WORKGROUP, pixels, spline};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -26,18 +28,38 @@ pub struct Constants {
     pub epsilon: f32,
 }
 
-/// Channel of I1, spline coefficients of the channel of I2 (layer 0), V, result, state.
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::FUSE,
-    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Image, Binding::Buffer],
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
-
-/// Bytes that must move: both channels and V read, the fused channel written.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    16 * pixels(c.width, c.height)
+bindings! {
+    /// Channel of I1.
+    channel1: Reads<I1>,
+    /// Spline coefficients of the channel of I2.
+    spline2: Reads<Spline2>,
+    /// V.
+    v: Reads<RelativeBlur>,
+    /// Where the fused channel goes.
+    results: Writes<Results>,
+    /// State.
+    state: Reads<State>,
 }
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: both channels and V read, the fused channel written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        16 * pixels(c.width, c.height)
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let r = memory.state(self.state).registration;
+        let channel1 = memory.layer(self.channel1, 0);
+        let fused = twin(c, &r, channel1, memory.layer(self.spline2, 0), memory.layer(self.v, 0));
+        memory.set_layer(self.results, c.layer as usize, fused);
+    }
+}
+
+pub(crate) const STAGE: Stage =
+    Stage { shader: &shaders::FUSE, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// The fused channel.
 pub fn twin(c: &Constants, r: &Registration, channel1: &Field, coefficients2: &Field, v: &Field) -> Field {

@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use super::Field;
+use super::stack::{Layer, Sampling, Slopes, layer};
+use super::{Field, convolve, subdivide};
+use crate::base::Kernel;
 use crate::engine::filter;
 use crate::engine::vulkan::{Buffer, Clock, Device, Groups, Image, Pipeline, Recorder, Resource, Stage, Texel};
 
@@ -154,6 +156,40 @@ impl Drop for Rig {
         let messages = self.take_messages();
         assert!(std::thread::panicking() || messages.is_empty(), "validation: {messages:#?}");
     }
+}
+
+/// Spline coefficients of an image, then of the other layers of its [`stack`](super::stack): by direct filters, whatever a
+/// script does.
+pub(crate) fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<Field> {
+    let prefilter = filter::spline_prefilter();
+    let mut stack = vec![convolve::twin(&convolve::twin(image, &prefilter, 1, false), &prefilter, 1, true)];
+    // The last of the layers made on every other pixel, as it was there.
+    let mut half: Option<Field> = None;
+    for n in 1..nodes * Slopes::of(kernel).layers() {
+        let Layer { from, sampling, terms } = layer(kernel, n);
+        if sampling != Sampling::Every {
+            let made = on_half(half.as_ref().unwrap_or(&stack[from]), &terms[0], sampling, image);
+            stack.push(subdivide::twin([image.width, image.height], &made));
+            half = Some(made);
+            continue;
+        }
+        let mut sum = Field::zeros(image.width, image.height);
+        for [along_x, along_y] in &terms {
+            let term = convolve::twin(&convolve::twin(&stack[from], along_x, 1, false), along_y, 1, true);
+            sum.data.iter_mut().zip(term.data).for_each(|(sum, t)| *sum += t);
+        }
+        stack.push(sum);
+    }
+    stack
+}
+
+/// A layer on every other pixel of the image.
+fn on_half(from: &Field, [along_x, along_y]: &[filter::Filter; 2], sampling: Sampling, image: &Field) -> Field {
+    if sampling == Sampling::Halving {
+        return convolve::twin(&convolve::twin(from, along_x, 2, false), along_y, 2, true);
+    }
+    let rows = convolve::twin_mirrored(from, along_x, 1, false, image.width - 1);
+    convolve::twin_mirrored(&rows, along_y, 1, true, image.height - 1)
 }
 
 /// Numbers in [0, 1), the same for the same seed (splitmix64).

@@ -2,11 +2,13 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::{Field, WORKGROUP, pixels};
 use crate::base::color::srgb_to_linear;
 use crate::base::{Decode, Frame, Samples};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -24,18 +26,34 @@ pub struct Constants {
     pub weights: [f32; 3],
 }
 
-/// Samples, image; the variant undoes the sRGB curve.
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::INGEST,
-    bindings: &[Binding::Buffer, Binding::Image],
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
+/// The variant that undoes the sRGB curve.
+pub(crate) const SRGB: Variant = [true, false, false];
 
-/// Bytes that must move: every sample read, every pixel written.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    u64::from(c.channels * c.bytes + 4) * pixels(c.width, c.height)
+bindings! {
+    /// Of the photograph.
+    samples: Reads<Samples>,
+    /// Luminance, or a channel.
+    image: Writes<Plane>,
 }
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: every sample read, every pixel written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        u64::from(c.channels * c.bytes + 4) * pixels(c.width, c.height)
+    }
+
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+        let decode = if variant == SRGB { Decode::Srgb } else { Decode::None };
+        let image = twin(memory.photograph(self.samples), decode, c.weights);
+        memory.set_layer(self.image, 0, image);
+    }
+}
+
+pub(crate) const STAGE: Stage =
+    Stage { shader: &shaders::INGEST, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// Sample i as it is stored, of integers white at 1: the twin of `glsl/include/samples.glsl`.
 pub fn stored(frame: &Frame, i: usize) -> f64 {

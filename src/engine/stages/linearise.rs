@@ -19,23 +19,16 @@ use bytemuck::{Pod, Zeroable};
 
 use super::blur::{self, Stacks};
 use super::mask::{self, Masks};
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::spline::Jet;
 use super::stack::{Blurred, Slopes};
 use super::state::{Registration, inside};
+use super::sums::{SUMS, Sums, UNKNOWNS};
 use super::{Field, WORKGROUP, pixels, spline};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
-/// Unknowns of the registration step: a L, b L, t_x, t_y (pixels of the level), gain, offset at intensity ½.
-pub const UNKNOWNS: usize = 6;
-/// Floats in a row of partial sums.
-pub const SUMS: usize = 32;
-/// Where g, the energy and the number of valid pixels stand among them.
-pub const GRADIENT: usize = 21;
-/// See [`GRADIENT`].
-pub const ENERGY: usize = 27;
-/// See [`GRADIENT`].
-pub const VALID: usize = 28;
 /// Lines of a red and a black pixel that an invocation goes down, at most: what a line shares with the next is loaded once,
 /// and the sums of a workgroup are reduced once for all of them.
 const MOST_ROWS: u32 = 8;
@@ -90,30 +83,67 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * rows([width, height])), 1]
 }
 
-/// I1, V, stacks of I1 and I2, right sides, weights, state, partial sums, masks. Variants: any kernel; the stack of I2 is of I2 as
-/// [`warp`](super::warp) brought it onto I1's pixels.
+/// The variant for kernels other than a Gaussian.
+pub(crate) const ANY_KERNEL: Variant = [true, false, false];
+/// The variant for a stack of I2 as [`warp`](super::warp) brought it onto I1's pixels.
+pub(crate) const WARPED: Variant = [false, true, false];
+
+/// The variant for a kernel, for a stack of I2 that was warped, and for masked pixels.
+pub(crate) fn variant(slopes: Slopes, warped: bool, masked: bool) -> Variant {
+    [slopes == Slopes::Layers, warped, masked]
+}
+
+bindings! {
+    /// I1.
+    i1: Reads<I1>,
+    /// V.
+    v: Reads<RelativeBlur>,
+    /// Stacks of I1 and I2.
+    stacks: Reads<Stacks>,
+    /// Right sides of the linear system.
+    right_sides: Writes<RightSides>,
+    /// Weights of the linear system.
+    weights: Writes<Weights>,
+    /// State.
+    state: Reads<State>,
+    /// A row of sums for each workgroup.
+    partials: Writes<Partials>,
+    /// Of I1, of I2.
+    masks: Reads<Masks>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: I1, V, of the stacks the two nodes about V and what is read of the other image, all once a
+    /// pixel; right side and four weights written, and a row of sums a workgroup.
+    fn bytes(c: &Constants, variant: Variant) -> u64 {
+        let slopes = if variant[0] { Slopes::Layers } else { Slopes::Laplacian };
+        let layers = 3 * slopes.layers() as u64;
+        (8 + 4 * layers + 20) * pixels(c.width, c.height) + row_bytes([c.width, c.height])
+    }
+
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+        let state = memory.state(self.state);
+        let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant[0]);
+        let warped = variant[1].then_some(&state.warped);
+        let masks = mask::of(memory, self.masks, variant);
+        let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
+        let Linearised { system, sums } = twin(c, &state.registration, warped, i1, v, &stacks, masks);
+        let [right_sides, weights @ ..] = system;
+        memory.set_layer(self.right_sides, 0, right_sides);
+        weights.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.weights, n, field));
+        memory.set_sums(self.partials, sums);
+    }
+}
+
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::LINEARISE,
-    bindings: &[
-        Binding::Image,
-        Binding::Image,
-        Binding::Image,
-        Binding::Image,
-        Binding::Image,
-        Binding::Buffer,
-        Binding::Buffer,
-        Binding::Image,
-    ],
+    bindings: LAYOUT,
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
-
-/// Bytes that must move: I1, V, of the stacks the two nodes about V and what is read of the other image, all once a
-/// pixel; right side and four weights written, and a row of sums a workgroup.
-pub(crate) fn bytes(c: &Constants, slopes: Slopes) -> u64 {
-    let layers = 3 * slopes.layers() as u64;
-    (8 + 4 * layers + 20) * pixels(c.width, c.height) + row_bytes([c.width, c.height])
-}
 
 /// Bytes of a level's partial sums.
 pub(crate) fn row_bytes(size: [u32; 2]) -> u64 {
@@ -127,41 +157,6 @@ pub struct Linearised {
     pub system: [Field; 5],
     /// N, g, energy, valid pixels.
     pub sums: Sums,
-}
-
-/// What the registration step sums over the valid pixels.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Sums {
-    /// N.
-    pub normal: [[f64; UNKNOWNS]; UNKNOWNS],
-    /// g.
-    pub gradient: [f64; UNKNOWNS],
-    /// Energy.
-    pub energy: f64,
-    /// Valid pixels.
-    pub valid: f64,
-}
-
-impl Sums {
-    /// From rows of partial sums as the device keeps them: the upper triangle of N row by row, g, energy, valid pixels
-    /// (`glsl/include/sums.glsl`).
-    pub fn from_partials(partials: &[f32]) -> Self {
-        let total = |n: usize| partials.chunks_exact(SUMS).map(|row| f64::from(row[n])).sum::<f64>();
-        let mut sums = Self { energy: total(ENERGY), valid: total(VALID), ..Self::default() };
-        for i in 0..UNKNOWNS {
-            for j in i..UNKNOWNS {
-                sums.normal[i][j] = total(normal_place(i, j));
-                sums.normal[j][i] = sums.normal[i][j];
-            }
-        }
-        sums.gradient = std::array::from_fn(|i| total(GRADIENT + i));
-        sums
-    }
-}
-
-/// Where a row of partial sums keeps N between unknowns i and j >= i.
-pub(crate) fn normal_place(i: usize, j: usize) -> usize {
-    i * UNKNOWNS - i * i.saturating_sub(1) / 2 + j - i
 }
 
 /// One residual: S, its derivative by V, its weight, and its derivatives by the unknowns.
@@ -327,7 +322,7 @@ mod tests {
     use super::super::state::State;
     use super::*;
     use crate::base::{Aperture, Kernel, Photometric, Similarity};
-    use crate::engine::reference::build_stack;
+    use crate::engine::stages::harness::build_stack;
     use crate::engine::vulkan::Resource;
 
     fn constants(width: usize, height: usize, nodes: usize, kernel: &Kernel) -> Constants {

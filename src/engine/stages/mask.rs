@@ -10,10 +10,13 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::{Field, WORKGROUP, ingest, pixels};
 use crate::base::Frame;
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::slot::{self, Reads};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// The share of pixels that count around each of I1 and of I2 on one level.
 pub type Masks = [Field; 2];
@@ -36,18 +39,33 @@ pub struct Constants {
     pub clipped: [f32; 2],
 }
 
-/// Samples, mask of I1, masks.
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::MASK,
-    bindings: &[Binding::Buffer, Binding::Buffer, Binding::Image],
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
-
-/// Bytes that must move: every sample and the mask read, a number a pixel written.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    u64::from(c.channels * c.bytes + 4 + (1 - c.second)) * pixels(c.width, c.height)
+bindings! {
+    /// Of the photograph.
+    samples: Reads<Samples>,
+    /// A byte a pixel of I1.
+    mask: Reads<MaskBytes>,
+    /// Of I1 or I2.
+    masks: Writes<Masks>,
 }
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: every sample and the mask read, a number a pixel written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        u64::from(c.channels * c.bytes + 4 + (1 - c.second)) * pixels(c.width, c.height)
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let mask = memory.mask_bytes().filter(|_| c.second == 0);
+        let counts = twin(memory.photograph(self.samples), c.clipped, mask);
+        memory.set_layer(self.masks, c.second as usize, counts);
+    }
+}
+
+pub(crate) const STAGE: Stage =
+    Stage { shader: &shaders::MASK, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// Which pixels of a frame count, on the finest level; the mask has a byte a pixel, 0 where it is left out.
 pub fn twin(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Field {
@@ -59,6 +77,16 @@ pub fn twin(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Fie
         let clipped = samples().any(|s| s >= f64::from(white)) || samples().all(|s| s <= f64::from(black));
         if clipped || mask.is_some_and(|mask| mask[pixel] == 0) { 0.0 } else { 1.0 }
     })
+}
+
+/// The variant of a pass that weighs pixels, where some are masked or clipped.
+pub(crate) fn weighing(masked: bool) -> Variant {
+    [false, false, masked]
+}
+
+/// The masks for a variant of a pass that weighs pixels: `None` where none is masked.
+pub(super) fn of<'a>(memory: &'a Memory, masks: Reads<slot::Masks>, variant: Variant) -> Option<&'a Masks> {
+    variant[2].then(|| memory.layers(masks).first_chunk()).flatten()
 }
 
 /// What pixel x, which T displaces by d, counts for: the twin of `glsl/include/mask.glsl`. 1 where nothing is masked.

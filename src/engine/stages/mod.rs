@@ -5,11 +5,10 @@
 
 pub mod appearance;
 pub mod blur;
-pub mod confidence;
 pub mod convolve;
 pub mod copy;
 pub mod evidence;
-pub mod expose;
+pub mod exposure;
 pub mod field;
 pub mod fuse;
 #[cfg(test)]
@@ -17,8 +16,9 @@ pub(crate) mod harness;
 pub mod ingest;
 pub mod linearise;
 pub mod mask;
+pub(crate) mod memory;
+pub(crate) mod pass;
 pub mod prolong;
-pub mod refine;
 pub mod relax;
 pub mod relax_level;
 pub mod residual;
@@ -26,109 +26,120 @@ pub mod spline;
 pub mod stack;
 pub mod state;
 pub mod step;
+pub mod subdivide;
+pub mod sums;
+pub mod uncertainty;
 pub mod update;
 pub mod warp;
 
-use std::sync::{Arc, OnceLock};
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::sync::{Arc, Mutex, PoisonError};
 
 pub use field::Field;
 
 use crate::base::Error;
-use crate::engine::vulkan::{Device, Pipeline};
+use crate::engine::vulkan::{Device, Pipeline, Stage, Variant};
 
 /// Workgroup of the passes over pixels: wider than high, since rows are what memory keeps together, and a multiple of the
 /// subgroup wide, so that subgroups are full. Of 16x16, 32x8, 64x4 and 128x2, 64x4 was the fastest on lavapipe: the heat
 /// sink took 16.0, 12.3, 12.2 and 15.2 s, its relaxation 3.5, 2.6, 2.0 and 2.5 s.
 pub(crate) const WORKGROUP: [u32; 2] = [64, 4];
 
+/// No specialization constant is set.
+pub(crate) const NO_VARIANT: Variant = [false; 3];
+
 /// Pixels of a field.
 pub(crate) fn pixels(width: u32, height: u32) -> u64 {
     u64::from(width) * u64::from(height)
 }
 
-/// The compiled passes.
-pub(crate) struct Pipelines {
-    pub(crate) mask: Arc<Pipeline>,
-    pub(crate) ingest: Arc<Pipeline>,
-    pub(crate) ingest_srgb: Arc<Pipeline>,
-    pub(crate) convolve: Arc<Pipeline>,
-    pub(crate) convolve_long: Arc<Pipeline>,
-    pub(crate) refine: Arc<Pipeline>,
-    pub(crate) prolong: Arc<Pipeline>,
-    pub(crate) step: Arc<Pipeline>,
-    pub(crate) relax: Arc<Pipeline>,
-    pub(crate) relax_first: Arc<Pipeline>,
-    pub(crate) relax_level: Arc<Pipeline>,
-    pub(crate) update: Arc<Pipeline>,
-    pub(crate) warp: Arc<Pipeline>,
-    pub(crate) evidence: Arc<Pipeline>,
-    pub(crate) residual: Arc<Pipeline>,
-    pub(crate) residual_any_kernel: Arc<Pipeline>,
-    pub(crate) residual_warped: Arc<Pipeline>,
-    pub(crate) confidence: Arc<Pipeline>,
-    pub(crate) fuse: Arc<Pipeline>,
-    weighing: [OnceLock<Weighing>; 2],
-    device: Arc<Device>,
-}
+/// The stages, and the variants of them, that solves of pairs without masked pixels take.
+const PLAIN: [(&Stage, Variant); 24] = [
+    (&appearance::STAGE, NO_VARIANT),
+    (&convolve::STAGE, NO_VARIANT),
+    (&convolve::STAGE, convolve::LONG),
+    (&evidence::STAGE, NO_VARIANT),
+    (&exposure::STAGE, NO_VARIANT),
+    (&fuse::STAGE, NO_VARIANT),
+    (&ingest::STAGE, NO_VARIANT),
+    (&ingest::STAGE, ingest::SRGB),
+    (&linearise::STAGE, NO_VARIANT),
+    (&linearise::STAGE, linearise::ANY_KERNEL),
+    (&linearise::STAGE, linearise::WARPED),
+    (&mask::STAGE, NO_VARIANT),
+    (&prolong::STAGE, NO_VARIANT),
+    (&relax::STAGE, NO_VARIANT),
+    (&relax::STAGE, relax::FIRST),
+    (&relax_level::STAGE, NO_VARIANT),
+    (&residual::STAGE, NO_VARIANT),
+    (&residual::STAGE, linearise::ANY_KERNEL),
+    (&residual::STAGE, linearise::WARPED),
+    (&step::STAGE, NO_VARIANT),
+    (&subdivide::STAGE, NO_VARIANT),
+    (&uncertainty::STAGE, NO_VARIANT),
+    (&update::STAGE, NO_VARIANT),
+    (&warp::STAGE, NO_VARIANT),
+];
 
-/// Those that weigh pixels: where some are masked or clipped, variants do, which take longer.
-pub(crate) struct Weighing {
-    pub(crate) expose: Arc<Pipeline>,
-    pub(crate) appearance: Arc<Pipeline>,
-    pub(crate) linearise: Arc<Pipeline>,
-    pub(crate) linearise_any_kernel: Arc<Pipeline>,
-    pub(crate) linearise_warped: Arc<Pipeline>,
+/// The compiled stages, each and each variant once: those of most solves at the start, others when first asked for.
+pub(crate) struct Pipelines {
+    compiled: Mutex<HashMap<(&'static str, Variant), Arc<Pipeline>>>,
+    device: Arc<Device>,
 }
 
 impl Pipelines {
     pub(crate) fn new(device: &Arc<Device>) -> Result<Self, Error> {
-        let compile = |stage| Pipeline::new(device, stage).map(Arc::new);
-        let variant = |stage, constants| Pipeline::variant(device, stage, constants).map(Arc::new);
-        Ok(Self {
-            mask: compile(&mask::STAGE)?,
-            ingest: compile(&ingest::STAGE)?,
-            ingest_srgb: variant(&ingest::STAGE, [true, false, false])?,
-            convolve: compile(&convolve::STAGE)?,
-            convolve_long: variant(&convolve::STAGE, [true, false, false])?,
-            refine: compile(&refine::STAGE)?,
-            prolong: compile(&prolong::STAGE)?,
-            step: compile(&step::STAGE)?,
-            relax: compile(&relax::STAGE)?,
-            relax_level: compile(&relax_level::STAGE)?,
-            relax_first: variant(&relax::STAGE, [true, false, false])?,
-            update: compile(&update::STAGE)?,
-            warp: compile(&warp::STAGE)?,
-            evidence: compile(&evidence::STAGE)?,
-            residual: compile(&residual::STAGE)?,
-            residual_any_kernel: variant(&residual::STAGE, [true, false, false])?,
-            residual_warped: variant(&residual::STAGE, [false, true, false])?,
-            confidence: compile(&confidence::STAGE)?,
-            fuse: compile(&fuse::STAGE)?,
-            weighing: Default::default(),
-            device: device.clone(),
-        })
+        let pipelines = Self { compiled: Mutex::default(), device: device.clone() };
+        for (stage, variant) in PLAIN {
+            pipelines.get(stage, variant)?;
+        }
+        Ok(pipelines)
     }
 
-    /// Those that weigh pixels, compiled when they are first asked for.
-    pub(crate) fn weighing(&self, masked: bool) -> Result<&Weighing, Error> {
-        let made = &self.weighing[usize::from(masked)];
-        if let Some(weighing) = made.get() {
-            return Ok(weighing);
+    /// A variant of a stage.
+    pub(crate) fn get(&self, stage: &Stage, variant: Variant) -> Result<Arc<Pipeline>, Error> {
+        let mut compiled = self.compiled.lock().unwrap_or_else(PoisonError::into_inner);
+        match compiled.entry((stage.shader.name, variant)) {
+            Entry::Occupied(known) => Ok(known.get().clone()),
+            Entry::Vacant(place) => {
+                Ok(place.insert(Arc::new(Pipeline::variant(&self.device, stage, variant)?)).clone())
+            }
         }
-        let weighing = Weighing::new(&self.device, masked)?;
-        Ok(made.get_or_init(|| weighing))
     }
 }
 
-impl Weighing {
-    fn new(device: &Arc<Device>, masked: bool) -> Result<Self, Error> {
-        let variant = |stage, [a, b]: [bool; 2]| Pipeline::variant(device, stage, [a, b, masked]).map(Arc::new);
-        Ok(Self {
-            expose: variant(&expose::STAGE, [false, false])?,
-            appearance: variant(&appearance::STAGE, [false, false])?,
-            linearise: variant(&linearise::STAGE, [false, false])?,
-            linearise_any_kernel: variant(&linearise::STAGE, [true, false])?,
-            linearise_warped: variant(&linearise::STAGE, [false, true])?,
-        })
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::vulkan::{Access, Kind};
+
+    /// What a line of a shader declares: a binding's number and how it is bound.
+    fn declared(line: &str) -> Option<(usize, Kind, Access)> {
+        let (layout, rest) = line.strip_prefix("layout(binding = ")?.split_once(')')?;
+        let number = layout.split(',').next()?.trim().parse().ok()?;
+        let kind = match rest {
+            _ if rest.contains("image2DArray") => Kind::Image,
+            _ if rest.contains("uniform") => Kind::Uniform,
+            _ => Kind::Buffer,
+        };
+        let access = match rest {
+            _ if rest.contains("readonly") || kind == Kind::Uniform => Access::Read,
+            _ if rest.contains("writeonly") => Access::Write,
+            _ => Access::Update,
+        };
+        Some((number, kind, access))
+    }
+
+    #[test]
+    fn stages_bind_what_their_shaders_declare_and_as_they_declare_it() {
+        for stage in PLAIN.into_iter().map(|(stage, _)| stage).chain([&copy::STAGE]) {
+            let name = stage.shader.name;
+            let text = std::fs::read_to_string(format!("{}/glsl/{name}.comp", env!("CARGO_MANIFEST_DIR"))).unwrap();
+            let mut found: Vec<_> = text.lines().filter_map(declared).collect();
+            found.sort_by_key(|(number, ..)| *number);
+            let bound = stage.bindings.iter().enumerate().map(|(n, binding)| (n, binding.kind, binding.access));
+            assert_eq!(found, bound.collect::<Vec<_>>(), "{name}");
+        }
     }
 }

@@ -3,9 +3,11 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -19,18 +21,30 @@ pub struct Constants {
     pub limit: f32,
 }
 
-/// Coarse V, fine V.
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::PROLONG,
-    bindings: &[Binding::Image, Binding::Image],
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
-
-/// Bytes that must move: coarse V read, fine V written.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
+bindings! {
+    /// V of the coarser level.
+    coarse: Reads<RelativeBlur>,
+    /// V of the level.
+    fine: Writes<RelativeBlur>,
 }
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: coarse V read, fine V written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let fine = twin(c, memory.layer(self.coarse, 0));
+        memory.set_layer(self.fine, 0, fine);
+    }
+}
+
+pub(crate) const STAGE: Stage =
+    Stage { shader: &shaders::PROLONG, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// V of the fine level.
 pub fn twin(c: &Constants, coarse: &Field) -> Field {

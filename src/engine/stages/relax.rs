@@ -4,9 +4,11 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -32,25 +34,50 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * ROWS), 1]
 }
 
-/// Right sides, weights, dV of the other colour, dV of this colour. Variant: the first sweep, which takes dV for zero and does
-/// not read it.
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::RELAX,
-    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Image],
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
+/// The variant for the first sweep, which takes dV for zero and does not read it.
+pub(crate) const FIRST: Variant = [true, false, false];
 
-/// Bytes that must move: right side, four weights and dV of both colours read, dV of one written. The first sweep reads only
-/// right sides of red, and of black neither its dV.
-pub(crate) fn bytes(c: &Constants, first: bool) -> u64 {
-    let floats = match (first, c.color) {
-        (true, 0) => 2,
-        (true, _) => 7,
-        (false, _) => 8,
-    };
-    4 * floats * pixels(c.width.div_ceil(2), c.height)
+bindings! {
+    /// Right sides.
+    right_sides: Reads<RightSides>,
+    /// Weights.
+    weights: Reads<Weights>,
+    /// dV of the other colour.
+    other: Reads<Change>,
+    /// dV of this colour.
+    own: Updates<Change>,
 }
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: right side, four weights and dV of both colours read, dV of one written. The first sweep reads only
+    /// right sides of red, and of black neither its dV.
+    fn bytes(c: &Constants, variant: Variant) -> u64 {
+        let floats = match (variant == FIRST, c.color) {
+            (true, 0) => 2,
+            (true, _) => 7,
+            (false, _) => 8,
+        };
+        4 * floats * pixels(c.width.div_ceil(2), c.height)
+    }
+
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+        let system = memory.system(self.right_sides, self.weights);
+        let zeros = || Field::zeros(c.width as usize, c.height as usize);
+        let first = variant == FIRST;
+        let own = if first { zeros() } else { memory.layer(self.own, 0).clone() };
+        let other = if first && c.color == 0 { zeros() } else { memory.layer(self.other, 0).clone() };
+        let colors = if c.color == 0 { [&own, &other] } else { [&other, &own] };
+        let mut change = both(colors);
+        twin(c, &system, &mut change);
+        memory.set_layer(self.own, 0, change);
+    }
+}
+
+pub(crate) const STAGE: Stage =
+    Stage { shader: &shaders::RELAX, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// Relaxes the pixels of one colour of dV in place.
 pub fn twin(c: &Constants, system: &[Field; 5], change: &mut Field) {
@@ -67,6 +94,11 @@ pub fn twin(c: &Constants, system: &[Field; 5], change: &mut Field) {
             *own += omega * (target - *own);
         }
     }
+}
+
+/// A field of the red pixels of one field and the black ones of another.
+pub(crate) fn both([red, black]: [&Field; 2]) -> Field {
+    Field::from_fn(red.width, red.height, |x, y| if (x + y) % 2 == 0 { red.get(x, y) } else { black.get(x, y) })
 }
 
 /// The pixels of one colour as the device keeps them: column x/2 of a half-width field; 0 where a row has none left.
@@ -229,11 +261,10 @@ pub(crate) mod tests {
                 let pipeline = compile(&STAGE);
                 for color in [0, 1] {
                     let (resources, constants) = pass(color);
-                    if omit && color == 1 {
-                        recorder.omit_barrier();
+                    if !(omit && color == 1) {
+                        recorder.barrier();
                     }
-                    let groups =
-                        crate::engine::vulkan::Groups::Direct(pipeline.groups([width as u32 / 2, height as u32]));
+                    let groups = crate::engine::vulkan::Groups::Direct(STAGE.groups([width as u32 / 2, height as u32]));
                     recorder
                         .pass(&pipeline, &resources.map(Resource::Image), bytemuck::bytes_of(&constants), groups)
                         .unwrap();

@@ -3,9 +3,11 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::{Field, WORKGROUP, pixels, relax};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// The most pixels of a level that one workgroup takes. On lavapipe ten passes over 64 x 64 pixels take 1 ms, one
 /// workgroup on its one core 0.3 ms; over four times as many pixels they are even.
@@ -25,10 +27,36 @@ pub struct Constants {
     pub over_relaxation: f32,
 }
 
-/// Right sides, weights, red dV, black dV. One workgroup.
+bindings! {
+    /// Right sides.
+    right_sides: Reads<RightSides>,
+    /// Weights.
+    weights: Reads<Weights>,
+    /// dV of the red pixels.
+    red: Updates<Change>,
+    /// dV of the black pixels.
+    black: Updates<Change>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: the system read and dV written, once.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        24 * pixels(c.width, c.height)
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let change = twin(c, &memory.system(self.right_sides, self.weights));
+        memory.set_layer(self.red, 0, change.clone());
+        memory.set_layer(self.black, 0, change);
+    }
+}
+
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::RELAX_LEVEL,
-    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Image],
+    bindings: LAYOUT,
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
@@ -36,11 +64,6 @@ pub(crate) const STAGE: Stage = Stage {
 /// Whether a level is small enough.
 pub(crate) fn takes([width, height]: [u32; 2]) -> bool {
     pixels(width, height) <= MOST_PIXELS
-}
-
-/// Bytes that must move: the system read and dV written, once.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    24 * pixels(c.width, c.height)
 }
 
 /// dV from zero.

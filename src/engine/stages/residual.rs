@@ -8,10 +8,12 @@ use bytemuck::{Pod, Zeroable};
 
 use super::blur::Stacks;
 use super::linearise::{heaviside, see};
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::state::{Registration, inside};
 use super::{Field, WORKGROUP, evidence, pixels};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -35,19 +37,45 @@ pub struct Constants {
     pub epsilon: f32,
 }
 
-/// I1, V, stacks of I1 and I2, evidence, state. Variants as of [`linearise`](mod@super::linearise).
+bindings! {
+    /// I1.
+    i1: Reads<I1>,
+    /// V.
+    v: Reads<RelativeBlur>,
+    /// Stacks of I1 and I2.
+    stacks: Reads<Stacks>,
+    /// Evidence, of that the last layer.
+    evidence: Writes<Evidence>,
+    /// State.
+    state: Reads<State>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: on every fourth pixel V, I1, J and two nodes read, one value written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        let [width, height] = evidence::size([c.width, c.height]);
+        24 * pixels(width, height)
+    }
+
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+        let state = memory.state(self.state);
+        let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant[0]);
+        let warped = variant[1].then_some(&state.warped);
+        let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
+        let squared = twin(c, &state.registration, warped, i1, v, &stacks);
+        memory.set_layer(self.evidence, c.layer as usize, squared);
+    }
+}
+
 pub(crate) const STAGE: Stage = Stage {
     shader: &shaders::RESIDUAL,
-    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Image, Binding::Buffer],
+    bindings: LAYOUT,
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
-
-/// Bytes that must move: on every fourth pixel V, I1, J and two nodes read, one value written.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    let [width, height] = evidence::size([c.width, c.height]);
-    24 * pixels(width, height)
-}
 
 /// The squared residual on every other pixel. `warped` is T when the stack of I2 was brought onto I1's pixels, if it was.
 pub fn twin(
@@ -80,7 +108,7 @@ mod tests {
     use super::super::state::State;
     use super::*;
     use crate::base::{Kernel, Photometric, Similarity};
-    use crate::engine::reference::build_stack;
+    use crate::engine::stages::harness::build_stack;
     use crate::engine::vulkan::Resource;
 
     fn check(images: [Field; 2], kernel: &Kernel, warped: bool) {

@@ -35,7 +35,7 @@ impl Slopes {
 
 /// The pixels on which a layer is made, from those of another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Grid {
+pub enum Sampling {
     /// Every pixel, from every pixel.
     Every,
     /// Every other pixel, from every pixel.
@@ -49,7 +49,7 @@ pub struct Layer {
     /// The layer that is filtered.
     pub from: usize,
     /// On which pixels.
-    pub grid: Grid,
+    pub sampling: Sampling,
     /// By the sum of these.
     pub terms: Terms,
 }
@@ -63,16 +63,16 @@ const FIRST_HALF: usize = 6;
 pub fn layer(kernel: &Kernel, n: usize) -> Layer {
     if Slopes::of(kernel) == Slopes::Laplacian {
         let variance = node_sigma(n).powi(2) - node_sigma(n - 1).powi(2);
-        let (grid, gaussian) = match n {
-            ..FIRST_HALF => (Grid::Every, filter::gaussian(variance)),
-            FIRST_HALF => (Grid::Halving, filter::gaussian_halving(variance)),
-            _ => (Grid::Half, filter::gaussian(variance / 4.0)),
+        let (sampling, gaussian) = match n {
+            ..FIRST_HALF => (Sampling::Every, filter::gaussian(variance)),
+            FIRST_HALF => (Sampling::Halving, filter::gaussian_halving(variance)),
+            _ => (Sampling::Half, filter::gaussian(variance / 4.0)),
         };
-        return Layer { from: n - 1, grid, terms: vec![[gaussian.clone(), gaussian]] };
+        return Layer { from: n - 1, sampling, terms: vec![[gaussian.clone(), gaussian]] };
     }
     let v = node_sigma(n / 2).powi(2);
     let terms = if n.is_multiple_of(2) { filter::centred(kernel, v) } else { filter::centred_slope(kernel, v) };
-    Layer { from: 0, grid: Grid::Every, terms }
+    Layer { from: 0, sampling: Sampling::Every, terms }
 }
 
 /// σ of a node in px: 0, ½, 1, 1½, then a third more from each to the next.
@@ -162,8 +162,8 @@ fn between(v: f64, count: usize, node: impl Fn(usize) -> (Jet, f64)) -> Blurred 
 mod tests {
     use super::super::harness::random_field;
     use super::*;
-    use crate::engine::reference::build_stack;
     use crate::engine::stages::convolve;
+    use crate::engine::stages::harness::build_stack;
 
     #[test]
     fn the_gather_obeys_the_heat_equation() {

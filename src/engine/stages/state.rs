@@ -66,6 +66,41 @@ pub struct Registration {
     pub offset: f64,
 }
 
+/// The state as the twins keep it, in double precision.
+#[derive(Clone, Debug)]
+pub struct DoubleState {
+    /// T, gain and offset.
+    pub registration: Registration,
+    /// The same when I2 was last brought onto I1's pixels.
+    pub warped: Registration,
+    /// Correlation of the two images at low pass.
+    pub correlation: f64,
+    /// By level, finest first.
+    pub levels: [DoubleLevel; MAX_LEVELS],
+}
+
+/// What one level has done, in double precision.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct DoubleLevel {
+    /// Outer iterations.
+    pub iterations: u32,
+    /// Energy a valid pixel, of the latest iteration.
+    pub energy: f64,
+}
+
+impl DoubleState {
+    /// The state before a solve.
+    pub fn new(start: Registration) -> Self {
+        Self { registration: start, warped: start, correlation: 0.0, levels: [DoubleLevel::default(); MAX_LEVELS] }
+    }
+}
+
+impl Default for DoubleState {
+    fn default() -> Self {
+        Self::new(Registration::new(&Similarity::IDENTITY, &Photometric::IDENTITY))
+    }
+}
+
 impl State {
     /// The state before a solve.
     pub fn new(start: &Registration) -> Self {

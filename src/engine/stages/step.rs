@@ -1,14 +1,18 @@
 //! The registration step: `N ζ = -g` from the sums of [`linearise`](super::linearise), or a step down the gradient; the
 //! update of T, gain and offset; and the test for convergence. Section 5 of `docs/method.md`.
 
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
 use super::WORKGROUP;
-use super::linearise::{SUMS, Sums, UNKNOWNS};
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::state::Registration;
+use super::sums::{SUMS, Sums, UNKNOWNS};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -46,17 +50,54 @@ pub struct Constants {
     pub half_size: [f32; 2],
 }
 
-/// Partial sums, state, energies, indirect arguments, the same as they are before a solve.
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::STEP,
-    bindings: &[Binding::Buffer; 5],
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
+bindings! {
+    /// Rows of sums.
+    partials: Reads<Partials>,
+    /// State.
+    state: Updates<State>,
+    /// By level and iteration.
+    energies: Writes<Energies>,
+    /// Indirect arguments.
+    arguments: Writes<Arguments>,
+    /// The same as they are before a solve.
+    start_arguments: Reads<StartArguments>,
+}
 
-/// Bytes that must move: the partial sums.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    4 * SUMS as u64 * u64::from(c.rows)
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: the partial sums.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        4 * SUMS as u64 * u64::from(c.rows)
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let sums = memory.sums(self.partials).clone();
+        let state = memory.state_mut(self.state);
+        let level = c.level as usize;
+        let step = twin(c, &sums, &mut state.registration, state.levels[level].energy);
+        let anew = c.warp_count > 0 && !step.settled && moved_away(c, &state.warped, &state.registration);
+        state.levels[level].energy = step.energy;
+        state.levels[level].iterations += 1;
+        let energies = memory.numbers_mut(self.energies, c.energy_place as usize + 1);
+        energies[c.energy_place as usize] = step.energy;
+        let start = memory.words(self.start_arguments).to_vec();
+        let words = memory.words_mut(self.arguments);
+        if step.settled {
+            words[range(c.argument_place, c.argument_count)].fill(0);
+        }
+        for i in range(c.warp_place, c.warp_count) {
+            words[i] = if anew { start[i] } else { 0 };
+        }
+    }
+}
+
+pub(crate) const STAGE: Stage =
+    Stage { shader: &shaders::STEP, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
+
+fn range(first: u32, count: u32) -> Range<usize> {
+    first as usize..(first + count) as usize
 }
 
 /// What a step did.
@@ -130,8 +171,8 @@ fn solve(c: &Constants, sums: &Sums) -> [f64; UNKNOWNS] {
 #[cfg(test)]
 mod tests {
     use super::super::harness::{Rig, random};
-    use super::super::linearise::{ENERGY, GRADIENT, SUMS, VALID, normal_place};
     use super::super::state::State;
+    use super::super::sums::{ENERGY, GRADIENT, SUMS, VALID, normal_place};
     use super::*;
     use crate::base::{Photometric, Similarity};
     use crate::engine::vulkan::Resource;

@@ -2,9 +2,11 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{Field, WORKGROUP, pixels};
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
+use super::{Field, WORKGROUP, pixels, relax};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -20,18 +22,32 @@ pub struct Constants {
     pub limit: f32,
 }
 
-/// Red dV, black dV, V.
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::UPDATE,
-    bindings: &[Binding::Image, Binding::Image, Binding::Image],
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
-
-/// Bytes that must move: dV and V read, V written.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    12 * pixels(c.width, c.height)
+bindings! {
+    /// dV of the red pixels.
+    red: Reads<Change>,
+    /// dV of the black pixels.
+    black: Reads<Change>,
+    /// V.
+    v: Updates<RelativeBlur>,
 }
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: dV and V read, V written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        12 * pixels(c.width, c.height)
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let change = relax::both([memory.layer(self.red, 0), memory.layer(self.black, 0)]);
+        twin(c, &change, memory.layer_mut(self.v, 0));
+    }
+}
+
+pub(crate) const STAGE: Stage =
+    Stage { shader: &shaders::UPDATE, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// Adds dV to V.
 pub fn twin(c: &Constants, change: &Field, v: &mut Field) {

@@ -5,10 +5,12 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::state::Registration;
 use super::{Field, WORKGROUP, pixels, spline};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -26,18 +28,34 @@ pub struct Constants {
     pub centre: [f32; 2],
 }
 
-/// Spline of I2, stacks, state (which keeps the T that was used).
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::WARP,
-    bindings: &[Binding::Image, Binding::Image, Binding::Buffer],
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
-
-/// Bytes that must move: the coefficients read, the samples written.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    8 * pixels(c.width, c.height)
+bindings! {
+    /// Spline coefficients of I2.
+    spline2: Reads<Spline2>,
+    /// Stacks, of those one layer.
+    stacks: Writes<Stacks>,
+    /// State, which keeps the T that was used.
+    state: Updates<State>,
 }
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: the coefficients read, the samples written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        8 * pixels(c.width, c.height)
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let r = memory.state(self.state).registration;
+        let samples = twin(c, &r, memory.layer(self.spline2, 0));
+        memory.set_layer(self.stacks, c.layer as usize, samples);
+        memory.state_mut(self.state).warped = r;
+    }
+}
+
+pub(crate) const STAGE: Stage =
+    Stage { shader: &shaders::WARP, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// Samples of I2 at T x; mirrored once where T leaves I2.
 pub fn twin(c: &Constants, r: &Registration, spline2: &Field) -> Field {
@@ -90,7 +108,7 @@ mod tests {
 
     #[test]
     fn a_wave_is_displaced_as_in_closed_form() {
-        use crate::engine::reference::build_stack;
+        use crate::engine::stages::harness::build_stack;
         let k = 0.7;
         let wave = |x: f64, y: f64| 0.5 + 0.4 * (k * x + 0.3 * k * y).cos();
         let field = Field::from_fn(60, 40, |x, y| wave(x as f64, y as f64));

@@ -1,4 +1,4 @@
-//! Recording passes, with one barrier between each and the next.
+//! Recording passes, copies and barriers. What waits for what is the caller's to know.
 
 use std::any::Any;
 use std::collections::HashMap;
@@ -8,8 +8,8 @@ use ash::vk;
 
 use super::device::Device;
 use super::memory::{Buffer, Image};
-use super::pipeline::{Binding, Pipeline};
-use super::recording::{Part, Recording};
+use super::pipeline::{Kind, Pipeline};
+use super::recording::{CommandBuffer, Recording};
 use super::timestamps::{Clock, Timestamps};
 use crate::base::Error;
 
@@ -36,13 +36,12 @@ const SETS_PER_POOL: u32 = 128;
 pub(crate) struct Recorder {
     device: Arc<Device>,
     pool: vk::CommandPool,
-    parts: Vec<Part>,
+    parts: Vec<CommandBuffer>,
     descriptor_pools: Vec<vk::DescriptorPool>,
     sets_left: u32,
     sets: HashMap<(vk::Pipeline, Vec<u64>), vk::DescriptorSet>,
     keep: Vec<Arc<dyn Any + Send + Sync>>,
     timestamps: Timestamps,
-    barrier_due: bool,
 }
 
 impl Recorder {
@@ -62,7 +61,6 @@ impl Recorder {
             sets: HashMap::new(),
             keep: Vec::new(),
             timestamps,
-            barrier_due: false,
         };
         recorder.begin_part(false)?;
         recorder.timestamps.reset(recorder.part());
@@ -91,9 +89,7 @@ impl Recorder {
         // SAFETY: the pool belongs to this device and to this recorder alone.
         let buffers = unsafe { self.device.handle.allocate_command_buffers(&create) };
         let buffers = self.device.check("vkAllocateCommandBuffers", buffers)?;
-        self.parts.extend(buffers.into_iter().map(|commands| Part { commands, optional }));
-        // Between it and whichever part comes before.
-        self.barrier_due = true;
+        self.parts.extend(buffers.into_iter().map(|commands| CommandBuffer { commands, optional }));
         // SAFETY: the command buffer is new.
         let begun =
             unsafe { self.device.handle.begin_command_buffer(self.part(), &vk::CommandBufferBeginInfo::default()) };
@@ -139,7 +135,7 @@ impl Recorder {
         }
     }
 
-    /// Records one pass; everything before it is done and visible when it starts.
+    /// Records one pass.
     pub(crate) fn pass(
         &mut self,
         pipeline: &Arc<Pipeline>,
@@ -151,7 +147,6 @@ impl Recorder {
         let set = self.descriptor_set(pipeline, resources)?;
         let part = self.part();
         self.timestamps.before(part, pipeline.name);
-        self.barrier();
         let device = &self.device.handle;
         // SAFETY: the part is being recorded; pipeline, set and buffers belong to this device and are kept alive by `keep`; the
         // constants fill the layout's range exactly.
@@ -170,29 +165,18 @@ impl Recorder {
             self.keep.push(buffer.clone());
         }
         self.keep.push(pipeline.clone());
-        self.barrier_due = true;
         Ok(())
     }
 
-    /// The barrier between a pass and the next: all that shaders wrote is visible to shaders and to indirect dispatch.
-    fn barrier(&mut self) {
-        if std::mem::take(&mut self.barrier_due) {
-            self.memory_barrier(
-                (vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_STORAGE_WRITE),
-                (
-                    vk::PipelineStageFlags2::COMPUTE_SHADER | vk::PipelineStageFlags2::DRAW_INDIRECT,
-                    vk::AccessFlags2::SHADER_STORAGE_READ
-                        | vk::AccessFlags2::SHADER_STORAGE_WRITE
-                        | vk::AccessFlags2::INDIRECT_COMMAND_READ,
-                ),
-            );
-        }
-    }
-
-    /// Leaves out the next barrier: for the test that validation reports it.
-    #[cfg(test)]
-    pub(crate) fn omit_barrier(&mut self) {
-        self.barrier_due = false;
+    /// All that passes and copies wrote before is visible to those after it, and to indirect dispatch; what they read may be
+    /// written.
+    pub(crate) fn barrier(&mut self) {
+        let work = vk::PipelineStageFlags2::COMPUTE_SHADER | vk::PipelineStageFlags2::TRANSFER;
+        let writes = vk::AccessFlags2::SHADER_STORAGE_WRITE | vk::AccessFlags2::TRANSFER_WRITE;
+        let reads = vk::AccessFlags2::SHADER_STORAGE_READ
+            | vk::AccessFlags2::TRANSFER_READ
+            | vk::AccessFlags2::INDIRECT_COMMAND_READ;
+        self.memory_barrier((work, writes), (work | vk::PipelineStageFlags2::DRAW_INDIRECT, reads | writes));
     }
 
     fn memory_barrier(
@@ -210,37 +194,18 @@ impl Recorder {
         unsafe { self.device.handle.cmd_pipeline_barrier2(self.part(), &dependency) };
     }
 
-    /// The barrier around copies, at the two ends of a chain of passes.
-    fn transfer_barrier(&mut self) {
-        let stages = vk::PipelineStageFlags2::COMPUTE_SHADER | vk::PipelineStageFlags2::TRANSFER;
-        let writes = vk::AccessFlags2::SHADER_STORAGE_WRITE | vk::AccessFlags2::TRANSFER_WRITE;
-        let reads = vk::AccessFlags2::SHADER_STORAGE_READ
-            | vk::AccessFlags2::TRANSFER_READ
-            | vk::AccessFlags2::INDIRECT_COMMAND_READ;
-        self.memory_barrier((stages, writes), (stages | vk::PipelineStageFlags2::DRAW_INDIRECT, reads | writes));
-        self.barrier_due = false;
-    }
-
-    /// Copies a whole buffer to the start of another.
-    pub(crate) fn copy(&mut self, from: &Arc<Buffer>, to: &Arc<Buffer>) {
-        self.copy_from(from, to, 0);
-    }
-
     /// Copies a buffer from a byte offset on to the same place of another.
-    pub(crate) fn copy_from(&mut self, from: &Arc<Buffer>, to: &Arc<Buffer>, offset: u64) {
-        self.transfer_barrier();
+    pub(crate) fn copy(&mut self, from: &Arc<Buffer>, to: &Arc<Buffer>, offset: u64) {
         let size = from.size().min(to.size()) - offset;
         let region = [vk::BufferCopy { src_offset: offset, dst_offset: offset, size }];
         // SAFETY: the part is being recorded; the region lies within both buffers, which are kept alive.
         unsafe { self.device.handle.cmd_copy_buffer(self.part(), from.handle, to.handle, &region) };
         self.keep.push(from.clone());
         self.keep.push(to.clone());
-        self.transfer_barrier();
     }
 
     /// Zero in every pixel of an image.
     pub(crate) fn clear(&mut self, image: &Arc<Image>) {
-        self.transfer_barrier();
         let ranges = [image.whole()];
         // SAFETY: the part is being recorded; the image is in the general layout and kept alive.
         unsafe {
@@ -253,7 +218,6 @@ impl Recorder {
             );
         }
         self.keep.push(image.clone());
-        self.transfer_barrier();
     }
 
     /// The first `layers` layers of an image, from its corner, as they stand in a buffer.
@@ -271,7 +235,6 @@ impl Recorder {
 
     /// Brings the first layers of an image down into a buffer.
     pub(crate) fn download(&mut self, image: &Arc<Image>, size: [u32; 2], layers: u32, to: &Arc<Buffer>) {
-        self.transfer_barrier();
         let region = [Self::image_region(image, size, layers)];
         // SAFETY: the part is being recorded; the image is in the general layout, the buffer holds all its layers, and both
         // are kept alive.
@@ -286,13 +249,11 @@ impl Recorder {
         }
         self.keep.push(image.clone());
         self.keep.push(to.clone());
-        self.transfer_barrier();
     }
 
     /// Fills an image from a buffer: for tests.
     #[cfg(test)]
     pub(crate) fn upload(&mut self, from: &Arc<Buffer>, image: &Arc<Image>) {
-        self.transfer_barrier();
         let region = [Self::image_region(image, [image.width, image.height], image.layers)];
         // SAFETY: as for `download`.
         unsafe {
@@ -306,7 +267,6 @@ impl Recorder {
         }
         self.keep.push(image.clone());
         self.keep.push(from.clone());
-        self.transfer_barrier();
     }
 
     /// What was copied so far is visible to the host once the part is done.
@@ -340,8 +300,9 @@ impl Recorder {
         pipeline: &Arc<Pipeline>,
         resources: &[Resource<'_>],
     ) -> Result<vk::DescriptorSet, Error> {
-        let kinds: Vec<_> = resources.iter().map(|r| r.binding()).collect();
-        assert_eq!(kinds, pipeline.bindings, "resources of {}", pipeline.name);
+        let kinds: Vec<_> = resources.iter().map(|r| r.kind()).collect();
+        let expected: Vec<_> = pipeline.bindings.iter().map(|b| b.kind).collect();
+        assert_eq!(kinds, expected, "resources of {}", pipeline.name);
         let key = (pipeline.handle, resources.iter().map(|r| r.id()).collect::<Vec<_>>());
         if let Some(&set) = self.sets.get(&key) {
             return Ok(set);
@@ -357,8 +318,8 @@ impl Recorder {
     fn allocate_set(&mut self, pipeline: &Pipeline) -> Result<vk::DescriptorSet, Error> {
         if self.sets_left == 0 {
             // No stage binds more than twelve resources of a kind.
-            let sizes = [Binding::Image, Binding::Buffer, Binding::Uniform].map(|binding| vk::DescriptorPoolSize {
-                ty: binding.descriptor_type(),
+            let sizes = [Kind::Image, Kind::Buffer, Kind::Uniform].map(|kind| vk::DescriptorPoolSize {
+                ty: kind.descriptor_type(),
                 descriptor_count: 12 * SETS_PER_POOL,
             });
             let create = vk::DescriptorPoolCreateInfo::default().max_sets(SETS_PER_POOL).pool_sizes(&sizes);
@@ -380,7 +341,7 @@ impl Recorder {
         let write = vk::WriteDescriptorSet::default()
             .dst_set(set)
             .dst_binding(index)
-            .descriptor_type(resource.binding().descriptor_type());
+            .descriptor_type(resource.kind().descriptor_type());
         match resource {
             Resource::Image(image) => {
                 let info =
@@ -400,11 +361,11 @@ impl Recorder {
 }
 
 impl Resource<'_> {
-    fn binding(&self) -> Binding {
+    fn kind(&self) -> Kind {
         match self {
-            Resource::Image(_) => Binding::Image,
-            Resource::Buffer(_) => Binding::Buffer,
-            Resource::Uniform(_) => Binding::Uniform,
+            Resource::Image(_) => Kind::Image,
+            Resource::Buffer(_) => Kind::Buffer,
+            Resource::Uniform(_) => Kind::Uniform,
         }
     }
 

@@ -14,6 +14,6 @@ pub(crate) use commands::{Groups, Recorder, Resource};
 pub(crate) use device::{Device, MIB};
 pub(crate) use instance::Instance;
 pub(crate) use memory::{Buffer, Image, Texel, image_limits};
-pub(crate) use pipeline::{Binding, Pipeline, Stage};
+pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Stage, Variant};
 pub(crate) use recording::Recording;
 pub(crate) use timestamps::Clock;

@@ -8,9 +8,9 @@ use super::device::Device;
 use crate::base::Error;
 use crate::engine::shaders::Shader;
 
-/// What a shader binds.
+/// How a shader sees what it binds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Binding {
+pub(crate) enum Kind {
     /// An array image of one or four floats a texel.
     Image,
     /// A storage buffer.
@@ -19,7 +19,26 @@ pub(crate) enum Binding {
     Uniform,
 }
 
+/// What a shader does to what it binds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Access {
+    Read,
+    Write,
+    Update,
+}
+
+/// One thing that a shader binds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Binding {
+    pub(crate) kind: Kind,
+    pub(crate) access: Access,
+}
+
+/// Specialization constants 2 to 4 of a stage, which compile variants of it.
+pub(crate) type Variant = [bool; 3];
+
 /// A shader, what it binds in order, and the bytes of its push constants.
+#[derive(Debug)]
 pub(crate) struct Stage {
     pub(crate) shader: &'static Shader,
     pub(crate) bindings: &'static [Binding],
@@ -36,17 +55,23 @@ pub(crate) struct Pipeline {
     pub(super) bindings: &'static [Binding],
     pub(super) constant_bytes: usize,
     pub(crate) name: &'static str,
-    pub(crate) workgroup: [u32; 2],
     device: Arc<Device>,
 }
 
-impl Binding {
+impl Kind {
     pub(super) fn descriptor_type(self) -> vk::DescriptorType {
         match self {
-            Binding::Image => vk::DescriptorType::STORAGE_IMAGE,
-            Binding::Buffer => vk::DescriptorType::STORAGE_BUFFER,
-            Binding::Uniform => vk::DescriptorType::UNIFORM_BUFFER,
+            Kind::Image => vk::DescriptorType::STORAGE_IMAGE,
+            Kind::Buffer => vk::DescriptorType::STORAGE_BUFFER,
+            Kind::Uniform => vk::DescriptorType::UNIFORM_BUFFER,
         }
+    }
+}
+
+impl Stage {
+    /// Workgroups that cover `width` x `height` invocations.
+    pub(crate) fn groups(&self, [width, height]: [u32; 2]) -> [u32; 3] {
+        [width.div_ceil(self.workgroup[0]), height.div_ceil(self.workgroup[1]), 1]
     }
 }
 
@@ -57,7 +82,7 @@ impl Pipeline {
     }
 
     /// Compiles a stage with its specialization constants 2 to 4, all bool, as given.
-    pub(crate) fn variant(device: &Arc<Device>, stage: &Stage, variant: [bool; 3]) -> Result<Self, Error> {
+    pub(crate) fn variant(device: &Arc<Device>, stage: &Stage, variant: Variant) -> Result<Self, Error> {
         let name = stage.shader.name;
         let mut pipeline = Self {
             handle: vk::Pipeline::null(),
@@ -66,7 +91,6 @@ impl Pipeline {
             bindings: stage.bindings,
             constant_bytes: stage.constant_bytes,
             name,
-            workgroup: stage.workgroup,
             device: device.clone(),
         };
         pipeline.create_layouts()?;
@@ -82,7 +106,7 @@ impl Pipeline {
             .map(|(index, binding)| {
                 vk::DescriptorSetLayoutBinding::default()
                     .binding(index)
-                    .descriptor_type(binding.descriptor_type())
+                    .descriptor_type(binding.kind.descriptor_type())
                     .descriptor_count(1)
                     .stage_flags(vk::ShaderStageFlags::COMPUTE)
             })
@@ -107,7 +131,7 @@ impl Pipeline {
         Ok(())
     }
 
-    fn compile(&mut self, stage: &Stage, variant: [bool; 3]) -> Result<(), Error> {
+    fn compile(&mut self, stage: &Stage, variant: Variant) -> Result<(), Error> {
         let device = &self.device;
         let create = vk::ShaderModuleCreateInfo::default().code(stage.shader.spirv);
         // SAFETY: the words are SPIR-V that shaderc made at build time.
@@ -132,11 +156,6 @@ impl Pipeline {
         let made = made.map_err(|(_, result)| result);
         self.handle = device.check(&format!("compiling {}", self.name), made)?[0];
         Ok(())
-    }
-
-    /// Workgroups that cover `width` x `height` invocations.
-    pub(crate) fn groups(&self, [width, height]: [u32; 2]) -> [u32; 3] {
-        [width.div_ceil(self.workgroup[0]), height.div_ceil(self.workgroup[1]), 1]
     }
 }
 

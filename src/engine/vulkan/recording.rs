@@ -11,9 +11,9 @@ use super::failure::failure;
 use super::timestamps::{DeviceTimes, Timestamps};
 use crate::base::Error;
 
-/// One command buffer of a recording.
+/// One part of a recording.
 #[derive(Clone, Copy)]
-pub(super) struct Part {
+pub(super) struct CommandBuffer {
     pub(super) commands: vk::CommandBuffer,
     /// Whether a run asks if it is wanted, once all before it is done.
     pub(super) optional: bool,
@@ -26,7 +26,7 @@ pub(crate) type Wanted<'a> = &'a mut dyn FnMut(usize) -> Result<bool, Error>;
 pub(crate) struct Recording {
     device: Arc<Device>,
     pool: vk::CommandPool,
-    parts: Vec<Part>,
+    parts: Vec<CommandBuffer>,
     descriptor_pools: Vec<vk::DescriptorPool>,
     timestamps: Timestamps,
     /// A timeline that counts the parts done, over all replays.
@@ -41,7 +41,7 @@ impl Recording {
     pub(super) fn new(
         device: &Arc<Device>,
         pool: vk::CommandPool,
-        parts: Vec<Part>,
+        parts: Vec<CommandBuffer>,
         descriptor_pools: Vec<vk::DescriptorPool>,
         keep: Vec<Arc<dyn Any + Send + Sync>>,
         timestamps: Timestamps,
@@ -111,7 +111,7 @@ impl Recording {
         Ok(())
     }
 
-    fn submit(&self, parts: &[Part]) -> Result<(), Error> {
+    fn submit(&self, parts: &[CommandBuffer]) -> Result<(), Error> {
         let commands: Vec<_> =
             parts.iter().map(|part| [vk::CommandBufferSubmitInfo::default().command_buffer(part.commands)]).collect();
         let signals: Vec<_> = (1..=parts.len() as u64)

@@ -15,7 +15,7 @@ use super::staging::Staging;
 use crate::base::Region;
 use crate::base::{Error, Estimate};
 use crate::metric::MetricDepth;
-use crate::metric::measure::{Field, Line};
+use crate::metric::measure::{Line, Values};
 
 /// What was asked to be measured, and the numbers.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -93,7 +93,7 @@ impl Wanted {
         uncertainty: &[f32],
         metric: Option<&MetricDepth>,
     ) -> Result<Measurements, Error> {
-        let field = |values| Field { width, values };
+        let field = |values| Values { width, values };
         let depth = metric.map(|metric| field(&metric.depth[..]));
         let steps = self.steps.iter().map(|&[from, to]| {
             Ok(StepReport {

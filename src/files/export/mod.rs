@@ -40,12 +40,14 @@ pub use fused::{FUSED_FLOAT_FILE, fused, fused_float};
 pub(crate) use fused::{color_type, fused_frame};
 pub use labels::labels;
 pub use measurements::{Measurements, ProfileReport, StepReport, Wanted, profiles_in};
-pub use metric::{DEPTH_FILE, DepthReport};
+pub use metric::DEPTH_FILE;
 pub use palette::Palette;
 pub use pen::Pen;
 pub use registered::{registered_ending, write_registered};
 pub use registration::{RegistrationReport, write_json, write_registration};
-pub use report::{DeviceReport, LevelReport, RangeReport, Report, SizeReport, TextureReport, TimingsReport};
+pub use report::{
+    DepthReport, DeviceReport, LevelReport, RangeReport, Report, SizeReport, TextureReport, TimingsReport,
+};
 pub use results::Results;
 pub use scale::{Scale, color};
 pub use solved::Solved;

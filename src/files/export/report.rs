@@ -4,12 +4,12 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use super::depth16::Depth16Report;
 use super::measurements::Measurements;
-use super::metric::DepthReport;
 use super::ranks::Ranks;
 use super::{Nearer, Texture, json};
-use crate::base::{DeviceInfo, Method, Photometric, Region, Settings, Similarity};
-use crate::engine::{Level, Solution, Timings};
+use crate::base::{DeviceInfo, Lens, Method, Photometric, Region, Settings, Similarity};
+use crate::engine::{LevelHistory, Solution, Timings};
 use crate::files::image_io::{self, Input};
+use crate::metric::MetricDepth;
 
 /// The report of one solve. A quantity that no valid pixel supports is `null`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -203,6 +203,25 @@ impl Report {
     }
 }
 
+/// What `report.json` says about metric depth; `null` where no pixel has one.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DepthReport {
+    /// Least, greatest and median depth of the valid pixels, mm.
+    #[serde(flatten)]
+    pub range: RangeReport,
+    /// Valid pixels whose V no depth in the range of the lens model has, or whose V is at the limit of the solve; they are
+    /// NaN.
+    pub out_of_range: usize,
+    /// The lens.
+    pub lens: Lens,
+}
+
+impl From<&MetricDepth> for DepthReport {
+    fn from(metric: &MetricDepth) -> Self {
+        Self { range: RangeReport::of(&metric.depth), out_of_range: metric.out_of_range, lens: metric.lens }
+    }
+}
+
 impl RangeReport {
     /// Over the values that are finite.
     pub fn of(values: &[f32]) -> Self {
@@ -211,8 +230,8 @@ impl RangeReport {
     }
 }
 
-impl From<&Level> for LevelReport {
-    fn from(level: &Level) -> Self {
+impl From<&LevelHistory> for LevelReport {
+    fn from(level: &LevelHistory) -> Self {
         let (width, height) = (level.width, level.height);
         Self { width, height, iterations: level.energy.len(), energy: level.energy.clone() }
     }

@@ -7,7 +7,7 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::base::{Channels, Depth, DeviceInfo, Frame, Photometric, Samples, Settings, Similarity};
-use crate::engine::{Level, Timings};
+use crate::engine::{LevelHistory, Timings};
 use crate::files::image_io;
 
 fn solution() -> Solution {
@@ -24,7 +24,7 @@ fn solution() -> Solution {
         fused: vec![-0.1, 0.0, 0.2, 0.5, 1.0, 1.5],
         transform: Similarity::new(1.25, -0.5, 0.15, 1.01),
         photometric: Photometric { gain: 1.02, offset: -0.01 },
-        levels: vec![Level { width: 2, height: 1, energy: vec![0.5, f64::NAN] }],
+        levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5, f64::NAN] }],
         converged: true,
         warnings: vec!["a warning".to_string()],
         valid_fraction: 4.0 / 6.0,

@@ -5,7 +5,9 @@ use std::sync::Arc;
 use super::Spread;
 use crate::base::Error;
 use crate::engine::Engine;
+use crate::engine::stages::NO_VARIANT;
 use crate::engine::stages::copy::{self, Constants};
+use crate::engine::stages::pass::Pass;
 use crate::engine::vulkan::{Clock, Groups, Image, Pipeline, Recorder, Resource, Texel};
 
 /// Width and height, pixels: as wide as every Vulkan device takes, and 64 MiB an image, more than most caches hold of two.
@@ -22,7 +24,8 @@ pub(super) fn bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
     let constants = Constants { width, height };
     let copy = |recorder: &mut Recorder| {
         let resources = [Resource::Image(&from), Resource::Image(&to)];
-        let groups = Groups::Direct(pipeline.groups(SIZE));
+        recorder.barrier();
+        let groups = Groups::Direct(copy::STAGE.groups(SIZE));
         recorder.pass(&pipeline, &resources, bytemuck::bytes_of(&constants), groups)
     };
     // The first copy brings the pages in.
@@ -39,7 +42,7 @@ pub(super) fn bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
     recording.run()?;
     let ends = recording.times()?.ends_ms;
     let starts = std::iter::once(0.0).chain(ends.iter().copied());
-    let rate = |ms: f64| copy::bytes(&constants) as f64 / ms * 1e-6;
+    let rate = |ms: f64| copy::Bindings::bytes(&constants, NO_VARIANT) as f64 / ms * 1e-6;
     let rates: Vec<f64> = starts.zip(&ends).map(|(start, end)| rate(end - start)).collect();
     Ok(Spread::of(&rates))
 }

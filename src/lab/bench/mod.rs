@@ -15,10 +15,10 @@
 
 mod compare;
 mod copy;
-mod measure;
 mod report;
 mod synthetic;
 mod table;
+mod timed;
 mod trace;
 
 use std::time::Instant;
@@ -118,7 +118,7 @@ pub fn run(engine: &Engine, engine_ms: f64, options: &Options, say: &mut dyn FnM
         for settings in options.all_settings() {
             let title = format!("{}x{} {} {}", size[0], size[1], settings.method.name(), settings.kernel.name());
             say(&title);
-            match measure::run(engine, options, size, &settings, &mut pair) {
+            match timed::run(engine, options, size, &settings, &mut pair) {
                 Ok((timed, profile)) => {
                     let copy = measured.report.copy_gb_per_s.as_ref().map(|copy| copy.median);
                     measured.report.runs.push(timed.report(copy));

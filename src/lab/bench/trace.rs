@@ -48,11 +48,10 @@ impl Trace {
         }
         let mut last = begin;
         let mut begin = submitted;
-        let passes = profile.dispatches.iter().zip(&profile.executed).zip(&profile.ends_ms);
-        for ((dispatch, executed), end) in passes {
+        for (dispatch, end) in profile.dispatches.iter().zip(&profile.ends_ms) {
             let (place, end) = (dispatch.place, submitted + end);
             let arguments = json!({
-                "level": place.level, "iteration": place.iteration, "bytes": dispatch.bytes, "executed": executed,
+                "level": place.level, "iteration": place.iteration, "bytes": dispatch.bytes, "executed": dispatch.executed,
             });
             self.span(dispatch.pass, (device, place.level), [begin, end], arguments);
             begin = end;
@@ -94,15 +93,15 @@ impl Trace {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::profile::{Dispatch, Phases, Place};
+    use crate::engine::arguments::Place;
+    use crate::engine::profile::{Phases, Ran};
 
     fn profile() -> Profile {
-        let dispatch = |pass, place| Dispatch { pass, place, bytes: 64 };
+        let ran = |pass, place, executed| Ran { pass, place, bytes: 64, executed };
         let mut phases = Phases::default();
         phases.ends_ms = vec![("upload", 1.0), ("start", 1.5), (SUBMIT_WAIT, 5.0), ("collect", 6.0)];
         Profile {
-            dispatches: vec![dispatch("ingest", Place::level(0)), dispatch("relax", Place::level(1).iteration(3))],
-            executed: vec![true, false],
+            dispatches: vec![ran("ingest", Place::level(0), true), ran("relax", Place::level(1).iteration(3), false)],
             ends_ms: vec![2.0, 3.0],
             phases,
         }

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::bench::{Bench, settings};
 use super::cases::model;
-use super::measure::energy;
+use super::errors::energy;
 use crate::base::{Method, RegistrationStep, Settings};
 use crate::lab::scene::{Preset, Scene};
 

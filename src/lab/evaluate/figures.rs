@@ -3,8 +3,8 @@
 use super::Figure;
 use super::cases::RealPair;
 use super::descent::{Race, Run};
-use super::registration::{NONE, SystemResult};
 use super::robustness::{PAPER_PX, Sweep};
+use super::system::{NONE, SystemResult};
 use super::table::number;
 use crate::base::Region;
 use crate::base::{Frame, Method, Samples};
@@ -35,7 +35,7 @@ impl Collector {
     pub(super) fn scene(&mut self, name: &str, i1: &Frame, solved: &Solved, results: &[SystemResult]) {
         // Zero belongs to the scale: where V is the same all over, rounding must not fill the colours.
         let zero = [0.0];
-        let trusted = [Method::Unified.name(), super::registration::REFERENCE];
+        let trusted = [Method::Unified.name(), super::system::REFERENCE];
         let fields = solved.iter().filter(|(name, _)| trusted.contains(name)).filter_map(|(_, s)| s.as_ref().ok());
         let scale = Scale::common(fields.map(|s| &s.relative_blur[..]).chain([&zero[..]]), Nearer::First);
         let panels = solved.iter().zip(results).map(|((_, solution), result)| {

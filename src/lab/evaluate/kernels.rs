@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::bench::{Bench, settings};
 use super::cases::model;
-use super::measure::{TransformError, rms_error};
+use super::errors::{TransformError, rms_error};
 use crate::base::{Kernel, Method};
 use crate::lab::scene::{self, Preset, Scene};
 

@@ -18,13 +18,14 @@ mod calibration;
 mod cases;
 mod descent;
 mod displace;
+mod errors;
 mod figures;
 mod kernels;
-mod measure;
 mod real;
 mod registration;
 mod report;
 mod robustness;
+mod system;
 mod table;
 mod targets;
 

@@ -6,9 +6,9 @@ use serde::Serialize;
 
 use super::bench::{Bench, SYSTEMS, settings, unregistered};
 use super::cases::RealPair;
+use super::errors::energy;
 use super::figures::Collector;
-use super::measure::energy;
-use super::registration::NONE;
+use super::system::NONE;
 use crate::base::{Kernel, Method, Photometric, Similarity};
 use crate::engine::Solution;
 

@@ -2,12 +2,13 @@
 
 use super::calibration::Calibration;
 use super::descent::{EQUAL, Race};
+use super::errors::BORDER;
 use super::figures::called;
 use super::kernels::KernelResult;
-use super::measure::BORDER;
 use super::real::{Estimate, PairResult};
-use super::registration::{CaseResult, NONE, REFERENCE, SystemResult};
+use super::registration::CaseResult;
 use super::robustness::{PAPER_PX, Sweep};
+use super::system::{NONE, REFERENCE, SystemResult};
 use super::table::{DASH, Table, number, seconds, yes};
 use super::targets::{Target, as_good};
 use super::{FIGURES, Figure, Results};

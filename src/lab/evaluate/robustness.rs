@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::bench::{Bench, SYSTEMS, settings};
-use super::measure::Spread;
+use super::errors::Spread;
 use crate::base::{Kernel, Method, Similarity};
 use crate::lab::scene::{Exposure, Preset, Scene, Shape};
 

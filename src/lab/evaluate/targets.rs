@@ -2,8 +2,9 @@
 
 use serde::Serialize;
 
-use super::registration::{CaseResult, NONE, SystemResult};
+use super::registration::CaseResult;
 use super::robustness::PAPER_PX;
+use super::system::{NONE, SystemResult};
 use crate::base::Method;
 
 /// One aim.

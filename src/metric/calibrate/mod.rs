@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::base::Region;
 use crate::base::statistics::{Estimate, TUKEY, correlation_area, deviation, tukey};
 use crate::base::{Error, Lens};
-use crate::metric::measure::Field;
+use crate::metric::measure::Values;
 
 /// Where depth is known.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,7 +90,7 @@ const HUBER: f64 = 1.345;
 pub fn calibrate(
     start: &Lens,
     scale: f64,
-    blur: &Field,
+    blur: &Values,
     confidence: &[f32],
     target: &Target,
     unknowns: &[Unknown],
@@ -111,7 +111,7 @@ pub fn calibrate(
 
 impl Target {
     /// Depth at each pixel, NaN off the target.
-    fn depths(&self, lens: &Lens, blur: &Field) -> Result<Vec<f64>, Error> {
+    fn depths(&self, lens: &Lens, blur: &Values) -> Result<Vec<f64>, Error> {
         let check = |z: f64| {
             let range = format!("more than the focal length, {} mm, and less than 1e9", lens.focal_length);
             if z > lens.focal_length && z < 1e9 {
@@ -169,7 +169,7 @@ struct Sample {
 }
 
 impl Samples {
-    fn new(lens: &Lens, blur: &Field, confidence: &[f32], depths: &[f64]) -> Result<Self, Error> {
+    fn new(lens: &Lens, blur: &Values, confidence: &[f32], depths: &[f64]) -> Result<Self, Error> {
         let width = blur.width as usize;
         let sample = |i: usize| {
             let (z, v, c) = (depths[i], f64::from(blur.values[i]), f64::from(confidence[i]));

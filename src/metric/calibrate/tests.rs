@@ -23,13 +23,13 @@ fn plane(lens: &Lens) -> Target {
 /// V of a target by its lens, with noise alike over a few pixels.
 fn measured(lens: &Lens, scale: f64, target: &Target, noise: f64, seed: u64) -> Vec<f32> {
     let blank = vec![0.0; SIZE[0] * SIZE[1]];
-    let depths = target.depths(lens, &Field { width: SIZE[0] as u32, values: &blank }).unwrap();
+    let depths = target.depths(lens, &Values { width: SIZE[0] as u32, values: &blank }).unwrap();
     let noise: Vec<f64> = smooth_noise(SIZE, 1.5, seed).into_iter().map(|n| noise * n).collect();
     depths.iter().zip(noise).map(|(&z, n)| (lens.relative_blur(z, scale) + n) as f32).collect()
 }
 
 fn found(start: &Lens, scale: f64, blur: &[f32], target: &Target, unknowns: &[Unknown]) -> Calibration {
-    let field = Field { width: SIZE[0] as u32, values: blur };
+    let field = Values { width: SIZE[0] as u32, values: blur };
     let calibration = calibrate(start, scale, &field, &vec![0.05; blur.len()], target, unknowns).unwrap();
     println!("{calibration:?}");
     calibration
@@ -90,7 +90,7 @@ fn what_a_target_cannot_tell_is_said_and_left_as_stated() {
     let z = truth.depth(0.0, 1.0).unwrap();
     let none = Target::Steps(vec![(region(0), z)]);
     let blur = measured(&truth, 1.0, &none, 0.02, 4);
-    let field = Field { width: SIZE[0] as u32, values: &blur };
+    let field = Values { width: SIZE[0] as u32, values: &blur };
     let result = calibrate(&start, 1.0, &field, &vec![0.05; blur.len()], &none, &[Unknown::Kappa]);
     assert!(matches!(result, Err(Error::Region(m)) if m.contains("none of the unknowns")));
 }
@@ -116,7 +116,7 @@ fn what_does_not_belong_carries_no_weight() {
 #[test]
 fn a_target_that_cannot_be_is_refused() {
     let (lens, blur) = (cup(), vec![0.0f32; SIZE[0] * SIZE[1]]);
-    let field = Field { width: SIZE[0] as u32, values: &blur };
+    let field = Values { width: SIZE[0] as u32, values: &blur };
     let outside = Region { x: 150, y: 0, width: 20, height: 5 };
     for target in [
         Target::Plane([529.0, 20.0, 700.0]),

@@ -5,11 +5,11 @@
 //! template, of which parts are left out. What comes from outside, names of files say, goes in as JSON and out as text,
 //! never as HTML; a content security policy keeps the page from loading anything.
 
-mod field;
-mod grid;
 mod packed;
 mod pair;
+mod readout;
 mod sweep;
+mod thinning;
 
 use std::borrow::Cow;
 use std::io::Write;
@@ -17,10 +17,10 @@ use std::thread;
 
 use serde_json::{Value, json};
 
-pub use self::field::Field;
-use self::grid::Grid;
 pub use self::pair::Page;
+pub use self::readout::Readout;
 pub use self::sweep::SweepPage;
+use self::thinning::Thinning;
 use crate::around::resample::registered;
 use crate::base::{Decode, Error, Frame, Photometric, Region, Similarity};
 use crate::files::export::Palette;
@@ -76,7 +76,7 @@ struct Contents<'a> {
     /// The last one is the fused image.
     pictures: Vec<Picture<'a>>,
     /// The first says which pixels are valid.
-    fields: Vec<Field<'a>>,
+    fields: Vec<Readout<'a>>,
     /// The key of the field that gives the surface its heights.
     heights: &'static str,
     /// What the scripts are told besides; an object.
@@ -99,19 +99,19 @@ impl Contents<'_> {
 
     /// What of the page changes from page to page, by its name in the template. The dear parts are made side by side.
     fn parts(mut self) -> Result<Vec<(&'static str, String)>, String> {
-        let first = self.fields.first().map(Field::key);
+        let first = self.fields.first().map(Readout::key);
         self.fields.retain(|field| Some(field.key()) == first || field.is_worth_showing());
-        let grid = Grid::of(self.size);
+        let thinning = Thinning::of(self.size);
         let heights = self.fields.iter().find(|field| field.key() == self.heights).or(self.fields.first());
         let heights = heights.ok_or("the page has no field")?;
         let fused = self.pictures.last().ok_or("the page has no picture")?;
         let surface = Surface::on(heights.values(), &fused.frame, heights.scale()).map_err(|e| e.to_string())?;
         let (nodes, described) = surface_data(&surface, heights.key())?;
         let (fields, pictures) = thread::scope(|scope| {
-            let fields: Vec<_> = self.fields.iter().map(|field| scope.spawn(|| field.packed(&grid))).collect();
+            let fields: Vec<_> = self.fields.iter().map(|field| scope.spawn(|| field.packed(&thinning))).collect();
             // One after the other: warping takes all processors, and memory.
             let pictures = self.pictures.iter().enumerate().map(|(i, picture)| {
-                let text = self.packed_picture(picture, &grid)?;
+                let text = self.packed_picture(picture, &thinning)?;
                 Ok(element(&format!("picture-{i}"), &text))
             });
             let pictures: Result<String, String> = pictures.collect();
@@ -120,28 +120,28 @@ impl Contents<'_> {
         });
         let values = self.fields.iter().zip(fields?);
         let values = values.map(|(field, text)| element(&format!("field-{}", field.key()), &text)).collect();
-        let data = packed::json(&self.data(&grid, described))?;
+        let data = packed::json(&self.data(&thinning, described))?;
         Ok(vec![("data", data), ("fields", values), ("heights", nodes), ("pictures", pictures?)])
     }
 
-    fn packed_picture(&self, picture: &Picture<'_>, grid: &Grid) -> Result<String, String> {
+    fn packed_picture(&self, picture: &Picture<'_>, thinning: &Thinning) -> Result<String, String> {
         let moved = picture.place.map(|(t, p)| registered(&picture.frame, &t, &p, self.decode));
         let whole = moved.as_ref().unwrap_or(&picture.frame);
         let part = ((whole.width(), whole.height()) != self.size).then(|| whole.cropped(self.part)).transpose()?;
         let image = photograph(part.as_ref().unwrap_or(whole));
         if !picture.is_leafed {
-            return packed::picture(&grid.picture(image), QUALITY);
+            return packed::picture(&thinning.picture(image), QUALITY);
         }
         let leafed = self.pictures.iter().filter(|picture| picture.is_leafed).count();
-        let most = (MOST_LEAFED / leafed.max(1)).min(grid.width * grid.height);
-        packed::picture(&Grid::within(self.size, most).picture(image), LESSER_QUALITY)
+        let most = (MOST_LEAFED / leafed.max(1)).min(thinning.width * thinning.height);
+        packed::picture(&Thinning::within(self.size, most).picture(image), LESSER_QUALITY)
     }
 
-    fn data(&self, grid: &Grid, surface: Value) -> Value {
+    fn data(&self, thinning: &Thinning, surface: Value) -> Value {
         let mut data = json!({
             "version": env!("CARGO_PKG_VERSION"),
-            "grid": { "step": grid.step, "first": grid.step / 2, "width": grid.width, "height": grid.height },
-            "fields": self.fields.iter().map(Field::description).collect::<Vec<_>>(),
+            "thinning": { "step": thinning.step, "first": thinning.step / 2, "width": thinning.width, "height": thinning.height },
+            "fields": self.fields.iter().map(Readout::description).collect::<Vec<_>>(),
             "pictures": self.pictures.iter().map(|picture| &picture.name).collect::<Vec<_>>(),
             "surface": surface,
             "colormaps": COLORMAPS.map(|(name, palette)| json!({ "name": name, "colors": hexadecimal(palette) })),

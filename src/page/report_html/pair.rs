@@ -5,7 +5,7 @@ use std::io::Write;
 
 use serde_json::json;
 
-use super::{Contents, Field, Picture, best_focus};
+use super::{Contents, Picture, Readout, best_focus};
 use crate::base::{Decode, Frame};
 use crate::engine::Solution;
 use crate::files::export::{Extra, Nearer, PAGE_FILE, Report, fused};
@@ -25,7 +25,7 @@ pub struct Page<'a> {
     /// Depth in mm, where the lens is known.
     pub depth: Option<&'a MetricDepth>,
     /// Whatever else there is to read at each pixel.
-    pub fields: Vec<Field<'a>>,
+    pub fields: Vec<Readout<'a>>,
 }
 
 impl<'a> Page<'a> {
@@ -52,15 +52,15 @@ impl<'a> Page<'a> {
         Contents { size, part, decode, pictures, fields: self.all_fields(solution), heights, told }.write(writer)
     }
 
-    fn all_fields(self, solution: &'a Solution) -> Vec<Field<'a>> {
-        let blur = Field::relative_blur(&solution.relative_blur, self.nearer);
-        let sigma = Field::deviation("uncertainty", &blur, ["σ of V", "σ"], &solution.uncertainty).note(
+    fn all_fields(self, solution: &'a Solution) -> Vec<Readout<'a>> {
+        let blur = Readout::relative_blur(&solution.relative_blur, self.nearer);
+        let sigma = Readout::deviation("uncertainty", &blur, ["σ of V", "σ"], &solution.uncertainty).note(
             "σ, the standard deviation of V, px², by what the images say around each pixel; 1000 where they say nothing. On a \
              logarithmic scale.",
         );
-        let mut fields = vec![blur, sigma, Field::confidence(&solution.confidence)];
+        let mut fields = vec![blur, sigma, Readout::confidence(&solution.confidence)];
         if let Some(metric) = self.depth {
-            fields.extend(Field::depth_with_deviation(&metric.depth, &metric.deviation, Nearer::Second));
+            fields.extend(Readout::depth_with_deviation(&metric.depth, &metric.deviation, Nearer::Second));
         }
         fields.extend(self.fields);
         fields

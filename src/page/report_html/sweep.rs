@@ -5,7 +5,7 @@ use std::io::Write;
 
 use serde_json::json;
 
-use super::{Contents, Field, Picture, best_focus};
+use super::{Contents, Picture, Readout, best_focus};
 use crate::around::focus_stack::Sweep;
 use crate::base::{Decode, Frame, Region};
 use crate::files::export::{Extra, Nearer, PAGE_FILE, SweepReport, fused_frame, larger_is};
@@ -22,7 +22,7 @@ pub struct SweepPage<'a> {
     /// Whether the first or the last frame is focused nearest.
     pub nearer: Nearer,
     /// Whatever else there is to read at each pixel.
-    pub fields: Vec<Field<'a>>,
+    pub fields: Vec<Readout<'a>>,
 }
 
 impl<'a> SweepPage<'a> {
@@ -55,14 +55,14 @@ impl<'a> SweepPage<'a> {
         Contents { size, part, decode, pictures, fields: self.all_fields(sweep), heights, told }.write(writer)
     }
 
-    fn all_fields(self, sweep: &'a Sweep) -> Vec<Field<'a>> {
-        let focus = Field::focus(&sweep.focus, larger_is(&sweep.positions, self.nearer)).unit(sweep.stated.unit());
-        let sigma = Field::deviation("uncertainty", &focus, ["σ of focus", "σ"], &sweep.uncertainty)
+    fn all_fields(self, sweep: &'a Sweep) -> Vec<Readout<'a>> {
+        let focus = Readout::focus(&sweep.focus, larger_is(&sweep.positions, self.nearer)).unit(sweep.stated.unit());
+        let sigma = Readout::deviation("uncertainty", &focus, ["σ of focus", "σ"], &sweep.uncertainty)
             .note("σ, the standard deviation of the focus setting, by what the pairs say. On a logarithmic scale.");
         let mut fields = vec![focus, sigma];
         if let Some(found) = &sweep.depth {
             let near = larger_is(sweep.stated.millimetres().unwrap_or_default(), self.nearer);
-            fields.extend(Field::depth_with_deviation(&found.depth, &found.deviation, near));
+            fields.extend(Readout::depth_with_deviation(&found.depth, &found.deviation, near));
         }
         fields.extend(self.fields);
         fields

@@ -9,14 +9,14 @@ use crate::page::figure::resized;
 const MOST_PIXELS: usize = 1 << 22;
 
 /// Pixels at `step / 2 + k step` of both axes, k = 0, 1 and so on.
-pub(super) struct Grid {
+pub(super) struct Thinning {
     full: (usize, usize),
     pub(super) step: usize,
     pub(super) width: usize,
     pub(super) height: usize,
 }
 
-impl Grid {
+impl Thinning {
     /// Of images of this size.
     pub(super) fn of(full: (u32, u32)) -> Self {
         Self::within(full, MOST_PIXELS)

@@ -4,7 +4,8 @@ use std::time::Instant;
 
 use super::{Cold, Dispatches, LevelReport, Memory, Options, PassReport, Relaxation, RunReport, Spread};
 use crate::base::{Error, Frame, Settings};
-use crate::engine::profile::{self, Profile};
+use crate::engine::arguments;
+use crate::engine::profile::Profile;
 use crate::engine::{Engine, Solution, Solver};
 
 /// The passes that relax: by half-iterations, and small levels in one.
@@ -91,7 +92,7 @@ fn milliseconds(since: Instant) -> f64 {
 }
 
 fn levels(solution: &Solution) -> Vec<LevelReport> {
-    let of = |level: &crate::engine::Level| LevelReport {
+    let of = |level: &crate::engine::LevelHistory| LevelReport {
         width: level.width,
         height: level.height,
         iterations: level.energy.len(),
@@ -160,7 +161,7 @@ impl Timed {
             return None;
         }
         let swept = |level: &LevelReport| {
-            let iterations = profile::relaxed(level.iterations as u32, self.settings.outer_iterations);
+            let iterations = arguments::relaxed(level.iterations as u32, self.settings.outer_iterations);
             f64::from(level.width) * f64::from(level.height) * f64::from(iterations * self.settings.sweeps)
         };
         let megapixels = self.levels.iter().map(swept).sum::<f64>() * 1e-6;

@@ -8,9 +8,11 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::field::{Field, fold};
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::{WORKGROUP, pixels};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -24,18 +26,34 @@ pub struct Constants {
     pub layer: u32,
 }
 
-/// Coarse (its first layer), fine; an invocation for each coarse pixel.
+bindings! {
+    /// On every other pixel, in its first layer.
+    coarse: Reads<Plane>,
+    /// On every pixel.
+    fine: Writes<Stacks>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: a quarter of the pixels read, all written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let fine = twin([c.width as usize, c.height as usize], memory.layer(self.coarse, 0));
+        memory.set_layer(self.fine, c.layer as usize, fine);
+    }
+}
+
 pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::REFINE,
-    bindings: &[Binding::Image, Binding::Image],
+    shader: &shaders::SUBDIVIDE,
+    bindings: LAYOUT,
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
-
-/// Bytes that must move: a quarter of the pixels read, all written.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
-}
 
 /// The fine image.
 pub fn twin([width, height]: [usize; 2], coarse: &Field) -> Field {

@@ -12,10 +12,12 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::evidence::{self, WINDOW};
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::state::{Registration, inside};
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// κ, by which predicted and true errors of noisy scenes agree: 1.5 (see the table in `docs/method.md`).
 pub const CALIBRATION: f32 = 1.5;
@@ -50,19 +52,42 @@ impl Constants {
     }
 }
 
-/// V, evidence, result (layers: V, its standard deviation, the residual), state.
+bindings! {
+    /// V.
+    v: Reads<RelativeBlur>,
+    /// Means of D, b², |∇V|² and of the squared residual.
+    evidence: Reads<Evidence>,
+    /// Layers: V, its standard deviation, the residual.
+    results: Writes<Results>,
+    /// State.
+    state: Reads<State>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: V and on every fourth pixel the evidence read, three results written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        let [width, height] = evidence::size([c.width, c.height]);
+        16 * pixels(c.width, c.height) + 4 * evidence::LAYERS as u64 * pixels(width, height)
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let r = memory.state(self.state).registration;
+        if let Some(evidence) = memory.layers(self.evidence).first_chunk() {
+            let results = twin(c, &r, memory.layer(self.v, 0), evidence);
+            results.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.results, n, field));
+        }
+    }
+}
+
 pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::CONFIDENCE,
-    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Buffer],
+    shader: &shaders::UNCERTAINTY,
+    bindings: LAYOUT,
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
-
-/// Bytes that must move: V and on every fourth pixel the evidence read, three results written.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    let [width, height] = evidence::size([c.width, c.height]);
-    16 * pixels(c.width, c.height) + 4 * evidence::LAYERS as u64 * pixels(width, height)
-}
 
 /// V, its standard deviation and the residual, from the evidence of all pixels around.
 pub fn twin(c: &Constants, r: &Registration, v: &Field, evidence: &[Field; evidence::LAYERS]) -> [Field; 3] {

@@ -2,13 +2,13 @@
 
 use serde_json::{Value, json};
 
-use super::grid::Grid;
 use super::packed;
+use super::thinning::Thinning;
 use crate::files::export::{Nearer, Ranks, Scale};
 
 /// One value at each pixel, as the page reads and draws it.
 #[derive(Clone, Debug)]
-pub struct Field<'a> {
+pub struct Readout<'a> {
     key: &'static str,
     name: &'static str,
     sign: &'static str,
@@ -42,7 +42,7 @@ const DIGITS: u32 = 4;
 /// Of mm: to the micrometre.
 const METRIC_DIGITS: u32 = 3;
 
-impl<'a> Field<'a> {
+impl<'a> Readout<'a> {
     /// A field in grey, least black and greatest white, with four digits after the point.
     ///
     /// `key` names it within the page, in small letters and underscores; `name` is what a person reads, and `sign` its
@@ -127,7 +127,7 @@ impl<'a> Field<'a> {
     }
 
     /// How sure another field is: a standard deviation in the same unit.
-    pub(super) fn deviation(key: &'static str, of: &Field<'_>, names: [&'static str; 2], values: &'a [f32]) -> Self {
+    pub(super) fn deviation(key: &'static str, of: &Readout<'_>, names: [&'static str; 2], values: &'a [f32]) -> Self {
         let [name, sign] = names;
         Self::new(key, name, sign, values)
             .unit(of.unit)
@@ -177,9 +177,9 @@ impl<'a> Field<'a> {
         })
     }
 
-    /// Its values on the grid, to the digits that are shown.
-    pub(super) fn packed(&self, grid: &Grid) -> Result<String, String> {
-        packed::decimals(&grid.values(self.values), grid.width, self.digits)
+    /// Its values on the thinning, to the digits that are shown.
+    pub(super) fn packed(&self, thinning: &Thinning) -> Result<String, String> {
+        packed::decimals(&thinning.values(self.values), thinning.width, self.digits)
     }
 }
 
@@ -210,7 +210,7 @@ mod tests {
 
     #[test]
     fn what_says_nothing_is_left_out() {
-        let shown = |values: &[f32]| Field::new("a", "A", "a", values).is_worth_showing();
+        let shown = |values: &[f32]| Readout::new("a", "A", "a", values).is_worth_showing();
         assert!(shown(&[0.0, f32::NAN, 1.0]));
         assert!(!shown(&[]) && !shown(&[f32::NAN; 2]) && !shown(&[2.0, f32::NAN, 2.0]));
     }
@@ -218,7 +218,7 @@ mod tests {
     #[test]
     fn every_ramp_has_a_length() {
         for values in [&[][..], &[5.0; 3], &[f32::NAN, -1.0], &[0.0, 0.0], &[f32::INFINITY, 3.0]] {
-            let linear = Field::new("a", "A", "a", values);
+            let linear = Readout::new("a", "A", "a", values);
             for field in [linear.clone(), linear.logarithmic()] {
                 let (Ramp::Linear { low, high } | Ramp::Logarithmic { low, high }) = field.ramp;
                 assert!(low < high && low.is_finite() && high.is_finite(), "{values:?} {field:?}");

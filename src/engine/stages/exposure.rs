@@ -10,10 +10,12 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::mask::{self, Masks};
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
 use super::state::{Registration, inside};
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::shaders;
-use crate::engine::vulkan::{Binding, Stage};
+use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
 #[repr(C)]
@@ -33,18 +35,44 @@ pub struct Constants {
     pub stride: u32,
 }
 
-/// I1, I2, V of the level solved, state, masks at low pass.
+bindings! {
+    /// I1 at low pass.
+    i1: Reads<I1>,
+    /// I2 at low pass.
+    i2: Reads<I2>,
+    /// V of the level solved.
+    v: Reads<RelativeBlur>,
+    /// State.
+    state: Updates<State>,
+    /// Masks at low pass.
+    masks: Reads<Masks>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: the two images, and V at as many places.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        12 * pixels(c.width, c.height)
+    }
+
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+        let mut r = memory.state(self.state).registration;
+        let masks = mask::of(memory, self.masks, variant);
+        let [i1, i2] = [memory.layer(self.i1, 0), memory.layer(self.i2, 0)];
+        let correlation = twin(c, &mut r, i1, i2, memory.layer(self.v, 0), masks);
+        let state = memory.state_mut(self.state);
+        (state.registration, state.correlation) = (r, correlation);
+    }
+}
+
 pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::EXPOSE,
-    bindings: &[Binding::Image, Binding::Image, Binding::Image, Binding::Buffer, Binding::Image],
+    shader: &shaders::EXPOSURE,
+    bindings: LAYOUT,
     constant_bytes: size_of::<Constants>(),
     workgroup: WORKGROUP,
 };
-
-/// Bytes that must move: the two images, and V at as many places.
-pub(crate) fn bytes(c: &Constants) -> u64 {
-    12 * pixels(c.width, c.height)
-}
 
 /// Matches gain and offset in place, `v` the relative blur of the level solved, `masks` where pixels are masked; gives the
 /// correlation of the two images.

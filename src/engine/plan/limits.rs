@@ -1,0 +1,84 @@
+//! What a solve takes, and whether a device has it.
+
+use super::{MAP_LAYERS, Plan};
+use crate::base::Error;
+use crate::engine::stages::{self, evidence};
+use crate::engine::vulkan::{Device, MIB, image_limits};
+
+impl Plan {
+    /// Bytes that a frame takes on its way up.
+    pub(crate) fn frame_bytes(&self, frame: usize) -> u64 {
+        let format = self.formats[frame];
+        pixels(self.size) * u64::from(format.channels.count() * format.depth.bytes())
+    }
+
+    /// Bytes of the mask of I1, a whole number of words.
+    pub(crate) fn mask_bytes(&self) -> u64 {
+        pixels(self.size).next_multiple_of(4)
+    }
+
+    /// Bytes of V, its standard deviation, the residual and the fused channels on their way down.
+    pub(crate) fn result_bytes(&self) -> u64 {
+        4 * pixels(self.size) * u64::from(MAP_LAYERS + self.fused_channels().count())
+    }
+
+    /// Bytes on the device, and bytes that the host sees.
+    pub(crate) fn bytes(&self) -> (u64, u64) {
+        let pyramid: u64 = self.pyramid.iter().map(|l| pixels(l.size)).sum();
+        let solved: u64 = self.pyramid[..self.solved].iter().map(|l| pixels(l.size)).sum();
+        let full = pixels(self.size);
+        let half = pixels([self.size[0].div_ceil(2), self.size[1]]);
+        let stacks = u64::from(self.stack_layers());
+        let evidence = evidence::LAYERS as u64 * pixels(evidence::size(self.size));
+        let floats = evidence + 4 * pyramid + solved + (2 + stacks) * full + 2 * (5 + 1) * half;
+        let host = self.frame_bytes(0) + self.frame_bytes(1) + self.mask_bytes() + self.result_bytes();
+        (4 * floats, host)
+    }
+
+    /// Checks the plan against a device's limits, so that nothing fails half-way.
+    pub(crate) fn check(&self, device: &Device) -> Result<(), Error> {
+        let info = device.info();
+        let [width, height] = self.size;
+        let too_large = |what, needed: String, limit: String| {
+            Err(Error::TooLarge { width, height, device: info.name.clone(), what, needed, limit })
+        };
+        let longest = width.max(height);
+        if longest > info.max_image_size {
+            return too_large("the longer side", format!("{longest} px"), format!("{} px", info.max_image_size));
+        }
+        let mib = |bytes: u64| format!("{} MiB", bytes.div_ceil(MIB));
+        let upload = self.frame_bytes(0).max(self.frame_bytes(1));
+        if upload > info.max_storage_buffer {
+            return too_large("one photograph", mib(upload), format!("{} for a buffer", mib(info.max_storage_buffer)));
+        }
+        let (largest, layers) = image_limits(device)?;
+        let stack = 4 * pixels(self.size) * u64::from(self.stack_layers());
+        if self.stack_layers() > layers {
+            return too_large(
+                "the stacks of blurred images",
+                format!("{} layers", self.stack_layers()),
+                format!("{layers}"),
+            );
+        }
+        let (allocation, buffer) = device.allocation_limits();
+        let largest = largest.min(allocation);
+        if stack > largest {
+            return too_large("the stacks of blurred images", mib(stack), format!("{} for an image", mib(largest)));
+        }
+        let largest = buffer.min(allocation);
+        if self.result_bytes() > largest {
+            return too_large("the result", mib(self.result_bytes()), format!("{} for a buffer", mib(largest)));
+        }
+        let (on_device, host) = self.bytes();
+        // A discrete GPU keeps what the host sees in the host's memory; the others have one memory for both.
+        let needed = if info.kind == "discrete GPU" { on_device } else { on_device + host };
+        if needed > info.memory_bytes {
+            return too_large("the solve", mib(needed), format!("{} in all", mib(info.memory_bytes)));
+        }
+        Ok(())
+    }
+}
+
+fn pixels([width, height]: [u32; 2]) -> u64 {
+    stages::pixels(width, height)
+}

@@ -1,0 +1,194 @@
+//! What each stage is told: its push constants.
+
+use super::{LOW_PASS, Level, MAP_LAYERS, Plan};
+use crate::base::RegistrationStep;
+use crate::engine::arguments;
+use crate::engine::stages::{
+    appearance, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual, step,
+    uncertainty, update, warp,
+};
+
+/// Pixels that no corner may move any more in an iteration of the finest level, for it to settle: at 0.01 half-Gaussian pairs
+/// stop 0.004 px off instead of 0.002.
+const STILL: f32 = 0.001;
+/// The same of the levels before, which only hand on a start: they did up to 20 iterations at 0.001, and no figure was better.
+const STILL_ENOUGH: f32 = 0.01;
+
+impl Plan {
+    /// What `ingest` is told of a photograph, with the weights of its channels.
+    pub(crate) fn ingest(&self, image: usize, weights: [f32; 3]) -> ingest::Constants {
+        let ([width, height], format) = (self.size, self.formats[image]);
+        ingest::Constants { width, height, channels: format.channels.count(), bytes: format.depth.bytes(), weights }
+    }
+
+    /// What `mask` is told of a photograph.
+    pub(crate) fn mask(&self, image: usize) -> mask::Constants {
+        let ([width, height], format) = (self.size, self.formats[image]);
+        mask::Constants {
+            width,
+            height,
+            channels: format.channels.count(),
+            bytes: format.depth.bytes(),
+            second: image as u32,
+            clipped: self.settings.clipped(format.depth),
+        }
+    }
+
+    /// What `prolong` is told on a level.
+    pub(crate) fn prolong(&self, level: &Level) -> prolong::Constants {
+        let [width, height] = level.size;
+        prolong::Constants { width, height, limit: level.limit as f32 }
+    }
+
+    /// What `warp` is told on a level.
+    pub(crate) fn warp(&self, level: &Level, layer: u32) -> warp::Constants {
+        let [width, height] = level.size;
+        warp::Constants { width, height, layer, factor: level.factor as f32, centre: level.centre.map(|c| c as f32) }
+    }
+
+    /// What `relax` is told of one half-iteration.
+    pub(crate) fn relax(&self, level: &Level, color: usize) -> relax::Constants {
+        let ([width, height], over_relaxation) = (level.size, self.settings.over_relaxation as f32);
+        relax::Constants { width, height, color: color as u32, rows: relax::ROWS, over_relaxation }
+    }
+
+    /// What `relax_level` is told.
+    pub(crate) fn relax_level(&self, level: &Level) -> relax_level::Constants {
+        let ([width, height], over_relaxation) = (level.size, self.settings.over_relaxation as f32);
+        relax_level::Constants { width, height, sweeps: self.settings.sweeps, over_relaxation }
+    }
+
+    /// What `update` is told on a level.
+    pub(crate) fn update(&self, level: &Level) -> update::Constants {
+        let ([width, height], largest_step) = (level.size, self.settings.largest_step as f32);
+        update::Constants { width, height, largest_step, limit: level.limit as f32 }
+    }
+
+    /// What `fuse` is told for a channel.
+    pub(crate) fn fuse(&self, channel: u32) -> fuse::Constants {
+        let ([width, height], finest) = (self.size, &self.pyramid[0]);
+        fuse::Constants {
+            width,
+            height,
+            layer: MAP_LAYERS + channel,
+            centre: finest.centre.map(|c| c as f32),
+            epsilon: self.settings.heaviside_epsilon as f32,
+        }
+    }
+
+    /// What `exposure` is told for a level, and the level at low pass where it works.
+    pub(crate) fn exposure(&self, level: &Level, adopt: bool) -> (usize, exposure::Constants) {
+        let index = level.index.max(LOW_PASS.min(self.pyramid.len() - 1));
+        let low_pass = &self.pyramid[index];
+        let constants = exposure::Constants {
+            width: low_pass.size[0],
+            height: low_pass.size[1],
+            factor: low_pass.factor as f32,
+            centre: low_pass.centre.map(|c| c as f32),
+            adopt: u32::from(adopt),
+            stride: 1 << (index - level.index),
+        };
+        (index, constants)
+    }
+
+    fn descends(&self) -> bool {
+        self.settings.registration == RegistrationStep::GradientDescent
+    }
+
+    /// What `linearise` is told in iteration k of a level.
+    pub(crate) fn linearise(&self, level: &Level, k: u32) -> linearise::Constants {
+        let s = &self.settings;
+        linearise::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            nodes: level.nodes as u32,
+            second_stack: self.first_layer(1),
+            rows: linearise::rows(level.size),
+            factor: level.factor as f32,
+            centre: level.centre.map(|c| c as f32),
+            length: level.length as f32,
+            alpha: self.smoothness(level, k) as f32,
+            final_alpha: s.regularization as f32,
+            eta: s.data_eta as f32,
+            smoothness_eta: s.smoothness_eta as f32,
+            epsilon: s.heaviside_epsilon as f32,
+            // Beside so much smoothness no pixel's V answers.
+            elimination: if self.descends() { 1e20 } else { linearise::ELIMINATION },
+            mean: s.kernel.mean().map(|m| m as f32),
+        }
+    }
+
+    /// What `evidence` is told.
+    pub(crate) fn evidence(&self) -> evidence::Constants {
+        let ([width, height], s) = (self.size, &self.settings);
+        evidence::Constants {
+            width,
+            height,
+            alpha: s.regularization as f32,
+            eta: s.data_eta as f32,
+            smoothness_eta: s.smoothness_eta as f32,
+            noise: evidence::NOISE,
+        }
+    }
+
+    /// What `residual` is told.
+    pub(crate) fn residual(&self) -> residual::Constants {
+        let ([width, height], finest) = (self.size, &self.pyramid[0]);
+        residual::Constants {
+            width,
+            height,
+            layer: evidence::RESIDUAL as u32,
+            nodes: finest.nodes as u32,
+            second_stack: self.first_layer(1),
+            centre: finest.centre.map(|c| c as f32),
+            mean: self.settings.kernel.mean().map(|m| m as f32),
+            epsilon: self.settings.heaviside_epsilon as f32,
+        }
+    }
+
+    /// What `uncertainty` is told.
+    pub(crate) fn uncertainty(&self) -> uncertainty::Constants {
+        uncertainty::Constants::new(self.size, self.pyramid[0].centre)
+    }
+
+    /// What `appearance` is told on a level.
+    pub(crate) fn appearance(&self, level: &Level) -> appearance::Constants {
+        appearance::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            rows: linearise::rows(level.size),
+            factor: level.factor as f32,
+            centre: level.centre.map(|c| c as f32),
+            length: level.length as f32,
+            eta: self.settings.data_eta as f32,
+        }
+    }
+
+    /// What `step` is told after `appearance`, in iteration k of a level.
+    pub(crate) fn appearance_step(&self, level: &Level, k: u32) -> step::Constants {
+        step::Constants { solve_transform: 1, may_settle: u32::from(k > 0), warp_count: 0, ..self.step(level, k) }
+    }
+
+    /// What `step` is told in iteration k of a level.
+    pub(crate) fn step(&self, level: &Level, k: u32) -> step::Constants {
+        let [columns, rows, _] = level.tiles();
+        let words = arguments::words(level.index, self.warps_anew(level, k + 1));
+        step::Constants {
+            rows: columns * rows,
+            level: level.index as u32,
+            energy_place: level.index as u32 * self.settings.outer_iterations + k,
+            argument_place: words.place,
+            argument_count: words.count,
+            solve_transform: u32::from(self.solves_transform()),
+            solve_photometric: u32::from(self.solves_photometric(level, k)),
+            descend: u32::from(self.descends()),
+            may_settle: u32::from(self.may_settle(level, k)),
+            still: if level.index == 0 { STILL } else { STILL_ENOUGH },
+            warp_place: words.warp_place,
+            warp_count: words.warp_count,
+            factor: level.factor as f32,
+            length: level.length as f32,
+            half_size: level.centre.map(|c| c as f32),
+        }
+    }
+}

@@ -1,0 +1,438 @@
+//! The method, a line a pass, in the order of `docs/method.md`.
+
+use super::hazards::Hazards;
+use super::{Action, Dispatch, Part, Script, Step};
+use crate::base::Decode;
+use crate::base::color::LUMINANCE;
+use crate::engine::arguments::{self, Grid, Over, Place};
+use crate::engine::plan::{Level, MAP_LAYERS, Plan};
+use crate::engine::slot::{self, Bound, Slot};
+use crate::engine::stages::pass::Pass;
+use crate::engine::stages::{
+    NO_VARIANT, WORKGROUP, appearance, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level,
+    residual, step, uncertainty, update,
+};
+use crate::engine::vulkan::Variant;
+
+/// Which photograph.
+const BOTH: [usize; 2] = [0, 1];
+const RED: usize = 0;
+const BLACK: usize = 1;
+
+/// Pixels times outer iterations of one part at most: some 8 s on lavapipe, and by estimate (0.7 kB a
+/// pixel and iteration) 1 s on a GPU of 50 GB/s, within the 2 s that Windows allows a submission.
+const PART_BUDGET: u64 = 1 << 26;
+/// Separable filters that take as long as an outer iteration: on lavapipe 5, of a disk's stacks.
+const FILTERS_AN_ITERATION: u64 = 5;
+
+/// Writes a whole solve down: one part for the way up, some for each level, one for the results. Where the registration
+/// does not wait for V, it comes first, with parts and levels of its own. `masked`: pixels are masked or clipped.
+pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
+    let mut s = Composer::new(plan, masked);
+    s.reset();
+    for image in BOTH {
+        s.ingest(image, LUMINANCE);
+        if masked {
+            s.mask(image);
+        }
+        s.pyramid(image);
+    }
+    for level in plan.appearance_levels() {
+        s.next_part(Part::default());
+        s.register_level(level);
+    }
+    let mut registered = 0;
+    if !plan.solves_transform() {
+        s.next_part(Part::default());
+        s.place = Place::level(0);
+        s.clear(&plan.pyramid[0]);
+        s.exposure(&plan.pyramid[0], plan.matches_exposure() && !plan.solves_appearance());
+        s.bring_down_registration();
+        s.reset_levels();
+        registered = s.parts.len();
+    }
+    for level in plan.coarse_to_fine() {
+        s.next_part(Part::default());
+        s.solve_level(level);
+    }
+    s.next_part(Part::default());
+    s.place = Place::level(0);
+    s.exposure(&plan.pyramid[0], false);
+    if plan.solves_transform() {
+        s.bring_down_registration();
+        registered = s.parts.len();
+        s.next_part(Part::default());
+    }
+    s.evidence();
+    s.uncertainty();
+    for channel in 0..plan.fused_channels().count() {
+        s.fuse(channel);
+    }
+    s.bring_down();
+    s.finish(registered)
+}
+
+/// Whether iteration k of a level goes into a new part.
+fn starts_part(level: &Level, k: u32) -> bool {
+    let per_part = (PART_BUDGET / level.pixels()).max(1) as u32;
+    k > 0 && k.is_multiple_of(per_part)
+}
+
+/// The script so far, and what its next pass is about.
+pub(super) struct Composer<'a> {
+    pub(super) plan: &'a Plan,
+    pub(super) masked: bool,
+    /// The level whose I2 is being brought onto I1's pixels anew, by passes that run only if T has moved.
+    pub(super) anew: Option<usize>,
+    /// The workgroups of those passes, by level.
+    pub(super) warps: Vec<Vec<[u32; 3]>>,
+    /// Where the next pass stands.
+    pub(super) place: Place,
+    steps: Vec<Step>,
+    parts: Vec<Part>,
+    hazards: Hazards,
+}
+
+impl<'a> Composer<'a> {
+    fn new(plan: &'a Plan, masked: bool) -> Self {
+        Self {
+            plan,
+            masked,
+            anew: None,
+            warps: vec![Vec::new(); plan.solved],
+            place: Place::default(),
+            steps: Vec::new(),
+            parts: vec![Part::default()],
+            hazards: Hazards::default(),
+        }
+    }
+
+    fn finish(self, registered: usize) -> Script {
+        let grids = self.plan.pyramid[..self.plan.solved].iter().map(|level| {
+            let [width, height] = level.size;
+            [level.tiles(), relax::tiles(level.size), [width.div_ceil(WORKGROUP[0]), height.div_ceil(WORKGROUP[1]), 1]]
+        });
+        let arguments = arguments::at_the_start(&grids.collect::<Vec<_>>(), &self.warps);
+        Script { steps: self.steps, parts: self.parts, registered, arguments }
+    }
+
+    fn push(&mut self, action: Action) {
+        let waits_for = self.hazards.waits_for(self.steps.len(), &action);
+        self.steps.push(Step { action, waits_for });
+    }
+
+    /// A stage runs.
+    pub(super) fn dispatch<P: Pass>(&mut self, bindings: P, constants: &P::Constants, variant: Variant, grid: Grid) {
+        self.push(Action::Dispatch(Dispatch {
+            stage: P::STAGE,
+            variant,
+            slots: bindings.slots(),
+            constants: bytemuck::bytes_of(constants).to_vec(),
+            grid,
+            place: self.place,
+            bytes: P::bytes(constants, variant),
+            twin: |dispatch, memory| {
+                let constants = bytemuck::pod_read_unaligned(&dispatch.constants);
+                P::of(&dispatch.slots).run(&constants, dispatch.variant, memory);
+            },
+        }));
+    }
+
+    /// A stage runs over so many pixels.
+    fn over<P: Pass>(&mut self, size: [u32; 2], bindings: P, constants: &P::Constants, variant: Variant) {
+        self.dispatch(bindings, constants, variant, Grid::Direct(P::STAGE.groups(size)));
+    }
+
+    /// A stage runs in an iteration of a level, unless the level has settled.
+    fn within<P: Pass>(&mut self, level: &Level, over: Over, bindings: P, constants: &P::Constants, variant: Variant) {
+        self.dispatch(bindings, constants, variant, Grid::Level { level: level.index, over });
+    }
+
+    fn copy(&mut self, from: Slot, to: Slot) {
+        self.push(Action::Copy { from, to, levels: false });
+    }
+
+    /// V of a level is zero.
+    fn clear(&mut self, level: &Level) {
+        self.push(Action::Clear { image: slot::relative_blur(level.index).write().slot(), size: level.size });
+    }
+
+    /// The rest goes into another submission.
+    pub(super) fn next_part(&mut self, part: Part) {
+        self.parts.push(part);
+        self.push(Action::NextPart);
+    }
+
+    /// Iteration k of a level: into another part, if the host is to be asked whether it is wanted or the part at hand is full.
+    fn begin_iteration(&mut self, level: &Level, k: u32, may_settle: impl Fn(u32) -> bool) {
+        if Plan::asks_before(k, may_settle) {
+            self.copy(Slot::State, Slot::Progress);
+            self.next_part(Part { goes_on: Some(level.index), level_done: None });
+        } else if starts_part(level, k) {
+            self.next_part(Part::default());
+        }
+        self.place = self.place.iteration(k);
+    }
+
+    /// The part at hand is the last of a level.
+    fn end_level(&mut self, level: &Level) {
+        if let Some(part) = self.parts.last_mut() {
+            part.level_done = Some(level.index);
+        }
+    }
+
+    /// T on one level, by appearance.
+    fn register_level(&mut self, level: &Level) {
+        let plan = self.plan;
+        self.place = Place::registering(level.index);
+        if plan.matches_exposure() {
+            // Nothing is known of V yet.
+            self.clear(level);
+            self.exposure(level, true);
+        }
+        self.spline2(level);
+        for k in 0..plan.settings.outer_iterations {
+            self.begin_iteration(level, k, |k| plan.appearance_step(level, k).may_settle == 1);
+            self.appearance(level);
+            self.step(level, &plan.appearance_step(level, k));
+        }
+        self.end_level(level);
+    }
+
+    /// V on one level, and the registration where it is solved for together with V.
+    fn solve_level(&mut self, level: &Level) {
+        let plan = self.plan;
+        self.place = Place::level(level.index);
+        self.start(level);
+        if plan.matches_exposure() {
+            self.exposure(level, true);
+        }
+        let mut passed = 0;
+        for (image, layer) in BOTH.iter().flat_map(|&image| (0..plan.layers_of(level)).map(move |n| (image, n))) {
+            passed += self.stack_layer(level, image, layer) * level.pixels();
+            if passed > FILTERS_AN_ITERATION * PART_BUDGET {
+                self.next_part(Part::default());
+                passed = 0;
+            }
+        }
+        for k in 0..plan.settings.outer_iterations {
+            self.begin_iteration(level, k, |k| plan.may_settle(level, k));
+            if plan.warps_anew(level, k) {
+                if level.pixels() > PART_BUDGET / FILTERS_AN_ITERATION {
+                    self.next_part(Part::default());
+                }
+                self.warp_anew(level);
+            }
+            self.linearise(level, k);
+            self.step(level, &plan.step(level, k));
+            self.relaxation(level);
+            self.update(level);
+        }
+        self.end_level(level);
+    }
+
+    /// State and indirect arguments as they are before a solve.
+    fn reset(&mut self) {
+        self.copy(Slot::StartState, Slot::State);
+        self.copy(Slot::StartArguments, Slot::Arguments);
+    }
+
+    /// What levels have done, and their indirect arguments, as they are before a solve; T, gain and offset stay.
+    fn reset_levels(&mut self) {
+        self.push(Action::Copy { from: Slot::StartState, to: Slot::State, levels: true });
+        self.copy(Slot::StartArguments, Slot::Arguments);
+    }
+
+    /// One channel of a photograph, or its luminance, onto the finest level.
+    fn ingest(&mut self, image: usize, weights: [f32; 3]) {
+        let bindings =
+            ingest::Bindings { samples: slot::samples(image).read(), image: slot::luminance(image, 0).write() };
+        let variant = if self.plan.settings.decode == Decode::Srgb { ingest::SRGB } else { NO_VARIANT };
+        self.over(self.plan.size, bindings, &self.plan.ingest(image, weights), variant);
+    }
+
+    /// Which pixels of a photograph count, on the finest level.
+    fn mask(&mut self, image: usize) {
+        let masks = slot::masks(0);
+        let bindings =
+            mask::Bindings { samples: slot::samples(image).read(), mask: slot::MASK.read(), masks: masks.write() };
+        self.over(self.plan.size, bindings, &self.plan.mask(image), NO_VARIANT);
+        self.smooth((masks.plane(), image as u32), self.plan.size);
+    }
+
+    /// V of a level before its first iteration: zero, or the coarser level's.
+    fn start(&mut self, level: &Level) {
+        if level.index + 1 == self.plan.solved {
+            return self.clear(level);
+        }
+        let coarse = slot::relative_blur(level.index + 1).read();
+        let bindings = prolong::Bindings { coarse, fine: slot::relative_blur(level.index).write() };
+        self.over(level.size, bindings, &self.plan.prolong(level), NO_VARIANT);
+    }
+
+    /// Gain and offset at low pass, or only the correlation there.
+    fn exposure(&mut self, level: &Level, adopt: bool) {
+        let (low_pass, constants) = self.plan.exposure(level, adopt);
+        let bindings = exposure::Bindings {
+            i1: slot::i1(low_pass).read(),
+            i2: slot::i2(low_pass).read(),
+            v: slot::relative_blur(level.index).read(),
+            state: slot::STATE.update(),
+            masks: slot::masks(low_pass).read(),
+        };
+        self.dispatch(bindings, &constants, mask::weighing(self.masked), Grid::Direct([1, 1, 1]));
+    }
+
+    /// The registration integrals without a blur model: equation 36.
+    fn appearance(&mut self, level: &Level) {
+        let bindings = appearance::Bindings {
+            i1: slot::i1(level.index).read(),
+            spline2: slot::SPLINE2.read(),
+            state: slot::STATE.read(),
+            partials: slot::PARTIALS.write(),
+            masks: slot::masks(level.index).read(),
+        };
+        self.within(level, Over::Tiles, bindings, &self.plan.appearance(level), mask::weighing(self.masked));
+    }
+
+    /// S1, S2, D, b and the registration integrals: equations 22 to 32 and 23.
+    fn linearise(&mut self, level: &Level, k: u32) {
+        let bindings = linearise::Bindings {
+            i1: slot::i1(level.index).read(),
+            v: slot::relative_blur(level.index).read(),
+            stacks: slot::STACKS.read(),
+            right_sides: slot::RIGHT_SIDES.write(),
+            weights: slot::WEIGHTS.write(),
+            state: slot::STATE.read(),
+            partials: slot::PARTIALS.write(),
+            masks: slot::masks(level.index).read(),
+        };
+        let variant = linearise::variant(self.plan.slopes(), self.plan.warps(level), self.masked);
+        self.within(level, Over::Tiles, bindings, &self.plan.linearise(level, k), variant);
+    }
+
+    /// T, gain, offset; settled?
+    fn step(&mut self, level: &Level, constants: &step::Constants) {
+        let bindings = step::Bindings {
+            partials: slot::PARTIALS.read(),
+            state: slot::STATE.update(),
+            energies: slot::ENERGIES.write(),
+            arguments: slot::ARGUMENTS.write(),
+            start_arguments: slot::START_ARGUMENTS.read(),
+        };
+        self.within(level, Over::One, bindings, constants, NO_VARIANT);
+        self.place = self.place.after_step();
+    }
+
+    /// dV by red-black sweeps: two passes each, or one pass for all where the level is small.
+    fn relaxation(&mut self, level: &Level) {
+        if relax_level::takes(level.size) {
+            return self.relax_level(level);
+        }
+        for sweep in 0..self.plan.settings.sweeps {
+            self.relax(level, RED, sweep);
+            self.relax(level, BLACK, sweep);
+        }
+    }
+
+    /// All sweeps on a small level.
+    fn relax_level(&mut self, level: &Level) {
+        let bindings = relax_level::Bindings {
+            right_sides: slot::RIGHT_SIDES.read(),
+            weights: slot::WEIGHTS.read(),
+            red: slot::change(RED).update(),
+            black: slot::change(BLACK).update(),
+        };
+        self.within(level, Over::One, bindings, &self.plan.relax_level(level), NO_VARIANT);
+    }
+
+    /// One half-iteration on dV.
+    fn relax(&mut self, level: &Level, color: usize, sweep: u32) {
+        let bindings = relax::Bindings {
+            right_sides: slot::RIGHT_SIDES.read(),
+            weights: slot::WEIGHTS.read(),
+            other: slot::change(1 - color).read(),
+            own: slot::change(color).update(),
+        };
+        let variant = if sweep == 0 { relax::FIRST } else { NO_VARIANT };
+        self.within(level, Over::Half, bindings, &self.plan.relax(level, color), variant);
+    }
+
+    /// V + clamp(dV).
+    fn update(&mut self, level: &Level) {
+        let bindings = update::Bindings {
+            red: slot::change(RED).read(),
+            black: slot::change(BLACK).read(),
+            v: slot::relative_blur(level.index).update(),
+        };
+        self.within(level, Over::Pixels, bindings, &self.plan.update(level), NO_VARIANT);
+    }
+
+    /// What decided V and what nothing explains, averaged over a window around each pixel.
+    fn evidence(&mut self) {
+        let size = evidence::size(self.plan.size);
+        let bindings = evidence::Bindings {
+            v: slot::relative_blur(0).read(),
+            right_sides: slot::RIGHT_SIDES.read(),
+            weights: slot::WEIGHTS.read(),
+            evidence: slot::EVIDENCE.write(),
+        };
+        self.over(size, bindings, &self.plan.evidence(), NO_VARIANT);
+        let bindings = residual::Bindings {
+            i1: slot::i1(0).read(),
+            v: slot::relative_blur(0).read(),
+            stacks: slot::STACKS.read(),
+            evidence: slot::EVIDENCE.write(),
+            state: slot::STATE.read(),
+        };
+        let variant = linearise::variant(self.plan.slopes(), self.plan.warps(&self.plan.pyramid[0]), false);
+        self.over(size, bindings, &self.plan.residual(), variant);
+        for layer in 0..evidence::LAYERS as u32 {
+            self.smooth((slot::EVIDENCE.plane(), layer), size);
+        }
+    }
+
+    /// V where it is valid, its standard deviation and the residual, into the first layers of the results.
+    fn uncertainty(&mut self) {
+        let bindings = uncertainty::Bindings {
+            v: slot::relative_blur(0).read(),
+            evidence: slot::EVIDENCE.read(),
+            results: slot::RESULTS.write(),
+            state: slot::STATE.read(),
+        };
+        self.over(self.plan.size, bindings, &self.plan.uncertainty(), NO_VARIANT);
+    }
+
+    /// One channel of the pseudo-radiance, equation 37. The channel takes the luminance's place.
+    fn fuse(&mut self, channel: u32) {
+        let mut weights = [0.0; 3];
+        weights[channel as usize] = 1.0;
+        for image in BOTH {
+            // A grey photograph beside a coloured one gives its only channel to all three.
+            self.ingest(image, weights);
+        }
+        self.spline2(&self.plan.pyramid[0]);
+        let bindings = fuse::Bindings {
+            channel1: slot::i1(0).read(),
+            spline2: slot::SPLINE2.read(),
+            v: slot::relative_blur(0).read(),
+            results: slot::RESULTS.write(),
+            state: slot::STATE.read(),
+        };
+        self.over(self.plan.size, bindings, &self.plan.fuse(channel), NO_VARIANT);
+    }
+
+    /// The registration, into mapped memory, before the results are there.
+    fn bring_down_registration(&mut self) {
+        self.copy(Slot::State, Slot::RegisteredState);
+        self.copy(Slot::Energies, Slot::RegisteredEnergies);
+        self.push(Action::ShowHost);
+    }
+
+    /// The results, into mapped memory.
+    fn bring_down(&mut self) {
+        self.push(Action::Download { layers: MAP_LAYERS + self.plan.fused_channels().count() });
+        self.copy(Slot::State, Slot::EndState);
+        self.copy(Slot::Energies, Slot::EndEnergies);
+    }
+}

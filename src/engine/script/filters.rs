@@ -1,0 +1,177 @@
+//! The pyramid and the stacks of blurred images: the passes that filter.
+
+use super::compose::Composer;
+use crate::engine::arguments::{Grid, Place};
+use crate::engine::plan::{FilterRange, Level, StackLayer};
+use crate::engine::slot::{self, Handle, Plane};
+use crate::engine::stages::stack::Sampling;
+use crate::engine::stages::{NO_VARIANT, convolve, subdivide, warp};
+
+/// An image of one float a pixel, and which of its layers.
+pub(super) type Layer = (Handle<Plane>, u32);
+
+/// Where a separable filter's first direction goes.
+const SCRATCH: Layer = (slot::SCRATCH, 0);
+
+/// What a filter goes along: pixels along the axis and across it, before the filter, the stride, after how many pixels
+/// the mirrored image repeats itself, and 1 for y.
+struct Axis {
+    length: u32,
+    breadth: u32,
+    stride: u32,
+    period: u32,
+    vertical: u32,
+}
+
+impl Composer<'_> {
+    /// Each level from its parent, both axes halved: an image, and which of its pixels count.
+    pub(super) fn pyramid(&mut self, image: usize) {
+        let plan = self.plan;
+        for (parent, level) in plan.pyramid.iter().zip(&plan.pyramid[1..]) {
+            self.place = Place::level(level.index);
+            let images = [parent, level].map(|level| (slot::luminance(image, level.index), 0));
+            self.separable(images, parent.size, [plan.halve; 2], 2, false);
+            if self.masked {
+                let masks = [parent, level].map(|level| (slot::masks(level.index).plane(), image as u32));
+                self.separable(masks, parent.size, [plan.halve; 2], 2, false);
+            }
+        }
+    }
+
+    /// A layer of a level's stack: the spline coefficients of its image, or a filter of an earlier layer. Says how many
+    /// separable filters it took.
+    pub(super) fn stack_layer(&mut self, level: &Level, image: usize, layer: u32) -> u64 {
+        let plan = self.plan;
+        let base = plan.first_layer(image);
+        let stack = |layer| (slot::STACKS.plane(), base + layer);
+        if layer == 0 {
+            if image == 1 && plan.warps(level) {
+                self.spline2(level);
+                self.warp(level);
+                return 2;
+            }
+            self.spline(level, (slot::luminance(image, level.index), 0), stack(0));
+            return 1;
+        }
+        let StackLayer { from, sampling, terms } = &plan.layers[layer as usize - 1];
+        if *sampling != Sampling::Every {
+            self.half_layer(level, [base + from, base + layer], *sampling == Sampling::Halving, terms[0]);
+            return 1;
+        }
+        for (n, &term) in terms.iter().enumerate() {
+            self.separable([stack(*from), stack(layer)], level.size, term, 1, n > 0);
+        }
+        terms.len() as u64
+    }
+
+    /// Coefficients of the spline through I2.
+    pub(super) fn spline2(&mut self, level: &Level) {
+        self.spline(level, (slot::luminance(1, level.index), 0), (slot::SPLINE2.plane(), 0));
+    }
+
+    /// Coefficients of the spline through an image.
+    fn spline(&mut self, level: &Level, from: Layer, to: Layer) {
+        self.separable([from, to], level.size, [self.plan.prefilter; 2], 1, false);
+    }
+
+    /// The mean over the window around each pixel, in place.
+    pub(super) fn smooth(&mut self, layer: Layer, size: [u32; 2]) {
+        self.separable([layer, layer], size, [self.plan.window; 2], 1, false);
+    }
+
+    /// The first layer of I2's stack: I2 on I1's pixels. The samples stand in the second until it is made.
+    fn warp(&mut self, level: &Level) {
+        let base = self.plan.first_layer(1);
+        let bindings =
+            warp::Bindings { spline2: slot::SPLINE2.read(), stacks: slot::STACKS.write(), state: slot::STATE.update() };
+        let grid = self.grid(warp::STAGE.groups(level.size));
+        self.dispatch(bindings, &self.plan.warp(level, base + 1), NO_VARIANT, grid);
+        self.spline(level, (slot::STACKS.plane(), base + 1), (slot::STACKS.plane(), base));
+    }
+
+    /// I2 on I1's pixels and its whole stack, if T has moved since.
+    pub(super) fn warp_anew(&mut self, level: &Level) {
+        self.anew = Some(level.index);
+        self.warps[level.index].clear();
+        self.warp(level);
+        for layer in 1..self.plan.layers_of(level) {
+            self.stack_layer(level, 1, layer);
+        }
+        self.anew = None;
+    }
+
+    /// So many workgroups; if need be, only if T has moved.
+    fn grid(&mut self, groups: [u32; 3]) -> Grid {
+        let Some(level) = self.anew else { return Grid::Direct(groups) };
+        let warps = &mut self.warps[level];
+        warps.push(groups);
+        Grid::IfMoved { level, n: warps.len() - 1 }
+    }
+
+    /// A layer on every other pixel, in the corner of the scratch image, where the one before it is unless this is the
+    /// first; then on every pixel in its place, which until then holds what is between the two directions.
+    fn half_layer(
+        &mut self,
+        level: &Level,
+        [from, layer]: [u32; 2],
+        first: bool,
+        [along_x, along_y]: [FilterRange; 2],
+    ) {
+        let ([width, height], [half_width, half_height]) = (level.size, level.size.map(|side| side.div_ceil(2)));
+        let (stride, period) = if first { (2, 2) } else { (1, 1) };
+        let [length, breadth] = if first { [width, height] } else { [half_width, half_height] };
+        let x = Axis { length, breadth, stride, period: period * (width - 1), vertical: 0 };
+        let length = if first { height } else { half_height };
+        let y = Axis { length, breadth: half_width, stride, period: period * (height - 1), vertical: 1 };
+        let stack = |layer| (slot::STACKS.plane(), layer);
+        let source = if first { stack(from) } else { SCRATCH };
+        self.convolve([source, stack(layer)], &x, along_x, false);
+        self.convolve([stack(layer), SCRATCH], &y, along_y, false);
+        let grid = self.grid(subdivide::STAGE.groups([half_width, half_height]));
+        let bindings = subdivide::Bindings { coarse: slot::SCRATCH.read(), fine: slot::STACKS.write() };
+        self.dispatch(bindings, &subdivide::Constants { width, height, layer }, NO_VARIANT, grid);
+    }
+
+    /// A filter along x into the scratch image, then one along y, from a layer of an image to one, in its place or added.
+    fn separable(
+        &mut self,
+        [from, to]: [Layer; 2],
+        [width, height]: [u32; 2],
+        [along_x, along_y]: [FilterRange; 2],
+        stride: u32,
+        add: bool,
+    ) {
+        let x = Axis { length: width, breadth: height, stride, period: 2 * (width - 1), vertical: 0 };
+        let breadth = width.div_ceil(stride);
+        let y = Axis { length: height, breadth, stride, period: 2 * (height - 1), vertical: 1 };
+        self.convolve([from, SCRATCH], &x, along_x, false);
+        self.convolve([SCRATCH, to], &y, along_y, add);
+    }
+
+    /// A filter along one axis.
+    fn convolve(
+        &mut self,
+        [(from, from_layer), (to, to_layer)]: [Layer; 2],
+        &Axis { length, breadth, stride, period, vertical }: &Axis,
+        FilterRange { bank, offset, blocks, radius }: FilterRange,
+        add: bool,
+    ) {
+        let constants = convolve::Constants {
+            length,
+            breadth,
+            stride,
+            vertical,
+            from_layer,
+            to_layer,
+            offset,
+            blocks,
+            radius,
+            add: u32::from(add),
+            period: period.max(1) as f32,
+        };
+        let variant = if add || blocks > 1 { convolve::LONG } else { NO_VARIANT };
+        let bindings = convolve::Bindings { from: from.read(), to: to.update(), filters: slot::filters(bank).read() };
+        let grid = self.grid(convolve::STAGE.groups(convolve::grid(&constants)));
+        self.dispatch(bindings, &constants, variant, grid);
+    }
+}
