@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// The program and its version, as files name what wrote them.
-pub(super) const SOFTWARE: &str = concat!("parfocal ", env!("CARGO_PKG_VERSION"));
+pub(crate) const SOFTWARE: &str = concat!("parfocal ", env!("CARGO_PKG_VERSION"));
 
 /// Unit and content of a field or picture, in ASCII.
 pub(super) struct Meaning {

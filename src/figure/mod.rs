@@ -37,14 +37,12 @@ mod series;
 mod sheet;
 mod text;
 
-use std::path::Path;
-
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder, RgbImage};
+use image::RgbImage;
 
 pub use axis::Axis;
 pub use panel::Panel;
 
+use crate::export::{self, Destination, FileKind};
 pub use crate::region::Region;
 pub use plot::Plot;
 pub use series::Series;
@@ -54,14 +52,11 @@ pub(crate) use bar::{color_bar, key, width as bar_width};
 pub(crate) use canvas::{Align, Area, BLACK, Canvas, GRAY};
 pub(crate) use panel::{photograph, resized};
 
-/// Writes a picture as PNG, whole or not at all; its folder is made if it is missing.
+/// Writes a picture as PNG, whole or not at all; its folder is made if it is missing. A picture of parfocal's that lies
+/// there is replaced, another file only where the [`Destination`] forces it.
 ///
 /// # Errors
 /// [`Error::File`](crate::Error::File).
-pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), crate::Error> {
-    crate::export::write_file(path, |writer| {
-        PngEncoder::new_with_quality(writer, CompressionType::Default, FilterType::Adaptive)
-            .write_image(image, image.width(), image.height(), ExtendedColorType::Rgb8)
-            .map_err(|e| e.to_string())
-    })
+pub fn write_png<'d>(file: impl Into<Destination<'d>>, image: &RgbImage) -> Result<(), crate::Error> {
+    export::write_file(file.into(), FileKind::Png, |writer| export::write_drawing(writer, image))
 }

@@ -29,7 +29,7 @@ mod turntable;
 
 use image::RgbImage;
 
-use crate::export::{Nearer, Scale};
+use crate::export::{Destination, Nearer, Scale};
 use crate::{Error, Frame, figure};
 
 /// V and the picture that goes on it.
@@ -122,13 +122,14 @@ impl<'a> Surface<'a> {
     }
 
     /// Writes an animated GIF of both panels in which the camera swings 40° to either side of `view`; its folder is made
-    /// if it is missing.
+    /// if it is missing. An animation of parfocal's that lies there is replaced, another file only where the
+    /// [`Destination`] forces it.
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::File`].
-    pub fn write_turntable(&self, path: &std::path::Path, view: &View) -> Result<(), Error> {
+    pub fn write_turntable<'d>(&self, file: impl Into<Destination<'d>>, view: &View) -> Result<(), Error> {
         view.check()?;
-        turntable::write(self, view, path)
+        turntable::write(self, view, file.into())
     }
 }
 
