@@ -227,6 +227,18 @@ fn every_command_refuses_to_overwrite_what_it_did_not_write() {
     desk.done(&["man", "-o", "pages"]);
 }
 
+#[test]
+fn no_pair_of_a_batch_is_written_outside_its_folder() {
+    let desk = Desk::new();
+    fs::copy(desk.path("i1.png"), desk.path("...png")).unwrap();
+    fs::copy(desk.path("i1.png"), desk.path("..png")).unwrap();
+    for (line, name) in [("...png,i2.png", "'..'"), ("..png,i2.png", "'.'"), ("scene/..,i2.png", "''")] {
+        fs::write(desk.path("list.csv"), format!("i1.png,i2.png\n{line}\n")).unwrap();
+        desk.refuses(&["batch", "list.csv", "-o", "out/many"], &["list.csv: line 2", name]);
+        assert!(!desk.has("out"));
+    }
+}
+
 #[cfg(unix)]
 mod links_and_devices {
     use std::os::unix::fs::{FileTypeExt, symlink};
