@@ -3,11 +3,11 @@
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{self, registered_ending, write_registered};
+use parfocal::export::{self, FileKind, registered_ending, write_registered};
 use parfocal::{Photometric, image_io, resample};
 
 use super::failure::{Failure, print};
-use super::output;
+use super::output::{self, ForceArgument};
 
 /// Bring photographs onto the pixels of I1 by a saved registration: other lights or other channels of the camera that took I2.
 #[derive(clap::Args, Debug)]
@@ -25,6 +25,8 @@ pub(super) struct Arguments {
     /// Apply gain and offset of the registration too, to the values as it was found with (--decode)
     #[arg(long)]
     exposure: bool,
+    #[command(flatten)]
+    force: ForceArgument,
     /// Print the files written as JSON on stdout
     #[arg(long)]
     json: bool,
@@ -44,7 +46,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         _ => Photometric::IDENTITY,
     };
-    let inputs: Vec<&PathBuf> = arguments.images.iter().chain([&arguments.transform]).collect();
+    check(arguments)?;
     let export::PairOf { size, region, decode } = export::read_pair_of(&arguments.transform)?;
     let mut written = Vec::new();
     for path in &arguments.images {
@@ -57,18 +59,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             return Err(Failure::Failed(format!("{path}: {problem}")));
         }
         let file = place(path, registered_ending(&frame))?;
-        if written.contains(&file) {
-            let problem = "two images have this name; bring them up one after the other into two folders";
-            return Err(Failure::Failed(format!("{}: {problem}", path.display())));
-        }
-        output::check(&arguments.output, &[&file], &inputs)?;
         let file_path = arguments.output.join(&file);
         let mut moved = resample::registered(&frame, &transform, &photometric, decode);
         if let Some(region) = region {
             let problem = |e| Failure::Failed(format!("{}: {e}", arguments.transform.display()));
             moved = moved.cropped(region).map_err(problem)?;
         }
-        write_registered(&file_path, &moved)?;
+        write_registered(arguments.force.to(&arguments.output), &file, &moved)?;
         if !arguments.quiet {
             // Nobody is left to be told where stderr is closed.
             let _ = writeln!(io::stderr(), "{}", file_path.display());
@@ -78,6 +75,27 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.json {
         let files: Vec<String> = written.iter().map(|file| arguments.output.join(file).display().to_string()).collect();
         print(&serde_json::json!({ "files": files }).to_string())?;
+    }
+    Ok(())
+}
+
+/// Refuses, before the first is written, results that would replace one another, an input, or what is not ours.
+fn check(arguments: &Arguments) -> Result<(), Failure> {
+    output::check_folder(&arguments.output)?;
+    let inputs: Vec<&PathBuf> = arguments.images.iter().chain([&arguments.transform]).collect();
+    let mut names: Vec<String> = Vec::new();
+    for path in &arguments.images {
+        let found = image_io::describe(path)?;
+        let is_float = found.bits == 32 || ["EXR", "PFM"].contains(&found.format.as_str());
+        let (ending, kind) = if is_float { ("exr", FileKind::Exr) } else { ("png", FileKind::Png) };
+        let name = place(path, ending)?;
+        if names.contains(&name) {
+            let problem = "two images have this name; bring them up one after the other into two folders";
+            return Err(Failure::Failed(format!("{}: {problem}", path.display())));
+        }
+        output::check_inputs(&arguments.output, &[&name], &inputs)?;
+        arguments.force.to(&arguments.output).check_named(kind, &[&name])?;
+        names.push(name);
     }
     Ok(())
 }

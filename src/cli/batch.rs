@@ -1,6 +1,5 @@
 //! `parfocal batch`: many pairs, one after the other, while the next is read and the last is written.
 
-use std::fs;
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -10,7 +9,7 @@ use std::thread;
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::export::remove_unfinished;
+use parfocal::export::{FileKind, remove_unfinished, write_named};
 use parfocal::{DeviceInfo, Engine, Error, Kept, Scoped, Settings};
 
 use super::failure::{Failure, print};
@@ -37,6 +36,9 @@ pub(super) struct Arguments {
     #[arg(long)]
     resume: bool,
 }
+
+/// The file of the summary, beside the folders of the pairs.
+pub(super) const SUMMARY: &str = "batch.json";
 
 /// What I2 is where no second photograph belongs.
 const NOTHING: &str = "-";
@@ -89,7 +91,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         ));
     }
     let settings = solve::settings(flags)?;
-    output::check(out, &[], &[])?;
+    let force = flags.force;
+    output::check_folder(out)?;
+    force.to(out).check_named(FileKind::Batch, &[SUMMARY])?;
     let jobs: Vec<Job> = pairs::find(source, out)?.into_iter().map(|pair| Job::new(flags, pair)).collect();
     jobs.iter().try_for_each(|job| solve::check(&job.arguments))?;
     let stop = on_interrupt(jobs.iter().map(|job| job.arguments.output.clone()).collect())?;
@@ -100,10 +104,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     drop(bar);
     let interrupted = shared.stop.load(Ordering::Relaxed);
     let tally = Tally::new(source, rows, interrupted, started.elapsed());
-    fs::create_dir_all(out)
-        .map_err(|e| Failure::Failed(format!("{}: cannot be made ({e}); give another folder", out.display())))?;
     let json = tally.to_json()?;
-    output::write(&out.join("batch.json"), format!("{json}\n").as_bytes())?;
+    write_named(force.to(out), SUMMARY, FileKind::Batch, format!("{json}\n").as_bytes())?;
     if !flags.pair.common.quiet {
         // Nobody is left to be told where stderr is closed.
         let _ = writeln!(io::stderr(), "{}", tally.table(out));

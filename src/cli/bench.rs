@@ -1,15 +1,16 @@
 //! `parfocal bench`: how fast it is on a device.
 
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use parfocal::bench::{self, Input, Options, Report};
+use parfocal::export::FileKind;
 use parfocal::{Settings, export, image_io};
 
 use super::engine::EngineArguments;
 use super::failure::{Failure, print};
-use super::output;
+use super::output::{self, ForceArgument};
 use super::pair::KernelChoice;
 use super::solve::MethodName;
 
@@ -69,6 +70,8 @@ pub(super) struct Arguments {
     #[arg(long, num_args = 2, value_names = ["OLD.json", "NEW.json"], exclusive = true)]
     compare: Vec<PathBuf>,
     #[command(flatten)]
+    force: ForceArgument,
+    #[command(flatten)]
     engine: EngineArguments,
     /// Print nothing on stderr but errors
     #[arg(long)]
@@ -109,9 +112,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return print(&bench::compare(&Report::read(old)?, &Report::read(new)?));
     }
     let base = arguments.against.as_deref().map(Report::read).transpose()?;
-    for file in [&arguments.output, &arguments.profile].into_iter().flatten() {
-        check_output(file, arguments)?;
-    }
+    check_outputs(arguments)?;
     let options = options(arguments)?;
     let (engine, engine_ms) = bench::open(&arguments.engine.options())?;
     let mut say = |line: &str| {
@@ -124,10 +125,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     super::check_validation(&engine)?;
     let report = &measured.report;
     if let Some(file) = &arguments.output {
-        report.write(file)?;
+        report.write(arguments.force.to(file))?;
     }
     if let Some(file) = &arguments.profile {
-        measured.trace.write(file)?;
+        measured.trace.write(arguments.force.to(file))?;
     }
     tell(report, base.as_ref(), arguments)?;
     match report.refused.as_slice() {
@@ -168,18 +169,17 @@ fn options(arguments: &Arguments) -> Result<Options, Failure> {
     })
 }
 
-/// Refuses a file that cannot be one, or that is an input, before any work is done.
-fn check_output(file: &Path, arguments: &Arguments) -> Result<(), Failure> {
-    if file.is_dir() {
-        return Err(Failure::Failed(format!("{}: is a folder; give a file", file.display())));
+/// Refuses files that cannot be ones, or that are inputs, before any work is done.
+fn check_outputs(arguments: &Arguments) -> Result<(), Failure> {
+    let inputs: Vec<&PathBuf> = arguments.pair.iter().chain(&arguments.transform).collect();
+    let outputs = [(&arguments.output, FileKind::Bench), (&arguments.profile, FileKind::Trace)];
+    for (file, kind) in outputs.iter().filter_map(|(file, kind)| Some((file.as_ref()?, *kind))) {
+        output::check_file(arguments.force.to(file), kind, "", &inputs)?;
     }
-    if arguments.pair.iter().chain(&arguments.transform).any(|input| super::same_file(file, input)) {
-        return Err(Failure::Failed(format!("{}: is an input; give another file", file.display())));
-    }
-    if arguments.output == arguments.profile {
+    if arguments.output.is_some() && arguments.output == arguments.profile {
         return Err(Failure::Usage("--output and --profile name one file; give two".to_string()));
     }
-    output::check_writable(file)
+    Ok(())
 }
 
 /// The report on stdout; the ratios after it, on stderr where stdout is for a program.

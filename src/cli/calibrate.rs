@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use clap::ValueEnum;
 use parfocal::Region;
-use parfocal::export::{self, Solved};
+use parfocal::export::{self, FileKind, Solved};
 use parfocal::measure::Values;
 use parfocal::{Calibration, Target, Unknown, calibrate};
 use serde::Deserialize;
@@ -110,7 +110,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let blur = Values { width: solved.width, values: &solved.relative_blur };
     let found = calibrate(&lens, solved.transform.scale, &blur, &solved.confidence, &target, &unknowns)?;
     if let Some(file) = &arguments.output {
-        export::write_json(file, &found)?;
+        export::write_json(arguments.of.force.to(file), FileKind::Lens, &found)?;
     }
     arguments.of.tell(&summary(&found, arguments.output.as_deref()), &found)
 }
@@ -150,17 +150,13 @@ fn read_steps(file: &Path) -> Result<Vec<(Region, f64)>, Failure> {
     Ok(steps.into_iter().map(step).collect())
 }
 
-/// Refuses a file that cannot be one, or that is an input; the lens may be replaced by a better one.
+/// Refuses a file that cannot be one, or that is an input; a calibrated lens may be replaced by a better one.
 fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     let Some(file) = &arguments.output else { return Ok(()) };
-    if file.is_dir() {
-        return Err(Failure::Failed(format!("{}: is a folder; give a file for the lens", file.display())));
-    }
     let results = export::FILES.iter().map(|name| arguments.of.results.join(name));
-    if results.chain(arguments.steps.clone()).any(|input| super::same_file(file, &input)) {
-        return Err(Failure::Failed(format!("{}: is an input; give another file", file.display())));
-    }
-    output::check_writable(file)
+    let inputs: Vec<PathBuf> = results.chain(arguments.steps.clone()).collect();
+    let inputs: Vec<&PathBuf> = inputs.iter().collect();
+    output::check_file(arguments.of.force.to(file), FileKind::Lens, " for the lens", &inputs)
 }
 
 fn summary(found: &Calibration, file: Option<&Path>) -> String {

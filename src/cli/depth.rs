@@ -43,9 +43,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     // A report may state the lens: it is read before it is written again.
     let inputs: Vec<&PathBuf> =
         arguments.lens.file().into_iter().filter(|file| !file.ends_with("report.json")).collect();
-    output::check(results, &written, &inputs)?;
+    output::check_folder(results)?;
+    output::check_inputs(results, &written, &inputs)?;
+    solved.check_depth(arguments.of.force.is_given())?;
     let metric = solved.through(&lens);
-    solved.write_depth(&metric, arguments.colors.palette(), Some(PEN))?;
+    solved.write_depth(&metric, arguments.colors.palette(), Some(PEN), arguments.of.force.is_given())?;
     let report = DepthReport::from(&metric);
     let (range, files) = (summary(&report), written.join(" "));
     arguments.of.tell(&format!("depth          {range}\nresults        {}: {files}", results.display()), &report)

@@ -7,7 +7,7 @@ use parfocal::evaluate::{Evaluation, Options};
 
 use super::engine::EngineArguments;
 use super::failure::{Failure, print};
-use super::output;
+use super::output::{self, ForceArgument};
 
 /// Run the paper's experiments with all systems, on scenes and photographs, and write tables and figures.
 #[derive(clap::Args, Debug)]
@@ -26,6 +26,8 @@ pub(super) struct Arguments {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    force: ForceArgument,
+    #[command(flatten)]
     engine: EngineArguments,
     /// Print nothing on stderr but errors
     #[arg(long)]
@@ -39,7 +41,9 @@ Exit status: 0 done (whether or not the targets are met: see the report), 1 fail
 
 /// Evaluates and writes. Cheap checks come before dear ones.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    output::check(&arguments.output, &[], &[])?;
+    let out = arguments.force.to(&arguments.output);
+    output::check_folder(&arguments.output)?;
+    Evaluation::check(out)?;
     let engine = arguments.engine.open()?;
     let options = Options { data: arguments.data.clone(), quick: arguments.quick };
     let mut say = |line: &str| {
@@ -50,7 +54,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let evaluation = Evaluation::run(&engine, &options, &mut say);
     super::check_validation(&engine)?;
-    evaluation.write(&arguments.output)?;
+    evaluation.write(out)?;
     say(&format!("in {}", arguments.output.display()));
     if arguments.json {
         print(&evaluation.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;

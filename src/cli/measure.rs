@@ -62,9 +62,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let results = &arguments.of.results;
     let solved = Solved::read(results)?;
-    output::check(results, &[], &[])?;
+    let force = arguments.of.force.is_given();
+    output::check_folder(results)?;
+    solved.check_measurements(&wanted, force)?;
     let measured = solved.measure(&wanted)?;
-    solved.write_measurements(&measured, Some(PEN))?;
+    solved.write_measurements(&measured, Some(PEN), force)?;
     let lines: Vec<String> = rows(&measured).iter().map(|(label, text)| format!("{label:<14} {text}")).collect();
     arguments.of.tell(&lines.join("\n"), &measured)
 }

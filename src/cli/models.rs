@@ -71,6 +71,18 @@ impl ModelArguments {
         self.export.contains(&ExportName::Labels).then(|| export::labels(solution))
     }
 
+    /// The names of all files that are asked for.
+    pub(super) fn names(&self) -> Vec<&'static str> {
+        let of = |name: &ExportName| match name {
+            ExportName::Ply => &["surface.ply"][..],
+            ExportName::Cloud => &["points.ply"],
+            ExportName::Glb => &["surface.glb"],
+            ExportName::Depth16 => &["depth16.png", "depth16.tiff"],
+            ExportName::Labels => &["labels.png"],
+        };
+        self.export.iter().flat_map(of).copied().collect()
+    }
+
     fn models(&self) -> impl Iterator<Item = Model> {
         MODELS.into_iter().filter(|(name, _)| self.export.contains(name)).map(|(_, model)| model)
     }

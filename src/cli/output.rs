@@ -1,18 +1,43 @@
-//! Whether results can be written, found out before any work is done; and small files, written whole or not at all.
+//! Whether results can be written, found out before any work is done.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
+
+use parfocal::export::{self, Destination, FileKind};
 
 use super::failure::Failure;
 
-/// Refuses an output folder that cannot be one, or where one of `results` would replace one of `inputs`.
-pub(super) fn check(out: &Path, results: &[&str], inputs: &[&PathBuf]) -> Result<(), Failure> {
+/// What every subcommand that writes files is told.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub(super) struct ForceArgument {
+    /// Overwrite files that parfocal did not write where they have the names of results; all others stay in any case
+    #[arg(long)]
+    force: bool,
+}
+
+impl ForceArgument {
+    /// A folder or a file for results.
+    pub(super) fn to<'a>(&self, path: &'a Path) -> Destination<'a> {
+        Destination::new(path, self.force)
+    }
+
+    /// Whether it was given.
+    pub(super) fn is_given(&self) -> bool {
+        self.force
+    }
+}
+
+/// Refuses an output folder that cannot be one.
+pub(super) fn check_folder(out: &Path) -> Result<(), Failure> {
     if out.exists() && !out.is_dir() {
         let folder = out.with_extension("");
         let hint = if folder.exists() { String::new() } else { format!(", '{}' say", folder.display()) };
         return Err(Failure::Failed(format!("{}: is a file; give a folder for the results{hint}", out.display())));
     }
-    check_writable(out)?;
+    Ok(export::check_writable(out)?)
+}
+
+/// Refuses an output folder where one of `results` would replace one of `inputs`.
+pub(super) fn check_inputs(out: &Path, results: &[&str], inputs: &[&PathBuf]) -> Result<(), Failure> {
     for input in inputs {
         if let Some(name) = results.iter().find(|name| super::same_file(&out.join(name), input)) {
             let problem = format!("is an input, and the result {name} would replace it; give another folder");
@@ -22,26 +47,28 @@ pub(super) fn check(out: &Path, results: &[&str], inputs: &[&PathBuf]) -> Result
     Ok(())
 }
 
-/// Refuses a file or folder that cannot be made.
-pub(super) fn check_writable(out: &Path) -> Result<(), Failure> {
-    // The folder, or the nearest above it that there is, must take a file.
-    let above = out.ancestors().find(|p| p.is_dir()).filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    tempfile::tempfile_in(above).map(|_| ()).map_err(|e| {
-        Failure::Failed(format!("{}: cannot be written ({}); give another folder", out.display(), e.kind()))
-    })
+/// Refuses an output folder that cannot be one, or where a result, which may be any of `possible`, or what an earlier
+/// report of this name lists, would replace one of `inputs`.
+pub(super) fn check(out: &Path, report: &str, possible: &[&str], inputs: &[&PathBuf]) -> Result<(), Failure> {
+    check_folder(out)?;
+    let listed = export::listed_in(out, report);
+    let results: Vec<&str> = possible.iter().copied().chain(listed.iter().map(String::as_str)).collect();
+    check_inputs(out, &results, inputs)
 }
 
-/// Writes a file under a temporary name and renames it.
-pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let written = builder.tempfile_in(folder).and_then(|mut file| {
-        file.write_all(bytes)?;
-        file.persist(path).map(drop).map_err(std::io::Error::from)
-    });
-    written.map_err(|e| {
-        Failure::Failed(format!("{}: cannot be written ({e}); check space and permissions", path.display()))
-    })
+/// Refuses a file that cannot be one, that is one of `inputs`, or that must not be replaced; `what` it is for.
+pub(super) fn check_file(
+    file: Destination<'_>,
+    kind: FileKind,
+    what: &str,
+    inputs: &[&PathBuf],
+) -> Result<(), Failure> {
+    let failed = |problem: String| Err(Failure::Failed(format!("{}: {problem}", file.path().display())));
+    if file.path().is_dir() {
+        return failed(format!("is a folder; give a file{what}"));
+    }
+    if inputs.iter().any(|input| super::same_file(file.path(), input)) {
+        return failed("is an input; give another file".to_string());
+    }
+    Ok(file.check_file(kind)?)
 }

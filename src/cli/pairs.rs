@@ -4,10 +4,10 @@ use std::collections::{BTreeMap, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{DEPTH_FILE, EXTRA_FILES, FILES, SWEEP_FILES};
-use parfocal::scene::SIMULATED_FILES;
+use parfocal::export::{DEPTH_FILE, EXTRA_FILES, FILES, SIMULATED_FILES, SWEEP_FILES};
 use serde::Deserialize;
 
+use super::batch::SUMMARY;
 use super::failure::Failure;
 
 /// Two photographs and the name of the folder that their results go to.
@@ -37,8 +37,8 @@ const MAX_BYTES: u64 = 64 << 20;
 /// The pairs of a folder or a manifest; results in `out` are not taken for photographs.
 pub(super) fn find(source: &Path, out: &Path) -> Result<Vec<Pair>, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", source.display()));
-    let pairs = if source.is_dir() {
-        of_folder(source, out)?
+    let pairs: Vec<Candidate> = if source.is_dir() {
+        of_folder(source, out)?.into_iter().map(Candidate::of_folder).collect()
     } else if source.exists() {
         of_manifest(source)?
     } else {
@@ -168,7 +168,7 @@ struct Line {
     name: Option<String>,
 }
 
-fn of_manifest(file: &Path) -> Result<Vec<Pair>, Failure> {
+fn of_manifest(file: &Path) -> Result<Vec<Candidate>, Failure> {
     use std::io::Read;
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
     let mut text = String::new();
@@ -183,7 +183,7 @@ fn of_manifest(file: &Path) -> Result<Vec<Pair>, Failure> {
     let (mut pairs, mut given) = (Vec::new(), HashMap::new());
     for (number, line) in lines.map_err(|(number, problem)| failed(format!("line {number}: {problem}")))? {
         let name = line.name.filter(|name| !name.is_empty());
-        if let Some(name) = name.as_ref().filter(|name| !is_folder_name(name)) {
+        if let Some(name) = name.as_ref().filter(|name| !is_folder_name(name) || name.contains(':')) {
             return Err(failed(format!("line {number}: '{name}' cannot name a folder; give a name without slashes")));
         }
         if let Some(name) = &name
@@ -191,14 +191,40 @@ fn of_manifest(file: &Path) -> Result<Vec<Pair>, Failure> {
         {
             return Err(failed(format!("line {number}: '{name}' is the name in line {other} already; give another")));
         }
+        let is_given = name.is_some();
         let name = name.unwrap_or_else(|| stem(&line.i1));
-        pairs.push(Pair { name, i1: folder.join(line.i1), i2: folder.join(line.i2) });
+        let pair = Pair { name, i1: folder.join(line.i1), i2: folder.join(line.i2) };
+        pairs.push(Candidate { pair, line: Some(number), is_given });
     }
     Ok(pairs)
 }
 
+/// Whether a name is that of a folder within the folder of results, which leads nowhere else and is not hidden there.
 fn is_folder_name(name: &str) -> bool {
-    !name.contains(['/', '\\', ':']) && !name.starts_with('.') && !name.chars().any(char::is_control)
+    let elsewhere = name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']);
+    let drive = cfg!(windows) && name.contains(':');
+    !elsewhere && !drive && !name.chars().any(char::is_control) && !name.eq_ignore_ascii_case(SUMMARY)
+}
+
+/// A pair whose name is not settled.
+struct Candidate {
+    pair: Pair,
+    /// Of the manifest.
+    line: Option<usize>,
+    /// Whether the name is stated, and not that of a photograph.
+    is_given: bool,
+}
+
+impl Candidate {
+    fn of_folder(pair: Pair) -> Self {
+        Self { pair, line: None, is_given: false }
+    }
+
+    /// Where it stands.
+    fn place(&self) -> String {
+        let i1 = self.pair.i1.display();
+        self.line.map_or_else(|| i1.to_string(), |line| format!("line {line}, {i1}"))
+    }
 }
 
 /// Lines of a manifest with their numbers, or the first that is wrong.
@@ -244,26 +270,28 @@ fn csv_lines(text: &str) -> Lines {
     Ok(lines)
 }
 
-/// Gives pairs of one name the name of the folder of I1 too, and refuses what is then still alike.
-fn named_apart(mut pairs: Vec<Pair>) -> Result<Vec<Pair>, String> {
+/// Gives pairs of one name the name of the folder of I1 too, unless it is stated, and refuses what is then still alike, or
+/// names no folder.
+fn named_apart(mut pairs: Vec<Candidate>) -> Result<Vec<Pair>, String> {
     let mut count: HashMap<String, usize> = HashMap::new();
-    pairs.iter().for_each(|pair| *count.entry(pair.name.to_lowercase()).or_default() += 1);
-    for pair in pairs.iter_mut().filter(|pair| count[&pair.name.to_lowercase()] > 1) {
+    pairs.iter().for_each(|Candidate { pair, .. }| *count.entry(pair.name.to_lowercase()).or_default() += 1);
+    for Candidate { pair, .. } in pairs.iter_mut().filter(|c| !c.is_given && count[&c.pair.name.to_lowercase()] > 1) {
         let folder = pair.i1.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
         let folder = folder.filter(|name| is_folder_name(name)).map_or(String::new(), |name| format!("{name}-"));
         pair.name = format!("{folder}{}", stem(&pair.i1));
     }
-    let mut seen: HashMap<String, &Path> = HashMap::new();
-    for pair in &pairs {
-        if let Some(other) = seen.insert(pair.name.to_lowercase(), &pair.i1) {
-            let (name, i1) = (&pair.name, pair.i1.display());
-            return Err(format!(
-                "the pairs of {} and {i1} are both called '{name}'; name them in a manifest",
-                other.display()
-            ));
+    let mut seen: HashMap<String, &Candidate> = HashMap::new();
+    for candidate in &pairs {
+        let (name, place) = (&candidate.pair.name, candidate.place());
+        let how = if candidate.line.is_some() { "give another name after I2" } else { "name them in a manifest" };
+        if !is_folder_name(name) {
+            return Err(format!("{place}: '{name}' cannot name a folder of results; {how}"));
+        }
+        if let Some(other) = seen.insert(name.to_lowercase(), candidate) {
+            return Err(format!("the pairs of {} and {place} are both called '{name}'; {how}", other.place()));
         }
     }
-    Ok(pairs)
+    Ok(pairs.into_iter().map(|candidate| candidate.pair).collect())
 }
 
 #[cfg(test)]
@@ -329,6 +357,15 @@ mod tests {
     fn what_is_wrong_with_a_manifest_is_named_with_its_line() {
         for (text, part) in [
             ("a.png,b.png\nc.png\n", "line 2: is not I1,I2"),
+            ("a.png,b.png\n...png,b.png\n", "line 2, "),
+            ("...png,b.png\n", "'..' cannot name a folder of results"),
+            ("..,b.png\n", "'' cannot name a folder of results"),
+            ("x/..png,b.png\n", "'.' cannot name a folder of results"),
+            ("x/a\\b.png,b.png\n", "'a\\b' cannot name a folder of results"),
+            ("batch.json.png,b.png\n", "'batch.json' cannot name a folder of results"),
+            ("a.png,b.png,Batch.json\n", "line 1: 'Batch.json' cannot name a folder"),
+            ("{\"i1\": \"...png\", \"i2\": \"b\"}\n", "line 1, "),
+            ("x/a.png,b.png\ny/c.png,d.png,x-a\nz/A.png,e.png\n", "line 2, "),
             ("a.png,b.png,../up\n", "line 1: '../up' cannot name a folder"),
             ("{\"i1\": \"a\"}\n", "line 1: is not {\"i1\""),
             ("a.png,b.png,x\nc.png,d.png,X\n", "line 2: 'X' is the name in line 1"),

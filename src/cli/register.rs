@@ -4,11 +4,11 @@ use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use parfocal::export::{self, RegistrationReport};
+use parfocal::export::{self, FileKind, RegistrationReport};
 use parfocal::{Kernel, Method, Solver};
 
 use super::failure::{Failure, print};
-use super::output;
+use super::output::{self, ForceArgument};
 use super::pair::PairArguments;
 use super::summary::{Bar, registration_summary};
 
@@ -21,6 +21,8 @@ pub(super) struct Arguments {
     /// File for the registration, as JSON that `solve --transform` reads; an earlier one is replaced
     #[arg(short, long, value_name = "FILE.json")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    force: ForceArgument,
     /// With the blur, by the difference of the images, or by SIFT key-points
     #[arg(long, value_enum, default_value_t = MethodName::Unified)]
     method: MethodName,
@@ -64,7 +66,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut report = RegistrationReport::new(&registered, &settings, engine.info());
     report.of(inputs, super::validation_asked());
     if let Some(file) = &arguments.output {
-        export::write_registration(file, &report)?;
+        export::write_registration(arguments.force.to(file), &report)?;
     }
     tell(&report, arguments)?;
     pair.common.check_strict(report.converged, &report.warnings)
@@ -73,13 +75,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// Refuses a file that cannot be one, or that is an input, before any work is done.
 fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     let Some(file) = &arguments.output else { return Ok(()) };
-    if file.is_dir() {
-        return Err(Failure::Failed(format!("{}: is a folder; give a file for the registration", file.display())));
-    }
-    if arguments.pair.inputs().iter().any(|input| super::same_file(file, input)) {
-        return Err(Failure::Failed(format!("{}: is an input; give another file", file.display())));
-    }
-    output::check_writable(file)
+    output::check_file(
+        arguments.force.to(file),
+        FileKind::Registration,
+        " for the registration",
+        &arguments.pair.inputs(),
+    )
 }
 
 fn tell(report: &RegistrationReport, arguments: &Arguments) -> Result<(), Failure> {

@@ -1,13 +1,13 @@
 //! `parfocal completions` and `parfocal man`: for the shell and for man(1), made from the command line itself.
 
-use std::fs;
 use std::path::PathBuf;
 
 use clap_complete::Shell;
 use clap_mangen::Man;
+use parfocal::export::{FileKind, write_named};
 
 use super::failure::{Failure, print, print_bytes};
-use super::output;
+use super::output::{self, ForceArgument};
 
 /// Print a completion script for a shell.
 #[derive(clap::Args, Debug)]
@@ -36,6 +36,8 @@ pub(super) struct Manual {
     /// Folder for parfocal.1, parfocal-solve.1 and so on; made if it is missing. Without it the main page is printed
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    force: ForceArgument,
 }
 
 const MAN_HELP: &str = "\
@@ -48,14 +50,16 @@ pub(super) fn manual(arguments: &Manual) -> Result<(), Failure> {
     let mut command = super::command().disable_help_subcommand(true);
     command.build();
     let Some(folder) = &arguments.output else { return print_bytes(&page(command)?) };
-    fs::create_dir_all(folder)
-        .map_err(|e| Failure::Failed(format!("{}: cannot be made ({e}); give another folder", folder.display())))?;
+    let out = arguments.force.to(folder);
+    output::check_folder(folder)?;
     // Once built, a subcommand's display name is "parfocal-solve" and the like.
     let pages = command.get_subcommands().cloned();
     let pages = pages.map(|sub| (format!("{}.1", sub.get_display_name().unwrap_or(sub.get_name())), sub));
     let all: Vec<_> = std::iter::once(("parfocal.1".to_string(), command.clone())).chain(pages).collect();
+    let names: Vec<&String> = all.iter().map(|(name, _)| name).collect();
+    out.check_named(FileKind::Manual, &names)?;
     for (name, command) in &all {
-        output::write(&folder.join(name), &page(command.clone())?)?;
+        write_named(out, name, FileKind::Manual, &page(command.clone())?)?;
     }
     print(&all.iter().map(|(name, _)| folder.join(name).display().to_string()).collect::<Vec<_>>().join("\n"))
 }

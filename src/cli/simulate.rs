@@ -6,12 +6,13 @@ use std::str::FromStr;
 
 use clap::ValueEnum;
 use parfocal::Similarity;
+use parfocal::export::SIMULATED_FILES;
 use parfocal::scene::{Kernel, Preset, Scene, Shape};
-use parfocal::scene::{SIMULATED_FILES, Truth, write_simulated};
+use parfocal::scene::{Truth, simulated_files, write_simulated};
 
 use super::failure::{Failure, print};
 use super::lens::{LensArguments, PartOfLens};
-use super::output;
+use super::output::{self, ForceArgument};
 
 /// Render a synthetic pair of images of which relative blur, depth and registration are known.
 ///
@@ -27,6 +28,8 @@ pub(super) struct Arguments {
     /// Folder for the results; made if it is missing, earlier results in it replaced
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
+    #[command(flatten)]
+    force: ForceArgument,
     /// Size of both images, px [default: 256x256; cylinders, steps and relief 512x512; image that of the radiance]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
@@ -220,14 +223,19 @@ impl FromStr for Pair {
     }
 }
 
+/// What states what is true, and lists the files.
+const TRUTH: &str = SIMULATED_FILES[4];
+
 /// Renders a scene and writes it.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let scene = scene(arguments)?;
     scene.check()?;
-    output::check(&arguments.output, &SIMULATED_FILES, &inputs(arguments))?;
+    let out = arguments.force.to(&arguments.output);
+    output::check(&arguments.output, TRUTH, &SIMULATED_FILES, &inputs(arguments))?;
+    out.check_results(TRUTH, &simulated_files(scene.lens().is_some()))?;
     let simulated = scene.render()?;
     let truth = Truth::new(&scene, &simulated);
-    write_simulated(&arguments.output, &simulated, &truth)?;
+    write_simulated(out, &simulated, &truth)?;
     tell(&truth, arguments)
 }
 

@@ -6,13 +6,15 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use parfocal::export::{
-    self, Additions, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, FILES, Look, PAGE_FILE, Report, Texture,
-    TextureReport,
+    self, Additions, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, FILES, FUSED_FLOAT_FILE, Look, PAGE_FILE, Report,
+    Texture, TextureReport,
 };
 use parfocal::figure::PEN;
 use parfocal::image_io::{self, Input};
 use parfocal::report_html::{Page, Readout};
-use parfocal::{Decode, DeviceInfo, Frame, GainField, Lens, Method, MetricDepth, Scope, Scoped, Settings, Solution};
+use parfocal::{
+    Decode, Depth, DeviceInfo, Frame, GainField, Lens, Method, MetricDepth, Scope, Scoped, Settings, Solution,
+};
 use sha2::{Digest, Sha256};
 
 use super::colors::ColorsArgument;
@@ -20,7 +22,7 @@ use super::failure::{Failure, print};
 use super::lens::{self, LensArguments, PartOfLens};
 use super::measure::MeasureArguments;
 use super::models::ModelArguments;
-use super::output;
+use super::output::{self, ForceArgument};
 use super::pair::PairArguments;
 use super::scope::ScopeArguments;
 use super::summary::{Bar, summary};
@@ -50,6 +52,8 @@ pub(super) struct Arguments {
     /// Do not write report.html
     #[arg(long)]
     no_html: bool,
+    #[command(flatten)]
+    pub(super) force: ForceArgument,
     #[command(flatten)]
     scope: ScopeArguments,
     #[command(flatten)]
@@ -152,10 +156,25 @@ pub(super) fn check(arguments: &Arguments) -> Result<(), Failure> {
         let problem = "holds the flat reference; give another folder for the results";
         return Err(Failure::Failed(format!("{}: {problem}", arguments.output.display())));
     }
-    // Those of an earlier run are replaced or removed, with --profile or without.
     let profiles = export::profiles_in(&arguments.output);
     let profiles: Vec<&str> = profiles.iter().map(String::as_str).collect();
-    output::check(&arguments.output, &[&FILES[..], &EXTRA_FILES, &[DEPTH_FILE], &profiles].concat(), &inputs)
+    let possible = [&FILES[..], &EXTRA_FILES, &[DEPTH_FILE], &profiles].concat();
+    output::check(&arguments.output, REPORT, &possible, &inputs)?;
+    check_places(arguments, arguments.lens.is_given(), false)
+}
+
+/// What says what was solved, and lists the files.
+const REPORT: &str = FILES[4];
+
+/// Refuses an output folder in which results would take the places of files that no solve wrote; whether there are results
+/// in mm, and in floats.
+fn check_places(arguments: &Arguments, in_mm: bool, in_floats: bool) -> Result<(), Failure> {
+    let page = (!arguments.no_html).then_some(PAGE_FILE);
+    let more = page.into_iter().chain(in_mm.then_some(DEPTH_FILE)).chain(in_floats.then_some(FUSED_FLOAT_FILE));
+    let profiles = arguments.measure.wanted().files();
+    let mut names: Vec<&str> = FILES.into_iter().chain(arguments.models.names()).chain(more).collect();
+    names.extend(profiles.iter().map(String::as_str));
+    Ok(arguments.force.to(&arguments.output).check_results(REPORT, &names)?)
 }
 
 /// Reads the pair, unless what the files are says that it is `settled` already.
@@ -172,6 +191,8 @@ pub(super) fn read(
     lens::nearer(arguments.nearer, lens.as_ref())?;
     let decode = pair.common.decode(|| Ok(inputs.clone()))?;
     let (i1, i2) = image_io::read_pair(&pair.i1, &pair.i2)?;
+    let in_floats = [&i1, &i2].iter().any(|frame| frame.format().depth == Depth::F32);
+    check_places(arguments, lens.is_some(), in_floats)?;
     let scope = arguments.scope.fitting([i1.width(), i1.height()])?;
     if let Some(size) = arguments.scope.size((i1.width(), i1.height())) {
         arguments.measure.wanted().check(size)?;
@@ -225,7 +246,7 @@ pub(super) fn write(
     let mut written: Vec<&str> = FILES.into_iter().chain(extras.iter().map(|extra| extra.name())).collect();
     written.extend(metric.as_ref().map(|_| DEPTH_FILE));
     written.extend((!arguments.no_html).then_some(PAGE_FILE));
-    report.files = written.iter().map(ToString::to_string).collect();
+    report.files = written.iter().map(ToString::to_string).chain(wanted.files()).collect();
     if !arguments.no_html {
         let names = [&arguments.pair.i1, &arguments.pair.i2].map(|path| name(path));
         let depth = metric.as_ref();
@@ -235,7 +256,7 @@ pub(super) fn write(
         extras.push(page.file(solution, &report));
     }
     let additions = Additions { depth: metric.as_ref(), measurements, extras };
-    export::write(&arguments.output, solution, &report, &look, additions)?;
+    export::write(arguments.force.to(&arguments.output), solution, &report, &look, additions)?;
     Ok((report, written))
 }
 
@@ -254,7 +275,8 @@ fn residual(solution: &Solution) -> Readout<'_> {
 /// SHA-256 of everything but the photographs that decides the results: the version, the settings with what the files
 /// that they name hold, and the flags.
 pub(super) fn request(arguments: &Arguments, settings: &Settings) -> String {
-    let flags = Arguments { output: PathBuf::new(), pair: arguments.pair.deciding(), ..arguments.clone() };
+    let (output, force) = (PathBuf::new(), ForceArgument::default());
+    let flags = Arguments { output, force, pair: arguments.pair.deciding(), ..arguments.clone() };
     let lens = arguments.lens.file().and_then(|file| fs::read(file).ok());
     let files = arguments.scope.contents();
     let text = format!("{} {settings:?} {flags:?} {lens:?} {files:?}", env!("CARGO_PKG_VERSION"));

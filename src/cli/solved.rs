@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::failure::{Failure, print};
+use super::output::ForceArgument;
 
 /// The results of a solve, and where to say what came of them.
 #[derive(clap::Args, Debug)]
@@ -18,6 +19,8 @@ pub(super) struct SolvedArguments {
     /// Print nothing on stderr but errors
     #[arg(long)]
     quiet: bool,
+    #[command(flatten)]
+    pub(super) force: ForceArgument,
 }
 
 impl SolvedArguments {

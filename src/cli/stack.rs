@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use parfocal::export::{self, DEPTH_FILE, EXTRA_FILES, FILES, Look, Nearer, RangeReport, SWEEP_FILES, SweepReport};
+use parfocal::export::{
+    self, DEPTH_FILE, EXTRA_FILES, FILES, Look, Nearer, RangeReport, SWEEP_FILES, SweepReport, sweep_files,
+};
 use parfocal::figure::PEN;
 use parfocal::focus_stack::{Positions, SweepOptions, solve_sweep};
 use parfocal::report_html::SweepPage;
@@ -14,7 +16,7 @@ use parfocal::{Frame, Method, image_io};
 use super::colors::ColorsArgument;
 use super::depth::decimals;
 use super::failure::{Failure, print};
-use super::output;
+use super::output::{self, ForceArgument};
 use super::pair::SettingsArguments;
 use super::solve::name;
 
@@ -56,6 +58,8 @@ pub(super) struct Arguments {
     #[arg(long)]
     no_html: bool,
     #[command(flatten)]
+    force: ForceArgument,
+    #[command(flatten)]
     colors: ColorsArgument,
     #[command(flatten)]
     settings: SettingsArguments,
@@ -68,12 +72,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let nearer = nearer(arguments.nearer, &options.positions)?;
     let mut inputs: Vec<&PathBuf> = arguments.frames.iter().collect();
     inputs.extend(arguments.settings.inputs());
-    output::check(&arguments.output, &[&SWEEP_FILES[..], &FILES, &EXTRA_FILES, &[DEPTH_FILE]].concat(), &inputs)?;
+    let out = arguments.force.to(&arguments.output);
+    let possible = [&SWEEP_FILES[..], &FILES, &EXTRA_FILES, &[DEPTH_FILE]].concat();
+    output::check(&arguments.output, FILES[4], &possible, &inputs)?;
     let describe = || arguments.frames.iter().map(|file| Ok(image_io::describe(file)?)).collect();
     options.settings.decode = arguments.settings.decode(describe)?;
     let frames: Vec<Frame> = arguments.frames.iter().map(|file| image_io::read(file)).collect::<Result<_, _>>()?;
-    let engine = arguments.settings.open_engine()?;
     let (decode, format) = (options.settings.decode, frames[0].format());
+    let look = Look { nearer, decode, formats: [format; 2], palette: arguments.colors.palette(), pen: Some(PEN) };
+    let written = sweep_files(arguments.focus_at.is_some(), &look, !arguments.no_html);
+    out.check_results(FILES[4], &written)?;
+    let engine = arguments.settings.open_engine()?;
     let bar = bar(!arguments.settings.quiet && io::stderr().is_terminal(), frames.len() - 1);
     let sweep = solve_sweep(&engine, &frames, &options, &mut |done, _| bar.set_position(done as u64))
         .map_err(|e| Failure::of_solve(e, &arguments.frames[0]))?;
@@ -81,12 +90,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     super::check_validation(&engine)?;
     let files: Vec<String> = arguments.frames.iter().map(|file| file.display().to_string()).collect();
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
-    let report = SweepReport::new(&sweep, &files, nearer, engine.info(), total_ms);
-    let look = Look { nearer, decode, formats: [format; 2], palette: arguments.colors.palette(), pen: Some(PEN) };
+    let mut report = SweepReport::new(&sweep, &files, nearer, engine.info(), total_ms);
+    report.files =
+        sweep_files(sweep.depth.is_some(), &look, !arguments.no_html).into_iter().map(String::from).collect();
     let names = arguments.frames.iter().map(|path| name(path)).collect();
     let page = SweepPage { frames: &frames, names, decode, nearer, fields: Vec::new() };
     let page = (!arguments.no_html).then(|| page.file(&sweep, &report));
-    export::write_sweep(&arguments.output, &sweep, &report, &look, page)?;
+    export::write_sweep(out, &sweep, &report, &look, page)?;
     tell(&report, arguments)?;
     arguments.settings.check_strict(true, &report.warnings)
 }

@@ -182,7 +182,7 @@ impl Tally {
                 lines.push(format!("failed: {}: {error}", row.name));
             }
         }
-        let file = out.join("batch.json");
+        let file = out.join(super::batch::SUMMARY);
         lines.push(format!(
             "{} solved, {} kept, {} failed, {} not done in {:.1} s; {}",
             self.solved,

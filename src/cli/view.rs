@@ -3,11 +3,12 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{FILES, Results};
+use parfocal::export::{Destination, FILES, FileKind, Results};
 use parfocal::figure;
 use parfocal::view::{Surface, View};
 
 use super::failure::Failure;
+use super::output::{self, ForceArgument};
 
 /// Show the surface of a solve in three dimensions, textured and colour-coded.
 #[derive(clap::Args, Debug)]
@@ -39,23 +40,33 @@ pub(super) struct Arguments {
     /// Width of each of the two panels of the animation, px, 64 to 2048
     #[arg(long, value_name = "PX", default_value_t = 360)]
     turntable_width: u32,
+    #[command(flatten)]
+    force: ForceArgument,
 }
+
+/// The picture beside the results.
+const VIEW: &str = "view.png";
 
 /// Draws and writes. Cheap checks come before dear ones.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let [still, turning] = views(arguments);
     still.check()?;
     turning.check()?;
-    let output = arguments.output.clone().unwrap_or_else(|| arguments.results.join("view.png"));
-    check_output(&output, "png", &arguments.results)?;
+    let output = arguments.output.clone().unwrap_or_else(|| arguments.results.join(VIEW));
+    let force = &arguments.force;
+    check_output(force.to(&output), "png", FileKind::Png, &arguments.results)?;
     if let Some(turntable) = &arguments.turntable {
-        check_output(turntable, "gif", &arguments.results)?;
+        check_output(force.to(turntable), "gif", FileKind::Gif, &arguments.results)?;
+    }
+    if arguments.output.is_none() {
+        // Unlike a file that is named, a result in its folder is no link.
+        force.to(&arguments.results).check_named(FileKind::Png, &[VIEW])?;
     }
     let results = Results::read(&arguments.results)?;
     let surface = Surface::new(&results.relative_blur, &results.fused, results.nearer)?;
-    figure::write_png(&output, &surface.picture(&still)?)?;
+    figure::write_png(force.to(&output), &surface.picture(&still)?)?;
     if let Some(turntable) = &arguments.turntable {
-        surface.write_turntable(turntable, &turning)?;
+        surface.write_turntable(force.to(turntable), &turning)?;
     }
     Ok(())
 }
@@ -80,13 +91,14 @@ fn views(arguments: &Arguments) -> [View; 2] {
     [still, turning]
 }
 
-/// Refuses a name with another ending than the file's format, and one of the results themselves.
-fn check_output(path: &Path, ending: &str, results: &Path) -> Result<(), Failure> {
+/// Refuses a name with another ending than the file's format, one of the results themselves, and what must not be replaced.
+fn check_output(file: Destination<'_>, ending: &str, kind: FileKind, results: &Path) -> Result<(), Failure> {
+    let path = file.path();
     if !path.extension().and_then(OsStr::to_str).is_some_and(|found| found.eq_ignore_ascii_case(ending)) {
         return Err(Failure::Usage(format!("{}: give a name that ends in .{ending}", path.display())));
     }
     if FILES.iter().any(|name| super::same_file(&results.join(name), path)) {
         return Err(Failure::Usage(format!("{}: is a result of the solve; give another name", path.display())));
     }
-    Ok(())
+    output::check_file(file, kind, "", &[])
 }

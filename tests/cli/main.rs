@@ -16,6 +16,7 @@ mod page;
 mod register;
 mod report_html;
 mod report_html_sweep;
+mod safety;
 mod scope;
 mod shell;
 mod simulate;

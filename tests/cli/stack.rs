@@ -64,9 +64,24 @@ impl Sweep {
 #[test]
 fn a_sweep_gives_the_focus_of_both_planes() {
     let sweep = Sweep::new(5, planes);
+    // Where a pair has been solved before, which left a report with what is its own.
+    fs::create_dir(sweep.out()).unwrap();
+    for name in ["relative_blur.exr", "labels.png", "focus.exr"] {
+        fs::write(sweep.out().join(name), name).unwrap();
+    }
+    let before = r#"{"transform": {}, "nearer": 1, "files": ["relative_blur.exr", "report.json"]}"#;
+    fs::write(sweep.out().join("report.json"), before).unwrap();
+    let refused = sweep.stack(&["--device", "no such GPU"]);
+    let told = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(told.contains("focus.exr: is there already") && told.contains("--force"), "{told}");
+    fs::remove_file(sweep.out().join("focus.exr")).unwrap();
     let output = sweep.stack(&["--json", "--reference", "3"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let written: Value = serde_json::from_slice(&fs::read(sweep.out().join("report.json")).unwrap()).unwrap();
+    assert_eq!(written, report);
+    assert!(report["files"].to_string().contains("report.html"), "{}", report["files"]);
+    assert!(!sweep.out().join("relative_blur.exr").exists() && sweep.out().join("labels.png").exists());
     let rate = report["blur_rate_px2"].as_f64().unwrap();
     assert!((rate / RATE - 1.0).abs() < 0.1, "{rate}");
     assert_eq!((&report["reference"], report["frames"].as_array().unwrap().len()), (&2.into(), 5));

@@ -5,8 +5,8 @@ use std::io::Write;
 /// The page of a solve.
 pub const PAGE_FILE: &str = "report.html";
 
-/// Names that an [`Extra`] may have. One that a solve does not write is removed from its folder: left from another
-/// solve, it would contradict the rest.
+/// Names that an [`Extra`] may have. One that an earlier solve lists and this one does not write is removed: it would
+/// contradict the rest.
 pub const EXTRA_FILES: [&str; 8] =
     [PAGE_FILE, "surface.ply", "points.ply", "surface.glb", "depth16.png", "depth16.tiff", "labels.png", "fused.exr"];
 

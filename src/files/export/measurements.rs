@@ -10,7 +10,6 @@ use serde::Serialize;
 use super::Pen;
 use super::meaning::PROFILE;
 use super::picture::{self, Stored};
-use super::remove_stale;
 use super::staging::Staging;
 use crate::base::Region;
 use crate::base::{Error, Estimate};
@@ -77,6 +76,11 @@ impl Wanted {
         self.lines.iter().try_for_each(|line| line.check(size))
     }
 
+    /// The files of the profiles.
+    pub fn files(&self) -> Vec<String> {
+        (0..self.lines.len()).flat_map(|i| [name(i, "csv"), name(i, "png")]).collect()
+    }
+
     /// Whether there is nothing to measure.
     pub fn is_empty(&self) -> bool {
         self.steps.is_empty() && self.lines.is_empty()
@@ -125,14 +129,16 @@ fn name(index: usize, ending: &str) -> String {
     format!("profile_{}.{ending}", index + 1)
 }
 
-/// The files of profiles that are in a folder, which a solve into it may replace or remove; none where it cannot be listed.
+/// Whether a file is called as those of profiles are.
+pub(super) fn is_profile(file: &str) -> bool {
+    let number = file.strip_prefix("profile_").and_then(|rest| rest.strip_suffix(".csv").or(rest.strip_suffix(".png")));
+    number.is_some_and(|number| number.parse::<usize>().is_ok())
+}
+
+/// The files of profiles that are in a folder, which a solve into it may replace; none where it cannot be listed.
 pub fn profiles_in(folder: &Path) -> Vec<String> {
-    let number = |name: &str| {
-        let rest = name.strip_prefix("profile_")?;
-        rest.strip_suffix(".csv").or(rest.strip_suffix(".png"))?.parse::<usize>().ok()
-    };
     let names = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
-    names.filter_map(|name| name.into_string().ok()).filter(|name| number(name).is_some()).collect()
+    names.filter_map(|name| name.into_string().ok()).filter(|name| is_profile(name)).collect()
 }
 
 impl Measurements {
@@ -144,16 +150,6 @@ impl Measurements {
             let picture = (pen.profile)(profile);
             let bytes = Stored::Bytes(&picture);
             staging.add(&profile.png, |w| picture::write(w, picture.dimensions(), ColorType::Rgb, &bytes, &PROFILE))?;
-        }
-        Ok(())
-    }
-
-    /// Removes the profiles of an earlier run that had more of them.
-    pub(super) fn remove_stale(&self, folder: &Path) -> Result<(), Error> {
-        let earlier = |&i: &usize| folder.join(name(i, "csv")).is_file();
-        for i in (self.profiles.len()..).take_while(earlier) {
-            remove_stale(&folder.join(name(i, "csv")))?;
-            remove_stale(&folder.join(name(i, "png")))?;
         }
         Ok(())
     }

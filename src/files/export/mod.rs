@@ -4,11 +4,14 @@
 
 mod depth;
 mod depth16;
+mod destination;
 mod extra;
 pub(crate) mod field;
 mod fused;
 mod json;
+mod kind;
 mod labels;
+mod listed;
 pub(crate) mod meaning;
 mod measurements;
 mod metric;
@@ -21,6 +24,7 @@ mod registration;
 mod report;
 mod results;
 mod scale;
+mod single;
 mod solved;
 mod staging;
 mod sweep;
@@ -30,20 +34,24 @@ mod texture;
 mod transform;
 mod valid;
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::io::Write;
 
 pub(crate) use depth::larger_is;
 pub use depth16::{Depth16, Depth16Report};
+pub(crate) use destination::Guard;
+pub use destination::{Destination, check_writable};
 pub use extra::{EXTRA_FILES, Extra, PAGE_FILE};
 pub use fused::{FUSED_FLOAT_FILE, fused, fused_float};
 pub(crate) use fused::{color_type, fused_frame};
+pub use kind::FileKind;
 pub use labels::labels;
+pub(crate) use listed::Listed;
+pub use listed::{SIMULATED_FILES, listed_in};
 pub use measurements::{Measurements, ProfileReport, StepReport, Wanted, profiles_in};
 pub use metric::DEPTH_FILE;
 pub use palette::Palette;
 pub use pen::Pen;
-pub use registered::{registered_ending, write_registered};
+pub use registered::{registered_ending, registered_kind, write_registered};
 pub use registration::{RegistrationReport, write_json, write_registration};
 pub use report::{
     DepthReport, DeviceReport, LevelReport, RangeReport, Report, SizeReport, TextureReport, TimingsReport,
@@ -51,7 +59,7 @@ pub use report::{
 pub use results::Results;
 pub use scale::{Scale, color};
 pub use solved::Solved;
-pub use sweep::{SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, write_sweep};
+pub use sweep::{SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, sweep_files, write_sweep};
 pub use texture::Texture;
 pub use transform::{PairOf, read_pair_of, read_transform};
 
@@ -60,9 +68,12 @@ use crate::engine::Solution;
 use crate::metric::MetricDepth;
 use depth::Map;
 pub(crate) use json::to_string as to_json;
+pub(crate) use meaning::SOFTWARE;
+pub(crate) use picture::write_drawing;
 pub(crate) use ranks::Ranks;
-pub use staging::remove_unfinished;
-pub(crate) use staging::{Staging, write_file};
+pub(crate) use single::write_file;
+pub(crate) use staging::Staging;
+pub use staging::{remove_unfinished, write_named};
 
 /// The files that [`write()`] makes.
 pub const FILES: [&str; 8] = [
@@ -129,15 +140,17 @@ pub struct Additions<'a> {
 
 /// Writes the [`FILES`] of a solve into the folder `out`, which is made if it is missing.
 ///
-/// With [`Additions`], their files too; those that an earlier solve left there are removed.
+/// With [`Additions`], their files too. Of an earlier solve, what its report lists is replaced or removed; any other file
+/// stays, and where it has the name of a result, nothing is written unless the [`Destination`] forces it. The report that is
+/// written lists under `files` what was written, whatever `report` says.
 ///
 /// Everything is written under temporary names first and renamed at the end. On failure the files of this solve, and
 /// the folder if it was made here, are removed again.
 ///
 /// # Errors
 /// [`Error::File`]; [`Error::Mismatch`] where a field of `solution` is not of the size that it states.
-pub fn write(
-    out: &Path,
+pub fn write<'d>(
+    out: impl Into<Destination<'d>>,
     solution: &Solution,
     report: &Report,
     look: &Look,
@@ -145,8 +158,8 @@ pub fn write(
 ) -> Result<(), Error> {
     let size = (solution.width, solution.height);
     check_lengths(solution)?;
-    let mut staging = Staging::new(out)?;
     let [blur, confidence, depth, fused, json, uncertainty, residual, valid] = FILES;
+    let mut staging = Staging::anew(out.into(), json)?;
     staging.add(blur, |w| field::write(w, size, &solution.relative_blur, &meaning::RELATIVE_BLUR))?;
     staging.add(confidence, |w| field::write(w, size, &solution.confidence, &meaning::CONFIDENCE))?;
     staging.add(uncertainty, |w| field::write(w, size, &solution.uncertainty, &meaning::UNCERTAINTY))?;
@@ -159,9 +172,6 @@ pub fn write(
     };
     staging.add(depth, |w| depth::write(w, &map.marking(&texture.marked), look.pen))?;
     staging.add(fused, |w| fused::write(w, solution, look))?;
-    let of_this = |name: &str| additions.extras.iter().any(|extra| extra.name == name);
-    let stale: Vec<PathBuf> =
-        EXTRA_FILES.into_iter().filter(|name| !of_this(name)).map(|name| out.join(name)).collect();
     for extra in additions.extras {
         staging.add(extra.name, |w| (extra.fill)(w))?;
     }
@@ -170,27 +180,11 @@ pub fn write(
     }
     additions.measurements.stage(&mut staging, look.pen)?;
     // The last to get its name: where the report is that was asked for, the rest is too (`batch --resume`).
+    let report = report.listing(staging.names().into_iter().chain([json.to_string()]));
     staging.add(json, |w| {
-        use std::io::Write;
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
-    staging.place()?;
-    if additions.depth.is_none() {
-        remove_stale(&out.join(DEPTH_FILE))?;
-    }
-    additions.measurements.remove_stale(out)?;
-    stale.iter().try_for_each(|file| remove_stale(file))?;
-    SWEEP_FILES.into_iter().filter(|name| !FILES.contains(name)).try_for_each(|name| remove_stale(&out.join(name)))
-}
-
-/// Removes a result of an earlier run that this one has not replaced.
-pub(crate) fn remove_stale(file: &Path) -> Result<(), Error> {
-    match fs::remove_file(file) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
-            Err(Error::file(file, format!("is of an earlier run, and cannot be removed ({e})")))
-        }
-        _ => Ok(()),
-    }
+    staging.place()
 }
 
 fn check_lengths(solution: &Solution) -> Result<(), Error> {

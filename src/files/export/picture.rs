@@ -2,6 +2,7 @@
 
 use std::io::Write;
 
+use image::RgbImage;
 use png::{BitDepth, ColorType, Compression, Encoder, Filter};
 
 use super::meaning::{Meaning, SOFTWARE};
@@ -30,6 +31,17 @@ pub(crate) fn write(
     meaning: &Meaning,
 ) -> Result<(), String> {
     finish(encoder(writer, size, meaning)?, color, samples)
+}
+
+/// Writes a drawing, which large areas of one colour make small, and which states the program.
+pub(crate) fn write_drawing(writer: impl Write, image: &RgbImage) -> Result<(), String> {
+    let mut encoder = Encoder::new(writer, image.width(), image.height());
+    add_text(&mut encoder, "Software", SOFTWARE)?;
+    encoder.set_color(ColorType::Rgb);
+    encoder.set_compression(Compression::Balanced);
+    encoder.set_filter(Filter::Adaptive);
+    let mut writer = encoder.write_header().map_err(|e| e.to_string())?;
+    writer.write_image_data(image).and_then(|()| writer.finish()).map_err(|e| e.to_string())
 }
 
 /// An encoder to which more text, or a palette, can be added before it is [`finish`]ed.

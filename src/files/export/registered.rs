@@ -1,12 +1,12 @@
 //! A photograph that was brought onto the pixels of another, as a file of its own depth.
 
 use std::io::{Seek, Write};
-use std::path::Path;
 
 use super::fused::color_type;
 use super::meaning::{INTENSITY, PHOTOGRAPH};
 use super::picture::{self, Stored};
-use super::{field, write_file};
+use super::staging::Staging;
+use super::{Destination, FileKind, field};
 use crate::base::{Error, Frame, Samples};
 
 /// The ending of the file that holds such a frame: PNG for integers, EXR for floats.
@@ -14,13 +14,21 @@ pub fn registered_ending(frame: &Frame) -> &'static str {
     if matches!(frame.samples(), Samples::F32(_)) { "exr" } else { "png" }
 }
 
-/// Writes a frame, integers as PNG, floats as EXR; its folder is made if it is missing. On failure an earlier file stays as
-/// it was.
+/// The kind of that file.
+pub fn registered_kind(frame: &Frame) -> FileKind {
+    if matches!(frame.samples(), Samples::F32(_)) { FileKind::Exr } else { FileKind::Png }
+}
+
+/// Writes a frame into a file of this name in a folder, integers as PNG, floats as EXR; the folder is made if it is missing.
+/// What parfocal wrote there alone is replaced, another file only where the [`Destination`] forces it; on failure it stays
+/// as it was.
 ///
 /// # Errors
 /// [`Error::File`].
-pub fn write_registered(file: &Path, frame: &Frame) -> Result<(), Error> {
-    write_file(file, |w| write(w, frame))
+pub fn write_registered<'d>(folder: impl Into<Destination<'d>>, name: &str, frame: &Frame) -> Result<(), Error> {
+    let mut staging = Staging::of_kind(folder.into(), registered_kind(frame))?;
+    staging.add(name, |w| write(w, frame))?;
+    staging.place()
 }
 
 fn write(writer: impl Write + Seek, frame: &Frame) -> Result<(), String> {

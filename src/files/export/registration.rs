@@ -1,13 +1,14 @@
 //! A registration as JSON: fields named as in `report.json`, so that [`read_transform`](super::read_transform) takes it.
 
 use std::io::Write;
-use std::path::Path;
 
 use serde::Serialize;
 
+use super::destination::Destination;
 use super::json;
+use super::kind::FileKind;
 use super::report::{DeviceReport, LevelReport, SizeReport, TimingsReport};
-use super::staging::write_file;
+use super::single::write_file;
 use crate::base::{DeviceInfo, Error, Method, Photometric, Settings, Similarity};
 use crate::engine::Registered;
 use crate::files::image_io::{self, Input};
@@ -78,19 +79,20 @@ impl RegistrationReport {
     }
 }
 
-/// Writes a registration into a file; its folder is made if it is missing. On failure an earlier file stays as it was.
+/// Writes a registration into a file; its folder is made if it is missing. An earlier registration is replaced, another
+/// file only where the [`Destination`] forces it; on failure it stays as it was.
 ///
 /// # Errors
 /// [`Error::File`].
-pub fn write_registration(file: &Path, report: &RegistrationReport) -> Result<(), Error> {
-    write_json(file, report)
+pub fn write_registration<'d>(file: impl Into<Destination<'d>>, report: &RegistrationReport) -> Result<(), Error> {
+    write_json(file, FileKind::Registration, report)
 }
 
-/// Writes anything as JSON into a file; its folder is made if it is missing. On failure an earlier file stays as it was.
+/// Writes anything of a kind that is JSON into a file, as [`write_registration`] does.
 ///
 /// # Errors
 /// [`Error::File`].
-pub fn write_json(file: &Path, value: &impl Serialize) -> Result<(), Error> {
+pub fn write_json<'d>(file: impl Into<Destination<'d>>, kind: FileKind, value: &impl Serialize) -> Result<(), Error> {
     let text = serde_json::to_string_pretty(value).map_err(|e| e.to_string());
-    write_file(file, |w| text.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))
+    write_file(file.into(), kind, |w| text.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))
 }

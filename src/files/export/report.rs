@@ -69,7 +69,8 @@ pub struct Report {
     /// SHA-256 of the version, settings and flags, by which `batch --resume` knows a solve again; empty where a program
     /// did not set it.
     pub request: String,
-    /// The files beside the report that belong to it; empty where a program did not set it.
+    /// The files that belong to it, itself among them; [`write()`](super::write()) sees to it. A later run replaces and
+    /// removes these and no others.
     pub files: Vec<String>,
     /// The files of I1 and I2; empty where the frames did not come from files.
     pub inputs: Vec<Input>,
@@ -194,6 +195,11 @@ impl Report {
         (self.inputs, self.validated) = (inputs, validated);
     }
 
+    /// The same, listing these files in the order in which it lists them already.
+    pub(super) fn listing(&self, written: impl Iterator<Item = String>) -> Self {
+        Self { files: in_known_order(&self.files, written), ..self.clone() }
+    }
+
     /// The text of `report.json`, without a newline at its end.
     ///
     /// # Errors
@@ -220,6 +226,14 @@ impl From<&MetricDepth> for DepthReport {
     fn from(metric: &MetricDepth) -> Self {
         Self { range: RangeReport::of(&metric.depth), out_of_range: metric.out_of_range, lens: metric.lens }
     }
+}
+
+/// The files that were written: those that are known first, in their order.
+pub(super) fn in_known_order(known: &[String], written: impl Iterator<Item = String>) -> Vec<String> {
+    let mut written: Vec<String> = written.collect();
+    // Stable, so that the others stay in theirs.
+    written.sort_by_key(|name| known.iter().position(|k| k == name).unwrap_or(usize::MAX));
+    written
 }
 
 impl RangeReport {

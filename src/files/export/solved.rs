@@ -7,14 +7,14 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::depth::{self, Map};
-use super::depth16::Depth16;
+use super::depth16::{DEPTH16_FILES, Depth16};
 use super::extra::with_near_and_far;
-use super::measurements::{Measurements, Wanted};
+use super::measurements::{Measurements, Wanted, is_profile};
 use super::metric::DEPTH_FILE;
 use super::report::DepthReport;
 use super::results::{nearer_of, read_report};
 use super::staging::Staging;
-use super::{FILES, Nearer, Palette, Pen, Texture, metric, read_transform, remove_stale};
+use super::{Destination, FILES, Nearer, Palette, Pen, Texture, listed_in, metric, read_transform};
 use crate::base::{Error, Lens, Similarity};
 use crate::files::image_io;
 use crate::metric::MetricDepth;
@@ -111,11 +111,18 @@ impl Solved {
 
     /// Adds metric depth to the folder: `depth_mm.exr`, `depth` in `report.json`, and `depth.png` anew, in mm; `depth16.png`
     /// and `depth16.tiff` too, if the report says that they are there. All of it, or none. Where near and far change places,
-    /// the other files that show them are removed.
+    /// the other files that show them are removed, as far as the report lists them. With `force`, files that it does not
+    /// list are overwritten.
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn write_depth(&self, metric: &MetricDepth, palette: Palette, pen: Option<Pen>) -> Result<(), Error> {
+    pub fn write_depth(
+        &self,
+        metric: &MetricDepth,
+        palette: Palette,
+        pen: Option<Pen>,
+        force: bool,
+    ) -> Result<(), Error> {
         let nearer = Nearer::of_lens(&metric.lens);
         // An object: `nearer` was read from it.
         let mut report = self.report.clone();
@@ -128,19 +135,39 @@ impl Solved {
             report["depth16"] = json!(depth16.report());
         }
         let picture = FILES[2];
-        let mut staging = Staging::new(&self.folder)?;
+        // They show near and far the other way round.
+        let turned = if nearer == self.nearer { Vec::new() } else { with_near_and_far().map(String::from).collect() };
+        let mut staging = self.staging(force, &turned)?;
         staging.add(DEPTH_FILE, |w| metric::write(w, metric))?;
         staging.add(picture, |w| depth::write(w, &Map::of_depth(metric, palette).marking(&texture.marked), pen))?;
         for extra in depth16.iter().flat_map(Depth16::files) {
             staging.add(extra.name, |w| (extra.fill)(w))?;
         }
-        stage_report(&mut staging, &report)?;
-        staging.place()?;
-        if nearer == self.nearer {
-            return Ok(());
-        }
-        // They show near and far the other way round.
-        with_near_and_far().try_for_each(|name| remove_stale(&self.folder.join(name)))
+        finish(staging, report, &turned)
+    }
+
+    /// Refuses, before it is made, what [`write_depth`](Self::write_depth) would not write.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn check_depth(&self, force: bool) -> Result<(), Error> {
+        let depth16 = self.report.get("depth16").map_or(&[][..], |_| &DEPTH16_FILES);
+        Destination::new(&self.folder, force)
+            .check_results(FILES[4], &[&[DEPTH_FILE, FILES[2], FILES[4]], depth16].concat())
+    }
+
+    /// Refuses, before it is made, what [`write_measurements`](Self::write_measurements) would not write.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn check_measurements(&self, wanted: &Wanted, force: bool) -> Result<(), Error> {
+        let names = [wanted.files(), vec![FILES[4].to_string()]].concat();
+        Destination::new(&self.folder, force).check_results(FILES[4], &names)
+    }
+
+    /// Files that join those of the folder.
+    fn staging(&self, force: bool, stale: &[String]) -> Result<Staging, Error> {
+        Staging::beside(Destination::new(&self.folder, force), FILES[4], stale.to_vec())
     }
 
     /// Which pixels the solve marked as without texture.
@@ -150,11 +177,12 @@ impl Solved {
     }
 
     /// Adds measurements to the folder: the files of the profiles, and `measurements` in `report.json`. Steps take the place
-    /// of earlier steps there, profiles of earlier profiles; where this has none, the earlier ones stay. All of it, or none.
+    /// of earlier steps there, profiles of earlier profiles; where this has none, the earlier ones stay. All of it, or none. With `force`,
+    /// files that the report does not list are overwritten.
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn write_measurements(&self, measured: &Measurements, pen: Option<Pen>) -> Result<(), Error> {
+    pub fn write_measurements(&self, measured: &Measurements, pen: Option<Pen>, force: bool) -> Result<(), Error> {
         let mut report = self.report.clone();
         if !report.get("measurements").is_some_and(Value::is_object) {
             report["measurements"] = json!(Measurements::default());
@@ -166,11 +194,12 @@ impl Solved {
         if !measured.profiles.is_empty() {
             known["profiles"] = json!(measured.profiles);
         }
-        let mut staging = Staging::new(&self.folder)?;
+        let earlier = listed_in(&self.folder, FILES[4]).into_iter().filter(|file| is_profile(file));
+        let new: Vec<&str> = measured.profiles.iter().flat_map(|p| [p.csv.as_str(), &p.png]).collect();
+        let stale: Vec<String> = earlier.filter(|file| !new.is_empty() && !new.contains(&file.as_str())).collect();
+        let mut staging = self.staging(force, &stale)?;
         measured.stage(&mut staging, pen)?;
-        stage_report(&mut staging, &report)?;
-        staging.place()?;
-        if measured.profiles.is_empty() { Ok(()) } else { measured.remove_stale(&self.folder) }
+        finish(staging, report, &stale)
     }
 
     /// A field of the same size.
@@ -185,7 +214,15 @@ impl Solved {
     }
 }
 
-/// `report.json` anew.
-fn stage_report(staging: &mut Staging, report: &Value) -> Result<(), Error> {
-    staging.add(FILES[4], |w| writeln!(w, "{report:#}").map_err(|e| e.to_string()))
+/// `report.json` anew, with what came and what went, and all gets its name.
+fn finish(mut staging: Staging, mut report: Value, stale: &[String]) -> Result<(), Error> {
+    // A report that names no files is of an earlier version, and of a folder whose files are known otherwise.
+    if let Some(files) = report.get_mut("files").and_then(Value::as_array_mut).filter(|files| !files.is_empty()) {
+        files.retain(|file| !stale.iter().any(|name| file == name));
+        let came: Vec<Value> =
+            staging.names().into_iter().map(Value::from).filter(|name| !files.contains(name)).collect();
+        files.extend(came);
+    }
+    staging.add(FILES[4], |w| writeln!(w, "{report:#}").map_err(|e| e.to_string()))?;
+    staging.place()
 }

@@ -5,8 +5,12 @@ use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use serde_json::json;
 use tempfile::{Builder, NamedTempFile};
 
+use super::destination::{Destination, Guard};
+use super::kind::FileKind;
+use super::listed::{Listed, UNFINISHED};
 use crate::base::Error;
 
 /// A folder and the files that are about to appear in it. Dropped before [`place`](Staging::place) has succeeded, it
@@ -15,12 +19,43 @@ pub(crate) struct Staging {
     // Fields drop in this order: the temporary files go before the folder that holds them.
     written: Vec<(NamedTempFile, PathBuf)>,
     folder: Folder,
+    guard: Guard,
+    /// Of the files that an earlier report lists, those that go.
+    stale: Stale,
+}
+
+/// What of an earlier run goes when the new files have their names.
+enum Stale {
+    /// What the report lists and this run does not write.
+    Rest,
+    /// These, as far as it lists them.
+    Named(Vec<String>),
 }
 
 impl Staging {
-    /// Makes the folder if it is missing.
-    pub(crate) fn new(out: &Path) -> Result<Self, Error> {
-        Ok(Self { written: Vec::new(), folder: Folder::make(out)? })
+    /// Results that take the place of those that a report of this name lists. It is itself the last of them to be
+    /// [`add`](Self::add)ed, and says under `files` which there are. Makes the folder if it is missing.
+    pub(crate) fn anew(out: Destination<'_>, report: &str) -> Result<Self, Error> {
+        Self::new(out, Guard::by_report(out, report), Stale::Rest)
+    }
+
+    /// Results that join those which the report lists; of these the `stale` go.
+    pub(crate) fn beside(out: Destination<'_>, report: &str, stale: Vec<String>) -> Result<Self, Error> {
+        Self::new(out, Guard::by_report(out, report), Stale::Named(stale))
+    }
+
+    /// Results that may replace what is listed elsewhere.
+    pub(crate) fn over(out: Destination<'_>, listed: Listed) -> Result<Self, Error> {
+        Self::new(out, Guard::by_list(out, listed), Stale::Named(Vec::new()))
+    }
+
+    /// Results that say themselves what wrote them.
+    pub(crate) fn of_kind(out: Destination<'_>, kind: FileKind) -> Result<Self, Error> {
+        Self::new(out, Guard::by_kind(out, kind), Stale::Named(Vec::new()))
+    }
+
+    fn new(out: Destination<'_>, guard: Guard, stale: Stale) -> Result<Self, Error> {
+        Ok(Self { written: Vec::new(), folder: Folder::make(out.path)?, guard, stale })
     }
 
     /// Writes one file under a temporary name.
@@ -29,60 +64,113 @@ impl Staging {
         name: impl AsRef<OsStr>,
         fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
     ) -> Result<(), Error> {
-        let name = name.as_ref();
-        let path = self.folder.path.join(name);
-        let wrap =
-            |problem: String| Error::file(&path, format!("cannot be written ({problem}); check space and permissions"));
-        let mut file = temporary(&self.folder.path, name).map_err(|e| wrap(e.to_string()))?;
-        let mut writer = BufWriter::new(file.as_file_mut());
-        fill(&mut writer).map_err(wrap)?;
-        writer.flush().map_err(|e| wrap(e.to_string()))?;
-        drop(writer);
+        let path = self.folder.path.join(name.as_ref());
+        let file = self.temporary(&path, fill)?;
         self.written.push((file, path));
         Ok(())
     }
 
-    /// Gives every file its name. Where one cannot have it, those that already have theirs are removed again: results
-    /// of two solves side by side would be worse than none.
+    fn temporary(
+        &self,
+        path: &Path,
+        fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
+    ) -> Result<NamedTempFile, Error> {
+        let wrap =
+            |problem: String| Error::file(path, format!("cannot be written ({problem}); check space and permissions"));
+        let mut file = temporary(&self.folder.path).map_err(|e| wrap(e.to_string()))?;
+        let mut writer = BufWriter::new(file.as_file_mut());
+        fill(&mut writer).map_err(wrap)?;
+        writer.flush().map_err(|e| wrap(e.to_string()))?;
+        drop(writer);
+        Ok(file)
+    }
+
+    /// The names of the files so far.
+    pub(crate) fn names(&self) -> Vec<String> {
+        let names = self.written.iter().filter_map(|(_, path)| path.file_name());
+        names.map(|name| name.to_string_lossy().into_owned()).collect()
+    }
+
+    /// Gives every file its name, and removes what of an earlier run is stale. Where one cannot have its name, those that
+    /// already have theirs are removed again: results of two runs side by side would be worse than none.
     pub(crate) fn place(mut self) -> Result<(), Error> {
-        if let Some((_, path)) = self.written.iter().find(|(_, path)| path.is_dir()) {
-            return Err(Error::file(path, "is a folder where a result should go; move it away"));
-        }
-        // The last is the report, which stands for the whole: an earlier one must not stand beside half of the new results.
-        if self.written.len() > 1
-            && let Some((_, last)) = self.written.last()
-        {
-            drop(fs::remove_file(last));
-        }
+        self.written.iter().try_for_each(|(_, path)| self.guard.check(path))?;
+        let stale = self.stale_files();
+        let announced = self.announce()?;
         let mut placed = Vec::new();
-        for (file, path) in self.written.drain(..) {
+        for (file, path) in std::mem::take(&mut self.written) {
+            let replaces = path.exists();
             if let Err(e) = file.persist(&path) {
-                placed.iter().for_each(|p: &PathBuf| drop(fs::remove_file(p)));
+                placed.iter().for_each(|path: &PathBuf| drop(fs::remove_file(path)));
+                self.withdraw(announced.as_deref());
                 return Err(Error::file(&path, format!("cannot be replaced ({}); check permissions", e.error)));
             }
-            placed.push(path);
+            if matches!(self.stale, Stale::Rest) || !replaces {
+                placed.push(path);
+            }
         }
         self.folder.made.clear();
-        Ok(())
+        stale.iter().try_for_each(|file| remove_stale(file))
+    }
+
+    /// The files that go. What is no longer a file is none that was written here.
+    fn stale_files(&self) -> Vec<PathBuf> {
+        let written = self.names();
+        let goes = |name: &&str| match &self.stale {
+            Stale::Rest => !written.iter().any(|w| w == name),
+            Stale::Named(names) => names.iter().any(|n| n == name),
+        };
+        let paths = self.guard.listed.files().filter(goes).map(|name| self.folder.path.join(name));
+        paths.filter(|path| fs::symlink_metadata(path).is_ok_and(|found| found.is_file())).collect()
+    }
+
+    /// Puts in the place of the report, which stands for the whole, one that only lists all files, old and new: an earlier
+    /// report must not stand beside half of the new results, and results must not be taken for strangers' if the program
+    /// ends in between.
+    fn announce(&self) -> Result<Option<PathBuf>, Error> {
+        let (Stale::Rest, Some((_, report))) = (&self.stale, self.written.last()) else { return Ok(None) };
+        let mut files: Vec<String> = self.guard.listed.files().map(String::from).collect();
+        files.extend(self.names());
+        let text = json!({ "version": env!("CARGO_PKG_VERSION"), UNFINISHED: true, "files": files });
+        let file = self.temporary(report, |w| writeln!(w, "{text:#}").map_err(|e| e.to_string()))?;
+        file.persist(report)
+            .map_err(|e| Error::file(report, format!("cannot be replaced ({}); check permissions", e.error)))?;
+        Ok(Some(report.clone()))
+    }
+
+    /// Removes the list again, unless files that it lists are left.
+    fn withdraw(&self, announced: Option<&Path>) {
+        let Some(report) = announced else { return };
+        let mut listed = self.guard.listed.files().map(|name| self.folder.path.join(name));
+        if !listed.any(|file| file != report && file.exists()) {
+            // What cannot be removed stays: another failure is being told.
+            drop(fs::remove_file(report));
+        }
     }
 }
 
-/// Writes one file, whole or not at all; its folder is made if it is missing.
-pub(crate) fn write_file(
-    path: &Path,
-    fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
-) -> Result<(), Error> {
-    let Some(name) = path.file_name() else {
-        return Err(Error::file(path, "is no name of a file; give one"));
-    };
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut staging = Staging::new(folder)?;
-    staging.add(name, fill)?;
+/// Removes a result of an earlier run that this one has not replaced.
+fn remove_stale(file: &Path) -> Result<(), Error> {
+    match fs::remove_file(file) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+            Err(Error::file(file, format!("is of an earlier run, and cannot be removed ({e})")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Writes one result into a folder, whole or not at all; the folder is made if it is missing.
+///
+/// # Errors
+/// [`Error::File`].
+pub fn write_named(out: Destination<'_>, name: &str, kind: FileKind, bytes: &[u8]) -> Result<(), Error> {
+    let mut staging = Staging::of_kind(out, kind)?;
+    staging.add(name, |w| w.write_all(bytes).map_err(|e| e.to_string()))?;
     staging.place()
 }
 
-/// Removes the temporary files that a program which is about to end at once leaves in a folder of results, and the folder
-/// if nothing else is in it. Not for folders that another program writes to at the same time.
+/// Removes the temporary files that this program, about to end at once, leaves in a folder of results, and the folder if
+/// nothing else is in it.
 pub fn remove_unfinished(folder: &Path) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.flatten().filter(|entry| is_temporary(&entry.file_name().to_string_lossy())) {
@@ -92,23 +180,23 @@ pub fn remove_unfinished(folder: &Path) {
     let _ = fs::remove_dir(folder);
 }
 
-/// Whether a name is one of [`temporary`]: that of a result with an ending, between dots, and six characters.
+/// Whether a name is one of [`temporary`].
 fn is_temporary(name: &str) -> bool {
-    let parts = name.strip_prefix('.').and_then(|rest| rest.rsplit_once('.'));
-    parts.is_some_and(|(result, random)| {
-        let ours = [".exr", ".png", ".csv", ".json", ".html", ".ply", ".glb", ".tif", ".tiff"];
-        ours.iter().any(|ending| result.ends_with(ending))
-            && random.len() == RANDOM
-            && random.chars().all(|c| c.is_ascii_alphanumeric())
-    })
+    name.strip_prefix(&temporary_prefix())
+        .is_some_and(|random| random.len() == RANDOM && random.chars().all(|c| c.is_ascii_alphanumeric()))
 }
 
 /// Characters that tell temporary files apart.
 const RANDOM: usize = 6;
 
+/// What the names of temporary files begin with, of this program while it runs and of no other.
+fn temporary_prefix() -> String {
+    format!(".parfocal-{}-", std::process::id())
+}
+
 /// A temporary file that becomes as readable as any other file when it gets its name.
-fn temporary(folder: &Path, name: &OsStr) -> std::io::Result<NamedTempFile> {
-    let prefix = format!(".{}.", name.to_string_lossy());
+fn temporary(folder: &Path) -> std::io::Result<NamedTempFile> {
+    let prefix = temporary_prefix();
     let mut builder = Builder::new();
     builder.prefix(&prefix).rand_bytes(RANDOM);
     #[cfg(unix)]
@@ -150,11 +238,15 @@ mod tests {
     use super::*;
     use tempfile::TempDir;
 
+    fn anew(out: &Path) -> Result<Staging, Error> {
+        Staging::anew(out.into(), "report.json")
+    }
+
     #[test]
     fn nothing_is_left_of_a_failure() {
         let base = TempDir::new().unwrap();
         let out = base.path().join("a/b");
-        let mut staging = Staging::new(&out).unwrap();
+        let mut staging = anew(&out).unwrap();
         staging.add("one", |w| w.write_all(b"1").map_err(|e| e.to_string())).unwrap();
         assert!(staging.add("two", |_| Err("disk full".to_string())).unwrap_err().to_string().contains("disk full"));
         drop(staging);
@@ -166,21 +258,67 @@ mod tests {
         let base = TempDir::new().unwrap();
         fs::create_dir(base.path().join("two")).unwrap();
         fs::write(base.path().join("one"), "old").unwrap();
-        let mut staging = Staging::new(base.path()).unwrap();
+        let mut staging = Staging::anew(Destination::new(base.path(), true), "report.json").unwrap();
         for name in ["one", "two"] {
             staging.add(name, |w| w.write_all(b"new").map_err(|e| e.to_string())).unwrap();
         }
-        assert!(staging.place().is_err());
+        assert!(staging.place().unwrap_err().to_string().contains("two: is a folder"));
         assert_eq!(fs::read(base.path().join("one")).unwrap(), b"old");
         assert_eq!(fs::read_dir(base.path()).unwrap().count(), 2);
+    }
+
+    fn written(out: &Path, report: &str, names: &[&str]) -> Result<(), String> {
+        let mut staging = Staging::anew(out.into(), report).unwrap();
+        for name in names {
+            staging.add(name, |w| w.write_all(b"new").map_err(|e| e.to_string())).unwrap();
+        }
+        let text = json!({ "transform": {}, "nearer": 1, "files": names });
+        staging.add(report, |w| write!(w, "{text}").map_err(|e| e.to_string())).unwrap();
+        staging.place().map_err(|e| e.to_string())
+    }
+
+    fn names_in(folder: &Path) -> Vec<String> {
+        let names = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let mut names: Vec<String> = names.collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn what_the_earlier_report_lists_goes_and_nothing_else() {
+        let base = TempDir::new().unwrap();
+        fs::write(base.path().join("notes"), "mine").unwrap();
+        written(base.path(), "report.json", &["a", "b"]).unwrap();
+        written(base.path(), "report.json", &["b", "c"]).unwrap();
+        assert_eq!(names_in(base.path()), ["b", "c", "notes", "report.json"]);
+        let refused = written(base.path(), "report.json", &["b", "notes"]).unwrap_err();
+        assert!(refused.contains("notes: is there already") && refused.contains("--force"), "{refused}");
+        assert_eq!(fs::read(base.path().join("notes")).unwrap(), b"mine");
+        assert_eq!(names_in(base.path()), ["b", "c", "notes", "report.json"]);
+        assert!(written(base.path(), "truth.json", &["b"]).is_err(), "the results of another report");
+    }
+
+    #[test]
+    fn a_program_that_ends_while_results_get_their_names_leaves_none_for_a_strangers() {
+        let base = TempDir::new().unwrap();
+        written(base.path(), "report.json", &["a"]).unwrap();
+        let mut staging = anew(base.path()).unwrap();
+        for name in ["b", "report.json"] {
+            staging.add(name, |_| Ok(())).unwrap();
+        }
+        staging.announce().unwrap();
+        fs::write(base.path().join("b"), "half").unwrap();
+        drop(staging);
+        written(base.path(), "report.json", &["b"]).unwrap();
+        assert_eq!(names_in(base.path()), ["b", "report.json"]);
     }
 
     #[test]
     fn what_is_half_written_is_known_by_its_name_and_removed() {
         let base = TempDir::new().unwrap();
         let made = base.path().join("made");
-        for (folder, names) in [(base.path(), &["old.png", ".report.json.bak"][..]), (&made, &[])] {
-            let mut staging = Staging::new(folder).unwrap();
+        for (folder, names) in [(base.path(), &["old.png", ".report.json.backup"][..]), (&made, &[])] {
+            let mut staging = anew(folder).unwrap();
             staging.add("depth.png", |_| Ok(())).unwrap();
             names.iter().for_each(|name| fs::write(folder.join(name), "x").unwrap());
             // As where the program ends at once.
@@ -198,9 +336,9 @@ mod tests {
         let base = TempDir::new().unwrap();
         let out = base.path().join("file");
         fs::write(&out, "x").unwrap();
-        let Err(error) = Staging::new(&out) else { panic!("made a folder over a file") };
+        let Err(error) = anew(&out) else { panic!("made a folder over a file") };
         assert!(error.to_string().contains("is a file"), "{error}");
-        assert!(Staging::new(&out.join("below")).is_err());
+        assert!(anew(&out.join("below")).is_err());
         assert!(out.is_file());
     }
 
@@ -209,7 +347,7 @@ mod tests {
     fn results_are_as_readable_as_other_files() {
         use std::os::unix::fs::PermissionsExt;
         let base = TempDir::new().unwrap();
-        let mut staging = Staging::new(base.path()).unwrap();
+        let mut staging = anew(base.path()).unwrap();
         staging.add("one", |_| Ok(())).unwrap();
         staging.place().unwrap();
         fs::write(base.path().join("other"), "x").unwrap();

@@ -1,16 +1,12 @@
 //! What a focus sweep gives, in a folder.
 
 use std::io::Write;
-use std::path::Path;
 
 use serde::Serialize;
 
 use super::depth::{Map, larger_is};
-use super::report::{DeviceReport, RangeReport, SizeReport};
-use super::{
-    DEPTH_FILE, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Nearer, Staging, depth, field, fused, meaning,
-    remove_stale,
-};
+use super::report::{DeviceReport, RangeReport, SizeReport, in_known_order};
+use super::{DEPTH_FILE, Destination, Extra, FUSED_FLOAT_FILE, Look, Nearer, Staging, depth, field, fused, meaning};
 use crate::around::focus_stack::{Sweep, SweepDepth};
 use crate::base::{Decode, Depth, DeviceInfo, Error, Photometric, Similarity};
 
@@ -45,6 +41,8 @@ pub struct SweepReport {
     pub warnings: Vec<String>,
     /// Where it ran.
     pub device: DeviceReport,
+    /// The files that belong to it, itself among them; [`write_sweep`] sees to it.
+    pub files: Vec<String>,
     /// From the first frame to the results, ms.
     pub total_ms: f64,
 }
@@ -111,6 +109,7 @@ impl SweepReport {
             valid_fraction: valid as f64 / sweep.focus.len().max(1) as f64,
             warnings: sweep.warnings.clone(),
             device: device.into(),
+            files: Vec::new(),
             total_ms,
         }
     }
@@ -124,21 +123,29 @@ impl SweepReport {
     }
 }
 
+/// The files of a sweep, as [`write_sweep`] makes them.
+pub fn sweep_files(has_depth: bool, look: &Look, has_page: bool) -> Vec<&'static str> {
+    let is_float = look.formats[0].depth == Depth::F32;
+    let more = [(has_depth, DEPTH_FILE), (is_float, FUSED_FLOAT_FILE), (has_page, super::PAGE_FILE)];
+    SWEEP_FILES.into_iter().chain(more.into_iter().filter(|(has, _)| *has).map(|(_, name)| name)).collect()
+}
+
 /// Writes the [`SWEEP_FILES`], [`DEPTH_FILE`] where depth is known, and the page where one is given, into the folder
 /// `out`, which is made if it is missing; all of them, or none. Where the frames are in floats, `fused.exr` is written too.
+/// Of earlier results, what their report lists is replaced or removed, and no other file, as by [`write()`](super::write()).
 ///
 /// # Errors
 /// [`Error::File`].
-pub fn write_sweep(
-    out: &Path,
+pub fn write_sweep<'d>(
+    out: impl Into<Destination<'d>>,
     sweep: &Sweep,
     report: &SweepReport,
     look: &Look,
     page: Option<Extra<'_>>,
 ) -> Result<(), Error> {
     let size = (sweep.width, sweep.height);
-    let mut staging = Staging::new(out)?;
     let [focus, uncertainty, picture, fused, json] = SWEEP_FILES;
+    let mut staging = Staging::anew(out.into(), json)?;
     staging.add(focus, |w| field::write(w, size, &sweep.focus, &meaning::FOCUS))?;
     staging.add(uncertainty, |w| field::write(w, size, &sweep.uncertainty, &meaning::FOCUS_UNCERTAINTY))?;
     if let Some(found) = &sweep.depth {
@@ -157,21 +164,16 @@ pub fn write_sweep(
     let image = fused::Image { size, channels: sweep.fused_channels, values: &sweep.fused };
     let depth = look.formats[0].depth;
     staging.add(fused, |w| fused::write_image(w, &image, look.decode, depth))?;
-    let is_float = depth == Depth::F32;
-    if is_float {
+    if depth == Depth::F32 {
         staging.add(FUSED_FLOAT_FILE, |w| fused::write_float(w, &image, look.decode))?;
     }
-    let page_name = page.as_ref().map(Extra::name);
     if let Some(page) = page {
         staging.add(page.name, |w| (page.fill)(w))?;
     }
+    let written = staging.names().into_iter().chain([json.to_string()]);
+    let report = SweepReport { files: in_known_order(&report.files, written), ..report.clone() };
     staging.add(json, |w| {
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
-    staging.place()?;
-    // What a solve of a pair left there belongs to other pictures.
-    let of_a_pair = FILES.into_iter().chain(EXTRA_FILES).chain(sweep.depth.is_none().then_some(DEPTH_FILE));
-    let is_new =
-        |name: &str| SWEEP_FILES.contains(&name) || page_name == Some(name) || is_float && name == FUSED_FLOAT_FILE;
-    of_a_pair.filter(|name| !is_new(name)).try_for_each(|name| remove_stale(&out.join(name)))
+    staging.place()
 }

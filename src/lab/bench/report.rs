@@ -1,14 +1,14 @@
 //! The report of a bench. Scripts read it: fields may be added, not renamed.
 
 use std::fs::File;
-use std::io::{Read, Write};
+use std::io::Read;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use super::{Input, Options};
 use crate::base::{DeviceInfo, Error, Settings};
-use crate::files::export::{self, write_file};
+use crate::files::export::{self, Destination, FileKind};
 
 /// The most bytes that are read, 64 MiB: a thousand runs of a thousand repeats take less.
 const MAX_BYTES: u64 = 64 << 20;
@@ -207,13 +207,13 @@ impl Report {
         serde_json::to_string_pretty(self)
     }
 
-    /// Writes it as JSON into a file; its folder is made if it is missing. On failure an earlier file stays as it was.
+    /// Writes it as JSON into a file; its folder is made if it is missing. An earlier report of a bench is replaced, another
+    /// file only where the [`Destination`] forces it; on failure it stays as it was.
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn write(&self, file: &Path) -> Result<(), Error> {
-        let text = self.to_json().map_err(|e| e.to_string());
-        write_file(file, |w| text.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))
+    pub fn write<'d>(&self, file: impl Into<Destination<'d>>) -> Result<(), Error> {
+        export::write_json(file, FileKind::Bench, self)
     }
 
     /// Reads one that was written earlier.

@@ -6,13 +6,12 @@
 
 use std::collections::BTreeSet;
 use std::io::Write;
-use std::path::Path;
 
 use serde_json::{Value, json};
 
 use crate::base::Error;
 use crate::engine::profile::{Profile, SUBMIT_WAIT};
-use crate::files::export::write_file;
+use crate::files::export::{Destination, FileKind, write_file};
 
 /// The events so far.
 #[derive(Clone, Debug, Default)]
@@ -81,12 +80,13 @@ impl Trace {
         json!({ "displayTimeUnit": "ms", "traceEvents": self.events }).to_string()
     }
 
-    /// Writes it into a file; its folder is made if it is missing. On failure an earlier file stays as it was.
+    /// Writes it into a file; its folder is made if it is missing. An earlier trace of parfocal's is replaced, another file
+    /// only where the [`Destination`] forces it; on failure it stays as it was.
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn write(&self, file: &Path) -> Result<(), Error> {
-        write_file(file, |w| writeln!(w, "{}", self.to_json()).map_err(|e| e.to_string()))
+    pub fn write<'d>(&self, file: impl Into<Destination<'d>>) -> Result<(), Error> {
+        write_file(file.into(), FileKind::Trace, |w| writeln!(w, "{}", self.to_json()).map_err(|e| e.to_string()))
     }
 }
 

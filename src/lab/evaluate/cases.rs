@@ -59,6 +59,11 @@ impl RealPair {
     }
 }
 
+/// The names of all real pairs.
+pub(super) fn pair_names() -> impl Iterator<Item = &'static str> {
+    PAIRS.into_iter().map(|pair| pair.name)
+}
+
 /// The real pairs in a folder, and those that are not there.
 pub(super) fn real_pairs(data: &Path) -> (Vec<RealPair>, Vec<Absent>) {
     let (present, absent): (Vec<RealPair>, Vec<RealPair>) =

@@ -1,7 +1,7 @@
 //! The figures: those of the paper, by its numbers, and the curves.
 
 use super::Figure;
-use super::cases::RealPair;
+use super::cases::{self, RealPair};
 use super::descent::{Race, Run};
 use super::robustness::{PAPER_PX, Sweep};
 use super::system::{NONE, SystemResult};
@@ -16,6 +16,15 @@ use crate::page::view::{Surface, View};
 
 /// A system by its name, and what it found or why not.
 pub(super) type Solved = [(&'static str, Result<Solution, String>)];
+
+/// The names of all figures that there may be.
+pub(super) fn names() -> impl Iterator<Item = String> {
+    let of_pairs = cases::pair_names().map(|name| format!("fig8-{name}"));
+    ["fig4-scenes", "fig6-real", "fig7-closeups", "fig9-focus", "robustness", "descent"]
+        .into_iter()
+        .map(String::from)
+        .chain(of_pairs)
+}
 
 /// Rows of the sheets, drawn as soon as a pair is solved: all solutions together would not fit into memory.
 #[derive(Default)]

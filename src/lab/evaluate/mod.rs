@@ -7,7 +7,7 @@
 //!
 //! let engine = Engine::new(&EngineOptions::default())?;
 //! let evaluation = Evaluation::run(&engine, &Options::default(), &mut |line| eprintln!("{line}"));
-//! evaluation.write("out/evaluate".as_ref())?;
+//! evaluation.write("out/evaluate")?;
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
@@ -29,18 +29,17 @@ mod system;
 mod table;
 mod targets;
 
+use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use image::RgbImage;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder};
 use serde::Serialize;
 
 use self::bench::Bench;
 use crate::base::Error;
 use crate::engine::Engine;
-use crate::files::export::{DeviceReport, Staging};
+use crate::files::export::{Destination, DeviceReport, Guard, Listed, Staging, write_drawing};
 
 /// What is evaluated.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,6 +89,8 @@ struct Figure {
 
 /// Where the figures go within the folder of the report.
 const FIGURES: &str = "figures";
+const REPORT: &str = "report.json";
+const TABLES: &str = "report.md";
 
 impl Evaluation {
     /// Runs every experiment; `say` is told what is being done, a line at a time.
@@ -137,25 +138,42 @@ impl Evaluation {
     }
 
     /// Writes `report.md`, `report.json` and `figures/*.png` into a folder, which is made if it is missing. All are
-    /// written under temporary names before the first gets its own; the report comes last.
+    /// written under temporary names before the first gets its own; the report comes last. An earlier evaluation is
+    /// replaced, another file only where the [`Destination`] forces it.
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn write(&self, out: &Path) -> Result<(), Error> {
-        let mut reports = Staging::new(out)?;
-        let mut figures = Staging::new(&out.join(FIGURES))?;
+    pub fn write<'d>(&self, out: impl Into<Destination<'d>>) -> Result<(), Error> {
+        let out = out.into();
+        let mut reports = Staging::beside(out, REPORT, Vec::new())?;
+        let mut figures = Staging::over(out.to(&out.path().join(FIGURES)), figures_in(out.path()))?;
         for figure in &self.figures {
-            let (name, picture) = (format!("{}.png", figure.name), &figure.picture);
-            figures.add(name, |writer| {
-                PngEncoder::new_with_quality(writer, CompressionType::Default, FilterType::Adaptive)
-                    .write_image(picture, picture.width(), picture.height(), ExtendedColorType::Rgb8)
-                    .map_err(|e| e.to_string())
-            })?;
+            figures.add(format!("{}.png", figure.name), |writer| write_drawing(writer, &figure.picture))?;
         }
         let json = self.to_json().map_err(|e| e.to_string());
-        reports.add("report.json", |w| json.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))?;
-        reports.add("report.md", |w| w.write_all(self.to_markdown().as_bytes()).map_err(|e| e.to_string()))?;
+        reports.add(REPORT, |w| json.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))?;
+        reports.add(TABLES, |w| w.write_all(self.to_markdown().as_bytes()).map_err(|e| e.to_string()))?;
         figures.place()?;
         reports.place()
     }
+    /// Refuses, before it is run, a folder that [`write`](Self::write) would refuse: files that no evaluation wrote have the
+    /// names of its results.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn check<'d>(out: impl Into<Destination<'d>>) -> Result<(), Error> {
+        let out = out.into();
+        out.check_results(REPORT, &[REPORT, TABLES])?;
+        let folder = out.path().join(FIGURES);
+        let guard = Guard::by_list(out.to(&folder), figures_in(out.path()));
+        figures::names().try_for_each(|name| guard.check(&folder.join(format!("{name}.png"))))
+    }
+}
+
+/// The figures of the evaluation in a folder: those that its tables show.
+fn figures_in(out: &Path) -> Listed {
+    let is_ours = Listed::of(out, REPORT).holds(TABLES);
+    let text = is_ours.then(|| fs::read_to_string(out.join(TABLES)).ok()).flatten().unwrap_or_default();
+    let link = format!("]({FIGURES}/");
+    Listed::of_names(text.split(&link).skip(1).filter_map(|rest| rest.split(')').next()))
 }

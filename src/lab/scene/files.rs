@@ -1,7 +1,6 @@
 //! A synthetic pair as files: images, true relative blur and depth, and `truth.json`.
 
 use std::io::Write;
-use std::path::Path;
 
 use serde::Serialize;
 
@@ -9,10 +8,9 @@ use super::{Exposure, Kernel, Radiance, Scene, Shape, Simulated};
 use crate::base::{Error, Frame, Lens, Photometric, Samples, Similarity};
 use crate::files::export::meaning::{DEPTH, PHOTOGRAPH, RELATIVE_BLUR};
 use crate::files::export::picture::{self, Stored};
-use crate::files::export::{RangeReport, SizeReport, Staging, color_type, field, remove_stale, to_json};
-
-/// The files that [`write_simulated`] makes; `depth.exr` only where the scene has a lens.
-pub const SIMULATED_FILES: [&str; 5] = ["i1.png", "i2.png", "relative_blur.exr", "depth.exr", "truth.json"];
+use crate::files::export::{
+    Destination, RangeReport, SIMULATED_FILES, SizeReport, Staging, color_type, field, to_json,
+};
 
 /// `truth.json`: what is true of a synthetic pair. `parfocal solve --transform` reads it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -52,6 +50,8 @@ pub struct Truth {
     pub occlusion: &'static str,
     /// Samples of i1.png and i2.png that lay outside [0, 1] and were clipped.
     pub clipped_samples: usize,
+    /// The files that belong to it, itself among them. A later run replaces and removes these and no others.
+    pub files: Vec<&'static str>,
 }
 
 impl Truth {
@@ -75,6 +75,7 @@ impl Truth {
             depth: simulated.depth.as_ref().map(|_| SIMULATED_FILES[3]),
             occlusion: "ignored",
             clipped_samples: [&simulated.i1, &simulated.i2].map(clipped).iter().sum(),
+            files: simulated_files(simulated.depth.is_some()),
         }
     }
 
@@ -88,14 +89,15 @@ impl Truth {
 }
 
 /// Writes the [`SIMULATED_FILES`] of a synthetic pair into the folder `out`, which is made if it is missing; images have 16
-/// bits. All of them, or none. Where there is no depth, one that another scene left there is removed.
+/// bits. All of them, or none. Of another scene, what its truth lists is replaced or removed, and no other file, as by
+/// [`write()`](super::write()).
 ///
 /// # Errors
 /// [`Error::File`].
-pub fn write_simulated(out: &Path, simulated: &Simulated, truth: &Truth) -> Result<(), Error> {
+pub fn write_simulated<'d>(out: impl Into<Destination<'d>>, simulated: &Simulated, truth: &Truth) -> Result<(), Error> {
     let size = (simulated.i1.width(), simulated.i1.height());
-    let mut staging = Staging::new(out)?;
     let [i1, i2, blur, depth_file, json] = SIMULATED_FILES;
+    let mut staging = Staging::anew(out.into(), json)?;
     staging.add(i1, |w| write_picture(w, &simulated.i1))?;
     staging.add(i2, |w| write_picture(w, &simulated.i2))?;
     staging.add(blur, |w| field::write(w, size, &simulated.relative_blur, &RELATIVE_BLUR))?;
@@ -105,8 +107,12 @@ pub fn write_simulated(out: &Path, simulated: &Simulated, truth: &Truth) -> Resu
     staging.add(json, |w| {
         truth.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
-    staging.place()?;
-    if simulated.depth.is_none() { remove_stale(&out.join(depth_file)) } else { Ok(()) }
+    staging.place()
+}
+
+/// The files of a synthetic pair whose scene has a lens or not.
+pub fn simulated_files(has_lens: bool) -> Vec<&'static str> {
+    SIMULATED_FILES.into_iter().filter(|name| has_lens || *name != SIMULATED_FILES[3]).collect()
 }
 
 fn floats(frame: &Frame) -> &[f32] {

@@ -44,7 +44,7 @@ mod waves;
 
 use serde::{Deserialize, Serialize};
 
-pub use files::{SIMULATED_FILES, Truth, write_simulated};
+pub use files::{Truth, simulated_files, write_simulated};
 pub use kernel::Kernel;
 pub use presets::Preset;
 pub use radiance::Radiance;

@@ -24,13 +24,10 @@ mod resize;
 mod series;
 pub(crate) mod text;
 
-use std::path::Path;
-
 use crate::base::Error;
-use crate::files::export::{Pen, write_file};
+use crate::files::export::{Destination, FileKind, Pen, write_drawing, write_file};
 
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder, RgbImage};
+use image::RgbImage;
 
 pub use axis::Axis;
 pub use plot::Plot;
@@ -43,14 +40,11 @@ pub(crate) use resize::resized;
 /// What draws keys and curves into results.
 pub const PEN: Pen = Pen { key: bar::key, profile: profile::profile };
 
-/// Writes a picture as PNG, whole or not at all; its folder is made if it is missing.
+/// Writes a picture as PNG, whole or not at all; its folder is made if it is missing. A picture of parfocal's that lies
+/// there is replaced, another file only where the [`Destination`] forces it.
 ///
 /// # Errors
 /// [`Error::File`](crate::Error::File).
-pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), Error> {
-    write_file(path, |writer| {
-        PngEncoder::new_with_quality(writer, CompressionType::Default, FilterType::Adaptive)
-            .write_image(image, image.width(), image.height(), ExtendedColorType::Rgb8)
-            .map_err(|e| e.to_string())
-    })
+pub fn write_png<'d>(file: impl Into<Destination<'d>>, image: &RgbImage) -> Result<(), Error> {
+    write_file(file.into(), FileKind::Png, |writer| write_drawing(writer, image))
 }

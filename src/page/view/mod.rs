@@ -30,7 +30,7 @@ mod turntable;
 use image::RgbImage;
 
 use crate::base::{Error, Frame};
-use crate::files::export::{Nearer, Scale};
+use crate::files::export::{Destination, Nearer, Scale};
 use crate::files::preview::photograph;
 
 /// V and the picture that goes on it.
@@ -123,13 +123,14 @@ impl<'a> Surface<'a> {
     }
 
     /// Writes an animated GIF of both panels in which the camera swings 40° to either side of `view`; its folder is made
-    /// if it is missing.
+    /// if it is missing. An animation of parfocal's that lies there is replaced, another file only where the
+    /// [`Destination`] forces it.
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::File`].
-    pub fn write_turntable(&self, path: &std::path::Path, view: &View) -> Result<(), Error> {
+    pub fn write_turntable<'d>(&self, file: impl Into<Destination<'d>>, view: &View) -> Result<(), Error> {
         view.check()?;
-        turntable::write(self, view, path)
+        turntable::write(self, view, file.into())
     }
 }
 

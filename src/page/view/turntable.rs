@@ -1,16 +1,15 @@
 //! The surface in motion: an animated GIF.
 
 use std::f64::consts::TAU;
-use std::path::Path;
 
-use gif::{Encoder, Frame, Repeat};
+use gif::{AnyExtension, Encoder, Extension, Frame, Repeat};
 use image::RgbImage;
 
 use super::camera::{Camera, Fit};
 use super::picture::Model;
 use super::{Surface, View};
 use crate::base::Error;
-use crate::files::export;
+use crate::files::export::{self, Destination, FileKind, SOFTWARE};
 
 /// Frames of one swing there and back, a multiple of 4.
 const FRAMES: usize = 48;
@@ -25,7 +24,7 @@ const DELAY: u16 = 7;
 const SPEED: i32 = 10;
 
 /// Writes the animation.
-pub(super) fn write(surface: &Surface, view: &View, path: &Path) -> Result<(), Error> {
+pub(super) fn write(surface: &Surface, view: &View, file: Destination<'_>) -> Result<(), Error> {
     let model = Model::new(surface, view);
     // From one end to the other; the way back shows the same frames.
     let cameras: Vec<Camera> = (0..=FRAMES / 2)
@@ -34,10 +33,12 @@ pub(super) fn write(surface: &Surface, view: &View, path: &Path) -> Result<(), E
     let fit = Fit::new(&cameras, &model.mesh, view.width, 4.0);
     let there: Vec<Frame> = cameras.iter().map(|camera| frame(&beside(&model.panels(camera, &fit)))).collect();
     let back = there[1..FRAMES / 2].iter().rev();
-    export::write_file(path, |writer| {
+    export::write_file(file, FileKind::Gif, |writer| {
         let size = (there[0].width, there[0].height);
         let mut encoder = Encoder::new(writer, size.0, size.1, &[]).map_err(|e| e.to_string())?;
         encoder.set_repeat(Repeat::Infinite).map_err(|e| e.to_string())?;
+        let comment = AnyExtension::from(Extension::Comment);
+        encoder.write_raw_extension(comment, &[SOFTWARE.as_bytes()]).map_err(|e| e.to_string())?;
         there.iter().chain(back).try_for_each(|frame| encoder.write_frame(frame)).map_err(|e| e.to_string())
     })
 }

@@ -1,0 +1,199 @@
+//! A file that was named by itself: replaced whole where it is a file, written through where it is none.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Seek, Write};
+use std::path::{Path, PathBuf};
+
+use super::destination::{Destination, Guard, check_writable};
+use super::kind::FileKind;
+use super::staging::Staging;
+use crate::base::Error;
+
+/// The most symbolic links that are followed one after the other, as the kernel does.
+const LINKS: usize = 40;
+
+/// What a path leads to.
+enum Place {
+    /// A file, there or not, at the end of all symbolic links: another takes its name.
+    File(PathBuf),
+    /// Written to as it stands.
+    Stream(Stream),
+}
+
+enum Stream {
+    Stdout,
+    Stderr,
+    /// A device, a pipe, or what another program has open.
+    Other(PathBuf),
+}
+
+/// Writes one file, whole or not at all; its folder is made if it is missing. Where a symbolic link leads to a file, that is
+/// replaced; devices and pipes are written to.
+pub(crate) fn write_file(
+    out: Destination<'_>,
+    kind: FileKind,
+    fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
+) -> Result<(), Error> {
+    let path = match place(out.path)? {
+        Place::File(path) => path,
+        Place::Stream(stream) => return write_through(out.path, stream, fill),
+    };
+    let (folder, name) = split(&path)?;
+    let mut staging = Staging::of_kind(out.to(folder), kind)?;
+    staging.add(name, fill)?;
+    staging.place()
+}
+
+/// Refuses what [`write_file`] would.
+pub(super) fn check(out: Destination<'_>, kind: FileKind) -> Result<(), Error> {
+    let Place::File(path) = place(out.path)? else { return Ok(()) };
+    let (folder, _) = split(&path)?;
+    Guard::by_kind(out.to(folder), kind).check(&path)?;
+    check_writable(&path)
+}
+
+fn split(path: &Path) -> Result<(&Path, &std::ffi::OsStr), Error> {
+    let Some(name) = path.file_name() else {
+        return Err(Error::file(path, "is no name of a file; give one"));
+    };
+    Ok((path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")), name))
+}
+
+fn place(path: &Path) -> Result<Place, Error> {
+    if let Some(stream) = open_already(path) {
+        return Ok(Place::Stream(stream));
+    }
+    let is_link = fs::symlink_metadata(path).is_ok_and(|found| found.is_symlink());
+    match fs::metadata(path) {
+        Ok(found) if found.is_dir() => Err(Error::file(path, "is a folder; give a file")),
+        Ok(found) if !found.is_file() => Ok(Place::Stream(Stream::Other(path.to_path_buf()))),
+        Ok(_) if is_link => fs::canonicalize(path)
+            .map(Place::File)
+            .map_err(|e| Error::file(path, format!("is a symbolic link that cannot be followed ({e}); remove it"))),
+        Err(_) if is_link => Err(Error::file(path, "is a symbolic link that leads nowhere; remove it")),
+        // What else speaks against it, making the file tells.
+        _ => Ok(Place::File(path.to_path_buf())),
+    }
+}
+
+/// What this or another program has open, by a name like /dev/stdout: it may be a file, but one that someone writes on in.
+fn open_already(path: &Path) -> Option<Stream> {
+    let mut at = path.to_path_buf();
+    for _ in 0..LINKS {
+        let folder = at.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = fs::canonicalize(folder).ok()?;
+        let of_programs = folder.starts_with("/proc") && folder.ends_with("fd");
+        if of_programs || folder == Path::new("/dev/fd") {
+            let own = [format!("/proc/{}/fd", std::process::id()), "/dev/fd".to_string()];
+            let is_own = own.iter().any(|own| folder == Path::new(own));
+            return match at.file_name()?.to_str()? {
+                "1" if is_own => Some(Stream::Stdout),
+                "2" if is_own => Some(Stream::Stderr),
+                _ => Some(Stream::Other(path.to_path_buf())),
+            };
+        }
+        at = folder.join(fs::read_link(&at).ok()?);
+    }
+    None
+}
+
+/// Writes to what is no file of its own, once all is there to be written.
+fn write_through(
+    path: &Path,
+    stream: Stream,
+    fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
+) -> Result<(), Error> {
+    let wrap = |problem: String| Error::file(path, format!("cannot be written ({problem}); check what it leads to"));
+    // Some formats go back and forth in their file, which a pipe does not take.
+    let mut whole = tempfile::tempfile().map_err(|e| wrap(e.to_string()))?;
+    let mut writer = BufWriter::new(&mut whole);
+    fill(&mut writer).map_err(wrap)?;
+    writer.flush().map_err(|e| wrap(e.to_string()))?;
+    drop(writer);
+    let copied = whole.rewind().and_then(|()| match stream {
+        Stream::Stdout => io::copy(&mut whole, &mut io::stdout().lock()).and_then(|_| io::stdout().flush()),
+        Stream::Stderr => io::copy(&mut whole, &mut io::stderr().lock()).map(drop),
+        Stream::Other(path) => {
+            // Of a file that someone has open, what stands there stays.
+            let append = path.is_file();
+            let mut open = OpenOptions::new().write(true).append(append).open(path)?;
+            io::copy(&mut whole, &mut open).and_then(|_| open.flush())
+        }
+    });
+    match copied {
+        // A reader that has closed its end wants no more.
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(wrap(e.to_string())),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use std::os::unix::fs::{FileTypeExt, symlink};
+
+    use super::*;
+
+    const LENS: &str = r#"{"lens": {}, "found": [], "residual_rms_px2": 1}"#;
+
+    fn write(path: &Path, force: bool, text: &str) -> Result<(), String> {
+        let out = Destination::new(path, force);
+        let fill = |w: &mut BufWriter<&mut File>| w.write_all(text.as_bytes()).map_err(|e| e.to_string());
+        check(out, FileKind::Lens).and_then(|()| write_file(out, FileKind::Lens, fill)).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_link_keeps_leading_to_its_file_which_is_replaced() {
+        let base = tempfile::TempDir::new().unwrap();
+        let [file, link] = ["deep/lens.json", "link.json"].map(|name| base.path().join(name));
+        write(&file, false, LENS).unwrap();
+        symlink("deep/lens.json", &link).unwrap();
+        write(&link, false, &LENS.replace('1', "2")).unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert!(fs::read_to_string(&file).unwrap().contains('2'));
+        assert_eq!(fs::read_dir(base.path().join("deep")).unwrap().count(), 1);
+        fs::remove_file(&file).unwrap();
+        assert!(write(&link, true, LENS).unwrap_err().contains("leads nowhere"));
+        let folder = base.path().join("folder");
+        fs::create_dir(&folder).unwrap();
+        assert!(write(&folder, true, LENS).unwrap_err().contains("is a folder; give a file"));
+    }
+
+    #[test]
+    fn a_file_of_another_program_stays_unless_it_is_forced() {
+        let base = tempfile::TempDir::new().unwrap();
+        let file = base.path().join("lens.json");
+        fs::write(&file, "my notes").unwrap();
+        let refused = write(&file, false, LENS).unwrap_err();
+        assert!(refused.contains("lens.json") && refused.contains("--force"), "{refused}");
+        assert_eq!(fs::read_to_string(&file).unwrap(), "my notes");
+        write(&file, true, LENS).unwrap();
+        write(&file, false, LENS).unwrap();
+        assert_eq!(fs::read_to_string(&file).unwrap(), LENS);
+    }
+
+    #[test]
+    fn devices_and_pipes_are_written_to() {
+        let base = tempfile::TempDir::new().unwrap();
+        // By a link, so that a mistake costs no device.
+        let null = base.path().join("null");
+        symlink("/dev/null", &null).unwrap();
+        write(&null, false, LENS).unwrap();
+        assert!(fs::metadata(&null).unwrap().file_type().is_char_device());
+        let pipe = base.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let reader = {
+            let pipe = pipe.clone();
+            std::thread::spawn(move || fs::read_to_string(pipe).unwrap())
+        };
+        write(&pipe, false, LENS).unwrap();
+        assert_eq!(reader.join().unwrap(), LENS);
+        assert!(fs::symlink_metadata(&pipe).unwrap().file_type().is_fifo());
+    }
+
+    #[test]
+    fn what_is_open_is_no_file_of_its_own() {
+        assert!(matches!(open_already(Path::new("/dev/stdout")), Some(Stream::Stdout)));
+        assert!(matches!(open_already(Path::new("/dev/stderr")), Some(Stream::Stderr)));
+        assert!(open_already(Path::new("/dev/null")).is_none());
+    }
+}

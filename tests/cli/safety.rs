@@ -1,0 +1,295 @@
+//! What lies where results go: the program's own is replaced, what is someone else's stays.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+/// A folder with the pair `i1.png`, `i2.png`.
+struct Desk(TempDir);
+
+/// Where a check must come before the device is looked for.
+const NO_DEVICE: [&str; 2] = ["--device", "no such GPU"];
+const LENS: [&str; 5] =
+    ["--focal-length=25", "--f-number=4", "--pixel-pitch=0.013", "--focus=500,900", "--telecentric"];
+
+impl Desk {
+    fn new() -> Self {
+        let desk = Self(TempDir::new().unwrap());
+        desk.done(&["simulate", "plane", "--size", "80x64", "-o", "scene", "--quiet"]);
+        for name in ["i1.png", "i2.png"] {
+            fs::copy(desk.path("scene").join(name), desk.path(name)).unwrap();
+        }
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::cargo_bin("parfocal").unwrap();
+        command.env("PARFOCAL_CACHE_DIR", self.path("cache")).current_dir(self.0.path()).args(arguments);
+        let on_a_device = ["solve", "batch", "stack", "register"].contains(&arguments[0]);
+        if let (Ok(device), true) = (std::env::var("PARFOCAL_DEVICE"), on_a_device && !arguments.contains(&"--device"))
+        {
+            command.args(["--device", &device]);
+        }
+        command.output().unwrap()
+    }
+
+    #[track_caller]
+    fn done(&self, arguments: &[&str]) -> Output {
+        let output = self.run(arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+        output
+    }
+
+    #[track_caller]
+    fn refuses(&self, arguments: &[&str], parts: &[&str]) {
+        let output = self.run(arguments);
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {told}");
+        assert!(told.lines().count() == 1 && parts.iter().all(|part| told.contains(part)), "{arguments:?}: {told}");
+    }
+
+    #[track_caller]
+    fn solve(&self, extra: &[&str]) {
+        let quick = ["solve", "i1.png", "i2.png", "-o", "out", "--outer-iterations", "6", "--no-html"];
+        self.done(&[&quick[..], extra].concat());
+    }
+
+    /// A file of the user's.
+    fn mine(&self, name: &str) {
+        fs::create_dir_all(self.path(name).parent().unwrap()).unwrap();
+        fs::write(self.path(name), "mine").unwrap();
+    }
+
+    #[track_caller]
+    fn is_mine(&self, name: &str) {
+        assert_eq!(fs::read_to_string(self.path(name)).ok().as_deref(), Some("mine"), "{name}");
+    }
+
+    fn report(&self) -> Value {
+        serde_json::from_slice(&fs::read(self.path("out/report.json")).unwrap()).unwrap()
+    }
+
+    fn has(&self, name: &str) -> bool {
+        self.path(name).exists()
+    }
+}
+
+#[test]
+fn a_solve_removes_nothing_that_it_did_not_write() {
+    let desk = Desk::new();
+    let mine = ["surface.ply", "labels.png", "focus.exr", "profile_1.csv", "depth_mm.exr", "fused.exr", "report.html"];
+    let mine = mine.map(|name| format!("out/{name}"));
+    mine.iter().for_each(|name| desk.mine(name));
+    desk.solve(&[]);
+    desk.solve(&["--force"]);
+    mine.iter().for_each(|name| desk.is_mine(name));
+}
+
+#[test]
+fn a_solve_removes_what_its_report_lists_within_the_folder() {
+    let desk = Desk::new();
+    desk.solve(&["--export", "ply,labels", "--profile", "10,10,60,10"]);
+    let mut report = desk.report();
+    for name in ["surface.ply", "labels.png", "profile_1.csv", "profile_1.png", "report.json"] {
+        assert!(report["files"].as_array().unwrap().contains(&json!(name)), "{name} in {}", report["files"]);
+    }
+    for name in ["victim", "out/deep/victim", "out/kept"] {
+        desk.mine(name);
+    }
+    let absolute = desk.path("victim").display().to_string();
+    let names = report["files"].as_array_mut().unwrap();
+    names.extend(["../victim", "deep/victim", "deep", "link", "..", "", &absolute].map(Value::from));
+    fs::write(desk.path("out/report.json"), report.to_string()).unwrap();
+    #[cfg(unix)]
+    std::os::unix::fs::symlink("../victim", desk.path("out/link")).unwrap();
+    desk.solve(&[]);
+    for name in ["surface.ply", "labels.png", "profile_1.csv", "profile_1.png"] {
+        assert!(!desk.has(&format!("out/{name}")), "{name}");
+    }
+    for name in ["victim", "out/deep/victim", "out/kept"] {
+        desk.is_mine(name);
+    }
+    #[cfg(unix)]
+    assert!(fs::symlink_metadata(desk.path("out/link")).is_ok());
+}
+
+#[test]
+fn a_file_of_another_program_is_refused_before_any_work_and_overwritten_by_force() {
+    let desk = Desk::new();
+    desk.mine("out/fused.png");
+    let solve = ["solve", "i1.png", "i2.png", "-o", "out"];
+    desk.refuses(&[&solve[..], &NO_DEVICE].concat(), &["out/fused.png: is there already", "--force"]);
+    desk.is_mine("out/fused.png");
+    for (extra, name) in [
+        (&["--export", "glb"][..], "surface.glb"),
+        (&["--profile", "10,10,60,10"], "profile_1.png"),
+        (&LENS, "depth_mm.exr"),
+        (&[], "report.json"),
+    ] {
+        fs::remove_dir_all(desk.path("out")).unwrap();
+        desk.mine(&format!("out/{name}"));
+        desk.refuses(&[&solve[..], &NO_DEVICE, extra].concat(), &[name, "--force"]);
+    }
+    desk.solve(&["--force"]);
+    assert!(desk.report()["files"].as_array().unwrap().contains(&json!("fused.png")));
+    // The report of another program lists nothing of ours.
+    fs::write(desk.path("out/report.json"), r#"{"version": "1.0", "files": ["fused.png"]}"#).unwrap();
+    desk.refuses(&[&solve[..], &NO_DEVICE].concat(), &["is there already", "--force"]);
+    assert!(desk.has("out/fused.png"));
+}
+
+#[test]
+fn what_is_added_later_is_ours_too() {
+    let desk = Desk::new();
+    desk.solve(&[]);
+    for _ in 0..2 {
+        desk.done(&[&["depth", "out"], &LENS[..]].concat());
+        desk.done(&["measure", "out", "--profile", "10,10,60,10", "--profile", "10,20,60,20"]);
+        desk.done(&["view", "out", "--turntable", "out/turn.gif", "--turntable-width", "64", "--width", "64"]);
+        let region = ["--step", "2,2,30,30=500"];
+        desk.done(&[&["calibrate", "out", "-o", "out/lens.json"], &LENS[..], &region].concat());
+    }
+    let listed = desk.report()["files"].clone();
+    let listed = listed.as_array().unwrap();
+    for name in ["depth_mm.exr", "profile_1.csv", "profile_2.png"] {
+        assert_eq!(listed.iter().filter(|n| *n == name).count(), 1, "{name} in {listed:?}");
+    }
+    desk.mine("out/profile_3.csv");
+    desk.done(&["measure", "out", "--profile", "10,10,60,10"]);
+    assert!(!desk.has("out/profile_2.csv") && !desk.report()["files"].to_string().contains("profile_2"));
+    desk.is_mine("out/profile_3.csv");
+    let three = ["--profile", "1,1,9,9", "--profile", "1,1,9,9", "--profile", "1,1,9,9"];
+    desk.refuses(&[&["measure", "out"], &three[..]].concat(), &["profile_3.csv", "--force"]);
+    desk.solve(&[]);
+    assert!(!desk.has("out/depth_mm.exr") && !desk.has("out/profile_1.csv") && desk.has("out/lens.json"));
+    for (command, name) in [("view", "view.png"), ("depth", "depth_mm.exr")] {
+        desk.mine(&format!("out/{name}"));
+        let arguments = [&[command, "out"][..], if command == "depth" { &LENS[..] } else { &[] }].concat();
+        desk.refuses(&arguments, &[name, "--force"]);
+        desk.is_mine(&format!("out/{name}"));
+        desk.done(&[&arguments[..], &["--force"]].concat());
+    }
+}
+
+#[test]
+fn a_scene_and_a_solve_keep_to_their_own_files() {
+    let desk = Desk::new();
+    desk.solve(&[]);
+    let simulate =
+        |extra: &[&'static str]| [&["simulate", "plane", "--size", "48x32", "--quiet", "-o"], extra].concat();
+    desk.refuses(&simulate(&["out"]), &["relative_blur.exr", "--force"]);
+    desk.refuses(&["solve", "i1.png", "i2.png", "-o", "scene"], &["relative_blur.exr", "--force"]);
+    desk.mine("scene/depth.exr");
+    desk.done(&simulate(&["scene"]));
+    desk.is_mine("scene/depth.exr");
+    desk.mine("new/i1.png");
+    desk.refuses(&simulate(&["new"]), &["new/i1.png", "--force"]);
+    desk.done(&simulate(&["new", "--force"]));
+}
+
+#[test]
+fn every_command_refuses_to_overwrite_what_it_did_not_write() {
+    let desk = Desk::new();
+    let files =
+        ["t.json", "bench/report.json", "moved/i2.png", "pages/parfocal.1", "many/batch.json", "many/a/report.json"];
+    let figures = ["tables/report.md", "figures/figures/descent.png"];
+    files.iter().chain(&figures).for_each(|name| desk.mine(name));
+    for (arguments, name) in [
+        (&["register", "i1.png", "i2.png", "-o", "t.json", "--device", "none"][..], "t.json"),
+        (&["bench", "-o", "bench/report.json", "--device", "none"], "bench/report.json"),
+        (&["bench", "--profile", "t.json", "--device", "none"], "t.json"),
+        (&["apply", "scene/i1.png", "i2.png", "--transform", "scene/truth.json", "-o", "moved"], "moved/i2.png"),
+        (&["man", "-o", "pages"], "pages/parfocal.1"),
+        (&["batch", "list.csv", "-o", "many", "--device", "none"], "many/batch.json"),
+        (&["evaluate", "-o", "tables", "--device", "none"], "tables/report.md"),
+        (&["evaluate", "-o", "figures", "--device", "none"], "figures/figures/descent.png"),
+    ] {
+        fs::write(desk.path("list.csv"), "i1.png,i2.png,a\n").unwrap();
+        desk.refuses(arguments, &[name, "is there already", "--force"]);
+        desk.is_mine(name);
+    }
+    assert!(!desk.has("moved/i1.png"), "nothing is written where one file is refused");
+    fs::remove_file(desk.path("many/batch.json")).unwrap();
+    desk.refuses(&["batch", "list.csv", "-o", "many", "--device", "none"], &["many/a/report.json", "--force"]);
+    for _ in 0..2 {
+        let apply = ["apply", "scene/i1.png", "i2.png", "--transform", "scene/truth.json", "-o", "moved", "--force"];
+        desk.done(&apply);
+        desk.done(&["man", "-o", "pages", "--force"]);
+    }
+    desk.done(&["man", "-o", "pages"]);
+}
+
+#[test]
+fn no_pair_of_a_batch_is_written_outside_its_folder() {
+    let desk = Desk::new();
+    fs::copy(desk.path("i1.png"), desk.path("...png")).unwrap();
+    fs::copy(desk.path("i1.png"), desk.path("..png")).unwrap();
+    for (line, name) in [("...png,i2.png", "'..'"), ("..png,i2.png", "'.'"), ("scene/..,i2.png", "''")] {
+        fs::write(desk.path("list.csv"), format!("i1.png,i2.png\n{line}\n")).unwrap();
+        desk.refuses(&["batch", "list.csv", "-o", "out/many"], &["list.csv: line 2", name]);
+        assert!(!desk.has("out"));
+    }
+}
+
+#[cfg(unix)]
+mod links_and_devices {
+    use std::os::unix::fs::{FileTypeExt, symlink};
+
+    use super::*;
+
+    #[test]
+    fn in_a_folder_of_results_they_are_refused() {
+        let desk = Desk::new();
+        desk.mine("victim");
+        desk.solve(&[]);
+        fs::remove_file(desk.path("out/fused.png")).unwrap();
+        symlink("../victim", desk.path("out/fused.png")).unwrap();
+        let solve = ["solve", "i1.png", "i2.png", "-o", "out", "--force", NO_DEVICE[0], NO_DEVICE[1]];
+        desk.refuses(&solve, &["out/fused.png: is a symbolic link"]);
+        fs::remove_file(desk.path("out/fused.png")).unwrap();
+        assert!(std::process::Command::new("mkfifo").arg(desk.path("out/fused.png")).status().unwrap().success());
+        desk.refuses(&solve, &["out/fused.png: is a device or a pipe"]);
+        desk.is_mine("victim");
+    }
+
+    #[test]
+    fn that_are_named_are_written_through() {
+        let desk = Desk::new();
+        let register = |to: &str| {
+            ["register", "i1.png", "i2.png", "--method", "appearance", "--quiet", "-o", to].map(String::from)
+        };
+        let register = |to: &str, extra: &[&str]| {
+            let all = register(to);
+            desk.run(&all.iter().map(String::as_str).chain(extra.iter().copied()).collect::<Vec<_>>())
+        };
+        let told = register("/dev/stdout", &[]);
+        let printed: Value = serde_json::from_slice(&told.stdout).unwrap();
+        assert_eq!(printed["method"], "appearance");
+
+        symlink("kept/t.json", desk.path("link.json")).unwrap();
+        fs::create_dir(desk.path("kept")).unwrap();
+        assert_eq!(register("link.json", &[]).status.code(), Some(1), "it leads nowhere");
+        desk.mine("kept/t.json");
+        assert_eq!(register("link.json", &[]).status.code(), Some(1));
+        desk.is_mine("kept/t.json");
+        assert!(register("link.json", &["--force"]).status.success());
+        assert!(register("link.json", &[]).status.success(), "it is ours now");
+        assert!(fs::symlink_metadata(desk.path("link.json")).unwrap().is_symlink());
+        assert!(fs::read_to_string(desk.path("kept/t.json")).unwrap().contains("transform"));
+
+        let pipe = desk.path("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let reader = std::thread::spawn(move || fs::read_to_string(pipe).unwrap());
+        assert!(register("pipe", &[]).status.success());
+        assert!(reader.join().unwrap().contains("transform"));
+        assert!(fs::symlink_metadata(desk.path("pipe")).unwrap().file_type().is_fifo());
+    }
+}
