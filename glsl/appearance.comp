@@ -1,6 +1,6 @@
 #version 460
 // Dense registration without a blur model, equation 36: the residual I1 - J at every pixel, its weight and its
-// derivatives, summed for the registration step. Twin: src/stages/appearance.rs.
+// derivatives, summed for the registration step. Twin: src/engine/stages/appearance.rs.
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 

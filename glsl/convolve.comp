@@ -1,5 +1,5 @@
 #version 460
-// A filter along one axis, mirrored borders; with stride 2 it halves that axis. Twin: src/stages/convolve.rs.
+// A filter along one axis, mirrored borders; with stride 2 it halves that axis. Twin: src/engine/stages/convolve.rs.
 
 #extension GL_EXT_control_flow_attributes : require // loops left as loops keep their arrays in memory
 

@@ -1,6 +1,6 @@
 #version 460
 // What decided V, on every other pixel along x and y: D, b² and |∇V|², out of the last linear system. Twin:
-// src/stages/evidence.rs.
+// src/engine/stages/evidence.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;

@@ -1,6 +1,6 @@
 #version 460
 // Gain and offset from mean and deviation of the two images at low pass, each blurred as the other is by V. One workgroup.
-// Twin: src/stages/expose.rs.
+// Twin: src/engine/stages/exposure.rs.
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 

@@ -1,5 +1,5 @@
 #version 460
-// Pseudo-radiance of one channel, equation 37: of each pixel the sharper of I1 and J. Twin: src/stages/fuse.rs.
+// Pseudo-radiance of one channel, equation 37: of each pixel the sharper of I1 and J. Twin: src/engine/stages/fuse.rs.
 
 #include "spline.glsl"
 #include "state.glsl"

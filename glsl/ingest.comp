@@ -1,5 +1,5 @@
 #version 460
-// Samples as the sensor gave them to one channel in [0, 1]. Twin: src/stages/ingest.rs.
+// Samples as the sensor gave them to one channel in [0, 1]. Twin: src/engine/stages/ingest.rs.
 
 #include "samples.glsl"
 

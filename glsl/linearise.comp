@@ -1,6 +1,6 @@
 #version 460
 // The fused blur-and-derivative pass: V, I1, I2, T to S1, S2, their derivatives, the weights, the linear system for dV, and
-// the registration integrals. Equations 22 to 32 and 23. Twin: src/stages/linearise.rs.
+// the registration integrals. Equations 22 to 32 and 23. Twin: src/engine/stages/linearise.rs.
 //
 // An invocation goes down two columns side by side, a red and a black pixel a line, and keeps the lines around in
 // registers: V, its inverse gradient and the sharp coefficients are loaded once a line instead of once a pixel.

@@ -1,6 +1,6 @@
 #version 460
 // Which pixels of a photograph count: not those that its mask leaves out, nor those that are clipped. Twin:
-// src/stages/mask.rs.
+// src/engine/stages/mask.rs.
 
 #include "samples.glsl"
 

@@ -1,5 +1,5 @@
 #version 460
-// V of a level from V of the next coarser one: read at x/2, times four. Twin: src/stages/prolong.rs.
+// V of a level from V of the next coarser one: read at x/2, times four. Twin: src/engine/stages/prolong.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray coarse;

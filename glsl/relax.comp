@@ -1,5 +1,5 @@
 #version 460
-// One red or black half-iteration on the linear system for dV. Twin: src/stages/relax.rs.
+// One red or black half-iteration on the linear system for dV. Twin: src/engine/stages/relax.rs.
 //
 // Red and black stand apart in half-width images, so that a missing barrier between two half-iterations can be seen. An
 // invocation goes down a column: of four neighbours two were loaded for the line before.

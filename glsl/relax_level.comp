@@ -1,6 +1,6 @@
 #version 460
 // All sweeps on the linear system for dV of a small level, by one workgroup: where a level has few pixels, a pass costs
-// more than its half-iteration. Twin: src/stages/relax_level.rs.
+// more than its half-iteration. Twin: src/engine/stages/relax_level.rs.
 
 #extension GL_EXT_control_flow_attributes : require
 

@@ -1,5 +1,5 @@
 #version 460
-// What neither blur nor T explains, on every other pixel along x and y: H S1² + (1 - H) S2². Twin: src/stages/residual.rs.
+// What neither blur nor T explains, on every other pixel along x and y: H S1² + (1 - H) S2². Twin: src/engine/stages/residual.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 // The stack of I2 is of I2 as `warp` brought it onto I1's pixels, and of a Gaussian.

@@ -1,6 +1,6 @@
 #version 460
 // The registration step: sums the partial sums in a fixed order, solves N ζ = -g, updates T, gain and offset, and
-// tests for convergence. One workgroup. Twin: src/stages/step.rs.
+// tests for convergence. One workgroup. Twin: src/engine/stages/step.rs.
 
 #include "state.glsl"
 #include "sums.glsl"

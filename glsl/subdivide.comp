@@ -1,5 +1,5 @@
 #version 460
-// Spline coefficients on every other pixel to those of the same spline on every pixel. Twin: src/stages/refine.rs.
+// Spline coefficients on every other pixel to those of the same spline on every pixel. Twin: src/engine/stages/subdivide.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray coarse;

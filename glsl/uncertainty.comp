@@ -1,5 +1,5 @@
 #version 460
-// V where it is valid, NaN elsewhere, its standard deviation, and the residual. Twin: src/stages/confidence.rs.
+// V where it is valid, NaN elsewhere, its standard deviation, and the residual. Twin: src/engine/stages/uncertainty.rs.
 
 #include "state.glsl"
 

@@ -1,5 +1,5 @@
 #version 460
-// V ← V + clamp(dV). Twin: src/stages/update.rs.
+// V ← V + clamp(dV). Twin: src/engine/stages/update.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray red;

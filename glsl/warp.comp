@@ -1,5 +1,5 @@
 #version 460
-// I2 on I1's pixels: its spline where T puts each pixel. Twin: src/stages/warp.rs.
+// I2 on I1's pixels: its spline where T puts each pixel. Twin: src/engine/stages/warp.rs.
 
 #include "spline.glsl"
 #include "state.glsl"

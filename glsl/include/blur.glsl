@@ -1,4 +1,4 @@
-// Î1 and Î2, both images as the kernel of variance V blurs them, and their derivatives by V. Twin: src/stages/blur.rs.
+// Î1 and Î2, both images as the kernel of variance V blurs them, and their derivatives by V. Twin: src/engine/stages/blur.rs.
 
 #include "stack.glsl"
 #include "state.glsl"

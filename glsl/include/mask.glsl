@@ -1,5 +1,5 @@
 // What a pixel counts for: 1, 0 where it is masked or clipped in either image or has much of such pixels around. Twin:
-// src/stages/mask.rs.
+// src/engine/stages/mask.rs.
 
 // Where this is false all pixels count.
 layout(constant_id = 4) const bool MASKED = false;

@@ -1,4 +1,4 @@
-// Samples as the sensor gave them. Twin: src/stages/ingest.rs.
+// Samples as the sensor gave them. Twin: src/engine/stages/ingest.rs.
 
 // Word n of the buffer that holds them.
 uint sample_word(uint n);

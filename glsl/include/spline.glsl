@@ -1,4 +1,4 @@
-// Cubic B-splines over the coefficients in one layer of an image. Twin: src/stages/spline.rs.
+// Cubic B-splines over the coefficients in one layer of an image. Twin: src/engine/stages/spline.rs.
 
 // Each shader says which of its images a number means, since an image of a format cannot be an argument.
 float coefficient(int image, ivec3 place);

@@ -1,4 +1,4 @@
-// The stack of uniformly blurred images: one layer of spline coefficients a node, or two. Twin: src/stages/stack.rs.
+// The stack of uniformly blurred images: one layer of spline coefficients a node, or two. Twin: src/engine/stages/stack.rs.
 
 #include "spline.glsl"
 

@@ -1,4 +1,4 @@
-// What the device knows of a solve, and where T puts a pixel. Twin: src/stages/state.rs.
+// What the device knows of a solve, and where T puts a pixel. Twin: src/engine/stages/state.rs.
 
 const int MAX_LEVELS = 12;
 

@@ -1,5 +1,5 @@
 // What the registration step sums over the valid pixels: the upper triangle of N between a L, b L, tx, ty, gain, offset,
-// row by row; g; the energy; the valid pixels. Twin: Sums in src/stages/linearise.rs.
+// row by row; g; the energy; the valid pixels. Twin: src/engine/stages/sums.rs.
 //
 // Vectors and no array: software devices keep arrays in memory.
 

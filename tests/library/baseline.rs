@@ -91,7 +91,7 @@ fn a_registration_is_that_of_the_solve_and_leaves_no_trace() {
         assert_eq!((fresh.transform, &fresh.levels), (solution.transform, &solution.levels));
         let levels = if method == Method::Aligned { 0 } else { 3 };
         assert_eq!(seen, (1..=levels).map(|done| (done, levels)).collect::<Vec<_>>());
-        assert!(registered.timings.passes_ms.iter().any(|(name, _)| *name == "expose"));
+        assert!(registered.timings.passes_ms.iter().any(|(name, _)| *name == "exposure"));
         assert!(registered.timings.passes_ms.iter().all(|(name, _)| *name != "fuse"));
     }
 }

@@ -5,5 +5,6 @@ mod common;
 
 mod baseline;
 mod masks;
+mod rooms;
 mod scope;
 mod solver;

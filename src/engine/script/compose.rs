@@ -9,13 +9,12 @@ use crate::engine::plan::{Level, MAP_LAYERS, Plan};
 use crate::engine::slot::{self, Bound, Slot};
 use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{
-    NO_VARIANT, WORKGROUP, appearance, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level,
-    residual, step, uncertainty, update,
+    NO_VARIANT, WORKGROUP, appearance, exposure, ingest, linearise, mask, prolong, relax, relax_level, step, update,
 };
 use crate::engine::vulkan::Variant;
 
 /// Which photograph.
-const BOTH: [usize; 2] = [0, 1];
+pub(super) const BOTH: [usize; 2] = [0, 1];
 const RED: usize = 0;
 const BLACK: usize = 1;
 
@@ -139,7 +138,7 @@ impl<'a> Composer<'a> {
     }
 
     /// A stage runs over so many pixels.
-    fn over<P: Pass>(&mut self, size: [u32; 2], bindings: P, constants: &P::Constants, variant: Variant) {
+    pub(super) fn over<P: Pass>(&mut self, size: [u32; 2], bindings: P, constants: &P::Constants, variant: Variant) {
         self.dispatch(bindings, constants, variant, Grid::Direct(P::STAGE.groups(size)));
     }
 
@@ -244,7 +243,7 @@ impl<'a> Composer<'a> {
     }
 
     /// One channel of a photograph, or its luminance, onto the finest level.
-    fn ingest(&mut self, image: usize, weights: [f32; 3]) {
+    pub(super) fn ingest(&mut self, image: usize, weights: [f32; 3]) {
         let bindings =
             ingest::Bindings { samples: slot::samples(image).read(), image: slot::luminance(image, 0).write() };
         let variant = if self.plan.settings.decode == Decode::Srgb { ingest::SRGB } else { NO_VARIANT };
@@ -366,60 +365,6 @@ impl<'a> Composer<'a> {
             v: slot::relative_blur(level.index).update(),
         };
         self.within(level, Over::Pixels, bindings, &self.plan.update(level), NO_VARIANT);
-    }
-
-    /// What decided V and what nothing explains, averaged over a window around each pixel.
-    fn evidence(&mut self) {
-        let size = evidence::size(self.plan.size);
-        let bindings = evidence::Bindings {
-            v: slot::relative_blur(0).read(),
-            right_sides: slot::RIGHT_SIDES.read(),
-            weights: slot::WEIGHTS.read(),
-            evidence: slot::EVIDENCE.write(),
-        };
-        self.over(size, bindings, &self.plan.evidence(), NO_VARIANT);
-        let bindings = residual::Bindings {
-            i1: slot::i1(0).read(),
-            v: slot::relative_blur(0).read(),
-            stacks: slot::STACKS.read(),
-            evidence: slot::EVIDENCE.write(),
-            state: slot::STATE.read(),
-        };
-        let variant = linearise::variant(self.plan.slopes(), self.plan.warps(&self.plan.pyramid[0]), false);
-        self.over(size, bindings, &self.plan.residual(), variant);
-        for layer in 0..evidence::LAYERS as u32 {
-            self.smooth((slot::EVIDENCE.plane(), layer), size);
-        }
-    }
-
-    /// V where it is valid, its standard deviation and the residual, into the first layers of the results.
-    fn uncertainty(&mut self) {
-        let bindings = uncertainty::Bindings {
-            v: slot::relative_blur(0).read(),
-            evidence: slot::EVIDENCE.read(),
-            results: slot::RESULTS.write(),
-            state: slot::STATE.read(),
-        };
-        self.over(self.plan.size, bindings, &self.plan.uncertainty(), NO_VARIANT);
-    }
-
-    /// One channel of the pseudo-radiance, equation 37. The channel takes the luminance's place.
-    fn fuse(&mut self, channel: u32) {
-        let mut weights = [0.0; 3];
-        weights[channel as usize] = 1.0;
-        for image in BOTH {
-            // A grey photograph beside a coloured one gives its only channel to all three.
-            self.ingest(image, weights);
-        }
-        self.spline2(&self.plan.pyramid[0]);
-        let bindings = fuse::Bindings {
-            channel1: slot::i1(0).read(),
-            spline2: slot::SPLINE2.read(),
-            v: slot::relative_blur(0).read(),
-            results: slot::RESULTS.write(),
-            state: slot::STATE.read(),
-        };
-        self.over(self.plan.size, bindings, &self.plan.fuse(channel), NO_VARIANT);
     }
 
     /// The registration, into mapped memory, before the results are there.

@@ -6,6 +6,7 @@
 mod compose;
 mod filters;
 mod hazards;
+mod results;
 
 use super::arguments::{Grid, Place};
 use super::slot::Slot;

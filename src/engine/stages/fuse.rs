@@ -4,9 +4,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::linearise::heaviside;
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
+use super::seen::heaviside;
 use super::state::{Registration, inside};
 use super::{Field, WORKGROUP, pixels, spline};
 use crate::engine::shaders;

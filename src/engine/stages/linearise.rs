@@ -17,15 +17,15 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::blur::{self, Stacks};
+use super::blur::Stacks;
 use super::mask::{self, Masks};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::spline::Jet;
-use super::stack::{Blurred, Slopes};
+use super::seen::{Seen, heaviside, see};
+use super::stack::Slopes;
 use super::state::{Registration, inside};
 use super::sums::{SUMS, Sums, UNKNOWNS};
-use super::{Field, WORKGROUP, pixels, spline};
+use super::{Field, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::{Stage, Variant};
 
@@ -167,11 +167,6 @@ struct Residual {
     by_unknown: [f64; UNKNOWNS],
 }
 
-/// Smooth Heaviside, equation 35.
-pub fn heaviside(v: f64, epsilon: f64) -> f64 {
-    0.5 + (v / epsilon).atan() / std::f64::consts::PI
-}
-
 /// One whole pass over a level. `warped` is T when the stack of I2 was brought onto I1's pixels, if it was; `masks` where
 /// pixels are masked.
 pub fn twin(
@@ -234,35 +229,6 @@ fn smoothness_term(c: &Constants, v: &Field, [x, y]: [usize; 2]) -> ([f64; 4], f
     });
     let pull = weights.iter().zip(neighbours).map(|(a, (nx, ny))| a * (v.clamped(nx, ny) - v.clamped(x, y))).sum();
     (weights, pull)
-}
-
-/// What a pixel sees: I1, J before gain and offset, Î1 and Î2.
-pub(super) struct Seen {
-    pub(super) i1: f64,
-    pub(super) i2: Jet,
-    pub(super) blurred: [Blurred; 2],
-}
-
-/// What a pixel sees at V, on a level with a kernel of that mean, whose pixels are `factor` wide, with that centre.
-pub(super) fn see(
-    (mean, factor, centre): ([f32; 2], f32, [f32; 2]),
-    r: &Registration,
-    warped: Option<&Registration>,
-    [x, y]: [usize; 2],
-    i1: &Field,
-    v: f64,
-    stacks: &Stacks,
-) -> Seen {
-    let (factor, centre) = (factor.into(), centre.map(f64::from));
-    if let Some(before) = warped {
-        let shift = r.moved_since(before).displacement(x, y, factor, centre);
-        let i1 = spline::near(&stacks.first[0], x, y, [0.0; 2]).value;
-        let (i2, blurred) = blur::read_near(stacks, [x, y], shift, v);
-        return Seen { i1, i2, blurred };
-    }
-    let (p, d) = ([x as f64, y as f64], r.displacement(x, y, factor, centre));
-    let i2 = spline::read(&stacks.second[0], p[0] + d[0], p[1] + d[1]);
-    Seen { i1: i1.get(x, y), i2, blurred: blur::read(stacks, r, mean.map(f64::from), p, d, v) }
 }
 
 /// S1 and S2 at a pixel, and the energy of its data term.

@@ -22,6 +22,7 @@ pub mod prolong;
 pub mod relax;
 pub mod relax_level;
 pub mod residual;
+pub(crate) mod seen;
 pub mod spline;
 pub mod stack;
 pub mod state;

@@ -7,9 +7,9 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::blur::Stacks;
-use super::linearise::{heaviside, see};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
+use super::seen::{heaviside, see};
 use super::state::{Registration, inside};
 use super::{Field, WORKGROUP, evidence, pixels};
 use crate::engine::shaders;

@@ -2,7 +2,7 @@
 //!
 //! The gather `Î(x; V)` is the uniformly V-blurred image read at x. Between two nodes of the stack it is a cubic in V,
 //! whose slopes at the nodes are known: for a Gaussian dÎ/dV is half the Laplacian (the heat equation), for any other
-//! kernel it is a layer of its own beside each node. Kernels are centred (`src/kernel.rs`): where to read is the caller's.
+//! kernel it is a layer of its own beside each node. Kernels are centred (`src/base/kernel.rs`): where to read is the caller's.
 
 use super::field::Field;
 use super::spline::{self, Jet};

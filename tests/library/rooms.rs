@@ -1,0 +1,159 @@
+//! The house: rooms that stand on one another, no import upwards, no circle of files, no file too long to take in.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// From the lowest up; `around` and `metric` do not know each other.
+const ROOMS: [&str; 8] = ["base", "engine", "around", "metric", "files", "page", "lab", "cli"];
+
+fn source() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
+}
+
+/// Every file of a folder and below, by its module path: `engine/stages/mod.rs` is `["engine", "stages"]`.
+fn modules(folder: &Path, path: &[String], into: &mut BTreeMap<Vec<String>, PathBuf>) {
+    for entry in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+        let stem = entry.file_stem().unwrap().to_string_lossy().into_owned();
+        let own = [path, std::slice::from_ref(&stem)].concat();
+        if entry.is_dir() {
+            modules(&entry, &own, into);
+        } else if entry.extension().is_some_and(|e| e == "rs") {
+            into.insert(if stem == "mod" { path.to_vec() } else { own }, entry);
+        }
+    }
+}
+
+/// The text of a file but for comments and tests.
+fn code(file: &Path) -> String {
+    let text = fs::read_to_string(file).unwrap();
+    let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap();
+    code.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
+}
+
+/// The leaves of a tree of imports, `a::{b, c::d}`.
+fn leaves(prefix: &str, tree: &str, into: &mut Vec<String>) {
+    let Some((head, body)) = tree.split_once('{') else {
+        into.push(format!("{prefix}{}", tree.trim()));
+        return;
+    };
+    let body = body.rsplit_once('}').map_or(body, |(body, _)| body);
+    let (mut depth, mut start) = (0, 0);
+    for (i, c) in body.char_indices().chain([(body.len(), ',')]) {
+        match c {
+            '{' => depth += 1,
+            '}' => depth -= 1,
+            ',' if depth == 0 => {
+                leaves(&format!("{prefix}{}", head.trim()), &body[start..i], into);
+                start = i + 1;
+            }
+            _ => {}
+        }
+    }
+}
+
+/// The module paths that a file names, by `crate::` or `super::`.
+fn named(module: &[String], is_folder: bool, code: &str) -> Vec<Vec<String>> {
+    let mut paths = Vec::new();
+    for (at, root) in code.match_indices("crate::").chain(code.match_indices("super::")) {
+        let before = code[..at].chars().next_back();
+        if before.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == ':') {
+            continue;
+        }
+        let rest = &code[at..];
+        let is_use = code[..at].trim_end().ends_with("use");
+        let end = if is_use {
+            rest.find(';').unwrap()
+        } else {
+            rest.find(|c: char| !c.is_alphanumeric() && c != '_' && c != ':').unwrap_or(rest.len())
+        };
+        let mut found = Vec::new();
+        leaves("", &rest[..end], &mut found);
+        for leaf in found {
+            let mut base = if root == "crate::" { Vec::new() } else { module.to_vec() };
+            let mut up = usize::from(is_folder);
+            for part in leaf.split("::").map(|part| part.split_whitespace().next().unwrap_or("")) {
+                match part {
+                    "crate" => {}
+                    // A folder's `super` is the folder's parent, and so is that of a file in it, once its own name is gone.
+                    "super" if up > 0 || base.pop().is_some() => {
+                        if up > 0 {
+                            base.pop();
+                            up = 0;
+                        }
+                    }
+                    name => base.push(name.to_string()),
+                }
+            }
+            paths.push(base);
+        }
+    }
+    paths
+}
+
+/// The imports between files: those of their parents' own names are left out, which re-export what is below.
+fn imports() -> BTreeMap<Vec<String>, BTreeSet<Vec<String>>> {
+    let mut files = BTreeMap::new();
+    for room in ROOMS {
+        modules(&source().join(room), &[room.to_string()], &mut files);
+    }
+    let resolve = |path: &[String]| {
+        let longest = (1..=path.len()).rev().map(|n| path[..n].to_vec()).find(|path| files.contains_key(path));
+        longest.unwrap_or_default()
+    };
+    files
+        .iter()
+        .filter(|(module, _)| module.last().is_none_or(|name| name != "tests"))
+        .map(|(module, file)| {
+            let is_folder = file.file_name().is_some_and(|name| name == "mod.rs");
+            let targets = named(module, is_folder, &code(file)).into_iter().map(|path| resolve(&path));
+            let others = targets.filter(|target| !target.is_empty() && !module.starts_with(target));
+            (module.clone(), others.collect())
+        })
+        .collect()
+}
+
+#[test]
+fn no_import_runs_upwards() {
+    let rank = |module: &[String]| ROOMS.iter().position(|room| *room == module[0]).unwrap();
+    let imports = imports();
+    assert!(imports.values().map(BTreeSet::len).sum::<usize>() > 500, "the imports are not read");
+    for (module, targets) in imports {
+        for target in targets {
+            assert!(rank(&target) <= rank(&module), "{} imports {}", module.join("::"), target.join("::"));
+        }
+    }
+}
+
+#[test]
+fn no_files_import_each_other_in_a_circle() {
+    let imports = imports();
+    // A file that imports nothing that is left is not in a circle; what remains at the end is.
+    let mut left: BTreeSet<&Vec<String>> = imports.keys().collect();
+    loop {
+        let free: Vec<_> = left
+            .iter()
+            .copied()
+            .filter(|module| !imports[*module].iter().any(|target| left.contains(target) && target != *module))
+            .collect();
+        if free.is_empty() {
+            break;
+        }
+        left.retain(|module| !free.contains(module));
+    }
+    let circles: Vec<String> = left.iter().map(|module| module.join("::")).collect();
+    assert!(circles.is_empty(), "in or above a circle: {circles:#?}");
+}
+
+#[test]
+fn the_house_is_small() {
+    let entries = fs::read_dir(source()).unwrap().count();
+    assert!(entries <= 12, "{entries} entries in src/");
+    let mut files = BTreeMap::new();
+    modules(&source(), &[], &mut files);
+    let lines = |file: &PathBuf| fs::read_to_string(file).unwrap().lines().count();
+    let mut all: Vec<usize> = files.values().map(lines).collect();
+    all.sort_unstable();
+    let (median, longest) = (all[all.len() / 2], all[all.len() - 1]);
+    assert!(median <= 130 && longest <= 450, "median {median}, longest {longest} lines");
+}
