@@ -14,7 +14,7 @@ use parfocal::{DeviceInfo, Engine, Error, Kept, Scoped, Settings};
 
 use super::failure::{Failure, print};
 use super::solve::{self, Photographs};
-use super::tally::{Outcome, Row, Tally};
+use super::tally::{Outcome, Row, SUMMARY, Tally};
 use super::{output, pairs};
 
 /// Solve many pairs: those of a folder, or of a list.
@@ -36,9 +36,6 @@ pub(super) struct Arguments {
     #[arg(long)]
     resume: bool,
 }
-
-/// The file of the summary, beside the folders of the pairs.
-pub(super) const SUMMARY: &str = "batch.json";
 
 /// What I2 is where no second photograph belongs.
 const NOTHING: &str = "-";

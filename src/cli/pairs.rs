@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use parfocal::export::{DEPTH_FILE, EXTRA_FILES, FILES, SIMULATED_FILES, SWEEP_FILES};
 use serde::Deserialize;
 
-use super::batch::SUMMARY;
 use super::failure::Failure;
+use super::tally::SUMMARY;
 
 /// Two photographs and the name of the folder that their results go to.
 #[derive(Clone, Debug, PartialEq)]

@@ -10,6 +10,9 @@ use serde_json::Value;
 
 use super::failure::Failure;
 
+/// The file of the summary, beside the folders of the pairs.
+pub(super) const SUMMARY: &str = "batch.json";
+
 /// What a report says that belongs into a table.
 #[derive(Debug, Default, Deserialize, Serialize)]
 #[serde(default)]
@@ -182,7 +185,7 @@ impl Tally {
                 lines.push(format!("failed: {}: {error}", row.name));
             }
         }
-        let file = out.join(super::batch::SUMMARY);
+        let file = out.join(SUMMARY);
         lines.push(format!(
             "{} solved, {} kept, {} failed, {} not done in {:.1} s; {}",
             self.solved,

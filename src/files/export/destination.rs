@@ -5,7 +5,6 @@ use std::path::Path;
 
 use super::kind::FileKind;
 use super::listed::Listed;
-use super::single;
 use crate::base::Error;
 
 /// A folder or a file for results. What lies there already is replaced only where parfocal wrote it, unless that is forced.
@@ -64,14 +63,6 @@ impl<'a> Destination<'a> {
     pub fn check_named<S: AsRef<str>>(&self, kind: FileKind, names: &[S]) -> Result<(), Error> {
         let guard = Guard::by_kind(*self, kind);
         names.iter().try_for_each(|name| guard.check(&self.path.join(name.as_ref())))
-    }
-
-    /// Refuses a file that cannot be written, or that is there and is none that parfocal wrote.
-    ///
-    /// # Errors
-    /// [`Error::File`].
-    pub fn check_file(&self, kind: FileKind) -> Result<(), Error> {
-        single::check(*self, kind)
     }
 }
 

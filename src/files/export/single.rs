@@ -44,12 +44,17 @@ pub(crate) fn write_file(
     staging.place()
 }
 
-/// Refuses what [`write_file`] would.
-pub(super) fn check(out: Destination<'_>, kind: FileKind) -> Result<(), Error> {
-    let Place::File(path) = place(out.path)? else { return Ok(()) };
-    let (folder, _) = split(&path)?;
-    Guard::by_kind(out.to(folder), kind).check(&path)?;
-    check_writable(&path)
+impl Destination<'_> {
+    /// Refuses a file that cannot be written, or that is there and is none that parfocal wrote.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn check_file(&self, kind: FileKind) -> Result<(), Error> {
+        let Place::File(path) = place(self.path)? else { return Ok(()) };
+        let (folder, _) = split(&path)?;
+        Guard::by_kind(self.to(folder), kind).check(&path)?;
+        check_writable(&path)
+    }
 }
 
 fn split(path: &Path) -> Result<(&Path, &std::ffi::OsStr), Error> {
@@ -138,7 +143,7 @@ mod tests {
     fn write(path: &Path, force: bool, text: &str) -> Result<(), String> {
         let out = Destination::new(path, force);
         let fill = |w: &mut BufWriter<&mut File>| w.write_all(text.as_bytes()).map_err(|e| e.to_string());
-        check(out, FileKind::Lens).and_then(|()| write_file(out, FileKind::Lens, fill)).map_err(|e| e.to_string())
+        out.check_file(FileKind::Lens).and_then(|()| write_file(out, FileKind::Lens, fill)).map_err(|e| e.to_string())
     }
 
     #[test]
