@@ -26,17 +26,28 @@
 //!
 //! An [`Engine`] is a device, a [`Solver`] a size and settings, prepared once and used for any number of pairs. Every
 //! failure is an [`Error`]; a pair that can be read but not solved is a [`Solution`] that has not converged and says why.
+//!
+//! All of this is there with `default-features = false`: it needs some 30 crates, and nothing but Rust to be built. The
+//! feature `serde` makes settings and lenses readable and writable; `files` adds `image_io`, `export` and `model`, `page`
+//! what is drawn, `lab` scenes, experiments and `baseline`, `program` the command line, each with those before it.
+//! `compile-shaders` compiles the shaders anew instead of taking the SPIR-V that comes with the crate.
+
+// What only the rooms above use of a room is dead where they are not built; the default build has them all, and warns.
+#![cfg_attr(not(feature = "program"), allow(dead_code, unused_imports))]
 
 mod around;
 mod base;
 mod engine;
+#[cfg(feature = "files")]
 mod files;
+#[cfg(feature = "lab")]
 mod lab;
 mod metric;
+#[cfg(feature = "page")]
 mod page;
 
 /// The examples in the guide, which are compiled with those of the documentation.
-#[cfg(doctest)]
+#[cfg(all(doctest, feature = "files"))]
 #[doc = include_str!("../docs/guide/src/embedding.md")]
 mod guide {}
 
@@ -48,7 +59,10 @@ pub use base::{
 pub use engine::{
     Engine, EngineOptions, KeyPoints, LevelHistory, Progress, Registered, Solution, Solver, Timings, reference, stages,
 };
+#[cfg(feature = "files")]
 pub use files::{export, image_io, model};
+#[cfg(feature = "lab")]
 pub use lab::{baseline, bench, contact_sheet, evaluate, scene};
 pub use metric::{Calibration, Found, MetricDepth, Target, Unknown, calibrate, measure};
+#[cfg(feature = "page")]
 pub use page::{figure, report_html, view};

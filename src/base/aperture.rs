@@ -1,7 +1,5 @@
 //! A kernel given by its values on a grid, such as the picture of a coded aperture.
 
-use serde::{Deserialize, Serialize};
-
 use crate::base::Error;
 
 /// A value of a transfer function: real and imaginary part.
@@ -16,8 +14,12 @@ const MOST_CELLS: usize = 48;
 const FARTHEST: f64 = 6.0;
 
 /// A kernel on a grid of square cells, each of constant density.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Stored", into = "Stored")]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "Stored", into = "Stored")
+)]
 pub struct Aperture {
     stored: Stored,
     /// Side of a cell at scale 1, px.
@@ -29,13 +31,14 @@ pub struct Aperture {
 }
 
 /// What is written to reports.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Stored {
     name: String,
     width: usize,
     height: usize,
     /// The middle of the grid from u = 0, cells.
-    #[serde(default)]
+    #[cfg_attr(feature = "serde", serde(default))]
     offset: [f64; 2],
     /// Row by row; they sum to one.
     weights: Vec<f64>,

@@ -1,10 +1,8 @@
 //! What stored values mean: the sRGB curve both ways, and luminance.
 
-use serde::{Deserialize, Serialize};
-
 /// How stored values become intensities.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
 pub enum Decode {
     /// As stored.
     #[default]

@@ -1,7 +1,5 @@
 //! The thin lens, and the lens that is telecentric on the image side: from depth to blur, and back.
 
-use serde::{Deserialize, Serialize};
-
 use crate::base::Error;
 
 /// A lens in front of a sensor, focused at one distance for each of the two images.
@@ -16,30 +14,26 @@ use crate::base::Error;
 ///
 /// with `v_i = f u_i / (u_i - f)`; section 7 of docs/method.md, "Metric depth". Both x fall with depth, and relative blur is
 /// a polynomial of second degree in them, linear where s is that of the table. Distances are from the lens, along its axis.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Lens {
     /// Focal length f, mm.
-    #[serde(rename = "focal_length_mm")]
+    #[cfg_attr(feature = "serde", serde(rename = "focal_length_mm"))]
     pub focal_length: f64,
     /// f-number N; the aperture is f/N wide.
     pub f_number: f64,
     /// Distance between the centres of neighbouring pixels, mm.
-    #[serde(rename = "pixel_pitch_mm")]
+    #[cfg_attr(feature = "serde", serde(rename = "pixel_pitch_mm"))]
     pub pixel_pitch: f64,
     /// The distances at which I1 and I2 are focused, mm.
-    #[serde(rename = "focus_mm")]
+    #[cfg_attr(feature = "serde", serde(rename = "focus_mm"))]
     pub focus: [f64; 2],
     /// Deviation of the blur, per axis, over its radius: ½ for a disk, by its second moment.
-    #[serde(default = "disk")]
+    #[cfg_attr(feature = "serde", serde(default = "super::stored::disk"))]
     pub kappa: f64,
     /// Whether the lens is telecentric on the image side: magnification does not change with focus.
-    #[serde(default)]
+    #[cfg_attr(feature = "serde", serde(default))]
     pub telecentric: bool,
-}
-
-fn disk() -> f64 {
-    Lens::DISK
 }
 
 impl Lens {

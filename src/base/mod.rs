@@ -8,12 +8,13 @@ mod frame;
 mod kernel;
 mod lens;
 mod mask;
-#[cfg(any(test, feature = "lab"))]
 pub(crate) mod random;
 mod region;
 mod settings;
 mod similarity;
 pub(crate) mod statistics;
+#[cfg(feature = "serde")]
+mod stored;
 
 pub use aperture::Aperture;
 pub use color::Decode;

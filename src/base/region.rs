@@ -1,9 +1,8 @@
 //! A rectangle of pixels.
 
-use serde::{Deserialize, Serialize};
-
 /// A rectangle in the pixels of a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Region {
     /// Left edge, px.
     pub x: u32,

@@ -1,13 +1,11 @@
 //! Everything that a solve can be told, with defaults and checked ranges.
 
-use serde::{Deserialize, Serialize};
-
 use crate::base::color::Decode;
 use crate::base::{Depth, Error, Kernel, Similarity};
 
 /// Which of the systems of the paper runs: registration and relative blur together, or one before the other.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
 pub enum Method {
     /// Relative blur and registration together, sections 2 to 4 of the paper.
     #[default]
@@ -33,8 +31,8 @@ impl Method {
 }
 
 /// How T, gain and offset step once an outer iteration.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum RegistrationStep {
     /// Gauss-Newton on the energy, each pixel's change of V eliminated.
     #[default]
@@ -44,7 +42,8 @@ pub enum RegistrationStep {
 }
 
 /// Gain and offset that map I2 onto I1: `J = gain I2(T x) + offset`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Photometric {
     /// Factor on I2.
     pub gain: f64,
@@ -66,7 +65,8 @@ impl Default for Photometric {
 /// The settings of a [`Solver`](crate::Solver).
 ///
 /// The defaults and what each does: the table in `docs/method.md`. Intensities are in [0, 1], blur in px².
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Settings {
     /// How registration and relative blur go together. Default unified.
     pub method: Method,

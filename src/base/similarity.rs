@@ -1,14 +1,16 @@
 //! The registration: a similarity about the image centre.
 
-use serde::{Deserialize, Serialize};
-
 /// `T x = c + s R(θ) (x - c) + t`, with c the image centre `((W-1)/2, (H-1)/2)`, x right and y down.
 ///
 /// `I2(T x)` lines up with `I1(x)`.
 ///
 /// Stored, as in `report.json`: `{"tx_px", "ty_px", "rotation_deg", "scale"}`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(from = "Stored", into = "Stored")]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(from = "super::stored::Similarity", into = "super::stored::Similarity")
+)]
 pub struct Similarity {
     /// Translation to the right, pixels of the full-size image.
     pub tx: f64,
@@ -95,27 +97,6 @@ impl Similarity {
                 (p[0] - q[0]).hypot(p[1] - q[1])
             })
             .fold(0.0, f64::max)
-    }
-}
-
-/// A similarity in the units of files.
-#[derive(Serialize, Deserialize)]
-struct Stored {
-    tx_px: f64,
-    ty_px: f64,
-    rotation_deg: f64,
-    scale: f64,
-}
-
-impl From<Stored> for Similarity {
-    fn from(t: Stored) -> Self {
-        Self::new(t.tx_px, t.ty_px, t.rotation_deg, t.scale)
-    }
-}
-
-impl From<Similarity> for Stored {
-    fn from(t: Similarity) -> Self {
-        Self { tx_px: t.tx, ty_px: t.ty, rotation_deg: t.rotation_deg(), scale: t.scale }
     }
 }
 

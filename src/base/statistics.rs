@@ -1,9 +1,8 @@
 //! Medians, and how well a field of correlated values determines one.
 
-use serde::Serialize;
-
 /// A number and how well it is known.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Estimate {
     /// The number.
     pub value: f64,

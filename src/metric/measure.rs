@@ -1,7 +1,5 @@
 //! Step heights and profiles of a field.
 
-use serde::Serialize;
-
 use crate::base::Region;
 use crate::base::statistics::level;
 use crate::base::{Error, Estimate};
@@ -104,7 +102,8 @@ impl Values<'_> {
 }
 
 /// A line across an image, px; the centre of the first pixel is (0, 0).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Line {
     /// Where it begins, px.
     pub from: [f64; 2],

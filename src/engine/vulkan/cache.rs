@@ -3,7 +3,6 @@
 //! A file from another device or driver, or a damaged one, is ignored: drivers are known to crash on cache data they did
 //! not write.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use super::instance::PhysicalDevice;
@@ -52,11 +51,10 @@ pub(super) fn write(device: &PhysicalDevice, data: &[u8]) {
         let path = path(device).ok_or(std::io::ErrorKind::NotFound)?;
         let folder = path.parent().ok_or(std::io::ErrorKind::NotFound)?;
         std::fs::create_dir_all(folder)?;
-        let mut file = tempfile::NamedTempFile::new_in(folder)?;
-        file.write_all(&header(&device.cache_uuid, device.driver_version, data))?;
-        file.write_all(data)?;
-        file.persist(&path)?;
-        Ok(())
+        // Another process may write at the same time; what two threads of this one mix up fails the checksum.
+        let unfinished = path.with_extension(std::process::id().to_string());
+        std::fs::write(&unfinished, [&header(&device.cache_uuid, device.driver_version, data), data].concat())?;
+        std::fs::rename(&unfinished, &path)
     };
     let _ = write();
 }

@@ -133,8 +133,9 @@ impl Pipeline {
 
     fn compile(&mut self, stage: &Stage, variant: Variant) -> Result<(), Error> {
         let device = &self.device;
-        let create = vk::ShaderModuleCreateInfo::default().code(stage.shader.spirv);
-        // SAFETY: the words are SPIR-V that shaderc made at build time.
+        let spirv: Vec<u32> = bytemuck::pod_collect_to_vec(stage.shader.spirv);
+        let create = vk::ShaderModuleCreateInfo::default().code(&spirv);
+        // SAFETY: the words are SPIR-V that shaderc made.
         let module = unsafe { device.handle.create_shader_module(&create, None) };
         let module = device.check("vkCreateShaderModule", module)?;
         let entries =

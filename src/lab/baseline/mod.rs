@@ -1,6 +1,6 @@
 //! Registration by key-points, apart from the passes: what the method SIFT starts from.
 //!
-//! SIFT key-points of both images (crate `sift-features`, after Lowe 2004), matched by the ratio test, and a similarity
+//! SIFT key-points of both images (crate `lowe-sift`, after Lowe 2004), matched by the ratio test, and a similarity
 //! fitted to the matches by robust least squares. On the CPU: it is there to compare with, and is not the method.
 
 mod matching;

@@ -11,7 +11,6 @@
 mod tests;
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
-use serde::{Deserialize, Serialize};
 
 use crate::base::Region;
 use crate::base::statistics::{Estimate, TUKEY, correlation_area, deviation, tukey};
@@ -29,8 +28,8 @@ pub enum Target {
 }
 
 /// What a calibration can find.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Unknown {
     /// κ.
     Kappa,
@@ -41,7 +40,8 @@ pub enum Unknown {
 }
 
 /// A calibrated lens.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Calibration {
     /// The lens: what was found, and for the rest what was stated.
     pub lens: Lens,
@@ -60,12 +60,13 @@ pub struct Calibration {
 }
 
 /// An unknown that was found.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Found {
     /// Which.
     pub unknown: Unknown,
     /// Value and standard error.
-    #[serde(flatten)]
+    #[cfg_attr(feature = "serde", serde(flatten))]
     pub estimate: Estimate,
 }
 
