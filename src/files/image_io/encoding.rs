@@ -1,6 +1,6 @@
 //! What a file says of its values: that they follow the sRGB curve, that they are linear, or something else.
 
-use std::io::{BufRead, Seek};
+use std::io::Cursor;
 
 /// Values follow the sRGB curve.
 pub(super) const SRGB: &str = "sRGB";
@@ -8,8 +8,8 @@ pub(super) const SRGB: &str = "sRGB";
 pub(super) const LINEAR: &str = "linear";
 
 /// By the chunks of a PNG: sRGB, or gAMA.
-pub(super) fn of_png(file: impl BufRead + Seek) -> Option<String> {
-    let reader = png::Decoder::new(file).read_info().ok()?;
+pub(super) fn of_png(bytes: &[u8]) -> Option<String> {
+    let reader = png::Decoder::new(Cursor::new(bytes)).read_info().ok()?;
     let info = reader.info();
     if info.srgb.is_some() {
         return Some(SRGB.to_string());
