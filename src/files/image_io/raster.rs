@@ -5,7 +5,6 @@ use std::io::Cursor;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
-use super::MAX_PIXELS;
 use super::check::{CONVERT, DAMAGED};
 use super::turn::turned;
 use crate::base::{Channels, Frame, Samples};
@@ -14,8 +13,9 @@ use crate::base::{Channels, Frame, Samples};
 const READ: [(ImageFormat, &str); 3] =
     [(ImageFormat::Png, "PNG"), (ImageFormat::Jpeg, "JPEG"), (ImageFormat::Pnm, "PNM")];
 
-/// Bytes that one pixel may take while it is decoded: RGBA in 32-bit floats.
-const LARGEST_PIXEL: u64 = 16;
+/// The most bytes that the header of a PNG may take, a row of pixels with it, 64 MiB. A profile that unpacks to more is
+/// passed over.
+const MAX_HEADER: u64 = 64 << 20;
 
 /// A file whose header has been read.
 pub(super) struct Raster<'a> {
@@ -37,7 +37,7 @@ impl<'a> Raster<'a> {
             return Err(format!("the JPEG breaks off before its end; {DAMAGED}"));
         }
         let mut limits = Limits::no_limits();
-        limits.max_alloc = Some(MAX_PIXELS * LARGEST_PIXEL);
+        limits.max_alloc = Some(MAX_HEADER);
         let mut reader = ImageReader::with_format(Cursor::new(bytes), found);
         reader.limits(limits);
         let mut decoder = reader.into_decoder().map_err(|e| problem(format, &e))?;
@@ -84,7 +84,7 @@ fn problem(format: &str, error: &image::ImageError) -> String {
     match error {
         image::ImageError::Unsupported(e) => format!("this kind of {format} is not read ({e}); {CONVERT}, 8 or 16 bit"),
         image::ImageError::Limits(e) => {
-            format!("this {format} takes too much memory to decode ({e}); reduce it")
+            format!("this {format} takes too much memory to decode ({e}); save it without metadata, or reduce it")
         }
         e => format!("cannot be decoded as {format} ({e}); {DAMAGED}"),
     }
@@ -121,4 +121,23 @@ fn jpeg_has_end(bytes: &[u8]) -> bool {
         }
     }
     true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_profile_that_unpacks_to_too_much_is_passed_over() {
+        let mut info = png::Info::with_size(1, 1);
+        info.icc_profile = Some(vec![0; 80 << 20].into());
+        let mut bytes = Vec::new();
+        let mut writer = png::Encoder::with_info(&mut bytes, info).unwrap().write_header().unwrap();
+        writer.write_image_data(&[7]).unwrap();
+        writer.finish().unwrap();
+        assert!(bytes.len() < 1 << 20);
+        let mut raster = Raster::open(&bytes).unwrap();
+        assert_eq!(raster.metadata(), (None, None));
+        assert_eq!(raster.decode().unwrap().samples(), &Samples::U8(vec![7]));
+    }
 }
