@@ -3,7 +3,8 @@
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{self, FileKind, registered_ending, write_registered};
+use parfocal::export::{self, registered_ending, registered_kind, write_registered};
+use parfocal::image_io::Photograph;
 use parfocal::{Photometric, image_io, resample};
 
 use super::failure::{Failure, print};
@@ -46,10 +47,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         _ => Photometric::IDENTITY,
     };
-    check(arguments)?;
+    let names = check(arguments)?;
     let export::PairOf { size, region, decode } = export::read_pair_of(&arguments.transform)?;
-    let mut written = Vec::new();
-    for path in &arguments.images {
+    for (path, file) in arguments.images.iter().zip(&names) {
         let frame = image_io::read(path)?;
         let found = (frame.width(), frame.height());
         if let Some(size) = size.filter(|size| (size.width, size.height) != found) {
@@ -58,46 +58,45 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             let problem = format!("is {found}, and {file} registers images of {registered}; resize it first");
             return Err(Failure::Failed(format!("{path}: {problem}")));
         }
-        let file = place(path, registered_ending(&frame))?;
-        let file_path = arguments.output.join(&file);
+        if *file != place(path, registered_ending(frame.format().depth))? {
+            return Err(Failure::Failed(format!("{}: was replaced meanwhile; run it again", path.display())));
+        }
         let mut moved = resample::registered(&frame, &transform, &photometric, decode);
         if let Some(region) = region {
             let problem = |e| Failure::Failed(format!("{}: {e}", arguments.transform.display()));
             moved = moved.cropped(region).map_err(problem)?;
         }
-        write_registered(arguments.force.to(&arguments.output), &file, &moved)?;
+        write_registered(arguments.force.to(&arguments.output), file, &moved)?;
         if !arguments.quiet {
             // Nobody is left to be told where stderr is closed.
-            let _ = writeln!(io::stderr(), "{}", file_path.display());
+            let _ = writeln!(io::stderr(), "{}", arguments.output.join(file).display());
         }
-        written.push(file);
     }
     if arguments.json {
-        let files: Vec<String> = written.iter().map(|file| arguments.output.join(file).display().to_string()).collect();
+        let files: Vec<String> = names.iter().map(|file| arguments.output.join(file).display().to_string()).collect();
         print(&serde_json::json!({ "files": files }).to_string())?;
     }
     Ok(())
 }
 
-/// Refuses, before the first is written, results that would replace one another, an input, or what is not ours.
-fn check(arguments: &Arguments) -> Result<(), Failure> {
+/// The names of the results; refuses, before the first is written, those that would replace one another, an input, or what
+/// is not ours. Of the photographs only headers are looked at, and none is kept: there may be many.
+fn check(arguments: &Arguments) -> Result<Vec<String>, Failure> {
     output::check_folder(&arguments.output)?;
     let inputs: Vec<&PathBuf> = arguments.images.iter().chain([&arguments.transform]).collect();
     let mut names: Vec<String> = Vec::new();
     for path in &arguments.images {
-        let found = image_io::describe(path)?;
-        let is_float = found.bits == 32 || ["EXR", "PFM"].contains(&found.format.as_str());
-        let (ending, kind) = if is_float { ("exr", FileKind::Exr) } else { ("png", FileKind::Png) };
-        let name = place(path, ending)?;
+        let depth = Photograph::open(path)?.depth();
+        let name = place(path, registered_ending(depth))?;
         if names.contains(&name) {
             let problem = "two images have this name; bring them up one after the other into two folders";
             return Err(Failure::Failed(format!("{}: {problem}", path.display())));
         }
         output::check_inputs(&arguments.output, &[&name], &inputs)?;
-        arguments.force.to(&arguments.output).check_named(kind, &[&name])?;
+        arguments.force.to(&arguments.output).check_named(registered_kind(depth), &[&name])?;
         names.push(name);
     }
-    Ok(())
+    Ok(names)
 }
 
 /// The name of an image's result.

@@ -7,8 +7,8 @@ use std::str::FromStr;
 
 use clap::ValueEnum;
 use parfocal::export;
-use parfocal::image_io::Input;
-use parfocal::{Decode, Engine, Frame, Kernel, Method, Photometric, RegistrationStep, Settings, image_io};
+use parfocal::image_io::{Input, Photograph};
+use parfocal::{Decode, Engine, Kernel, Method, Photometric, RegistrationStep, Settings, image_io};
 
 use super::config::ConfigArgument;
 use super::engine::EngineArguments;
@@ -194,12 +194,17 @@ impl SettingsArguments {
         Ok(settings)
     }
 
-    /// How the values of photographs become intensities; `files` says what they are, where that decides.
-    pub(super) fn decode(&self, files: impl FnOnce() -> Result<Vec<Input>, Failure>) -> Result<Decode, Failure> {
+    /// Whether what the files say decides how their values become intensities.
+    pub(super) fn asks_files(&self) -> bool {
+        matches!(self.decode, DecodeName::Auto)
+    }
+
+    /// How the values of photographs become intensities.
+    pub(super) fn decode(&self, files: &[Input]) -> Result<Decode, Failure> {
         Ok(match self.decode {
             DecodeName::None => Decode::None,
             DecodeName::Srgb => Decode::Srgb,
-            DecodeName::Auto => image_io::decode_of(&files()?)?,
+            DecodeName::Auto => image_io::decode_of(files)?,
         })
     }
 
@@ -262,9 +267,11 @@ impl PairArguments {
         [&self.i1, &self.i2].into_iter().chain(self.common.inputs()).collect()
     }
 
-    /// What the report says of the two photographs.
-    pub(super) fn describe(&self) -> Result<Vec<Input>, Failure> {
-        Ok(vec![image_io::describe(&self.i1)?, image_io::describe(&self.i2)?])
+    /// Opens the two photographs; also what the report says of them.
+    pub(super) fn photographs(&self) -> Result<([Photograph; 2], Vec<Input>), Failure> {
+        let photographs = Photograph::open_pair(&self.i1, &self.i2)?;
+        let inputs = photographs.iter().map(Photograph::describe).collect::<Result<_, _>>()?;
+        Ok((photographs, inputs))
     }
 
     /// The same without what does not decide the results: the photographs, where it runs, and what is told of it.
@@ -273,11 +280,5 @@ impl PairArguments {
         let common =
             SettingsArguments { json: false, quiet: false, strict: false, engine, config, ..self.common.clone() };
         Self { i1: PathBuf::new(), i2: PathBuf::new(), common }
-    }
-
-    /// Decodes the pair, then opens the device: the cheap before the dear.
-    pub(super) fn open(&self) -> Result<(Frame, Frame, Engine), Failure> {
-        let (i1, i2) = image_io::read_pair(&self.i1, &self.i2)?;
-        Ok((i1, i2, self.common.open_engine()?))
     }
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::ValueEnum;
 use parfocal::export::{self, FileKind, RegistrationReport};
+use parfocal::image_io::Photograph;
 use parfocal::{Kernel, Method, Solver};
 
 use super::failure::{Failure, print};
@@ -54,9 +55,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
     }
     check_output(arguments)?;
-    let inputs = pair.describe()?;
-    settings.decode = pair.common.decode(|| Ok(inputs.clone()))?;
-    let (i1, i2, engine) = pair.open()?;
+    let (photographs, inputs) = pair.photographs()?;
+    settings.decode = pair.common.decode(&inputs)?;
+    let [i1, i2] = Photograph::decode_pair(photographs)?;
+    let engine = pair.common.open_engine()?;
     let bar = Bar::new(!pair.common.quiet && io::stderr().is_terminal());
     let registered = Solver::for_pair(&engine, &i1, &i2, &settings)
         .and_then(|mut solver| solver.register_with(&i1, &i2, &mut |progress| bar.show(progress)))

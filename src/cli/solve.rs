@@ -10,7 +10,7 @@ use parfocal::export::{
     Texture, TextureReport,
 };
 use parfocal::figure::PEN;
-use parfocal::image_io::{self, Input};
+use parfocal::image_io::{Input, Photograph};
 use parfocal::report_html::{Page, Readout};
 use parfocal::{
     Decode, Depth, DeviceInfo, Frame, GainField, Lens, Method, MetricDepth, Scope, Scoped, Settings, Solution,
@@ -183,14 +183,14 @@ pub(super) fn read(
     settled: impl FnOnce(&[Input]) -> bool,
 ) -> Result<Option<Photographs>, Failure> {
     let pair = &arguments.pair;
-    let inputs = pair.describe()?;
+    let (photographs, inputs) = pair.photographs()?;
     if settled(&inputs) {
         return Ok(None);
     }
     let lens = arguments.lens.lens(PartOfLens::of_photographs(&inputs))?;
     lens::nearer(arguments.nearer, lens.as_ref())?;
-    let decode = pair.common.decode(|| Ok(inputs.clone()))?;
-    let (i1, i2) = image_io::read_pair(&pair.i1, &pair.i2)?;
+    let decode = pair.common.decode(&inputs)?;
+    let [i1, i2] = Photograph::decode_pair(photographs)?;
     let in_floats = [&i1, &i2].iter().any(|frame| frame.format().depth == Depth::F32);
     check_places(arguments, lens.is_some(), in_floats)?;
     let scope = arguments.scope.fitting([i1.width(), i1.height()])?;
@@ -349,6 +349,24 @@ mod tests {
         let found = with_file(&["--offset", "-0.02"], &with_exposure());
         assert_eq!((found.photometric, found.start_photometric), (false, Photometric { gain: 1.0, offset: -0.02 }));
         assert!(settings(&parse(&["--gain", "0"])).is_err());
+    }
+
+    #[test]
+    fn hash_and_pixels_are_of_one_file_even_if_another_takes_its_name() {
+        let folder = tempfile::TempDir::new().unwrap();
+        let [file, new] = ["a.pgm", "new.pgm"].map(|name| folder.path().join(name));
+        fs::write(&file, b"P5 2 1 255 \x01\x02").unwrap();
+        let mut arguments = parse(&[]);
+        (arguments.pair.i1, arguments.pair.i2) = (file.clone(), file.clone());
+        let whole = read(&arguments, |_| false).unwrap().unwrap();
+        let swapped = read(&arguments, |_| {
+            fs::write(&new, b"P5 1 2 255 \x03\x04").unwrap();
+            fs::rename(&new, &file).unwrap();
+            false
+        });
+        let swapped = swapped.unwrap().unwrap();
+        assert_eq!((swapped.frames, swapped.inputs), (whole.frames, whole.inputs));
+        assert_eq!(read(&arguments, |_| false).unwrap().unwrap().frames[0].height(), 2);
     }
 
     #[test]

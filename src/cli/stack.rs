@@ -10,8 +10,9 @@ use parfocal::export::{
 };
 use parfocal::figure::PEN;
 use parfocal::focus_stack::{Positions, SweepOptions, solve_sweep};
+use parfocal::image_io::{Input, Photograph};
 use parfocal::report_html::SweepPage;
-use parfocal::{Frame, Method, image_io};
+use parfocal::{Frame, Method};
 
 use super::colors::ColorsArgument;
 use super::depth::decimals;
@@ -75,9 +76,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let out = arguments.force.to(&arguments.output);
     let possible = [&SWEEP_FILES[..], &FILES, &EXTRA_FILES, &[DEPTH_FILE]].concat();
     output::check(&arguments.output, FILES[4], &possible, &inputs)?;
-    let describe = || arguments.frames.iter().map(|file| Ok(image_io::describe(file)?)).collect();
-    options.settings.decode = arguments.settings.decode(describe)?;
-    let frames: Vec<Frame> = arguments.frames.iter().map(|file| image_io::read(file)).collect::<Result<_, _>>()?;
+    let (frames, says) = read(arguments)?;
+    options.settings.decode = arguments.settings.decode(&says)?;
     let (decode, format) = (options.settings.decode, frames[0].format());
     let look = Look { nearer, decode, formats: [format; 2], palette: arguments.colors.palette(), pen: Some(PEN) };
     let written = sweep_files(arguments.focus_at.is_some(), &look, !arguments.no_html);
@@ -99,6 +99,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     export::write_sweep(out, &sweep, &report, &look, page)?;
     tell(&report, arguments)?;
     arguments.settings.check_strict(true, &report.warnings)
+}
+
+/// The frames, one file in memory at a time; also what each says of itself, if that is asked.
+fn read(arguments: &Arguments) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
+    let (mut frames, mut says) = (Vec::new(), Vec::new());
+    let mut last: Option<Photograph> = None;
+    for path in &arguments.frames {
+        let photograph = match last.take() {
+            Some(last) => last.open_next(path)?,
+            None => Photograph::open(path)?,
+        };
+        if arguments.settings.asks_files() {
+            says.push(photograph.describe()?);
+        }
+        last = Some(photograph.clone());
+        frames.push(photograph.decode()?);
+    }
+    Ok((frames, says))
 }
 
 /// What the flags ask for, once it fits together.

@@ -7,16 +7,16 @@ use super::meaning::{INTENSITY, PHOTOGRAPH};
 use super::picture::{self, Stored};
 use super::staging::Staging;
 use super::{Destination, FileKind, field};
-use crate::base::{Error, Frame, Samples};
+use crate::base::{Depth, Error, Frame, Samples};
 
-/// The ending of the file that holds such a frame: PNG for integers, EXR for floats.
-pub fn registered_ending(frame: &Frame) -> &'static str {
-    if matches!(frame.samples(), Samples::F32(_)) { "exr" } else { "png" }
+/// The ending of the file that holds a frame of such samples: PNG for integers, EXR for floats.
+pub fn registered_ending(depth: Depth) -> &'static str {
+    if depth == Depth::F32 { "exr" } else { "png" }
 }
 
 /// The kind of that file.
-pub fn registered_kind(frame: &Frame) -> FileKind {
-    if matches!(frame.samples(), Samples::F32(_)) { FileKind::Exr } else { FileKind::Png }
+pub fn registered_kind(depth: Depth) -> FileKind {
+    if depth == Depth::F32 { FileKind::Exr } else { FileKind::Png }
 }
 
 /// Writes a frame into a file of this name in a folder, integers as PNG, floats as EXR; the folder is made if it is missing.
@@ -26,7 +26,7 @@ pub fn registered_kind(frame: &Frame) -> FileKind {
 /// # Errors
 /// [`Error::File`].
 pub fn write_registered<'d>(folder: impl Into<Destination<'d>>, name: &str, frame: &Frame) -> Result<(), Error> {
-    let mut staging = Staging::of_kind(folder.into(), registered_kind(frame))?;
+    let mut staging = Staging::of_kind(folder.into(), registered_kind(frame.format().depth))?;
     staging.add(name, |w| write(w, frame))?;
     staging.place()
 }

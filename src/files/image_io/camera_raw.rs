@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use super::tiff_page::is_tiff;
+
 /// Beginnings of files: at which byte, what, and what it is.
 const BEGINNINGS: [(usize, &[u8], &str); 9] = [
     (8, b"CR", "Canon CR2"),
@@ -30,7 +32,8 @@ const TIFF_ENDINGS: [(&str, &str); 10] = [
 ];
 
 /// What to say of a raw file; `None` if it is none.
-pub(super) fn problem(path: &Path, start: &[u8], is_tiff: bool) -> Option<String> {
+pub(super) fn problem(path: &Path, start: &[u8]) -> Option<String> {
+    let is_tiff = is_tiff(start);
     let begins = |(at, what, _): &&(usize, &[u8], &str)| {
         // "CR" at byte 8 means something only in a TIFF.
         start.get(*at..).is_some_and(|rest| rest.starts_with(what)) && (*what != b"CR" || is_tiff)
@@ -64,8 +67,7 @@ mod tests {
             ("a.nef", b"\x89PNG\r\n\x1a\n", None),
             ("a.png", b"\x89PNG\r\n\x1a\nCR", None),
         ] {
-            let is_tiff = start.starts_with(b"II*\0") || start.starts_with(b"MM\0*");
-            let problem = problem(Path::new(name), start, is_tiff);
+            let problem = problem(Path::new(name), start);
             assert_eq!(problem.is_some(), expected.is_some(), "{name}: {problem:?}");
             let problem = problem.unwrap_or_default();
             assert!(problem.contains(expected.unwrap_or_default()), "{problem}");

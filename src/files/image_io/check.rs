@@ -1,7 +1,7 @@
 //! What is asked of a file before it is decoded.
 
 use std::fs::File;
-use std::io::{ErrorKind, Read, Seek};
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use super::MAX_PIXELS;
@@ -15,9 +15,12 @@ pub(super) const CONVERT: &str = "convert it to PNG, TIFF, JPEG, PNM, PFM or EXR
 /// Names more alike than this (Jaro and Winkler) may be misspelt ones.
 const SIMILAR: f64 = 0.9;
 
-/// Opens a regular file that is not empty; also gives its first 16 bytes, zeros where there are fewer.
-pub(super) fn open(path: &Path) -> Result<(File, [u8; 16]), String> {
-    let mut file = File::open(path).map_err(|e| match e.kind() {
+/// The most bytes of a file that are read, 4 GiB: what a classic TIFF can hold, and the largest picture in four floats.
+const MAX_BYTES: u64 = 1 << 32;
+
+/// Reads a regular file that is not empty, whole.
+pub(super) fn read(path: &Path) -> Result<Vec<u8>, String> {
+    let file = File::open(path).map_err(|e| match e.kind() {
         ErrorKind::NotFound => match similar_file(path) {
             Some(other) => format!("there is no such file; did you mean '{}'?", other.display()),
             None => "there is no such file; check the path".to_string(),
@@ -33,15 +36,18 @@ pub(super) fn open(path: &Path) -> Result<(File, [u8; 16]), String> {
     if !kind.is_file() {
         return Err("is not a regular file; copy the image to a file on disk".to_string());
     }
-    if kind.len() == 0 {
-        return Err("is empty; copy or save it again".to_string());
+    let mut bytes = Vec::new();
+    let too_large = |e| format!("is of {} bytes, for which there is no memory ({e}); reduce it", kind.len());
+    bytes.try_reserve_exact(kind.len().min(MAX_BYTES) as usize).map_err(too_large)?;
+    // The file may grow meanwhile.
+    file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
+    match bytes.len() as u64 {
+        0 => Err("is empty; copy or save it again".to_string()),
+        length if length > MAX_BYTES => {
+            Err(format!("is larger than {MAX_BYTES} bytes, the most that is read; save its pages as files"))
+        }
+        _ => Ok(bytes),
     }
-    let mut magic = [0; 16];
-    let mut start = Vec::new();
-    (&mut file).take(magic.len() as u64).read_to_end(&mut start).map_err(unreadable)?;
-    magic[..start.len()].copy_from_slice(&start);
-    file.rewind().map_err(unreadable)?;
-    Ok((file, magic))
 }
 
 /// Of the files beside one that is not there, the one with the most similar name, if any is similar.

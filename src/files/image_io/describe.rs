@@ -1,17 +1,11 @@
 //! What a report says of the photographs: which files, told apart by their contents, and what they hold.
 
-use std::fs::{self, File};
-use std::io::{self, BufReader};
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
-use super::{Exif, Pending, Source, encoding, exif, split_page};
+use super::{Exif, encoding};
 use crate::base::{Decode, Error};
-
-/// The largest TIFF in which EXIF is looked for, 1 GiB, since it is read whole for that.
-const MAX_TIFF: u64 = 1 << 30;
 
 /// The file of a photograph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -39,56 +33,6 @@ pub struct Input {
     pub encoding: Option<String>,
     /// What the camera says of the lens, where it says anything.
     pub exif: Option<Exif>,
-}
-
-/// Describes a photograph without decoding its pixels.
-///
-/// # Errors
-/// [`Error::File`].
-pub fn describe(path: &Path) -> Result<Input, Error> {
-    let mut pending = Pending::open(path)?;
-    let (bits, channels) = pending.bits_and_channels();
-    let (file, page) = split_page(path);
-    let mut hasher = Hasher(Sha256::new());
-    let bytes = File::open(&file)
-        .and_then(|mut file| io::copy(&mut file, &mut hasher))
-        .map_err(|e| Error::file(path, format!("cannot be read ({e})")))?;
-    let sha256 = hasher.0.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
-    let alpha = match &pending.source {
-        Source::Raster(s) => s.has_alpha(),
-        Source::Exr(s) => s.has_alpha(),
-        Source::TiffFloat(_) | Source::Pfm(_) => false,
-    };
-    let (encoding, exif) = said(&mut pending.source, &file, bytes);
-    let format = format(&pending.source).to_string();
-    let (pages, file) = (pending.pages, path.display().to_string());
-    Ok(Input { file, bytes, sha256, bits, channels, alpha, format, pages, page, encoding, exif })
-}
-
-fn format(source: &Source) -> &'static str {
-    match source {
-        Source::Raster(s) => s.format(),
-        Source::TiffFloat(_) => "TIFF",
-        Source::Pfm(_) => "PFM",
-        Source::Exr(_) => "EXR",
-    }
-}
-
-/// What a file says of its values and of the lens.
-fn said(source: &mut Source, file: &Path, bytes: u64) -> (Option<String>, Option<Exif>) {
-    let (data, profile) = match source {
-        Source::Exr(_) | Source::Pfm(_) => return (Some(encoding::LINEAR.to_string()), None),
-        Source::Raster(s) => s.metadata(),
-        Source::TiffFloat(_) => (None, None),
-    };
-    let format = format(source);
-    // A TIFF is itself such a structure as EXIF is.
-    let whole = || (format == "TIFF" && bytes <= MAX_TIFF).then(|| fs::read(file).ok()).flatten();
-    let (exif, is_srgb) = data.or_else(whole).map_or((None, false), exif::parse);
-    let chunks = || File::open(file).ok().and_then(|file| encoding::of_png(BufReader::new(file)));
-    let by_exif = is_srgb.then(|| encoding::SRGB.to_string());
-    let encoding = profile.and_then(|profile| encoding::of_icc(&profile));
-    (encoding.or_else(|| if format == "PNG" { chunks() } else { None }).or(by_exif), exif)
 }
 
 /// How the values of photographs of one scene become intensities by what their files say, or imply: 8-bit PNG and JPEG are
@@ -171,22 +115,10 @@ fn encoding_warning([i1, i2]: [&Input; 2], decode: Decode) -> Option<String> {
         .then(|| format!("{} says that its values are linear, and --decode srgb bends them: leave it out", linear.file))
 }
 
-/// A digest as something that bytes are written to.
-struct Hasher(Sha256);
-
-impl io::Write for Hasher {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.update(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use std::fs::{self, File};
+    use std::io;
     use std::path::PathBuf;
 
     use ::exif::experimental::Writer;
@@ -197,6 +129,11 @@ mod tests {
     use tiff::encoder::{TiffEncoder, colortype};
 
     use super::*;
+    use crate::files::image_io::Photograph;
+
+    fn describe(path: &Path) -> Result<Input, Error> {
+        Photograph::open(path)?.describe()
+    }
 
     /// EXIF of a camera whose distance is 1.25 m, or unknown.
     fn camera(distance: (u32, u32)) -> Vec<u8> {

@@ -1,15 +1,25 @@
 //! What a file says of its values: that they follow the sRGB curve, that they are linear, or something else.
 
-use std::io::{BufRead, Seek};
+use std::io::Cursor;
+
+use moxcms::{ColorProfile, ParsingOptions, ProfileText};
 
 /// Values follow the sRGB curve.
 pub(super) const SRGB: &str = "sRGB";
 /// Values are proportional to light.
 pub(super) const LINEAR: &str = "linear";
+/// There is a profile, and nobody knows what it says.
+const UNREADABLE: &str = "those of an ICC profile that cannot be read";
+
+/// The most bytes of an ICC profile that are looked into, 4 MiB: one with tables for a printer takes two.
+pub(super) const MAX_PROFILE: usize = 4 << 20;
+
+/// The most tags of a profile: real ones have two dozen, and a hostile one may name one large table over and over.
+const MAX_TAGS: u32 = 100;
 
 /// By the chunks of a PNG: sRGB, or gAMA.
-pub(super) fn of_png(file: impl BufRead + Seek) -> Option<String> {
-    let reader = png::Decoder::new(file).read_info().ok()?;
+pub(super) fn of_png(bytes: &[u8]) -> Option<String> {
+    let reader = png::Decoder::new(Cursor::new(bytes)).read_info().ok()?;
     let info = reader.info();
     if info.srgb.is_some() {
         return Some(SRGB.to_string());
@@ -23,35 +33,29 @@ pub(super) fn of_png(file: impl BufRead + Seek) -> Option<String> {
 
 /// By the name of an ICC profile.
 pub(super) fn of_icc(profile: &[u8]) -> Option<String> {
-    let name = description(profile)?;
-    let lower = name.to_lowercase();
-    if lower.contains("linear") {
+    let Some(profile) = parse(profile) else { return Some(UNREADABLE.to_string()) };
+    let name = match profile.description? {
+        ProfileText::PlainString(text) => text,
+        ProfileText::Localizable(texts) => texts.into_iter().next()?.value,
+        ProfileText::Description(text) => text.ascii_string,
+    };
+    let name: String = name.chars().filter(|c| !c.is_control()).collect();
+    let (name, lower) = (name.trim(), name.to_lowercase());
+    if name.is_empty() {
+        None
+    } else if lower.contains("linear") {
         Some(LINEAR.to_string())
     } else if lower.contains("srgb") {
         Some(SRGB.to_string())
     } else {
-        Some(name)
+        Some(name.to_string())
     }
 }
 
-/// The description of a profile: ICC.1:2022, 7.3 and 10.15; of version 2, ICC.1:2001-04, 6.5.17.
-fn description(profile: &[u8]) -> Option<String> {
-    let word = |at: usize| Some(u32::from_be_bytes(profile.get(at..at.checked_add(4)?)?.try_into().ok()?) as usize);
-    let tags = word(128)?.min(1000);
-    let entry = (0..tags).map(|i| 132 + 12 * i).find(|&at| profile.get(at..at + 4) == Some(b"desc"))?;
-    let tag = profile.get(word(entry + 4)?..)?;
-    let word = |at: usize| Some(u32::from_be_bytes(tag.get(at..at + 4)?.try_into().ok()?) as usize);
-    let text = match tag.get(..4)? {
-        b"desc" => String::from_utf8_lossy(tag.get(12..)?.get(..word(8)?)?).into_owned(),
-        b"mluc" => {
-            let bytes = tag.get(word(24)?..)?.get(..word(20)?)?;
-            let units: Vec<u16> = bytes.chunks_exact(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]])).collect();
-            String::from_utf16_lossy(&units)
-        }
-        _ => return None,
-    };
-    let text: String = text.chars().filter(|c| !c.is_control()).collect();
-    (!text.trim().is_empty()).then(|| text.trim().to_string())
+fn parse(profile: &[u8]) -> Option<ColorProfile> {
+    let tags = u32::from_be_bytes(profile.get(128..132)?.try_into().ok()?);
+    let options = ParsingOptions { max_profile_size: MAX_PROFILE, ..ParsingOptions::default() };
+    (tags <= MAX_TAGS).then(|| ColorProfile::new_from_slice_with_options(profile, options).ok()).flatten()
 }
 
 #[cfg(test)]
@@ -61,9 +65,10 @@ mod tests {
     /// A profile with nothing but a description, of version 2 or 4.
     fn profile(name: &str, version: u8) -> Vec<u8> {
         let mut bytes = vec![0; 128];
-        bytes.extend(1u32.to_be_bytes());
-        bytes.extend(b"desc");
-        bytes.extend(144u32.to_be_bytes());
+        bytes[8] = version;
+        for (at, word) in [(12, b"mntr"), (16, b"RGB "), (20, b"XYZ "), (36, b"acsp")] {
+            bytes[at..at + 4].copy_from_slice(word);
+        }
         let tag = if version == 2 {
             [b"desc\0\0\0\0", &(name.len() as u32 + 1).to_be_bytes()[..], name.as_bytes(), b"\0"].concat()
         } else {
@@ -71,7 +76,7 @@ mod tests {
             let head = [1, 12, 0x656e_5553, text.len() as u32, 28].map(u32::to_be_bytes).concat();
             [b"mluc\0\0\0\0", head.as_slice(), &text].concat()
         };
-        bytes.extend((tag.len() as u32).to_be_bytes());
+        bytes.extend([1, u32::from_be_bytes(*b"desc"), 144, tag.len() as u32].map(u32::to_be_bytes).concat());
         bytes.extend(tag);
         bytes
     }
@@ -84,9 +89,26 @@ mod tests {
             {
                 assert_eq!(of_icc(&profile(name, version)).as_deref(), Some(expected));
             }
-            let whole = profile("sRGB", version);
-            (0..whole.len()).for_each(|length| assert!(of_icc(&whole[..length]).is_none_or(|name| name.len() < 5)));
+            assert_eq!(of_icc(&profile(" ", version)), None);
         }
-        assert_eq!(of_icc(&[0xff; 300]), None);
+        for (whole, expected) in [(ColorProfile::new_srgb(), "sRGB"), (ColorProfile::new_display_p3(), "Display P3")] {
+            assert_eq!(of_icc(&whole.encode().unwrap()).as_deref(), Some(expected));
+        }
+    }
+
+    #[test]
+    fn a_profile_that_cannot_be_read_says_so() {
+        for whole in [profile("sRGB", 2), profile("sRGB", 4), ColorProfile::new_srgb().encode().unwrap()] {
+            for at in 0..whole.len() {
+                assert_ne!(of_icc(&whole[..at]).as_deref(), Some("sRGB"), "{at}");
+                let mut bent = whole.clone();
+                bent[at] ^= 0xa5;
+                of_icc(&bent);
+            }
+        }
+        let large = [profile("sRGB", 4), vec![0; MAX_PROFILE]].concat();
+        for bad in [&[0xff; 300][..], &[], &large] {
+            assert_eq!(of_icc(bad).as_deref(), Some(UNREADABLE));
+        }
     }
 }

@@ -1,7 +1,6 @@
 //! EXR: red, green and blue, or one channel, in half or float.
 
-use std::fs::File;
-use std::io::BufReader;
+use std::io::Cursor;
 
 use exr::block::reader::Reader;
 use exr::image::{AnyChannels, FlatSamples};
@@ -16,8 +15,8 @@ use crate::base::{Channels, Frame, Samples};
 const MAX_SAMPLES: u64 = 1 << 30;
 
 /// An EXR whose header has been read.
-pub(super) struct Exr {
-    reader: Reader<BufReader<File>>,
+pub(super) struct Exr<'a> {
+    reader: Reader<Cursor<&'a [u8]>>,
     names: Vec<String>,
     size: (u32, u32),
 }
@@ -36,10 +35,10 @@ fn problem(error: exr::error::Error) -> String {
     }
 }
 
-impl Exr {
+impl<'a> Exr<'a> {
     /// Reads the header and chooses the channels.
-    pub(super) fn open(file: BufReader<File>) -> Result<Self, String> {
-        let reader = exr::block::read(file, false).map_err(problem)?;
+    pub(super) fn open(bytes: &'a [u8]) -> Result<Self, String> {
+        let reader = exr::block::read(Cursor::new(bytes), false).map_err(problem)?;
         let Some(header) = reader.headers().first() else {
             return Err(format!("holds no layer; {DAMAGED}"));
         };

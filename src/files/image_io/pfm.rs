@@ -3,8 +3,6 @@
 //! Format: Debevec, <https://www.pauldebevec.com/Research/HDR/PFM/>. The sign of the scale is the byte order; its size,
 //! which programs agree to ignore, is ignored.
 
-use std::io::Read;
-
 use super::check::DAMAGED;
 use crate::base::{Channels, Frame, Samples};
 
@@ -12,8 +10,8 @@ use crate::base::{Channels, Frame, Samples};
 const MAX_HEADER: usize = 256;
 
 /// A PFM whose header has been read.
-pub(super) struct Pfm<R> {
-    file: R,
+pub(super) struct Pfm<'a> {
+    samples: &'a [u8],
     size: (u32, u32),
     channels: Channels,
     little_endian: bool,
@@ -24,18 +22,18 @@ pub(super) fn is_pfm(magic: &[u8]) -> bool {
     matches!(magic, [b'P', b'F' | b'f', space, ..] if space.is_ascii_whitespace())
 }
 
-impl<R: Read> Pfm<R> {
+impl<'a> Pfm<'a> {
     /// Reads the header.
-    pub(super) fn open(mut file: R) -> Result<Self, String> {
+    pub(super) fn open(mut bytes: &'a [u8]) -> Result<Self, String> {
         let broken =
             || format!("cannot be decoded as PFM (its header is not a width, a height and a scale); {DAMAGED}");
         let mut words: Vec<String> = vec![String::new()];
         // One byte of white space after the fourth word, and the samples begin.
         for _ in 0..MAX_HEADER {
-            let mut byte = [0];
-            file.read_exact(&mut byte).map_err(|_| broken())?;
+            let (&byte, rest) = bytes.split_first().ok_or_else(broken)?;
+            bytes = rest;
             let in_word = words.last().is_some_and(|word| !word.is_empty());
-            match byte[0] {
+            match byte {
                 space if space.is_ascii_whitespace() && in_word && words.len() == 4 => break,
                 space if space.is_ascii_whitespace() && in_word => words.push(String::new()),
                 space if space.is_ascii_whitespace() => {}
@@ -49,7 +47,7 @@ impl<R: Read> Pfm<R> {
             return Err(broken());
         }
         let channels = if kind == "PF" { Channels::Rgb } else { Channels::Gray };
-        Ok(Self { file, size, channels, little_endian: scale < 0.0 })
+        Ok(Self { samples: bytes, size, channels, little_endian: scale < 0.0 })
     }
 
     /// Width and height.
@@ -63,16 +61,13 @@ impl<R: Read> Pfm<R> {
     }
 
     /// Decodes the pixels.
-    pub(super) fn decode(mut self) -> Result<Frame, String> {
+    pub(super) fn decode(self) -> Result<Frame, String> {
         let (width, height) = self.size;
         let row = width as usize * self.channels.count() as usize;
-        let mut bytes = Vec::new();
         let expected = 4 * row as u64 * u64::from(height);
-        // Memory grows with what the file holds, not with what its header claims.
-        (&mut self.file).take(expected).read_to_end(&mut bytes).map_err(|e| format!("cannot be read ({e})"))?;
-        if bytes.len() as u64 != expected {
-            return Err(format!("the PFM holds {} of {expected} bytes of samples; {DAMAGED}", bytes.len()));
-        }
+        let found = self.samples.len();
+        let bytes = usize::try_from(expected).ok().and_then(|length| self.samples.get(..length));
+        let bytes = bytes.ok_or_else(|| format!("the PFM holds {found} of {expected} bytes of samples; {DAMAGED}"))?;
         let number = |b: &[u8]| {
             let b = [b[0], b[1], b[2], b[3]];
             if self.little_endian { f32::from_le_bytes(b) } else { f32::from_be_bytes(b) }

@@ -1,60 +1,44 @@
-//! PNG, JPEG, TIFF and PNM through the `image` crate.
+//! PNG, JPEG and PNM through the `image` crate.
 
-use std::io::{BufRead, Cursor, Seek};
+use std::io::Cursor;
 
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
-use super::MAX_PIXELS;
 use super::check::{CONVERT, DAMAGED};
+use super::turn::turned;
 use crate::base::{Channels, Frame, Samples};
 
 /// The formats that are read, by the names that people know them by.
-const READ: [(ImageFormat, &str); 4] =
-    [(ImageFormat::Png, "PNG"), (ImageFormat::Jpeg, "JPEG"), (ImageFormat::Tiff, "TIFF"), (ImageFormat::Pnm, "PNM")];
+const READ: [(ImageFormat, &str); 3] =
+    [(ImageFormat::Png, "PNG"), (ImageFormat::Jpeg, "JPEG"), (ImageFormat::Pnm, "PNM")];
 
-/// Bytes that one pixel may take while it is decoded: RGBA in 32-bit floats.
-const LARGEST_PIXEL: u64 = 16;
+/// The most bytes that the header of a PNG may take, a row of pixels with it, 64 MiB. A profile that unpacks to more is
+/// passed over.
+const MAX_HEADER: u64 = 64 << 20;
 
 /// A file whose header has been read.
-pub(super) struct Raster {
-    decoder: Box<dyn ImageDecoder>,
+pub(super) struct Raster<'a> {
+    decoder: Box<dyn ImageDecoder + 'a>,
     format: &'static str,
     orientation: Orientation,
 }
 
-impl Raster {
+impl<'a> Raster<'a> {
     /// Reads the header.
-    pub(super) fn open(file: impl BufRead + Seek + 'static) -> Result<Self, String> {
-        let reader = ImageReader::new(file).with_guessed_format().map_err(|e| format!("cannot be read ({e})"))?;
-        let Some(found) = reader.format() else {
+    pub(super) fn open(bytes: &'a [u8]) -> Result<Self, String> {
+        let Ok(found) = image::guess_format(bytes) else {
             return Err(format!("is in no image format that parfocal knows; {CONVERT}"));
         };
         let Some(&(_, format)) = READ.iter().find(|(read, _)| *read == found) else {
             return Err(format!("is in a format that parfocal does not read ({found:?}); {CONVERT}"));
         };
-        if found != ImageFormat::Jpeg {
-            return Self::with_decoder(reader, format);
-        }
-        let mut bytes = Vec::new();
-        reader.into_inner().read_to_end(&mut bytes).map_err(|e| format!("cannot be read ({e})"))?;
-        if !jpeg_has_end(&bytes) {
+        if found == ImageFormat::Jpeg && !jpeg_has_end(bytes) {
             return Err(format!("the JPEG breaks off before its end; {DAMAGED}"));
         }
-        Self::with_decoder(ImageReader::with_format(Cursor::new(bytes), found), format)
-    }
-
-    /// Reads the header of a TIFF, which may be a big one, whose beginning `image` does not guess.
-    pub(super) fn open_tiff(file: impl BufRead + Seek + 'static) -> Result<Self, String> {
-        Self::with_decoder(ImageReader::with_format(file, ImageFormat::Tiff), "TIFF")
-    }
-
-    fn with_decoder(
-        mut reader: ImageReader<impl BufRead + Seek + 'static>,
-        format: &'static str,
-    ) -> Result<Self, String> {
         let mut limits = Limits::no_limits();
-        limits.max_alloc = Some(MAX_PIXELS * LARGEST_PIXEL);
+        limits.max_alloc = Some(MAX_HEADER);
+        let mut reader = ImageReader::with_format(Cursor::new(bytes), found);
         reader.limits(limits);
         let mut decoder = reader.into_decoder().map_err(|e| problem(format, &e))?;
         let orientation = decoder.orientation().map_err(|e| problem(format, &e))?;
@@ -63,7 +47,7 @@ impl Raster {
 
     /// Width and height once the camera's rotation is applied.
     pub(super) fn size(&self) -> (u32, u32) {
-        super::turned(self.decoder.dimensions(), self.orientation)
+        turned(self.decoder.dimensions(), self.orientation)
     }
 
     /// The format's name.
@@ -76,7 +60,7 @@ impl Raster {
         self.decoder.color_type().has_alpha()
     }
 
-    /// The EXIF data, as a TIFF structure, and the ICC profile, where there are any. Of a TIFF only the latter.
+    /// The EXIF data, as a TIFF structure, and the ICC profile, where there are any.
     pub(super) fn metadata(&mut self) -> (Option<Vec<u8>>, Option<Vec<u8>>) {
         (self.decoder.exif_metadata().ok().flatten(), self.decoder.icc_profile().ok().flatten())
     }
@@ -99,7 +83,9 @@ impl Raster {
 fn problem(format: &str, error: &image::ImageError) -> String {
     match error {
         image::ImageError::Unsupported(e) => format!("this kind of {format} is not read ({e}); {CONVERT}, 8 or 16 bit"),
-        image::ImageError::Limits(e) => format!("this {format} takes too much memory to decode ({e}); reduce it"),
+        image::ImageError::Limits(e) => {
+            format!("this {format} takes too much memory to decode ({e}); save it without metadata, or reduce it")
+        }
         e => format!("cannot be decoded as {format} ({e}); {DAMAGED}"),
     }
 }
@@ -135,4 +121,23 @@ fn jpeg_has_end(bytes: &[u8]) -> bool {
         }
     }
     true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_profile_that_unpacks_to_too_much_is_passed_over() {
+        let mut info = png::Info::with_size(1, 1);
+        info.icc_profile = Some(vec![0; 80 << 20].into());
+        let mut bytes = Vec::new();
+        let mut writer = png::Encoder::with_info(&mut bytes, info).unwrap().write_header().unwrap();
+        writer.write_image_data(&[7]).unwrap();
+        writer.finish().unwrap();
+        assert!(bytes.len() < 1 << 20);
+        let mut raster = Raster::open(&bytes).unwrap();
+        assert_eq!(raster.metadata(), (None, None));
+        assert_eq!(raster.decode().unwrap().samples(), &Samples::U8(vec![7]));
+    }
 }

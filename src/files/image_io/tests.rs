@@ -5,12 +5,18 @@ use std::path::{Path, PathBuf};
 
 use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage, f16};
 use image::codecs::jpeg::JpegEncoder;
+use image::metadata::Orientation;
 use image::{DynamicImage, ImageBuffer, ImageEncoder, ImageFormat, Luma, Rgb};
 use tempfile::TempDir;
 use tiff::encoder::{TiffEncoder, colortype};
 
 use super::*;
 use crate::base::{Channels, Samples};
+
+/// Of the bytes that are read now.
+fn describe(path: &Path) -> Result<Input, Error> {
+    Photograph::open(path)?.describe()
+}
 
 const WIDTH: u32 = 37;
 const HEIGHT: u32 = 21;
@@ -391,4 +397,22 @@ fn fields_may_hold_what_photographs_may_not() {
     assert!(read_field(&path).unwrap_err().to_string().contains("one channel"));
     let png = save(&folder, "field.png", &gray8(), ImageFormat::Png);
     assert!(read_field(&png).unwrap_err().to_string().contains("is no EXR"));
+}
+
+#[test]
+fn hash_and_pixels_are_of_the_bytes_that_were_opened() {
+    let folder = TempDir::new().unwrap();
+    for (at, path) in one_of_each(&folder).into_iter().enumerate() {
+        let (input, frame) = (describe(&path).unwrap(), read(&path).unwrap());
+        let photograph = Photograph::open(&path).unwrap();
+        assert_eq!((photograph.size(), photograph.depth()), ((frame.width(), frame.height()), frame.format().depth));
+        // Another file takes the name, then the bytes change in place, then the file is gone.
+        match at % 3 {
+            0 => fs::rename(save(&folder, "other", &gray16(), ImageFormat::Png), &path).unwrap(),
+            1 => fs::write(&path, "P5 1 1 255 \0").unwrap(),
+            _ => fs::remove_file(&path).unwrap(),
+        }
+        assert_eq!(photograph.describe().unwrap(), input);
+        assert!(photograph.decode().unwrap() == frame, "{}", path.display());
+    }
 }

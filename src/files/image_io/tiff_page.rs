@@ -1,0 +1,262 @@
+//! A page of a TIFF through the crate `tiff`: grey or colour, of 8 or 16 bits or float; bilevel, as masks are, too.
+
+use std::io::Cursor;
+
+use image::metadata::Orientation;
+use tiff::decoder::{Decoder, DecodingResult, DecodingSampleType, Limits};
+use tiff::tags::{Tag, Type, ValueBuffer};
+use tiff::{ColorType, TiffError, TiffUnsupportedError};
+
+use super::MAX_PIXELS;
+use super::check::DAMAGED;
+use super::tiff_samples::{Stored, bytes_of};
+use super::turn::turned;
+use crate::base::{Channels, Depth, Format, Frame, Samples};
+
+/// The most pages that are looked for.
+const MAX_PAGES: usize = 1 << 16;
+
+/// Bytes that one pixel may take while it is decoded: RGBA in 32-bit floats.
+const LARGEST_PIXEL: u64 = 16;
+
+/// A page whose directory has been read.
+pub(super) struct TiffPage<'a> {
+    decoder: Decoder<Cursor<&'a [u8]>>,
+    size: (u32, u32),
+    color: ColorType,
+    format: Format,
+    orientation: Orientation,
+    pages: usize,
+}
+
+/// Whether a file starts as classic or big TIFF, in either byte order.
+pub(super) fn is_tiff(start: &[u8]) -> bool {
+    [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| start.starts_with(*magic))
+}
+
+fn problem(error: TiffError) -> String {
+    match error {
+        TiffError::UnsupportedError(e) => format!(
+            "this kind of TIFF is not read ({e}); save it as grey or RGB of 8 or 16 bits or 32-bit float, compressed by LZW \
+             or Deflate or not at all"
+        ),
+        TiffError::LimitsExceeded => "this TIFF takes too much memory to decode; reduce it".to_string(),
+        e => format!("cannot be decoded as TIFF ({e}); {DAMAGED}"),
+    }
+}
+
+fn unsupported(kind: TiffUnsupportedError) -> String {
+    problem(TiffError::UnsupportedError(kind))
+}
+
+impl<'a> TiffPage<'a> {
+    /// Reads the directory of a page, from 1; of the first where none is named.
+    pub(super) fn open(bytes: &'a [u8], page: Option<usize>) -> Result<Self, String> {
+        let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(problem)?;
+        let pages = pages(&mut decoder);
+        let wanted = page.unwrap_or(1);
+        match pages.get(wanted - 1) {
+            Some(&index) => decoder.seek_to_image(index).map_err(problem)?,
+            None if wanted > 1 => return Err(format!("has {} pages and no page {wanted}", pages.len())),
+            None => decoder.seek_to_image(0).map_err(problem)?,
+        }
+        let color = decoder.colortype().map_err(problem)?;
+        let format = format(&mut decoder, color)?;
+        let turn = decoder.find_tag_unsigned::<u16>(Tag::Orientation).ok().flatten();
+        let turn = turn.and_then(|turn| Orientation::from_exif(u8::try_from(turn).ok()?));
+        let orientation = turn.unwrap_or(Orientation::NoTransforms);
+        let size = decoder.dimensions().map_err(problem)?;
+        Ok(Self { decoder, size, color, format, orientation, pages: pages.len().max(1) })
+    }
+
+    /// Pages of the file.
+    pub(super) fn pages(&self) -> usize {
+        self.pages
+    }
+
+    /// Width and height once the camera's rotation is applied.
+    pub(super) fn size(&self) -> (u32, u32) {
+        turned(self.size, self.orientation)
+    }
+
+    /// Bits of a sample, a bilevel one counted as it is decoded, and colour channels, alpha not counted.
+    pub(super) fn bits_and_channels(&self) -> (u32, u32) {
+        (u32::from(self.color.bit_depth()).max(8), self.format.channels.count())
+    }
+
+    /// How a sample is stored once it is decoded.
+    pub(super) fn depth(&self) -> Depth {
+        self.format.depth
+    }
+
+    /// Whether there is an alpha channel, which is dropped.
+    pub(super) fn has_alpha(&self) -> bool {
+        matches!(self.color, ColorType::RGBA(_))
+    }
+
+    /// The ICC profile, where there is one.
+    pub(super) fn profile(&mut self) -> Option<Vec<u8>> {
+        let most = self.decoder.inner().get_ref().len() as u64;
+        let mut directory = self.decoder.image_ifd();
+        // Before memory is taken for what the file cannot hold.
+        directory.find_entry(Tag::IccProfile).filter(|entry| entry.count() <= most)?;
+        let mut profile = ValueBuffer::empty(Type::UNDEFINED);
+        directory.find_tag_buf(Tag::IccProfile, &mut profile).ok()??;
+        Some(profile.as_bytes().to_vec())
+    }
+
+    /// Decodes the pixels.
+    pub(super) fn decode(self) -> Result<Frame, String> {
+        let Self { decoder, size, color, format: Format { channels, .. }, orientation, .. } = self;
+        let mut limits = Limits::default();
+        limits.decoding_buffer_size = usize::try_from(MAX_PIXELS * LARGEST_PIXEL).unwrap_or(usize::MAX);
+        limits.intermediate_buffer_size = limits.decoding_buffer_size;
+        let mut found = DecodingResult::U8(Vec::new());
+        let layout = decoder.with_limits(limits).read_image_to_buffer(&mut found).map_err(problem)?;
+        let stored =
+            Stored { size, samples: color.num_samples().into(), planar: layout.planes > 1, channels, orientation };
+        match found {
+            DecodingResult::U8(bits) if color.bit_depth() == 1 => stored.frame(bytes_of(&bits, size.0), Samples::U8),
+            DecodingResult::U8(values) => stored.frame(values, Samples::U8),
+            DecodingResult::U16(values) => stored.frame(values, Samples::U16),
+            DecodingResult::F16(values) => stored.frame(values.iter().map(|v| v.to_f32()).collect(), Samples::F32),
+            DecodingResult::F32(values) => stored.frame(values, Samples::F32),
+            _ => Err(unsupported(TiffUnsupportedError::UnsupportedSampleDepth(color.bit_depth()))),
+        }
+    }
+}
+
+/// Which images of the file are its pages: not the reduced copies that some programs keep beside a picture. Up to where
+/// the file is damaged, if it is.
+fn pages(decoder: &mut Decoder<Cursor<&[u8]>>) -> Vec<usize> {
+    let mut pages = Vec::new();
+    for index in 0.. {
+        let kind = decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).ok().flatten().unwrap_or(0);
+        if kind & 1 == 0 {
+            pages.push(index);
+        }
+        if pages.len() == MAX_PAGES || !decoder.more_images() || decoder.next_image().is_err() {
+            break;
+        }
+    }
+    pages
+}
+
+/// Grey or colour, and of what; refuses what is neither, and samples that are not read.
+fn format(decoder: &mut Decoder<Cursor<&[u8]>>, color: ColorType) -> Result<Format, String> {
+    use DecodingSampleType::{F16, F32, U8, U16};
+    let channels = match color {
+        ColorType::Gray(_) => Channels::Gray,
+        ColorType::RGB(_) | ColorType::RGBA(_) => Channels::Rgb,
+        _ => return Err(unsupported(TiffUnsupportedError::UnsupportedColorType(color))),
+    };
+    let kind = decoder.image_buffer_layout().map_err(problem)?.sample_type;
+    let depth = match (kind, color.bit_depth()) {
+        (Some(U8), 1) if channels == Channels::Gray => Depth::U8,
+        (Some(U8), 8) => Depth::U8,
+        (Some(U16), 16) => Depth::U16,
+        (Some(F16 | F32), _) => Depth::F32,
+        (_, bits) => return Err(unsupported(TiffUnsupportedError::UnsupportedBitsPerChannel(bits))),
+    };
+    Ok(Format { channels, depth })
+}
+
+#[cfg(test)]
+mod tests {
+    use image::ImageEncoder;
+    use image::codecs::jpeg::JpegEncoder;
+    use tiff::encoder::{Compression, DeflateLevel, TiffEncoder, colortype};
+
+    use super::*;
+
+    const GRAY: u16 = 1;
+    const RGB: u16 = 2;
+
+    /// A picture of 5x2 pixels in one strip, or one for each plane.
+    fn file(bits: &[u16], more: &[(Tag, u16)], strips: &[&[u8]]) -> Vec<u8> {
+        let mut bytes = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut bytes).unwrap();
+        let mut directory = encoder.image_directory().unwrap();
+        let offsets: Vec<u32> = strips.iter().map(|strip| directory.write_data(*strip).unwrap() as u32).collect();
+        let counts: Vec<u32> = strips.iter().map(|strip| strip.len() as u32).collect();
+        directory.write_tag(Tag::BitsPerSample, bits).unwrap();
+        directory.write_tag(Tag::StripOffsets, offsets.as_slice()).unwrap();
+        directory.write_tag(Tag::StripByteCounts, counts.as_slice()).unwrap();
+        let samples = (Tag::SamplesPerPixel, bits.len() as u16);
+        let all = [(Tag::ImageWidth, 5), (Tag::ImageLength, 2), (Tag::RowsPerStrip, 2), samples];
+        all.iter().chain(more).for_each(|&(tag, value)| directory.write_tag(tag, value).unwrap());
+        directory.finish().unwrap();
+        bytes.into_inner()
+    }
+
+    fn decode(bytes: &[u8]) -> Result<Frame, String> {
+        TiffPage::open(bytes, None)?.decode()
+    }
+
+    fn frame(channels: Channels, samples: Samples) -> Frame {
+        Frame::new(5, 2, channels, samples).unwrap()
+    }
+
+    #[test]
+    fn every_compression_holds_the_same_pixels() {
+        let values: Vec<u16> = (0..30).map(|i| 2000 * i).collect();
+        let expected = frame(Channels::Rgb, Samples::U16(values.clone()));
+        let deflate = Compression::Deflate(DeflateLevel::Balanced);
+        for compression in [Compression::Uncompressed, Compression::Lzw, deflate, Compression::Packbits] {
+            let mut bytes = Cursor::new(Vec::new());
+            let mut encoder = TiffEncoder::new(&mut bytes).unwrap().with_compression(compression);
+            encoder.write_image::<colortype::RGB16>(5, 2, &values).unwrap();
+            assert_eq!(decode(&bytes.into_inner()).unwrap(), expected);
+        }
+        let mut jpeg = Vec::new();
+        JpegEncoder::new(&mut jpeg).write_image(&[77; 10], 5, 2, image::ExtendedColorType::L8).unwrap();
+        let kind = [(Tag::PhotometricInterpretation, GRAY), (Tag::Compression, 7)];
+        assert_eq!(decode(&file(&[8], &kind, &[&jpeg])).unwrap(), frame(Channels::Gray, Samples::U8(vec![77; 10])));
+    }
+
+    #[test]
+    fn planes_bits_halves_and_alpha_become_what_they_mean() {
+        let [gray, rgb] = [GRAY, RGB].map(|kind| (Tag::PhotometricInterpretation, kind));
+        let planes = [[1; 10], [2; 10], [3; 10]];
+        let planes: Vec<&[u8]> = planes.iter().map(<[u8; 10]>::as_slice).collect();
+        let planar = decode(&file(&[8; 3], &[rgb, (Tag::PlanarConfiguration, 2)], &planes)).unwrap();
+        assert_eq!(planar, frame(Channels::Rgb, Samples::U8([1, 2, 3].repeat(10))));
+
+        let alpha: Vec<u8> = (0..40).collect();
+        let bytes = file(&[8; 4], &[rgb, (Tag::ExtraSamples, 2)], &[&alpha]);
+        let opaque = alpha.chunks(4).flat_map(|pixel| pixel[..3].to_vec()).collect();
+        assert_eq!(decode(&bytes).unwrap(), frame(Channels::Rgb, Samples::U8(opaque)));
+        assert!(TiffPage::open(&bytes, None).unwrap().has_alpha());
+
+        for (kind, values) in
+            [(1, [255, 0, 255, 255, 0, 0, 0, 0, 0, 255]), (0, [0, 255, 0, 0, 255, 255, 255, 255, 255, 0])]
+        {
+            let bytes = file(&[1], &[(Tag::PhotometricInterpretation, kind)], &[&[0b1011_0000, 0b0000_1000]]);
+            assert_eq!(decode(&bytes).unwrap(), frame(Channels::Gray, Samples::U8(values.to_vec())), "{kind}");
+            assert_eq!(TiffPage::open(&bytes, None).unwrap().bits_and_channels(), (8, 1));
+        }
+
+        // 1.5 as a half.
+        let halves = decode(&file(&[16], &[gray, (Tag::SampleFormat, 3)], &[&[0x00, 0x3e].repeat(10)])).unwrap();
+        assert_eq!(halves, frame(Channels::Gray, Samples::F32(vec![1.5; 10])));
+    }
+
+    #[test]
+    fn what_is_not_read_is_named_with_what_to_do() {
+        let data = [0; 80];
+        let refused = |bits: &[u16], more: &[(Tag, u16)]| decode(&file(bits, more, &[&data])).unwrap_err();
+        let kind = |photometric| (Tag::PhotometricInterpretation, photometric);
+        for (problem, part) in [
+            (refused(&[8], &[kind(3)]), "RGBPalette"),
+            (refused(&[8; 4], &[kind(5)]), "CMYK(8)"),
+            (refused(&[8; 3], &[kind(6)]), "YCbCr(8)"),
+            (refused(&[8; 3], &[kind(GRAY)]), "Multiband"),
+            (refused(&[4], &[kind(GRAY)]), "4 bits"),
+            (refused(&[64], &[kind(GRAY), (Tag::SampleFormat, 3)]), "64 bits"),
+            (refused(&[16], &[kind(GRAY), (Tag::SampleFormat, 2)]), "16 bits"),
+            (refused(&[8], &[kind(GRAY), (Tag::Compression, 50001)]), "WebP"),
+        ] {
+            assert!(problem.contains(part) && problem.contains("save it as grey or RGB"), "{problem}");
+        }
+    }
+}
