@@ -5,17 +5,30 @@ pub mod scene;
 
 use std::ops::Deref;
 use std::path::PathBuf;
+use std::sync::{Arc, LazyLock};
 
 use parfocal::{Engine, EngineOptions, Frame, Settings, Similarity, Solution, Solver, baseline, image_io};
 
-/// An engine whose validation messages fail the test when it is dropped.
-pub struct TestEngine(Engine);
+/// The engine of all tests of a program, each of which fails where it meets a validation message, its own or another's.
+pub struct TestEngine(Arc<Engine>);
+
+/// Opening a device under validation takes as long as most tests.
+static SHARED: LazyLock<Arc<Engine>> = LazyLock::new(open);
+
+fn open() -> Arc<Engine> {
+    Arc::new(Engine::new(&options()).unwrap())
+}
 
 impl TestEngine {
     /// On the device named by PARFOCAL_DEVICE, under validation unless PARFOCAL_VALIDATE is 0. A missing device or layer
     /// fails the test.
     pub fn new() -> Self {
-        Self(Engine::new(&options()).unwrap())
+        Self(SHARED.clone())
+    }
+
+    /// For a test after which an engine is good for nothing, or that closes it.
+    pub fn alone() -> Self {
+        Self(open())
     }
 
     /// Solves one pair.

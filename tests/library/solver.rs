@@ -27,7 +27,7 @@ fn agrees_with_the_reference_where_i2_is_warped() {
 fn check_reference([i1, i2]: [Frame; 2]) {
     let settings = Settings { max_relative_blur: 9.0, ..Settings::default() };
     let expected = reference::solve(&i1, &i2, &settings).unwrap();
-    let found = TestEngine::new().solve([&i1, &i2], &settings);
+    let found = TestEngine::alone().solve([&i1, &i2], &settings);
     // Single against double precision over some sixty iterations that each feed the next.
     assert!(
         found.transform.corner_distance(&expected.transform, i1.width(), i1.height()) < 2e-3,
@@ -234,7 +234,7 @@ fn stripes_do_not_determine_the_registration() {
 
 #[test]
 fn a_listener_that_panics_leaves_nothing_in_use() {
-    let engine = TestEngine::new();
+    let engine = TestEngine::alone();
     let [i1, i2] = small_pair();
     let panics = |settings: &Settings| {
         let mut solver = Solver::for_pair(&engine, &i1, &i2, settings).unwrap();

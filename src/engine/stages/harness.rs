@@ -1,6 +1,6 @@
 //! For tests: one pass on a device under validation, fed and read by the twins' fields.
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use super::stack::{Layer, Sampling, Slopes, layer};
 use super::{Field, convolve, subdivide};
@@ -8,14 +8,27 @@ use crate::base::Kernel;
 use crate::engine::filter;
 use crate::engine::vulkan::{Buffer, Clock, Device, Groups, Image, Pipeline, Recorder, Resource, Stage, Texel};
 
-/// A device whose validation messages fail the test when it is dropped.
+/// A device whose validation messages fail the test when it is dropped: the one of all tests of the program, each of which
+/// may meet the messages of another, or one of its own.
 pub(crate) struct Rig {
     device: Arc<Device>,
 }
 
+/// Opening a device under validation takes as long as most tests.
+static SHARED: LazyLock<Arc<Device>> = LazyLock::new(open);
+
+fn open() -> Arc<Device> {
+    crate::engine::open(&crate::engine::testing::options()).unwrap()
+}
+
 impl Rig {
     pub(crate) fn new() -> Self {
-        Self { device: crate::engine::open(&crate::engine::testing::options()).unwrap() }
+        Self { device: SHARED.clone() }
+    }
+
+    /// For a test that provokes messages.
+    pub(crate) fn alone() -> Self {
+        Self { device: open() }
     }
 
     pub(crate) fn device(&self) -> &Arc<Device> {

@@ -4,6 +4,7 @@
 //! into `glsl/spirv`: the build then needs nothing but Rust.
 
 #[cfg(feature = "compile-shaders")]
+#[path = "build/compile.rs"]
 mod compile;
 
 use std::path::{Path, PathBuf};
