@@ -1,4 +1,4 @@
-//! The whole solver in plain Rust and double precision: the [`script`](super::script) run by the [`stages`](super::stages)'
+//! The whole solver in plain Rust and double precision: the script that the device runs, run by the [`stages`](super::stages)'
 //! twins. Slow, for tests and for learning.
 
 use super::plan::{MAP_LAYERS, Plan};

@@ -1,7 +1,7 @@
 //! What decided V: D, b² and |∇V|² out of the last linear system, on every other pixel; section 7 of `docs/method.md`.
 //!
 //! V answers the pixels around as far as the smoothness reaches, so what one pixel says means little. Averaged over a
-//! [window](fn@window), they give V's standard deviation (see [`confidence`](mod@super::confidence)).
+//! [window](fn@window), they give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).
 
 use bytemuck::{Pod, Zeroable};
 

@@ -44,7 +44,7 @@ pub enum Sampling {
     Half,
 }
 
-/// How a layer other than the first is made. One made on every other pixel is [refined](super::refine) to every pixel.
+/// How a layer other than the first is made. One made on every other pixel is [subdivided](super::subdivide) to every pixel.
 pub struct Layer {
     /// The layer that is filtered.
     pub from: usize,

@@ -140,7 +140,7 @@ impl Contents<'_> {
     fn data(&self, thinning: &Thinning, surface: Value) -> Value {
         let mut data = json!({
             "version": env!("CARGO_PKG_VERSION"),
-            "thinning": { "step": thinning.step, "first": thinning.step / 2, "width": thinning.width, "height": thinning.height },
+            "grid": { "step": thinning.step, "first": thinning.step / 2, "width": thinning.width, "height": thinning.height },
             "fields": self.fields.iter().map(Readout::description).collect::<Vec<_>>(),
             "pictures": self.pictures.iter().map(|picture| &picture.name).collect::<Vec<_>>(),
             "surface": surface,
