@@ -22,38 +22,35 @@ pub(crate) fn record(
 ) -> Result<Recording, Error> {
     let clock = if traced { Clock::Dispatches } else { Clock::Passes };
     let mut recorder = Recorder::new(device, clock(script.dispatches().count() as u32))?;
-    let mut parts = script.parts.iter().skip(1);
-    // The first step after the latest barrier. A part may be left out, and with it its barriers: each begins with one.
-    let (mut ordered_from, mut begins) = (0, true);
-    for (index, step) in script.steps.iter().enumerate() {
-        let waits = step.waits_for.is_some_and(|before| before >= ordered_from);
-        let touches = !matches!(step.action, Action::ShowHost | Action::NextPart);
-        if waits || (begins && touches) {
-            recorder.barrier();
-            (ordered_from, begins) = (index, false);
+    for (n, part) in script.parts.iter().enumerate() {
+        match part.goes_on {
+            Some(_) => recorder.next_part_if_wanted()?,
+            None if n > 0 => recorder.next_part()?,
+            None => {}
         }
-        match &step.action {
-            Action::Dispatch(dispatch) => pass(&mut recorder, pipelines, workspace, dispatch)?,
-            Action::Copy { from, to, levels } => {
-                let offset = if *levels { std::mem::offset_of!(State, levels) as u64 } else { 0 };
-                recorder.copy(workspace.buffer(*from), workspace.buffer(*to), offset);
+        for entry in &part.entries {
+            if entry.waits {
+                recorder.barrier();
             }
-            Action::Clear { image, .. } => recorder.clear(workspace.image(*image)),
-            Action::Download { layers } => {
-                let (stacks, results) = (workspace.image(Slot::Stacks), workspace.buffer(Slot::Results));
-                recorder.download(stacks, workspace.size, *layers, results);
-            }
-            Action::ShowHost => recorder.host_barrier(),
-            Action::NextPart => {
-                begins = true;
-                match parts.next().and_then(|part| part.goes_on) {
-                    Some(_) => recorder.next_part_if_wanted()?,
-                    None => recorder.next_part()?,
-                }
-            }
+            act(&mut recorder, pipelines, workspace, &entry.action)?;
         }
     }
     recorder.finish()
+}
+
+fn act(recorder: &mut Recorder, pipelines: &Pipelines, workspace: &Workspace, action: &Action) -> Result<(), Error> {
+    match action {
+        Action::Dispatch(dispatch) => return pass(recorder, pipelines, workspace, dispatch),
+        Action::Copy { from, to, levels } => {
+            let offset = if *levels { std::mem::offset_of!(State, levels) as u64 } else { 0 };
+            recorder.copy(workspace.buffer(*from), workspace.buffer(*to), offset);
+        }
+        Action::Clear { image, .. } => recorder.clear(workspace.image(*image)),
+        Action::Download { layers } => {
+            recorder.download(workspace.image(Slot::Stacks), *layers, workspace.buffer(Slot::EndMaps));
+        }
+    }
+    Ok(())
 }
 
 fn pass(
@@ -70,10 +67,12 @@ fn pass(
             Kind::Uniform => Resource::Uniform(workspace.buffer(slot)),
         })
         .collect();
-    let groups = match (dispatch.grid, dispatch.grid.word()) {
-        (_, Some(word)) => Groups::Indirect(workspace.buffer(Slot::Arguments), 4 * word as u64),
-        (Grid::Direct(groups), None) => Groups::Direct(groups),
-        (_, None) => Groups::Direct([1; 3]),
+    let groups = match dispatch.grid {
+        Grid::Direct(groups) => Groups::Direct(groups),
+        Grid::Level { .. } | Grid::IfMoved { .. } => {
+            let word = dispatch.grid.word().unwrap_or_default() as u64;
+            Groups::Indirect(workspace.buffer(Slot::Arguments), 4 * word)
+        }
     };
     let pipeline = pipelines.get(dispatch.stage, dispatch.variant)?;
     recorder.pass(&pipeline, &resources, &dispatch.constants, groups)

@@ -60,8 +60,8 @@ fn run(script: &Script, plan: &Plan, memory: &mut Memory) {
     for (bank, weights) in plan.weights.banks.iter().enumerate() {
         memory.upload_filters(bank, weights);
     }
-    for step in &script.steps {
-        match &step.action {
+    for entry in script.entries() {
+        match &entry.action {
             Action::Dispatch(dispatch) => {
                 if dispatch.grid.word().is_none_or(|word| memory.runs(word)) {
                     (dispatch.twin)(dispatch, memory);
@@ -69,8 +69,8 @@ fn run(script: &Script, plan: &Plan, memory: &mut Memory) {
             }
             Action::Copy { from, to, levels } => memory.copy(*from, *to, *levels),
             Action::Clear { image, size } => memory.clear(*image, *size),
-            // What stands in the slots is what the host sees.
-            Action::Download { .. } | Action::ShowHost | Action::NextPart => {}
+            // The results are read where they stand.
+            Action::Download { .. } => {}
         }
     }
 }

@@ -57,7 +57,7 @@ pub(crate) enum Slot {
     /// See [`EndState`](Self::EndState).
     EndEnergies,
     /// V, its standard deviation, the residual and the fused channels, mapped.
-    Results,
+    EndMaps,
 }
 
 /// What a slot holds.
@@ -83,15 +83,15 @@ macro_rules! quantities {
 
 quantities! {
     /// Luminance of I1.
-    I1: Image, Scalar;
+    I1: Image;
     /// Luminance of I2.
-    I2: Image, Scalar;
+    I2: Image;
     /// Any image of one float a pixel.
-    Plane: Image, Scalar;
+    Plane: Image;
     /// Shares of pixels that count.
     Masks: Image, Scalar;
     /// V.
-    RelativeBlur: Image, Scalar;
+    RelativeBlur: Image;
     /// Stacks of blurred images.
     Stacks: Image, Scalar;
     /// What stands in the first layers of the stacks at the end.

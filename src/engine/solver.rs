@@ -306,7 +306,7 @@ impl Solver {
 
     /// The results, out of mapped memory.
     fn collect(&self) -> Result<Solution, Error> {
-        let (results, plan) = (self.workspace.buffer(Slot::Results), &self.plan);
+        let (results, plan) = (self.workspace.buffer(Slot::EndMaps), &self.plan);
         let pixels = plan.size[0] as usize * plan.size[1] as usize;
         let channels = plan.fused_channels();
         let state = self.state(Slot::EndState)?;

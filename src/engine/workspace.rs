@@ -16,8 +16,6 @@ use crate::base::Error;
 pub(crate) struct Workspace {
     images: BTreeMap<Slot, Arc<Image>>,
     buffers: BTreeMap<Slot, Arc<Buffer>>,
-    /// Width and height of the finest level, pixels.
-    pub(crate) size: [u32; 2],
 }
 
 impl Workspace {
@@ -28,7 +26,7 @@ impl Workspace {
             let single: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
             buffers[&Slot::Filters { bank }].write(bytemuck::cast_slice(&single))?;
         }
-        Ok(Self { images, buffers, size: plan.size })
+        Ok(Self { images, buffers })
     }
 
     /// The image in a slot.
@@ -90,7 +88,7 @@ fn buffers(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Buffe
         (Slot::Photograph { image: 0 }, plan.frame_bytes(0), up),
         (Slot::Photograph { image: 1 }, plan.frame_bytes(1), up),
         (Slot::Mask, plan.mask_bytes(), up),
-        (Slot::Results, plan.result_bytes(), down),
+        (Slot::EndMaps, plan.result_bytes(), down),
         (Slot::Progress, state, down),
         (Slot::EndState, state, down),
         (Slot::EndEnergies, energies, down),

@@ -1,15 +1,15 @@
 //! The method, a line a pass, in the order of `docs/method.md`.
 
 use super::hazards::Hazards;
-use super::{Action, Dispatch, Part, Script, Step};
+use super::{Action, Dispatch, Entry, Part, Script};
 use crate::base::Decode;
 use crate::base::color::LUMINANCE;
 use crate::engine::arguments::{self, Grid, Over, Place};
 use crate::engine::plan::{Level, MAP_LAYERS, Plan};
-use crate::engine::slot::{self, Bound, Slot};
+use crate::engine::slot::{self, Slot};
 use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{
-    NO_VARIANT, WORKGROUP, appearance, exposure, ingest, linearise, mask, prolong, relax, relax_level, step, update,
+    NO_VARIANT, appearance, exposure, ingest, linearise, mask, prolong, relax, relax_level, step, update,
 };
 use crate::engine::vulkan::Variant;
 
@@ -24,12 +24,13 @@ const PART_BUDGET: u64 = 1 << 26;
 /// Separable filters that take as long as an outer iteration: on lavapipe 5, of a disk's stacks.
 const FILTERS_AN_ITERATION: u64 = 5;
 
-/// Writes a whole solve down: one part for the way up, some for each level, one for the results. Where the registration
+/// Writes a whole solve down: one part for the way up, some for each level, one or two for the results. Where the registration
 /// does not wait for V, it comes first, with parts and levels of its own. `masked`: pixels are masked or clipped.
 pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     let mut s = Composer::new(plan, masked);
     s.reset();
     for image in BOTH {
+        s.place = Place::level(0);
         s.ingest(image, LUMINANCE);
         if masked {
             s.mask(image);
@@ -37,12 +38,12 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
         s.pyramid(image);
     }
     for level in plan.appearance_levels() {
-        s.next_part(Part::default());
+        s.next_part();
         s.register_level(level);
     }
     let mut registered = 0;
     if !plan.solves_transform() {
-        s.next_part(Part::default());
+        s.next_part();
         s.place = Place::level(0);
         s.clear(&plan.pyramid[0]);
         s.exposure(&plan.pyramid[0], plan.matches_exposure() && !plan.solves_appearance());
@@ -51,16 +52,16 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
         registered = s.parts.len();
     }
     for level in plan.coarse_to_fine() {
-        s.next_part(Part::default());
+        s.next_part();
         s.solve_level(level);
     }
-    s.next_part(Part::default());
+    s.next_part();
     s.place = Place::level(0);
     s.exposure(&plan.pyramid[0], false);
     if plan.solves_transform() {
         s.bring_down_registration();
         registered = s.parts.len();
-        s.next_part(Part::default());
+        s.next_part();
     }
     s.evidence();
     s.uncertainty();
@@ -77,6 +78,11 @@ fn starts_part(level: &Level, k: u32) -> bool {
     k > 0 && k.is_multiple_of(per_part)
 }
 
+/// Whether bringing I2 onto the pixels anew takes as long as a part should.
+fn warping_fills_part(level: &Level) -> bool {
+    level.pixels() > PART_BUDGET / FILTERS_AN_ITERATION
+}
+
 /// The script so far, and what its next pass is about.
 pub(super) struct Composer<'a> {
     pub(super) plan: &'a Plan,
@@ -87,7 +93,6 @@ pub(super) struct Composer<'a> {
     pub(super) warps: Vec<Vec<[u32; 3]>>,
     /// Where the next pass stands.
     pub(super) place: Place,
-    steps: Vec<Step>,
     parts: Vec<Part>,
     hazards: Hazards,
 }
@@ -100,24 +105,28 @@ impl<'a> Composer<'a> {
             anew: None,
             warps: vec![Vec::new(); plan.solved],
             place: Place::default(),
-            steps: Vec::new(),
             parts: vec![Part::default()],
             hazards: Hazards::default(),
         }
     }
 
     fn finish(self, registered: usize) -> Script {
-        let grids = self.plan.pyramid[..self.plan.solved].iter().map(|level| {
-            let [width, height] = level.size;
-            [level.tiles(), relax::tiles(level.size), [width.div_ceil(WORKGROUP[0]), height.div_ceil(WORKGROUP[1]), 1]]
-        });
+        let grids = self.plan.pyramid[..self.plan.solved]
+            .iter()
+            .map(|level| [level.tiles(), relax::tiles(level.size), update::STAGE.groups(level.size)]);
         let arguments = arguments::at_the_start(&grids.collect::<Vec<_>>(), &self.warps);
-        Script { steps: self.steps, parts: self.parts, registered, arguments }
+        Script { parts: self.parts, registered, arguments }
     }
 
     fn push(&mut self, action: Action) {
-        let waits_for = self.hazards.waits_for(self.steps.len(), &action);
-        self.steps.push(Step { action, waits_for });
+        let waits = self.hazards.waits(&action);
+        self.part().entries.push(Entry { action, waits });
+    }
+
+    /// The part at hand.
+    fn part(&mut self) -> &mut Part {
+        let last = self.parts.len() - 1;
+        &mut self.parts[last]
     }
 
     /// A stage runs.
@@ -153,31 +162,30 @@ impl<'a> Composer<'a> {
 
     /// V of a level is zero.
     fn clear(&mut self, level: &Level) {
-        self.push(Action::Clear { image: slot::relative_blur(level.index).write().slot(), size: level.size });
+        self.push(Action::Clear { image: Slot::RelativeBlur { level: level.index }, size: level.size });
     }
 
-    /// The rest goes into another submission.
-    pub(super) fn next_part(&mut self, part: Part) {
-        self.parts.push(part);
-        self.push(Action::NextPart);
+    /// The rest goes into another part.
+    pub(super) fn next_part(&mut self) {
+        self.parts.push(Part::default());
+        self.hazards.begin_part();
     }
 
     /// Iteration k of a level: into another part, if the host is to be asked whether it is wanted or the part at hand is full.
     fn begin_iteration(&mut self, level: &Level, k: u32, may_settle: impl Fn(u32) -> bool) {
         if Plan::asks_before(k, may_settle) {
             self.copy(Slot::State, Slot::Progress);
-            self.next_part(Part { goes_on: Some(level.index), level_done: None });
-        } else if starts_part(level, k) {
-            self.next_part(Part::default());
+            self.next_part();
+            self.part().goes_on = Some(level.index);
+        } else if starts_part(level, k) || self.plan.warps_anew(level, k) && warping_fills_part(level) {
+            self.next_part();
         }
         self.place = self.place.iteration(k);
     }
 
     /// The part at hand is the last of a level.
     fn end_level(&mut self, level: &Level) {
-        if let Some(part) = self.parts.last_mut() {
-            part.level_done = Some(level.index);
-        }
+        self.part().level_done = Some(level.index);
     }
 
     /// T on one level, by appearance.
@@ -210,16 +218,13 @@ impl<'a> Composer<'a> {
         for (image, layer) in BOTH.iter().flat_map(|&image| (0..plan.layers_of(level)).map(move |n| (image, n))) {
             passed += self.stack_layer(level, image, layer) * level.pixels();
             if passed > FILTERS_AN_ITERATION * PART_BUDGET {
-                self.next_part(Part::default());
+                self.next_part();
                 passed = 0;
             }
         }
         for k in 0..plan.settings.outer_iterations {
             self.begin_iteration(level, k, |k| plan.may_settle(level, k));
             if plan.warps_anew(level, k) {
-                if level.pixels() > PART_BUDGET / FILTERS_AN_ITERATION {
-                    self.next_part(Part::default());
-                }
                 self.warp_anew(level);
             }
             self.linearise(level, k);
@@ -371,7 +376,6 @@ impl<'a> Composer<'a> {
     fn bring_down_registration(&mut self) {
         self.copy(Slot::State, Slot::RegisteredState);
         self.copy(Slot::Energies, Slot::RegisteredEnergies);
-        self.push(Action::ShowHost);
     }
 
     /// The results, into mapped memory.

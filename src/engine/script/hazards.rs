@@ -1,4 +1,4 @@
-//! What a step waits for: by what earlier steps did to the slots that it touches.
+//! Where a script must wait: by what stages declare to do to the slots that they touch.
 
 use std::collections::HashMap;
 
@@ -6,41 +6,36 @@ use super::Action;
 use crate::engine::slot::Slot;
 use crate::engine::vulkan::Access;
 
-/// The latest steps that read and that wrote a slot.
-#[derive(Clone, Copy, Default)]
-struct Touched {
-    read: Option<usize>,
-    written: Option<usize>,
-}
-
-/// The slots touched so far.
+/// The slots touched since the last wait, and whether they were written.
 #[derive(Default)]
 pub(super) struct Hazards {
-    touched: HashMap<Slot, Touched>,
+    touched: HashMap<Slot, bool>,
 }
 
 impl Hazards {
-    /// Which earlier step the step of this index waits for: reads for the latest write, writes for the latest of either.
-    pub(super) fn waits_for(&mut self, index: usize, action: &Action) -> Option<usize> {
+    /// A part begins, which waits for all before it.
+    pub(super) fn begin_part(&mut self) {
+        self.touched.clear();
+    }
+
+    /// Whether this must wait: it reads what has been written, or writes what has been read or written.
+    pub(super) fn waits(&mut self, action: &Action) -> bool {
         let accesses = accesses(action);
-        let before = |(slot, access): &(Slot, Access)| {
-            let Touched { read, written } = self.touched.get(slot).copied().unwrap_or_default();
-            if *access == Access::Read { written } else { read.max(written) }
+        let collides = |(slot, access): &(Slot, Access)| {
+            self.touched.get(slot).is_some_and(|&written| written || *access != Access::Read)
         };
-        let waits_for = accesses.iter().filter_map(before).max();
-        for (slot, access) in accesses {
-            let touched = self.touched.entry(slot).or_default();
-            if access == Access::Read {
-                touched.read = Some(index);
-            } else {
-                touched.written = Some(index);
-            }
+        let waits = accesses.iter().any(collides);
+        if waits {
+            self.touched.clear();
         }
-        waits_for
+        for (slot, access) in accesses {
+            *self.touched.entry(slot).or_default() |= access != Access::Read;
+        }
+        waits
     }
 }
 
-/// The slots that a step touches, and how.
+/// The slots that an entry touches, and how.
 fn accesses(action: &Action) -> Vec<(Slot, Access)> {
     match action {
         Action::Dispatch(dispatch) => {
@@ -50,24 +45,50 @@ fn accesses(action: &Action) -> Vec<(Slot, Access)> {
         }
         Action::Copy { from, to, .. } => vec![(*from, Access::Read), (*to, Access::Write)],
         Action::Clear { image, .. } => vec![(*image, Access::Write)],
-        Action::Download { .. } => vec![(Slot::Stacks, Access::Read), (Slot::Results, Access::Write)],
-        Action::ShowHost | Action::NextPart => Vec::new(),
+        Action::Download { .. } => vec![(Slot::Stacks, Access::Read), (Slot::EndMaps, Access::Write)],
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::arguments::{Grid, Over, Place};
+    use crate::engine::script::Dispatch;
+    use crate::engine::stages::{NO_VARIANT, update};
 
     #[test]
-    fn a_read_waits_for_the_write_and_a_write_for_both() {
+    fn reads_wait_for_writes_and_writes_for_both() {
         let mut hazards = Hazards::default();
         let copy = |from, to| Action::Copy { from, to, levels: false };
         let (a, b, c) = (Slot::State, Slot::Progress, Slot::EndState);
-        assert_eq!(hazards.waits_for(0, &copy(a, b)), None);
-        assert_eq!(hazards.waits_for(1, &copy(a, c)), None, "two that only read the same");
-        assert_eq!(hazards.waits_for(2, &copy(b, c)), Some(1), "reads what 0 wrote, writes over what 1 wrote");
-        assert_eq!(hazards.waits_for(3, &copy(c, a)), Some(2));
-        assert_eq!(hazards.waits_for(4, &copy(Slot::Energies, b)), Some(2), "2 still reads it");
+        assert!(!hazards.waits(&copy(a, b)));
+        assert!(!hazards.waits(&copy(a, c)), "two that only read the same");
+        assert!(hazards.waits(&copy(b, Slot::RegisteredState)), "reads what was written");
+        assert!(hazards.waits(&copy(Slot::StartState, b)), "writes what is read");
+        assert!(!hazards.waits(&copy(Slot::Energies, c)), "nothing since the last wait");
+        hazards.begin_part();
+        assert!(!hazards.waits(&copy(b, a)), "a part waits for all before it");
+    }
+
+    #[test]
+    fn an_indirect_dispatch_waits_for_its_arguments() {
+        let dispatch = |grid| {
+            Action::Dispatch(Dispatch {
+                stage: &update::STAGE,
+                variant: NO_VARIANT,
+                slots: vec![Slot::Change { color: 0 }, Slot::Change { color: 1 }, Slot::RelativeBlur { level: 0 }],
+                constants: Vec::new(),
+                grid,
+                place: Place::default(),
+                bytes: 0,
+                twin: |_, _| (),
+            })
+        };
+        let arguments = Action::Copy { from: Slot::StartArguments, to: Slot::Arguments, levels: false };
+        for (grid, waits) in [(Grid::Level { level: 0, over: Over::Pixels }, true), (Grid::Direct([1; 3]), false)] {
+            let mut hazards = Hazards::default();
+            assert!(!hazards.waits(&arguments));
+            assert_eq!(hazards.waits(&dispatch(grid)), waits);
+        }
     }
 }

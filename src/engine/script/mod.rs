@@ -17,17 +17,18 @@ pub(crate) use compose::compose;
 
 /// A solve.
 pub(crate) struct Script {
-    pub(crate) steps: Vec<Step>,
     pub(crate) parts: Vec<Part>,
-    /// How many of the parts it takes until the registration is known.
+    /// How many of them it takes until the registration is known.
     pub(crate) registered: usize,
-    /// The indirect arguments before the solve.
+    /// The indirect arguments before the solve: of one plan the same, whether pixels are masked or not, since the scripts of
+    /// both keep them in one buffer.
     pub(crate) arguments: Vec<u32>,
 }
 
-/// A submission of its own.
-#[derive(Clone, Copy, Debug, Default)]
+/// A command buffer of its own, which the host can wait for or leave out. It begins when all before it is done.
+#[derive(Debug, Default)]
 pub(crate) struct Part {
+    pub(crate) entries: Vec<Entry>,
     /// The level, 0 the finest, that is done when it ends.
     pub(crate) level_done: Option<usize>,
     /// The level whose iterations it goes on with: not wanted once that has settled.
@@ -36,11 +37,11 @@ pub(crate) struct Part {
 
 /// One thing to do.
 #[derive(Debug)]
-pub(crate) struct Step {
+pub(crate) struct Entry {
     pub(crate) action: Action,
-    /// The latest step that must be done, and what it wrote visible, before this one begins; `None` for the first that
-    /// touches what it touches. By the accesses that stages declare.
-    pub(crate) waits_for: Option<usize>,
+    /// Whether all before it in its part must be done, and what that wrote visible: by the accesses that stages declare, it
+    /// touches what has been written, or writes what has been touched, since the last that waited.
+    pub(crate) waits: bool,
 }
 
 /// What there is to do.
@@ -54,10 +55,6 @@ pub(crate) enum Action {
     Clear { image: Slot, size: [u32; 2] },
     /// The results come down: so many of the stacks' first layers.
     Download { layers: u32 },
-    /// What was copied so far is visible to the host when the part ends.
-    ShowHost,
-    /// The next [`Part`] begins.
-    NextPart,
 }
 
 /// A stage runs once.
@@ -77,9 +74,14 @@ pub(crate) struct Dispatch {
 }
 
 impl Script {
+    /// Everything to do, in order.
+    pub(crate) fn entries(&self) -> impl Iterator<Item = &Entry> {
+        self.parts.iter().flat_map(|part| &part.entries)
+    }
+
     /// The dispatches in order.
     pub(crate) fn dispatches(&self) -> impl Iterator<Item = &Dispatch> {
-        self.steps.iter().filter_map(|step| match &step.action {
+        self.entries().filter_map(|entry| match &entry.action {
             Action::Dispatch(dispatch) => Some(dispatch),
             _ => None,
         })
@@ -98,31 +100,38 @@ mod tests {
         compose(&Plan::new(200, 150, [gray; 2], &settings).unwrap(), masked)
     }
 
+    fn name(entry: &Entry) -> &str {
+        match &entry.action {
+            Action::Dispatch(dispatch) => dispatch.stage.shader.name,
+            _ => "",
+        }
+    }
+
     #[test]
-    fn each_part_begins_where_the_script_says_and_one_registers() {
+    fn the_registration_is_known_before_the_end() {
         for method in [Method::Unified, Method::Aligned, Method::Appearance] {
             let script = script(method, false);
-            let parts = script.steps.iter().filter(|step| matches!(step.action, Action::NextPart)).count();
-            assert_eq!(script.parts.len(), parts + 1);
             assert!(script.registered > 0 && script.registered < script.parts.len());
         }
     }
 
     #[test]
-    fn passes_that_share_nothing_do_not_wait_for_each_other() {
+    fn passes_wait_for_what_they_read_and_for_nothing_else() {
         let script = script(Method::Unified, false);
-        let of = |name: &'static str| -> Vec<Option<usize>> {
-            let named = |step: &&Step| matches!(&step.action, Action::Dispatch(d) if d.stage.shader.name == name);
-            script.steps.iter().filter(named).map(|step| step.waits_for).collect()
-        };
-        assert_eq!(of("ingest")[..2], [None, None]);
-        let iteration = ["linearise", "step", "relax", "update"].map(of).concat();
-        assert!(iteration.iter().all(Option::is_some));
+        let first: Vec<&Entry> = script.parts[0].entries.iter().filter(|entry| name(entry) == "ingest").collect();
+        assert!(!first[0].waits, "nothing came before it");
+        let iteration = |entry: &&Entry| ["linearise", "step", "relax", "update"].contains(&name(entry));
+        for part in &script.parts {
+            // The first of a part waits by being so.
+            assert!(part.entries.iter().skip(1).filter(iteration).all(|entry| entry.waits));
+        }
     }
 
     #[test]
-    fn only_masked_scripts_weigh_pixels() {
-        let weighs = |masked| script(Method::Unified, masked).dispatches().any(|d| d.variant[2]);
-        assert!(weighs(true) && !weighs(false));
+    fn only_masked_scripts_weigh_pixels_and_both_have_the_same_arguments() {
+        let [plain, masked] = [false, true].map(|masked| script(Method::Unified, masked));
+        let weighs = |script: &Script| script.dispatches().any(|dispatch| dispatch.variant[2]);
+        assert!(!weighs(&plain) && weighs(&masked));
+        assert_eq!(plain.arguments, masked.arguments);
     }
 }

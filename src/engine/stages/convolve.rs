@@ -1,7 +1,7 @@
 //! One-dimensional filter along one axis, mirrored borders; with a stride it also halves that axis.
 //!
-//! Three passes of the method are this one: the Gaussian pyramid (σ 1 px, stride 2; pixel i of a level sits on pixel 2i
-//! of its parent), the cubic B-spline prefilter, and the stack of uniformly blurred images. A variant takes filters of
+//! Four filters of the method are this one: the Gaussian pyramid (σ 1 px, stride 2; pixel i of a level sits on pixel 2i
+//! of its parent), the cubic B-spline prefilter, the stack of uniformly blurred images, and means over a window. A variant takes filters of
 //! any length and can add to what is there: a filter that is not separable is a sum of some that are.
 
 use bytemuck::{Pod, Zeroable};

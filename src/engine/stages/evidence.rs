@@ -84,7 +84,7 @@ pub fn window() -> Filter {
 }
 
 /// D, b² (of residuals of `noise` at least) and |∇V|² on every other pixel.
-pub fn twin(c: &Constants, v: &Field, system: &[Field; 5]) -> [Field; 3] {
+pub fn twin(c: &Constants, v: &Field, system: &[&Field; 5]) -> [Field; 3] {
     let [alpha, eta, smoothness_eta, noise] = [c.alpha, c.eta, c.smoothness_eta, c.noise].map(f64::from);
     let gradient = |x: isize, y: isize| {
         [(v.clamped(x + 1, y) - v.clamped(x - 1, y)) / 2.0, (v.clamped(x, y + 1) - v.clamped(x, y - 1)) / 2.0]
@@ -139,7 +139,7 @@ mod tests {
             let resources = [&v_image, &right_sides, &weights, &found].map(Resource::Image);
             rig.run(&STAGE, &resources, &constants(&v), size([width as u32, height as u32]));
             // D is up to 0.3 where the random weights hardly add up to anything, else some 0.01.
-            let mut expected = twin(&constants(&v), &v, &system).to_vec();
+            let mut expected = twin(&constants(&v), &v, &system.each_ref()).to_vec();
             expected.push(Field::zeros(expected[0].width, expected[0].height));
             rig.assert_close(&found, &expected, 1e-4);
         }
@@ -154,7 +154,7 @@ mod tests {
         let system: [Field; 5] =
             std::array::from_fn(|i| Field::from_fn(8, 8, |_, _| if i == 0 { 0.02 } else { a } * over));
         let c = Constants { noise: 0.0, ..constants(&v) };
-        let [d, b2, g] = twin(&c, &v, &system);
+        let [d, b2, g] = twin(&c, &v, &system.each_ref());
         assert!((d.get(2, 2) / (3.0 * a) - 1.0).abs() < 1e-6, "{}", d.get(2, 2));
         assert!((b2.get(2, 2) / 4e-4 - 1.0).abs() < 1e-5 && g.get(2, 2) == 0.0);
     }

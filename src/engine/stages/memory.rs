@@ -69,9 +69,13 @@ impl<'a> Memory<'a> {
     }
 
     /// The linear system: right side, then the weights of the right, left, lower and upper neighbour.
-    pub(crate) fn system(&self, right_sides: impl Readable<RightSides>, weights: impl Readable<Weights>) -> [Field; 5] {
+    pub(crate) fn system(
+        &self,
+        right_sides: impl Readable<RightSides>,
+        weights: impl Readable<Weights>,
+    ) -> [&Field; 5] {
         let weights = self.layers(weights);
-        std::array::from_fn(|i| if i == 0 { self.layer(right_sides, 0).clone() } else { weights[i - 1].clone() })
+        std::array::from_fn(|i| if i == 0 { self.layer(right_sides, 0) } else { &weights[i - 1] })
     }
 
     /// The state.

@@ -56,7 +56,7 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
 }
 
 /// The stages, and the variants of them, that solves of pairs without masked pixels take.
-const PLAIN: [(&Stage, Variant); 24] = [
+const PLAIN: [(&Stage, Variant); 23] = [
     (&appearance::STAGE, NO_VARIANT),
     (&convolve::STAGE, NO_VARIANT),
     (&convolve::STAGE, convolve::LONG),
@@ -68,7 +68,6 @@ const PLAIN: [(&Stage, Variant); 24] = [
     (&linearise::STAGE, NO_VARIANT),
     (&linearise::STAGE, linearise::ANY_KERNEL),
     (&linearise::STAGE, linearise::WARPED),
-    (&mask::STAGE, NO_VARIANT),
     (&prolong::STAGE, NO_VARIANT),
     (&relax::STAGE, NO_VARIANT),
     (&relax::STAGE, relax::FIRST),
@@ -134,7 +133,7 @@ mod tests {
 
     #[test]
     fn stages_bind_what_their_shaders_declare_and_as_they_declare_it() {
-        for stage in PLAIN.into_iter().map(|(stage, _)| stage).chain([&copy::STAGE]) {
+        for stage in PLAIN.into_iter().map(|(stage, _)| stage).chain([&copy::STAGE, &mask::STAGE]) {
             let name = stage.shader.name;
             let text = std::fs::read_to_string(format!("{}/glsl/{name}.comp", env!("CARGO_MANIFEST_DIR"))).unwrap();
             let mut found: Vec<_> = text.lines().filter_map(declared).collect();

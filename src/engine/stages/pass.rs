@@ -50,9 +50,8 @@ macro_rules! bindings {
 
             fn of(slots: &[$crate::engine::slot::Slot]) -> Self {
                 use $crate::engine::slot::Bound;
-                let mut slots = slots.iter();
-                let mut next = || slots.next().copied().unwrap_or($crate::engine::slot::Slot::Scratch);
-                Self { $($field: Bound::of(next())),* }
+                let &[$($field),*] = slots else { unreachable!("{} slots for {} bindings", slots.len(), LAYOUT.len()) };
+                Self { $($field: Bound::of($field)),* }
             }
         }
     };

@@ -80,7 +80,7 @@ pub(crate) const STAGE: Stage =
     Stage { shader: &shaders::RELAX, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// Relaxes the pixels of one colour of dV in place.
-pub fn twin(c: &Constants, system: &[Field; 5], change: &mut Field) {
+pub fn twin(c: &Constants, system: &[&Field; 5], change: &mut Field) {
     let (width, height) = (change.width, change.height);
     let omega = f64::from(c.over_relaxation);
     for y in 0..height {
@@ -158,7 +158,7 @@ pub(crate) mod tests {
                 rows: ROWS,
                 over_relaxation: 1.8,
             };
-            twin(&c, &system, &mut change);
+            twin(&c, &system.each_ref(), &mut change);
             let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
             rig.run_variant(&STAGE, [true, false, false], &resources, &c, tiles([c.width, c.height]));
         }
@@ -184,7 +184,7 @@ pub(crate) mod tests {
                     rows: ROWS,
                     over_relaxation: 1.8,
                 };
-                twin(&constants, &system, &mut change);
+                twin(&constants, &system.each_ref(), &mut change);
                 let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
                 rig.run_groups(&STAGE, &resources, &constants, tiles(size));
             }
@@ -224,7 +224,7 @@ pub(crate) mod tests {
             for color in [0, 1] {
                 twin(
                     &Constants { width: n as u32, height: n as u32, color, rows: ROWS, over_relaxation: 1.8 },
-                    &system,
+                    &system.each_ref(),
                     &mut found,
                 );
             }

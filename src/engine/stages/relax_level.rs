@@ -67,7 +67,7 @@ pub(crate) fn takes([width, height]: [u32; 2]) -> bool {
 }
 
 /// dV from zero.
-pub fn twin(c: &Constants, system: &[Field; 5]) -> Field {
+pub fn twin(c: &Constants, system: &[&Field; 5]) -> Field {
     let mut change = Field::zeros(c.width as usize, c.height as usize);
     for _ in 0..c.sweeps {
         for color in [0, 1] {
@@ -101,7 +101,7 @@ mod tests {
             let changes = [0, 1].map(|_| rig.image(std::slice::from_ref(&nothing)));
             let resources = [&right_sides, &weights, &changes[0], &changes[1]].map(Resource::Image);
             rig.run_groups(&STAGE, &resources, &c, [1, 1, 1]);
-            let expected = twin(&c, &system);
+            let expected = twin(&c, &system.each_ref());
             for color in [0, 1] {
                 rig.assert_close(&changes[color], &[half(&expected, color)], 1e-4);
             }

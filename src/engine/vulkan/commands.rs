@@ -67,7 +67,8 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Goes on in a new command buffer, submitted with the others and waited for by itself.
+    /// Goes on in a new command buffer, submitted with the others and waited for by itself: it sees all that came before it,
+    /// and the host, once it is done, all that was written.
     pub(crate) fn next_part(&mut self) -> Result<(), Error> {
         self.end_part()?;
         self.begin_part(false)
@@ -76,7 +77,6 @@ impl Recorder {
     /// Goes on in a command buffer that is submitted only if it is [wanted](Recording::run_first) once what comes before is
     /// done; so far the host sees all that was copied for it.
     pub(crate) fn next_part_if_wanted(&mut self) -> Result<(), Error> {
-        self.host_barrier();
         self.end_part()?;
         self.begin_part(true)
     }
@@ -93,10 +93,14 @@ impl Recorder {
         // SAFETY: the command buffer is new.
         let begun =
             unsafe { self.device.handle.begin_command_buffer(self.part(), &vk::CommandBufferBeginInfo::default()) };
-        self.device.check("vkBeginCommandBuffer", begun)
+        self.device.check("vkBeginCommandBuffer", begun)?;
+        // Which parts came before, if any, is not known here.
+        self.barrier();
+        Ok(())
     }
 
     fn end_part(&mut self) -> Result<(), Error> {
+        self.host_barrier();
         self.timestamps.end_part(self.part());
         // SAFETY: the last part is being recorded.
         let ended = unsafe { self.device.handle.end_command_buffer(self.part()) };
@@ -220,9 +224,9 @@ impl Recorder {
         self.keep.push(image.clone());
     }
 
-    /// The first `layers` layers of an image, from its corner, as they stand in a buffer.
-    fn image_region(image: &Image, [width, height]: [u32; 2], layers: u32) -> vk::BufferImageCopy {
-        debug_assert!(width <= image.width && height <= image.height && layers <= image.layers);
+    /// The first `layers` layers of an image as they stand in a buffer.
+    fn image_region(image: &Image, layers: u32) -> vk::BufferImageCopy {
+        debug_assert!(layers <= image.layers);
         vk::BufferImageCopy::default()
             .image_subresource(vk::ImageSubresourceLayers {
                 aspect_mask: vk::ImageAspectFlags::COLOR,
@@ -230,12 +234,12 @@ impl Recorder {
                 base_array_layer: 0,
                 layer_count: layers,
             })
-            .image_extent(vk::Extent3D { width, height, depth: 1 })
+            .image_extent(vk::Extent3D { width: image.width, height: image.height, depth: 1 })
     }
 
     /// Brings the first layers of an image down into a buffer.
-    pub(crate) fn download(&mut self, image: &Arc<Image>, size: [u32; 2], layers: u32, to: &Arc<Buffer>) {
-        let region = [Self::image_region(image, size, layers)];
+    pub(crate) fn download(&mut self, image: &Arc<Image>, layers: u32, to: &Arc<Buffer>) {
+        let region = [Self::image_region(image, layers)];
         // SAFETY: the part is being recorded; the image is in the general layout, the buffer holds all its layers, and both
         // are kept alive.
         unsafe {
@@ -254,7 +258,7 @@ impl Recorder {
     /// Fills an image from a buffer: for tests.
     #[cfg(test)]
     pub(crate) fn upload(&mut self, from: &Arc<Buffer>, image: &Arc<Image>) {
-        let region = [Self::image_region(image, [image.width, image.height], image.layers)];
+        let region = [Self::image_region(image, image.layers)];
         // SAFETY: as for `download`.
         unsafe {
             self.device.handle.cmd_copy_buffer_to_image(
@@ -270,7 +274,7 @@ impl Recorder {
     }
 
     /// What was copied so far is visible to the host once the part is done.
-    pub(crate) fn host_barrier(&mut self) {
+    fn host_barrier(&mut self) {
         self.memory_barrier(
             (
                 vk::PipelineStageFlags2::TRANSFER | vk::PipelineStageFlags2::COMPUTE_SHADER,
@@ -282,7 +286,6 @@ impl Recorder {
 
     /// Ends the recording; what was written is visible to the host once it is done.
     pub(crate) fn finish(mut self) -> Result<Recording, Error> {
-        self.host_barrier();
         self.end_part()?;
         let timestamps = std::mem::take(&mut self.timestamps);
         Recording::new(

@@ -12,7 +12,8 @@ use crate::base::Error;
 pub(crate) struct DeviceTimes {
     pub(crate) total_ms: f64,
     pub(crate) passes_ms: Vec<(&'static str, f64)>,
-    /// When each span ended, in order, since the start; each begins as the one before it ends.
+    /// When each span ended, in order, since the start; each is taken to begin as the one before it ends, though passes that do not
+    /// wait for each other may overlap.
     pub(crate) ends_ms: Vec<f64>,
 }
 

@@ -90,7 +90,7 @@ impl Truth {
 
 /// Writes the [`SIMULATED_FILES`] of a synthetic pair into the folder `out`, which is made if it is missing; images have 16
 /// bits. All of them, or none. Of another scene, what its truth lists is replaced or removed, and no other file, as by
-/// [`write()`](super::write()).
+/// [`write()`](crate::export::write()).
 ///
 /// # Errors
 /// [`Error::File`].
