@@ -1,4 +1,4 @@
-//! The shaders of `glsl/`, in a table that `build/` writes: a constant for each, named after its file.
+//! The shaders of `glsl/`, in a table that `build.rs` writes: a constant for each, named after its file.
 
 /// A compute shader.
 #[derive(Debug)]
