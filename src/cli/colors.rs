@@ -1,12 +1,12 @@
-//! The colours of the depth map.
+//! The colours of near and far.
 
 use clap::ValueEnum;
 use parfocal::export::Palette;
 
-/// How depth.png is drawn.
+/// How pictures of depth are drawn.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub(super) struct ColorsArgument {
-    /// Colours of depth.png from near to far: yellow to purple in even steps for the eye, red to blue as in the paper, or
+    /// Colours from near to far: yellow to purple in even steps for the eye, red to blue as in the paper, or
     /// white to black
     #[arg(long, value_name = "NAME", value_enum, default_value_t = Name::Viridis)]
     colors: Name,

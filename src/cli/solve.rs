@@ -251,8 +251,8 @@ pub(super) fn write(
         let names = [&arguments.pair.i1, &arguments.pair.i2].map(|path| name(path));
         let depth = metric.as_ref();
         let photographs = frames.each_ref();
-        let page =
-            Page { photographs, names, decode: settings.decode, nearer, depth, fields: vec![residual(solution)] };
+        let (decode, palette, fields) = (settings.decode, look.palette, vec![residual(solution)]);
+        let page = Page { photographs, names, decode, nearer, depth, palette, fields };
         extras.push(page.file(solution, &report));
     }
     let additions = Additions { depth: metric.as_ref(), measurements, extras };

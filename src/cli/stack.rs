@@ -94,7 +94,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     report.files =
         sweep_files(sweep.depth.is_some(), &look, !arguments.no_html).into_iter().map(String::from).collect();
     let names = arguments.frames.iter().map(|path| name(path)).collect();
-    let page = SweepPage { frames: &frames, names, decode, nearer, fields: Vec::new() };
+    let page = SweepPage { frames: &frames, names, decode, nearer, palette: look.palette, fields: Vec::new() };
     let page = (!arguments.no_html).then(|| page.file(&sweep, &report));
     export::write_sweep(out, &sweep, &report, &look, page)?;
     tell(&report, arguments)?;
