@@ -62,7 +62,7 @@ pub(super) struct Arguments {
     output: Option<PathBuf>,
     /// File for a trace of each run's last solve, which Perfetto and chrome://tracing open
     #[arg(long, value_name = "FILE.json")]
-    profile: Option<PathBuf>,
+    trace: Option<PathBuf>,
     /// Also print the ratios to an earlier report
     #[arg(long, value_name = "BASE.json")]
     against: Option<PathBuf>,
@@ -127,7 +127,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = &arguments.output {
         report.write(arguments.force.to(file))?;
     }
-    if let Some(file) = &arguments.profile {
+    if let Some(file) = &arguments.trace {
         measured.trace.write(arguments.force.to(file))?;
     }
     tell(report, base.as_ref(), arguments)?;
@@ -165,19 +165,19 @@ fn options(arguments: &Arguments) -> Result<Options, Failure> {
         settings,
         warmup: arguments.warmup,
         repeats: arguments.repeats,
-        traced: arguments.profile.is_some(),
+        traced: arguments.trace.is_some(),
     })
 }
 
 /// Refuses files that cannot be ones, or that are inputs, before any work is done.
 fn check_outputs(arguments: &Arguments) -> Result<(), Failure> {
     let inputs: Vec<&PathBuf> = arguments.pair.iter().chain(&arguments.transform).collect();
-    let outputs = [(&arguments.output, FileKind::Bench), (&arguments.profile, FileKind::Trace)];
+    let outputs = [(&arguments.output, FileKind::Bench), (&arguments.trace, FileKind::Trace)];
     for (file, kind) in outputs.iter().filter_map(|(file, kind)| Some((file.as_ref()?, *kind))) {
         output::check_file(arguments.force.to(file), kind, "", &inputs)?;
     }
-    if arguments.output.is_some() && arguments.output == arguments.profile {
-        return Err(Failure::Usage("--output and --profile name one file; give two".to_string()));
+    if arguments.output.is_some() && arguments.output == arguments.trace {
+        return Err(Failure::Usage("--output and --trace name one file; give two".to_string()));
     }
     Ok(())
 }

@@ -51,8 +51,9 @@ pub(super) struct SettingsArguments {
     #[arg(long, value_name = "K|FILE", default_value = "gaussian")]
     kernel: KernelChoice,
     /// How the registration steps; gradient-descent is the paper's scheme, to compare with
-    #[arg(long, value_enum, default_value_t = StepName::from(Settings::default().registration))]
-    registration: StepName,
+    #[arg(long, value_name = "STEP", alias = "registration", value_enum,
+          default_value_t = StepName::from(Settings::default().registration))]
+    registration_step: StepName,
     /// How stored values become intensities: none, as stored; srgb, with the sRGB curve undone; auto, by what the files say
     /// (8-bit PNG and JPEG that say nothing are taken for sRGB, all others for linear), in which they must agree
     #[arg(long, value_enum, default_value_t = DecodeName::from(Settings::default().decode))]
@@ -177,7 +178,7 @@ impl SettingsArguments {
             sweeps: self.sweeps,
             regularization: self.regularization,
             max_relative_blur: self.max_relative_blur,
-            registration: match self.registration {
+            registration: match self.registration_step {
                 StepName::GaussNewton => RegistrationStep::GaussNewton,
                 StepName::GradientDescent => RegistrationStep::GradientDescent,
             },

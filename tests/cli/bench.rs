@@ -114,7 +114,7 @@ fn check_run(run: &Value) {
 fn the_report_holds_what_it_promises_and_a_trace_stands_beside_it() {
     let desk = Desk::new();
     let stdout =
-        done(&desk.measure(&["--methods", "unified,appearance", "--json", "-o", "made/a.json", "--profile", "t.json"]));
+        done(&desk.measure(&["--methods", "unified,appearance", "--json", "-o", "made/a.json", "--trace", "t.json"]));
     let report: Value = serde_json::from_str(&stdout).unwrap();
     assert_eq!(desk.json("made/a.json"), report);
     for name in ["name", "driver", "uuid"] {
@@ -204,5 +204,5 @@ fn what_cannot_be_asked_is_refused_before_any_work() {
     refused(&desk.run(&["--against", "none.json"]), 1, &["none.json", "check the path"]);
     refused(&desk.run(&["--pair", "a.png", "b.png"]), 1, &["a.png"]);
     refused(&desk.run(&["-o", "."]), 1, &["is a folder"]);
-    refused(&desk.run(&["-o", "x.json", "--profile", "x.json"]), 2, &["one file"]);
+    refused(&desk.run(&["-o", "x.json", "--trace", "x.json"]), 2, &["one file"]);
 }
