@@ -12,7 +12,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{FileKind, remove_unfinished, write_named};
 use parfocal::{DeviceInfo, Engine, Error, Kept, Scoped, Settings};
 
-use super::failure::{Failure, print};
+use super::failure::Failure;
+use super::help::OUTPUT;
 use super::solve::{self, Photographs};
 use super::tally::{Outcome, Row, SUMMARY, Tally};
 use super::{output, pairs};
@@ -25,7 +26,6 @@ use super::{output, pairs};
     mut_arg("i1", |a| a.value_name("DIR|MANIFEST").help("Folder of photographs, or list of pairs, as CSV or JSON lines")),
     mut_arg("i2", |a| a.hide(true).required(false).default_value(NOTHING)),
     mut_arg("output", |a| a.help("Folder for a folder of results for each pair, and batch.json; made if it is missing")),
-    mut_arg("json", |a| a.help("Print batch.json on stdout too")),
     mut_arg("strict", |a| a.help("Exit status 1 if a pair does not converge or has warnings")),
 )]
 pub(super) struct Arguments {
@@ -33,7 +33,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     solve: solve::Arguments,
     /// Leave out pairs whose results are there, whole, and of the same photographs, settings and flags
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     resume: bool,
 }
 
@@ -96,20 +96,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let stop = on_interrupt(jobs.iter().map(|job| job.arguments.output.clone()).collect())?;
     let engine = flags.pair.common.open_engine()?;
     let shared = Shared { settings, resume: arguments.resume, stop };
-    let bar = Bar::new(jobs.len(), flags.pair.common.quiet);
+    let bar = Bar::new(jobs.len(), flags.pair.common.told.is_quiet());
     let (rows, ended) = work(engine, &jobs, &shared, &bar)?;
     drop(bar);
     let interrupted = shared.stop.load(Ordering::Relaxed);
     let tally = Tally::new(source, rows, interrupted, started.elapsed());
     let json = tally.to_json()?;
     write_named(force.to(out), SUMMARY, FileKind::Batch, format!("{json}\n").as_bytes())?;
-    if !flags.pair.common.quiet {
-        // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(io::stderr(), "{}", tally.table(out));
-    }
-    if flags.pair.common.json {
-        print(&json)?;
-    }
+    flags.pair.common.told.tell(&tally.table(out), || Ok(json))?;
     ended?;
     tally.check(flags.pair.common.strict)
 }

@@ -13,6 +13,7 @@ use super::failure::{Failure, print};
 use super::output::{self, ForceArgument};
 use super::pair::KernelChoice;
 use super::solve::MethodName;
+use super::told::QuietArgument;
 
 /// Measure how fast pairs are solved: end to end, on the device, and pass by pass beside the bandwidth of a copy.
 #[derive(clap::Args, Debug)]
@@ -73,9 +74,8 @@ pub(super) struct Arguments {
     force: ForceArgument,
     #[command(flatten)]
     engine: EngineArguments,
-    /// Print nothing on stderr but errors
-    #[arg(long)]
-    quiet: bool,
+    #[command(flatten)]
+    quiet: QuietArgument,
 }
 
 const AFTER_HELP: &str = "\
@@ -115,13 +115,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     check_outputs(arguments)?;
     let options = options(arguments)?;
     let (engine, engine_ms) = bench::open(&arguments.engine.options())?;
-    let mut say = |line: &str| {
-        if !arguments.quiet {
-            // Nobody is left to be told where stderr is closed.
-            let _ = writeln!(io::stderr(), "{line}");
-        }
-    };
-    let measured = bench::run(&engine, engine_ms, &options, &mut say)?;
+    let measured = bench::run(&engine, engine_ms, &options, &mut |line| arguments.quiet.say(line))?;
     super::check_validation(&engine)?;
     let report = &measured.report;
     if let Some(file) = &arguments.output {

@@ -16,6 +16,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use toml::{Spanned, Value};
 
 use super::failure::{Failure, nearest};
+use super::help::INPUT;
 
 /// The most bytes that are read, 1 MiB.
 const MAX_BYTES: u64 = 1 << 20;
@@ -23,8 +24,8 @@ const MAX_BYTES: u64 = 1 << 20;
 /// `--config`, for the subcommands that take it.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(super) struct ConfigArgument {
-    /// Options from a TOML file, which those on the command line override; `parfocal config` prints one
-    #[arg(long, value_name = "FILE.toml")]
+    /// Options from a TOML file, as `parfocal config` prints one; the command line overrides them
+    #[arg(long, value_name = "FILE.toml", help_heading = INPUT)]
     config: Option<PathBuf>,
 }
 

@@ -6,6 +6,7 @@ use clap::Arg;
 
 use super::config::{is_bool, is_key, is_number, takes_config};
 use super::failure::{Failure, nearest, print};
+use super::help::wrapped;
 
 /// Print the options of a subcommand with their defaults as TOML, for --config.
 #[derive(clap::Args, Debug)]
@@ -51,19 +52,13 @@ fn text(subcommand: &str) -> String {
 }
 
 fn comment(option: &Arg) -> String {
-    let mut words = option.get_help().map(ToString::to_string).unwrap_or_default();
+    let mut words = option.get_long_help().or(option.get_help()).map(ToString::to_string).unwrap_or_default();
     let names: Vec<_> = option.get_possible_values().iter().map(|v| v.get_name().to_string()).collect();
     if !names.is_empty() && !is_bool(option) {
         words = format!("{words} ({})", names.join(", "));
     }
-    let mut lines = vec![String::new()];
-    for word in words.split_whitespace() {
-        match lines.last_mut() {
-            Some(last) if last.len() + word.len() < WIDTH => last.extend([" ", word]),
-            _ => lines.push(format!(" {word}")),
-        }
-    }
-    lines.iter().map(|line| format!("#{line}\n")).collect()
+    let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
+    wrapped(&words, WIDTH).lines().map(|line| format!("# {line}\n")).collect()
 }
 
 /// The default; where there is none, a comment that says what could stand there.

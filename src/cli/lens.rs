@@ -12,8 +12,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::failure::Failure;
-
-const HEADING: &str = "Lens";
+use super::help::LENS;
 
 /// The most bytes of a file with a lens that are read, 16 MiB, as of a report.
 const MAX_BYTES: u64 = 16 << 20;
@@ -21,27 +20,29 @@ const MAX_BYTES: u64 = 16 << 20;
 /// The lens; flags override the file.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(super) struct LensArguments {
-    /// The lens as JSON: an object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa and telecentric, or a
-    /// file that holds one as lens: what calibrate writes, truth.json of simulate, report.json
-    #[arg(long, value_name = "FILE", help_heading = HEADING)]
+    /// The lens, for depth in mm: JSON as calibrate writes it
+    ///
+    /// An object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa and telecentric, or a file that holds one
+    /// as lens: what calibrate writes, truth.json of simulate, report.json. Flags override it.
+    #[arg(long, value_name = "FILE", help_heading = LENS)]
     lens: Option<PathBuf>,
     /// Focal length
-    #[arg(long, value_name = "MM", help_heading = HEADING, allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", help_heading = LENS, allow_negative_numbers = true)]
     focal_length: Option<f64>,
     /// f-number
-    #[arg(long, value_name = "N", help_heading = HEADING, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", help_heading = LENS, allow_negative_numbers = true)]
     f_number: Option<f64>,
     /// Distance of neighbouring pixels on the sensor
-    #[arg(long, value_name = "MM", help_heading = HEADING, allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", help_heading = LENS, allow_negative_numbers = true)]
     pixel_pitch: Option<f64>,
     /// Distances from the lens at which I1 and I2 are focused
-    #[arg(long, value_name = "MM,MM", help_heading = HEADING, allow_hyphen_values = true)]
+    #[arg(long, value_name = "MM,MM", help_heading = LENS, allow_hyphen_values = true)]
     focus: Option<Distances>,
     /// Deviation of the blur over its radius [default: 0.5, a disk]; calibrate finds it
-    #[arg(long, value_name = "K", help_heading = HEADING, allow_negative_numbers = true)]
+    #[arg(long, value_name = "K", help_heading = LENS, allow_negative_numbers = true)]
     kappa: Option<f64>,
     /// The lens is telecentric on the image side: magnification does not change with focus
-    #[arg(long, value_name = "BOOL", help_heading = HEADING, num_args = 0..=1, require_equals = true,
+    #[arg(long, value_name = "BOOL", help_heading = LENS, num_args = 0..=1, require_equals = true,
           default_missing_value = "true")]
     telecentric: Option<bool>,
 }

@@ -5,30 +5,35 @@ use parfocal::export::{self, Depth16, Extra, Nearer};
 use parfocal::model::{Model, Points};
 use parfocal::{Error, Frame, MetricDepth, Solution};
 
+use super::help::OUTPUT;
+
 /// Which files beside the usual ones are written, and how.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct ModelArguments {
-    /// Also write, several with commas: ply (surface.ply, a mesh with colour and normals), cloud (points.ply, points with
-    /// both), glb (surface.glb, glTF with the best-focus image as texture), depth16 (depth16.png and depth16.tiff: depth
-    /// in mm with a lens, else V, in 16-bit grey, 0 where not valid; scale and offset are in the files and in
-    /// report.json), labels (labels.png: 1 where I1 is the sharper, 2 where I2 is, 3 where V is within its standard
-    /// deviation of 0, 0 where not valid)
-    #[arg(long, value_name = "KIND", value_enum, value_delimiter = ',')]
+    /// Also write, several with commas
+    #[arg(long, value_name = "KIND,...", help_heading = OUTPUT, value_enum, value_delimiter = ',')]
     export: Vec<ExportName>,
     /// Most vertices of a mesh along its longer side, 2 to 65536; default: one for each pixel
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=65536))]
+    #[arg(long, value_name = "N", help_heading = OUTPUT, value_parser = clap::value_parser!(u32).range(2..=65536))]
     mesh_cells: Option<u32>,
     /// Height of the surface for each px² of V, px; default: so that the relief is 15 % of the longer side
-    #[arg(long, value_name = "PX", value_parser = positive)]
+    #[arg(long, value_name = "PX", help_heading = OUTPUT, value_parser = positive)]
     z_scale: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
 enum ExportName {
+    /// surface.ply, a mesh with colour and normals
     Ply,
+    /// points.ply, points with both
     Cloud,
+    /// surface.glb, glTF with the best-focus image as texture
     Glb,
+    /// depth16.png and depth16.tiff: depth in mm with a lens, else V, in 16-bit grey, 0 where not valid; scale and offset
+    /// are in the files and in report.json
     Depth16,
+    /// labels.png: 1 where I1 is the sharper, 2 where I2 is, 3 where V is within its standard deviation of 0, 0 where not
+    /// valid
     Labels,
 }
 

@@ -13,14 +13,18 @@ use parfocal::{Decode, Engine, Kernel, Method, Photometric, RegistrationStep, Se
 use super::config::ConfigArgument;
 use super::engine::EngineArguments;
 use super::failure::Failure;
+use super::help::{BLUR, INPUT, OUTPUT, REGISTRATION};
+use super::told::ToldArguments;
 use super::tuning::TuningArguments;
 
 /// The pair, the settings, and the device.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct PairArguments {
-    /// The reference photograph: PNG, JPEG, TIFF (FILE#2: its second page), PNM, PFM or EXR
+    /// The photograph whose pixels the results follow: PNG, JPEG, TIFF (FILE#2: its second page), PNM, PFM or EXR
+    #[arg(help_heading = INPUT)]
     pub(super) i1: PathBuf,
     /// The other photograph, of the same size
+    #[arg(help_heading = INPUT)]
     pub(super) i2: PathBuf,
     #[command(flatten)]
     pub(super) common: SettingsArguments,
@@ -30,53 +34,58 @@ pub(super) struct PairArguments {
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct SettingsArguments {
     /// Pyramid levels, 1 to 12; auto halves the images while the short side stays at least 32 px
-    #[arg(long, value_name = "N|auto", default_value_t = Levels(Settings::default().levels))]
+    #[arg(long, value_name = "N|auto", help_heading = BLUR, default_value_t = Levels(Settings::default().levels))]
     levels: Levels,
-    /// Largest |V|, the difference of the blurs' variances, px² of the full-size image, 1 to 256
-    #[arg(long, value_name = "PX2", allow_negative_numbers = true, default_value_t = Settings::default().max_relative_blur)]
+    /// Largest |V|, px², 1 to 256; more where the report warns of pixels at the limit
+    ///
+    /// V is the difference of the blurs' variances, px² of the full-size image.
+    #[arg(long, value_name = "PX2", help_heading = BLUR, allow_negative_numbers = true,
+          default_value_t = Settings::default().max_relative_blur)]
     max_relative_blur: f64,
-    /// Weight α of the smoothness of V, no unit, 1e-6 to 10; larger is smoother
-    #[arg(long, value_name = "A", allow_negative_numbers = true, default_value_t = Settings::default().regularization)]
+    /// Smoothness of V, 1e-6 to 10; less shows more relief, and more noise
+    ///
+    /// The weight α of the smoothness, which has no unit.
+    #[arg(long, value_name = "A", help_heading = BLUR, allow_negative_numbers = true,
+          default_value_t = Settings::default().regularization)]
     regularization: f64,
-    /// Outer iterations on each level at most, 5 to 1000
-    #[arg(long, value_name = "N", default_value_t = Settings::default().outer_iterations)]
+    /// Outer iterations on each level at most, 5 to 1000; more where it has not converged
+    #[arg(long, value_name = "N", help_heading = BLUR, default_value_t = Settings::default().outer_iterations)]
     outer_iterations: u32,
     /// Relaxation sweeps in each outer iteration, 1 to 100
-    #[arg(long, value_name = "N", default_value_t = Settings::default().sweeps)]
+    #[arg(long, value_name = "N", help_heading = BLUR, default_value_t = Settings::default().sweeps)]
     sweeps: u32,
-    /// Start from the registration (and exposure, if stated) in a report.json or its transform object
-    #[arg(long, value_name = "FILE")]
+    /// Start from the registration in a report.json, or in what register wrote
+    ///
+    /// Or in a transform object alone; if the exposure is stated there, that too is a start.
+    #[arg(long, value_name = "FILE", help_heading = REGISTRATION)]
     transform: Option<PathBuf>,
-    /// Shape of the blur: gaussian, pillbox, half-gaussian, or a picture of the kernel (of a coded aperture, say)
-    #[arg(long, value_name = "K|FILE", default_value = "gaussian")]
+    /// Shape of the blur: gaussian, pillbox, half-gaussian, or a picture of it
+    ///
+    /// The picture may be that of a coded aperture, say.
+    #[arg(long, value_name = "K|FILE", help_heading = BLUR, default_value = "gaussian")]
     kernel: KernelChoice,
     /// How the registration steps; gradient-descent is the paper's scheme, to compare with
-    #[arg(long, value_name = "STEP", alias = "registration", value_enum,
+    #[arg(long, value_name = "STEP", alias = "registration", help_heading = REGISTRATION, value_enum,
           default_value_t = StepName::from(Settings::default().registration))]
     registration_step: StepName,
-    /// How stored values become intensities: none, as stored; srgb, with the sRGB curve undone; auto, by what the files say
-    /// (8-bit PNG and JPEG that say nothing are taken for sRGB, all others for linear), in which they must agree
-    #[arg(long, value_enum, default_value_t = DecodeName::from(Settings::default().decode))]
+    /// How stored values become intensities
+    #[arg(long, value_name = "HOW", help_heading = INPUT, value_enum, default_value_t = DecodeName::from(Settings::default().decode))]
     decode: DecodeName,
     /// Do not solve for the difference in exposure (gain and offset) of the two images
-    #[arg(long)]
+    #[arg(long, help_heading = REGISTRATION)]
     no_photometric: bool,
     /// Hold the exposure: the factor on I2's values that makes them I1's, 0.001 to 1000; with --offset, which is 0 if not given
-    #[arg(long, value_name = "G", allow_negative_numbers = true)]
+    #[arg(long, value_name = "G", help_heading = REGISTRATION, allow_negative_numbers = true)]
     gain: Option<f64>,
     /// Hold the exposure: what is added after the gain, where white is 1
-    #[arg(long, value_name = "O", allow_negative_numbers = true)]
+    #[arg(long, value_name = "O", help_heading = REGISTRATION, allow_negative_numbers = true)]
     offset: Option<f64>,
-    /// Print the report on stdout too
-    #[arg(long)]
-    pub(super) json: bool,
     #[command(flatten)]
     engine: EngineArguments,
-    /// Print nothing on stderr but errors
-    #[arg(long)]
-    pub(super) quiet: bool,
+    #[command(flatten)]
+    pub(super) told: ToldArguments,
     /// Exit status 1 if it does not converge or has warnings; the results are written all the same
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub(super) strict: bool,
     #[command(flatten)]
     config: ConfigArgument,
@@ -130,8 +139,12 @@ impl KernelChoice {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum DecodeName {
+    /// As stored
     None,
+    /// With the sRGB curve undone, so that blur is linear in them
     Srgb,
+    /// By what the files say, in which they must agree; 8-bit PNG and JPEG that say nothing are taken for sRGB, all others
+    /// for linear
     Auto,
 }
 
@@ -277,9 +290,8 @@ impl PairArguments {
 
     /// The same without what does not decide the results: the photographs, where it runs, and what is told of it.
     pub(super) fn deciding(&self) -> Self {
-        let (engine, config) = (EngineArguments::default(), ConfigArgument::default());
-        let common =
-            SettingsArguments { json: false, quiet: false, strict: false, engine, config, ..self.common.clone() };
+        let (engine, config, told) = Default::default();
+        let common = SettingsArguments { told, strict: false, engine, config, ..self.common.clone() };
         Self { i1: PathBuf::new(), i2: PathBuf::new(), common }
     }
 }

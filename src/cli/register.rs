@@ -1,6 +1,5 @@
 //! `parfocal register`: two photographs in, registration alone out.
 
-use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
 use clap::ValueEnum;
@@ -8,31 +7,35 @@ use parfocal::export::{self, FileKind, RegistrationReport};
 use parfocal::image_io::Photograph;
 use parfocal::{Kernel, Method, Solver};
 
-use super::failure::{Failure, print};
+use super::failure::Failure;
+use super::help::{AFTER_HELP, OUTPUT, REGISTRATION};
 use super::output::{self, ForceArgument};
 use super::pair::PairArguments;
 use super::summary::{Bar, registration_summary};
 
 /// Register two photographs of one scene: where each pixel of I1 lies in I2, and how they differ in exposure.
 #[derive(clap::Args, Debug)]
-#[command(after_help = super::AFTER_HELP)]
+#[command(after_long_help = AFTER_HELP)]
 pub(super) struct Arguments {
     #[command(flatten)]
     pair: PairArguments,
     /// File for the registration, as JSON that `solve --transform` reads; an earlier one is replaced
-    #[arg(short, long, value_name = "FILE.json")]
+    #[arg(short, long, value_name = "FILE.json", help_heading = OUTPUT)]
     output: Option<PathBuf>,
     #[command(flatten)]
     force: ForceArgument,
-    /// With the blur, by the difference of the images, or by SIFT key-points
-    #[arg(long, value_enum, default_value_t = MethodName::Unified)]
+    /// How the registration is found
+    #[arg(long, value_name = "NAME", help_heading = REGISTRATION, value_enum, default_value_t = MethodName::Unified)]
     method: MethodName,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum MethodName {
+    /// Together with the blur
     Unified,
+    /// By the difference of the images
     Appearance,
+    /// By SIFT key-points
     Sift,
 }
 
@@ -59,7 +62,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     settings.decode = pair.common.decode(&inputs)?;
     let [i1, i2] = Photograph::decode_pair(photographs)?;
     let engine = pair.common.open_engine()?;
-    let bar = Bar::new(!pair.common.quiet && io::stderr().is_terminal());
+    let bar = Bar::new(pair.common.told.shows_progress());
     let registered = Solver::for_pair(&engine, &i1, &i2, &settings)
         .and_then(|mut solver| solver.register_with(&i1, &i2, &mut |progress| bar.show(progress)))
         .map_err(|e| Failure::of_solve(e, &pair.i1))?;
@@ -86,12 +89,6 @@ fn check_output(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 fn tell(report: &RegistrationReport, arguments: &Arguments) -> Result<(), Failure> {
-    if !arguments.pair.common.quiet {
-        // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(io::stderr(), "{}", registration_summary(report, arguments.output.as_deref()));
-    }
-    if arguments.pair.common.json {
-        print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
-    }
-    Ok(())
+    let summary = registration_summary(report, arguments.output.as_deref());
+    arguments.pair.common.told.tell(&summary, || report.to_json())
 }

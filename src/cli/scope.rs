@@ -7,29 +7,30 @@ use parfocal::export::Solved;
 use parfocal::{FieldCurvature, Mask, Scope, image_io};
 
 use super::failure::Failure;
+use super::help::REGION;
 use super::region::RegionArgument;
 
 /// The part, the mask, and the corrections.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct ScopeArguments {
     /// A picture of I1's size, white where pixels count: the rest is left out, and NaN in the results
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = REGION)]
     mask: Option<PathBuf>,
     /// Results of a part of I1 only, px; a little around it is solved too
-    #[arg(long, value_name = "X,Y,W,H")]
+    #[arg(long, value_name = "X,Y,W,H", help_heading = REGION)]
     roi: Option<RegionArgument>,
     /// Crop the results to the largest rectangle in which V is valid everywhere
-    #[arg(long)]
+    #[arg(long, help_heading = REGION)]
     crop_valid: bool,
     /// Folder of the solve of a flat target taken with the same optics: its field curvature is taken from V
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", help_heading = REGION)]
     flat: Option<PathBuf>,
     /// Find a smooth gain field between the photographs first and take it out, where they vignette differently
-    #[arg(long)]
+    #[arg(long, help_heading = REGION)]
     vignetting: bool,
     /// Standard deviation of V beyond which a pixel is marked as without texture, px²; default: half of V's range, and 1
     /// at least
-    #[arg(long, value_name = "PX2", value_parser = positive)]
+    #[arg(long, value_name = "PX2", help_heading = REGION, value_parser = positive)]
     max_uncertainty: Option<f32>,
 }
 

@@ -1,6 +1,5 @@
 //! `parfocal simulate`: a synthetic pair, with the truth about it.
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -10,9 +9,10 @@ use parfocal::export::SIMULATED_FILES;
 use parfocal::scene::{Kernel, Preset, Scene, Shape};
 use parfocal::scene::{Truth, simulated_files, write_simulated};
 
-use super::failure::{Failure, print};
+use super::failure::Failure;
 use super::lens::{LensArguments, PartOfLens};
 use super::output::{self, ForceArgument};
+use super::told::ToldArguments;
 
 /// Render a synthetic pair of images of which relative blur, depth and registration are known.
 ///
@@ -36,12 +36,8 @@ pub(super) struct Arguments {
     /// Seed of texture, dots, relief and noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Print truth.json on stdout too
-    #[arg(long)]
-    json: bool,
-    /// Print nothing on stderr but errors
-    #[arg(long)]
-    quiet: bool,
+    #[command(flatten)]
+    told: ToldArguments,
 
     /// Shape of the blur, of both images [default: half-gaussian for the scenes of that name, else gaussian]
     #[arg(long, value_enum, help_heading = "Blur")]
@@ -236,7 +232,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let simulated = scene.render()?;
     let truth = Truth::new(&scene, &simulated);
     write_simulated(out, &simulated, &truth)?;
-    tell(&truth, arguments)
+    arguments.told.tell(&summary(&truth, &arguments.output), || truth.to_json())
 }
 
 fn scene(arguments: &Arguments) -> Result<Scene, Failure> {
@@ -330,17 +326,6 @@ fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
 fn inputs(arguments: &Arguments) -> Vec<&PathBuf> {
     let files = [&arguments.radiance, &arguments.depth, &arguments.relative_blur].into_iter().flatten();
     files.chain(arguments.lens.file()).collect()
-}
-
-fn tell(truth: &Truth, arguments: &Arguments) -> Result<(), Failure> {
-    if !arguments.quiet {
-        // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(io::stderr(), "{}", summary(truth, &arguments.output));
-    }
-    if arguments.json {
-        print(&truth.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
-    }
-    Ok(())
 }
 
 fn summary(truth: &Truth, output: &Path) -> String {

@@ -1,7 +1,6 @@
 //! `parfocal solve`: two photographs in, relative blur and registration out.
 
 use std::fs;
-use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
@@ -18,7 +17,8 @@ use parfocal::{
 use sha2::{Digest, Sha256};
 
 use super::colors::ColorsArgument;
-use super::failure::{Failure, print};
+use super::failure::Failure;
+use super::help::{AFTER_HELP, INPUT, OUTPUT, REGISTRATION};
 use super::lens::{self, LensArguments, PartOfLens};
 use super::measure::MeasureArguments;
 use super::models::ModelArguments;
@@ -29,28 +29,28 @@ use super::summary::{Bar, summary};
 
 /// Recover relative blur and registration of two photographs of one scene, focused at two distances.
 #[derive(clap::Args, Clone, Debug)]
-#[command(after_help = super::AFTER_HELP)]
+#[command(after_long_help = AFTER_HELP)]
 pub(super) struct Arguments {
     #[command(flatten)]
     pub(super) pair: PairArguments,
     /// Folder for the results; made if it is missing, earlier results in it replaced
-    #[arg(short, long, value_name = "OUT")]
+    #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
-    /// How the registration is found: unified with the blur; aligned not at all, which is depth only, with T held at
-    /// identity or at --transform; before the blur by appearance, the difference of the images, or by SIFT key-points
-    #[arg(long, value_enum, default_value_t = MethodName::from(Settings::default().method))]
+    /// How the registration is found
+    #[arg(long, value_name = "NAME", help_heading = REGISTRATION, value_enum, default_value_t = MethodName::from(Settings::default().method))]
     method: MethodName,
     /// Keep what --transform states instead of starting from it; the method is then aligned
-    #[arg(long, requires_if("true", "transform"))]
+    #[arg(long, help_heading = REGISTRATION, requires_if("true", "transform"))]
     hold: bool,
-    /// Which image is focused nearer, 1 or 2; decides which end of V is near in depth.png [default: 1; with a lens,
-    /// as its focus distances say]
-    #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2))]
+    /// Which image is focused nearer [default: 1; with a lens, as its focus distances say]
+    ///
+    /// It decides which end of V is near in pictures and page.
+    #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = clap::value_parser!(u8).range(1..=2))]
     nearer: Option<u8>,
     #[command(flatten)]
     colors: ColorsArgument,
     /// Do not write report.html
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     no_html: bool,
     #[command(flatten)]
     pub(super) force: ForceArgument,
@@ -66,9 +66,13 @@ pub(super) struct Arguments {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(super) enum MethodName {
+    /// Together with the blur
     Unified,
+    /// Not at all, which is depth only: T is held at identity or at --transform
     Aligned,
+    /// Before the blur, by the difference of the images
     Appearance,
+    /// Before the blur, by SIFT key-points
     Sift,
 }
 
@@ -102,7 +106,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Some(photographs) = read(arguments, |_| false)? else { return Ok(()) };
     let engine = pair.common.open_engine()?;
     let (decided, frames) = (photographs.settings(&settings), photographs.frames.each_ref());
-    let bar = Bar::new(!pair.common.quiet && io::stderr().is_terminal());
+    let bar = Bar::new(pair.common.told.shows_progress());
     let scoped = photographs
         .scope
         .solve(&engine, &mut None, frames, &decided, &mut |progress| bar.show(progress))
@@ -284,14 +288,8 @@ pub(super) fn request(arguments: &Arguments, settings: &Settings) -> String {
 }
 
 fn tell(report: &Report, written: &[&str], arguments: &Arguments) -> Result<(), Failure> {
-    if !arguments.pair.common.quiet {
-        // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(io::stderr(), "{}", summary(report, arguments.colors.palette(), &arguments.output, written));
-    }
-    if arguments.pair.common.json {
-        print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
-    }
-    Ok(())
+    let summary = summary(report, arguments.colors.palette(), &arguments.output, written);
+    arguments.pair.common.told.tell(&summary, || report.to_json())
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use super::output::{self, ForceArgument};
 
 /// Show the surface of a solve in three dimensions, textured and colour-coded.
 #[derive(clap::Args, Debug)]
-#[command(after_help = super::AFTER_HELP)]
+#[command(after_help = "Exit status: 0 done, 1 failed, 2 wrong usage.")]
 pub(super) struct Arguments {
     /// Folder that `parfocal solve -o` wrote
     results: PathBuf,
