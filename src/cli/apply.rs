@@ -10,7 +10,9 @@ use super::failure::Failure;
 use super::output::{self, ForceArgument};
 use super::told::ToldArguments;
 
-/// Bring photographs onto the pixels of I1 by a saved registration: other lights or other channels of the camera that took I2.
+/// Bring other photographs of I2's camera onto the pixels of I1, by a registration that is known.
+///
+/// Such as other lights, or other channels.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Exit status: 0 done, 1 failed, 2 wrong usage.")]
 pub(super) struct Arguments {

@@ -10,9 +10,9 @@ use parfocal::{Settings, export, image_io};
 
 use super::engine::EngineArguments;
 use super::failure::{Failure, print};
+use super::options::MethodName;
 use super::output::{self, ForceArgument};
-use super::pair::KernelChoice;
-use super::solve::MethodName;
+use super::settings::KernelChoice;
 use super::told::QuietArgument;
 
 /// Measure how fast pairs are solved: end to end, on the device, and pass by pass beside the bandwidth of a copy.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use parfocal::{Engine, EngineOptions, baseline};
+use parfocal::{Engine, EngineOptions, Error, baseline};
 
 use super::failure::Failure;
 use super::help::DEVICE;
@@ -25,7 +25,10 @@ pub(super) struct EngineArguments {
 impl EngineArguments {
     /// Opens it, under validation where the environment asks for that.
     pub(super) fn open(&self) -> Result<Engine, Failure> {
-        Ok(Engine::new(&self.options())?)
+        Engine::new(&self.options()).map_err(|error| match error {
+            Error::NoSuchDevice { .. } if self.device.is_none() => Failure::Failed(format!("{DEFAULT}: {error}")),
+            other => other.into(),
+        })
     }
 
     /// How it is opened.

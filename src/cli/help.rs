@@ -64,14 +64,15 @@ const NEEDED_MOST: [&str; 23] = [
 ];
 
 /// Columns of `--help`.
-const WIDTH: usize = 100;
+pub(super) const WIDTH: usize = 100;
 
 /// Hides from `-h` what few need, and breaks the lines of `--help`.
 pub(super) fn laid_out(command: Command) -> Command {
     let has_many = takes_config(&command);
     command.mut_args(|option| {
         let is_rare = has_many && option.get_long().is_some_and(|long| !NEEDED_MOST.contains(&long));
-        let long = option.get_long_help().or(option.get_help()).map(|text| wrapped(&text.to_string(), WIDTH - 10));
+        let long = option.get_long_help().or(option.get_help().filter(|_| has_many));
+        let long = long.map(|text| wrapped(&text.to_string(), WIDTH - 10));
         let option = if is_rare { option.hide_short_help(true) } else { option };
         match long {
             Some(long) => option.long_help(long),
@@ -99,21 +100,18 @@ pub(super) fn wrapped(text: &str, width: usize) -> String {
 /// Gives the program's own help its subcommands in groups, which clap cannot.
 pub(super) fn with_groups(mut command: Command) -> Command {
     command.build();
-    let styles = command.get_styles();
-    let (header, literal) = (styles.get_header(), styles.get_literal());
     let mut text = String::new();
     for (heading, names) in GROUPS {
         // Writing into a string does not fail.
-        let _ = writeln!(text, "{header}{heading}:{header:#}");
+        let _ = writeln!(text, "{heading}:");
         for subcommand in names.iter().filter_map(|name| command.find_subcommand(name)) {
             let about = subcommand.get_about().map(ToString::to_string).unwrap_or_default();
-            let _ = writeln!(text, "  {literal}{:<12}{literal:#} {about}", subcommand.get_name());
+            let _ = writeln!(text, "  {:<12} {about}", subcommand.get_name());
         }
         text.push('\n');
     }
-    let template = format!(
-        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{text}{header}Options:{header:#}\n{{options}}{{after-help}}"
-    );
+    let template =
+        format!("{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{text}Options:\n{{options}}{{after-help}}");
     command.help_template(template)
 }
 

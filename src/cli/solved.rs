@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::failure::Failure;
-use super::help::INPUT;
 use super::output::ForceArgument;
 use super::told::ToldArguments;
 
@@ -13,7 +12,6 @@ use super::told::ToldArguments;
 #[derive(clap::Args, Debug)]
 pub(super) struct SolvedArguments {
     /// Folder that `parfocal solve -o` wrote
-    #[arg(help_heading = INPUT)]
     pub(super) results: PathBuf,
     #[command(flatten)]
     told: ToldArguments,

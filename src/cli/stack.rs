@@ -18,19 +18,17 @@ use super::depth::decimals;
 use super::failure::Failure;
 use super::help::{AFTER_HELP, INPUT, OUTPUT};
 use super::output::{self, ForceArgument};
-use super::pair::SettingsArguments;
-use super::solve::name;
+use super::pair::name;
+use super::run::RunArguments;
+use super::settings::{Decoding, SettingsArguments};
 
 /// Recover from a focus sweep where each pixel is in focus, and an image sharp all over.
 #[derive(clap::Args, Debug)]
 #[command(after_long_help = AFTER_HELP)]
 pub(super) struct Arguments {
     /// The frames, three or more of one size and format, in the order of their focus
-    #[arg(required = true, num_args = 3.., value_name = "FRAME", help_heading = INPUT)]
+    #[arg(required = true, num_args = 3.., value_name = "FRAME")]
     frames: Vec<PathBuf>,
-    /// Folder for the results; made if it is missing, earlier results in it replaced
-    #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
-    output: PathBuf,
     /// The focus setting of each frame; counted from 0 without it
     ///
     /// Ascending or descending, and even in 1/distance, as a lens' travel is.
@@ -55,20 +53,25 @@ pub(super) struct Arguments {
     /// The frame on whose pixels the results are, counted from 1; the middle one without it
     #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
     reference: Option<u32>,
-    /// Whether the first frame is focused nearest (1) or the last (2) [default: 1; or as --focus-at says]
+    /// Which frame is focused nearest, the first (1) or the last (2) [default: 1, or as --focus-at says]
     ///
     /// It decides which end is near in pictures and page. Of what --focus-at states the larger is the farther.
     #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = clap::value_parser!(u8).range(1..=2))]
     nearer: Option<u8>,
+    #[command(flatten)]
+    settings: SettingsArguments,
+    #[command(flatten)]
+    colors: ColorsArgument,
     /// Do not write report.html
     #[arg(long, help_heading = OUTPUT)]
     no_html: bool,
+    /// Folder for the results; made if it is missing, earlier results in it replaced
+    #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
+    output: PathBuf,
     #[command(flatten)]
     force: ForceArgument,
     #[command(flatten)]
-    colors: ColorsArgument,
-    #[command(flatten)]
-    settings: SettingsArguments,
+    run: RunArguments,
 }
 
 /// Solves a sweep and writes the results.
@@ -82,13 +85,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let possible = [&SWEEP_FILES[..], &FILES, &EXTRA_FILES, &[DEPTH_FILE]].concat();
     output::check(&arguments.output, FILES[4], &possible, &inputs)?;
     let (frames, says) = read(arguments)?;
-    options.settings.decode = arguments.settings.decode(&says)?;
+    options.settings.decode = arguments.settings.decoding().of(&says)?;
     let (decode, format) = (options.settings.decode, frames[0].format());
     let look = Look { nearer, decode, formats: [format; 2], palette: arguments.colors.palette(), pen: Some(PEN) };
     let written = sweep_files(arguments.focus_at.is_some(), &look, !arguments.no_html);
     out.check_results(FILES[4], &written)?;
-    let engine = arguments.settings.open_engine()?;
-    let bar = bar(arguments.settings.told.shows_progress(), frames.len() - 1);
+    let engine = arguments.run.open_engine()?;
+    let bar = bar(arguments.run.told.shows_progress(), frames.len() - 1);
     let sweep = solve_sweep(&engine, &frames, &options, &mut |done, _| bar.set_position(done as u64))
         .map_err(|e| Failure::of_solve(e, &arguments.frames[0]))?;
     bar.finish_and_clear();
@@ -102,8 +105,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let page = SweepPage { frames: &frames, names, decode, nearer, palette: look.palette, fields: Vec::new() };
     let page = (!arguments.no_html).then(|| page.file(&sweep, &report));
     export::write_sweep(out, &sweep, &report, &look, page)?;
-    arguments.settings.told.tell(&summary(&report, &arguments.output), || report.to_json())?;
-    arguments.settings.check_strict(true, &report.warnings)
+    arguments.run.told.tell(&summary(&report, &arguments.output), || report.to_json())?;
+    arguments.run.check_strict(true, &report.warnings)
 }
 
 /// The frames, one file in memory at a time; also what each says of itself, if that is asked.
@@ -115,7 +118,7 @@ fn read(arguments: &Arguments) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
             Some(last) => last.open_next(path)?,
             None => Photograph::open(path)?,
         };
-        if arguments.settings.asks_files() {
+        if matches!(arguments.settings.decoding(), Decoding::AsFilesSay) {
             says.push(photograph.describe()?);
         }
         last = Some(photograph.clone());

@@ -66,9 +66,6 @@ impl Desk {
     fn run(&self, arguments: &[&str]) -> Output {
         let mut command = Command::cargo_bin("parfocal").unwrap();
         command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
-        if let (Ok(device), true) = (std::env::var("PARFOCAL_DEVICE"), arguments[0] == "solve") {
-            command.args(["--device", &device]);
-        }
         command.output().unwrap()
     }
 

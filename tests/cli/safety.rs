@@ -33,11 +33,6 @@ impl Desk {
     fn run(&self, arguments: &[&str]) -> Output {
         let mut command = Command::cargo_bin("parfocal").unwrap();
         command.env("PARFOCAL_CACHE_DIR", self.path("cache")).current_dir(self.0.path()).args(arguments);
-        let on_a_device = ["solve", "batch", "stack", "register"].contains(&arguments[0]);
-        if let (Ok(device), true) = (std::env::var("PARFOCAL_DEVICE"), on_a_device && !arguments.contains(&"--device"))
-        {
-            command.args(["--device", &device]);
-        }
         command.output().unwrap()
     }
 

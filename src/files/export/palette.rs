@@ -1,7 +1,10 @@
 //! From nearness to colour.
 
+use serde::Serialize;
+
 /// The colours of what is near and far, in every picture and on the page.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Palette {
     /// Viridis (van der Walt and Smith 2015): bright yellow near, dark purple far; even steps for the eye, colour-blind or
     /// not, and in grey print.
