@@ -1,4 +1,4 @@
-//! The figures that the README quotes, each with its bound: `cargo test --release --test accuracy -- --nocapture`.
+//! The figures that docs/evaluation.md quotes, each with its bound: `cargo test --release --test accuracy -- --nocapture`.
 
 mod common;
 

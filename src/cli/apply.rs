@@ -1,18 +1,20 @@
 //! `parfocal apply`: photographs, and a registration that is known, to photographs that lie on one another.
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{self, registered_ending, registered_kind, write_registered};
 use parfocal::image_io::Photograph;
 use parfocal::{Photometric, image_io, resample};
 
-use super::failure::{Failure, print};
+use super::failure::Failure;
 use super::output::{self, ForceArgument};
+use super::told::ToldArguments;
 
-/// Bring photographs onto the pixels of I1 by a saved registration: other lights or other channels of the camera that took I2.
+/// Bring other photographs of I2's camera onto the pixels of I1, by a registration that is known.
+///
+/// Such as other lights, or other channels.
 #[derive(clap::Args, Debug)]
-#[command(after_help = super::AFTER_HELP)]
+#[command(after_help = "Exit status: 0 done, 1 failed, 2 wrong usage.")]
 pub(super) struct Arguments {
     /// The photographs, of the size of the pair that was registered
     #[arg(required = true, value_name = "IMAGE")]
@@ -28,12 +30,8 @@ pub(super) struct Arguments {
     exposure: bool,
     #[command(flatten)]
     force: ForceArgument,
-    /// Print the files written as JSON on stdout
-    #[arg(long)]
-    json: bool,
-    /// Print nothing on stderr but errors
-    #[arg(long)]
-    quiet: bool,
+    #[command(flatten)]
+    told: ToldArguments,
 }
 
 /// Reads, moves and writes one photograph after the other.
@@ -67,16 +65,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             moved = moved.cropped(region).map_err(problem)?;
         }
         write_registered(arguments.force.to(&arguments.output), file, &moved)?;
-        if !arguments.quiet {
-            // Nobody is left to be told where stderr is closed.
-            let _ = writeln!(io::stderr(), "{}", arguments.output.join(file).display());
-        }
+        arguments.told.say(&arguments.output.join(file).display().to_string());
     }
-    if arguments.json {
-        let files: Vec<String> = names.iter().map(|file| arguments.output.join(file).display().to_string()).collect();
-        print(&serde_json::json!({ "files": files }).to_string())?;
-    }
-    Ok(())
+    let files: Vec<String> = names.iter().map(|file| arguments.output.join(file).display().to_string()).collect();
+    arguments.told.json(|| serde_json::to_string(&serde_json::json!({ "files": files })))
 }
 
 /// The names of the results; refuses, before the first is written, those that would replace one another, an input, or what

@@ -1,7 +1,7 @@
 //! `parfocal batch`: many pairs, one after the other, while the next is read and the last is written.
 
 use std::io::{self, IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -10,57 +10,56 @@ use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{FileKind, remove_unfinished, write_named};
-use parfocal::{DeviceInfo, Engine, Error, Kept, Scoped, Settings};
+use parfocal::image_io::Input;
+use parfocal::{DeviceInfo, Engine, Error, Kept, Scoped};
 
-use super::failure::{Failure, print};
-use super::solve::{self, Photographs};
+use super::failure::Failure;
+use super::help::{self, OUTPUT};
+use super::options::SolveOptions;
+use super::pairs::Pair;
+use super::request::Request;
 use super::tally::{Outcome, Row, SUMMARY, Tally};
+use super::work::{self, Job, Photographs};
 use super::{output, pairs};
 
 /// Solve many pairs: those of a folder, or of a list.
 #[derive(clap::Args, Debug)]
-#[group(skip)]
-#[command(
-    after_help = after_help(),
-    mut_arg("i1", |a| a.value_name("DIR|MANIFEST").help("Folder of photographs, or list of pairs, as CSV or JSON lines")),
-    mut_arg("i2", |a| a.hide(true).required(false).default_value(NOTHING)),
-    mut_arg("output", |a| a.help("Folder for a folder of results for each pair, and batch.json; made if it is missing")),
-    mut_arg("json", |a| a.help("Print batch.json on stdout too")),
-    mut_arg("strict", |a| a.help("Exit status 1 if a pair does not converge or has warnings")),
-)]
+#[command(after_long_help = after_help())]
 pub(super) struct Arguments {
-    // All flags of `solve`, of which I1 stands for the source and I2 for nothing.
+    /// Folder of photographs, or list of pairs, as CSV or JSON lines
+    #[arg(value_name = "DIR|MANIFEST")]
+    source: PathBuf,
     #[command(flatten)]
-    solve: solve::Arguments,
-    /// Leave out pairs whose results are there, whole, and of the same photographs, settings and flags
-    #[arg(long)]
+    options: SolveOptions,
+    /// Folder for a folder of results for each pair, and batch.json; made if it is missing
+    #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
+    output: PathBuf,
+    /// Leave out pairs whose results are there, whole, and of the same photographs and options
+    #[arg(long, help_heading = OUTPUT)]
     resume: bool,
 }
 
-/// What I2 is where no second photograph belongs.
-const NOTHING: &str = "-";
-
 fn after_help() -> String {
     format!(
-        "{}\n\nA pair that fails is reported and the others go on. Ctrl-C finishes the pair at hand and writes the summary; \
+        "{}\n\nA pair that fails is reported and the others go on. Ctrl-C finishes the pair at hand and writes the summary;\n\
          a second one ends at once.\n\nExit status: 0 all done, 1 a pair failed, 2 wrong usage, 130 ended by Ctrl-C.\n\n\
          Examples:\n  parfocal batch shots -o results --regularization 0.001\n  parfocal batch list.csv -o results --resume",
-        pairs::RULE
+        help::wrapped(pairs::RULE, help::WIDTH)
     )
-}
-
-/// A pair and everything that is asked of it.
-struct Job {
-    name: String,
-    arguments: solve::Arguments,
 }
 
 /// What is the same for all pairs.
 struct Shared {
-    settings: Settings,
+    request: Request,
     resume: bool,
     /// Set by Ctrl-C.
     stop: Arc<AtomicBool>,
+}
+
+/// A pair and what its results are called.
+struct Named {
+    name: String,
+    job: Job,
 }
 
 /// A pair on its way from the reader to the solver.
@@ -80,51 +79,36 @@ enum Solved {
 /// Solves all pairs and says what came of each.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let started = Instant::now();
-    let flags = &arguments.solve;
-    let (source, out) = (&flags.pair.i1, &flags.output);
-    if flags.pair.i2.as_os_str() != NOTHING {
-        return Err(Failure::Usage(
-            "batch takes one folder or manifest; to solve one pair, use `parfocal solve`".to_string(),
-        ));
-    }
-    let settings = solve::settings(flags)?;
-    let force = flags.force;
+    let (source, out) = (&arguments.source, &arguments.output);
+    let request = arguments.options.request()?;
     output::check_folder(out)?;
-    force.to(out).check_named(FileKind::Batch, &[SUMMARY])?;
-    let jobs: Vec<Job> = pairs::find(source, out)?.into_iter().map(|pair| Job::new(flags, pair)).collect();
-    jobs.iter().try_for_each(|job| solve::check(&job.arguments))?;
-    let stop = on_interrupt(jobs.iter().map(|job| job.arguments.output.clone()).collect())?;
-    let engine = flags.pair.common.open_engine()?;
-    let shared = Shared { settings, resume: arguments.resume, stop };
-    let bar = Bar::new(jobs.len(), flags.pair.common.quiet);
-    let (rows, ended) = work(engine, &jobs, &shared, &bar)?;
+    request.force.to(out).check_named(FileKind::Batch, &[SUMMARY])?;
+    let jobs: Vec<Named> = pairs::find(source, out)?.into_iter().map(|pair| Named::new(out, pair)).collect();
+    jobs.iter().try_for_each(|named| work::check(&request, &named.job))?;
+    let stop = on_interrupt(jobs.iter().map(|named| named.job.out.clone()).collect())?;
+    let engine = request.run.open_engine()?;
+    let shared = Shared { request, resume: arguments.resume, stop };
+    let Request { run, force, .. } = &shared.request;
+    let bar = Bar::new(jobs.len(), run.told.is_quiet());
+    let (rows, ended) = work_off(engine, &jobs, &shared, &bar)?;
     drop(bar);
     let interrupted = shared.stop.load(Ordering::Relaxed);
     let tally = Tally::new(source, rows, interrupted, started.elapsed());
     let json = tally.to_json()?;
     write_named(force.to(out), SUMMARY, FileKind::Batch, format!("{json}\n").as_bytes())?;
-    if !flags.pair.common.quiet {
-        // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(io::stderr(), "{}", tally.table(out));
-    }
-    if flags.pair.common.json {
-        print(&json)?;
-    }
+    run.told.tell(&tally.table(out), || Ok(json))?;
     ended?;
-    tally.check(flags.pair.common.strict)
+    tally.check(run.strict)
 }
 
-impl Job {
-    fn new(flags: &solve::Arguments, pair: pairs::Pair) -> Self {
-        let mut arguments = flags.clone();
-        (arguments.pair.i1, arguments.pair.i2) = (pair.i1, pair.i2);
-        arguments.output = flags.output.join(&pair.name);
-        Self { name: pair.name, arguments }
+impl Named {
+    fn new(out: &Path, Pair { name, i1, i2 }: Pair) -> Self {
+        let out = out.join(&name);
+        Self { name, job: Job { files: [i1, i2], out } }
     }
 
     fn row(&self, outcome: Outcome) -> Row {
-        let pair = &self.arguments.pair;
-        Row::new(&self.name, [&pair.i1, &pair.i2], &self.arguments.output, outcome)
+        Row::new(&self.name, self.job.files.each_ref().map(PathBuf::as_path), &self.job.out, outcome)
     }
 }
 
@@ -147,7 +131,7 @@ fn on_interrupt(folders: Vec<PathBuf>) -> Result<Arc<AtomicBool>, Failure> {
 type Worked = (Vec<Row>, Result<(), Failure>);
 
 /// Three threads in a row, each at most one pair ahead of the next: what is read and not yet solved stays small.
-fn work(engine: Engine, jobs: &[Job], shared: &Shared, bar: &Bar) -> Result<Worked, Failure> {
+fn work_off(engine: Engine, jobs: &[Named], shared: &Shared, bar: &Bar) -> Result<Worked, Failure> {
     thread::scope(|scope| {
         let (to_solver, from_reader) = sync_channel(1);
         let (to_writer, from_solver) = sync_channel(1);
@@ -161,12 +145,12 @@ fn work(engine: Engine, jobs: &[Job], shared: &Shared, bar: &Bar) -> Result<Work
     })
 }
 
-fn read_all(jobs: &[Job], shared: &Shared, to_solver: &SyncSender<(usize, Read)>) {
-    for (index, job) in jobs.iter().enumerate() {
+fn read_all(jobs: &[Named], shared: &Shared, to_solver: &SyncSender<(usize, Read)>) {
+    for (index, Named { job, .. }) in jobs.iter().enumerate() {
         if shared.stop.load(Ordering::Relaxed) {
             return;
         }
-        let read = match solve::read(&job.arguments, |inputs| shared.resume && is_whole(job, shared, inputs)) {
+        let read = match work::read(&shared.request, job, |inputs| is_settled(job, shared, inputs)) {
             Ok(Some(photographs)) => Read::Photographs(Box::new(photographs)),
             Ok(None) => Read::Whole,
             Err(failure) => Read::Failed(failure),
@@ -178,24 +162,23 @@ fn read_all(jobs: &[Job], shared: &Shared, to_solver: &SyncSender<(usize, Read)>
 }
 
 /// Whether the results of a pair are there, all that its report names, and of what is asked. The report gets its name last.
-fn is_whole(job: &Job, shared: &Shared, inputs: &[parfocal::image_io::Input]) -> bool {
-    let out = &job.arguments.output;
-    let Some(report) = Outcome::report(out) else { return false };
+fn is_settled(job: &Job, shared: &Shared, inputs: &[Input]) -> Result<bool, Failure> {
+    let Some(report) = shared.resume.then(|| Outcome::report(&job.out)).flatten() else { return Ok(false) };
     let files = report["files"].as_array().map_or(&[][..], Vec::as_slice);
-    let is_there = |name: &serde_json::Value| name.as_str().is_some_and(|name| out.join(name).is_file());
-    let hashes = |i: usize| report["inputs"][i]["sha256"].as_str();
-    !files.is_empty()
+    let is_there = |name: &serde_json::Value| name.as_str().is_some_and(|name| job.out.join(name).is_file());
+    let is_of = |(i, input): (usize, &Input)| {
+        let page = report["inputs"][i]["page"].as_u64().map(|page| page as usize);
+        report["inputs"][i]["sha256"].as_str() == Some(&input.sha256) && page == input.page
+    };
+    Ok(!files.is_empty()
         && files.iter().all(is_there)
-        && report["request"].as_str() == Some(&solve::request(&job.arguments, &shared.settings))
-        && inputs.iter().enumerate().all(|(i, input)| {
-            let page = report["inputs"][i]["page"].as_u64().map(|page| page as usize);
-            hashes(i) == Some(&input.sha256) && page == input.page
-        })
+        && report["request"].as_str() == Some(&shared.request.digest()?)
+        && inputs.iter().enumerate().all(is_of))
 }
 
 fn solve_all(
     engine: Engine,
-    jobs: &[Job],
+    jobs: &[Named],
     shared: &Shared,
     from_reader: Receiver<(usize, Read)>,
     to_writer: &SyncSender<(usize, Solved)>,
@@ -205,15 +188,15 @@ fn solve_all(
         if shared.stop.load(Ordering::Relaxed) {
             break;
         }
-        let arguments = &jobs[index].arguments;
+        let Request { run, .. } = &shared.request;
         let solved = match read {
             Read::Whole => Solved::Whole,
             Read::Failed(failure) => Solved::Failed(failure),
-            Read::Photographs(photographs) => match bench.solve(&photographs, &shared.settings) {
+            Read::Photographs(photographs) => match bench.solve(&photographs) {
                 Ok(solution) => Solved::Solution(Box::new((*photographs, solution, bench.engine.info().clone()))),
                 Err(error) => {
                     broken = matches!(error, Error::Timeout { .. } | Error::Poisoned | Error::Vulkan { .. });
-                    Solved::Failed(Failure::of_solve(error, &arguments.pair.i1))
+                    Solved::Failed(Failure::of_solve(error, &jobs[index].job.files[0]))
                 }
             },
         };
@@ -222,7 +205,7 @@ fn solve_all(
         }
         if std::mem::take(&mut broken) {
             // The engine is of no more use, and the pairs to come need one.
-            bench = Bench { engine: arguments.pair.common.open_engine()?, kept: None };
+            bench = Bench { engine: run.open_engine()?, kept: None };
         }
     }
     super::check_validation(&bench.engine)
@@ -235,28 +218,27 @@ struct Bench {
 }
 
 impl Bench {
-    fn solve(&mut self, photographs: &Photographs, settings: &Settings) -> Result<Scoped, Error> {
-        let (frames, settings) = (photographs.frames.each_ref(), photographs.settings(settings));
-        photographs.scope.solve(&self.engine, &mut self.kept, frames, &settings, &mut |_| ())
+    fn solve(&mut self, Photographs { scope, frames, settings, .. }: &Photographs) -> Result<Scoped, Error> {
+        scope.solve(&self.engine, &mut self.kept, frames.each_ref(), settings, &mut |_| ())
     }
 }
 
-fn write_all(jobs: &[Job], shared: &Shared, from_solver: Receiver<(usize, Solved)>, bar: &Bar) -> Vec<Row> {
-    let mut rows: Vec<Row> = jobs.iter().map(|job| job.row(Outcome::NotDone)).collect();
+fn write_all(jobs: &[Named], shared: &Shared, from_solver: Receiver<(usize, Solved)>, bar: &Bar) -> Vec<Row> {
+    let mut rows: Vec<Row> = jobs.iter().map(|named| named.row(Outcome::NotDone)).collect();
     for (index, solved) in from_solver {
-        let job = &jobs[index];
+        let Named { job, .. } = &jobs[index];
         let outcome = match solved {
-            Solved::Whole => Outcome::kept(&job.arguments.output),
+            Solved::Whole => Outcome::kept(&job.out),
             Solved::Failed(failure) => Outcome::Failed { error: failure.message() },
             Solved::Solution(solved) => {
                 let (photographs, solution, device) = *solved;
-                match solve::write(&job.arguments, &shared.settings, &device, photographs, &solution) {
+                match work::write(&shared.request, job, &device, &photographs, &solution) {
                     Ok((report, _)) => Outcome::solved(&report),
                     Err(failure) => Outcome::Failed { error: failure.message() },
                 }
             }
         };
-        rows[index] = job.row(outcome);
+        rows[index] = jobs[index].row(outcome);
         bar.show(index, &rows[index]);
     }
     rows

@@ -10,9 +10,10 @@ use parfocal::{Settings, export, image_io};
 
 use super::engine::EngineArguments;
 use super::failure::{Failure, print};
+use super::options::MethodName;
 use super::output::{self, ForceArgument};
-use super::pair::KernelChoice;
-use super::solve::MethodName;
+use super::settings::KernelChoice;
+use super::told::QuietArgument;
 
 /// Measure how fast pairs are solved: end to end, on the device, and pass by pass beside the bandwidth of a copy.
 #[derive(clap::Args, Debug)]
@@ -62,7 +63,7 @@ pub(super) struct Arguments {
     output: Option<PathBuf>,
     /// File for a trace of each run's last solve, which Perfetto and chrome://tracing open
     #[arg(long, value_name = "FILE.json")]
-    profile: Option<PathBuf>,
+    trace: Option<PathBuf>,
     /// Also print the ratios to an earlier report
     #[arg(long, value_name = "BASE.json")]
     against: Option<PathBuf>,
@@ -73,9 +74,8 @@ pub(super) struct Arguments {
     force: ForceArgument,
     #[command(flatten)]
     engine: EngineArguments,
-    /// Print nothing on stderr but errors
-    #[arg(long)]
-    quiet: bool,
+    #[command(flatten)]
+    quiet: QuietArgument,
 }
 
 const AFTER_HELP: &str = "\
@@ -115,19 +115,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     check_outputs(arguments)?;
     let options = options(arguments)?;
     let (engine, engine_ms) = bench::open(&arguments.engine.options())?;
-    let mut say = |line: &str| {
-        if !arguments.quiet {
-            // Nobody is left to be told where stderr is closed.
-            let _ = writeln!(io::stderr(), "{line}");
-        }
-    };
-    let measured = bench::run(&engine, engine_ms, &options, &mut say)?;
+    let measured = bench::run(&engine, engine_ms, &options, &mut |line| arguments.quiet.say(line))?;
     super::check_validation(&engine)?;
     let report = &measured.report;
     if let Some(file) = &arguments.output {
         report.write(arguments.force.to(file))?;
     }
-    if let Some(file) = &arguments.profile {
+    if let Some(file) = &arguments.trace {
         measured.trace.write(arguments.force.to(file))?;
     }
     tell(report, base.as_ref(), arguments)?;
@@ -165,19 +159,19 @@ fn options(arguments: &Arguments) -> Result<Options, Failure> {
         settings,
         warmup: arguments.warmup,
         repeats: arguments.repeats,
-        traced: arguments.profile.is_some(),
+        traced: arguments.trace.is_some(),
     })
 }
 
 /// Refuses files that cannot be ones, or that are inputs, before any work is done.
 fn check_outputs(arguments: &Arguments) -> Result<(), Failure> {
     let inputs: Vec<&PathBuf> = arguments.pair.iter().chain(&arguments.transform).collect();
-    let outputs = [(&arguments.output, FileKind::Bench), (&arguments.profile, FileKind::Trace)];
+    let outputs = [(&arguments.output, FileKind::Bench), (&arguments.trace, FileKind::Trace)];
     for (file, kind) in outputs.iter().filter_map(|(file, kind)| Some((file.as_ref()?, *kind))) {
         output::check_file(arguments.force.to(file), kind, "", &inputs)?;
     }
-    if arguments.output.is_some() && arguments.output == arguments.profile {
-        return Err(Failure::Usage("--output and --profile name one file; give two".to_string()));
+    if arguments.output.is_some() && arguments.output == arguments.trace {
+        return Err(Failure::Usage("--output and --trace name one file; give two".to_string()));
     }
     Ok(())
 }

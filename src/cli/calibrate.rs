@@ -28,15 +28,15 @@ pub(super) struct Arguments {
     #[command(flatten)]
     lens: LensArguments,
     /// The target is a plane that fills the image: its depths in mm at the corners top left, top right, bottom left
-    #[arg(long, value_name = "Z00,Z10,Z01", required_unless_present_any = ["step", "steps"],
-          conflicts_with_all = ["step", "steps"])]
+    #[arg(long, value_name = "Z00,Z10,Z01", required_unless_present_any = ["known", "known_from"],
+          conflicts_with_all = ["known", "known_from"])]
     plane: Option<Corners>,
     /// A region of the target and its depth in mm; may be repeated
     #[arg(long, value_name = "X,Y,W,H=Z")]
-    step: Vec<RegionAtDepth>,
-    /// Regions and depths as JSON: [{"region": [X, Y, W, H], "depth_mm": Z}, ...]
+    known: Vec<RegionAtDepth>,
+    /// Such regions from a file, as JSON: [{"region": [X, Y, W, H], "depth_mm": Z}, ...]
     #[arg(long, value_name = "FILE")]
-    steps: Option<PathBuf>,
+    known_from: Option<PathBuf>,
     /// What to find; where the target does not determine all, the last is left as stated
     #[arg(long, value_enum, value_name = "UNKNOWN,...", value_delimiter = ',', default_value = "kappa")]
     fit: Vec<UnknownName>,
@@ -88,7 +88,7 @@ impl FromStr for Corners {
     }
 }
 
-/// A line of --steps.
+/// An entry of --known-from.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct StepOfFile {
@@ -127,8 +127,8 @@ fn target(arguments: &Arguments) -> Result<Target, Failure> {
     if let Some(Corners(corners)) = arguments.plane {
         return Ok(Target::Plane(corners));
     }
-    let mut steps: Vec<(Region, f64)> = arguments.step.iter().map(|&RegionAtDepth(region, z)| (region, z)).collect();
-    if let Some(file) = &arguments.steps {
+    let mut steps: Vec<(Region, f64)> = arguments.known.iter().map(|&RegionAtDepth(region, z)| (region, z)).collect();
+    if let Some(file) = &arguments.known_from {
         steps.extend(read_steps(file)?);
     }
     Ok(Target::Steps(steps))
@@ -154,7 +154,7 @@ fn read_steps(file: &Path) -> Result<Vec<(Region, f64)>, Failure> {
 fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     let Some(file) = &arguments.output else { return Ok(()) };
     let results = export::FILES.iter().map(|name| arguments.of.results.join(name));
-    let inputs: Vec<PathBuf> = results.chain(arguments.steps.clone()).collect();
+    let inputs: Vec<PathBuf> = results.chain(arguments.known_from.clone()).collect();
     let inputs: Vec<&PathBuf> = inputs.iter().collect();
     output::check_file(arguments.of.force.to(file), FileKind::Lens, " for the lens", &inputs)
 }

@@ -1,21 +1,25 @@
-//! The colours of the depth map.
+//! The colours of near and far.
 
 use clap::ValueEnum;
 use parfocal::export::Palette;
 
-/// How depth.png is drawn.
+use super::help::OUTPUT;
+
+/// How pictures of depth are drawn.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub(super) struct ColorsArgument {
-    /// Colours of depth.png from near to far: yellow to purple in even steps for the eye, red to blue as in the paper, or
-    /// white to black
-    #[arg(long, value_name = "NAME", value_enum, default_value_t = Name::Viridis)]
+    /// Colours of near and far
+    #[arg(long, value_name = "NAME", help_heading = OUTPUT, value_enum, default_value_t = Name::Viridis)]
     colors: Name,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Name {
+    /// Near yellow, far purple, in even steps for the eye
     Viridis,
+    /// Near red, far blue, as in the paper
     RedBlue,
+    /// Near white, far black
     Grey,
 }
 

@@ -16,6 +16,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use toml::{Spanned, Value};
 
 use super::failure::{Failure, nearest};
+use super::help::INPUT;
 
 /// The most bytes that are read, 1 MiB.
 const MAX_BYTES: u64 = 1 << 20;
@@ -23,8 +24,8 @@ const MAX_BYTES: u64 = 1 << 20;
 /// `--config`, for the subcommands that take it.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(super) struct ConfigArgument {
-    /// Options from a TOML file, which those on the command line override; `parfocal config` prints one
-    #[arg(long, value_name = "FILE.toml")]
+    /// Options from a TOML file, as `parfocal config` prints one; the command line overrides them
+    #[arg(long, value_name = "FILE.toml", help_heading = INPUT)]
     config: Option<PathBuf>,
 }
 
@@ -174,19 +175,24 @@ pub(super) fn is_key(option: &Arg) -> bool {
     option.get_long().is_some_and(|long| !["config", "help", "version"].contains(&long))
 }
 
+/// Whether an option has this name, or had it once.
+fn is_called(option: &Arg, key: &str) -> bool {
+    option.get_long() == Some(key) || option.get_all_aliases().is_some_and(|old| old.contains(&key))
+}
+
 /// The option of a subcommand that a key names; `None` if it is another subcommand's, so that one file serves several.
 fn find<'a>(command: &'a Command, subcommand: &str, key: &str) -> Result<Option<&'a Arg>, String> {
     let takers = || command.get_subcommands().filter(|c| takes_config(c));
     let options = |c: &'a Command| c.get_arguments().filter(|a| is_key(a));
     let own = takers().find(|c| c.get_name() == subcommand).into_iter().flat_map(options);
-    if let Some(option) = own.into_iter().find(|a| a.get_long() == Some(key)) {
+    if let Some(option) = own.into_iter().find(|a| is_called(a, key)) {
         return Ok(Some(option));
     }
-    let names: Vec<&str> = takers().flat_map(options).filter_map(Arg::get_long).collect();
-    if names.contains(&key) {
+    if takers().flat_map(options).any(|a| is_called(a, key)) {
         return Ok(None);
     }
-    let hint = nearest(key, names.into_iter())
+    let names = takers().flat_map(options).filter_map(Arg::get_long);
+    let hint = nearest(key, names)
         .map_or_else(|| "`parfocal config` prints all there are".to_string(), |name| format!("did you mean '{name}'?"));
     Err(format!("there is no option '{key}'; {hint}"))
 }
@@ -332,6 +338,12 @@ mod tests {
         assert_eq!(regions("step = ['0,0,9,9', '9,9,9,9', '0,0,8,8', '8,8,8,8']", &[]), Ok(4));
         assert_eq!(regions("step = ['0,0,9,9', '9,9,9,9']", &["--step", "1,1,2,2", "3,3,4,4"]), Ok(2));
         assert!(regions("step = ['0,0,9,9', '9,9,9,9', '0,0,8,8']", &[]).unwrap_err().starts_with(":2: "));
+    }
+
+    #[test]
+    fn a_key_that_has_another_name_now_still_serves() {
+        let found = solve("output = 'out'\nregistration = 'gradient-descent'\n", &[]).unwrap();
+        assert_eq!(found.value_source("registration_step"), Some(ValueSource::CommandLine));
     }
 
     #[test]

@@ -3,9 +3,11 @@
 use std::fmt::Write;
 
 use clap::Arg;
+use clap::builder::PossibleValue;
 
 use super::config::{is_bool, is_key, is_number, takes_config};
 use super::failure::{Failure, nearest, print};
+use super::help::wrapped;
 
 /// Print the options of a subcommand with their defaults as TOML, for --config.
 #[derive(clap::Args, Debug)]
@@ -51,19 +53,19 @@ fn text(subcommand: &str) -> String {
 }
 
 fn comment(option: &Arg) -> String {
-    let mut words = option.get_help().map(ToString::to_string).unwrap_or_default();
-    let names: Vec<_> = option.get_possible_values().iter().map(|v| v.get_name().to_string()).collect();
-    if !names.is_empty() && !is_bool(option) {
-        words = format!("{words} ({})", names.join(", "));
+    let mut words = option.get_long_help().or(option.get_help()).map(ToString::to_string).unwrap_or_default();
+    let values: Vec<_> = option.get_possible_values().iter().map(in_words).collect();
+    if !values.is_empty() && !is_bool(option) {
+        words = format!("{words} ({})", values.join("; "));
     }
-    let mut lines = vec![String::new()];
-    for word in words.split_whitespace() {
-        match lines.last_mut() {
-            Some(last) if last.len() + word.len() < WIDTH => last.extend([" ", word]),
-            _ => lines.push(format!(" {word}")),
-        }
-    }
-    lines.iter().map(|line| format!("#{line}\n")).collect()
+    let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
+    wrapped(&words, WIDTH).lines().map(|line| format!("# {line}\n")).collect()
+}
+
+/// What may be given, and what it means.
+fn in_words(value: &PossibleValue) -> String {
+    let name = value.get_name();
+    value.get_help().map_or_else(|| name.to_string(), |help| format!("{name}: {help}"))
 }
 
 /// The default; where there is none, a comment that says what could stand there.
@@ -131,7 +133,7 @@ mod tests {
     #[test]
     fn every_option_stands_there_with_a_comment() {
         assert!(text("stack").contains("\n# focus-at = 0\n"), "{}", text("stack"));
-        assert!(text("batch").contains("\nresume = false\n"), "{}", text("batch"));
+        assert!(text("batch").ends_with("\nresume = false"), "{}", text("batch"));
         let text = text("solve");
         for part in [
             "\nlevels = \"auto\"\n",
@@ -139,7 +141,7 @@ mod tests {
             "\nover-relaxation = 1.8\n",
             "\nhold = false\n",
             "\n# transform = \"FILE\"\n",
-            "(unified, aligned, appearance, sift)",
+            "(unified: Together with the blur; aligned: Not at all,",
         ] {
             assert!(text.contains(part), "{part:?} is missing in\n{text}");
         }

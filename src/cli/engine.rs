@@ -2,18 +2,22 @@
 
 use std::time::Duration;
 
-use parfocal::{Engine, EngineOptions, baseline};
+use parfocal::{Engine, EngineOptions, Error, baseline};
 
 use super::failure::Failure;
+use super::help::DEVICE;
+
+/// Environment variable with the device where --device states none.
+const DEFAULT: &str = "PARFOCAL_DEVICE";
 
 /// Which device, and for how long it is waited.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(super) struct EngineArguments {
-    /// Index, part of the name, or UUID of the device [default: the most capable]
-    #[arg(long, value_name = "D")]
+    /// Index, part of the name, or UUID [default: PARFOCAL_DEVICE, else the most capable]
+    #[arg(long, value_name = "D", help_heading = DEVICE)]
     device: Option<String>,
     /// Longest wait for the device in one solve, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = EngineOptions::default().timeout.as_secs(),
+    #[arg(long, value_name = "SECONDS", help_heading = DEVICE, default_value_t = EngineOptions::default().timeout.as_secs(),
           value_parser = clap::value_parser!(u64).range(1..))]
     timeout: u64,
 }
@@ -21,13 +25,16 @@ pub(super) struct EngineArguments {
 impl EngineArguments {
     /// Opens it, under validation where the environment asks for that.
     pub(super) fn open(&self) -> Result<Engine, Failure> {
-        Ok(Engine::new(&self.options())?)
+        Engine::new(&self.options()).map_err(|error| match error {
+            Error::NoSuchDevice { .. } if self.device.is_none() => Failure::Failed(format!("{DEFAULT}: {error}")),
+            other => other.into(),
+        })
     }
 
     /// How it is opened.
     pub(super) fn options(&self) -> EngineOptions {
         EngineOptions {
-            device: self.device.clone(),
+            device: self.device.clone().or_else(|| std::env::var(DEFAULT).ok().filter(|device| !device.is_empty())),
             validation: super::validation_asked(),
             timeout: Duration::from_secs(self.timeout),
             key_points: Some(baseline::key_points),

@@ -1,13 +1,13 @@
 //! `parfocal evaluate`: the paper's experiments, as tables and figures.
 
-use std::io::{self, Write};
 use std::path::PathBuf;
 
 use parfocal::evaluate::{Evaluation, Options};
 
 use super::engine::EngineArguments;
-use super::failure::{Failure, print};
+use super::failure::Failure;
 use super::output::{self, ForceArgument};
+use super::told::ToldArguments;
 
 /// Run the paper's experiments with all systems, on scenes and photographs, and write tables and figures.
 #[derive(clap::Args, Debug)]
@@ -22,16 +22,12 @@ pub(super) struct Arguments {
     /// Small scenes, few points, reduced photographs: shows in a minute that everything runs
     #[arg(long)]
     quick: bool,
-    /// Print report.json on stdout too
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    told: ToldArguments,
     #[command(flatten)]
     force: ForceArgument,
     #[command(flatten)]
     engine: EngineArguments,
-    /// Print nothing on stderr but errors
-    #[arg(long)]
-    quiet: bool,
 }
 
 const AFTER_HELP: &str = "\
@@ -46,18 +42,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Evaluation::check(out)?;
     let engine = arguments.engine.open()?;
     let options = Options { data: arguments.data.clone(), quick: arguments.quick };
-    let mut say = |line: &str| {
-        if !arguments.quiet {
-            // Nobody is left to be told where stderr is closed.
-            let _ = writeln!(io::stderr(), "{line}");
-        }
-    };
-    let evaluation = Evaluation::run(&engine, &options, &mut say);
+    let evaluation = Evaluation::run(&engine, &options, &mut |line| arguments.told.say(line));
     super::check_validation(&engine)?;
     evaluation.write(out)?;
-    say(&format!("in {}", arguments.output.display()));
-    if arguments.json {
-        print(&evaluation.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
-    }
-    Ok(())
+    arguments.told.tell(&format!("in {}", arguments.output.display()), || evaluation.to_json())
 }

@@ -8,12 +8,11 @@ use std::str::FromStr;
 use parfocal::Lens;
 use parfocal::export::Nearer;
 use parfocal::image_io::{Exif, Input};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::failure::Failure;
-
-const HEADING: &str = "Lens";
+use super::help::LENS;
 
 /// The most bytes of a file with a lens that are read, 16 MiB, as of a report.
 const MAX_BYTES: u64 = 16 << 20;
@@ -21,27 +20,29 @@ const MAX_BYTES: u64 = 16 << 20;
 /// The lens; flags override the file.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(super) struct LensArguments {
-    /// The lens as JSON: an object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa and telecentric, or a
-    /// file that holds one as lens: what calibrate writes, truth.json of simulate, report.json
-    #[arg(long, value_name = "FILE", help_heading = HEADING)]
+    /// The lens, for depth in mm: JSON as calibrate writes it
+    ///
+    /// An object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa and telecentric, or a file that holds one
+    /// as lens: what calibrate writes, truth.json of simulate, report.json. Flags override it.
+    #[arg(long, value_name = "FILE", help_heading = LENS)]
     lens: Option<PathBuf>,
     /// Focal length
-    #[arg(long, value_name = "MM", help_heading = HEADING, allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", help_heading = LENS, allow_negative_numbers = true)]
     focal_length: Option<f64>,
     /// f-number
-    #[arg(long, value_name = "N", help_heading = HEADING, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", help_heading = LENS, allow_negative_numbers = true)]
     f_number: Option<f64>,
     /// Distance of neighbouring pixels on the sensor
-    #[arg(long, value_name = "MM", help_heading = HEADING, allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", help_heading = LENS, allow_negative_numbers = true)]
     pixel_pitch: Option<f64>,
     /// Distances from the lens at which I1 and I2 are focused
-    #[arg(long, value_name = "MM,MM", help_heading = HEADING, allow_hyphen_values = true)]
+    #[arg(long, value_name = "MM,MM", help_heading = LENS, allow_hyphen_values = true)]
     focus: Option<Distances>,
     /// Deviation of the blur over its radius [default: 0.5, a disk]; calibrate finds it
-    #[arg(long, value_name = "K", help_heading = HEADING, allow_negative_numbers = true)]
+    #[arg(long, value_name = "K", help_heading = LENS, allow_negative_numbers = true)]
     kappa: Option<f64>,
     /// The lens is telecentric on the image side: magnification does not change with focus
-    #[arg(long, value_name = "BOOL", help_heading = HEADING, num_args = 0..=1, require_equals = true,
+    #[arg(long, value_name = "BOOL", help_heading = LENS, num_args = 0..=1, require_equals = true,
           default_missing_value = "true")]
     telecentric: Option<bool>,
 }
@@ -60,7 +61,7 @@ impl FromStr for Distances {
 }
 
 /// As much of a lens as is known.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PartOfLens {
     #[serde(rename = "focal_length_mm")]
@@ -106,7 +107,7 @@ impl PartOfLens {
     }
 
     /// Its own fields, and where it has none those of `other`.
-    fn or(self, other: Self) -> Self {
+    pub(super) fn or(self, other: Self) -> Self {
         Self {
             focal_length: self.focal_length.or(other.focal_length),
             f_number: self.f_number.or(other.f_number),
@@ -117,12 +118,15 @@ impl PartOfLens {
         }
     }
 
-    fn is_whole(&self) -> bool {
-        self.focal_length.is_some() && self.f_number.is_some() && self.pixel_pitch.is_some() && self.focus.is_some()
+    /// The lens if nothing is missing: what can be said before any photograph is read.
+    pub(super) fn if_whole(self) -> Result<Option<Lens>, Failure> {
+        let Self { focal_length, f_number, pixel_pitch, focus, .. } = self;
+        let is_whole = focal_length.is_some() && f_number.is_some() && pixel_pitch.is_some() && focus.is_some();
+        is_whole.then(|| self.whole()).transpose()
     }
 
     /// The whole lens, or the flags for what is missing.
-    fn whole(self) -> Result<Lens, Failure> {
+    pub(super) fn whole(self) -> Result<Lens, Failure> {
         let (Some(focal_length), Some(f_number), Some(pixel_pitch), Some(focus)) =
             (self.focal_length, self.f_number, self.pixel_pitch, self.focus)
         else {
@@ -149,18 +153,13 @@ impl LensArguments {
     /// The lens, whole and checked; `None` where neither file nor flag states any of it. What neither states is taken from
     /// `defaults`, which alone make no lens.
     pub(super) fn lens(&self, defaults: PartOfLens) -> Result<Option<Lens>, Failure> {
-        if !self.is_given() {
-            return Ok(None);
-        }
-        let file = self.lens.as_deref().map_or(Ok(PartOfLens::default()), read)?;
-        self.flags().or(file).or(defaults).whole().map(Some)
+        self.stated()?.map(|stated| stated.or(defaults).whole()).transpose()
     }
 
-    /// The lens where file and flags alone state all of it: what can be said before any photograph is read.
-    pub(super) fn stated(&self) -> Result<Option<Lens>, Failure> {
+    /// What file and flags state; `None` where neither states any of it.
+    pub(super) fn stated(&self) -> Result<Option<PartOfLens>, Failure> {
         let file = self.lens.as_deref().map_or(Ok(PartOfLens::default()), read)?;
-        let stated = self.flags().or(file);
-        if stated.is_whole() { stated.whole().map(Some) } else { Ok(None) }
+        Ok(self.is_given().then(|| self.flags().or(file)))
     }
 
     /// As [`lens`](Self::lens), of a command that is nothing without one.

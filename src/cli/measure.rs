@@ -6,6 +6,7 @@ use parfocal::figure::PEN;
 
 use super::depth::decimals;
 use super::failure::Failure;
+use super::help::MEASUREMENTS;
 use super::output;
 use super::region::{LineArgument, RegionArgument};
 use super::solved::SolvedArguments;
@@ -23,12 +24,16 @@ pub(super) struct Arguments {
 /// What to measure.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct MeasureArguments {
-    /// Step height from the first region to the second, rectangles in pixels of the results: the difference of their levels, medians
-    /// without the tilt, in px² and, where the lens is known, in mm; may be repeated
-    #[arg(long, value_names = ["X,Y,W,H", "X,Y,W,H"], num_args = 2, help_heading = "Measurements")]
+    /// Step height from the first region to the second; may be repeated
+    ///
+    /// Rectangles in pixels of the results: the difference of their levels, medians without the tilt, in px² and, where the
+    /// lens is known, in mm.
+    #[arg(long, value_names = ["X,Y,W,H", "X,Y,W,H"], num_args = 2, help_heading = MEASUREMENTS)]
     step: Vec<RegionArgument>,
-    /// Profile from one pixel of the results to another, the mean over WIDTH px across [default: 1]; may be repeated
-    #[arg(long, value_name = "X1,Y1,X2,Y2[,WIDTH]", help_heading = "Measurements")]
+    /// Profile from one pixel of the results to another; may be repeated
+    ///
+    /// The mean over WIDTH px across, 1 if not given.
+    #[arg(long, value_name = "X1,Y1,X2,Y2[,WIDTH]", help_heading = MEASUREMENTS)]
     profile: Vec<LineArgument>,
 }
 

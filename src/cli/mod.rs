@@ -12,15 +12,20 @@ mod devices;
 mod engine;
 mod evaluate;
 mod failure;
+mod help;
 mod lens;
 mod measure;
 mod models;
+mod options;
 mod output;
 mod pair;
 mod pairs;
 mod region;
 mod register;
+mod request;
+mod run;
 mod scope;
+mod settings;
 mod shell;
 mod simulate;
 mod solve;
@@ -28,8 +33,10 @@ mod solved;
 mod stack;
 mod summary;
 mod tally;
+mod told;
 mod tuning;
 mod view;
+mod work;
 
 use std::fs;
 use std::path::Path;
@@ -44,7 +51,7 @@ const VALIDATE: &str = "PARFOCAL_VALIDATE";
 
 /// Depth from defocus on the GPU: relative blur and registration of two photographs, recovered together.
 #[derive(Debug, Parser)]
-#[command(version, about, after_help = AFTER_HELP)]
+#[command(version, about, after_long_help = help::AFTER_HELP)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -70,13 +77,6 @@ enum Command {
     Man(shell::Manual),
 }
 
-const AFTER_HELP: &str = "\
-Exit status: 0 done (a solve that did not converge is done, with warnings, unless --strict), 1 failed, 2 wrong usage.
-
-Environment:
-  PARFOCAL_VALIDATE=1  run under the Khronos validation layer, which must be installed
-  VK_DRIVER_FILES, VK_ICD_FILENAMES and the other variables of the Vulkan loader work as usual";
-
 /// Runs the program.
 pub fn main() -> ExitCode {
     match config::matches(&command(), std::env::args_os().collect()) {
@@ -90,9 +90,9 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// What clap is told: as derived, and switches that a configuration turns on can be turned off.
+/// What clap is told: as derived, and switches that a configuration turns on can be turned off, and help is laid out.
 fn command() -> clap::Command {
-    Cli::command().mut_subcommands(config::with_optional_switches)
+    help::with_groups(Cli::command().mut_subcommands(|c| help::laid_out(config::with_optional_switches(c))))
 }
 
 fn run(command: Command) -> Result<(), Failure> {

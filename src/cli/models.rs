@@ -4,47 +4,66 @@ use clap::ValueEnum;
 use parfocal::export::{self, Depth16, Extra, Nearer};
 use parfocal::model::{Model, Points};
 use parfocal::{Error, Frame, MetricDepth, Solution};
+use serde::Serialize;
+
+use super::help::OUTPUT;
 
 /// Which files beside the usual ones are written, and how.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct ModelArguments {
-    /// Also write, several with commas: ply (surface.ply, a mesh with colour and normals), cloud (points.ply, points with
-    /// both), glb (surface.glb, glTF with the best-focus image as texture), depth16 (depth16.png and depth16.tiff: depth
-    /// in mm with a lens, else V, in 16-bit grey, 0 where not valid; scale and offset are in the files and in
-    /// report.json), labels (labels.png: 1 where I1 is the sharper, 2 where I2 is, 3 where V is within its standard
-    /// deviation of 0, 0 where not valid)
-    #[arg(long, value_name = "KIND", value_enum, value_delimiter = ',')]
-    export: Vec<ExportName>,
+    /// Also write, several with commas
+    #[arg(long, value_name = "KIND,...", help_heading = OUTPUT, value_enum, value_delimiter = ',')]
+    export: Vec<Kind>,
     /// Most vertices of a mesh along its longer side, 2 to 65536; default: one for each pixel
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=65536))]
+    #[arg(long, value_name = "N", help_heading = OUTPUT, value_parser = clap::value_parser!(u32).range(2..=65536))]
     mesh_cells: Option<u32>,
     /// Height of the surface for each px² of V, px; default: so that the relief is 15 % of the longer side
-    #[arg(long, value_name = "PX", value_parser = positive)]
+    #[arg(long, value_name = "PX", help_heading = OUTPUT, value_parser = positive)]
     z_scale: Option<f64>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
-enum ExportName {
+impl ModelArguments {
+    pub(super) fn models(&self) -> Models {
+        Models { kinds: self.export.clone(), mesh_cells: self.mesh_cells, z_scale: self.z_scale }
+    }
+}
+
+/// What to write, and how.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Models {
+    kinds: Vec<Kind>,
+    mesh_cells: Option<u32>,
+    z_scale: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, ValueEnum)]
+enum Kind {
+    /// surface.ply, a mesh with colour and normals
     Ply,
+    /// points.ply, points with both
     Cloud,
+    /// surface.glb, glTF with the best-focus image as texture
     Glb,
+    /// depth16.png and depth16.tiff: depth in mm with a lens, else V, in 16-bit grey, 0 where not valid; scale and offset
+    /// are in the files and in report.json
     Depth16,
+    /// labels.png: 1 where I1 is the sharper, 2 where I2 is, 3 where V is within its standard deviation of 0, 0 where not
+    /// valid
     Labels,
 }
 
 /// The kinds that show the surface.
-const MODELS: [(ExportName, Model); 3] =
-    [(ExportName::Ply, Model::Ply), (ExportName::Cloud, Model::Cloud), (ExportName::Glb, Model::Glb)];
+const MODELS: [(Kind, Model); 3] = [(Kind::Ply, Model::Ply), (Kind::Cloud, Model::Cloud), (Kind::Glb, Model::Glb)];
 
 fn positive(text: &str) -> Result<f64, String> {
     let good = |value: &f64| (1e-6..=1e6).contains(value);
     text.parse().ok().filter(good).ok_or_else(|| "give a number from 1e-6 to 1e6".to_string())
 }
 
-impl ModelArguments {
+impl Models {
     /// The points of the surface, if any file of it is asked for.
     pub(super) fn points(&self, solution: &Solution, fused: &Frame, nearer: Nearer) -> Result<Option<Points>, Error> {
-        if self.models().next().is_none() {
+        if self.shown().next().is_none() {
             return Ok(None);
         }
         let blur = &solution.relative_blur;
@@ -56,34 +75,35 @@ impl ModelArguments {
     pub(super) fn depth16(&self, solution: &Solution, metric: Option<&MetricDepth>) -> Option<Depth16> {
         let size = (solution.width, solution.height);
         let of_blur = || Depth16::of_relative_blur(size, &solution.relative_blur);
-        self.export.contains(&ExportName::Depth16).then(|| metric.map_or_else(of_blur, Depth16::of_depth))
+        self.kinds.contains(&Kind::Depth16).then(|| metric.map_or_else(of_blur, Depth16::of_depth))
     }
 
     /// The files of the surface that are asked for, each once.
     pub(super) fn files<'a>(&self, points: Option<&'a Points>, fused: &'a Frame) -> Vec<Extra<'a>> {
         let Some(points) = points else { return Vec::new() };
         let nodes = self.mesh_cells.map(|n| n as usize);
-        self.models().map(|model| points.file(model, fused, nodes)).collect()
+        self.shown().map(|model| points.file(model, fused, nodes)).collect()
     }
 
     /// `labels.png`, if it is asked for.
     pub(super) fn labels<'a>(&self, solution: &'a Solution) -> Option<Extra<'a>> {
-        self.export.contains(&ExportName::Labels).then(|| export::labels(solution))
+        self.kinds.contains(&Kind::Labels).then(|| export::labels(solution))
     }
 
     /// The names of all files that are asked for.
     pub(super) fn names(&self) -> Vec<&'static str> {
-        let of = |name: &ExportName| match name {
-            ExportName::Ply => &["surface.ply"][..],
-            ExportName::Cloud => &["points.ply"],
-            ExportName::Glb => &["surface.glb"],
-            ExportName::Depth16 => &["depth16.png", "depth16.tiff"],
-            ExportName::Labels => &["labels.png"],
+        let of = |name: &Kind| match name {
+            Kind::Ply => &["surface.ply"][..],
+            Kind::Cloud => &["points.ply"],
+            Kind::Glb => &["surface.glb"],
+            Kind::Depth16 => &["depth16.png", "depth16.tiff"],
+            Kind::Labels => &["labels.png"],
         };
-        self.export.iter().flat_map(of).copied().collect()
+        self.kinds.iter().flat_map(of).copied().collect()
     }
 
-    fn models(&self) -> impl Iterator<Item = Model> {
-        MODELS.into_iter().filter(|(name, _)| self.export.contains(name)).map(|(_, model)| model)
+    /// The kinds that show the surface and are asked for.
+    fn shown(&self) -> impl Iterator<Item = Model> {
+        MODELS.into_iter().filter(|(name, _)| self.kinds.contains(name)).map(|(_, model)| model)
     }
 }

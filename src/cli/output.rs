@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 use parfocal::export::{self, Destination, FileKind};
 
 use super::failure::Failure;
+use super::help::OUTPUT;
 
 /// What every subcommand that writes files is told.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub(super) struct ForceArgument {
-    /// Overwrite files that parfocal did not write where they have the names of results; all others stay in any case
-    #[arg(long)]
+    /// Overwrite files that parfocal did not write where they have the names of results; all others stay
+    #[arg(long, help_heading = OUTPUT)]
     force: bool,
 }
 

@@ -1,284 +1,37 @@
-//! What every subcommand that takes a pair of photographs is told, and how it starts.
+//! A pair of photographs, by the names of its files.
 
-use std::convert::Infallible;
-use std::fmt;
-use std::path::PathBuf;
-use std::str::FromStr;
+use std::path::{Path, PathBuf};
 
-use clap::ValueEnum;
-use parfocal::export;
 use parfocal::image_io::{Input, Photograph};
-use parfocal::{Decode, Engine, Kernel, Method, Photometric, RegistrationStep, Settings, image_io};
 
-use super::config::ConfigArgument;
-use super::engine::EngineArguments;
 use super::failure::Failure;
-use super::tuning::TuningArguments;
 
-/// The pair, the settings, and the device.
+/// The pair.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct PairArguments {
-    /// The reference photograph: PNG, JPEG, TIFF (FILE#2: its second page), PNM, PFM or EXR
-    pub(super) i1: PathBuf,
+    /// The photograph whose pixels the results follow: PNG, JPEG, TIFF, PNM, PFM or EXR
+    ///
+    /// FILE#2 is the second page of a TIFF.
+    i1: PathBuf,
     /// The other photograph, of the same size
-    pub(super) i2: PathBuf,
-    #[command(flatten)]
-    pub(super) common: SettingsArguments,
-}
-
-/// The settings and the device.
-#[derive(clap::Args, Clone, Debug)]
-pub(super) struct SettingsArguments {
-    /// Pyramid levels, 1 to 12; auto halves the images while the short side stays at least 32 px
-    #[arg(long, value_name = "N|auto", default_value_t = Levels(Settings::default().levels))]
-    levels: Levels,
-    /// Largest |V|, the difference of the blurs' variances, px² of the full-size image, 1 to 256
-    #[arg(long, value_name = "PX2", allow_negative_numbers = true, default_value_t = Settings::default().max_relative_blur)]
-    max_relative_blur: f64,
-    /// Weight α of the smoothness of V, no unit, 1e-6 to 10; larger is smoother
-    #[arg(long, value_name = "A", allow_negative_numbers = true, default_value_t = Settings::default().regularization)]
-    regularization: f64,
-    /// Outer iterations on each level at most, 5 to 1000
-    #[arg(long, value_name = "N", default_value_t = Settings::default().outer_iterations)]
-    outer_iterations: u32,
-    /// Relaxation sweeps in each outer iteration, 1 to 100
-    #[arg(long, value_name = "N", default_value_t = Settings::default().sweeps)]
-    sweeps: u32,
-    /// Start from the registration (and exposure, if stated) in a report.json or its transform object
-    #[arg(long, value_name = "FILE")]
-    transform: Option<PathBuf>,
-    /// Shape of the blur: gaussian, pillbox, half-gaussian, or a picture of the kernel (of a coded aperture, say)
-    #[arg(long, value_name = "K|FILE", default_value = "gaussian")]
-    kernel: KernelChoice,
-    /// How the registration steps; gradient-descent is the paper's scheme, to compare with
-    #[arg(long, value_enum, default_value_t = StepName::from(Settings::default().registration))]
-    registration: StepName,
-    /// How stored values become intensities: none, as stored; srgb, with the sRGB curve undone; auto, by what the files say
-    /// (8-bit PNG and JPEG that say nothing are taken for sRGB, all others for linear), in which they must agree
-    #[arg(long, value_enum, default_value_t = DecodeName::from(Settings::default().decode))]
-    decode: DecodeName,
-    /// Do not solve for the difference in exposure (gain and offset) of the two images
-    #[arg(long)]
-    no_photometric: bool,
-    /// Hold the exposure: the factor on I2's values that makes them I1's, 0.001 to 1000; with --offset, which is 0 if not given
-    #[arg(long, value_name = "G", allow_negative_numbers = true)]
-    gain: Option<f64>,
-    /// Hold the exposure: what is added after the gain, where white is 1
-    #[arg(long, value_name = "O", allow_negative_numbers = true)]
-    offset: Option<f64>,
-    /// Print the report on stdout too
-    #[arg(long)]
-    pub(super) json: bool,
-    #[command(flatten)]
-    engine: EngineArguments,
-    /// Print nothing on stderr but errors
-    #[arg(long)]
-    pub(super) quiet: bool,
-    /// Exit status 1 if it does not converge or has warnings; the results are written all the same
-    #[arg(long)]
-    pub(super) strict: bool,
-    #[command(flatten)]
-    config: ConfigArgument,
-    #[command(flatten)]
-    tuning: TuningArguments,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum StepName {
-    GaussNewton,
-    GradientDescent,
-}
-
-impl From<RegistrationStep> for StepName {
-    fn from(step: RegistrationStep) -> Self {
-        match step {
-            RegistrationStep::GaussNewton => Self::GaussNewton,
-            RegistrationStep::GradientDescent => Self::GradientDescent,
-        }
-    }
-}
-
-/// A kernel by name, or a file that holds one.
-#[derive(Clone, Debug)]
-pub(super) enum KernelChoice {
-    Named(Kernel),
-    File(PathBuf),
-}
-
-impl FromStr for KernelChoice {
-    type Err = Infallible;
-
-    fn from_str(text: &str) -> Result<Self, Infallible> {
-        let named = [Kernel::Gaussian, Kernel::Pillbox, Kernel::HalfGaussian].into_iter().find(|k| k.name() == text);
-        Ok(named.map_or_else(|| Self::File(text.into()), Self::Named))
-    }
-}
-
-impl KernelChoice {
-    pub(super) fn read(&self) -> Result<Kernel, Failure> {
-        match self {
-            Self::Named(kernel) => Ok(kernel.clone()),
-            Self::File(path) if !path.exists() => Err(Failure::Usage(format!(
-                "--kernel {}: neither gaussian, pillbox nor half-gaussian, nor is there such a file",
-                path.display()
-            ))),
-            Self::File(path) => Ok(image_io::read_kernel(path)?),
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum DecodeName {
-    None,
-    Srgb,
-    Auto,
-}
-
-impl From<Decode> for DecodeName {
-    fn from(decode: Decode) -> Self {
-        match decode {
-            Decode::None => Self::None,
-            Decode::Srgb => Self::Srgb,
-        }
-    }
-}
-
-/// A number of levels, or `auto`.
-#[derive(Clone, Copy, Debug)]
-struct Levels(Option<u32>);
-
-impl FromStr for Levels {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        if text == "auto" {
-            return Ok(Self(None));
-        }
-        text.parse().map(|count| Self(Some(count))).map_err(|_| "give a whole number or auto".to_string())
-    }
-}
-
-impl fmt::Display for Levels {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0 {
-            None => f.write_str("auto"),
-            Some(count) => count.fmt(f),
-        }
-    }
-}
-
-impl SettingsArguments {
-    /// The settings that the flags and `--transform` ask for; with `hold`, what the file states is kept.
-    pub(super) fn settings(&self, method: Method, hold: bool) -> Result<Settings, Failure> {
-        let mut settings = Settings {
-            method,
-            levels: self.levels.0,
-            outer_iterations: self.outer_iterations,
-            sweeps: self.sweeps,
-            regularization: self.regularization,
-            max_relative_blur: self.max_relative_blur,
-            registration: match self.registration {
-                StepName::GaussNewton => RegistrationStep::GaussNewton,
-                StepName::GradientDescent => RegistrationStep::GradientDescent,
-            },
-            photometric: !self.no_photometric && self.exposure().is_none(),
-            start_photometric: self.exposure().unwrap_or_default(),
-            // Auto is settled by `decode`, once the files are known.
-            decode: if matches!(self.decode, DecodeName::Srgb) { Decode::Srgb } else { Decode::None },
-            ..Settings::default()
-        };
-        self.tuning.apply(&mut settings);
-        settings.check()?;
-        settings.kernel = self.kernel.read()?;
-        self.start_from_file(hold, &mut settings)?;
-        Ok(settings)
-    }
-
-    /// Whether what the files say decides how their values become intensities.
-    pub(super) fn asks_files(&self) -> bool {
-        matches!(self.decode, DecodeName::Auto)
-    }
-
-    /// How the values of photographs become intensities.
-    pub(super) fn decode(&self, files: &[Input]) -> Result<Decode, Failure> {
-        Ok(match self.decode {
-            DecodeName::None => Decode::None,
-            DecodeName::Srgb => Decode::Srgb,
-            DecodeName::Auto => image_io::decode_of(files)?,
-        })
-    }
-
-    /// The exposure that is held by flag.
-    fn exposure(&self) -> Option<Photometric> {
-        let Photometric { gain, offset } = Photometric::IDENTITY;
-        let held = Photometric { gain: self.gain.unwrap_or(gain), offset: self.offset.unwrap_or(offset) };
-        self.gain.or(self.offset).map(|_| held)
-    }
-
-    fn start_from_file(&self, hold: bool, settings: &mut Settings) -> Result<(), Failure> {
-        let Some(file) = &self.transform else { return Ok(()) };
-        let usage = |problem: &str| Err(Failure::Usage(problem.to_string()));
-        match settings.method {
-            Method::Appearance | Method::Sift if hold => {
-                return usage("--hold keeps T, and this method would find another; leave out --hold or --method");
-            }
-            Method::Sift => return usage("SIFT starts from key-points, not from --transform; leave one of them out"),
-            _ => {}
-        }
-        let (start, photometric) = export::read_transform(file)?;
-        settings.start = start;
-        if hold {
-            settings.method = Method::Aligned;
-        }
-        if let (Some(start_photometric), None) = (photometric, self.exposure()) {
-            settings.start_photometric = start_photometric;
-            settings.photometric &= !hold;
-        }
-        Ok(())
-    }
-
-    /// Every file that is read besides photographs, none of which a result may replace.
-    pub(super) fn inputs(&self) -> impl Iterator<Item = &PathBuf> {
-        let kernel = match &self.kernel {
-            KernelChoice::File(path) => Some(path),
-            KernelChoice::Named(_) => None,
-        };
-        self.transform.iter().chain(kernel).chain(self.config.file())
-    }
-
-    /// Fails, with `--strict`, if there is anything to warn of.
-    pub(super) fn check_strict(&self, converged: bool, warnings: &[String]) -> Result<(), Failure> {
-        if !self.strict || (converged && warnings.is_empty()) {
-            return Ok(());
-        }
-        let what = if converged { "has warnings" } else { "did not converge" };
-        Err(Failure::Failed(format!("--strict: the solve {what}: {}", warnings.join("; "))))
-    }
-
-    /// Opens the device.
-    pub(super) fn open_engine(&self) -> Result<Engine, Failure> {
-        self.engine.open()
-    }
+    i2: PathBuf,
 }
 
 impl PairArguments {
-    /// Every file that is read, none of which a result may replace.
-    pub(super) fn inputs(&self) -> Vec<&PathBuf> {
-        [&self.i1, &self.i2].into_iter().chain(self.common.inputs()).collect()
+    /// Both files.
+    pub(super) fn files(&self) -> [PathBuf; 2] {
+        [self.i1.clone(), self.i2.clone()]
     }
+}
 
-    /// Opens the two photographs; also what the report says of them.
-    pub(super) fn photographs(&self) -> Result<([Photograph; 2], Vec<Input>), Failure> {
-        let photographs = Photograph::open_pair(&self.i1, &self.i2)?;
-        let inputs = photographs.iter().map(Photograph::describe).collect::<Result<_, _>>()?;
-        Ok((photographs, inputs))
-    }
+/// Opens two photographs; also what the report says of them.
+pub(super) fn open([i1, i2]: &[PathBuf; 2]) -> Result<([Photograph; 2], Vec<Input>), Failure> {
+    let photographs = Photograph::open_pair(i1, i2)?;
+    let inputs = photographs.iter().map(Photograph::describe).collect::<Result<_, _>>()?;
+    Ok((photographs, inputs))
+}
 
-    /// The same without what does not decide the results: the photographs, where it runs, and what is told of it.
-    pub(super) fn deciding(&self) -> Self {
-        let (engine, config) = (EngineArguments::default(), ConfigArgument::default());
-        let common =
-            SettingsArguments { json: false, quiet: false, strict: false, engine, config, ..self.common.clone() };
-        Self { i1: PathBuf::new(), i2: PathBuf::new(), common }
-    }
+/// What a photograph is called in the report: without its folders.
+pub(super) fn name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }

@@ -1,35 +1,36 @@
 //! What of the photographs is solved, and what is known of lens and light: masks, regions, references.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use parfocal::export::Solved;
-use parfocal::{FieldCurvature, Mask, Scope, image_io};
+use parfocal::{FieldCurvature, Mask, Region, Scope, image_io};
+use serde::Serialize;
 
 use super::failure::Failure;
+use super::help::REGION;
 use super::region::RegionArgument;
 
 /// The part, the mask, and the corrections.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct ScopeArguments {
-    /// A picture of I1's size, white where pixels count: the rest is left out, and NaN in the results
-    #[arg(long, value_name = "FILE")]
+    /// A picture of I1's size, white where pixels count; the rest is left out and NaN
+    #[arg(long, value_name = "FILE", help_heading = REGION)]
     mask: Option<PathBuf>,
     /// Results of a part of I1 only, px; a little around it is solved too
-    #[arg(long, value_name = "X,Y,W,H")]
+    #[arg(long, value_name = "X,Y,W,H", help_heading = REGION)]
     roi: Option<RegionArgument>,
     /// Crop the results to the largest rectangle in which V is valid everywhere
-    #[arg(long)]
+    #[arg(long, help_heading = REGION)]
     crop_valid: bool,
     /// Folder of the solve of a flat target taken with the same optics: its field curvature is taken from V
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", help_heading = REGION)]
     flat: Option<PathBuf>,
     /// Find a smooth gain field between the photographs first and take it out, where they vignette differently
-    #[arg(long)]
+    #[arg(long, help_heading = REGION)]
     vignetting: bool,
     /// Standard deviation of V beyond which a pixel is marked as without texture, px²; default: half of V's range, and 1
     /// at least
-    #[arg(long, value_name = "PX2", value_parser = positive)]
+    #[arg(long, value_name = "PX2", help_heading = REGION, value_parser = positive)]
     max_uncertainty: Option<f32>,
 }
 
@@ -39,17 +40,38 @@ fn positive(text: &str) -> Result<f32, String> {
 }
 
 impl ScopeArguments {
-    /// Reads what the flags name.
+    pub(super) fn part(&self) -> Part {
+        Part {
+            mask: self.mask.clone(),
+            region: self.roi.map(|RegionArgument(region)| region),
+            crop_valid: self.crop_valid,
+            flat: self.flat.clone(),
+            vignetting: self.vignetting,
+            max_uncertainty: self.max_uncertainty,
+        }
+    }
+}
+
+/// The part of the photographs that is solved, and what is known of lens and light; files by their names.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Part {
+    mask: Option<PathBuf>,
+    region: Option<Region>,
+    pub(super) crop_valid: bool,
+    /// The flat reference's folder, whose results must not be replaced.
+    pub(super) flat: Option<PathBuf>,
+    vignetting: bool,
+    /// Standard deviation of V beyond which a pixel is marked, px².
+    pub(super) max_uncertainty: Option<f32>,
+}
+
+impl Part {
+    /// Reads what is named.
     fn scope(&self) -> Result<Scope, Failure> {
         let mask = self.mask.as_ref().map(|file| image_io::read(file)).transpose()?;
         let flat = self.flat.as_ref().map(|folder| flat_reference(folder)).transpose()?;
-        Ok(Scope {
-            region: self.roi.map(|RegionArgument(region)| region),
-            mask: mask.as_ref().map(Mask::of_picture),
-            vignetting: self.vignetting,
-            flat,
-            crop_valid: self.crop_valid,
-        })
+        let mask = mask.as_ref().map(Mask::of_picture);
+        Ok(Scope { region: self.region, mask, vignetting: self.vignetting, flat, crop_valid: self.crop_valid })
     }
 
     /// Reads it, and refuses what does not fit photographs of this size.
@@ -70,38 +92,22 @@ impl ScopeArguments {
         Ok(scope)
     }
 
-    /// Files that it reads.
-    pub(super) fn inputs(&self) -> impl Iterator<Item = &PathBuf> {
-        self.mask.iter()
-    }
-
-    /// The flat reference's folder, whose results must not be replaced.
-    pub(super) fn flat(&self) -> Option<&Path> {
-        self.flat.as_deref()
-    }
-
-    /// Standard deviation of V beyond which a pixel is marked, px².
-    pub(super) fn max_uncertainty(&self) -> Option<f32> {
-        self.max_uncertainty
-    }
-
-    /// Whether results are cropped by what is valid.
-    pub(super) fn crops(&self) -> bool {
-        self.crop_valid
-    }
-
     /// The size of the results, where it is known before the solve.
-    pub(super) fn size(&self, photograph: (u32, u32)) -> Option<(u32, u32)> {
-        let size = self.roi.map_or(photograph, |RegionArgument(region)| (region.width, region.height));
+    pub(super) fn size(&self, photograph: [u32; 2]) -> Option<[u32; 2]> {
+        let size = self.region.map_or(photograph, |region| [region.width, region.height]);
         (!self.crop_valid).then_some(size)
     }
 
-    /// What the files hold that decide the results.
-    pub(super) fn contents(&self) -> Vec<Option<Vec<u8>>> {
+    /// The picture that no result may replace.
+    pub(super) fn mask(&self) -> Option<&PathBuf> {
+        self.mask.as_ref()
+    }
+
+    /// The files whose contents decide the results.
+    pub(super) fn files(&self) -> Vec<PathBuf> {
         let of_flat = ["relative_blur.exr", "uncertainty.exr", "report.json"];
         let flat = self.flat.iter().flat_map(|folder| of_flat.map(|name| folder.join(name)));
-        let mask = self.mask.iter().map(|file| image_io::split_page(file).0.to_path_buf());
-        mask.chain(flat).map(|file| fs::read(file).ok()).collect()
+        self.mask.iter().map(|file| image_io::split_page(file).0).chain(flat).collect()
     }
 }
 

@@ -1,6 +1,5 @@
 //! `parfocal simulate`: a synthetic pair, with the truth about it.
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -10,9 +9,10 @@ use parfocal::export::SIMULATED_FILES;
 use parfocal::scene::{Kernel, Preset, Scene, Shape};
 use parfocal::scene::{Truth, simulated_files, write_simulated};
 
-use super::failure::{Failure, print};
+use super::failure::Failure;
 use super::lens::{LensArguments, PartOfLens};
 use super::output::{self, ForceArgument};
+use super::told::ToldArguments;
 
 /// Render a synthetic pair of images of which relative blur, depth and registration are known.
 ///
@@ -36,12 +36,8 @@ pub(super) struct Arguments {
     /// Seed of texture, dots, relief and noise
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Print truth.json on stdout too
-    #[arg(long)]
-    json: bool,
-    /// Print nothing on stderr but errors
-    #[arg(long)]
-    quiet: bool,
+    #[command(flatten)]
+    told: ToldArguments,
 
     /// Shape of the blur, of both images [default: half-gaussian for the scenes of that name, else gaussian]
     #[arg(long, value_enum, help_heading = "Blur")]
@@ -65,12 +61,12 @@ pub(super) struct Arguments {
         allow_negative_numbers = true
     )]
     noise: f64,
-    /// Exposure of I2: I2 <- E I2 + O
-    #[arg(long, value_name = "E", default_value_t = 1.0, help_heading = "Intensities", allow_negative_numbers = true)]
-    exposure: f64,
-    /// Offset of I2, added after the exposure
+    /// Exposure of I2: I2 <- G I2 + O, the other way round than `solve --gain`, which undoes it
+    #[arg(long, value_name = "G", default_value_t = 1.0, help_heading = "Intensities", allow_negative_numbers = true)]
+    i2_gain: f64,
+    /// Added to I2 after the gain
     #[arg(long, value_name = "O", default_value_t = 0.0, help_heading = "Intensities", allow_negative_numbers = true)]
-    offset: f64,
+    i2_offset: f64,
     /// From the darkest to the brightest, about 0.5; at most 1, and 0.9 leaves a twentieth at either end unused
     #[arg(long, value_name = "C", default_value_t = 0.9, help_heading = "Intensities", allow_negative_numbers = true)]
     contrast: f64,
@@ -132,7 +128,7 @@ Results, all or none:
   depth.exr          depth at each pixel of I1, mm; only where the scene has a lens
   truth.json         T, gain and offset (which map I2 onto I1), and what was asked; solve --transform reads it
 
-Intensities lie in 0.05 to 0.95 before exposure and noise, so that --exposure 0.9 --offset 0.05 clips nothing.
+Intensities lie in 0.05 to 0.95 before exposure and noise, so that --i2-gain 0.9 --i2-offset 0.05 clips nothing.
 
 Examples:
   parfocal simulate plane -o plane --noise 0.003
@@ -236,7 +232,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let simulated = scene.render()?;
     let truth = Truth::new(&scene, &simulated);
     write_simulated(out, &simulated, &truth)?;
-    tell(&truth, arguments)
+    arguments.told.tell(&summary(&truth, &arguments.output), || truth.to_json())
 }
 
 fn scene(arguments: &Arguments) -> Result<Scene, Failure> {
@@ -262,8 +258,8 @@ fn scene(arguments: &Arguments) -> Result<Scene, Failure> {
     }
     set(&mut scene.base_blur, arguments.base_blur);
     scene.transform = transform(scene.transform, arguments);
-    scene.exposure.gain = arguments.exposure;
-    scene.exposure.offset = arguments.offset;
+    scene.exposure.gain = arguments.i2_gain;
+    scene.exposure.offset = arguments.i2_offset;
     Ok(Scene { seed: arguments.seed, noise: arguments.noise, contrast: arguments.contrast, ..scene })
 }
 
@@ -332,17 +328,6 @@ fn inputs(arguments: &Arguments) -> Vec<&PathBuf> {
     files.chain(arguments.lens.file()).collect()
 }
 
-fn tell(truth: &Truth, arguments: &Arguments) -> Result<(), Failure> {
-    if !arguments.quiet {
-        // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(io::stderr(), "{}", summary(truth, &arguments.output));
-    }
-    if arguments.json {
-        print(&truth.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
-    }
-    Ok(())
-}
-
 fn summary(truth: &Truth, output: &Path) -> String {
     let (t, v) = (&truth.transform, &truth.relative_blur);
     let mut lines = vec![
@@ -352,7 +337,7 @@ fn summary(truth: &Truth, output: &Path) -> String {
     ];
     if truth.clipped_samples > 0 {
         lines.push(format!(
-            "warning: {} samples lay outside 0 to 1 and were clipped: lower --contrast, --exposure or --noise",
+            "warning: {} samples lay outside 0 to 1 and were clipped: lower --contrast, --i2-gain or --noise",
             truth.clipped_samples
         ));
     }

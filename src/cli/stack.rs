@@ -1,7 +1,6 @@
 //! `parfocal stack`: a focus sweep in, one map of the focus and one sharp image out.
 
-use std::io::{self, IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -16,54 +15,63 @@ use parfocal::{Frame, Method};
 
 use super::colors::ColorsArgument;
 use super::depth::decimals;
-use super::failure::{Failure, print};
+use super::failure::Failure;
+use super::help::{AFTER_HELP, INPUT, OUTPUT};
 use super::output::{self, ForceArgument};
-use super::pair::SettingsArguments;
-use super::solve::name;
+use super::pair::name;
+use super::run::RunArguments;
+use super::settings::{Decoding, SettingsArguments};
 
 /// Recover from a focus sweep where each pixel is in focus, and an image sharp all over.
 #[derive(clap::Args, Debug)]
-#[command(after_help = super::AFTER_HELP)]
+#[command(after_long_help = AFTER_HELP)]
 pub(super) struct Arguments {
     /// The frames, three or more of one size and format, in the order of their focus
     #[arg(required = true, num_args = 3.., value_name = "FRAME")]
     frames: Vec<PathBuf>,
-    /// Folder for the results; made if it is missing, earlier results in it replaced
-    #[arg(short, long, value_name = "OUT")]
-    output: PathBuf,
-    /// The focus setting of each frame, ascending or descending, even in 1/distance (a lens' travel is); counted from 0
-    /// without it
-    #[arg(long, value_name = "P,P,...", value_delimiter = ',', allow_hyphen_values = true)]
+    /// The focus setting of each frame; counted from 0 without it
+    ///
+    /// Ascending or descending, and even in 1/distance, as a lens' travel is.
+    #[arg(long, value_name = "P,P,...", help_heading = INPUT, value_delimiter = ',', allow_hyphen_values = true)]
     positions: Option<Vec<f64>>,
     /// The distance from the lens at which it is focused in each frame, in order; gives depth in mm
     #[arg(
         long,
         value_name = "MM,MM,...",
+        help_heading = INPUT,
         value_delimiter = ',',
         allow_hyphen_values = true,
         conflicts_with = "positions"
     )]
     focus_at: Option<Vec<f64>>,
-    /// What --focus-at states are places along the axis, from any origin, because a stage moved the camera or the scene,
-    /// or the lens is telecentric towards the scene: depth is even in them, not in their inverse
-    #[arg(long, requires_if("true", "focus_at"))]
+    /// What --focus-at states are places along the axis, from any origin
+    ///
+    /// Because a stage moved the camera or the scene, or the lens is telecentric towards the scene: depth is even in them,
+    /// not in their inverse.
+    #[arg(long, help_heading = INPUT, requires_if("true", "focus_at"))]
     stage: bool,
     /// The frame on whose pixels the results are, counted from 1; the middle one without it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
     reference: Option<u32>,
-    /// Whether the first frame is focused nearest (1) or the last (2); decides which end is near in depth.png [default:
-    /// 1; with --focus-at, as that says, larger being farther]
-    #[arg(long, value_name = "1|2", value_parser = clap::value_parser!(u8).range(1..=2))]
+    /// Which frame is focused nearest, the first (1) or the last (2) [default: 1, or as --focus-at says]
+    ///
+    /// It decides which end is near in pictures and page. Of what --focus-at states the larger is the farther.
+    #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = clap::value_parser!(u8).range(1..=2))]
     nearer: Option<u8>,
+    #[command(flatten)]
+    settings: SettingsArguments,
+    #[command(flatten)]
+    colors: ColorsArgument,
     /// Do not write report.html
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     no_html: bool,
+    /// Folder for the results; made if it is missing, earlier results in it replaced
+    #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
+    output: PathBuf,
     #[command(flatten)]
     force: ForceArgument,
     #[command(flatten)]
-    colors: ColorsArgument,
-    #[command(flatten)]
-    settings: SettingsArguments,
+    run: RunArguments,
 }
 
 /// Solves a sweep and writes the results.
@@ -77,13 +85,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let possible = [&SWEEP_FILES[..], &FILES, &EXTRA_FILES, &[DEPTH_FILE]].concat();
     output::check(&arguments.output, FILES[4], &possible, &inputs)?;
     let (frames, says) = read(arguments)?;
-    options.settings.decode = arguments.settings.decode(&says)?;
+    options.settings.decode = arguments.settings.decoding().of(&says)?;
     let (decode, format) = (options.settings.decode, frames[0].format());
     let look = Look { nearer, decode, formats: [format; 2], palette: arguments.colors.palette(), pen: Some(PEN) };
     let written = sweep_files(arguments.focus_at.is_some(), &look, !arguments.no_html);
     out.check_results(FILES[4], &written)?;
-    let engine = arguments.settings.open_engine()?;
-    let bar = bar(!arguments.settings.quiet && io::stderr().is_terminal(), frames.len() - 1);
+    let engine = arguments.run.open_engine()?;
+    let bar = bar(arguments.run.told.shows_progress(), frames.len() - 1);
     let sweep = solve_sweep(&engine, &frames, &options, &mut |done, _| bar.set_position(done as u64))
         .map_err(|e| Failure::of_solve(e, &arguments.frames[0]))?;
     bar.finish_and_clear();
@@ -94,11 +102,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     report.files =
         sweep_files(sweep.depth.is_some(), &look, !arguments.no_html).into_iter().map(String::from).collect();
     let names = arguments.frames.iter().map(|path| name(path)).collect();
-    let page = SweepPage { frames: &frames, names, decode, nearer, fields: Vec::new() };
+    let page = SweepPage { frames: &frames, names, decode, nearer, palette: look.palette, fields: Vec::new() };
     let page = (!arguments.no_html).then(|| page.file(&sweep, &report));
     export::write_sweep(out, &sweep, &report, &look, page)?;
-    tell(&report, arguments)?;
-    arguments.settings.check_strict(true, &report.warnings)
+    arguments.run.told.tell(&summary(&report, &arguments.output), || report.to_json())?;
+    arguments.run.check_strict(true, &report.warnings)
 }
 
 /// The frames, one file in memory at a time; also what each says of itself, if that is asked.
@@ -110,7 +118,7 @@ fn read(arguments: &Arguments) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
             Some(last) => last.open_next(path)?,
             None => Photograph::open(path)?,
         };
-        if arguments.settings.asks_files() {
+        if matches!(arguments.settings.decoding(), Decoding::AsFilesSay) {
             says.push(photograph.describe()?);
         }
         last = Some(photograph.clone());
@@ -150,31 +158,20 @@ fn bar(shown: bool, pairs: usize) -> ProgressBar {
     bar
 }
 
-fn tell(report: &SweepReport, arguments: &Arguments) -> Result<(), Failure> {
-    if !arguments.settings.quiet {
-        let unit = &report.focus_unit;
-        let mut lines = vec![
-            format!(
-                "focus      {}; {:.1} % of the frame",
-                in_words(&report.focus, unit),
-                100.0 * report.valid_fraction
-            ),
-            format!("blur       grows by {:.4} px² a squared distance from the focus ({unit})", report.blur_rate_px2),
-        ];
-        if let Some(depth) = &report.depth {
-            let range = in_words(&depth.range, "mm");
-            let beyond = depth.out_of_range;
-            lines.push(format!("depth      {range}; beyond infinity: {beyond} px"));
-        }
-        lines.extend(report.warnings.iter().map(|warning| format!("warning    {warning}")));
-        lines.push(format!("results    {}", arguments.output.display()));
-        // Nobody is left to be told where stderr is closed.
-        let _ = writeln!(io::stderr(), "{}", lines.join("\n"));
-    }
-    if arguments.settings.json {
-        print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
-    }
-    Ok(())
+/// The few lines of a sweep, without a newline at the end.
+fn summary(report: &SweepReport, out: &Path) -> String {
+    let unit = &report.focus_unit;
+    let mut lines = vec![
+        format!("focus      {}; {:.1} % of the frame", in_words(&report.focus, unit), 100.0 * report.valid_fraction),
+        format!("blur       grows by {:.4} px² a squared distance from the focus ({unit})", report.blur_rate_px2),
+    ];
+    lines.extend(report.depth.as_ref().map(|depth| {
+        let range = in_words(&depth.range, "mm");
+        format!("depth      {range}; beyond infinity: {} px", depth.out_of_range)
+    }));
+    lines.extend(report.warnings.iter().map(|warning| format!("warning    {warning}")));
+    lines.push(format!("results    {}", out.display()));
+    lines.join("\n")
 }
 
 /// A range with the digits that tell its ends apart.

@@ -7,12 +7,13 @@ use parfocal::export::{Destination, FILES, FileKind, Results};
 use parfocal::figure;
 use parfocal::view::{Surface, View};
 
+use super::colors::ColorsArgument;
 use super::failure::Failure;
 use super::output::{self, ForceArgument};
 
 /// Show the surface of a solve in three dimensions, textured and colour-coded.
 #[derive(clap::Args, Debug)]
-#[command(after_help = super::AFTER_HELP)]
+#[command(after_help = "Exit status: 0 done, 1 failed, 2 wrong usage.")]
 pub(super) struct Arguments {
     /// Folder that `parfocal solve -o` wrote
     results: PathBuf,
@@ -40,6 +41,8 @@ pub(super) struct Arguments {
     /// Width of each of the two panels of the animation, px, 64 to 2048
     #[arg(long, value_name = "PX", default_value_t = 360)]
     turntable_width: u32,
+    #[command(flatten)]
+    colors: ColorsArgument,
     #[command(flatten)]
     force: ForceArgument,
 }
@@ -79,6 +82,7 @@ fn views(arguments: &Arguments) -> [View; 2] {
         relief: arguments.relief,
         smoothing: arguments.smoothing,
         width: arguments.width,
+        palette: arguments.colors.palette(),
     };
     let width = arguments.turntable_width;
     let smoothing = f64::from(still.smoothing) * f64::from(width) / f64::from(still.width.max(1));

@@ -39,9 +39,6 @@ impl Desk {
     fn batch(&self, source: &str, extra: &[&str]) -> Output {
         let mut command = self.command();
         command.args(["batch", source, "-o", "out", "--outer-iterations", "6", "--json"]).args(extra);
-        if let Ok(device) = std::env::var("PARFOCAL_DEVICE") {
-            command.args(["--device", &device]);
-        }
         command.output().unwrap()
     }
 

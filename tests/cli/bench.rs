@@ -27,10 +27,8 @@ impl Desk {
 
     /// Measures 64x64 and more on the tests' device.
     fn measure(&self, arguments: &[&str]) -> Output {
-        let device = std::env::var("PARFOCAL_DEVICE").ok();
-        let device: Vec<&str> = device.iter().flat_map(|d| ["--device", d]).collect();
         let sizes: &[&str] = if arguments.contains(&"--sizes") { &[] } else { &["--sizes", "64x64"] };
-        self.run(&[sizes, &["--repeats", "2", "--outer-iterations", "8"], arguments, &device].concat())
+        self.run(&[sizes, &["--repeats", "2", "--outer-iterations", "8"], arguments].concat())
     }
 
     fn json(&self, name: &str) -> Value {
@@ -114,7 +112,7 @@ fn check_run(run: &Value) {
 fn the_report_holds_what_it_promises_and_a_trace_stands_beside_it() {
     let desk = Desk::new();
     let stdout =
-        done(&desk.measure(&["--methods", "unified,appearance", "--json", "-o", "made/a.json", "--profile", "t.json"]));
+        done(&desk.measure(&["--methods", "unified,appearance", "--json", "-o", "made/a.json", "--trace", "t.json"]));
     let report: Value = serde_json::from_str(&stdout).unwrap();
     assert_eq!(desk.json("made/a.json"), report);
     for name in ["name", "driver", "uuid"] {
@@ -182,10 +180,7 @@ fn a_pair_of_photographs_is_measured_instead() {
         image::GrayImage::from_fn(80, 64, |x, y| image::Luma([value(x, y) as u8])).save(desk.path(name)).unwrap();
     }
     let pair = ["--pair", "a.png", "b.png", "--repeats", "1", "--outer-iterations", "5", "--quiet"];
-    let device = std::env::var("PARFOCAL_DEVICE").ok();
-    let device: Vec<&str> = device.iter().flat_map(|d| ["--device", d]).collect();
-    let report: Value =
-        serde_json::from_str(&done(&desk.run(&[&pair[..], &["--json"], &device[..]].concat()))).unwrap();
+    let report: Value = serde_json::from_str(&done(&desk.run(&[&pair[..], &["--json"]].concat()))).unwrap();
     assert_eq!((&report["input"], &report["runs"][0]["width"]), (&"pair".into(), &80.into()));
     // Two photographs of 8 bits; V, confidence and one channel of 32.
     assert_eq!(report["runs"][0]["memory"]["host_bytes_per_px"], 19.0);
@@ -204,5 +199,5 @@ fn what_cannot_be_asked_is_refused_before_any_work() {
     refused(&desk.run(&["--against", "none.json"]), 1, &["none.json", "check the path"]);
     refused(&desk.run(&["--pair", "a.png", "b.png"]), 1, &["a.png"]);
     refused(&desk.run(&["-o", "."]), 1, &["is a folder"]);
-    refused(&desk.run(&["-o", "x.json", "--profile", "x.json"]), 2, &["one file"]);
+    refused(&desk.run(&["-o", "x.json", "--trace", "x.json"]), 2, &["one file"]);
 }

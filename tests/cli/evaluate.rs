@@ -11,9 +11,6 @@ use tempfile::TempDir;
 fn evaluate(folder: &Path, extra: &[&str]) -> Output {
     let mut program = Command::cargo_bin("parfocal").unwrap();
     program.env("PARFOCAL_CACHE_DIR", folder.join("cache")).current_dir(folder).args(["evaluate", "--quick"]);
-    if let Ok(device) = std::env::var("PARFOCAL_DEVICE") {
-        program.args(["--device", &device]);
-    }
     program.args(extra).output().unwrap()
 }
 

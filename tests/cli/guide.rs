@@ -9,8 +9,6 @@ use tempfile::TempDir;
 
 /// Stands before a block whose commands take long, and are run by `tools/demo` instead.
 const SLOW: &str = "<!-- slow: run by tools/demo -->";
-/// Subcommands that open a device.
-const ON_A_DEVICE: [&str; 4] = ["solve", "batch", "stack", "register"];
 
 fn project() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -70,9 +68,6 @@ fn run(line: &str, folder: &Path, cache: &Path) {
     command.current_dir(folder).env("PARFOCAL_CACHE_DIR", cache).args(&words);
     if std::env::var_os("PARFOCAL_VALIDATE").is_none() {
         command.env("PARFOCAL_VALIDATE", "1");
-    }
-    if let (Ok(device), true) = (std::env::var("PARFOCAL_DEVICE"), ON_A_DEVICE.contains(&words[0])) {
-        command.args(["--device", &device]);
     }
     let output = command.output().unwrap();
     if let Some(file) = into {

@@ -66,9 +66,6 @@ impl Desk {
     fn run(&self, arguments: &[&str]) -> Output {
         let mut command = Command::cargo_bin("parfocal").unwrap();
         command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
-        if let (Ok(device), true) = (std::env::var("PARFOCAL_DEVICE"), arguments[0] == "solve") {
-            command.args(["--device", &device]);
-        }
         command.output().unwrap()
     }
 
@@ -202,23 +199,23 @@ fn known_steps_calibrate_the_lens_and_what_they_cannot_tell_is_said() {
     let desk = Desk::new();
     fs::write(desk.path("steps.json"), r#"[{"region": [2, 2, 40, 60], "depth_mm": 600}]"#).unwrap();
     let start = [&["calibrate", "out", "--kappa", "0.7"], &CUP_FLAGS[..]].concat();
-    let both = ["--steps", "steps.json", "--step", "52,2,30,60=700", "--fit", "kappa,focus1", "-o", "lens.json"];
+    let both = ["--known-from", "steps.json", "--known", "52,2,30,60=700", "--fit", "kappa,focus1", "-o", "lens.json"];
     let found = desk.json(&[&start, &both[..]].concat());
     assert!((number(&found["lens"]["kappa"]) - 0.5).abs() < 1e-4, "{found}");
     assert!((number(&found["found"][1]["value"]) - 529.0).abs() < 0.1 && found["found"][1]["unknown"] == "focus1");
     let depth = desk.json(&["depth", "out", "--lens", "lens.json"]);
     assert!((number(&depth["max"]) - 700.0).abs() < 0.1, "{depth}");
 
-    let one = desk.json(&[&start, &["--step", "2,2,40,60=600", "--fit", "kappa,focus1"][..]].concat());
+    let one = desk.json(&[&start, &["--known", "2,2,40,60=600", "--fit", "kappa,focus1"][..]].concat());
     assert_eq!((&one["undetermined"][0], number(&one["lens"]["focus_mm"][0])), (&Value::from("focus1"), 529.0));
 
     desk.refuses(&start, 2, &["--plane"]);
     desk.refuses(&[&start, &["--plane", "600,700"][..]].concat(), 2, &["as in"]);
     desk.refuses(&[&start, &["--plane", "20,700,600"][..]].concat(), 2, &["depth of the target is 20"]);
-    desk.refuses(&[&start, &["--step", "2,2,400,60=600"][..]].concat(), 1, &["not within the image"]);
+    desk.refuses(&[&start, &["--known", "2,2,400,60=600"][..]].concat(), 1, &["not within the image"]);
     let twice = [&start, &["--plane", "600,700,600", "--fit", "kappa,kappa"][..]].concat();
     desk.refuses(&twice, 2, &["twice"]);
-    let onto = [&start, &["--steps", "steps.json", "-o", "steps.json"][..]].concat();
+    let onto = [&start, &["--known-from", "steps.json", "-o", "steps.json"][..]].concat();
     desk.refuses(&onto, 1, &["steps.json", "is an input"]);
 }
 

@@ -37,9 +37,6 @@ impl Desk {
     fn run(&self, arguments: &[&str]) -> Output {
         let mut command = Command::cargo_bin("parfocal").unwrap();
         command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
-        if let (Ok(device), true) = (std::env::var("PARFOCAL_DEVICE"), ["solve", "stack"].contains(&arguments[0])) {
-            command.args(["--device", &device]);
-        }
         command.output().unwrap()
     }
 
@@ -161,7 +158,8 @@ fn the_depth_map_keeps_its_pixels_beside_its_key_and_states_its_ends() {
     }
     assert!(map.bytes.chunks_exact(row).all(|line| line[row - 1] == 255), "the key is on paper");
 
-    desk.solve(&["--colors", "red-blue"]);
+    desk.report(&["solve", "near.png", "far.png", "-o", "out", "--colors", "red-blue"]);
+    assert!(fs::read_to_string(desk.path("out/report.html")).unwrap().contains("\"colormap\":1,"));
     desk.png("out/depth.png").states("px^2", &["red near", "blue far"]);
     desk.report(&[&["depth", "out", "--colors", "grey"], &LENS[..]].concat());
     let map = desk.png("out/depth.png");

@@ -41,9 +41,6 @@ impl Desk {
     fn run(&self, command: &str, pair: [&str; 2], extra: &[&str]) -> Output {
         let mut program = Command::cargo_bin("parfocal").unwrap();
         program.env("PARFOCAL_CACHE_DIR", self.path("cache")).arg(command).args(pair.map(|name| self.path(name)));
-        if let Ok(device) = std::env::var("PARFOCAL_DEVICE") {
-            program.args(["--device", &device]);
-        }
         program.args(extra).output().unwrap()
     }
 

@@ -43,9 +43,6 @@ fn solve(folder: &Path, extra: &[&str]) {
     let mut command = Command::cargo_bin("parfocal").unwrap();
     command.env("PARFOCAL_CACHE_DIR", folder.join("cache")).arg("solve");
     command.args([ODD_NAME, "far.png"].map(|name| folder.join(name))).arg("-o").arg(folder.join("out")).args(extra);
-    if let Ok(device) = std::env::var("PARFOCAL_DEVICE") {
-        command.args(["--device", &device]);
-    }
     let output = command.output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }

@@ -45,9 +45,6 @@ fn stack(folder: &Path, extra: &[&str]) {
     let mut command = Command::cargo_bin("parfocal").unwrap();
     command.env("PARFOCAL_CACHE_DIR", folder.join("cache")).arg("stack");
     command.args(FRAMES.map(|name| folder.join(name))).arg("-o").arg(folder.join("out")).args(extra);
-    if let Ok(device) = std::env::var("PARFOCAL_DEVICE") {
-        command.args(["--device", &device]);
-    }
     let output = command.output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }

@@ -33,11 +33,6 @@ impl Desk {
     fn run(&self, arguments: &[&str]) -> Output {
         let mut command = Command::cargo_bin("parfocal").unwrap();
         command.env("PARFOCAL_CACHE_DIR", self.path("cache")).current_dir(self.0.path()).args(arguments);
-        let on_a_device = ["solve", "batch", "stack", "register"].contains(&arguments[0]);
-        if let (Ok(device), true) = (std::env::var("PARFOCAL_DEVICE"), on_a_device && !arguments.contains(&"--device"))
-        {
-            command.args(["--device", &device]);
-        }
         command.output().unwrap()
     }
 
@@ -154,7 +149,7 @@ fn what_is_added_later_is_ours_too() {
         desk.done(&[&["depth", "out"], &LENS[..]].concat());
         desk.done(&["measure", "out", "--profile", "10,10,60,10", "--profile", "10,20,60,20"]);
         desk.done(&["view", "out", "--turntable", "out/turn.gif", "--turntable-width", "64", "--width", "64"]);
-        let region = ["--step", "2,2,30,30=500"];
+        let region = ["--known", "2,2,30,30=500"];
         desk.done(&[&["calibrate", "out", "-o", "out/lens.json"], &LENS[..], &region].concat());
     }
     let listed = desk.report()["files"].clone();
@@ -205,7 +200,7 @@ fn every_command_refuses_to_overwrite_what_it_did_not_write() {
     for (arguments, name) in [
         (&["register", "i1.png", "i2.png", "-o", "t.json", "--device", "none"][..], "t.json"),
         (&["bench", "-o", "bench/report.json", "--device", "none"], "bench/report.json"),
-        (&["bench", "--profile", "t.json", "--device", "none"], "t.json"),
+        (&["bench", "--trace", "t.json", "--device", "none"], "t.json"),
         (&["apply", "scene/i1.png", "i2.png", "--transform", "scene/truth.json", "-o", "moved"], "moved/i2.png"),
         (&["man", "-o", "pages"], "pages/parfocal.1"),
         (&["batch", "list.csv", "-o", "many", "--device", "none"], "many/batch.json"),

@@ -83,7 +83,7 @@ fn every_scene_writes_its_files_and_the_truth() {
 #[test]
 fn the_truth_can_be_solved_from_and_the_seed_decides() {
     let desk = Desk::new();
-    let options = ["--size", "48x32", "--noise", "0.01", "--exposure", "0.9", "--offset", "0.05", "--seed", "7"];
+    let options = ["--size", "48x32", "--noise", "0.01", "--i2-gain", "0.9", "--i2-offset", "0.05", "--seed", "7"];
     let moved = ["--translation", "-2,0.5", "--rotation", "-1", "--scale", "0.98"];
     let all = [&options[..], &moved].concat();
     desk.simulate("relief", &all);
@@ -148,7 +148,7 @@ fn what_cannot_be_rendered() {
         ("plane", vec!["--noise", "-0.1"], "noise is -0.1"),
         ("plane", vec!["--noise", "nan"], "noise"),
         ("plane", vec!["--contrast", "2"], "contrast"),
-        ("plane", vec!["--exposure", "0"], "exposure"),
+        ("plane", vec!["--i2-gain", "0"], "gain of I2"),
         ("plane", vec!["--scale", "-1"], "scale"),
         ("plane", vec!["--range", "-4"], "largest relative blur"),
         ("half-gaussian-dots", vec!["--sigma", "-17"], "uniform relative blur"),
@@ -192,7 +192,7 @@ fn an_input_is_not_written_over() {
 #[test]
 fn clipping_is_told() {
     let desk = Desk::new();
-    let output = desk.run("plane", &["--size", "32x32", "--exposure", "1.5"]);
+    let output = desk.run("plane", &["--size", "32x32", "--i2-gain", "1.5"]);
     assert!(output.status.success());
     assert!(String::from_utf8(output.stderr).unwrap().contains("were clipped"));
 }

@@ -43,9 +43,6 @@ impl Desk {
     fn solve(&self, pair: [&str; 2], extra: &[&str]) -> Output {
         let mut command = self.command();
         command.arg("solve").args(pair.map(|name| self.path(name))).arg("-o").arg(self.path("out"));
-        if let Ok(device) = std::env::var("PARFOCAL_DEVICE") {
-            command.args(["--device", &device]);
-        }
         command.args(extra).output().unwrap()
     }
 
@@ -171,19 +168,20 @@ fn refused(output: &Output, parts: &[&str]) {
 #[test]
 fn a_device_that_is_not_there_is_one_line_and_no_files() {
     let desk = Desk::new();
-    let output = {
+    let solve = |device: &[&str]| {
         let mut command = desk.command();
         let pair = ["near.png", "far.png"].map(|name| desk.path(name));
-        command.arg("solve").args(pair).arg("-o").arg(desk.path("out")).args(["--device", "no such GPU"]);
-        command.output().unwrap()
+        command.arg("solve").args(pair).arg("-o").arg(desk.path("out")).args(device);
+        command.env("PARFOCAL_DEVICE", "another GPU").output().unwrap()
     };
-    refused(&output, &["no such GPU"]);
+    refused(&solve(&["--device", "no such GPU"]), &["no such GPU"]);
+    refused(&solve(&[]), &["PARFOCAL_DEVICE", "another GPU"]);
     for arguments in [&["devices"][..], &["solve"]] {
         let mut command = desk.command();
         for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
             command.env(name, desk.path("no-driver.json"));
         }
-        command.args(arguments);
+        command.env_remove("PARFOCAL_DEVICE").args(arguments);
         if arguments[0] == "solve" {
             command.args(["near.png", "far.png"].map(|name| desk.path(name))).arg("-o").arg(desk.path("out"));
         }

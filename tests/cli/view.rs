@@ -53,17 +53,23 @@ impl Desk {
 #[test]
 fn the_picture_has_both_panels_and_is_the_same_each_time() {
     let desk = Desk::new();
-    desk.viewed(&["--elevation", "90", "--azimuth", "0"]);
-    let picture = image::open(desk.path("out/view.png")).unwrap().into_rgb8();
-    // Seen from above: the textured panel green, the other blue at the left (far) and red at the right (near).
-    let y = picture.height() / 2;
-    let at = |x: u32| picture.get_pixel(x, y + 30).0;
+    let from_above = ["--elevation", "90", "--azimuth", "0"];
+    desk.viewed(&from_above);
+    let at = |x: u32| {
+        let picture = image::open(desk.path("out/view.png")).unwrap().into_rgb8();
+        picture.get_pixel(x, picture.height() / 2 + 30).0
+    };
+    // The textured panel is green, the other as depth.png: purple at the left (far) and yellow at the right (near).
     assert!(at(40)[1] > at(40)[0] && at(40)[1] > at(40)[2], "{:?}", at(40));
+    assert!(at(180)[2] > at(180)[1] && at(180)[1] < 60, "{:?}", at(180));
+    assert!(at(260)[0] > 150 && at(260)[1] > 150 && at(260)[2] < 80, "{:?}", at(260));
+    let first = fs::read(desk.path("out/view.png")).unwrap();
+    desk.viewed(&[&from_above[..], &["-o", "deep/other.png"]].concat());
+    assert_eq!(first, fs::read(desk.path("deep/other.png")).unwrap());
+    // As in the paper: blue and red.
+    desk.viewed(&[&from_above[..], &["--colors", "red-blue"]].concat());
     assert!(at(180)[2] > 150 && at(180)[0] < 120, "{:?}", at(180));
     assert!(at(260)[0] > 150 && at(260)[2] < 80, "{:?}", at(260));
-    let first = fs::read(desk.path("out/view.png")).unwrap();
-    desk.viewed(&["--elevation", "90", "--azimuth", "0", "-o", "deep/other.png"]);
-    assert_eq!(first, fs::read(desk.path("deep/other.png")).unwrap());
 }
 
 #[test]

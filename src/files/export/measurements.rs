@@ -58,7 +58,7 @@ pub struct ProfileReport {
 }
 
 /// What to measure.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Wanted {
     /// Pairs of regions.
     pub steps: Vec<[Region; 2]>,

@@ -57,7 +57,7 @@ pub use report::{
     DepthReport, DeviceReport, LevelReport, RangeReport, Report, SizeReport, TextureReport, TimingsReport,
 };
 pub use results::Results;
-pub use scale::{Scale, color};
+pub use scale::Scale;
 pub use solved::Solved;
 pub use sweep::{SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, sweep_files, write_sweep};
 pub use texture::Texture;

@@ -1,5 +1,4 @@
-//! From values to nearness, on one scale for as many fields as are to be compared; and red near, blue far, as in the
-//! paper.
+//! From values to nearness, on one scale for as many fields as are to be compared.
 
 use super::Nearer;
 use super::ranks::Ranks;
@@ -63,24 +62,6 @@ impl Scale {
         };
         f64::from(self.low) + t * (f64::from(self.high) - f64::from(self.low))
     }
-
-    /// RGBA: [`color`] of the nearness, red near and blue far; transparent where `v` is not finite.
-    pub fn rgba(&self, v: f32) -> [u8; 4] {
-        if !v.is_finite() {
-            return [0; 4];
-        }
-        let [r, g, b] = color(self.nearness(v));
-        [r, g, b, 255]
-    }
-}
-
-/// The colour of a nearness, blue at 0 and red at 1.
-///
-/// Turbo (Mikhailov 2019), with even steps in between. Its last tenth at either end darkens towards violet and maroon;
-/// left out, near is plainly red and far plainly blue.
-pub fn color(nearness: f64) -> [u8; 3] {
-    let c = colorous::TURBO.eval_continuous(0.1 + 0.8 * nearness.clamp(0.0, 1.0));
-    [c.r, c.g, c.b]
 }
 
 #[cfg(test)]
@@ -88,20 +69,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn near_is_red_and_far_is_blue() {
-        let [r, g, b] = color(1.0);
-        assert!(r > 150 && g < 100 && b < 50, "{r} {g} {b}");
-        let [r, g, b] = color(0.0);
-        assert!(b > 200 && r < 100 && g < 150, "{r} {g} {b}");
-    }
-
-    #[test]
     fn the_image_focused_nearer_decides_which_end_is_near() {
         let ramp: Vec<f32> = (0..101).map(|i| i as f32 - 50.0).collect();
         let (first, second) = (Scale::of(&ramp, Nearer::First), Scale::of(&ramp, Nearer::Second));
         assert_eq!((first.low, first.high), (-49.0, 49.0));
         assert_eq!((first.nearness(60.0), second.nearness(60.0)), (1.0, 0.0));
-        assert_eq!(first.rgba(-50.0), second.rgba(50.0));
+        assert_eq!(first.nearness(-50.0), second.nearness(50.0));
         for scale in [first, second] {
             assert!((scale.value(scale.nearness(12.0)) - 12.0).abs() < 1e-9);
         }

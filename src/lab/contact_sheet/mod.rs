@@ -33,6 +33,9 @@ use crate::page::figure::{Align, Area, BLACK, Canvas, GRAY, LIGHT, WHITE, bar_wi
 
 pub use panel::Panel;
 
+/// The paper's colours, for its figures.
+pub(crate) const PALETTE: Palette = Palette::RedBlue;
+
 /// Px around the sheet.
 const MARGIN: f32 = 16.0;
 /// Px between panels.
@@ -167,7 +170,7 @@ impl Sheet {
             canvas.text("V, px²", (x, place.y + CAPTION), CAPTION, Align::Left, GRAY);
             let bar =
                 Area { x, y: place.y + 2.0 * CAPTION, width: bar_width(CAPTION), height: place.height - 2.0 * CAPTION };
-            color_bar(canvas, bar, scale, Palette::RedBlue, CAPTION);
+            color_bar(canvas, bar, scale, PALETTE, CAPTION);
         }
     }
 

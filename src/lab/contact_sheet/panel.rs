@@ -2,6 +2,7 @@
 
 use image::{RgbImage, imageops};
 
+use super::PALETTE;
 use crate::base::{Frame, Region};
 use crate::files::export::Scale;
 use crate::files::preview::{byte, photograph};
@@ -48,10 +49,7 @@ impl Panel {
     /// V, px², `height` rows of `width`, in the colours of a scale, which panels that are to be compared share; grey
     /// where not valid.
     pub fn relative_blur(width: u32, height: u32, values: &[f32], scale: &Scale) -> Self {
-        Self::field(width, height, values, |v| {
-            let [r, g, b, _] = scale.rgba(v);
-            [r, g, b]
-        })
+        Self::field(width, height, values, |v| PALETTE.color(scale.nearness(v)))
     }
 
     fn field(width: u32, height: u32, values: &[f32], color: impl Fn(f32) -> Color) -> Self {
@@ -98,7 +96,7 @@ impl Panel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::export::{Nearer, color};
+    use crate::files::export::Nearer;
 
     fn picture(panel: &Panel) -> &RgbImage {
         match &panel.content {
@@ -119,7 +117,7 @@ mod tests {
         let scale = Scale { low: -1.0, high: 1.0, nearer: Nearer::Second };
         let panel = Panel::relative_blur(3, 1, &[-1.0, f32::NAN, 1.0], &scale);
         let pixels: Vec<Color> = picture(&panel).pixels().map(|p| p.0).collect();
-        assert_eq!(pixels, [color(1.0), LIGHT, color(0.0)]);
+        assert_eq!(pixels, [PALETTE.color(1.0), LIGHT, PALETTE.color(0.0)]);
     }
 
     #[test]

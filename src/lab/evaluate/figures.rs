@@ -10,7 +10,7 @@ use crate::base::Region;
 use crate::base::{Frame, Method, Samples};
 use crate::engine::Solution;
 use crate::files::export::{Nearer, Scale};
-use crate::lab::contact_sheet::{Panel, Row, Sheet};
+use crate::lab::contact_sheet::{PALETTE, Panel, Row, Sheet};
 use crate::page::figure::{Axis, Plot, Series};
 use crate::page::view::{Surface, View};
 
@@ -82,9 +82,9 @@ impl Collector {
         let marked = images.clone().map(|panel| panel.mark(first, RED).mark(second, BLUE));
         let closer = [first, second].into_iter().flat_map(|region| images.clone().map(|panel| panel.crop(region)));
         self.focus.push(Row::new(pair.name).panels(marked).panels(closer.collect::<Vec<_>>()));
-        if let Ok(picture) =
-            Surface::new(&unified.relative_blur, &fused, pair.nearer).and_then(|s| s.picture(&View::default()))
-        {
+        let view = View { palette: PALETTE, ..View::default() };
+        let surface = Surface::new(&unified.relative_blur, &fused, pair.nearer);
+        if let Ok(picture) = surface.and_then(|surface| surface.picture(&view)) {
             let caption = format!("{}: the surface in three dimensions; heights order near and far.", pair.name);
             self.views.push(Figure { name: format!("fig8-{}", pair.name), caption, picture });
         }

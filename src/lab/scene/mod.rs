@@ -163,8 +163,8 @@ impl Scene {
         range("contrast", self.contrast, 1e-3, 1.0)?;
         range("base blur", self.base_blur, 0.0, 16.0)?;
         range("noise", self.noise, 0.0, 1.0)?;
-        range("exposure", self.exposure.gain, 0.01, 100.0)?;
-        range("offset", self.exposure.offset, -10.0, 10.0)?;
+        range("gain of I2", self.exposure.gain, 0.01, 100.0)?;
+        range("offset of I2", self.exposure.offset, -10.0, 10.0)?;
         range("translation x", self.transform.tx, -1e4, 1e4)?;
         range("translation y", self.transform.ty, -1e4, 1e4)?;
         range("rotation", self.transform.rotation_deg(), -360.0, 360.0)?;

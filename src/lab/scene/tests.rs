@@ -132,7 +132,7 @@ fn what_cannot_be_rendered_says_which_field() {
         (Scene { contrast: 0.0, ..plane() }, "contrast"),
         (Scene { shape: Shape::Plane { limit: 1e9 }, ..plane() }, "largest relative blur"),
         (Scene { transform: Similarity::new(0.0, 0.0, 0.0, 0.0), ..plane() }, "scale"),
-        (Scene { exposure: Exposure { gain: 0.0, offset: 0.0 }, ..plane() }, "exposure"),
+        (Scene { exposure: Exposure { gain: 0.0, offset: 0.0 }, ..plane() }, "gain of I2"),
     ];
     for (scene, part) in cases {
         let problem = scene.render().unwrap_err().to_string();

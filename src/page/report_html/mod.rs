@@ -73,6 +73,7 @@ struct Contents<'a> {
     /// The part of the photographs that the fields are of.
     part: Region,
     decode: Decode,
+    palette: Palette,
     /// The last one is the fused image.
     pictures: Vec<Picture<'a>>,
     /// The first says which pixels are valid.
@@ -144,6 +145,7 @@ impl Contents<'_> {
             "fields": self.fields.iter().map(Readout::description).collect::<Vec<_>>(),
             "pictures": self.pictures.iter().map(|picture| &picture.name).collect::<Vec<_>>(),
             "surface": surface,
+            "colormap": COLORMAPS.iter().position(|(_, palette)| *palette == self.palette),
             "colormaps": COLORMAPS.map(|(name, palette)| json!({ "name": name, "colors": hexadecimal(palette) })),
         });
         if let (Some(data), Value::Object(told)) = (data.as_object_mut(), &self.told) {
@@ -171,7 +173,7 @@ fn surface_data(surface: &Surface, field: &str) -> Result<(String, Value), Strin
     Ok((packed::decimals(&heights, width, HEIGHT_DIGITS)?, described))
 }
 
-/// What the page offers, its own choice first; the last one is for fields in grey.
+/// What the page offers; the last one is for fields in grey.
 const COLORMAPS: [(&str, Palette); 3] =
     [("Viridis", Palette::Viridis), ("Red near, blue far", Palette::RedBlue), ("Grey", Palette::Grey)];
 

@@ -8,7 +8,7 @@ use serde_json::json;
 use super::{Contents, Picture, Readout, best_focus};
 use crate::base::{Decode, Frame};
 use crate::engine::Solution;
-use crate::files::export::{Extra, Nearer, PAGE_FILE, Report, fused};
+use crate::files::export::{Extra, Nearer, PAGE_FILE, Palette, Report, fused};
 use crate::metric::MetricDepth;
 
 /// What `report.html` shows besides the solution.
@@ -24,6 +24,8 @@ pub struct Page<'a> {
     pub nearer: Nearer,
     /// Depth in mm, where the lens is known.
     pub depth: Option<&'a MetricDepth>,
+    /// The colours that the page begins with.
+    pub palette: Palette,
     /// Whatever else there is to read at each pixel.
     pub fields: Vec<Readout<'a>>,
 }
@@ -47,9 +49,10 @@ impl<'a> Page<'a> {
         ];
         let told = json!({ "kind": "pair", "names": self.names, "compare": [0, 1], "report": report });
         let heights = if self.depth.is_some() { "depth" } else { "relative_blur" };
-        let (size, decode) = ((solution.width, solution.height), self.decode);
+        let (size, decode, palette) = ((solution.width, solution.height), self.decode, self.palette);
         let part = solution.region();
-        Contents { size, part, decode, pictures, fields: self.all_fields(solution), heights, told }.write(writer)
+        Contents { size, part, decode, palette, pictures, fields: self.all_fields(solution), heights, told }
+            .write(writer)
     }
 
     fn all_fields(self, solution: &'a Solution) -> Vec<Readout<'a>> {

@@ -8,7 +8,7 @@ use serde_json::json;
 use super::{Contents, Picture, Readout, best_focus};
 use crate::around::focus_stack::Sweep;
 use crate::base::{Decode, Frame, Region};
-use crate::files::export::{Extra, Nearer, PAGE_FILE, SweepReport, fused_frame, larger_is};
+use crate::files::export::{Extra, Nearer, PAGE_FILE, Palette, SweepReport, fused_frame, larger_is};
 
 /// What `report.html` shows besides the sweep.
 #[derive(Clone, Debug)]
@@ -21,6 +21,8 @@ pub struct SweepPage<'a> {
     pub decode: Decode,
     /// Whether the first or the last frame is focused nearest.
     pub nearer: Nearer,
+    /// The colours that the page begins with.
+    pub palette: Palette,
     /// Whatever else there is to read at each pixel.
     pub fields: Vec<Readout<'a>>,
 }
@@ -44,7 +46,7 @@ impl<'a> SweepPage<'a> {
             });
         }
         let compare = [reference, pictures.len()];
-        let (size, decode) = ((sweep.width, sweep.height), self.decode);
+        let (size, decode, palette) = ((sweep.width, sweep.height), self.decode, self.palette);
         pictures.push(best_focus(fused_frame(size, sweep.fused_channels, &sweep.fused, decode))?);
         let ends = [self.names.first(), self.names.last()];
         let told = json!({
@@ -52,7 +54,7 @@ impl<'a> SweepPage<'a> {
         });
         let heights = if sweep.depth.is_some() { "depth" } else { "focus" };
         let part = Region { x: 0, y: 0, width: sweep.width, height: sweep.height };
-        Contents { size, part, decode, pictures, fields: self.all_fields(sweep), heights, told }.write(writer)
+        Contents { size, part, decode, palette, pictures, fields: self.all_fields(sweep), heights, told }.write(writer)
     }
 
     fn all_fields(self, sweep: &'a Sweep) -> Vec<Readout<'a>> {

@@ -30,7 +30,7 @@ mod turntable;
 use image::RgbImage;
 
 use crate::base::{Error, Frame};
-use crate::files::export::{Destination, Nearer, Scale};
+use crate::files::export::{Destination, Nearer, Palette, Scale};
 use crate::files::preview::photograph;
 
 /// V and the picture that goes on it.
@@ -43,7 +43,7 @@ pub struct Surface<'a> {
     scale: Scale,
 }
 
-/// From where, how large and how steep a surface is shown.
+/// From where, how large, how steep and in which colours a surface is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// Height of the camera over the plane of the image, degrees, 10 to 90; 90 sees it as photographed.
@@ -57,11 +57,13 @@ pub struct View {
     pub smoothing: u32,
     /// Width of one of the two panels, px, 64 to 2048.
     pub width: u32,
+    /// The colours of near and far in the colour-coded panel.
+    pub palette: Palette,
 }
 
 impl Default for View {
     fn default() -> Self {
-        Self { elevation: 55.0, azimuth: -20.0, relief: 0.15, smoothing: 6, width: 900 }
+        Self { elevation: 55.0, azimuth: -20.0, relief: 0.15, smoothing: 6, width: 900, palette: Palette::default() }
     }
 }
 

@@ -7,7 +7,7 @@ use super::heights::Heights;
 use super::mesh::Mesh;
 use super::raster::{self, Fragment};
 use super::{Surface, View};
-use crate::files::export::{Palette, color};
+use crate::files::export::Palette;
 use crate::page::figure::{Align, Area, BLACK, Canvas, GRAY, bar_width, color_bar, resized};
 
 /// Samples of a pixel along each axis.
@@ -28,6 +28,7 @@ const MARGIN: f32 = 12.0;
 pub(super) struct Model {
     pub mesh: Mesh,
     texture: RgbImage,
+    palette: Palette,
 }
 
 impl Model {
@@ -37,7 +38,7 @@ impl Model {
         let factor = f64::from(SAMPLES * view.width) / f64::from(width.max(height));
         let size = [width, height].map(|side| (f64::from(side) * factor.min(1.0)).round() as u32);
         let texture = resized(&surface.texture, (size[0], size[1]));
-        Self { mesh: Mesh::new(&heights, view.relief as f32), texture }
+        Self { mesh: Mesh::new(&heights, view.relief as f32), texture, palette: view.palette }
     }
 
     /// The textured and the colour-coded panel.
@@ -48,7 +49,7 @@ impl Model {
                 let color = if panel == 0 {
                     self.texel(fragment.uv)
                 } else {
-                    color(f64::from(fragment.nearness)).map(f32::from)
+                    self.palette.color(f64::from(fragment.nearness)).map(f32::from)
                 };
                 let light = (AMBIENT[panel] + (1.0 - AMBIENT[panel]) * fragment.light).min(BRIGHTEST);
                 color.map(|c| c * light)
@@ -96,13 +97,15 @@ pub(super) fn draw(surface: &Surface, view: &View) -> RgbImage {
     let mut canvas = Canvas::new(2 * width + key.ceil() as u32, height + top);
     canvas.image(&textured, (0, top));
     canvas.image(&coded, (width, top));
-    for (name, left) in [("Best focus", 0.0), ("Relative blur V: red near, blue far", width as f32)] {
+    let [near, far] = view.palette.ends();
+    let coded = format!("Relative blur V: {near} near, {far} far");
+    for (name, left) in [("Best focus", 0.0), (coded.as_str(), width as f32)] {
         canvas.text(name, (left + width as f32 / 2.0, 2.0 * TEXT), TEXT, Align::Middle, BLACK);
     }
     let x = 2.0 * width as f32 + MARGIN;
     canvas.text("V, px²", (x, 2.0 * TEXT), TEXT, Align::Left, GRAY);
     let long = (height as f32 * 0.7).min(320.0);
     let y = top as f32 + (height as f32 - long) / 2.0;
-    color_bar(&mut canvas, Area { x, y, width: bar_width(TEXT), height: long }, &surface.scale, Palette::RedBlue, TEXT);
+    color_bar(&mut canvas, Area { x, y, width: bar_width(TEXT), height: long }, &surface.scale, view.palette, TEXT);
     canvas.into_image()
 }

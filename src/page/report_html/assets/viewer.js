@@ -18,7 +18,7 @@ class Viewer {
     Object.assign(this, { pictures, canvas: byId('stage'), mode: 'compare', split: 0.5, cursor: null, held: false });
     this.sides = [...data.compare];
     this.context = this.canvas.getContext('2d');
-    this.colormaps = Object.fromEntries(Object.values(fields).map((f) => [f.key, f.gray ? data.colormaps.length - 1 : 0]));
+    this.colormaps = Object.fromEntries(Object.values(fields).map((f) => [f.key, f.gray ? data.colormaps.length - 1 : data.colormap]));
     this.frame = data.compare[0];
     this.layers = {};
     this.build();

@@ -1,0 +1,80 @@
+//! What is asked of a pair: plain, whole, and made of the arguments before any work. `solve` makes one, and `batch` one for
+//! all its pairs.
+
+use std::fs;
+use std::path::PathBuf;
+
+use parfocal::export::{Nearer, Palette, Wanted};
+use parfocal::image_io::Input;
+use parfocal::{Lens, Settings};
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use super::failure::Failure;
+use super::lens::{self, PartOfLens};
+use super::models::Models;
+use super::output::ForceArgument;
+use super::run::RunArguments;
+use super::scope::Part;
+use super::settings::Decoding;
+
+/// All that is asked of a pair. What decides the results is serialised, and nothing else.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Request {
+    /// With what the files named for kernel and registration hold; how values are decoded is up to `decode`.
+    pub(super) settings: Settings,
+    pub(super) decode: Decoding,
+    /// Which image is focused nearer, 1 or 2, where that is stated.
+    pub(super) nearer: Option<u8>,
+    pub(super) part: Part,
+    /// As much of the lens as is stated, in a file or by flags; depth in mm is then wanted.
+    pub(super) lens: Option<PartOfLens>,
+    pub(super) wanted: Wanted,
+    pub(super) palette: Palette,
+    /// Whether there is report.html.
+    pub(super) page: bool,
+    pub(super) models: Models,
+    #[serde(skip)]
+    pub(super) force: ForceArgument,
+    /// Files that are read besides photographs, none of which a result may replace.
+    #[serde(skip)]
+    pub(super) files: Vec<PathBuf>,
+    #[serde(skip)]
+    pub(super) run: RunArguments,
+}
+
+impl Request {
+    /// Refuses what contradicts itself.
+    pub(super) fn check(&self) -> Result<(), Failure> {
+        self.nearer(self.lens.map_or(Ok(None), PartOfLens::if_whole)?.as_ref())?;
+        if self.part.crop_valid && !self.wanted.is_empty() {
+            let problem = "--crop-valid moves the pixels that --step and --profile name; measure afterwards, with parfocal measure";
+            return Err(Failure::Usage(problem.to_string()));
+        }
+        Ok(())
+    }
+
+    /// Which image is focused nearer, by what is stated and by the lens.
+    pub(super) fn nearer(&self, lens: Option<&Lens>) -> Result<Nearer, Failure> {
+        lens::nearer(self.nearer, lens)
+    }
+
+    /// The lens, with what is not stated as the photographs say.
+    pub(super) fn lens(&self, photographs: &[Input]) -> Result<Option<Lens>, Failure> {
+        self.lens.map(|stated| stated.or(PartOfLens::of_photographs(photographs)).whole()).transpose()
+    }
+
+    /// SHA-256 of everything but the photographs that decides the results: the version, the request, and the files that it
+    /// names.
+    pub(super) fn digest(&self) -> Result<String, Failure> {
+        let request = serde_json::to_vec(self).map_err(|e| Failure::Failed(e.to_string()))?;
+        let files = self.part.files().into_iter().map(|file| fs::read(file).unwrap_or_default());
+        let mut digest = Sha256::new();
+        for part in [env!("CARGO_PKG_VERSION").into(), request].into_iter().chain(files) {
+            // With its length, so that no two lists of parts read alike.
+            digest.update(part.len().to_le_bytes());
+            digest.update(part);
+        }
+        Ok(digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+    }
+}

@@ -1,0 +1,253 @@
+//! The settings of a solve.
+
+use std::convert::Infallible;
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::ValueEnum;
+use parfocal::image_io::Input;
+use parfocal::{Decode, Kernel, Method, Photometric, RegistrationStep, Settings, export, image_io};
+use serde::Serialize;
+
+use super::config::ConfigArgument;
+use super::failure::Failure;
+use super::help::{BLUR, INPUT, REGISTRATION};
+use super::tuning::TuningArguments;
+
+/// The settings.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct SettingsArguments {
+    /// How stored values become intensities
+    #[arg(long, value_name = "HOW", help_heading = INPUT, value_enum, default_value_t = DecodeName::from(Settings::default().decode))]
+    decode: DecodeName,
+    #[command(flatten)]
+    config: ConfigArgument,
+    /// Start from the registration in a report.json, or in what register wrote
+    ///
+    /// Or in a transform object alone; if the exposure is stated there, that too is a start.
+    #[arg(long, value_name = "FILE", help_heading = REGISTRATION)]
+    transform: Option<PathBuf>,
+    /// How the registration steps; gradient-descent is the paper's scheme, to compare with
+    #[arg(long, value_name = "STEP", alias = "registration", help_heading = REGISTRATION, value_enum,
+          default_value_t = StepName::from(Settings::default().registration))]
+    registration_step: StepName,
+    /// Do not solve for the difference in exposure (gain and offset) of the two images
+    #[arg(long, help_heading = REGISTRATION)]
+    no_photometric: bool,
+    /// Hold the exposure: the factor on I2's values that makes them I1's, 0.001 to 1000; with --offset, which is 0 if not given
+    #[arg(long, value_name = "G", help_heading = REGISTRATION, allow_negative_numbers = true)]
+    gain: Option<f64>,
+    /// Hold the exposure: what is added after the gain, where white is 1
+    #[arg(long, value_name = "O", help_heading = REGISTRATION, allow_negative_numbers = true)]
+    offset: Option<f64>,
+    /// Pyramid levels, 1 to 12; auto halves the images while the short side stays at least 32 px
+    #[arg(long, value_name = "N|auto", help_heading = BLUR, default_value_t = Levels(Settings::default().levels))]
+    levels: Levels,
+    /// Largest |V|, px², 1 to 256; more where pixels are at the limit
+    ///
+    /// V is the difference of the blurs' variances, px² of the full-size image.
+    #[arg(long, value_name = "PX2", help_heading = BLUR, allow_negative_numbers = true,
+          default_value_t = Settings::default().max_relative_blur)]
+    max_relative_blur: f64,
+    /// Smoothness of V, 1e-6 to 10; less shows more relief and more noise
+    ///
+    /// The weight α of the smoothness, which has no unit.
+    #[arg(long, value_name = "A", help_heading = BLUR, allow_negative_numbers = true,
+          default_value_t = Settings::default().regularization)]
+    regularization: f64,
+    /// Iterations a level at most, 5 to 1000; more where it has not converged
+    #[arg(long, value_name = "N", help_heading = BLUR, default_value_t = Settings::default().outer_iterations)]
+    outer_iterations: u32,
+    /// Relaxation sweeps in each outer iteration, 1 to 100
+    #[arg(long, value_name = "N", help_heading = BLUR, default_value_t = Settings::default().sweeps)]
+    sweeps: u32,
+    /// Shape of the blur: gaussian, pillbox, half-gaussian, or a picture of it
+    ///
+    /// The picture may be that of a coded aperture, say.
+    #[arg(long, value_name = "K|FILE", help_heading = BLUR, default_value = "gaussian")]
+    kernel: KernelChoice,
+    #[command(flatten)]
+    tuning: TuningArguments,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum StepName {
+    GaussNewton,
+    GradientDescent,
+}
+
+impl From<RegistrationStep> for StepName {
+    fn from(step: RegistrationStep) -> Self {
+        match step {
+            RegistrationStep::GaussNewton => Self::GaussNewton,
+            RegistrationStep::GradientDescent => Self::GradientDescent,
+        }
+    }
+}
+
+/// A kernel by name, or a file that holds one.
+#[derive(Clone, Debug)]
+pub(super) enum KernelChoice {
+    Named(Kernel),
+    File(PathBuf),
+}
+
+impl FromStr for KernelChoice {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        let named = [Kernel::Gaussian, Kernel::Pillbox, Kernel::HalfGaussian].into_iter().find(|k| k.name() == text);
+        Ok(named.map_or_else(|| Self::File(text.into()), Self::Named))
+    }
+}
+
+impl KernelChoice {
+    pub(super) fn read(&self) -> Result<Kernel, Failure> {
+        match self {
+            Self::Named(kernel) => Ok(kernel.clone()),
+            Self::File(path) if !path.exists() => Err(Failure::Usage(format!(
+                "--kernel {}: neither gaussian, pillbox nor half-gaussian, nor is there such a file",
+                path.display()
+            ))),
+            Self::File(path) => Ok(image_io::read_kernel(path)?),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum DecodeName {
+    /// As stored
+    None,
+    /// With the sRGB curve undone, so that blur is linear in them
+    Srgb,
+    /// By what the files say, in which they must agree; 8-bit PNG and JPEG that say nothing are taken for sRGB, all others
+    /// for linear
+    Auto,
+}
+
+impl From<Decode> for DecodeName {
+    fn from(decode: Decode) -> Self {
+        match decode {
+            Decode::None => Self::None,
+            Decode::Srgb => Self::Srgb,
+        }
+    }
+}
+
+/// How the stored values of photographs become intensities.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Decoding {
+    Stated(Decode),
+    AsFilesSay,
+}
+
+impl Decoding {
+    /// For photographs of which this is said.
+    pub(super) fn of(self, files: &[Input]) -> Result<Decode, Failure> {
+        match self {
+            Self::Stated(decode) => Ok(decode),
+            Self::AsFilesSay => Ok(image_io::decode_of(files)?),
+        }
+    }
+}
+
+/// A number of levels, or `auto`.
+#[derive(Clone, Copy, Debug)]
+struct Levels(Option<u32>);
+
+impl FromStr for Levels {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" {
+            return Ok(Self(None));
+        }
+        text.parse().map(|count| Self(Some(count))).map_err(|_| "give a whole number or auto".to_string())
+    }
+}
+
+impl fmt::Display for Levels {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            None => f.write_str("auto"),
+            Some(count) => count.fmt(f),
+        }
+    }
+}
+
+impl SettingsArguments {
+    /// The settings that the flags and `--transform` ask for; with `hold`, what the file states is kept.
+    pub(super) fn settings(&self, method: Method, hold: bool) -> Result<Settings, Failure> {
+        let mut settings = Settings {
+            method,
+            levels: self.levels.0,
+            outer_iterations: self.outer_iterations,
+            sweeps: self.sweeps,
+            regularization: self.regularization,
+            max_relative_blur: self.max_relative_blur,
+            registration: match self.registration_step {
+                StepName::GaussNewton => RegistrationStep::GaussNewton,
+                StepName::GradientDescent => RegistrationStep::GradientDescent,
+            },
+            photometric: !self.no_photometric && self.exposure().is_none(),
+            start_photometric: self.exposure().unwrap_or_default(),
+            // What files say is known once they are read.
+            decode: if let Decoding::Stated(decode) = self.decoding() { decode } else { Decode::None },
+            ..Settings::default()
+        };
+        self.tuning.apply(&mut settings);
+        settings.check()?;
+        settings.kernel = self.kernel.read()?;
+        self.start_from_file(hold, &mut settings)?;
+        Ok(settings)
+    }
+
+    /// How stored values become intensities.
+    pub(super) fn decoding(&self) -> Decoding {
+        match self.decode {
+            DecodeName::None => Decoding::Stated(Decode::None),
+            DecodeName::Srgb => Decoding::Stated(Decode::Srgb),
+            DecodeName::Auto => Decoding::AsFilesSay,
+        }
+    }
+
+    /// The exposure that is held by flag.
+    fn exposure(&self) -> Option<Photometric> {
+        let Photometric { gain, offset } = Photometric::IDENTITY;
+        let held = Photometric { gain: self.gain.unwrap_or(gain), offset: self.offset.unwrap_or(offset) };
+        self.gain.or(self.offset).map(|_| held)
+    }
+
+    fn start_from_file(&self, hold: bool, settings: &mut Settings) -> Result<(), Failure> {
+        let Some(file) = &self.transform else { return Ok(()) };
+        let usage = |problem: &str| Err(Failure::Usage(problem.to_string()));
+        match settings.method {
+            Method::Appearance | Method::Sift if hold => {
+                return usage("--hold keeps T, and this method would find another; leave out --hold or --method");
+            }
+            Method::Sift => return usage("SIFT starts from key-points, not from --transform; leave one of them out"),
+            _ => {}
+        }
+        let (start, photometric) = export::read_transform(file)?;
+        settings.start = start;
+        if hold {
+            settings.method = Method::Aligned;
+        }
+        if let (Some(start_photometric), None) = (photometric, self.exposure()) {
+            settings.start_photometric = start_photometric;
+            settings.photometric &= !hold;
+        }
+        Ok(())
+    }
+
+    /// Every file that is read besides photographs, none of which a result may replace.
+    pub(super) fn inputs(&self) -> impl Iterator<Item = &PathBuf> {
+        let kernel = match &self.kernel {
+            KernelChoice::File(path) => Some(path),
+            KernelChoice::Named(_) => None,
+        };
+        self.transform.iter().chain(kernel).chain(self.config.file())
+    }
+}

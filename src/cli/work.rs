@@ -1,0 +1,228 @@
+//! What a request makes of one pair, from its files to its results.
+
+use std::path::PathBuf;
+
+use parfocal::export::{
+    self, Additions, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Measurements,
+    Nearer, PAGE_FILE, Report, Texture, TextureReport,
+};
+use parfocal::figure::PEN;
+use parfocal::image_io::{Input, Photograph};
+use parfocal::report_html::{Page, Readout};
+use parfocal::{Decode, Depth, DeviceInfo, Frame, GainField, Lens, MetricDepth, Scope, Scoped, Settings, Solution};
+
+use super::failure::Failure;
+use super::request::Request;
+use super::{output, pair};
+
+/// What says what was solved, and lists the files.
+const REPORT: &str = FILES[4];
+
+/// A pair, and the folder for its results.
+#[derive(Clone, Debug)]
+pub(super) struct Job {
+    pub(super) files: [PathBuf; 2],
+    pub(super) out: PathBuf,
+}
+
+/// A pair as its files hold it.
+pub(super) struct Photographs {
+    pub(super) frames: [Frame; 2],
+    pub(super) inputs: Vec<Input>,
+    pub(super) scope: Scope,
+    /// With values decoded as the files ask for under `--decode auto`.
+    pub(super) settings: Settings,
+    lens: Option<Lens>,
+}
+
+/// Refuses an output folder that cannot be written, or whose results would replace an input.
+pub(super) fn check(request: &Request, job: &Job) -> Result<(), Failure> {
+    if request.part.flat.as_ref().is_some_and(|flat| super::same_file(flat, &job.out)) {
+        let problem = "holds the flat reference; give another folder for the results";
+        return Err(Failure::Failed(format!("{}: {problem}", job.out.display())));
+    }
+    let inputs: Vec<&PathBuf> = job.files.iter().chain(&request.files).collect();
+    let profiles = export::profiles_in(&job.out);
+    let profiles: Vec<&str> = profiles.iter().map(String::as_str).collect();
+    let possible = [&FILES[..], &EXTRA_FILES, &[DEPTH_FILE], &profiles].concat();
+    output::check(&job.out, REPORT, &possible, &inputs)?;
+    check_places(request, job, false)
+}
+
+/// Refuses an output folder in which results would take the places of files that no solve wrote; whether there are results
+/// in floats.
+fn check_places(request: &Request, job: &Job, in_floats: bool) -> Result<(), Failure> {
+    let in_mm = request.lens.map(|_| DEPTH_FILE);
+    let more = request.page.then_some(PAGE_FILE).into_iter().chain(in_mm).chain(in_floats.then_some(FUSED_FLOAT_FILE));
+    let profiles = request.wanted.files();
+    let mut names: Vec<&str> = FILES.into_iter().chain(request.models.names()).chain(more).collect();
+    names.extend(profiles.iter().map(String::as_str));
+    Ok(request.force.to(&job.out).check_results(REPORT, &names)?)
+}
+
+/// Reads the pair, unless what the files are says that it is `settled` already.
+pub(super) fn read(
+    request: &Request,
+    job: &Job,
+    settled: impl FnOnce(&[Input]) -> Result<bool, Failure>,
+) -> Result<Option<Photographs>, Failure> {
+    let (photographs, inputs) = pair::open(&job.files)?;
+    if settled(&inputs)? {
+        return Ok(None);
+    }
+    let lens = request.lens(&inputs)?;
+    request.nearer(lens.as_ref())?;
+    let settings = Settings { decode: request.decode.of(&inputs)?, ..request.settings.clone() };
+    let frames = Photograph::decode_pair(photographs)?;
+    check_places(request, job, frames.iter().any(|frame| frame.format().depth == Depth::F32))?;
+    let size = [frames[0].width(), frames[0].height()];
+    let scope = request.part.fitting(size)?;
+    if let Some([width, height]) = request.part.size(size) {
+        request.wanted.check((width, height))?;
+    }
+    Ok(Some(Photographs { frames, inputs, scope, settings, lens }))
+}
+
+/// Writes the results; tells the report, and which files.
+pub(super) fn write(
+    request: &Request,
+    job: &Job,
+    device: &DeviceInfo,
+    photographs: &Photographs,
+    scoped: &Scoped,
+) -> Result<(Report, Vec<&'static str>), Failure> {
+    let found = Found::of(request, photographs, &scoped.solution)?;
+    let mut report = found.report(request, device, scoped)?;
+    let look = found.look(request);
+    let solution = &scoped.solution;
+    let fused = export::fused(solution, look.decode)?;
+    // What was filled in is no measurement, and is not handed on as one.
+    let measured = Solution { relative_blur: found.texture.without(&solution.relative_blur), ..solution.clone() };
+    let measured_metric = found
+        .metric
+        .as_ref()
+        .map(|metric| MetricDepth { depth: found.texture.without(&metric.depth), ..metric.clone() });
+    let depth16 = request.models.depth16(&measured, measured_metric.as_ref());
+    report.depth16 = depth16.as_ref().map(Depth16::report);
+    // Which photograph is the sharper V tells before a flat reference is taken off.
+    let sharpness = photographs.scope.flat.as_ref().map(|flat| flat.restored(solution));
+    let points = request.models.points(&measured, &fused, found.nearer)?;
+    let mut extras = request.models.files(points.as_ref(), &fused);
+    extras.extend(depth16.iter().flat_map(Depth16::files));
+    extras.extend(request.models.labels(sharpness.as_ref().unwrap_or(solution)));
+    extras.extend(export::fused_float(solution, &look));
+    let mut written: Vec<&str> = FILES.into_iter().chain(extras.iter().map(Extra::name)).collect();
+    written.extend(found.metric.as_ref().map(|_| DEPTH_FILE));
+    written.extend(request.page.then_some(PAGE_FILE));
+    report.files = written.iter().map(ToString::to_string).chain(request.wanted.files()).collect();
+    if request.page {
+        extras.push(found.page(job, &look).file(solution, &report));
+    }
+    let additions = Additions { depth: found.metric.as_ref(), measurements: found.measurements.clone(), extras };
+    export::write(request.force.to(&job.out), solution, &report, &look, additions)?;
+    Ok((report, written))
+}
+
+/// What a solution says of a pair.
+struct Found<'a> {
+    photographs: &'a Photographs,
+    solution: &'a Solution,
+    nearer: Nearer,
+    texture: Texture,
+    metric: Option<MetricDepth>,
+    measurements: Measurements,
+}
+
+impl<'a> Found<'a> {
+    fn of(request: &Request, photographs: &'a Photographs, solution: &'a Solution) -> Result<Self, Failure> {
+        let (width, blur, uncertainty) = (solution.width, &solution.relative_blur, &solution.uncertainty);
+        let limit = photographs.settings.max_relative_blur;
+        let through = |lens| MetricDepth::new(lens, solution.transform.scale, limit, width, blur, uncertainty);
+        let metric = photographs.lens.as_ref().map(through);
+        Ok(Self {
+            photographs,
+            solution,
+            nearer: request.nearer(photographs.lens.as_ref())?,
+            texture: Texture::of(solution, request.part.max_uncertainty),
+            measurements: request.wanted.measure(width, blur, uncertainty, metric.as_ref())?,
+            metric,
+        })
+    }
+
+    /// The report, but for what depends on which files are written.
+    fn report(&self, request: &Request, device: &DeviceInfo, scoped: &Scoped) -> Result<Report, Failure> {
+        let mut report = Report::new(self.solution, &self.photographs.settings, device, self.nearer);
+        report.of(self.photographs.inputs.clone(), super::validation_asked());
+        report.texture = TextureReport::of(&self.texture);
+        report.gain_field = scoped.gain_field.as_ref().map(GainField::range);
+        report.flattened = self.photographs.scope.flat.is_some();
+        report.request = request.digest()?;
+        report.depth = self.metric.as_ref().map(DepthReport::from);
+        report.measurements = (!request.wanted.is_empty()).then(|| self.measurements.clone());
+        Ok(report)
+    }
+
+    fn look(&self, request: &Request) -> Look {
+        let formats = self.photographs.frames.each_ref().map(Frame::format);
+        let decode: Decode = self.photographs.settings.decode;
+        Look { nearer: self.nearer, decode, formats, palette: request.palette, pen: Some(PEN) }
+    }
+
+    fn page(&'a self, job: &Job, look: &Look) -> Page<'a> {
+        Page {
+            photographs: self.photographs.frames.each_ref(),
+            names: job.files.each_ref().map(|file| pair::name(file)),
+            decode: look.decode,
+            nearer: look.nearer,
+            depth: self.metric.as_ref(),
+            palette: look.palette,
+            fields: vec![residual(self.solution)],
+        }
+    }
+}
+
+/// What neither blur nor registration explains, for the page.
+fn residual(solution: &Solution) -> Readout<'_> {
+    Readout::new("residual", "Residual", "residual", &solution.residual)
+        .digits(5)
+        .logarithmic()
+        .ends(["explained", "not"])
+        .note(
+            "What neither blur nor registration explains around each pixel, in intensities with white at 1: large where \
+             something moved between the photographs or shone differently. On a logarithmic scale.",
+        )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use clap::Parser;
+
+    use super::*;
+    use crate::cli::options::SolveOptions;
+
+    #[derive(Parser)]
+    struct Only {
+        #[command(flatten)]
+        options: SolveOptions,
+    }
+
+    #[test]
+    fn hash_and_pixels_are_of_one_file_even_if_another_takes_its_name() {
+        let folder = tempfile::TempDir::new().unwrap();
+        let [file, new] = ["a.pgm", "new.pgm"].map(|name| folder.path().join(name));
+        fs::write(&file, b"P5 2 1 255 \x01\x02").unwrap();
+        let request = Only::try_parse_from(["only"]).unwrap().options.request().unwrap();
+        let job = Job { files: [file.clone(), file.clone()], out: folder.path().join("out") };
+        let whole = read(&request, &job, |_| Ok(false)).unwrap().unwrap();
+        let swapped = read(&request, &job, |_| {
+            fs::write(&new, b"P5 1 2 255 \x03\x04").unwrap();
+            fs::rename(&new, &file).unwrap();
+            Ok(false)
+        });
+        let swapped = swapped.unwrap().unwrap();
+        assert_eq!((swapped.frames, swapped.inputs), (whole.frames, whole.inputs));
+        assert_eq!(read(&request, &job, |_| Ok(false)).unwrap().unwrap().frames[0].height(), 2);
+    }
+}
