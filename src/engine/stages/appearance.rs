@@ -14,8 +14,7 @@ use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::state::{Registration, inside};
 use super::sums::{Sums, UNKNOWNS};
-use super::{Field, WORKGROUP, linearise, pixels, spline};
-use crate::engine::shaders;
+use super::{Field, linearise, pixels, spline};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -39,6 +38,7 @@ pub struct Constants {
 }
 
 bindings! {
+    APPEARANCE:
     /// I1.
     i1: Reads<I1>,
     /// Spline coefficients of I2.
@@ -67,13 +67,6 @@ impl Pass for Bindings {
         memory.set_sums(self.partials, sums);
     }
 }
-
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::APPEARANCE,
-    bindings: LAYOUT,
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
 
 /// One whole pass over a level; `spline2` holds the coefficients of I2, `masks` is where pixels are masked.
 pub fn twin(c: &Constants, r: &Registration, i1: &Field, spline2: &Field, masks: Option<&Masks>) -> Sums {

@@ -9,8 +9,7 @@ use bytemuck::{Pod, Zeroable};
 use super::field::{Field, fold};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::{WORKGROUP, pixels};
-use crate::engine::shaders;
+use super::pixels;
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -62,6 +61,7 @@ pub(crate) fn grid(c: &Constants) -> [u32; 2] {
 pub(crate) const LONG: Variant = [true, false, false];
 
 bindings! {
+    CONVOLVE:
     /// Image that is filtered.
     from: Reads<Plane>,
     /// Where the result goes, or is added to.
@@ -92,13 +92,6 @@ impl Pass for Bindings {
         *to = found;
     }
 }
-
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::CONVOLVE,
-    bindings: LAYOUT,
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
 
 /// `out(i) = Σ_n filter(n) input(stride i + n)` along x, or along y; mirrored about the border pixels.
 pub fn twin(input: &Field, filter: &[f64], stride: usize, vertical: bool) -> Field {
@@ -164,7 +157,7 @@ mod tests {
         };
         let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Uniform(&weights)];
         let [x, y] = grid(&constants);
-        let groups = [x.div_ceil(WORKGROUP[0]), y.div_ceil(WORKGROUP[1]), 1];
+        let groups = STAGE.groups([x, y]);
         let zeros = Field::zeros(expected.width, expected.height);
         if constants.blocks == 1 {
             rig.run_groups(&STAGE, &resources, &constants, groups);

@@ -5,8 +5,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::{Field, WORKGROUP, pixels};
-use crate::engine::shaders;
+use super::{Field, pixels};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -20,6 +19,7 @@ pub struct Constants {
 }
 
 bindings! {
+    COPY:
     /// From.
     from: Reads<Plane>,
     /// To.
@@ -40,9 +40,6 @@ impl Pass for Bindings {
         memory.set_layer(self.to, 0, copied);
     }
 }
-
-pub(crate) const STAGE: Stage =
-    Stage { shader: &shaders::COPY, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// The same field.
 pub fn twin(from: &Field) -> Field {

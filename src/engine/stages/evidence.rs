@@ -7,9 +7,8 @@ use bytemuck::{Pod, Zeroable};
 
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::{Field, WORKGROUP, pixels};
+use super::{Field, pixels};
 use crate::engine::filter::{self, Filter};
-use crate::engine::shaders;
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Layers: D, b², |∇V|²; then the squared [residual](mod@super::residual).
@@ -40,6 +39,7 @@ pub struct Constants {
 }
 
 bindings! {
+    EVIDENCE:
     /// V.
     v: Reads<RelativeBlur>,
     /// Right sides of the linear system.
@@ -65,13 +65,6 @@ impl Pass for Bindings {
         found.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.evidence, n, field));
     }
 }
-
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::EVIDENCE,
-    bindings: LAYOUT,
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
 
 /// The pixels of the evidence.
 pub(crate) fn size([width, height]: [u32; 2]) -> [u32; 2] {

@@ -13,8 +13,7 @@ use super::mask::{self, Masks};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::state::{Registration, inside};
-use super::{Field, WORKGROUP, pixels};
-use crate::engine::shaders;
+use super::{Field, pixels};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -36,6 +35,7 @@ pub struct Constants {
 }
 
 bindings! {
+    EXPOSURE:
     /// I1 at low pass.
     i1: Reads<I1>,
     /// I2 at low pass.
@@ -66,13 +66,6 @@ impl Pass for Bindings {
         (state.registration, state.correlation) = (r, correlation);
     }
 }
-
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::EXPOSURE,
-    bindings: LAYOUT,
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
 
 /// Matches gain and offset in place, `v` the relative blur of the level solved, `masks` where pixels are masked; gives the
 /// correlation of the two images.

@@ -8,8 +8,7 @@ use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::seen::heaviside;
 use super::state::{Registration, inside};
-use super::{Field, WORKGROUP, pixels, spline};
-use crate::engine::shaders;
+use super::{Field, pixels, spline};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -29,6 +28,7 @@ pub struct Constants {
 }
 
 bindings! {
+    FUSE:
     /// Channel of I1.
     channel1: Reads<I1>,
     /// Spline coefficients of the channel of I2.
@@ -57,9 +57,6 @@ impl Pass for Bindings {
         memory.set_layer(self.results, c.layer as usize, fused);
     }
 }
-
-pub(crate) const STAGE: Stage =
-    Stage { shader: &shaders::FUSE, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// The fused channel.
 pub fn twin(c: &Constants, r: &Registration, channel1: &Field, coefficients2: &Field, v: &Field) -> Field {

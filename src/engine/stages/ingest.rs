@@ -4,10 +4,9 @@ use bytemuck::{Pod, Zeroable};
 
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::{Field, WORKGROUP, pixels};
+use super::{Field, pixels};
 use crate::base::color::srgb_to_linear;
 use crate::base::{Decode, Frame, Samples};
-use crate::engine::shaders;
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -30,6 +29,7 @@ pub struct Constants {
 pub(crate) const SRGB: Variant = [true, false, false];
 
 bindings! {
+    INGEST:
     /// Of the photograph.
     samples: Reads<Samples>,
     /// Luminance, or a channel.
@@ -51,9 +51,6 @@ impl Pass for Bindings {
         memory.set_layer(self.image, 0, image);
     }
 }
-
-pub(crate) const STAGE: Stage =
-    Stage { shader: &shaders::INGEST, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// Sample i as it is stored, of integers white at 1: the twin of `glsl/include/samples.glsl`.
 pub fn stored(frame: &Frame, i: usize) -> f64 {
@@ -98,7 +95,7 @@ mod tests {
             bytes: format.depth.bytes(),
             weights,
         };
-        let groups = [size[0].div_ceil(WORKGROUP[0]), size[1].div_ceil(WORKGROUP[1]), 1];
+        let groups = STAGE.groups(size);
         let resources = [Resource::Buffer(&samples), Resource::Image(&image)];
         rig.run_variant(&STAGE, [decode == Decode::Srgb, false, false], &resources, &constants, groups);
         // 2e-6: single precision, and its pow.

@@ -26,7 +26,6 @@ use super::stack::Slopes;
 use super::state::{Registration, inside};
 use super::sums::{SUMS, Sums, UNKNOWNS};
 use super::{Field, WORKGROUP, pixels};
-use crate::engine::shaders;
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Lines of a red and a black pixel that an invocation goes down, at most: what a line shares with the next is loaded once,
@@ -94,6 +93,7 @@ pub(crate) fn variant(slopes: Slopes, warped: bool, masked: bool) -> Variant {
 }
 
 bindings! {
+    LINEARISE:
     /// I1.
     i1: Reads<I1>,
     /// V.
@@ -137,13 +137,6 @@ impl Pass for Bindings {
         memory.set_sums(self.partials, sums);
     }
 }
-
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::LINEARISE,
-    bindings: LAYOUT,
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
 
 /// Bytes of a level's partial sums.
 pub(crate) fn row_bytes(size: [u32; 2]) -> u64 {

@@ -12,9 +12,8 @@ use bytemuck::{Pod, Zeroable};
 
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::{Field, WORKGROUP, ingest, pixels};
+use super::{Field, ingest, pixels};
 use crate::base::Frame;
-use crate::engine::shaders;
 use crate::engine::slot::{self, Reads};
 use crate::engine::vulkan::{Stage, Variant};
 
@@ -40,6 +39,7 @@ pub struct Constants {
 }
 
 bindings! {
+    MASK:
     /// Of the photograph.
     samples: Reads<Samples>,
     /// A byte a pixel of I1.
@@ -63,9 +63,6 @@ impl Pass for Bindings {
         memory.set_layer(self.masks, c.second as usize, counts);
     }
 }
-
-pub(crate) const STAGE: Stage =
-    Stage { shader: &shaders::MASK, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// Which pixels of a frame count, on the finest level; the mask has a byte a pixel, 0 where it is left out.
 pub fn twin(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Field {

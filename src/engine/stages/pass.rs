@@ -26,21 +26,26 @@ pub(crate) trait Pass: Bindings {
     fn run(&self, constants: &Self::Constants, variant: Variant, memory: &mut Memory);
 }
 
-/// Declares what a stage binds, in the shader's order: each field is of [`Reads`](crate::engine::slot::Reads),
+/// Declares the stage of a shader and what it binds, in the shader's order: each field is of [`Reads`](crate::engine::slot::Reads),
 /// [`Writes`](crate::engine::slot::Writes) or [`Updates`](crate::engine::slot::Updates) of a quantity. A test compares the
 /// order and the accesses with the shader's text.
 macro_rules! bindings {
-    ($($(#[$doc:meta])* $field:ident: $access:ident<$quantity:ident>,)*) => {
+    ($shader:ident: $($(#[$doc:meta])* $field:ident: $access:ident<$quantity:ident>,)*) => {
         /// What the shader binds, in its order.
         #[derive(Clone, Copy, Debug)]
         pub(crate) struct Bindings {
             $($(#[$doc])* pub(crate) $field: $crate::engine::slot::$access<$crate::engine::slot::$quantity>,)*
         }
 
-        /// How it binds them.
-        const LAYOUT: &[$crate::engine::vulkan::Binding] = &[$(
-            <$crate::engine::slot::$access<$crate::engine::slot::$quantity> as $crate::engine::slot::Bound>::BINDING
-        ),*];
+        /// The shader, and how it binds them.
+        pub(crate) const STAGE: $crate::engine::vulkan::Stage = $crate::engine::vulkan::Stage {
+            shader: &$crate::engine::shaders::$shader,
+            bindings: &[$(
+                <$crate::engine::slot::$access<$crate::engine::slot::$quantity> as $crate::engine::slot::Bound>::BINDING
+            ),*],
+            constant_bytes: size_of::<Constants>(),
+            workgroup: $crate::engine::stages::WORKGROUP,
+        };
 
         impl $crate::engine::stages::pass::Bindings for Bindings {
             fn slots(&self) -> Vec<$crate::engine::slot::Slot> {
@@ -50,7 +55,7 @@ macro_rules! bindings {
 
             fn of(slots: &[$crate::engine::slot::Slot]) -> Self {
                 use $crate::engine::slot::Bound;
-                let &[$($field),*] = slots else { unreachable!("{} slots for {} bindings", slots.len(), LAYOUT.len()) };
+                let &[$($field),*] = slots else { unreachable!("{} slots for {} bindings", slots.len(), STAGE.bindings.len()) };
                 Self { $($field: Bound::of($field)),* }
             }
         }

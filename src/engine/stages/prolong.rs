@@ -5,8 +5,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::{Field, WORKGROUP, pixels};
-use crate::engine::shaders;
+use super::{Field, pixels};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -22,6 +21,7 @@ pub struct Constants {
 }
 
 bindings! {
+    PROLONG:
     /// V of the coarser level.
     coarse: Reads<RelativeBlur>,
     /// V of the level.
@@ -42,9 +42,6 @@ impl Pass for Bindings {
         memory.set_layer(self.fine, 0, fine);
     }
 }
-
-pub(crate) const STAGE: Stage =
-    Stage { shader: &shaders::PROLONG, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// V of the fine level.
 pub fn twin(c: &Constants, coarse: &Field) -> Field {

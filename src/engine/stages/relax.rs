@@ -7,7 +7,6 @@ use bytemuck::{Pod, Zeroable};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::{Field, WORKGROUP, pixels};
-use crate::engine::shaders;
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -38,6 +37,7 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
 pub(crate) const FIRST: Variant = [true, false, false];
 
 bindings! {
+    RELAX:
     /// Right sides.
     right_sides: Reads<RightSides>,
     /// Weights.
@@ -75,9 +75,6 @@ impl Pass for Bindings {
         memory.set_layer(self.own, 0, change);
     }
 }
-
-pub(crate) const STAGE: Stage =
-    Stage { shader: &shaders::RELAX, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// Relaxes the pixels of one colour of dV in place.
 pub fn twin(c: &Constants, system: &[&Field; 5], change: &mut Field) {

@@ -5,8 +5,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::{Field, WORKGROUP, pixels, relax};
-use crate::engine::shaders;
+use super::{Field, pixels, relax};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// The most pixels of a level that one workgroup takes. On lavapipe ten passes over 64 x 64 pixels take 1 ms, one
@@ -28,6 +27,7 @@ pub struct Constants {
 }
 
 bindings! {
+    RELAX_LEVEL:
     /// Right sides.
     right_sides: Reads<RightSides>,
     /// Weights.
@@ -53,13 +53,6 @@ impl Pass for Bindings {
         memory.set_layer(self.black, 0, change);
     }
 }
-
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::RELAX_LEVEL,
-    bindings: LAYOUT,
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
 
 /// Whether a level is small enough.
 pub(crate) fn takes([width, height]: [u32; 2]) -> bool {

@@ -11,8 +11,7 @@ use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::seen::{heaviside, see};
 use super::state::{Registration, inside};
-use super::{Field, WORKGROUP, evidence, pixels};
-use crate::engine::shaders;
+use super::{Field, evidence, pixels};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -38,6 +37,7 @@ pub struct Constants {
 }
 
 bindings! {
+    RESIDUAL:
     /// I1.
     i1: Reads<I1>,
     /// V.
@@ -69,13 +69,6 @@ impl Pass for Bindings {
         memory.set_layer(self.evidence, c.layer as usize, squared);
     }
 }
-
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::RESIDUAL,
-    bindings: LAYOUT,
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
 
 /// The squared residual on every other pixel. `warped` is T when the stack of I2 was brought onto I1's pixels, if it was.
 pub fn twin(
@@ -142,7 +135,7 @@ mod tests {
         let (found, state) = (rig.empty(size, 2), rig.upload(bytemuck::bytes_of(&state)));
         let mut resources: Vec<_> = images.iter().chain([&found]).map(Resource::Image).collect();
         resources.push(Resource::Buffer(&state));
-        let groups = [size[0].div_ceil(WORKGROUP[0]), size[1].div_ceil(WORKGROUP[1]), 1];
+        let groups = STAGE.groups(size);
         rig.run_variant(&STAGE, [slopes == Slopes::Layers, warped, false], &resources, &c, groups);
         // 2e-5: a residual of up to 1, squared in single precision.
         rig.assert_close(&found, &[Field::zeros(expected.width, expected.height), expected], 2e-5);

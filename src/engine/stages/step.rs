@@ -6,12 +6,10 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
-use super::WORKGROUP;
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::state::Registration;
 use super::sums::{SUMS, Sums, UNKNOWNS};
-use crate::engine::shaders;
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -51,6 +49,7 @@ pub struct Constants {
 }
 
 bindings! {
+    STEP:
     /// Rows of sums.
     partials: Reads<Partials>,
     /// State.
@@ -92,9 +91,6 @@ impl Pass for Bindings {
         }
     }
 }
-
-pub(crate) const STAGE: Stage =
-    Stage { shader: &shaders::STEP, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 fn range(first: u32, count: u32) -> Range<usize> {
     first as usize..(first + count) as usize

@@ -10,8 +10,7 @@ use bytemuck::{Pod, Zeroable};
 use super::field::{Field, fold};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::{WORKGROUP, pixels};
-use crate::engine::shaders;
+use super::pixels;
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -27,6 +26,7 @@ pub struct Constants {
 }
 
 bindings! {
+    SUBDIVIDE:
     /// On every other pixel, in its first layer.
     coarse: Reads<Plane>,
     /// On every pixel.
@@ -47,13 +47,6 @@ impl Pass for Bindings {
         memory.set_layer(self.fine, c.layer as usize, fine);
     }
 }
-
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::SUBDIVIDE,
-    bindings: LAYOUT,
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
 
 /// The fine image.
 pub fn twin([width, height]: [usize; 2], coarse: &Field) -> Field {

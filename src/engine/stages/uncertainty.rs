@@ -15,8 +15,7 @@ use super::evidence::{self, WINDOW};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::state::{Registration, inside};
-use super::{Field, WORKGROUP, pixels};
-use crate::engine::shaders;
+use super::{Field, pixels};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// κ, by which predicted and true errors of noisy scenes agree: 1.5 (see the table in `docs/method.md`).
@@ -53,6 +52,7 @@ impl Constants {
 }
 
 bindings! {
+    UNCERTAINTY:
     /// V.
     v: Reads<RelativeBlur>,
     /// Means of D, b², |∇V|² and of the squared residual.
@@ -81,13 +81,6 @@ impl Pass for Bindings {
         }
     }
 }
-
-pub(crate) const STAGE: Stage = Stage {
-    shader: &shaders::UNCERTAINTY,
-    bindings: LAYOUT,
-    constant_bytes: size_of::<Constants>(),
-    workgroup: WORKGROUP,
-};
 
 /// V, its standard deviation and the residual, from the evidence of all pixels around.
 pub fn twin(c: &Constants, r: &Registration, v: &Field, evidence: &[Field; evidence::LAYERS]) -> [Field; 3] {

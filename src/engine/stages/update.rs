@@ -4,8 +4,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::{Field, WORKGROUP, pixels, relax};
-use crate::engine::shaders;
+use super::{Field, pixels, relax};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -23,6 +22,7 @@ pub struct Constants {
 }
 
 bindings! {
+    UPDATE:
     /// dV of the red pixels.
     red: Reads<Change>,
     /// dV of the black pixels.
@@ -45,9 +45,6 @@ impl Pass for Bindings {
         twin(c, &change, memory.layer_mut(self.v, 0));
     }
 }
-
-pub(crate) const STAGE: Stage =
-    Stage { shader: &shaders::UPDATE, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// Adds dV to V.
 pub fn twin(c: &Constants, change: &Field, v: &mut Field) {

@@ -8,8 +8,7 @@ use bytemuck::{Pod, Zeroable};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::state::Registration;
-use super::{Field, WORKGROUP, pixels, spline};
-use crate::engine::shaders;
+use super::{Field, pixels, spline};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -29,6 +28,7 @@ pub struct Constants {
 }
 
 bindings! {
+    WARP:
     /// Spline coefficients of I2.
     spline2: Reads<Spline2>,
     /// Stacks, of those one layer.
@@ -53,9 +53,6 @@ impl Pass for Bindings {
         memory.state_mut(self.state).warped = r;
     }
 }
-
-pub(crate) const STAGE: Stage =
-    Stage { shader: &shaders::WARP, bindings: LAYOUT, constant_bytes: size_of::<Constants>(), workgroup: WORKGROUP };
 
 /// Samples of I2 at T x; mirrored once where T leaves I2.
 pub fn twin(c: &Constants, r: &Registration, spline2: &Field) -> Field {
