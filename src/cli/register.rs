@@ -26,7 +26,7 @@ pub(super) struct Arguments {
     /// How to register
     #[arg(long, value_name = "NAME", help_heading = REGISTRATION, value_enum, default_value_t = MethodName::Unified)]
     method: MethodName,
-    /// File for the registration, as JSON that `solve --transform` reads; an earlier one is replaced
+    /// File for the registration, JSON that `solve --transform` reads; an earlier one is replaced
     #[arg(short, long, value_name = "FILE.json", help_heading = OUTPUT, display_order = 0)]
     output: Option<PathBuf>,
     #[command(flatten)]

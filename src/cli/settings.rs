@@ -62,9 +62,9 @@ pub(super) struct SettingsArguments {
     /// Relaxation sweeps in each outer iteration, 1 to 100
     #[arg(long, value_name = "N", help_heading = BLUR, default_value_t = Settings::default().sweeps)]
     sweeps: u32,
-    /// Shape of the blur: gaussian, pillbox, half-gaussian, or a picture of it
+    /// Shape of the blur: gaussian, pillbox, half-gaussian, or its picture
     ///
-    /// The picture may be that of a coded aperture, say.
+    /// Its picture may be that of a coded aperture, say.
     #[arg(long, value_name = "K|FILE", help_heading = BLUR, default_value = "gaussian")]
     kernel: KernelChoice,
     #[command(flatten)]

@@ -34,7 +34,7 @@ pub(super) struct Arguments {
     /// Ascending or descending, and even in 1/distance, as a lens' travel is.
     #[arg(long, value_name = "P,P,...", help_heading = INPUT, value_delimiter = ',', allow_hyphen_values = true)]
     positions: Option<Vec<f64>>,
-    /// The distance from the lens at which it is focused in each frame, in order; gives depth in mm
+    /// The distance from the lens at which each frame is focused, in order; gives depth in mm
     #[arg(
         long,
         value_name = "MM,MM,...",
@@ -53,7 +53,7 @@ pub(super) struct Arguments {
     /// The frame on whose pixels the results are, counted from 1; the middle one without it
     #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
     reference: Option<u32>,
-    /// Which frame is focused nearest, the first (1) or the last (2) [default: 1, or as --focus-at says]
+    /// Whether the first (1) or the last (2) is focused nearest [default: 1, or by --focus-at]
     ///
     /// It decides which end is near in pictures and page. Of what --focus-at states the larger is the farther.
     #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = clap::value_parser!(u8).range(1..=2))]
