@@ -14,7 +14,8 @@ use parfocal::image_io::Input;
 use parfocal::{DeviceInfo, Engine, Error, Kept, Scoped};
 
 use super::failure::Failure;
-use super::help::{self, OUTPUT};
+use super::headings::OUTPUT;
+use super::help;
 use super::options::SolveOptions;
 use super::pairs::Pair;
 use super::request::Request;

@@ -3,7 +3,7 @@
 use clap::ValueEnum;
 use parfocal::export::Palette;
 
-use super::help::OUTPUT;
+use super::headings::OUTPUT;
 
 /// How pictures of depth are drawn.
 #[derive(clap::Args, Clone, Copy, Debug)]

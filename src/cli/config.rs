@@ -16,7 +16,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use toml::{Spanned, Value};
 
 use super::failure::{Failure, nearest};
-use super::help::INPUT;
+use super::headings::INPUT;
 
 /// The most bytes that are read, 1 MiB.
 const MAX_BYTES: u64 = 1 << 20;

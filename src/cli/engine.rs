@@ -5,7 +5,7 @@ use std::time::Duration;
 use parfocal::{Engine, EngineOptions, Error, baseline};
 
 use super::failure::Failure;
-use super::help::DEVICE;
+use super::headings::DEVICE;
 
 /// Environment variable with the device where --device states none.
 const DEFAULT: &str = "PARFOCAL_DEVICE";

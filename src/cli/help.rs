@@ -1,21 +1,10 @@
-//! What `-h` and `--help` show: headings, one screen of what is needed most, and the subcommands by what they are for.
+//! What `-h` and `--help` show: one screen of what is needed most, and the subcommands by what they are for.
 
 use std::fmt::Write;
 
 use clap::Command;
 
 use super::config::takes_config;
-
-/// Headings of options, as every subcommand has them.
-pub(super) const INPUT: &str = "Input";
-pub(super) const REGISTRATION: &str = "Registration";
-pub(super) const BLUR: &str = "Relative blur V";
-pub(super) const REGION: &str = "Region";
-pub(super) const LENS: &str = "Lens";
-pub(super) const MEASUREMENTS: &str = "Measurements";
-pub(super) const FINE_TUNING: &str = "Fine tuning";
-pub(super) const OUTPUT: &str = "Output";
-pub(super) const DEVICE: &str = "Device";
 
 /// What stands below the long help of what runs on a device.
 pub(super) const AFTER_HELP: &str = "\
@@ -123,6 +112,7 @@ mod tests {
 
     use super::*;
     use crate::cli::config::is_bool;
+    use crate::cli::headings::{BLUR, DEVICE, INPUT, OUTPUT, REGION, REGISTRATION};
 
     fn program() -> Command {
         let mut command = crate::cli::command();

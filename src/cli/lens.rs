@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::failure::Failure;
-use super::help::LENS;
+use super::headings::LENS;
 
 /// The most bytes of a file with a lens that are read, 16 MiB, as of a report.
 const MAX_BYTES: u64 = 16 << 20;

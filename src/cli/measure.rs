@@ -6,7 +6,7 @@ use parfocal::figure::PEN;
 
 use super::depth::decimals;
 use super::failure::Failure;
-use super::help::MEASUREMENTS;
+use super::headings::MEASUREMENTS;
 use super::output;
 use super::region::{LineArgument, RegionArgument};
 use super::solved::SolvedArguments;

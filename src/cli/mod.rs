@@ -12,6 +12,7 @@ mod devices;
 mod engine;
 mod evaluate;
 mod failure;
+mod headings;
 mod help;
 mod lens;
 mod measure;

@@ -6,7 +6,7 @@ use parfocal::model::{Model, Points};
 use parfocal::{Error, Frame, MetricDepth, Solution};
 use serde::Serialize;
 
-use super::help::OUTPUT;
+use super::headings::OUTPUT;
 
 /// Which files beside the usual ones are written, and how.
 #[derive(clap::Args, Clone, Debug)]

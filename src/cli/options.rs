@@ -5,7 +5,7 @@ use parfocal::{Method, Settings};
 
 use super::colors::ColorsArgument;
 use super::failure::Failure;
-use super::help::{INPUT, OUTPUT, REGISTRATION};
+use super::headings::{INPUT, OUTPUT, REGISTRATION};
 use super::lens::LensArguments;
 use super::measure::MeasureArguments;
 use super::models::ModelArguments;

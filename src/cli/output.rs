@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use parfocal::export::{self, Destination, FileKind};
 
 use super::failure::Failure;
-use super::help::OUTPUT;
+use super::headings::OUTPUT;
 
 /// What every subcommand that writes files is told.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]

@@ -8,7 +8,8 @@ use parfocal::image_io::Photograph;
 use parfocal::{Kernel, Method, Solver};
 
 use super::failure::Failure;
-use super::help::{AFTER_HELP, OUTPUT, REGISTRATION};
+use super::headings::{OUTPUT, REGISTRATION};
+use super::help::AFTER_HELP;
 use super::output::{self, ForceArgument};
 use super::pair::{self, PairArguments};
 use super::run::RunArguments;

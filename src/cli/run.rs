@@ -4,7 +4,7 @@ use parfocal::Engine;
 
 use super::engine::EngineArguments;
 use super::failure::Failure;
-use super::help::OUTPUT;
+use super::headings::OUTPUT;
 use super::told::ToldArguments;
 
 /// None of it decides the results.

@@ -7,7 +7,7 @@ use parfocal::{FieldCurvature, Mask, Region, Scope, image_io};
 use serde::Serialize;
 
 use super::failure::Failure;
-use super::help::REGION;
+use super::headings::REGION;
 use super::region::RegionArgument;
 
 /// The part, the mask, and the corrections.

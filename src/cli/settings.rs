@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::config::ConfigArgument;
 use super::failure::Failure;
-use super::help::{BLUR, INPUT, REGISTRATION};
+use super::headings::{BLUR, INPUT, REGISTRATION};
 use super::tuning::TuningArguments;
 
 /// The settings.

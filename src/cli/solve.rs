@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use super::failure::Failure;
-use super::help::{AFTER_HELP, OUTPUT};
+use super::headings::OUTPUT;
+use super::help::AFTER_HELP;
 use super::options::SolveOptions;
 use super::pair::PairArguments;
 use super::summary::{Bar, summary};

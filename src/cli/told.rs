@@ -3,7 +3,7 @@
 use std::io::{self, IsTerminal, Write};
 
 use super::failure::{Failure, print};
-use super::help::OUTPUT;
+use super::headings::OUTPUT;
 
 /// Whom to tell.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]

@@ -2,7 +2,7 @@
 
 use parfocal::Settings;
 
-use super::help::FINE_TUNING;
+use super::headings::FINE_TUNING;
 
 /// Their flags.
 #[derive(clap::Args, Clone, Debug)]
