@@ -21,7 +21,7 @@ layout(push_constant) uniform Constants {
     int rows;                        // pairs of pixels an invocation
     float factor;                    // pixels of the full-size image a pixel of this level
     float centre_x, centre_y;
-    float length;                    // that scales a and b, pixels
+    float length;                    // that scales places, pixels
     float eta;
 };
 
@@ -43,12 +43,12 @@ void accumulate(Registration r, ivec2 x, inout Sums sums) {
     Jet i2 = spline_at(2, 0, size, i, f);
     float s = imageLoad(image1, ivec3(x, 0)).r - (r.gain * i2.value + r.offset);
     float psi = sqrt(s * s + eta * eta);
-    vec4 j = jacobian(r.gain, i2.value, i2.gradient);    // of -S
+    vec2 j = r.gain * i2.gradient * jacobian(r);         // of -S
     add_pixel(sums, product(share / psi, j), -share * s / psi * j, share * psi, (vec2(x) - centre) / length, share);
 }
 
 void main() {
-    Sums sums = Sums(vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
+    Sums sums = no_sums();
     Registration r = state.registration;
     for (int n = 0; n < 2 * rows; n++) {
         ivec2 block = ivec2(2 * gl_WorkGroupID.x + n % 2, gl_WorkGroupID.y * rows + n / 2);

@@ -48,14 +48,13 @@ float read(int image, ivec2 i, vec2 f, float variance) {
     return mix(top, bottom, f.y);
 }
 
-// The place in I1 and its place in I2 that x lies half way between, from x: T's displacement D at x over 2 + a + ib, as
-// complex numbers. Both are read as far from a pixel, so that interpolation takes as much contrast from one as from the
-// other. Near a turn by 180° there is no such place, and I1 is read at x.
+// The place in I1 and its place in I2 that x lies half way between, from x: (1 + A)⁻¹ D, T's displacement D at x and its
+// Jacobian A. Both are read as far from a pixel, so that interpolation takes as much contrast from one as from the other.
+// Near a turn by 180° there is no such place, and I1 is read at x.
 void meet(Registration r, vec2 d, out vec2 back, out vec2 ahead) {
-    vec2 m = vec2(2.0 + r.a, r.b);
-    float square = dot(m, m);
-    bool half_way = square > 0.25;
-    ahead = half_way ? vec2(dot(m, d), m.x * d.y - m.y * d.x) / square : d;
+    mat2 m = jacobian(r) + mat2(1.0);
+    bool half_way = determinant(m) > 0.25;
+    ahead = half_way ? inverse(m) * d : d;
     back = half_way ? -ahead : vec2(0.0);
 }
 

@@ -31,7 +31,7 @@ layout(push_constant) uniform Constants {
     int rows;                        // lines an invocation
     float factor;                    // pixels of the full-size image a pixel of this level
     float centre_x, centre_y;
-    float length;                    // that scales a and b, pixels
+    float length;                    // that scales places, pixels
     float alpha, final_alpha;
     float eta, smoothness_eta, epsilon;
     float elimination;               // share of Σa that damps the elimination of dV
@@ -127,7 +127,7 @@ struct Data {
     float d1, d2;                    // their derivatives by V
     float w1, w2;                    // H ψ', (1-H) ψ'
     float energy;
-    vec4 j1, j2;                     // of -S1, of S2
+    vec2 j1, j2;                     // of -S1, of S2, by T's displacement in I1's pixels
 };
 
 // `share` is what the pixel counts for.
@@ -139,8 +139,7 @@ Data data_term(Registration r, float v, Seen seen, float share) {
     float psi1 = sqrt(s1 * s1 + eta * eta), psi2 = sqrt(s2 * s2 + eta * eta);
     float first = share * heaviside, second = share - first;
     return Data(s1, s2, seen.b1.slope, r.gain * seen.b2.slope, first / psi1, second / psi2,
-                first * psi1 + second * psi2, jacobian(r.gain, seen.j.value, seen.j.gradient),
-                jacobian(r.gain, seen.b2.value, seen.b2.gradient));
+                first * psi1 + second * psi2, r.gain * seen.j.gradient, r.gain * seen.b2.gradient);
 }
 
 struct Equation {
@@ -159,9 +158,9 @@ Equation equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, D
         diagonal = t.w1 * t.d1 * t.d1 + t.w2 * t.d2 * t.d2;
         right_side -= t.w1 * t.s1 * t.d1 + t.w2 * t.s2 * t.d2;
         float over = 1.0 / max(diagonal + elimination * smoothness, 1e-12);
-        vec4 q = t.w2 * t.d2 * t.j2 - t.w1 * t.d1 * t.j1;
-        Products n = add(add(product(t.w1, t.j1), product(t.w2, t.j2)), product(-over, q));
-        vec4 g = t.w2 * t.s2 * t.j2 - t.w1 * t.s1 * t.j1 + right_side * over * q;
+        vec2 q = t.w2 * t.d2 * t.j2 - t.w1 * t.d1 * t.j1;
+        vec3 n = product(t.w1, t.j1) + product(t.w2, t.j2) - product(over, q);
+        vec2 g = t.w2 * t.s2 * t.j2 - t.w1 * t.s1 * t.j1 + right_side * over * q;
         add_pixel(sums, n, g, t.energy + share * final_alpha / relative.phi, p / length, share);
     }
     float over = 1.0 / max(diagonal + smoothness, 1e-12);
@@ -177,7 +176,7 @@ void store(ivec2 h, Equation red, Equation black) {
 }
 
 void main() {
-    Sums sums = Sums(vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
+    Sums sums = no_sums();
     Registration r = state.registration;
     Registration moved = moved_since(state.warped, r);
     float scale = scale_of(r);

@@ -1,9 +1,7 @@
 #version 460
-// The registration step: sums the partial sums in a fixed order, solves N ζ = -g, updates T, gain and offset, and
-// tests for convergence. One workgroup. Twin: src/engine/stages/step.rs.
+// The registration step: sums the partial sums in a fixed order, solves N ζ = -g, updates T, and tests for convergence. One workgroup. Twin: src/engine/stages/step.rs.
 
 #include "state.glsl"
-#include "sums.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) readonly buffer Partials { float partials[]; };
@@ -16,13 +14,13 @@ layout(push_constant) uniform Constants {
     int level;
     int energy_place;                // of this level and iteration
     int argument_place, argument_count; // indirect arguments of this level
-    int solve_transform, solve_photometric;
+    int unknowns;                    // of T that are solved for, the first so many
     int descend;                     // the gradient, instead of solving
     int may_settle;                  // α has its final value
     float still;                     // pixels of the level that no corner may move any more, for it to settle
     int warp_place, warp_count;      // indirect arguments of what brings I2 onto I1's pixels anew; none: not before the next
     float factor;                    // pixels of the full-size image a pixel of this level
-    float scale_length;              // that scales a and b, pixels
+    float scale_length;              // that scales places, pixels
     float half_width, half_height;   // from the centre to a corner, pixels
 };
 
@@ -30,93 +28,97 @@ layout(push_constant) uniform Constants {
 // like a change of V by the shift squared, 0.0004 px².
 const float FOLLOWED = 0.02;
 
-// Chains that add a share of the rows each, so that one workgroup is not one invocation.
-const int CHAINS = 8;
-shared float chains[CHAINS][SUMS];
-shared float totals[SUMS];
+#include "add_up.glsl"
+
 shared bool settled, warps;
 
-void add_up() {
-    int n = int(gl_LocalInvocationIndex) % SUMS, chain = int(gl_LocalInvocationIndex) / SUMS;
-    if (chain < CHAINS) {
-        float sum = 0.0;
-        for (int row = chain; row < rows; row += CHAINS) sum += partials[row * SUMS + n];
-        chains[chain][n] = sum;
+float normal(int i, int j) {
+    float sum = 0.0;
+    for (int c = 0; c < 2; c++) {
+        for (int d = 0; d < 2; d++) {
+            int place = 3 * monomial(powers_of(i, c) + powers_of(j, d)) + c + d;
+            sum += float(SIGNS[i][c] * SIGNS[j][d]) * totals[place];
+        }
     }
-    barrier();
-    if (chain == 0) {
-        float sum = 0.0;
-        for (int c = 0; c < CHAINS; c++) sum += chains[c][n];
-        totals[n] = sum;
-    }
-    barrier();
+    return sum;
+}
+
+float gradient(int i) {
+    float sum = 0.0;
+    for (int c = 0; c < 2; c++) sum += float(SIGNS[i][c]) * totals[GRADIENT + 2 * monomial(powers_of(i, c)) + c];
+    return sum;
 }
 
 // Cholesky of N scaled to a unit diagonal, or a step down the gradient, over the sum of N's row; unknowns that are held or
 // undetermined take no step.
-void solve(out float x[6]) {
-    float m[6][6], scale[6];                 // the lower triangle of N
-    bool held[6];
+void solve(out float x[8]) {
+    float m[8][8], scale[8];                 // the lower triangle of N
+    bool held[8];
     bool degenerate = !(totals[VALID] > 0.0);
-    for (int i = 0; i < 6; i++) {
-        for (int j = 0; j <= i; j++) m[i][j] = totals[normal_place(j, i)];
-    }
-    for (int i = 0; i < 6; i++) {
-        bool free = (i < 4 ? solve_transform : solve_photometric) == 1, unseen = !(m[i][i] > 1e-12 * totals[VALID]);
+    for (int i = 0; i < 8; i++) x[i] = 0.0;
+    for (int i = 0; i < UNKNOWNS; i++) {
+        for (int j = 0; j <= i; j++) m[i][j] = normal(i, j);
+        bool free = i < unknowns, unseen = !(m[i][i] > 1e-12 * totals[VALID]);
         degenerate = degenerate || free && unseen;
         held[i] = unseen || !free;
         scale[i] = held[i] ? 0.0 : inversesqrt(m[i][i]);
-        x[i] = -totals[GRADIENT + i] * scale[i];
+        x[i] = -gradient(i) * scale[i];
     }
     if (descend == 1) {
-        for (int i = 0; i < 6; i++) {
+        for (int i = 0; i < UNKNOWNS; i++) {
             float row = 0.0;
-            for (int j = 0; j < 6; j++) row += held[j] ? 0.0 : abs(i < j ? m[j][i] : m[i][j]);
+            for (int j = 0; j < UNKNOWNS; j++) row += held[j] ? 0.0 : abs(i < j ? m[j][i] : m[i][j]);
             x[i] = held[i] ? 0.0 : x[i] / scale[i] / row;
         }
         state.degenerate = uint(degenerate);
         return;
     }
-    for (int j = 0; j < 6; j++) {
+    for (int j = 0; j < UNKNOWNS; j++) {
         float pivot = 1.0;
         for (int k = 0; k < j; k++) pivot -= m[j][k] * m[j][k];
         // 1e-5: below it single precision has no digits of this unknown left.
         if (!(pivot > 1e-5)) { held[j] = true; degenerate = true; }
         m[j][j] = held[j] ? 1.0 : sqrt(pivot);
-        for (int i = j + 1; i < 6; i++) {
+        for (int i = j + 1; i < UNKNOWNS; i++) {
             float sum = m[i][j] * scale[i] * scale[j];
             for (int k = 0; k < j; k++) sum -= m[i][k] * m[j][k];
             m[i][j] = held[j] ? 0.0 : sum / m[j][j];
         }
     }
-    for (int i = 0; i < 6; i++) {
+    for (int i = 0; i < UNKNOWNS; i++) {
         for (int k = 0; k < i; k++) x[i] -= m[i][k] * x[k];
         x[i] = held[i] ? 0.0 : x[i] / m[i][i];
     }
-    for (int i = 5; i >= 0; i--) {
-        for (int k = i + 1; k < 6; k++) x[i] -= m[k][i] * x[k];
+    for (int i = UNKNOWNS - 1; i >= 0; i--) {
+        for (int k = i + 1; k < UNKNOWNS; k++) x[i] -= m[k][i] * x[k];
         x[i] = held[i] ? 0.0 : x[i] / m[i][i];
     }
-    for (int i = 0; i < 6; i++) x[i] *= scale[i];
+    for (int i = 0; i < UNKNOWNS; i++) x[i] *= scale[i];
     state.degenerate = uint(degenerate);
 }
 
-// How far a corner moves, full-size pixels: by t and by (a, b) times its distance from the centre, level's pixels.
-float corner_moves(float a, float b, vec2 t) {
-    return length(t) + length(vec2(a, b)) * factor * length(vec2(half_width, half_height));
+// How far a displacement moves a corner at most, full-size pixels: by t, by the larger singular value of the linear part times
+// the distance of a corner from the centre, and by g times its square.
+float corner_moves(Registration d) {
+    float corner = factor * length(vec2(half_width, half_height));
+    float linear = 0.5 * (length(vec2(d.xx + d.yy, d.yx - d.xy)) + length(vec2(d.xx - d.yy, d.xy + d.yx)));
+    return length(vec2(d.tx, d.ty)) + (linear + length(vec2(d.gx, d.gy)) * corner) * corner;
+}
+
+// What the unknowns do, in full-size pixels.
+Registration step_of(float x[8]) {
+    vec4 linear = vec4(x[2], x[3], x[4], x[5]) / scale_length;
+    vec2 g = vec2(x[6], x[7]) / (factor * scale_length * scale_length);
+    return Registration(linear.x + linear.z, linear.w - linear.y, linear.y + linear.w, linear.x - linear.z,
+                        factor * x[0], factor * x[1], g.x, g.y, 0.0, 0.0);
 }
 
 void step_once() {
-    float x[6];
+    float x[8];
     solve(x);
-    float a = x[0] / scale_length, b = x[1] / scale_length;
-    float moved = corner_moves(a, b, factor * vec2(x[2], x[3]));
-    state.registration.a += a;
-    state.registration.b += b;
-    state.registration.tx += factor * x[2];
-    state.registration.ty += factor * x[3];
-    state.registration.offset += x[5] - 0.5 * x[4];
-    state.registration.gain += x[4];
+    Registration moves = step_of(x);
+    float moved = corner_moves(moves);
+    state.registration = after(state.registration, moves);
     float energy = totals[ENERGY] / max(totals[VALID], 1.0);
     float before = state.levels[level].energy;
     float change = abs(energy - before);
@@ -129,13 +131,12 @@ void step_once() {
     // A level goes on a little after it has converged: the energy is flat before V and T are.
     settled = may_settle == 1 && moved < still * factor && change <= 0.1 * still * before;
     state.levels[level].settled = uint(settled);
-    Registration since = moved_since(state.warped, state.registration);
-    warps = warp_count > 0 && !settled && corner_moves(since.a, since.b, vec2(since.tx, since.ty)) > FOLLOWED * factor;
+    warps = warp_count > 0 && !settled && corner_moves(moved_since(state.warped, state.registration)) > FOLLOWED * factor;
     if (warps) state.levels[level].warps |= 1u << findMSB(state.levels[level].iterations);
 }
 
 void main() {
-    add_up();
+    add_up(rows);
     if (gl_LocalInvocationIndex == 0) step_once();
     barrier();
     int n = int(gl_LocalInvocationIndex), count = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);

@@ -53,8 +53,8 @@ mod guide {}
 
 pub use around::{FieldCurvature, GainField, Kept, Scope, Scoped, focus_stack, resample};
 pub use base::{
-    Aperture, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format, Frame, Inverse, Kernel, Lens, Mask, Method,
-    Photometric, Region, RegistrationStep, Samples, Settings, Similarity, centre,
+    Aperture, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format, Frame, Homography, Inverse, Kernel, Lens,
+    Mask, Method, Motion, Photometric, Region, RegistrationStep, Samples, Settings, Similarity, centre,
 };
 pub use engine::{
     Engine, EngineOptions, KeyPoints, LevelHistory, Progress, Registered, Solution, Solver, Timings, reference, stages,

@@ -4,7 +4,7 @@ mod common;
 
 use common::scene::{displaced, exposed, pair, slanted};
 use common::{TestEngine, assert_transform, blur_error, real_pair};
-use parfocal::{Frame, Settings, Similarity, Solution};
+use parfocal::{Frame, Homography, Settings, Similarity, Solution};
 
 const SIZE: u32 = 256;
 
@@ -66,7 +66,7 @@ fn cup_displaced() {
     let undisplaced = engine.solve([&near, &far], &Settings::default());
     let by = Similarity::new(1.8, 2.3, 0.2, 1.01);
     let solution = engine.solve([&near, &displaced(&far, &by)], &Settings::default());
-    assert_transform(&solution.transform, &by.after(&undisplaced.transform), [0.005, 0.0005, 0.003]);
+    assert_transform(&solution.transform, &Homography::from(by).after(&undisplaced.transform), [0.005, 0.0005, 0.003]);
     let width = solution.width as usize;
     let (rms, bias) = blur_error(&solution, |x, y| f64::from(undisplaced.relative_blur[y * width + x]));
     println!("V rms {rms:.4} px², bias {bias:+.4}, against the undisplaced pair's");
@@ -127,7 +127,7 @@ fn far_apart_at_two_megapixels() {
     let near = engine.solve([&i1, &i2], &quick);
     let by = Similarity::new(24.0, -18.0, 0.5, 1.08);
     let far = engine.solve([&i1, &displaced(&i2, &by)], &quick);
-    let distance = far.transform.corner_distance(&by.after(&near.transform), i1.width(), i1.height());
+    let distance = far.transform.corner_distance(&Homography::from(by).after(&near.transform), i1.width(), i1.height());
     println!("30 px and 8 % away: corners {distance:.3} px from where they belong");
     assert!(distance < 0.5, "{:?}", far.transform);
 }

@@ -21,7 +21,7 @@ fn solve_under(engine: &TestEngine, scene: &Scene, kernel: Kernel, bounds: [f64;
     let (found, truth, width) = (&solution.transform, &pair.transform, solution.width);
     let corner = found.corner_distance(truth, width, solution.height);
     let degrees = (found.rotation_deg() - truth.rotation_deg()).abs();
-    let percent = 100.0 * (found.scale - truth.scale).abs();
+    let percent = 100.0 * (found.scale() - truth.scale).abs();
     let (v, bias) = blur_error(&solution, |x, y| f64::from(pair.relative_blur[y * width as usize + x]));
     println!(
         "{} under {}: corner {corner:.5} px, θ {degrees:.6}°, s {percent:.6} %, V rms {v:.4} px², bias {bias:+.4}",

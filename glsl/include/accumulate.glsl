@@ -3,67 +3,100 @@
 
 #include "sums.glsl"
 
-// ∂S/∂(displacement, gain at intensity ½, offset) of a residual, up to its sign. What the six unknowns do follows from it and
-// the place alone, since a and b displace a pixel by (x, y) and (-y, x).
-vec4 jacobian(float gain, float value, vec2 gradient) {
-    return vec4(gain * gradient, value - 0.5, 1.0);
-}
-
-// Σ w J Jᵀ of some residuals, upper triangle.
-struct Products {
-    vec4 x;                          // of the displacement to the right with all four
-    vec3 y;
-    vec2 gain;
-    float offset;
+// Vectors and no array: software devices keep arrays in memory.
+struct Sums {
+    vec3 n1, nx, ny, nxx, nxy, nyy;                     // w Jx², w Jx Jy, w Jy², times the monomial
+    vec3 nxxx, nxxy, nxyy, nyyy, nxxxx, nxxxy, nxxyy, nxyyy, nyyyy;
+    vec2 g1, gx, gy, gxx, gxy, gyy;                     // w J S, times the monomial
+    float energy, valid;
 };
 
-Products product(float w, vec4 j) {
-    vec4 wj = w * j;
-    return Products(wj.x * j, wj.y * j.yzw, wj.z * j.zw, wj.w * j.w);
+Sums no_sums() {
+    const vec3 n = vec3(0.0);
+    const vec2 g = vec2(0.0);
+    return Sums(n, n, n, n, n, n, n, n, n, n, n, n, n, n, n, g, g, g, g, g, g, 0.0, 0.0);
 }
 
-Products add(Products a, Products b) {
-    return Products(a.x + b.x, a.y + b.y, a.gain + b.gain, a.offset + b.offset);
+// w J Jᵀ of a residual.
+vec3 product(float w, vec2 j) {
+    return w * vec3(j.x * j.x, j.x * j.y, j.y * j.y);
 }
 
-// Adds Σ w J Jᵀ and Σ w J S of a pixel at p from the centre, over the length that scales a and b; `share` is what it
-// counts for.
-void add_pixel(inout Sums sums, Products n, vec4 g, float energy, vec2 p, float share) {
-    vec2 turned = vec2(-p.y, p.x);
-    mat2 by_place = mat2(n.x.x, n.x.y, n.x.y, n.y.x);
-    vec2 a = by_place * p, b = by_place * turned;
-    vec2 gain = vec2(n.x.z, n.y.y), offset = vec2(n.x.w, n.y.z);
-    sums.n00 += vec4(dot(p, a), dot(turned, a), a);
-    sums.n04 += vec4(dot(p, gain), dot(p, offset), dot(turned, b), b.x);
-    sums.n13 += vec4(b.y, dot(turned, gain), dot(turned, offset), n.x.x);
-    sums.n23 += vec4(n.x.yzw, n.y.x);
-    sums.n34 += vec4(n.y.yz, n.gain);
-    sums.n55 += vec4(n.offset, dot(p, g.xy), dot(turned, g.xy), g.x);
-    sums.g3 += vec4(g.yzw, energy);
-    sums.valid.x += share;
+// Adds w J Jᵀ and w J S of a pixel at p from the centre, over the length that scales places; `share` is what it counts for.
+void add_pixel(inout Sums sums, vec3 n, vec2 g, float energy, vec2 p, float share) {
+    vec3 nx = p.x * n, ny = p.y * n, nxx = p.x * nx, nxy = p.x * ny, nyy = p.y * ny;
+    vec2 gx = p.x * g, gy = p.y * g;
+    sums.n1 += n;
+    sums.nx += nx;
+    sums.ny += ny;
+    sums.nxx += nxx;
+    sums.nxy += nxy;
+    sums.nyy += nyy;
+    sums.g1 += g;
+    sums.gx += gx;
+    sums.gy += gy;
+    sums.energy += energy;
+    sums.valid += share;
+    if (!PROJECTIVE) return;
+    vec3 nxxx = p.x * nxx, nxxy = p.y * nxx, nxyy = p.x * nyy, nyyy = p.y * nyy;
+    sums.nxxx += nxxx;
+    sums.nxxy += nxxy;
+    sums.nxyy += nxyy;
+    sums.nyyy += nyyy;
+    sums.nxxxx += p.x * nxxx;
+    sums.nxxxy += p.y * nxxx;
+    sums.nxxyy += p.x * nxyy;
+    sums.nxyyy += p.x * nyyy;
+    sums.nyyyy += p.y * nyyy;
+    sums.gxx += p.x * gx;
+    sums.gxy += p.x * gy;
+    sums.gyy += p.y * gy;
 }
 
-shared vec4 by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMS / 4];
+shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMS];
 
-void reduce(int n, vec4 sums) {
-    vec4 sum = subgroupAdd(sums);
-    if (subgroupElect()) by_subgroup[gl_SubgroupID][n] = sum;
+void reduce(int place, vec3 sums) {
+    vec3 sum = subgroupAdd(sums);
+    if (!subgroupElect()) return;
+    for (int c = 0; c < 3; c++) by_subgroup[gl_SubgroupID][place + c] = sum[c];
+}
+
+void reduce(int place, vec2 sums) {
+    vec2 sum = subgroupAdd(sums);
+    if (!subgroupElect()) return;
+    for (int c = 0; c < 2; c++) by_subgroup[gl_SubgroupID][place + c] = sum[c];
 }
 
 // The workgroup's sum n in invocation n < SUMS; zero in the others.
 float workgroup_sum(Sums sums) {
-    reduce(0, sums.n00);
-    reduce(1, sums.n04);
-    reduce(2, sums.n13);
-    reduce(3, sums.n23);
-    reduce(4, sums.n34);
-    reduce(5, sums.n55);
-    reduce(6, sums.g3);
-    reduce(7, sums.valid);
+    reduce(0, sums.n1);
+    reduce(3, sums.nx);
+    reduce(6, sums.ny);
+    reduce(9, sums.nxx);
+    reduce(12, sums.nxy);
+    reduce(15, sums.nyy);
+    reduce(GRADIENT, sums.g1);
+    reduce(GRADIENT + 2, sums.gx);
+    reduce(GRADIENT + 4, sums.gy);
+    if (PROJECTIVE) {
+        reduce(18, sums.nxxx);
+        reduce(21, sums.nxxy);
+        reduce(24, sums.nxyy);
+        reduce(27, sums.nyyy);
+        reduce(30, sums.nxxxx);
+        reduce(33, sums.nxxxy);
+        reduce(36, sums.nxxyy);
+        reduce(39, sums.nxyyy);
+        reduce(42, sums.nyyyy);
+        reduce(GRADIENT + 6, sums.gxx);
+        reduce(GRADIENT + 8, sums.gxy);
+        reduce(GRADIENT + 10, sums.gyy);
+    }
+    reduce(ENERGY, vec2(sums.energy, sums.valid));
     barrier();
     uint n = gl_LocalInvocationIndex;
     float sum = 0.0;
-    if (n >= SUMS) return sum;
-    for (uint group = 0; group < gl_NumSubgroups; group++) sum += by_subgroup[group][n / 4][n % 4];
+    if (n > VALID) return sum;
+    for (uint group = 0; group < gl_NumSubgroups; group++) sum += by_subgroup[group][n];
     return sum;
 }

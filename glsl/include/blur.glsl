@@ -14,7 +14,7 @@ struct Blur {
     vec2 mean;                       // of the kernel at V = 1
 };
 
-// What a pixel sees: I1, J and its gradient before gain and offset, and both images blurred.
+// What a pixel sees: I1, J and its gradient before gain and offset, and both images blurred. Gradients are by I1's pixels.
 struct Seen {
     float i1;
     Blurred j;
@@ -22,9 +22,9 @@ struct Seen {
 };
 
 // Where the mean of the kernel lies at V, and its derivative by V, in I1's pixels. The kernel turns with the sensor that
-// it blurs, which is I2's for V > 0.
-mat2 mean_at(vec2 mean, Registration r, float v, float scale) {
-    vec2 turn = vec2(1.0 + r.a, r.b) / scale;
+// it blurs, which is I2's for V > 0: by the rotation nearest to T's Jacobian.
+mat2 mean_at(vec2 mean, mat2 linear, float v) {
+    vec2 turn = normalize(vec2(linear[0][0] + linear[1][1], linear[0][1] - linear[1][0]));
     if (v > 0.0) mean = vec2(turn.x * mean.x + turn.y * mean.y, turn.x * mean.y - turn.y * mean.x);
     float root = sqrt(max(abs(v), LEAST_ROOT));
     return mat2(v / root * mean, (abs(v) > LEAST_ROOT ? 0.5 : 1.0) / root * mean);
@@ -37,8 +37,7 @@ Blurred beyond(float value, vec2 gradient, float slope, float v) {
 
 // Of any kernel, and stacks of I1 and I2 as they are: I2 is read where T and the kernel's mean take the pixel.
 Seen blur_apart(Blur b, Registration r, ivec2 x, float v, vec2 d, float scale, float i1) {
-    mat2 mean = mean_at(b.mean, r, v, scale);
-    mat2 linear = mat2(1.0 + r.a, r.b, -r.b, 1.0 + r.a);
+    mat2 linear = jacobian(r), mean = mean_at(b.mean, linear, v);
     ivec2 i, i1_at, i2_at;
     vec2 f, f1, f2;
     place(x, d, b.size, i, f);
@@ -47,7 +46,7 @@ Seen blur_apart(Blur b, Registration r, ivec2 x, float v, vec2 d, float scale, f
     Jet jet = spline_at(2, 0, b.size, i, f);
     Seen seen;
     seen.i1 = i1;
-    seen.j = Blurred(jet.value, 0.0, jet.gradient);
+    seen.j = Blurred(jet.value, 0.0, jet.gradient * linear);
     if (v >= 0.0) {
         seen.b1 = stack_at(1, b.nodes, b.size, v, i1_at, f1);
         Blurred node = node_at(2, 0, b.size, i2_at, f2);
@@ -59,7 +58,8 @@ Seen blur_apart(Blur b, Registration r, ivec2 x, float v, vec2 d, float scale, f
         seen.b2.slope *= -scale * scale;
     }
     seen.b1.slope -= dot(seen.b1.gradient, mean[1]);
-    seen.b2.slope += dot(seen.b2.gradient, linear * mean[1]);
+    seen.b2.gradient = seen.b2.gradient * linear;
+    seen.b2.slope += dot(seen.b2.gradient, mean[1]);
     return seen;
 }
 

@@ -11,9 +11,12 @@ struct LevelState {
     uint settled;      // the level does nothing any more
 };
 
+// T p = (M p + t) / (1 + g·p), p from the image centre, in pixels of the full-size image; M less the identity, so that a T that
+// moves nothing is zeros.
 struct Registration {
-    float a, b;        // s cos θ - 1, s sin θ
-    float tx, ty;      // pixels of the full-size image
+    float xx, xy, yx, yy;          // M - 1, by lines
+    float tx, ty;
+    float gx, gy;                  // 1/px
     float gain, offset;
 };
 
@@ -25,24 +28,55 @@ struct State {
     LevelState levels[MAX_LEVELS];
 };
 
+// Beyond the horizon, where 1 + g·p falls to zero, T has no image. A pixel near it or beyond lands far outside.
+const float HORIZON = 0.1;
+
 // T x - x on a level whose pixels are `factor` wide and whose centre is `centre`: T x itself has steps of 2.4e-4 px at
 // x = 4000 in single precision.
 vec2 displacement(Registration r, ivec2 x, float factor, vec2 centre) {
     vec2 p = vec2(x) - centre;
-    return vec2(r.tx, r.ty) / factor + vec2(r.a * p.x - r.b * p.y, r.b * p.x + r.a * p.y);
+    float depth = factor * (r.gx * p.x + r.gy * p.y);
+    vec2 d = vec2(r.tx, r.ty) / factor + vec2(r.xx * p.x + r.xy * p.y, r.yx * p.x + r.yy * p.y);
+    return (d - depth * p) / max(1.0 + depth, HORIZON);
+}
+
+mat3 matrix(Registration r) {
+    return mat3(1.0 + r.xx, r.yx, r.gx, r.xy, 1.0 + r.yy, r.gy, r.tx, r.ty, 1.0);
+}
+
+// T of a matrix less the identity.
+Registration from_excess(mat3 e) {
+    float k = e[2][2], over = 1.0 / (1.0 + k);
+    return Registration(over * (e[0][0] - k), over * e[1][0], over * e[0][1], over * (e[1][1] - k),
+                        over * e[2][0], over * e[2][1], over * e[0][2], over * e[1][2], 0.0, 0.0);
+}
+
+// A matrix less the identity.
+mat3 excess(Registration r) {
+    return mat3(r.xx, r.yx, r.gx, r.xy, r.yy, r.gy, r.tx, r.ty, 0.0);
+}
+
+// T after a small step, both of which keep their digits.
+Registration after(Registration r, Registration step) {
+    Registration both = from_excess(excess(r) + matrix(r) * excess(step));
+    both.gain = r.gain;
+    both.offset = r.offset;
+    return both;
 }
 
 // What T has done since an earlier T0: the registration whose displacement d has T x = T0 (x + d), in I1's pixels.
 Registration moved_since(Registration before, Registration r) {
-    vec2 w = vec2(1.0 + before.a, before.b);
-    mat2 back = mat2(w.x, -w.y, w.y, w.x) / dot(w, w);
-    vec2 ab = back * vec2(r.a - before.a, r.b - before.b), t = back * vec2(r.tx - before.tx, r.ty - before.ty);
-    return Registration(ab.x, ab.y, t.x, t.y, 0.0, 0.0);
+    return from_excess(inverse(matrix(before)) * (excess(r) - excess(before)));
 }
 
-// s
+// What T does to what is small, at the image centre: M - t gᵀ.
+mat2 jacobian(Registration r) {
+    return mat2(1.0 + r.xx - r.tx * r.gx, r.yx - r.ty * r.gx, r.xy - r.tx * r.gy, 1.0 + r.yy - r.ty * r.gy);
+}
+
+// s, the root of what T does to areas at the centre.
 float scale_of(Registration r) {
-    return sqrt((1.0 + r.a) * (1.0 + r.a) + r.b * r.b);
+    return sqrt(abs(determinant(jacobian(r))));
 }
 
 // T x as a pixel and a fraction, not further out than a spline can be read.

@@ -1,7 +1,7 @@
 //! A photograph or a field on the pixels of another.
 
 use crate::base::color::stored;
-use crate::base::{Decode, Frame, Photometric, Similarity, centre};
+use crate::base::{Decode, Frame, Homography, Photometric, centre};
 
 /// Interleaved values of so many channels, row-major.
 #[derive(Clone, Copy)]
@@ -70,7 +70,7 @@ pub(crate) enum Interpolation {
 /// What a image holds where T takes the pixels of an image of `size`; NaN where that is outside.
 pub(crate) fn onto(
     image: &Interleaved<'_>,
-    t: &Similarity,
+    t: &Homography,
     [width, height]: [usize; 2],
     by: Interpolation,
 ) -> Vec<f32> {
@@ -92,7 +92,7 @@ pub(crate) fn onto(
 
 /// A photograph on the pixels of I1: what it holds where T takes them, of its own format; black where that is outside.
 /// Gain and offset are those of intensities decoded so.
-pub fn registered(frame: &Frame, transform: &Similarity, photometric: &Photometric, decode: Decode) -> Frame {
+pub fn registered(frame: &Frame, transform: &Homography, photometric: &Photometric, decode: Decode) -> Frame {
     let (width, height, channels) = (frame.width() as usize, frame.height() as usize, frame.format().channels);
     let values = frame.intensities(decode);
     let image = Interleaved { width, height, channels: channels.count() as usize, values: &values };
@@ -127,6 +127,7 @@ pub(crate) fn in_rows<T: Send>(values: &mut [T], row: usize, fill: impl Fn(usize
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::Similarity;
 
     #[test]
     fn a_parabola_is_followed_and_a_plane_under_any_similarity() {
@@ -134,13 +135,13 @@ mod tests {
         let of = |x: f64, y: f64| 0.2 + 0.01 * x - 0.02 * y + 1e-3 * x * x;
         let values: Vec<f32> = (0..width * height).map(|i| of((i % width) as f64, (i / width) as f64) as f32).collect();
         let image = Interleaved { width, height, channels: 1, values: &values };
-        let t = Similarity::new(1.3, -0.6, 2.0, 0.9);
+        let t = Homography::from(Similarity::new(1.3, -0.6, 2.0, 0.9));
         let found = onto(&image, &t, [width, height], Interpolation::Cubic);
         for (x, y) in [(8usize, 7usize), (15, 11), (20, 15)] {
             let [px, py] = t.apply([x as f64, y as f64], centre(31, 23));
             assert!((f64::from(found[y * width + x]) - of(px, py)).abs() < 1e-6);
         }
-        let away = onto(&image, &Similarity::new(100.0, 0.0, 0.0, 1.0), [width, height], Interpolation::Cubic);
+        let away = onto(&image, &Similarity::new(100.0, 0.0, 0.0, 1.0).into(), [width, height], Interpolation::Cubic);
         assert!(away.iter().all(|v| v.is_nan()));
     }
 
@@ -148,7 +149,7 @@ mod tests {
     fn exposure_is_taken_over_in_intensities() {
         let exposed = |byte: u8, gain: f64, offset: f64, decode: Decode| {
             let frame = Frame::new(2, 2, crate::base::Channels::Gray, crate::base::Samples::U8(vec![byte; 4])).unwrap();
-            registered(&frame, &Similarity::IDENTITY, &Photometric { gain, offset }, decode).bytes()[0]
+            registered(&frame, &Homography::IDENTITY, &Photometric { gain, offset }, decode).bytes()[0]
         };
         assert_eq!(exposed(50, 2.0, 0.1, Decode::None), 126);
         assert_eq!(exposed(200, 2.0, 0.0, Decode::None), 255);
@@ -162,9 +163,9 @@ mod tests {
         let mut values = vec![1.0; 35];
         values[17] = f32::NAN;
         let image = Interleaved { width: 7, height: 5, channels: 1, values: &values };
-        let same = onto(&image, &Similarity::IDENTITY, [7, 5], Interpolation::Linear);
+        let same = onto(&image, &Homography::IDENTITY, [7, 5], Interpolation::Linear);
         assert!(same.iter().enumerate().all(|(i, v)| v.is_nan() == (i == 17)), "{same:?}");
-        let moved = onto(&image, &Similarity::new(0.5, 0.0, 0.0, 1.0), [7, 5], Interpolation::Linear);
+        let moved = onto(&image, &Similarity::new(0.5, 0.0, 0.0, 1.0).into(), [7, 5], Interpolation::Linear);
         let holes: Vec<usize> = (0..35).filter(|&i| moved[i].is_nan() && i % 7 < 6).collect();
         assert_eq!(holes, [16, 17]);
     }

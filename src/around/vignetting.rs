@@ -3,7 +3,7 @@
 use crate::around::resample::{Interleaved, Interpolation, in_rows, onto};
 use crate::around::smooth_field::{Known, SmoothField, covers};
 use crate::base::color::{self, LUMINANCE};
-use crate::base::{Decode, Error, Frame, Mask, Method, Settings, Similarity, centre};
+use crate::base::{Decode, Error, Frame, Homography, Mask, Method, Settings, centre};
 use crate::engine::same_size;
 use crate::engine::{Engine, Solver};
 
@@ -30,7 +30,7 @@ pub struct GainField {
     size: [u32; 2],
     /// Logarithm of the gain.
     field: SmoothField,
-    transform: Similarity,
+    transform: Homography,
     warnings: Vec<String>,
 }
 
@@ -144,12 +144,11 @@ fn registered(
     factor: u32,
     size: [u32; 2],
     mask: Mask,
-) -> Result<(Similarity, Similarity, Vec<String>), Error> {
+) -> Result<(Homography, Homography, Vec<String>), Error> {
     let f = f64::from(factor);
     // The centre of the averaged photograph in full-size pixels: sides need not be multiples of the factor.
     let averaged_centre = centre(factor * a.width(), factor * a.height());
     let full_centre = centre(size[0], size[1]);
-    let scaled = |t: Similarity, by: f64| Similarity { tx: t.tx * by, ty: t.ty * by, ..t };
     let small = Settings {
         method: if settings.method == Method::Sift { Method::Unified } else { settings.method },
         levels: None,
@@ -157,17 +156,17 @@ fn registered(
         decode: Decode::None,
         black_level: None,
         white_level: None,
-        start: scaled(settings.start.about(full_centre, averaged_centre), 1.0 / f),
+        start: settings.start.about(full_centre, averaged_centre).scaled(1.0 / f),
         ..settings.clone()
     };
     let mut solver = Solver::for_pair(engine, a, b, &small)?;
     solver.set_mask(Some(mask))?;
     let found = solver.register(a, b)?;
-    Ok((found.transform, scaled(found.transform, f).about(averaged_centre, full_centre), found.warnings))
+    Ok((found.transform, found.transform.scaled(f).about(averaged_centre, full_centre), found.warnings))
 }
 
 /// Logarithms of what I1 is over J, by cells all of whose pixels count, at places in full-size pixels.
-fn cells([a, b]: [&Frame; 2], counting: [&Frame; 2], transform: &Similarity, factor: u32) -> Vec<Known> {
+fn cells([a, b]: [&Frame; 2], counting: [&Frame; 2], transform: &Homography, factor: u32) -> Vec<Known> {
     let (width, height) = (a.width() as usize, a.height() as usize);
     let moved = |frame: &Frame| {
         let values = frame.intensities(Decode::None);

@@ -1,7 +1,7 @@
 //! Everything that a solve can be told, with defaults and checked ranges.
 
 use crate::base::color::Decode;
-use crate::base::{Depth, Error, Kernel, Similarity};
+use crate::base::{Depth, Error, Homography, Kernel};
 
 /// Which of the systems of the paper runs: registration and relative blur together, or one before the other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -30,7 +30,47 @@ impl Method {
     }
 }
 
-/// How T, gain and offset step once an outer iteration.
+/// What T may be: each of these is a special case of the next.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+pub enum Motion {
+    /// A shift along x and y.
+    Translation,
+    /// Besides, rotation and scale: what refocusing and a hand or a stage do in the plane of the image.
+    #[default]
+    Similarity,
+    /// Besides, stretch and shear.
+    Affine,
+    /// Besides, perspective: a camera that turned, or a plane that was tilted.
+    Homography,
+}
+
+impl Motion {
+    /// All of them, the simplest first.
+    pub const ALL: [Self; 4] = [Motion::Translation, Motion::Similarity, Motion::Affine, Motion::Homography];
+
+    /// Its numbers.
+    pub fn unknowns(self) -> usize {
+        match self {
+            Motion::Translation => 2,
+            Motion::Similarity => 4,
+            Motion::Affine => 6,
+            Motion::Homography => 8,
+        }
+    }
+
+    /// "translation", "similarity", "affine" or "homography".
+    pub fn name(self) -> &'static str {
+        match self {
+            Motion::Translation => "translation",
+            Motion::Similarity => "similarity",
+            Motion::Affine => "affine",
+            Motion::Homography => "homography",
+        }
+    }
+}
+
+/// How T steps once an outer iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum RegistrationStep {
@@ -95,9 +135,11 @@ pub struct Settings {
     pub largest_step: f64,
     /// Shape of the blur. Default a Gaussian.
     pub kernel: Kernel,
-    /// How T, gain and offset step. Default Gauss-Newton.
+    /// What T may be, beyond where it starts. SIFT finds a similarity at most. Default a similarity.
+    pub motion: Motion,
+    /// How T steps. Default Gauss-Newton.
     pub registration: RegistrationStep,
-    /// Whether gain and offset are solved for. Default true.
+    /// Whether gain and offset are matched. Default true.
     pub photometric: bool,
     /// How stored values become intensities. Default as stored.
     pub decode: Decode,
@@ -108,7 +150,7 @@ pub struct Settings {
     /// nothing of floats. A pixel one of whose channels is has no weight. Default `None`.
     pub white_level: Option<f64>,
     /// Where T starts (and stays, when the method is aligned).
-    pub start: Similarity,
+    pub start: Homography,
     /// Where gain and offset start (and stay, when `photometric` is false).
     pub start_photometric: Photometric,
 }
@@ -129,12 +171,13 @@ impl Default for Settings {
             max_relative_blur: 144.0,
             largest_step: 1.0,
             kernel: Kernel::Gaussian,
+            motion: Motion::Similarity,
             registration: RegistrationStep::GaussNewton,
             photometric: true,
             decode: Decode::None,
             black_level: None,
             white_level: None,
-            start: Similarity::IDENTITY,
+            start: Homography::IDENTITY,
             start_photometric: Photometric::IDENTITY,
         }
     }
@@ -188,10 +231,13 @@ impl Settings {
         range("largest step", self.largest_step, 0.01, 100.0)?;
         range("black level", self.black_level.unwrap_or(0.0), -1e6, 1e6)?;
         range("white level", self.white_level.unwrap_or(0.0), -1e6, 1e6)?;
-        range("start translation x", self.start.tx, -1e5, 1e5)?;
-        range("start translation y", self.start.ty, -1e5, 1e5)?;
-        range("start rotation", self.start.rotation, -7.0, 7.0)?;
-        range("start scale", self.start.scale, 0.1, 10.0)?;
+        let ([tx, ty], [gx, gy]) = (self.start.translation(), self.start.perspective());
+        range("start translation x", tx, -1e5, 1e5)?;
+        range("start translation y", ty, -1e5, 1e5)?;
+        range("start scale", self.start.scale(), 0.1, 10.0)?;
+        // The horizon 10 px from the centre: what is meant are pixels, not shares of the image.
+        range("start perspective along x", gx, -0.1, 0.1)?;
+        range("start perspective along y", gy, -0.1, 0.1)?;
         range("start gain", self.start_photometric.gain, 1e-3, 1e3)?;
         range("start offset", self.start_photometric.offset, -1e3, 1e3)
     }

@@ -25,6 +25,32 @@ impl From<base::Similarity> for Similarity {
     }
 }
 
+/// A homography in a file: what it does at the centre, and the matrix unless that is all.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Homography {
+    #[serde(flatten)]
+    at_centre: Similarity,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    matrix: Option<[[f64; 3]; 3]>,
+}
+
+impl TryFrom<Homography> for base::Homography {
+    type Error = &'static str;
+
+    fn try_from(t: Homography) -> Result<Self, Self::Error> {
+        let Some(matrix) = t.matrix else { return Ok(base::Similarity::from(t.at_centre).into()) };
+        Self::from_matrix(matrix)
+            .ok_or("the matrix has no inverse, or mirrors: it must be [[M, t], [g, 1]] of what maps I1 to I2")
+    }
+}
+
+impl From<base::Homography> for Homography {
+    fn from(t: base::Homography) -> Self {
+        let (at_centre, matrix) = (t.at_centre().into(), t.similarity().is_none().then(|| t.matrix()));
+        Self { at_centre, matrix }
+    }
+}
+
 /// κ of a lens in a file that does not state it.
 pub(super) fn disk() -> f64 {
     Lens::DISK

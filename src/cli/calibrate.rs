@@ -108,7 +108,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::Failed(format!("{}: {problem}", arguments.of.results.display())));
     }
     let blur = Values { width: solved.width, values: &solved.relative_blur };
-    let found = calibrate(&lens, solved.transform.scale, &blur, &solved.confidence, &target, &unknowns)?;
+    let found = calibrate(&lens, solved.transform.scale(), &blur, &solved.confidence, &target, &unknowns)?;
     if let Some(file) = &arguments.output {
         export::write_json(arguments.of.force.to(file), FileKind::Lens, &found)?;
     }

@@ -153,14 +153,14 @@ mod tests {
     #[test]
     fn a_transform_is_a_start_and_hold_keeps_it() {
         let start = with_file(&[], &with_exposure());
-        assert_eq!((start.method, start.photometric, start.start.tx), (Method::Unified, true, 3.0));
+        assert_eq!((start.method, start.photometric, start.start.translation()[0]), (Method::Unified, true, 3.0));
         assert_eq!(start.start_photometric.gain, 1.2);
         let held = with_file(&["--hold"], &with_exposure());
-        assert_eq!((held.method, held.photometric, held.start.ty), (Method::Aligned, false, 4.0));
+        assert_eq!((held.method, held.photometric, held.start.translation()[1]), (Method::Aligned, false, 4.0));
         let exposure_not_stated = with_file(&["--hold"], T);
         assert_eq!((exposure_not_stated.method, exposure_not_stated.photometric), (Method::Aligned, true));
         let aligned = with_file(&["--method", "aligned"], &with_exposure());
-        assert_eq!((aligned.method, aligned.photometric, aligned.start.tx), (Method::Aligned, true, 3.0));
+        assert_eq!((aligned.method, aligned.photometric, aligned.start.translation()[0]), (Method::Aligned, true, 3.0));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::path::Path;
 use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{DeviceReport, Palette, RegistrationReport, Report, TimingsReport};
 use parfocal::image_io::Input;
-use parfocal::{Decode, Method, Photometric, Progress, Similarity};
+use parfocal::{Decode, Homography, Method, Photometric, Progress};
 
 use super::{depth, measure};
 
@@ -65,13 +65,13 @@ fn lines(rows: &[Row]) -> String {
     rows.iter().map(|(label, value)| format!("{label:<14} {value}")).collect::<Vec<_>>().join("\n")
 }
 
-fn found(device: &DeviceReport, method: Method, levels: usize, t: &Similarity, p: &Photometric) -> Vec<Row> {
+fn found(device: &DeviceReport, method: Method, levels: usize, t: &Homography, p: &Photometric) -> Vec<Row> {
     let registration = format!(
         "{:+.3} px right, {:+.3} px down, rotation {:+.4}°, scale {:.5}",
-        t.tx,
-        t.ty,
+        t.translation()[0],
+        t.translation()[1],
         t.rotation_deg(),
-        t.scale
+        t.scale()
     );
     vec![
         ("device", format!("{} ({})", device.name, device.driver)),
@@ -157,7 +157,7 @@ mod tests {
             confidence: vec![0.0; 2],
             fused_channels: Channels::Gray,
             fused: vec![0.0; 2],
-            transform: Similarity::new(1.25, -0.5, 0.15, 1.01),
+            transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
             photometric: Photometric { gain: 1.02, offset: -0.01 },
             levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5] }],
             converged: false,

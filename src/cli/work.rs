@@ -137,7 +137,7 @@ impl<'a> Found<'a> {
     fn of(request: &Request, photographs: &'a Photographs, solution: &'a Solution) -> Result<Self, Failure> {
         let (width, blur, uncertainty) = (solution.width, &solution.relative_blur, &solution.uncertainty);
         let limit = photographs.settings.max_relative_blur;
-        let through = |lens| MetricDepth::new(lens, solution.transform.scale, limit, width, blur, uncertainty);
+        let through = |lens| MetricDepth::new(lens, solution.transform.scale(), limit, width, blur, uncertainty);
         let metric = photographs.lens.as_ref().map(through);
         Ok(Self {
             photographs,

@@ -8,7 +8,7 @@ use super::slot::Slot;
 use super::stages::Field;
 use super::stages::memory::Memory;
 use super::stages::state::{DoubleState, Registration};
-use crate::base::{Error, Frame, Mask, Method, Photometric, Settings, Similarity};
+use crate::base::{Error, Frame, Homography, Mask, Method, Photometric, Settings};
 
 /// What the reference finds.
 pub struct Reference {
@@ -21,7 +21,7 @@ pub struct Reference {
     /// Pseudo-radiance, a field for each channel.
     pub fused: Vec<Field>,
     /// T.
-    pub transform: Similarity,
+    pub transform: Homography,
     /// Gain and offset.
     pub photometric: Photometric,
     /// Energy by level, coarse to fine, and outer iteration.
@@ -46,7 +46,7 @@ pub fn solve_masked(i1: &Frame, i2: &Frame, settings: &Settings, mask: Option<&M
     if settings.method == Method::Sift {
         return Err(Error::NoKeyPoints);
     }
-    let start = Registration::new(&settings.start, &settings.start_photometric);
+    let start = Registration::new(settings.start, &settings.start_photometric);
     let mut memory = Memory::new([i1, i2], mask, DoubleState::new(start));
     // With masks, so that clipped pixels are found without being looked for first.
     let script = compose(&plan, true);
@@ -92,7 +92,7 @@ fn found(plan: &Plan, mut memory: Memory) -> Reference {
         uncertainty,
         residual,
         fused: (0..plan.fused_channels().count()).map(|_| next()).collect(),
-        transform: state.registration.transform(),
+        transform: state.registration.transform,
         photometric: state.registration.photometric(),
         energies,
     }

@@ -1,6 +1,6 @@
 //! What a registration alone gives back.
 
-use crate::base::{Photometric, Similarity};
+use crate::base::{Homography, Photometric};
 use crate::engine::solution::{self, LevelHistory, Timings};
 use crate::engine::stages::state::State;
 
@@ -12,7 +12,7 @@ pub struct Registered {
     /// Rows.
     pub height: u32,
     /// T, for full-size pixels.
-    pub transform: Similarity,
+    pub transform: Homography,
     /// Gain and offset of I2. Where the method does not solve for them, the match of mean and deviation at low pass.
     pub photometric: Photometric,
     /// Coarse to fine; no energies where the method has no iterations.

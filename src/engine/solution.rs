@@ -1,6 +1,6 @@
 //! What a solve gives back.
 
-use crate::base::{Channels, Error, Mask, Photometric, Region, Settings, Similarity, centre};
+use crate::base::{Channels, Error, Homography, Mask, Photometric, Region, Settings, centre};
 use crate::engine::Registered;
 use crate::engine::stages::state::State;
 use crate::engine::stages::uncertainty::LARGEST;
@@ -32,7 +32,7 @@ pub struct Solution {
     /// where I2 does not reach.
     pub fused: Vec<f32>,
     /// T, for full-size pixels.
-    pub transform: Similarity,
+    pub transform: Homography,
     /// Gain and offset of I2.
     pub photometric: Photometric,
     /// Coarse to fine.
@@ -187,7 +187,9 @@ impl Solution {
 
 /// Whether the state holds numbers at all.
 pub(crate) fn numbers_doubt(state: &State) -> Option<String> {
-    let finite = [state.a, state.b, state.tx, state.ty, state.gain, state.offset].iter().all(|v| v.is_finite());
+    let single = state.registration;
+    let numbers = [&single.linear[..], &single.t, &single.g, &[single.gain, single.offset]].concat();
+    let finite = numbers.iter().all(|v| v.is_finite());
     (!finite).then(|| "the solve ran out of numbers: bring the images nearer to 0 to 1".to_string())
 }
 

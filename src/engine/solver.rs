@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use crate::base::{Channels, Error, Format, Frame, Mask, Method, Settings, Similarity};
+use crate::base::{Channels, Error, Format, Frame, Homography, Mask, Method, Settings};
 use crate::engine::plan::Plan;
 use crate::engine::profile::{Phases, Profile, Ran, SUBMIT_WAIT};
 use crate::engine::record::record;
@@ -150,13 +150,13 @@ impl Solver {
     }
 
     /// Where T starts: as the settings say, or, with the method SIFT, where key-points put it.
-    fn start(&self, frames: [&Frame; 2]) -> Result<Similarity, Error> {
+    fn start(&self, frames: [&Frame; 2]) -> Result<Homography, Error> {
         let settings = &self.plan.settings;
         if settings.method != Method::Sift {
             return Ok(settings.start);
         }
         let find = self.key_points.ok_or(Error::NoKeyPoints)?;
-        find(frames, settings.decode, self.mask.as_ref())
+        Ok(find(frames, settings.decode, self.mask.as_ref())?.into())
     }
 
     /// Prepares for pairs like this one.
@@ -238,7 +238,7 @@ impl Solver {
         }
         self.phases.end("upload");
         let settings = &self.plan.settings;
-        let start = Registration::new(&self.start(frames)?, &settings.start_photometric);
+        let start = Registration::new(self.start(frames)?, &settings.start_photometric);
         self.workspace.buffer(Slot::StartState).write(bytemuck::bytes_of(&State::new(&start)))?;
         self.choose(frames)?;
         self.phases.end("start");
@@ -323,7 +323,7 @@ impl Solver {
             residual: results.read(8 * pixels, pixels)?,
             fused_channels: channels,
             fused: interleave(&results.read::<f32>(12 * pixels, pixels * channels.count() as usize)?, channels),
-            transform: state.registration().transform(),
+            transform: state.registration().transform,
             photometric: state.registration().photometric(),
             levels: self.levels(&state, Slot::EndEnergies)?,
             converged: false,
@@ -352,7 +352,7 @@ impl Solver {
         let mut registered = Registered {
             width: self.plan.size[0],
             height: self.plan.size[1],
-            transform: state.registration().transform(),
+            transform: state.registration().transform,
             photometric: state.registration().photometric(),
             levels: self.levels(&state, Slot::RegisteredEnergies)?,
             converged: false,

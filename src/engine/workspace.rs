@@ -7,7 +7,7 @@ use super::arguments;
 use super::plan::Plan;
 use super::slot::Slot;
 use super::stages::state::State;
-use super::stages::sums::SUMS;
+use super::stages::sums::Layout;
 use super::stages::{convolve, evidence};
 use super::vulkan::{Buffer, Device, Image, Texel};
 use crate::base::Error;
@@ -76,11 +76,12 @@ fn buffers(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Buffe
     let energies = 4 * plan.solved as u64 * u64::from(plan.settings.outer_iterations);
     let arguments = (4 * arguments::WORDS * plan.solved) as u64;
     let state = size_of::<State>() as u64;
+    let row = 4 * Layout::of(true).length as u64;
     type Make = fn(&Arc<Device>, &str, u64) -> Result<Arc<Buffer>, Error>;
     let (on_device, up, down): (Make, Make, Make) = (Buffer::on_device, Buffer::for_upload, Buffer::for_readback);
     let mut wanted = vec![
         (Slot::State, state, on_device),
-        (Slot::Partials, 4 * SUMS as u64 * u64::from(partial_rows), on_device),
+        (Slot::Partials, row * u64::from(partial_rows), on_device),
         (Slot::Energies, energies, on_device),
         (Slot::Arguments, arguments, on_device),
         (Slot::StartState, state, up),
@@ -90,6 +91,7 @@ fn buffers(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Buffe
         (Slot::Mask, plan.mask_bytes(), up),
         (Slot::EndMaps, plan.result_bytes(), down),
         (Slot::Progress, state, down),
+        (Slot::Totals, row, down),
         (Slot::EndState, state, down),
         (Slot::EndEnergies, energies, down),
         (Slot::RegisteredState, state, down),

@@ -88,7 +88,7 @@ fn the_truth_can_be_solved_from_and_the_seed_decides() {
     let all = [&options[..], &moved].concat();
     desk.simulate("relief", &all);
     let (t, photometric) = export::read_transform(&desk.out("truth.json")).unwrap();
-    assert_eq!((t.tx, t.ty, t.scale), (-2.0, 0.5, 0.98));
+    assert_eq!((t.translation(), t.scale()), ([-2.0, 0.5], 0.98));
     assert!((t.rotation_deg() + 1.0).abs() < 1e-12);
     let p = photometric.unwrap();
     assert!((p.gain - 1.0 / 0.9).abs() < 1e-12 && (p.offset + 0.05 / 0.9).abs() < 1e-12);

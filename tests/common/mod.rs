@@ -7,7 +7,7 @@ use std::ops::Deref;
 use std::path::PathBuf;
 use std::sync::{Arc, LazyLock};
 
-use parfocal::{Engine, EngineOptions, Frame, Settings, Similarity, Solution, Solver, baseline, image_io};
+use parfocal::{Engine, EngineOptions, Frame, Homography, Settings, Solution, Solver, baseline, image_io};
 
 /// The engine of all tests of a program, each of which fails where it meets a validation message, its own or another's.
 pub struct TestEngine(Arc<Engine>);
@@ -92,11 +92,13 @@ pub fn blur_error(solution: &Solution, truth: impl Fn(usize, usize) -> f64) -> (
 
 /// Fails unless T is within these pixels (each axis), degrees and percents of the truth.
 #[track_caller]
-pub fn assert_transform(found: &Similarity, truth: &Similarity, [pixels, degrees, percent]: [f64; 3]) {
+pub fn assert_transform(found: &Homography, truth: impl Into<Homography>, [pixels, degrees, percent]: [f64; 3]) {
+    let truth = truth.into();
+    let ([x, y], [true_x, true_y]) = (found.translation(), truth.translation());
     let errors = [
-        (found.tx - truth.tx).abs().max((found.ty - truth.ty).abs()),
+        (x - true_x).abs().max((y - true_y).abs()),
         (found.rotation_deg() - truth.rotation_deg()).abs(),
-        100.0 * (found.scale - truth.scale).abs(),
+        100.0 * (found.scale() - truth.scale()).abs(),
     ];
     println!(
         "t {:.5} px (≤ {pixels}), θ {:.6}° (≤ {degrees}), s {:.6} % (≤ {percent})",

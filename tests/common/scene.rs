@@ -4,7 +4,7 @@
 
 use std::f64::consts::TAU;
 
-use parfocal::{Frame, Similarity, centre};
+use parfocal::{Frame, Homography, Similarity, centre};
 
 /// Random numbers, the same for the same seed (splitmix64).
 pub struct Random(pub u64);
@@ -65,13 +65,13 @@ impl Radiance {
 /// A pair: I1 blurred by v1(x), I2 by v2(x) with `I2(T x)` over I1(x), Gaussian noise added to both.
 pub fn pair(
     [width, height]: [u32; 2],
-    transform: &Similarity,
+    transform: impl Into<Homography>,
     blur: impl Fn([f64; 2]) -> [f64; 2],
     noise: f64,
     seed: u64,
 ) -> [Frame; 2] {
     let radiance = Radiance::new(seed);
-    let (back, c) = (transform.inverse(), centre(width, height));
+    let (back, c) = (transform.into().inverse(), centre(width, height));
     let mut random = Random(seed + 1000);
     [0, 1].map(|image| {
         let values = (0..height).flat_map(|y| (0..width).map(move |x| [f64::from(x), f64::from(y)]));

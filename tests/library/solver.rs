@@ -88,7 +88,7 @@ fn what_is_held_stays() {
     let [i1, i2] = small_pair();
     let engine = TestEngine::new();
     let start = Similarity::new(0.6, -0.4, 0.1, 1.004);
-    let aligned = Settings { method: Method::Aligned, start, ..Settings::default() };
+    let aligned = Settings { method: Method::Aligned, start: start.into(), ..Settings::default() };
     let solution = engine.solve([&i1, &i2], &aligned);
     assert!(solution.transform.corner_distance(&start, 97, 75) < 1e-5, "{:?}", solution.transform);
     assert_ne!(solution.photometric, Photometric::IDENTITY, "photometry is still solved for");
@@ -116,7 +116,10 @@ fn colours_and_bit_depths_mix() {
     let solution = TestEngine::new().solve([&colour(&i1), &grey], &Settings::default());
     assert_eq!(solution.fused_channels, Channels::Rgb);
     assert_eq!(solution.fused.len(), 97 * 75 * 3);
-    assert!((solution.transform.tx - 0.6).abs() < 0.05 && (solution.transform.ty + 0.4).abs() < 0.05);
+    assert!(
+        (solution.transform.translation()[0] - 0.6).abs() < 0.05
+            && (solution.transform.translation()[1] + 0.4).abs() < 0.05
+    );
     let both = TestEngine::new().solve([&colour(&i1), &colour(&i2)], &Settings::default());
     let [red, blue] = [0, 2].map(|c| both.fused.iter().skip(c).step_by(3).sum::<f32>());
     assert!((blue / red - 1.1 / 0.9).abs() < 0.01, "{}", blue / red);
@@ -127,9 +130,7 @@ fn doubtful(i1: &Frame, i2: &Frame, settings: &Settings, word: &str) {
     assert!(!solution.converged);
     assert!(solution.warnings.iter().any(|w| w.contains(word)), "{:?}", solution.warnings);
     assert!(
-        solution.transform.tx.is_finite()
-            && solution.transform.scale.is_finite()
-            && solution.photometric.gain.is_finite()
+        solution.transform.matrix().iter().flatten().all(|v| v.is_finite()) && solution.photometric.gain.is_finite()
     );
     assert!(solution.confidence.iter().all(|c| c.is_finite()) && solution.fused.iter().all(|c| c.is_finite()));
     let invalid = solution.relative_blur.iter().filter(|v| v.is_nan()).count();
@@ -145,8 +146,11 @@ fn pairs_that_cannot_be_solved_are_an_answer() {
     assert!(constant.confidence.iter().all(|c| *c == 0.0));
 
     let [i1, i2] = small_pair();
-    let away =
-        Settings { method: Method::Aligned, start: Similarity::new(500.0, 0.0, 0.0, 1.0), ..Settings::default() };
+    let away = Settings {
+        method: Method::Aligned,
+        start: Similarity::new(500.0, 0.0, 0.0, 1.0).into(),
+        ..Settings::default()
+    };
     let solution = TestEngine::new().solve([&i1, &i2], &away);
     assert!(solution.relative_blur.iter().all(|v| v.is_nan()) && solution.confidence.iter().all(|c| *c == 0.0));
     doubtful(&i1, &i2, &away, "overlap");
@@ -164,7 +168,7 @@ fn extreme_values_give_numbers() {
     for (a, b) in [(1.0, 1e4), (1e4, 1e-4), (-1.0, 1.0)] {
         let solution = TestEngine::new().solve([&checker(a), &checker(b)], &Settings::default());
         assert!(solution.fused.iter().all(|v| v.is_finite()), "{a} {b}");
-        assert!(solution.transform.tx.is_finite() && solution.photometric.gain.is_finite(), "{a} {b}");
+        assert!(solution.transform.scale().is_finite() && solution.photometric.gain.is_finite(), "{a} {b}");
     }
 }
 

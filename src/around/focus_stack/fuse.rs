@@ -1,11 +1,11 @@
 //! The all-in-focus image: each pixel from the frames focused nearest to where it is sharp.
 
 use crate::around::resample::{Interleaved, Interpolation, in_rows, onto};
-use crate::base::{Channels, Decode, Frame, Photometric, Similarity};
+use crate::base::{Channels, Decode, Frame, Homography, Photometric};
 
 /// Where the frames of a sweep lie.
 pub(super) struct Placed<'a> {
-    pub(super) transforms: &'a [Similarity],
+    pub(super) transforms: &'a [Homography],
     pub(super) photometric: &'a [Photometric],
     pub(super) positions: &'a [f64],
 }

@@ -12,7 +12,7 @@ mod position;
 use self::combine::Observation;
 pub use self::position::{Positions, SweepDepth};
 use crate::around::resample::{Interleaved, Interpolation, onto};
-use crate::base::{Channels, Decode, Error, Frame, Photometric, Settings, Similarity};
+use crate::base::{Channels, Decode, Error, Frame, Homography, Photometric, Settings};
 use crate::engine::{Engine, Solution, Solver};
 
 /// How a sweep is solved.
@@ -71,7 +71,7 @@ pub struct Sweep {
     /// What the frames are focused at, as stated.
     pub stated: Positions,
     /// Where each pixel of the reference lies in each frame.
-    pub transforms: Vec<Similarity>,
+    pub transforms: Vec<Homography>,
     /// What maps each frame's exposure to the reference's.
     pub photometric: Vec<Photometric>,
     /// c: by how many px² of variance blur grows with the squared distance from the focus, in settings.
@@ -186,9 +186,9 @@ fn check(frames: &[Frame], options: &SweepOptions) -> Result<(), Error> {
 }
 
 /// From the reference to each frame, by way of those between; exposures the other way.
-fn chained(steps: &[(Similarity, Photometric)], reference: usize) -> (Vec<Similarity>, Vec<Photometric>) {
+fn chained(steps: &[(Homography, Photometric)], reference: usize) -> (Vec<Homography>, Vec<Photometric>) {
     let frames = steps.len() + 1;
-    let (mut transforms, mut exposures) = (vec![Similarity::IDENTITY; frames], vec![Photometric::IDENTITY; frames]);
+    let (mut transforms, mut exposures) = (vec![Homography::IDENTITY; frames], vec![Photometric::IDENTITY; frames]);
     for k in reference..steps.len() {
         let (transform, inner) = steps[k];
         transforms[k + 1] = transform.after(&transforms[k]);
@@ -207,7 +207,7 @@ fn chained(steps: &[(Similarity, Photometric)], reference: usize) -> (Vec<Simila
 }
 
 /// A pair on the reference's pixels, in their px². What is at the limit of |V| is only a bound, and says nothing.
-fn observation(solution: &Solution, t: &Similarity, positions: [f64; 2], limit: f32) -> Observation {
+fn observation(solution: &Solution, t: &Homography, positions: [f64; 2], limit: f32) -> Observation {
     let size = [solution.width as usize, solution.height as usize];
     let below = |v: &f32| if v.abs() < 0.999 * limit { *v } else { f32::NAN };
     let relative_blur: Vec<f32> = solution.relative_blur.iter().map(below).collect();
@@ -215,7 +215,7 @@ fn observation(solution: &Solution, t: &Similarity, positions: [f64; 2], limit: 
         let image = Interleaved { width: size[0], height: size[1], channels: 1, values };
         onto(&image, t, size, Interpolation::Linear)
     };
-    let area = (t.scale * t.scale) as f32;
+    let area = t.scale().powi(2) as f32;
     let moved = on_reference(&relative_blur).into_iter().zip(on_reference(&solution.uncertainty));
     Observation { positions, measured: moved.map(|(v, deviation)| [v / area, deviation / area]).collect() }
 }
@@ -231,15 +231,17 @@ fn warnings(solutions: &[Solution]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::Similarity;
 
     #[test]
     fn transforms_and_exposures_are_chained_both_ways() {
         let (a, b) = (Similarity::new(1.0, 2.0, 0.3, 1.01), Similarity::new(-0.5, 1.0, -0.2, 0.98));
+        let (a, b) = (Homography::from(a), Homography::from(b));
         let steps = [(a, Photometric { gain: 1.1, offset: 0.02 }), (b, Photometric { gain: 0.9, offset: -0.01 })];
         let (transforms, exposures) = chained(&steps, 1);
-        let near = |t: &Similarity, e: &Similarity| assert!(t.corner_distance(e, 100, 80) < 1e-9);
+        let near = |t: &Homography, e: &Homography| assert!(t.corner_distance(e, 100, 80) < 1e-9);
         near(&transforms[0], &a.inverse());
-        near(&transforms[1], &Similarity::IDENTITY);
+        near(&transforms[1], &Homography::IDENTITY);
         near(&transforms[2], &b);
         // I0 = 1.1 I1 + 0.02, so I1's value 0.5 stands as 0.57 in I0 and comes back.
         assert!((exposures[0].gain * 0.57 + exposures[0].offset - 0.5).abs() < 1e-12);

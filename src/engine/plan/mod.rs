@@ -1,6 +1,6 @@
 //! Sizes before anything is allocated: levels, images, bytes, limits, and what each iteration is told.
 
-use crate::base::{Channels, Error, Format, Method, Photometric, Settings};
+use crate::base::{Channels, Error, Format, Method, Motion, Settings};
 use crate::engine::filter::{self, Filter};
 use crate::engine::stages::evidence;
 use crate::engine::stages::stack::{self, Slopes};
@@ -136,14 +136,14 @@ impl Plan {
         self.coarse_to_fine().filter(|_| self.solves_appearance())
     }
 
-    /// Whether gain and offset are solved for in iteration k of a level: on the finest, once its own V has begun.
-    pub(crate) fn solves_photometric(&self, level: &Level, k: u32) -> bool {
-        self.settings.photometric && level.index == 0 && k > 0
+    /// Whether gain and offset are matched at low pass before a level.
+    pub(crate) fn matches_exposure(&self) -> bool {
+        self.settings.photometric
     }
 
-    /// Whether gain and offset are matched at low pass before: not where a start other than equal exposures is given.
-    pub(crate) fn matches_exposure(&self) -> bool {
-        self.settings.photometric && self.settings.start_photometric == Photometric::IDENTITY
+    /// Whether T's step takes sums that tell of homographies.
+    pub(crate) fn projective(&self) -> bool {
+        self.settings.motion == Motion::Homography
     }
 
     /// Whether a level reads I2 on I1's pixels, where `warp` has brought it; only a Gaussian's blur has no mean to follow.

@@ -4,7 +4,7 @@ use super::{LOW_PASS, Level, MAP_LAYERS, Plan};
 use crate::base::RegistrationStep;
 use crate::engine::arguments;
 use crate::engine::stages::{
-    appearance, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual, step,
+    appearance, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual, step, totals,
     uncertainty, update, warp,
 };
 
@@ -164,9 +164,29 @@ impl Plan {
         }
     }
 
+    fn unknowns(&self) -> u32 {
+        self.settings.motion.unknowns() as u32
+    }
+
+    /// What `linearise` is told for the last sums, those that T's motion model is judged by.
+    pub(crate) fn judged(&self) -> linearise::Constants {
+        self.linearise(&self.pyramid[0], self.settings.outer_iterations)
+    }
+
+    /// What `totals` is told of them.
+    pub(crate) fn totals(&self) -> totals::Constants {
+        let [columns, rows, _] = self.pyramid[0].tiles();
+        totals::Constants { rows: columns * rows }
+    }
+
     /// What `step` is told after `appearance`, in iteration k of a level.
     pub(crate) fn appearance_step(&self, level: &Level, k: u32) -> step::Constants {
-        step::Constants { solve_transform: 1, may_settle: u32::from(k > 0), warp_count: 0, ..self.step(level, k) }
+        step::Constants {
+            unknowns: self.unknowns(),
+            may_settle: u32::from(k > 0),
+            warp_count: 0,
+            ..self.step(level, k)
+        }
     }
 
     /// What `step` is told in iteration k of a level.
@@ -179,8 +199,7 @@ impl Plan {
             energy_place: level.index as u32 * self.settings.outer_iterations + k,
             argument_place: words.place,
             argument_count: words.count,
-            solve_transform: u32::from(self.solves_transform()),
-            solve_photometric: u32::from(self.solves_photometric(level, k)),
+            unknowns: if self.solves_transform() { self.unknowns() } else { 0 },
             descend: u32::from(self.descends()),
             may_settle: u32::from(self.may_settle(level, k)),
             still: if level.index == 0 { STILL } else { STILL_ENOUGH },

@@ -9,7 +9,7 @@ use crate::engine::plan::{Level, MAP_LAYERS, Plan};
 use crate::engine::slot::{self, Slot};
 use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{
-    NO_VARIANT, appearance, exposure, ingest, linearise, mask, prolong, relax, relax_level, step, update,
+    NO_VARIANT, appearance, exposure, ingest, linearise, mask, prolong, relax, relax_level, step, sums, totals, update,
 };
 use crate::engine::vulkan::Variant;
 
@@ -59,6 +59,7 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     s.place = Place::level(0);
     s.exposure(&plan.pyramid[0], false);
     if plan.solves_transform() {
+        s.judge();
         s.bring_down_registration();
         registered = s.parts.len();
         s.next_part();
@@ -296,12 +297,29 @@ impl<'a> Composer<'a> {
             partials: slot::PARTIALS.write(),
             masks: slot::masks(level.index).read(),
         };
-        self.within(level, Over::Tiles, bindings, &self.plan.appearance(level), mask::weighing(self.masked));
+        let variant = [false, false, self.masked, self.plan.projective()];
+        self.within(level, Over::Tiles, bindings, &self.plan.appearance(level), variant);
     }
 
     /// S1, S2, D, b and the registration integrals: equations 22 to 32 and 23.
     fn linearise(&mut self, level: &Level, k: u32) {
-        let bindings = linearise::Bindings {
+        let variant =
+            linearise::variant(self.plan.slopes(), self.plan.warps(level), self.masked, self.plan.projective());
+        let constants = self.plan.linearise(level, k);
+        self.within(level, Over::Tiles, Self::linearised(level), &constants, variant);
+    }
+
+    /// The same at the end, with what all motion models take, added up for the host.
+    fn judge(&mut self) {
+        let level = &self.plan.pyramid[0];
+        let variant = linearise::variant(self.plan.slopes(), self.plan.warps(level), self.masked, true);
+        self.dispatch(Self::linearised(level), &self.plan.judged(), variant, Grid::Direct(level.tiles()));
+        let bindings = totals::Bindings { partials: slot::PARTIALS.read(), totals: slot::TOTALS.write() };
+        self.dispatch(bindings, &self.plan.totals(), sums::PROJECTIVE, Grid::Direct([1, 1, 1]));
+    }
+
+    fn linearised(level: &Level) -> linearise::Bindings {
+        linearise::Bindings {
             i1: slot::i1(level.index).read(),
             v: slot::relative_blur(level.index).read(),
             stacks: slot::STACKS.read(),
@@ -310,12 +328,10 @@ impl<'a> Composer<'a> {
             state: slot::STATE.read(),
             partials: slot::PARTIALS.write(),
             masks: slot::masks(level.index).read(),
-        };
-        let variant = linearise::variant(self.plan.slopes(), self.plan.warps(level), self.masked);
-        self.within(level, Over::Tiles, bindings, &self.plan.linearise(level, k), variant);
+        }
     }
 
-    /// T, gain, offset; settled?
+    /// T; settled?
     fn step(&mut self, level: &Level, constants: &step::Constants) {
         let bindings = step::Bindings {
             partials: slot::PARTIALS.read(),
@@ -324,7 +340,8 @@ impl<'a> Composer<'a> {
             arguments: slot::ARGUMENTS.write(),
             start_arguments: slot::START_ARGUMENTS.read(),
         };
-        self.within(level, Over::One, bindings, constants, NO_VARIANT);
+        let variant = if self.plan.projective() { sums::PROJECTIVE } else { NO_VARIANT };
+        self.within(level, Over::One, bindings, constants, variant);
         self.place = self.place.after_step();
     }
 

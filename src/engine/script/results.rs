@@ -22,7 +22,7 @@ impl Composer<'_> {
             evidence: slot::EVIDENCE.write(),
             state: slot::STATE.read(),
         };
-        let variant = linearise::variant(self.plan.slopes(), self.plan.warps(&self.plan.pyramid[0]), false);
+        let variant = linearise::variant(self.plan.slopes(), self.plan.warps(&self.plan.pyramid[0]), false, false);
         self.over(size, bindings, &self.plan.residual(), variant);
         for layer in 0..evidence::LAYERS as u32 {
             self.smooth((slot::EVIDENCE.plane(), layer), size);

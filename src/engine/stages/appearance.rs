@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! E(T) = ∫ ψ(S²) dx,  S = I1 - J,  J = g I2(T x) + o
-//! N = Σ w J Jᵀ,  g = Σ w J S,  w = ψ'(S²)
+//! N = Σ w j jᵀ,  g = Σ w j S,  j = ∂S/∂ζ,  w = ψ'(S²)
 //! ```
 //!
 //! Over all pixels that T keeps inside I2. The [step](super::step) is that of the unified method.
@@ -13,7 +13,7 @@ use super::mask::{self, Masks};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::state::{Registration, inside};
-use super::sums::{Sums, UNKNOWNS};
+use super::sums::{Layout, Sums};
 use super::{Field, linearise, pixels, spline};
 use crate::engine::vulkan::{Stage, Variant};
 
@@ -31,7 +31,7 @@ pub struct Constants {
     pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
-    /// L, which scales a and b to pixels: a quarter of the diagonal.
+    /// L, which places are stated over: a quarter of the diagonal.
     pub length: f32,
     /// η, intensities.
     pub eta: f32,
@@ -56,8 +56,8 @@ impl Pass for Bindings {
     const STAGE: &'static Stage = &STAGE;
 
     /// Bytes that must move: I1 and the spline of I2 read, a row of sums a workgroup written.
-    fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height])
+    fn bytes(c: &Constants, variant: Variant) -> u64 {
+        8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height], Layout::of_variant(variant))
     }
 
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
@@ -81,15 +81,14 @@ pub fn twin(c: &Constants, r: &Registration, i1: &Field, spline2: &Field, masks:
             let s = i1.get(x, y) - (r.gain * i2.value + r.offset);
             let psi = s.hypot(c.eta.into());
             let share = mask::counts(masks, [x, y], d);
-            let (px, py) = (x as f64 - f64::from(c.centre[0]), y as f64 - f64::from(c.centre[1]));
-            let (gx, gy, length) = (r.gain * i2.dx, r.gain * i2.dy, f64::from(c.length));
-            let by_unknown = [(gx * px + gy * py) / length, (gy * px - gx * py) / length, gx, gy, i2.value - 0.5, 1.0];
-            for i in 0..UNKNOWNS {
-                sums.gradient[i] -= share * by_unknown[i] * s / psi;
-                for j in 0..UNKNOWNS {
-                    sums.normal[i][j] += share * by_unknown[i] * by_unknown[j] / psi;
-                }
-            }
+            let [gx, gy] = r.in_first([i2.dx, i2.dy]).map(|d| r.gain * d);
+            let place = [x as f64 - f64::from(c.centre[0]), y as f64 - f64::from(c.centre[1])];
+            let w = share / psi;
+            sums.add(
+                [w * gx * gx, w * gx * gy, w * gy * gy],
+                [-w * gx * s, -w * gy * s],
+                place.map(|p| p / f64::from(c.length)),
+            );
             sums.energy += share * psi;
             sums.valid += share;
         }
@@ -102,9 +101,10 @@ mod tests {
     use super::super::harness::{Rig, random_field, smooth_field};
     use super::super::linearise::{rows, tiles};
     use super::super::state::State;
-    use super::super::sums::SUMS;
+    use super::super::step;
+    use super::super::sums::UNKNOWNS;
     use super::*;
-    use crate::base::{Kernel, Photometric, Similarity};
+    use crate::base::{Homography, Kernel, Photometric, Similarity};
     use crate::engine::stages::harness::build_stack;
     use crate::engine::vulkan::Resource;
 
@@ -120,14 +120,16 @@ mod tests {
         }
     }
 
-    fn check(i1: &Field, i2: &Field, transform: Similarity) {
-        check_masked(i1, i2, transform, None);
-        check_masked(i1, i2, transform, Some(&[7, 8].map(|seed| mask::shares(i1.width, i1.height, seed))));
+    fn check(i1: &Field, i2: &Field, transform: impl Into<Homography>) {
+        let (transform, masks) = (transform.into(), [7, 8].map(|seed| mask::shares(i1.width, i1.height, seed)));
+        check_masked(i1, i2, transform, None, true);
+        check_masked(i1, i2, transform, Some(&masks), false);
     }
 
-    fn check_masked(i1: &Field, i2: &Field, transform: Similarity, masks: Option<&Masks>) {
+    fn check_masked(i1: &Field, i2: &Field, transform: Homography, masks: Option<&Masks>, projective: bool) {
         let c = constants(i1.width, i1.height);
-        let registration = Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 });
+        let layout = Layout::of(projective);
+        let registration = Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 });
         let state = State::new(&registration);
         let spline = build_stack(i2, &Kernel::Gaussian, 1);
         let expected = twin(&c, &state.registration(), i1, &spline[0], masks);
@@ -138,7 +140,7 @@ mod tests {
         let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
         let groups = tiles([c.width, c.height]);
         let state = rig.upload(bytemuck::bytes_of(&state));
-        let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
+        let partials = rig.upload(&vec![0; 4 * layout.length * (groups[0] * groups[1]) as usize]);
         let resources = [
             Resource::Image(&images[0]),
             Resource::Image(&images[1]),
@@ -146,17 +148,17 @@ mod tests {
             Resource::Buffer(&partials),
             Resource::Image(&masks),
         ];
-        rig.run_variant(&STAGE, [false, false, masked], &resources, &c, groups);
-        let found = Sums::from_partials(&rig.floats(&partials));
+        rig.run_variant(&STAGE, [false, false, masked, projective], &resources, &c, groups);
+        let found = Sums::from_partials(&rig.floats(&partials), layout);
 
         // 1e-4 of the diagonal: single precision over the pixels of a workgroup, which may cancel off the diagonal.
         let close = |f: f64, e: f64, scale: f64| assert!((f - e).abs() <= 1e-4 * scale + 1e-6, "{f}, not {e}");
         close(found.energy, expected.energy, expected.energy);
         close(found.valid, expected.valid, expected.valid);
-        for i in 0..UNKNOWNS {
+        for i in 0..layout.unknowns {
             let diagonal = |j: usize| expected.normal[j][j];
             close(found.gradient[i], expected.gradient[i], (diagonal(i) * expected.energy).sqrt());
-            for j in 0..UNKNOWNS {
+            for j in 0..layout.unknowns {
                 close(found.normal[i][j], expected.normal[i][j], (diagonal(i) * diagonal(j)).sqrt());
             }
         }
@@ -171,6 +173,8 @@ mod tests {
                 check(&i1, &random_field(width, height, 4), transform);
             }
             check(&i1, &i2, Similarity::new(1e4, 0.0, 0.0, 1.0));
+            let steep = [[1.02, 0.01, 0.7], [-0.02, 0.99, -1.1], [1e-4, -2e-4, 1.0]];
+            check(&i1, &i2, Homography::from_matrix(steep).unwrap());
         }
     }
 
@@ -180,19 +184,16 @@ mod tests {
         let spline = build_stack(&i2, &Kernel::Gaussian, 1);
         // Kept well inside, so that every pixel is valid on both sides of the difference.
         let c = Constants { factor: 1.0, ..constants(60, 50) };
-        let start = Registration { a: -0.1, b: 0.03, t: [0.4, -0.3], gain: 1.1, offset: -0.05 };
+        let start = Registration::new(
+            Homography::from_matrix([[0.9, -0.03, 0.4], [0.03, 0.9, -0.3], [0.0, 0.0, 1.0]]).unwrap(),
+            &Photometric { gain: 1.1, offset: -0.05 },
+        );
         let gradient = twin(&c, &start, &i1, &spline[0], None).gradient;
-        let (step, length) = (1e-5, f64::from(c.length));
+        let step = 1e-5;
         let moved = |i: usize, by: f64| {
-            let mut r = start;
-            match i {
-                0 => r.a += by / length,
-                1 => r.b += by / length,
-                2 => r.t[0] += by,
-                3 => r.t[1] += by,
-                4 => (r.gain, r.offset) = (r.gain + by, r.offset - 0.5 * by),
-                _ => r.offset += by,
-            }
+            let mut x = [0.0; UNKNOWNS];
+            x[i] = by;
+            let r = start.after(&step::displacing(f64::from(c.length), 1.0, x));
             twin(&c, &r, &i1, &spline[0], None).energy
         };
         for (i, found) in gradient.iter().enumerate() {

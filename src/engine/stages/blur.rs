@@ -31,7 +31,7 @@ impl<'a> Stacks<'a> {
 }
 
 /// At pixel (x, y), which T puts at (x, y) + d: Î1, and Î2 before gain and offset, both with their slopes by V. The centred
-/// kernel is read where its mean, given at V = 1, takes it.
+/// kernel is read where its mean, given at V = 1, takes it. Gradients are by I1's pixels.
 pub fn read(
     &Stacks { first, second, slopes }: &Stacks,
     r: &Registration,
@@ -41,9 +41,9 @@ pub fn read(
     v: f64,
 ) -> [Blurred; 2] {
     let scale2 = r.scale().powi(2);
-    let linear = |[ux, uy]: [f64; 2]| [(1.0 + r.a) * ux - r.b * uy, r.b * ux + (1.0 + r.a) * uy];
+    let [[xx, xy], [yx, yy]] = r.transform.jacobian();
     let (mean, by_v) = mean_at(mean, r, v);
-    let (ahead, by_v2) = (linear(mean), linear(by_v));
+    let ahead = [xx * mean[0] + xy * mean[1], yx * mean[0] + yy * mean[1]];
     let (p, q) = ([x - mean[0], y - mean[1]], [x + d[0] + ahead[0], y + d[1] + ahead[1]]);
     // An image that is not blurred goes on linearly through V = 0.
     let beyond = |stack: &[Field], [x, y]: [f64; 2], factor: f64| {
@@ -62,7 +62,8 @@ pub fn read(
         b2.slope *= -scale2;
     }
     b1.slope -= b1.dx * by_v[0] + b1.dy * by_v[1];
-    b2.slope += b2.dx * by_v2[0] + b2.dy * by_v2[1];
+    [b2.dx, b2.dy] = r.in_first([b2.dx, b2.dy]);
+    b2.slope += b2.dx * by_v[0] + b2.dy * by_v[1];
     [b1, b2]
 }
 
@@ -84,10 +85,10 @@ pub fn read_near(stacks: &Stacks, [x, y]: [usize; 2], shift: [f64; 2], v: f64) -
 }
 
 /// Where the mean of the kernel lies at V, and its derivative by V, in I1's pixels. The kernel turns with the sensor that
-/// it blurs, which is I2's for V > 0.
+/// it blurs, which is I2's for V > 0: by the rotation nearest to T's Jacobian.
 fn mean_at(mut mean: [f64; 2], r: &Registration, v: f64) -> ([f64; 2], [f64; 2]) {
     if v > 0.0 {
-        let (cos, sin) = ((1.0 + r.a) / r.scale(), r.b / r.scale());
+        let (sin, cos) = r.transform.rotation().sin_cos();
         mean = [cos * mean[0] + sin * mean[1], cos * mean[1] - sin * mean[0]];
     }
     let root = v.abs().max(LEAST_ROOT).sqrt();

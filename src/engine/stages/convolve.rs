@@ -58,7 +58,7 @@ pub(crate) fn grid(c: &Constants) -> [u32; 2] {
 }
 
 /// The variant for filters of more than one block, and for those that add.
-pub(crate) const LONG: Variant = [true, false, false];
+pub(crate) const LONG: Variant = [true, false, false, false];
 
 bindings! {
     CONVOLVE:
@@ -163,14 +163,14 @@ mod tests {
             rig.run_groups(&STAGE, &resources, &constants, groups);
             rig.assert_close(&to, &[zeros.clone(), zeros.clone(), expected.clone()], 1e-5);
         }
-        rig.run_variant(&STAGE, [true, false, false], &resources, &constants, groups);
+        rig.run_variant(&STAGE, [true, false, false, false], &resources, &constants, groups);
         // 1e-5: up to 41 products of single precision, weights of the prefilter adding up to 3 in absolute value.
         rig.assert_close(&to, &[zeros.clone(), zeros.clone(), expected.clone()], 1e-5);
         if stride == 2 {
             return;
         }
         let twice = Field { data: expected.data.iter().map(|v| 2.0 * v).collect(), ..expected };
-        rig.run_variant(&STAGE, [true, false, false], &resources, &Constants { add: 1, ..constants }, groups);
+        rig.run_variant(&STAGE, [true, false, false, false], &resources, &Constants { add: 1, ..constants }, groups);
         rig.assert_close(&to, &[zeros.clone(), zeros, twice], 2e-5);
     }
 

@@ -6,7 +6,9 @@ use super::stack::{Layer, Sampling, Slopes, layer};
 use super::{Field, convolve, subdivide};
 use crate::base::Kernel;
 use crate::engine::filter;
-use crate::engine::vulkan::{Buffer, Clock, Device, Groups, Image, Pipeline, Recorder, Resource, Stage, Texel};
+use crate::engine::vulkan::{
+    Buffer, Clock, Device, Groups, Image, Pipeline, Recorder, Resource, Stage, Texel, Variant,
+};
 
 /// A device whose validation messages fail the test when it is dropped: the one of all tests of the program, each of which
 /// may meet the messages of another, or one of its own.
@@ -111,14 +113,14 @@ impl Rig {
         constants: &C,
         groups: [u32; 3],
     ) {
-        self.run_variant(stage, [false; 3], resources, constants, groups);
+        self.run_variant(stage, [false; 4], resources, constants, groups);
     }
 
     /// Runs one pass of so many workgroups, of a variant of the stage.
     pub(crate) fn run_variant<C: bytemuck::Pod>(
         &self,
         stage: &Stage,
-        variant: [bool; 3],
+        variant: Variant,
         resources: &[Resource<'_>],
         constants: &C,
         groups: [u32; 3],

@@ -26,7 +26,7 @@ pub struct Constants {
 }
 
 /// The variant that undoes the sRGB curve.
-pub(crate) const SRGB: Variant = [true, false, false];
+pub(crate) const SRGB: Variant = [true, false, false, false];
 
 bindings! {
     INGEST:
@@ -97,7 +97,7 @@ mod tests {
         };
         let groups = STAGE.groups(size);
         let resources = [Resource::Buffer(&samples), Resource::Image(&image)];
-        rig.run_variant(&STAGE, [decode == Decode::Srgb, false, false], &resources, &constants, groups);
+        rig.run_variant(&STAGE, [decode == Decode::Srgb, false, false, false], &resources, &constants, groups);
         // 2e-6: single precision, and its pow.
         rig.assert_close(&image, &[twin(frame, decode, weights)], 2e-6);
     }

@@ -7,11 +7,11 @@
 //! D = w1 Î1v² + w2 Î2v²,  b = -(w1 S1 Î1v + w2 S2 Î2v),  a_n = α (φ + φ_n)/2
 //! (D + Σ a_n) dV = r + Σ a_n dV_n
 //! r = b + Σ a_n (V_n - V)
-//! N = Σ w J Jᵀ - q qᵀ/(D + λ Σa),  g = Σ w J S + q r/(D + λ Σa),  q = w1 Î1v J1 + w2 Î2v J2
+//! N = Σ w j jᵀ - q qᵀ/(D + λ Σa),  g = Σ w j S + q r/(D + λ Σa),  q = w1 Î1v j1 + w2 Î2v j2,  j = ∂S/∂ζ
 //! ```
 //!
-//! The terms in q eliminate each pixel's dV from the registration step (Schur complement), so that T, gain and offset
-//! step as if V had already answered. A neighbourhood moves together and feels less of the smoothness than a pixel alone:
+//! The terms in q eliminate each pixel's dV from the registration step (Schur complement), so that T
+//! steps as if V had already answered. A neighbourhood moves together and feels less of the smoothness than a pixel alone:
 //! λ = 0.25 stands for that. On the slanted plane in 15 iterations a level, in a CPU trial: V rms 0.032 px² without it,
 //! 0.026 with λ = 1, 0.007 with 0.1; but with 0.1 black and white dots under a half-Gaussian do not settle.
 
@@ -24,7 +24,7 @@ use super::pass::{Pass, bindings};
 use super::seen::{Seen, heaviside, see};
 use super::stack::Slopes;
 use super::state::{Registration, inside};
-use super::sums::{SUMS, Sums, UNKNOWNS};
+use super::sums::{Layout, Sums};
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::vulkan::{Stage, Variant};
 
@@ -59,7 +59,7 @@ pub struct Constants {
     pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
-    /// L, which scales a and b to pixels: a quarter of the diagonal.
+    /// L, which places are stated over: a quarter of the diagonal.
     pub length: f32,
     /// α of this iteration.
     pub alpha: f32,
@@ -83,13 +83,16 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
 }
 
 /// The variant for kernels other than a Gaussian.
-pub(crate) const ANY_KERNEL: Variant = [true, false, false];
+pub(crate) const ANY_KERNEL: Variant = [true, false, false, false];
 /// The variant for a stack of I2 as [`warp`](super::warp) brought it onto I1's pixels.
-pub(crate) const WARPED: Variant = [false, true, false];
+pub(crate) const WARPED: Variant = [false, true, false, false];
 
-/// The variant for a kernel, for a stack of I2 that was warped, and for masked pixels.
-pub(crate) fn variant(slopes: Slopes, warped: bool, masked: bool) -> Variant {
-    [slopes == Slopes::Layers, warped, masked]
+/// The variant in which the sums of [`WARPED`] tell of homographies too.
+pub(crate) const JUDGED: Variant = [false, true, false, true];
+
+/// The variant for a kernel, for a stack of I2 that was warped, for masked pixels, and for sums that homographies take.
+pub(crate) fn variant(slopes: Slopes, warped: bool, masked: bool, projective: bool) -> Variant {
+    [slopes == Slopes::Layers, warped, masked, projective]
 }
 
 bindings! {
@@ -121,7 +124,7 @@ impl Pass for Bindings {
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         let slopes = if variant[0] { Slopes::Layers } else { Slopes::Laplacian };
         let layers = 3 * slopes.layers() as u64;
-        (8 + 4 * layers + 20) * pixels(c.width, c.height) + row_bytes([c.width, c.height])
+        (8 + 4 * layers + 20) * pixels(c.width, c.height) + row_bytes([c.width, c.height], Layout::of_variant(variant))
     }
 
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
@@ -139,9 +142,9 @@ impl Pass for Bindings {
 }
 
 /// Bytes of a level's partial sums.
-pub(crate) fn row_bytes(size: [u32; 2]) -> u64 {
+pub(crate) fn row_bytes(size: [u32; 2], layout: Layout) -> u64 {
     let [columns, rows, _] = tiles(size);
-    4 * SUMS as u64 * pixels(columns, rows)
+    4 * layout.length as u64 * pixels(columns, rows)
 }
 
 /// What the pass leaves.
@@ -152,12 +155,12 @@ pub struct Linearised {
     pub sums: Sums,
 }
 
-/// One residual: S, its derivative by V, its weight, and its derivatives by the unknowns.
+/// One residual: S, its derivative by V, its weight, and its derivatives by T's displacement in I1's pixels.
 struct Residual {
     s: f64,
     by_v: f64,
     weight: f64,
-    by_unknown: [f64; UNKNOWNS],
+    by_place: [f64; 2],
 }
 
 /// One whole pass over a level. `warped` is T when the stack of I2 was brought onto I1's pixels, if it was; `masks` where
@@ -183,12 +186,13 @@ pub fn twin(
             if inside([x, y], d, [width, height], v.get(x, y), r.scale()) {
                 let seen = see((c.mean, c.factor, c.centre), r, warped, [x, y], i1, v.get(x, y), stacks);
                 let share = mask::counts(masks, [x, y], d);
-                let (mut residuals, energy) = data_term(c, r, [x, y], v.get(x, y), seen);
+                let (mut residuals, energy) = data_term(c, r, v.get(x, y), seen);
                 residuals.iter_mut().for_each(|t| t.weight *= share);
                 diagonal = residuals.iter().map(|t| t.weight * t.by_v * t.by_v).sum();
                 right_side -= residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
                 let over = 1.0 / (diagonal + f64::from(c.elimination) * smoothness).max(1e-12);
-                accumulate(&residuals, right_side, over, &mut sums);
+                let place = [x as f64 - f64::from(c.centre[0]), y as f64 - f64::from(c.centre[1])];
+                accumulate(&residuals, right_side, over, place.map(|p| p / f64::from(c.length)), &mut sums);
                 let smooth = f64::from(c.final_alpha) / inverse_gradient(c, v, x as isize, y as isize);
                 sums.energy += share * (energy + smooth);
                 sums.valid += share;
@@ -228,7 +232,6 @@ fn smoothness_term(c: &Constants, v: &Field, [x, y]: [usize; 2]) -> ([f64; 4], f
 fn data_term(
     c: &Constants,
     r: &Registration,
-    [x, y]: [usize; 2],
     v: f64,
     Seen { i1, i2, blurred: [b1, b2] }: Seen,
 ) -> ([Residual; 2], f64) {
@@ -236,41 +239,21 @@ fn data_term(
     let eta2 = f64::from(c.eta).powi(2);
     let (psi1, psi2) = ((s1 * s1 + eta2).sqrt(), (s2 * s2 + eta2).sqrt());
     let h = heaviside(v, c.epsilon.into());
-    let centred = [x as f64 - f64::from(c.centre[0]), y as f64 - f64::from(c.centre[1])];
-    let jacobian = |sign: f64, value: f64, dx: f64, dy: f64| {
-        let (gx, gy, length) = (r.gain * dx, r.gain * dy, f64::from(c.length));
-        [
-            (gx * centred[0] + gy * centred[1]) / length,
-            (gy * centred[0] - gx * centred[1]) / length,
-            gx,
-            gy,
-            value - 0.5,
-            1.0,
-        ]
-        .map(|j| sign * j)
-    };
+    let jacobian = |sign: f64, dx: f64, dy: f64| [sign * r.gain * dx, sign * r.gain * dy];
     let residuals = [
-        Residual { s: s1, by_v: b1.slope, weight: h / psi1, by_unknown: jacobian(-1.0, i2.value, i2.dx, i2.dy) },
-        Residual {
-            s: s2,
-            by_v: r.gain * b2.slope,
-            weight: (1.0 - h) / psi2,
-            by_unknown: jacobian(1.0, b2.value, b2.dx, b2.dy),
-        },
+        Residual { s: s1, by_v: b1.slope, weight: h / psi1, by_place: jacobian(-1.0, i2.dx, i2.dy) },
+        Residual { s: s2, by_v: r.gain * b2.slope, weight: (1.0 - h) / psi2, by_place: jacobian(1.0, b2.dx, b2.dy) },
     ];
     (residuals, h * psi1 + (1.0 - h) * psi2)
 }
 
-/// Adds a pixel to N and g, its own dV eliminated.
-fn accumulate(residuals: &[Residual; 2], right_side: f64, over: f64, sums: &mut Sums) {
+/// Adds a pixel to N and g, its own dV eliminated; `place` is from the centre over L.
+fn accumulate(residuals: &[Residual; 2], right_side: f64, over: f64, place: [f64; 2], sums: &mut Sums) {
     let sum = |term: &dyn Fn(&Residual) -> f64| residuals.iter().map(|t| t.weight * term(t)).sum::<f64>();
-    let q: [f64; UNKNOWNS] = std::array::from_fn(|i| sum(&|t| t.by_v * t.by_unknown[i]));
-    for i in 0..UNKNOWNS {
-        sums.gradient[i] += sum(&|t| t.s * t.by_unknown[i]) + q[i] * right_side * over;
-        for j in 0..UNKNOWNS {
-            sums.normal[i][j] += sum(&|t| t.by_unknown[i] * t.by_unknown[j]) - q[i] * q[j] * over;
-        }
-    }
+    let q = [0, 1].map(|i| sum(&|t| t.by_v * t.by_place[i]));
+    let g = [0, 1].map(|i| sum(&|t| t.s * t.by_place[i]) + q[i] * right_side * over);
+    let n = [[0, 0], [0, 1], [1, 1]].map(|[i, j]| sum(&|t| t.by_place[i] * t.by_place[j]) - q[i] * q[j] * over);
+    sums.add(n, g, place);
 }
 
 #[cfg(test)]
@@ -280,7 +263,7 @@ mod tests {
     use super::super::stack::{self, Slopes};
     use super::super::state::State;
     use super::*;
-    use crate::base::{Aperture, Kernel, Photometric, Similarity};
+    use crate::base::{Aperture, Homography, Kernel, Photometric, Similarity};
     use crate::engine::stages::harness::build_stack;
     use crate::engine::vulkan::Resource;
 
@@ -307,33 +290,33 @@ mod tests {
     /// The last argument is how T has moved since I2 was brought onto I1's pixels, if it was.
     fn check(i1: &Field, i2: &Field, v: &Field, transform: Similarity, kernel: &Kernel, moved: Option<Similarity>) {
         let masks = [7, 8].map(|seed| mask::shares(v.width, v.height, seed));
-        for rows in [2, MOST_ROWS] {
-            check_rows(rows, [i1, i2, v], transform, kernel, moved, None);
-            check_rows(rows, [i1, i2, v], transform, kernel, moved, Some(&masks));
+        let (transform, moved) = (transform.into(), moved.map(Homography::from));
+        for (rows, projective) in [(2, false), (MOST_ROWS, true)] {
+            check_rows((rows, projective), [i1, i2, v], transform, kernel, moved, None);
+            check_rows((rows, projective), [i1, i2, v], transform, kernel, moved, Some(&masks));
         }
     }
 
     fn check_rows(
-        rows: u32,
+        (rows, projective): (u32, bool),
         [i1, i2, v]: [&Field; 3],
-        transform: Similarity,
+        transform: Homography,
         kernel: &Kernel,
-        moved: Option<Similarity>,
+        moved: Option<Homography>,
         masks: Option<&Masks>,
     ) {
-        let (width, height) = (v.width, v.height);
+        let ((width, height), layout) = ((v.width, v.height), Layout::of(projective));
         let nodes = stack::node_count(6.0);
         let slopes = Slopes::of(kernel);
         let stacks = [i1, i2].map(|i| build_stack(i, kernel, nodes));
         let c = Constants { rows, ..constants(width, height, nodes, kernel) };
-        let registration = Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 });
+        let registration = Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 });
         let mut state = State::new(&registration);
-        if let Some(by) = moved {
-            let before = State::new(&Registration::new(&by.after(&transform), &registration.photometric()));
-            state.warped = [before.a, before.b, before.tx, before.ty, 1.0, 0.0];
+        let before = moved.map(|by| Registration::new(by.after(&transform), &registration.photometric()));
+        if let Some(before) = &before {
+            state.warped = before.into();
         }
-        let [a, b, tx, ty, ..] = state.warped.map(f64::from);
-        let warped = Registration { a, b, t: [tx, ty], gain: 1.0, offset: 0.0 };
+        let warped = Registration::from(state.warped);
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
         let expected = twin(&c, &state.registration(), moved.map(|_| &warped), i1, v, &read, masks);
 
@@ -346,20 +329,20 @@ mod tests {
         let none = [Field::zeros(width, height), Field::zeros(width, height)];
         let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
         let groups = [c.width.div_ceil(2 * WORKGROUP[0]), c.height.div_ceil(WORKGROUP[1] * rows), 1];
-        let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
+        let partials = rig.upload(&vec![0; 4 * layout.length * (groups[0] * groups[1]) as usize]);
         let mut resources: Vec<_> = inputs.iter().chain(&system).map(Resource::Image).collect();
         resources.extend([Resource::Buffer(&state), Resource::Buffer(&partials), Resource::Image(&masks)]);
-        rig.run_variant(&STAGE, [slopes == Slopes::Layers, moved.is_some(), masked], &resources, &c, groups);
+        rig.run_variant(&STAGE, variant(slopes, moved.is_some(), masked, projective), &resources, &c, groups);
 
         // 2e-4 px²: the right side divides differences of intensities by D, which is small where nothing is textured.
         rig.assert_close(&system[0], &[0, 1].map(|color| half(&expected.system[0], color)), 2e-4);
         rig.assert_close(&system[1], &interleaved(&expected.system), 2e-4);
-        let found = Sums::from_partials(&rig.floats(&partials));
+        let found = Sums::from_partials(&rig.floats(&partials), layout);
         let size = expected.sums.normal.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
         let close = |f: f64, e: f64, what: &str| assert!((f - e).abs() < 1e-4 * size, "{what}: {f}, not {e}");
-        for i in 0..UNKNOWNS {
+        for i in 0..layout.unknowns {
             close(found.gradient[i], expected.sums.gradient[i], "g");
-            for j in 0..UNKNOWNS {
+            for j in 0..layout.unknowns {
                 close(found.normal[i][j], expected.sums.normal[i][j], "N");
             }
         }
@@ -387,6 +370,10 @@ mod tests {
             }
             let moved = Some(Similarity::new(0.02, -0.03, 0.01, 1.001));
             check(&smooth(1), &smooth(2), &v, Similarity::new(0.7, -1.1, 0.4, 1.02), &Kernel::Gaussian, moved);
+            let steep = Homography::from_matrix([[1.02, 0.01, 0.7], [-0.02, 0.99, -1.1], [1e-4, -2e-4, 1.0]]).unwrap();
+            for (kernel, moved) in [(Kernel::HalfGaussian, None), (Kernel::Gaussian, moved.map(Homography::from))] {
+                check_rows((2, true), [&smooth(1), &smooth(2), &v], steep, &kernel, moved, None);
+            }
         }
     }
 

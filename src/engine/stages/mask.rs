@@ -78,7 +78,7 @@ pub fn twin(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Fie
 
 /// The variant of a pass that weighs pixels, where some are masked or clipped.
 pub(crate) fn weighing(masked: bool) -> Variant {
-    [false, false, masked]
+    [false, false, masked, false]
 }
 
 /// The masks for a variant of a pass that weighs pixels: `None` where none is masked.

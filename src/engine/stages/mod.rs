@@ -29,6 +29,7 @@ pub mod state;
 pub mod step;
 pub mod subdivide;
 pub mod sums;
+pub mod totals;
 pub mod uncertainty;
 pub mod update;
 pub mod warp;
@@ -48,7 +49,7 @@ use crate::engine::vulkan::{Device, Pipeline, Stage, Variant};
 pub(crate) const WORKGROUP: [u32; 2] = [64, 4];
 
 /// No specialization constant is set.
-pub(crate) const NO_VARIANT: Variant = [false; 3];
+pub(crate) const NO_VARIANT: Variant = [false; 4];
 
 /// Pixels of a field.
 pub(crate) fn pixels(width: u32, height: u32) -> u64 {
@@ -56,7 +57,7 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
 }
 
 /// The stages, and the variants of them, that solves of pairs without masked pixels take.
-const PLAIN: [(&Stage, Variant); 23] = [
+const PLAIN: [(&Stage, Variant); 25] = [
     (&appearance::STAGE, NO_VARIANT),
     (&convolve::STAGE, NO_VARIANT),
     (&convolve::STAGE, convolve::LONG),
@@ -68,6 +69,7 @@ const PLAIN: [(&Stage, Variant); 23] = [
     (&linearise::STAGE, NO_VARIANT),
     (&linearise::STAGE, linearise::ANY_KERNEL),
     (&linearise::STAGE, linearise::WARPED),
+    (&linearise::STAGE, linearise::JUDGED),
     (&prolong::STAGE, NO_VARIANT),
     (&relax::STAGE, NO_VARIANT),
     (&relax::STAGE, relax::FIRST),
@@ -77,6 +79,7 @@ const PLAIN: [(&Stage, Variant); 23] = [
     (&residual::STAGE, linearise::WARPED),
     (&step::STAGE, NO_VARIANT),
     (&subdivide::STAGE, NO_VARIANT),
+    (&totals::STAGE, sums::PROJECTIVE),
     (&uncertainty::STAGE, NO_VARIANT),
     (&update::STAGE, NO_VARIANT),
     (&warp::STAGE, NO_VARIANT),

@@ -34,7 +34,7 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
 }
 
 /// The variant for the first sweep, which takes dV for zero and does not read it.
-pub(crate) const FIRST: Variant = [true, false, false];
+pub(crate) const FIRST: Variant = [true, false, false, false];
 
 bindings! {
     RELAX:
@@ -157,7 +157,7 @@ pub(crate) mod tests {
             };
             twin(&c, &system.each_ref(), &mut change);
             let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
-            rig.run_variant(&STAGE, [true, false, false], &resources, &c, tiles([c.width, c.height]));
+            rig.run_variant(&STAGE, [true, false, false, false], &resources, &c, tiles([c.width, c.height]));
         }
         for color in [0, 1] {
             rig.assert_close(&changes[color], &[half(&change, color)], 1e-5);

@@ -125,7 +125,7 @@ mod tests {
         let r = Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 });
         let before = Registration::new(&Similarity::new(0.68, -1.07, 0.39, 1.019), &Photometric::IDENTITY);
         let mut state = State::new(&r);
-        state.warped = [before.a, before.b, before.t[0], before.t[1], 1.0, 0.0].map(|n| n as f32);
+        state.warped = (&before).into();
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
         let expected = twin(&c, &state.registration(), warped.then_some(&before), &i1, &v, &read);
 
@@ -136,7 +136,7 @@ mod tests {
         let mut resources: Vec<_> = images.iter().chain([&found]).map(Resource::Image).collect();
         resources.push(Resource::Buffer(&state));
         let groups = STAGE.groups(size);
-        rig.run_variant(&STAGE, [slopes == Slopes::Layers, warped, false], &resources, &c, groups);
+        rig.run_variant(&STAGE, [slopes == Slopes::Layers, warped, false, false], &resources, &c, groups);
         // 2e-5: a residual of up to 1, squared in single precision.
         rig.assert_close(&found, &[Field::zeros(expected.width, expected.height), expected], 2e-5);
     }

@@ -11,7 +11,7 @@ pub fn heaviside(v: f64, epsilon: f64) -> f64 {
     0.5 + (v / epsilon).atan() / std::f64::consts::PI
 }
 
-/// What a pixel sees: I1, J before gain and offset, Î1 and Î2.
+/// What a pixel sees: I1, J before gain and offset, Î1 and Î2. Gradients are by I1's pixels.
 pub(super) struct Seen {
     pub(super) i1: f64,
     pub(super) i2: Jet,
@@ -36,6 +36,7 @@ pub(super) fn see(
         return Seen { i1, i2, blurred };
     }
     let (p, d) = ([x as f64, y as f64], r.displacement(x, y, factor, centre));
-    let i2 = spline::read(&stacks.second[0], p[0] + d[0], p[1] + d[1]);
+    let mut i2 = spline::read(&stacks.second[0], p[0] + d[0], p[1] + d[1]);
+    [i2.dx, i2.dy] = r.in_first([i2.dx, i2.dy]);
     Seen { i1: i1.get(x, y), i2, blurred: blur::read(stacks, r, mean.map(f64::from), p, d, v) }
 }

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::base::{Photometric, Similarity};
+use crate::base::{Homography, Photometric};
 
 /// Most levels of a pyramid; a short side of 32 px on the twelfth would be 65536 px on the first.
 pub const MAX_LEVELS: usize = 12;
@@ -11,26 +11,32 @@ pub const MAX_LEVELS: usize = 12;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct State {
-    /// `s cos θ - 1`.
-    pub a: f32,
-    /// `s sin θ`.
-    pub b: f32,
-    /// Translation to the right, pixels of the full-size image.
-    pub tx: f32,
-    /// Translation downwards, pixels of the full-size image.
-    pub ty: f32,
-    /// Gain of I2.
-    pub gain: f32,
-    /// Offset of I2.
-    pub offset: f32,
+    /// T, gain and offset.
+    pub registration: Single,
     /// Correlation of the two images at low pass, when it was last measured: in the end, at the final T.
     pub correlation: f32,
     /// 1 if the last step had unknowns that the images do not determine.
     pub degenerate: u32,
-    /// T, gain and offset when I2 was last brought onto I1's pixels, in the order above.
-    pub warped: [f32; 6],
+    /// The same when I2 was last brought onto I1's pixels.
+    pub warped: Single,
     /// By level, finest first.
     pub levels: [LevelState; MAX_LEVELS],
+}
+
+/// T, gain and offset as the device keeps them.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Single {
+    /// M less the identity, by rows: a T that moves nothing is zeros.
+    pub linear: [f32; 4],
+    /// t, pixels of the full-size image.
+    pub t: [f32; 2],
+    /// g, 1/px of the full-size image.
+    pub g: [f32; 2],
+    /// Gain of I2.
+    pub gain: f32,
+    /// Offset of I2.
+    pub offset: f32,
 }
 
 /// What one level has done.
@@ -54,12 +60,8 @@ pub struct LevelState {
 /// T, gain and offset, in double precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Registration {
-    /// `s cos θ - 1`.
-    pub a: f64,
-    /// `s sin θ`.
-    pub b: f64,
-    /// Translation, pixels of the full-size image.
-    pub t: [f64; 2],
+    /// T.
+    pub transform: Homography,
     /// Gain of I2.
     pub gain: f64,
     /// Offset of I2.
@@ -97,46 +99,50 @@ impl DoubleState {
 
 impl Default for DoubleState {
     fn default() -> Self {
-        Self::new(Registration::new(&Similarity::IDENTITY, &Photometric::IDENTITY))
+        Self::new(Registration::new(Homography::IDENTITY, &Photometric::IDENTITY))
     }
 }
 
 impl State {
     /// The state before a solve.
     pub fn new(start: &Registration) -> Self {
-        Self {
-            a: start.a as f32,
-            b: start.b as f32,
-            tx: start.t[0] as f32,
-            ty: start.t[1] as f32,
-            gain: start.gain as f32,
-            offset: start.offset as f32,
-            ..Self::zeroed()
-        }
+        Self { registration: start.into(), ..Self::zeroed() }
     }
 
     /// T, gain and offset.
     pub fn registration(&self) -> Registration {
-        Registration {
-            a: self.a.into(),
-            b: self.b.into(),
-            t: [self.tx.into(), self.ty.into()],
-            gain: self.gain.into(),
-            offset: self.offset.into(),
+        self.registration.into()
+    }
+}
+
+impl From<&Registration> for Single {
+    fn from(r: &Registration) -> Self {
+        let [[xx, xy, tx], [yx, yy, ty], [gx, gy, _]] = r.transform.matrix();
+        Self {
+            linear: [xx - 1.0, xy, yx, yy - 1.0].map(|v| v as f32),
+            t: [tx as f32, ty as f32],
+            g: [gx as f32, gy as f32],
+            gain: r.gain as f32,
+            offset: r.offset as f32,
         }
+    }
+}
+
+impl From<Single> for Registration {
+    /// The identity in place of a T that is none, which [`numbers_doubt`](crate::engine::solution::numbers_doubt) tells of.
+    fn from(single: Single) -> Self {
+        let ([xx, xy, yx, yy], [tx, ty]) = (single.linear.map(f64::from), single.t.map(f64::from));
+        let [gx, gy] = single.g.map(f64::from);
+        let matrix = [[1.0 + xx, xy, tx], [yx, 1.0 + yy, ty], [gx, gy, 1.0]];
+        let transform = Homography::from_matrix(matrix).unwrap_or_default();
+        Self { transform, gain: single.gain.into(), offset: single.offset.into() }
     }
 }
 
 impl Registration {
     /// From T and the exposure.
-    pub fn new(transform: &Similarity, photometric: &Photometric) -> Self {
-        let [a, b, tx, ty] = transform.displacement();
-        Self { a, b, t: [tx, ty], gain: photometric.gain, offset: photometric.offset }
-    }
-
-    /// T.
-    pub fn transform(&self) -> Similarity {
-        Similarity::from_displacement([self.a, self.b, self.t[0], self.t[1]])
+    pub fn new(transform: impl Into<Homography>, photometric: &Photometric) -> Self {
+        Self { transform: transform.into(), gain: photometric.gain, offset: photometric.offset }
     }
 
     /// Gain and offset.
@@ -144,27 +150,31 @@ impl Registration {
         Photometric { gain: self.gain, offset: self.offset }
     }
 
-    /// What T has done since an earlier T₀: the registration whose displacement d has `T x = T₀ (x + d)`, in I1's pixels.
-    pub fn moved_since(&self, before: &Self) -> Self {
-        let (re, im) = (1.0 + before.a, before.b);
-        let turned_back = |[x, y]: [f64; 2]| {
-            let size = re * re + im * im;
-            [(x * re + y * im) / size, (y * re - x * im) / size]
-        };
-        let [a, b] = turned_back([self.a - before.a, self.b - before.b]);
-        let t = turned_back([self.t[0] - before.t[0], self.t[1] - before.t[1]]);
-        Self { a, b, t, gain: 0.0, offset: 0.0 }
+    /// T after a small step.
+    pub fn after(&self, step: &Homography) -> Self {
+        Self { transform: self.transform.after(step), ..*self }
     }
 
-    /// s.
+    /// What T has done since an earlier T₀: the map whose displacement d has `T x = T₀ (x + d)`, in I1's pixels.
+    pub fn moved_since(&self, before: &Self) -> Self {
+        Self { transform: before.transform.inverse().after(&self.transform), gain: 0.0, offset: 0.0 }
+    }
+
+    /// s, the root of what T does to areas at the centre.
     pub fn scale(&self) -> f64 {
-        (1.0 + self.a).hypot(self.b)
+        self.transform.scale()
+    }
+
+    /// A gradient by I2's pixels as one by I1's, with T's Jacobian at the centre.
+    pub fn in_first(&self, [dx, dy]: [f64; 2]) -> [f64; 2] {
+        let [[xx, xy], [yx, yy]] = self.transform.jacobian();
+        [xx * dx + yx * dy, xy * dx + yy * dy]
     }
 
     /// `T x - x` on a level whose pixels are `factor` wide and whose centre is `centre`.
     pub fn displacement(&self, x: usize, y: usize, factor: f64, centre: [f64; 2]) -> [f64; 2] {
-        let (px, py) = (x as f64 - centre[0], y as f64 - centre[1]);
-        [self.t[0] / factor + self.a * px - self.b * py, self.t[1] / factor + self.b * px + self.a * py]
+        let p = [factor * (x as f64 - centre[0]), factor * (y as f64 - centre[1])];
+        self.transform.displacement(p).map(|d| d / factor)
     }
 }
 
@@ -185,17 +195,16 @@ mod tests {
 
     #[test]
     fn what_t_has_done_since_is_seen_in_the_pixels_of_i1() {
-        let (before, now) = (Similarity::new(3.0, -2.0, 3.0, 1.08), Similarity::new(3.1, -2.2, 3.1, 1.07));
-        let [before, now] = [before, now].map(|t| Registration::new(&t, &Photometric::IDENTITY));
+        let map = |shear: f64, g: f64| {
+            Homography::from_matrix([[1.08, 0.02, 3.0], [0.03 + shear, 1.05, -2.0 + g], [1e-4, g, 1.0]]).unwrap()
+        };
+        let [before, now] = [map(0.0, 0.0), map(0.01, 2e-4)].map(|t| Registration::new(t, &Photometric::IDENTITY));
         let moved = now.moved_since(&before);
         let centre = [30.0, 20.0];
         for (x, y) in [(0usize, 0usize), (60, 10), (17, 40)] {
             let d = moved.displacement(x, y, 1.0, centre);
-            let at = |p: [f64; 2], r: &Registration| {
-                let (px, py) = (p[0] - centre[0], p[1] - centre[1]);
-                [p[0] + r.t[0] + r.a * px - r.b * py, p[1] + r.t[1] + r.b * px + r.a * py]
-            };
-            let (found, expected) = (at([x as f64 + d[0], y as f64 + d[1]], &before), at([x as f64, y as f64], &now));
+            let found = before.transform.apply([x as f64 + d[0], y as f64 + d[1]], centre);
+            let expected = now.transform.apply([x as f64, y as f64], centre);
             assert!((found[0] - expected[0]).abs() < 1e-12 && (found[1] - expected[1]).abs() < 1e-12);
         }
     }

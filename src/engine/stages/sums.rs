@@ -1,15 +1,25 @@
 //! The registration integrals, and how a workgroup's row of them lies in memory: the twin of `glsl/include/sums.glsl`.
+//!
+//! ```text
+//! unknown        t_x     t_y     zoom    turn     stretch  shear   g_x          g_y
+//! displaces by   (1, 0)  (0, 1)  (x, y)  (-y, x)  (x, -y)  (y, x)  (-xx, -xy)   (-xy, -yy)
+//! ```
+//!
+//! with (x, y) from the centre over L. Motion models take the first 2, 4, 6 or 8 of them.
 
-/// Unknowns of the registration step: a L, b L, t_x, t_y (pixels of the level), gain, offset at intensity ½.
-pub const UNKNOWNS: usize = 6;
-/// Floats in a row of partial sums.
-pub const SUMS: usize = 32;
-/// Where g, the energy and the number of valid pixels stand among them.
-pub const GRADIENT: usize = 21;
-/// See [`GRADIENT`].
-pub const ENERGY: usize = 27;
-/// See [`GRADIENT`].
-pub const VALID: usize = 28;
+use crate::engine::vulkan::Variant;
+
+/// Unknowns of the registration step, pixels of the level each.
+pub const UNKNOWNS: usize = 8;
+
+/// The variant of stages that sum what homographies take: more monomials.
+pub(crate) const PROJECTIVE: Variant = [false, false, false, true];
+
+/// The displacement by one pixel of each unknown, at a place from the centre over L.
+pub fn displacements([x, y]: [f64; 2]) -> [[f64; 2]; UNKNOWNS] {
+    [[1.0, 0.0], [0.0, 1.0], [x, y], [-y, x], [x, -y], [y, x], [-x * x, -x * y], [-x * y, -y * y]]
+}
+
 /// What the registration step sums over the valid pixels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sums {
@@ -23,24 +33,140 @@ pub struct Sums {
     pub valid: f64,
 }
 
+/// Where a row of partial sums keeps what.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Unknowns that N can be made of.
+    pub unknowns: usize,
+    /// Where the sums of w ∇J S begin, after those of w ∇J ∇Jᵀ.
+    pub gradient: usize,
+    /// The energy; the valid pixels come after it.
+    pub energy: usize,
+    /// Floats in a row.
+    pub length: usize,
+}
+
+impl Layout {
+    /// Of affine maps, and of homographies.
+    pub const fn of(projective: bool) -> Self {
+        if projective {
+            Self { unknowns: 8, gradient: 45, energy: 57, length: 64 }
+        } else {
+            Self { unknowns: 6, gradient: 18, energy: 24, length: 32 }
+        }
+    }
+
+    /// Of a variant of a stage.
+    pub(crate) fn of_variant(variant: Variant) -> Self {
+        Self::of(variant[3])
+    }
+}
+
+/// Which monomial of the place an unknown displaces by along each axis: its sign and the powers of x and y.
+type Along = (f64, [usize; 2]);
+
+const ALONG: [[Along; 2]; UNKNOWNS] = [
+    [(1.0, [0, 0]), (0.0, [0, 0])],
+    [(0.0, [0, 0]), (1.0, [0, 0])],
+    [(1.0, [1, 0]), (1.0, [0, 1])],
+    [(-1.0, [0, 1]), (1.0, [1, 0])],
+    [(1.0, [1, 0]), (-1.0, [0, 1])],
+    [(1.0, [0, 1]), (1.0, [1, 0])],
+    [(-1.0, [2, 0]), (-1.0, [1, 1])],
+    [(-1.0, [1, 1]), (-1.0, [0, 2])],
+];
+
+/// Where a monomial stands among all.
+fn monomial([x, y]: [usize; 2]) -> usize {
+    (x + y) * (x + y + 1) / 2 + y
+}
+
+/// One row from many: the twin of `glsl/include/add_up.glsl`.
+pub fn add_up(partials: &[f32], layout: Layout) -> Vec<f64> {
+    let total = |n: usize| partials.chunks_exact(layout.length).map(|row| f64::from(row[n])).sum();
+    (0..layout.length).map(total).collect()
+}
+
 impl Sums {
-    /// From rows of partial sums as the device keeps them: the upper triangle of N row by row, g, energy, valid pixels
-    /// (`glsl/include/sums.glsl`).
-    pub fn from_partials(partials: &[f32]) -> Self {
-        let total = |n: usize| partials.chunks_exact(SUMS).map(|row| f64::from(row[n])).sum::<f64>();
-        let mut sums = Self { energy: total(ENERGY), valid: total(VALID), ..Self::default() };
-        for i in 0..UNKNOWNS {
-            for j in i..UNKNOWNS {
-                sums.normal[i][j] = total(normal_place(i, j));
-                sums.normal[j][i] = sums.normal[i][j];
+    /// Adds a pixel at a place from the centre over L: w ∇J ∇Jᵀ (xx, xy, yy), and w ∇J S.
+    pub fn add(&mut self, [xx, xy, yy]: [f64; 3], g: [f64; 2], place: [f64; 2]) {
+        let by = displacements(place);
+        for (i, a) in by.iter().enumerate() {
+            self.gradient[i] += a[0] * g[0] + a[1] * g[1];
+            for (j, b) in by.iter().enumerate() {
+                self.normal[i][j] += xx * a[0] * b[0] + xy * (a[0] * b[1] + a[1] * b[0]) + yy * a[1] * b[1];
             }
         }
-        sums.gradient = std::array::from_fn(|i| total(GRADIENT + i));
+    }
+
+    /// From rows of partial sums as the device keeps them; what a row has nothing of is 0.
+    pub fn from_partials(partials: &[f32], layout: Layout) -> Self {
+        let row = add_up(partials, layout);
+        let mut sums = Self { energy: row[layout.energy], valid: row[layout.energy + 1], ..Self::default() };
+        for (i, a) in ALONG[..layout.unknowns].iter().enumerate() {
+            for (c, (sign, powers)) in a.iter().enumerate() {
+                sums.gradient[i] += sign * row[layout.gradient + 2 * monomial(*powers) + c];
+            }
+            for (j, b) in ALONG[..layout.unknowns].iter().enumerate() {
+                for (c, d) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                    let ((sign, p), (other, q)) = (a[c], b[d]);
+                    let place = 3 * monomial([p[0] + q[0], p[1] + q[1]]) + c + d;
+                    sums.normal[i][j] += sign * other * row[place];
+                }
+            }
+        }
         sums
     }
 }
 
-/// Where a row of partial sums keeps N between unknowns i and j >= i.
-pub(crate) fn normal_place(i: usize, j: usize) -> usize {
-    i * UNKNOWNS - i * i.saturating_sub(1) / 2 + j - i
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A row of partial sums of residuals: ∇J, S and place of each, all of weight 1.
+    pub(crate) fn row(residuals: &[([f64; 2], f64, [f64; 2])], layout: Layout) -> Vec<f32> {
+        let mut row = vec![0.0; layout.length];
+        let most = if layout.unknowns == 8 { 4 } else { 2 };
+        for ([jx, jy], s, [x, y]) in residuals {
+            let powers = (0..=most).flat_map(|d| (0..=d).map(move |k| [d - k, k]));
+            for powers in powers {
+                let term = x.powi(powers[0] as i32) * y.powi(powers[1] as i32);
+                let n = monomial(powers);
+                for (c, product) in [jx * jx, jx * jy, jy * jy].into_iter().enumerate() {
+                    row[3 * n + c] += product * term;
+                }
+                if powers[0] + powers[1] <= most / 2 {
+                    row[layout.gradient + 2 * n] += jx * s * term;
+                    row[layout.gradient + 2 * n + 1] += jy * s * term;
+                }
+            }
+            row[layout.energy] += s.abs();
+            row[layout.energy + 1] += 1.0;
+        }
+        row.into_iter().map(|v: f64| v as f32).collect()
+    }
+
+    #[test]
+    fn sums_over_monomials_are_those_over_unknowns() {
+        let numbers = crate::engine::stages::harness::random(5 * 20, 3);
+        let residuals: Vec<_> = numbers
+            .chunks_exact(5)
+            .map(|n| ([n[0] - 0.5, n[1] - 0.5], n[2] - 0.5, [4.0 * n[3] - 2.0, 4.0 * n[4] - 2.0]))
+            .collect();
+        let mut expected = Sums::default();
+        for ([jx, jy], s, place) in &residuals {
+            expected.add([jx * jx, jx * jy, jy * jy], [jx * s, jy * s], *place);
+        }
+        for projective in [false, true] {
+            let layout = Layout::of(projective);
+            let found = Sums::from_partials(&row(&residuals, layout), layout);
+            for i in 0..layout.unknowns {
+                assert!((found.gradient[i] - expected.gradient[i]).abs() < 1e-4, "{i}");
+                for j in 0..layout.unknowns {
+                    // Sums of 20 terms of up to 16, in single precision.
+                    assert!((found.normal[i][j] - expected.normal[i][j]).abs() < 1e-4, "{i} {j}");
+                }
+            }
+        }
+    }
 }

@@ -98,7 +98,7 @@ mod tests {
                 // Places are known to 2e-6 px here, and the noise rises by less than 1 a pixel.
                 rig.assert_close(&stacks, &[Field::zeros(width, height), expected], 1e-5);
                 let found: State = rig.value(&buffer);
-                assert_eq!(found.warped, [state.a, state.b, state.tx, state.ty, state.gain, state.offset]);
+                assert_eq!(found.warped, state.registration);
             }
         }
     }

@@ -34,8 +34,8 @@ pub(crate) struct Binding {
     pub(crate) access: Access,
 }
 
-/// Specialization constants 2 to 4 of a stage, which compile variants of it.
-pub(crate) type Variant = [bool; 3];
+/// Specialization constants 2 to 5 of a stage, which compile variants of it.
+pub(crate) type Variant = [bool; 4];
 
 /// A shader, what it binds in order, and the bytes of its push constants.
 #[derive(Debug)]
@@ -78,10 +78,10 @@ impl Stage {
 impl Pipeline {
     /// Compiles a stage, through the device's cache.
     pub(crate) fn new(device: &Arc<Device>, stage: &Stage) -> Result<Self, Error> {
-        Self::variant(device, stage, [false; 3])
+        Self::variant(device, stage, [false; 4])
     }
 
-    /// Compiles a stage with its specialization constants 2 to 4, all bool, as given.
+    /// Compiles a stage with its specialization constants 2 to 5, all bool, as given.
     pub(crate) fn variant(device: &Arc<Device>, stage: &Stage, variant: Variant) -> Result<Self, Error> {
         let name = stage.shader.name;
         let mut pipeline = Self {
@@ -139,9 +139,9 @@ impl Pipeline {
         let module = unsafe { device.handle.create_shader_module(&create, None) };
         let module = device.check("vkCreateShaderModule", module)?;
         let entries =
-            [0u32, 1, 2, 3, 4].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
+            [0u32, 1, 2, 3, 4, 5].map(|id| vk::SpecializationMapEntry { constant_id: id, offset: id * 4, size: 4 });
         let [width, height] = stage.workgroup;
-        let constants = [width, height, variant[0].into(), variant[1].into(), variant[2].into()];
+        let constants = [width, height, variant[0].into(), variant[1].into(), variant[2].into(), variant[3].into()];
         let specialization =
             vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&constants));
         let shader = vk::PipelineShaderStageCreateInfo::default()

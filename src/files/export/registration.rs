@@ -9,7 +9,7 @@ use super::json;
 use super::kind::FileKind;
 use super::report::{DeviceReport, LevelReport, SizeReport, TimingsReport};
 use super::single::write_file;
-use crate::base::{DeviceInfo, Error, Method, Photometric, Settings, Similarity};
+use crate::base::{DeviceInfo, Error, Homography, Method, Photometric, Settings};
 use crate::engine::Registered;
 use crate::files::image_io::{self, Input};
 
@@ -19,7 +19,7 @@ pub struct RegistrationReport {
     /// Version of parfocal that wrote it.
     pub version: &'static str,
     /// T: I2(T x) lines up with I1(x).
-    pub transform: Similarity,
+    pub transform: Homography,
     /// What maps I2 onto I1.
     pub photometric: Photometric,
     /// The method that ran.

@@ -6,7 +6,7 @@ use super::depth16::Depth16Report;
 use super::measurements::Measurements;
 use super::ranks::Ranks;
 use super::{Nearer, Texture, json};
-use crate::base::{DeviceInfo, Lens, Method, Photometric, Region, Settings, Similarity};
+use crate::base::{DeviceInfo, Homography, Lens, Method, Photometric, Region, Settings};
 use crate::engine::{LevelHistory, Solution, Timings};
 use crate::files::image_io::{self, Input};
 use crate::metric::MetricDepth;
@@ -17,7 +17,7 @@ pub struct Report {
     /// Version of parfocal that wrote it.
     pub version: &'static str,
     /// T: I2(T x) lines up with I1(x).
-    pub transform: Similarity,
+    pub transform: Homography,
     /// What maps I2 onto I1.
     pub photometric: Photometric,
     /// The method that ran.

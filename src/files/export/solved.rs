@@ -15,7 +15,7 @@ use super::report::DepthReport;
 use super::results::{nearer_of, read_report};
 use super::staging::Staging;
 use super::{Destination, FILES, Nearer, Palette, Pen, Texture, listed_in, metric, read_transform};
-use crate::base::{Error, Lens, Similarity};
+use crate::base::{Error, Homography, Lens};
 use crate::files::image_io;
 use crate::metric::MetricDepth;
 
@@ -37,7 +37,7 @@ pub struct Solved {
     /// Width and height of the photographs, about whose centre T is stated.
     pub photograph: [u32; 2],
     /// T.
-    pub transform: Similarity,
+    pub transform: Homography,
     /// Which image was taken to be focused nearer.
     pub nearer: Nearer,
     /// The whole of `report.json`.
@@ -105,7 +105,7 @@ impl Solved {
 
     /// Its depth through a lens.
     pub fn through(&self, lens: &Lens) -> MetricDepth {
-        let (scale, width) = (self.transform.scale, self.width);
+        let (scale, width) = (self.transform.scale(), self.width);
         MetricDepth::new(lens, scale, self.limit(), width, &self.relative_blur, &self.uncertainty)
     }
 

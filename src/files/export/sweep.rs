@@ -8,7 +8,7 @@ use super::depth::{Map, larger_is};
 use super::report::{DeviceReport, RangeReport, SizeReport, in_known_order};
 use super::{DEPTH_FILE, Destination, Extra, FUSED_FLOAT_FILE, Look, Nearer, Staging, depth, field, fused, meaning};
 use crate::around::focus_stack::{Sweep, SweepDepth};
-use crate::base::{Decode, Depth, DeviceInfo, Error, Photometric, Similarity};
+use crate::base::{Decode, Depth, DeviceInfo, Error, Homography, Photometric};
 
 /// The files that [`write_sweep()`] makes.
 pub const SWEEP_FILES: [&str; 5] = ["focus.exr", "uncertainty.exr", "depth.png", "fused.png", "report.json"];
@@ -80,7 +80,7 @@ pub struct SweepFrame {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub focus_mm: Option<f64>,
     /// Where each pixel of the reference lies in it.
-    pub transform: Similarity,
+    pub transform: Homography,
     /// What maps its exposure to the reference's.
     pub photometric: Photometric,
 }

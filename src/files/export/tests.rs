@@ -22,7 +22,7 @@ fn solution() -> Solution {
         confidence: vec![0.0, 0.25, 0.5, 0.75, 1.0, 0.0],
         fused_channels: Channels::Gray,
         fused: vec![-0.1, 0.0, 0.2, 0.5, 1.0, 1.5],
-        transform: Similarity::new(1.25, -0.5, 0.15, 1.01),
+        transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
         photometric: Photometric { gain: 1.02, offset: -0.01 },
         levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5, f64::NAN] }],
         converged: true,
@@ -135,7 +135,7 @@ fn a_solve_appears_whole_and_reads_back() {
     let confidence = image_io::read(&out.join("confidence.exr")).unwrap();
     assert_eq!(confidence, Frame::gray(3, 2, solution().confidence).unwrap());
     let (transform, photometric) = read_transform(&out.join("report.json")).unwrap();
-    assert!(transform.corner_distance(&solution().transform, 4000, 3000) < 1e-9);
+    assert!(transform.corner_distance(solution().transform, 4000, 3000) < 1e-9);
     assert_eq!(photometric, Some(solution().photometric));
 
     let image = exr::prelude::read_first_flat_layer_from_file(out.join("relative_blur.exr")).unwrap();

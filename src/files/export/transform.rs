@@ -9,13 +9,14 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::SizeReport;
-use crate::base::{Decode, Error, Photometric, Region, Settings, Similarity};
+use crate::base::{Decode, Error, Homography, Photometric, Region, Settings};
 
 /// The most bytes that are read, 16 MiB: a report with every level and iteration at its limit takes under 1 MiB.
 const MAX_BYTES: u64 = 16 << 20;
 
 /// What the file may look like, for whoever has got it wrong.
-const SHAPE: &str = "parfocal reads a report.json or {\"tx_px\", \"ty_px\", \"rotation_deg\", \"scale\"}";
+const SHAPE: &str =
+    "parfocal reads a report.json or {\"tx_px\", \"ty_px\", \"rotation_deg\", \"scale\"}, perhaps with \"matrix\"";
 
 /// Reads where T, and gain and offset if the file states them, should start.
 ///
@@ -23,7 +24,7 @@ const SHAPE: &str = "parfocal reads a report.json or {\"tx_px\", \"ty_px\", \"ro
 ///
 /// # Errors
 /// [`Error::File`]: the file cannot be read, is not of one of these shapes, or a value is out of range.
-pub fn read_transform(path: &Path) -> Result<(Similarity, Option<Photometric>), Error> {
+pub fn read_transform(path: &Path) -> Result<(Homography, Option<Photometric>), Error> {
     text(path).and_then(|text| parse(&text)).map_err(|problem| Error::file(path, problem))
 }
 
@@ -63,9 +64,9 @@ fn text(path: &Path) -> Result<String, String> {
     }
 }
 
-fn parse(text: &str) -> Result<(Similarity, Option<Photometric>), String> {
+fn parse(text: &str) -> Result<(Homography, Option<Photometric>), String> {
     let file: Value = serde_json::from_str(text).map_err(|e| format!("is not JSON ({e}); {SHAPE}"))?;
-    let start: Similarity = part(file.get("transform").unwrap_or(&file), "transform")?;
+    let start: Homography = part(file.get("transform").unwrap_or(&file), "transform")?;
     let start_photometric: Option<Photometric> = match file.get("photometric") {
         None | Some(Value::Null) => None,
         Some(value) => Some(part(value, "photometric")?),
@@ -88,12 +89,17 @@ mod tests {
     #[test]
     fn all_three_shapes_are_read() {
         let (t, p) = parse(T).unwrap();
-        assert_eq!((t.tx, t.ty, t.scale, p), (1.5, -2.0, 1.07, None));
-        assert!((t.rotation - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+        assert_eq!((t.translation(), p), ([1.5, -2.0], None));
+        assert!((t.rotation_deg() - 90.0).abs() < 1e-12 && (t.scale() - 1.07).abs() < 1e-12);
         assert_eq!(parse(&format!(r#"{{"transform": {T}, "photometric": null}}"#)).unwrap(), (t, None));
         let whole =
             format!(r#"{{"transform": {T}, "photometric": {{"gain": 1.1, "offset": -0.02}}, "converged": true}}"#);
         assert_eq!(parse(&whole).unwrap(), (t, Some(Photometric { gain: 1.1, offset: -0.02 })));
+        let matrix = [[1.1, 0.02, 1.5], [0.0, 1.0, -2.0], [1e-5, 0.0, 1.0]];
+        let homography = Homography::from_matrix(matrix).unwrap();
+        let stored = serde_json::to_string(&homography).unwrap();
+        assert!(stored.contains("\"matrix\":[[1.1,0.02,1.5]"), "{stored}");
+        assert_eq!(parse(&stored).unwrap().0, homography);
     }
 
     #[test]
@@ -106,6 +112,14 @@ mod tests {
             (r#"{"tx_px": null, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "null"),
             (r#"{"tx_px": 1e999, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "is not JSON"),
             (r#"{"tx_px": 0, "ty_px": 1, "rotation_deg": 0, "scale": 0}"#, "scale is 0"),
+            (
+                r#"{"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1, "matrix": [[1,0,0],[0,-1,0],[0,0,1]]}"#,
+                "has no inverse, or mirrors",
+            ),
+            (
+                r#"{"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1, "matrix": [[1,0,0],[0,1,0],[1,0,1]]}"#,
+                "perspective along x is 1",
+            ),
             (r#"{"tx_px": 1e6, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "translation x is 1000000"),
         ];
         for (text, expected) in cases {

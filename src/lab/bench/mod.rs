@@ -23,7 +23,7 @@ mod trace;
 
 use std::time::Instant;
 
-use crate::base::{Channels, Depth, Error, Format, Frame, Kernel, Method, Settings, Similarity};
+use crate::base::{Channels, Depth, Error, Format, Frame, Homography, Kernel, Method, Settings};
 use crate::engine::{Engine, EngineOptions, same_size};
 
 pub use compare::compare;
@@ -44,7 +44,7 @@ pub struct Options {
     /// Everything else that the solver is told.
     pub settings: Settings,
     /// T, which the method aligned holds; of a synthetic pair it is known.
-    pub held: Similarity,
+    pub held: Homography,
     /// Solves after the first that are not counted.
     pub warmup: u32,
     /// Solves that are; at least one is done.
@@ -70,7 +70,7 @@ impl Default for Options {
             methods: vec![Method::Unified],
             kernels: vec![Kernel::Gaussian],
             settings: Settings::default(),
-            held: Similarity::IDENTITY,
+            held: Homography::IDENTITY,
             warmup: 1,
             repeats: 5,
             traced: false,
@@ -141,7 +141,7 @@ impl Options {
             let mut settings = Settings { method, kernel: kernel.clone(), ..self.settings.clone() };
             if method == Method::Aligned {
                 settings.start = match self.input {
-                    Input::Synthetic(_) => synthetic::transform(),
+                    Input::Synthetic(_) => synthetic::transform().into(),
                     Input::Pair(_) => self.held,
                 };
             }

@@ -1,6 +1,6 @@
 //! One engine for every experiment, and the solvers that were used last.
 
-use crate::base::{Error, Format, Frame, Kernel, Method, Settings, Similarity};
+use crate::base::{Error, Format, Frame, Homography, Kernel, Method, Settings};
 use crate::engine::{Engine, Registered, Solution, Solver};
 
 /// The systems that are compared, as the paper orders them.
@@ -71,5 +71,5 @@ pub(super) fn settings(method: Method, kernel: &Kernel) -> Settings {
 
 /// No registration: T stays at identity.
 pub(super) fn unregistered(kernel: &Kernel) -> Settings {
-    Settings { start: Similarity::IDENTITY, ..settings(Method::Aligned, kernel) }
+    Settings { start: Homography::IDENTITY, ..settings(Method::Aligned, kernel) }
 }

@@ -154,7 +154,7 @@ impl Case {
             Source::Displaced(pair, data) => {
                 let [i1, i2] = pair.read(data, bench.quick)?;
                 // What little the photographs themselves are displaced by is part of the truth.
-                let own = bench.solve([&i1, &i2], &settings(Method::Unified, &Kernel::Gaussian))?.transform;
+                let own = bench.solve([&i1, &i2], &settings(Method::Unified, &Kernel::Gaussian))?.transform.at_centre();
                 let (by, moved) = (displacement(), displaced(&i2, &displacement())?);
                 let displaced = Pair { images: [i1.clone(), moved], relative_blur: None };
                 let aligned = Pair { images: [i1, i2], relative_blur: None };

@@ -47,7 +47,7 @@ fn one(bench: &mut Bench, preset: Preset, scene: &Scene, kernel: &Kernel) -> Ker
         pair.and_then(|pair| Ok((bench.solve([&pair.i1, &pair.i2], &settings(Method::Unified, kernel))?, pair)));
     let (error, v_rms_to_truth, failure) = match solved {
         Ok((solution, pair)) => (
-            Some(TransformError::of(&solution.transform, &pair.transform, [scene.width, scene.height])),
+            Some(TransformError::of(&solution.transform.at_centre(), &pair.transform, [scene.width, scene.height])),
             rms_error(&solution, &pair.relative_blur),
             None,
         ),

@@ -69,11 +69,11 @@ fn one(bench: &mut Bench, data: &Path, pair: &RealPair, figures: &mut Collector)
 impl Estimate {
     fn new(system: &'static str, solution: &Result<Solution, String>, unified: Option<&Solution>) -> Self {
         let found = solution.as_ref().ok();
-        let corner = |s: &Solution| Some(s.transform.corner_distance(&unified?.transform, s.width, s.height));
+        let corner = |s: &Solution| Some(s.transform.corner_distance(unified?.transform, s.width, s.height));
         Self {
             system,
             failure: solution.as_ref().err().cloned(),
-            transform: found.map(|s| s.transform),
+            transform: found.map(|s| s.transform.at_centre()),
             photometric: found.map(|s| s.photometric),
             corner_to_unified_px: found.and_then(corner),
             energy: found.and_then(energy),

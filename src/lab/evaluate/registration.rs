@@ -87,7 +87,7 @@ fn both<'a>(a: &'a Result<Solution, String>, b: &'a Result<Solution, String>) ->
 }
 
 fn error(solution: &Solution, prepared: &Prepared) -> TransformError {
-    TransformError::of(&solution.transform, &prepared.truth, [solution.width, solution.height])
+    TransformError::of(&solution.transform.at_centre(), &prepared.truth, [solution.width, solution.height])
 }
 
 /// V of the displaced pair less V of the aligned pair. Where a lens breathes, the true V of the two differ (V is

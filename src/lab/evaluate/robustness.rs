@@ -166,7 +166,7 @@ fn point(bench: &mut Bench, plan: &Plan, value: f64) -> Point {
 
 /// Registration alone; `None` where the system fails.
 fn register(bench: &mut Bench, pair: [&crate::base::Frame; 2], system: Method) -> Option<Similarity> {
-    bench.register(pair, &settings(system, &Kernel::Gaussian)).ok().map(|registered| registered.transform)
+    bench.register(pair, &settings(system, &Kernel::Gaussian)).ok().map(|registered| registered.transform.at_centre())
 }
 
 fn edge(points: &[Point], system: &'static str) -> Edge {

@@ -47,7 +47,7 @@ impl SystemResult {
         Self {
             system,
             failure: solution.as_ref().err().cloned(),
-            transform: found.map(|s| s.transform),
+            transform: found.map(|s| s.transform.at_centre()),
             error: None,
             v_rms_to_truth: found.and_then(|s| rms_error(s, pair.relative_blur.as_ref()?)),
             v_rms_to_aligned: None,
