@@ -2,14 +2,17 @@
 // What decided V, on every other pixel along x and y: D, b² and |∇V|², out of the last linear system. Twin:
 // src/engine/stages/evidence.rs.
 
+#include "state.glsl"
+
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform readonly image2DArray right_sides; // layer 0: red, which pixels of even x and y are
 layout(binding = 2, rgba32f) uniform readonly image2DArray weights;  // likewise; right, left, down, up; over D + Σa
 layout(binding = 3, r32f) uniform writeonly image2DArray evidence;   // half as wide and high; layers: D, b², |∇V|²
+layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
-    float alpha, eta, smoothness_eta;
+    float eta, smoothness_eta;
     float noise;                     // least deviation of a residual, intensities
 };
 
@@ -35,7 +38,7 @@ void main() {
     for (int n = 0; n < 4; n++) {
         ivec2 beside = x + BESIDE[n];
         bool exists = all(greaterThanEqual(beside, ivec2(0))) && all(lessThan(beside, ivec2(width, height)));
-        float a = exists ? 0.5 * alpha * (phi + phi_at(gradient_at(beside))) : 0.0;
+        float a = exists ? 0.5 * state.alpha * (phi + phi_at(gradient_at(beside))) : 0.0;
         smoothness += a;
         pull += a * (v_at(beside) - v);
     }

@@ -1,107 +1,187 @@
 #version 460
-// Gain and offset from mean and deviation of the two images at low pass, each blurred as the other is by V. One workgroup.
-// Twin: src/engine/stages/exposure.rs.
+// Gain, offset and shading from both images, blurred alike as V says and smoothed. One workgroup. Twin:
+// src/engine/stages/exposure.rs.
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
 #include "state.glsl"
-#include "mask.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-layout(binding = 0, r32f) uniform readonly image2DArray image1;
-layout(binding = 1, r32f) uniform readonly image2DArray image2;
-layout(binding = 2, r32f) uniform readonly image2DArray relative_blur;  // of the level solved
-layout(binding = 3, std430) buffer StateBuffer { State state; };
-layout(binding = 4, r32f) uniform readonly image2DArray masks;          // of I1, of I2, at low pass
+layout(binding = 0, r32f) uniform readonly image2DArray sides;   // smoothed: shares times I1 and I2, shares
+layout(binding = 1, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
-    int width, height;
-    float factor;
+    int width, height;               // of the level
+    float factor;                    // pixels of the full-size image a pixel of this level
     float centre_x, centre_y;
-    int adopt;                       // 0: measure the correlation only
-    int stride;                      // pixels of the level solved a pixel of this level
+    int every;                       // pixels of the sides from sample to sample
+    int adopt;                       // 0: measure the correlation only; 1: gain and offset; 2: shading too
+    float dependent;                 // samples that say as much as one that is independent
 };
+
+// What a sample shows of both images, what it counts for, and where on I2, -1 to 1 along either side.
+struct Pair {
+    float u, v;
+    float share;
+    vec2 place;
+};
+
+int columns() { return (width + 2 * every - 1) / (2 * every); }
+int samples() { return columns() * ((height + 2 * every - 1) / (2 * every)); }
+
+Pair pair_at(int n) {
+    const Pair NONE = Pair(0.0, 0.0, 0.0, vec2(0.0));
+    if (n >= samples()) return NONE;
+    ivec2 h = every * ivec2(n % columns(), n / columns()), x = 2 * h;
+    float share = imageLoad(sides, ivec3(h, 2)).r;
+    if (!(share > 0.5)) return NONE;
+    vec2 centre = vec2(centre_x, centre_y);
+    vec2 place = (vec2(x) + displacement(state.registration, x, factor, centre) - centre) / centre;
+    return Pair(imageLoad(sides, ivec3(h, 0)).r / share, imageLoad(sides, ivec3(h, 1)).r / share, share, place);
+}
 
 const int MOMENTS = 6;               // pixels, I1, I2, I1², I2², I1 I2; intensities less ½, for their digits
 shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][MOMENTS];
 
-float intensity(int image, ivec2 i) {
-    ivec3 place = ivec3(clamp(i, ivec2(0), ivec2(width, height) - 1), 0);
-    return image == 1 ? imageLoad(image1, place).r : imageLoad(image2, place).r;
+// From mean and deviation of both.
+void match_moments() {
+    float moments[MOMENTS] = float[](0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    for (int n = int(gl_LocalInvocationIndex); n < samples(); n += step) {
+        Pair p = pair_at(n);
+        float u = p.u - 0.5, v = p.v - 0.5;
+        float terms[MOMENTS] = float[](1.0, u, v, u * u, v * v, u * v);
+        for (int i = 0; i < MOMENTS; i++) moments[i] += p.share * terms[i];
+    }
+    for (int i = 0; i < MOMENTS; i++) {
+        float sum = subgroupAdd(moments[i]);
+        if (subgroupElect()) by_subgroup[gl_SubgroupID][i] = sum;
+    }
+    barrier();
+    if (gl_LocalInvocationIndex == 0) {
+        float m[MOMENTS];
+        for (int i = 0; i < MOMENTS; i++) {
+            m[i] = 0.0;
+            for (uint group = 0; group < gl_NumSubgroups; group++) m[i] += by_subgroup[group][i];
+        }
+        float count = max(m[0], 1.0);
+        vec2 mean = vec2(m[1], m[2]) / count;
+        vec2 variance = max(vec2(m[3], m[4]) / count - mean * mean, vec2(0.0));
+        float covariance = m[5] / count - mean.x * mean.y;
+        // 1e-6: a deviation of 0.001, below which differences of squares are rounding.
+        bool contrast = min(variance.x, variance.y) > 1e-6;
+        state.correlation = contrast ? covariance / (sqrt(variance.x) * sqrt(variance.y)) : 0.0;
+        // Images that hardly correlate, still far apart say, tell nothing of the gain.
+        if (adopt > 0) {
+            float gain = state.correlation > 0.5 ? sqrt(variance.x / variance.y) : 1.0;
+            state.registration.gain = gain;
+            state.registration.offset = mean.x + 0.5 - gain * (mean.y + 0.5);
+        }
+    }
+    barrier();
 }
 
-float mask_at(int image, ivec2 x) {
-    return imageLoad(masks, ivec3(x, image - 1)).r;
+// I1 less the offset is a polynomial of the place times I2: the normal equations of its coefficients, then the weights, the squares
+// that the polynomial before leaves, and those that its constant term alone leaves.
+const int ALL = TERMS + 1;
+const int PAIRS = ALL * (ALL + 1) / 2;
+const int RIGHT = PAIRS, WEIGHT = PAIRS + ALL, LEFT = WEIGHT + 1, BEFORE = WEIGHT + 2, FITTED = WEIGHT + 3;
+const int ROUNDS = 3;
+const int BATCH = 64;
+shared float fitted[FITTED];
+shared float along_x[BATCH][5], along_y[BATCH][5];
+shared vec4 known[BATCH];            // I2, I1 less the offset, weight, what is left
+shared float root[ALL][ALL];
+shared float coefficients[ALL];
+shared float scale;                  // of what is left, from where on a sample is an outlier
+
+void load(int slot, Pair p, float constant, bool first) {
+    float px[5], py[5];
+    legendre(p.place.x, px);
+    legendre(p.place.y, py);
+    for (int k = 0; k < 5; k++) {
+        along_x[slot][k] = px[k];
+        along_y[slot][k] = py[k];
+    }
+    // As it was before it was evened out.
+    float second = p.v / shading_at(state.evened, p.place), target = p.u - state.registration.offset;
+    float left = target - constant * second * shading_at(state.shading, p.place);
+    known[slot] = vec4(second, target, first ? p.share : p.share / (1.0 + left * left / (scale * scale)), left);
 }
 
-// A pixel blurred by a small variance: half of it times the Laplacian.
-float blurred(int image, ivec2 i, float variance) {
-    float centre = intensity(image, i);
-    float sides = intensity(image, i + ivec2(1, 0)) + intensity(image, i - ivec2(1, 0))
-                + intensity(image, i + ivec2(0, 1)) + intensity(image, i - ivec2(0, 1));
-    return centre + 0.5 * variance * (sides - 4.0 * centre);
+// Sum n over all samples, in their order.
+void add_up(int n, float constant, bool first) {
+    ivec2 i = degrees(0), j = degrees(0);
+    int row = 0, rest = n;
+    if (n < PAIRS) {
+        for (; rest >= ALL - row; row++) rest -= ALL - row;
+        i = degrees(row);
+        j = degrees(row + rest);
+    } else if (n < WEIGHT) i = degrees(n - RIGHT);
+    float sum = 0.0;
+    for (int start = 0; start < samples(); start += BATCH) {
+        barrier();
+        if (n < BATCH) load(n, pair_at(start + n), constant, first);
+        barrier();
+        for (int k = 0; k < BATCH && n < FITTED; k++) {
+            vec4 s = known[k];
+            float term = along_x[k][i.x] * along_y[k][i.y] * s.x, other = along_x[k][j.x] * along_y[k][j.y] * s.x;
+            float alone = s.y - constant * s.x;
+            sum += s.z * (n < PAIRS ? term * other : n < WEIGHT ? term * s.y : n == WEIGHT ? 1.0 : n == LEFT ? s.w * s.w : alone * alone);
+        }
+    }
+    if (n < FITTED) fitted[n] = sum;
+    barrier();
 }
 
-// Bilinear, which is enough for a mean and a deviation at low pass.
-float read(int image, ivec2 i, vec2 f, float variance) {
-    float top = mix(blurred(image, i, variance), blurred(image, i + ivec2(1, 0), variance), f.x);
-    float bottom = mix(blurred(image, i + ivec2(0, 1), variance), blurred(image, i + ivec2(1, 1), variance), f.x);
-    return mix(top, bottom, f.y);
+// Cholesky; 1e-5 of the diagonal keeps terms that the samples hardly determine from growing.
+void solve() {
+    for (int i = 0, n = 0; i < ALL; i++) {
+        for (int j = i; j < ALL; j++, n++) root[j][i] = fitted[n];
+    }
+    for (int j = 0; j < ALL; j++) {
+        float diagonal = root[j][j] * (1.0 + 1e-5) + 1e-12, pivot = diagonal;
+        for (int k = 0; k < j; k++) pivot -= root[j][k] * root[j][k];
+        root[j][j] = sqrt(max(pivot, 1e-6 * diagonal));
+        for (int i = j + 1; i < ALL; i++) {
+            for (int k = 0; k < j; k++) root[i][j] -= root[i][k] * root[j][k];
+            root[i][j] /= root[j][j];
+        }
+    }
+    for (int i = 0; i < ALL; i++) {
+        coefficients[i] = fitted[RIGHT + i];
+        for (int k = 0; k < i; k++) coefficients[i] -= root[i][k] * coefficients[k];
+        coefficients[i] /= root[i][i];
+    }
+    for (int i = ALL - 1; i >= 0; i--) {
+        for (int k = i + 1; k < ALL; k++) coefficients[i] -= root[k][i] * coefficients[k];
+        coefficients[i] /= root[i][i];
+    }
 }
 
-// The place in I1 and its place in I2 that x lies half way between, from x: (1 + A)⁻¹ D, T's displacement D at x and its
-// Jacobian A. Both are read as far from a pixel, so that interpolation takes as much contrast from one as from the other.
-// Near a turn by 180° there is no such place, and I1 is read at x.
-void meet(Registration r, vec2 d, out vec2 back, out vec2 ahead) {
-    mat2 m = jacobian(r) + mat2(1.0);
-    bool half_way = determinant(m) > 0.25;
-    ahead = half_way ? inverse(m) * d : d;
-    back = half_way ? -ahead : vec2(0.0);
-}
-
-void add(Registration r, ivec2 x, inout float moments[MOMENTS]) {
-    vec2 displaced = displacement(r, x, factor, vec2(centre_x, centre_y)), back, ahead;
-    meet(r, displaced, back, ahead);
-    ivec2 size = ivec2(width, height), i, j;
-    vec2 f, g;
-    if (!inside(x, back, size, 0.0, 1.0) || !inside(x, ahead, size, 0.0, 1.0)) return;
-    place(x, back, size, i, f);
-    place(x, ahead, size, j, g);
-    // In pixels of this level; ½ px² is as far as the Laplacian of a pixel goes.
-    ivec2 solved = min(x * stride, imageSize(relative_blur).xy - 1);
-    float variance = clamp(imageLoad(relative_blur, ivec3(solved, 0)).r / float(stride * stride), -0.5, 0.5);
-    float u = read(1, i, f, max(variance, 0.0)) - 0.5;
-    float v = read(2, j, g, max(-variance, 0.0)) - 0.5;
-    float terms[MOMENTS] = float[](1.0, u, v, u * u, v * v, u * v);
-    float share = counts(x, displaced, size);
-    for (int n = 0; n < MOMENTS; n++) moments[n] += share * terms[n];
+void match_shading() {
+    int n = int(gl_LocalInvocationIndex);
+    if (n == 0) coefficients[0] = state.registration.gain;
+    barrier();
+    for (int round = 0; round <= ROUNDS; round++) {
+        add_up(n, coefficients[0], round == 0);
+        if (n == 0) {
+            if (round < ROUNDS) {
+                solve();
+                for (int i = 0; i < TERMS; i++) state.shading[i] = coefficients[i + 1] / max(coefficients[0], 1e-3);
+            }
+            // Twice the deviation that is left; of the first round that of the polynomial before.
+            scale = 2.0 * sqrt(fitted[LEFT] / max(fitted[WEIGHT], 1.0)) + 1e-6;
+        }
+        barrier();
+    }
+    if (n != 0) return;
+    // James and Stein: what chance alone explains, by as many terms of as many independent samples, is taken off.
+    float chance = fitted[LEFT] * float(TERMS) * dependent / max(fitted[WEIGHT], 1.0), explained = fitted[BEFORE] - fitted[LEFT];
+    float kept = explained > chance ? 1.0 - chance / explained : 0.0;
+    for (int i = 0; i < TERMS; i++) state.shading[i] *= kept;
 }
 
 void main() {
-    float moments[MOMENTS] = float[](0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    Registration r = state.registration;
-    int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
-    for (int n = int(gl_LocalInvocationIndex); n < width * height; n += step) add(r, ivec2(n % width, n / width), moments);
-    for (int n = 0; n < MOMENTS; n++) {
-        float sum = subgroupAdd(moments[n]);
-        if (subgroupElect()) by_subgroup[gl_SubgroupID][n] = sum;
-    }
-    barrier();
-    if (gl_LocalInvocationIndex != 0) return;
-    float m[MOMENTS];
-    for (int n = 0; n < MOMENTS; n++) {
-        m[n] = 0.0;
-        for (uint group = 0; group < gl_NumSubgroups; group++) m[n] += by_subgroup[group][n];
-    }
-    float count = max(m[0], 1.0);
-    vec2 mean = vec2(m[1], m[2]) / count;
-    vec2 variance = max(vec2(m[3], m[4]) / count - mean * mean, vec2(0.0));
-    float covariance = m[5] / count - mean.x * mean.y;
-    // 1e-6: a deviation of 0.001, below which differences of squares are rounding.
-    bool contrast = min(variance.x, variance.y) > 1e-6;
-    state.correlation = contrast ? covariance / (sqrt(variance.x) * sqrt(variance.y)) : 0.0;
-    if (adopt == 0) return;
-    // Images that hardly correlate, still far apart say, tell nothing of the gain.
-    float gain = state.correlation > 0.5 ? sqrt(variance.x / variance.y) : 1.0;
-    state.registration.gain = gain;
-    state.registration.offset = mean.x + 0.5 - gain * (mean.y + 0.5);
+    match_moments();
+    if (adopt == 2 && state.correlation > 0.5) match_shading();
 }

@@ -14,6 +14,7 @@ layout(constant_id = 3) const bool WARPED = false;
 
 #include "blur.glsl"
 #include "accumulate.glsl"
+#include "noise.glsl"
 #include "mask.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
@@ -32,10 +33,11 @@ layout(push_constant) uniform Constants {
     float factor;                    // pixels of the full-size image a pixel of this level
     float centre_x, centre_y;
     float length;                    // that scales places, pixels
-    float alpha, final_alpha;
+    float continuation;              // how many times too large α is
     float eta, smoothness_eta, epsilon;
     float elimination;               // share of Σa that damps the elimination of dV
     float mean_x, mean_y;            // of the kernel at V = 1
+    Noise noise;                     // of either image
 };
 
 const float PI = 3.14159265358979;
@@ -124,21 +126,37 @@ struct Relative {
 
 struct Data {
     float s1, s2;                    // residuals
-    float d1, d2;                    // their derivatives by V
+    float d1, d2;                    // their derivatives by V, less what noise has of them
     float w1, w2;                    // H ψ', (1-H) ψ'
     float energy;
     vec2 j1, j2;                     // of -S1, of S2, by T's displacement in I1's pixels
 };
 
-// `share` is what the pixel counts for.
-Data data_term(Registration r, float v, Seen seen, float share) {
+// What noise of both images adds to S1² and S2² at V, and the derivative of its logarithm, halved.
+vec2 noise_slopes(Registration r, float v, vec2 d) {
+    float between = interpolated_power(d), square = r.gain * r.gain;
+    Power n1, n2;
+    if (v >= 0.0) {
+        n1 = blurred_power(noise, v, 1.0);
+        n2 = beyond_power(noise, v, between, NEAR);
+    } else {
+        n1 = beyond_power(noise, -v, 1.0, NEAR);
+        n2 = blurred_power(noise, -v, between);
+    }
+    float sign = v >= 0.0 ? 0.5 : -0.5;
+    return sign * vec2(n1.slope / (n1.value + square * between), square * n2.slope / (square * n2.value + 1.0));
+}
+
+// `share` is what the pixel counts for, d its displacement by T.
+Data data_term(Registration r, float v, Seen seen, float share, vec2 d) {
     float s1 = seen.b1.value - (r.gain * seen.j.value + r.offset);
     float s2 = r.gain * seen.b2.value + r.offset - seen.i1;
+    vec2 along_noise = noise_slopes(r, v, d);
     // Clamped, since a device's atan may overshoot and weights must not be negative.
     float heaviside = clamp(0.5 + atan(v / epsilon) / PI, 0.0, 1.0);
     float psi1 = sqrt(s1 * s1 + eta * eta), psi2 = sqrt(s2 * s2 + eta * eta);
     float first = share * heaviside, second = share - first;
-    return Data(s1, s2, seen.b1.slope, r.gain * seen.b2.slope, first / psi1, second / psi2,
+    return Data(s1, s2, seen.b1.slope - along_noise.x * s1, r.gain * seen.b2.slope - along_noise.y * s2, first / psi1, second / psi2,
                 first * psi1 + second * psi2, r.gain * seen.j.gradient, r.gain * seen.b2.gradient);
 }
 
@@ -150,18 +168,21 @@ struct Equation {
 // The pixel's equation for dV; what it adds to the sums.
 Equation equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, Data t, inout Sums sums) {
     bvec4 exists = bvec4(x.x + 1 < width, x.x > 0, x.y + 1 < height, x.y > 0);
-    vec4 a = mix(vec4(0.0), 0.5 * alpha * (relative.phi + relative.phis), exists);
+    vec4 a = mix(vec4(0.0), 0.5 * continuation * state.alpha * (relative.phi + relative.phis), exists);
     float smoothness = a.x + a.y + a.z + a.w;
     float right_side = dot(a, relative.around - relative.v);
     float diagonal = 0.0;
     if (valid) {
         diagonal = t.w1 * t.d1 * t.d1 + t.w2 * t.d2 * t.d2;
-        right_side -= t.w1 * t.s1 * t.d1 + t.w2 * t.s2 * t.d2;
+        float b = t.w1 * t.s1 * t.d1 + t.w2 * t.s2 * t.d2;
+        right_side -= b;
         float over = 1.0 / max(diagonal + elimination * smoothness, 1e-12);
         vec2 q = t.w2 * t.d2 * t.j2 - t.w1 * t.d1 * t.j1;
         vec3 n = product(t.w1, t.j1) + product(t.w2, t.j2) - product(over, q);
         vec2 g = t.w2 * t.s2 * t.j2 - t.w1 * t.s1 * t.j1 + right_side * over * q;
-        add_pixel(sums, n, g, t.energy + share * final_alpha / relative.phi, p / length, share);
+        add_pixel(sums, n, g, t.energy + share * state.alpha / relative.phi, p / length, share);
+        float square = 1.0 / (relative.phi * relative.phi) - smoothness_eta * smoothness_eta;
+        sums.roughness += share * vec2(sqrt(abs(b)), sqrt(max(square, 0.0)));
     }
     float over = 1.0 / max(diagonal + smoothness, 1e-12);
     return Equation(right_side * over, a * over);
@@ -228,7 +249,7 @@ void main() {
                 seen = blur_apart(blur, r, at, relative.v, d, scale, imageLoad(image1, ivec3(min(at, size - 1), 0)).r);
             }
             pair[k] = equation(at, vec2(at) - centre, relative, valid, share,
-                               data_term(r, relative.v, seen, share), sums);
+                               data_term(r, relative.v, seen, share, d), sums);
             if (at.x >= width) pair[k] = Equation(0.0, vec4(0.0));
         }
         if (x.x < width && x.y < height) {

@@ -22,11 +22,19 @@ layout(push_constant) uniform Constants {
     float factor;                    // pixels of the full-size image a pixel of this level
     float scale_length;              // that scales places, pixels
     float half_width, half_height;   // from the centre to a corner, pixels
+    int finds_alpha;                 // once it is final
 };
 
 // Pixels of the level that a corner may move before I2 is brought onto I1's pixels anew: following it by gradients looks
 // like a change of V by the shift squared, 0.0004 px².
 const float FOLLOWED = 0.02;
+
+// What the shading may change by before I2 is evened out anew: a thousandth of the contrast is 0.01 px² of V.
+const float EVEN = 0.001;
+
+const float LEAST_ALPHA = 5e-4;
+const float MOST_ALPHA = 10.0;
+const float LEAST_STEEP = 0.007;   // px² a pixel
 
 #include "add_up.glsl"
 
@@ -113,6 +121,19 @@ Registration step_of(float x[8]) {
                         factor * x[0], factor * x[1], g.x, g.y, 0.0, 0.0);
 }
 
+float shading_changes() {
+    float sum = 0.0;
+    for (int n = 0; n < TERMS; n++) sum += abs(state.shading[n] - state.evened[n]);
+    return sum;
+}
+
+// α = 0.2 (mean √|b|)² / mean |∇V|, half way there from what it was, unless it is there within a twentieth.
+void find_alpha() {
+    float count = max(totals[VALID], 1.0), root = totals[ROUGHNESS] / count, steep = totals[ROUGHNESS + 1] / count;
+    float found = clamp(0.2 * root * root / max(steep, LEAST_STEEP), LEAST_ALPHA, MOST_ALPHA);
+    if (abs(log(found / state.alpha)) > 0.05) state.alpha = sqrt(found * state.alpha);
+}
+
 void step_once() {
     float x[8];
     solve(x);
@@ -131,7 +152,9 @@ void step_once() {
     // A level goes on a little after it has converged: the energy is flat before V and T are.
     settled = may_settle == 1 && moved < still * factor && change <= 0.1 * still * before;
     state.levels[level].settled = uint(settled);
-    warps = warp_count > 0 && !settled && corner_moves(moved_since(state.warped, state.registration)) > FOLLOWED * factor;
+    if (finds_alpha == 1 && may_settle == 1) find_alpha();
+    bool follows = corner_moves(moved_since(state.warped, state.registration)) <= FOLLOWED * factor && shading_changes() <= EVEN;
+    warps = warp_count > 0 && !settled && !follows;
     if (warps) state.levels[level].warps |= 1u << findMSB(state.levels[level].iterations);
 }
 

@@ -1,5 +1,5 @@
 #version 460
-// I2 on I1's pixels: its spline where T puts each pixel. Twin: src/engine/stages/warp.rs.
+// I2 on I1's pixels, evened out: its spline where T puts each pixel, times the shading. Twin: src/engine/stages/warp.rs.
 
 #include "spline.glsl"
 #include "state.glsl"
@@ -22,11 +22,15 @@ float coefficient(int image, ivec3 place) {
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy), size = ivec2(width, height), last = size - 1, i;
     if (x.x >= width || x.y >= height) return;
-    if (x == ivec2(0)) state.warped = state.registration;
-    vec2 d = displacement(state.registration, x, factor, vec2(centre_x, centre_y)), f;
+    if (x == ivec2(0)) {
+        state.warped = state.registration;
+        state.evened = state.shading;
+    }
+    vec2 centre = vec2(centre_x, centre_y), d = displacement(state.registration, x, factor, centre), f;
     // Mirrored about the border pixels, once.
     d = mix(d, vec2(-2 * x) - d, lessThan(vec2(x) + d, vec2(0.0)));
     d = mix(d, vec2(2 * (last - x)) - d, greaterThan(vec2(x) + d, vec2(last)));
     place(x, d, size, i, f);
-    imageStore(stacks, ivec3(x, layer), vec4(spline_at(2, 0, size, i, f).value));
+    float shading = shading_at(state.shading, (vec2(x) + d - centre) / centre);
+    imageStore(stacks, ivec3(x, layer), vec4(shading * spline_at(2, 0, size, i, f).value));
 }

@@ -1,5 +1,7 @@
 // What the device knows of a solve, and where T puts a pixel. Twin: src/engine/stages/state.rs.
 
+#include "shading.glsl"
+
 const int MAX_LEVELS = 12;
 
 struct LevelState {
@@ -24,7 +26,10 @@ struct State {
     Registration registration;
     float correlation; // of the two images at low pass, when it was last measured
     uint degenerate;   // the last step had unknowns that the images do not determine
+    float alpha;       // of the level at hand
     Registration warped;   // when I2 was last brought onto I1's pixels
+    float shading[TERMS];
+    float evened[TERMS];   // the shading that I2 was last evened out by
     LevelState levels[MAX_LEVELS];
 };
 

@@ -12,6 +12,7 @@ mod mask;
 pub(crate) mod random;
 mod region;
 mod settings;
+pub(crate) mod shading;
 mod similarity;
 pub(crate) mod statistics;
 #[cfg(feature = "serde")]
@@ -28,5 +29,6 @@ pub use lens::{Inverse, Lens};
 pub use mask::Mask;
 pub use region::Region;
 pub use settings::{Method, Motion, Photometric, RegistrationStep, Settings};
+pub use shading::Shading;
 pub use similarity::{Similarity, centre};
 pub use statistics::Estimate;

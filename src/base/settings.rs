@@ -118,8 +118,9 @@ pub struct Settings {
     pub sweeps: u32,
     /// Over-relaxation ω of a sweep, 0.01 to 1.99. Default 1.8.
     pub over_relaxation: f64,
-    /// Smoothness α, equation 17; 1e-6 to 10. Default 0.003.
-    pub regularization: f64,
+    /// Smoothness α, equation 17; 1e-6 to 10. `None`: found on each level, by what the data say against V and how steep it is
+    /// (`docs/method.md`, section 6). Default `None`.
+    pub regularization: Option<f64>,
     /// On each level α starts `1 + continuation` times too large; 0 to 1000. Default 10.
     pub continuation: f64,
     /// η of the data term's modified L1 norm, intensities; 1e-4 to 1. Default 0.01.
@@ -163,7 +164,7 @@ impl Default for Settings {
             outer_iterations: 20,
             sweeps: 5,
             over_relaxation: 1.8,
-            regularization: 0.003,
+            regularization: None,
             continuation: 10.0,
             data_eta: 0.01,
             smoothness_eta: 0.1,
@@ -222,7 +223,7 @@ impl Settings {
             5000.0,
         )?;
         range("over-relaxation", self.over_relaxation, 0.01, 1.99)?;
-        range("regularization", self.regularization, 1e-6, 10.0)?;
+        range("regularization", self.regularization.unwrap_or(1.0), 1e-6, 10.0)?;
         range("continuation", self.continuation, 0.0, 1000.0)?;
         range("data eta", self.data_eta, 1e-4, 1.0)?;
         range("smoothness eta", self.smoothness_eta, 1e-4, 100.0)?;

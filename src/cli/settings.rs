@@ -42,20 +42,20 @@ pub(super) struct SettingsArguments {
     #[arg(long, value_name = "O", help_heading = REGISTRATION, allow_negative_numbers = true)]
     offset: Option<f64>,
     /// Pyramid levels, 1 to 12; auto halves the images while the short side stays at least 32 px
-    #[arg(long, value_name = "N|auto", help_heading = BLUR, default_value_t = Levels(Settings::default().levels))]
-    levels: Levels,
+    #[arg(long, value_name = "N|auto", help_heading = BLUR, default_value_t = Auto(Settings::default().levels))]
+    levels: Auto<u32>,
     /// Largest |V|, px², 1 to 256; more where pixels are at the limit
     ///
     /// V is the difference of the blurs' variances, px² of the full-size image.
     #[arg(long, value_name = "PX2", help_heading = BLUR, allow_negative_numbers = true,
           default_value_t = Settings::default().max_relative_blur)]
     max_relative_blur: f64,
-    /// Smoothness of V, 1e-6 to 10; less shows more relief and more noise
+    /// Smoothness of V, 1e-6 to 10; less shows more relief and more noise; auto finds it
     ///
-    /// The weight α of the smoothness, which has no unit.
-    #[arg(long, value_name = "A", help_heading = BLUR, allow_negative_numbers = true,
-          default_value_t = Settings::default().regularization)]
-    regularization: f64,
+    /// The weight α of the smoothness, which has no unit. What auto found is in the report.
+    #[arg(long, value_name = "A|auto", help_heading = BLUR, allow_negative_numbers = true,
+          default_value_t = Auto(Settings::default().regularization))]
+    regularization: Auto<f64>,
     /// Iterations a level at most, 5 to 1000; more where it has not converged
     #[arg(long, value_name = "N", help_heading = BLUR, default_value_t = Settings::default().outer_iterations)]
     outer_iterations: u32,
@@ -153,26 +153,26 @@ impl Decoding {
     }
 }
 
-/// A number of levels, or `auto`.
+/// A number, or `auto`.
 #[derive(Clone, Copy, Debug)]
-struct Levels(Option<u32>);
+struct Auto<T>(Option<T>);
 
-impl FromStr for Levels {
+impl<T: FromStr> FromStr for Auto<T> {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
         if text == "auto" {
             return Ok(Self(None));
         }
-        text.parse().map(|count| Self(Some(count))).map_err(|_| "give a whole number or auto".to_string())
+        text.parse().map(|number| Self(Some(number))).map_err(|_| "give a number or auto".to_string())
     }
 }
 
-impl fmt::Display for Levels {
+impl<T: fmt::Display> fmt::Display for Auto<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0 {
+        match &self.0 {
             None => f.write_str("auto"),
-            Some(count) => count.fmt(f),
+            Some(number) => number.fmt(f),
         }
     }
 }
@@ -185,7 +185,7 @@ impl SettingsArguments {
             levels: self.levels.0,
             outer_iterations: self.outer_iterations,
             sweeps: self.sweeps,
-            regularization: self.regularization,
+            regularization: self.regularization.0,
             max_relative_blur: self.max_relative_blur,
             registration: match self.registration_step {
                 StepName::GaussNewton => RegistrationStep::GaussNewton,

@@ -47,7 +47,9 @@ pub fn solve_masked(i1: &Frame, i2: &Frame, settings: &Settings, mask: Option<&M
         return Err(Error::NoKeyPoints);
     }
     let start = Registration::new(settings.start, &settings.start_photometric);
-    let mut memory = Memory::new([i1, i2], mask, DoubleState::new(start));
+    let mut state = DoubleState::new(start);
+    state.alpha = settings.regularization.unwrap_or(state.alpha);
+    let mut memory = Memory::new([i1, i2], mask, state);
     // With masks, so that clipped pixels are found without being looked for first.
     let script = compose(&plan, true);
     run(&script, &plan, &mut memory);

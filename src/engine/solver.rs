@@ -239,7 +239,9 @@ impl Solver {
         self.phases.end("upload");
         let settings = &self.plan.settings;
         let start = Registration::new(self.start(frames)?, &settings.start_photometric);
-        self.workspace.buffer(Slot::StartState).write(bytemuck::bytes_of(&State::new(&start)))?;
+        let mut state = State::new(&start);
+        state.alpha = settings.regularization.map_or(state.alpha, |alpha| alpha as f32);
+        self.workspace.buffer(Slot::StartState).write(bytemuck::bytes_of(&state))?;
         self.choose(frames)?;
         self.phases.end("start");
         let (plan, on_the_way) = (&self.plan, self.workspace.buffer(Slot::Progress));

@@ -2,6 +2,7 @@
 
 use crate::base::{Channels, Error, Format, Method, Motion, Settings};
 use crate::engine::filter::{self, Filter};
+use crate::engine::stages::exposure::{self, Adopt};
 use crate::engine::stages::evidence;
 use crate::engine::stages::stack::{self, Slopes};
 use crate::engine::stages::state::MAX_LEVELS;
@@ -22,8 +23,6 @@ pub(crate) const LEAST_SIZE: u32 = 16;
 const LEAST_COARSEST: u32 = 32;
 /// The least short side of a level that is asked for by number.
 const LEAST_LEVEL: u32 = 8;
-/// The exposure is matched on this level: the pyramid's blurs up to it add up to σ 9 px, its own pixels are 16 px wide.
-const LOW_PASS: usize = 4;
 /// The share of a level's outer iterations in which α falls to its value, from the coarsest level on; the last holds for
 /// all that are finer. The coarsest starts from nothing, the others from a V that needs less of it: with 0.6 everywhere
 /// levels did 14 to 20 iterations, now 5 to 9, and errors are the same (`docs/performance.md`).
@@ -46,7 +45,7 @@ pub(crate) struct Plan {
     pub(crate) size: [u32; 2],
     pub(crate) formats: [Format; 2],
     pub(crate) settings: Settings,
-    /// The pyramid, finest first: the levels solved, and what the exposure match needs beyond.
+    /// The pyramid, finest first: the levels solved.
     pub(crate) pyramid: Vec<Level>,
     /// How many of them are solved.
     pub(crate) solved: usize,
@@ -67,9 +66,8 @@ impl Plan {
             return Err(Error::TooSmall { width, height, least: LEAST_SIZE });
         }
         let solved = solved_levels(width, height, settings)?;
-        let low_pass = (0..=LOW_PASS).rev().find(|&l| half_size(width.min(height), l) >= LEAST_LEVEL).unwrap_or(0);
         let pyramid: Vec<Level> =
-            (0..solved.max(low_pass + 1)).map(|l| Level::new(l, width, height, settings.max_relative_blur)).collect();
+            (0..solved).map(|l| Level::new(l, width, height, settings.max_relative_blur)).collect();
         let mut weights = Weights::default();
         let layers = (1..pyramid[0].nodes * Slopes::of(&settings.kernel).layers()).map(|n| {
             let stack::Layer { from, sampling, terms } = stack::layer(&settings.kernel, n);
@@ -103,10 +101,10 @@ impl Plan {
             * f64::from(self.settings.outer_iterations)
     }
 
-    /// α of a level's outer iteration k: it starts too large and falls to its value.
-    pub(crate) fn smoothness(&self, level: &Level, k: u32) -> f64 {
+    /// How many times too large α is in a level's outer iteration k: it falls to its value.
+    pub(crate) fn continued(&self, level: &Level, k: u32) -> f64 {
         let share = f64::from(k) / self.continuation(level);
-        self.settings.regularization * (1.0 + self.settings.continuation * (1.0 - share).max(0.0))
+        1.0 + self.settings.continuation * (1.0 - share).max(0.0)
     }
 
     /// Whether a level may settle in iteration k: it has done one at the final α, whose energy it can compare with.
@@ -136,7 +134,7 @@ impl Plan {
         self.coarse_to_fine().filter(|_| self.solves_appearance())
     }
 
-    /// Whether gain and offset are matched at low pass before a level.
+    /// Whether gain, offset and shading are matched.
     pub(crate) fn matches_exposure(&self) -> bool {
         self.settings.photometric
     }
@@ -144,6 +142,17 @@ impl Plan {
     /// Whether T's step takes sums that tell of homographies.
     pub(crate) fn projective(&self) -> bool {
         self.settings.motion == Motion::Homography
+    }
+
+    /// Whether gain and offset are matched before iteration k of a level: often at first, and never once it may have settled.
+    pub(crate) fn matches_before(&self, level: &Level, k: u32) -> bool {
+        self.matches_exposure() && (k == 0 || k.is_power_of_two() && !self.may_settle(level, k - 1))
+    }
+
+    /// What is matched there: the shading only once a coarser level has found T.
+    pub(crate) fn adopts(&self, level: &Level) -> Adopt {
+        let found = level.index + 1 < self.solved || self.solved == 1;
+        if found && exposure::shows_shading(level.size) { Adopt::Shading } else { Adopt::Exposure }
     }
 
     /// Whether a level reads I2 on I1's pixels, where `warp` has brought it; only a Gaussian's blur has no mean to follow.
@@ -234,8 +243,8 @@ mod tests {
         let plan = plan(256, 256);
         for (level, length) in [(3, 12), (2, 8), (1, 6), (0, 6)] {
             let level = &plan.pyramid[level];
-            assert!((plan.smoothness(level, 0) - 0.033).abs() < 1e-12);
-            assert_eq!(plan.smoothness(level, length), 0.003);
+            assert!((plan.continued(level, 0) - 11.0).abs() < 1e-12);
+            assert_eq!(plan.continued(level, length), 1.0);
             assert!(!plan.may_settle(level, length) && plan.may_settle(level, length + 1));
         }
     }

@@ -1,10 +1,12 @@
 //! What each stage is told: its push constants.
 
-use super::{LOW_PASS, Level, MAP_LAYERS, Plan};
+use super::{Level, MAP_LAYERS, Plan};
 use crate::base::RegistrationStep;
 use crate::engine::arguments;
+use crate::engine::stages::exposure::Adopt;
+use crate::engine::stages::noise::Noise;
 use crate::engine::stages::{
-    appearance, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual, step, totals,
+    appearance, even, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual, sides, step, totals,
     uncertainty, update, warp,
 };
 
@@ -76,19 +78,28 @@ impl Plan {
         }
     }
 
-    /// What `exposure` is told for a level, and the level at low pass where it works.
-    pub(crate) fn exposure(&self, level: &Level, adopt: bool) -> (usize, exposure::Constants) {
-        let index = level.index.max(LOW_PASS.min(self.pyramid.len() - 1));
-        let low_pass = &self.pyramid[index];
-        let constants = exposure::Constants {
-            width: low_pass.size[0],
-            height: low_pass.size[1],
-            factor: low_pass.factor as f32,
-            centre: low_pass.centre.map(|c| c as f32),
-            adopt: u32::from(adopt),
-            stride: 1 << (index - level.index),
-        };
-        (index, constants)
+    /// What `sides` is told on a level: without stacks while V is zero.
+    pub(crate) fn sides(&self, level: &Level, stacked: bool) -> sides::Constants {
+        sides::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            nodes: if stacked { level.nodes as u32 } else { 0 },
+            second_stack: if stacked { self.first_layer(1) } else { 0 },
+            factor: level.factor as f32,
+            centre: level.centre.map(|c| c as f32),
+            mean: self.settings.kernel.mean().map(|m| m as f32),
+        }
+    }
+
+    /// What `exposure` is told on a level.
+    pub(crate) fn exposure(&self, level: &Level, adopt: Adopt) -> exposure::Constants {
+        exposure::Constants::new(level.size, level.factor, level.centre, adopt)
+    }
+
+    /// What `even` is told on a level.
+    pub(crate) fn even(&self, level: &Level, layer: u32) -> even::Constants {
+        let [width, height] = level.size;
+        even::Constants { width, height, layer, centre: level.centre.map(|c| c as f32) }
     }
 
     fn descends(&self) -> bool {
@@ -107,14 +118,14 @@ impl Plan {
             factor: level.factor as f32,
             centre: level.centre.map(|c| c as f32),
             length: level.length as f32,
-            alpha: self.smoothness(level, k) as f32,
-            final_alpha: s.regularization as f32,
+            continuation: self.continued(level, k) as f32,
             eta: s.data_eta as f32,
             smoothness_eta: s.smoothness_eta as f32,
             epsilon: s.heaviside_epsilon as f32,
             // Beside so much smoothness no pixel's V answers.
             elimination: if self.descends() { 1e20 } else { linearise::ELIMINATION },
             mean: s.kernel.mean().map(|m| m as f32),
+            noise: Noise::new(level.index),
         }
     }
 
@@ -124,7 +135,6 @@ impl Plan {
         evidence::Constants {
             width,
             height,
-            alpha: s.regularization as f32,
             eta: s.data_eta as f32,
             smoothness_eta: s.smoothness_eta as f32,
             noise: evidence::NOISE,
@@ -208,6 +218,7 @@ impl Plan {
             factor: level.factor as f32,
             length: level.length as f32,
             half_size: level.centre.map(|c| c as f32),
+            finds_alpha: u32::from(self.settings.regularization.is_none()),
         }
     }
 }

@@ -7,9 +7,10 @@ use crate::base::color::LUMINANCE;
 use crate::engine::arguments::{self, Grid, Over, Place};
 use crate::engine::plan::{Level, MAP_LAYERS, Plan};
 use crate::engine::slot::{self, Slot};
+use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{
-    NO_VARIANT, appearance, exposure, ingest, linearise, mask, prolong, relax, relax_level, step, sums, totals, update,
+    NO_VARIANT, appearance, ingest, linearise, mask, prolong, relax, relax_level, step, sums, totals, update,
 };
 use crate::engine::vulkan::Variant;
 
@@ -46,7 +47,9 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
         s.next_part();
         s.place = Place::level(0);
         s.clear(&plan.pyramid[0]);
-        s.exposure(&plan.pyramid[0], plan.matches_exposure() && !plan.solves_appearance());
+        s.spline2(&plan.pyramid[0]);
+        let known = !plan.matches_exposure() || plan.solves_appearance();
+        s.exposure(&plan.pyramid[0], if known { Adopt::Nothing } else { Adopt::Exposure }, false);
         s.bring_down_registration();
         s.reset_levels();
         registered = s.parts.len();
@@ -57,7 +60,7 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     }
     s.next_part();
     s.place = Place::level(0);
-    s.exposure(&plan.pyramid[0], false);
+    s.exposure(&plan.pyramid[0], Adopt::Nothing, true);
     if plan.solves_transform() {
         s.judge();
         s.bring_down_registration();
@@ -193,12 +196,12 @@ impl<'a> Composer<'a> {
     fn register_level(&mut self, level: &Level) {
         let plan = self.plan;
         self.place = Place::registering(level.index);
+        self.spline2(level);
         if plan.matches_exposure() {
             // Nothing is known of V yet.
             self.clear(level);
-            self.exposure(level, true);
+            self.exposure(level, Adopt::Exposure, false);
         }
-        self.spline2(level);
         for k in 0..plan.settings.outer_iterations {
             self.begin_iteration(level, k, |k| plan.appearance_step(level, k).may_settle == 1);
             self.appearance(level);
@@ -212,9 +215,6 @@ impl<'a> Composer<'a> {
         let plan = self.plan;
         self.place = Place::level(level.index);
         self.start(level);
-        if plan.matches_exposure() {
-            self.exposure(level, true);
-        }
         let mut passed = 0;
         for (image, layer) in BOTH.iter().flat_map(|&image| (0..plan.layers_of(level)).map(move |n| (image, n))) {
             passed += self.stack_layer(level, image, layer) * level.pixels();
@@ -227,6 +227,9 @@ impl<'a> Composer<'a> {
             self.begin_iteration(level, k, |k| plan.may_settle(level, k));
             if plan.warps_anew(level, k) {
                 self.warp_anew(level);
+            }
+            if plan.matches_before(level, k) {
+                self.exposure(level, plan.adopts(level), true);
             }
             self.linearise(level, k);
             self.step(level, &plan.step(level, k));
@@ -273,19 +276,6 @@ impl<'a> Composer<'a> {
         let coarse = slot::relative_blur(level.index + 1).read();
         let bindings = prolong::Bindings { coarse, fine: slot::relative_blur(level.index).write() };
         self.over(level.size, bindings, &self.plan.prolong(level), NO_VARIANT);
-    }
-
-    /// Gain and offset at low pass, or only the correlation there.
-    fn exposure(&mut self, level: &Level, adopt: bool) {
-        let (low_pass, constants) = self.plan.exposure(level, adopt);
-        let bindings = exposure::Bindings {
-            i1: slot::i1(low_pass).read(),
-            i2: slot::i2(low_pass).read(),
-            v: slot::relative_blur(level.index).read(),
-            state: slot::STATE.update(),
-            masks: slot::masks(low_pass).read(),
-        };
-        self.dispatch(bindings, &constants, mask::weighing(self.masked), Grid::Direct([1, 1, 1]));
     }
 
     /// The registration integrals without a blur model: equation 36.

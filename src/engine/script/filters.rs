@@ -5,7 +5,7 @@ use crate::engine::arguments::{Grid, Place};
 use crate::engine::plan::{FilterRange, Level, StackLayer};
 use crate::engine::slot::{self, Handle, Plane};
 use crate::engine::stages::stack::Sampling;
-use crate::engine::stages::{NO_VARIANT, convolve, subdivide, warp};
+use crate::engine::stages::{NO_VARIANT, convolve, even, subdivide, warp};
 
 /// An image of one float a pixel, and which of its layers.
 pub(super) type Layer = (Handle<Plane>, u32);
@@ -50,7 +50,8 @@ impl Composer<'_> {
                 self.warp(level);
                 return 2;
             }
-            self.spline(level, (slot::luminance(image, level.index), 0), stack(0));
+            let from = if image == 1 { self.even(level, stack(0)) } else { (slot::luminance(image, level.index), 0) };
+            self.spline(level, from, stack(0));
             return 1;
         }
         let StackLayer { from, sampling, terms } = &plan.layers[layer as usize - 1];
@@ -67,6 +68,14 @@ impl Composer<'_> {
     /// Coefficients of the spline through I2.
     pub(super) fn spline2(&mut self, level: &Level) {
         self.spline(level, (slot::luminance(1, level.index), 0), (slot::SPLINE2.plane(), 0));
+    }
+
+    /// I2 evened out, into a layer.
+    fn even(&mut self, level: &Level, to: Layer) -> Layer {
+        let bindings =
+            even::Bindings { from: slot::i2(level.index).read(), to: to.0.write(), state: slot::STATE.update() };
+        self.over(level.size, bindings, &self.plan.even(level, to.1), NO_VARIANT);
+        to
     }
 
     /// Coefficients of the spline through an image.

@@ -4,6 +4,7 @@
 //! [`reference`](super::reference) by the stages' twins.
 
 mod compose;
+mod exposure;
 mod filters;
 mod hazards;
 mod results;

@@ -13,6 +13,7 @@ impl Composer<'_> {
             right_sides: slot::RIGHT_SIDES.read(),
             weights: slot::WEIGHTS.read(),
             evidence: slot::EVIDENCE.write(),
+            state: slot::STATE.read(),
         };
         self.over(size, bindings, &self.plan.evidence(), NO_VARIANT);
         let bindings = residual::Bindings {

@@ -7,7 +7,7 @@ use super::stack::{self, Blurred, Slopes};
 use super::state::Registration;
 
 /// Beyond V = 0 a blurred image goes on linearly for this many px².
-const NEAR: f64 = 0.5;
+pub const NEAR: f64 = 0.5;
 /// Below this |V|, px², the kernel's mean moves linearly, so that its derivative stays finite.
 const LEAST_ROOT: f64 = 0.05;
 

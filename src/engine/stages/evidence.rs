@@ -28,8 +28,6 @@ pub struct Constants {
     pub width: u32,
     /// Rows of the image.
     pub height: u32,
-    /// α that the system was made with.
-    pub alpha: f32,
     /// η of the data term, intensities.
     pub eta: f32,
     /// η of the smoothness term, px² a pixel.
@@ -48,6 +46,8 @@ bindings! {
     weights: Reads<Weights>,
     /// Evidence, of that the first three layers.
     evidence: Writes<Evidence>,
+    /// State, with the α that the system was made with.
+    state: Reads<State>,
 }
 
 impl Pass for Bindings {
@@ -61,7 +61,8 @@ impl Pass for Bindings {
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let found = twin(c, memory.layer(self.v, 0), &memory.system(self.right_sides, self.weights));
+        let alpha = memory.state(self.state).alpha;
+        let found = twin(c, alpha, memory.layer(self.v, 0), &memory.system(self.right_sides, self.weights));
         found.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.evidence, n, field));
     }
 }
@@ -77,8 +78,8 @@ pub fn window() -> Filter {
 }
 
 /// D, b² (of residuals of `noise` at least) and |∇V|² on every other pixel.
-pub fn twin(c: &Constants, v: &Field, system: &[&Field; 5]) -> [Field; 3] {
-    let [alpha, eta, smoothness_eta, noise] = [c.alpha, c.eta, c.smoothness_eta, c.noise].map(f64::from);
+pub fn twin(c: &Constants, alpha: f64, v: &Field, system: &[&Field; 5]) -> [Field; 3] {
+    let [eta, smoothness_eta, noise] = [c.eta, c.smoothness_eta, c.noise].map(f64::from);
     let gradient = |x: isize, y: isize| {
         [(v.clamped(x + 1, y) - v.clamped(x - 1, y)) / 2.0, (v.clamped(x, y + 1) - v.clamped(x, y - 1)) / 2.0]
     };
@@ -147,7 +148,7 @@ mod tests {
         let system: [Field; 5] =
             std::array::from_fn(|i| Field::from_fn(8, 8, |_, _| if i == 0 { 0.02 } else { a } * over));
         let c = Constants { noise: 0.0, ..constants(&v) };
-        let [d, b2, g] = twin(&c, &v, &system.each_ref());
+        let [d, b2, g] = twin(&c, 0.003, &v, &system.each_ref());
         assert!((d.get(2, 2) / (3.0 * a) - 1.0).abs() < 1e-6, "{}", d.get(2, 2));
         assert!((b2.get(2, 2) / 4e-4 - 1.0).abs() < 1e-5 && g.get(2, 2) == 0.0);
     }

@@ -1,14 +1,15 @@
 //! Pseudo-radiance of one channel, equation 37: `r̃ = I1 H(V) + J (1 - H(V))`, of each pixel the sharper image.
 //!
-//! J with gain and offset, or seams show. Where I2 does not reach, I1.
+//! J with gain, offset and shading, or seams show. Where I2 does not reach, I1.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::seen::heaviside;
-use super::state::{Registration, inside};
+use super::state::{Registration, from_centre, inside};
 use super::{Field, pixels, spline};
+use crate::base::Shading;
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -51,23 +52,31 @@ impl Pass for Bindings {
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let r = memory.state(self.state).registration;
+        let state = memory.state(self.state);
         let channel1 = memory.layer(self.channel1, 0);
-        let fused = twin(c, &r, channel1, memory.layer(self.spline2, 0), memory.layer(self.v, 0));
+        let fused = twin(c, (&state.registration, &state.evened), channel1, memory.layer(self.spline2, 0), memory.layer(self.v, 0));
         memory.set_layer(self.results, c.layer as usize, fused);
     }
 }
 
 /// The fused channel.
-pub fn twin(c: &Constants, r: &Registration, channel1: &Field, coefficients2: &Field, v: &Field) -> Field {
-    let size = [v.width, v.height];
+pub fn twin(
+    c: &Constants,
+    (r, shading): (&Registration, &Shading),
+    channel1: &Field,
+    coefficients2: &Field,
+    v: &Field,
+) -> Field {
+    let (size, centre) = ([v.width, v.height], c.centre.map(f64::from));
     Field::from_fn(v.width, v.height, |x, y| {
-        let d = r.displacement(x, y, 1.0, c.centre.map(f64::from));
+        let d = r.displacement(x, y, 1.0, centre);
         let i1 = channel1.get(x, y);
         if !inside([x, y], d, size, 0.0, 1.0) {
             return i1;
         }
-        let j = r.gain * spline::read(coefficients2, x as f64 + d[0], y as f64 + d[1]).value + r.offset;
+        let at = [x as f64 + d[0], y as f64 + d[1]];
+        let evened = shading.at(from_centre(at, centre)) * spline::read(coefficients2, at[0], at[1]).value;
+        let j = r.gain * evened + r.offset;
         let h = heaviside(v.get(x, y), c.epsilon.into());
         h * i1 + (1.0 - h) * j
     })
@@ -87,7 +96,9 @@ mod tests {
             let fields = [1, 2, 3].map(|seed| random_field(width, height, seed));
             let registration =
                 Registration::new(&Similarity::new(1.4, -0.8, 0.5, 1.01), &Photometric { gain: 0.9, offset: 0.02 });
-            let state = State::new(&registration);
+            let mut state = State::new(&registration);
+            state.evened[0] = 0.1;
+            let shading = state.evened();
             let c = Constants {
                 width: width as u32,
                 height: height as u32,
@@ -101,7 +112,7 @@ mod tests {
             let buffer = rig.upload(bytemuck::bytes_of(&state));
             let images = [&inputs[0], &inputs[1], &inputs[2], &result].map(Resource::Image);
             rig.run(&STAGE, &[&images[..], &[Resource::Buffer(&buffer)]].concat(), &c, [width as u32, height as u32]);
-            let expected = twin(&c, &state.registration(), &fields[0], &fields[1], &fields[2]);
+            let expected = twin(&c, (&state.registration(), &shading), &fields[0], &fields[1], &fields[2]);
             rig.assert_close(&result, &[Field::zeros(width, height), expected], 2e-5);
         }
     }

@@ -4,6 +4,7 @@
 //!
 //! ```text
 //! S1 = G(V) * I1 - J,  S2 = G(-V) * J - I1,  w1 = H ψ'(S1²),  w2 = (1-H) ψ'(S2²)
+//! Î1v less S1 n1'/2n1, Î2v less S2 n2'/2n2: what noise has of them (noise.rs)
 //! D = w1 Î1v² + w2 Î2v²,  b = -(w1 S1 Î1v + w2 S2 Î2v),  a_n = α (φ + φ_n)/2
 //! (D + Σ a_n) dV = r + Σ a_n dV_n
 //! r = b + Σ a_n (V_n - V)
@@ -17,9 +18,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::blur::Stacks;
+use super::blur::{NEAR, Stacks};
 use super::mask::{self, Masks};
 use super::memory::Memory;
+use super::noise::{self, Noise};
 use super::pass::{Pass, bindings};
 use super::seen::{Seen, heaviside, see};
 use super::stack::Slopes;
@@ -61,10 +63,8 @@ pub struct Constants {
     pub centre: [f32; 2],
     /// L, which places are stated over: a quarter of the diagonal.
     pub length: f32,
-    /// α of this iteration.
-    pub alpha: f32,
-    /// α that the energy is measured with.
-    pub final_alpha: f32,
+    /// How many times too large α is in this iteration.
+    pub continuation: f32,
     /// η of the data term, intensities.
     pub eta: f32,
     /// η of the smoothness term, px² a pixel.
@@ -75,6 +75,8 @@ pub struct Constants {
     pub elimination: f32,
     /// Mean of the kernel at V = 1, px.
     pub mean: [f32; 2],
+    /// Of either image.
+    pub noise: Noise,
 }
 
 /// Workgroups that cover a level.
@@ -133,7 +135,7 @@ impl Pass for Bindings {
         let warped = variant[1].then_some(&state.warped);
         let masks = mask::of(memory, self.masks, variant);
         let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
-        let Linearised { system, sums } = twin(c, &state.registration, warped, i1, v, &stacks, masks);
+        let Linearised { system, sums } = twin(c, (&state.registration, state.alpha), warped, i1, v, &stacks, masks);
         let [right_sides, weights @ ..] = system;
         memory.set_layer(self.right_sides, 0, right_sides);
         weights.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.weights, n, field));
@@ -167,7 +169,7 @@ struct Residual {
 /// pixels are masked.
 pub fn twin(
     c: &Constants,
-    r: &Registration,
+    (r, alpha): (&Registration, f64),
     warped: Option<&Registration>,
     i1: &Field,
     v: &Field,
@@ -179,23 +181,27 @@ pub fn twin(
     let mut sums = Sums::default();
     for y in 0..height {
         for x in 0..width {
-            let (weights, mut right_side) = smoothness_term(c, v, [x, y]);
+            let (weights, mut right_side) = smoothness_term(c, alpha, v, [x, y]);
             let smoothness: f64 = weights.iter().sum();
             let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
             let mut diagonal = 0.0;
             if inside([x, y], d, [width, height], v.get(x, y), r.scale()) {
                 let seen = see((c.mean, c.factor, c.centre), r, warped, [x, y], i1, v.get(x, y), stacks);
                 let share = mask::counts(masks, [x, y], d);
-                let (mut residuals, energy) = data_term(c, r, v.get(x, y), seen);
+                let (mut residuals, energy) = data_term(c, r, v.get(x, y), seen, d);
                 residuals.iter_mut().for_each(|t| t.weight *= share);
                 diagonal = residuals.iter().map(|t| t.weight * t.by_v * t.by_v).sum();
-                right_side -= residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
+                let b = residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
+                right_side -= b;
                 let over = 1.0 / (diagonal + f64::from(c.elimination) * smoothness).max(1e-12);
                 let place = [x as f64 - f64::from(c.centre[0]), y as f64 - f64::from(c.centre[1])];
                 accumulate(&residuals, right_side, over, place.map(|p| p / f64::from(c.length)), &mut sums);
-                let smooth = f64::from(c.final_alpha) / inverse_gradient(c, v, x as isize, y as isize);
-                sums.energy += share * (energy + smooth);
+                let gradient = 1.0 / inverse_gradient(c, v, x as isize, y as isize);
+                sums.energy += share * (energy + alpha * gradient);
                 sums.valid += share;
+                let steep = (gradient.powi(2) - f64::from(c.smoothness_eta).powi(2)).max(0.0).sqrt();
+                sums.roughness[0] += share * b.abs().sqrt();
+                sums.roughness[1] += share * steep;
             }
             let over = 1.0 / (diagonal + smoothness).max(1e-12);
             let at = y * width + x;
@@ -216,13 +222,13 @@ fn inverse_gradient(c: &Constants, v: &Field, x: isize, y: isize) -> f64 {
 }
 
 /// The weights a_n of the four neighbours, zero across the border, and Σ a_n (V_n - V).
-fn smoothness_term(c: &Constants, v: &Field, [x, y]: [usize; 2]) -> ([f64; 4], f64) {
+fn smoothness_term(c: &Constants, alpha: f64, v: &Field, [x, y]: [usize; 2]) -> ([f64; 4], f64) {
     let (x, y) = (x as isize, y as isize);
     let phi = inverse_gradient(c, v, x, y);
     let neighbours = [(x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)];
     let weights = neighbours.map(|(nx, ny)| {
         let exists = nx >= 0 && ny >= 0 && nx < v.width as isize && ny < v.height as isize;
-        if exists { 0.5 * f64::from(c.alpha) * (phi + inverse_gradient(c, v, nx, ny)) } else { 0.0 }
+        if exists { 0.5 * f64::from(c.continuation) * alpha * (phi + inverse_gradient(c, v, nx, ny)) } else { 0.0 }
     });
     let pull = weights.iter().zip(neighbours).map(|(a, (nx, ny))| a * (v.clamped(nx, ny) - v.clamped(x, y))).sum();
     (weights, pull)
@@ -234,17 +240,36 @@ fn data_term(
     r: &Registration,
     v: f64,
     Seen { i1, i2, blurred: [b1, b2] }: Seen,
+    d: [f64; 2],
 ) -> ([Residual; 2], f64) {
     let (s1, s2) = (b1.value - (r.gain * i2.value + r.offset), r.gain * b2.value + r.offset - i1);
     let eta2 = f64::from(c.eta).powi(2);
     let (psi1, psi2) = ((s1 * s1 + eta2).sqrt(), (s2 * s2 + eta2).sqrt());
     let h = heaviside(v, c.epsilon.into());
+    let [along1, along2] = noise_slopes(c, r, v, d);
     let jacobian = |sign: f64, dx: f64, dy: f64| [sign * r.gain * dx, sign * r.gain * dy];
     let residuals = [
-        Residual { s: s1, by_v: b1.slope, weight: h / psi1, by_place: jacobian(-1.0, i2.dx, i2.dy) },
-        Residual { s: s2, by_v: r.gain * b2.slope, weight: (1.0 - h) / psi2, by_place: jacobian(1.0, b2.dx, b2.dy) },
+        Residual { s: s1, by_v: b1.slope - along1 * s1, weight: h / psi1, by_place: jacobian(-1.0, i2.dx, i2.dy) },
+        Residual {
+            s: s2,
+            by_v: r.gain * b2.slope - along2 * s2,
+            weight: (1.0 - h) / psi2,
+            by_place: jacobian(1.0, b2.dx, b2.dy),
+        },
     ];
     (residuals, h * psi1 + (1.0 - h) * psi2)
+}
+
+/// Half of the derivative by V of the logarithm of what noise of both images adds to S1² and S2².
+fn noise_slopes(c: &Constants, r: &Registration, v: f64, d: [f64; 2]) -> [f64; 2] {
+    let (between, square) = (noise::interpolated(d), r.gain * r.gain);
+    let (n1, n2) = if v >= 0.0 {
+        (c.noise.blurred(v, 1.0), c.noise.beyond(v, between, NEAR))
+    } else {
+        (c.noise.beyond(-v, 1.0, NEAR), c.noise.blurred(-v, between))
+    };
+    let sign = if v >= 0.0 { 0.5 } else { -0.5 };
+    [n1.slope / (n1.value + square * between), square * n2.slope / (square * n2.value + 1.0)].map(|n| sign * n)
 }
 
 /// Adds a pixel to N and g, its own dV eliminated; `place` is from the centre over L.
@@ -277,13 +302,13 @@ mod tests {
             factor: 2.0,
             centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 0.5) / 2.0],
             length: 20.0,
-            alpha: 0.006,
-            final_alpha: 0.003,
+            continuation: 2.0,
             eta: 0.01,
             smoothness_eta: 0.1,
             epsilon: 0.1,
             elimination: ELIMINATION,
             mean: kernel.mean().map(|m| m as f32),
+            noise: Noise::new(1),
         }
     }
 

@@ -76,11 +76,6 @@ pub fn twin(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Fie
     })
 }
 
-/// The variant of a pass that weighs pixels, where some are masked or clipped.
-pub(crate) fn weighing(masked: bool) -> Variant {
-    [false, false, masked, false]
-}
-
 /// The masks for a variant of a pass that weighs pixels: `None` where none is masked.
 pub(super) fn of<'a>(memory: &'a Memory, masks: Reads<slot::Masks>, variant: Variant) -> Option<&'a Masks> {
     variant[2].then(|| memory.layers(masks).first_chunk()).flatten()

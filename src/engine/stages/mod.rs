@@ -7,6 +7,7 @@ pub mod appearance;
 pub mod blur;
 pub mod convolve;
 pub mod copy;
+pub mod even;
 pub mod evidence;
 pub mod exposure;
 pub mod field;
@@ -17,12 +18,14 @@ pub mod ingest;
 pub mod linearise;
 pub mod mask;
 pub(crate) mod memory;
+pub mod noise;
 pub(crate) mod pass;
 pub mod prolong;
 pub mod relax;
 pub mod relax_level;
 pub mod residual;
 pub(crate) mod seen;
+pub mod sides;
 pub mod spline;
 pub mod stack;
 pub mod state;
@@ -57,10 +60,11 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
 }
 
 /// The stages, and the variants of them, that solves of pairs without masked pixels take.
-const PLAIN: [(&Stage, Variant); 25] = [
+const PLAIN: [(&Stage, Variant); 29] = [
     (&appearance::STAGE, NO_VARIANT),
     (&convolve::STAGE, NO_VARIANT),
     (&convolve::STAGE, convolve::LONG),
+    (&even::STAGE, NO_VARIANT),
     (&evidence::STAGE, NO_VARIANT),
     (&exposure::STAGE, NO_VARIANT),
     (&fuse::STAGE, NO_VARIANT),
@@ -77,6 +81,9 @@ const PLAIN: [(&Stage, Variant); 25] = [
     (&residual::STAGE, NO_VARIANT),
     (&residual::STAGE, linearise::ANY_KERNEL),
     (&residual::STAGE, linearise::WARPED),
+    (&sides::STAGE, NO_VARIANT),
+    (&sides::STAGE, linearise::ANY_KERNEL),
+    (&sides::STAGE, linearise::WARPED),
     (&step::STAGE, NO_VARIANT),
     (&subdivide::STAGE, NO_VARIANT),
     (&totals::STAGE, sums::PROJECTIVE),

@@ -2,10 +2,13 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::base::{Homography, Photometric};
+use crate::base::{Homography, Photometric, Shading};
 
 /// Most levels of a pyramid; a short side of 32 px on the twelfth would be 65536 px on the first.
 pub const MAX_LEVELS: usize = 12;
+
+/// α that the coarsest level starts with, where it is to be found.
+pub const FIRST_ALPHA: f64 = 0.003;
 
 /// The state buffer.
 #[repr(C)]
@@ -17,8 +20,14 @@ pub struct State {
     pub correlation: f32,
     /// 1 if the last step had unknowns that the images do not determine.
     pub degenerate: u32,
+    /// α of the level at hand.
+    pub alpha: f32,
     /// The same when I2 was last brought onto I1's pixels.
     pub warped: Single,
+    /// Coefficients of the shading.
+    pub shading: [f32; Shading::TERMS],
+    /// Of that by which I2 was last evened out.
+    pub evened: [f32; Shading::TERMS],
     /// By level, finest first.
     pub levels: [LevelState; MAX_LEVELS],
 }
@@ -75,8 +84,14 @@ pub struct DoubleState {
     pub registration: Registration,
     /// The same when I2 was last brought onto I1's pixels.
     pub warped: Registration,
+    /// The shading.
+    pub shading: Shading,
+    /// That by which I2 was last evened out.
+    pub evened: Shading,
     /// Correlation of the two images at low pass.
     pub correlation: f64,
+    /// α of the level at hand.
+    pub alpha: f64,
     /// By level, finest first.
     pub levels: [DoubleLevel; MAX_LEVELS],
 }
@@ -91,9 +106,17 @@ pub struct DoubleLevel {
 }
 
 impl DoubleState {
-    /// The state before a solve.
+    /// The state before a solve that finds α.
     pub fn new(start: Registration) -> Self {
-        Self { registration: start, warped: start, correlation: 0.0, levels: [DoubleLevel::default(); MAX_LEVELS] }
+        Self {
+            registration: start,
+            warped: start,
+            shading: Shading::NONE,
+            evened: Shading::NONE,
+            correlation: 0.0,
+            alpha: FIRST_ALPHA,
+            levels: [DoubleLevel::default(); MAX_LEVELS],
+        }
     }
 }
 
@@ -104,14 +127,19 @@ impl Default for DoubleState {
 }
 
 impl State {
-    /// The state before a solve.
+    /// The state before a solve that finds α.
     pub fn new(start: &Registration) -> Self {
-        Self { registration: start.into(), ..Self::zeroed() }
+        Self { registration: start.into(), alpha: FIRST_ALPHA as f32, ..Self::zeroed() }
     }
 
     /// T, gain and offset.
     pub fn registration(&self) -> Registration {
         self.registration.into()
+    }
+
+    /// The shading by which I2 was last evened out.
+    pub fn evened(&self) -> Shading {
+        Shading { coefficients: self.evened.map(f64::from) }
     }
 }
 
@@ -176,6 +204,11 @@ impl Registration {
         let p = [factor * (x as f64 - centre[0]), factor * (y as f64 - centre[1])];
         self.transform.displacement(p).map(|d| d / factor)
     }
+}
+
+/// A place from the centre, -1 to 1 along either side.
+pub fn from_centre(place: [f64; 2], centre: [f64; 2]) -> [f64; 2] {
+    [0, 1].map(|i| (place[i] - centre[i]) / centre[i])
 }
 
 /// Whether the window of three σ lies inside both images: at (x, y) in I1, and at (x, y) + d in I2, where it is `scale`

@@ -10,7 +10,7 @@ use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::state::Registration;
 use super::sums::{Layout, Sums, UNKNOWNS};
-use crate::base::Homography;
+use crate::base::{Homography, Shading};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -45,6 +45,8 @@ pub struct Constants {
     pub length: f32,
     /// From the centre to a corner, pixels of the level.
     pub half_size: [f32; 2],
+    /// 1: α is found, once it is final.
+    pub finds_alpha: u32,
 }
 
 bindings! {
@@ -75,7 +77,11 @@ impl Pass for Bindings {
         let state = memory.state_mut(self.state);
         let level = c.level as usize;
         let step = twin(c, &sums, &mut state.registration, state.levels[level].energy);
-        let anew = c.warp_count > 0 && !step.settled && moved_away(c, &state.warped, &state.registration);
+        if c.finds_alpha == 1 && c.may_settle == 1 {
+            state.alpha = find_alpha(&sums, state.alpha);
+        }
+        let follows = !moved_away(c, &state.warped, &state.registration) && shading_stays(&state.shading, &state.evened);
+        let anew = c.warp_count > 0 && !step.settled && !follows;
         state.levels[level].energy = step.energy;
         state.levels[level].iterations += 1;
         let energies = memory.numbers_mut(self.energies, c.energy_place as usize + 1);
@@ -152,6 +158,27 @@ pub(crate) fn moved_away(c: &Constants, before: &Registration, r: &Registration)
     corner_moves(c, &r.moved_since(before).transform) > FOLLOWED * f64::from(c.factor)
 }
 
+/// What the shading may change by before I2 is evened out anew: a thousandth of the contrast is 0.01 px² of V.
+const EVEN: f64 = 0.001;
+
+fn shading_stays(now: &Shading, evened: &Shading) -> bool {
+    let pairs = now.coefficients.iter().zip(&evened.coefficients);
+    pairs.map(|(now, before)| (now - before).abs()).sum::<f64>() <= EVEN
+}
+
+/// Where α is looked for.
+const ALPHAS: [f64; 2] = [5e-4, 10.0];
+/// Steepness, px² a pixel, below which V counts as flat: a larger α would converge too slowly to gain anything.
+const LEAST_STEEP: f64 = 0.007;
+
+/// α from what the data say against V, mean √|b|, and how steep it is, half way there from what it was unless it is there within
+/// a twentieth: changes take iterations, and none ends them.
+pub fn find_alpha(sums: &Sums, alpha: f64) -> f64 {
+    let [root, steep] = sums.roughness.map(|sum| sum / sums.valid.max(1.0));
+    let found = (0.2 * root * root / steep.max(LEAST_STEEP)).clamp(ALPHAS[0], ALPHAS[1]);
+    if (found / alpha).ln().abs() > 0.05 { (found * alpha).sqrt() } else { alpha }
+}
+
 /// Solves for the unknowns that are free; where N is singular nothing steps (the shader holds only the dependent unknowns).
 ///
 /// Down the gradient, each unknown steps by its gradient over `Σ_j |N_ij|`: the paper names no step length, and by
@@ -198,6 +225,7 @@ mod tests {
             factor: 2.0,
             length: 30.0,
             half_size: [60.0, 40.0],
+            finds_alpha: 0,
         }
     }
 

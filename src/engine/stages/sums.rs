@@ -31,6 +31,8 @@ pub struct Sums {
     pub energy: f64,
     /// Valid pixels.
     pub valid: f64,
+    /// Of √|b|, of |∇V|.
+    pub roughness: [f64; 2],
 }
 
 /// Where a row of partial sums keeps what.
@@ -40,7 +42,7 @@ pub struct Layout {
     pub unknowns: usize,
     /// Where the sums of w ∇J S begin, after those of w ∇J ∇Jᵀ.
     pub gradient: usize,
-    /// The energy; the valid pixels come after it.
+    /// The energy; the valid pixels come after it, then the sums of √|b| and |∇V|.
     pub energy: usize,
     /// Floats in a row.
     pub length: usize,
@@ -102,7 +104,7 @@ impl Sums {
     /// From rows of partial sums as the device keeps them; what a row has nothing of is 0.
     pub fn from_partials(partials: &[f32], layout: Layout) -> Self {
         let row = add_up(partials, layout);
-        let mut sums = Self { energy: row[layout.energy], valid: row[layout.energy + 1], ..Self::default() };
+        let mut sums = Self { energy: row[layout.energy], valid: row[layout.energy + 1], roughness: [row[layout.energy + 2], row[layout.energy + 3]], ..Self::default() };
         for (i, a) in ALONG[..layout.unknowns].iter().enumerate() {
             for (c, (sign, powers)) in a.iter().enumerate() {
                 sums.gradient[i] += sign * row[layout.gradient + 2 * monomial(*powers) + c];

@@ -1,4 +1,4 @@
-//! I2 on I1's pixels: its spline where T puts each pixel, so that a stack of it can be read on the pixels themselves.
+//! I2 on I1's pixels, evened out: its spline where T puts each pixel, times the shading, so that a stack of it can be read on the pixels themselves.
 //!
 //! The blur of a warped image is the warped blur, of a variance in I1's pixels; T may go on moving a little, since
 //! [`linearise`](super::linearise) follows it by the gradient on each pixel.
@@ -7,8 +7,9 @@ use bytemuck::{Pod, Zeroable};
 
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::state::Registration;
+use super::state::{Registration, from_centre};
 use super::{Field, pixels, spline};
+use crate::base::Shading;
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -33,7 +34,7 @@ bindings! {
     spline2: Reads<Spline2>,
     /// Stacks, of those one layer.
     stacks: Writes<Stacks>,
-    /// State, which keeps the T that was used.
+    /// State, which keeps T and the shading that were used.
     state: Updates<State>,
 }
 
@@ -47,24 +48,26 @@ impl Pass for Bindings {
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let r = memory.state(self.state).registration;
-        let samples = twin(c, &r, memory.layer(self.spline2, 0));
+        let (r, shading) = (memory.state(self.state).registration, memory.state(self.state).shading);
+        let samples = twin(c, &r, &shading, memory.layer(self.spline2, 0));
         memory.set_layer(self.stacks, c.layer as usize, samples);
-        memory.state_mut(self.state).warped = r;
+        let state = memory.state_mut(self.state);
+        (state.warped, state.evened) = (r, shading);
     }
 }
 
-/// Samples of I2 at T x; mirrored once where T leaves I2.
-pub fn twin(c: &Constants, r: &Registration, spline2: &Field) -> Field {
+/// Samples of I2 at T x, evened out; mirrored once where T leaves I2.
+pub fn twin(c: &Constants, r: &Registration, shading: &Shading, spline2: &Field) -> Field {
+    let centre = c.centre.map(f64::from);
     let mirrored = |x: f64, size: usize| {
         let last = size as f64 - 1.0;
         let x = if x < 0.0 { -x } else { x };
         if x > last { 2.0 * last - x } else { x }
     };
     Field::from_fn(spline2.width, spline2.height, |x, y| {
-        let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
+        let d = r.displacement(x, y, c.factor.into(), centre);
         let (x, y) = (mirrored(x as f64 + d[0], spline2.width), mirrored(y as f64 + d[1], spline2.height));
-        spline::read(spline2, x, y).value
+        shading.at(from_centre([x, y], centre)) * spline::read(spline2, x, y).value
     })
 }
 
@@ -94,11 +97,11 @@ mod tests {
                 let buffer = rig.upload(bytemuck::bytes_of(&state));
                 let resources = [Resource::Image(&image), Resource::Image(&stacks), Resource::Buffer(&buffer)];
                 rig.run(&STAGE, &resources, &c, [width as u32, height as u32]);
-                let expected = twin(&c, &state.registration(), &spline2);
+                let expected = twin(&c, &state.registration(), &shading, &spline2);
                 // Places are known to 2e-6 px here, and the noise rises by less than 1 a pixel.
                 rig.assert_close(&stacks, &[Field::zeros(width, height), expected], 1e-5);
                 let found: State = rig.value(&buffer);
-                assert_eq!(found.warped, state.registration);
+                assert_eq!((found.warped, found.evened), (state.registration, state.shading));
             }
         }
     }
@@ -112,7 +115,7 @@ mod tests {
         let spline2 = build_stack(&field, &crate::base::Kernel::Gaussian, 1).swap_remove(0);
         let r = Registration::new(&Similarity::new(1.3, -0.7, 0.8, 1.02), &Photometric::IDENTITY);
         let c = Constants { width: 60, height: 40, layer: 0, factor: 1.0, centre: [29.5, 19.5] };
-        let found = twin(&c, &r, &spline2);
+        let found = twin(&c, &r, &Shading::NONE, &spline2);
         for y in 15..25 {
             for x in 15..45 {
                 let d = r.displacement(x, y, 1.0, [29.5, 19.5]);

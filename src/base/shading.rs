@@ -1,0 +1,80 @@
+//! How much brighter one photograph is than the other from place to place: the twin of `glsl/include/shading.glsl`.
+
+/// Sum of the degrees along x and y at most.
+const DEGREE: usize = 4;
+
+/// A smooth factor on I2: a polynomial of fourth degree in the place on I2, 1 on average.
+///
+/// Not the paper's, whose exposures are equal. A lens vignettes differently at two focus settings, a lamp moves with the stage, and
+/// what is darker towards one side is else taken for motion or blur there.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Shading {
+    /// Of products of Legendre polynomials P_i(x) P_j(y), the place from -1 to 1 along either side, in the order x, y, xx, xy, yy,
+    /// xxx, ...; that of the constant term is 1 and left out.
+    pub coefficients: [f64; Shading::TERMS],
+}
+
+impl Shading {
+    /// Coefficients.
+    pub const TERMS: usize = (DEGREE + 1) * (DEGREE + 2) / 2 - 1;
+    /// The same everywhere.
+    pub const NONE: Self = Self { coefficients: [0.0; Self::TERMS] };
+
+    /// The factor at a place, -1 to 1 along either side; from 1/4 to 4.
+    pub fn at(&self, place: [f64; 2]) -> f64 {
+        let terms = terms(place);
+        let sum: f64 = self.coefficients.iter().zip(&terms[1..]).map(|(c, term)| c * term).sum();
+        (1.0 + sum).clamp(0.25, 4.0)
+    }
+
+    /// Least and greatest factor over the photograph.
+    pub fn range(&self) -> [f64; 2] {
+        let steps = || (-16..=16).map(|i| f64::from(i) / 16.0);
+        let all = steps().flat_map(|y| steps().map(move |x| [x, y]));
+        all.map(|place| self.at(place)).fold([f64::INFINITY, 0.0], |[low, high], f| [low.min(f), high.max(f)])
+    }
+}
+
+/// Each term of the polynomial at a place, the constant one first.
+pub(crate) fn terms(place: [f64; 2]) -> [f64; Shading::TERMS + 1] {
+    let [px, py] = place.map(legendre);
+    let mut terms = [0.0; Shading::TERMS + 1];
+    let degrees = (0..=DEGREE).flat_map(|sum| (0..=sum).map(move |j| (sum - j, j)));
+    for (term, (i, j)) in terms.iter_mut().zip(degrees) {
+        *term = px[i] * py[j];
+    }
+    terms
+}
+
+/// Of degree 0 to 4.
+fn legendre(x: f64) -> [f64; DEGREE + 1] {
+    let s = x * x;
+    [1.0, x, 1.5 * s - 0.5, (2.5 * s - 1.5) * x, (4.375 * s - 3.75) * s + 0.375]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn terms_are_orthogonal_and_average_to_nothing() {
+        let steps = || (0..200).map(|i| (f64::from(i) + 0.5) / 100.0 - 1.0);
+        for i in 0..=Shading::TERMS {
+            for j in 0..i {
+                let all = steps().flat_map(|y| steps().map(move |x| terms([x, y])));
+                let mean = all.map(|t| t[i] * t[j]).sum::<f64>() / 4e4;
+                // By the midpoint rule at 200 places a side.
+                assert!(mean.abs() < 1e-3, "{i}, {j}: {mean}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_ramp_ranges_from_side_to_side() {
+        let mut ramp = Shading::NONE;
+        ramp.coefficients[0] = 0.1;
+        assert_eq!(ramp.range(), [0.9, 1.1]);
+        assert_eq!(Shading::NONE.range(), [1.0, 1.0]);
+    }
+}

@@ -1,0 +1,148 @@
+//! What a blur leaves of the noise of an image, so that V does not follow it: the twin of `glsl/include/noise.glsl`.
+//!
+//! S1 = h(V) * I1 - J holds noise of both images, and the more I1 is blurred the less of its own: least squares then take the blur
+//! that leaves the least noise for the one that fits (errors in variables), and where an image goes on through V = 0 it is sharpened
+//! and noisier, so that V is drawn to zero. Total least squares divide S² by what noise of both images adds to it at that V, n(V):
+//! the derivative of S/√n is, but for the factor, `∂S/∂V - S n'/2n`, whose product with noise has a mean of zero. At noise of 0.03
+//! V of a plane between -0.8 and 0.8 px² came out as 0 without it (section 4 of `docs/method.md`).
+//!
+//! Noise that is white on the photograph falls as
+//!
+//! ```text
+//! N(v) = mean over frequencies k of exp(-v |k|²) ≈ 1/sqrt(1 + fall v + reach v²)
+//! ```
+//!
+//! to 1/(4πv) of any kernel whose variance is wide. The slope at v = 0 is that of the spline's Laplacian, λ(k) = 6 (1 - cos k)/(2 +
+//! cos k) along each axis, and N(1) is exact. On a level the noise was filtered by the pyramid.
+
+use std::f64::consts::PI;
+
+use bytemuck::{Pod, Zeroable};
+
+/// How the power of noise changes with V on a level.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Noise {
+    /// `fall` above.
+    pub fall: f32,
+    /// `reach` above.
+    pub reach: f32,
+    /// Power of a sharpened image: `1 + rise v + sharpened (rise v)²`, rise = fall/2.
+    pub sharpened: f32,
+}
+
+/// Power over that of the image as it is, and its derivative by V.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Power {
+    /// Power.
+    pub value: f64,
+    /// By V.
+    pub slope: f64,
+}
+
+impl Noise {
+    /// Of a level so many halvings from the photograph: each blurs by σ 1 px before it takes every other pixel, (1 - 4⁻ˡ)/3 px² of
+    /// the level in all.
+    pub fn new(level: usize) -> Self {
+        let before = (1.0 - 0.25f64.powi(level as i32)) / 3.0;
+        // Means along one axis, by the midpoint rule.
+        let mean = |of: &dyn Fn(f64) -> f64| {
+            (0..256).map(|i| of(PI * (f64::from(i) + 0.5) / 256.0)).sum::<f64>() / 256.0
+        };
+        let laplacian = |k: f64| 6.0 * (1.0 - k.cos()) / (2.0 + k.cos());
+        let power = |k: f64| (-before * k * k).exp();
+        let whole = mean(&power);
+        let first = mean(&|k| power(k) * laplacian(k)) / whole;
+        let second = mean(&|k| power(k) * laplacian(k).powi(2)) / whole;
+        let rise = 2.0 * first;
+        let at_one = (mean(&|k| power(k) * (-k * k).exp()) / whole).powi(2);
+        Self {
+            fall: (2.0 * rise) as f32,
+            reach: (1.0 / (at_one * at_one) - 1.0 - 2.0 * rise) as f32,
+            sharpened: (0.5 * (second + first * first) / (rise * rise)) as f32,
+        }
+    }
+
+    /// Under a blur of variance v >= 0 that comes on top of `before`.
+    pub fn blurred(&self, v: f64, before: f64) -> Power {
+        let (fall, reach) = (f64::from(self.fall) / before, f64::from(self.reach));
+        let value = 1.0 / (1.0 / (before * before) + (fall + reach * v) * v).sqrt();
+        Power { value, slope: -(0.5 * fall + reach * v) * value.powi(3) }
+    }
+
+    /// Of the image that goes on through V = 0 with the slope it has there, v >= 0 beyond; held from `most` on.
+    pub fn beyond(&self, v: f64, before: f64, most: f64) -> Power {
+        let rise = 0.5 * f64::from(self.fall) * before;
+        let (bend, u) = (f64::from(self.sharpened) * rise * rise, v.min(most));
+        let slope = if v < most { before * (rise + 2.0 * bend * u) } else { 0.0 };
+        Power { value: before * (1.0 + (rise + bend * u) * u), slope }
+    }
+}
+
+/// What reading an image at a displacement, between its pixels, leaves of white noise: by cubic splines three quarters half way
+/// along an axis, `1 - 0.244 (4 f (1 - f))²` to 0.013 at any fraction f.
+pub fn interpolated([dx, dy]: [f64; 2]) -> f64 {
+    let along = |d: f64| {
+        let f = d - d.floor();
+        1.0 - 0.244 * (4.0 * f * (1.0 - f)).powi(2)
+    };
+    along(dx) * along(dy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{build_stack, random_field};
+    use super::super::stack::{self, node_count};
+    use super::*;
+    use crate::base::Kernel;
+    use crate::engine::stages::spline;
+
+    fn variance(values: impl Iterator<Item = f64>) -> f64 {
+        let values: Vec<f64> = values.collect();
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len() as f64
+    }
+
+    #[test]
+    fn white_noise_falls_as_stated_under_blur_and_between_pixels() {
+        let noise = Noise::new(0);
+        let white = random_field(300, 300, 3);
+        let whole = variance(white.data.iter().copied());
+        for kernel in [Kernel::Gaussian, Kernel::Pillbox] {
+            let slopes = stack::Slopes::of(&kernel);
+            let stack = build_stack(&white, &kernel, node_count(9.0));
+            let inner = || (30..270).flat_map(|y| (30..270).map(move |x| (x as f64, y as f64)));
+            for v in [0.02, 0.1, 0.3, 0.6, 1.0, 3.0, 8.0] {
+                let found = variance(inner().map(|(x, y)| stack::read(&stack, slopes, v, x, y).value)) / whole;
+                let stated = noise.blurred(v, 1.0).value;
+                // A tenth, and where V is wide what a sample of so few independent pixels is off by.
+                assert!((found / stated - 1.0).abs() < 0.16, "{kernel:?} {v}: {found} {stated}");
+            }
+        }
+        let spline = &build_stack(&white, &Kernel::Gaussian, 1)[0];
+        for d in [[0.0, 0.0], [0.1, 0.5], [0.25, 0.7], [0.5, 0.5]] {
+            let inner = (30..270).flat_map(|y| (30..270).map(move |x| (x, y)));
+            let read = |(x, y)| spline::read(spline, f64::from(x) + d[0], f64::from(y) + d[1]).value;
+            let found = variance(inner.map(read)) / whole;
+            assert!((found - interpolated(d)).abs() < 0.03, "{d:?}: {found} {}", interpolated(d));
+        }
+    }
+
+    #[test]
+    fn slopes_are_those_of_the_powers_and_meet_at_zero() {
+        for level in 0..4 {
+            let noise = Noise::new(level);
+            for before in [1.0, 0.6] {
+                for v in [0.05, 0.3, 0.45, 2.0] {
+                    let slope = |of: &dyn Fn(f64) -> Power| (of(v + 1e-5).value - of(v - 1e-5).value) / 2e-5;
+                    let blurred = |v| noise.blurred(v, before);
+                    let beyond = |v| noise.beyond(v, before, 0.5);
+                    assert!((slope(&blurred) - blurred(v).slope).abs() < 1e-4);
+                    assert!((slope(&beyond) - beyond(v).slope).abs() < 1e-4);
+                }
+                let sum = noise.blurred(0.0, before).slope + noise.beyond(0.0, before, 0.5).slope;
+                assert!(sum.abs() < 1e-6, "{sum}");
+            }
+        }
+    }
+}

@@ -1,0 +1,193 @@
+//! Both images as V says they look alike, the sharper one blurred, for gain, offset and shading.
+//!
+//! Where V is right the two differ by their exposure and noise alone, whatever the blur, so that means and deviations tell of the
+//! exposure and take none of the blur for it. On every other pixel; the [window](super::evidence::window()) then takes the noise off.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::blur::Stacks;
+use super::evidence;
+use super::mask::{self, Masks};
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
+use super::seen::see;
+use super::state::{Registration, inside};
+use super::{Field, pixels, spline};
+use crate::engine::vulkan::{Stage, Variant};
+
+/// Layers: shares times I1, shares times I2, shares.
+pub const LAYERS: u32 = 3;
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the level.
+    pub width: u32,
+    /// Rows of the level.
+    pub height: u32,
+    /// Nodes of the stacks; 0: there are none yet, only the spline of I2, and V is zero.
+    pub nodes: u32,
+    /// First layer of the stack of I2.
+    pub second_stack: u32,
+    /// Pixels of the full-size image a pixel of this level.
+    pub factor: f32,
+    /// The image centre in pixels of this level.
+    pub centre: [f32; 2],
+    /// Mean of the kernel at V = 1, px.
+    pub mean: [f32; 2],
+}
+
+bindings! {
+    SIDES:
+    /// I1.
+    i1: Reads<I1>,
+    /// V.
+    v: Reads<RelativeBlur>,
+    /// Stacks of I1 and I2, or the spline coefficients of I2.
+    stacks: Reads<Plane>,
+    /// Both sides.
+    sides: Writes<Evidence>,
+    /// State.
+    state: Reads<State>,
+    /// Of I1, of I2.
+    masks: Reads<Masks>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image read, three
+    /// values written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        let [width, height] = evidence::size([c.width, c.height]);
+        32 * pixels(width, height)
+    }
+
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+        let state = memory.state(self.state);
+        let masks = mask::of(memory, self.masks, variant);
+        let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
+        let layers = memory.layers(self.stacks);
+        let images = if c.nodes == 0 {
+            Images::Spline(&layers[0])
+        } else {
+            let stacks = Stacks::of(layers, c.second_stack, c.nodes, variant[0]);
+            Images::Stacks(stacks, variant[1].then_some(&state.warped))
+        };
+        let sides = twin(c, &state.registration, i1, v, &images, masks);
+        sides.into_iter().enumerate().for_each(|(n, side)| memory.set_layer(self.sides, n, side));
+    }
+}
+
+/// What I2 is read from.
+pub enum Images<'a> {
+    /// Its spline coefficients; V is zero.
+    Spline(&'a Field),
+    /// The stacks, and T when that of I2 was brought onto I1's pixels, if it was.
+    Stacks(Stacks<'a>, Option<&'a Registration>),
+}
+
+/// Shares times either side, and shares, on every other pixel.
+pub fn twin(
+    c: &Constants,
+    r: &Registration,
+    i1: &Field,
+    v: &Field,
+    images: &Images,
+    masks: Option<&Masks>,
+) -> [Field; LAYERS as usize] {
+    let [width, height] = evidence::size([c.width, c.height]).map(|side| side as usize);
+    let at = |x: usize, y: usize| {
+        let (x, v) = ([2 * x, 2 * y], v.get(2 * x, 2 * y));
+        let d = r.displacement(x[0], x[1], c.factor.into(), c.centre.map(f64::from));
+        if !inside(x, d, [c.width as usize, c.height as usize], v, r.scale()) {
+            return [0.0; 3];
+        }
+        let share = mask::counts(masks, x, d);
+        let i1_here = i1.get(x[0], x[1]);
+        let [first, second] = match images {
+            Images::Spline(spline2) => {
+                [i1_here, spline::read(spline2, x[0] as f64 + d[0], x[1] as f64 + d[1]).value]
+            }
+            Images::Stacks(stacks, warped) => {
+                let seen = see((c.mean, c.factor, c.centre), r, *warped, x, i1, v, stacks);
+                let [b1, b2] = seen.blurred;
+                if v >= 0.0 { [b1.value, seen.i2.value] } else { [i1_here, b2.value] }
+            }
+        };
+        [share * first, share * second, share]
+    };
+    std::array::from_fn(|layer| Field::from_fn(width, height, |x, y| at(x, y)[layer]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, build_stack, random_field, smooth_field};
+    use super::super::linearise;
+    use super::super::stack::{self, Slopes};
+    use super::super::state::State;
+    use super::*;
+    use crate::base::{Kernel, Photometric, Similarity};
+    use crate::engine::vulkan::Resource;
+
+    fn check(images: [Field; 2], kernel: &Kernel, [stacked, warped, masked]: [bool; 3]) {
+        let [i1, i2] = images;
+        let (width, height) = (i1.width, i1.height);
+        let (nodes, slopes) = (stack::node_count(6.0), Slopes::of(kernel));
+        let stacks = [&i1, &i2].map(|image| build_stack(image, kernel, nodes));
+        let mut v = smooth_field(width, height, 3);
+        v.data.iter_mut().for_each(|v| *v = if stacked { 8.0 * (*v - 0.5) } else { 0.0 });
+        let c = Constants {
+            width: width as u32,
+            height: height as u32,
+            nodes: if stacked { nodes as u32 } else { 0 },
+            second_stack: if stacked { (nodes * slopes.layers()) as u32 } else { 0 },
+            factor: 2.0,
+            centre: [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0],
+            mean: kernel.mean().map(|m| m as f32),
+        };
+        let r = Registration::new(Similarity::new(1.4, -2.2, 0.4, 1.02), &Photometric { gain: 1.1, offset: -0.03 });
+        let before = Registration::new(Similarity::new(1.36, -2.14, 0.39, 1.019), &Photometric::IDENTITY);
+        let mut state = State::new(&r);
+        state.warped = (&before).into();
+        let masks = [7, 8].map(|seed| mask::shares(width, height, seed));
+        let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
+        let from = if stacked {
+            Images::Stacks(read, warped.then_some(&before))
+        } else {
+            Images::Spline(&stacks[1][0])
+        };
+        let expected = twin(&c, &state.registration(), &i1, &v, &from, masked.then_some(&masks));
+
+        let rig = Rig::new();
+        let layers = if stacked { stacks.concat() } else { vec![stacks[1][0].clone()] };
+        let size = evidence::size([c.width, c.height]);
+        let images = [rig.image(&[i1]), rig.image(&[v]), rig.image(&layers), rig.empty(size, LAYERS as usize)];
+        let (buffer, masks) = (rig.upload(bytemuck::bytes_of(&state)), rig.image(&masks));
+        let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
+        resources.extend([Resource::Buffer(&buffer), Resource::Image(&masks)]);
+        let slopes = if stacked { slopes } else { Slopes::Laplacian };
+        let variant = linearise::variant(slopes, warped, masked, false);
+        rig.run_variant(&STAGE, variant, &resources, &c, STAGE.groups(size));
+        // Intensities of 0 to 1 read between pixels in single precision, from a kernel's stack.
+        rig.assert_close(&images[3], &expected, 2e-5);
+    }
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(67, 43), (32, 33), (17, 40)] {
+            let smooth = || [1, 2].map(|seed| smooth_field(width, height, seed));
+            let random = || [5, 6].map(|seed| random_field(width, height, seed));
+            for masked in [false, true] {
+                check(smooth(), &Kernel::Gaussian, [true, true, masked]);
+                check(random(), &Kernel::Gaussian, [true, false, masked]);
+                check(smooth(), &Kernel::HalfGaussian, [true, false, masked]);
+                check(random(), &Kernel::Gaussian, [false, false, masked]);
+            }
+        }
+        let flat = || Field::from_fn(35, 20, |_, _| 0.5);
+        check([flat(), flat()], &Kernel::Gaussian, [true, true, false]);
+    }
+}
