@@ -131,7 +131,7 @@ float shading_changes() {
 void find_alpha() {
     float count = max(totals[VALID], 1.0), root = totals[ROUGHNESS] / count, steep = totals[ROUGHNESS + 1] / count;
     float found = clamp(0.2 * root * root / max(steep, LEAST_STEEP), LEAST_ALPHA, MOST_ALPHA);
-    if (abs(log(found / state.alpha)) > 0.05) state.alpha = sqrt(found * state.alpha);
+    if (abs(log(found / state.alpha)) > 0.1) state.alpha = found;
 }
 
 void step_once() {
