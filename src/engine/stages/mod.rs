@@ -29,7 +29,6 @@ pub mod state;
 pub mod step;
 pub mod subdivide;
 pub mod sums;
-pub mod totals;
 pub mod uncertainty;
 pub mod update;
 pub mod warp;
@@ -57,7 +56,7 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
 }
 
 /// The stages, and the variants of them, that solves of pairs without masked pixels take.
-const PLAIN: [(&Stage, Variant); 25] = [
+const PLAIN: [(&Stage, Variant); 24] = [
     (&appearance::STAGE, NO_VARIANT),
     (&convolve::STAGE, NO_VARIANT),
     (&convolve::STAGE, convolve::LONG),
@@ -79,7 +78,6 @@ const PLAIN: [(&Stage, Variant); 25] = [
     (&residual::STAGE, linearise::WARPED),
     (&step::STAGE, NO_VARIANT),
     (&subdivide::STAGE, NO_VARIANT),
-    (&totals::STAGE, sums::PROJECTIVE),
     (&uncertainty::STAGE, NO_VARIANT),
     (&update::STAGE, NO_VARIANT),
     (&warp::STAGE, NO_VARIANT),
