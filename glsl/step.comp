@@ -2,6 +2,7 @@
 // The registration step: sums the partial sums in a fixed order, solves N ζ = -g, updates T, and tests for convergence. One workgroup. Twin: src/engine/stages/step.rs.
 
 #include "state.glsl"
+#include "sums.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) readonly buffer Partials { float partials[]; };
@@ -36,7 +37,27 @@ const float LEAST_ALPHA = 5e-4;
 const float MOST_ALPHA = 10.0;
 const float LEAST_STEEP = 0.007;   // px² a pixel
 
-#include "add_up.glsl"
+// Chains that add a share of the rows each, so that one workgroup is not one invocation: as many as fit into it.
+const int MOST_CHAINS = 8;
+shared float chains[MOST_CHAINS][SUMS];
+shared float totals[SUMS];
+
+void add_up() {
+    int n = int(gl_LocalInvocationIndex) % SUMS, chain = int(gl_LocalInvocationIndex) / SUMS;
+    int count = min(int(gl_WorkGroupSize.x * gl_WorkGroupSize.y) / SUMS, MOST_CHAINS);
+    if (chain < count) {
+        float sum = 0.0;
+        for (int row = chain; row < rows; row += count) sum += partials[row * SUMS + n];
+        chains[chain][n] = sum;
+    }
+    barrier();
+    if (chain == 0) {
+        float sum = 0.0;
+        for (int c = 0; c < count; c++) sum += chains[c][n];
+        totals[n] = sum;
+    }
+    barrier();
+}
 
 shared bool settled, warps;
 
@@ -159,7 +180,7 @@ void step_once() {
 }
 
 void main() {
-    add_up(rows);
+    add_up();
     if (gl_LocalInvocationIndex == 0) step_once();
     barrier();
     int n = int(gl_LocalInvocationIndex), count = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);

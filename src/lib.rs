@@ -57,7 +57,8 @@ pub use base::{
     Mask, Method, Motion, Photometric, Region, RegistrationStep, Samples, Settings, Similarity, centre,
 };
 pub use engine::{
-    Engine, EngineOptions, KeyPoints, LevelHistory, Progress, Registered, Solution, Solver, Timings, reference, stages,
+    Engine, EngineOptions, KeyPoints, LevelHistory, OtherMotion, Progress, Registered, Solution, Solver, Timings,
+    reference, stages,
 };
 #[cfg(feature = "files")]
 pub use files::{export, image_io, model};

@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use clap::ValueEnum;
 use parfocal::image_io::Input;
-use parfocal::{Decode, Kernel, Method, Photometric, RegistrationStep, Settings, export, image_io};
+use parfocal::{Decode, Kernel, Method, Motion, Photometric, RegistrationStep, Settings, export, image_io};
 use serde::Serialize;
 
 use super::config::ConfigArgument;
@@ -28,11 +28,15 @@ pub(super) struct SettingsArguments {
     /// Or in a transform object alone; if the exposure is stated there, that too is a start.
     #[arg(long, value_name = "FILE", help_heading = REGISTRATION)]
     transform: Option<PathBuf>,
+    /// What T may be; the summary says when a simpler one explains as much or a richer one more
+    #[arg(long, value_name = "MODEL", help_heading = REGISTRATION, value_enum,
+          default_value_t = MotionName::from(Settings::default().motion))]
+    motion: MotionName,
     /// How the registration steps; gradient-descent is the paper's scheme, to compare with
     #[arg(long, value_name = "STEP", alias = "registration", help_heading = REGISTRATION, value_enum,
           default_value_t = StepName::from(Settings::default().registration))]
     registration_step: StepName,
-    /// Do not solve for the difference in exposure (gain and offset) of the two images
+    /// Do not match the difference in exposure (gain and offset) of the two images
     #[arg(long, help_heading = REGISTRATION)]
     no_photometric: bool,
     /// Hold the exposure: the factor on I2's values that makes them I1's, 0.001 to 1000; with --offset, which is 0 if not given
@@ -69,6 +73,40 @@ pub(super) struct SettingsArguments {
     kernel: KernelChoice,
     #[command(flatten)]
     tuning: TuningArguments,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum MotionName {
+    /// A shift
+    Translation,
+    /// Besides, rotation and scale: refocusing, and what moves in the plane of the image
+    Similarity,
+    /// Besides, stretch and shear
+    Affine,
+    /// Besides, perspective: a camera that turned, a flat scene that was tilted
+    Homography,
+}
+
+impl From<Motion> for MotionName {
+    fn from(motion: Motion) -> Self {
+        match motion {
+            Motion::Translation => Self::Translation,
+            Motion::Similarity => Self::Similarity,
+            Motion::Affine => Self::Affine,
+            Motion::Homography => Self::Homography,
+        }
+    }
+}
+
+impl From<MotionName> for Motion {
+    fn from(name: MotionName) -> Self {
+        match name {
+            MotionName::Translation => Self::Translation,
+            MotionName::Similarity => Self::Similarity,
+            MotionName::Affine => Self::Affine,
+            MotionName::Homography => Self::Homography,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -187,6 +225,7 @@ impl SettingsArguments {
             sweeps: self.sweeps,
             regularization: self.regularization.0,
             max_relative_blur: self.max_relative_blur,
+            motion: self.motion.into(),
             registration: match self.registration_step {
                 StepName::GaussNewton => RegistrationStep::GaussNewton,
                 StepName::GradientDescent => RegistrationStep::GradientDescent,
@@ -197,6 +236,9 @@ impl SettingsArguments {
             decode: if let Decoding::Stated(decode) = self.decoding() { decode } else { Decode::None },
             ..Settings::default()
         };
+        if method == Method::Sift && self.motion != MotionName::Similarity {
+            return Err(Failure::Usage("SIFT finds a similarity; leave out --motion or --method".to_string()));
+        }
         self.tuning.apply(&mut settings);
         settings.check()?;
         settings.kernel = self.kernel.read()?;

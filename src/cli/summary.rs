@@ -5,7 +5,7 @@ use std::path::Path;
 use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{DeviceReport, Palette, RegistrationReport, Report, TimingsReport};
 use parfocal::image_io::Input;
-use parfocal::{Decode, Homography, Method, Photometric, Progress};
+use parfocal::{Decode, Homography, Method, OtherMotion, Photometric, Progress};
 
 use super::{depth, measure};
 
@@ -43,6 +43,7 @@ type Row = (&'static str, String);
 /// The few lines of a solve, without a newline at the end.
 pub(super) fn summary(report: &Report, palette: Palette, out: &Path, written: &[&str]) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
+    rows.extend(motion(report.other_motion));
     rows.extend(values(&report.inputs, report.settings.decode));
     rows.extend([("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);
     rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
@@ -55,6 +56,7 @@ pub(super) fn summary(report: &Report, palette: Palette, out: &Path, written: &[
 /// The few lines of a registration, without a newline at the end.
 pub(super) fn registration_summary(report: &RegistrationReport, out: Option<&Path>) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
+    rows.extend(motion(report.other_motion));
     rows.extend(values(&report.inputs, report.settings.decode));
     rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
     rows.extend(out.map(|file| ("result", file.display().to_string())));
@@ -79,6 +81,11 @@ fn found(device: &DeviceReport, method: Method, levels: usize, t: &Homography, p
         ("transform", registration),
         ("exposure", format!("gain {:.4}, offset {:+.4}", p.gain, p.offset)),
     ]
+}
+
+/// What there is to say of the motion model.
+fn motion(other: Option<OtherMotion>) -> Option<Row> {
+    other.map(|other| ("motion", format!("{other} (--motion {})", other.motion.name())))
 }
 
 /// What the values of the files were taken for, and what the files say they are.
@@ -158,6 +165,7 @@ mod tests {
             fused_channels: Channels::Gray,
             fused: vec![0.0; 2],
             transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
+            other_motion: None,
             photometric: Photometric { gain: 1.02, offset: -0.01 },
             levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5] }],
             converged: false,

@@ -2,6 +2,7 @@
 
 pub(crate) mod arguments;
 pub(crate) mod filter;
+mod motion;
 pub(crate) mod plan;
 pub(crate) mod profile;
 mod record;
@@ -22,6 +23,7 @@ mod workspace;
 use std::sync::Arc;
 use std::time::Duration;
 
+pub use motion::OtherMotion;
 pub use registered::Registered;
 pub use solution::{LevelHistory, Solution, Timings};
 pub(crate) use solver::same_size;

@@ -1,6 +1,7 @@
 //! What a registration alone gives back.
 
 use crate::base::{Homography, Photometric};
+use crate::engine::OtherMotion;
 use crate::engine::solution::{self, LevelHistory, Timings};
 use crate::engine::stages::state::State;
 
@@ -15,6 +16,8 @@ pub struct Registered {
     pub transform: Homography,
     /// Gain and offset of I2. Where the method does not solve for them, the match of mean and deviation at low pass.
     pub photometric: Photometric,
+    /// Another motion model that would do, where there is one; only with the method unified, which judges T by its energy.
+    pub other_motion: Option<OtherMotion>,
     /// Coarse to fine; no energies where the method has no iterations.
     pub levels: Vec<LevelHistory>,
     /// Whether the registration settled on an answer that the images support.

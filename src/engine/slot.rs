@@ -36,8 +36,8 @@ pub(crate) enum Slot {
     Partials,
     /// By level and outer iteration.
     Energies,
-    /// What the rows of sums add up to at the final T and V, mapped.
-    Totals,
+    /// The rows of sums at the final T and V, mapped.
+    EndPartials,
     /// Indirect arguments.
     Arguments,
     /// The photographs, mapped.
@@ -116,8 +116,6 @@ quantities! {
     Partials: Buffer;
     /// Energies.
     Energies: Buffer;
-    /// One row of sums.
-    Totals: Buffer;
     /// Indirect arguments.
     Arguments: Buffer;
     /// Indirect arguments before a solve.
@@ -173,7 +171,6 @@ pub(crate) const EVIDENCE: Handle<Evidence> = Handle::new(Slot::Evidence);
 pub(crate) const STATE: Handle<State> = Handle::new(Slot::State);
 pub(crate) const PARTIALS: Handle<Partials> = Handle::new(Slot::Partials);
 pub(crate) const ENERGIES: Handle<Energies> = Handle::new(Slot::Energies);
-pub(crate) const TOTALS: Handle<Totals> = Handle::new(Slot::Totals);
 pub(crate) const ARGUMENTS: Handle<Arguments> = Handle::new(Slot::Arguments);
 pub(crate) const START_ARGUMENTS: Handle<StartArguments> = Handle::new(Slot::StartArguments);
 pub(crate) const MASK: Handle<MaskBytes> = Handle::new(Slot::Mask);

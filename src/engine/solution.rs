@@ -1,9 +1,9 @@
 //! What a solve gives back.
 
 use crate::base::{Channels, Error, Homography, Mask, Photometric, Region, Settings, centre};
-use crate::engine::Registered;
 use crate::engine::stages::state::State;
 use crate::engine::stages::uncertainty::LARGEST;
+use crate::engine::{OtherMotion, Registered};
 
 /// The result of one [`Solver::solve`](crate::Solver::solve).
 #[derive(Clone, Debug)]
@@ -35,6 +35,8 @@ pub struct Solution {
     pub transform: Homography,
     /// Gain and offset of I2.
     pub photometric: Photometric,
+    /// Another motion model that would do, where there is one; only with the method unified, which judges T by its energy.
+    pub other_motion: Option<OtherMotion>,
     /// Coarse to fine.
     pub levels: Vec<LevelHistory>,
     /// Whether the finest level settled on an answer that the images support.

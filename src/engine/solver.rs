@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use crate::base::{Channels, Error, Format, Frame, Homography, Mask, Method, Settings};
+use crate::engine::motion::Form;
 use crate::engine::plan::Plan;
 use crate::engine::profile::{Phases, Profile, Ran, SUBMIT_WAIT};
 use crate::engine::record::record;
@@ -12,9 +13,10 @@ use crate::engine::slot::Slot;
 use crate::engine::solution::{self, LevelHistory, Timings};
 use crate::engine::stages::Pipelines;
 use crate::engine::stages::state::{Registration, State};
+use crate::engine::stages::sums::{Layout, Sums};
 use crate::engine::vulkan::{Clock, Device, Recorder, Recording};
 use crate::engine::workspace::Workspace;
-use crate::engine::{Engine, KeyPoints, Registered, Solution};
+use crate::engine::{Engine, KeyPoints, OtherMotion, Registered, Solution};
 
 /// How far a solve has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -327,6 +329,7 @@ impl Solver {
             fused: interleave(&results.read::<f32>(12 * pixels, pixels * channels.count() as usize)?, channels),
             transform: state.registration().transform,
             photometric: state.registration().photometric(),
+            other_motion: None,
             levels: self.levels(&state, Slot::EndEnergies)?,
             converged: false,
             warnings: Vec::new(),
@@ -343,6 +346,8 @@ impl Solver {
         }
         if !plan.solves_transform() {
             solution.doubt(&self.collect_registered()?);
+        } else if solution.converged {
+            solution.other_motion = self.other_motion(&state)?;
         }
         Ok(solution)
     }
@@ -356,13 +361,28 @@ impl Solver {
             height: self.plan.size[1],
             transform: state.registration().transform,
             photometric: state.registration().photometric(),
+            other_motion: None,
             levels: self.levels(&state, Slot::RegisteredEnergies)?,
             converged: false,
             warnings: Vec::new(),
             timings: Timings { total_ms: 0.0, gpu_ms: times.total_ms, passes_ms: times.passes_ms },
         };
         registered.judge(&state);
+        if self.plan.solves_transform() && registered.converged {
+            registered.other_motion = self.other_motion(&state)?;
+        }
         Ok(registered)
+    }
+
+    /// What the last sums say of motion models.
+    fn other_motion(&self, state: &State) -> Result<Option<OtherMotion>, Error> {
+        let (layout, finest) = (Layout::of(true), &self.plan.pyramid[0]);
+        let [columns, rows, _] = finest.tiles();
+        let floats = (columns * rows) as usize * layout.length;
+        let partials: Vec<f32> = self.workspace.buffer(Slot::EndPartials).read(0, floats)?;
+        let blocks = partials.chunks_exact(layout.length).map(|row| Sums::from_partials(row, layout)).collect();
+        let form = Form::new(blocks, finest.length, finest.centre);
+        Ok(form.other(self.plan.settings.motion, &state.registration().transform))
     }
 
     fn state(&self, slot: Slot) -> Result<State, Error> {

@@ -91,7 +91,7 @@ fn buffers(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Buffe
         (Slot::Mask, plan.mask_bytes(), up),
         (Slot::EndMaps, plan.result_bytes(), down),
         (Slot::Progress, state, down),
-        (Slot::Totals, row, down),
+        (Slot::EndPartials, row * u64::from(partial_rows), down),
         (Slot::EndState, state, down),
         (Slot::EndEnergies, energies, down),
         (Slot::RegisteredState, state, down),

@@ -5,6 +5,7 @@ mod common;
 
 mod baseline;
 mod masks;
+mod motion;
 mod rooms;
 mod scope;
 mod solver;

@@ -6,7 +6,7 @@ use crate::engine::arguments;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::{
-    appearance, even, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual, sides, step, totals,
+    appearance, even, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual, sides, step,
     uncertainty, update, warp,
 };
 
@@ -181,12 +181,6 @@ impl Plan {
     /// What `linearise` is told for the last sums, those that T's motion model is judged by.
     pub(crate) fn judged(&self) -> linearise::Constants {
         self.linearise(&self.pyramid[0], self.settings.outer_iterations)
-    }
-
-    /// What `totals` is told of them.
-    pub(crate) fn totals(&self) -> totals::Constants {
-        let [columns, rows, _] = self.pyramid[0].tiles();
-        totals::Constants { rows: columns * rows }
     }
 
     /// What `step` is told after `appearance`, in iteration k of a level.

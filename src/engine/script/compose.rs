@@ -10,7 +10,7 @@ use crate::engine::slot::{self, Slot};
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{
-    NO_VARIANT, appearance, ingest, linearise, mask, prolong, relax, relax_level, step, sums, totals, update,
+    NO_VARIANT, appearance, ingest, linearise, mask, prolong, relax, relax_level, step, sums, update,
 };
 use crate::engine::vulkan::Variant;
 
@@ -299,13 +299,12 @@ impl<'a> Composer<'a> {
         self.within(level, Over::Tiles, Self::linearised(level), &constants, variant);
     }
 
-    /// The same at the end, with what all motion models take, added up for the host.
+    /// The same at the end, with what all motion models take, for the host.
     fn judge(&mut self) {
         let level = &self.plan.pyramid[0];
         let variant = linearise::variant(self.plan.slopes(), self.plan.warps(level), self.masked, true);
         self.dispatch(Self::linearised(level), &self.plan.judged(), variant, Grid::Direct(level.tiles()));
-        let bindings = totals::Bindings { partials: slot::PARTIALS.read(), totals: slot::TOTALS.write() };
-        self.dispatch(bindings, &self.plan.totals(), sums::PROJECTIVE, Grid::Direct([1, 1, 1]));
+        self.copy(Slot::Partials, Slot::EndPartials);
     }
 
     fn linearised(level: &Level) -> linearise::Bindings {

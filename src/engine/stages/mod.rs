@@ -32,7 +32,6 @@ pub mod state;
 pub mod step;
 pub mod subdivide;
 pub mod sums;
-pub mod totals;
 pub mod uncertainty;
 pub mod update;
 pub mod warp;
@@ -60,7 +59,7 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
 }
 
 /// The stages, and the variants of them, that solves of pairs without masked pixels take.
-const PLAIN: [(&Stage, Variant); 29] = [
+const PLAIN: [(&Stage, Variant); 28] = [
     (&appearance::STAGE, NO_VARIANT),
     (&convolve::STAGE, NO_VARIANT),
     (&convolve::STAGE, convolve::LONG),
@@ -86,7 +85,6 @@ const PLAIN: [(&Stage, Variant); 29] = [
     (&sides::STAGE, linearise::WARPED),
     (&step::STAGE, NO_VARIANT),
     (&subdivide::STAGE, NO_VARIANT),
-    (&totals::STAGE, sums::PROJECTIVE),
     (&uncertainty::STAGE, NO_VARIANT),
     (&update::STAGE, NO_VARIANT),
     (&warp::STAGE, NO_VARIANT),

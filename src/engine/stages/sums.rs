@@ -83,12 +83,6 @@ fn monomial([x, y]: [usize; 2]) -> usize {
     (x + y) * (x + y + 1) / 2 + y
 }
 
-/// One row from many: the twin of `glsl/include/add_up.glsl`.
-pub fn add_up(partials: &[f32], layout: Layout) -> Vec<f64> {
-    let total = |n: usize| partials.chunks_exact(layout.length).map(|row| f64::from(row[n])).sum();
-    (0..layout.length).map(total).collect()
-}
-
 impl Sums {
     /// Adds a pixel at a place from the centre over L: w ∇J ∇Jᵀ (xx, xy, yy), and w ∇J S.
     pub fn add(&mut self, [xx, xy, yy]: [f64; 3], g: [f64; 2], place: [f64; 2]) {
@@ -103,7 +97,8 @@ impl Sums {
 
     /// From rows of partial sums as the device keeps them; what a row has nothing of is 0.
     pub fn from_partials(partials: &[f32], layout: Layout) -> Self {
-        let row = add_up(partials, layout);
+        let total = |n: usize| partials.chunks_exact(layout.length).map(|row| f64::from(row[n])).sum::<f64>();
+        let row: Vec<f64> = (0..layout.length).map(total).collect();
         let mut sums = Self { energy: row[layout.energy], valid: row[layout.energy + 1], roughness: [row[layout.energy + 2], row[layout.energy + 3]], ..Self::default() };
         for (i, a) in ALONG[..layout.unknowns].iter().enumerate() {
             for (c, (sign, powers)) in a.iter().enumerate() {

@@ -10,7 +10,7 @@ use super::kind::FileKind;
 use super::report::{DeviceReport, LevelReport, SizeReport, TimingsReport};
 use super::single::write_file;
 use crate::base::{DeviceInfo, Error, Homography, Method, Photometric, Settings};
-use crate::engine::Registered;
+use crate::engine::{OtherMotion, Registered};
 use crate::files::image_io::{self, Input};
 
 /// The report of one registration.
@@ -22,6 +22,9 @@ pub struct RegistrationReport {
     pub transform: Homography,
     /// What maps I2 onto I1.
     pub photometric: Photometric,
+    /// Another motion model that would do, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub other_motion: Option<OtherMotion>,
     /// The method that ran.
     pub method: Method,
     /// What was asked.
@@ -51,6 +54,7 @@ impl RegistrationReport {
             version: env!("CARGO_PKG_VERSION"),
             transform: registered.transform,
             photometric: registered.photometric,
+            other_motion: registered.other_motion,
             method: settings.method,
             settings: settings.clone(),
             size: SizeReport { width: registered.width, height: registered.height },

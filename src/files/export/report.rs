@@ -7,7 +7,7 @@ use super::measurements::Measurements;
 use super::ranks::Ranks;
 use super::{Nearer, Texture, json};
 use crate::base::{DeviceInfo, Homography, Lens, Method, Photometric, Region, Settings};
-use crate::engine::{LevelHistory, Solution, Timings};
+use crate::engine::{LevelHistory, OtherMotion, Solution, Timings};
 use crate::files::image_io::{self, Input};
 use crate::metric::MetricDepth;
 
@@ -20,6 +20,9 @@ pub struct Report {
     pub transform: Homography,
     /// What maps I2 onto I1.
     pub photometric: Photometric,
+    /// Another motion model that would do, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub other_motion: Option<OtherMotion>,
     /// The method that ran.
     pub method: Method,
     /// What was asked.
@@ -161,6 +164,7 @@ impl Report {
             version: env!("CARGO_PKG_VERSION"),
             transform: solution.transform,
             photometric: solution.photometric,
+            other_motion: solution.other_motion,
             method: settings.method,
             settings: settings.clone(),
             size: SizeReport { width: solution.width, height: solution.height },

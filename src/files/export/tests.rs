@@ -23,6 +23,7 @@ fn solution() -> Solution {
         fused_channels: Channels::Gray,
         fused: vec![-0.1, 0.0, 0.2, 0.5, 1.0, 1.5],
         transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
+        other_motion: None,
         photometric: Photometric { gain: 1.02, offset: -0.01 },
         levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5, f64::NAN] }],
         converged: true,

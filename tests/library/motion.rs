@@ -1,0 +1,103 @@
+//! Motion models: maps of the plane in closed form, and what is said of simpler and of richer ones.
+
+use parfocal::{Homography, Motion, Settings, Similarity, Solution};
+
+use crate::common::scene::{pair, slanted};
+use crate::common::{TestEngine, blur_error};
+
+const SIZE: [u32; 2] = [256, 192];
+
+/// What a camera of this focal length, pixels, sees after it has turned by these angles, degrees, about x, y and z: K R K⁻¹.
+fn hand_held(focal: f64, [x, y, z]: [f64; 3]) -> Homography {
+    let [x, y, z] = [x, y, z].map(f64::to_radians);
+    let product = |a: [[f64; 3]; 3], b: [[f64; 3]; 3]| {
+        let cell = |i: usize, j: usize| (0..3).map(|k| a[i][k] * b[k][j]).sum();
+        std::array::from_fn(|i| std::array::from_fn(|j| cell(i, j)))
+    };
+    let about_x = [[1.0, 0.0, 0.0], [0.0, x.cos(), -x.sin()], [0.0, x.sin(), x.cos()]];
+    let about_y = [[y.cos(), 0.0, y.sin()], [0.0, 1.0, 0.0], [-y.sin(), 0.0, y.cos()]];
+    let about_z = [[z.cos(), -z.sin(), 0.0], [z.sin(), z.cos(), 0.0], [0.0, 0.0, 1.0]];
+    let mut turn: [[f64; 3]; 3] = product(about_x, product(about_y, about_z));
+    for i in 0..2 {
+        turn[i][2] *= focal;
+        turn[2][i] /= focal;
+    }
+    Homography::from_matrix(turn).unwrap()
+}
+
+/// What a camera sees of a flat stage that has been tilted by some degrees about y and shifted by t: a point at X is at
+/// depth Z + X sin α and at X cos α to the right.
+fn tilted_stage(focal: f64, degrees: f64, [tx, ty]: [f64; 2]) -> Homography {
+    let tilt = degrees.to_radians();
+    Homography::from_matrix([[tilt.cos(), 0.0, tx], [0.0, 1.0, ty], [tilt.sin() / focal, 0.0, 1.0]]).unwrap()
+}
+
+/// A solve of the slanted plane that such a map displaces; how far a corner is off, px, and V, px² rms.
+fn solve(engine: &TestEngine, truth: Homography, motion: Motion) -> (Solution, [f64; 2]) {
+    let [i1, i2] = pair(SIZE, truth, slanted(SIZE[0]), 0.0, 5);
+    let solution = engine.solve([&i1, &i2], &Settings { motion, ..Settings::default() });
+    let corner = solution.transform.corner_distance(truth, SIZE[0], SIZE[1]);
+    let (v, _) = blur_error(&solution, |x, y| {
+        let [v1, v2] = slanted(SIZE[0])([x as f64, y as f64]);
+        v2 - v1
+    });
+    println!("{}: corner {corner:.4} px, V rms {v:.4} px², {:?}", motion.name(), solution.other_motion);
+    (solution, [corner, v])
+}
+
+/// By homography a map comes out; by similarity it does not, which is said.
+fn check_homography(truth: Homography, [corner, v]: [f64; 2]) {
+    let engine = TestEngine::new();
+    let (solution, errors) = solve(&engine, truth, Motion::Homography);
+    assert!(errors[0] <= corner && errors[1] <= v, "{errors:?}, {:?}", solution.transform);
+    assert!(solution.converged, "{:?}", solution.warnings);
+    assert!(solution.other_motion.is_none_or(|other| other.explains_more), "{:?}", solution.other_motion);
+    let (simple, [simple_corner, _]) = solve(&engine, truth, Motion::Similarity);
+    let other = simple.other_motion.expect("a richer one would explain more");
+    assert!(other.explains_more && other.motion == Motion::Homography, "{other:?}");
+    assert!((other.corner_px - simple_corner).abs() < 0.5 * simple_corner, "{other:?}, truly {simple_corner}");
+}
+
+#[test]
+fn a_hand_held_pair() {
+    check_homography(hand_held(300.0, [0.25, -0.35, 0.2]), [0.03, 0.1]);
+}
+
+#[test]
+fn a_tilted_stage() {
+    check_homography(tilted_stage(500.0, 2.0, [1.3, -0.9]), [0.03, 0.1]);
+}
+
+#[test]
+fn a_sheared_pair() {
+    let engine = TestEngine::new();
+    let truth = Homography::from_matrix([[1.006, 0.004, 0.8], [-0.002, 0.997, -0.4], [0.0, 0.0, 1.0]]).unwrap();
+    let (solution, [corner, v]) = solve(&engine, truth, Motion::Affine);
+    assert!(corner <= 0.03 && v <= 0.1, "{:?}", solution.transform);
+    assert!(solution.transform.is_affine() && solution.transform.similarity().is_none());
+    let (simple, _) = solve(&engine, truth, Motion::Similarity);
+    assert_eq!(simple.other_motion.map(|other| (other.motion, other.explains_more)), Some((Motion::Affine, true)));
+}
+
+#[test]
+fn a_similarity_is_found_by_a_homography_too_which_says_so() {
+    let engine = TestEngine::new();
+    let truth = Similarity::new(1.3, -0.9, 0.15, 1.01);
+    let (plain, [own, _]) = solve(&engine, truth.into(), Motion::Similarity);
+    assert_eq!(plain.other_motion, None);
+    let (rich, [corner, _]) = solve(&engine, truth.into(), Motion::Homography);
+    assert!(corner <= 1.5 * own.max(0.01), "{corner} px, {own} px by a similarity");
+    assert_eq!(rich.other_motion.map(|other| (other.motion, other.explains_more)), Some((Motion::Similarity, false)));
+}
+
+#[test]
+fn a_shift_takes_two_unknowns() {
+    let engine = TestEngine::new();
+    let truth = Similarity::new(1.3, -0.9, 0.0, 1.0);
+    let (solution, [corner, _]) = solve(&engine, truth.into(), Motion::Translation);
+    assert!(corner <= 0.01, "{:?}", solution.transform);
+    let similarity = solution.transform.similarity().unwrap();
+    assert_eq!((similarity.rotation, similarity.scale), (0.0, 1.0));
+    let (rich, _) = solve(&engine, truth.into(), Motion::Similarity);
+    assert_eq!(rich.other_motion.map(|other| (other.motion, other.explains_more)), Some((Motion::Translation, false)));
+}
