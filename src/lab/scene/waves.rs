@@ -40,6 +40,14 @@ impl Waves {
         waves
     }
 
+    /// The same under a Gaussian, its variance in px².
+    pub(super) fn softened(mut self, variance: f64) -> Self {
+        for wave in &mut self.0 {
+            wave.amplitude *= Kernel::Gaussian.transfer(wave.k, variance)[0];
+        }
+        self
+    }
+
     /// One row of an image of this texture.
     pub(super) fn fill(&self, kernel: Kernel, row: &Row, values: &mut [f64]) {
         values.fill(0.5);

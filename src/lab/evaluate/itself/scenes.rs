@@ -11,16 +11,16 @@ type Today = (Preset, f64, [f64; 2]);
 
 /// σ of the half-Gaussian scenes; 0 where the scene has its own.
 const TODAY: [Today; 10] = [
-    (Preset::Plane, 0.0, [0.0, 0.0]),
-    (Preset::Relief, 0.0, [0.0, 0.0]),
-    (Preset::Steps, 0.0, [0.0, 0.0]),
-    (Preset::Cylinders, 0.0, [0.0, 0.0]),
-    (Preset::HalfGaussianTexture, 1.0, [0.0, 0.0]),
-    (Preset::HalfGaussianTexture, 1.5, [0.0, 0.0]),
-    (Preset::HalfGaussianTexture, 2.5, [0.0, 0.0]),
-    (Preset::HalfGaussianDots, 1.0, [0.0, 0.0]),
-    (Preset::HalfGaussianDots, 1.5, [0.0, 0.0]),
-    (Preset::HalfGaussianDots, 2.5, [0.0, 0.0]),
+    (Preset::Plane, 0.0, [0.00265, 0.0107]),
+    (Preset::Relief, 0.0, [0.00115, 0.0626]),
+    (Preset::Steps, 0.0, [0.00200, 0.170]),
+    (Preset::Cylinders, 0.0, [0.00327, 0.238]),
+    (Preset::HalfGaussianTexture, 1.0, [0.00750, 0.0107]),
+    (Preset::HalfGaussianTexture, 1.5, [0.00337, 0.00804]),
+    (Preset::HalfGaussianTexture, 2.5, [0.00228, 0.0138]),
+    (Preset::HalfGaussianDots, 1.0, [0.00707, 0.0348]),
+    (Preset::HalfGaussianDots, 1.5, [0.00214, 0.0279]),
+    (Preset::HalfGaussianDots, 2.5, [0.00134, 0.0182]),
 ];
 
 /// How much worse than that is still as good.
