@@ -89,10 +89,17 @@ impl Arrangement {
             depth: far - (far - near) * nearness,
             outline,
             mean: if i % 2 == 0 { 0.62 } else { 0.38 },
-            offset: [37.0, -23.0].map(|d| d * i as f64),
+            offset: offset(i),
         };
         all.enumerate().map(layer).collect()
     }
+}
+
+/// Of layer `i`, on a ring of 48 px by the golden angle: any two of nine are 17 px or more apart, which is further than the
+/// texture's longest correlation.
+fn offset(i: usize) -> [f64; 2] {
+    let (sin, cos) = (2.399_963 * i as f64).sin_cos();
+    [48.0 * cos, 48.0 * sin]
 }
 
 /// The layer that the middle of the lens sees at a place of I1.

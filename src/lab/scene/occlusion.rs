@@ -33,8 +33,8 @@ pub(super) struct Layered {
 
 /// Samples a pixel of the texture: a cubic spline through them is within 1e-4 of it.
 const FINE: usize = 2;
-/// Of the texture around the frame, px; it is mirrored beyond.
-const MARGIN: usize = 64;
+/// Of the raster around the frame, px: the offset of a layer's texture, 48, and what blur and displacement add.
+const MARGIN: usize = 80;
 /// Deviations of the base blur beyond which an edge is over: 3e-5 of its height are left.
 const EDGE: f64 = 4.0;
 /// Of the bandwidth that the rules of a kernel are made for: edges are softer than theirs.
@@ -145,7 +145,14 @@ impl Layered {
     }
 
     fn texture(&self, place: [f64; 2]) -> f64 {
-        self.raster.at(place.map(|p| (p + MARGIN as f64) * FINE as f64))
+        let margin = MARGIN as f64;
+        let inside = |p: f64, length: u32| p > 2.0 - margin && p < f64::from(length) + margin - 2.0;
+        if inside(place[0], self.size[0]) && inside(place[1], self.size[1]) {
+            self.raster.at(place.map(|p| (p + margin) * FINE as f64))
+        } else {
+            // Seldom: the exact texture takes a hundred times as long.
+            self.waves.at(place)
+        }
     }
 }
 
@@ -236,9 +243,11 @@ mod tests {
     #[test]
     fn the_sum_is_the_closed_form() {
         for kernel in [Kernel::Gaussian, Kernel::Pillbox] {
-            let view = View::new(&Similarity::new(1.3, -0.9, 5.0, 1.02), SIZE);
-            for sigma in [0.4, 1.7, 3.0] {
-                let layered = Layered::new(vec![ground(0.5)], 3, SIZE, 0.3, kernel);
+            // The second shift is beyond what the raster holds.
+            for (shift, sigma) in [(1.3, 0.4), (1.3, 1.7), (-90.0, 1.0), (1.3, 3.0)] {
+                let view = View::new(&Similarity::new(shift, -0.9, 5.0, 1.02), SIZE);
+                let layers = vec![Layer { offset: [40.0, -20.0], ..ground(0.5) }];
+                let layered = Layered::new(layers, 3, SIZE, 0.3, kernel);
                 let (rules, clear) = (Rules::new(kernel, BANDWIDTH * sigma), layered.clear(0, &view, 30, sigma));
                 for (i, value) in clear.iter().enumerate() {
                     let summed =

@@ -84,9 +84,8 @@ impl Wave {
     }
 }
 
-#[cfg(test)]
 impl Waves {
-    /// The sharp texture at a place.
+    /// The texture at a place, sharp.
     pub(super) fn at(&self, [x, y]: [f64; 2]) -> f64 {
         0.5 + self.0.iter().map(|w| w.amplitude * (w.k[0] * x + w.k[1] * y + w.phase).cos()).sum::<f64>()
     }

@@ -19,6 +19,7 @@ const LEAST_OBJECT: f64 = 0.01;
 
 /// The two scenes through either half.
 pub(super) fn section(bench: &mut Bench, data: &Path) -> Section {
+    // A view takes longer than all of the rest of a quick run.
     let scenes = if bench.quick { &SCENES[..0] } else { &SCENES[..] };
     let cases = scenes.iter().flat_map(|scene| cases(bench, &data.join(FOLDER), scene)).collect();
     let what = "Sharp photographs against half-aperture views of a Pixel 4, each view with its own kernel. Objects by \

@@ -3,6 +3,7 @@
 //! Everything is solved as by a user who states nothing, but for the kernel where it is asymmetric.
 
 mod dual_pixel;
+mod edges;
 mod part;
 mod plane;
 mod scenes;
@@ -25,21 +26,26 @@ pub(super) fn run(bench: &mut Bench, data: &Path) -> Vec<Section> {
     let part = part::rows(bench, data);
     let solved = scenes::solve(bench);
     let mut smoothness = scenes::smoothness(&solved);
-    smoothness.push(part.smoothness);
+    smoothness.extend(part.smoothness);
     let ratios = smoothness.iter().flat_map(|case| &case.figures).filter(|f| f.name == RATIO);
     let usual = Case::new("median").at_most(RATIO, median(ratios.filter_map(|f| f.value)), USUAL);
     smoothness.push(usual);
-    let mut sigma = scenes::sigma(&solved);
+    let (edges, edges_sigma) = edges::rows(bench).into_iter().map(|rows| (rows.accuracy, rows.sigma)).unzip();
+    let mut sigma: Vec<Case> = [scenes::sigma(&solved), edges_sigma].concat();
     sigma.push(part.sigma);
-    vec![
+    let mut sections = vec![
         shading,
         noise,
         accuracy,
         Section { name: "Smoothness", what: SMOOTHNESS.to_string(), cases: smoothness },
         Section { name: "Part", what: PART.to_string(), cases: vec![part.accuracy] },
         dual_pixel::section(bench, data),
+        edges::section(edges),
         Section { name: "Sigma", what: SIGMA.to_string(), cases: sigma },
-    ]
+    ];
+    // What a quick run leaves out.
+    sections.retain(|section| !section.cases.is_empty());
+    sections
 }
 
 const SMOOTHNESS: &str = "Rms of V less the truth, px², by default settings, and by the fixed α that makes it least.";

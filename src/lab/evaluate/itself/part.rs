@@ -26,7 +26,8 @@ const NOISE: f64 = 0.002;
 /// A row of the sections "Part", "Smoothness" and "Sigma" each.
 pub(super) struct Rows {
     pub accuracy: Case,
-    pub smoothness: Case,
+    /// Left out of a quick run.
+    pub smoothness: Option<Case>,
     pub sigma: Case,
 }
 
@@ -37,7 +38,7 @@ pub(super) fn rows(bench: &mut Bench, data: &Path) -> Rows {
         Ok(rows) => rows,
         Err(e) => {
             let failed = || Case::failed(NAME, e.clone());
-            Rows { accuracy: failed(), smoothness: failed(), sigma: failed() }
+            Rows { accuracy: failed(), smoothness: Some(failed()), sigma: failed() }
         }
     }
 }
@@ -69,26 +70,19 @@ impl Part {
     }
 
     fn rows(&self, bench: &mut Bench) -> Result<Rows, String> {
-        let settings = by_itself(&Kernel::Gaussian);
+        let (settings, quick) = (by_itself(&Kernel::Gaussian), bench.quick);
         let solution = self.solve(bench, &settings)?;
         let depth = Curve::fit(&self.pixels(&solution)).ok_or(FEW)?;
         let corner = solution.transform.corner_distance(&self.transform, solution.width, solution.height);
         let accuracy = Case::new(NAME).at_most("corner, px", corner, 0.004);
         let accuracy = accuracy.at_most("depth rms, % of range", depth.rms, 2.5);
         let accuracy = accuracy.at_most("depth MAD, % of range", depth.mad, 0.8);
-        let best = if bench.quick {
-            [f64::NAN; 2]
-        } else {
-            best_weight(&settings, NOISE, |settings| {
-                let solution = self.solve(bench, settings).ok();
-                solution.and_then(|s| Curve::fit(&self.pixels(&s))).map_or(f64::INFINITY, |curve| curve.rms)
-            })
+        let mut rms = |settings: &Settings| {
+            let solution = self.solve(bench, settings).ok();
+            solution.and_then(|s| Curve::fit(&self.pixels(&s))).map_or(f64::INFINITY, |curve| curve.rms)
         };
-        let smoothness = if bench.quick {
-            Case::failed(NAME, "left out of a quick run")
-        } else {
-            against(format!("{NAME}: depth rms, %"), depth.rms, best)
-        };
+        let best = || best_weight(&settings, NOISE, &mut rms);
+        let smoothness = (!quick).then(best).map(|best| against(format!("{NAME}: depth rms, %"), depth.rms, best));
         Ok(Rows { accuracy, smoothness, sigma: self.sigma(&solution)?.case(NAME) })
     }
 

@@ -88,10 +88,11 @@ impl Figure {
 }
 
 impl Section {
-    /// How many of the demands are met, and how many there are.
+    /// How many of the demands are met, and how many there are; a case that could not be measured is one that is not.
     pub(super) fn met(&self) -> [usize; 2] {
+        let failed = self.cases.iter().filter(|case| case.figures.is_empty()).count();
         let judged = || self.cases.iter().flat_map(|case| &case.figures).filter_map(|figure| figure.met);
-        [judged().filter(|met| *met).count(), judged().count()]
+        [judged().filter(|met| *met).count(), judged().count() + failed]
     }
 
     /// A heading, what was measured, and a row a case.
@@ -127,8 +128,8 @@ mod tests {
             [Some(true), Some(false), Some(false), None]
         );
         let section = Section { name: "s", what: "What.".to_string(), cases: vec![case, Case::failed("b", "absent")] };
-        assert_eq!(section.met(), [1, 3]);
-        let text = "### s: 1 of 3 met\n\nWhat.\n\n| case | x | y | z | w | note |\n| --- | --- | --- | --- | --- | --- |\n\
+        assert_eq!(section.met(), [1, 4]);
+        let text = "### s: 1 of 4 met\n\nWhat.\n\n| case | x | y | z | w | note |\n| --- | --- | --- | --- | --- | --- |\n\
                     | a | 2.00 ≤ 2.00 | **–** not ≤ 1.00 | **-0.300** not in -0.200 to 0.200 | 7.00 | n |\n\
                     | b | – | – | – | – | absent |\n";
         assert_eq!(section.markdown(), text);
