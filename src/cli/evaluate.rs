@@ -39,7 +39,7 @@ pub(super) struct Arguments {
 enum Only {
     /// The paper's experiments: some 15 minutes on two processor cores without a GPU
     Paper,
-    /// What the default settings are to reach by themselves, each bound beside its figure, also on stderr: some 4
+    /// What the default settings are to reach by themselves, each bound beside its figure, also on stderr: some 5
     /// minutes. In DIR: part/57, dual-pixel
     Itself,
 }
