@@ -87,6 +87,12 @@ impl Lens {
         self.strength(image) * (self.coordinate(self.focus[image]) - self.coordinate(z)).powi(2)
     }
 
+    /// The deviation of that blur with a sign: negative for a point beyond the focus, where the cone of rays opens the other
+    /// way. Px of its own image.
+    pub(crate) fn deviation(&self, image: usize, z: f64) -> f64 {
+        self.strength(image).sqrt() * (self.coordinate(z) - self.coordinate(self.focus[image]))
+    }
+
     /// Relative blur `V = V2/s² - V1` of a point at depth `z` mm, px² of I1; `scale` is s of the registration.
     pub fn relative_blur(&self, z: f64, scale: f64) -> f64 {
         self.variance(1, z) / (scale * scale) - self.variance(0, z)

@@ -18,7 +18,8 @@ use super::told::ToldArguments;
 ///
 /// Both images are made from one radiance, each blurred at every pixel by the true, continuous kernel of the variance
 /// that belongs there; nothing is resampled, and no code is shared with the solver. The blur is a gather: occlusion is
-/// ignored, and a jump in depth does not hide what lies behind it.
+/// ignored, and a jump in depth does not hide what lies behind it. Card, blocks and bars alone are rendered ray by ray, and
+/// their edges hide what lies behind them.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(super) struct Arguments {
@@ -30,7 +31,7 @@ pub(super) struct Arguments {
     output: PathBuf,
     #[command(flatten)]
     force: ForceArgument,
-    /// Size of both images, px [default: 256x256; cylinders, steps and relief 512x512; image that of the radiance]
+    /// Size of both images, px [default: 512x512; plane and half-gaussian 256x256; image that of the radiance]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// Seed of texture, dots, relief and noise
@@ -39,7 +40,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     told: ToldArguments,
 
-    /// Shape of the blur, of both images [default: half-gaussian for the scenes of that name, else gaussian]
+    /// Shape of the blur, of both images [default: half-gaussian for the scenes of that name, pillbox for card, blocks and bars, else gaussian]
     #[arg(long, value_enum, help_heading = "Blur")]
     kernel: Option<KernelName>,
     /// Largest |V|, px², 0 to 256, of plane (4), steps (6) and relief (8)
@@ -155,6 +156,12 @@ enum SceneName {
     Steps,
     /// Hills and hollows with steep sides
     Relief,
+    /// A near card over a far ground, through the lens of the cylinders, with occlusion; the seed places it
+    Card,
+    /// Plates at eight heights, likewise
+    Blocks,
+    /// Thin bars, 4 to 30 px, likewise
+    Bars,
     /// A picture and a shape of your own, from files
     Image,
 }
@@ -168,6 +175,9 @@ impl SceneName {
             Self::Cylinders => Preset::Cylinders,
             Self::Steps => Preset::Steps,
             Self::Relief => Preset::Relief,
+            Self::Card => Preset::Card,
+            Self::Blocks => Preset::Blocks,
+            Self::Bars => Preset::Bars,
             Self::Image => return None,
         })
     }
@@ -244,7 +254,7 @@ fn scene(arguments: &Arguments) -> Result<Scene, Failure> {
     match &mut scene.shape {
         Shape::Plane { limit } | Shape::Steps { limit } | Shape::Relief { limit } => set(limit, arguments.range),
         Shape::Uniform { variance } => set(variance, arguments.sigma.map(|s| s.powi(2).copysign(s))),
-        Shape::Cylinders { lens } => {
+        Shape::Cylinders { lens } | Shape::Layers { lens, .. } => {
             *lens = arguments.lens.lens((*lens).into())?.unwrap_or(*lens);
             scene.transform.scale = lens.breathing();
         }
@@ -302,7 +312,7 @@ fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
     use SceneName::*;
     let a = arguments;
     let files = a.radiance.is_some() || a.depth.is_some() || a.relative_blur.is_some();
-    let has_lens = a.scene == Cylinders || (a.scene == Image && a.depth.is_some());
+    let has_lens = matches!(a.scene, Cylinders | Card | Blocks | Bars) || (a.scene == Image && a.depth.is_some());
     for (given, applies, option, scenes) in [
         (a.range.is_some(), matches!(a.scene, Plane | Steps | Relief), "--range", "plane, steps and relief"),
         (
@@ -313,7 +323,7 @@ fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
         ),
         (a.size.is_some(), a.scene != Image, "--size", "scenes other than image, which has the size of its radiance"),
         (files, a.scene == Image, "--radiance, --depth and --relative-blur", "image"),
-        (a.lens.is_given(), has_lens, "the lens", "cylinders, and for image with --depth"),
+        (a.lens.is_given(), has_lens, "the lens", "cylinders, card, blocks and bars, and for image with --depth"),
     ] {
         if given && !applies {
             return Err(Failure::Usage(format!("{option} is for {scenes}; leave it out")));

@@ -40,7 +40,19 @@ fn a_quick_run_without_data_writes_tables_figures_and_verdicts() {
     assert_eq!(report["descent"].as_array().unwrap().len(), 3);
     assert!(report["kernels"].as_array().unwrap().len() >= 4);
 
+    let sections = report["itself"].as_array().unwrap();
+    for section in sections {
+        let name = section["name"].as_str().unwrap();
+        for case in section["cases"].as_array().unwrap() {
+            // Only what data are absent for could not be measured.
+            let absent = case["note"].as_str().unwrap().contains("no such file");
+            assert_eq!(case["figures"].as_array().unwrap().is_empty(), absent, "{name}: {case}");
+        }
+    }
+    assert_eq!(sections.len(), 7);
+
     let text = fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(text.contains("## By itself") && stderr.contains("### Shading: "), "{text}");
     assert!(text.contains("cup: absent: looked for pairs/cup/breakfast_near.png"), "{text}");
     let links: Vec<&str> = text.split("](").skip(1).filter_map(|rest| rest.split(')').next()).collect();
     assert_eq!(links, ["figures/fig4-scenes.png", "figures/robustness.png", "figures/descent.png"]);
@@ -48,6 +60,18 @@ fn a_quick_run_without_data_writes_tables_figures_and_verdicts() {
         assert!(image::open(out.join(link)).unwrap().width() > 500, "{link}");
     }
     assert_eq!(fs::read_dir(&out).unwrap().count(), 3);
+}
+
+#[test]
+fn one_half_alone_says_nothing_of_the_other() {
+    let folder = TempDir::new().unwrap();
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
+    let output = evaluate(folder.path(), &["--only", "itself", "--data", data.to_str().unwrap(), "-o", "out"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && stderr.contains("| part 57 |"), "{stderr}");
+    assert!(!stderr.contains("part 57 | – |"), "the project's own part is there: {stderr}");
+    let text = fs::read_to_string(folder.path().join("out/report.md")).unwrap();
+    assert!(text.contains("## By itself") && !text.contains("Table 1"), "{text}");
 }
 
 #[test]

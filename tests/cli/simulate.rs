@@ -63,20 +63,23 @@ fn words(frame: &Frame) -> &[u16] {
 
 #[test]
 fn every_scene_writes_its_files_and_the_truth() {
-    for scene in ["plane", "half-gaussian-texture", "half-gaussian-dots", "cylinders", "steps", "relief"] {
+    let plain = ["plane", "half-gaussian-texture", "half-gaussian-dots", "cylinders", "steps", "relief"];
+    for scene in plain.into_iter().chain(["card", "blocks", "bars"]) {
         let desk = Desk::new();
         let truth = desk.simulate(scene, &["--size", "48x32"]);
         let (i1, i2) = image_io::read_pair(&desk.out("i1.png"), &desk.out("i2.png")).unwrap();
         assert_eq!((i1.width(), i1.height(), i1.format().channels), (48, 32, Channels::Gray));
         assert!(words(&i1).len() == 48 * 32 && words(&i1) != words(&i2));
         assert_eq!(floats(&desk.out("relative_blur.exr")).len(), 48 * 32);
-        assert_eq!(desk.out("depth.exr").exists(), scene == "cylinders");
-        assert_eq!(truth["lens"].is_object(), scene == "cylinders");
-        assert_eq!(truth["depth"].is_string(), scene == "cylinders");
-        assert_eq!((truth["scene"].as_str(), truth["occlusion"].as_str()), (Some(scene), Some("ignored")));
+        let occlusion = if plain.contains(&scene) { "ignored" } else { "rendered" };
+        let has_lens = scene == "cylinders" || occlusion == "rendered";
+        assert_eq!(desk.out("depth.exr").exists(), has_lens);
+        assert_eq!(truth["lens"].is_object(), has_lens);
+        assert_eq!(truth["depth"].is_string(), has_lens);
+        assert_eq!((truth["scene"].as_str(), truth["occlusion"].as_str()), (Some(scene), Some(occlusion)));
         assert_eq!(truth["clipped_samples"], 0);
         let kernel = if scene.starts_with("half") { "half-gaussian" } else { "gaussian" };
-        assert_eq!(truth["kernel"], kernel);
+        assert_eq!(truth["kernel"], if occlusion == "rendered" { "pillbox" } else { kernel });
     }
 }
 

@@ -31,13 +31,17 @@ impl TransformError {
 /// Pixels along the border that are left out of every rms.
 pub(super) const BORDER: usize = 16;
 
+/// The pixels of a frame that are so far from its border, by their index.
+pub(super) fn inside(width: u32, height: u32, border: usize) -> impl Iterator<Item = usize> {
+    let (width, height) = (width as usize, height as usize);
+    let rows = border..height.saturating_sub(border);
+    rows.flat_map(move |y| (border..width.saturating_sub(border)).map(move |x| y * width + x))
+}
+
 /// Root mean square of a field, `BORDER` px inside the frame, over what is finite; `None` where nothing is.
 pub(super) fn rms(width: u32, height: u32, value: impl Fn(usize) -> f64) -> Option<f64> {
-    let (width, height) = (width as usize, height as usize);
-    let rows = BORDER..height.saturating_sub(BORDER);
-    let inside = rows.flat_map(|y| (BORDER..width.saturating_sub(BORDER)).map(move |x| y * width + x));
     let (mut sum, mut count) = (0.0, 0usize);
-    for v in inside.map(value).filter(|v| v.is_finite()) {
+    for v in inside(width, height, BORDER).map(value).filter(|v| v.is_finite()) {
         sum += v * v;
         count += 1;
     }

@@ -1,5 +1,5 @@
 //! The paper's experiments (Ben-Ari, TPAMI 2014, section 5) with parfocal's four systems: tables, figures, and which of
-//! the aims are met.
+//! the aims are met; and what is demanded of the default settings, measured.
 //!
 //! ```no_run
 //! use parfocal::evaluate::{Evaluation, Options};
@@ -20,6 +20,7 @@ mod descent;
 mod displace;
 mod errors;
 mod figures;
+mod itself;
 mod kernels;
 mod real;
 mod registration;
@@ -48,12 +49,23 @@ pub struct Options {
     pub data: PathBuf,
     /// Small scenes, few points, reduced photographs: whether everything runs, not how good it is.
     pub quick: bool,
+    /// One half alone.
+    pub only: Option<Only>,
+}
+
+/// The halves of an evaluation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Only {
+    /// The paper's experiments, all systems.
+    Paper,
+    /// What is demanded of the default settings.
+    Itself,
 }
 
 impl Default for Options {
     /// Everything in full, on the pairs in the folder `data`.
     fn default() -> Self {
-        Self { data: PathBuf::from("data"), quick: false }
+        Self { data: PathBuf::from("data"), quick: false, only: None }
     }
 }
 
@@ -77,6 +89,27 @@ struct Results {
     descent: Vec<descent::Race>,
     kernels: Vec<kernels::KernelResult>,
     calibration: Vec<calibration::Calibration>,
+    itself: Vec<itself::Section>,
+}
+
+impl Results {
+    /// Nothing yet.
+    fn of(engine: &Engine, options: &Options) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION"),
+            device: engine.info().into(),
+            quick: options.quick,
+            targets: Vec::new(),
+            registration: Vec::new(),
+            real: Vec::new(),
+            absent: Vec::new(),
+            robustness: Vec::new(),
+            descent: Vec::new(),
+            kernels: Vec::new(),
+            calibration: Vec::new(),
+            itself: Vec::new(),
+        }
+    }
 }
 
 /// A picture and the name of its file.
@@ -93,35 +126,37 @@ const REPORT: &str = "report.json";
 const TABLES: &str = "report.md";
 
 impl Evaluation {
-    /// Runs every experiment; `say` is told what is being done, a line at a time.
+    /// Runs what is asked for; `say` is told what is being done, a line at a time.
     pub fn run(engine: &Engine, options: &Options, say: &mut dyn FnMut(&str)) -> Self {
         let mut bench = Bench::new(engine, options.quick, say);
-        let (pairs, absent) = cases::real_pairs(&options.data);
-        let cases = cases::all(&options.data, &pairs, options.quick);
+        let mut evaluation = Self { results: Results::of(engine, options), figures: Vec::new() };
+        if options.only != Some(Only::Itself) {
+            evaluation.run_paper(&mut bench, &options.data);
+        }
+        if options.only != Some(Only::Paper) {
+            evaluation.results.itself = itself::run(&mut bench, &options.data);
+        }
+        evaluation
+    }
+
+    fn run_paper(&mut self, bench: &mut Bench, data: &Path) {
+        let results = &mut self.results;
+        let (pairs, absent) = cases::real_pairs(data);
         let mut figures = figures::Collector::default();
-        let registration = registration::run(&mut bench, cases, &mut figures);
-        let real = real::run(&mut bench, &options.data, &pairs, &mut figures);
-        let robustness = robustness::run(&mut bench);
-        let descent = descent::run(&mut bench);
-        let kernels = kernels::run(&mut bench);
-        let calibration = calibration::run(&mut bench);
-        let figures = figures.finish(&robustness, &descent);
-        let targets = targets::all(&registration);
-        let (version, device, quick) = (env!("CARGO_PKG_VERSION"), engine.info().into(), options.quick);
-        let results = Results {
-            version,
-            device,
-            quick,
-            targets,
-            registration,
-            real,
-            absent,
-            robustness,
-            descent,
-            kernels,
-            calibration,
-        };
-        Self { results, figures }
+        results.registration = registration::run(bench, cases::all(data, &pairs, bench.quick), &mut figures);
+        results.real = real::run(bench, data, &pairs, &mut figures);
+        results.absent = absent;
+        results.robustness = robustness::run(bench);
+        results.descent = descent::run(bench);
+        results.kernels = kernels::run(bench);
+        results.calibration = calibration::run(bench);
+        results.targets = targets::all(&results.registration);
+        self.figures = figures.finish(&results.robustness, &results.descent);
+    }
+
+    /// What is demanded of the default settings, as a table of each section; empty where it was not measured.
+    pub fn itself(&self) -> String {
+        itself::markdown(&self.results.itself)
     }
 
     /// The text of `report.json`, without a newline at its end.

@@ -4,6 +4,7 @@ use super::calibration::Calibration;
 use super::descent::{EQUAL, Race};
 use super::errors::BORDER;
 use super::figures::called;
+use super::itself;
 use super::kernels::KernelResult;
 use super::real::{Estimate, PairResult};
 use super::registration::CaseResult;
@@ -15,8 +16,7 @@ use super::{FIGURES, Figure, Results};
 
 pub(super) fn markdown(results: &Results, figures: &[Figure]) -> String {
     let figure = |start: &str| -> String { figures.iter().filter(|f| f.name.starts_with(start)).map(link).collect() };
-    let sections = [
-        head(results),
+    let paper = [
         targets(&results.targets, &results.registration),
         table1(&results.registration),
         figure("fig4"),
@@ -29,7 +29,10 @@ pub(super) fn markdown(results: &Results, figures: &[Figure]) -> String {
         kernels(&results.kernels),
         calibration(&results.calibration),
     ];
-    sections.iter().filter(|s| !s.is_empty()).cloned().collect::<Vec<_>>().join("\n")
+    // What was not run has no results, and an empty table would say that it had none.
+    let paper = if results.registration.is_empty() { Vec::new() } else { paper.to_vec() };
+    let sections = [vec![head(results)], paper, vec![itself::markdown(&results.itself)]].concat();
+    sections.into_iter().filter(|s| !s.is_empty()).collect::<Vec<_>>().join("\n")
 }
 
 fn link(figure: &Figure) -> String {

@@ -46,7 +46,7 @@ pub struct Truth {
     pub lens: Option<Lens>,
     /// The file of depth in mm, `depth.exr`; null where the scene has no lens.
     pub depth: Option<&'static str>,
-    /// How occlusion at jumps of depth was rendered: "ignored".
+    /// What jumps of depth do: "ignored" where neither side hides the other, "rendered" where the nearer does.
     pub occlusion: &'static str,
     /// Samples of i1.png and i2.png that lay outside [0, 1] and were clipped.
     pub clipped_samples: usize,
@@ -73,7 +73,7 @@ impl Truth {
             relative_blur: RangeReport::of(&simulated.relative_blur),
             lens: scene.lens().copied(),
             depth: simulated.depth.as_ref().map(|_| SIMULATED_FILES[3]),
-            occlusion: "ignored",
+            occlusion: if matches!(scene.shape, Shape::Layers { .. }) { "rendered" } else { "ignored" },
             clipped_samples: [&simulated.i1, &simulated.i2].map(clipped).iter().sum(),
             files: simulated_files(simulated.depth.is_some()),
         }

@@ -49,6 +49,11 @@ impl Kernel {
         }
     }
 
+    /// Beyond this distance the unit kernel is nothing, for every rule.
+    pub(super) fn reach(self) -> f64 {
+        if self == Kernel::Pillbox { 2.0 } else { REACH }
+    }
+
     /// A rule for the unit kernel that is exact, to 1e-5 or better, for deviations up to `sigma` px.
     fn rule(self, sigma: f64) -> Vec<Node> {
         // Radians that the radiance turns through over one unit of the kernel.

@@ -26,13 +26,16 @@
 //! ```
 //!
 //! Blur is a gather, with the variance at the place that receives: **occlusion is ignored**, and at a jump in depth both
-//! sides show through each other's blur as if neither hid the other. The kernel is oriented with the sensor of its own
+//! sides show through each other's blur as if neither hid the other. The exception is [`Shape::Layers`], which is rendered
+//! ray by ray: each shows the first layer that it meets. The kernel is oriented with the sensor of its own
 //! image. Nothing is resampled: texture has a closed form under every kernel, other radiance is a continuous function over
 //! which the kernel is integrated. No code is shared with the solver's blur.
 
 mod dots;
 mod files;
 mod kernel;
+mod layers;
+mod occlusion;
 mod presets;
 mod radiance;
 mod raster;
@@ -46,11 +49,14 @@ use serde::{Deserialize, Serialize};
 
 pub use files::{Truth, simulated_files, write_simulated};
 pub use kernel::Kernel;
+pub use layers::Arrangement;
 pub use presets::Preset;
 pub use radiance::Radiance;
 pub use shape::Shape;
 
 use self::kernel::Rules;
+use self::layers::Layer;
+use self::occlusion::Layered;
 use self::radiance::Pattern;
 use self::shape::Surface;
 use self::view::{View, fill_rows};
@@ -157,6 +163,7 @@ impl Scene {
             }
             Shape::Uniform { variance } => range("uniform relative blur", variance, -256.0, 256.0)?,
             Shape::DepthFile { unit, .. } => range("unit of depth", unit, 1e-9, 1e9)?,
+            Shape::Layers { .. } => self.check_layers()?,
             Shape::Cylinders { .. } | Shape::RelativeBlurFile { .. } => {}
         }
         self.lens().map_or(Ok(()), Lens::check)?;
@@ -171,6 +178,16 @@ impl Scene {
         range("scale", self.transform.scale, 0.2, 5.0)
     }
 
+    /// What rays through layers can be summed of.
+    fn check_layers(&self) -> Result<(), Error> {
+        if self.kernel == Kernel::HalfGaussian || self.radiance != Radiance::Texture {
+            let problem = "layers are rendered with texture under a gaussian or a pillbox; state these";
+            return Err(Error::Mismatch(problem.to_string()));
+        }
+        // Sharper edges than σ 0.3 px would show the nodes of the sum.
+        range("base blur of layers", self.base_blur, 0.09, 16.0)
+    }
+
     /// Renders the pair. Takes all processors, for a second or two at the default size.
     ///
     /// # Errors
@@ -180,15 +197,29 @@ impl Scene {
         self.check()?;
         let size = [self.width, self.height];
         let surface = self.shape.surface(self)?;
-        let channels = self.radiance.channels(self)?;
         let views = [View::new(&Similarity::IDENTITY, size), View::new(&self.transform, size)];
-        let [i1, i2] = [self.image_of(0, &views, &surface, &channels)?, self.image_of(1, &views, &surface, &channels)?];
+        let [i1, i2] = if let Shape::Layers { arrangement, lens } = &self.shape {
+            self.layered(&views, arrangement.layers(self.seed, size, lens), lens)?
+        } else {
+            let channels = self.radiance.channels(self)?;
+            [self.image_of(0, &views, &surface, &channels)?, self.image_of(1, &views, &surface, &channels)?]
+        };
         let point = |i: usize| surface([(i % self.width as usize) as f64, (i / self.width as usize) as f64]);
         let pixels = self.width as usize * self.height as usize;
         let relative_blur = (0..pixels).map(point).map(|p| (p.variances[1] - p.variances[0]) as f32).collect();
         let depth = (0..pixels).map(point).map(|p| p.depth.map(|z| z as f32)).collect();
         let (transform, photometric) = (self.transform, self.exposure.photometric());
         Ok(Simulated { i1, i2, relative_blur, depth, transform, photometric })
+    }
+
+    /// Both images, with occlusion.
+    fn layered(&self, views: &[View; 2], layers: Vec<Layer>, lens: &Lens) -> Result<[Frame; 2], Error> {
+        let deviations = [0, 1].map(|image| layers.iter().map(|l| lens.deviation(image, l.depth)).collect::<Vec<_>>());
+        let largest = deviations.iter().flatten().map(|d| d * d).fold(0.0, f64::max);
+        range("largest variance of the blur", largest, 0.0, MOST_VARIANCE)?;
+        let layered = Layered::new(layers, self.seed, [self.width, self.height], self.base_blur, self.kernel);
+        let image = |i: usize| self.expose(i, &[layered.image(&views[i], &deviations[i])]);
+        Ok([image(0)?, image(1)?])
     }
 
     /// Image 0 (I1) or 1 (I2).

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{Exposure, Kernel, Radiance, Scene, Shape};
+use super::{Arrangement, Exposure, Kernel, Radiance, Scene, Shape};
 use crate::base::{Error, Lens, Similarity};
 use crate::files::image_io;
 
@@ -21,12 +21,27 @@ pub enum Preset {
     Steps,
     /// Hills and hollows of ±8 px², with steep sides.
     Relief,
+    /// One card in front of a ground through the lens of the cylinders, with occlusion and a disk's blur.
+    Card,
+    /// Plates at eight heights, likewise.
+    Blocks,
+    /// Thin bars, likewise.
+    Bars,
 }
 
 impl Preset {
     /// Every preset.
-    pub const ALL: [Self; 6] =
-        [Self::Plane, Self::HalfGaussianTexture, Self::HalfGaussianDots, Self::Cylinders, Self::Steps, Self::Relief];
+    pub const ALL: [Self; 9] = [
+        Self::Plane,
+        Self::HalfGaussianTexture,
+        Self::HalfGaussianDots,
+        Self::Cylinders,
+        Self::Steps,
+        Self::Relief,
+        Self::Card,
+        Self::Blocks,
+        Self::Bars,
+    ];
 
     /// Its name on the command line and in `truth.json`.
     pub fn name(self) -> &'static str {
@@ -37,6 +52,9 @@ impl Preset {
             Preset::Cylinders => "cylinders",
             Preset::Steps => "steps",
             Preset::Relief => "relief",
+            Preset::Card => "card",
+            Preset::Blocks => "blocks",
+            Preset::Bars => "bars",
         }
     }
 
@@ -52,6 +70,8 @@ impl Preset {
             transform: Similarity::new(1.5, -0.7, 0.1, 1.005),
             ..Scene::new(self.name(), Shape::Uniform { variance: 6.25 }, radiance)
         };
+        let layered =
+            |arrangement| Scene { kernel: Kernel::Pillbox, ..large(Shape::Layers { arrangement, lens: MACRO }) };
         match self {
             Preset::Plane => symmetric(Shape::Plane { limit: 4.0 }),
             Preset::HalfGaussianTexture => asymmetric(Radiance::Texture),
@@ -59,6 +79,9 @@ impl Preset {
             Preset::Cylinders => large(Shape::Cylinders { lens: MACRO }),
             Preset::Steps => large(Shape::Steps { limit: 6.0 }),
             Preset::Relief => large(Shape::Relief { limit: 8.0 }),
+            Preset::Card => layered(Arrangement::Card),
+            Preset::Blocks => layered(Arrangement::Blocks),
+            Preset::Bars => layered(Arrangement::Bars),
         }
     }
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::Scene;
+use super::layers::{self, Arrangement};
 use super::radiance::read_sized;
 use crate::base::random::Random;
 use crate::base::{Channels, Error, Frame, Lens, Samples, centre};
@@ -38,6 +39,14 @@ pub enum Shape {
     },
     /// Two cylinders, one upright and one inclined, in front of a plane, between the focus distances of a lens.
     Cylinders {
+        /// The lens.
+        lens: Lens,
+    },
+    /// Cards in front of a ground, between the focus distances of a lens: the one shape whose edges hide what lies behind
+    /// them.
+    Layers {
+        /// How they stand.
+        arrangement: Arrangement,
         /// The lens.
         lens: Lens,
     },
@@ -79,7 +88,7 @@ impl Shape {
     /// The lens, where the shape has one.
     pub fn lens(&self) -> Option<&Lens> {
         match self {
-            Shape::Cylinders { lens } | Shape::DepthFile { lens, .. } => Some(lens),
+            Shape::Cylinders { lens } | Shape::Layers { lens, .. } | Shape::DepthFile { lens, .. } => Some(lens),
             _ => None,
         }
     }
@@ -105,6 +114,10 @@ impl Shape {
             Shape::Cylinders { lens } => {
                 let depth = cylinders(lens.focus, size);
                 Box::new(move |x| through(&lens, scale, depth(x)))
+            }
+            Shape::Layers { arrangement, lens } => {
+                let layers = arrangement.layers(scene.seed, size, &lens);
+                Box::new(move |x| through(&lens, scale, layers::seen(&layers, x).depth))
             }
             Shape::RelativeBlurFile { path } => {
                 let map = Map::read(&path, size, 1.0)?;

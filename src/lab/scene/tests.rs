@@ -97,7 +97,7 @@ fn no_preset_clips_and_contrast_scales_about_the_middle() {
         for frame in [&pair.i1, &pair.i2] {
             assert!(values(frame).iter().all(|v| (0.02..=0.98).contains(v)), "{}", scene.name);
         }
-        assert_eq!(pair.depth.is_some(), preset == Preset::Cylinders);
+        assert_eq!(pair.depth.is_some(), preset.scene().lens().is_some());
         let half = Scene { contrast: 0.45, ..scene }.render().unwrap();
         assert!((values(&half.i1)[77] - 0.5 - 0.5 * (values(&pair.i1)[77] - 0.5)).abs() < 1e-6);
     }

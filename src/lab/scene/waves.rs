@@ -40,6 +40,14 @@ impl Waves {
         waves
     }
 
+    /// The same under a Gaussian, its variance in px².
+    pub(super) fn softened(mut self, variance: f64) -> Self {
+        for wave in &mut self.0 {
+            wave.amplitude *= Kernel::Gaussian.transfer(wave.k, variance)[0];
+        }
+        self
+    }
+
     /// One row of an image of this texture.
     pub(super) fn fill(&self, kernel: Kernel, row: &Row, values: &mut [f64]) {
         values.fill(0.5);
@@ -76,9 +84,8 @@ impl Wave {
     }
 }
 
-#[cfg(test)]
 impl Waves {
-    /// The sharp texture at a place.
+    /// The texture at a place, sharp.
     pub(super) fn at(&self, [x, y]: [f64; 2]) -> f64 {
         0.5 + self.0.iter().map(|w| w.amplitude * (w.k[0] * x + w.k[1] * y + w.phase).cos()).sum::<f64>()
     }
