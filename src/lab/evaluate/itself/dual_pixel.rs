@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::section::{Case, Section};
 use super::truth::by_itself;
-use crate::base::{Error, Frame, Samples, Similarity};
+use crate::base::{Error, Frame, Homography, Samples};
 use crate::engine::Solution;
 use crate::files::image_io;
 use crate::lab::evaluate::bench::Bench;
@@ -47,7 +47,10 @@ fn cases(bench: &mut Bench, folder: &Path, scene: &str) -> Vec<Case> {
     }
     if let [(left, [width, height]), (right, _)] = transforms[..] {
         let distance = left.corner_distance(&right, width, height);
-        let told = |t: &Similarity| format!("({:.2}, {:.2}) px, {:.3} %", t.tx, t.ty, 100.0 * (t.scale - 1.0));
+        let told = |t: &Homography| {
+            let [tx, ty] = t.translation();
+            format!("({tx:.2}, {ty:.2}) px, {:.3} %", 100.0 * (t.scale() - 1.0))
+        };
         let note = format!("T {} and {}", told(&left), told(&right));
         cases.push(Case::new(format!("{scene}, left and right")).at_most("corner, px", distance, 0.4).note(note));
     }

@@ -9,7 +9,7 @@ use super::section::Case;
 use super::truth::{Sigma, by_itself};
 use super::weight::best_weight;
 use crate::base::statistics::median;
-use crate::base::{Frame, Kernel, Settings, Similarity};
+use crate::base::{Frame, Kernel, Settings, Homography};
 use crate::engine::Solution;
 use crate::files::export::read_transform;
 use crate::files::image_io;
@@ -47,7 +47,7 @@ const NAME: &str = "part 57";
 
 struct Part {
     images: [Frame; 2],
-    transform: Similarity,
+    transform: Homography,
     depth: Vec<f32>,
 }
 

@@ -1,7 +1,7 @@
 //! Pairs of which T and V are known, and how far off a solution is.
 
 use crate::base::statistics::median;
-use crate::base::{Frame, Kernel, Settings, Similarity};
+use crate::base::{Frame, Kernel, Settings, Homography};
 use crate::engine::Solution;
 use crate::engine::stages::uncertainty::LARGEST;
 use crate::lab::evaluate::bench::Bench;
@@ -14,7 +14,7 @@ use super::section::Case;
 /// A pair with its truth.
 pub(super) struct Known {
     pub images: [Frame; 2],
-    pub transform: Similarity,
+    pub transform: Homography,
     /// V at each pixel of I1, px².
     pub relative_blur: Vec<f32>,
     pub settings: Settings,
@@ -25,7 +25,7 @@ impl Known {
         let pair = scene.render().map_err(|e| e.to_string())?;
         let settings = by_itself(&model(scene.kernel));
         let (images, transform) = ([pair.i1, pair.i2], pair.transform);
-        Ok(Self { images, transform, relative_blur: pair.relative_blur, settings })
+        Ok(Self { images, transform: transform.into(), relative_blur: pair.relative_blur, settings })
     }
 
     /// Solved by its settings.
@@ -50,7 +50,7 @@ pub(super) fn by_itself(kernel: &Kernel) -> Settings {
 
 /// The same with this smoothness α.
 pub(super) fn weighed(settings: &Settings, alpha: f64) -> Settings {
-    Settings { regularization: alpha, ..settings.clone() }
+    Settings { regularization: Some(alpha), ..settings.clone() }
 }
 
 /// How far off a solution is; V in px², [`BORDER`] px along the border left out.
@@ -66,7 +66,7 @@ pub(super) struct Errors {
 }
 
 impl Errors {
-    pub(super) fn of(solution: &Solution, transform: &Similarity, truth: &[f32]) -> Self {
+    pub(super) fn of(solution: &Solution, transform: &Homography, truth: &[f32]) -> Self {
         let error = |i: usize| f64::from(solution.relative_blur[i]) - f64::from(truth[i]);
         let pixels = || inside(solution.width, solution.height, BORDER);
         let errors: Vec<f64> = pixels().map(error).filter(|e| e.is_finite()).collect();

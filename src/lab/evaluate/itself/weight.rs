@@ -51,7 +51,7 @@ mod tests {
                 let mut calls = 0;
                 let error = |s: &Settings| {
                     calls += 1;
-                    (0.1 * (s.regularization / least).ln().powi(2)).exp()
+                    (0.1 * (s.regularization.unwrap() / least).ln().powi(2)).exp()
                 };
                 let [alpha, value] = best_weight(&Settings::default(), noise, error);
                 assert!((alpha / least - 1.0).abs() < 1e-6 && (value - 1.0).abs() < 1e-9, "{alpha}, not {least}");
@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn an_error_that_falls_to_the_end_is_least_there() {
-        let [alpha, _] = best_weight(&Settings::default(), 0.01, |s| 1.0 / s.regularization);
+        let [alpha, _] = best_weight(&Settings::default(), 0.01, |s| 1.0 / s.regularization.unwrap());
         assert_eq!(alpha, 1.0);
     }
 }
