@@ -11,7 +11,7 @@ use super::report::{DeviceReport, LevelReport, SizeReport, TimingsReport};
 use super::single::write_file;
 use crate::base::{DeviceInfo, Error, Method, Photometric, Settings, Similarity};
 use crate::engine::Registered;
-use crate::files::image_io::{self, Input};
+use crate::files::image_io::{self, Input, Values};
 
 /// The report of one registration.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -26,6 +26,8 @@ pub struct RegistrationReport {
     pub method: Method,
     /// What was asked.
     pub settings: Settings,
+    /// How stored values became intensities, and on whose word.
+    pub values: Values,
     /// Size of the images.
     pub size: SizeReport,
     /// Coarse to fine.
@@ -53,6 +55,7 @@ impl RegistrationReport {
             photometric: registered.photometric,
             method: settings.method,
             settings: settings.clone(),
+            values: Values::stated(settings.decode),
             size: SizeReport { width: registered.width, height: registered.height },
             levels: registered.levels.iter().map(LevelReport::from).collect(),
             converged: registered.converged,
