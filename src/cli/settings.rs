@@ -56,7 +56,7 @@ pub(super) struct SettingsArguments {
     #[arg(long, value_name = "A", help_heading = BLUR, allow_negative_numbers = true,
           default_value_t = Settings::default().regularization)]
     regularization: f64,
-    /// Iterations a level at most, 5 to 1000; more where it has not converged
+    /// Iterations a level at most, 5 to 1000; a level stops once it has settled
     #[arg(long, value_name = "N", help_heading = BLUR, default_value_t = Settings::default().outer_iterations)]
     outer_iterations: u32,
     /// Relaxation sweeps in each outer iteration, 1 to 100

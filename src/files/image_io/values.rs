@@ -32,41 +32,39 @@ impl Values {
         Self { decode, by: Basis::Stated }
     }
 
-    /// By what the files of photographs of one scene say, or else imply. Samples of 8 bits are made to be looked at and
-    /// follow the sRGB curve, as browsers take them too: that many bits of linear light would show steps in the dark. Samples
-    /// of more bits are a measurement, and linear. A file that names a curve or colour space other than linear (Adobe RGB,
-    /// gamma 1.8) is decoded by the sRGB curve, the nearest of the two.
+    /// By what the files of photographs of one scene say, which were made alike: what says nothing is taken for what the others
+    /// say. Where none says anything, 8 bits a sample are made to be looked at and follow the sRGB curve, as browsers take them
+    /// too: so few of linear light would show steps in the dark. More bits are a measurement, and linear. A file that names a
+    /// curve or colour space other than linear (Adobe RGB, gamma 1.8) is decoded by the sRGB curve, the nearest of the two.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] where two files do not agree.
+    /// [`Error::Mismatch`] where two files contradict each other.
     pub fn of(files: &[Input]) -> Result<Self, Error> {
-        let all: Vec<Self> = files.iter().map(Self::of_one).collect();
-        let first = all.first().copied().unwrap_or(Self::stated(Decode::None));
-        if let Some(n) = all.iter().position(|values| values.decode != first.decode) {
-            return Err(Error::Mismatch(format!(
-                "{} is {}, and {} is {}: save both in one way, or give --decode none or srgb",
-                files[0].file,
-                first.in_words(),
-                files[n].file,
-                all[n].in_words()
-            )));
-        }
-        Ok(all.into_iter().find(|values| values.by == Basis::Assumed).unwrap_or(first))
-    }
-
-    fn of_one(file: &Input) -> Self {
-        let by_bits = if file.bits <= 8 { Decode::Srgb } else { Decode::None };
-        match file.encoding.as_deref() {
-            Some(encoding::LINEAR) => Self { decode: Decode::None, by: Basis::Files },
-            Some(encoding::UNREADABLE) | None => Self { decode: by_bits, by: Basis::Assumed },
-            Some(_) => Self { decode: Decode::Srgb, by: Basis::Files },
+        let said: Vec<(&Input, Decode)> = files.iter().filter_map(|file| Some((file, said(file)?))).collect();
+        let by = if said.len() == files.len() { Basis::Files } else { Basis::Assumed };
+        let Some(&(first, decode)) = said.first() else {
+            let decode = if files.iter().any(|file| file.bits <= 8) { Decode::Srgb } else { Decode::None };
+            return Ok(Self { decode, by });
+        };
+        match said.iter().find(|(_, other)| *other != decode) {
+            None => Ok(Self { decode, by }),
+            Some((other, _)) => Err(Error::Mismatch(format!(
+                "{} says that its values are {}, and {} that its are {}: save both in one way, or give --decode none or srgb",
+                first.file,
+                first.encoding.as_deref().unwrap_or_default(),
+                other.file,
+                other.encoding.as_deref().unwrap_or_default()
+            ))),
         }
     }
+}
 
-    fn in_words(self) -> String {
-        let curve = if self.decode == Decode::Srgb { "sRGB" } else { "linear" };
-        let word = if self.by == Basis::Assumed { "the bits of a sample imply" } else { "it says" };
-        format!("{curve} by what {word}")
+/// What to do by what a file says, if it says anything.
+fn said(file: &Input) -> Option<Decode> {
+    match file.encoding.as_deref()? {
+        encoding::UNREADABLE => None,
+        encoding::LINEAR => Some(Decode::None),
+        _ => Some(Decode::Srgb),
     }
 }
 
@@ -112,19 +110,16 @@ mod tests {
             |files: &[Input]| Values::of(files).map(|Values { decode, by }| (decode, by)).map_err(|e| e.to_string());
         let (plain, deep) = (input("a", 8, None), input("d", 16, None));
         assert_eq!(of(std::slice::from_ref(&plain)), Ok((Decode::Srgb, Basis::Assumed)));
-        assert_eq!(of(&[input("b", 8, Some("sRGB")), plain.clone()]), Ok((Decode::Srgb, Basis::Assumed)));
-        assert_eq!(of(&[deep.clone(), input("e", 32, Some("linear"))]), Ok((Decode::None, Basis::Assumed)));
-        assert_eq!(of(&[input("l", 8, Some("linear"))]), Ok((Decode::None, Basis::Files)));
+        assert_eq!(of(std::slice::from_ref(&deep)), Ok((Decode::None, Basis::Assumed)));
+        assert_eq!(of(&[deep.clone(), plain.clone()]), Ok((Decode::Srgb, Basis::Assumed)));
+        assert_eq!(of(&[deep, input("b", 8, Some("sRGB"))]), Ok((Decode::Srgb, Basis::Assumed)));
+        assert_eq!(of(&[plain, input("e", 32, Some("linear"))]), Ok((Decode::None, Basis::Assumed)));
         for curve in ["sRGB", "Adobe RGB (1998)", "gamma 1.80"] {
             assert_eq!(of(&[input("s", 16, Some(curve))]), Ok((Decode::Srgb, Basis::Files)));
         }
         assert_eq!(of(&[input("u", 16, Some(encoding::UNREADABLE))]), Ok((Decode::None, Basis::Assumed)));
-        let problem = of(&[plain, input("l", 8, Some("linear"))]).unwrap_err();
-        assert!(
-            problem.starts_with("a is sRGB by what the bits of a sample imply, and l is linear by what it says: "),
-            "{problem}"
-        );
+        let problem = of(&[input("s", 8, Some("sRGB")), input("l", 8, Some("linear"))]).unwrap_err();
+        assert!(problem.starts_with("s says that its values are sRGB, and l that its are linear: "), "{problem}");
         assert!(problem.contains("--decode"), "{problem}");
-        assert_eq!(of(&[]), Ok((Decode::None, Basis::Stated)));
     }
 }
