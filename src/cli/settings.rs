@@ -121,7 +121,7 @@ enum DecodeName {
     None,
     /// With the sRGB curve undone, so that blur is linear in them
     Srgb,
-    /// By what the files say, in which they must agree; where they say nothing, 8 bits are taken for sRGB, more for linear
+    /// By what the files say, which must not contradict each other; where they say nothing, 8 bits are taken for sRGB, more for linear
     Auto,
 }
 
