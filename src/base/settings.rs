@@ -112,7 +112,8 @@ pub struct Settings {
     pub method: Method,
     /// Pyramid levels, 1 to 12; `None` halves while the short side stays at least 32 px. Default `None`.
     pub levels: Option<u32>,
-    /// Outer iterations on each level at most, 5 to 1000. Default 20.
+    /// Outer iterations on each level at most, 5 to 1000; a level stops as soon as it has settled, after 5 to 20 as a rule.
+    /// Default 100.
     pub outer_iterations: u32,
     /// Red-black sweeps an outer iteration, 1 to 100. Default 5.
     pub sweeps: u32,
@@ -161,7 +162,7 @@ impl Default for Settings {
         Self {
             method: Method::Unified,
             levels: None,
-            outer_iterations: 20,
+            outer_iterations: 100,
             sweeps: 5,
             over_relaxation: 1.8,
             regularization: None,
@@ -220,7 +221,7 @@ impl Settings {
             "the product of outer iterations and sweeps",
             f64::from(self.outer_iterations) * f64::from(self.sweeps),
             1.0,
-            5000.0,
+            10000.0,
         )?;
         range("over-relaxation", self.over_relaxation, 0.01, 1.99)?;
         range("regularization", self.regularization.unwrap_or(1.0), 1e-6, 10.0)?;

@@ -67,7 +67,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let files = arguments.pair.files();
     check_output(arguments, &files)?;
     let (photographs, inputs) = pair::open(&files)?;
-    settings.decode = arguments.settings.decoding().of(&inputs)?;
+    let values = arguments.settings.decoding().of(&inputs)?;
+    settings.decode = values.decode;
     let [i1, i2] = Photograph::decode_pair(photographs)?;
     let engine = run.open_engine()?;
     let bar = Bar::new(run.told.shows_progress());
@@ -77,6 +78,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     drop(bar);
     super::check_validation(&engine)?;
     let mut report = RegistrationReport::new(&registered, &settings, engine.info());
+    report.values = values;
     report.of(inputs, super::validation_asked());
     if let Some(file) = &arguments.output {
         export::write_registration(arguments.force.to(file), &report)?;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::ValueEnum;
-use parfocal::image_io::Input;
+use parfocal::image_io::{Input, Values};
 use parfocal::{Decode, Kernel, Method, Motion, Photometric, RegistrationStep, Settings, export, image_io};
 use serde::Serialize;
 
@@ -19,7 +19,7 @@ use super::tuning::TuningArguments;
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct SettingsArguments {
     /// How stored values become intensities
-    #[arg(long, value_name = "HOW", help_heading = INPUT, value_enum, default_value_t = DecodeName::from(Settings::default().decode))]
+    #[arg(long, value_name = "HOW", help_heading = INPUT, value_enum, default_value_t = DecodeName::Auto)]
     decode: DecodeName,
     #[command(flatten)]
     config: ConfigArgument,
@@ -60,7 +60,7 @@ pub(super) struct SettingsArguments {
     #[arg(long, value_name = "A|auto", help_heading = BLUR, allow_negative_numbers = true,
           default_value_t = Auto(Settings::default().regularization))]
     regularization: Auto<f64>,
-    /// Iterations a level at most, 5 to 1000; more where it has not converged
+    /// Iterations a level at most, 5 to 1000; a level stops once it has settled
     #[arg(long, value_name = "N", help_heading = BLUR, default_value_t = Settings::default().outer_iterations)]
     outer_iterations: u32,
     /// Relaxation sweeps in each outer iteration, 1 to 100
@@ -159,18 +159,8 @@ enum DecodeName {
     None,
     /// With the sRGB curve undone, so that blur is linear in them
     Srgb,
-    /// By what the files say, in which they must agree; 8-bit PNG and JPEG that say nothing are taken for sRGB, all others
-    /// for linear
+    /// By what the files say, which must not contradict each other; where they say nothing, 8 bits are taken for sRGB, more for linear
     Auto,
-}
-
-impl From<Decode> for DecodeName {
-    fn from(decode: Decode) -> Self {
-        match decode {
-            Decode::None => Self::None,
-            Decode::Srgb => Self::Srgb,
-        }
-    }
 }
 
 /// How the stored values of photographs become intensities.
@@ -183,10 +173,10 @@ pub(super) enum Decoding {
 
 impl Decoding {
     /// For photographs of which this is said.
-    pub(super) fn of(self, files: &[Input]) -> Result<Decode, Failure> {
+    pub(super) fn of(self, files: &[Input]) -> Result<Values, Failure> {
         match self {
-            Self::Stated(decode) => Ok(decode),
-            Self::AsFilesSay => Ok(image_io::decode_of(files)?),
+            Self::Stated(decode) => Ok(Values::stated(decode)),
+            Self::AsFilesSay => Ok(Values::of(files)?),
         }
     }
 }

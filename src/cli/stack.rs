@@ -21,7 +21,8 @@ use super::help::AFTER_HELP;
 use super::output::{self, ForceArgument};
 use super::pair::name;
 use super::run::RunArguments;
-use super::settings::{Decoding, SettingsArguments};
+use super::settings::SettingsArguments;
+use super::summary::values_in_words;
 
 /// Recover from a focus sweep where each pixel is in focus, and an image sharp all over.
 #[derive(clap::Args, Debug)]
@@ -80,14 +81,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let started = Instant::now();
     let mut options = options(arguments)?;
     let nearer = nearer(arguments.nearer, &options.positions)?;
-    let mut inputs: Vec<&PathBuf> = arguments.frames.iter().collect();
-    inputs.extend(arguments.settings.inputs());
+    let mut read_files: Vec<&PathBuf> = arguments.frames.iter().collect();
+    read_files.extend(arguments.settings.inputs());
     let out = arguments.force.to(&arguments.output);
     let possible = [&SWEEP_FILES[..], &FILES, &EXTRA_FILES, &[DEPTH_FILE]].concat();
-    output::check(&arguments.output, FILES[4], &possible, &inputs)?;
-    let (frames, says) = read(arguments)?;
-    options.settings.decode = arguments.settings.decoding().of(&says)?;
-    let (decode, format) = (options.settings.decode, frames[0].format());
+    output::check(&arguments.output, FILES[4], &possible, &read_files)?;
+    let (frames, inputs) = read(arguments)?;
+    let values = arguments.settings.decoding().of(&inputs)?;
+    options.settings.decode = values.decode;
+    let (decode, format) = (values.decode, frames[0].format());
     let look = Look { nearer, decode, formats: [format; 2], palette: arguments.colors.palette(), pen: Some(PEN) };
     let written = sweep_files(arguments.focus_at.is_some(), &look, !arguments.no_html);
     out.check_results(FILES[4], &written)?;
@@ -100,32 +102,31 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let files: Vec<String> = arguments.frames.iter().map(|file| file.display().to_string()).collect();
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
     let mut report = SweepReport::new(&sweep, &files, nearer, engine.info(), total_ms);
+    report.values = values;
     report.files =
         sweep_files(sweep.depth.is_some(), &look, !arguments.no_html).into_iter().map(String::from).collect();
     let names = arguments.frames.iter().map(|path| name(path)).collect();
     let page = SweepPage { frames: &frames, names, decode, nearer, palette: look.palette, fields: Vec::new() };
     let page = (!arguments.no_html).then(|| page.file(&sweep, &report));
     export::write_sweep(out, &sweep, &report, &look, page)?;
-    arguments.run.told.tell(&summary(&report, &arguments.output), || report.to_json())?;
+    arguments.run.told.tell(&summary(&report, &inputs, &arguments.output), || report.to_json())?;
     arguments.run.check_strict(true, &report.warnings)
 }
 
-/// The frames, one file in memory at a time; also what each says of itself, if that is asked.
+/// The frames, one file in memory at a time; also what each says of itself.
 fn read(arguments: &Arguments) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
-    let (mut frames, mut says) = (Vec::new(), Vec::new());
+    let (mut frames, mut inputs) = (Vec::new(), Vec::new());
     let mut last: Option<Photograph> = None;
     for path in &arguments.frames {
         let photograph = match last.take() {
             Some(last) => last.open_next(path)?,
             None => Photograph::open(path)?,
         };
-        if matches!(arguments.settings.decoding(), Decoding::AsFilesSay) {
-            says.push(photograph.describe()?);
-        }
+        inputs.push(photograph.describe()?);
         last = Some(photograph.clone());
         frames.push(photograph.decode()?);
     }
-    Ok((frames, says))
+    Ok((frames, inputs))
 }
 
 /// What the flags ask for, once it fits together.
@@ -160,9 +161,10 @@ fn bar(shown: bool, pairs: usize) -> ProgressBar {
 }
 
 /// The few lines of a sweep, without a newline at the end.
-fn summary(report: &SweepReport, out: &Path) -> String {
+fn summary(report: &SweepReport, inputs: &[Input], out: &Path) -> String {
     let unit = &report.focus_unit;
     let mut lines = vec![
+        format!("values     {}", values_in_words(inputs, report.values)),
         format!("focus      {}; {:.1} % of the frame", in_words(&report.focus, unit), 100.0 * report.valid_fraction),
         format!("blur       grows by {:.4} px² a squared distance from the focus ({unit})", report.blur_rate_px2),
     ];

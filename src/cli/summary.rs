@@ -4,7 +4,7 @@ use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{DeviceReport, Palette, RegistrationReport, Report, TimingsReport};
-use parfocal::image_io::Input;
+use parfocal::image_io::{Basis, Input, Values};
 use parfocal::{Decode, Homography, Method, OtherMotion, Photometric, Progress};
 
 use super::{depth, measure};
@@ -44,7 +44,7 @@ type Row = (&'static str, String);
 pub(super) fn summary(report: &Report, palette: Palette, out: &Path, written: &[&str]) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
     rows.extend(motion(report.other_motion));
-    rows.extend(values(&report.inputs, report.settings.decode));
+    rows.extend(values(&report.inputs, report.values));
     rows.extend([("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);
     rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
     rows.extend(report.measurements.iter().flat_map(measure::rows));
@@ -57,7 +57,7 @@ pub(super) fn summary(report: &Report, palette: Palette, out: &Path, written: &[
 pub(super) fn registration_summary(report: &RegistrationReport, out: Option<&Path>) -> String {
     let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
     rows.extend(motion(report.other_motion));
-    rows.extend(values(&report.inputs, report.settings.decode));
+    rows.extend(values(&report.inputs, report.values));
     rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
     rows.extend(out.map(|file| ("result", file.display().to_string())));
     lines(&rows)
@@ -88,20 +88,35 @@ fn motion(other: Option<OtherMotion>) -> Option<Row> {
     other.map(|other| ("motion", format!("{other} (--motion {})", other.motion.name())))
 }
 
-/// What the values of the files were taken for, and what the files say they are.
-fn values(inputs: &[Input], decode: Decode) -> Option<Row> {
-    let said: Vec<&str> = inputs.iter().filter_map(|input| input.encoding.as_deref()).collect();
+/// What the values of the files were taken for, and why.
+fn values(inputs: &[Input], values: Values) -> Option<Row> {
+    (!inputs.is_empty()).then(|| ("values", values_in_words(inputs, values)))
+}
+
+/// The same, without a label.
+pub(super) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -> String {
+    let mut said: Vec<&str> = inputs.iter().filter_map(|input| input.encoding.as_deref()).collect();
+    said.sort_unstable();
+    said.dedup();
     let files = match said.as_slice() {
         [] => "the files do not say what they are".to_string(),
-        [one, rest @ ..] if rest.iter().all(|other| other == one) => format!("the files say {one}"),
         several => format!("the files say {}", several.join(" and ")),
     };
     let taken = match decode {
-        Decode::None if said.contains(&"sRGB") => "as stored; --decode srgb undoes the curve",
         Decode::None => "as stored",
         Decode::Srgb => "sRGB curve undone",
     };
-    (!inputs.is_empty()).then(|| ("values", format!("{taken} ({files})")))
+    let why = match (by, decode) {
+        (Basis::Files, _) => files,
+        (Basis::Stated, _) => format!("as asked; {files}"),
+        (Basis::Assumed, Decode::Srgb) => {
+            "assumed of 8 bits, where files do not say; --decode none if they are linear".to_string()
+        }
+        (Basis::Assumed, Decode::None) => {
+            "assumed linear, where files do not say; --decode srgb if they are not".to_string()
+        }
+    };
+    format!("{taken} ({why})")
 }
 
 fn judged(converged: bool, warnings: &[String], time: &TimingsReport) -> Vec<Row> {

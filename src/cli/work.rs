@@ -7,7 +7,7 @@ use parfocal::export::{
     Nearer, PAGE_FILE, Report, Texture, TextureReport,
 };
 use parfocal::figure::PEN;
-use parfocal::image_io::{Input, Photograph};
+use parfocal::image_io::{Input, Photograph, Values};
 use parfocal::report_html::{Page, Readout};
 use parfocal::{Decode, Depth, DeviceInfo, Frame, GainField, Lens, MetricDepth, Scope, Scoped, Settings, Solution};
 
@@ -30,8 +30,9 @@ pub(super) struct Photographs {
     pub(super) frames: [Frame; 2],
     pub(super) inputs: Vec<Input>,
     pub(super) scope: Scope,
-    /// With values decoded as the files ask for under `--decode auto`.
+    /// With values decoded as the files say, unless that is stated.
     pub(super) settings: Settings,
+    values: Values,
     lens: Option<Lens>,
 }
 
@@ -72,7 +73,8 @@ pub(super) fn read(
     }
     let lens = request.lens(&inputs)?;
     request.nearer(lens.as_ref())?;
-    let settings = Settings { decode: request.decode.of(&inputs)?, ..request.settings.clone() };
+    let values = request.decode.of(&inputs)?;
+    let settings = Settings { decode: values.decode, ..request.settings.clone() };
     let frames = Photograph::decode_pair(photographs)?;
     check_places(request, job, frames.iter().any(|frame| frame.format().depth == Depth::F32))?;
     let size = [frames[0].width(), frames[0].height()];
@@ -80,7 +82,7 @@ pub(super) fn read(
     if let Some([width, height]) = request.part.size(size) {
         request.wanted.check((width, height))?;
     }
-    Ok(Some(Photographs { frames, inputs, scope, settings, lens }))
+    Ok(Some(Photographs { frames, inputs, scope, settings, values, lens }))
 }
 
 /// Writes the results; tells the report, and which files.
@@ -152,6 +154,7 @@ impl<'a> Found<'a> {
     /// The report, but for what depends on which files are written.
     fn report(&self, request: &Request, device: &DeviceInfo, scoped: &Scoped) -> Result<Report, Failure> {
         let mut report = Report::new(self.solution, &self.photographs.settings, device, self.nearer);
+        report.values = self.photographs.values;
         report.of(self.photographs.inputs.clone(), super::validation_asked());
         report.texture = TextureReport::of(&self.texture);
         report.gain_field = scoped.gain_field.as_ref().map(GainField::range);

@@ -79,7 +79,7 @@ fn a_settled_level_stops() {
     let done: Vec<usize> = solution.levels.iter().map(|l| l.energy.len()).collect();
     println!("outer iterations by level: {done:?}");
     // Not before an iteration at the final α, which comes sooner the finer the level.
-    let earliest = [37, 25, 19];
+    let earliest = [13, 9, 7];
     assert!(solution.converged && done.iter().zip(earliest).all(|(d, e)| (e..60).contains(d)), "{done:?}");
 }
 

@@ -16,16 +16,22 @@ import numpy as np
 import registration
 import report
 from images import blur_rms, displaced, read_field, read_grey, write_grey
-from program import Parfocal
+from program import Parfocal, read_transform
 from registration import Failed
 from report import Error, Row
 from similarity import Similarity, Size
 
 Register = Callable[[np.ndarray, np.ndarray], Similarity]
 
-PEERS: dict[str, Register] = {"ECC → aligned": registration.ecc, "OpenCV SIFT → aligned": registration.sift}
-OURS = {"parfocal unified": "unified", "parfocal appearance": "appearance", "parfocal SIFT": "sift"}
+PEERS: dict[str, Register] = {
+    "ECC → aligned": registration.ecc,
+    "ECC MultiScale → aligned": registration.ecc_multi_scale,
+    "OpenCV SIFT → aligned": registration.sift,
+}
+OURS = {report.UNIFIED: "unified", "parfocal appearance": "appearance", "parfocal SIFT": "sift"}
 
+AS_STORED = ["--decode", "none"]
+"""OpenCV takes values as stored, and so does parfocal where they are photographs'."""
 HALF_GAUSSIAN = ["--kernel", "half-gaussian"]
 SIGMAS_PX = ("1.0", "1.5", "2.5")
 CUP_DISPLACED_BY = Similarity(1.8, 2.3, 0.2, 1.01)
@@ -41,17 +47,18 @@ REAL = {
 
 @dataclass(frozen=True)
 class Case:
-    """A pair of which T and V are known, and how it is solved."""
+    """A pair of which T is known, and V unless it is None; and how it is solved."""
 
     scene: str
     pair: tuple[Path, Path]
+    size: Size
     truth: Similarity
-    blur: np.ndarray
+    blur: np.ndarray | None
     options: list[str] = field(default_factory=list)
 
-    @property
-    def size(self) -> Size:
-        return self.blur.shape[1], self.blur.shape[0]
+    def blur_rms(self, found: np.ndarray) -> float | None:
+        """Of V as found, px²."""
+        return None if self.blur is None else blur_rms(found, self.blur)
 
 
 def scenes() -> dict[str, tuple[list[str], list[str]]]:
@@ -71,18 +78,26 @@ def cases(parfocal: Parfocal, data: Path, work: Path) -> Iterator[Case]:
         folder = work / name.replace(", σ ", "-")
         truth = parfocal.simulate(scene, folder)
         blur = read_field(folder / "relative_blur.exr")
-        yield Case(name, (folder / "i1.png", folder / "i2.png"), truth, blur, options)
+        yield Case(name, (folder / "i1.png", folder / "i2.png"), size_of(blur), truth, blur, options)
     if (data / "cup").is_dir():
         yield cup_displaced(parfocal, data / "cup", work)
+    for part in sorted((data / "part").glob("*/truth.json")):
+        pair = (part.parent / "I1.png", part.parent / "I2.png")
+        yield Case(f"part {part.parent.name}", pair, size_of(read_grey(pair[0])), read_transform(part), None)
 
 
 def cup_displaced(parfocal: Parfocal, cup: Path, work: Path) -> Case:
     """The Cup pair, its I2 displaced; truth is what the unified solve finds on the pair as it was taken."""
     near, far = (cup / name for name in REAL["cup"])
-    taken = parfocal.solve((near, far), work / "cup-as-taken", "unified", [])
+    taken = parfocal.solve((near, far), work / "cup-as-taken", "unified", AS_STORED)
     moved = work / "cup-displaced.png"
     write_grey(moved, displaced(read_grey(far), CUP_DISPLACED_BY))
-    return Case("cup, displaced", (near, moved), CUP_DISPLACED_BY.after(taken.transform), taken.blur)
+    return Case("cup, displaced", (near, moved), size_of(taken.blur), CUP_DISPLACED_BY.after(taken.transform), taken.blur, AS_STORED)
+
+
+def size_of(image: np.ndarray) -> Size:
+    """Width and height, px."""
+    return image.shape[1], image.shape[0]
 
 
 def peer_row(parfocal: Parfocal, case: Case, system: str, out: Path) -> Row:
@@ -97,7 +112,7 @@ def peer_row(parfocal: Parfocal, case: Case, system: str, out: Path) -> Row:
         solve = parfocal.solve_held(case.pair, out, found, case.options)
     except Failed as e:
         return replace(row, failure=str(e))
-    return replace(row, v_rms_px2=blur_rms(solve.blur, case.blur), solve_seconds=solve.seconds)
+    return replace(row, v_rms_px2=case.blur_rms(solve.blur), solve_seconds=solve.seconds)
 
 
 def our_row(parfocal: Parfocal, case: Case, system: str, out: Path) -> Row:
@@ -107,7 +122,7 @@ def our_row(parfocal: Parfocal, case: Case, system: str, out: Path) -> Row:
     except Failed as e:
         return Row(case.scene, system, failure=str(e))
     error = Error.of(solve.transform, case.truth, case.size)
-    rms = blur_rms(solve.blur, case.blur)
+    rms = case.blur_rms(solve.blur)
     return Row(case.scene, system, solve.transform, error, rms, solve_seconds=solve.seconds)
 
 
@@ -116,11 +131,11 @@ def real_rows(parfocal: Parfocal, name: str, data: Path, work: Path) -> list[Row
     i1, i2 = REAL[name]
     pair = (data / name / i1, data / name / i2)
     try:
-        ours = parfocal.solve(pair, work / f"{name}-unified", "unified", [])
+        ours = parfocal.solve(pair, work / f"{name}-unified", "unified", AS_STORED)
     except Failed as e:
-        return [Row(name, "parfocal unified", failure=str(e))]
-    size = (ours.blur.shape[1], ours.blur.shape[0])
-    rows = [Row(name, "parfocal unified", ours.transform, from_unified_px=0.0, solve_seconds=ours.seconds)]
+        return [Row(name, report.UNIFIED, failure=str(e))]
+    size = size_of(ours.blur)
+    rows = [Row(name, report.UNIFIED, ours.transform, from_unified_px=0.0, solve_seconds=ours.seconds)]
     for system, register in PEERS.items():
         label = system.removesuffix(" → aligned")
         try:
@@ -151,14 +166,14 @@ def run(parfocal: Parfocal, data: Path, out: Path) -> None:
             say(case.scene)
             found += [peer_row(parfocal, case, system, work / "solve") for system in PEERS]
             found += [our_row(parfocal, case, system, work / "solve") for system in OURS]
-            report.write(out, versions, found, real)
+            report.write(out, versions, found, real, list(PEERS))
         for name in REAL:
             if not (data / name).is_dir():
                 say(f"{data / name} is not there; its pair is left out")
                 continue
             say(name)
             real += real_rows(parfocal, name, data, work)
-            report.write(out, versions, found, real)
+            report.write(out, versions, found, real, list(PEERS))
     say(f"results in {out}: peers.md peers.json")
 
 

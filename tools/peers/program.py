@@ -33,14 +33,14 @@ class Parfocal:
     def simulate(self, scene: list[str], out: Path) -> Similarity:
         """Renders a scene (its name, then options) into `out`: i1.png, i2.png, relative_blur.exr. Gives the true T."""
         self._run(["simulate", *scene, "--output", str(out)])
-        return _transform(out / "truth.json")
+        return read_transform(out / "truth.json")
 
     def solve(self, pair: tuple[Path, Path], out: Path, method: str, options: list[str]) -> Solve:
         """Solves a pair by one of the program's own methods."""
         self._run(["solve", *map(str, pair), "--output", str(out), "--method", method, *options])
         report = json.loads((out / "report.json").read_text())
         blur = read_field(out / "relative_blur.exr")
-        return Solve(_transform(out / "report.json"), blur, report["timings_ms"]["total"] / 1000)
+        return Solve(read_transform(out / "report.json"), blur, report["timings_ms"]["total"] / 1000)
 
     def solve_held(self, pair: tuple[Path, Path], out: Path, transform: Similarity, options: list[str]) -> Solve:
         """Solves a pair with T held at what another program found; gain and offset are still solved for."""
@@ -66,5 +66,8 @@ class Parfocal:
         return done.stdout
 
 
-def _transform(path: Path) -> Similarity:
-    return Similarity(**json.loads(path.read_text())["transform"])
+def read_transform(path: Path) -> Similarity:
+    """T in a report.json or truth.json: under `transform`, or with its fields beside others."""
+    told = json.loads(path.read_text())
+    told = told.get("transform", told)
+    return Similarity(*(told[name] for name in ("tx_px", "ty_px", "rotation_deg", "scale")))

@@ -1,4 +1,4 @@
-"""What anyone would register two photographs with: OpenCV's ECC, and OpenCV's SIFT."""
+"""What anyone would register two photographs with: OpenCV's ECC, by our pyramid or by its own, and OpenCV's SIFT."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from similarity import Similarity
 ECC_GAUSS_FILT_SIZE = 1
 ECC_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-6)
 ECC_SHORTEST_SIDE = 64
+ECC_MULTI_SCALE_GAUSS_FILT_SIZE = 3
+ECC_MULTI_SCALE_LEVELS = 4
+ECC_MULTI_SCALE_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-8)
 SIFT_RATIO = 0.7
 SIFT_INLIER_PX = 0.5
 SIFT_FEWEST_MATCHES = 4
@@ -35,6 +38,21 @@ def ecc(i1: np.ndarray, i2: np.ndarray) -> Similarity:
         except cv2.error as e:
             if template is i1:  # a coarser level only betters the start; where it fails, the start stays
                 raise Failed(f"findTransformECC: {e.err}") from e
+    return Similarity.nearest(warp, _size(i1))
+
+
+def ecc_multi_scale(i1: np.ndarray, i2: np.ndarray) -> Similarity:
+    """`findTransformECCMultiScale`, affine, from identity, down OpenCV's own pyramid; on bytes. Images in 0 to 1."""
+    parameters = cv2.ECCParameters()
+    parameters.motionType = cv2.MOTION_AFFINE
+    parameters.gaussFiltSize = ECC_MULTI_SCALE_GAUSS_FILT_SIZE
+    parameters.nlevels = ECC_MULTI_SCALE_LEVELS
+    parameters.criteria = ECC_MULTI_SCALE_CRITERIA
+    in_bytes = (np.rint(255 * image).astype(np.uint8) for image in (i1, i2))
+    try:
+        _, warp = cv2.findTransformECCMultiScale(*in_bytes, np.eye(2, 3, dtype=np.float32), parameters)
+    except cv2.error as e:
+        raise Failed(f"findTransformECCMultiScale: {e.err}") from e
     return Similarity.nearest(warp, _size(i1))
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from similarity import Similarity, Size
 
 DASH = "–"
+UNIFIED = "parfocal unified"
 
 
 @dataclass(frozen=True)
@@ -50,17 +51,32 @@ class Row:
     failure: str | None = None
 
 
-def write(out: Path, versions: dict[str, str], scenes: list[Row], real: list[Row]) -> None:
+def write(out: Path, versions: dict[str, str], scenes: list[Row], real: list[Row], peers: list[str]) -> None:
     """Writes peers.json and peers.md, each under a temporary name first."""
     results = {"versions": versions, "registration": _plain(scenes), "real": _plain(real)}
     replace(out / "peers.json", json.dumps(results, indent=2) + "\n")
-    replace(out / "peers.md", markdown(versions, scenes, real))
+    replace(out / "peers.md", markdown(versions, scenes, real, peers))
 
 
-def markdown(versions: dict[str, str], scenes: list[Row], real: list[Row]) -> str:
-    """Both tables, and below them why something failed."""
+def ratios(rows: list[Row], peers: list[str]) -> dict[str, list[float | None]]:
+    """Of each scene unified's corner error over that of each peer; None where either failed."""
+    corners = {(row.scene, row.system): row.error.corner_px for row in rows if row.error}
+
+    def ratio(scene: str, peer: str) -> float | None:
+        ours, theirs = corners.get((scene, UNIFIED)), corners.get((scene, peer))
+        return ours / theirs if ours is not None and theirs else None
+
+    return {scene: [ratio(scene, peer) for peer in peers] for scene in dict.fromkeys(row.scene for row in rows)}
+
+
+def markdown(versions: dict[str, str], scenes: list[Row], real: list[Row], peers: list[str]) -> str:
+    """All tables, and below them why something failed."""
     parts = ["# Peers", "Errors against the truth, found less true. V: root mean square, 16 px border left out."]
     parts.append(table("scene|system|t_x px|t_y px|θ °|s %|corner px|V rms px²|seconds", map(_scene_cells, scenes)))
+    parts.append("Unified's corner error over that of each peer; at most 0.5 is asked for.")
+    names = [peer.removesuffix(" → aligned") for peer in peers]
+    rows = [[scene, *map(number, found)] for scene, found in ratios(scenes, peers).items()]
+    parts.append(table("|".join(["scene", *names]), rows))
     if real:
         parts.append("Real pairs have no truth: T itself, and how far it puts a corner from where unified puts it.")
         parts.append(table("pair|system|t_x px|t_y px|θ °|s|from unified px|seconds", map(_real_cells, real)))

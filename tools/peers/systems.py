@@ -68,10 +68,13 @@ def ours(parfocal: Parfocal, pair: tuple[Path, Path], truth: Path | None) -> lis
 
 
 def registrations(i1: np.ndarray, i2: np.ndarray) -> list[System]:
-    """ECC and SIFT of `registration`, on float32 in 0 to 1."""
+    """ECC and SIFT of `registration`, on float32 in 0 to 1; what they reduce to bytes they reduce in their time."""
     return [
         System(ECC, "registration (affine)", lambda: _timed(lambda: registration.ecc_default(i1, i2))),
         System(f"{ECC}, pyramid", "registration (affine)", lambda: _timed(lambda: registration.ecc(i1, i2))),
+        System(
+            "OpenCV ECC MultiScale", "registration (affine)", lambda: _timed(lambda: registration.ecc_multi_scale(i1, i2))
+        ),
         System("OpenCV SIFT", "registration (similarity)", lambda: _timed(lambda: registration.sift(i1, i2))),
     ]
 

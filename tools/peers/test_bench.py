@@ -89,7 +89,7 @@ class Program(unittest.TestCase):
     def test_reads_the_report_of_a_bench(self) -> None:
         with tempfile.TemporaryDirectory() as folder:
             parfocal = program(folder, f"cat <<'END'\n{json.dumps(REPORT)}\nEND")
-            unified = ours(parfocal, (Path("i1.png"), Path("i2.png")))[0]
+            unified = ours(parfocal, (Path("i1.png"), Path("i2.png")), None)[0]
             self.assertEqual(unified.measure(), Reading(4321.5, "a device", 123.0))
 
     def test_says_why_a_bench_failed(self) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 import registration
+import report
 from images import blur_rms, displaced
 from similarity import Similarity
 
@@ -35,6 +36,9 @@ class Conventions(unittest.TestCase):
     def test_ecc_recovers_a_known_transform(self) -> None:
         self.assert_recovered(registration.ecc)
 
+    def test_ecc_multi_scale_recovers_a_known_transform(self) -> None:
+        self.assert_recovered(registration.ecc_multi_scale)
+
     def test_sift_recovers_a_known_transform(self) -> None:
         self.assert_recovered(registration.sift)
 
@@ -49,11 +53,20 @@ class Conventions(unittest.TestCase):
         noise = np.random.default_rng(1).random((2, 64, 64), dtype=np.float32)
         with self.assertRaisesRegex(registration.Failed, "findTransformECC: .+"):
             registration.ecc(noise[0], 1 - noise[0])
+        with self.assertRaisesRegex(registration.Failed, "findTransformECCMultiScale: .+"):
+            registration.ecc_multi_scale(noise[0], 1 - noise[0])
 
     def test_sift_says_why_it_failed(self) -> None:
         flat = np.full((64, 64), 0.5, dtype=np.float32)
         with self.assertRaisesRegex(registration.Failed, "too few"):
             registration.sift(flat, flat)
+
+    def test_a_ratio_is_of_unified_to_the_peer_on_one_scene(self) -> None:
+        def row(scene: str, system: str, corner: float) -> report.Row:
+            return report.Row(scene, system, error=report.Error(0, 0, 0, 0, corner))
+
+        rows = [row("a", "peer", 0.04), row("a", report.UNIFIED, 0.01), row("b", report.UNIFIED, 1.0)]
+        self.assertEqual(report.ratios([*rows, report.Row("b", "peer", failure="why")], ["peer"]), {"a": [0.25], "b": [None]})
 
     def test_affine_and_back(self) -> None:
         self.assertLess(Similarity.nearest(TRUTH.affine(SIZE), SIZE).corner_distance(TRUTH, SIZE), 1e-9)

@@ -23,10 +23,12 @@ pub(crate) const LEAST_SIZE: u32 = 16;
 const LEAST_COARSEST: u32 = 32;
 /// The least short side of a level that is asked for by number.
 const LEAST_LEVEL: u32 = 8;
-/// The share of a level's outer iterations in which α falls to its value, from the coarsest level on; the last holds for
-/// all that are finer. The coarsest starts from nothing, the others from a V that needs less of it: with 0.6 everywhere
-/// levels did 14 to 20 iterations, now 5 to 9, and errors are the same (`docs/performance.md`).
-const CONTINUATION_SHARES: [f64; 5] = [0.6, 0.4, 0.3, 0.3, 0.1];
+/// Outer iterations in which α falls to its value, from the coarsest level on; the last holds for all that are finer. The
+/// coarsest starts from nothing, the others from a V that needs less of it: with 12 everywhere levels did 14 to 20
+/// iterations, now 5 to 9, and errors are the same (`docs/performance.md`).
+const CONTINUATION: [f64; 5] = [12.0, 8.0, 6.0, 6.0, 2.0];
+/// Where fewer iterations than these are allowed, the continuation is shorter in proportion, so that it ends before they do.
+const WHOLE_CONTINUATION: f64 = 20.0;
 /// Layers of results before the fused channels: V, its standard deviation, the residual.
 pub(crate) const MAP_LAYERS: u32 = 3;
 /// Layers that the results need at most: three colours besides.
@@ -97,8 +99,8 @@ impl Plan {
     /// Outer iterations of a level in which α falls to its value.
     fn continuation(&self, level: &Level) -> f64 {
         let from_coarsest = (self.solved - 1).saturating_sub(level.index);
-        CONTINUATION_SHARES[from_coarsest.min(CONTINUATION_SHARES.len() - 1)]
-            * f64::from(self.settings.outer_iterations)
+        let allowed = f64::from(self.settings.outer_iterations) / WHOLE_CONTINUATION;
+        CONTINUATION[from_coarsest.min(CONTINUATION.len() - 1)] * allowed.min(1.0)
     }
 
     /// How many times too large α is in a level's outer iteration k: it falls to its value.
@@ -247,6 +249,25 @@ mod tests {
             assert_eq!(plan.continued(level, length), 1.0);
             assert!(!plan.may_settle(level, length) && plan.may_settle(level, length + 1));
         }
+    }
+
+    #[test]
+    fn more_iterations_do_not_stretch_the_continuation_and_fewer_shorten_it() {
+        let of = |outer_iterations| {
+            let settings = Settings { outer_iterations, ..Settings::default() };
+            let plan = Plan::new(256, 256, [GRAY; 2], &settings).unwrap();
+            plan.coarse_to_fine().map(|level| plan.continuation(level)).collect::<Vec<_>>()
+        };
+        assert_eq!(of(20), [12.0, 8.0, 6.0, 6.0]);
+        assert_eq!(of(1000), of(20));
+        assert_eq!(of(10), [6.0, 4.0, 3.0, 3.0]);
+    }
+
+    #[test]
+    fn a_level_that_goes_on_for_long_is_damped() {
+        let plan = plan(64, 64);
+        let share = |k| plan.update(&plan.pyramid[0], k).share;
+        assert_eq!([0, 19, 20, 99].map(share), [1.0, 1.0, 0.5, 0.5]);
     }
 
     #[test]

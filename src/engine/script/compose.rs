@@ -234,7 +234,7 @@ impl<'a> Composer<'a> {
             self.linearise(level, k);
             self.step(level, &plan.step(level, k));
             self.relaxation(level);
-            self.update(level);
+            self.update(level, k);
         }
         self.end_level(level);
     }
@@ -369,13 +369,13 @@ impl<'a> Composer<'a> {
     }
 
     /// V + clamp(dV).
-    fn update(&mut self, level: &Level) {
+    fn update(&mut self, level: &Level, k: u32) {
         let bindings = update::Bindings {
             red: slot::change(RED).read(),
             black: slot::change(BLACK).read(),
             v: slot::relative_blur(level.index).update(),
         };
-        self.within(level, Over::Pixels, bindings, &self.plan.update(level), NO_VARIANT);
+        self.within(level, Over::Pixels, bindings, &self.plan.update(level, k), NO_VARIANT);
     }
 
     /// The registration, into mapped memory, before the results are there.

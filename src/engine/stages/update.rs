@@ -1,4 +1,4 @@
-//! `V ← V + clamp(dV)`, section 4 of `docs/method.md`.
+//! `V ← V + share clamp(dV)`, section 4 of `docs/method.md`.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -19,6 +19,8 @@ pub struct Constants {
     pub largest_step: f32,
     /// Largest |V|, px² of the level.
     pub limit: f32,
+    /// How much of dV is taken.
+    pub share: f32,
 }
 
 bindings! {
@@ -48,9 +50,9 @@ impl Pass for Bindings {
 
 /// Adds dV to V.
 pub fn twin(c: &Constants, change: &Field, v: &mut Field) {
-    let (step, limit) = (f64::from(c.largest_step), f64::from(c.limit));
+    let (step, limit, share) = (f64::from(c.largest_step), f64::from(c.limit), f64::from(c.share));
     for (v, change) in v.data.iter_mut().zip(&change.data) {
-        *v = (*v + change.clamp(-step, step)).clamp(-limit, limit);
+        *v = (*v + share * change.clamp(-step, step)).clamp(-limit, limit);
     }
 }
 
@@ -65,7 +67,8 @@ mod tests {
     fn agrees_with_the_twin() {
         for (width, height) in [(37usize, 21usize), (16, 16), (1, 2)] {
             let (mut v, change) = (random_field(width, height, 1), random_field(width, height, 2));
-            let constants = Constants { width: width as u32, height: height as u32, largest_step: 0.4, limit: 0.9 };
+            let (width32, height32) = (width as u32, height as u32);
+            let constants = Constants { width: width32, height: height32, largest_step: 0.4, limit: 0.9, share: 0.5 };
             let rig = Rig::new();
             let images = [&half(&change, 0), &half(&change, 1), &v].map(|f| rig.image(std::slice::from_ref(f)));
             rig.run(&STAGE, &images.each_ref().map(Resource::Image), &constants, [width as u32, height as u32]);

@@ -11,7 +11,7 @@ use super::report::{DeviceReport, LevelReport, SizeReport, TimingsReport};
 use super::single::write_file;
 use crate::base::{DeviceInfo, Error, Homography, Method, Photometric, Settings};
 use crate::engine::{OtherMotion, Registered};
-use crate::files::image_io::{self, Input};
+use crate::files::image_io::{self, Input, Values};
 
 /// The report of one registration.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -29,6 +29,8 @@ pub struct RegistrationReport {
     pub method: Method,
     /// What was asked.
     pub settings: Settings,
+    /// How stored values became intensities, and on whose word.
+    pub values: Values,
     /// Size of the images.
     pub size: SizeReport,
     /// Coarse to fine.
@@ -57,6 +59,7 @@ impl RegistrationReport {
             other_motion: registered.other_motion,
             method: settings.method,
             settings: settings.clone(),
+            values: Values::stated(settings.decode),
             size: SizeReport { width: registered.width, height: registered.height },
             levels: registered.levels.iter().map(LevelReport::from).collect(),
             converged: registered.converged,

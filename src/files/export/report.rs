@@ -8,7 +8,7 @@ use super::ranks::Ranks;
 use super::{Nearer, Texture, json};
 use crate::base::{DeviceInfo, Homography, Lens, Method, Photometric, Region, Settings};
 use crate::engine::{LevelHistory, OtherMotion, Solution, Timings};
-use crate::files::image_io::{self, Input};
+use crate::files::image_io::{self, Input, Values};
 use crate::metric::MetricDepth;
 
 /// The report of one solve. A quantity that no valid pixel supports is `null`.
@@ -27,6 +27,8 @@ pub struct Report {
     pub method: Method,
     /// What was asked.
     pub settings: Settings,
+    /// How stored values became intensities, and on whose word.
+    pub values: Values,
     /// Size of the results.
     pub size: SizeReport,
     /// Size of the photographs, about whose centre T is stated.
@@ -167,6 +169,7 @@ impl Report {
             other_motion: solution.other_motion,
             method: settings.method,
             settings: settings.clone(),
+            values: Values::stated(settings.decode),
             size: SizeReport { width: solution.width, height: solution.height },
             photograph: SizeReport { width: solution.photograph[0], height: solution.photograph[1] },
             region: solution.region(),

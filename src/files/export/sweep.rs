@@ -9,6 +9,7 @@ use super::report::{DeviceReport, RangeReport, SizeReport, in_known_order};
 use super::{DEPTH_FILE, Destination, Extra, FUSED_FLOAT_FILE, Look, Nearer, Staging, depth, field, fused, meaning};
 use crate::around::focus_stack::{Sweep, SweepDepth};
 use crate::base::{Decode, Depth, DeviceInfo, Error, Homography, Photometric};
+use crate::files::image_io::Values;
 
 /// The files that [`write_sweep()`] makes.
 pub const SWEEP_FILES: [&str; 5] = ["focus.exr", "uncertainty.exr", "depth.png", "fused.png", "report.json"];
@@ -28,6 +29,8 @@ pub struct SweepReport {
     pub blur_rate_px2: f64,
     /// How stored values became intensities.
     pub decode: Decode,
+    /// The same, and on whose word.
+    pub values: Values,
     /// The unit of focus settings: "settings", "1/m" of a lens whose focus distances are known, or "mm" of a stage.
     pub focus_unit: &'static str,
     /// Range of the focus setting; of no pixel: null.
@@ -103,6 +106,7 @@ impl SweepReport {
             nearer: nearer.number(),
             blur_rate_px2: sweep.blur_rate,
             decode: sweep.decode,
+            values: Values::stated(sweep.decode),
             focus_unit: sweep.stated.unit(),
             focus: RangeReport::of(&sweep.focus),
             depth: sweep.depth.as_ref().map(SweepDepthReport::from),

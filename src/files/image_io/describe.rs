@@ -1,11 +1,9 @@
 //! What a report says of the photographs: which files, told apart by their contents, and what they hold.
 
-use std::path::Path;
-
 use serde::{Deserialize, Serialize};
 
-use super::{Exif, encoding};
-use crate::base::{Decode, Error};
+use super::{Exif, values};
+use crate::base::Decode;
 
 /// The file of a photograph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,45 +33,6 @@ pub struct Input {
     pub exif: Option<Exif>,
 }
 
-/// How the values of photographs of one scene become intensities by what their files say, or imply: 8-bit PNG and JPEG are
-/// made to be looked at, and follow the sRGB curve where they say nothing (so do browsers take them); values of more bits
-/// are linear.
-///
-/// # Errors
-/// [`Error::File`] where a file says something else, [`Error::Mismatch`] where two do not agree.
-pub fn decode_of(inputs: &[Input]) -> Result<Decode, Error> {
-    let of = |input: &Input| {
-        let looked_at = input.bits == 8 && ["PNG", "JPEG"].contains(&input.format.as_str());
-        match input.encoding.as_deref() {
-            Some(encoding::SRGB) => Ok(Decode::Srgb),
-            Some(encoding::LINEAR) => Ok(Decode::None),
-            Some(other) => {
-                let problem =
-                    format!("says that its values are {other}, neither sRGB nor linear: give --decode none or srgb");
-                Err(Error::file(Path::new(&input.file), problem))
-            }
-            None if looked_at => Ok(Decode::Srgb),
-            None => Ok(Decode::None),
-        }
-    };
-    let all: Vec<Decode> = inputs.iter().map(of).collect::<Result<_, _>>()?;
-    let first = all.first().copied().unwrap_or_default();
-    match all.iter().position(|decode| *decode != first) {
-        None => Ok(first),
-        Some(n) => {
-            let name = |decode| if decode == Decode::Srgb { "sRGB" } else { "linear" };
-            Err(Error::Mismatch(format!(
-                "{} is {} by what it says or its format implies, and {} is {}: save both in one way, or give --decode none \
-                 or srgb",
-                inputs[0].file,
-                name(first),
-                inputs[n].file,
-                name(all[n])
-            )))
-        }
-    }
-}
-
 /// What two photographs of a pair give to warn of; a sentence each.
 pub fn pair_warnings(inputs: &[Input], decode: Decode) -> Vec<String> {
     let [i1, i2] = inputs else { return Vec::new() };
@@ -98,28 +57,15 @@ pub fn pair_warnings(inputs: &[Input], decode: Decode) -> Vec<String> {
             input.file, input.pages
         ));
     }
-    warnings.extend(encoding_warning([i1, i2], decode));
+    warnings.extend(values::warning([i1, i2], decode));
     warnings
-}
-
-fn encoding_warning([i1, i2]: [&Input; 2], decode: Decode) -> Option<String> {
-    let [first, second] = [i1, i2].map(|input| input.encoding.as_deref());
-    if let (Some(a), Some(b)) = (first, second)
-        && a != b
-    {
-        let (f1, f2) = (&i1.file, &i2.file);
-        return Some(format!("{f1} says that its values are {a}, and {f2} that its are {b}: save both in one way"));
-    }
-    let linear = [i1, i2].into_iter().find(|input| input.encoding.as_deref() == Some(encoding::LINEAR))?;
-    (decode == Decode::Srgb)
-        .then(|| format!("{} says that its values are linear, and --decode srgb bends them: leave it out", linear.file))
 }
 
 #[cfg(test)]
 mod tests {
     use std::fs::{self, File};
     use std::io;
-    use std::path::PathBuf;
+    use std::path::{Path, PathBuf};
 
     use ::exif::experimental::Writer;
     use ::exif::{Field, In, Rational, Tag, Value};
@@ -129,6 +75,7 @@ mod tests {
     use tiff::encoder::{TiffEncoder, colortype};
 
     use super::*;
+    use crate::base::Error;
     use crate::files::image_io::Photograph;
 
     fn describe(path: &Path) -> Result<Input, Error> {
@@ -216,7 +163,8 @@ mod tests {
         assert_eq!(write(&|_| ()), None);
         assert_eq!(write(&|e| e.set_source_srgb(png::SrgbRenderingIntent::Perceptual)).as_deref(), Some("sRGB"));
         assert_eq!(write(&|e| e.set_source_gamma(png::ScaledFloat::new(1.0))).as_deref(), Some("linear"));
-        assert_eq!(write(&|e| e.set_source_gamma(png::ScaledFloat::new(0.45455))).as_deref(), Some("gamma 2.20"));
+        assert_eq!(write(&|e| e.set_source_gamma(png::ScaledFloat::new(0.45455))).as_deref(), Some("sRGB"));
+        assert_eq!(write(&|e| e.set_source_gamma(png::ScaledFloat::new(0.55556))).as_deref(), Some("gamma 1.80"));
     }
 
     #[test]
@@ -246,19 +194,6 @@ mod tests {
             encoding: None,
             exif: None,
         }
-    }
-
-    #[test]
-    fn how_values_are_decoded_is_what_the_files_say_or_imply() {
-        let says = |encoding: &str| Input { encoding: Some(encoding.to_string()), ..input("a") };
-        let of = |inputs: &[Input]| decode_of(inputs).map_err(|e| e.to_string());
-        assert_eq!(of(&[input("a"), says("sRGB")]), Ok(Decode::Srgb));
-        let (tiff, deep) = (Input { format: "TIFF".to_string(), ..input("t") }, Input { bits: 16, ..input("d") });
-        assert_eq!(of(&[says("linear"), tiff.clone(), deep.clone()]), Ok(Decode::None));
-        assert_eq!(of(&[Input { bits: 16, ..says("sRGB") }]), Ok(Decode::Srgb));
-        let problem = of(&[input("a"), deep]).unwrap_err();
-        assert!(problem.starts_with("a is sRGB") && problem.contains("d is linear: "), "{problem}");
-        assert!(of(&[says("gamma 1.80")]).unwrap_err().contains("gamma 1.80, neither"));
     }
 
     #[test]

@@ -9,7 +9,7 @@ pub(super) const SRGB: &str = "sRGB";
 /// Values are proportional to light.
 pub(super) const LINEAR: &str = "linear";
 /// There is a profile, and nobody knows what it says.
-const UNREADABLE: &str = "those of an ICC profile that cannot be read";
+pub(super) const UNREADABLE: &str = "those of an ICC profile that cannot be read";
 
 /// The most bytes of an ICC profile that are looked into, 4 MiB: one with tables for a printer takes two.
 pub(super) const MAX_PROFILE: usize = 4 << 20;
@@ -17,7 +17,7 @@ pub(super) const MAX_PROFILE: usize = 4 << 20;
 /// The most tags of a profile: real ones have two dozen, and a hostile one may name one large table over and over.
 const MAX_TAGS: u32 = 100;
 
-/// By the chunks of a PNG: sRGB, or gAMA.
+/// By the chunks of a PNG: sRGB, or gAMA, in which 1/2.2 is how writers before the chunk sRGB, and many since, state sRGB.
 pub(super) fn of_png(bytes: &[u8]) -> Option<String> {
     let reader = png::Decoder::new(Cursor::new(bytes)).read_info().ok()?;
     let info = reader.info();
@@ -27,6 +27,7 @@ pub(super) fn of_png(bytes: &[u8]) -> Option<String> {
     match info.gama_chunk?.into_value() {
         exponent if exponent <= 0.0 => None,
         exponent if (exponent - 1.0).abs() < 1e-3 => Some(LINEAR.to_string()),
+        exponent if (exponent - 1.0 / 2.2).abs() < 1e-3 => Some(SRGB.to_string()),
         exponent => Some(format!("gamma {:.2}", 1.0 / exponent)),
     }
 }

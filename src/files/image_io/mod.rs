@@ -22,14 +22,16 @@ mod tests;
 mod tiff_page;
 mod tiff_samples;
 mod turn;
+mod values;
 
 use std::path::Path;
 
 pub use check::similar_file;
-pub use describe::{Input, decode_of, pair_warnings};
+pub use describe::{Input, pair_warnings};
 pub use exif::Exif;
 pub use page::split_page;
 pub use photograph::Photograph;
+pub use values::{Basis, Values};
 
 use crate::base::color::LUMINANCE;
 use crate::base::{Aperture, Decode, Error, Frame, Kernel};

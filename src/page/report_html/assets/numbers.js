@@ -169,10 +169,18 @@ function setting(key, value, prefix = '') {
   return [row(prefix + words(key), text, typeof value === 'number' ? units[key] : '')];
 }
 
+// How stored values became intensities, and on whose word.
+function valuesInWords() {
+  const { decode, by } = report.values;
+  const word = { stated: 'as asked', files: 'as the files say', assumed: 'assumed, the files do not say' };
+  return `${decode === 'srgb' ? 'sRGB curve undone' : 'as stored'}, ${word[by]}`;
+}
+
 function showSettings() {
   const { device } = report;
   byId('settings').append(
     ...Object.entries(report.settings ?? {}).flatMap(([key, value]) => setting(key, value)),
+    row('values', valuesInWords()),
     row(isPair ? 'image focused nearer' : 'focused nearest', isPair ? `I${report.nearer}` : `the ${report.nearer === 1 ? 'first' : 'last'} frame`),
     group('Device'),
     row('Name', device.name),
