@@ -24,6 +24,7 @@ layout(push_constant) uniform Constants {
     float factor;                    // pixels of the full-size image a pixel of this level
     float scale_length;              // that scales a and b, pixels
     float half_width, half_height;   // from the centre to a corner, pixels
+    float share;                     // of the step that is taken
 };
 
 // Pixels of the level that a corner may move before I2 is brought onto I1's pixels anew: following it by gradients looks
@@ -109,6 +110,7 @@ float corner_moves(float a, float b, vec2 t) {
 void step_once() {
     float x[6];
     solve(x);
+    for (int i = 0; i < 6; i++) x[i] *= share;
     float a = x[0] / scale_length, b = x[1] / scale_length;
     float moved = corner_moves(a, b, factor * vec2(x[2], x[3]));
     state.registration.a += a;

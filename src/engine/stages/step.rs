@@ -46,6 +46,8 @@ pub struct Constants {
     pub length: f32,
     /// From the centre to a corner, pixels of the level.
     pub half_size: [f32; 2],
+    /// How much of the step is taken.
+    pub share: f32,
 }
 
 bindings! {
@@ -110,7 +112,7 @@ pub struct Step {
 
 /// Steps T, gain and offset in place. `before` is the energy of the iteration before.
 pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> Step {
-    let x = solve(c, sums);
+    let x = solve(c, sums).map(|x| f64::from(c.share) * x);
     let (a, b) = (x[0] / f64::from(c.length), x[1] / f64::from(c.length));
     let factor = f64::from(c.factor);
     let moved = corner_moves(c, [a, b], [factor * x[2], factor * x[3]]);
@@ -190,6 +192,7 @@ mod tests {
             factor: 2.0,
             length: 30.0,
             half_size: [60.0, 40.0],
+            share: 1.0,
         }
     }
 
@@ -260,8 +263,8 @@ mod tests {
         for rows in [1, 7, 8, 100] {
             let partials = partials(rows, 40);
             for (solve_transform, solve_photometric) in [(1, 1), (1, 0), (0, 1), (0, 0)] {
-                for descend in [0, 1] {
-                    let c = Constants { solve_transform, solve_photometric, descend, ..constants(rows as u32) };
+                for (descend, share) in [(0, 1.0), (1, 1.0), (0, 0.5)] {
+                    let c = Constants { solve_transform, solve_photometric, descend, share, ..constants(rows as u32) };
                     check(c, &partials, 0.1);
                 }
             }

@@ -86,6 +86,7 @@ fn the_report_has_the_fields_that_scripts_read() {
         "warnings",
         "device",
         "validated",
+        "values",
         "request",
         "inputs",
         "files",
