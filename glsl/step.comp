@@ -24,6 +24,7 @@ layout(push_constant) uniform Constants {
     float scale_length;              // that scales places, pixels
     float half_width, half_height;   // from the centre to a corner, pixels
     int finds_alpha;                 // once it is final
+    float share;                     // of the step that is taken
 };
 
 // Pixels of the level that a corner may move before I2 is brought onto I1's pixels anew: following it by gradients looks
@@ -158,6 +159,7 @@ void find_alpha() {
 void step_once() {
     float x[8];
     solve(x);
+    for (int i = 0; i < UNKNOWNS; i++) x[i] *= share;
     Registration moves = step_of(x);
     float moved = corner_moves(moves);
     state.registration = after(state.registration, moves);

@@ -188,7 +188,7 @@ mod tests {
         assert_eq!(plain, digest(&["--device", "0", "--timeout", "9", "--json", "-q", "--strict", "--force"]));
         let other: &[&[&str]] = &[
             &["--sweeps", "6"],
-            &["--decode", "auto"],
+            &["--decode", "srgb"],
             &["--nearer", "1"],
             &["--roi", "0,0,9,9"],
             &["--kappa", "0.4"],

@@ -110,7 +110,7 @@ pub(super) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -
         (Basis::Files, _) => files,
         (Basis::Stated, _) => format!("as asked; {files}"),
         (Basis::Assumed, Decode::Srgb) => {
-            "assumed of 8 bits, where files do not say; --decode none if they are linear".to_string()
+            "assumed where files do not say; --decode none if they are linear".to_string()
         }
         (Basis::Assumed, Decode::None) => {
             "assumed linear, where files do not say; --decode srgb if they are not".to_string()

@@ -267,7 +267,7 @@ mod tests {
     fn a_level_that_goes_on_for_long_is_damped() {
         let plan = plan(64, 64);
         let share = |k| plan.update(&plan.pyramid[0], k).share;
-        assert_eq!([0, 19, 20, 99].map(share), [1.0, 1.0, 0.5, 0.5]);
+        assert_eq!([0, 19, 20, 40, 80].map(share), [1.0, 1.0, 0.5, 0.5, 0.25]);
     }
 
     #[test]

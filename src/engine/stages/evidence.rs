@@ -112,12 +112,13 @@ pub fn twin(c: &Constants, alpha: f64, v: &Field, system: &[&Field; 5]) -> [Fiel
 mod tests {
     use super::super::harness::{Rig, random_field};
     use super::super::relax::{half, interleaved};
+    use super::super::state::{DoubleState, State};
     use super::*;
     use crate::engine::vulkan::Resource;
 
     fn constants(v: &Field) -> Constants {
         let (width, height) = (v.width as u32, v.height as u32);
-        Constants { width, height, alpha: 0.003, eta: 0.01, smoothness_eta: 0.1, noise: NOISE }
+        Constants { width, height, eta: 0.01, smoothness_eta: 0.1, noise: NOISE }
     }
 
     #[test]
@@ -130,10 +131,13 @@ mod tests {
             let right_sides = rig.image(&[half(&system[0], 0), half(&system[0], 1)]);
             let (v_image, weights) = (rig.image(std::slice::from_ref(&v)), rig.weights(&interleaved(&system)));
             let found = rig.empty(size([width as u32, height as u32]), LAYERS);
-            let resources = [&v_image, &right_sides, &weights, &found].map(Resource::Image);
+            let state = State::new(&DoubleState::default().registration);
+            let buffer = rig.upload(bytemuck::bytes_of(&state));
+            let images = [&v_image, &right_sides, &weights, &found].map(Resource::Image);
+            let resources = [&images[..], &[Resource::Buffer(&buffer)]].concat();
             rig.run(&STAGE, &resources, &constants(&v), size([width as u32, height as u32]));
             // D is up to 0.3 where the random weights hardly add up to anything, else some 0.01.
-            let mut expected = twin(&constants(&v), &v, &system.each_ref()).to_vec();
+            let mut expected = twin(&constants(&v), state.alpha.into(), &v, &system.each_ref()).to_vec();
             expected.push(Field::zeros(expected[0].width, expected[0].height));
             rig.assert_close(&found, &expected, 1e-4);
         }

@@ -47,6 +47,8 @@ pub struct Constants {
     pub half_size: [f32; 2],
     /// 1: α is found, once it is final.
     pub finds_alpha: u32,
+    /// How much of the step is taken.
+    pub share: f32,
 }
 
 bindings! {
@@ -116,7 +118,7 @@ pub struct Step {
 /// Steps T in place. `before` is the energy of the iteration before.
 pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> Step {
     let factor = f64::from(c.factor);
-    let step = displacing(c.length.into(), factor, solve(c, sums));
+    let step = displacing(c.length.into(), factor, solve(c, sums).map(|x| f64::from(c.share) * x));
     let moved = corner_moves(c, &step);
     *r = r.after(&step);
     let energy = sums.energy / sums.valid.max(1.0);
@@ -226,6 +228,7 @@ mod tests {
             length: 30.0,
             half_size: [60.0, 40.0],
             finds_alpha: 0,
+            share: 1.0,
         }
     }
 

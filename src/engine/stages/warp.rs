@@ -88,7 +88,9 @@ mod tests {
                 Similarity::new(1e4, 0.0, 0.0, 1.0),
             ] {
                 let spline2 = smooth_field(width, height, 1);
-                let state = State::new(&Registration::new(&transform, &Photometric { gain: 0.9, offset: 0.1 }));
+                let mut state = State::new(&Registration::new(&transform, &Photometric { gain: 0.9, offset: 0.1 }));
+                state.shading[1..4].copy_from_slice(&[0.1, -0.05, 0.03]);
+                let shading = Shading { coefficients: state.shading.map(f64::from) };
                 let centre = [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0];
                 let c = Constants { width: width as u32, height: height as u32, layer: 1, factor: 2.0, centre };
                 let rig = Rig::new();

@@ -87,6 +87,7 @@ fn the_report_has_the_fields_that_scripts_read() {
         "warnings",
         "device",
         "validated",
+        "values",
         "request",
         "inputs",
         "files",
