@@ -1,5 +1,5 @@
 #version 460
-// What decided V, on every other pixel along x and y: D, b² and |∇V|², out of the last linear system. Twin:
+// What decided V, on every other pixel along x and y: D, b² and (∇²V)², out of the last linear system. Twin:
 // src/engine/stages/evidence.rs.
 
 #include "state.glsl"
@@ -8,7 +8,7 @@ layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform readonly image2DArray right_sides; // layer 0: red, which pixels of even x and y are
 layout(binding = 2, rgba32f) uniform readonly image2DArray weights;  // likewise; right, left, down, up; over D + Σa
-layout(binding = 3, r32f) uniform writeonly image2DArray evidence;   // half as wide and high; layers: D, b², |∇V|²
+layout(binding = 3, r32f) uniform writeonly image2DArray evidence;   // half as wide and high; layers: D, b², (∇²V)²
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
@@ -51,5 +51,7 @@ void main() {
     float b = both * imageLoad(right_sides, ivec3(h.x, x.y, 0)).r - pull;
     imageStore(evidence, ivec3(h, 0), vec4(d));
     imageStore(evidence, ivec3(h, 1), vec4(missing > 1e-6 ? b * b + noise * noise / eta * d : 0.0));
-    imageStore(evidence, ivec3(h, 2), vec4(dot(gradient, gradient)));
+    // The divergence of central differences, two pixels apart, which noise of single pixels does not lift.
+    float bend = 0.25 * (v_at(x + ivec2(2, 0)) + v_at(x - ivec2(2, 0)) + v_at(x + ivec2(0, 2)) + v_at(x - ivec2(0, 2))) - v;
+    imageStore(evidence, ivec3(h, 2), vec4(bend * bend));
 }

@@ -36,7 +36,7 @@ const float EVEN = 0.001;
 
 const float LEAST_ALPHA = 5e-4;
 const float MOST_ALPHA = 10.0;
-const float LEAST_STEEP = 0.007;   // px² a pixel
+const float LEAST_STEEP = 0.007, MOST_STEEP = 0.1;   // px² a pixel
 
 // Chains that add a share of the rows each, so that one workgroup is not one invocation: as many as fit into it.
 const int MOST_CHAINS = 8;
@@ -152,7 +152,7 @@ float shading_changes() {
 // α = 0.2 (mean √|b|)² / mean |∇V|, half way there from what it was, unless it is there within a twentieth.
 void find_alpha() {
     float count = max(totals[VALID], 1.0), root = totals[ROUGHNESS] / count, steep = totals[ROUGHNESS + 1] / count;
-    float found = clamp(0.2 * root * root / max(steep, LEAST_STEEP), LEAST_ALPHA, MOST_ALPHA);
+    float found = clamp(0.2 * root * root / clamp(steep, LEAST_STEEP, MOST_STEEP), LEAST_ALPHA, MOST_ALPHA);
     if (abs(log(found / state.alpha)) > 0.1) state.alpha = found;
 }
 
@@ -173,7 +173,7 @@ void step_once() {
     energies[energy_place] = energy;
     state.levels[level].converged = uint(converged);
     // A level goes on a little after it has converged: the energy is flat before V and T are.
-    settled = may_settle == 1 && moved < still * factor && change <= 0.1 * still * before;
+    settled = may_settle == 1 && moved < still * factor && change <= 0.01 * still * before;
     state.levels[level].settled = uint(settled);
     if (finds_alpha == 1 && may_settle == 1) find_alpha();
     bool follows = corner_moves(moved_since(state.warped, state.registration)) <= FOLLOWED * factor && shading_changes() <= EVEN;

@@ -5,7 +5,7 @@
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 1, r32f) uniform readonly image2DArray evidence;      // on every other pixel: means of D, b², |∇V|², S²
+layout(binding = 1, r32f) uniform readonly image2DArray evidence;      // on every other pixel: means of D, b², (∇²V)², S²
 layout(binding = 2, r32f) uniform writeonly image2DArray result;       // layers: V, its standard deviation, residual
 layout(binding = 3, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
@@ -13,6 +13,7 @@ layout(push_constant) uniform Constants {
     float centre_x, centre_y;
     float pixels;                    // that a window holds
     float calibration;
+    float bending;                   // what (∇²V)² weighs beside the data's variance
     float largest;                   // standard deviation, px²
 };
 
@@ -31,7 +32,7 @@ void main() {
     vec4 mean = 0.25 * (evidence_at(low) + evidence_at(ivec2(high.x, low.y)) + evidence_at(ivec2(low.x, high.y))
                         + evidence_at(high));
     float data = mean.y / (pixels * mean.x * mean.x);
-    float deviation = mean.x > 0.0 ? min(calibration * sqrt(data + mean.z), largest) : largest;
+    float deviation = mean.x > 0.0 ? min(calibration * sqrt(data + bending * mean.z), largest) : largest;
     const float NONE = uintBitsToFloat(0x7fc00000u);
     imageStore(result, ivec3(x, 0), vec4(valid ? v : NONE));
     imageStore(result, ivec3(x, 1), vec4(valid ? deviation : NONE));

@@ -1,4 +1,4 @@
-//! What decided V: D, b² and |∇V|² out of the last linear system, on every other pixel; section 7 of `docs/method.md`.
+//! What decided V: D, b² and (∇²V)² out of the last linear system, on every other pixel; section 7 of `docs/method.md`.
 //!
 //! V answers the pixels around as far as the smoothness reaches, so what one pixel says means little. Averaged over a
 //! [window](fn@window), they give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).
@@ -11,7 +11,7 @@ use super::{Field, pixels};
 use crate::engine::filter::{self, Filter};
 use crate::engine::vulkan::{Stage, Variant};
 
-/// Layers: D, b², |∇V|²; then the squared [residual](mod@super::residual).
+/// Layers: D, b², (∇²V)²; then the squared [residual](mod@super::residual).
 pub const LAYERS: usize = 4;
 /// Which of them is the residual.
 pub const RESIDUAL: usize = 3;
@@ -77,7 +77,8 @@ pub fn window() -> Filter {
     filter::gaussian((WINDOW / 2.0).powi(2))
 }
 
-/// D, b² (of residuals of `noise` at least) and |∇V|² on every other pixel.
+/// D, b² (of residuals of `noise` at least) and (∇²V)² on every other pixel, the last by the divergence of central differences,
+/// which noise of single pixels does not lift.
 pub fn twin(c: &Constants, alpha: f64, v: &Field, system: &[&Field; 5]) -> [Field; 3] {
     let [eta, smoothness_eta, noise] = [c.eta, c.smoothness_eta, c.noise].map(f64::from);
     let gradient = |x: isize, y: isize| {
@@ -97,12 +98,14 @@ pub fn twin(c: &Constants, alpha: f64, v: &Field, system: &[&Field; 5]) -> [Fiel
         }
         let share: f64 = system[1..].iter().map(|a| a.get(x, y)).sum();
         let (missing, both) = (1.0 - share, smoothness / share.max(1e-12));
-        let g = square(gradient(column, row));
+        let [right, left, down, up] = [(2, 0), (-2, 0), (0, 2), (0, -2)].map(|(x, y)| v.clamped(column + x, row + y));
+        let bend = 0.25 * (right + left + down + up) - v.get(x, y);
+        let bend = bend * bend;
         if missing <= 1e-6 {
-            return [0.0, 0.0, g];
+            return [0.0, 0.0, bend];
         }
         let (d, b) = (both * missing, both * system[0].get(x, y) - pull);
-        [d, b * b + noise * noise / eta * d, g]
+        [d, b * b + noise * noise / eta * d, bend]
     };
     let (width, height) = (v.width.div_ceil(2), v.height.div_ceil(2));
     std::array::from_fn(|layer| Field::from_fn(width, height, |x, y| of(2 * x, 2 * y)[layer]))

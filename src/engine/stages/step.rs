@@ -125,7 +125,7 @@ pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> St
     let change = (energy - before).abs();
     let converged = c.may_settle == 1 && moved < 0.01 && change <= 1e-3 * before;
     let still = f64::from(c.still);
-    let settled = c.may_settle == 1 && moved < still * factor && change <= 0.1 * still * before;
+    let settled = c.may_settle == 1 && moved < still * factor && change <= 0.01 * still * before;
     Step { energy, converged, settled }
 }
 
@@ -170,14 +170,15 @@ fn shading_stays(now: &Shading, evened: &Shading) -> bool {
 
 /// Where α is looked for.
 const ALPHAS: [f64; 2] = [5e-4, 10.0];
-/// Steepness, px² a pixel, below which V counts as flat: a larger α would converge too slowly to gain anything.
-const LEAST_STEEP: f64 = 0.007;
+/// Steepness, px² a pixel, within which α follows it. Below V counts as flat, and a larger α would converge too slowly to gain
+/// anything; beyond, it is noise that is steep, and a smaller α would raise it.
+const STEEP: [f64; 2] = [0.007, 0.1];
 
 /// α from what the data say against V, mean √|b|, and how steep it is, half way there from what it was unless it is there within
 /// a twentieth: changes take iterations, and none ends them.
 pub fn find_alpha(sums: &Sums, alpha: f64) -> f64 {
     let [root, steep] = sums.roughness.map(|sum| sum / sums.valid.max(1.0));
-    let found = (0.2 * root * root / steep.max(LEAST_STEEP)).clamp(ALPHAS[0], ALPHAS[1]);
+    let found = (0.2 * root * root / steep.clamp(STEEP[0], STEEP[1])).clamp(ALPHAS[0], ALPHAS[1]);
     if (found / alpha).ln().abs() > 0.05 { (found * alpha).sqrt() } else { alpha }
 }
 
