@@ -51,10 +51,11 @@ mod page;
 #[doc = include_str!("../docs/guide/src/embedding.md")]
 mod guide {}
 
-pub use around::{FieldCurvature, GainField, Kept, Scope, Scoped, focus_stack, resample};
+pub use around::{FieldCurvature, Kept, Scope, focus_stack, resample};
 pub use base::{
-    Aperture, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format, Frame, Homography, Inverse, Kernel, Lens,
-    Mask, Method, Motion, Photometric, Region, RegistrationStep, Samples, Settings, Similarity, centre,
+    Aperture, Brightness, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format, Frame, Homography, Inverse,
+    Kernel, Lens, Mask, Method, Motion, Photometric, Region, RegistrationStep, Samples, Settings, Shading, Similarity,
+    centre,
 };
 pub use engine::{
     Engine, EngineOptions, KeyPoints, LevelHistory, OtherMotion, Progress, Registered, Solution, Solver, Timings,

@@ -6,8 +6,6 @@ pub mod focus_stack;
 pub mod resample;
 mod scope;
 mod smooth_field;
-mod vignetting;
 
 pub use field_curvature::FieldCurvature;
-pub use scope::{Kept, Scope, Scoped};
-pub use vignetting::GainField;
+pub use scope::{Kept, Scope};

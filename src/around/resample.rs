@@ -1,7 +1,7 @@
 //! A photograph or a field on the pixels of another.
 
 use crate::base::color::stored;
-use crate::base::{Decode, Frame, Homography, Photometric, centre};
+use crate::base::{Brightness, Decode, Frame, Homography, centre};
 
 /// Interleaved values of so many channels, row-major.
 #[derive(Clone, Copy)]
@@ -91,21 +91,33 @@ pub(crate) fn onto(
 }
 
 /// A photograph on the pixels of I1: what it holds where T takes them, of its own format; black where that is outside.
-/// Gain and offset are those of intensities decoded so.
-pub fn registered(frame: &Frame, transform: &Homography, photometric: &Photometric, decode: Decode) -> Frame {
+/// Its brightness is changed in intensities decoded so.
+pub fn registered(frame: &Frame, transform: &Homography, brightness: &Brightness, decode: Decode) -> Frame {
     let (width, height, channels) = (frame.width() as usize, frame.height() as usize, frame.format().channels);
-    let values = frame.intensities(decode);
+    let values = brightened(frame, brightness, decode);
     let image = Interleaved { width, height, channels: channels.count() as usize, values: &values };
     let mut moved = onto(&image, transform, [width, height], Interpolation::Cubic);
     for value in &mut moved {
-        let exposed = (photometric.gain * f64::from(*value) + photometric.offset) as f32;
         *value = match decode {
             _ if value.is_nan() => 0.0,
-            Decode::None => exposed,
-            Decode::Srgb => stored(exposed, decode),
+            Decode::None => *value,
+            Decode::Srgb => stored(*value, decode),
         };
     }
     frame.with_intensities(&moved)
+}
+
+/// The intensities of a photograph, as bright as another's.
+pub(crate) fn brightened(frame: &Frame, brightness: &Brightness, decode: Decode) -> Vec<f32> {
+    let channels = frame.format().channels.count() as usize;
+    let mut values = frame.intensities(decode);
+    in_rows(&mut values, frame.width() as usize * channels, |y, row| {
+        for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
+            let place = [x as f64, y as f64];
+            pixel.iter_mut().for_each(|value| *value = brightness.of((*value).into(), place) as f32);
+        }
+    });
+    values
 }
 
 /// Fills rows of so many values, by all processors.
@@ -127,7 +139,7 @@ pub(crate) fn in_rows<T: Send>(values: &mut [T], row: usize, fill: impl Fn(usize
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::Similarity;
+    use crate::base::{Photometric, Similarity};
 
     #[test]
     fn a_parabola_is_followed_and_a_plane_under_any_similarity() {
@@ -149,7 +161,9 @@ mod tests {
     fn exposure_is_taken_over_in_intensities() {
         let exposed = |byte: u8, gain: f64, offset: f64, decode: Decode| {
             let frame = Frame::new(2, 2, crate::base::Channels::Gray, crate::base::Samples::U8(vec![byte; 4])).unwrap();
-            registered(&frame, &Homography::IDENTITY, &Photometric { gain, offset }, decode).bytes()[0]
+            let unchanged = Brightness::unchanged([2, 2]);
+            let brightness = Brightness { photometric: Photometric { gain, offset }, ..unchanged };
+            registered(&frame, &Homography::IDENTITY, &brightness, decode).bytes()[0]
         };
         assert_eq!(exposed(50, 2.0, 0.1, Decode::None), 126);
         assert_eq!(exposed(200, 2.0, 0.0, Decode::None), 255);

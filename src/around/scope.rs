@@ -1,32 +1,21 @@
 //! What of a pair is solved, and what is done to it before and after.
 
-use crate::around::{FieldCurvature, GainField};
+use crate::around::FieldCurvature;
 use crate::base::{Error, Format, Frame, Mask, Region, Settings, centre};
 use crate::engine::same_size;
 use crate::engine::{Engine, Progress, Solution, Solver};
 
-/// A part of the frame, a mask, and what is known of lens and light; nothing of it by default.
+/// A part of the frame, a mask, and what is known of the lens; nothing of it by default.
 #[derive(Clone, Debug, Default)]
 pub struct Scope {
     /// The part of I1 that results are wanted of, px.
     pub region: Option<Region>,
     /// Which pixels of I1 count.
     pub mask: Option<Mask>,
-    /// Whether a smooth gain field between the photographs is found first and taken out.
-    pub vignetting: bool,
     /// Of the same size as the photographs: what a flat target showed, to be taken from V.
     pub flat: Option<FieldCurvature>,
     /// Whether results are cropped to the largest rectangle in which V is valid everywhere.
     pub crop_valid: bool,
-}
-
-/// What a [`Scope`] gives.
-#[derive(Clone, Debug)]
-pub struct Scoped {
-    /// Its `origin`, `width` and `height` say which part of I1 it is of.
-    pub solution: Solution,
-    /// What I2 was multiplied by, if that was asked for.
-    pub gain_field: Option<GainField>,
 }
 
 /// A solver that is kept for pairs like the last one.
@@ -55,10 +44,11 @@ impl Scope {
         self.region.map_or(Ok(()), |region| region.check((width, height)))
     }
 
-    /// Solves a pair, with the solver kept if it fits.
+    /// Solves a pair, with the solver kept if it fits. `origin`, `width` and `height` of what comes back say which part of I1 it is
+    /// of.
     ///
     /// # Errors
-    /// As [`Scope::check`], [`Solver::for_pair`], [`Solver::solve`] and [`GainField::between`].
+    /// As [`Scope::check`], [`Solver::for_pair`] and [`Solver::solve`].
     pub fn solve(
         &self,
         engine: &Engine,
@@ -66,14 +56,10 @@ impl Scope {
         [i1, i2]: [&Frame; 2],
         settings: &Settings,
         progress: &mut dyn FnMut(Progress),
-    ) -> Result<Scoped, Error> {
+    ) -> Result<Solution, Error> {
         same_size([i1, i2])?;
         let size = [i1.width(), i1.height()];
         self.check(size)?;
-        let gain_field =
-            self.vignetting.then(|| GainField::between(engine, [i1, i2], settings, self.mask.as_ref())).transpose()?;
-        let evened = gain_field.as_ref().map(|field| field.even_out(i2, settings));
-        let i2 = evened.as_ref().unwrap_or(i2);
         let mut solution = match self.region {
             None => solve(engine, kept, [i1, i2], settings, self.mask.clone(), progress)?,
             Some(region) => {
@@ -88,9 +74,6 @@ impl Scope {
                 solution
             }
         };
-        if let Some(field) = &gain_field {
-            solution.warnings.extend(field.warnings().iter().map(|warning| format!("gain field: {warning}")));
-        }
         if self.crop_valid {
             match solution.largest_valid() {
                 Some(valid) => solution.crop(valid)?,
@@ -102,7 +85,7 @@ impl Scope {
         if let Some(flat) = &self.flat {
             flat.flatten(&mut solution, settings.max_relative_blur);
         }
-        Ok(Scoped { solution, gain_field })
+        Ok(solution)
     }
 }
 

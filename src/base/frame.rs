@@ -194,12 +194,6 @@ impl Frame {
         }
     }
 
-    /// A grey frame of its size, of one value for each pixel.
-    pub(crate) fn gray_like(&self, values: Vec<f32>) -> Self {
-        debug_assert_eq!(values.len(), self.width as usize * self.height as usize);
-        Self { width: self.width, height: self.height, channels: Channels::Gray, samples: Samples::F32(values) }
-    }
-
     /// The samples.
     pub fn samples(&self) -> &Samples {
         &self.samples
@@ -225,6 +219,6 @@ fn clips<T: Copy + Into<f32>>(samples: &[T], channels: usize, [black, white]: [f
 }
 
 /// Whether one sample of a pixel is from `white` on, or all are up to `black`.
-pub(crate) fn is_clipped<T: Copy + Into<f32>>(pixel: &[T], [black, white]: [f32; 2]) -> bool {
+fn is_clipped<T: Copy + Into<f32>>(pixel: &[T], [black, white]: [f32; 2]) -> bool {
     pixel.iter().any(|&s| s.into() >= white) || pixel.iter().all(|&s| s.into() <= black)
 }

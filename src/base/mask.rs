@@ -1,7 +1,6 @@
 //! Which pixels of I1 a solve is about.
 
 use crate::base::color::LUMINANCE;
-use crate::base::frame::is_clipped;
 use crate::base::{Decode, Frame, Region};
 
 /// A mask on the pixels of I1: those left out have no data term and no part in the registration, and their results are
@@ -25,16 +24,6 @@ impl Mask {
         let intensities = picture.intensities(Decode::None);
         let counts = intensities.chunks_exact(channels).map(|pixel| u8::from(bright(pixel))).collect();
         Self { width: picture.width(), height: picture.height(), counts }
-    }
-
-    /// A grey frame, 1 where a pixel of a frame counts and 0 where it is clipped or a mask of its size leaves it out.
-    pub(crate) fn counting(frame: &Frame, levels: [f32; 2], mask: Option<&Mask>) -> Frame {
-        let channels = frame.format().channels.count() as usize;
-        let stored = frame.intensities(Decode::None);
-        let left_out = |i: usize| mask.is_some_and(|mask| mask.counts.get(i) == Some(&0));
-        let count = |(i, pixel): (usize, &[f32])| if is_clipped(pixel, levels) || left_out(i) { 0.0 } else { 1.0 };
-        let values = stored.chunks_exact(channels).enumerate().map(count).collect();
-        frame.gray_like(values)
     }
 
     /// A part of it, which must be within it.

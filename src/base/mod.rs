@@ -1,6 +1,7 @@
 //! The nouns: plain numbers and their names, which every other room uses. Nothing here knows a device, a file or a pass.
 
 pub(crate) mod aperture;
+mod brightness;
 pub(crate) mod color;
 mod device_info;
 mod error;
@@ -19,6 +20,7 @@ pub(crate) mod statistics;
 mod stored;
 
 pub use aperture::Aperture;
+pub use brightness::Brightness;
 pub use color::Decode;
 pub use device_info::DeviceInfo;
 pub use error::Error;

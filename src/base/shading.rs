@@ -3,6 +3,15 @@
 /// Sum of the degrees along x and y at most.
 const DEGREE: usize = 4;
 
+/// Places and weights, on either side of zero, of Gauss's rule at eight places: exact to degree 15, where a term times a product
+/// of two shadings has 12.
+const NODES: [[f64; 2]; 4] = [
+    [0.183_434_642_495_649_8, 0.362_683_783_378_362],
+    [0.525_532_409_916_329, 0.313_706_645_877_887_3],
+    [0.796_666_477_413_626_7, 0.222_381_034_453_374_5],
+    [0.960_289_856_497_536_3, 0.101_228_536_290_376_3],
+];
+
 /// A smooth factor on I2: a polynomial of fourth degree in the place on I2, 1 on average.
 ///
 /// Not the paper's, whose exposures are equal. A lens vignettes differently at two focus settings, a lamp moves with the stage, and
@@ -28,6 +37,28 @@ impl Shading {
         (1.0 + sum).clamp(0.25, 4.0)
     }
 
+    /// The mean of a smooth function of the place, -1 to 1 along either side, and the shading that times it is next to the
+    /// function by least squares; no shading where the mean is not positive.
+    pub fn fit(of: impl Fn([f64; 2]) -> f64) -> (f64, Self) {
+        let nodes = || NODES.iter().flat_map(|&[x, weight]| [[x, weight], [-x, weight]]);
+        let mut sums = [0.0; Self::TERMS + 1];
+        for [y, down] in nodes() {
+            for [x, across] in nodes() {
+                let share = 0.25 * across * down * of([x, y]);
+                let terms = terms([x, y]);
+                sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += share * term);
+            }
+        }
+        let mean = sums[0];
+        if mean <= 0.0 {
+            return (mean, Self::NONE);
+        }
+        // The mean square of P_i is 1/(2i + 1).
+        let norms = degrees().map(|(i, j)| ((2 * i + 1) * (2 * j + 1)) as f64);
+        let coefficients: Vec<f64> = sums.iter().zip(norms).skip(1).map(|(sum, norm)| sum * norm / mean).collect();
+        (mean, Self { coefficients: std::array::from_fn(|n| coefficients[n]) })
+    }
+
     /// Least and greatest factor over the photograph.
     pub fn range(&self) -> [f64; 2] {
         let steps = || (-16..=16).map(|i| f64::from(i) / 16.0);
@@ -40,11 +71,15 @@ impl Shading {
 pub(crate) fn terms(place: [f64; 2]) -> [f64; Shading::TERMS + 1] {
     let [px, py] = place.map(legendre);
     let mut terms = [0.0; Shading::TERMS + 1];
-    let degrees = (0..=DEGREE).flat_map(|sum| (0..=sum).map(move |j| (sum - j, j)));
-    for (term, (i, j)) in terms.iter_mut().zip(degrees) {
+    for (term, (i, j)) in terms.iter_mut().zip(degrees()) {
         *term = px[i] * py[j];
     }
     terms
+}
+
+/// Along x and y, of each term.
+fn degrees() -> impl Iterator<Item = (usize, usize)> {
+    (0..=DEGREE).flat_map(|sum| (0..=sum).map(move |j| (sum - j, j)))
 }
 
 /// Of degree 0 to 4.
@@ -67,6 +102,16 @@ mod tests {
                 // By the midpoint rule at 200 places a side.
                 assert!(mean.abs() < 1e-3, "{i}, {j}: {mean}");
             }
+        }
+    }
+
+    #[test]
+    fn a_shading_is_fitted_by_itself_and_its_mean() {
+        let shading = Shading { coefficients: std::array::from_fn(|n| 0.02 * (1.7 * n as f64).sin()) };
+        let (mean, found) = Shading::fit(|place| 1.5 * shading.at(place));
+        assert!((mean - 1.5).abs() < 1e-12);
+        for (found, expected) in found.coefficients.iter().zip(shading.coefficients) {
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         }
     }
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use parfocal::export::{self, registered_ending, registered_kind, write_registered};
 use parfocal::image_io::Photograph;
-use parfocal::{Photometric, image_io, resample};
+use parfocal::{Brightness, image_io, resample};
 
 use super::failure::Failure;
 use super::output::{self, ForceArgument};
@@ -25,7 +25,7 @@ pub(super) struct Arguments {
     /// Folder for the results, each of the name of its image; made if it is missing
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Apply gain and offset of the registration too, to the values as it was found with (--decode)
+    /// Apply gain, offset and shading of the registration too, to the values as it was found with (--decode)
     #[arg(long)]
     exposure: bool,
     #[command(flatten)]
@@ -37,16 +37,13 @@ pub(super) struct Arguments {
 /// Reads, moves and writes one photograph after the other.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (transform, photometric) = export::read_transform(&arguments.transform)?;
-    let photometric = match photometric {
-        Some(photometric) if arguments.exposure => photometric,
-        None if arguments.exposure => {
-            let file = arguments.transform.display();
-            return Err(Failure::Failed(format!("{file}: states no gain and offset; leave out --exposure")));
-        }
-        _ => Photometric::IDENTITY,
-    };
+    let photometric = photometric.filter(|_| arguments.exposure);
+    if arguments.exposure && photometric.is_none() {
+        let file = arguments.transform.display();
+        return Err(Failure::Failed(format!("{file}: states no gain and offset; leave out --exposure")));
+    }
     let names = check(arguments)?;
-    let export::PairOf { size, region, decode } = export::read_pair_of(&arguments.transform)?;
+    let export::PairOf { size, region, shading, decode } = export::read_pair_of(&arguments.transform)?;
     for (path, file) in arguments.images.iter().zip(&names) {
         let frame = image_io::read(path)?;
         let found = (frame.width(), frame.height());
@@ -59,7 +56,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         if *file != place(path, registered_ending(frame.format().depth))? {
             return Err(Failure::Failed(format!("{}: was replaced meanwhile; run it again", path.display())));
         }
-        let mut moved = resample::registered(&frame, &transform, &photometric, decode);
+        let unchanged = Brightness::unchanged([frame.width(), frame.height()]);
+        let brightness = photometric.map_or(unchanged, |photometric| {
+            shading.map_or(Brightness { photometric, ..unchanged }, |shading| shading.with(photometric))
+        });
+        let mut moved = resample::registered(&frame, &transform, &brightness, decode);
         if let Some(region) = region {
             let problem = |e| Failure::Failed(format!("{}: {e}", arguments.transform.display()));
             moved = moved.cropped(region).map_err(problem)?;

@@ -11,7 +11,7 @@ use std::time::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{FileKind, remove_unfinished, write_named};
 use parfocal::image_io::Input;
-use parfocal::{DeviceInfo, Engine, Error, Kept, Scoped};
+use parfocal::{DeviceInfo, Engine, Error, Kept, Solution};
 
 use super::failure::Failure;
 use super::headings::OUTPUT;
@@ -72,7 +72,7 @@ enum Read {
 
 /// A pair on its way from the solver to the writer.
 enum Solved {
-    Solution(Box<(Photographs, Scoped, DeviceInfo)>),
+    Solution(Box<(Photographs, Solution, DeviceInfo)>),
     Whole,
     Failed(Failure),
 }
@@ -219,7 +219,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn solve(&mut self, Photographs { scope, frames, settings, .. }: &Photographs) -> Result<Scoped, Error> {
+    fn solve(&mut self, Photographs { scope, frames, settings, .. }: &Photographs) -> Result<Solution, Error> {
         scope.solve(&self.engine, &mut self.kept, frames.each_ref(), settings, &mut |_| ())
     }
 }

@@ -21,6 +21,9 @@ use super::headings::INPUT;
 /// The most bytes that are read, 1 MiB.
 const MAX_BYTES: u64 = 1 << 20;
 
+/// What is built in now, and was an option of files that are still about.
+const BUILT_IN: [&str; 1] = ["vignetting"];
+
 /// `--config`, for the subcommands that take it.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(super) struct ConfigArgument {
@@ -180,7 +183,8 @@ fn is_called(option: &Arg, key: &str) -> bool {
     option.get_long() == Some(key) || option.get_all_aliases().is_some_and(|old| old.contains(&key))
 }
 
-/// The option of a subcommand that a key names; `None` if it is another subcommand's, so that one file serves several.
+/// The option of a subcommand that a key names; `None` if it is another subcommand's, so that one file serves several, or
+/// built in by now.
 fn find<'a>(command: &'a Command, subcommand: &str, key: &str) -> Result<Option<&'a Arg>, String> {
     let takers = || command.get_subcommands().filter(|c| takes_config(c));
     let options = |c: &'a Command| c.get_arguments().filter(|a| is_key(a));
@@ -188,7 +192,7 @@ fn find<'a>(command: &'a Command, subcommand: &str, key: &str) -> Result<Option<
     if let Some(option) = own.into_iter().find(|a| is_called(a, key)) {
         return Ok(Some(option));
     }
-    if takers().flat_map(options).any(|a| is_called(a, key)) {
+    if BUILT_IN.contains(&key) || takers().flat_map(options).any(|a| is_called(a, key)) {
         return Ok(None);
     }
     let names = takers().flat_map(options).filter_map(Arg::get_long);
@@ -286,8 +290,9 @@ mod tests {
         let found = solve(text, &["--sweeps", "9"]).unwrap();
         assert_eq!(found.get_one::<u32>("sweeps"), Some(&9));
         assert_eq!(found.get_one::<u32>("outer_iterations"), Some(&33));
-        assert_eq!(found.get_one::<f64>("regularization"), Some(&0.003));
+        assert_eq!(found.get_one::<f64>("over_relaxation"), Some(&1.8));
         assert!(found.get_flag("no_photometric") && !found.get_flag("hold"));
+        assert!(solve("output = 'out'\nvignetting = true\n", &[]).is_ok(), "it is built in");
     }
 
     #[test]

@@ -137,7 +137,7 @@ mod tests {
         let text = text("solve");
         for part in [
             "\nlevels = \"auto\"\n",
-            "\nregularization = 0.003\n",
+            "\nregularization = \"auto\"\n",
             "\nover-relaxation = 1.8\n",
             "\nhold = false\n",
             "\n# transform = \"FILE\"\n",

@@ -1,4 +1,4 @@
-//! What of the photographs is solved, and what is known of lens and light: masks, regions, references.
+//! What of the photographs is solved, and what is known of the lens: masks, regions, references.
 
 use std::path::{Path, PathBuf};
 
@@ -25,9 +25,6 @@ pub(super) struct ScopeArguments {
     /// Folder of the solve of a flat target taken with the same optics: its field curvature is taken from V
     #[arg(long, value_name = "DIR", help_heading = REGION)]
     flat: Option<PathBuf>,
-    /// Find a smooth gain field between the photographs first and take it out, where they vignette differently
-    #[arg(long, help_heading = REGION)]
-    vignetting: bool,
     /// Standard deviation of V beyond which a pixel is marked as without texture, px²; default: half of V's range, and 1
     /// at least
     #[arg(long, value_name = "PX2", help_heading = REGION, value_parser = positive)]
@@ -46,13 +43,12 @@ impl ScopeArguments {
             region: self.roi.map(|RegionArgument(region)| region),
             crop_valid: self.crop_valid,
             flat: self.flat.clone(),
-            vignetting: self.vignetting,
             max_uncertainty: self.max_uncertainty,
         }
     }
 }
 
-/// The part of the photographs that is solved, and what is known of lens and light; files by their names.
+/// The part of the photographs that is solved, and what is known of the lens; files by their names.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Part {
     mask: Option<PathBuf>,
@@ -60,7 +56,6 @@ pub(super) struct Part {
     pub(super) crop_valid: bool,
     /// The flat reference's folder, whose results must not be replaced.
     pub(super) flat: Option<PathBuf>,
-    vignetting: bool,
     /// Standard deviation of V beyond which a pixel is marked, px².
     pub(super) max_uncertainty: Option<f32>,
 }
@@ -71,7 +66,7 @@ impl Part {
         let mask = self.mask.as_ref().map(|file| image_io::read(file)).transpose()?;
         let flat = self.flat.as_ref().map(|folder| flat_reference(folder)).transpose()?;
         let mask = mask.as_ref().map(Mask::of_picture);
-        Ok(Scope { region: self.region, mask, vignetting: self.vignetting, flat, crop_valid: self.crop_valid })
+        Ok(Scope { region: self.region, mask, flat, crop_valid: self.crop_valid })
     }
 
     /// Reads it, and refuses what does not fit photographs of this size.

@@ -269,7 +269,9 @@ impl SettingsArguments {
         }
         if let (Some(start_photometric), None) = (photometric, self.exposure()) {
             settings.start_photometric = start_photometric;
-            settings.photometric &= !hold;
+            // Only gain and offset can be held: where they vary over the frame, all are matched anew on the T that is held.
+            let shaded = export::read_pair_of(file)?.shading.is_some_and(|shading| shading.is_worth_telling());
+            settings.photometric &= !hold || shaded;
         }
         Ok(())
     }

@@ -32,13 +32,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let engine = request.run.open_engine()?;
     let frames = photographs.frames.each_ref();
     let bar = Bar::new(request.run.told.shows_progress());
-    let scoped = photographs
+    let solution = photographs
         .scope
         .solve(&engine, &mut None, frames, &photographs.settings, &mut |progress| bar.show(progress))
         .map_err(|e| Failure::of_solve(e, &job.files[0]))?;
     drop(bar);
     super::check_validation(&engine)?;
-    let (report, written) = work::write(&request, &job, engine.info(), &photographs, &scoped)?;
+    let (report, written) = work::write(&request, &job, engine.info(), &photographs, &solution)?;
     request.run.told.tell(&summary(&report, request.palette, &job.out, &written), || report.to_json())?;
     request.run.check_strict(report.converged, &report.warnings)
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::export::{DeviceReport, Palette, RegistrationReport, Report, TimingsReport};
+use parfocal::export::{DeviceReport, Palette, RegistrationReport, Report, ShadingReport, TimingsReport};
 use parfocal::image_io::{Basis, Input, Values};
 use parfocal::{Decode, Homography, Method, OtherMotion, Photometric, Progress};
 
@@ -42,10 +42,11 @@ type Row = (&'static str, String);
 
 /// The few lines of a solve, without a newline at the end.
 pub(super) fn summary(report: &Report, palette: Palette, out: &Path, written: &[&str]) -> String {
-    let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
+    let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform);
+    rows.push(("exposure", exposure(report.photometric, &report.shading)));
     rows.extend(motion(report.other_motion));
     rows.extend(values(&report.inputs, report.values));
-    rows.extend([("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);
+    rows.extend([smoothness(report), ("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);
     rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
     rows.extend(report.measurements.iter().flat_map(measure::rows));
     rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
@@ -55,7 +56,8 @@ pub(super) fn summary(report: &Report, palette: Palette, out: &Path, written: &[
 
 /// The few lines of a registration, without a newline at the end.
 pub(super) fn registration_summary(report: &RegistrationReport, out: Option<&Path>) -> String {
-    let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform, &report.photometric);
+    let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform);
+    rows.push(("exposure", exposure(report.photometric, &report.shading)));
     rows.extend(motion(report.other_motion));
     rows.extend(values(&report.inputs, report.values));
     rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
@@ -67,7 +69,7 @@ fn lines(rows: &[Row]) -> String {
     rows.iter().map(|(label, value)| format!("{label:<14} {value}")).collect::<Vec<_>>().join("\n")
 }
 
-fn found(device: &DeviceReport, method: Method, levels: usize, t: &Homography, p: &Photometric) -> Vec<Row> {
+fn found(device: &DeviceReport, method: Method, levels: usize, t: &Homography) -> Vec<Row> {
     let registration = format!(
         "{:+.3} px right, {:+.3} px down, rotation {:+.4}°, scale {:.5}",
         t.translation()[0],
@@ -79,8 +81,25 @@ fn found(device: &DeviceReport, method: Method, levels: usize, t: &Homography, p
         ("device", format!("{} ({})", device.name, device.driver)),
         ("method", format!("{}, levels: {levels}", method.name())),
         ("transform", registration),
-        ("exposure", format!("gain {:.4}, offset {:+.4}", p.gain, p.offset)),
     ]
+}
+
+fn exposure(Photometric { gain, offset }: Photometric, shading: &ShadingReport) -> String {
+    let [low, high] = shading.range.map(|factor| 100.0 * (factor - 1.0));
+    let shading =
+        if shading.is_worth_telling() { format!(", shading {low:+.0} to {high:+.0} %") } else { String::new() };
+    format!("gain {gain:.4}, offset {offset:+.4}{shading}")
+}
+
+/// α, and whether it was found.
+fn smoothness(report: &Report) -> Row {
+    let by = if report.settings.regularization.is_some() { "as asked" } else { "found" };
+    ("smoothness", format!("α {}, {by}", rounded(report.regularization)))
+}
+
+/// To two figures.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.1e}").parse().unwrap_or(value)
 }
 
 /// What there is to say of the motion model.
@@ -150,7 +169,9 @@ fn blur(report: &Report) -> String {
 #[cfg(test)]
 mod tests {
     use parfocal::export::{Nearer, Palette, Report};
-    use parfocal::{Channels, DeviceInfo, LevelHistory, Photometric, Settings, Similarity, Solution, Timings};
+    use parfocal::{
+        Channels, DeviceInfo, LevelHistory, Photometric, Region, Settings, Shading, Similarity, Solution, Timings,
+    };
 
     use super::*;
 
@@ -182,6 +203,9 @@ mod tests {
             transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
             other_motion: None,
             photometric: Photometric { gain: 1.02, offset: -0.01 },
+            shading: Shading { coefficients: std::array::from_fn(|n| if n == 0 { -0.06 } else { 0.0 }) },
+            solved: Region { x: 0, y: 0, width: 2, height: 1 },
+            regularization: 0.00314,
             levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5] }],
             converged: false,
             warnings: vec!["something to know".to_string()],
@@ -196,9 +220,15 @@ mod tests {
     #[test]
     fn a_person_is_told_what_came_out_and_where_it_is() {
         let text = summary(&report([-1.5, 4.0]), Palette::Viridis, Path::new("out"), &["depth.png"]);
-        for part in
-            ["a device (a driver)", "+1.250 px right", "gain 1.0200", "-1.50 to +4.00 px²", "50.0 %", "out: depth.png"]
-        {
+        for part in [
+            "a device (a driver)",
+            "+1.250 px right",
+            "gain 1.0200, offset -0.0100, shading -6 to +6 %",
+            "α 0.0031, found",
+            "-1.50 to +4.00 px²",
+            "50.0 %",
+            "out: depth.png",
+        ] {
             assert!(text.contains(part), "{part} is missing in {text}");
         }
         assert!(text.contains("converged      no\nwarning        something to know"), "{text}");

@@ -9,7 +9,7 @@ use parfocal::export::{
 use parfocal::figure::PEN;
 use parfocal::image_io::{Input, Photograph, Values};
 use parfocal::report_html::{Page, Readout};
-use parfocal::{Decode, Depth, DeviceInfo, Frame, GainField, Lens, MetricDepth, Scope, Scoped, Settings, Solution};
+use parfocal::{Decode, Depth, DeviceInfo, Frame, Lens, MetricDepth, Scope, Settings, Solution};
 
 use super::failure::Failure;
 use super::request::Request;
@@ -91,12 +91,11 @@ pub(super) fn write(
     job: &Job,
     device: &DeviceInfo,
     photographs: &Photographs,
-    scoped: &Scoped,
+    solution: &Solution,
 ) -> Result<(Report, Vec<&'static str>), Failure> {
-    let found = Found::of(request, photographs, &scoped.solution)?;
-    let mut report = found.report(request, device, scoped)?;
+    let found = Found::of(request, photographs, solution)?;
+    let mut report = found.report(request, device)?;
     let look = found.look(request);
-    let solution = &scoped.solution;
     let fused = export::fused(solution, look.decode)?;
     // What was filled in is no measurement, and is not handed on as one.
     let measured = Solution { relative_blur: found.texture.without(&solution.relative_blur), ..solution.clone() };
@@ -152,12 +151,11 @@ impl<'a> Found<'a> {
     }
 
     /// The report, but for what depends on which files are written.
-    fn report(&self, request: &Request, device: &DeviceInfo, scoped: &Scoped) -> Result<Report, Failure> {
+    fn report(&self, request: &Request, device: &DeviceInfo) -> Result<Report, Failure> {
         let mut report = Report::new(self.solution, &self.photographs.settings, device, self.nearer);
         report.values = self.photographs.values;
         report.of(self.photographs.inputs.clone(), super::validation_asked());
         report.texture = TextureReport::of(&self.texture);
-        report.gain_field = scoped.gain_field.as_ref().map(GainField::range);
         report.flattened = self.photographs.scope.flat.is_some();
         report.request = request.digest()?;
         report.depth = self.metric.as_ref().map(DepthReport::from);

@@ -1,6 +1,6 @@
 //! What a registration alone gives back.
 
-use crate::base::{Homography, Photometric};
+use crate::base::{Brightness, Homography, Photometric, Shading};
 use crate::engine::OtherMotion;
 use crate::engine::solution::{self, LevelHistory, Timings};
 use crate::engine::stages::state::State;
@@ -16,6 +16,8 @@ pub struct Registered {
     pub transform: Homography,
     /// Gain and offset of I2. Where the method does not solve for them, the match of mean and deviation at low pass.
     pub photometric: Photometric,
+    /// How the gain varies over I2; nothing where the method finds T without V.
+    pub shading: Shading,
     /// Another motion model that would do, where there is one; only with the method unified, which judges T by its energy.
     pub other_motion: Option<OtherMotion>,
     /// Coarse to fine; no energies where the method has no iterations.
@@ -29,10 +31,17 @@ pub struct Registered {
 }
 
 impl Registered {
+    /// What brings I2 to the brightness of I1.
+    pub fn brightness(&self) -> Brightness {
+        let unchanged = Brightness::unchanged([self.width, self.height]);
+        Brightness { photometric: self.photometric, shading: self.shading, ..unchanged }
+    }
+
     /// Fills in whether to believe it.
     pub(crate) fn judge(&mut self, state: &State) {
         self.warnings =
             solution::numbers_doubt(state).or_else(|| solution::registration_doubt(state)).into_iter().collect();
         self.converged = self.warnings.is_empty();
+        self.warnings.extend(solution::shading_warning(&self.shading));
     }
 }

@@ -1,6 +1,6 @@
 //! What a solve gives back.
 
-use crate::base::{Channels, Error, Homography, Mask, Photometric, Region, Settings, centre};
+use crate::base::{Brightness, Channels, Error, Homography, Mask, Photometric, Region, Settings, Shading, centre};
 use crate::engine::stages::state::State;
 use crate::engine::stages::uncertainty::LARGEST;
 use crate::engine::{OtherMotion, Registered};
@@ -35,6 +35,12 @@ pub struct Solution {
     pub transform: Homography,
     /// Gain and offset of I2.
     pub photometric: Photometric,
+    /// How the gain varies over the part of I2 that was solved.
+    pub shading: Shading,
+    /// That part, px of the photographs: larger than the fields' where these were cropped.
+    pub solved: Region,
+    /// α of the finest level, stated or found.
+    pub regularization: f64,
     /// Another motion model that would do, where there is one; only with the method unified, which judges T by its energy.
     pub other_motion: Option<OtherMotion>,
     /// Coarse to fine.
@@ -86,6 +92,9 @@ const LEAST_CORRELATION: f32 = 0.5;
 /// More valid pixels at the limit of |V| than this are worth a word.
 const MOST_SATURATED: f64 = 0.1;
 
+/// More shading than this, either way, is worth a word: lenses that vignette differ by less.
+const MOST_SHADING: f64 = 0.2;
+
 /// `1/(1 + σ²)` of a standard deviation in px²: ½ at 1 px²; 0 where the images say nothing, and where it is NaN.
 pub fn confidence(deviation: f32) -> f32 {
     if deviation < LARGEST { 1.0 / (1.0 + deviation * deviation) } else { 0.0 }
@@ -119,10 +128,15 @@ impl Solution {
         Region { x: self.origin[0], y: self.origin[1], width: self.width, height: self.height }
     }
 
+    /// What brings I2 to the brightness of I1.
+    pub fn brightness(&self) -> Brightness {
+        Brightness { photometric: self.photometric, shading: self.shading, part: self.solved }
+    }
+
     /// Says that what was solved is a part of larger photographs, and states T about their centre.
     pub(crate) fn place_in(&mut self, part: Region, photograph: [u32; 2]) {
         self.transform = self.transform.about(part.centre(), centre(photograph[0], photograph[1]));
-        (self.origin, self.photograph) = ([part.x, part.y], photograph);
+        (self.origin, self.photograph, self.solved) = ([part.x, part.y], photograph, part);
     }
 
     /// Makes nothing of what a mask leaves out.
@@ -167,6 +181,7 @@ impl Solution {
         }
         self.converged = doubts.is_empty();
         self.warnings = doubts;
+        self.warnings.extend(shading_warning(&self.shading));
         if self.saturated_fraction > MOST_SATURATED {
             self.warnings.push(format!(
                 "{:.0} % of the valid pixels are at the limit of |V|, {} px²: raise the largest relative blur (256 px² at most), or focus the two nearer to each other",
@@ -185,6 +200,18 @@ impl Solution {
             }
         }
     }
+}
+
+/// A sentence, where the light differs much over the frame.
+pub(crate) fn shading_warning(shading: &Shading) -> Option<String> {
+    let [low, high] = shading.range();
+    (low < 1.0 - MOST_SHADING || high > 1.0 + MOST_SHADING).then(|| {
+        format!(
+            "I2 was made {:+.0} to {:+.0} % brighter from place to place to shine as I1 does: keep lamp and aperture as they are between the photographs",
+            100.0 * (low - 1.0),
+            100.0 * (high - 1.0)
+        )
+    })
 }
 
 /// Whether the state holds numbers at all.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use crate::base::{Channels, Error, Format, Frame, Homography, Mask, Method, Settings};
+use crate::base::{Channels, Error, Format, Frame, Homography, Mask, Method, Region, Settings};
 use crate::engine::motion::Form;
 use crate::engine::plan::Plan;
 use crate::engine::profile::{Phases, Profile, Ran, SUBMIT_WAIT};
@@ -329,6 +329,9 @@ impl Solver {
             fused: interleave(&results.read::<f32>(12 * pixels, pixels * channels.count() as usize)?, channels),
             transform: state.registration().transform,
             photometric: state.registration().photometric(),
+            shading: state.evened(),
+            solved: Region { x: 0, y: 0, width: plan.size[0], height: plan.size[1] },
+            regularization: state.alpha.into(),
             other_motion: None,
             levels: self.levels(&state, Slot::EndEnergies)?,
             converged: false,
@@ -361,6 +364,7 @@ impl Solver {
             height: self.plan.size[1],
             transform: state.registration().transform,
             photometric: state.registration().photometric(),
+            shading: state.evened(),
             other_motion: None,
             levels: self.levels(&state, Slot::RegisteredEnergies)?,
             converged: false,

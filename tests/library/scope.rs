@@ -1,4 +1,4 @@
-//! A part of the frame, a gain field and a flat reference.
+//! A part of the frame, shading and a flat reference.
 
 use crate::common::scene::{exposed, luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error};
@@ -19,7 +19,7 @@ fn settings() -> Settings {
 }
 
 fn solve(scope: &Scope, [i1, i2]: [&Frame; 2], settings: &Settings) -> Solution {
-    scope.solve(&TestEngine::new(), &mut None, [i1, i2], settings, &mut |_| ()).unwrap().solution
+    scope.solve(&TestEngine::new(), &mut None, [i1, i2], settings, &mut |_| ()).unwrap()
 }
 
 fn v_rms(solution: &Solution) -> f64 {
@@ -69,7 +69,7 @@ fn the_valid_part_is_valid_everywhere() {
 
 /// I2 falls off by a third towards the corners, off the middle.
 #[test]
-fn vignetting_is_found_and_taken_out() {
+fn shading_is_found_and_taken_out() {
     let [i1, i2] = clean_pair();
     let darker = |x: f64, y: f64| 1.0 - 0.35 * ((x - 160.0).powi(2) + (y - 130.0).powi(2)) / 4e4;
     let values = luminance(&i2).into_iter().enumerate().map(|(i, v)| {
@@ -77,19 +77,24 @@ fn vignetting_is_found_and_taken_out() {
         (v * darker(x.into(), y.into())) as f32
     });
     let i2 = Frame::gray(SIZE[0], SIZE[1], values.collect()).unwrap();
-    let plain = solve(&Scope::default(), [&i1, &i2], &settings());
-    let scope = Scope { vignetting: true, ..Scope::default() };
-    let engine = TestEngine::new();
-    let found = scope.solve(&engine, &mut None, [&i1, &i2], &settings(), &mut |_| ()).unwrap();
-    let [low, high] = found.gain_field.as_ref().unwrap().range();
-    let [a, b] = [&found.solution, &plain].map(|s| (corner(s), v_rms(s)));
-    println!("gain {low:.3} to {high:.3}; corner {:.4} px, V rms {:.4}; without: {:.4}, {:.4}", a.0, a.1, b.0, b.1);
+    let found = solve(&Scope::default(), [&i1, &i2], &settings());
+    let [low, high] = found.shading.range();
+    let (at_corner, v) = (corner(&found), v_rms(&found));
+    println!("shading {low:.3} to {high:.3}; corner {at_corner:.4} px, V rms {v:.4}");
     assert!((high / low - darker(160.0, 130.0) / darker(0.0, 279.0)).abs() < 0.1);
-    assert!(a.0 < 0.05 && a.1 < 0.08 && a.1 < b.1 && a.0 < b.0);
+    assert!(at_corner < 0.05 && v < 0.08);
+    assert!(found.converged && found.warnings.iter().any(|w| w.contains("% brighter")), "{:?}", found.warnings);
     // Equal photographs need none.
-    let even = scope.solve(&engine, &mut None, [&i1, &exposed(&i1, 0.8, 0.0)], &settings(), &mut |_| ()).unwrap();
-    let [low, high] = even.gain_field.unwrap().range();
+    let even = solve(&Scope::default(), [&i1, &exposed(&i1, 0.8, 0.0)], &settings());
+    let [low, high] = even.shading.range();
     assert!(low > 0.99 && high < 1.01, "{low} to {high}");
+    // Of a part it is stated over that part and what was solved around it.
+    let region = Region { x: 120, y: 90, width: 150, height: 110 };
+    let part = solve(&Scope { region: Some(region), ..Scope::default() }, [&i1, &i2], &settings());
+    for place in [[130.0, 100.0], [200.0, 150.0], [260.0, 190.0]] {
+        let bright = |s: &Solution| s.brightness().of(0.5, place);
+        assert!((bright(&part) / bright(&found) - 1.0).abs() < 0.02, "{place:?}");
+    }
 }
 
 #[test]

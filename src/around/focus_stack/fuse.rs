@@ -1,12 +1,12 @@
 //! The all-in-focus image: each pixel from the frames focused nearest to where it is sharp.
 
-use crate::around::resample::{Interleaved, Interpolation, in_rows, onto};
-use crate::base::{Channels, Decode, Frame, Homography, Photometric};
+use crate::around::resample::{Interleaved, Interpolation, brightened, in_rows, onto};
+use crate::base::{Brightness, Channels, Decode, Frame, Homography};
 
 /// Where the frames of a sweep lie.
 pub(super) struct Placed<'a> {
     pub(super) transforms: &'a [Homography],
-    pub(super) photometric: &'a [Photometric],
+    pub(super) brightness: &'a [Brightness],
     pub(super) positions: &'a [f64],
 }
 
@@ -29,10 +29,9 @@ pub(super) fn fuse(
         / (placed.positions.len() - 1) as f64;
     let mut sums = vec![[0.0f32; 4]; size[0] * size[1]];
     for (n, frame) in frames.iter().enumerate() {
-        let values = frame.intensities(decode);
+        let values = brightened(frame, &placed.brightness[n], decode);
         let image = Interleaved { width: size[0], height: size[1], channels: count, values: &values };
         let moved = onto(&image, &placed.transforms[n], size, Interpolation::Cubic);
-        let Photometric { gain, offset } = placed.photometric[n];
         in_rows(&mut sums, size[0], |y, row| {
             for (x, sum) in row.iter_mut().enumerate() {
                 let i = y * size[0] + x;
@@ -44,7 +43,7 @@ pub(super) fn fuse(
                     continue;
                 }
                 for (sum, &value) in sum.iter_mut().zip(pixel) {
-                    *sum += (weight * (gain * f64::from(value) + offset)) as f32;
+                    *sum += (weight * f64::from(value)) as f32;
                 }
                 sum[3] += weight as f32;
             }

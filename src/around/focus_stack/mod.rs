@@ -12,7 +12,7 @@ mod position;
 use self::combine::Observation;
 pub use self::position::{Positions, SweepDepth};
 use crate::around::resample::{Interleaved, Interpolation, onto};
-use crate::base::{Channels, Decode, Error, Frame, Homography, Photometric, Settings};
+use crate::base::{Brightness, Channels, Decode, Error, Frame, Homography, Photometric, Settings, Shading, centre};
 use crate::engine::{Engine, Solution, Solver};
 
 /// How a sweep is solved.
@@ -72,8 +72,8 @@ pub struct Sweep {
     pub stated: Positions,
     /// Where each pixel of the reference lies in each frame.
     pub transforms: Vec<Homography>,
-    /// What maps each frame's exposure to the reference's.
-    pub photometric: Vec<Photometric>,
+    /// What brings each frame to the reference's brightness.
+    pub brightness: Vec<Brightness>,
     /// c: by how many px² of variance blur grows with the squared distance from the focus, in settings.
     pub blur_rate: f64,
     /// How stored values became intensities.
@@ -96,8 +96,8 @@ pub fn solve_sweep(
     check(frames, options)?;
     let reference = options.reference.unwrap_or(frames.len() / 2);
     let solutions = solve_pairs(engine, frames, &options.settings, say)?;
-    let steps: Vec<_> = solutions.iter().map(|solution| (solution.transform, solution.photometric)).collect();
-    let (transforms, photometric) = chained(&steps, reference);
+    let steps: Vec<_> = solutions.iter().map(|solution| (solution.transform, solution.brightness())).collect();
+    let (transforms, brightness) = chained(&steps, reference);
     let warnings = warnings(&solutions);
     let settings = options.positions.settings(frames.len());
     let step = mean_step(&settings);
@@ -118,7 +118,7 @@ pub fn solve_sweep(
     let (width, height) = (frames[0].width(), frames[0].height());
     let found = combine::combine(pairs, blur_rate, width as usize);
     let (counts, deviations): (Vec<f32>, Vec<f32>) = found.iter().map(|&[u, s]| (u, s)).unzip();
-    let placed = fuse::Placed { transforms: &transforms, photometric: &photometric, positions: &counted };
+    let placed = fuse::Placed { transforms: &transforms, brightness: &brightness, positions: &counted };
     let (fused, fused_channels) = fuse::fuse(frames, &placed, reference, &counts, options.settings.decode);
     let focus: Vec<f32> = counts.iter().map(|&u| (settings[0] + step * f64::from(u)) as f32).collect();
     let uncertainty: Vec<f32> = deviations.iter().map(|&s| (step.abs() * f64::from(s)) as f32).collect();
@@ -134,7 +134,7 @@ pub fn solve_sweep(
         positions: settings,
         stated: options.positions.clone(),
         transforms,
-        photometric,
+        brightness,
         blur_rate: blur_rate / (step * step),
         decode: options.settings.decode,
         warnings,
@@ -185,25 +185,41 @@ fn check(frames: &[Frame], options: &SweepOptions) -> Result<(), Error> {
     Ok(())
 }
 
-/// From the reference to each frame, by way of those between; exposures the other way.
-fn chained(steps: &[(Homography, Photometric)], reference: usize) -> (Vec<Homography>, Vec<Photometric>) {
+/// From the reference to each frame, by way of those between; brightness the other way.
+fn chained(steps: &[(Homography, Brightness)], reference: usize) -> (Vec<Homography>, Vec<Brightness>) {
+    let part = steps[0].1.part;
+    let size = [part.width, part.height];
     let frames = steps.len() + 1;
-    let (mut transforms, mut exposures) = (vec![Homography::IDENTITY; frames], vec![Photometric::IDENTITY; frames]);
+    let (mut transforms, mut chain) = (vec![Homography::IDENTITY; frames], vec![Brightness::unchanged(size); frames]);
+    let middle = centre(size[0], size[1]);
     for k in reference..steps.len() {
-        let (transform, inner) = steps[k];
+        let ((transform, inner), outer) = (steps[k], chain[k]);
         transforms[k + 1] = transform.after(&transforms[k]);
-        let outer = exposures[k];
-        exposures[k + 1] =
-            Photometric { gain: outer.gain * inner.gain, offset: outer.gain * inner.offset + outer.offset };
+        let back = transform.inverse();
+        let factor = |place| outer.factor(back.apply(place, middle)) * inner.factor(place);
+        let (a, b) = (outer.photometric, inner.photometric);
+        chain[k + 1] = shaded(size, a.gain * b.gain, a.gain * b.offset + a.offset, factor);
     }
     for k in (0..reference).rev() {
-        let (transform, Photometric { gain, offset }) = steps[k];
+        let ((transform, inner), outer) = (steps[k], chain[k + 1]);
         transforms[k] = transform.inverse().after(&transforms[k + 1]);
         // I_k = g I_{k+1} + o, solved for I_{k+1}.
-        let outer = exposures[k + 1];
-        exposures[k] = Photometric { gain: outer.gain / gain, offset: outer.offset - outer.gain * offset / gain };
+        let factor = |place| {
+            let next = transform.apply(place, middle);
+            outer.factor(next) / inner.factor(next)
+        };
+        let (a, b) = (outer.photometric, inner.photometric);
+        chain[k] = shaded(size, a.gain / b.gain, a.offset - a.gain * b.offset / b.gain, factor);
     }
-    (transforms, exposures)
+    (transforms, chain)
+}
+
+/// Gain, offset and what the gain is multiplied by at each place, px. That an offset which is shaded again varies with the
+/// place is left out: it is the product of two small numbers.
+fn shaded(size: [u32; 2], gain: f64, offset: f64, factor: impl Fn([f64; 2]) -> f64) -> Brightness {
+    let half = centre(size[0], size[1]);
+    let (mean, shading) = Shading::fit(|place| factor([0, 1].map(|i| half[i] * (1.0 + place[i]))));
+    Brightness { photometric: Photometric { gain: mean * gain, offset }, shading, ..Brightness::unchanged(size) }
 }
 
 /// A pair on the reference's pixels, in their px². What is at the limit of |V| is only a bound, and says nothing.
@@ -237,15 +253,29 @@ mod tests {
     fn transforms_and_exposures_are_chained_both_ways() {
         let (a, b) = (Similarity::new(1.0, 2.0, 0.3, 1.01), Similarity::new(-0.5, 1.0, -0.2, 0.98));
         let (a, b) = (Homography::from(a), Homography::from(b));
-        let steps = [(a, Photometric { gain: 1.1, offset: 0.02 }), (b, Photometric { gain: 0.9, offset: -0.01 })];
-        let (transforms, exposures) = chained(&steps, 1);
+        let mut ramp = Shading::NONE;
+        ramp.coefficients[0] = 0.1;
+        let of = |gain, offset, shading| {
+            let photometric = Photometric { gain, offset };
+            Brightness { photometric, shading, ..Brightness::unchanged([100, 80]) }
+        };
+        let steps = [(a, of(1.1, 0.02, Shading::NONE)), (b, of(0.9, -0.01, ramp))];
+        let (transforms, chain) = chained(&steps, 1);
         let near = |t: &Homography, e: &Homography| assert!(t.corner_distance(e, 100, 80) < 1e-9);
         near(&transforms[0], &a.inverse());
         near(&transforms[1], &Homography::IDENTITY);
         near(&transforms[2], &b);
         // I0 = 1.1 I1 + 0.02, so I1's value 0.5 stands as 0.57 in I0 and comes back.
-        assert!((exposures[0].gain * 0.57 + exposures[0].offset - 0.5).abs() < 1e-12);
-        assert!((exposures[2].gain - 0.9).abs() < 1e-12 && (exposures[2].offset + 0.01).abs() < 1e-12);
+        assert!((chain[0].of(0.57, [20.0, 30.0]) - 0.5).abs() < 1e-12);
+        assert!((chain[2].of(0.5, [99.0, 0.0]) - (0.9 * 1.1 * 0.5 - 0.01)).abs() < 1e-12);
+        // From the first frame the ramp, 0.9 to 1.1 on the last, is followed by way of the second.
+        let whole = chained(&steps, 0).1[2];
+        assert!((whole.factor([99.0, 40.0]) / whole.factor([0.0, 40.0]) - 1.1 / 0.9).abs() < 1e-9);
+        // And backwards it is divided by: at the same place of the second frame, within what a polynomial gives of 1/x.
+        let last = chained(&steps, 2).1;
+        let [x, y] = b.apply([10.0, 60.0], centre(100, 80));
+        let expected = (0.5 + 0.01) / (0.9 * ramp.at([x / 49.5 - 1.0, y / 39.5 - 1.0]));
+        assert!((last[1].of(0.5, [10.0, 60.0]) - expected).abs() < 1e-4);
         near(&chained(&steps, 0).0[2], &b.after(&a));
     }
 }

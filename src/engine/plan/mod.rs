@@ -2,8 +2,8 @@
 
 use crate::base::{Channels, Error, Format, Method, Motion, Settings};
 use crate::engine::filter::{self, Filter};
-use crate::engine::stages::exposure::{self, Adopt};
 use crate::engine::stages::evidence;
+use crate::engine::stages::exposure::{self, Adopt};
 use crate::engine::stages::stack::{self, Slopes};
 use crate::engine::stages::state::MAX_LEVELS;
 

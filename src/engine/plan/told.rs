@@ -6,8 +6,8 @@ use crate::engine::arguments;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::{
-    appearance, even, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual, sides, step,
-    uncertainty, update, warp,
+    appearance, even, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual, sides,
+    step, uncertainty, update, warp,
 };
 
 /// Outer iterations of a level after which its steps of V and T are damped: a level that settles by whole steps mostly has by

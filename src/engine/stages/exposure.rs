@@ -170,7 +170,8 @@ fn match_shading(c: &Constants, state: &mut DoubleState, samples: &[Sample]) {
         let squares = weights.iter().zip(&left).map(|(w, left)| w * left * left).sum::<f64>();
         let weight = weights.iter().sum::<f64>().max(1.0);
         if round == ROUNDS {
-            let alone = known.iter().zip(&weights).map(|([second, target], w)| w * (target - constant * second).powi(2));
+            let alone =
+                known.iter().zip(&weights).map(|([second, target], w)| w * (target - constant * second).powi(2));
             let explained = alone.sum::<f64>() - squares;
             let chance = squares * Shading::TERMS as f64 * f64::from(c.dependent) / weight;
             let kept = if explained > chance { 1.0 - chance / explained } else { 0.0 };

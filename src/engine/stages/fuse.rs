@@ -54,7 +54,13 @@ impl Pass for Bindings {
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let state = memory.state(self.state);
         let channel1 = memory.layer(self.channel1, 0);
-        let fused = twin(c, (&state.registration, &state.evened), channel1, memory.layer(self.spline2, 0), memory.layer(self.v, 0));
+        let fused = twin(
+            c,
+            (&state.registration, &state.evened),
+            channel1,
+            memory.layer(self.spline2, 0),
+            memory.layer(self.v, 0),
+        );
         memory.set_layer(self.results, c.layer as usize, fused);
     }
 }

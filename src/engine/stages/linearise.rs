@@ -343,7 +343,8 @@ mod tests {
         }
         let warped = Registration::from(state.warped);
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
-        let expected = twin(&c, (&state.registration(), state.alpha.into()), moved.map(|_| &warped), i1, v, &read, masks);
+        let expected =
+            twin(&c, (&state.registration(), state.alpha.into()), moved.map(|_| &warped), i1, v, &read, masks);
 
         let rig = Rig::new();
         let half_size = [width.div_ceil(2) as u32, height as u32];

@@ -46,9 +46,8 @@ impl Noise {
     pub fn new(level: usize) -> Self {
         let before = (1.0 - 0.25f64.powi(level as i32)) / 3.0;
         // Means along one axis, by the midpoint rule.
-        let mean = |of: &dyn Fn(f64) -> f64| {
-            (0..256).map(|i| of(PI * (f64::from(i) + 0.5) / 256.0)).sum::<f64>() / 256.0
-        };
+        let mean =
+            |of: &dyn Fn(f64) -> f64| (0..256).map(|i| of(PI * (f64::from(i) + 0.5) / 256.0)).sum::<f64>() / 256.0;
         let laplacian = |k: f64| 6.0 * (1.0 - k.cos()) / (2.0 + k.cos());
         let power = |k: f64| (-before * k * k).exp();
         let whole = mean(&power);

@@ -108,9 +108,7 @@ pub fn twin(
         let share = mask::counts(masks, x, d);
         let i1_here = i1.get(x[0], x[1]);
         let [first, second] = match images {
-            Images::Spline(spline2) => {
-                [i1_here, spline::read(spline2, x[0] as f64 + d[0], x[1] as f64 + d[1]).value]
-            }
+            Images::Spline(spline2) => [i1_here, spline::read(spline2, x[0] as f64 + d[0], x[1] as f64 + d[1]).value],
             Images::Stacks(stacks, warped) => {
                 let seen = see((c.mean, c.factor, c.centre), r, *warped, x, i1, v, stacks);
                 let [b1, b2] = seen.blurred;
@@ -154,11 +152,8 @@ mod tests {
         state.warped = (&before).into();
         let masks = [7, 8].map(|seed| mask::shares(width, height, seed));
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
-        let from = if stacked {
-            Images::Stacks(read, warped.then_some(&before))
-        } else {
-            Images::Spline(&stacks[1][0])
-        };
+        let from =
+            if stacked { Images::Stacks(read, warped.then_some(&before)) } else { Images::Spline(&stacks[1][0]) };
         let expected = twin(&c, &state.registration(), &i1, &v, &from, masked.then_some(&masks));
 
         let rig = Rig::new();

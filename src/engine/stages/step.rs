@@ -82,7 +82,8 @@ impl Pass for Bindings {
         if c.finds_alpha == 1 && c.may_settle == 1 {
             state.alpha = find_alpha(&sums, state.alpha);
         }
-        let follows = !moved_away(c, &state.warped, &state.registration) && shading_stays(&state.shading, &state.evened);
+        let follows =
+            !moved_away(c, &state.warped, &state.registration) && shading_stays(&state.shading, &state.evened);
         let anew = c.warp_count > 0 && !step.settled && !follows;
         state.levels[level].energy = step.energy;
         state.levels[level].iterations += 1;

@@ -99,7 +99,12 @@ impl Sums {
     pub fn from_partials(partials: &[f32], layout: Layout) -> Self {
         let total = |n: usize| partials.chunks_exact(layout.length).map(|row| f64::from(row[n])).sum::<f64>();
         let row: Vec<f64> = (0..layout.length).map(total).collect();
-        let mut sums = Self { energy: row[layout.energy], valid: row[layout.energy + 1], roughness: [row[layout.energy + 2], row[layout.energy + 3]], ..Self::default() };
+        let mut sums = Self {
+            energy: row[layout.energy],
+            valid: row[layout.energy + 1],
+            roughness: [row[layout.energy + 2], row[layout.energy + 3]],
+            ..Self::default()
+        };
         for (i, a) in ALONG[..layout.unknowns].iter().enumerate() {
             for (c, (sign, powers)) in a.iter().enumerate() {
                 sums.gradient[i] += sign * row[layout.gradient + 2 * monomial(*powers) + c];

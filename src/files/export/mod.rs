@@ -54,7 +54,8 @@ pub use pen::Pen;
 pub use registered::{registered_ending, registered_kind, write_registered};
 pub use registration::{RegistrationReport, write_json, write_registration};
 pub use report::{
-    DepthReport, DeviceReport, LevelReport, RangeReport, Report, SizeReport, TextureReport, TimingsReport,
+    DepthReport, DeviceReport, LevelReport, RangeReport, Report, ShadingReport, SizeReport, TextureReport,
+    TimingsReport,
 };
 pub use results::Results;
 pub use scale::Scale;

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::destination::Destination;
 use super::json;
 use super::kind::FileKind;
-use super::report::{DeviceReport, LevelReport, SizeReport, TimingsReport};
+use super::report::{DeviceReport, LevelReport, ShadingReport, SizeReport, TimingsReport};
 use super::single::write_file;
 use crate::base::{DeviceInfo, Error, Homography, Method, Photometric, Settings};
 use crate::engine::{OtherMotion, Registered};
@@ -22,6 +22,8 @@ pub struct RegistrationReport {
     pub transform: Homography,
     /// What maps I2 onto I1.
     pub photometric: Photometric,
+    /// How the gain varies over I2.
+    pub shading: ShadingReport,
     /// Another motion model that would do, where there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub other_motion: Option<OtherMotion>,
@@ -56,6 +58,7 @@ impl RegistrationReport {
             version: env!("CARGO_PKG_VERSION"),
             transform: registered.transform,
             photometric: registered.photometric,
+            shading: ShadingReport::of(&registered.brightness()),
             other_motion: registered.other_motion,
             method: settings.method,
             settings: settings.clone(),

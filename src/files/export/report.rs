@@ -6,7 +6,7 @@ use super::depth16::Depth16Report;
 use super::measurements::Measurements;
 use super::ranks::Ranks;
 use super::{Nearer, Texture, json};
-use crate::base::{DeviceInfo, Homography, Lens, Method, Photometric, Region, Settings};
+use crate::base::{Brightness, DeviceInfo, Homography, Lens, Method, Photometric, Region, Settings, Shading};
 use crate::engine::{LevelHistory, OtherMotion, Solution, Timings};
 use crate::files::image_io::{self, Input, Values};
 use crate::metric::MetricDepth;
@@ -20,6 +20,10 @@ pub struct Report {
     pub transform: Homography,
     /// What maps I2 onto I1.
     pub photometric: Photometric,
+    /// How the gain varies over I2.
+    pub shading: ShadingReport,
+    /// Smoothness α of the finest level, as asked or as found.
+    pub regularization: f64,
     /// Another motion model that would do, where there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub other_motion: Option<OtherMotion>,
@@ -37,9 +41,6 @@ pub struct Report {
     pub region: Region,
     /// Where there is nothing to tell V by.
     pub texture: TextureReport,
-    /// What I2 was multiplied by to take out a difference in vignetting: least and greatest over I1, 1 in the middle.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub gain_field: Option<[f64; 2]>,
     /// Whether the field curvature that a flat reference shows was taken from V.
     pub flattened: bool,
     /// Coarse to fine.
@@ -90,6 +91,36 @@ pub struct SizeReport {
     pub width: u32,
     /// Rows.
     pub height: u32,
+}
+
+/// How the gain of a photograph varies with the place on it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ShadingReport {
+    /// Least and greatest factor; on average it is 1.
+    pub range: [f64; 2],
+    /// Of a polynomial, as [`Shading`] has them.
+    pub coefficients: [f64; Shading::TERMS],
+    /// The part of the photograph that it is stated over, px.
+    pub region: Region,
+}
+
+impl ShadingReport {
+    /// In numbers.
+    pub fn of(brightness: &Brightness) -> Self {
+        let Brightness { shading, part, .. } = brightness;
+        Self { range: shading.range(), coefficients: shading.coefficients, region: *part }
+    }
+
+    /// What it says, with gain and offset.
+    pub fn with(&self, photometric: Photometric) -> Brightness {
+        let shading = Shading { coefficients: self.coefficients };
+        Brightness { photometric, shading, part: self.region }
+    }
+
+    /// Whether it is worth a word: more than two hundredths either way.
+    pub fn is_worth_telling(&self) -> bool {
+        self.range.iter().any(|factor| (factor - 1.0).abs() > 0.02)
+    }
 }
 
 /// Pixels marked as without texture.
@@ -166,6 +197,8 @@ impl Report {
             version: env!("CARGO_PKG_VERSION"),
             transform: solution.transform,
             photometric: solution.photometric,
+            shading: ShadingReport::of(&solution.brightness()),
+            regularization: solution.regularization,
             other_motion: solution.other_motion,
             method: settings.method,
             settings: settings.clone(),
@@ -174,7 +207,6 @@ impl Report {
             photograph: SizeReport { width: solution.photograph[0], height: solution.photograph[1] },
             region: solution.region(),
             texture: TextureReport::of(&Texture::of(solution, None)),
-            gain_field: None,
             flattened: false,
             levels: solution.levels.iter().map(LevelReport::from).collect(),
             converged: solution.converged,

@@ -5,7 +5,7 @@ use std::io::Write;
 use serde::Serialize;
 
 use super::depth::{Map, larger_is};
-use super::report::{DeviceReport, RangeReport, SizeReport, in_known_order};
+use super::report::{DeviceReport, RangeReport, ShadingReport, SizeReport, in_known_order};
 use super::{DEPTH_FILE, Destination, Extra, FUSED_FLOAT_FILE, Look, Nearer, Staging, depth, field, fused, meaning};
 use crate::around::focus_stack::{Sweep, SweepDepth};
 use crate::base::{Decode, Depth, DeviceInfo, Error, Homography, Photometric};
@@ -86,6 +86,8 @@ pub struct SweepFrame {
     pub transform: Homography,
     /// What maps its exposure to the reference's.
     pub photometric: Photometric,
+    /// How the gain varies over it.
+    pub shading: ShadingReport,
 }
 
 impl SweepReport {
@@ -96,7 +98,8 @@ impl SweepReport {
             position: sweep.positions[n],
             focus_mm: sweep.stated.millimetres().map(|at| at[n]),
             transform: sweep.transforms[n],
-            photometric: sweep.photometric[n],
+            photometric: sweep.brightness[n].photometric,
+            shading: ShadingReport::of(&sweep.brightness[n]),
         };
         let valid = sweep.focus.iter().filter(|u| !u.is_nan()).count();
         Self {

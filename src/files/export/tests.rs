@@ -6,7 +6,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 use super::*;
-use crate::base::{Channels, Depth, DeviceInfo, Frame, Photometric, Samples, Settings, Similarity};
+use crate::base::{Channels, Depth, DeviceInfo, Frame, Photometric, Region, Samples, Settings, Shading, Similarity};
 use crate::engine::{LevelHistory, Timings};
 use crate::files::image_io;
 
@@ -25,6 +25,9 @@ fn solution() -> Solution {
         transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
         other_motion: None,
         photometric: Photometric { gain: 1.02, offset: -0.01 },
+        shading: Shading::NONE,
+        solved: Region { x: 0, y: 0, width: 3, height: 2 },
+        regularization: 0.003,
         levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5, f64::NAN] }],
         converged: true,
         warnings: vec!["a warning".to_string()],
@@ -74,6 +77,8 @@ fn the_report_has_the_fields_that_scripts_read() {
         "version",
         "transform",
         "photometric",
+        "shading",
+        "regularization",
         "method",
         "settings",
         "size",
@@ -101,6 +106,7 @@ fn the_report_has_the_fields_that_scripts_read() {
     assert_eq!(keys(&json), expected);
     assert_eq!(keys(&json["transform"]), ["rotation_deg", "scale", "tx_px", "ty_px"]);
     assert_eq!(keys(&json["photometric"]), ["gain", "offset"]);
+    assert_eq!(keys(&json["shading"]), ["coefficients", "range", "region"]);
     assert_eq!(keys(&json["size"]), ["height", "width"]);
     assert_eq!(keys(&json["levels"][0]), ["energy", "height", "iterations", "width"]);
     assert_eq!(keys(&json["relative_blur"]), ["max", "median", "min"]);

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::SizeReport;
+use super::{ShadingReport, SizeReport};
 use crate::base::{Decode, Error, Homography, Photometric, Region, Settings};
 
 /// The most bytes that are read, 16 MiB: a report with every level and iteration at its limit takes under 1 MiB.
@@ -35,6 +35,8 @@ pub struct PairOf {
     pub size: Option<SizeReport>,
     /// The part of I1 that its results are of.
     pub region: Option<Region>,
+    /// How the gain of I2 varies with the place.
+    pub shading: Option<ShadingReport>,
     /// How stored values became intensities.
     pub decode: Decode,
 }
@@ -44,14 +46,20 @@ pub struct PairOf {
 /// # Errors
 /// As [`read_transform`].
 pub fn read_pair_of(path: &Path) -> Result<PairOf, Error> {
-    let file: Value = text(path)
-        .and_then(|text| serde_json::from_str(&text).map_err(|e| format!("is not JSON ({e}); {SHAPE}")))
-        .map_err(|problem| Error::file(path, problem))?;
+    text(path).and_then(|text| pair_of(&text)).map_err(|problem| Error::file(path, problem))
+}
+
+fn pair_of(text: &str) -> Result<PairOf, String> {
+    let file: Value = serde_json::from_str(text).map_err(|e| format!("is not JSON ({e}); {SHAPE}"))?;
+    let shading = match file.get("shading") {
+        None | Some(Value::Null) => None,
+        Some(value) => Some(part(value, "shading")?),
+    };
     let size = file.get("photograph").or(file.get("size")).and_then(|size| SizeReport::deserialize(size).ok());
     let region = file.get("region").and_then(|region| Region::deserialize(region).ok());
     let decode = file.get("settings").and_then(|settings| settings.get("decode"));
     let decode = decode.and_then(|decode| Decode::deserialize(decode).ok()).unwrap_or_default();
-    Ok(PairOf { size, region, decode })
+    Ok(PairOf { size, region, shading, decode })
 }
 
 fn text(path: &Path) -> Result<String, String> {
@@ -128,6 +136,9 @@ mod tests {
         }
         let bad_gain = format!(r#"{{"transform": {T}, "photometric": {{"gain": 0, "offset": 0}}}}"#);
         assert!(parse(&bad_gain).unwrap_err().contains("gain is 0"));
+        let bad_shading = format!(r#"{{"transform": {T}, "shading": {{"range": [1, 1], "coefficients": [0.1]}}}}"#);
+        assert!(pair_of(&bad_shading).unwrap_err().contains("holds no shading"));
+        assert!(pair_of(T).unwrap().shading.is_none());
     }
 
     #[test]

@@ -115,8 +115,12 @@ fn floor(settings: &Settings) -> f64 {
 }
 
 fn solve(bench: &mut Bench, scene: &Scene, registration: RegistrationStep, iterations: u32) -> Run {
-    let settings =
-        Settings { registration, outer_iterations: iterations, regularization: Some(ALPHA), ..settings(Method::Unified, &model(scene.kernel)) };
+    let settings = Settings {
+        registration,
+        outer_iterations: iterations,
+        regularization: Some(ALPHA),
+        ..settings(Method::Unified, &model(scene.kernel))
+    };
     let pair = scene.render().map_err(|e| e.to_string());
     let solved = pair.and_then(|pair| Ok((bench.solve([&pair.i1, &pair.i2], &settings)?, pair)));
     match solved {

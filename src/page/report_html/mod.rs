@@ -22,7 +22,7 @@ pub use self::readout::Readout;
 pub use self::sweep::SweepPage;
 use self::thinning::Thinning;
 use crate::around::resample::registered;
-use crate::base::{Decode, Error, Frame, Homography, Photometric, Region};
+use crate::base::{Brightness, Decode, Error, Frame, Homography, Region};
 use crate::files::export::Palette;
 use crate::files::preview::photograph;
 use crate::page::view::{Surface, View};
@@ -61,7 +61,7 @@ struct Picture<'a> {
     name: String,
     frame: Cow<'a, Frame>,
     /// Where it lies and how it is exposed, unless it is the reference.
-    place: Option<(Homography, Photometric)>,
+    place: Option<(Homography, Brightness)>,
     /// Whether it may be reduced, because it is one of many.
     is_leafed: bool,
 }

@@ -44,7 +44,7 @@ impl<'a> Page<'a> {
         let picture = |name, frame, place| Picture { name, frame: Cow::Borrowed(frame), place, is_leafed: false };
         let pictures = vec![
             picture(format!("I1: {name1}"), i1, None),
-            picture(format!("I2 registered: {name2}"), i2, Some((report.transform, report.photometric))),
+            picture(format!("I2 registered: {name2}"), i2, Some((report.transform, solution.brightness()))),
             best_focus(fused(solution, self.decode))?,
         ];
         let told = json!({ "kind": "pair", "names": self.names, "compare": [0, 1], "report": report });

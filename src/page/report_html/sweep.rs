@@ -41,7 +41,7 @@ impl<'a> SweepPage<'a> {
             pictures.push(Picture {
                 name: if is_reference { format!("{name} (reference)") } else { name.clone() },
                 frame: Cow::Borrowed(frame),
-                place: (!is_reference).then(|| (sweep.transforms[n], sweep.photometric[n])),
+                place: (!is_reference).then(|| (sweep.transforms[n], sweep.brightness[n])),
                 is_leafed: !is_reference,
             });
         }

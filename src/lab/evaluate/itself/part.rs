@@ -9,7 +9,7 @@ use super::section::Case;
 use super::truth::{Sigma, by_itself};
 use super::weight::best_weight;
 use crate::base::statistics::median;
-use crate::base::{Frame, Kernel, Settings, Homography};
+use crate::base::{Frame, Homography, Kernel, Settings};
 use crate::engine::Solution;
 use crate::files::export::read_transform;
 use crate::files::image_io;

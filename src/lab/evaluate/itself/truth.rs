@@ -1,7 +1,7 @@
 //! Pairs of which T and V are known, and how far off a solution is.
 
 use crate::base::statistics::median;
-use crate::base::{Frame, Kernel, Settings, Homography};
+use crate::base::{Frame, Homography, Kernel, Settings};
 use crate::engine::Solution;
 use crate::engine::stages::uncertainty::LARGEST;
 use crate::lab::evaluate::bench::Bench;

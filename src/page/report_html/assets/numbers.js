@@ -28,13 +28,13 @@ function depthFigures(depth) {
 }
 
 function pairFigures() {
-  const { transform: t, photometric: p, relative_blur: v, depth } = report;
+  const { transform: t, photometric: p, shading, relative_blur: v, depth } = report;
   const blur = [['Relative blur', plus(v.median, 2), unit(v.median, 'px² median')], ['Range of V', range(v, 1), unit(v.min, 'px²')]];
   return [
     ['I2 lies', `${plus(t.tx_px, 3)}, ${plus(t.ty_px, 3)}`, 'px right, down'],
     ['Rotation', `${plus(t.rotation_deg, 4)}°`, ''],
     ['Scale', number(t.scale, 5), `${plus(100 * (t.scale - 1), 3)} %`],
-    ['Gain', number(p.gain, 4), `offset ${plus(p.offset, 4)}`],
+    ['Gain', number(p.gain, 4), `offset ${plus(p.offset, 4)}${shades(shading) ? `, shading ${percents(...shading.range)}` : ''}`],
     ...(depth ? depthFigures(depth) : blur),
     ['Valid', percent(report.valid_fraction), 'of the pixels'],
     ['Time', time(report.timings_ms.total), `${time(report.timings_ms.gpu)} on the device`],
@@ -55,6 +55,10 @@ function sweepFigures() {
     ['Time', time(report.total_ms), ''],
   ];
 }
+
+// How the gain varies over I2, where it is worth a word.
+const percents = (low, high) => `${plus(100 * (low - 1), 1)} … ${plus(100 * (high - 1), 1)} %`;
+const shades = ({ range }) => range.some((factor) => Math.abs(factor - 1) > 0.02);
 
 function row(name, value, text = '') {
   return element('tr', {}, element('th', { scope: 'row' }, name), element('td', { class: 'number' }, `${value}${text && ` ${text}`}`));
@@ -90,7 +94,7 @@ function lensRows(lens) {
 }
 
 function pairRows() {
-  const { transform: t, photometric: p } = report;
+  const { transform: t, photometric: p, shading } = report;
   return [
     group('Transform: I2(T x) lines up with I1(x)'),
     row('Translation to the right', plus(t.tx_px, 5), 'px'),
@@ -100,8 +104,10 @@ function pairRows() {
     group('Exposure: gain × I2 + offset is like I1'),
     row('Gain', number(p.gain, 6)),
     row('Offset, white being 1', plus(p.offset, 6)),
+    row('Shading: how the gain varies', percents(...shading.range)),
     ...depthRows(),
     ...ranges('Relative blur V, of the valid pixels', report.relative_blur, 4, 'px²'),
+    row('Smoothness α, as asked or as found', Number(report.regularization.toPrecision(2))),
     row('At the limit of |V|', percent(report.saturated_fraction, 2)),
     row('Mean confidence', report.mean_confidence === null ? missing : report.mean_confidence.toPrecision(4)),
     group('Pixels'),
@@ -124,10 +130,10 @@ function sweepRows() {
 }
 
 function showFrames() {
-  byId('frames').append(heads('File', 'Setting', 'Right, px', 'Down, px', 'Rotation, °', 'Scale', 'Gain', 'Offset'), ...report.frames.map((frame, n) => {
-    const { transform: t, photometric: p } = frame;
+  byId('frames').append(heads('File', 'Setting', 'Right, px', 'Down, px', 'Rotation, °', 'Scale', 'Gain', 'Offset', 'Shading'), ...report.frames.map((frame, n) => {
+    const { transform: t, photometric: p, shading } = frame;
     const where = [plus(t.tx_px, 3), plus(t.ty_px, 3), plus(t.rotation_deg, 4), number(t.scale, 5)];
-    return line(data.pictures[n], Number(frame.position.toPrecision(6)), ...where, number(p.gain, 4), plus(p.offset, 4));
+    return line(data.pictures[n], Number(frame.position.toPrecision(6)), ...where, number(p.gain, 4), plus(p.offset, 4), percents(...shading.range));
   }));
 }
 
