@@ -149,7 +149,7 @@ mod tests {
         blur: f64,
         masks: Option<&Masks>,
     ) -> Registration {
-        let mut expected = Registration::new(&transform, &Photometric::IDENTITY);
+        let mut expected = Registration::new(transform, &Photometric::IDENTITY);
         let state = State::new(&expected);
         let c = Constants {
             width: i1.width as u32,
@@ -200,7 +200,7 @@ mod tests {
     #[test]
     fn places_that_meet_half_way_are_each_others() {
         for transform in [Similarity::new(3.0, -7.0, 25.0, 1.2), Similarity::new(0.0, 0.0, 90.0, 0.8)] {
-            let r = Registration::new(&transform, &Photometric::IDENTITY);
+            let r = Registration::new(transform, &Photometric::IDENTITY);
             let (x, centre) = ([40usize, 25usize], [31.0, 20.5]);
             let [back, ahead] = meet(&r, r.displacement(x[0], x[1], 1.0, centre));
             let moved = r.transform.apply([x[0] as f64 + back[0], x[1] as f64 + back[1]], centre);

@@ -177,7 +177,7 @@ mod tests {
     use super::super::NO_VARIANT;
     use super::super::harness::{Rig, random};
     use super::super::state::{Single, State};
-    use super::super::sums::{PROJECTIVE, tests::row};
+    use super::super::sums::{PROJECTIVE, row};
     use super::*;
     use crate::base::{Photometric, Similarity};
     use crate::engine::vulkan::Resource;
@@ -217,7 +217,7 @@ mod tests {
 
     /// `t` is T's translation when I2 was last warped, its other terms are those of the start.
     fn check_warped(c: Constants, partials: &[f32], before: f32, t: [f32; 2], variant: Variant) -> (State, Vec<u32>) {
-        let start = Registration::new(&Similarity::new(1.0, -2.0, 1.0, 1.05), &Photometric { gain: 0.9, offset: 0.1 });
+        let start = Registration::new(Similarity::new(1.0, -2.0, 1.0, 1.05), &Photometric { gain: 0.9, offset: 0.1 });
         let mut state = State::new(&start);
         state.levels[1].energy = before;
         state.warped = Single { t, ..state.registration };
@@ -303,7 +303,7 @@ mod tests {
         let buffers = [
             rig.upload(bytemuck::cast_slice(&sums)),
             rig.upload(bytemuck::bytes_of(&State::new(&Registration::new(
-                &Similarity::IDENTITY,
+                Similarity::IDENTITY,
                 &Photometric::IDENTITY,
             )))),
             rig.upload(&[0; 32]),
