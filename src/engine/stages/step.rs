@@ -158,7 +158,8 @@ pub(crate) fn moved_away(c: &Constants, before: &Registration, r: &Registration)
 /// Gershgorin's theorem these are the longest, one an unknown, that always descend while the weights are lagged.
 fn solve(c: &Constants, sums: &Sums) -> [f64; UNKNOWNS] {
     let mut n = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_fn(|i, j| sums.normal[i][j]);
-    let held: [bool; UNKNOWNS] = std::array::from_fn(|i| i >= c.unknowns as usize || n[(i, i)] <= 1e-12 * sums.valid);
+    let least = f64::max(1e-12 * sums.valid, 1e-7 * n.diagonal().max());
+    let held: [bool; UNKNOWNS] = std::array::from_fn(|i| i >= c.unknowns as usize || n[(i, i)] <= least);
     let mut g = SVector::<f64, UNKNOWNS>::from_fn(|i, _| -sums.gradient[i]);
     for i in (0..UNKNOWNS).filter(|&i| held[i]) {
         n.row_mut(i).fill(0.0);
