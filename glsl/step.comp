@@ -86,9 +86,15 @@ void solve(out float x[8]) {
     bool held[8];
     bool degenerate = !(totals[VALID] > 0.0);
     for (int i = 0; i < 8; i++) x[i] = 0.0;
+    float most = 0.0;
     for (int i = 0; i < UNKNOWNS; i++) {
         for (int j = 0; j <= i; j++) m[i][j] = normal(i, j);
-        bool free = i < unknowns, unseen = !(m[i][i] > 1e-12 * totals[VALID]);
+        most = max(most, m[i][i]);
+    }
+    // 1e-7: a gradient 3e-4 as steep as the others' is what rounding, and a turn by rounding, leave along stripes.
+    float least = max(1e-12 * totals[VALID], 1e-7 * most);
+    for (int i = 0; i < UNKNOWNS; i++) {
+        bool free = i < unknowns, unseen = !(m[i][i] > least);
         degenerate = degenerate || free && unseen;
         held[i] = unseen || !free;
         scale[i] = held[i] ? 0.0 : inversesqrt(m[i][i]);

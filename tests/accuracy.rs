@@ -13,7 +13,7 @@ fn plane_truth() -> Similarity {
 }
 
 fn slanted_plane(noise: f64) -> [Frame; 2] {
-    pair([SIZE, SIZE], &plane_truth(), slanted(SIZE), noise, 1)
+    pair([SIZE, SIZE], plane_truth(), slanted(SIZE), noise, 1)
 }
 
 fn plane_error(solution: &Solution) -> f64 {
@@ -30,7 +30,7 @@ fn plane_error(solution: &Solution) -> f64 {
 fn slanted_plane_without_noise() {
     let [i1, i2] = slanted_plane(0.0);
     let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
-    assert_transform(&solution.transform, &plane_truth(), [0.005, 0.0005, 0.005]);
+    assert_transform(&solution.transform, plane_truth(), [0.005, 0.0005, 0.005]);
     assert!(plane_error(&solution) <= 0.03);
     assert!(solution.converged, "{:?}", solution.warnings);
 }
@@ -39,7 +39,7 @@ fn slanted_plane_without_noise() {
 fn slanted_plane_with_noise() {
     let [i1, i2] = slanted_plane(0.003);
     let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
-    assert_transform(&solution.transform, &plane_truth(), [0.01, 0.002, 0.008]);
+    assert_transform(&solution.transform, plane_truth(), [0.01, 0.002, 0.008]);
     assert!(plane_error(&solution) <= 0.08);
 }
 
@@ -50,7 +50,7 @@ fn slanted_plane_under_another_exposure() {
         let i2 = exposed(&i2, 0.9, 0.05);
         let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
         let bounds = if noise == 0.0 { [0.005, 0.0005, 0.005] } else { [0.01, 0.002, 0.008] };
-        assert_transform(&solution.transform, &plane_truth(), bounds);
+        assert_transform(&solution.transform, plane_truth(), bounds);
         assert!(plane_error(&solution) <= if noise == 0.0 { 0.03 } else { 0.08 });
         if noise == 0.0 {
             assert!((solution.photometric.gain - 1.0 / 0.9).abs() < 1e-3, "{:?}", solution.photometric);
@@ -66,7 +66,7 @@ fn cup_displaced() {
     let undisplaced = engine.solve([&near, &far], &Settings::default());
     let by = Similarity::new(1.8, 2.3, 0.2, 1.01);
     let solution = engine.solve([&near, &displaced(&far, &by)], &Settings::default());
-    assert_transform(&solution.transform, &Homography::from(by).after(&undisplaced.transform), [0.005, 0.0005, 0.003]);
+    assert_transform(&solution.transform, Homography::from(by).after(&undisplaced.transform), [0.005, 0.0005, 0.003]);
     let width = solution.width as usize;
     let (rms, bias) = blur_error(&solution, |x, y| f64::from(undisplaced.relative_blur[y * width + x]));
     println!("V rms {rms:.4} px², bias {bias:+.4}, against the undisplaced pair's");
@@ -79,7 +79,7 @@ fn check_real(folder: &str, names: [&str; 2], half_size: [f64; 4]) -> Option<Sol
     let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
     let [tx, ty, degrees, percent] = half_size;
     let expected = Similarity::new(2.0 * tx, 2.0 * ty, degrees, 1.0 + percent / 100.0);
-    let distance = solution.transform.corner_distance(&expected, solution.width, solution.height);
+    let distance = solution.transform.corner_distance(expected, solution.width, solution.height);
     println!(
         "{folder}: corners {distance:.3} px from the sketch's; {:.1} % saturated; confidence {:.5}; {:?}",
         100.0 * solution.saturated_fraction,
@@ -127,7 +127,7 @@ fn far_apart_at_two_megapixels() {
     let near = engine.solve([&i1, &i2], &quick);
     let by = Similarity::new(24.0, -18.0, 0.5, 1.08);
     let far = engine.solve([&i1, &displaced(&i2, &by)], &quick);
-    let distance = far.transform.corner_distance(&Homography::from(by).after(&near.transform), i1.width(), i1.height());
+    let distance = far.transform.corner_distance(Homography::from(by).after(&near.transform), i1.width(), i1.height());
     println!("30 px and 8 % away: corners {distance:.3} px from where they belong");
     assert!(distance < 0.5, "{:?}", far.transform);
 }

@@ -53,7 +53,7 @@ fn uniform_blur_is_registered_to_a_thousandth_of_a_pixel() {
         let name = format!("uniform {variance} px²");
         let scene = Scene { name, shape: Shape::Uniform { variance }, ..Preset::Plane.scene() };
         let solution = solve(&engine, &scene, 0.03);
-        assert!(solution.transform.corner_distance(&scene.transform, 256, 256) <= 0.001);
+        assert!(solution.transform.corner_distance(scene.transform, 256, 256) <= 0.001);
     }
 }
 

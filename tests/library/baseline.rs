@@ -33,10 +33,10 @@ fn half_size(frame: &Frame) -> Frame {
 #[test]
 fn appearance_registers_images_of_equal_blur() {
     let engine = TestEngine::new();
-    let [i1, i2] = pair([200, 160], &truth(), |_| [1.0, 1.0], 0.0, 1);
+    let [i1, i2] = pair([200, 160], truth(), |_| [1.0, 1.0], 0.0, 1);
     for i2 in [&i2, &exposed(&i2, 0.9, 0.05)] {
         let found = register(&engine, [&i1, i2], &by(Method::Appearance));
-        assert_transform(&found.transform, &truth(), [0.005, 0.001, 0.005]);
+        assert_transform(&found.transform, truth(), [0.005, 0.001, 0.005]);
         assert!(found.converged, "{:?}", found.warnings);
     }
     let found = register(&engine, [&i1, &exposed(&i2, 0.9, 0.05)], &by(Method::Appearance));
@@ -45,9 +45,9 @@ fn appearance_registers_images_of_equal_blur() {
 
 #[test]
 fn appearance_registers_a_slanted_plane_and_its_blur_is_then_found() {
-    let [i1, i2] = pair([256, 256], &truth(), slanted(256), 0.003, 1);
+    let [i1, i2] = pair([256, 256], truth(), slanted(256), 0.003, 1);
     let solution = TestEngine::new().solve([&i1, &i2], &by(Method::Appearance));
-    assert_transform(&solution.transform, &truth(), [0.1, 0.02, 0.05]);
+    assert_transform(&solution.transform, truth(), [0.1, 0.02, 0.05]);
     let (rms, bias) = blur_error(&solution, |x, _| {
         let [v1, v2] = slanted(256)([x as f64, 0.0]);
         v2 - v1
@@ -59,11 +59,11 @@ fn appearance_registers_a_slanted_plane_and_its_blur_is_then_found() {
 
 #[test]
 fn appearance_agrees_with_the_reference() {
-    let [i1, i2] = pair([151, 131], &Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(151), 0.0, 5);
+    let [i1, i2] = pair([151, 131], Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(151), 0.0, 5);
     let settings = Settings { max_relative_blur: 9.0, ..by(Method::Appearance) };
     let expected = reference::solve(&i1, &i2, &settings).unwrap();
     let found = TestEngine::new().solve([&i1, &i2], &settings);
-    assert!(found.transform.corner_distance(&expected.transform, 151, 131) < 1e-3, "{:?}", found.transform);
+    assert!(found.transform.corner_distance(expected.transform, 151, 131) < 1e-3, "{:?}", found.transform);
     let squares: Vec<f64> = found
         .relative_blur
         .iter()
@@ -78,7 +78,7 @@ fn appearance_agrees_with_the_reference() {
 #[test]
 fn a_registration_is_that_of_the_solve_and_leaves_no_trace() {
     let engine = TestEngine::new();
-    let [i1, i2] = pair([160, 128], &truth(), slanted(160), 0.0, 2);
+    let [i1, i2] = pair([160, 128], truth(), slanted(160), 0.0, 2);
     for method in [Method::Unified, Method::Appearance, Method::Aligned] {
         let settings = by(method);
         let mut solver = Solver::for_pair(&engine, &i1, &i2, &settings).unwrap();
@@ -119,7 +119,7 @@ fn sift_registers_the_heat_sink() {
     let expected = Similarity::new(0.30, -0.07, 0.007, 1.0075);
     for method in [Method::Sift, Method::Appearance] {
         let found = register(&engine, [&i1, &i2], &by(method));
-        let distance = found.transform.corner_distance(&expected, i1.width(), i1.height());
+        let distance = found.transform.corner_distance(expected, i1.width(), i1.height());
         println!("{}: corners {distance:.3} px, {:?}, {:?}", method.name(), found.transform, found.photometric);
         assert!(distance < 0.6, "{:?}", found.transform);
         assert!(found.converged, "{:?}", found.warnings);
@@ -129,9 +129,9 @@ fn sift_registers_the_heat_sink() {
 #[test]
 fn sift_needs_no_start_and_the_blur_is_then_found() {
     let far = Similarity::new(14.0, -9.0, 6.0, 1.05);
-    let [i1, i2] = pair([256, 200], &far, |_| [0.5, 1.5], 0.0, 3);
+    let [i1, i2] = pair([256, 200], far, |_| [0.5, 1.5], 0.0, 3);
     let solution = TestEngine::new().solve([&i1, &i2], &by(Method::Sift));
-    assert!(solution.transform.corner_distance(&far, 256, 200) < 0.3, "{:?}", solution.transform);
+    assert!(solution.transform.corner_distance(far, 256, 200) < 0.3, "{:?}", solution.transform);
     let median = parfocal::export::RangeReport::of(&solution.relative_blur).median.unwrap();
     // V = v2 - v1: the scene's blur is stated in I1's pixels.
     assert!((median - 1.0).abs() < 0.1, "{median}");
@@ -141,7 +141,7 @@ fn sift_needs_no_start_and_the_blur_is_then_found() {
 fn too_few_key_points_are_a_failure_that_says_so() {
     let engine = TestEngine::new();
     let grey = Frame::gray(80, 60, vec![0.5; 80 * 60]).unwrap();
-    let [textured, _] = pair([80, 60], &Similarity::IDENTITY, |_| [0.3, 0.3], 0.0, 1);
+    let [textured, _] = pair([80, 60], Similarity::IDENTITY, |_| [0.3, 0.3], 0.0, 1);
     let failure = |i1: &Frame, i2: &Frame| {
         let mut solver = Solver::for_pair(&engine, i1, i2, &by(Method::Sift)).unwrap();
         let message = solver.register(i1, i2).unwrap_err().to_string();
@@ -151,7 +151,7 @@ fn too_few_key_points_are_a_failure_that_says_so() {
     let message = failure(&grey, &grey);
     assert!(message.contains("0 key-points in I1") && message.contains("unified"), "{message}");
     assert!(failure(&textured, &grey).contains("0 key-points in I2"));
-    let [other, _] = pair([80, 60], &Similarity::IDENTITY, |_| [0.3, 0.3], 0.0, 77);
+    let [other, _] = pair([80, 60], Similarity::IDENTITY, |_| [0.3, 0.3], 0.0, 77);
     assert!(failure(&textured, &other).contains("match"));
     // The engine is none the worse for it.
     assert!(engine.solve([&textured, &textured], &by(Method::Sift)).transform.translation()[0].abs() < 1e-3);
@@ -159,12 +159,12 @@ fn too_few_key_points_are_a_failure_that_says_so() {
 
 #[test]
 fn colours_are_registered_by_their_luminance() {
-    let [i1, i2] = pair([160, 128], &truth(), |_| [0.5, 0.5], 0.0, 4);
+    let [i1, i2] = pair([160, 128], truth(), |_| [0.5, 0.5], 0.0, 4);
     let colour = |frame: &Frame| {
         let grey = crate::common::scene::luminance(frame);
         let samples = grey.iter().flat_map(|v| [0.9, 1.0, 1.1].map(|c| (c * v * 255.0).round() as u8)).collect();
         Frame::new(160, 128, Channels::Rgb, Samples::U8(samples)).unwrap()
     };
     let found = register(&TestEngine::new(), [&colour(&i1), &i2], &by(Method::Sift));
-    assert!(found.transform.corner_distance(&truth(), 160, 128) < 0.3, "{:?}", found.transform);
+    assert!(found.transform.corner_distance(truth(), 160, 128) < 0.3, "{:?}", found.transform);
 }

@@ -11,7 +11,7 @@ fn transform() -> Similarity {
 }
 
 fn clean_pair() -> [Frame; 2] {
-    pair(SIZE, &transform(), slanted(SIZE[0]), 0.0, 5)
+    pair(SIZE, transform(), slanted(SIZE[0]), 0.0, 5)
 }
 
 /// 16-bit, with a value where `replace` gives one.
@@ -47,7 +47,7 @@ fn v_rms(solution: &Solution, skip: impl Fn(u32, u32) -> bool) -> f64 {
 }
 
 fn corner(solution: &Solution) -> f64 {
-    solution.transform.corner_distance(&transform(), SIZE[0], SIZE[1])
+    solution.transform.corner_distance(transform(), SIZE[0], SIZE[1])
 }
 
 /// Highlights that clip and lie elsewhere in the two images, as reflections do.
@@ -83,7 +83,7 @@ fn the_white_level_can_be_stated() {
 #[test]
 fn what_a_mask_leaves_out_has_no_part_in_the_registration() {
     let [i1, i2] = clean_pair();
-    let [_, moved] = pair(SIZE, &Similarity::new(7.0, 5.0, 0.0, 1.0), slanted(SIZE[0]), 0.0, 5);
+    let [_, moved] = pair(SIZE, Similarity::new(7.0, 5.0, 0.0, 1.0), slanted(SIZE[0]), 0.0, 5);
     let left_out = |x: u32, y: u32| (20..110).contains(&x) && (24..104).contains(&y);
     let (there, here) = (luminance(&moved), luminance(&i2));
     let mixed = (0..SIZE[0] * SIZE[1]).map(|i| {
@@ -132,7 +132,7 @@ fn a_small_mask_is_no_lack_of_overlap() {
 #[test]
 fn masks_agree_with_the_reference() {
     let size = [151, 131];
-    let [i1, i2] = pair(size, &Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(size[0]), 0.0, 5);
+    let [i1, i2] = pair(size, Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(size[0]), 0.0, 5);
     let white = |on: bool| on.then_some(1.0);
     let i1 = stored(&i1, |x, y| white(blots(3, 0)(x, y)));
     let i2 = stored(&i2, |x, y| white(blots(3, 6)(x, y)));
@@ -153,5 +153,5 @@ fn masks_agree_with_the_reference() {
     let residual = rms(&found.residual, &expected.residual.data);
     println!("rms against the reference: V {v:.5} px², residual {residual:.7}");
     assert!(v < 5e-3 && residual < 1e-5);
-    assert!(found.transform.corner_distance(&expected.transform, size[0], size[1]) < 2e-3);
+    assert!(found.transform.corner_distance(expected.transform, size[0], size[1]) < 2e-3);
 }

@@ -10,19 +10,16 @@ const SIZE: [u32; 2] = [256, 192];
 /// What a camera of this focal length, pixels, sees after it has turned by these angles, degrees, about x, y and z: K R K⁻¹.
 fn hand_held(focal: f64, [x, y, z]: [f64; 3]) -> Homography {
     let [x, y, z] = [x, y, z].map(f64::to_radians);
-    let product = |a: [[f64; 3]; 3], b: [[f64; 3]; 3]| {
-        let cell = |i: usize, j: usize| (0..3).map(|k| a[i][k] * b[k][j]).sum();
+    let product = |a: [[f64; 3]; 3], b: [[f64; 3]; 3]| -> [[f64; 3]; 3] {
+        let cell = |i: usize, j: usize| (0..3).map(|k: usize| a[i][k] * b[k][j]).sum::<f64>();
         std::array::from_fn(|i| std::array::from_fn(|j| cell(i, j)))
     };
     let about_x = [[1.0, 0.0, 0.0], [0.0, x.cos(), -x.sin()], [0.0, x.sin(), x.cos()]];
     let about_y = [[y.cos(), 0.0, y.sin()], [0.0, 1.0, 0.0], [-y.sin(), 0.0, y.cos()]];
     let about_z = [[z.cos(), -z.sin(), 0.0], [z.sin(), z.cos(), 0.0], [0.0, 0.0, 1.0]];
-    let mut turn: [[f64; 3]; 3] = product(about_x, product(about_y, about_z));
-    for i in 0..2 {
-        turn[i][2] *= focal;
-        turn[2][i] /= focal;
-    }
-    Homography::from_matrix(turn).unwrap()
+    let [[xx, xy, xz], [yx, yy, yz], [zx, zy, zz]] = product(about_x, product(about_y, about_z));
+    let matrix = [[xx, xy, focal * xz], [yx, yy, focal * yz], [zx / focal, zy / focal, zz]];
+    Homography::from_matrix(matrix).unwrap()
 }
 
 /// What a camera sees of a flat stage that has been tilted by some degrees about y and shifted by t: a point at X is at
@@ -86,7 +83,8 @@ fn a_similarity_is_found_by_a_homography_too_which_says_so() {
     let (plain, [own, _]) = solve(&engine, truth.into(), Motion::Similarity);
     assert_eq!(plain.other_motion, None);
     let (rich, [corner, _]) = solve(&engine, truth.into(), Motion::Homography);
-    assert!(corner <= 1.5 * own.max(0.01), "{corner} px, {own} px by a similarity");
+    // 0.007 px: what the slope of V costs at the borders, of which four unknowns more follow more.
+    assert!(corner <= 1.5 * own.max(0.007), "{corner} px, {own} px by a similarity");
     assert_eq!(rich.other_motion.map(|other| (other.motion, other.explains_more)), Some((Motion::Similarity, false)));
 }
 

@@ -11,7 +11,7 @@ fn transform() -> Similarity {
 }
 
 fn clean_pair() -> [Frame; 2] {
-    pair(SIZE, &transform(), slanted(SIZE[0]), 0.0, 5)
+    pair(SIZE, transform(), slanted(SIZE[0]), 0.0, 5)
 }
 
 fn settings() -> Settings {
@@ -32,7 +32,7 @@ fn v_rms(solution: &Solution) -> f64 {
 }
 
 fn corner(solution: &Solution) -> f64 {
-    solution.transform.corner_distance(&transform(), SIZE[0], SIZE[1])
+    solution.transform.corner_distance(transform(), SIZE[0], SIZE[1])
 }
 
 #[test]

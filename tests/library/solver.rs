@@ -10,7 +10,7 @@ use parfocal::{
 };
 
 fn small_pair() -> [Frame; 2] {
-    pair([97, 75], &Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(97), 0.0, 5)
+    pair([97, 75], Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(97), 0.0, 5)
 }
 
 #[test]
@@ -21,7 +21,7 @@ fn agrees_with_the_reference() {
 /// With three levels the finest reads I2 where it has been brought onto I1's pixels.
 #[test]
 fn agrees_with_the_reference_where_i2_is_warped() {
-    check_reference(pair([151, 131], &Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(151), 0.0, 5));
+    check_reference(pair([151, 131], Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(151), 0.0, 5));
 }
 
 fn check_reference([i1, i2]: [Frame; 2]) {
@@ -30,7 +30,7 @@ fn check_reference([i1, i2]: [Frame; 2]) {
     let found = TestEngine::alone().solve([&i1, &i2], &settings);
     // Single against double precision over some sixty iterations that each feed the next.
     assert!(
-        found.transform.corner_distance(&expected.transform, i1.width(), i1.height()) < 2e-3,
+        found.transform.corner_distance(expected.transform, i1.width(), i1.height()) < 2e-3,
         "{:?}",
         found.transform
     );
@@ -73,7 +73,7 @@ fn the_same_pair_gives_the_same_bits() {
 
 #[test]
 fn a_settled_level_stops() {
-    let [i1, i2] = pair([160, 128], &Similarity::IDENTITY, slanted(160), 0.0, 2);
+    let [i1, i2] = pair([160, 128], Similarity::IDENTITY, slanted(160), 0.0, 2);
     let settings = Settings { outer_iterations: 60, ..Settings::default() };
     let solution = TestEngine::new().solve([&i1, &i2], &settings);
     let done: Vec<usize> = solution.levels.iter().map(|l| l.energy.len()).collect();
@@ -90,7 +90,7 @@ fn what_is_held_stays() {
     let start = Similarity::new(0.6, -0.4, 0.1, 1.004);
     let aligned = Settings { method: Method::Aligned, start: start.into(), ..Settings::default() };
     let solution = engine.solve([&i1, &i2], &aligned);
-    assert!(solution.transform.corner_distance(&start, 97, 75) < 1e-5, "{:?}", solution.transform);
+    assert!(solution.transform.corner_distance(start, 97, 75) < 1e-5, "{:?}", solution.transform);
     assert_ne!(solution.photometric, Photometric::IDENTITY, "photometry is still solved for");
     let held = Settings { photometric: false, ..aligned };
     let solution = engine.solve([&i1, &i2], &held);
@@ -194,7 +194,7 @@ fn sizes_and_formats_that_do_not_fit_are_refused() {
 fn the_least_size_and_odd_sizes_solve() {
     let engine = TestEngine::new();
     for size in [[16, 16], [17, 33], [33, 16], [129, 31]] {
-        let [i1, i2] = pair(size, &Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
+        let [i1, i2] = pair(size, Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
         let solution = engine.solve([&i1, &i2], &Settings { max_relative_blur: 2.0, ..Settings::default() });
         assert!(solution.relative_blur.iter().any(|v| !v.is_nan()), "{size:?}");
     }
@@ -259,7 +259,7 @@ fn a_listener_that_panics_leaves_nothing_in_use() {
 #[test]
 fn a_wait_that_times_out_poisons_the_engine() {
     let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(1), ..options() }).unwrap();
-    let [i1, i2] = pair([512, 512], &Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
+    let [i1, i2] = pair([512, 512], Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
     // Preparing waits too, for the images to be made ready.
     let prepared = Solver::for_pair(&engine, &i1, &i2, &Settings::default());
     let timed_out = prepared.and_then(|mut solver| solver.solve(&i1, &i2));

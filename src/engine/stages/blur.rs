@@ -124,7 +124,7 @@ mod tests {
         let stack = build_stack(&wave, &Kernel::HalfGaussian, node_count(12.0));
         let stacks = Stacks { first: &stack, second: &stack, slopes: Slopes::Layers };
         let mean = Kernel::HalfGaussian.mean();
-        let identity = Registration::new(&Similarity::IDENTITY, &Photometric::IDENTITY);
+        let identity = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
         for v in [0.3, 1.0, 2.25, 6.25, 9.0] {
             // Far enough from the borders, where the mirrored wave is another.
             for x in [50.0, 57.0, 63.0] {

@@ -122,8 +122,8 @@ mod tests {
             epsilon: 0.1,
         };
         let transform = Similarity::new(0.7, -1.1, 0.4, 1.02);
-        let r = Registration::new(&transform, &Photometric { gain: 1.1, offset: -0.03 });
-        let before = Registration::new(&Similarity::new(0.68, -1.07, 0.39, 1.019), &Photometric::IDENTITY);
+        let r = Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 });
+        let before = Registration::new(Similarity::new(0.68, -1.07, 0.39, 1.019), &Photometric::IDENTITY);
         let mut state = State::new(&r);
         state.warped = (&before).into();
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };

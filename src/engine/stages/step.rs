@@ -189,7 +189,8 @@ pub fn find_alpha(sums: &Sums, alpha: f64) -> f64 {
 /// Gershgorin's theorem these are the longest, one an unknown, that always descend while the weights are lagged.
 fn solve(c: &Constants, sums: &Sums) -> [f64; UNKNOWNS] {
     let mut n = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_fn(|i, j| sums.normal[i][j]);
-    let held: [bool; UNKNOWNS] = std::array::from_fn(|i| i >= c.unknowns as usize || n[(i, i)] <= 1e-12 * sums.valid);
+    let least = f64::max(1e-12 * sums.valid, 1e-7 * n.diagonal().max());
+    let held: [bool; UNKNOWNS] = std::array::from_fn(|i| i >= c.unknowns as usize || n[(i, i)] <= least);
     let mut g = SVector::<f64, UNKNOWNS>::from_fn(|i, _| -sums.gradient[i]);
     for i in (0..UNKNOWNS).filter(|&i| held[i]) {
         n.row_mut(i).fill(0.0);
@@ -208,7 +209,7 @@ mod tests {
     use super::super::NO_VARIANT;
     use super::super::harness::{Rig, random};
     use super::super::state::{Single, State};
-    use super::super::sums::{PROJECTIVE, tests::row};
+    use super::super::sums::{PROJECTIVE, row};
     use super::*;
     use crate::base::{Photometric, Similarity};
     use crate::engine::vulkan::Resource;
@@ -250,7 +251,7 @@ mod tests {
 
     /// `t` is T's translation when I2 was last warped, its other terms are those of the start.
     fn check_warped(c: Constants, partials: &[f32], before: f32, t: [f32; 2], variant: Variant) -> (State, Vec<u32>) {
-        let start = Registration::new(&Similarity::new(1.0, -2.0, 1.0, 1.05), &Photometric { gain: 0.9, offset: 0.1 });
+        let start = Registration::new(Similarity::new(1.0, -2.0, 1.0, 1.05), &Photometric { gain: 0.9, offset: 0.1 });
         let mut state = State::new(&start);
         state.levels[1].energy = before;
         state.warped = Single { t, ..state.registration };
@@ -336,7 +337,7 @@ mod tests {
         let buffers = [
             rig.upload(bytemuck::cast_slice(&sums)),
             rig.upload(bytemuck::bytes_of(&State::new(&Registration::new(
-                &Similarity::IDENTITY,
+                Similarity::IDENTITY,
                 &Photometric::IDENTITY,
             )))),
             rig.upload(&[0; 32]),

@@ -121,32 +121,33 @@ impl Sums {
     }
 }
 
+/// A row of partial sums of residuals: ∇J, S and place of each, all of weight 1.
 #[cfg(test)]
-pub(crate) mod tests {
-    use super::*;
-
-    /// A row of partial sums of residuals: ∇J, S and place of each, all of weight 1.
-    pub(crate) fn row(residuals: &[([f64; 2], f64, [f64; 2])], layout: Layout) -> Vec<f32> {
-        let mut row = vec![0.0; layout.length];
-        let most = if layout.unknowns == 8 { 4 } else { 2 };
-        for ([jx, jy], s, [x, y]) in residuals {
-            let powers = (0..=most).flat_map(|d| (0..=d).map(move |k| [d - k, k]));
-            for powers in powers {
-                let term = x.powi(powers[0] as i32) * y.powi(powers[1] as i32);
-                let n = monomial(powers);
-                for (c, product) in [jx * jx, jx * jy, jy * jy].into_iter().enumerate() {
-                    row[3 * n + c] += product * term;
-                }
-                if powers[0] + powers[1] <= most / 2 {
-                    row[layout.gradient + 2 * n] += jx * s * term;
-                    row[layout.gradient + 2 * n + 1] += jy * s * term;
-                }
+pub(crate) fn row(residuals: &[([f64; 2], f64, [f64; 2])], layout: Layout) -> Vec<f32> {
+    let mut row = vec![0.0; layout.length];
+    let most = if layout.unknowns == 8 { 4 } else { 2 };
+    for ([jx, jy], s, [x, y]) in residuals {
+        let powers = (0..=most).flat_map(|d| (0..=d).map(move |k| [d - k, k]));
+        for powers in powers {
+            let term = x.powi(powers[0] as i32) * y.powi(powers[1] as i32);
+            let n = monomial(powers);
+            for (c, product) in [jx * jx, jx * jy, jy * jy].into_iter().enumerate() {
+                row[3 * n + c] += product * term;
             }
-            row[layout.energy] += s.abs();
-            row[layout.energy + 1] += 1.0;
+            if powers[0] + powers[1] <= most / 2 {
+                row[layout.gradient + 2 * n] += jx * s * term;
+                row[layout.gradient + 2 * n + 1] += jy * s * term;
+            }
         }
-        row.into_iter().map(|v: f64| v as f32).collect()
+        row[layout.energy] += s.abs();
+        row[layout.energy + 1] += 1.0;
     }
+    row.into_iter().map(|v: f64| v as f32).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
 
     #[test]
     fn sums_over_monomials_are_those_over_unknowns() {

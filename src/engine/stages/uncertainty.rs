@@ -135,7 +135,7 @@ mod tests {
             for y in 4..8 {
                 (4..8).for_each(|x| evidence[0].data[y * half[0] as usize + x] = 0.0);
             }
-            let registration = Registration::new(&Similarity::new(2.2, -1.0, 0.5, 1.03), &Photometric::IDENTITY);
+            let registration = Registration::new(Similarity::new(2.2, -1.0, 0.5, 1.03), &Photometric::IDENTITY);
             let state = State::new(&registration);
             let size = [width as u32, height as u32];
             let c = Constants::new(size, [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0]);
@@ -159,7 +159,7 @@ mod tests {
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
         let evidence = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(s * s)];
         let c = Constants { calibration: 1.0, ..Constants::new([32, 32], [15.5; 2]) };
-        let r = Registration::new(&Similarity::IDENTITY, &Photometric::IDENTITY);
+        let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
         let [_, deviation, residual] = twin(&c, &r, &Field::zeros(32, 32), &evidence);
         let found = deviation.get(16, 16);
         assert!((residual.get(16, 16) / s - 1.0).abs() < 1e-9);

@@ -136,7 +136,7 @@ mod tests {
         let engine = Engine::new(&crate::engine::testing::options()).unwrap();
         let solution = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap().solve(&i1, &i2).unwrap();
         assert!(engine.validation_messages().is_empty(), "{:?}", engine.validation_messages());
-        let corner = solution.transform.corner_distance(&transform(), size[0], size[1]);
+        let corner = solution.transform.corner_distance(transform(), size[0], size[1]);
         assert!(corner < 0.1, "{:?}", solution.transform);
         let errors: Vec<f64> = (0..size[1])
             .flat_map(|y| (0..size[0]).map(move |x| [x, y]))

@@ -128,7 +128,7 @@ fn solve(bench: &mut Bench, scene: &Scene, registration: RegistrationStep, itera
             iterations,
             iterations_done: solution.levels.last().map(|level| level.energy.len()),
             energy: energy(&solution),
-            corner_px: Some(solution.transform.corner_distance(&pair.transform, scene.width, scene.height)),
+            corner_px: Some(solution.transform.corner_distance(pair.transform, scene.width, scene.height)),
             time_ms: Some(solution.timings.total_ms),
             failure: None,
         },
