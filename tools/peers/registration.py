@@ -48,6 +48,15 @@ def ecc_multi_scale(i1: np.ndarray, i2: np.ndarray) -> Similarity:
     parameters.gaussFiltSize = ECC_MULTI_SCALE_GAUSS_FILT_SIZE
     parameters.nlevels = ECC_MULTI_SCALE_LEVELS
     parameters.criteria = ECC_MULTI_SCALE_CRITERIA
+    return _multi_scale(i1, i2, parameters)
+
+
+def ecc_multi_scale_default(i1: np.ndarray, i2: np.ndarray) -> Similarity:
+    """The same as OpenCV sets it: 4 levels, 50 iterations to 1e-6, filter of 5 px."""
+    return _multi_scale(i1, i2, cv2.ECCParameters())
+
+
+def _multi_scale(i1: np.ndarray, i2: np.ndarray, parameters: cv2.ECCParameters) -> Similarity:
     in_bytes = (np.rint(255 * image).astype(np.uint8) for image in (i1, i2))
     try:
         _, warp = cv2.findTransformECCMultiScale(*in_bytes, np.eye(2, 3, dtype=np.float32), parameters)

@@ -69,13 +69,18 @@ def ours(parfocal: Parfocal, pair: tuple[Path, Path], truth: Path | None) -> lis
 
 def registrations(i1: np.ndarray, i2: np.ndarray) -> list[System]:
     """ECC and SIFT of `registration`, on float32 in 0 to 1; what they reduce to bytes they reduce in their time."""
+
+    def system(
+        name: str, register: Callable[[np.ndarray, np.ndarray], object], delivers: str = "registration (affine)"
+    ) -> System:
+        return System(name, delivers, lambda: _timed(lambda: register(i1, i2)))
+
     return [
-        System(ECC, "registration (affine)", lambda: _timed(lambda: registration.ecc_default(i1, i2))),
-        System(f"{ECC}, pyramid", "registration (affine)", lambda: _timed(lambda: registration.ecc(i1, i2))),
-        System(
-            "OpenCV ECC MultiScale", "registration (affine)", lambda: _timed(lambda: registration.ecc_multi_scale(i1, i2))
-        ),
-        System("OpenCV SIFT", "registration (similarity)", lambda: _timed(lambda: registration.sift(i1, i2))),
+        system(ECC, registration.ecc_default),
+        system(f"{ECC}, pyramid", registration.ecc),
+        system("OpenCV ECC MultiScale", registration.ecc_multi_scale_default),
+        system("OpenCV ECC MultiScale, converged", registration.ecc_multi_scale),
+        system("OpenCV SIFT", registration.sift, "registration (similarity)"),
     ]
 
 
