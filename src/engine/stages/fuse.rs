@@ -101,7 +101,7 @@ mod tests {
         for (width, height) in [(37usize, 21usize), (64, 16)] {
             let fields = [1, 2, 3].map(|seed| random_field(width, height, seed));
             let registration =
-                Registration::new(&Similarity::new(1.4, -0.8, 0.5, 1.01), &Photometric { gain: 0.9, offset: 0.02 });
+                Registration::new(Similarity::new(1.4, -0.8, 0.5, 1.01), &Photometric { gain: 0.9, offset: 0.02 });
             let mut state = State::new(&registration);
             state.evened[0] = 0.1;
             let shading = state.evened();

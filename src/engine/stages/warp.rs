@@ -88,7 +88,7 @@ mod tests {
                 Similarity::new(1e4, 0.0, 0.0, 1.0),
             ] {
                 let spline2 = smooth_field(width, height, 1);
-                let mut state = State::new(&Registration::new(&transform, &Photometric { gain: 0.9, offset: 0.1 }));
+                let mut state = State::new(&Registration::new(transform, &Photometric { gain: 0.9, offset: 0.1 }));
                 state.shading[1..4].copy_from_slice(&[0.1, -0.05, 0.03]);
                 let shading = Shading { coefficients: state.shading.map(f64::from) };
                 let centre = [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0];
@@ -115,7 +115,7 @@ mod tests {
         let wave = |x: f64, y: f64| 0.5 + 0.4 * (k * x + 0.3 * k * y).cos();
         let field = Field::from_fn(60, 40, |x, y| wave(x as f64, y as f64));
         let spline2 = build_stack(&field, &crate::base::Kernel::Gaussian, 1).swap_remove(0);
-        let r = Registration::new(&Similarity::new(1.3, -0.7, 0.8, 1.02), &Photometric::IDENTITY);
+        let r = Registration::new(Similarity::new(1.3, -0.7, 0.8, 1.02), &Photometric::IDENTITY);
         let c = Constants { width: 60, height: 40, layer: 0, factor: 1.0, centre: [29.5, 19.5] };
         let found = twin(&c, &r, &Shading::NONE, &spline2);
         for y in 15..25 {
