@@ -234,7 +234,8 @@ mod tests {
 
     #[test]
     fn levels_keep_the_centre_of_the_image() {
-        let plan = plan(101, 77);
+        let settings = Settings { levels: Some(3), ..Settings::default() };
+        let plan = Plan::new(101, 77, [GRAY; 2], &settings).unwrap();
         let level = &plan.pyramid[2];
         assert_eq!(level.size, [26, 20]);
         assert_eq!(level.centre, [12.5, 9.5]);
