@@ -175,12 +175,12 @@ const ALPHAS: [f64; 2] = [5e-4, 10.0];
 /// anything; beyond, it is noise that is steep, and a smaller α would raise it.
 const STEEP: [f64; 2] = [0.007, 0.1];
 
-/// α from what the data say against V, mean √|b|, and how steep it is, half way there from what it was unless it is there within
-/// a twentieth: changes take iterations, and none ends them.
+/// α from what the data say against V, mean √|b|, and how steep it is; as it was if that is within a tenth: each change takes
+/// iterations.
 pub fn find_alpha(sums: &Sums, alpha: f64) -> f64 {
     let [root, steep] = sums.roughness.map(|sum| sum / sums.valid.max(1.0));
     let found = (0.2 * root * root / steep.clamp(STEEP[0], STEEP[1])).clamp(ALPHAS[0], ALPHAS[1]);
-    if (found / alpha).ln().abs() > 0.05 { (found * alpha).sqrt() } else { alpha }
+    if (found / alpha).ln().abs() > 0.1 { found } else { alpha }
 }
 
 /// Solves for the unknowns that are free; where N is singular nothing steps (the shader holds only the dependent unknowns).
@@ -276,6 +276,8 @@ mod tests {
         close(found.levels[1].energy.into(), step.energy);
         close(rig.floats(&buffers[2])[3].into(), step.energy);
         assert_eq!(found.levels[1].iterations, 1);
+        let finds = c.finds_alpha == 1 && c.may_settle == 1;
+        close(found.alpha.into(), if finds { find_alpha(&sums, state.alpha.into()) } else { state.alpha.into() });
         assert_eq!(found.levels[1].converged, u32::from(step.converged));
         assert_eq!(found.levels[1].settled, u32::from(step.settled));
         (found, rig.words(&buffers[3]))
@@ -292,6 +294,21 @@ mod tests {
                     let c = Constants { unknowns, descend, ..constants(rows as u32) };
                     check_warped(c, &partials, 0.1, [0.0; 2], variant);
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn alpha_follows_what_the_data_say_against_v_and_how_steep_it_is() {
+        let layout = Layout::of_variant(NO_VARIANT);
+        for (root, steep) in [(0.03, 0.03), (0.2, 1.0), (1e-4, 0.03), (0.06, 1e-6), (0.0246, 0.04)] {
+            let mut partials = partials(8, 40, layout);
+            for row in partials.chunks_exact_mut(layout.length) {
+                let valid = row[layout.energy + 1];
+                row[layout.energy + 2..layout.energy + 4].copy_from_slice(&[root * valid, steep * valid]);
+            }
+            for (finds_alpha, may_settle) in [(1, 1), (1, 0), (0, 1)] {
+                check(Constants { finds_alpha, may_settle, ..constants(8) }, &partials, 0.1);
             }
         }
     }
