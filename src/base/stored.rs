@@ -35,12 +35,20 @@ pub(super) struct Homography {
 }
 
 impl TryFrom<Homography> for base::Homography {
-    type Error = &'static str;
+    type Error = String;
 
     fn try_from(t: Homography) -> Result<Self, Self::Error> {
-        let Some(matrix) = t.matrix else { return Ok(base::Similarity::from(t.at_centre).into()) };
-        Self::from_matrix(matrix)
-            .ok_or("the matrix has no inverse, or mirrors: it must be [[M, t], [g, 1]] of what maps I1 to I2")
+        let Some(matrix) = t.matrix else {
+            let scale = t.at_centre.scale;
+            // As a matrix, a negative one is half a turn.
+            return if scale > 0.0 {
+                Ok(base::Similarity::from(t.at_centre).into())
+            } else {
+                Err(format!("scale is {scale}, and must be above 0"))
+            };
+        };
+        let problem = "the matrix has no inverse, or mirrors: it must be [[M, t], [g, 1]] of what maps I1 to I2";
+        Self::from_matrix(matrix).ok_or_else(|| problem.to_string())
     }
 }
 

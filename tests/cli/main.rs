@@ -18,6 +18,7 @@ mod report_html;
 mod report_html_sweep;
 mod safety;
 mod scope;
+mod shading;
 mod shell;
 mod simulate;
 mod solve;

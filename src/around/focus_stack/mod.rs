@@ -274,8 +274,8 @@ mod tests {
         // And backwards it is divided by: at the same place of the second frame, within what a polynomial gives of 1/x.
         let last = chained(&steps, 2).1;
         let [x, y] = b.apply([10.0, 60.0], centre(100, 80));
-        let expected = (0.5 + 0.01) / (0.9 * ramp.at([x / 49.5 - 1.0, y / 39.5 - 1.0]));
-        let found = last[1].of(0.5, [10.0, 60.0]);
+        let expected = 1.0 / (0.9 * ramp.at([x / 49.5 - 1.0, y / 39.5 - 1.0]));
+        let found = last[1].photometric.gain * last[1].factor([10.0, 60.0]);
         assert!((found - expected).abs() < 1e-4, "{found} {expected}");
         near(&chained(&steps, 0).0[2], &b.after(&a));
     }

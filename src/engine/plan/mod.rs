@@ -162,10 +162,11 @@ impl Plan {
         self.slopes() == Slopes::Laplacian && level.index + FINDING < self.solved
     }
 
-    /// Whether I2 may be brought there anew before iteration k: seldom, since T moves little on the finer levels and even
-    /// passes over nothing take time.
+    /// Whether I2 may be brought there anew before iteration k, where T or the shading has moved: seldom, since they move little
+    /// on the finer levels and even passes over nothing take time.
     pub(crate) fn warps_anew(&self, level: &Level, k: u32) -> bool {
-        self.warps(level) && self.solves_transform() && k.is_power_of_two()
+        let moves = self.solves_transform() || self.matches_exposure();
+        self.warps(level) && moves && k.is_power_of_two()
     }
 
     /// Channels of the fused image.
