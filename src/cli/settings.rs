@@ -54,7 +54,7 @@ pub(super) struct SettingsArguments {
     #[arg(long, value_name = "PX2", help_heading = BLUR, allow_negative_numbers = true,
           default_value_t = Settings::default().max_relative_blur)]
     max_relative_blur: f64,
-    /// Smoothness of V, 1e-6 to 10; less shows more relief and more noise; auto finds it
+    /// Smoothness of V, 1e-6 to 10; less shows more relief and more noise
     ///
     /// The weight α of the smoothness, which has no unit. What auto found is in the report.
     #[arg(long, value_name = "A|auto", help_heading = BLUR, allow_negative_numbers = true,
