@@ -104,9 +104,22 @@ fn pcb_header() {
     check_real("pcb-header", ["pcb_003.jpg", "pcb_005.jpg"], [-1.56, 3.46, -0.004, -1.29]);
 }
 
+/// Its light differs over the frame by a tenth, which the sketch, with one gain, took for scale: 0.9 px at the corners. So its frames
+/// are to agree among themselves instead: without the shading the way by the frame between ends 0.55 to 0.86 px from the direct one.
 #[test]
 fn dimple() {
-    check_real("dimple", ["image05.jpg", "image09.jpg"], [-4.31, 7.59, -0.018, -3.31]);
+    let names = ["image05.jpg", "image07.jpg", "image09.jpg"];
+    let pairs = [[0, 2], [0, 1], [1, 2]].map(|[a, b]| real_pair("dimple", [names[a], names[b]]));
+    let [Some(whole), Some(first), Some(second)] = pairs else { return };
+    let engine = TestEngine::new();
+    let found = [whole, first, second].map(|[i1, i2]| engine.solve([&i1, &i2], &Settings::default()));
+    let by_way = found[2].transform.after(&found[1].transform);
+    let distance = found[0].transform.corner_distance(by_way, found[0].width, found[0].height);
+    println!(
+        "dimple: corners {distance:.3} px from the way by the frame between; shading {:?}",
+        found[0].shading.range()
+    );
+    assert!(distance <= 0.65, "{:?}", found[0].transform);
 }
 
 #[test]

@@ -63,7 +63,7 @@ fn a_ramp_of_light_is_found_and_told() {
     let t = &report["transform"];
     let [tx, ty, angle, scale] = ["tx_px", "ty_px", "rotation_deg", "scale"].map(|name| t[name].as_f64().unwrap());
     let truth = Homography::from(Similarity::new(1.3, -0.9, 0.15, 1.01));
-    let corner = Homography::from(Similarity::new(tx, ty, angle, scale)).corner_distance(&truth, 256, 256);
+    let corner = Homography::from(Similarity::new(tx, ty, angle, scale)).corner_distance(truth, 256, 256);
     let [v, truth] = ["out", "pair"].map(|folder| read_field(&desk.path(folder).join("relative_blur.exr")).unwrap().2);
     let apart = v.iter().zip(&truth).map(|(v, t)| f64::from(v - t)).filter(|d| !d.is_nan());
     let squares: Vec<f64> = apart.map(|d| d * d).collect();

@@ -46,7 +46,7 @@ fn cases(bench: &mut Bench, folder: &Path, scene: &str) -> Vec<Case> {
         });
     }
     if let [(left, [width, height]), (right, _)] = transforms[..] {
-        let distance = left.corner_distance(&right, width, height);
+        let distance = left.corner_distance(right, width, height);
         let told = |t: &Homography| {
             let [tx, ty] = t.translation();
             format!("({tx:.2}, {ty:.2}) px, {:.3} %", 100.0 * (t.scale() - 1.0))

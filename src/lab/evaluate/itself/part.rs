@@ -73,7 +73,7 @@ impl Part {
         let (settings, quick) = (by_itself(&Kernel::Gaussian), bench.quick);
         let solution = self.solve(bench, &settings)?;
         let depth = Curve::fit(&self.pixels(&solution)).ok_or(FEW)?;
-        let corner = solution.transform.corner_distance(&self.transform, solution.width, solution.height);
+        let corner = solution.transform.corner_distance(self.transform, solution.width, solution.height);
         let accuracy = Case::new(NAME).at_most("corner, px", corner, 0.004);
         let accuracy = accuracy.at_most("depth rms, % of range", depth.rms, 2.5);
         let accuracy = accuracy.at_most("depth MAD, % of range", depth.mad, 0.8);
