@@ -33,7 +33,7 @@ pub struct Constants {
     pub centre: [f32; 2],
     /// Pixels of the sides from sample to sample.
     pub every: u32,
-    /// [`Adopt`].
+    /// 0: only the correlation is measured; 1: gain and offset are taken over; 2: the shading too.
     pub adopt: u32,
     /// Samples that say as much as one that is independent of the others.
     pub dependent: f32,

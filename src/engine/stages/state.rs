@@ -157,7 +157,7 @@ impl From<&Registration> for Single {
 }
 
 impl From<Single> for Registration {
-    /// The identity in place of a T that is none, which [`numbers_doubt`](crate::engine::solution::numbers_doubt) tells of.
+    /// The identity in place of a T that is none, of which the solution warns.
     fn from(single: Single) -> Self {
         let ([xx, xy, yx, yy], [tx, ty]) = (single.linear.map(f64::from), single.t.map(f64::from));
         let [gx, gy] = single.g.map(f64::from);
