@@ -1,6 +1,7 @@
 // The stack of uniformly blurred images: one layer of spline coefficients a node, or two. Twin: src/engine/stages/stack.rs.
 
 #include "spline.glsl"
+#include "nodes.glsl"
 
 // Of any kernel but a Gaussian: layers 2k and 2k + 1 are node k and its slope, and the kernel may have a mean.
 layout(constant_id = 2) const bool ANY_KERNEL = false;
@@ -10,11 +11,6 @@ struct Blurred {
     float slope;     // by the variance
     vec2 gradient;
 };
-
-float node_variance(int k) {
-    float sigma = k <= 3 ? 0.5 * float(k) : 1.5 * pow(4.0 / 3.0, float(k - 3));
-    return sigma * sigma;
-}
 
 int node_below(float v, int count) {
     float sigma = sqrt(v);

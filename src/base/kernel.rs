@@ -13,8 +13,10 @@ use crate::base::aperture::{Aperture, Complex};
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
 pub enum Kernel {
-    /// Gaussian of variance v.
+    /// Whatever the photographs say, from a Gaussian to a disk and a little beyond.
     #[default]
+    Auto,
+    /// Gaussian of variance v.
     Gaussian,
     /// Disk of radius 2√v, so of variance v along each axis: an ideal lens with a round aperture.
     Pillbox,
@@ -25,9 +27,10 @@ pub enum Kernel {
 }
 
 impl Kernel {
-    /// "gaussian", "pillbox", "half-gaussian", or the name of the aperture.
+    /// "auto", "gaussian", "pillbox", "half-gaussian", or the name of the aperture.
     pub fn name(&self) -> &str {
         match self {
+            Kernel::Auto => "auto",
             Kernel::Gaussian => "gaussian",
             Kernel::Pillbox => "pillbox",
             Kernel::HalfGaussian => "half-gaussian",
@@ -38,7 +41,7 @@ impl Kernel {
     /// Mean at v = 1, px: the mean at v is √v times it.
     pub fn mean(&self) -> [f64; 2] {
         match self {
-            Kernel::Gaussian | Kernel::Pillbox => [0.0, 0.0],
+            Kernel::Auto | Kernel::Gaussian | Kernel::Pillbox => [0.0, 0.0],
             Kernel::HalfGaussian => [(2.0 / PI).sqrt(), 0.0],
             Kernel::Measured(aperture) => aperture.mean(),
         }
@@ -47,7 +50,7 @@ impl Kernel {
     /// Second central moments at v = 1, px²: xx, xy, yy. At v they are v times these.
     pub fn covariance(&self) -> [f64; 3] {
         match self {
-            Kernel::Gaussian | Kernel::Pillbox => [1.0, 0.0, 1.0],
+            Kernel::Auto | Kernel::Gaussian | Kernel::Pillbox => [1.0, 0.0, 1.0],
             Kernel::HalfGaussian => [1.0 - 2.0 / PI, 0.0, 1.0],
             Kernel::Measured(aperture) => aperture.covariance(),
         }
@@ -57,7 +60,7 @@ impl Kernel {
     pub(crate) fn reach(&self) -> f64 {
         match self {
             // Leaves 7e-6 of the mass of a Gaussian outside.
-            Kernel::Gaussian | Kernel::HalfGaussian => 4.5,
+            Kernel::Auto | Kernel::Gaussian | Kernel::HalfGaussian => 4.5,
             Kernel::Pillbox => 2.0,
             Kernel::Measured(aperture) => aperture.reach(),
         }
@@ -69,7 +72,8 @@ impl Kernel {
         let scaled: Vec<f64> = frequencies.iter().map(|w| w * v.sqrt()).collect();
         match self {
             Kernel::Measured(aperture) => aperture.transfer(&scaled),
-            Kernel::Gaussian => product(&scaled, |x| [(-x * x / 2.0).exp(), 0.0]),
+            // What is found is made of Gaussians.
+            Kernel::Auto | Kernel::Gaussian => product(&scaled, |x| [(-x * x / 2.0).exp(), 0.0]),
             Kernel::HalfGaussian => product(&scaled, half_gaussian),
             Kernel::Pillbox => {
                 let at = |w: f64| if w > 0.0 { libm::j1(2.0 * w) / w } else { 1.0 };

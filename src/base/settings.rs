@@ -172,7 +172,7 @@ impl Default for Settings {
             heaviside_epsilon: 0.1,
             max_relative_blur: 144.0,
             largest_step: 1.0,
-            kernel: Kernel::Gaussian,
+            kernel: Kernel::Auto,
             motion: Motion::Similarity,
             registration: RegistrationStep::GaussNewton,
             photometric: true,

@@ -31,8 +31,8 @@ pub(super) struct Arguments {
     /// How the registration is found, as `solve --method`
     #[arg(long, value_name = "METHOD,...", value_delimiter = ',', value_enum, default_value = "unified")]
     methods: Vec<MethodName>,
-    /// Kernels: gaussian, pillbox, half-gaussian, or pictures of kernels
-    #[arg(long, value_name = "KERNEL,...", value_delimiter = ',', default_value = "gaussian")]
+    /// Kernels: auto, gaussian, pillbox, half-gaussian, or pictures of kernels
+    #[arg(long, value_name = "KERNEL,...", value_delimiter = ',', default_value = "auto")]
     kernels: Vec<KernelChoice>,
     /// Solves that are measured, 1 to 1000
     #[arg(long, value_name = "N", default_value_t = Options::default().repeats,

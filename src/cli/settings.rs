@@ -66,10 +66,10 @@ pub(super) struct SettingsArguments {
     /// Relaxation sweeps in each outer iteration, 1 to 100
     #[arg(long, value_name = "N", help_heading = BLUR, default_value_t = Settings::default().sweeps)]
     sweeps: u32,
-    /// Shape of the blur: gaussian, pillbox, half-gaussian, or its picture
+    /// Shape of the blur: auto, gaussian, pillbox, half-gaussian, or its picture
     ///
-    /// Its picture may be that of a coded aperture, say.
-    #[arg(long, value_name = "K|FILE", help_heading = BLUR, default_value = "gaussian")]
+    /// auto finds where between a Gaussian and a disk it lies. Its picture may be that of a coded aperture, say.
+    #[arg(long, value_name = "K|FILE", help_heading = BLUR, default_value = "auto")]
     kernel: KernelChoice,
     #[command(flatten)]
     tuning: TuningArguments,
@@ -135,7 +135,9 @@ impl FromStr for KernelChoice {
     type Err = Infallible;
 
     fn from_str(text: &str) -> Result<Self, Infallible> {
-        let named = [Kernel::Gaussian, Kernel::Pillbox, Kernel::HalfGaussian].into_iter().find(|k| k.name() == text);
+        let named = [Kernel::Auto, Kernel::Gaussian, Kernel::Pillbox, Kernel::HalfGaussian]
+            .into_iter()
+            .find(|k| k.name() == text);
         Ok(named.map_or_else(|| Self::File(text.into()), Self::Named))
     }
 }
@@ -145,7 +147,7 @@ impl KernelChoice {
         match self {
             Self::Named(kernel) => Ok(kernel.clone()),
             Self::File(path) if !path.exists() => Err(Failure::Usage(format!(
-                "--kernel {}: neither gaussian, pillbox nor half-gaussian, nor is there such a file",
+                "--kernel {}: neither auto, gaussian, pillbox nor half-gaussian, nor is there such a file",
                 path.display()
             ))),
             Self::File(path) => Ok(image_io::read_kernel(path)?),

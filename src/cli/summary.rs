@@ -46,6 +46,7 @@ pub(super) fn summary(report: &Report, palette: Palette, out: &Path, written: &[
     rows.push(("exposure", exposure(report.photometric, &report.shading)));
     rows.extend(motion(report.other_motion));
     rows.extend(values(&report.inputs, report.values));
+    rows.extend(kernel(report.kernel_shape));
     rows.extend([smoothness(report), ("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);
     rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
     rows.extend(report.measurements.iter().flat_map(measure::rows));
@@ -95,6 +96,15 @@ fn exposure(Photometric { gain, offset }: Photometric, shading: &ShadingReport) 
 fn smoothness(report: &Report) -> Row {
     let by = if report.settings.regularization.is_some() { "as asked" } else { "found" };
     ("smoothness", format!("α {}, {by}", rounded(report.regularization)))
+}
+
+/// What the kernel was found to be.
+fn kernel(shape: Option<f64>) -> Option<Row> {
+    let told = |shape: f64| match shape {
+        0.0 => "a Gaussian, found".to_string(),
+        _ => format!("{shape:.2} of the way from a Gaussian to a disk, found"),
+    };
+    shape.map(|shape| ("blur", told(shape)))
 }
 
 /// To two figures.
@@ -206,6 +216,7 @@ mod tests {
             shading: Shading { coefficients: std::array::from_fn(|n| if n == 0 { -0.06 } else { 0.0 }) },
             solved: Region { x: 0, y: 0, width: 2, height: 1 },
             regularization: 0.00314,
+            kernel_shape: Some(0.74),
             levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5] }],
             converged: false,
             warnings: vec!["something to know".to_string()],
@@ -225,6 +236,7 @@ mod tests {
             "+1.250 px right",
             "gain 1.0200, offset -0.0100, shading -6 to +6 %",
             "α 0.0031, found",
+            "0.74 of the way from a Gaussian to a disk",
             "-1.50 to +4.00 px²",
             "50.0 %",
             "out: depth.png",

@@ -41,6 +41,8 @@ pub struct Solution {
     pub solved: Region,
     /// α of the finest level, stated or found.
     pub regularization: f64,
+    /// Where the kernel was to be found: 0 is a Gaussian, 1 a disk, up to 1.5.
+    pub kernel_shape: Option<f64>,
     /// Another motion model that would do, where there is one; only with the method unified, which judges T by its energy.
     pub other_motion: Option<OtherMotion>,
     /// Coarse to fine.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use crate::base::{Channels, Error, Format, Frame, Homography, Mask, Method, Region, Settings};
+use crate::base::{Channels, Error, Format, Frame, Homography, Kernel, Mask, Method, Region, Settings};
 use crate::engine::motion::Form;
 use crate::engine::plan::Plan;
 use crate::engine::profile::{Phases, Profile, Ran, SUBMIT_WAIT};
@@ -332,6 +332,7 @@ impl Solver {
             shading: state.evened(),
             solved: Region { x: 0, y: 0, width: plan.size[0], height: plan.size[1] },
             regularization: state.alpha.into(),
+            kernel_shape: (plan.settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
             other_motion: None,
             levels: self.levels(&state, Slot::EndEnergies)?,
             converged: false,

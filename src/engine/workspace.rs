@@ -8,7 +8,7 @@ use super::plan::Plan;
 use super::slot::Slot;
 use super::stages::state::State;
 use super::stages::sums::Layout;
-use super::stages::{convolve, evidence};
+use super::stages::{convolve, evidence, shape_windows};
 use super::vulkan::{Buffer, Device, Image, Texel};
 use crate::base::Error;
 
@@ -77,11 +77,12 @@ fn buffers(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Buffe
     let arguments = (4 * arguments::WORDS * plan.solved) as u64;
     let state = size_of::<State>() as u64;
     let row = 4 * Layout::of(true).length as u64;
+    let partials = (row * u64::from(partial_rows)).max(4 * shape_windows::FLOATS);
     type Make = fn(&Arc<Device>, &str, u64) -> Result<Arc<Buffer>, Error>;
     let (on_device, up, down): (Make, Make, Make) = (Buffer::on_device, Buffer::for_upload, Buffer::for_readback);
     let mut wanted = vec![
         (Slot::State, state, on_device),
-        (Slot::Partials, row * u64::from(partial_rows), on_device),
+        (Slot::Partials, partials, on_device),
         (Slot::Energies, energies, on_device),
         (Slot::Arguments, arguments, on_device),
         (Slot::StartState, state, up),
@@ -91,7 +92,7 @@ fn buffers(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Buffe
         (Slot::Mask, plan.mask_bytes(), up),
         (Slot::EndMaps, plan.result_bytes(), down),
         (Slot::Progress, state, down),
-        (Slot::EndPartials, row * u64::from(partial_rows), down),
+        (Slot::EndPartials, partials, down),
         (Slot::EndState, state, down),
         (Slot::EndEnergies, energies, down),
         (Slot::RegisteredState, state, down),

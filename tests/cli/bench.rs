@@ -125,7 +125,7 @@ fn the_report_holds_what_it_promises_and_a_trace_stands_beside_it() {
     spread(&report["copy_gb_per_s"], 8);
     let runs = report["runs"].as_array().unwrap();
     assert_eq!(runs.iter().map(|r| r["method"].as_str().unwrap()).collect::<Vec<_>>(), ["unified", "appearance"]);
-    assert_eq!(runs[0]["kernel"], "gaussian");
+    assert_eq!(runs[0]["kernel"], "auto");
     runs.iter().for_each(check_run);
     assert!(runs[1]["passes"].as_array().unwrap().iter().any(|p| p["name"] == "appearance"));
 

@@ -1,11 +1,11 @@
 //! Sizes before anything is allocated: levels, images, bytes, limits, and what each iteration is told.
 
-use crate::base::{Channels, Error, Format, Method, Motion, Settings};
+use crate::base::{Channels, Error, Format, Kernel, Method, Motion, Settings};
 use crate::engine::filter::{self, Filter};
-use crate::engine::stages::evidence;
 use crate::engine::stages::exposure::{self, Adopt};
 use crate::engine::stages::stack::{self, Slopes};
 use crate::engine::stages::state::MAX_LEVELS;
+use crate::engine::stages::{evidence, shape_windows};
 
 mod level;
 mod limits;
@@ -167,6 +167,11 @@ impl Plan {
     pub(crate) fn warps_anew(&self, level: &Level, k: u32) -> bool {
         let moves = self.solves_transform() || self.matches_exposure();
         self.warps(level) && moves && k.is_power_of_two()
+    }
+
+    /// Whether the kernel's shape is sought on a level, before its first iteration: where T is known, and I2 on I1's pixels.
+    pub(crate) fn finds_shape(&self, level: &Level) -> bool {
+        self.settings.kernel == Kernel::Auto && self.warps(level) && shape_windows::fits(level.size)
     }
 
     /// Channels of the fused image.

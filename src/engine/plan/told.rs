@@ -6,8 +6,8 @@ use crate::engine::arguments;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::{
-    appearance, even, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual, sides,
-    step, uncertainty, update, warp,
+    appearance, even, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual,
+    shape_windows, sides, step, uncertainty, update, warp,
 };
 
 /// Outer iterations of a level after which its steps of V and T are damped: a level that settles by whole steps mostly has by
@@ -97,6 +97,20 @@ impl Plan {
             factor: level.factor as f32,
             centre: level.centre.map(|c| c as f32),
             mean: self.settings.kernel.mean().map(|m| m as f32),
+        }
+    }
+
+    /// What `shape_windows` is told on a level.
+    pub(crate) fn shape_windows(&self, level: &Level) -> shape_windows::Constants {
+        shape_windows::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            nodes: level.nodes as u32,
+            second_stack: self.first_layer(1),
+            grid: shape_windows::grid(level.size),
+            factor: level.factor as f32,
+            centre: level.centre.map(|c| c as f32),
+            noise: Noise::new(level.index),
         }
     }
 

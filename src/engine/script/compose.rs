@@ -223,6 +223,9 @@ impl<'a> Composer<'a> {
                 passed = 0;
             }
         }
+        if plan.finds_shape(level) {
+            self.find_shape(level);
+        }
         for k in 0..plan.settings.outer_iterations {
             self.begin_iteration(level, k, |k| plan.may_settle(level, k));
             if plan.warps_anew(level, k) {

@@ -106,11 +106,14 @@ impl Composer<'_> {
         for layer in 1..self.plan.layers_of(level) {
             self.stack_layer(level, 1, layer);
         }
+        if self.plan.finds_shape(level) {
+            self.shape(level, 1);
+        }
         self.anew = None;
     }
 
     /// So many workgroups; if need be, only if T has moved.
-    fn grid(&mut self, groups: [u32; 3]) -> Grid {
+    pub(super) fn grid(&mut self, groups: [u32; 3]) -> Grid {
         let Some(level) = self.anew else { return Grid::Direct(groups) };
         let warps = &mut self.warps[level];
         warps.push(groups);

@@ -8,6 +8,7 @@ mod exposure;
 mod filters;
 mod hazards;
 mod results;
+mod shape;
 
 use super::arguments::{Grid, Place};
 use super::slot::Slot;

@@ -25,6 +25,9 @@ pub mod relax;
 pub mod relax_level;
 pub mod residual;
 pub(crate) mod seen;
+pub mod shape;
+pub mod shape_median;
+pub mod shape_windows;
 pub mod sides;
 pub mod spline;
 pub mod stack;
@@ -59,7 +62,7 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
 }
 
 /// The stages, and the variants of them, that solves of pairs without masked pixels take.
-const PLAIN: [(&Stage, Variant); 28] = [
+const PLAIN: [(&Stage, Variant); 31] = [
     (&appearance::STAGE, NO_VARIANT),
     (&convolve::STAGE, NO_VARIANT),
     (&convolve::STAGE, convolve::LONG),
@@ -80,6 +83,9 @@ const PLAIN: [(&Stage, Variant); 28] = [
     (&residual::STAGE, NO_VARIANT),
     (&residual::STAGE, linearise::ANY_KERNEL),
     (&residual::STAGE, linearise::WARPED),
+    (&shape::STAGE, NO_VARIANT),
+    (&shape_median::STAGE, NO_VARIANT),
+    (&shape_windows::STAGE, NO_VARIANT),
     (&sides::STAGE, NO_VARIANT),
     (&sides::STAGE, linearise::ANY_KERNEL),
     (&sides::STAGE, linearise::WARPED),

@@ -22,6 +22,8 @@ pub struct State {
     pub degenerate: u32,
     /// α of the level at hand.
     pub alpha: f32,
+    /// What the kernel was found to be: 0 a Gaussian, 1 a disk.
+    pub kernel_shape: f32,
     /// The same when I2 was last brought onto I1's pixels.
     pub warped: Single,
     /// Coefficients of the shading.
@@ -92,6 +94,8 @@ pub struct DoubleState {
     pub correlation: f64,
     /// α of the level at hand.
     pub alpha: f64,
+    /// What the kernel was found to be: 0 a Gaussian, 1 a disk.
+    pub kernel_shape: f64,
     /// By level, finest first.
     pub levels: [DoubleLevel; MAX_LEVELS],
 }
@@ -115,6 +119,7 @@ impl DoubleState {
             evened: Shading::NONE,
             correlation: 0.0,
             alpha: FIRST_ALPHA,
+            kernel_shape: 0.0,
             levels: [DoubleLevel::default(); MAX_LEVELS],
         }
     }

@@ -24,6 +24,9 @@ pub struct Report {
     pub shading: ShadingReport,
     /// Smoothness α of the finest level, as asked or as found.
     pub regularization: f64,
+    /// Where the kernel was to be found: 0 is a Gaussian, 1 a disk.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kernel_shape: Option<f64>,
     /// Another motion model that would do, where there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub other_motion: Option<OtherMotion>,
@@ -199,6 +202,7 @@ impl Report {
             photometric: solution.photometric,
             shading: ShadingReport::of(&solution.brightness()),
             regularization: solution.regularization,
+            kernel_shape: solution.kernel_shape,
             other_motion: solution.other_motion,
             method: settings.method,
             settings: settings.clone(),

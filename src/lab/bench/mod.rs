@@ -68,7 +68,7 @@ impl Default for Options {
         Self {
             input: Input::Synthetic(vec![[512, 512], [1024, 1024]]),
             methods: vec![Method::Unified],
-            kernels: vec![Kernel::Gaussian],
+            kernels: vec![Kernel::Auto],
             settings: Settings::default(),
             held: Homography::IDENTITY,
             warmup: 1,

@@ -1,0 +1,33 @@
+#version 460
+// The nodes of a Gaussian's stack as those of the kernel found, in place. Twin: src/engine/stages/shape.rs.
+
+#include "state.glsl"
+#include "nodes.glsl"
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, r32f) uniform image2DArray stacks;
+layout(binding = 1, std430) readonly buffer StateBuffer { State state; };
+layout(push_constant) uniform Constants {
+    int width, height;
+    int nodes;
+    int first;                       // layer of the stack
+};
+
+float node(ivec2 x, int k) { return imageLoad(stacks, ivec3(x, first + k)).r; }
+
+void main() {
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy);
+    float shape = state.kernel_shape;
+    if (x.x >= width || x.y >= height || shape == 0.0) return;
+    vec3 variances = vec3(node_variance(0), node_variance(1), node_variance(2));
+    vec3 values = vec3(node(x, 0), node(x, 1), node(x, 2));
+    for (int k = 1; k < nodes; k++) {
+        if (k > 1 && k + 1 < nodes) {
+            variances = vec3(variances.yz, node_variance(k + 1));
+            values = vec3(values.yz, node(x, k + 1));
+        }
+        bool last = k + 1 == nodes;
+        float v = last ? variances.z : variances.y, value = last ? values.z : values.y;
+        imageStore(stacks, ivec3(x, first + k), vec4(value + shape * departure(v, variances, values)));
+    }
+}

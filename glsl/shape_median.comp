@@ -1,0 +1,45 @@
+#version 460
+// The kernel's shape from what windows say of it: their weighted median. One workgroup. Twin: src/engine/stages/shape_median.rs.
+
+#include "state.glsl"
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(binding = 0, std430) readonly buffer Partials { float partials[]; };
+layout(binding = 1, std430) buffer StateBuffer { State state; };
+layout(push_constant) uniform Constants {
+    int windows;
+};
+
+const int MOST_WINDOWS = 256;
+const float LEAST_WINDOWS = 8.0, LEAST_SHAPE = 0.1, MOST_SHAPE = 1.5;
+const float UNBIASED = 0.75;
+shared vec2 found[MOST_WINDOWS];     // shape, weight
+shared float quartiles[3];
+
+void main() {
+    int first = int(gl_LocalInvocationIndex), step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    for (int n = first; n < windows; n += step) found[n] = vec2(partials[2 * n], partials[2 * n + 1]);
+    barrier();
+    float sum = 0.0, squares = 0.0;
+    for (int n = 0; n < windows; n++) {
+        sum += found[n].y;
+        squares += found[n].y * found[n].y;
+    }
+    for (int n = first; n < windows; n += step) {
+        float below = 0.0;
+        for (int m = 0; m < windows; m++) {
+            if (found[m].x < found[n].x || found[m].x == found[n].x && m < n) below += found[m].y;
+        }
+        for (int k = 0; k < 3; k++) {
+            float wanted = 0.25 * float(k + 1) * sum;
+            if (below < wanted && wanted <= below + found[n].y) quartiles[k] = found[n].x;
+        }
+    }
+    barrier();
+    float independent = sum * sum / max(squares, 1e-30);
+    if (first != 0 || independent < LEAST_WINDOWS) return;
+    float shape = UNBIASED * (state.kernel_shape + quartiles[1]);
+    // Of a median, 1.25 times that of a mean; of quartiles, 1.35 deviations apart.
+    float deviation = UNBIASED * 1.25 / 1.35 * (quartiles[2] - quartiles[0]) / sqrt(independent);
+    state.kernel_shape = shape > max(LEAST_SHAPE, 2.0 * deviation) ? min(shape, MOST_SHAPE) : 0.0;
+}

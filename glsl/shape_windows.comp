@@ -1,0 +1,141 @@
+#version 460
+// What windows of the photographs say of the kernel's shape: one workgroup each. Twin: src/engine/stages/shape_windows.rs.
+
+#extension GL_KHR_shader_subgroup_arithmetic : require
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+
+#include "blur.glsl"
+#include "mask.glsl"
+#include "noise.glsl"
+
+layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
+layout(binding = 1, r32f) uniform readonly image2DArray stacks;         // of I1, then of I2 on I1's pixels; of a Gaussian
+layout(binding = 2, std430) readonly buffer StateBuffer { State state; };
+layout(binding = 3, r32f) uniform readonly image2DArray masks;          // of I1, of I2
+layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
+layout(push_constant) uniform Constants {
+    int width, height;
+    int nodes;
+    int second_stack;                // its first layer
+    int columns, rows;               // of windows
+    float factor;                    // pixels of the full-size image a pixel of this level
+    float centre_x, centre_y;
+    Noise noise;
+};
+
+float coefficient(int image, ivec3 place) {
+    return imageLoad(stacks, place + ivec3(0, 0, image == 1 ? 0 : second_stack)).r;
+}
+
+float mask_at(int image, ivec2 x) {
+    return imageLoad(masks, ivec3(x, image - 1)).r;
+}
+
+const int SIDE = 24;                 // of a window, pixels
+// What S changes with: V, t_x, t_y, offset and gain, each the window's own; the kernel's shape; and S.
+const int TERMS_OF_S = 7;
+const int SHAPE = 5, LEFT = 6;
+const int PAIRS = TERMS_OF_S * (TERMS_OF_S + 1) / 2;
+const int VARIANCE = PAIRS, COUNT = PAIRS + 1, SUMMED = PAIRS + 2;
+shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMMED];
+
+// The departure of a disk from a Gaussian at |V|, between two nodes.
+float departure_at(int image, float v, vec2 shift, ivec3 columns_at, ivec3 lines) {
+    int k = node_below(v, nodes);
+    float v0 = node_variance(k), v1 = node_variance(k + 1), found[2];
+    for (int n = 0; n < 2; n++) {
+        int at = k + n, from = departs_from(at, nodes);
+        if (at == 0) { found[n] = 0.0; continue; }
+        vec3 variances, values;
+        for (int m = 0; m < 3; m++) {
+            variances[m] = node_variance(from + m);
+            values[m] = spline_near(stencil(image, from + m, columns_at, lines), shift).value;
+        }
+        found[n] = departure(node_variance(at), variances, values);
+    }
+    return mix(found[0], found[1], min((v - v0) / (v1 - v0), 1.0));
+}
+
+// S at a pixel, and what it changes with.
+void terms_at(ivec2 x, float v, float around, out float terms[TERMS_OF_S]) {
+    Registration r = state.registration;
+    ivec2 size = ivec2(width, height);
+    ivec3 columns_at = ivec3(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1), size.xx).x);
+    ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);
+    vec2 shift = displacement(moved_since(state.warped, r), x, factor, vec2(centre_x, centre_y));
+    Blur blur = Blur(size, nodes, vec2(0.0));
+    Seen seen = blur_near(blur, v, shift, stencil(1, 0, columns_at, lines), stencil(2, 0, columns_at, lines), columns_at, lines);
+    bool first = v >= 0.0;
+    float departs = departure_at(first ? 1 : 2, abs(v), first ? vec2(0.0) : shift, columns_at, lines);
+    Blurred second = first ? seen.j : seen.b2;
+    vec2 gradient = r.gain * second.gradient;
+    float s = (first ? seen.b1.value : seen.i1) - (r.gain * second.value + r.offset);
+    departs *= first ? 1.0 : -r.gain;
+    terms = float[](first ? seen.b1.slope : -r.gain * seen.b2.slope, gradient.x, gradient.y, 1.0, second.value - around, departs,
+                    s + state.kernel_shape * departs);
+}
+
+// The window's V, t, offset and gain eliminated, what is left of S against what is left of the shape: how much of a disk S
+// asks for beyond the shape so far, and the inverse of its variance.
+vec2 judge(float sums[SUMMED]) {
+    float m[TERMS_OF_S][TERMS_OF_S], whole[TERMS_OF_S];
+    for (int i = 0, n = 0; i < TERMS_OF_S; i++) {
+        for (int j = i; j < TERMS_OF_S; j++, n++) m[i][j] = sums[n];
+        whole[i] = m[i][i];
+    }
+    for (int p = 0; p < SHAPE; p++) {
+        // What rounding leaves of a term that the others make up.
+        if (!(m[p][p] > 1e-5 * whole[p])) continue;
+        for (int i = p + 1; i < TERMS_OF_S; i++) {
+            for (int j = i; j < TERMS_OF_S; j++) m[i][j] -= m[p][i] * m[p][j] / m[p][p];
+        }
+    }
+    float information = m[SHAPE][SHAPE];
+    // A window that is not whole, or whose shape the others make up.
+    if (sums[COUNT] < float(SIDE * SIDE) || !(information > 1e-4 * whole[SHAPE]) || !(information > 1e-9)) return vec2(0.0);
+    float left = max(m[LEFT][LEFT] - m[SHAPE][LEFT] * m[SHAPE][LEFT] / information, 0.0) / float(SIDE * SIDE - TERMS_OF_S);
+    // Noise of the sharper image is in S and in the departure both.
+    float v = max(sums[VARIANCE] / float(SIDE * SIDE), 0.1), q = 16.0 / 9.0;
+    vec3 variances = vec3(v / q, v, v * q), powers;
+    for (int n = 0; n < 3; n++) powers[n] = blurred_power(noise, 0.5 * (v + variances[n]), 1.0).value;
+    float shared_noise = float(SIDE * SIDE) * left / (1.0 + powers[1]) * departure(v, variances, powers);
+    // 5e-4: rounding to 256 values, at least.
+    return vec2(-(m[SHAPE][LEFT] - shared_noise) / information, information / (left + 2.5e-7));
+}
+
+void main() {
+    ivec2 size = ivec2(width, height), grid = ivec2(columns, rows), window = ivec2(gl_WorkGroupID.xy);
+    ivec2 corner = (2 * window + 1) * size / (2 * grid) - SIDE / 2;
+    Registration r = state.registration;
+    float scale = scale_of(r), around = coefficient(2, ivec3(corner + SIDE / 2, 0)), sums[SUMMED];
+    for (int i = 0; i < SUMMED; i++) sums[i] = 0.0;
+    int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    for (int n = int(gl_LocalInvocationIndex); n < SIDE * SIDE; n += step) {
+        ivec2 x = corner + ivec2(n % SIDE, n / SIDE);
+        float v = imageLoad(relative_blur, ivec3(x, 0)).r;
+        vec2 d = displacement(r, x, factor, vec2(centre_x, centre_y));
+        if (!inside(x, d, size, v, scale) || counts(x, d, size) < 1.0) continue;
+        float terms[TERMS_OF_S];
+        terms_at(x, v, around, terms);
+        for (int i = 0, at = 0; i < TERMS_OF_S; i++) {
+            for (int j = i; j < TERMS_OF_S; j++, at++) sums[at] += terms[i] * terms[j];
+        }
+        sums[VARIANCE] += abs(v);
+        sums[COUNT] += 1.0;
+    }
+    for (int i = 0; i < SUMMED; i++) {
+        float sum = subgroupAdd(sums[i]);
+        if (subgroupElect()) by_subgroup[gl_SubgroupID][i] = sum;
+    }
+    barrier();
+    if (gl_LocalInvocationIndex != 0) return;
+    for (int i = 0; i < SUMMED; i++) {
+        sums[i] = 0.0;
+        for (uint group = 0; group < gl_NumSubgroups; group++) sums[i] += by_subgroup[group][i];
+    }
+    vec2 found = judge(sums);
+    int n = window.y * columns + window.x;
+    partials[2 * n] = found.x;
+    partials[2 * n + 1] = found.y;
+}

@@ -1,0 +1,305 @@
+//! What windows of the photographs say of the kernel's shape.
+//!
+//! With the V, T and brightness of the coarser level, S of a window of 24 x 24 px is fitted by what changes it: the window's own V,
+//! translation, offset and gain, and the [departure](super::stack::departure) of a disk from a Gaussian. What only the departure explains tells
+//! the shape. Without the window's own terms an error of V, of which there is a good deal where the shape was wrong so far, would be taken
+//! for shape. Of noise, that of the sharper image is in S and in the departure both; what it adds to their product is taken off.
+//!
+//! On renderings it comes out as 0.0 for Gaussians and 0.9 to 1.5 for disks, the more the blurrier the sharper image is itself; real
+//! lenses lie between: 0.6 (heat sink), 0.4 (pcb-header), 0.9 (dimple), 1.4 (leaves).
+
+use bytemuck::{Pod, Zeroable};
+
+use super::blur::{self, Stacks};
+use super::mask::{self, Masks};
+use super::memory::Memory;
+use super::noise::Noise;
+use super::pass::{Pass, bindings};
+use super::state::{DoubleState, inside};
+use super::{Field, spline, stack};
+use crate::engine::vulkan::{Stage, Variant};
+
+/// Of a window, pixels: wide beside the widest blur of most pairs, narrow beside what is in focus at one distance.
+const SIDE: usize = 24;
+/// Windows along a side of the level, at most: together a seventh of 1 Mpx.
+const MOST_ALONG: u32 = 16;
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the level.
+    pub width: u32,
+    /// Rows of the level.
+    pub height: u32,
+    /// Nodes of the stacks.
+    pub nodes: u32,
+    /// First layer of the stack of I2.
+    pub second_stack: u32,
+    /// Columns and rows of windows.
+    pub grid: [u32; 2],
+    /// Pixels of the full-size image a pixel of this level.
+    pub factor: f32,
+    /// The image centre in pixels of this level.
+    pub centre: [f32; 2],
+    /// What a blur leaves of the noise.
+    pub noise: Noise,
+}
+
+/// Columns and rows of windows on a level.
+pub(crate) fn grid(size: [u32; 2]) -> [u32; 2] {
+    size.map(|side| (side / SIDE as u32).clamp(1, MOST_ALONG))
+}
+
+/// Floats that all windows of a level leave, at most.
+pub(crate) const FLOATS: u64 = 2 * (MOST_ALONG * MOST_ALONG) as u64;
+
+/// Whether a level holds a window.
+pub(crate) fn fits([width, height]: [u32; 2]) -> bool {
+    width.min(height) >= SIDE as u32
+}
+
+bindings! {
+    SHAPE_WINDOWS:
+    /// V.
+    v: Reads<RelativeBlur>,
+    /// Stacks of I1, and of I2 on I1's pixels, of a Gaussian.
+    stacks: Reads<Stacks>,
+    /// State.
+    state: Reads<State>,
+    /// Of I1, of I2.
+    masks: Reads<Masks>,
+    /// Shape and weight by each window.
+    windows: Writes<Partials>,
+}
+
+/// What a window says.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Window {
+    /// How much of a disk beyond the shape so far.
+    pub shape: f64,
+    /// The inverse of its variance.
+    pub weight: f64,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: V, the sharp images and four nodes of the windows' pixels.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        4 * 7 * u64::from(c.grid[0] * c.grid[1]) * (SIDE * SIDE) as u64
+    }
+
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+        let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, false);
+        let masks = mask::of(memory, self.masks, variant);
+        let windows = twin(c, memory.state(self.state), memory.layer(self.v, 0), &stacks, masks);
+        let numbers = memory.numbers_mut(self.windows, FLOATS as usize);
+        for (n, window) in windows.iter().enumerate() {
+            [numbers[2 * n], numbers[2 * n + 1]] = [window.shape, window.weight];
+        }
+    }
+}
+
+/// What S changes with: V, t_x, t_y, offset and gain, each the window's own; the kernel's shape; and S.
+const TERMS: usize = 7;
+const SHAPE: usize = 5;
+const LEFT: usize = 6;
+/// Ratio of neighbouring nodes' variances.
+const RATIO: f64 = 16.0 / 9.0;
+
+/// What each window says, row by row.
+pub fn twin(c: &Constants, state: &DoubleState, v: &Field, stacks: &Stacks, masks: Option<&Masks>) -> Vec<Window> {
+    let [columns, rows] = c.grid.map(|n| n as usize);
+    let size = [c.width, c.height].map(|side| side as usize);
+    let corner = |n: usize, of: usize, side: usize| (2 * n + 1) * side / (2 * of) - SIDE / 2;
+    let windows = (0..rows).flat_map(|row| (0..columns).map(move |column| [column, row]));
+    let judged = windows.map(|[column, row]| {
+        let corner = [corner(column, columns, size[0]), corner(row, rows, size[1])];
+        let (mut m, mut variance, mut count) = ([[0.0; TERMS]; TERMS], 0.0, 0);
+        for (y, x) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (corner[1] + y, corner[0] + x))) {
+            let (v, r) = (v.get(x, y), &state.registration);
+            let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
+            if !inside([x, y], d, size, v, r.scale()) || mask::counts(masks, [x, y], d) < 1.0 {
+                continue;
+            }
+            let terms = terms(c, state, stacks, [x, y], v);
+            (0..TERMS).for_each(|i| (0..TERMS).for_each(|j| m[i][j] += terms[i] * terms[j]));
+            variance += v.abs() / (SIDE * SIDE) as f64;
+            count += 1;
+        }
+        if count < SIDE * SIDE { Window::default() } else { judge(m, variance, &c.noise) }
+    });
+    judged.collect()
+}
+
+/// S at a pixel, and what it changes with.
+fn terms(c: &Constants, state: &DoubleState, stacks: &Stacks, [x, y]: [usize; 2], v: f64) -> [f64; TERMS] {
+    let r = &state.registration;
+    let shift = r.moved_since(&state.warped).displacement(x, y, c.factor.into(), c.centre.map(f64::from));
+    let (j, [b1, b2]) = blur::read_near(stacks, [x, y], shift, v);
+    let first = v >= 0.0;
+    let departs = if first {
+        departure(stacks.first, v, [x, y], [0.0; 2])
+    } else {
+        -r.gain * departure(stacks.second, -v, [x, y], shift)
+    };
+    let (i1, i2, gradient) = if first {
+        (b1.value, j.value, [j.dx, j.dy])
+    } else {
+        (spline::near(&stacks.first[0], x, y, [0.0; 2]).value, b2.value, [b2.dx, b2.dy])
+    };
+    let slope = if first { b1.slope } else { -r.gain * b2.slope };
+    let s = i1 - (r.gain * i2 + r.offset) + state.kernel_shape * departs;
+    [slope, r.gain * gradient[0], r.gain * gradient[1], 1.0, i2, departs, s]
+}
+
+/// The departure at |V|, between two nodes.
+fn departure(stack: &[Field], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> f64 {
+    let k = stack::node_below(v, stack.len());
+    let [v0, v1] = [k, k + 1].map(|k| stack::node_sigma(k).powi(2));
+    let at = |k| stack::departure_of(k, stack.len(), |n| spline::near(&stack[n], x, y, shift).value);
+    let t = ((v - v0) / (v1 - v0)).min(1.0);
+    (1.0 - t) * at(k) + t * at(k + 1)
+}
+
+/// The window's own terms eliminated, what is left of S against what is left of the shape.
+fn judge(mut m: [[f64; TERMS]; TERMS], variance: f64, noise: &Noise) -> Window {
+    let whole: [f64; TERMS] = std::array::from_fn(|i| m[i][i]);
+    for p in 0..SHAPE {
+        if m[p][p] > 1e-5 * whole[p] {
+            for i in p + 1..TERMS {
+                (i..TERMS).for_each(|j| m[i][j] -= m[p][i] * m[p][j] / m[p][p]);
+            }
+        }
+    }
+    let (information, product) = (m[SHAPE][SHAPE], m[SHAPE][LEFT]);
+    if !(information > 1e-4 * whole[SHAPE] && information > 1e-9) {
+        return Window::default();
+    }
+    let left = (m[LEFT][LEFT] - product * product / information).max(0.0) / (SIDE * SIDE - TERMS) as f64;
+    let v = variance.max(0.1);
+    let variances = [v / RATIO, v, v * RATIO];
+    let powers = variances.map(|other| noise.blurred(0.5 * (v + other), 1.0).value);
+    let shared = (SIDE * SIDE) as f64 * left / (1.0 + powers[1]) * stack::departure(v, variances, powers);
+    Window { shape: -(product - shared) / information, weight: information / (left + 2.5e-7) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, build_stack, random, smooth_field};
+    use super::super::state::{Registration, State};
+    use super::*;
+    use crate::base::{Kernel, Photometric, Similarity};
+    use crate::engine::filter;
+    use crate::engine::stages::convolve;
+    use crate::engine::vulkan::Resource;
+
+    fn constants([width, height]: [usize; 2], nodes: usize) -> Constants {
+        let size = [width as u32, height as u32];
+        Constants {
+            width: size[0],
+            height: size[1],
+            nodes: nodes as u32,
+            second_stack: nodes as u32,
+            grid: grid(size),
+            factor: 2.0,
+            centre: [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0],
+            noise: Noise::new(1),
+        }
+    }
+
+    fn check(images: [&Field; 2], v: &Field, masks: Option<&Masks>) {
+        let ([width, height], nodes) = ([v.width, v.height], stack::node_count(6.0));
+        let stacks = images.map(|i| build_stack(i, &Kernel::Gaussian, nodes));
+        let c = constants([width, height], nodes);
+        let registration =
+            Registration::new(Similarity::new(0.7, -1.1, 0.2, 1.01), &Photometric { gain: 1.1, offset: -0.03 });
+        let mut state = State::new(&registration);
+        state.warped =
+            (&Registration::new(Similarity::new(0.71, -1.08, 0.2, 1.01), &registration.photometric())).into();
+        state.kernel_shape = 0.4;
+        let double = DoubleState {
+            registration: state.registration(),
+            warped: state.warped.into(),
+            kernel_shape: state.kernel_shape.into(),
+            ..DoubleState::new(registration)
+        };
+        let read = Stacks::of(&stacks.concat(), nodes as u32, nodes as u32, false).slopes;
+        let read = Stacks { first: &stacks[0], second: &stacks[1], slopes: read };
+        let expected = twin(&c, &double, v, &read, masks);
+
+        let rig = Rig::new();
+        let none = [Field::zeros(width, height), Field::zeros(width, height)];
+        let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
+        let (v, stacks) = (rig.image(std::slice::from_ref(v)), rig.image(&stacks.concat()));
+        let (state, windows) = (rig.upload(bytemuck::bytes_of(&state)), rig.upload(&vec![0; 8 * expected.len()]));
+        let resources = [
+            Resource::Image(&v),
+            Resource::Image(&stacks),
+            Resource::Buffer(&state),
+            Resource::Image(&masks),
+            Resource::Buffer(&windows),
+        ];
+        rig.run_variant(&STAGE, [false, false, masked, false], &resources, &c, [c.grid[0], c.grid[1], 1]);
+        let found = rig.floats(&windows);
+        let most = expected.iter().fold(1.0, |most: f64, w| most.max(w.weight));
+        for (n, expected) in expected.iter().enumerate() {
+            let (shape, weight) = (f64::from(found[2 * n]), f64::from(found[2 * n + 1]));
+            // A thousandth: sums of 576 products in single precision, of which elimination leaves a hundredth.
+            assert!((weight - expected.weight).abs() < 2e-3 * most, "{n}: {weight} {expected:?}");
+            assert!(
+                expected.weight < 1e-2 * most || (shape - expected.shape).abs() < 5e-3,
+                "{n}: {shape} {expected:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(67, 43), (24, 33), (90, 51)] {
+            let images = [1, 2].map(|seed| smooth_field(width, height, seed));
+            let mut v = smooth_field(width, height, 3);
+            v.data.iter_mut().for_each(|v| *v = 3.0 * (*v - 0.5));
+            check([&images[0], &images[1]], &v, None);
+            let masks = [4, 5].map(|seed| mask::shares(width, height, seed));
+            check([&images[0], &images[1]], &v, Some(&masks));
+        }
+        let flat = Field::from_fn(40, 30, |_, _| 0.5);
+        check([&flat, &flat], &Field::zeros(40, 30), None);
+    }
+
+    /// The median of the windows' shapes of texture and itself under a kernel, at a V that is off.
+    fn found(kernel: &Kernel, noise: f64) -> f64 {
+        let (size, nodes, v) = (220, stack::node_count(9.0), 4.0);
+        let sharp = smooth_field(size, size, 7);
+        let along =
+            |f: &Field, [x, y]: &[filter::Filter; 2]| convolve::twin(&convolve::twin(f, x, 1, false), y, 1, true);
+        let mut blurred = Field::zeros(size, size);
+        for term in filter::centred(kernel, v) {
+            blurred.data.iter_mut().zip(along(&sharp, &term).data).for_each(|(sum, t)| *sum += t);
+        }
+        let noisy = |mut image: Field, seed| {
+            let noises = random(12 * size * size, seed);
+            let normal = |n: usize| noises[12 * n..12 * n + 12].iter().sum::<f64>() - 6.0;
+            image.data.iter_mut().enumerate().for_each(|(n, value)| *value += noise * normal(n));
+            image
+        };
+        let stacks = [noisy(sharp, 8), noisy(blurred, 9)].map(|i| build_stack(&i, &Kernel::Gaussian, nodes));
+        let c = Constants { factor: 1.0, noise: Noise::new(0), ..constants([size, size], nodes) };
+        let read = Stacks { first: &stacks[0], second: &stacks[1], slopes: stack::Slopes::Laplacian };
+        let v = Field::from_fn(size, size, |_, _| v + 0.2);
+        let windows = twin(&c, &DoubleState::default(), &v, &read, None);
+        super::super::shape_median::twin(0.0, &windows)
+    }
+
+    #[test]
+    fn a_disk_is_told_from_a_gaussian() {
+        for noise in [0.0, 0.002] {
+            let [gaussian, disk] = [Kernel::Gaussian, Kernel::Pillbox].map(|kernel| found(&kernel, noise));
+            println!("noise {noise}: gaussian {gaussian:.2}, disk {disk:.2}");
+            assert!(gaussian < 0.2 && (disk - 1.0).abs() < 0.35, "noise {noise}: {gaussian} {disk}");
+        }
+    }
+}
