@@ -143,7 +143,7 @@ fn the_report_holds_what_it_promises_and_a_trace_stands_beside_it() {
 fn people_and_spreadsheets_are_told_too_and_ratios_to_an_earlier_report() {
     let desk = Desk::new();
     let text = done(&desk.measure(&["-o", "a.json"]));
-    for part in ["copy ", "GB/s", "64x64 unified gaussian", "Mpx-sweeps/s", "bytes a pixel", "linearise", "of copy"] {
+    for part in ["copy ", "GB/s", "64x64 unified auto", "Mpx-sweeps/s", "bytes a pixel", "linearise", "of copy"] {
         assert!(text.contains(part), "{part} is missing in {text}");
     }
     let output = desk.measure(&["--kernels", "gaussian,half-gaussian", "--csv", "--against", "a.json", "--quiet"]);
