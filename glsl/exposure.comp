@@ -29,14 +29,14 @@ struct Pair {
 int columns() { return (width + 2 * every - 1) / (2 * every); }
 int samples() { return columns() * ((height + 2 * every - 1) / (2 * every)); }
 
-Pair pair_at(int n) {
+Pair pair_at(int n, Registration r) {
     const Pair NONE = Pair(0.0, 0.0, 0.0, vec2(0.0));
     if (n >= samples()) return NONE;
     ivec2 h = every * ivec2(n % columns(), n / columns()), x = 2 * h;
     float share = imageLoad(sides, ivec3(h, 2)).r;
     if (!(share > 0.5)) return NONE;
     vec2 centre = vec2(centre_x, centre_y);
-    vec2 place = (vec2(x) + displacement(state.registration, x, factor, centre) - centre) / centre;
+    vec2 place = (vec2(x) + displacement(r, x, factor, centre) - centre) / centre;
     return Pair(imageLoad(sides, ivec3(h, 0)).r / share, imageLoad(sides, ivec3(h, 1)).r / share, share, place);
 }
 
@@ -47,8 +47,9 @@ shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][MOMENTS];
 void match_moments() {
     float moments[MOMENTS] = float[](0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    Registration r = state.registration;
     for (int n = int(gl_LocalInvocationIndex); n < samples(); n += step) {
-        Pair p = pair_at(n);
+        Pair p = pair_at(n, r);
         float u = p.u - 0.5, v = p.v - 0.5;
         float terms[MOMENTS] = float[](1.0, u, v, u * u, v * v, u * v);
         for (int i = 0; i < MOMENTS; i++) moments[i] += p.share * terms[i];
@@ -101,12 +102,14 @@ shared float scale;                  // of what is left, from where on a sample 
 void add_up(float constant, bool first) {
     float sums[FITTED];
     [[unroll]] for (int n = 0; n < FITTED; n++) sums[n] = 0.0;
+    float shading[TERMS] = state.shading, evened[TERMS] = state.evened;
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    Registration r = state.registration;
     for (int n = int(gl_LocalInvocationIndex); n < samples(); n += step) {
-        Pair p = pair_at(n);
+        Pair p = pair_at(n, r);
         // As it was before it was evened out.
-        float second = p.v / shading_at(state.evened, p.place), target = p.u - state.registration.offset;
-        float left = target - constant * second * shading_at(state.shading, p.place), alone = target - constant * second;
+        float second = p.v / shading_at(evened, p.place), target = p.u - r.offset;
+        float left = target - constant * second * shading_at(shading, p.place), alone = target - constant * second;
         float weight = first ? p.share : p.share / (1.0 + left * left / (scale * scale));
         float px[5], py[5], terms[ALL + 1];
         legendre(p.place.x, px);

@@ -187,11 +187,6 @@ impl Plan {
         self.settings.motion.unknowns() as u32
     }
 
-    /// What `linearise` is told for the last sums, those that T's motion model is judged by.
-    pub(crate) fn judged(&self) -> linearise::Constants {
-        self.linearise(&self.pyramid[0], self.settings.outer_iterations)
-    }
-
     /// What `step` is told after `appearance`, in iteration k of a level.
     pub(crate) fn appearance_step(&self, level: &Level, k: u32) -> step::Constants {
         step::Constants {
@@ -221,7 +216,7 @@ impl Plan {
             factor: level.factor as f32,
             length: level.length as f32,
             half_size: level.centre.map(|c| c as f32),
-            finds_alpha: u32::from(self.settings.regularization.is_none()),
+            finds_alpha: u32::from(self.finds_alpha(level, k)),
             share: share(k),
         }
     }
