@@ -2,6 +2,7 @@
 // Gain, offset and shading from both images, blurred alike as V says and smoothed. One workgroup. Twin:
 // src/engine/stages/exposure.rs.
 
+#extension GL_EXT_control_flow_attributes : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
 #include "state.glsl"
@@ -28,14 +29,14 @@ struct Pair {
 int columns() { return (width + 2 * every - 1) / (2 * every); }
 int samples() { return columns() * ((height + 2 * every - 1) / (2 * every)); }
 
-Pair pair_at(int n) {
+Pair pair_at(int n, Registration r) {
     const Pair NONE = Pair(0.0, 0.0, 0.0, vec2(0.0));
     if (n >= samples()) return NONE;
     ivec2 h = every * ivec2(n % columns(), n / columns()), x = 2 * h;
     float share = imageLoad(sides, ivec3(h, 2)).r;
     if (!(share > 0.5)) return NONE;
     vec2 centre = vec2(centre_x, centre_y);
-    vec2 place = (vec2(x) + displacement(state.registration, x, factor, centre) - centre) / centre;
+    vec2 place = (vec2(x) + displacement(r, x, factor, centre) - centre) / centre;
     return Pair(imageLoad(sides, ivec3(h, 0)).r / share, imageLoad(sides, ivec3(h, 1)).r / share, share, place);
 }
 
@@ -46,8 +47,9 @@ shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][MOMENTS];
 void match_moments() {
     float moments[MOMENTS] = float[](0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    Registration r = state.registration;
     for (int n = int(gl_LocalInvocationIndex); n < samples(); n += step) {
-        Pair p = pair_at(n);
+        Pair p = pair_at(n, r);
         float u = p.u - 0.5, v = p.v - 0.5;
         float terms[MOMENTS] = float[](1.0, u, v, u * u, v * v, u * v);
         for (int i = 0; i < MOMENTS; i++) moments[i] += p.share * terms[i];
@@ -80,63 +82,73 @@ void match_moments() {
     barrier();
 }
 
-// I1 less the offset is a polynomial of the place times I2: the normal equations of its coefficients, then the weights, the squares
-// that the polynomial before leaves, and those that its constant term alone leaves.
+// I1 less the offset is a polynomial of the place times I2: the normal equations of its coefficients, the upper triangle row by row
+// with the right side as a last column; then the weights, the squares that the polynomial before leaves, and those that its
+// constant term alone leaves.
 const int ALL = TERMS + 1;
-const int PAIRS = ALL * (ALL + 1) / 2;
-const int RIGHT = PAIRS, WEIGHT = PAIRS + ALL, LEFT = WEIGHT + 1, BEFORE = WEIGHT + 2, FITTED = WEIGHT + 3;
+const int PAIRS = (ALL + 1) * (ALL + 2) / 2;
+const int WEIGHT = PAIRS, LEFT = WEIGHT + 1, BEFORE = WEIGHT + 2, FITTED = WEIGHT + 3;
 const int ROUNDS = 3;
-const int BATCH = 64;
+// Sums whose subgroups' shares stand in shared memory at a time.
+const int BATCH = 16;
 shared float fitted[FITTED];
-shared float along_x[BATCH][5], along_y[BATCH][5];
-shared vec4 known[BATCH];            // I2, I1 less the offset, weight, what is left
+shared float shares[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][BATCH];
 shared float root[ALL][ALL];
 shared float coefficients[ALL];
 shared float scale;                  // of what is left, from where on a sample is an outlier
 
-void load(int slot, Pair p, float constant, bool first) {
-    float px[5], py[5];
-    legendre(p.place.x, px);
-    legendre(p.place.y, py);
-    for (int k = 0; k < 5; k++) {
-        along_x[slot][k] = px[k];
-        along_y[slot][k] = py[k];
-    }
-    // As it was before it was evened out.
-    float second = p.v / shading_at(state.evened, p.place), target = p.u - state.registration.offset;
-    float left = target - constant * second * shading_at(state.shading, p.place);
-    known[slot] = vec4(second, target, first ? p.share : p.share / (1.0 + left * left / (scale * scale)), left);
-}
-
-// Sum n over all samples, in their order.
-void add_up(int n, float constant, bool first) {
-    ivec2 i = degrees(0), j = degrees(0);
-    int row = 0, rest = n;
-    if (n < PAIRS) {
-        for (; rest >= ALL - row; row++) rest -= ALL - row;
-        i = degrees(row);
-        j = degrees(row + rest);
-    } else if (n < WEIGHT) i = degrees(n - RIGHT);
-    float sum = 0.0;
-    for (int start = 0; start < samples(); start += BATCH) {
-        barrier();
-        if (n < BATCH) load(n, pair_at(start + n), constant, first);
-        barrier();
-        for (int k = 0; k < BATCH && n < FITTED; k++) {
-            vec4 s = known[k];
-            float term = along_x[k][i.x] * along_y[k][i.y] * s.x, other = along_x[k][j.x] * along_y[k][j.y] * s.x;
-            float alone = s.y - constant * s.x;
-            sum += s.z * (n < PAIRS ? term * other : n < WEIGHT ? term * s.y : n == WEIGHT ? 1.0 : n == LEFT ? s.w * s.w : alone * alone);
+// All sums over all samples: an invocation adds up its own in registers, then subgroups theirs, then these in order. A sum an
+// invocation, over samples in shared memory, took 20 times as long.
+void add_up(float constant, bool first) {
+    float sums[FITTED];
+    [[unroll]] for (int n = 0; n < FITTED; n++) sums[n] = 0.0;
+    float shading[TERMS] = state.shading, evened[TERMS] = state.evened;
+    int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
+    Registration r = state.registration;
+    for (int n = int(gl_LocalInvocationIndex); n < samples(); n += step) {
+        Pair p = pair_at(n, r);
+        // As it was before it was evened out.
+        float second = p.v / shading_at(evened, p.place), target = p.u - r.offset;
+        float left = target - constant * second * shading_at(shading, p.place), alone = target - constant * second;
+        float weight = first ? p.share : p.share / (1.0 + left * left / (scale * scale));
+        float px[5], py[5], terms[ALL + 1];
+        legendre(p.place.x, px);
+        legendre(p.place.y, py);
+        [[unroll]] for (int i = 0; i < ALL; i++) {
+            ivec2 d = degrees(i);
+            terms[i] = px[d.x] * py[d.y] * second;
         }
+        terms[ALL] = target;
+        int at = 0;
+        [[unroll]] for (int i = 0; i <= ALL; i++) {
+            float weighed = weight * terms[i];
+            [[unroll]] for (int j = i; j <= ALL; j++, at++) sums[at] += weighed * terms[j];
+        }
+        sums[WEIGHT] += weight;
+        sums[LEFT] += weight * left * left;
+        sums[BEFORE] += weight * alone * alone;
     }
-    if (n < FITTED) fitted[n] = sum;
-    barrier();
+    int n = int(gl_LocalInvocationIndex);
+    [[unroll]] for (int batch = 0; batch < FITTED; batch += BATCH) {
+        [[unroll]] for (int k = 0; k < BATCH && batch + k < FITTED; k++) {
+            float sum = subgroupAdd(sums[batch + k]);
+            if (subgroupElect()) shares[gl_SubgroupID][k] = sum;
+        }
+        barrier();
+        if (n < BATCH && batch + n < FITTED) {
+            float sum = 0.0;
+            for (uint group = 0; group < gl_NumSubgroups; group++) sum += shares[group][n];
+            fitted[batch + n] = sum;
+        }
+        barrier();
+    }
 }
 
 // Cholesky; 1e-5 of the diagonal keeps terms that the samples hardly determine from growing.
 void solve() {
     for (int i = 0, n = 0; i < ALL; i++) {
         for (int j = i; j < ALL; j++, n++) root[j][i] = fitted[n];
+        coefficients[i] = fitted[n++];
     }
     for (int j = 0; j < ALL; j++) {
         float diagonal = root[j][j] * (1.0 + 1e-5) + 1e-12, pivot = diagonal;
@@ -148,7 +160,6 @@ void solve() {
         }
     }
     for (int i = 0; i < ALL; i++) {
-        coefficients[i] = fitted[RIGHT + i];
         for (int k = 0; k < i; k++) coefficients[i] -= root[i][k] * coefficients[k];
         coefficients[i] /= root[i][i];
     }
@@ -163,7 +174,7 @@ void match_shading() {
     if (n == 0) coefficients[0] = state.registration.gain;
     barrier();
     for (int round = 0; round <= ROUNDS; round++) {
-        add_up(n, coefficients[0], round == 0);
+        add_up(coefficients[0], round == 0);
         if (n == 0) {
             if (round < ROUNDS) {
                 solve();

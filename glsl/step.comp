@@ -23,8 +23,9 @@ layout(push_constant) uniform Constants {
     float factor;                    // pixels of the full-size image a pixel of this level
     float scale_length;              // that scales places, pixels
     float half_width, half_height;   // from the centre to a corner, pixels
-    int finds_alpha;                 // once it is final
+    int finds_alpha;
     float share;                     // of the step that is taken
+    float flatness;                  // share that the energy may change by, for the level to settle
 };
 
 // Pixels of the level that a corner may move before I2 is brought onto I1's pixels anew: following it by gradients looks
@@ -179,9 +180,9 @@ void step_once() {
     energies[energy_place] = energy;
     state.levels[level].converged = uint(converged);
     // A level goes on a little after it has converged: the energy is flat before V and T are.
-    settled = may_settle == 1 && moved < still * factor && change <= 0.01 * still * before;
+    settled = may_settle == 1 && moved < still * factor && change <= flatness * before;
     state.levels[level].settled = uint(settled);
-    if (finds_alpha == 1 && may_settle == 1) find_alpha();
+    if (finds_alpha == 1) find_alpha();
     bool follows = corner_moves(moved_since(state.warped, state.registration)) <= FOLLOWED * factor && shading_changes() <= EVEN;
     warps = warp_count > 0 && !settled && !follows;
     if (warps) state.levels[level].warps |= 1u << findMSB(state.levels[level].iterations);

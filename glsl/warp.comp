@@ -19,18 +19,27 @@ float coefficient(int image, ivec3 place) {
     return imageLoad(spline2, place).r;
 }
 
+// Lines an invocation, for which T and the shading are loaded once.
+const int ROWS = 8;
+
 void main() {
-    ivec2 x = ivec2(gl_GlobalInvocationID.xy), size = ivec2(width, height), last = size - 1, i;
+    ivec2 x = ivec2(gl_GlobalInvocationID.x, ROWS * gl_GlobalInvocationID.y), size = ivec2(width, height), last = size - 1;
     if (x.x >= width || x.y >= height) return;
+    Registration r = state.registration;
+    float coefficients[TERMS] = state.shading;
     if (x == ivec2(0)) {
-        state.warped = state.registration;
-        state.evened = state.shading;
+        state.warped = r;
+        state.evened = coefficients;
     }
-    vec2 centre = vec2(centre_x, centre_y), d = displacement(state.registration, x, factor, centre), f;
-    // Mirrored about the border pixels, once.
-    d = mix(d, vec2(-2 * x) - d, lessThan(vec2(x) + d, vec2(0.0)));
-    d = mix(d, vec2(2 * (last - x)) - d, greaterThan(vec2(x) + d, vec2(last)));
-    place(x, d, size, i, f);
-    float shading = shading_at(state.shading, (vec2(x) + d - centre) / centre);
-    imageStore(stacks, ivec3(x, layer), vec4(shading * spline_at(2, 0, size, i, f).value));
+    vec2 centre = vec2(centre_x, centre_y);
+    for (int end = min(x.y + ROWS, height); x.y < end; x.y++) {
+        vec2 d = displacement(r, x, factor, centre), f;
+        // Mirrored about the border pixels, once.
+        d = mix(d, vec2(-2 * x) - d, lessThan(vec2(x) + d, vec2(0.0)));
+        d = mix(d, vec2(2 * (last - x)) - d, greaterThan(vec2(x) + d, vec2(last)));
+        ivec2 i;
+        place(x, d, size, i, f);
+        float shading = shading_at(coefficients, (vec2(x) + d - centre) / centre);
+        imageStore(stacks, ivec3(x, layer), vec4(shading * spline_at(2, 0, size, i, f).value));
+    }
 }

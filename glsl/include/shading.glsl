@@ -19,12 +19,12 @@ ivec2 degrees(int term) {
 
 // At a place from the centre, -1 to 1 along either side; what the photographs do not show it may not make of itself.
 float shading_at(float coefficients[TERMS], vec2 place) {
-    float px[5], py[5], sum = 1.0;
-    legendre(place.x, px);
-    legendre(place.y, py);
-    for (int n = 0; n < TERMS; n++) {
-        ivec2 d = degrees(n + 1);
-        sum += coefficients[n] * px[d.x] * py[d.y];
-    }
-    return clamp(sum, 0.25, 4.0);
+    float x[5], y[5], c[TERMS] = coefficients;
+    legendre(place.x, x);
+    legendre(place.y, y);
+    // Written out, in the order of `degrees`: software devices gather what a loop indexes.
+    float by_x = (c[0] + c[3] * y[1] + c[7] * y[2] + c[12] * y[3]) * x[1];
+    float by_xx = (c[2] + c[6] * y[1] + c[11] * y[2]) * x[2], by_xxx = (c[5] + c[10] * y[1]) * x[3];
+    float alone = c[1] * y[1] + c[4] * y[2] + c[8] * y[3] + c[13] * y[4] + c[9] * x[4];
+    return clamp(1.0 + by_x + by_xx + by_xxx + alone, 0.25, 4.0);
 }

@@ -36,7 +36,7 @@ pub(crate) enum Slot {
     Partials,
     /// By level and outer iteration.
     Energies,
-    /// The rows of sums at the final T and V, mapped.
+    /// The rows of sums of the last iteration, mapped.
     EndPartials,
     /// Indirect arguments.
     Arguments,

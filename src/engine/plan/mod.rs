@@ -25,8 +25,8 @@ const LEAST_COARSEST: u32 = 32;
 const LEAST_LEVEL: u32 = 8;
 /// Outer iterations in which α falls to its value, from the coarsest level on; the last holds for all that are finer. The
 /// coarsest starts from nothing, the others from a V that needs less of it: with 12 everywhere levels did 14 to 20
-/// iterations, now 5 to 9, and errors are the same (`docs/performance.md`).
-const CONTINUATION: [f64; 5] = [12.0, 8.0, 6.0, 6.0, 2.0];
+/// iterations, with 2 on the finest 5 to 9, with 1 one less, and errors are the same (`docs/performance.md`).
+const CONTINUATION: [f64; 5] = [12.0, 8.0, 6.0, 6.0, 1.0];
 /// Where fewer iterations than these are allowed, the continuation is shorter in proportion, so that it ends before they do.
 const WHOLE_CONTINUATION: f64 = 20.0;
 /// Layers of results before the fused channels: V, its standard deviation, the residual.
@@ -114,6 +114,15 @@ impl Plan {
         k > 0 && f64::from(k - 1) >= self.continuation(level)
     }
 
+    /// Whether α is found after iteration k of a level. V that comes from a coarser level tells of it at once, nearly as well as in the
+    /// end, so that changes of α, each of which takes iterations, fall together with the continuation; what is smoothed by that tells
+    /// of an α too large. Levels before the finest, which only hand on a start, look once more.
+    pub(crate) fn finds_alpha(&self, level: &Level, k: u32) -> bool {
+        let starts_well = level.index + 1 < self.solved;
+        let once = starts_well && level.index > 0 && k > 0 && self.may_settle(level, k - 1);
+        self.settings.regularization.is_none() && (k == 0 && starts_well || self.may_settle(level, k) && !once)
+    }
+
     /// Whether the host asks before iteration k if a level has settled, and leaves out what is recorded for it from there on
     /// if it has; `may_settle` tells of iterations in which it can.
     pub(crate) fn asks_before(k: u32, may_settle: impl Fn(u32) -> bool) -> bool {
@@ -146,9 +155,14 @@ impl Plan {
         self.settings.motion == Motion::Homography
     }
 
+    /// Whether sums of a level do where V is solved for: on the finest too, where T's motion model is judged by the last of them.
+    pub(crate) fn sums_all(&self, level: &Level) -> bool {
+        self.projective() || self.solves_transform() && level.index == 0
+    }
+
     /// Whether gain and offset are matched before iteration k of a level: often at first, and never once it may have settled.
     pub(crate) fn matches_before(&self, level: &Level, k: u32) -> bool {
-        self.matches_exposure() && (k == 0 || k.is_power_of_two() && !self.may_settle(level, k - 1))
+        self.matches_exposure() && (k == 0 || k > 1 && k.is_power_of_two() && !self.may_settle(level, k - 1))
     }
 
     /// What is matched there: the shading only once a coarser level has found T.

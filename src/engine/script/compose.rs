@@ -60,9 +60,11 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     }
     s.next_part();
     s.place = Place::level(0);
-    s.exposure(&plan.pyramid[0], Adopt::Nothing, true);
+    if !plan.matches_exposure() {
+        s.exposure(&plan.pyramid[0], Adopt::Nothing, true);
+    }
     if plan.solves_transform() {
-        s.judge();
+        s.copy(Slot::Partials, Slot::EndPartials);
         s.bring_down_registration();
         registered = s.parts.len();
         s.next_part();
@@ -297,21 +299,8 @@ impl<'a> Composer<'a> {
     /// S1, S2, D, b and the registration integrals: equations 22 to 32 and 23.
     fn linearise(&mut self, level: &Level, k: u32) {
         let variant =
-            linearise::variant(self.plan.slopes(), self.plan.warps(level), self.masked, self.plan.projective());
-        let constants = self.plan.linearise(level, k);
-        self.within(level, Over::Tiles, Self::linearised(level), &constants, variant);
-    }
-
-    /// The same at the end, with what all motion models take, for the host.
-    fn judge(&mut self) {
-        let level = &self.plan.pyramid[0];
-        let variant = linearise::variant(self.plan.slopes(), self.plan.warps(level), self.masked, true);
-        self.dispatch(Self::linearised(level), &self.plan.judged(), variant, Grid::Direct(level.tiles()));
-        self.copy(Slot::Partials, Slot::EndPartials);
-    }
-
-    fn linearised(level: &Level) -> linearise::Bindings {
-        linearise::Bindings {
+            linearise::variant(self.plan.slopes(), self.plan.warps(level), self.masked, self.plan.sums_all(level));
+        let bindings = linearise::Bindings {
             i1: slot::i1(level.index).read(),
             v: slot::relative_blur(level.index).read(),
             stacks: slot::STACKS.read(),
@@ -320,7 +309,8 @@ impl<'a> Composer<'a> {
             state: slot::STATE.read(),
             partials: slot::PARTIALS.write(),
             masks: slot::masks(level.index).read(),
-        }
+        };
+        self.within(level, Over::Tiles, bindings, &self.plan.linearise(level, k), variant);
     }
 
     /// T; settled?
@@ -332,7 +322,7 @@ impl<'a> Composer<'a> {
             arguments: slot::ARGUMENTS.write(),
             start_arguments: slot::START_ARGUMENTS.read(),
         };
-        let variant = if self.plan.projective() { sums::PROJECTIVE } else { NO_VARIANT };
+        let variant = if self.plan.sums_all(level) { sums::PROJECTIVE } else { NO_VARIANT };
         self.within(level, Over::One, bindings, constants, variant);
         self.place = self.place.after_step();
     }

@@ -93,7 +93,7 @@ impl Composer<'_> {
         let base = self.plan.first_layer(1);
         let bindings =
             warp::Bindings { spline2: slot::SPLINE2.read(), stacks: slot::STACKS.write(), state: slot::STATE.update() };
-        let grid = self.grid(warp::STAGE.groups(level.size));
+        let grid = self.grid(warp::tiles(level.size));
         self.dispatch(bindings, &self.plan.warp(level, base + 1), NO_VARIANT, grid);
         self.spline(level, (slot::STACKS.plane(), base + 1), (slot::STACKS.plane(), base));
     }

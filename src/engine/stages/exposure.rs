@@ -52,13 +52,19 @@ pub(crate) enum Adopt {
 
 /// Most samples that are looked at, by one workgroup.
 const MOST_SAMPLES: f64 = 4096.0;
+/// Pixels of the sides from sample to sample at least, where so few are left: under the window those closer say the same again.
+const LEAST_EVERY: f64 = 4.0;
+/// Samples that are looked at even so.
+const LEAST_SAMPLES: f64 = 128.0;
 /// Pixels of the sides that a window of σ 2 px there makes one of: 4π σ².
 const WINDOW: f64 = 50.0;
 
 impl Constants {
     /// Of a level of this size.
     pub(crate) fn new([width, height]: [u32; 2], factor: f64, centre: [f64; 2], adopt: Adopt) -> Self {
-        let every = (pixels(width, height) as f64 / 4.0 / MOST_SAMPLES).sqrt().ceil().max(1.0);
+        let all = pixels(width, height) as f64 / 4.0;
+        let least = (all / LEAST_SAMPLES).sqrt().floor().clamp(1.0, LEAST_EVERY);
+        let every = (all / MOST_SAMPLES).sqrt().ceil().max(least);
         Self {
             width,
             height,

@@ -89,7 +89,7 @@ pub(crate) const ANY_KERNEL: Variant = [true, false, false, false];
 /// The variant for a stack of I2 as [`warp`](super::warp) brought it onto I1's pixels.
 pub(crate) const WARPED: Variant = [false, true, false, false];
 
-/// The variant in which the sums of [`WARPED`] tell of homographies too.
+/// The variant of [`WARPED`] in which the sums tell of homographies too.
 pub(crate) const JUDGED: Variant = [false, true, false, true];
 
 /// The variant for a kernel, for a stack of I2 that was warped, for masked pixels, and for sums that homographies take.

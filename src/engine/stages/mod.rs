@@ -62,7 +62,7 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
 }
 
 /// The stages, and the variants of them, that solves of pairs without masked pixels take.
-const PLAIN: [(&Stage, Variant); 31] = [
+const PLAIN: [(&Stage, Variant); 32] = [
     (&appearance::STAGE, NO_VARIANT),
     (&convolve::STAGE, NO_VARIANT),
     (&convolve::STAGE, convolve::LONG),
@@ -90,6 +90,7 @@ const PLAIN: [(&Stage, Variant); 31] = [
     (&sides::STAGE, linearise::ANY_KERNEL),
     (&sides::STAGE, linearise::WARPED),
     (&step::STAGE, NO_VARIANT),
+    (&step::STAGE, sums::PROJECTIVE),
     (&subdivide::STAGE, NO_VARIANT),
     (&uncertainty::STAGE, NO_VARIANT),
     (&update::STAGE, NO_VARIANT),

@@ -16,7 +16,7 @@ pub const FIRST_ALPHA: f64 = 0.003;
 pub struct State {
     /// T, gain and offset.
     pub registration: Single,
-    /// Correlation of the two images at low pass, when it was last measured: in the end, at the final T.
+    /// Correlation of the two images at low pass, when it was last measured: with brightness, or else at the end.
     pub correlation: f32,
     /// 1 if the last step had unknowns that the images do not determine.
     pub degenerate: u32,

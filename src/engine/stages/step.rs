@@ -33,7 +33,7 @@ pub struct Constants {
     pub descend: u32,
     /// 1 once an iteration at the final α is done; nothing may converge before.
     pub may_settle: u32,
-    /// Pixels of the level that no corner may move any more, for it to settle; the energy may change by a tenth of that share.
+    /// Pixels of the level that no corner may move any more, for it to settle.
     pub still: f32,
     /// First of the indirect arguments of the passes that bring I2 onto I1's pixels anew, in words.
     pub warp_place: u32,
@@ -45,10 +45,12 @@ pub struct Constants {
     pub length: f32,
     /// From the centre to a corner, pixels of the level.
     pub half_size: [f32; 2],
-    /// 1: α is found, once it is final.
+    /// 1: α is found.
     pub finds_alpha: u32,
     /// How much of the step is taken.
     pub share: f32,
+    /// Share that the energy may change by, for the level to settle.
+    pub flatness: f32,
 }
 
 bindings! {
@@ -79,7 +81,7 @@ impl Pass for Bindings {
         let state = memory.state_mut(self.state);
         let level = c.level as usize;
         let step = twin(c, &sums, &mut state.registration, state.levels[level].energy);
-        if c.finds_alpha == 1 && c.may_settle == 1 {
+        if c.finds_alpha == 1 {
             state.alpha = find_alpha(&sums, state.alpha);
         }
         let follows =
@@ -111,8 +113,8 @@ pub struct Step {
     pub energy: f64,
     /// No corner moved by 0.01 px and the energy changed by less than 0.1 %.
     pub converged: bool,
-    /// No corner moved by [`still`](Constants::still) pixels of the level, the energy changed by less than a tenth of that
-    /// share, and the level stops. The energy is flat before V and T are, so the finest level goes on after it has converged.
+    /// No corner moved by [`still`](Constants::still) pixels of the level, the energy changed by at most
+    /// [`flatness`](Constants::flatness), and the level stops. The energy is flat before V and T are, so the finest level goes on after it has converged.
     pub settled: bool,
 }
 
@@ -125,8 +127,7 @@ pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> St
     let energy = sums.energy / sums.valid.max(1.0);
     let change = (energy - before).abs();
     let converged = c.may_settle == 1 && moved < 0.01 && change <= 1e-3 * before;
-    let still = f64::from(c.still);
-    let settled = c.may_settle == 1 && moved < still * factor && change <= 0.01 * still * before;
+    let settled = c.may_settle == 1 && moved < f64::from(c.still) * factor && change <= f64::from(c.flatness) * before;
     Step { energy, converged, settled }
 }
 
@@ -232,6 +233,7 @@ mod tests {
             half_size: [60.0, 40.0],
             finds_alpha: 0,
             share: 1.0,
+            flatness: 1e-5,
         }
     }
 
@@ -276,8 +278,10 @@ mod tests {
         close(found.levels[1].energy.into(), step.energy);
         close(rig.floats(&buffers[2])[3].into(), step.energy);
         assert_eq!(found.levels[1].iterations, 1);
-        let finds = c.finds_alpha == 1 && c.may_settle == 1;
-        close(found.alpha.into(), if finds { find_alpha(&sums, state.alpha.into()) } else { state.alpha.into() });
+        close(
+            found.alpha.into(),
+            if c.finds_alpha == 1 { find_alpha(&sums, state.alpha.into()) } else { state.alpha.into() },
+        );
         assert_eq!(found.levels[1].converged, u32::from(step.converged));
         assert_eq!(found.levels[1].settled, u32::from(step.settled));
         (found, rig.words(&buffers[3]))
@@ -307,8 +311,8 @@ mod tests {
                 let valid = row[layout.energy + 1];
                 row[layout.energy + 2..layout.energy + 4].copy_from_slice(&[root * valid, steep * valid]);
             }
-            for (finds_alpha, may_settle) in [(1, 1), (1, 0), (0, 1)] {
-                check(Constants { finds_alpha, may_settle, ..constants(8) }, &partials, 0.1);
+            for finds_alpha in [0, 1] {
+                check(Constants { finds_alpha, ..constants(8) }, &partials, 0.1);
             }
         }
     }

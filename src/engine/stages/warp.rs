@@ -28,6 +28,14 @@ pub struct Constants {
     pub centre: [f32; 2],
 }
 
+/// Lines an invocation goes down.
+const ROWS: u32 = 8;
+
+/// Workgroups that cover a level.
+pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
+    STAGE.groups([width, height.div_ceil(ROWS)])
+}
+
 bindings! {
     WARP:
     /// Spline coefficients of I2.
