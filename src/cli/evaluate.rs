@@ -1,4 +1,4 @@
-//! `parfocal evaluate`: the paper's experiments and the default settings' bounds, as tables and figures.
+//! `parfocal evaluate`: the paper's experiments, and bounds of the default settings and of sweeps, as tables and figures.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use super::output::{self, ForceArgument};
 use super::told::ToldArguments;
 
 /// Run the paper's experiments with all systems, on scenes and photographs, and measure what is demanded of the default
-/// settings; write tables and figures.
+/// settings and of focus sweeps; write tables and figures.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(super) struct Arguments {
@@ -24,8 +24,8 @@ pub(super) struct Arguments {
     /// Small scenes, few points, reduced photographs: shows in a minute that everything runs
     #[arg(long)]
     quick: bool,
-    /// One half alone
-    #[arg(long, value_enum, value_name = "HALF")]
+    /// One part alone
+    #[arg(long, value_enum, value_name = "PART")]
     only: Option<Only>,
     #[command(flatten)]
     told: ToldArguments,
@@ -42,6 +42,9 @@ enum Only {
     /// What the default settings are to reach by themselves, each bound beside its figure, also on stderr: some 5
     /// minutes. In DIR: part/57, dual-pixel
     Itself,
+    /// What focus sweeps are to reach, likewise: generated stacks of 6 to 41 frames, beside shape from focus, and a simulated
+    /// sweep: some 5 minutes. In DIR: cou
+    Sweeps,
 }
 
 impl From<Only> for evaluate::Only {
@@ -49,6 +52,7 @@ impl From<Only> for evaluate::Only {
         match only {
             Only::Paper => Self::Paper,
             Only::Itself => Self::Itself,
+            Only::Sweeps => Self::Sweeps,
         }
     }
 }
@@ -70,6 +74,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let evaluation = Evaluation::run(&engine, &options, &mut |line| arguments.told.say(line));
     super::check_validation(&engine)?;
     evaluation.write(out)?;
-    let summary = [evaluation.itself(), format!("in {}", arguments.output.display())].join("\n");
-    arguments.told.tell(summary.trim_start(), || evaluation.to_json())
+    let summary = [evaluation.itself(), evaluation.sweeps(), format!("in {}", arguments.output.display())];
+    let summary = summary.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n");
+    arguments.told.tell(&summary, || evaluation.to_json())
 }

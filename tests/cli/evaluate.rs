@@ -49,7 +49,7 @@ fn a_quick_run_without_data_writes_tables_figures_and_verdicts() {
             assert_eq!(case["figures"].as_array().unwrap().is_empty(), absent, "{name}: {case}");
         }
     }
-    assert_eq!(sections.len(), 7);
+    assert_eq!((sections.len(), report["sweeps"].as_array().unwrap().len()), (7, 2));
 
     let text = fs::read_to_string(out.join("report.md")).unwrap();
     assert!(text.contains("## By itself") && stderr.contains("### Shading: "), "{text}");
@@ -63,7 +63,7 @@ fn a_quick_run_without_data_writes_tables_figures_and_verdicts() {
 }
 
 #[test]
-fn one_half_alone_says_nothing_of_the_other() {
+fn one_part_alone_says_nothing_of_the_others() {
     let folder = TempDir::new().unwrap();
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
     let output = evaluate(folder.path(), &["--only", "itself", "--data", data.to_str().unwrap(), "-o", "out"]);
@@ -72,6 +72,20 @@ fn one_half_alone_says_nothing_of_the_other() {
     assert!(!stderr.contains("part 57 | – |"), "the project's own part is there: {stderr}");
     let text = fs::read_to_string(folder.path().join("out/report.md")).unwrap();
     assert!(text.contains("## By itself") && !text.contains("Table 1"), "{text}");
+}
+
+#[test]
+fn sweeps_that_are_absent_are_a_row_and_the_simulated_one_is_solved() {
+    let folder = TempDir::new().unwrap();
+    let output = evaluate(folder.path(), &["--only", "sweeps", "--data", "none", "-o", "out"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && stderr.contains("## Sweeps"), "{stderr}");
+    let report: Value = serde_json::from_slice(&fs::read(folder.path().join("out/report.json")).unwrap()).unwrap();
+    let cases = |n: usize| report["sweeps"][n]["cases"].as_array().unwrap();
+    assert!(cases(0).len() == 1 && cases(0)[0]["note"].as_str().unwrap().contains("no such file"), "{report}");
+    assert!(cases(1).len() == 1 && !cases(1)[0]["figures"].as_array().unwrap().is_empty(), "{report}");
+    assert!(report["itself"].as_array().unwrap().is_empty() && report["registration"].as_array().unwrap().is_empty());
+    assert!(fs::read_to_string(folder.path().join("out/report.md")).unwrap().contains("### Simulated sweep: "));
 }
 
 #[test]

@@ -199,3 +199,71 @@ fn clipping_is_told() {
     assert!(output.status.success());
     assert!(String::from_utf8(output.stderr).unwrap().contains("were clipped"));
 }
+
+#[test]
+fn a_sweep_has_its_frames_focus_and_truth() {
+    let desk = Desk::new();
+    let moved = ["--breathing", "5", "--drift", "4", "--rotation", "0.3", "--gain-drift", "5", "--blur-rate", "0.5"];
+    for scene in ["plane", "relief", "steps", "cylinders", "card", "blocks", "bars"] {
+        let truth =
+            desk.simulate(scene, &[&["--frames", "5", "--size", "48x32", "--noise", "0.005"][..], &moved].concat());
+        let names: Vec<&str> = truth["files"].as_array().unwrap().iter().map(|f| f.as_str().unwrap()).collect();
+        let frames = ["frame_01.png", "frame_02.png", "frame_03.png", "frame_04.png", "frame_05.png"];
+        assert_eq!(names, [&frames[..], &["focus.exr", "truth.json"]].concat());
+        assert_eq!(fs::read_dir(desk.path("made/out")).unwrap().count(), 7, "{scene}: nothing of the last scene stays");
+        for (k, (name, told)) in frames.iter().zip(truth["frames"].as_array().unwrap()).enumerate() {
+            assert_eq!((told["file"].as_str(), told["position"].as_f64()), (Some(*name), Some(k as f64)));
+            let frame = image_io::read(&desk.out(name)).unwrap();
+            assert_eq!((frame.width(), frame.height(), words(&frame).len()), (48, 32, 48 * 32));
+            let (gain, undone) = (&told["exposure"]["gain"], &told["photometric"]["gain"]);
+            assert!((gain.as_f64().unwrap() - (0.95 + 0.025 * k as f64)).abs() < 1e-12);
+            assert!((gain.as_f64().unwrap() * undone.as_f64().unwrap() - 1.0).abs() < 1e-12);
+        }
+        assert_eq!((&truth["reference"], &truth["blur_rate_px2"]), (&2.into(), &0.5.into()));
+        let of = |k: usize, what: &str| truth["frames"][k]["transform"][what].as_f64().unwrap();
+        assert_eq!(["tx_px", "ty_px", "rotation_deg", "scale"].map(|what| of(2, what)), [0.0, 0.0, 0.0, 1.0]);
+        let over = |what: &str| of(4, what) - of(0, what);
+        assert!((over("tx_px").hypot(over("ty_px")) - 4.0).abs() < 1e-9);
+        assert!((over("rotation_deg") - 0.3).abs() < 1e-9 && (over("scale") - 0.05).abs() < 1e-9);
+        let focus = floats(&desk.out("focus.exr"));
+        assert!(focus.len() == 48 * 32 && focus.iter().all(|u| (0.39..3.61).contains(u)), "{scene}");
+    }
+    // A pair takes the place of the sweep.
+    desk.simulate("plane", &["--size", "48x32"]);
+    assert!(!desk.out("frame_01.png").exists() && desk.out("i1.png").exists());
+}
+
+#[test]
+fn what_is_no_sweep_is_refused() {
+    let desk = Desk::new();
+    let five = |extra: &[&'static str]| [&["--frames", "5"], extra].concat();
+    for (scene, extra, part) in [
+        ("plane", vec!["--frames", "2"], "number of frames is 2"),
+        ("plane", vec!["--frames", "1000"], "number of frames"),
+        ("plane", vec!["--frames", "five"], "invalid value"),
+        ("plane", vec!["--frames", "999", "--size", "2000x2000"], "pixels of all frames"),
+        ("plane", vec!["--breathing", "5"], "--frames"),
+        ("plane", five(&["--breathing", "21"]), "breathing"),
+        ("plane", five(&["--drift", "-1"]), "drift"),
+        ("plane", five(&["--gain-drift", "nan"]), "gain drift"),
+        ("plane", five(&["--blur-rate", "0"]), "blur rate"),
+        ("plane", five(&["--blur-rate", "100"]), "largest variance"),
+        ("plane", five(&["--range", "2"]), "--range"),
+        ("plane", five(&["--translation", "1,1"]), "--drift"),
+        ("plane", five(&["--scale", "1.1"]), "--breathing"),
+        ("plane", five(&["--i2-gain", "1.1"]), "--gain-drift"),
+        ("cylinders", five(&["--focus", "200,240"]), "the lens"),
+    ] {
+        desk.refuses(scene, &extra, 2, &[part]);
+    }
+    desk.refuses("half-gaussian-dots", &five(&[]), 1, &["no depth to sweep through"]);
+    fs::create_dir_all(desk.path("made/out")).unwrap();
+    fs::write(desk.out("frame_03.png"), "mine").unwrap();
+    let output = desk.run("plane", &five(&["--size", "32x32"]));
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        output.status.code() == Some(1) && stderr.contains("frame_03.png") && stderr.contains("--force"),
+        "{stderr}"
+    );
+    assert_eq!(fs::read(desk.out("frame_03.png")).unwrap(), b"mine");
+}

@@ -48,6 +48,12 @@ pub(crate) const FOCUS: Meaning = Meaning::new(
      pair of frames tells",
 );
 
+/// True u of a sweep.
+pub(crate) const TRUE_FOCUS: Meaning = Meaning::new(
+    "focus settings",
+    "Focus setting, as the positions in truth.json, at which each pixel of the reference frame is sharp",
+);
+
 /// Its standard deviation.
 pub(crate) const FOCUS_UNCERTAINTY: Meaning =
     Meaning::new("focus settings", "Standard deviation of the focus setting; NaN where there is none");

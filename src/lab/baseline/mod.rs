@@ -1,11 +1,15 @@
-//! Registration by key-points, apart from the passes: what the method SIFT starts from.
+//! What parfocal is compared with, apart from the passes, on the CPU: registration by key-points, what the method SIFT
+//! starts from, and shape from focus.
 //!
 //! SIFT key-points of both images (crate `lowe-sift`, after Lowe 2004), matched by the ratio test, and a similarity
-//! fitted to the matches by robust least squares. On the CPU: it is there to compare with, and is not the method.
+//! fitted to the matches by robust least squares.
 
 mod matching;
+mod shape_from_focus;
 mod sift;
 mod similarity_fit;
+
+pub use shape_from_focus::shape_from_focus;
 
 use crate::base::color::LUMINANCE;
 use crate::base::{Decode, Error, Frame, Mask, Similarity, centre};

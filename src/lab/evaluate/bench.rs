@@ -30,6 +30,11 @@ impl<'a> Bench<'a> {
         Self { engine, quick, say, solvers: Vec::new() }
     }
 
+    /// The device, for what is more than a pair.
+    pub(super) fn engine(&self) -> &'a Engine {
+        self.engine
+    }
+
     /// Tells what is being done.
     pub(super) fn say(&mut self, line: &str) {
         (self.say)(line);

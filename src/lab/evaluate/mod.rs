@@ -1,5 +1,5 @@
 //! The paper's experiments (Ben-Ari, TPAMI 2014, section 5) with parfocal's four systems: tables, figures, and which of
-//! the aims are met; and what is demanded of the default settings, measured.
+//! the aims are met; and what is demanded of the default settings, of pairs and of focus sweeps, measured.
 //!
 //! ```no_run
 //! use parfocal::evaluate::{Evaluation, Options};
@@ -26,6 +26,9 @@ mod real;
 mod registration;
 mod report;
 mod robustness;
+mod section;
+mod sigma;
+mod sweeps;
 mod system;
 mod table;
 mod targets;
@@ -38,6 +41,7 @@ use image::RgbImage;
 use serde::Serialize;
 
 use self::bench::Bench;
+use self::section::Section;
 use crate::base::Error;
 use crate::engine::Engine;
 use crate::files::export::{Destination, DeviceReport, Guard, Listed, Staging, write_drawing};
@@ -49,17 +53,19 @@ pub struct Options {
     pub data: PathBuf,
     /// Small scenes, few points, reduced photographs: whether everything runs, not how good it is.
     pub quick: bool,
-    /// One half alone.
+    /// One part alone.
     pub only: Option<Only>,
 }
 
-/// The halves of an evaluation.
+/// The parts of an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Only {
     /// The paper's experiments, all systems.
     Paper,
     /// What is demanded of the default settings.
     Itself,
+    /// What is demanded of focus sweeps.
+    Sweeps,
 }
 
 impl Default for Options {
@@ -89,7 +95,8 @@ struct Results {
     descent: Vec<descent::Race>,
     kernels: Vec<kernels::KernelResult>,
     calibration: Vec<calibration::Calibration>,
-    itself: Vec<itself::Section>,
+    itself: Vec<Section>,
+    sweeps: Vec<Section>,
 }
 
 impl Results {
@@ -108,6 +115,7 @@ impl Results {
             kernels: Vec::new(),
             calibration: Vec::new(),
             itself: Vec::new(),
+            sweeps: Vec::new(),
         }
     }
 }
@@ -130,11 +138,15 @@ impl Evaluation {
     pub fn run(engine: &Engine, options: &Options, say: &mut dyn FnMut(&str)) -> Self {
         let mut bench = Bench::new(engine, options.quick, say);
         let mut evaluation = Self { results: Results::of(engine, options), figures: Vec::new() };
-        if options.only != Some(Only::Itself) {
+        let wanted = |part: Only| options.only.is_none_or(|only| only == part);
+        if wanted(Only::Paper) {
             evaluation.run_paper(&mut bench, &options.data);
         }
-        if options.only != Some(Only::Paper) {
+        if wanted(Only::Itself) {
             evaluation.results.itself = itself::run(&mut bench, &options.data);
+        }
+        if wanted(Only::Sweeps) {
+            evaluation.results.sweeps = sweeps::run(&mut bench, &options.data);
         }
         evaluation
     }
@@ -156,7 +168,12 @@ impl Evaluation {
 
     /// What is demanded of the default settings, as a table of each section; empty where it was not measured.
     pub fn itself(&self) -> String {
-        itself::markdown(&self.results.itself)
+        section::markdown(itself::HEADING, &self.results.itself)
+    }
+
+    /// What is demanded of focus sweeps, likewise.
+    pub fn sweeps(&self) -> String {
+        section::markdown(sweeps::HEADING, &self.results.sweeps)
     }
 
     /// The text of `report.json`, without a newline at its end.

@@ -4,7 +4,6 @@ use super::calibration::Calibration;
 use super::descent::{EQUAL, Race};
 use super::errors::BORDER;
 use super::figures::called;
-use super::itself;
 use super::kernels::KernelResult;
 use super::real::{Estimate, PairResult};
 use super::registration::CaseResult;
@@ -12,7 +11,7 @@ use super::robustness::{PAPER_PX, Sweep};
 use super::system::{NONE, REFERENCE, SystemResult};
 use super::table::{DASH, Table, number, seconds, yes};
 use super::targets::{Target, as_good};
-use super::{FIGURES, Figure, Results};
+use super::{FIGURES, Figure, Results, itself, section, sweeps};
 
 pub(super) fn markdown(results: &Results, figures: &[Figure]) -> String {
     let figure = |start: &str| -> String { figures.iter().filter(|f| f.name.starts_with(start)).map(link).collect() };
@@ -31,7 +30,9 @@ pub(super) fn markdown(results: &Results, figures: &[Figure]) -> String {
     ];
     // What was not run has no results, and an empty table would say that it had none.
     let paper = if results.registration.is_empty() { Vec::new() } else { paper.to_vec() };
-    let sections = [vec![head(results)], paper, vec![itself::markdown(&results.itself)]].concat();
+    let judged = [(itself::HEADING, &results.itself), (sweeps::HEADING, &results.sweeps)];
+    let judged = judged.map(|(heading, sections)| section::markdown(heading, sections));
+    let sections = [vec![head(results)], paper, judged.to_vec()].concat();
     sections.into_iter().filter(|s| !s.is_empty()).collect::<Vec<_>>().join("\n")
 }
 

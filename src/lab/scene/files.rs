@@ -73,7 +73,7 @@ impl Truth {
             relative_blur: RangeReport::of(&simulated.relative_blur),
             lens: scene.lens().copied(),
             depth: simulated.depth.as_ref().map(|_| SIMULATED_FILES[3]),
-            occlusion: if matches!(scene.shape, Shape::Layers { .. }) { "rendered" } else { "ignored" },
+            occlusion: scene.shape.occlusion(),
             clipped_samples: [&simulated.i1, &simulated.i2].map(clipped).iter().sum(),
             files: simulated_files(simulated.depth.is_some()),
         }
@@ -115,7 +115,7 @@ pub fn simulated_files(has_lens: bool) -> Vec<&'static str> {
     SIMULATED_FILES.into_iter().filter(|name| has_lens || *name != SIMULATED_FILES[3]).collect()
 }
 
-fn floats(frame: &Frame) -> &[f32] {
+pub(super) fn floats(frame: &Frame) -> &[f32] {
     match frame.samples() {
         Samples::F32(samples) => samples,
         // A scene renders floats and nothing else.
@@ -123,12 +123,12 @@ fn floats(frame: &Frame) -> &[f32] {
     }
 }
 
-fn clipped(frame: &Frame) -> usize {
+pub(super) fn clipped(frame: &Frame) -> usize {
     floats(frame).iter().filter(|v| !(0.0..=1.0).contains(*v)).count()
 }
 
 /// 16-bit PNG, white at 1.
-fn write_picture(writer: impl Write, frame: &Frame) -> Result<(), String> {
+pub(super) fn write_picture(writer: impl Write, frame: &Frame) -> Result<(), String> {
     let samples: Vec<u16> = floats(frame).iter().map(|v| (v.clamp(0.0, 1.0) * 65535.0).round() as u16).collect();
     let size = (frame.width(), frame.height());
     picture::write(writer, size, color_type(frame.format().channels), &Stored::Words(&samples), &PHOTOGRAPH)

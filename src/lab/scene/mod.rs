@@ -1,7 +1,7 @@
 //! The image formation model: synthetic pairs with ground truth.
 //!
 //! A [`Scene`] is plain data: a shape (blur, or depth and a lens), a radiance, a kernel, and how the second image was
-//! displaced and exposed. [`Scene::render`] makes the pair.
+//! displaced and exposed. [`Scene::render`] makes the pair; [`SweepScene::render`] makes a focus sweep of the same scene.
 //!
 //! ```
 //! use parfocal::scene::{Preset, Scene};
@@ -40,6 +40,7 @@ mod presets;
 mod radiance;
 mod raster;
 mod shape;
+mod sweep;
 #[cfg(test)]
 mod tests;
 mod view;
@@ -53,12 +54,14 @@ pub use layers::Arrangement;
 pub use presets::Preset;
 pub use radiance::Radiance;
 pub use shape::Shape;
+pub use sweep::{
+    FrameTruth, Shot, SimulatedSweep, SweepScene, SweepTruth, simulated_sweep_files, write_simulated_sweep,
+};
 
 use self::kernel::Rules;
 use self::layers::Layer;
 use self::occlusion::Layered;
 use self::radiance::Pattern;
-use self::shape::Surface;
 use self::view::{View, fill_rows};
 use crate::base::random::Random;
 use crate::base::{Channels, Error, Frame, Lens, Photometric, Samples, Similarity};
@@ -199,10 +202,11 @@ impl Scene {
         let surface = self.shape.surface(self)?;
         let views = [View::new(&Similarity::IDENTITY, size), View::new(&self.transform, size)];
         let [i1, i2] = if let Shape::Layers { arrangement, lens } = &self.shape {
-            self.layered(&views, arrangement.layers(self.seed, size, lens), lens)?
+            self.layered_pair(&views, arrangement.layers(self.seed, size, lens), lens)?
         } else {
             let channels = self.radiance.channels(self)?;
-            [self.image_of(0, &views, &surface, &channels)?, self.image_of(1, &views, &surface, &channels)?]
+            let planes = |i: usize| self.gathered(&views[i], |x| surface(x).variances[i], &channels);
+            [self.exposed(0, &planes(0)?)?, self.exposed(1, &planes(1)?)?]
         };
         let point = |i: usize| surface([(i % self.width as usize) as f64, (i / self.width as usize) as f64]);
         let pixels = self.width as usize * self.height as usize;
@@ -213,45 +217,51 @@ impl Scene {
     }
 
     /// Both images, with occlusion.
-    fn layered(&self, views: &[View; 2], layers: Vec<Layer>, lens: &Lens) -> Result<[Frame; 2], Error> {
+    fn layered_pair(&self, views: &[View; 2], layers: Vec<Layer>, lens: &Lens) -> Result<[Frame; 2], Error> {
         let deviations = [0, 1].map(|image| layers.iter().map(|l| lens.deviation(image, l.depth)).collect::<Vec<_>>());
-        let largest = deviations.iter().flatten().map(|d| d * d).fold(0.0, f64::max);
-        range("largest variance of the blur", largest, 0.0, MOST_VARIANCE)?;
-        let layered = Layered::new(layers, self.seed, [self.width, self.height], self.base_blur, self.kernel);
-        let image = |i: usize| self.expose(i, &[layered.image(&views[i], &deviations[i])]);
+        let layered = self.layered(layers, deviations.iter().flatten())?;
+        let image = |i: usize| self.exposed(i, &[layered.image(&views[i], &deviations[i])]);
         Ok([image(0)?, image(1)?])
     }
 
-    /// Image 0 (I1) or 1 (I2).
-    fn image_of(
+    /// Layers made ready for blur of these deviations, px.
+    fn layered<'a>(&self, layers: Vec<Layer>, deviations: impl Iterator<Item = &'a f64>) -> Result<Layered, Error> {
+        check_widest(deviations.map(|d| d * d))?;
+        Ok(Layered::new(layers, self.seed, [self.width, self.height], self.base_blur, self.kernel))
+    }
+
+    /// An image without occlusion, each channel; `variance` is that of the blur of a place of I1, px² of I1.
+    fn gathered(
         &self,
-        image: usize,
-        views: &[View; 2],
-        surface: &Surface,
+        view: &View,
+        variance: impl Fn([f64; 2]) -> f64 + Sync,
         channels: &[Pattern],
-    ) -> Result<Frame, Error> {
-        let (size, width, view) = ([self.width, self.height], self.width as usize, &views[image]);
-        // The sensor of I2 sees the same blur s² times as large.
-        let own = if image == 0 { 1.0 } else { self.transform.scale.powi(2) };
+    ) -> Result<Vec<Vec<f64>>, Error> {
+        let (size, width) = ([self.width, self.height], self.width as usize);
+        // The sensor sees the same blur s² times as large.
+        let own = view.scale.powi(2);
         let variances = fill_rows(size, |y, row| {
             for (x, v) in row.iter_mut().enumerate() {
-                *v = own * (self.base_blur + surface(view.place([x as f64, y as f64])).variances[image]);
+                *v = own * (self.base_blur + variance(view.place([x as f64, y as f64])));
             }
         });
-        let largest = variances.iter().copied().fold(0.0, f64::max);
-        range("largest variance of the blur", largest, 0.0, MOST_VARIANCE)?;
+        let largest = check_widest(variances.iter().copied())?;
         let rules = Rules::new(self.kernel, largest.sqrt());
         let render = |pattern: &Pattern| {
             fill_rows(size, |y, values| {
                 pattern.fill(self.kernel, &rules, &view.row(y, &variances[y * width..][..width]), values);
             })
         };
-        self.expose(image, &channels.iter().map(render).collect::<Vec<_>>())
+        Ok(channels.iter().map(render).collect())
     }
 
-    /// Contrast, exposure and noise; channels are interleaved.
-    fn expose(&self, image: usize, planes: &[Vec<f64>]) -> Result<Frame, Error> {
-        let Exposure { gain, offset } = if image == 0 { Exposure::default() } else { self.exposure };
+    /// I1, image 0, or I2, image 1.
+    fn exposed(&self, image: usize, planes: &[Vec<f64>]) -> Result<Frame, Error> {
+        self.expose(image, if image == 0 { Exposure::default() } else { self.exposure }, planes)
+    }
+
+    /// Contrast, exposure and the noise of the image of this number; channels are interleaved.
+    fn expose(&self, image: usize, Exposure { gain, offset }: Exposure, planes: &[Vec<f64>]) -> Result<Frame, Error> {
         let mut random = Random::new(self.seed, 10 + image as u64);
         let mut samples = Vec::with_capacity(planes.len() * planes[0].len());
         for i in 0..planes[0].len() {
@@ -264,6 +274,12 @@ impl Scene {
         let channels = if planes.len() == 1 { Channels::Gray } else { Channels::Rgb };
         Frame::new(self.width, self.height, channels, Samples::F32(samples)).map_err(Error::Mismatch)
     }
+}
+
+/// The largest of the variances of a blur, px² of its own image, if it can be rendered.
+fn check_widest(variances: impl Iterator<Item = f64>) -> Result<f64, Error> {
+    let largest = variances.fold(0.0, f64::max);
+    range("largest variance of the blur", largest, 0.0, MOST_VARIANCE).map(|()| largest)
 }
 
 fn range(name: &'static str, value: f64, low: f64, high: f64) -> Result<(), Error> {

@@ -71,6 +71,8 @@ pub enum Shape {
 pub(super) struct Point {
     /// Variance of the blur of I1 and of I2 (on I1's grid), px² of I1.
     pub(super) variances: [f64; 2],
+    /// Where it is in focus: 0 as I1 is focused, 1 as I2 is, evenly in what blur is linear in.
+    pub(super) share: f64,
     /// Depth, mm.
     pub(super) depth: Option<f64>,
 }
@@ -93,6 +95,11 @@ impl Shape {
         }
     }
 
+    /// What jumps of depth do, as `truth.json` has it.
+    pub(super) fn occlusion(&self) -> &'static str {
+        if matches!(self, Shape::Layers { .. }) { "rendered" } else { "ignored" }
+    }
+
     /// Prepares the shape for a scene.
     pub(super) fn surface(&self, scene: &Scene) -> Result<Surface, Error> {
         let size = [scene.width, scene.height];
@@ -101,7 +108,12 @@ impl Shape {
         Ok(match self.clone() {
             Shape::Plane { limit } => Box::new(move |[x, _]| focused_at(limit, x / (width - 1.0))),
             Shape::Uniform { variance } => {
-                Box::new(move |_| Point { variances: [f64::max(-variance, 0.0), variance.max(0.0)], depth: None })
+                let share = if variance < 0.0 { 1.0 } else { 0.0 };
+                Box::new(move |_| Point {
+                    variances: [f64::max(-variance, 0.0), variance.max(0.0)],
+                    share,
+                    depth: None,
+                })
             }
             Shape::Steps { limit } => Box::new(move |[x, _]| {
                 let terrace = ((x + 0.5) / width * TERRACES).floor().clamp(0.0, TERRACES - 1.0);
@@ -138,12 +150,19 @@ impl Shape {
 /// The blur at a `share` of the way from where I1 is focused, V = `limit`, to where I2 is, V = `-limit`. V is
 /// `limit ((1 - share)² - share²) = limit (1 - 2 share)`.
 fn focused_at(limit: f64, share: f64) -> Point {
-    Point { variances: [limit * share * share, limit * (1.0 - share) * (1.0 - share)], depth: None }
+    Point { variances: [limit * share * share, limit * (1.0 - share) * (1.0 - share)], share, depth: None }
 }
 
 /// The blur of a point at a depth, mm.
 fn through(lens: &Lens, scale: f64, z: f64) -> Point {
-    Point { variances: [lens.variance(0, z), lens.variance(1, z) / (scale * scale)], depth: Some(z) }
+    let variances = [lens.variance(0, z), lens.variance(1, z) / (scale * scale)];
+    Point { variances, share: share_of(lens, z), depth: Some(z) }
+}
+
+/// Where a depth in mm is in focus between the focus distances of a lens: 0 as I1, 1 as I2.
+pub(super) fn share_of(lens: &Lens, z: f64) -> f64 {
+    let [first, second] = lens.focus.map(|u| lens.coordinate(u));
+    (lens.coordinate(z) - first) / (second - first)
 }
 
 /// Hills of both signs, scaled to just fill [-1, 1] over the image.

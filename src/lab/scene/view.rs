@@ -11,6 +11,8 @@ pub(super) struct View {
     centre: [f64; 2],
     /// M = A⁻¹ as `[p, q]`: M u = (p u_x - q u_y, q u_x + p u_y), with A the linear part of T.
     linear: [f64; 2],
+    /// s: how much larger than I1 the image is.
+    pub(super) scale: f64,
 }
 
 /// What a row of one image asks of the radiance: for pixel i, blur of `variances[i]` px² of the sensor at
@@ -27,7 +29,7 @@ impl View {
     pub(super) fn new(transform: &Similarity, [width, height]: [u32; 2]) -> Self {
         let back = transform.inverse();
         let [a, b, ..] = back.displacement();
-        Self { back, centre: centre(width, height), linear: [1.0 + a, b] }
+        Self { back, centre: centre(width, height), linear: [1.0 + a, b], scale: transform.scale }
     }
 
     /// `T⁻¹ q`.

@@ -3,12 +3,12 @@
 
 use std::path::Path;
 
-use super::section::{Case, Section};
 use super::truth::by_itself;
 use crate::base::{Error, Frame, Homography, Samples};
 use crate::engine::Solution;
 use crate::files::image_io;
 use crate::lab::evaluate::bench::Bench;
+use crate::lab::evaluate::section::{Case, Section};
 
 const FOLDER: &str = "dual-pixel";
 const SCENES: [&str; 2] = ["001", "002"];

@@ -1,10 +1,10 @@
 //! Scenes whose near edges hide what lies behind them: V close to these edges, and away from them.
 
-use super::section::{Case, Section};
 use super::truth::{Errors, Known};
 use crate::engine::Solution;
 use crate::lab::evaluate::bench::Bench;
 use crate::lab::evaluate::errors::{BORDER, inside};
+use crate::lab::evaluate::section::{Case, Section};
 use crate::lab::scene::{Kernel, Preset, Scene};
 
 const SCENES: [Preset; 3] = [Preset::Card, Preset::Blocks, Preset::Bars];

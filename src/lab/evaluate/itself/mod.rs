@@ -7,17 +7,14 @@ mod edges;
 mod part;
 mod plane;
 mod scenes;
-mod section;
 mod truth;
 mod weight;
 
 use std::path::Path;
 
-pub(super) use self::section::Section;
-
 use self::scenes::{RATIO, USUAL};
-use self::section::Case;
 use super::bench::Bench;
+use super::section::{Case, Section};
 use crate::base::statistics::median;
 
 /// Measures everything.
@@ -56,12 +53,5 @@ const PART: &str = "A ray-traced part, thin lens, disk blur, occlusion, noise 0.
 
 const SIGMA: &str = "Shares of the pixels at which V is off by so many of its standard deviations σ.";
 
-/// The part of the report.
-pub(super) fn markdown(sections: &[Section]) -> String {
-    if sections.is_empty() {
-        return String::new();
-    }
-    let sum = |n: usize| sections.iter().map(|section| section.met()[n]).sum::<usize>();
-    let text: Vec<String> = sections.iter().map(Section::markdown).collect();
-    format!("## By itself\n\nDefault settings: {} of {} bounds are met.\n\n{}", sum(0), sum(1), text.join("\n"))
-}
+/// The heading in the report.
+pub(super) const HEADING: &str = "By itself";

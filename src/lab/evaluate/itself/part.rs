@@ -5,8 +5,7 @@ use std::path::Path;
 use nalgebra::{DMatrix, DVector};
 
 use super::scenes::against;
-use super::section::Case;
-use super::truth::{Sigma, by_itself};
+use super::truth::by_itself;
 use super::weight::best_weight;
 use crate::base::statistics::median;
 use crate::base::{Frame, Homography, Kernel, Settings};
@@ -15,6 +14,8 @@ use crate::files::export::read_transform;
 use crate::files::image_io;
 use crate::lab::evaluate::bench::Bench;
 use crate::lab::evaluate::errors::inside;
+use crate::lab::evaluate::section::Case;
+use crate::lab::evaluate::sigma::Sigma;
 
 /// Its folder within the data.
 pub(super) const FOLDER: &str = "part/57";

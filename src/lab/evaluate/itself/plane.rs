@@ -1,9 +1,9 @@
 //! The slanted plane, V ±4 px²: shaded unevenly, and under noise.
 
-use super::section::{Case, Section};
 use super::truth::{Errors, Known};
 use crate::base::{Frame, Samples};
 use crate::lab::evaluate::bench::Bench;
+use crate::lab::evaluate::section::{Case, Section};
 use crate::lab::scene::{Preset, Scene};
 
 /// I2 shines by `1 + amount q(x)`; x and y from 0 to 1 over the frame, q from -1 to 1.

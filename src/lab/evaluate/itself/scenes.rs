@@ -1,9 +1,9 @@
 //! The scenes of the laboratory: as exact as they were, and smoothness and σ that fit each of them.
 
-use super::section::{Case, Section};
 use super::truth::{Errors, Known};
 use super::weight::best_weight;
 use crate::lab::evaluate::bench::Bench;
+use crate::lab::evaluate::section::{Case, Section};
 use crate::lab::scene::{Preset, Scene, Shape};
 
 /// A scene without noise, and what it was when the bounds were set: corner in px, rms of V in px².

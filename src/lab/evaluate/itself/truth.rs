@@ -3,13 +3,11 @@
 use crate::base::statistics::median;
 use crate::base::{Frame, Homography, Kernel, Settings};
 use crate::engine::Solution;
-use crate::engine::stages::uncertainty::LARGEST;
 use crate::lab::evaluate::bench::Bench;
 use crate::lab::evaluate::cases::model;
 use crate::lab::evaluate::errors::{BORDER, inside};
+use crate::lab::evaluate::sigma::Sigma;
 use crate::lab::scene::Scene;
-
-use super::section::Case;
 
 /// A pair with its truth.
 pub(super) struct Known {
@@ -88,45 +86,5 @@ impl Errors {
             beyond_five: of(&|e| e.sigma.beyond_five)?,
         };
         Some(Self { corner: of(&|e| e.corner)?, rms: of(&|e| e.rms)?, bias: of(&|e| e.bias)?, sigma })
-    }
-}
-
-/// Whether σ says what the error is: shares of the pixels.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Sigma {
-    /// Off by at most one σ: 0.68 of Gaussian errors.
-    pub one: f64,
-    /// By at most two: 0.95.
-    pub two: f64,
-    /// By more than five.
-    pub beyond_five: f64,
-}
-
-impl Sigma {
-    /// Of errors and their σ, where σ claims to know anything.
-    pub(super) fn of(pixels: impl Iterator<Item = (f64, f64)>) -> Self {
-        let known = pixels.filter(|(error, sigma)| error.is_finite() && *sigma < f64::from(LARGEST));
-        let ratios: Vec<f64> = known.map(|(error, sigma)| error.abs() / sigma).collect();
-        let share = |f: &dyn Fn(f64) -> bool| ratios.iter().filter(|r| f(**r)).count() as f64 / ratios.len() as f64;
-        Self { one: share(&|r| r <= 1.0), two: share(&|r| r <= 2.0), beyond_five: share(&|r| r > 5.0) }
-    }
-
-    /// A case with the shares that a σ which can be believed has.
-    pub(super) fn case(self, name: impl Into<String>) -> Case {
-        let case = Case::new(name).within("within 1 σ", self.one, [0.60, 0.75]);
-        case.within("within 2 σ", self.two, [0.90, 0.97]).at_most("beyond 5 σ", self.beyond_five, 0.005)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn shares_are_of_the_pixels_whose_sigma_claims_anything() {
-        let pixels = [(0.5, 1.0), (-1.5, 1.0), (-6.0, 1.0), (3.0, 1.0), (f64::NAN, 1.0), (0.0, f64::from(LARGEST))];
-        let sigma = Sigma::of(pixels.into_iter());
-        assert_eq!(sigma, Sigma { one: 0.25, two: 0.5, beyond_five: 0.25 });
-        assert_eq!(sigma.case("x").figures.iter().filter(|f| f.met == Some(true)).count(), 0);
     }
 }

@@ -2,11 +2,11 @@
 
 use serde::Serialize;
 
-use crate::lab::evaluate::table::{DASH, Table, number};
+use super::table::{DASH, Table, number};
 
 /// Cases that are measured alike.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(in crate::lab::evaluate) struct Section {
+pub(super) struct Section {
     pub name: &'static str,
     /// What is measured, on what; sentences.
     pub what: String,
@@ -15,7 +15,7 @@ pub(in crate::lab::evaluate) struct Section {
 
 /// One pair, or one group of pairs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub(in crate::lab::evaluate) struct Case {
+pub(super) struct Case {
     pub name: String,
     pub figures: Vec<Figure>,
     /// What else is to be known; why there is no figure, where there is none.
@@ -24,7 +24,7 @@ pub(in crate::lab::evaluate) struct Case {
 
 /// One number, and what it must be.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(in crate::lab::evaluate) struct Figure {
+pub(super) struct Figure {
     /// The quantity, with its unit.
     pub name: &'static str,
     /// `null` where there is no answer.
@@ -89,14 +89,14 @@ impl Figure {
 
 impl Section {
     /// How many of the demands are met, and how many there are; a case that could not be measured is one that is not.
-    pub(super) fn met(&self) -> [usize; 2] {
+    fn met(&self) -> [usize; 2] {
         let failed = self.cases.iter().filter(|case| case.figures.is_empty()).count();
         let judged = || self.cases.iter().flat_map(|case| &case.figures).filter_map(|figure| figure.met);
         [judged().filter(|met| *met).count(), judged().count() + failed]
     }
 
     /// A heading, what was measured, and a row a case.
-    pub(super) fn markdown(&self) -> String {
+    fn markdown(&self) -> String {
         let mut names: Vec<&str> = Vec::new();
         for figure in self.cases.iter().flat_map(|case| &case.figures) {
             if !names.contains(&figure.name) {
@@ -113,6 +113,16 @@ impl Section {
         let [met, of] = self.met();
         format!("### {}: {met} of {of} met\n\n{}\n\n{}", self.name, self.what, table.markdown())
     }
+}
+
+/// A part of the report under a heading; nothing where nothing was measured.
+pub(super) fn markdown(heading: &str, sections: &[Section]) -> String {
+    if sections.is_empty() {
+        return String::new();
+    }
+    let sum = |n: usize| sections.iter().map(|section| section.met()[n]).sum::<usize>();
+    let text: Vec<String> = sections.iter().map(Section::markdown).collect();
+    format!("## {heading}\n\nDefault settings: {} of {} bounds are met.\n\n{}", sum(0), sum(1), text.join("\n"))
 }
 
 #[cfg(test)]

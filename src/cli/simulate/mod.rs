@@ -1,4 +1,6 @@
-//! `parfocal simulate`: a synthetic pair, with the truth about it.
+//! `parfocal simulate`: a synthetic pair, or focus sweep, with the truth about it.
+
+mod sweep;
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -9,14 +11,15 @@ use parfocal::export::SIMULATED_FILES;
 use parfocal::scene::{Kernel, Preset, Scene, Shape};
 use parfocal::scene::{Truth, simulated_files, write_simulated};
 
+use self::sweep::SweepArguments;
 use super::failure::Failure;
 use super::lens::{LensArguments, PartOfLens};
 use super::output::{self, ForceArgument};
 use super::told::ToldArguments;
 
-/// Render a synthetic pair of images of which relative blur, depth and registration are known.
+/// Render a synthetic pair of images of which relative blur, depth and registration are known; with --frames, a focus sweep.
 ///
-/// Both images are made from one radiance, each blurred at every pixel by the true, continuous kernel of the variance
+/// All images are made from one radiance, each blurred at every pixel by the true, continuous kernel of the variance
 /// that belongs there; nothing is resampled, and no code is shared with the solver. The blur is a gather: occlusion is
 /// ignored, and a jump in depth does not hide what lies behind it. Card, blocks and bars alone are rendered ray by ray, and
 /// their edges hide what lies behind them.
@@ -31,7 +34,7 @@ pub(super) struct Arguments {
     output: PathBuf,
     #[command(flatten)]
     force: ForceArgument,
-    /// Size of both images, px [default: 512x512; plane and half-gaussian 256x256; image that of the radiance]
+    /// Size of all images, px [default: 512x512; plane and half-gaussian 256x256; image that of the radiance]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// Seed of texture, dots, relief and noise
@@ -40,7 +43,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     told: ToldArguments,
 
-    /// Shape of the blur, of both images [default: half-gaussian for the scenes of that name, pillbox for card, blocks and bars, else gaussian]
+    /// Shape of the blur, of all images [default: half-gaussian for the scenes of that name, pillbox for card, blocks and bars, else gaussian]
     #[arg(long, value_enum, help_heading = "Blur")]
     kernel: Option<KernelName>,
     /// Largest |V|, px², 0 to 256, of plane (4), steps (6) and relief (8)
@@ -49,11 +52,11 @@ pub(super) struct Arguments {
     /// σ of I2's blur, px, -16 to 16, of the half-gaussian scenes [default: 2.5]; where negative, I1 has it and I2 is sharp
     #[arg(long, value_name = "PX", help_heading = "Blur", allow_negative_numbers = true)]
     sigma: Option<f64>,
-    /// Blur of both images even in focus, px², 0 to 16 [default: 0.3; 0 for the half-gaussian scenes]
+    /// Blur of all images even in focus, px², 0 to 16 [default: 0.3; 0 for the half-gaussian scenes]
     #[arg(long, value_name = "PX2", help_heading = "Blur", allow_negative_numbers = true)]
     base_blur: Option<f64>,
 
-    /// Noise added to both images last, σ of a Gaussian, 0 to 1 where white is 1
+    /// Noise added to all images last, σ of a Gaussian, 0 to 1 where white is 1
     #[arg(
         long,
         value_name = "SIGMA",
@@ -80,7 +83,8 @@ pub(super) struct Arguments {
         allow_hyphen_values = true
     )]
     translation: Option<Pair>,
-    /// Rotation of T, degrees, positive from x (right) towards y (down) [default: 0.15; half-gaussian 0.1]
+    /// Rotation of T, degrees, positive from x (right) towards y (down) [default: 0.15; half-gaussian 0.1]; of a sweep from
+    /// its first frame to its last
     #[arg(
         long,
         value_name = "DEG",
@@ -120,14 +124,22 @@ pub(super) struct Arguments {
 
     #[command(flatten)]
     lens: LensArguments,
+
+    #[command(flatten)]
+    sweep: SweepArguments,
 }
 
 const AFTER_HELP: &str = "\
-Results, all or none:
+Results of a pair, all or none:
   i1.png, i2.png     the pair, 16 bits, grey or as the radiance; samples outside 0 to 1 are clipped and counted
   relative_blur.exr  V at each pixel of I1, px² of I1: V2/s² - V1, positive where I2 is the more blurred
   depth.exr          depth at each pixel of I1, mm; only where the scene has a lens
   truth.json         T, gain and offset (which map I2 onto I1), and what was asked; solve --transform reads it
+
+Results of a sweep, all or none:
+  frame_01.png ...   the frames in the order of their focus, 16 bits
+  focus.exr          the setting, from 0 for the first frame, at which each pixel of the middle frame is in focus
+  truth.json         of each frame position, T, gain and offset (which map it onto the middle one); c; what was asked
 
 Intensities lie in 0.05 to 0.95 before exposure and noise, so that --i2-gain 0.9 --i2-offset 0.05 clips nothing.
 
@@ -136,6 +148,7 @@ Examples:
   parfocal solve plane/i1.png plane/i2.png -o plane/out
   parfocal solve plane/i1.png plane/i2.png -o plane/held --transform plane/truth.json --hold
   parfocal simulate image -o mine --radiance photo.png --relative-blur v.exr --kernel pillbox
+  parfocal simulate relief -o sweep --frames 11 --breathing 5 --drift 10 --gain-drift 5 --noise 0.005
   parfocal simulate image -o metric --radiance photo.png --depth depth16.png --depth-unit 0.01 \\
     --focal-length 50 --f-number 2.8 --pixel-pitch 0.006 --focus 400,450
 
@@ -235,8 +248,11 @@ const TRUTH: &str = SIMULATED_FILES[4];
 /// Renders a scene and writes it.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let scene = scene(arguments)?;
-    scene.check()?;
     let out = arguments.force.to(&arguments.output);
+    if let Some(asked) = arguments.sweep.of(&scene, arguments.rotation) {
+        return sweep::run(&asked, out, &inputs(arguments), &arguments.told);
+    }
+    scene.check()?;
     output::check(&arguments.output, TRUTH, &SIMULATED_FILES, &inputs(arguments))?;
     out.check_results(TRUTH, &simulated_files(scene.lens().is_some()))?;
     let simulated = scene.render()?;
@@ -313,6 +329,7 @@ fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
     let a = arguments;
     let files = a.radiance.is_some() || a.depth.is_some() || a.relative_blur.is_some();
     let has_lens = matches!(a.scene, Cylinders | Card | Blocks | Bars) || (a.scene == Image && a.depth.is_some());
+    let (is_pair, pairs) = (!a.sweep.is_given(), "pairs, not for a sweep");
     for (given, applies, option, scenes) in [
         (a.range.is_some(), matches!(a.scene, Plane | Steps | Relief), "--range", "plane, steps and relief"),
         (
@@ -324,6 +341,16 @@ fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
         (a.size.is_some(), a.scene != Image, "--size", "scenes other than image, which has the size of its radiance"),
         (files, a.scene == Image, "--radiance, --depth and --relative-blur", "image"),
         (a.lens.is_given(), has_lens, "the lens", "cylinders, card, blocks and bars, and for image with --depth"),
+        (a.range.is_some(), is_pair, "--range", pairs),
+        (a.lens.is_given(), is_pair || a.scene == Image, "the lens", pairs),
+        (a.translation.is_some(), is_pair, "--translation", "pairs; a sweep has --drift"),
+        (a.scale.is_some(), is_pair, "--scale", "pairs; a sweep has --breathing"),
+        (
+            a.i2_gain != 1.0 || a.i2_offset != 0.0,
+            is_pair,
+            "--i2-gain and --i2-offset",
+            "pairs; a sweep has --gain-drift",
+        ),
     ] {
         if given && !applies {
             return Err(Failure::Usage(format!("{option} is for {scenes}; leave it out")));

@@ -1,0 +1,126 @@
+//! Shape from focus: each pixel is where its surroundings have the most detail.
+//!
+//! Detail is the modified Laplacian (Nayar and Nakagawa 1994), `|2I - I_left - I_right| + |2I - I_above - I_below|`, in a
+//! Gaussian window. Through the logarithms of the frame that has the most and its neighbours goes a parabola, as blur by
+//! the law of a sweep would have it; its vertex is u.
+
+use crate::base::color::LUMINANCE;
+use crate::base::{Decode, Error, Frame};
+use crate::engine::stages::ingest;
+
+/// Deviation of the window, px.
+const WINDOW: f64 = 4.0;
+/// Deviations beyond which the window is cut off.
+const REACH: f64 = 4.0;
+/// Added to the detail, white = 1: where there is none its logarithm is a number too.
+const LEAST: f64 = 1e-6 / 255.0;
+
+/// The setting at which each pixel is in focus, in frames of one place and brightness that are focused at `positions`,
+/// ascending or descending. Every pixel has an answer, within the settings.
+///
+/// # Errors
+/// [`Error::Mismatch`]: fewer than three frames, or sizes or positions that do not fit.
+pub fn shape_from_focus(frames: &[Frame], positions: &[f64], decode: Decode) -> Result<Vec<f32>, Error> {
+    let size = |frame: &Frame| [frame.width() as usize, frame.height() as usize];
+    let fits = frames.len() >= 3 && frames.len() == positions.len();
+    if !fits || frames.iter().any(|frame| size(frame) != size(&frames[0])) {
+        let problem = "shape from focus takes three frames or more, of one size, and a position for each";
+        return Err(Error::Mismatch(problem.to_string()));
+    }
+    let details = frames.iter().map(|frame| detail(&ingest::twin(frame, decode, LUMINANCE).data, size(frame)));
+    let details: Vec<Vec<f64>> = details.collect();
+    let setting = |i: usize| {
+        let most = (0..details.len()).fold(0, |most, k| if details[k][i] > details[most][i] { k } else { most });
+        let middle = most.clamp(1, details.len() - 2);
+        let around = [middle - 1, middle, middle + 1];
+        vertex(around.map(|k| positions[k]), around.map(|k| (details[k][i] + LEAST).ln())) as f32
+    };
+    Ok((0..details[0].len()).map(setting).collect())
+}
+
+/// The modified Laplacian in a window; beyond the border, the pixels are mirrored.
+fn detail(image: &[f64], [width, height]: [usize; 2]) -> Vec<f64> {
+    let at = |x: usize, y: usize| image[y * width + x];
+    let laplacian = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let [left, right] = beside(x, width);
+        let [above, below] = beside(y, height);
+        let middle = 2.0 * at(x, y);
+        (middle - at(left, y) - at(right, y)).abs() + (middle - at(x, above) - at(x, below)).abs()
+    };
+    let raw: Vec<f64> = (0..width * height).map(laplacian).collect();
+    let along_rows = windowed(&raw, [width, height], 1, width);
+    windowed(&along_rows, [width, height], width, height)
+}
+
+/// The samples before and after one of a line.
+fn beside(i: usize, length: usize) -> [usize; 2] {
+    [mirrored(i as isize - 1, length), mirrored(i as isize + 1, length)]
+}
+
+/// About the outer edge of the border's samples.
+fn mirrored(i: isize, length: usize) -> usize {
+    let length = length as isize;
+    let i = i.rem_euclid(2 * length);
+    i.min(2 * length - 1 - i) as usize
+}
+
+/// Smoothed by the window along lines of `length` samples, `stride` apart.
+fn windowed(values: &[f64], [width, height]: [usize; 2], stride: usize, length: usize) -> Vec<f64> {
+    let reach = (REACH * WINDOW) as isize;
+    let weights: Vec<f64> = (-reach..=reach).map(|d| (-(d as f64 / WINDOW).powi(2) / 2.0).exp()).collect();
+    let sum: f64 = weights.iter().sum();
+    let smooth = |i: usize| {
+        let along = i / stride % length;
+        let first = i - along * stride;
+        let nodes = weights.iter().zip(along as isize - reach..);
+        nodes.map(|(w, k)| w * values[first + mirrored(k, length) * stride]).sum::<f64>() / sum
+    };
+    (0..width * height).map(smooth).collect()
+}
+
+/// Where the parabola through three points is highest, between the outer ones; the middle one where it has no summit.
+fn vertex([p0, p1, p2]: [f64; 3], [a, b, c]: [f64; 3]) -> f64 {
+    let (before, after) = ((b - a) / (p1 - p0), (c - b) / (p2 - p1));
+    let curvature = (after - before) / (p2 - p0);
+    if curvature < -1e-9 { ((p0 + p1) / 2.0 - before / (2.0 * curvature)).clamp(p0.min(p2), p0.max(p2)) } else { p1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::statistics::median;
+    use crate::lab::scene::{Preset, Scene, SweepScene};
+
+    #[test]
+    fn the_summit_of_a_parabola_comes_back_from_uneven_positions() {
+        let of = |p: f64| 3.0 - 2.0 * (p - 1.7) * (p - 1.7);
+        for positions in [[1.0, 2.0, 2.5], [2.5, 2.0, 1.0], [0.0, 1.7, 3.0]] {
+            assert!((vertex(positions, positions.map(of)) - 1.7).abs() < 1e-12);
+        }
+        assert_eq!(vertex([0.0, 1.0, 2.0], [5.0, 1.0, 2.0]), 1.0, "a valley");
+        assert!((vertex([0.0, 1.0, 2.0], [5.0, 4.9, 1.0]) - (1.0 - 2.0 / 3.8)).abs() < 1e-12, "within a step");
+        assert_eq!(vertex([0.0, 1.0, 2.0], [5.0, 1.0, -3.1]), 0.0, "beyond the end");
+    }
+
+    #[test]
+    fn a_simulated_sweep_is_read_to_a_fraction_of_a_step() {
+        let scene = Scene { width: 160, height: 96, noise: 0.002, ..Preset::Plane.scene() };
+        let sweep = SweepScene::new(scene, 11).render().unwrap();
+        let positions: Vec<f64> = sweep.shots.iter().map(|shot| 20.0 + 0.5 * shot.position).collect();
+        let found = shape_from_focus(&sweep.frames, &positions, Decode::None).unwrap();
+        let off = |i: usize| (2.0 * (f64::from(found[i]) - 20.0) - f64::from(sweep.focus[i])).abs();
+        let inside = (16..80).flat_map(|y| (16..144).map(move |x| y * 160 + x));
+        let off = median(inside.map(off)).unwrap();
+        assert!(off < 0.25, "{off} of a step");
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let frame = Frame::gray(16, 16, vec![0.5; 256]).unwrap();
+        let problem = |frames: usize, positions: &[f64]| {
+            shape_from_focus(&vec![frame.clone(); frames], positions, Decode::None).unwrap_err().to_string()
+        };
+        assert!(problem(2, &[0.0, 1.0]).contains("three frames") && problem(3, &[0.0]).contains("a position for each"));
+    }
+}
