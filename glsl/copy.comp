@@ -4,10 +4,10 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray from;
 layout(binding = 1, r32f) uniform writeonly image2DArray to;
-layout(push_constant) uniform Constants { int width, height; };
+layout(push_constant) uniform Constants { int width, height, layer; };
 
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy);
     if (x.x >= width || x.y >= height) return;
-    imageStore(to, ivec3(x, 0), vec4(imageLoad(from, ivec3(x, 0)).r));
+    imageStore(to, ivec3(x, layer), vec4(imageLoad(from, ivec3(x, 0)).r));
 }

@@ -7,6 +7,7 @@ layout(binding = 1, r32f) uniform writeonly image2DArray fine;
 layout(push_constant) uniform Constants {
     int width, height;                   // of the fine level
     float limit;                         // of |V|, px² of the fine level
+    float gain;                          // 4 of V, whose px² are a quarter as large there
 };
 
 void main() {
@@ -16,5 +17,5 @@ void main() {
     ivec2 low = x / 2, high = min((x + 1) / 2, last);
     float sum = imageLoad(coarse, ivec3(low, 0)).r + imageLoad(coarse, ivec3(high.x, low.y, 0)).r
               + imageLoad(coarse, ivec3(low.x, high.y, 0)).r + imageLoad(coarse, ivec3(high, 0)).r;
-    imageStore(fine, ivec3(x, 0), vec4(clamp(sum, -limit, limit)));
+    imageStore(fine, ivec3(x, 0), vec4(clamp(0.25 * gain * sum, -limit, limit)));
 }

@@ -1,4 +1,4 @@
-//! A photograph or a field on the pixels of another.
+//! A photograph on the pixels of another.
 
 use crate::base::color::stored;
 use crate::base::{Brightness, Decode, Frame, Homography, centre};
@@ -35,21 +35,6 @@ impl Interleaved<'_> {
         };
         (0..4).map(|row| wy[row] * line(row)).sum::<f64>() as f32
     }
-
-    /// By the four pixels around; NaN outside, and where one of them is.
-    fn linear(&self, place: [f64; 2], channel: usize) -> f32 {
-        if !self.holds(place) {
-            return f32::NAN;
-        }
-        let [(x, fx), (y, fy)] = place.map(|p| (p.floor() as isize, p - p.floor()));
-        let line = |y| {
-            let left = self.at(x, y, channel);
-            // A neighbour that has no part in it may be NaN.
-            if fx > 0.0 { left + fx * (self.at(x + 1, y, channel) - left) } else { left }
-        };
-        let above = line(y);
-        (if fy > 0.0 { above + fy * (line(y + 1) - above) } else { above }) as f32
-    }
 }
 
 fn cubic_weights(f: f64) -> [f64; 4] {
@@ -58,32 +43,15 @@ fn cubic_weights(f: f64) -> [f64; 4] {
     [far(1.0 + f), near(f), near(1.0 - f), far(2.0 - f)]
 }
 
-/// How values between pixels are found.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Interpolation {
-    /// Photographs.
-    Cubic,
-    /// Fields with NaN in them.
-    Linear,
-}
-
 /// What a image holds where T takes the pixels of an image of `size`; NaN where that is outside.
-pub(crate) fn onto(
-    image: &Interleaved<'_>,
-    t: &Homography,
-    [width, height]: [usize; 2],
-    by: Interpolation,
-) -> Vec<f32> {
+pub(crate) fn onto(image: &Interleaved<'_>, t: &Homography, [width, height]: [usize; 2]) -> Vec<f32> {
     let mut values = vec![0.0; width * height * image.channels];
     let middle = centre(width as u32, height as u32);
     in_rows(&mut values, width * image.channels, |y, row| {
         for (x, pixel) in row.chunks_exact_mut(image.channels).enumerate() {
             let place = t.apply([x as f64, y as f64], middle);
             for (channel, value) in pixel.iter_mut().enumerate() {
-                *value = match by {
-                    Interpolation::Cubic => image.cubic(place, channel),
-                    Interpolation::Linear => image.linear(place, channel),
-                };
+                *value = image.cubic(place, channel);
             }
         }
     });
@@ -96,7 +64,7 @@ pub fn registered(frame: &Frame, transform: &Homography, brightness: &Brightness
     let (width, height, channels) = (frame.width() as usize, frame.height() as usize, frame.format().channels);
     let values = brightened(frame, brightness, decode);
     let image = Interleaved { width, height, channels: channels.count() as usize, values: &values };
-    let mut moved = onto(&image, transform, [width, height], Interpolation::Cubic);
+    let mut moved = onto(&image, transform, [width, height]);
     for value in &mut moved {
         *value = match decode {
             _ if value.is_nan() => 0.0,
@@ -148,12 +116,12 @@ mod tests {
         let values: Vec<f32> = (0..width * height).map(|i| of((i % width) as f64, (i / width) as f64) as f32).collect();
         let image = Interleaved { width, height, channels: 1, values: &values };
         let t = Homography::from(Similarity::new(1.3, -0.6, 2.0, 0.9));
-        let found = onto(&image, &t, [width, height], Interpolation::Cubic);
+        let found = onto(&image, &t, [width, height]);
         for (x, y) in [(8usize, 7usize), (15, 11), (20, 15)] {
             let [px, py] = t.apply([x as f64, y as f64], centre(31, 23));
             assert!((f64::from(found[y * width + x]) - of(px, py)).abs() < 1e-6);
         }
-        let away = onto(&image, &Similarity::new(100.0, 0.0, 0.0, 1.0).into(), [width, height], Interpolation::Cubic);
+        let away = onto(&image, &Similarity::new(100.0, 0.0, 0.0, 1.0).into(), [width, height]);
         assert!(away.iter().all(|v| v.is_nan()));
     }
 
@@ -170,17 +138,5 @@ mod tests {
         // 188 is half the intensity of white.
         assert!(exposed(188, 0.5, 0.0, Decode::Srgb).abs_diff(137) <= 1);
         assert_eq!(exposed(77, 1.0, 0.0, Decode::Srgb), 77);
-    }
-
-    #[test]
-    fn holes_stay_holes_and_spread_no_further_than_a_pixel() {
-        let mut values = vec![1.0; 35];
-        values[17] = f32::NAN;
-        let image = Interleaved { width: 7, height: 5, channels: 1, values: &values };
-        let same = onto(&image, &Homography::IDENTITY, [7, 5], Interpolation::Linear);
-        assert!(same.iter().enumerate().all(|(i, v)| v.is_nan() == (i == 17)), "{same:?}");
-        let moved = onto(&image, &Similarity::new(0.5, 0.0, 0.0, 1.0).into(), [7, 5], Interpolation::Linear);
-        let holes: Vec<usize> = (0..35).filter(|&i| moved[i].is_nan() && i % 7 < 6).collect();
-        assert_eq!(holes, [16, 17]);
     }
 }

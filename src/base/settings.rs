@@ -135,7 +135,7 @@ pub struct Settings {
     pub max_relative_blur: f64,
     /// Largest change of V in one outer iteration, px² of the level, 0.01 to 100. Default 1.
     pub largest_step: f64,
-    /// Shape of the blur. Default a Gaussian.
+    /// Shape of the blur. Default what the photographs say.
     pub kernel: Kernel,
     /// What T may be, beyond where it starts. SIFT finds a similarity at most. Default a similarity.
     pub motion: Motion,

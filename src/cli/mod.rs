@@ -12,6 +12,7 @@ mod devices;
 mod engine;
 mod evaluate;
 mod failure;
+mod frames;
 mod headings;
 mod help;
 mod lens;

@@ -73,7 +73,7 @@ fn of_folder(folder: &Path, out: &Path) -> Result<Vec<Pair>, Failure> {
 }
 
 /// The photographs and the folders in a folder, sorted; hidden ones and results are passed over.
-fn list(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Failure> {
+pub(super) fn list(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Failure> {
     let failed = |e| Failure::Failed(format!("{}: cannot be listed ({e}); check its permissions", folder.display()));
     let (mut files, mut folders) = (Vec::new(), Vec::new());
     for entry in fs::read_dir(folder).map_err(failed)? {

@@ -16,6 +16,7 @@ use parfocal::{Frame, Method};
 use super::colors::ColorsArgument;
 use super::depth::decimals;
 use super::failure::Failure;
+use super::frames;
 use super::headings::{INPUT, OUTPUT};
 use super::help::AFTER_HELP;
 use super::output::{self, ForceArgument};
@@ -28,8 +29,8 @@ use super::summary::values_in_words;
 #[derive(clap::Args, Debug)]
 #[command(after_long_help = AFTER_HELP)]
 pub(super) struct Arguments {
-    /// The frames, three or more of one size and format, in the order of their focus
-    #[arg(required = true, num_args = 3.., value_name = "FRAME")]
+    /// The frames, three or more of one size and format, in the order of their focus; or the folder that holds them
+    #[arg(required = true, num_args = 1.., value_name = "FRAME")]
     frames: Vec<PathBuf>,
     /// The focus setting of each frame; counted from 0 without it
     ///
@@ -79,14 +80,16 @@ pub(super) struct Arguments {
 /// Solves a sweep and writes the results.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let started = Instant::now();
-    let mut options = options(arguments)?;
+    let stated = arguments.positions.is_some() || arguments.focus_at.is_some();
+    let paths = frames::of_sweep(&arguments.frames, stated)?;
+    let mut options = options(arguments, paths.len())?;
     let nearer = nearer(arguments.nearer, &options.positions)?;
-    let mut read_files: Vec<&PathBuf> = arguments.frames.iter().collect();
+    let mut read_files: Vec<&PathBuf> = paths.iter().collect();
     read_files.extend(arguments.settings.inputs());
     let out = arguments.force.to(&arguments.output);
     let possible = [&SWEEP_FILES[..], &FILES, &EXTRA_FILES, &[DEPTH_FILE]].concat();
     output::check(&arguments.output, FILES[4], &possible, &read_files)?;
-    let (frames, inputs) = read(arguments)?;
+    let (frames, inputs) = read(&paths)?;
     let values = arguments.settings.decoding().of(&inputs)?;
     options.settings.decode = values.decode;
     let (decode, format) = (values.decode, frames[0].format());
@@ -94,18 +97,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let written = sweep_files(arguments.focus_at.is_some(), &look, !arguments.no_html);
     out.check_results(FILES[4], &written)?;
     let engine = arguments.run.open_engine()?;
-    let bar = bar(arguments.run.told.shows_progress(), frames.len() - 1);
-    let sweep = solve_sweep(&engine, &frames, &options, &mut |done, _| bar.set_position(done as u64))
-        .map_err(|e| Failure::of_solve(e, &arguments.frames[0]))?;
+    let bar = bar(arguments.run.told.shows_progress());
+    let mut say = |done, levels| {
+        bar.set_length(levels as u64);
+        bar.set_position(done as u64);
+    };
+    let sweep = solve_sweep(&engine, &frames, &options, &mut say).map_err(|e| Failure::of_solve(e, &paths[0]))?;
     bar.finish_and_clear();
     super::check_validation(&engine)?;
-    let files: Vec<String> = arguments.frames.iter().map(|file| file.display().to_string()).collect();
+    let files: Vec<String> = paths.iter().map(|file| file.display().to_string()).collect();
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
     let mut report = SweepReport::new(&sweep, &files, nearer, engine.info(), total_ms);
     report.values = values;
     report.files =
         sweep_files(sweep.depth.is_some(), &look, !arguments.no_html).into_iter().map(String::from).collect();
-    let names = arguments.frames.iter().map(|path| name(path)).collect();
+    let names = paths.iter().map(|path| name(path)).collect();
     let page = SweepPage { frames: &frames, names, decode, nearer, palette: look.palette, fields: Vec::new() };
     let page = (!arguments.no_html).then(|| page.file(&sweep, &report));
     export::write_sweep(out, &sweep, &report, &look, page)?;
@@ -114,10 +120,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// The frames, one file in memory at a time; also what each says of itself.
-fn read(arguments: &Arguments) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
+fn read(paths: &[PathBuf]) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
     let (mut frames, mut inputs) = (Vec::new(), Vec::new());
     let mut last: Option<Photograph> = None;
-    for path in &arguments.frames {
+    for path in paths {
         let photograph = match last.take() {
             Some(last) => last.open_next(path)?,
             None => Photograph::open(path)?,
@@ -130,7 +136,7 @@ fn read(arguments: &Arguments) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
 }
 
 /// What the flags ask for, once it fits together.
-fn options(arguments: &Arguments) -> Result<SweepOptions, Failure> {
+fn options(arguments: &Arguments, frames: usize) -> Result<SweepOptions, Failure> {
     let positions = match (&arguments.focus_at, &arguments.positions) {
         (Some(at), _) if arguments.stage => Positions::Stage(at.clone()),
         (Some(at), _) => Positions::Distances(at.clone()),
@@ -139,7 +145,7 @@ fn options(arguments: &Arguments) -> Result<SweepOptions, Failure> {
     };
     let settings = arguments.settings.settings(Method::Unified, false)?;
     let options = SweepOptions { settings, positions, reference: arguments.reference.map(|n| n as usize - 1) };
-    options.check(arguments.frames.len()).map_err(|e| Failure::Usage(e.to_string()))?;
+    options.check(frames).map_err(|e| Failure::Usage(e.to_string()))?;
     Ok(options)
 }
 
@@ -153,9 +159,9 @@ fn nearer(stated: Option<u8>, positions: &Positions) -> Result<Nearer, Failure> 
     Ok(if stated.or(by_distance) == Some(2) { Nearer::Second } else { Nearer::First })
 }
 
-fn bar(shown: bool, pairs: usize) -> ProgressBar {
+fn bar(shown: bool) -> ProgressBar {
     let target = if shown { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    let bar = ProgressBar::with_draw_target(Some(pairs as u64), target);
+    let bar = ProgressBar::with_draw_target(None, target);
     bar.set_style(ProgressStyle::default_bar());
     bar
 }

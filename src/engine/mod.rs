@@ -14,6 +14,7 @@ pub(crate) mod slot;
 pub(crate) mod solution;
 mod solver;
 pub mod stages;
+mod sweep;
 #[cfg(test)]
 pub(crate) mod testing;
 #[allow(unsafe_code, reason = "the one room that talks to Vulkan")]
@@ -28,6 +29,7 @@ pub use registered::Registered;
 pub use solution::{LevelHistory, Solution, Timings};
 pub(crate) use solver::same_size;
 pub use solver::{Progress, Solver};
+pub(crate) use sweep::SweepSolver;
 
 use crate::base::{Decode, DeviceInfo, Error, Frame, Mask, Similarity};
 use crate::engine::stages::Pipelines;

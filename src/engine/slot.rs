@@ -28,6 +28,12 @@ pub(crate) enum Slot {
     Change { color: usize },
     /// What decided V, on every other pixel.
     Evidence,
+    /// Luminance of all frames of a sweep on a level, a layer each.
+    Frames { level: usize },
+    /// All frames of a sweep on the reference's pixels, filtered, a layer each.
+    Aligned,
+    /// What all pairs of a sweep say of u: D, b, q.
+    JointSums,
     /// A bank of filter weights.
     Filters { bank: usize },
     /// T, gain and offset, and what the levels have done.
@@ -168,6 +174,8 @@ pub(crate) const SCRATCH: Handle<Plane> = Handle::new(Slot::Scratch);
 pub(crate) const RIGHT_SIDES: Handle<RightSides> = Handle::new(Slot::RightSides);
 pub(crate) const WEIGHTS: Handle<Weights> = Handle::new(Slot::Weights);
 pub(crate) const EVIDENCE: Handle<Evidence> = Handle::new(Slot::Evidence);
+pub(crate) const ALIGNED: Handle<Plane> = Handle::new(Slot::Aligned);
+pub(crate) const JOINT_SUMS: Handle<Plane> = Handle::new(Slot::JointSums);
 pub(crate) const STATE: Handle<State> = Handle::new(Slot::State);
 pub(crate) const PARTIALS: Handle<Partials> = Handle::new(Slot::Partials);
 pub(crate) const ENERGIES: Handle<Energies> = Handle::new(Slot::Energies);
@@ -181,6 +189,10 @@ pub(crate) fn i1(level: usize) -> Handle<I1> {
 
 pub(crate) fn i2(level: usize) -> Handle<I2> {
     Handle::new(Slot::Luminance { image: 1, level })
+}
+
+pub(crate) fn frames(level: usize) -> Handle<Plane> {
+    Handle::new(Slot::Frames { level })
 }
 
 /// I1 or I2, for passes that treat both alike.

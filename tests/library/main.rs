@@ -9,3 +9,4 @@ mod motion;
 mod rooms;
 mod scope;
 mod solver;
+mod sweep;

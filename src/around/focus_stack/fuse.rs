@@ -1,6 +1,6 @@
 //! The all-in-focus image: each pixel from the frames focused nearest to where it is sharp.
 
-use crate::around::resample::{Interleaved, Interpolation, brightened, in_rows, onto};
+use crate::around::resample::{Interleaved, brightened, in_rows, onto};
 use crate::base::{Brightness, Channels, Decode, Frame, Homography};
 
 /// Where the frames of a sweep lie.
@@ -31,7 +31,7 @@ pub(super) fn fuse(
     for (n, frame) in frames.iter().enumerate() {
         let values = brightened(frame, &placed.brightness[n], decode);
         let image = Interleaved { width: size[0], height: size[1], channels: count, values: &values };
-        let moved = onto(&image, &placed.transforms[n], size, Interpolation::Cubic);
+        let moved = onto(&image, &placed.transforms[n], size);
         in_rows(&mut sums, size[0], |y, row| {
             for (x, sum) in row.iter_mut().enumerate() {
                 let i = y * size[0] + x;

@@ -35,6 +35,33 @@ impl Plan {
         (4 * floats, host)
     }
 
+    /// The same of a sweep of so many frames, each of which is kept as it is and on the reference's pixels.
+    pub(crate) fn check_sweep(&self, device: &Device, frames: usize) -> Result<(), Error> {
+        self.check(device)?;
+        let [width, height] = self.size;
+        let too_large = |what, needed: String, limit: String| {
+            Err(Error::TooLarge { width, height, device: device.info().name.clone(), what, needed, limit })
+        };
+        let mib = |bytes: u64| format!("{} MiB", bytes.div_ceil(MIB));
+        let (largest, layers) = image_limits(device)?;
+        if frames as u64 > u64::from(layers) {
+            return too_large("a sweep", format!("{frames} frames"), format!("{layers}"));
+        }
+        let frame = 4 * pixels(self.size);
+        let largest = largest.min(device.allocation_limits().0);
+        if frame * frames as u64 > largest {
+            let needed = mib(frame * frames as u64);
+            return too_large("the frames of a sweep", needed, format!("{} for an image", mib(largest)));
+        }
+        let pyramid: u64 = self.pyramid.iter().map(|level| 4 * pixels(level.size)).sum();
+        let (on_device, host) = self.bytes();
+        let needed = on_device + host + (pyramid + frame) * frames as u64;
+        if needed > device.info().memory_bytes {
+            return too_large("the sweep", mib(needed), format!("{} in all", mib(device.info().memory_bytes)));
+        }
+        Ok(())
+    }
+
     /// Checks the plan against a device's limits, so that nothing fails half-way.
     pub(crate) fn check(&self, device: &Device) -> Result<(), Error> {
         let info = device.info();

@@ -58,6 +58,8 @@ pub(crate) struct Plan {
     pub(crate) window: FilterRange,
     /// The layers of a stack after the first.
     pub(crate) layers: Vec<StackLayer>,
+    /// What the frames of a sweep are filtered by: a low pass; then along x and along y what a high pass adds.
+    pub(crate) band: [FilterRange; 3],
 }
 
 impl Plan {
@@ -86,6 +88,7 @@ impl Plan {
             prefilter: weights.add(&filter::spline_prefilter()),
             window: weights.add(&evidence::window()),
             layers,
+            band: band().map(|filter| weights.add(&filter)),
             pyramid,
             weights,
         })
@@ -212,6 +215,18 @@ impl Plan {
     pub(crate) fn slopes(&self) -> Slopes {
         Slopes::of(&self.settings.kernel)
     }
+}
+
+/// σ of the low pass of a sweep's frames, px: below it is noise, and JPEG's.
+pub(crate) const LOW_PASS: f64 = 0.5;
+/// σ of the high pass, px: what is wider, drifts of brightness for one, tells little of focus.
+const HIGH_PASS: f64 = 2.0;
+
+/// The low pass; what the high pass adds, along x and along y.
+pub(crate) fn band() -> [Filter; 3] {
+    let wide = filter::gaussian(HIGH_PASS * HIGH_PASS);
+    let less = wide.iter().map(|w| -w).collect();
+    [filter::gaussian(LOW_PASS * LOW_PASS), wide, less]
 }
 
 /// Of the pyramid: σ 1 px before every other pixel is taken.

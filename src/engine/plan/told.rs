@@ -54,7 +54,7 @@ impl Plan {
     /// What `prolong` is told on a level.
     pub(crate) fn prolong(&self, level: &Level) -> prolong::Constants {
         let [width, height] = level.size;
-        prolong::Constants { width, height, limit: level.limit as f32 }
+        prolong::Constants { width, height, limit: level.limit as f32, gain: 4.0 }
     }
 
     /// What `warp` is told on a level.

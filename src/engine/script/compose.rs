@@ -104,7 +104,7 @@ pub(super) struct Composer<'a> {
 }
 
 impl<'a> Composer<'a> {
-    fn new(plan: &'a Plan, masked: bool) -> Self {
+    pub(super) fn new(plan: &'a Plan, masked: bool) -> Self {
         Self {
             plan,
             masked,
@@ -116,7 +116,7 @@ impl<'a> Composer<'a> {
         }
     }
 
-    fn finish(self, registered: usize) -> Script {
+    pub(super) fn finish(self, registered: usize) -> Script {
         let grids = self.plan.pyramid[..self.plan.solved]
             .iter()
             .map(|level| [level.tiles(), relax::tiles(level.size), update::STAGE.groups(level.size)]);

@@ -79,7 +79,7 @@ impl Composer<'_> {
     }
 
     /// Coefficients of the spline through an image.
-    fn spline(&mut self, level: &Level, from: Layer, to: Layer) {
+    pub(super) fn spline(&mut self, level: &Level, from: Layer, to: Layer) {
         self.separable([from, to], level.size, [self.plan.prefilter; 2], 1, false);
     }
 
@@ -145,7 +145,7 @@ impl Composer<'_> {
     }
 
     /// A filter along x into the scratch image, then one along y, from a layer of an image to one, in its place or added.
-    fn separable(
+    pub(super) fn separable(
         &mut self,
         [from, to]: [Layer; 2],
         [width, height]: [u32; 2],

@@ -9,6 +9,7 @@ mod filters;
 mod hazards;
 mod results;
 mod shape;
+pub(crate) mod sweep;
 
 use super::arguments::{Grid, Place};
 use super::slot::Slot;

@@ -16,6 +16,8 @@ pub struct Constants {
     pub width: u32,
     /// Rows.
     pub height: u32,
+    /// The layer where it goes.
+    pub layer: u32,
 }
 
 bindings! {
@@ -35,9 +37,9 @@ impl Pass for Bindings {
         8 * pixels(c.width, c.height)
     }
 
-    fn run(&self, _c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let copied = twin(memory.layer(self.from, 0));
-        memory.set_layer(self.to, 0, copied);
+        memory.set_layer(self.to, c.layer as usize, copied);
     }
 }
 
@@ -61,7 +63,7 @@ mod tests {
             let field = random_field(width, height, 5);
             let size = [width as u32, height as u32];
             let (from, to) = (rig.image(std::slice::from_ref(&field)), rig.empty(size, 1));
-            let constants = Constants { width: size[0], height: size[1] };
+            let constants = Constants { width: size[0], height: size[1], layer: 0 };
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, size);
             // 1e-7: the field in single precision.
             rig.assert_close(&to, &[twin(&field)], 1e-7);
@@ -75,7 +77,7 @@ mod tests {
         let sources = fields.each_ref().map(|field| rig.image(std::slice::from_ref(field)));
         let to = rig.empty([37, 21], 1);
         let pipeline = Arc::new(Pipeline::new(rig.device(), &STAGE).unwrap());
-        let constants = Constants { width: 37, height: 21 };
+        let constants = Constants { width: 37, height: 21, layer: 0 };
         for clock in [Clock::Never, Clock::Passes(8), Clock::Dispatches(8)] {
             let mut recorder = Recorder::new(rig.device(), clock).unwrap();
             for (n, from) in sources.iter().enumerate() {

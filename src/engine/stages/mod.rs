@@ -3,6 +3,7 @@
 //! A twin is the shader in plain Rust and double precision, a pure function over [`Field`]s, for tests and for the
 //! [reference solver](crate::reference), never a fallback.
 
+pub mod align;
 pub mod appearance;
 pub mod blur;
 pub mod convolve;
@@ -12,9 +13,11 @@ pub mod evidence;
 pub mod exposure;
 pub mod field;
 pub mod fuse;
+pub mod half_pair;
 #[cfg(test)]
 pub(crate) mod harness;
 pub mod ingest;
+pub mod joint_system;
 pub mod linearise;
 pub mod mask;
 pub(crate) mod memory;

@@ -18,6 +18,8 @@ pub struct Constants {
     pub height: u32,
     /// Largest |V|, px² of the fine level.
     pub limit: f32,
+    /// 4 of V; of what does not change with the pixels 1.
+    pub gain: f32,
 }
 
 bindings! {
@@ -50,7 +52,7 @@ pub fn twin(c: &Constants, coarse: &Field) -> Field {
         let (right, down) = (x.div_ceil(2).min(coarse.width - 1), y.div_ceil(2).min(coarse.height - 1));
         let sum =
             coarse.get(x / 2, y / 2) + coarse.get(right, y / 2) + coarse.get(x / 2, down) + coarse.get(right, down);
-        sum.clamp(-limit, limit)
+        (f64::from(c.gain) / 4.0 * sum).clamp(-limit, limit)
     })
 }
 
@@ -64,7 +66,7 @@ mod tests {
     fn agrees_with_the_twin() {
         for (width, height) in [(37u32, 21u32), (16, 8), (2, 3)] {
             let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
-            let constants = Constants { width, height, limit: 3.0 };
+            let constants = Constants { width, height, limit: 3.0, gain: 4.0 };
             let rig = Rig::new();
             let (from, to) = (rig.image(std::slice::from_ref(&coarse)), rig.empty([width, height], 1));
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, [width, height]);
@@ -75,7 +77,7 @@ mod tests {
     #[test]
     fn a_plane_stays_the_same_plane() {
         let plane = Field::from_fn(9, 7, |x, y| 0.1 * x as f64 - 0.2 * y as f64);
-        let fine = twin(&Constants { width: 17, height: 13, limit: 100.0 }, &plane);
+        let fine = twin(&Constants { width: 17, height: 13, limit: 100.0, gain: 4.0 }, &plane);
         for y in 0..13 {
             for x in 0..17 {
                 let expected = 4.0 * (0.05 * x as f64 - 0.1 * y as f64);

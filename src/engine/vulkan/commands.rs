@@ -255,8 +255,7 @@ impl Recorder {
         self.keep.push(to.clone());
     }
 
-    /// Fills an image from a buffer: for tests.
-    #[cfg(test)]
+    /// Fills an image from a buffer.
     pub(crate) fn upload(&mut self, from: &Arc<Buffer>, image: &Arc<Image>) {
         let region = [Self::image_region(image, image.layers)];
         // SAFETY: as for `download`.

@@ -21,7 +21,7 @@ pub(super) fn bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
     let pipeline = Arc::new(Pipeline::new(device, &copy::STAGE)?);
     let [width, height] = SIZE;
     let (from, to) = (image(engine, "copied from")?, image(engine, "copied to")?);
-    let constants = Constants { width, height };
+    let constants = Constants { width, height, layer: 0 };
     let copy = |recorder: &mut Recorder| {
         let resources = [Resource::Image(&from), Resource::Image(&to)];
         recorder.barrier();

@@ -1,0 +1,29 @@
+#version 460
+// A frame of a sweep on the reference's pixels, as bright as it. Twin: src/engine/stages/align.rs.
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+
+#include "spline.glsl"
+#include "state.glsl"
+
+layout(binding = 0, r32f) uniform readonly image2DArray spline;
+layout(binding = 1, r32f) uniform writeonly image2DArray aligned;
+layout(push_constant) uniform Constants {
+    int width, height;
+    int layer;                       // where it goes
+    float factor;                    // pixels of the full-size image a pixel of this level
+    float centre_x, centre_y;
+    Registration registration;
+    float shading[TERMS];
+};
+
+float coefficient(int image, ivec3 place) { return imageLoad(spline, place).r; }
+
+void main() {
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy), size = ivec2(width, height), i;
+    if (x.x >= width || x.y >= height) return;
+    vec2 centre = vec2(centre_x, centre_y), d = displacement(registration, x, factor, centre), f;
+    place(x, d, size, i, f);
+    float bright = registration.gain * shading_at(shading, (vec2(i) + f - centre) / centre);
+    imageStore(aligned, ivec3(x, layer), vec4(bright * spline_at(0, 0, size, i, f).value + registration.offset));
+}

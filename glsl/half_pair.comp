@@ -1,0 +1,84 @@
+#version 460
+// What two frames of a sweep say of where each pixel is in focus, of pixels where the first is the sharper: the linear system for
+// du, and the sums of the registration between them. Twin: src/engine/stages/half_pair.rs.
+
+#extension GL_KHR_shader_subgroup_arithmetic : require
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+
+#include "stack.glsl"
+#include "state.glsl"
+#include "accumulate.glsl"
+
+layout(binding = 0, r32f) uniform readonly image2DArray focus;
+layout(binding = 1, r32f) uniform readonly image2DArray stacks;         // of the sharper frame
+layout(binding = 2, r32f) uniform readonly image2DArray aligned;        // all frames
+layout(binding = 3, r32f) uniform image2DArray system;                  // D, b, q
+layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
+layout(push_constant) uniform Constants {
+    int width, height;
+    int nodes;
+    int other;                       // layer of the other frame
+    int row;                         // first row of partial sums
+    int first;                       // 1: nothing is there yet
+    float own_setting, other_setting;
+    float rate;                      // c, px² of the level
+    float grain;                     // f, px²
+    float eta;
+    float limit;                     // of V, px²
+    float length;                    // that scales places, pixels
+    float factor;                    // pixels of the full-size image a pixel of this level
+    float centre_x, centre_y;
+    vec4 own_linear, own_rest;       // T of either frame: M - 1; t and g
+    vec4 other_linear, other_rest;
+};
+
+const int ROWS = 8;                  // lines an invocation goes down
+const float FILTERED = 4.0;          // pixels along the border that the low pass and the high pass reach over
+
+float coefficient(int image, ivec3 place) { return imageLoad(stacks, place).r; }
+
+bool shows(ivec2 x, vec4 linear, vec4 rest, float reach) {
+    Registration r = Registration(linear.x, linear.y, linear.z, linear.w, rest.x, rest.y, rest.z, rest.w, 1.0, 0.0);
+    vec2 at = vec2(x) + displacement(r, x, factor, vec2(centre_x, centre_y));
+    return all(greaterThanEqual(min(at, vec2(width - 1, height - 1) - at), vec2(reach)));
+}
+
+// D, b and q of a pixel; what it adds to the sums.
+vec3 pixel(ivec2 x, inout Sums sums) {
+    float u = imageLoad(focus, ivec3(x, 0)).r;
+    vec2 away = vec2(own_setting, other_setting) - u;
+    float v = rate * (away.y * away.y - away.x * away.x), before = rate * away.x * away.x;
+    float reach = 3.0 * sqrt(max(v, 0.0)) + FILTERED;
+    if (!(v > 0.0 && v < limit) || !shows(x, own_linear, own_rest, reach) || !shows(x, other_linear, other_rest, reach)) return vec3(0.0);
+    ivec2 size = ivec2(width, height);
+    ivec3 columns = ivec3(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1), size.xx).x);
+    ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);
+    Blurred blurred = stack_on(1, nodes, v, columns, lines, vec2(0.0));
+    float n = 1.0 + grain / (grain + v), slope = -grain / ((grain + v) * (grain + v)), root = inversesqrt(n);
+    float left = blurred.value - imageLoad(aligned, ivec3(x, other)).r, s = root * left;
+    float by_v = root * (blurred.slope - 0.5 * left * slope / n);
+    float by_u = -2.0 * rate * (other_setting - own_setting) * by_v, by_rate = by_v * v;
+    float share = 1.0 / (1.0 + 4.0 * max(before - limit, 0.0) / limit), w = share * inversesqrt(s * s + eta * eta);
+    vec2 j = -root * blurred.gradient;
+    add_pixel(sums, product(w, j), w * s * j, w * s * s, (vec2(x) - vec2(centre_x, centre_y)) / length, share);
+    sums.roughness += w * by_rate * vec2(by_rate, s);
+    return w * by_u * vec3(by_u, -s, by_rate);
+}
+
+void main() {
+    Sums sums = no_sums();
+    ivec2 x = ivec2(gl_GlobalInvocationID.x, ROWS * gl_GlobalInvocationID.y);
+    for (int n = 0; n < ROWS; n++, x.y++) {
+        if (x.x >= width || x.y >= height) break;
+        vec3 said = pixel(x, sums);
+        if (first == 0 && said == vec3(0.0)) continue;
+        for (int layer = 0; layer < 3; layer++) {
+            float before = first == 1 ? 0.0 : imageLoad(system, ivec3(x, layer)).r;
+            imageStore(system, ivec3(x, layer), vec4(before + said[layer]));
+        }
+    }
+    float sum = workgroup_sum(sums);
+    uint n = gl_LocalInvocationIndex;
+    if (n < SUMS) partials[(row + gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * SUMS + n] = sum;
+}

@@ -1,0 +1,72 @@
+//! Which files are the frames of a sweep, and in which order.
+
+use std::path::{Path, PathBuf};
+
+use super::failure::Failure;
+use super::pairs;
+
+/// The photographs of a folder in natural order, `frame_2` before `frame_10`; or the files named. Those that a shell has listed, sorted
+/// letter by letter, are taken in natural order too, unless what they are focused at is `stated` beside them.
+pub(super) fn of_sweep(named: &[PathBuf], stated: bool) -> Result<Vec<PathBuf>, Failure> {
+    let folder = named.first().filter(|path| named.len() == 1 && path.is_dir());
+    let mut files = match folder {
+        Some(folder) => pairs::list(folder)?.0,
+        None => named.to_vec(),
+    };
+    if folder.is_some() || !stated && files.is_sorted() {
+        files.sort_by_cached_key(|file| natural(file));
+    }
+    match folder {
+        Some(folder) if files.len() < 3 => {
+            let (count, folder) = (files.len(), folder.display());
+            Err(Failure::Failed(format!("{folder}: holds {count} photographs, and a sweep has three or more")))
+        }
+        _ => Ok(files),
+    }
+}
+
+/// A path in pieces, numbers apart: text and the number after it.
+fn natural(path: &Path) -> Vec<(String, u64)> {
+    let (mut pieces, text) = (Vec::new(), path.to_string_lossy().into_owned());
+    let mut rest = text.as_str();
+    while !rest.is_empty() {
+        let number = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
+        let end = rest[number..].find(|c: char| !c.is_ascii_digit()).map_or(rest.len(), |end| number + end);
+        // Past what a number holds, the first of its digits do.
+        let digits = &rest[number..end.min(number + 19)];
+        pieces.push((rest[..number].to_string(), digits.parse().unwrap_or(0)));
+        rest = &rest[end..];
+    }
+    pieces
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_shell_lists_is_counted() {
+        let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
+        let listed = paths(&["a/image_1.jpg", "a/image_10.jpg", "a/image_2.jpg"]);
+        let counted = paths(&["a/image_1.jpg", "a/image_2.jpg", "a/image_10.jpg"]);
+        assert_eq!(of_sweep(&listed, false).unwrap(), counted);
+        assert_eq!(of_sweep(&listed, true).unwrap(), listed, "positions are stated beside them");
+        let chosen = paths(&["z_3.png", "z_1.png", "z_2.png"]);
+        assert_eq!(of_sweep(&chosen, false).unwrap(), chosen);
+        assert_eq!(natural(Path::new("9999999999999999999999.png"))[0].1, 9_999_999_999_999_999_999);
+    }
+
+    #[test]
+    fn a_folder_is_listed_in_natural_order() {
+        let folder = tempfile::TempDir::new().unwrap();
+        for name in ["f_2.png", "f_10.png", "f_1.png", "notes.txt", "fused.png"] {
+            std::fs::write(folder.path().join(name), name).unwrap();
+        }
+        let found = of_sweep(&[folder.path().to_path_buf()], true).unwrap();
+        let names: Vec<_> = found.iter().map(|file| file.file_name().unwrap().to_str().unwrap()).collect();
+        assert_eq!(names, ["f_1.png", "f_2.png", "f_10.png"]);
+        std::fs::remove_file(folder.path().join("f_2.png")).unwrap();
+        let refused = of_sweep(&[folder.path().to_path_buf()], false).unwrap_err();
+        assert!(matches!(refused, Failure::Failed(told) if told.contains("holds 2 photographs")));
+    }
+}

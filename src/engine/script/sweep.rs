@@ -1,0 +1,134 @@
+//! Focus sweeps: what is done on the device between two questions of the host.
+
+use super::Script;
+use super::compose::Composer;
+use crate::base::color::LUMINANCE;
+use crate::engine::arguments::Grid;
+use crate::engine::plan::{Level, Plan};
+use crate::engine::slot;
+use crate::engine::stages::{
+    NO_VARIANT, align, copy, half_pair, joint_system, prolong, relax, relax_level, sums, update,
+};
+
+const RED: usize = 0;
+const BLACK: usize = 1;
+
+fn script(plan: &Plan, fill: impl FnOnce(&mut Composer)) -> Script {
+    let mut composer = Composer::new(plan, false);
+    fill(&mut composer);
+    composer.finish(0)
+}
+
+/// The photograph in the first buffer as frame n, on all levels.
+pub(crate) fn bring_up(plan: &Plan, n: u32) -> Script {
+    script(plan, |s| {
+        s.ingest(0, LUMINANCE);
+        let [width, height] = plan.size;
+        let bindings = copy::Bindings { from: slot::luminance(0, 0).read(), to: slot::frames(0).write() };
+        s.over(plan.size, bindings, &copy::Constants { width, height, layer: n }, NO_VARIANT);
+        for (parent, level) in plan.pyramid.iter().zip(&plan.pyramid[1..]) {
+            let layers = [parent, level].map(|level| (slot::frames(level.index), n));
+            s.separable(layers, parent.size, [plan.halve; 2], 2, false);
+        }
+    })
+}
+
+/// Frames on the reference's pixels of a level, where the constants put them, filtered.
+pub(crate) fn align(plan: &Plan, level: &Level, frames: &[(u32, align::Constants)]) -> Script {
+    script(plan, |s| {
+        for (frame, constants) in frames {
+            s.spline(level, (slot::frames(level.index), *frame), (slot::SPLINE2.plane(), 0));
+            let bindings = align::Bindings { spline: slot::SPLINE2.plane().read(), aligned: slot::ALIGNED.write() };
+            s.over(level.size, bindings, constants, NO_VARIANT);
+            let [low, along_x, along_y] = plan.band;
+            let layers = [(slot::ALIGNED, *frame); 2];
+            s.separable(layers, level.size, [low; 2], 1, false);
+            s.separable(layers, level.size, [along_x, along_y], 1, true);
+        }
+    })
+}
+
+/// u of a level from the coarser one.
+pub(crate) fn prolong(plan: &Plan, level: &Level, limit: f32) -> Script {
+    script(plan, |s| {
+        let [width, height] = level.size;
+        let coarse = slot::relative_blur(level.index + 1).read();
+        let bindings = prolong::Bindings { coarse, fine: slot::relative_blur(level.index).write() };
+        s.over(level.size, bindings, &prolong::Constants { width, height, limit, gain: 1.0 }, NO_VARIANT);
+    })
+}
+
+/// What pairs say, by the sharper frame of each: one stack at a time.
+pub(crate) fn half_pairs(plan: &Plan, level: &Level, pairs: &[(u32, Vec<half_pair::Constants>)]) -> Script {
+    script(plan, |s| {
+        for (frame, others) in pairs {
+            s.spline(level, (slot::ALIGNED, *frame), (slot::STACKS.plane(), 0));
+            for layer in 1..plan.layers_of(level) {
+                s.stack_layer(level, 0, layer);
+            }
+            for constants in others {
+                let bindings = half_pair::Bindings {
+                    focus: slot::relative_blur(level.index).read(),
+                    stacks: slot::STACKS.read(),
+                    aligned: slot::ALIGNED.read(),
+                    system: slot::JOINT_SUMS.update(),
+                    partials: slot::PARTIALS.write(),
+                };
+                let variant = if plan.projective() { sums::PROJECTIVE } else { NO_VARIANT };
+                s.dispatch(bindings, constants, variant, Grid::Direct(half_pair::tiles(level.size)));
+            }
+        }
+    })
+}
+
+/// A step of u, by what pairs say over a window.
+pub(crate) fn step(
+    plan: &Plan,
+    level: &Level,
+    constants: &joint_system::Constants,
+    update: &update::Constants,
+) -> Script {
+    script(plan, |s| {
+        for layer in 0..half_pair::LAYERS {
+            s.smooth((slot::JOINT_SUMS, layer), level.size);
+        }
+        let bindings = joint_system::Bindings {
+            focus: slot::relative_blur(level.index).read(),
+            system: slot::JOINT_SUMS.read(),
+            right_sides: slot::RIGHT_SIDES.write(),
+            weights: slot::WEIGHTS.write(),
+            partials: slot::PARTIALS.write(),
+        };
+        s.dispatch(bindings, constants, NO_VARIANT, Grid::Direct(joint_system::tiles(level.size)));
+        relaxation(s, plan, level);
+        let [red, black] = [RED, BLACK].map(|color| slot::change(color).read());
+        let bindings = update::Bindings { red, black, v: slot::relative_blur(level.index).update() };
+        s.over(level.size, bindings, update, NO_VARIANT);
+    })
+}
+
+fn relaxation(s: &mut Composer, plan: &Plan, level: &Level) {
+    if relax_level::takes(level.size) {
+        let bindings = relax_level::Bindings {
+            right_sides: slot::RIGHT_SIDES.read(),
+            weights: slot::WEIGHTS.read(),
+            red: slot::change(RED).update(),
+            black: slot::change(BLACK).update(),
+        };
+        let constants = relax_level::Constants { sweeps: SWEEPS, ..plan.relax_level(level) };
+        return s.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1, 1, 1]));
+    }
+    for (sweep, color) in (0..SWEEPS).flat_map(|sweep| [(sweep, RED), (sweep, BLACK)]) {
+        let bindings = relax::Bindings {
+            right_sides: slot::RIGHT_SIDES.read(),
+            weights: slot::WEIGHTS.read(),
+            other: slot::change(1 - color).read(),
+            own: slot::change(color).update(),
+        };
+        let variant = if sweep == 0 { relax::FIRST } else { NO_VARIANT };
+        s.dispatch(bindings, &plan.relax(level, color), variant, Grid::Direct(relax::tiles(level.size)));
+    }
+}
+
+/// Red-black sweeps a step: iterations are dear, each takes a stack of every frame, and sweeps are cheap.
+const SWEEPS: u32 = 10;

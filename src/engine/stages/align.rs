@@ -1,0 +1,97 @@
+//! A frame of a sweep on the reference's pixels, as bright as it.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
+use super::state::{Registration, Single, from_centre};
+use super::{Field, pixels, spline};
+use crate::base::Shading;
+use crate::engine::vulkan::{Stage, Variant};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the level.
+    pub width: u32,
+    /// Rows of the level.
+    pub height: u32,
+    /// The layer where it goes.
+    pub layer: u32,
+    /// Pixels of the full-size image a pixel of this level.
+    pub factor: f32,
+    /// The image centre in pixels of this level.
+    pub centre: [f32; 2],
+    /// Where the reference's pixels lie in the frame, and what brings it to the reference's brightness.
+    pub registration: Single,
+    /// How the gain varies over the frame.
+    pub shading: [f32; Shading::TERMS],
+}
+
+bindings! {
+    ALIGN:
+    /// Spline coefficients of the frame.
+    spline: Reads<Plane>,
+    /// All frames on the reference's pixels.
+    aligned: Writes<Plane>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: every pixel read and written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        8 * pixels(c.width, c.height)
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let aligned = twin(c, memory.layer(self.spline, 0));
+        memory.set_layer(self.aligned, c.layer as usize, aligned);
+    }
+}
+
+/// The frame on the reference's pixels; what it does not show is that of its border.
+pub fn twin(c: &Constants, spline: &Field) -> Field {
+    let (r, centre) = (Registration::from(c.registration), c.centre.map(f64::from));
+    let shading = Shading { coefficients: c.shading.map(f64::from) };
+    Field::from_fn(c.width as usize, c.height as usize, |x, y| {
+        let [dx, dy] = r.displacement(x, y, c.factor.into(), centre);
+        let at = |x: usize, d: f64, size: u32| (x as f64 + d).clamp(-1.0, f64::from(size));
+        let place = [at(x, dx, c.width), at(y, dy, c.height)];
+        r.gain * shading.at(from_centre(place, centre)) * spline::read(spline, place[0], place[1]).value + r.offset
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field};
+    use super::*;
+    use crate::base::{Photometric, Similarity};
+    use crate::engine::vulkan::Resource;
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(37u32, 21u32), (64, 16), (5, 3)] {
+            let spline = random_field(width as usize, height as usize, 1);
+            let t = Similarity::new(1.3, -0.8, 1.0, 1.02);
+            let registration = Registration::new(t, &Photometric { gain: 1.1, offset: -0.05 });
+            let c = Constants {
+                width,
+                height,
+                layer: 1,
+                factor: 2.0,
+                centre: [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0],
+                registration: (&registration).into(),
+                shading: std::array::from_fn(|n| 0.05 * (1.7 * n as f32).sin()),
+            };
+            let rig = Rig::new();
+            let (from, to) = (rig.image(std::slice::from_ref(&spline)), rig.empty([width, height], 2));
+            rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &c, [width, height]);
+            // Single precision, of coefficients up to 1 and a factor of at most 4.
+            let nothing = Field::zeros(width as usize, height as usize);
+            rig.assert_close(&to, &[nothing, twin(&c, &spline)], 2e-5);
+        }
+    }
+}

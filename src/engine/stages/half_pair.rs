@@ -1,0 +1,250 @@
+//! What two frames of a sweep say of where each pixel is in focus, of pixels where the first of them is the sharper.
+//!
+//! Frame k is focused at the setting p_k, and a point in focus at u is blurred there by `v_k = c (p_k - u)²`. Of a pair
+//!
+//! ```text
+//! V = v_j - v_i = 2 c (p_j - p_i)(m - u),  m = (p_i + p_j)/2          affine in u
+//! S = (h(V) * I_i - I_j)/√n,  n = 1 + f/(f + V)                       of equal noise at every V
+//! ```
+//!
+//! so its linear system for du is that of a pair for dV times dV/du, and all pairs add up: D = Σ w S_u², b = -Σ w S S_u, and with S_c by
+//! the logarithm of c, q = Σ w S_u S_c, by which c answers to u. f is what a pixel and the low pass of the frames leave of the correlation
+//! of noise, px². Section 11 of `docs/method.md`.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
+use super::state::Registration;
+use super::sums::Sums;
+use super::{Field, WORKGROUP, pixels, stack};
+use crate::base::Homography;
+use crate::engine::vulkan::{Stage, Variant};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the level.
+    pub width: u32,
+    /// Rows of the level.
+    pub height: u32,
+    /// Nodes of the stack.
+    pub nodes: u32,
+    /// Layer of the other frame.
+    pub other: u32,
+    /// First row of partial sums.
+    pub row: u32,
+    /// 1: the system starts from zero.
+    pub first: u32,
+    /// Focus setting of the sharper frame, as u.
+    pub own_setting: f32,
+    /// Of the other.
+    pub other_setting: f32,
+    /// c, px² of the level by squared settings.
+    pub rate: f32,
+    /// f, px² of the level.
+    pub grain: f32,
+    /// η of the data term.
+    pub eta: f32,
+    /// Most V, px² of the level.
+    pub limit: f32,
+    /// What scales places, pixels of the level.
+    pub length: f32,
+    /// Pixels of the full-size image a pixel of this level.
+    pub factor: f32,
+    /// The image centre in pixels of this level.
+    pub centre: [f32; 2],
+    /// T of the sharper frame: M less the identity by rows, t, g.
+    pub own: [f32; 8],
+    /// T of the other.
+    pub others: [f32; 8],
+}
+
+/// Lines an invocation goes down.
+const ROWS: u32 = 8;
+/// Pixels along the border that the low pass and the high pass of the frames reach over.
+const FILTERED: f64 = 4.0;
+/// Layers of the system: D, b, q.
+pub const LAYERS: u32 = 3;
+
+/// Workgroups that cover a level: a row of partial sums each.
+pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
+    [width.div_ceil(WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * ROWS), 1]
+}
+
+bindings! {
+    HALF_PAIR:
+    /// u.
+    focus: Reads<RelativeBlur>,
+    /// Stack of the sharper frame.
+    stacks: Reads<Stacks>,
+    /// All frames on the reference's pixels.
+    aligned: Reads<Plane>,
+    /// D, b, q.
+    system: Updates<Plane>,
+    /// The registration between the two; Σ w S_c² and Σ w S_c S stand in the place of the roughness, Σ g in that of the valid pixels.
+    partials: Writes<Partials>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: u, two nodes and the other frame read, the system read and written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        40 * pixels(c.width, c.height)
+    }
+
+    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+        let nodes = &memory.layers(self.stacks)[..c.nodes as usize];
+        let other = memory.layer(self.aligned, c.other as usize);
+        let Said { system, sums } = twin(c, memory.layer(self.focus, 0), nodes, other);
+        for (layer, said) in system.into_iter().enumerate() {
+            let sum = memory.layer_mut(self.system, layer);
+            if c.first == 1 || sum.data.is_empty() {
+                *sum = said;
+            } else {
+                sum.data.iter_mut().zip(said.data).for_each(|(sum, said)| *sum += said);
+            }
+        }
+        memory.set_sums(self.partials, sums);
+    }
+}
+
+/// What the pair says.
+pub struct Said {
+    /// D, b, q.
+    pub system: [Field; LAYERS as usize],
+    /// As the partial sums.
+    pub sums: Sums,
+}
+
+/// What the pair says of every pixel.
+pub fn twin(c: &Constants, focus: &Field, stack: &[Field], other: &Field) -> Said {
+    let (width, height) = (c.width as usize, c.height as usize);
+    let mut said = Said { system: std::array::from_fn(|_| Field::zeros(width, height)), sums: Sums::default() };
+    let transforms = [c.own, c.others].map(registration);
+    let shows = |x: [usize; 2], reach: f64| {
+        transforms.iter().all(|r| {
+            let d = r.displacement(x[0], x[1], c.factor.into(), c.centre.map(f64::from));
+            let inside = |x: usize, d: f64, size: usize| (x as f64 + d).min(size as f64 - 1.0 - x as f64 - d) >= reach;
+            inside(x[0], d[0], width) && inside(x[1], d[1], height)
+        })
+    };
+    let [rate, grain, eta, limit] = [c.rate, c.grain, c.eta, c.limit].map(f64::from);
+    let settings = [c.own_setting, c.other_setting].map(f64::from);
+    for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
+        let away = settings.map(|p| p - focus.get(x, y));
+        let (v, before) = (rate * (away[1].powi(2) - away[0].powi(2)), rate * away[0].powi(2));
+        if !(v > 0.0 && v < limit && shows([x, y], 3.0 * v.sqrt() + FILTERED)) {
+            continue;
+        }
+        let blurred = stack::read_near(stack, v, [x, y], [0.0; 2]);
+        let (n, slope) = (1.0 + grain / (grain + v), -grain / (grain + v).powi(2));
+        let root = 1.0 / n.sqrt();
+        let left = blurred.value - other.get(x, y);
+        let (s, by_v) = (root * left, root * (blurred.slope - 0.5 * left * slope / n));
+        let (by_u, by_rate) = (-2.0 * rate * (settings[1] - settings[0]) * by_v, by_v * v);
+        // A frame that is itself far out of focus has little texture left, and what is left is noise.
+        let share = 1.0 / (1.0 + 4.0 * (before - limit).max(0.0) / limit);
+        let w = share / (s * s + eta * eta).sqrt();
+        let [jx, jy] = [blurred.dx, blurred.dy].map(|d| -root * d);
+        let place = [0, 1].map(|i| ([x, y][i] as f64 - f64::from(c.centre[i])) / f64::from(c.length));
+        said.sums.add([w * jx * jx, w * jx * jy, w * jy * jy], [w * s * jx, w * s * jy], place);
+        said.sums.energy += w * s * s;
+        said.sums.valid += share;
+        said.sums.roughness[0] += w * by_rate * by_rate;
+        said.sums.roughness[1] += w * by_rate * s;
+        for (layer, value) in [by_u, -s, by_rate].into_iter().enumerate() {
+            said.system[layer].data[y * width + x] = w * by_u * value;
+        }
+    }
+    said
+}
+
+/// T as the constants have it.
+fn registration(t: [f32; 8]) -> Registration {
+    let [xx, xy, yx, yy, tx, ty, gx, gy] = t.map(f64::from);
+    let matrix = [[1.0 + xx, xy, tx], [yx, 1.0 + yy, ty], [gx, gy, 1.0]];
+    Registration { transform: Homography::from_matrix(matrix).unwrap_or_default(), gain: 1.0, offset: 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, build_stack, random_field, smooth_field};
+    use super::super::sums::Layout;
+    use super::*;
+    use crate::base::Kernel;
+    use crate::engine::vulkan::Resource;
+
+    fn check([own, other]: [&Field; 2], focus: &Field, first: bool) {
+        let (width, height, nodes) = (focus.width, focus.height, stack::node_count(6.0));
+        let stack = build_stack(own, &Kernel::Gaussian, nodes);
+        let c = Constants {
+            width: width as u32,
+            height: height as u32,
+            nodes: nodes as u32,
+            other: 1,
+            row: 2,
+            first: u32::from(first),
+            own_setting: -0.5,
+            other_setting: 2.5,
+            rate: 0.4,
+            grain: 0.33,
+            eta: 0.005,
+            limit: 6.0,
+            length: 20.0,
+            factor: 2.0,
+            centre: [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0],
+            own: [0.01, 0.0, -0.01, 0.02, 1.0, -2.0, 1e-5, 0.0],
+            others: [0.0, 0.02, 0.0, -0.01, -1.0, 0.5, 0.0, -1e-5],
+        };
+        let Said { system, sums } = twin(&c, focus, &stack, other);
+        let rig = Rig::new();
+        let before: Vec<Field> = (0..3).map(|n| random_field(width, height, 20 + n)).collect();
+        let images = [
+            rig.image(std::slice::from_ref(focus)),
+            rig.image(&stack),
+            rig.image(&[other.clone(), other.clone()]),
+            rig.image(&before),
+        ];
+        let (layout, groups) = (Layout::of(false), tiles([c.width, c.height]));
+        let partials = rig.upload(&vec![0; 4 * layout.length * (2 + groups[0] * groups[1]) as usize]);
+        let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
+        resources.push(Resource::Buffer(&partials));
+        rig.run_groups(&STAGE, &resources, &c, groups);
+        let add = |(said, before): (Field, &Field)| Field {
+            data: said.data.iter().zip(&before.data).map(|(s, b)| s + if first { 0.0 } else { *b }).collect(),
+            ..said
+        };
+        let most = system.iter().flat_map(|f| &f.data).fold(1.0, |most: f64, v| most.max(v.abs()));
+        let expected: Vec<Field> = system.into_iter().zip(&before).map(add).collect();
+        // Single precision, relative to the largest.
+        rig.assert_close(&images[3], &expected, 1e-4 * most);
+        let found = Sums::from_partials(&rig.floats(&partials), layout);
+        let size = sums.normal.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
+        let close = |f: f64, e: f64, what: &str| assert!((f - e).abs() < 1e-4 * size, "{what}: {f}, not {e}");
+        for i in 0..layout.unknowns {
+            close(found.gradient[i], sums.gradient[i], "g");
+            (0..layout.unknowns).for_each(|j| close(found.normal[i][j], sums.normal[i][j], "N"));
+        }
+        close(found.energy, sums.energy, "energy");
+        close(found.valid, sums.valid, "valid");
+        (0..2).for_each(|n| close(found.roughness[n], sums.roughness[n], "c"));
+    }
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(67, 43), (64, 32), (40, 35)] {
+            let mut focus = smooth_field(width, height, 3);
+            focus.data.iter_mut().for_each(|u| *u = 6.0 * (*u - 0.5));
+            let [own, other] = [1, 2].map(|seed| smooth_field(width, height, seed));
+            check([&own, &other], &focus, true);
+            check([&own, &other], &focus, false);
+            check([&random_field(width, height, 5), &other], &focus, true);
+        }
+        let flat = Field::from_fn(40, 30, |_, _| 0.5);
+        check([&flat, &flat], &Field::zeros(40, 30), true);
+    }
+}

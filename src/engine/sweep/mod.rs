@@ -1,0 +1,387 @@
+//! A focus sweep as one solve: one unknown a pixel, the setting u at which it is in focus, by all pairs of frames that tell of it, and
+//! the registration of all frames, jointly. Section 11 of `docs/method.md`.
+//!
+//! The device holds the frames, one stack of blurred images at a time, and the system that all pairs add up to. Between iterations the host
+//! steps what is common to all pixels: the registrations, by the [graph](graph) of pairs, and c.
+
+mod deviation;
+mod graph;
+mod pairs;
+mod start;
+
+use std::sync::Arc;
+
+use self::graph::Link;
+use self::start::{Frames, GRAIN, Grid};
+use crate::base::{Brightness, Error, Format, Frame, Homography, Photometric, Settings, Shading};
+use crate::engine::Engine;
+use crate::engine::plan::{Level, Plan};
+use crate::engine::record::record;
+use crate::engine::script::{Script, sweep};
+use crate::engine::slot::Slot;
+use crate::engine::stages::state::{Registration, Single};
+use crate::engine::stages::step::displacing;
+use crate::engine::stages::sums::{Layout, Sums};
+use crate::engine::stages::{Field, Pipelines, align, half_pair, joint_system, update};
+use crate::engine::vulkan::{Buffer, Clock, Device, Recorder};
+use crate::engine::workspace::Workspace;
+
+/// The longest side on which a sweep starts, px.
+const START: u32 = 160;
+/// Most V between frames that counts, px² of a level; of wider blur other pairs tell.
+const LIMIT: f64 = 10.0;
+/// α of one pair.
+const ALPHA: f64 = 0.005;
+/// η of the data term: frames are band-passed, and hold less than photographs do.
+const ETA: f64 = 0.005;
+/// η of the smoothness term, px of blur a pixel.
+const SMOOTHNESS_ETA: f64 = 0.1;
+/// Largest step of u, px of blur.
+const LARGEST_STEP: f64 = 0.3;
+/// How far beyond the first and the last frame u may lie, px of blur.
+const BEYOND: f64 = 0.5;
+/// The largest step of ln c.
+const LARGEST_RATE_STEP: f64 = 0.3;
+/// Iterations on the level where it starts, on those between and on the finest.
+const ITERATIONS: [usize; 3] = [4, 3, 2];
+/// The finest level on which T steps, unless the sweep starts on the finest. On that, frames far out of focus show little but noise: with
+/// steps there a corner of the last of 11 frames, simulated, is off by 0.07 px, without by 0.008.
+const FINEST_STEP: usize = 1;
+/// Px of the level that a corner of a frame moves by before it is brought onto the reference's pixels anew.
+const FOLLOWED: f64 = 0.02;
+
+/// Where a scene is in focus, and where the frames lie.
+#[derive(Clone, Debug)]
+pub struct Focus {
+    /// u at each pixel of the reference, in settings.
+    pub focus: Vec<f32>,
+    /// Its standard deviation, in settings.
+    pub deviation: Vec<f32>,
+    /// Where the reference's pixels lie in each frame.
+    pub transforms: Vec<Homography>,
+    /// What brings each frame to the reference's brightness.
+    pub brightness: Vec<Brightness>,
+    /// c: px² of variance by squared settings.
+    pub rate: f64,
+}
+
+/// A size and a number of frames, prepared for sweeps.
+pub struct SweepSolver {
+    plan: Plan,
+    workspace: Workspace,
+    frames: usize,
+    device: Arc<Device>,
+    pipelines: Arc<Pipelines>,
+}
+
+/// What is common to all pixels.
+struct Common {
+    /// Ascending.
+    settings: Vec<f64>,
+    /// Half-way between the first and the last.
+    middle: f64,
+    reference: usize,
+    /// px² of the full-size image.
+    rate: f64,
+    transforms: Vec<Homography>,
+    /// As they were when the frames were last brought onto the reference's pixels.
+    aligned: Vec<Option<Homography>>,
+    brightness: Vec<(f64, Shading)>,
+    /// Pairs that tell of a pixel, on average.
+    telling: f64,
+}
+
+impl Common {
+    /// c on a level.
+    fn rate_on(&self, level: &Level) -> f64 {
+        self.rate / (level.factor * level.factor)
+    }
+
+    /// How far u may lie from the middle.
+    fn limit(&self, level: &Level) -> f64 {
+        self.settings[self.settings.len() - 1] - self.middle + BEYOND / self.rate_on(level).sqrt()
+    }
+}
+
+impl SweepSolver {
+    /// Prepares for sweeps of so many frames of `width` x `height` pixels.
+    ///
+    /// # Errors
+    /// As [`Solver::new`](crate::Solver::new).
+    pub fn new(
+        engine: &Engine,
+        [width, height]: [u32; 2],
+        format: Format,
+        frames: usize,
+        settings: &Settings,
+    ) -> Result<Self, Error> {
+        let settings = Settings { max_relative_blur: settings.max_relative_blur.min(LIMIT), ..settings.clone() };
+        let plan = Plan::new(width, height, [format; 2], &settings)?;
+        let device = engine.device().clone();
+        if device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        plan.check_sweep(&device, frames)?;
+        let workspace = Workspace::for_sweep(&device, &plan, frames as u32)?;
+        let mut first = Recorder::new(&device, Clock::Never)?;
+        first.prepare(&workspace.images());
+        first.finish()?.run()?;
+        Ok(Self { plan, workspace, frames, device, pipelines: engine.pipelines().clone() })
+    }
+
+    /// Solves a sweep whose frames are focused at these settings, ascending, on the pixels of one of them; `say` is told how many of its
+    /// levels are done.
+    ///
+    /// # Errors
+    /// [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].
+    pub fn solve(
+        &mut self,
+        frames: &[Frame],
+        settings: &[f64],
+        reference: usize,
+        say: &mut dyn FnMut(usize, usize),
+    ) -> Result<Focus, Error> {
+        for (n, frame) in frames.iter().enumerate() {
+            self.workspace.buffer(Slot::Photograph { image: 0 }).write(frame.bytes())?;
+            self.run(&sweep::bring_up(&self.plan, n as u32))?;
+        }
+        let first = self.first_level();
+        let (mut common, focus) = self.start(first, settings, reference)?;
+        self.upload(Slot::RelativeBlur { level: first }, &focus)?;
+        let mut last = None;
+        for index in (0..=first).rev() {
+            let level = self.plan.pyramid[index].clone();
+            if index < first {
+                self.run(&sweep::prolong(&self.plan, &level, common.limit(&level) as f32))?;
+            }
+            common.aligned = vec![None; self.frames];
+            let count = if index == first { ITERATIONS[0] } else { ITERATIONS[1 + usize::from(index == 0)] };
+            for k in 0..count {
+                let system = self.iterate(&level, &mut common, index == 0 && k + 1 == count)?;
+                last = system.or(last);
+            }
+            say(first + 1 - index, first + 1);
+        }
+        let [width, height] = self.plan.size.map(|side| side as usize);
+        let focus = &self.fetch(Slot::RelativeBlur { level: 0 }, self.plan.size, 1)?[0];
+        let system = last.unwrap_or_else(|| [Field::zeros(width, height), Field::zeros(width, height)]);
+        let deviation = deviation::of(focus, &system);
+        Ok(Focus {
+            focus: focus.data.iter().map(|u| (u + common.middle) as f32).collect(),
+            deviation: deviation.to_f32(),
+            brightness: common.brightness.iter().map(|b| self.brightness(b)).collect(),
+            transforms: common.transforms,
+            rate: common.rate,
+        })
+    }
+
+    fn brightness(&self, &(gain, shading): &(f64, Shading)) -> Brightness {
+        Brightness { photometric: Photometric { gain, offset: 0.0 }, shading, ..Brightness::unchanged(self.plan.size) }
+    }
+
+    /// The level where a sweep starts.
+    fn first_level(&self) -> usize {
+        let long = |level: &Level| level.size[0].max(level.size[1]);
+        let coarsest = self.plan.pyramid.len() - 1;
+        self.plan.pyramid.iter().position(|level| long(level) <= START).unwrap_or(coarsest)
+    }
+
+    /// Registration, brightness, c, and u less the middle setting.
+    fn start(&self, first: usize, settings: &[f64], reference: usize) -> Result<(Common, Field), Error> {
+        let level = &self.plan.pyramid[first];
+        let images = self.fetch(Slot::Frames { level: first }, level.size, self.frames as u32)?;
+        let frames = Frames { images: &images, grid: Grid { factor: level.factor, centre: level.centre } };
+        let transforms = start::register(&frames, reference, self.plan.settings.motion.unknowns());
+        let brightness = if self.plan.settings.photometric {
+            start::brightness(&frames, &transforms, reference)
+        } else {
+            vec![(1.0, Shading::NONE); self.frames]
+        };
+        let moved = start::aligned(&frames, &transforms, &brightness);
+        let rate = start::rate(&moved, settings);
+        let middle = 0.5 * (settings[0] + settings[self.frames - 1]);
+        let mut focus = start::focus(&moved, settings, rate);
+        focus.data.iter_mut().for_each(|u| *u -= middle);
+        let common = Common {
+            settings: settings.to_vec(),
+            middle,
+            reference,
+            rate: rate * level.factor * level.factor,
+            transforms,
+            aligned: vec![None; self.frames],
+            brightness,
+            telling: 1.0,
+        };
+        Ok((common, focus))
+    }
+
+    /// An iteration on a level; D and b of the last one, before they are smoothed.
+    fn iterate(&self, level: &Level, common: &mut Common, last: bool) -> Result<Option<[Field; 2]>, Error> {
+        self.align(level, common)?;
+        let rate = common.rate_on(level);
+        let links = self.half_pairs(level, common, rate)?;
+        let system = if last {
+            let fields = self.fetch(Slot::JointSums, self.plan.size, 2)?;
+            <[Field; 2]>::try_from(fields).ok()
+        } else {
+            None
+        };
+        let pixels = level.pixels() as f64;
+        common.telling = links.iter().map(|link| link.sums.valid).sum::<f64>() / pixels;
+        let answered = self.step(level, common, rate)?;
+        let own: [f64; 2] = [0, 1].map(|n| links.iter().map(|link| link.sums.roughness[n]).sum());
+        // c steps as if u had answered already.
+        let step = -(own[1] + answered[0]) / (own[0] - answered[1]).max(1e-9);
+        common.rate *= step.clamp(-LARGEST_RATE_STEP, LARGEST_RATE_STEP).exp();
+        if level.index >= FINEST_STEP.min(self.first_level()) {
+            let steps = graph::step(&links, self.frames, common.reference, self.plan.settings.motion.unknowns());
+            for (t, x) in common.transforms.iter_mut().zip(steps) {
+                *t = t.after(&displacing(level.length, level.factor, x));
+            }
+        }
+        Ok(system)
+    }
+
+    /// Brings the frames that have moved onto the reference's pixels.
+    fn align(&self, level: &Level, common: &mut Common) -> Result<(), Error> {
+        let [width, height] = self.plan.size;
+        let mut moved = Vec::new();
+        for n in 0..self.frames {
+            let t = common.transforms[n];
+            let stays = |before: &Homography| before.corner_distance(t, width, height) < FOLLOWED * level.factor;
+            if common.aligned[n].as_ref().is_some_and(stays) {
+                continue;
+            }
+            common.aligned[n] = Some(t);
+            let (gain, shading) = common.brightness[n];
+            let registration = Registration::new(t, &Photometric { gain, offset: 0.0 });
+            let constants = align::Constants {
+                width: level.size[0],
+                height: level.size[1],
+                layer: n as u32,
+                factor: level.factor as f32,
+                centre: level.centre.map(|c| c as f32),
+                registration: (&registration).into(),
+                shading: shading.coefficients.map(|c| c as f32),
+            };
+            moved.push((n as u32, constants));
+        }
+        if moved.is_empty() { Ok(()) } else { self.run(&sweep::align(&self.plan, level, &moved)) }
+    }
+
+    /// What all pairs say, of u on the device and of their registration.
+    fn half_pairs(&self, level: &Level, common: &Common, rate: f64) -> Result<Vec<Link>, Error> {
+        let pairs = pairs::pairs(&common.settings, rate);
+        let [columns, rows, _] = half_pair::tiles(level.size);
+        let mut frames: Vec<(u32, Vec<half_pair::Constants>)> = Vec::new();
+        let mut links = Vec::new();
+        for own in 0..self.frames {
+            let beside = |[i, j]: &[usize; 2]| if *i == own { Some(*j) } else { (*j == own).then_some(*i) };
+            let others: Vec<usize> = pairs.iter().filter_map(beside).collect();
+            let constants = others.into_iter().map(|other| {
+                let row = links.len() as u32 * columns * rows;
+                links.push([own, other]);
+                self.half_pair(level, common, rate, [own, other], row)
+            });
+            frames.push((own as u32, constants.collect()));
+        }
+        self.run(&sweep::half_pairs(&self.plan, level, &frames))?;
+        let layout = Layout::of(self.plan.projective());
+        let floats = (columns * rows) as usize * layout.length;
+        let read = |(n, frames): (usize, &[usize; 2])| {
+            let rows: Vec<f32> = self.workspace.buffer(Slot::Partials).read(4 * n * floats, floats)?;
+            Ok(Link { frames: *frames, sums: Sums::from_partials(&rows, layout) })
+        };
+        links.iter().enumerate().map(read).collect()
+    }
+
+    fn half_pair(
+        &self,
+        level: &Level,
+        common: &Common,
+        rate: f64,
+        [own, other]: [usize; 2],
+        row: u32,
+    ) -> half_pair::Constants {
+        let setting = |n: usize| (common.settings[n] - common.middle) as f32;
+        let registration = |n: usize| {
+            let t = common.aligned[n].unwrap_or(common.transforms[n]);
+            let single = Single::from(&Registration::new(t, &Photometric::IDENTITY));
+            let ([a, b, c, d], [tx, ty], [gx, gy]) = (single.linear, single.t, single.g);
+            [a, b, c, d, tx, ty, gx, gy]
+        };
+        half_pair::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            nodes: level.nodes as u32,
+            other: other as u32,
+            row,
+            first: u32::from(row == 0),
+            own_setting: setting(own),
+            other_setting: setting(other),
+            rate: rate as f32,
+            grain: GRAIN as f32,
+            eta: ETA as f32,
+            limit: LIMIT.min(level.limit) as f32,
+            length: level.length as f32,
+            factor: level.factor as f32,
+            centre: level.centre.map(|c| c as f32),
+            own: registration(own),
+            others: registration(other),
+        }
+    }
+
+    /// Steps u; what it answers to c.
+    fn step(&self, level: &Level, common: &Common, rate: f64) -> Result<[f64; 2], Error> {
+        let [width, height] = level.size;
+        let constants = joint_system::Constants {
+            width,
+            height,
+            alpha: (ALPHA * common.telling) as f32,
+            rate: rate as f32,
+            smoothness_eta: SMOOTHNESS_ETA as f32,
+        };
+        let update = update::Constants {
+            width,
+            height,
+            largest_step: (LARGEST_STEP / rate.sqrt()) as f32,
+            limit: common.limit(level) as f32,
+            share: 1.0,
+        };
+        self.run(&sweep::step(&self.plan, level, &constants, &update))?;
+        let [columns, rows, _] = joint_system::tiles(level.size);
+        let floats = (columns * rows) as usize * joint_system::SUMS;
+        let rows: Vec<f32> = self.workspace.buffer(Slot::Partials).read(0, floats)?;
+        let total = |n: usize| rows.chunks_exact(joint_system::SUMS).map(|row| f64::from(row[n])).sum();
+        Ok([total(0), total(1)])
+    }
+
+    fn run(&self, script: &Script) -> Result<(), Error> {
+        record(&self.device, &self.pipelines, &self.workspace, script, false)?.run()
+    }
+
+    /// The corner of an image that a level takes, so many layers.
+    fn fetch(&self, slot: Slot, [width, height]: [u32; 2], layers: u32) -> Result<Vec<Field>, Error> {
+        let image = self.workspace.image(slot);
+        let pixels = image.width as usize * image.height as usize;
+        let buffer = Buffer::for_readback(&self.device, "sweep", 4 * (pixels * layers as usize) as u64)?;
+        let mut recorder = Recorder::new(&self.device, Clock::Never)?;
+        recorder.download(image, layers, &buffer);
+        recorder.finish()?.run()?;
+        let layer = |n: usize| {
+            let values: Vec<f32> = buffer.read(4 * n * pixels, pixels)?;
+            let at = |x: usize, y: usize| f64::from(values[y * image.width as usize + x]);
+            Ok(Field::from_fn(width as usize, height as usize, at))
+        };
+        (0..layers as usize).map(layer).collect()
+    }
+
+    fn upload(&self, slot: Slot, field: &Field) -> Result<(), Error> {
+        let values = field.to_f32();
+        let buffer = Buffer::for_upload(&self.device, "sweep", 4 * values.len() as u64)?;
+        buffer.write(bytemuck::cast_slice(&values))?;
+        let mut recorder = Recorder::new(&self.device, Clock::Never)?;
+        recorder.upload(&buffer, self.workspace.image(slot));
+        recorder.finish()?.run()
+    }
+}

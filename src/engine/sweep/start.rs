@@ -1,0 +1,329 @@
+//! Where a sweep starts, from its frames on coarse levels, on the host: the registration by appearance, brightness, c by exhaustive
+//! search, and u by the least of a volume of energies.
+
+use std::f64::consts::PI;
+use std::num::NonZero;
+use std::thread;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::pairs::pairs;
+use crate::base::{Homography, Shading, shading};
+use crate::engine::filter::{self, Filter};
+use crate::engine::plan::{LOW_PASS, band};
+use crate::engine::stages::state::from_centre;
+use crate::engine::stages::step::displacing;
+use crate::engine::stages::sums::{UNKNOWNS, displacements};
+use crate::engine::stages::{Field, convolve, spline};
+
+/// A level as the start needs it.
+#[derive(Clone, Copy)]
+pub(super) struct Grid {
+    pub(super) factor: f64,
+    pub(super) centre: [f64; 2],
+}
+
+/// A sweep's frames on one level.
+pub(super) struct Frames<'a> {
+    pub(super) images: &'a [Field],
+    pub(super) grid: Grid,
+}
+
+/// What correlates of noise in a pixel and the low pass, px².
+pub(super) const GRAIN: f64 = LOW_PASS * LOW_PASS + 1.0 / (4.0 * PI);
+
+fn filtered(image: &Field, along_x: &Filter, along_y: &Filter) -> Field {
+    convolve::twin(&convolve::twin(image, along_x, 1, false), along_y, 1, true)
+}
+
+fn smoothed(image: &Field, sigma: f64) -> Field {
+    let filter = filter::gaussian(sigma * sigma);
+    filtered(image, &filter, &filter)
+}
+
+/// The low pass and the high pass of the device.
+fn band_passed(image: &Field) -> Field {
+    let [low, along_x, along_y] = band();
+    let mut image = filtered(image, &low, &low);
+    let less = filtered(&image, &along_x, &along_y);
+    image.data.iter_mut().zip(less.data).for_each(|(value, less)| *value += less);
+    image
+}
+
+fn coefficients(image: &Field) -> Field {
+    let filter = filter::spline_prefilter();
+    filtered(image, &filter, &filter)
+}
+
+/// Does something for each of so many, on all processors.
+fn each<T: Send>(count: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let workers = thread::available_parallelism().map_or(1, NonZero::get).min(count).max(1);
+    let mut results: Vec<Option<T>> = (0..count).map(|_| None).collect();
+    thread::scope(|scope| {
+        for (worker, share) in results.chunks_mut(count.div_ceil(workers)).enumerate() {
+            let (first, of) = (worker * count.div_ceil(workers), &of);
+            scope.spawn(move || share.iter_mut().enumerate().for_each(|(n, result)| *result = Some(of(first + n))));
+        }
+    });
+    results.into_iter().flatten().collect()
+}
+
+/// The frames on the reference's pixels, as bright as it.
+pub(super) fn aligned(frames: &Frames, transforms: &[Homography], brightness: &[(f64, Shading)]) -> Vec<Field> {
+    each(frames.images.len(), |n| {
+        let (spline, (gain, shading)) = (coefficients(&frames.images[n]), brightness[n]);
+        Field::from_fn(spline.width, spline.height, |x, y| {
+            let at = place(&transforms[n], [x, y], frames.grid);
+            gain * shading.at(from_centre(at, frames.grid.centre)) * spline::read(&spline, at[0], at[1]).value
+        })
+    })
+}
+
+/// A frame on the reference's pixels.
+fn moved_onto(spline: &Field, t: &Homography, grid: Grid) -> Field {
+    Field::from_fn(spline.width, spline.height, |x, y| {
+        let [px, py] = place(t, [x, y], grid);
+        spline::read(spline, px, py).value
+    })
+}
+
+fn place(t: &Homography, [x, y]: [usize; 2], Grid { factor, centre }: Grid) -> [f64; 2] {
+    let p = [factor * (x as f64 - centre[0]), factor * (y as f64 - centre[1])];
+    let d = t.displacement(p);
+    [x as f64 + d[0] / factor, y as f64 + d[1] / factor]
+}
+
+/// σ of the low pass under which neighbouring frames look alike whatever their blur, px of the level.
+const BLIND: f64 = 1.5;
+/// Steps of a frame's registration by appearance.
+const STEPS: usize = 8;
+
+/// T of each frame by appearance, each by the one before it, counted from the reference.
+pub(super) fn register(frames: &Frames, reference: usize, unknowns: usize) -> Vec<Homography> {
+    let blind: Vec<Field> = each(frames.images.len(), |n| coefficients(&smoothed(&frames.images[n], BLIND)));
+    let mut transforms = vec![Homography::IDENTITY; blind.len()];
+    let towards_end = (reference + 1..blind.len()).map(|n| (n, n - 1));
+    for (n, before) in towards_end.chain((0..reference).rev().map(|n| (n, n + 1))) {
+        let target = moved_onto(&blind[before], &transforms[before], frames.grid);
+        transforms[n] = follow(&target, &blind[n], transforms[before], frames.grid, unknowns);
+    }
+    transforms
+}
+
+/// T from where it starts to where the frame looks like the target, by Gauss and Newton.
+fn follow(target: &Field, spline: &Field, mut t: Homography, grid: Grid, unknowns: usize) -> Homography {
+    let length = (target.width as f64).hypot(target.height as f64) / 4.0;
+    for _ in 0..STEPS {
+        let moved = moved_onto(spline, &t, grid);
+        let (mut normal, mut right) = (DMatrix::<f64>::zeros(unknowns + 2, unknowns + 2), DVector::zeros(unknowns + 2));
+        for (y, x) in (1..target.height - 1).flat_map(|y| (1..target.width - 1).map(move |x| (y, x))) {
+            let [px, py] = place(&t, [x, y], grid);
+            let last = [target.width as f64 - 3.0, target.height as f64 - 3.0];
+            if px < 2.0 || py < 2.0 || px > last[0] || py > last[1] {
+                continue;
+            }
+            let gradient =
+                [0.5 * (moved.get(x + 1, y) - moved.get(x - 1, y)), 0.5 * (moved.get(x, y + 1) - moved.get(x, y - 1))];
+            let at = [(x as f64 - grid.centre[0]) / length, (y as f64 - grid.centre[1]) / length];
+            let by = displacements(at);
+            // Brightness is its own: gain and offset besides.
+            let term = |a: usize| match a.checked_sub(unknowns) {
+                None => by[a][0] * gradient[0] + by[a][1] * gradient[1],
+                Some(0) => moved.get(x, y),
+                Some(_) => 1.0,
+            };
+            let s = moved.get(x, y) - target.get(x, y);
+            let w = 1.0 / (s * s + 1e-4).sqrt();
+            for a in 0..unknowns + 2 {
+                right[a] -= w * term(a) * s;
+                (0..=a).for_each(|b| normal[(a, b)] += w * term(a) * term(b));
+            }
+        }
+        (0..unknowns + 2).for_each(|a| (0..a).for_each(|b| normal[(b, a)] = normal[(a, b)]));
+        (0..unknowns + 2).for_each(|a| normal[(a, a)] = normal[(a, a)] * (1.0 + 1e-9) + 1e-12);
+        let Some(cholesky) = normal.cholesky() else { return t };
+        let step = cholesky.solve(&right);
+        let x: [f64; UNKNOWNS] = std::array::from_fn(|a| if a < unknowns { step[a] } else { 0.0 });
+        t = t.after(&displacing(length, grid.factor, x));
+    }
+    t
+}
+
+/// σ of the window over which mean brightness is compared: blur moves nothing across it.
+const WIDE: f64 = 4.0;
+
+/// What brings each frame to the reference's brightness: gain and shading.
+pub(super) fn brightness(frames: &Frames, transforms: &[Homography], reference: usize) -> Vec<(f64, Shading)> {
+    let wide: Vec<Field> = each(frames.images.len(), |n| smoothed(&frames.images[n], WIDE));
+    each(wide.len(), |n| {
+        if n == reference {
+            return (1.0, Shading::NONE);
+        }
+        let spline = coefficients(&wide[n]);
+        let moved = moved_onto(&spline, &transforms[n], frames.grid);
+        let places = (0..moved.height).step_by(2).flat_map(|y| (0..moved.width).step_by(2).map(move |x| [x, y]));
+        let inside =
+            |p: &[f64; 2]| p[0] >= 0.0 && p[1] >= 0.0 && p[0] < moved.width as f64 && p[1] < moved.height as f64;
+        let samples = places.filter_map(|at| {
+            let place = Some(place(&transforms[n], at, frames.grid)).filter(inside)?;
+            Some((from_centre(place, frames.grid.centre), moved.get(at[0], at[1]), wide[reference].get(at[0], at[1])))
+        });
+        fit_brightness(&samples.collect::<Vec<_>>())
+    })
+}
+
+/// Gain times shading that map the second values onto the third, by least squares reweighted by Cauchy's function.
+///
+/// No offset: an offset and a gain are told apart by contrast, of which blur takes; means tell of a gain whatever the blur. What is off
+/// by an offset the high pass takes off.
+fn fit_brightness(samples: &[([f64; 2], f64, f64)]) -> (f64, Shading) {
+    const TERMS: usize = Shading::TERMS + 1;
+    let (mut found, mut scale) = (DVector::<f64>::zeros(TERMS), f64::INFINITY);
+    for _ in 0..3 {
+        let (mut normal, mut right) = (DMatrix::<f64>::zeros(TERMS, TERMS), DVector::zeros(TERMS));
+        let (mut squares, mut weights) = (0.0, 0.0);
+        for (place, value, target) in samples {
+            let terms = DVector::from_row_slice(&shading::terms(*place)) * *value;
+            let left = target - terms.dot(&found);
+            let w = 1.0 / (1.0 + (left / scale).powi(2));
+            squares += w * left * left;
+            weights += w;
+            normal.ger(w, &terms, &terms, 1.0);
+            right.axpy(w * target, &terms, 1.0);
+        }
+        // Terms that the samples hardly determine stay small.
+        let ridge = 1e-4 * normal[(0, 0)];
+        (1..TERMS).for_each(|a| normal[(a, a)] += ridge);
+        let Some(cholesky) = normal.cholesky() else { break };
+        scale = if scale.is_finite() { 2.0 * (squares / weights.max(1.0)).sqrt() + 1e-6 } else { 0.1 };
+        found = cholesky.solve(&right);
+    }
+    let gain = found[0];
+    if !(gain > 0.1 && gain < 10.0) {
+        return (1.0, Shading::NONE);
+    }
+    (gain, Shading { coefficients: std::array::from_fn(|n| found[n + 1] / gain) })
+}
+
+/// σ of the nodes between which blurred frames are interpolated linearly, steps of so many px.
+const NODE_STEP: f64 = 0.35;
+
+/// Frames, band-passed, each blurred by all nodes.
+struct Blurred {
+    /// By frame and node.
+    nodes: Vec<Vec<Vec<f32>>>,
+    size: [usize; 2],
+}
+
+impl Blurred {
+    fn new(frames: &[Field], limit: f64) -> Self {
+        let count = (limit.sqrt() / NODE_STEP).ceil() as usize + 1;
+        let nodes = each(frames.len(), |n| {
+            let mut nodes = vec![frames[n].clone()];
+            for k in 1..count {
+                let more = NODE_STEP * NODE_STEP * ((k * k) as f64 - ((k - 1) * (k - 1)) as f64);
+                let filter = filter::gaussian(more);
+                nodes.push(filtered(&nodes[k - 1], &filter, &filter));
+            }
+            nodes.iter().map(Field::to_f32).collect()
+        });
+        Self { nodes, size: [frames[0].width, frames[0].height] }
+    }
+
+    /// Adds the squared difference of a frame blurred by v and another, over `share`.
+    fn add(&self, [sharper, other]: [usize; 2], v: f64, share: f32, sum: &mut [f32]) {
+        let nodes = &self.nodes[sharper];
+        let k = ((v.sqrt() / NODE_STEP) as usize).min(nodes.len() - 2);
+        let at = |k: usize| (NODE_STEP * k as f64).powi(2);
+        let t = (((v - at(k)) / (at(k + 1) - at(k))).min(1.0)) as f32;
+        let pixels = nodes[k].iter().zip(&nodes[k + 1]).zip(&self.nodes[other][0]);
+        for (sum, ((low, high), other)) in sum.iter_mut().zip(pixels) {
+            let s = low + t * (high - low) - other;
+            *sum += share * s * s;
+        }
+    }
+
+    /// The energy at each candidate u, over a window.
+    fn volume(
+        &self,
+        settings: &[f64],
+        pairs: &[[usize; 2]],
+        rate: f64,
+        candidates: &[f64],
+        window: f64,
+        limit: f64,
+    ) -> Vec<Field> {
+        each(candidates.len(), |n| {
+            let mut sum = vec![0.0; self.size[0] * self.size[1]];
+            for &[i, j] in pairs {
+                let [mut own, mut other] = [i, j].map(|k| (k, rate * (settings[k] - candidates[n]).powi(2)));
+                if own.1 > other.1 {
+                    (own, other) = (other, own);
+                }
+                // Every pair at every candidate: candidates that few pairs judge would win.
+                let v = (other.1 - own.1).min(limit);
+                self.add([own.0, other.0], v, (1.0 / (1.0 + GRAIN / (GRAIN + v))) as f32, &mut sum);
+            }
+            smoothed(&Field::from_f32(self.size[0], self.size[1], &sum), window)
+        })
+    }
+}
+
+/// Most V that the start looks at, px² of its level.
+const LIMIT: f64 = 36.0;
+/// σ of the windows, px: for c, and for u.
+const WINDOWS: [f64; 2] = [3.0, 2.5];
+/// Frames that are enough for c.
+const ENOUGH: usize = 24;
+
+/// c in px² of this level by squared settings, by exhaustive search in octaves: that of the least Σ_x min_u E, over pairs 1, 2, 4, 8 and 16
+/// frames apart.
+pub(super) fn rate(frames: &[Field], settings: &[f64]) -> f64 {
+    let every = frames.len().div_ceil(ENOUGH);
+    let chosen: Vec<usize> = (0..frames.len()).step_by(every).collect();
+    let settings: Vec<f64> = chosen.iter().map(|&n| settings[n]).collect();
+    let images = each(chosen.len(), |n| band_passed(&frames[chosen[n]]));
+    let (last, blurred) = (chosen.len() - 1, Blurred::new(&images, LIMIT));
+    let pairs: Vec<[usize; 2]> =
+        [1, 2, 4, 8, 16].iter().flat_map(|s| (0..(last + 1).saturating_sub(*s)).map(move |i| [i, i + s])).collect();
+    let range = settings[last] - settings[0];
+    let count = (2 * last + 1).clamp(25, 41);
+    let candidates: Vec<f64> = (0..count).map(|n| settings[0] + range * n as f64 / (count - 1) as f64).collect();
+    let cost = |octave: f64| {
+        let volume = blurred.volume(&settings, &pairs, octave.exp2(), &candidates, WINDOWS[0], LIMIT);
+        let least = |n: usize| volume.iter().map(|field| field.data[n]).fold(f64::INFINITY, f64::min);
+        (0..volume[0].data.len()).map(least).sum::<f64>()
+    };
+    // The sweep is 1 px of blur long; up to 32.
+    let first = -2.0 * range.log2();
+    let best = |octaves: Vec<f64>| {
+        let costs = octaves.into_iter().map(|octave| (octave, cost(octave)));
+        costs.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(first, |(octave, _)| octave)
+    };
+    let coarse = best((0..6).map(|n| first + 2.0 * f64::from(n)).collect());
+    let octave = best(vec![coarse - 1.0, coarse, coarse + 1.0]);
+    let [a, b, c] = [-1.0, 0.0, 1.0].map(|by| cost(octave + by));
+    let bend = a - 2.0 * b + c;
+    let beside = if b <= a.min(c) && bend > 0.0 { 0.5 * (a - c) / bend } else { 0.0 };
+    (octave + beside).exp2()
+}
+
+/// u at every pixel, by the least energy of candidates a fifth of a px of blur apart, between which a parabola decides.
+pub(super) fn focus(frames: &[Field], settings: &[f64], rate: f64) -> Field {
+    let images = each(frames.len(), |n| band_passed(&frames[n]));
+    let (blurred, last) = (Blurred::new(&images, LIMIT), settings.len() - 1);
+    let range = settings[last] - settings[0];
+    let count = ((range * rate.sqrt() / 0.2).ceil() as usize + 1).clamp(13, 200);
+    let step = range / (count - 1) as f64;
+    let candidates: Vec<f64> = (0..count).map(|n| settings[0] + step * n as f64).collect();
+    let volume = blurred.volume(settings, &pairs(settings, rate), rate, &candidates, WINDOWS[1], LIMIT);
+    let [width, height] = blurred.size;
+    Field::from_fn(width, height, |x, y| {
+        let energy = |k: usize| volume[k].get(x, y);
+        let k = (1..count - 1).min_by(|a, b| energy(*a).total_cmp(&energy(*b))).unwrap_or(1);
+        let [a, b, c] = [energy(k - 1), energy(k), energy(k + 1)];
+        let bend = a - 2.0 * b + c;
+        let beside = if bend > 0.0 { (0.5 * (a - c) / bend).clamp(-1.0, 1.0) } else { 0.0 };
+        candidates[k] + step * beside
+    })
+}

@@ -1,0 +1,98 @@
+//! Focus sweeps in closed form: a slope that comes into focus from frame to frame, through a lens that breathes and drifts.
+
+use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
+use parfocal::{Frame, Homography, Samples, Settings, Similarity};
+
+use crate::common::TestEngine;
+use crate::common::scene::{Random, pair};
+
+const SIZE: [u32; 2] = [288, 224];
+/// c, px² by squared settings.
+const RATE: f64 = 1.2;
+const FRAMES: usize = 7;
+const REFERENCE: usize = 3;
+
+/// The setting in focus at a place of the reference.
+fn focus([x, y]: [f64; 2]) -> f64 {
+    0.8 + 4.4 * (0.7 * x / f64::from(SIZE[0]) + 0.3 * y / f64::from(SIZE[1]))
+}
+
+/// A frame at a setting, displaced and brighter by a gain, with noise.
+fn frame(setting: f64, t: Homography, gain: f64, noise: f64, seed: u64) -> Frame {
+    let [_, shown] = pair(SIZE, t, |x| [0.0, 0.2 + RATE * (setting - focus(x)).powi(2)], 0.0, 5);
+    let mut random = Random(seed);
+    let Samples::F32(values) = shown.samples() else { unreachable!() };
+    let values = values.iter().map(|&v| (gain * f64::from(v) + noise * random.normal()) as f32);
+    Frame::gray(SIZE[0], SIZE[1], values.collect()).unwrap()
+}
+
+/// Breathing of 5 % over the sweep, a drift of 10 px along a curve, a turn, gain within 5 %.
+fn transform(n: usize) -> Homography {
+    let s = n as f64 - REFERENCE as f64;
+    Similarity::new(1.6 * s, 0.4 * s * s - 0.5 * s, 0.05 * s, 1.0 + 0.05 * s / (FRAMES - 1) as f64).into()
+}
+
+fn gain(n: usize) -> f64 {
+    1.0 + 0.05 * (1.3 * (n as f64 - REFERENCE as f64)).sin()
+}
+
+fn solve(settings: &[f64], noise: f64) -> Sweep {
+    let frames: Vec<Frame> =
+        (0..FRAMES).map(|n| frame(settings[n], transform(n), gain(n), noise, 20 + n as u64)).collect();
+    let options = SweepOptions {
+        settings: Settings::default(),
+        positions: Positions::Settings(settings.to_vec()),
+        reference: Some(REFERENCE),
+    };
+    solve_sweep(&TestEngine::new(), &frames, &options, &mut |_, _| ()).unwrap()
+}
+
+/// Median of |u - truth| in settings, and the shares within one and two deviations, 24 px inside the border.
+fn judged(sweep: &Sweep) -> [f64; 3] {
+    let [width, height] = SIZE.map(|side| side as usize);
+    let places = (24..height - 24).flat_map(|y| (24..width - 24).map(move |x| (x, y)));
+    let mut errors: Vec<[f64; 2]> = places
+        .map(|(x, y)| {
+            let (u, sigma) = (sweep.focus[y * width + x], sweep.uncertainty[y * width + x]);
+            let off = (f64::from(u) - focus([x as f64, y as f64])).abs();
+            [off, off / f64::from(sigma)]
+        })
+        .filter(|error| !error[0].is_nan())
+        .collect();
+    assert!(errors.len() > (width - 48) * (height - 48) * 95 / 100, "{} pixels are known", errors.len());
+    let within = |times: f64| errors.iter().filter(|e| e[1] < times).count() as f64 / errors.len() as f64;
+    let shares = [within(1.0), within(2.0)];
+    errors.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    [errors[errors.len() / 2][0], shares[0], shares[1]]
+}
+
+fn check(settings: &[f64]) {
+    let sweep = solve(settings, 0.005);
+    let corner = |n: usize| sweep.transforms[n].corner_distance(transform(n), SIZE[0], SIZE[1]);
+    let corners: Vec<f64> = (0..FRAMES).map(corner).collect();
+    let gains = (0..FRAMES).map(|n| sweep.brightness[n].photometric.gain * gain(n));
+    let gains = gains.map(|product| (product - 1.0).abs()).fold(0.0, f64::max);
+    let [error, one, two] = judged(&sweep);
+    println!("corners {corners:.3?} px, gain {gains:.4}, u {error:.4}, {one:.2} {two:.2}, c {:.3}", sweep.blur_rate);
+    assert!(corners.iter().all(|corner| *corner < 0.1), "{corners:?}");
+    assert!(error < 0.06 && one > 0.5 && two > 0.85, "{error} {one} {two}");
+    assert!((sweep.blur_rate / RATE - 1.0).abs() < 0.15, "{}", sweep.blur_rate);
+}
+
+#[test]
+fn a_lens_that_breathes_and_drifts() {
+    check(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+}
+
+#[test]
+fn settings_that_are_uneven() {
+    check(&[0.0, 0.6, 1.9, 3.1, 3.8, 5.2, 6.0]);
+}
+
+#[test]
+fn descending_settings_are_the_same_sweep() {
+    let settings: Vec<f64> = (0..FRAMES).map(|n| 6.0 - n as f64).collect();
+    let sweep = solve(&settings, 0.005);
+    let [error, ..] = judged(&sweep);
+    assert!(error < 0.06, "{error}");
+}
