@@ -66,7 +66,7 @@ pub(super) struct SettingsArguments {
     /// Relaxation sweeps in each outer iteration, 1 to 100
     #[arg(long, value_name = "N", help_heading = BLUR, default_value_t = Settings::default().sweeps)]
     sweeps: u32,
-    /// Shape of the blur: auto, gaussian, pillbox, half-gaussian, or its picture
+    /// Shape of the blur: auto, gaussian, pillbox, half-gaussian, a picture
     ///
     /// auto finds where between a Gaussian and a disk it lies. Its picture may be that of a coded aperture, say.
     #[arg(long, value_name = "K|FILE", help_heading = BLUR, default_value = "auto")]

@@ -29,7 +29,7 @@ use super::summary::values_in_words;
 #[derive(clap::Args, Debug)]
 #[command(after_long_help = AFTER_HELP)]
 pub(super) struct Arguments {
-    /// The frames, three or more of one size and format, in the order of their focus; or the folder that holds them
+    /// The frames, three or more of one size and format, in the order of their focus; or their folder
     #[arg(required = true, num_args = 1.., value_name = "FRAME")]
     frames: Vec<PathBuf>,
     /// The focus setting of each frame; counted from 0 without it

@@ -108,7 +108,8 @@ pub fn solve_sweep(
         .unzip();
     let (transforms, brightness) = (found.transforms, found.brightness);
     let placed = fuse::Placed { transforms: &transforms, brightness: &brightness, positions: &counted };
-    let (fused, fused_channels) = fuse::fuse(frames, &placed, reference, &counts, options.settings.decode);
+    let told = fuse::Found { focus: &counts, deviation: &deviations };
+    let (fused, fused_channels) = fuse::fuse(frames, &placed, reference, &told, options.settings.decode);
     let focus: Vec<f32> = counts.iter().map(|&u| (settings[0] + step * f64::from(u)) as f32).collect();
     let uncertainty: Vec<f32> = deviations.iter().map(|&s| (step.abs() * f64::from(s)) as f32).collect();
     Ok(Sweep {
