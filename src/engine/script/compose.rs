@@ -78,6 +78,16 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     s.finish(registered)
 }
 
+/// Workgroups that cover a level.
+fn groups(level: &Level, over: Over) -> [u32; 3] {
+    match over {
+        Over::Tiles => level.tiles(),
+        Over::Half => relax::tiles(level.size),
+        Over::Pixels => update::STAGE.groups(level.size),
+        Over::One => [1, 1, 1],
+    }
+}
+
 /// Whether iteration k of a level goes into a new part.
 fn starts_part(level: &Level, k: u32) -> bool {
     let per_part = (PART_BUDGET / level.pixels()).max(1) as u32;
@@ -97,6 +107,8 @@ pub(super) struct Composer<'a> {
     pub(super) anew: Option<usize>,
     /// The workgroups of those passes, by level.
     pub(super) warps: Vec<Vec<[u32; 3]>>,
+    /// Whether levels settle, so that their passes are dispatched indirectly.
+    pub(super) settles: bool,
     /// Where the next pass stands.
     pub(super) place: Place,
     parts: Vec<Part>,
@@ -110,6 +122,7 @@ impl<'a> Composer<'a> {
             masked,
             anew: None,
             warps: vec![Vec::new(); plan.solved],
+            settles: true,
             place: Place::default(),
             parts: vec![Part::default()],
             hazards: Hazards::default(),
@@ -119,7 +132,7 @@ impl<'a> Composer<'a> {
     pub(super) fn finish(self, registered: usize) -> Script {
         let grids = self.plan.pyramid[..self.plan.solved]
             .iter()
-            .map(|level| [level.tiles(), relax::tiles(level.size), update::STAGE.groups(level.size)]);
+            .map(|level| [Over::Tiles, Over::Half, Over::Pixels].map(|over| groups(level, over)));
         let arguments = arguments::at_the_start(&grids.collect::<Vec<_>>(), &self.warps);
         Script { parts: self.parts, registered, arguments }
     }
@@ -159,7 +172,9 @@ impl<'a> Composer<'a> {
 
     /// A stage runs in an iteration of a level, unless the level has settled.
     fn within<P: Pass>(&mut self, level: &Level, over: Over, bindings: P, constants: &P::Constants, variant: Variant) {
-        self.dispatch(bindings, constants, variant, Grid::Level { level: level.index, over });
+        let grid =
+            if self.settles { Grid::Level { level: level.index, over } } else { Grid::Direct(groups(level, over)) };
+        self.dispatch(bindings, constants, variant, grid);
     }
 
     fn copy(&mut self, from: Slot, to: Slot) {
@@ -239,7 +254,7 @@ impl<'a> Composer<'a> {
             self.linearise(level, k);
             self.step(level, &plan.step(level, k));
             self.relaxation(level);
-            self.update(level, k);
+            self.update(level, &plan.update(level, k));
         }
         self.end_level(level);
     }
@@ -328,7 +343,7 @@ impl<'a> Composer<'a> {
     }
 
     /// dV by red-black sweeps: two passes each, or one pass for all where the level is small.
-    fn relaxation(&mut self, level: &Level) {
+    pub(super) fn relaxation(&mut self, level: &Level) {
         if relax_level::takes(level.size) {
             return self.relax_level(level);
         }
@@ -362,13 +377,13 @@ impl<'a> Composer<'a> {
     }
 
     /// V + clamp(dV).
-    fn update(&mut self, level: &Level, k: u32) {
+    pub(super) fn update(&mut self, level: &Level, constants: &update::Constants) {
         let bindings = update::Bindings {
             red: slot::change(RED).read(),
             black: slot::change(BLACK).read(),
             v: slot::relative_blur(level.index).update(),
         };
-        self.within(level, Over::Pixels, bindings, &self.plan.update(level, k), NO_VARIANT);
+        self.within(level, Over::Pixels, bindings, constants, NO_VARIANT);
     }
 
     /// The registration, into mapped memory, before the results are there.

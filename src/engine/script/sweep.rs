@@ -6,15 +6,11 @@ use crate::base::color::LUMINANCE;
 use crate::engine::arguments::Grid;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot;
-use crate::engine::stages::{
-    NO_VARIANT, align, copy, half_pair, joint_system, prolong, relax, relax_level, sums, update,
-};
-
-const RED: usize = 0;
-const BLACK: usize = 1;
+use crate::engine::stages::{NO_VARIANT, align, copy, half_pair, joint_system, prolong, sums, update};
 
 fn script(plan: &Plan, fill: impl FnOnce(&mut Composer)) -> Script {
     let mut composer = Composer::new(plan, false);
+    composer.settles = false;
     fill(&mut composer);
     composer.finish(0)
 }
@@ -100,35 +96,7 @@ pub(crate) fn step(
             partials: slot::PARTIALS.write(),
         };
         s.dispatch(bindings, constants, NO_VARIANT, Grid::Direct(joint_system::tiles(level.size)));
-        relaxation(s, plan, level);
-        let [red, black] = [RED, BLACK].map(|color| slot::change(color).read());
-        let bindings = update::Bindings { red, black, v: slot::relative_blur(level.index).update() };
-        s.over(level.size, bindings, update, NO_VARIANT);
+        s.relaxation(level);
+        s.update(level, update);
     })
 }
-
-fn relaxation(s: &mut Composer, plan: &Plan, level: &Level) {
-    if relax_level::takes(level.size) {
-        let bindings = relax_level::Bindings {
-            right_sides: slot::RIGHT_SIDES.read(),
-            weights: slot::WEIGHTS.read(),
-            red: slot::change(RED).update(),
-            black: slot::change(BLACK).update(),
-        };
-        let constants = relax_level::Constants { sweeps: SWEEPS, ..plan.relax_level(level) };
-        return s.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1, 1, 1]));
-    }
-    for (sweep, color) in (0..SWEEPS).flat_map(|sweep| [(sweep, RED), (sweep, BLACK)]) {
-        let bindings = relax::Bindings {
-            right_sides: slot::RIGHT_SIDES.read(),
-            weights: slot::WEIGHTS.read(),
-            other: slot::change(1 - color).read(),
-            own: slot::change(color).update(),
-        };
-        let variant = if sweep == 0 { relax::FIRST } else { NO_VARIANT };
-        s.dispatch(bindings, &plan.relax(level, color), variant, Grid::Direct(relax::tiles(level.size)));
-    }
-}
-
-/// Red-black sweeps a step: iterations are dear, each takes a stack of every frame, and sweeps are cheap.
-const SWEEPS: u32 = 10;

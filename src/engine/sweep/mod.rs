@@ -42,6 +42,8 @@ const LARGEST_STEP: f64 = 0.3;
 const BEYOND: f64 = 0.5;
 /// The largest step of ln c.
 const LARGEST_RATE_STEP: f64 = 0.3;
+/// Red-black sweeps a step: iterations are dear, each takes a stack of every frame, and sweeps are cheap.
+const SWEEPS: u32 = 10;
 /// Iterations on the level where it starts, on those between and on the finest.
 const ITERATIONS: [usize; 3] = [4, 3, 2];
 /// The finest level on which T steps, unless the sweep starts on the finest. On that, frames far out of focus show little but noise: with
@@ -115,7 +117,8 @@ impl SweepSolver {
         frames: usize,
         settings: &Settings,
     ) -> Result<Self, Error> {
-        let settings = Settings { max_relative_blur: settings.max_relative_blur.min(LIMIT), ..settings.clone() };
+        let max_relative_blur = settings.max_relative_blur.min(LIMIT);
+        let settings = Settings { max_relative_blur, sweeps: SWEEPS, ..settings.clone() };
         let plan = Plan::new(width, height, [format; 2], &settings)?;
         let device = engine.device().clone();
         if device.is_poisoned() {
