@@ -91,7 +91,7 @@ impl Scope {
 
 /// What is solved around a region, so that V is valid up to its borders: the widest blur window, and two hundredths of
 /// the frame for the displacement.
-fn margin([width, height]: [u32; 2], settings: &Settings) -> u32 {
+pub(super) fn margin([width, height]: [u32; 2], settings: &Settings) -> u32 {
     (3.0 * settings.max_relative_blur.sqrt() + 0.02 * f64::from(width.max(height))).ceil() as u32
 }
 

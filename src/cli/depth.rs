@@ -2,16 +2,23 @@
 
 use std::path::PathBuf;
 
-use parfocal::export::{DEPTH_FILE, DepthReport, Solved};
+use parfocal::export::{
+    DEPTH_FILE, DepthReport, PAGE_FILE, RangeReport, Solved, SolvedSweep, SweepDepthReport, holds_sweep,
+};
 use parfocal::figure::PEN;
+use parfocal::report_html::SweepPage;
 
 use super::colors::ColorsArgument;
 use super::failure::Failure;
+use super::headings::INPUT;
 use super::lens::LensArguments;
-use super::output;
+use super::places::{self, PlacesArguments};
 use super::solved::SolvedArguments;
+use super::{output, pair};
 
-/// Turn the relative blur of a finished solve into depth in mm, once the lens is known. Nothing is solved again.
+/// Turn what was found into depth in mm, once the lens, or what a sweep was focused at, is known.
+///
+/// Nothing is solved again.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(super) struct Arguments {
@@ -19,6 +26,11 @@ pub(super) struct Arguments {
     of: SolvedArguments,
     #[command(flatten)]
     lens: LensArguments,
+    #[command(flatten)]
+    places: PlacesArguments,
+    /// Of a sweep: whether the first (1) or the last (2) frame is focused nearest [default: by --focus-at]
+    #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = clap::value_parser!(u8).range(1..=2))]
+    nearer: Option<u8>,
     #[command(flatten)]
     colors: ColorsArgument,
 }
@@ -31,13 +43,21 @@ Results, in the same folder, all or none:
   depth.png     depth in mm, transparent where there is none
   depth16.png, depth16.tiff
                 the same in 16 bits, where the solve has written them
+  report.html   of a sweep, where the solve has written it and the frames are still there; removed if they are not
 
 Exit status: 0 done, 1 failed, 2 wrong usage.";
 
 /// Reads, inverts, writes.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let lens = arguments.lens.required()?;
     let results = &arguments.of.results;
+    if holds_sweep(results)? {
+        return of_sweep(arguments);
+    }
+    if arguments.places.places().is_some() || arguments.nearer.is_some() {
+        let problem = "holds a pair, to whose depth a lens leads; leave out --focus-at and --nearer";
+        return Err(Failure::Usage(format!("{}: {problem}", results.display())));
+    }
+    let lens = arguments.lens.required()?;
     let solved = Solved::read(results)?;
     let written = [DEPTH_FILE, "depth.png", "report.json"];
     // A report may state the lens: it is read before it is written again.
@@ -53,15 +73,53 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.of.tell(&format!("depth          {range}\nresults        {}: {files}", results.display()), &report)
 }
 
+/// The same for a focus sweep.
+fn of_sweep(arguments: &Arguments) -> Result<(), Failure> {
+    let (results, force) = (&arguments.of.results, arguments.of.force.is_given());
+    let places = arguments.places.places().filter(|_| !arguments.lens.is_given());
+    let Some(places) = places else {
+        let problem = "holds a focus sweep; give --focus-at, and no lens";
+        return Err(Failure::Usage(format!("{}: {problem}", results.display())));
+    };
+    let nearer = places::nearer(arguments.nearer, &places)?;
+    let solved = SolvedSweep::read(results)?;
+    output::check_folder(results)?;
+    solved.check_depth(force)?;
+    let new = solved.focused_at(&places, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
+    let files = new.frame_files();
+    let frames = new.has(PAGE_FILE).then(|| new.frames());
+    let palette = arguments.colors.palette();
+    let page = match &frames {
+        Some(Ok(frames)) => {
+            let names = files.iter().map(|file| pair::name(file)).collect();
+            let decode = new.sweep.decode;
+            let page = SweepPage { frames, names, decode, nearer, palette, fields: Vec::new() };
+            Some(page.file(&new.sweep, new.report()))
+        }
+        _ => None,
+    };
+    new.write_depth(&solved, palette, Some(PEN), page, force)?;
+    let Some(report) = SweepDepthReport::of(&new.sweep) else { return Ok(()) };
+    let mut lines = vec![format!("depth          {}", of_range(&report.range, "beyond infinity", report.out_of_range))];
+    if let Some(Err(problem)) = &frames {
+        lines.push(format!("warning        {PAGE_FILE} would need the frames, and is removed: {problem}"));
+    }
+    lines.push(format!("results        {}", results.display()));
+    arguments.of.tell(&lines.join("\n"), &report)
+}
+
 /// The range of depth, in words.
 pub(super) fn summary(report: &DepthReport) -> String {
-    let range = &report.range;
+    of_range(&report.range, "out of the range of the lens", report.out_of_range)
+}
+
+/// A range of depth, and how many pixels lie beyond.
+fn of_range(range: &RangeReport, beyond: &str, out: usize) -> String {
     let (Some(min), Some(max), Some(median)) = (range.min, range.max, range.median) else {
-        return format!("no pixel in the range of the lens, {} out of it", report.out_of_range);
+        return format!("of no pixel; {beyond}: {out} px");
     };
     let digits = decimals(f64::from(max - min) / 100.0);
-    let out = report.out_of_range;
-    format!("{min:.digits$} to {max:.digits$} mm, median {median:.digits$}; out of the range of the lens: {out} px")
+    format!("{min:.digits$} to {max:.digits$} mm, median {median:.digits$}; {beyond}: {out} px")
 }
 
 /// Decimals with which a number that is known to within `error` is written: two digits of the error.

@@ -1,7 +1,7 @@
 //! `parfocal measure`: step heights and profiles of a folder that has been solved.
 
 use parfocal::Estimate;
-use parfocal::export::{Measurements, Solved, StepReport, Wanted};
+use parfocal::export::{Measurements, Solved, SolvedSweep, StepReport, Wanted, holds_sweep};
 use parfocal::figure::PEN;
 
 use super::depth::decimals;
@@ -11,7 +11,7 @@ use super::output;
 use super::region::{LineArgument, RegionArgument};
 use super::solved::SolvedArguments;
 
-/// Measure step heights and profiles in the results of a solve.
+/// Measure step heights and profiles in the results of a solve or a sweep.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(super) struct Arguments {
@@ -26,8 +26,8 @@ pub(super) struct Arguments {
 pub(super) struct MeasureArguments {
     /// Step height from the first region to the second; may be repeated
     ///
-    /// Rectangles in pixels of the results: the difference of their levels, medians without the tilt, in px² and, where the
-    /// lens is known, in mm.
+    /// Rectangles in pixels of the results: the difference of their levels, medians without the tilt, in px², or settings of a
+    /// sweep, and, where the lens or its focus is known, in mm.
     #[arg(long, value_names = ["X,Y,W,H", "X,Y,W,H"], num_args = 2, help_heading = MEASUREMENTS)]
     step: Vec<RegionArgument>,
     /// Profile from one pixel of the results to another; may be repeated
@@ -66,12 +66,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(Failure::Usage("nothing to measure: give --step or --profile".to_string()));
     }
     let results = &arguments.of.results;
-    let solved = Solved::read(results)?;
     let force = arguments.of.force.is_given();
-    output::check_folder(results)?;
-    solved.check_measurements(&wanted, force)?;
-    let measured = solved.measure(&wanted)?;
-    solved.write_measurements(&measured, Some(PEN), force)?;
+    let measured = if holds_sweep(results)? {
+        let solved = SolvedSweep::read(results)?;
+        output::check_folder(results)?;
+        solved.check_measurements(&wanted, force)?;
+        let measured = solved.measure(&wanted)?;
+        solved.write_measurements(&measured, Some(PEN), force)?;
+        measured
+    } else {
+        let solved = Solved::read(results)?;
+        output::check_folder(results)?;
+        solved.check_measurements(&wanted, force)?;
+        let measured = solved.measure(&wanted)?;
+        solved.write_measurements(&measured, Some(PEN), force)?;
+        measured
+    };
     let lines: Vec<String> = rows(&measured).iter().map(|(label, text)| format!("{label:<14} {text}")).collect();
     arguments.of.tell(&lines.join("\n"), &measured)
 }
@@ -88,6 +98,7 @@ fn height(step: &StepReport) -> String {
         let digits = decimals(standard_error);
         format!("{value:+.digits$} ± {standard_error:.digits$} {unit}")
     };
-    let blur = step.relative_blur.map_or("too few valid pixels".to_string(), |estimate| number(estimate, "px²"));
+    let unit = step.quantity.unit();
+    let blur = step.difference.map_or("too few valid pixels".to_string(), |estimate| number(estimate, unit));
     step.depth_mm.map_or(blur.clone(), |estimate| format!("{}, {blur}", number(estimate, "mm")))
 }

@@ -1,11 +1,13 @@
 //! The surface and its depth for other programs.
 
 use clap::ValueEnum;
-use parfocal::export::{self, Depth16, Extra, Nearer};
+use parfocal::export::{self, Depth16, Extra, Nearer, Palette};
+use parfocal::focus_stack::Sweep;
 use parfocal::model::{Model, Points};
 use parfocal::{Error, Frame, MetricDepth, Solution};
 use serde::Serialize;
 
+use super::failure::Failure;
 use super::headings::OUTPUT;
 
 /// Which files beside the usual ones are written, and how.
@@ -17,7 +19,7 @@ pub(super) struct ModelArguments {
     /// Most vertices of a mesh along its longer side, 2 to 65536; default: one for each pixel
     #[arg(long, value_name = "N", help_heading = OUTPUT, value_parser = clap::value_parser!(u32).range(2..=65536))]
     mesh_cells: Option<u32>,
-    /// Height of the surface for each px² of V, px; default: so that the relief is 15 % of the longer side
+    /// Height of the surface for each px² of V, or each setting of a sweep, px; default: so that the relief is 15 % of the longer side
     #[arg(long, value_name = "PX", help_heading = OUTPUT, value_parser = positive)]
     z_scale: Option<f64>,
 }
@@ -44,11 +46,11 @@ enum Kind {
     Cloud,
     /// surface.glb, glTF with the best-focus image as texture
     Glb,
-    /// depth16.png and depth16.tiff: depth in mm with a lens, else V, in 16-bit grey, 0 where not valid; scale and offset
+    /// depth16.png and depth16.tiff: depth in mm where it is known, else V or focus, in 16-bit grey, 0 where not valid; scale and offset
     /// are in the files and in report.json
     Depth16,
     /// labels.png: 1 where I1 is the sharper, 2 where I2 is, 3 where V is within its standard deviation of 0, 0 where not
-    /// valid
+    /// valid; of a sweep the number of the frame that is focused next to the pixel
     Labels,
 }
 
@@ -75,7 +77,26 @@ impl Models {
     pub(super) fn depth16(&self, solution: &Solution, metric: Option<&MetricDepth>) -> Option<Depth16> {
         let size = (solution.width, solution.height);
         let of_blur = || Depth16::of_relative_blur(size, &solution.relative_blur);
-        self.kinds.contains(&Kind::Depth16).then(|| metric.map_or_else(of_blur, Depth16::of_depth))
+        self.is_depth16().then(|| metric.map_or_else(of_blur, Depth16::of_depth))
+    }
+
+    /// The same of a sweep.
+    pub(super) fn points_of_sweep(
+        &self,
+        sweep: &Sweep,
+        fused: &Frame,
+        nearer: Nearer,
+    ) -> Result<Option<Points>, Error> {
+        if self.shown().next().is_none() {
+            return Ok(None);
+        }
+        let exaggeration = self.z_scale.unwrap_or_else(|| Points::sweep_exaggeration(sweep, nearer));
+        Points::of_sweep(sweep, fused, nearer, exaggeration).map(Some)
+    }
+
+    /// Whether depth in 16 bits is asked for.
+    pub(super) fn is_depth16(&self) -> bool {
+        self.kinds.contains(&Kind::Depth16)
     }
 
     /// The files of the surface that are asked for, each once.
@@ -88,6 +109,27 @@ impl Models {
     /// `labels.png`, if it is asked for.
     pub(super) fn labels<'a>(&self, solution: &'a Solution) -> Option<Extra<'a>> {
         self.kinds.contains(&Kind::Labels).then(|| export::labels(solution))
+    }
+
+    /// The same of a sweep.
+    pub(super) fn labels_of_sweep<'a>(
+        &self,
+        sweep: &'a Sweep,
+        nearer: Nearer,
+        palette: Palette,
+    ) -> Result<Option<Extra<'a>>, Error> {
+        let asked = self.kinds.contains(&Kind::Labels);
+        asked.then(|| export::sweep_labels(sweep, nearer, palette)).transpose()
+    }
+
+    /// Refuses, before any work, labels for more frames than they tell apart.
+    pub(super) fn check_labels(&self, frames: usize) -> Result<(), Failure> {
+        let most = export::MOST_LABELS;
+        if self.kinds.contains(&Kind::Labels) && frames > most {
+            let problem = format!("--export labels: tells {most} frames apart, and there are {frames}; leave it out");
+            return Err(Failure::Usage(problem));
+        }
+        Ok(())
     }
 
     /// The names of all files that are asked for.

@@ -182,7 +182,7 @@ mod tests {
     #[test]
     fn the_digest_is_of_what_decides_the_results() {
         let mask = tempfile::NamedTempFile::new().unwrap();
-        let digest = |flags: &[&str]| request(flags).unwrap().digest().unwrap();
+        let digest = |flags: &[&str]| request(flags).unwrap().digest(&[]).unwrap();
         let masked = ["--mask", mask.path().to_str().unwrap()];
         let plain = digest(&[]);
         assert_eq!(plain, digest(&["--device", "0", "--timeout", "9", "--json", "-q", "--strict", "--force"]));

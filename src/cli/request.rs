@@ -65,12 +65,13 @@ impl Request {
     }
 
     /// SHA-256 of everything but the photographs that decides the results: the version, the request, and the files that it
-    /// names.
-    pub(super) fn digest(&self) -> Result<String, Failure> {
+    /// names; and of what is `more` than a pair has.
+    pub(super) fn digest(&self, more: &[u8]) -> Result<String, Failure> {
         let request = serde_json::to_vec(self).map_err(|e| Failure::Failed(e.to_string()))?;
         let files = self.part.files().into_iter().map(|file| fs::read(file).unwrap_or_default());
         let mut digest = Sha256::new();
-        for part in [env!("CARGO_PKG_VERSION").into(), request].into_iter().chain(files) {
+        let more = (!more.is_empty()).then(|| more.to_vec());
+        for part in [env!("CARGO_PKG_VERSION").into(), request].into_iter().chain(files).chain(more) {
             // With its length, so that no two lists of parts read alike.
             digest.update(part.len().to_le_bytes());
             digest.update(part);

@@ -10,18 +10,25 @@ use super::failure::Failure;
 use super::headings::REGION;
 use super::region::RegionArgument;
 
-/// The part, the mask, and the corrections.
+/// Of which pixels there are to be results.
 #[derive(clap::Args, Clone, Debug)]
-pub(super) struct ScopeArguments {
-    /// A picture of I1's size, white where pixels count; the rest is left out and NaN
+pub(super) struct PartArguments {
+    /// A picture of the photographs' size, white where pixels count; the rest is left out and NaN
     #[arg(long, value_name = "FILE", help_heading = REGION)]
     mask: Option<PathBuf>,
-    /// Results of a part of I1 only, px; a little around it is solved too
+    /// Results of a part of the frame only, px; a little around it is solved too
     #[arg(long, value_name = "X,Y,W,H", help_heading = REGION)]
     roi: Option<RegionArgument>,
-    /// Crop the results to the largest rectangle in which V is valid everywhere
+    /// Crop the results to the largest rectangle that is valid everywhere
     #[arg(long, help_heading = REGION)]
     crop_valid: bool,
+}
+
+/// The part, and the corrections.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct ScopeArguments {
+    #[command(flatten)]
+    part: PartArguments,
     /// Folder of the solve of a flat target taken with the same optics: its field curvature is taken from V
     #[arg(long, value_name = "DIR", help_heading = REGION)]
     flat: Option<PathBuf>,
@@ -36,15 +43,21 @@ fn positive(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(good).ok_or_else(|| "give a number of px² from 1e-6 to 1e6".to_string())
 }
 
-impl ScopeArguments {
+impl PartArguments {
     pub(super) fn part(&self) -> Part {
         Part {
             mask: self.mask.clone(),
             region: self.roi.map(|RegionArgument(region)| region),
             crop_valid: self.crop_valid,
-            flat: self.flat.clone(),
-            max_uncertainty: self.max_uncertainty,
+            flat: None,
+            max_uncertainty: None,
         }
+    }
+}
+
+impl ScopeArguments {
+    pub(super) fn part(&self) -> Part {
+        Part { flat: self.flat.clone(), max_uncertainty: self.max_uncertainty, ..self.part.part() }
     }
 }
 

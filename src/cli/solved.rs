@@ -11,7 +11,7 @@ use super::told::ToldArguments;
 /// The results of a solve, and where to say what came of them.
 #[derive(clap::Args, Debug)]
 pub(super) struct SolvedArguments {
-    /// Folder that `parfocal solve -o` wrote
+    /// Folder that `parfocal solve -o` or `stack -o` wrote
     pub(super) results: PathBuf,
     #[command(flatten)]
     told: ToldArguments,

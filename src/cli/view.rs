@@ -3,7 +3,7 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{Destination, FILES, FileKind, Results};
+use parfocal::export::{Destination, FILES, FileKind, Results, SWEEP_FILES, SolvedSweep, holds_sweep};
 use parfocal::figure;
 use parfocal::view::{Surface, View};
 
@@ -11,11 +11,11 @@ use super::colors::ColorsArgument;
 use super::failure::Failure;
 use super::output::{self, ForceArgument};
 
-/// Show the surface of a solve in three dimensions, textured and colour-coded.
+/// Show the surface of a solve or a sweep in three dimensions, textured and colour-coded.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Exit status: 0 done, 1 failed, 2 wrong usage.")]
 pub(super) struct Arguments {
-    /// Folder that `parfocal solve -o` wrote
+    /// Folder that `parfocal solve -o` or `stack -o` wrote
     results: PathBuf,
     /// The picture, PNG [default: view.png in RESULTS]
     #[arg(short, long, value_name = "FILE")]
@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let [still, turning] = views(arguments);
     still.check()?;
     turning.check()?;
-    let output = arguments.output.clone().unwrap_or_else(|| arguments.results.join(VIEW));
+    let output = output_file(arguments);
     let force = &arguments.force;
     check_output(force.to(&output), "png", FileKind::Png, &arguments.results)?;
     if let Some(turntable) = &arguments.turntable {
@@ -65,13 +65,28 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         // Unlike a file that is named, a result in its folder is no link.
         force.to(&arguments.results).check_named(FileKind::Png, &[VIEW])?;
     }
+    if holds_sweep(&arguments.results)? {
+        let SolvedSweep { sweep, fused, nearer, .. } = SolvedSweep::read(&arguments.results)?;
+        return draw(&Surface::of_sweep(&sweep, &fused, nearer)?, arguments);
+    }
     let results = Results::read(&arguments.results)?;
-    let surface = Surface::new(&results.relative_blur, &results.fused, results.nearer)?;
+    draw(&Surface::new(&results.relative_blur, &results.fused, results.nearer)?, arguments)
+}
+
+fn draw(surface: &Surface<'_>, arguments: &Arguments) -> Result<(), Failure> {
+    let [still, turning] = views(arguments);
+    let output = output_file(arguments);
+    let force = &arguments.force;
     figure::write_png(force.to(&output), &surface.picture(&still)?)?;
     if let Some(turntable) = &arguments.turntable {
         surface.write_turntable(force.to(turntable), &turning)?;
     }
     Ok(())
+}
+
+/// Where the picture goes.
+fn output_file(arguments: &Arguments) -> PathBuf {
+    arguments.output.clone().unwrap_or_else(|| arguments.results.join(VIEW))
 }
 
 /// The views of the picture and of the animation, whose surface is as smooth as that of the picture.
@@ -101,7 +116,7 @@ fn check_output(file: Destination<'_>, ending: &str, kind: FileKind, results: &P
     if !path.extension().and_then(OsStr::to_str).is_some_and(|found| found.eq_ignore_ascii_case(ending)) {
         return Err(Failure::Usage(format!("{}: give a name that ends in .{ending}", path.display())));
     }
-    if FILES.iter().any(|name| super::same_file(&results.join(name), path)) {
+    if FILES.iter().chain(&SWEEP_FILES).any(|name| super::same_file(&results.join(name), path)) {
         return Err(Failure::Usage(format!("{}: is a result of the solve; give another name", path.display())));
     }
     output::check_file(file, kind, "", &[])

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use parfocal::export::{
-    self, Additions, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Measurements,
-    Nearer, PAGE_FILE, Report, Texture, TextureReport,
+    self, Additions, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Measurable,
+    Measurements, Nearer, PAGE_FILE, Report, Texture, TextureReport,
 };
 use parfocal::figure::PEN;
 use parfocal::image_io::{Input, Photograph, Values};
@@ -145,7 +145,12 @@ impl<'a> Found<'a> {
             solution,
             nearer: request.nearer(photographs.lens.as_ref())?,
             texture: Texture::of(solution, request.part.max_uncertainty),
-            measurements: request.wanted.measure(width, blur, uncertainty, metric.as_ref())?,
+            measurements: request.wanted.measure(&Measurable::of_relative_blur(
+                width,
+                blur,
+                uncertainty,
+                metric.as_ref(),
+            ))?,
             metric,
         })
     }
@@ -157,7 +162,7 @@ impl<'a> Found<'a> {
         report.of(self.photographs.inputs.clone(), super::validation_asked());
         report.texture = TextureReport::of(&self.texture);
         report.flattened = self.photographs.scope.flat.is_some();
-        report.request = request.digest()?;
+        report.request = request.digest(&[])?;
         report.depth = self.metric.as_ref().map(DepthReport::from);
         report.measurements = (!request.wanted.is_empty()).then(|| self.measurements.clone());
         Ok(report)

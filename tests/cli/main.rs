@@ -23,4 +23,5 @@ mod shell;
 mod simulate;
 mod solve;
 mod stack;
+mod sweep_results;
 mod view;

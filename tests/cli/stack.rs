@@ -9,26 +9,26 @@ use parfocal::image_io::read_field;
 use serde_json::Value;
 
 /// A sweep over a scene whose focus is known at each column: variance 2 (p - u)² px².
-struct Sweep {
-    folder: tempfile::TempDir,
-    files: Vec<PathBuf>,
+pub struct Sweep {
+    pub folder: tempfile::TempDir,
+    pub files: Vec<PathBuf>,
 }
 
-const SIZE: [u32; 2] = [192, 128];
+pub const SIZE: [u32; 2] = [192, 128];
 const RATE: f64 = 2.0;
 
 /// Two planes, the left in focus at setting 1, the right at 2.6.
-fn planes(x: u32) -> f64 {
+pub fn planes(x: u32) -> f64 {
     if x < SIZE[0] / 2 { 1.0 } else { 2.6 }
 }
 
 /// A slope from setting 1 to 3.
-fn slope(x: u32) -> f64 {
+pub fn slope(x: u32) -> f64 {
     1.0 + 2.0 * f64::from(x) / f64::from(SIZE[0])
 }
 
 impl Sweep {
-    fn new(frames: u32, focus_at: fn(u32) -> f64) -> Self {
+    pub fn new(frames: u32, focus_at: fn(u32) -> f64) -> Self {
         let folder = tempfile::TempDir::new().unwrap();
         let files = (0..frames).map(|n| folder.path().join(format!("frame_{n}.png"))).collect::<Vec<_>>();
         for (n, file) in files.iter().enumerate() {
@@ -50,13 +50,13 @@ impl Sweep {
         Self { folder, files }
     }
 
-    fn stack(&self, extra: &[&str]) -> Output {
+    pub fn stack(&self, extra: &[&str]) -> Output {
         let mut command = Command::cargo_bin("parfocal").unwrap();
         command.arg("stack").args(&self.files).arg("-o").arg(self.out()).args(extra);
         command.env("PARFOCAL_VALIDATE", "1").output().unwrap()
     }
 
-    fn out(&self) -> PathBuf {
+    pub fn out(&self) -> PathBuf {
         self.folder.path().join("out")
     }
 }
@@ -102,16 +102,20 @@ fn a_sweep_gives_the_focus_of_both_planes() {
     }
 }
 
+/// Depth and its standard deviation, mm.
+pub fn depth(sweep: &Sweep) -> [Vec<f64>; 2] {
+    use exr::prelude::read_first_flat_layer_from_file;
+    let layer = read_first_flat_layer_from_file(sweep.out().join("depth_mm.exr")).unwrap().layer_data;
+    ["Y", "standard_deviation"].map(|name| {
+        let found = layer.channel_data.list.iter().find(|c| c.name.to_string() == name).unwrap();
+        found.sample_data.values_as_f32().map(f64::from).collect()
+    })
+}
+
 /// Depth and its standard deviation, mm, against the truth by column, 20 px inside the border: how far the median pixel is
 /// off, and the fraction of pixels within two of their deviations.
 fn depth_error(sweep: &Sweep, truth: impl Fn(u32) -> f64) -> (f64, f64) {
-    use exr::prelude::read_first_flat_layer_from_file;
-    let layer = read_first_flat_layer_from_file(sweep.out().join("depth_mm.exr")).unwrap().layer_data;
-    let channel = |name: &str| {
-        let found = layer.channel_data.list.iter().find(|c| c.name.to_string() == name).unwrap();
-        found.sample_data.values_as_f32().map(f64::from).collect::<Vec<f64>>()
-    };
-    let (depth, deviation) = (channel("Y"), channel("standard_deviation"));
+    let [depth, deviation] = depth(sweep);
     let inside = (20..SIZE[1] - 20).flat_map(|y| (20..SIZE[0] - 20).map(move |x| (x, (y * SIZE[0] + x) as usize)));
     let mut off: Vec<(f64, bool)> = inside
         .filter(|&(_, i)| !depth[i].is_nan())

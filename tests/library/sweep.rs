@@ -43,6 +43,7 @@ fn solve(settings: &[f64], noise: f64) -> Sweep {
         settings: Settings::default(),
         positions: Positions::Settings(settings.to_vec()),
         reference: Some(REFERENCE),
+        ..SweepOptions::default()
     };
     solve_sweep(&TestEngine::new(), &frames, &options, &mut |_, _| ()).unwrap()
 }

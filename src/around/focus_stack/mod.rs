@@ -4,17 +4,21 @@
 //! All frames are solved as one (`engine::SweepSolver`), on the pixels of one of them, the reference.
 
 mod fuse;
+mod part;
 mod position;
+mod restated;
 
+pub use self::part::solve_sweep;
 pub use self::position::{Positions, SweepDepth};
-use crate::base::{Brightness, Channels, Decode, Error, Frame, Homography, Settings};
+use crate::around::Scope;
+use crate::base::{Brightness, Channels, Decode, Error, Frame, Homography, Region, Settings};
 use crate::engine::{Engine, SweepSolver};
 
 /// A pixel whose deviation is larger, steps, is not known.
 const UNKNOWN: f32 = 2.0;
 
 /// How a sweep is solved.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct SweepOptions {
     /// Settings of each pair.
     pub settings: Settings,
@@ -22,6 +26,8 @@ pub struct SweepOptions {
     pub positions: Positions,
     /// The frame on whose pixels the results are; `None` takes the middle one.
     pub reference: Option<usize>,
+    /// The part of the reference that results are wanted of, and which of its pixels count; of pairs alone is a flat reference.
+    pub scope: Scope,
 }
 
 impl SweepOptions {
@@ -40,6 +46,9 @@ impl SweepOptions {
         if let Some(n) = self.reference.filter(|&reference| reference >= frames) {
             return mismatch(format!("there is no reference frame {}, counted from 1: there are {frames}", n + 1));
         }
+        if self.scope.flat.is_some() {
+            return mismatch("a flat reference is of a pair, and a sweep has none".to_string());
+        }
         self.settings.check()?;
         self.positions.check(frames)
     }
@@ -52,6 +61,10 @@ pub struct Sweep {
     pub width: u32,
     /// Rows.
     pub height: u32,
+    /// The part of the reference that they are of.
+    pub region: Region,
+    /// Width and height of the frames, about whose centre the transforms are stated.
+    pub photograph: [u32; 2],
     /// The focus setting at which each pixel of the reference is sharp; NaN where no pair tells.
     pub focus: Vec<f32>,
     /// Its standard deviation, in settings.
@@ -66,6 +79,8 @@ pub struct Sweep {
     pub reference: usize,
     /// The focus setting of each frame, in which blur is linear.
     pub positions: Vec<f64>,
+    /// Their unit.
+    pub unit: &'static str,
     /// What the frames are focused at, as stated.
     pub stated: Positions,
     /// Where each pixel of the reference lies in each frame.
@@ -80,18 +95,13 @@ pub struct Sweep {
     pub warnings: Vec<String>,
 }
 
-/// Solves a sweep; `say` is told how many of its levels are done.
-///
-/// # Errors
-/// [`Error::Mismatch`]: fewer than three frames, sizes or formats that differ, positions that do not fit.
-/// Those of [`Solver::new`](crate::Solver::new) and [`Solver::solve`](crate::Solver::solve).
-pub fn solve_sweep(
+/// Solves all of the frames, which fit the options.
+fn solve_whole(
     engine: &Engine,
     frames: &[Frame],
     options: &SweepOptions,
     say: &mut dyn FnMut(usize, usize),
 ) -> Result<Sweep, Error> {
-    check(frames, options)?;
     let reference = options.reference.unwrap_or(frames.len() / 2);
     let settings = options.positions.settings(frames.len());
     let step = mean_step(&settings);
@@ -115,6 +125,8 @@ pub fn solve_sweep(
     Ok(Sweep {
         width,
         height,
+        region: Region { x: 0, y: 0, width, height },
+        photograph: [width, height],
         depth: options.positions.depth(&focus, &uncertainty),
         focus,
         uncertainty,
@@ -122,6 +134,7 @@ pub fn solve_sweep(
         fused,
         reference,
         positions: settings,
+        unit: options.positions.unit(),
         stated: options.positions.clone(),
         transforms,
         brightness,

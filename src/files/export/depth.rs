@@ -8,12 +8,13 @@ use png::ColorType;
 use super::meaning::Meaning;
 use super::picture::{self, Stored};
 use super::{Nearer, Palette, Pen, Scale};
+use crate::around::focus_stack::Sweep;
 use crate::metric::MetricDepth;
 
 /// The least span of a scale in mm or in settings, as a part of the distance between the focus settings: less than that is
 /// noise, and must not look like relief.
 const LEAST_PART: f64 = 0.01;
-/// Stripes of pixels without texture: light and dark grey.
+/// Stripes of pixels of which nothing tells: light and dark grey.
 const HATCH: [[u8; 4]; 2] = [[205, 205, 205, 255], [165, 165, 165, 255]];
 /// Width of a stripe along x, px.
 const HATCH_WIDTH: usize = 4;
@@ -28,7 +29,7 @@ pub(super) struct Map<'a> {
     quantity: &'static str,
     unit: &'static str,
     palette: Palette,
-    /// Which pixels are without texture; none if empty.
+    /// Which pixels nothing tells of; none if empty.
     marked: &'a [bool],
 }
 
@@ -45,37 +46,50 @@ impl<'a> Map<'a> {
         Self::in_mm(size, &metric.depth, apart, Nearer::Second, palette)
     }
 
+    /// Depth in mm of a sweep, or where it is in focus if that is not known.
+    pub(super) fn of_sweep(sweep: &'a Sweep, nearer: Nearer, palette: Palette) -> Self {
+        let size = (sweep.width, sweep.height);
+        let Some(found) = &sweep.depth else {
+            return Self::of_focus(size, &sweep.focus, &sweep.positions, nearer, palette);
+        };
+        let stated = sweep.stated.millimetres().unwrap_or_default();
+        let apart = stated.first().zip(stated.last()).map_or(0.0, |(first, last)| (last - first).abs());
+        Self::in_mm(size, &found.depth, apart, larger_is(stated, nearer), palette)
+    }
+
     /// Depth in mm; the planes of focus are so many mm apart. `near` says whether the greatest is near (`First`) or the
     /// least.
-    pub(super) fn in_mm(size: (u32, u32), values: &'a [f32], apart: f64, near: Nearer, palette: Palette) -> Self {
+    fn in_mm(size: (u32, u32), values: &'a [f32], apart: f64, near: Nearer, palette: Palette) -> Self {
         let scale = Scale::spanning([values], near, (LEAST_PART * apart).max(1e-6) as f32);
         Self { size, values, scale, quantity: "depth", unit: "mm", palette, marked: &[] }
     }
 
     /// Focus settings from the first to the last of `positions`, the nearest of which is at the end that `nearer` names.
-    pub(super) fn of_focus(
-        size: (u32, u32),
-        values: &'a [f32],
-        positions: &[f64],
-        nearer: Nearer,
-        palette: Palette,
-    ) -> Self {
+    fn of_focus(size: (u32, u32), values: &'a [f32], positions: &[f64], nearer: Nearer, palette: Palette) -> Self {
         let (first, last) = (positions.first().copied().unwrap_or(0.0), positions.last().copied().unwrap_or(0.0));
         let near = larger_is(positions, nearer);
         let scale = Scale::spanning([values], near, (LEAST_PART * (last - first).abs()).max(1e-6) as f32);
         Self { size, values, scale, quantity: "focus", unit: "setting", palette, marked: &[] }
     }
 
-    /// The same with pixels hatched that are without texture.
+    /// The same with pixels hatched that nothing tells of, for want of texture or otherwise.
     pub(super) fn marking(self, marked: &'a [bool]) -> Self {
         Self { marked, ..self }
     }
 
-    /// RGBA of a pixel: in colour, transparent where not valid, hatched where there is no texture.
+    /// What is drawn, and on which scale.
+    pub(super) fn surface(&self) -> (&'a [f32], Scale) {
+        (self.values, self.scale)
+    }
+
+    /// RGBA of a pixel: in colour, transparent where not valid, hatched where marked.
     fn pixel(&self, x: usize, y: usize) -> [u8; 4] {
         let i = y * self.size.0 as usize + x;
-        let hatched = self.values[i].is_finite() && self.marked.get(i).is_some_and(|&marked| marked);
-        if hatched { HATCH[(x + y) / HATCH_WIDTH % 2] } else { self.rgba(self.values[i]) }
+        if self.marked.get(i).is_some_and(|&marked| marked) {
+            HATCH[(x + y) / HATCH_WIDTH % 2]
+        } else {
+            self.rgba(self.values[i])
+        }
     }
 
     /// RGBA; transparent where not valid.
@@ -97,7 +111,7 @@ impl<'a> Map<'a> {
         };
         let comments = format!(
             "Map of {name} in {units}, {near_color} near ({near}) to {far_color} far ({far}), transparent where not \
-             valid, hatched in grey where there is no texture; its key is to the right of column {}",
+             valid, hatched in grey where nothing tells; its key is to the right of column {}",
             self.size.0
         );
         Meaning { units, comments: comments.into() }
@@ -119,6 +133,11 @@ pub(super) fn write(writer: impl Write, map: &Map<'_>, pen: Option<Pen>) -> Resu
     }
     let size = (width + key.width(), height);
     picture::write(writer, size, ColorType::Rgba, &Stored::Bytes(&pixels), &map.meaning())
+}
+
+/// The scale of a sweep's focus settings.
+pub(crate) fn focus_scale(sweep: &Sweep, nearer: Nearer) -> Scale {
+    Map::of_focus((sweep.width, sweep.height), &sweep.focus, &sweep.positions, nearer, Palette::default()).scale
 }
 
 /// The sense of a scale of focus settings: [`Nearer::First`] where a larger one is near.

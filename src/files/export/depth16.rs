@@ -11,6 +11,7 @@ use tiff::tags::Tag;
 use super::Extra;
 use super::meaning::{Meaning, SOFTWARE};
 use super::picture::{self, Stored};
+use crate::around::focus_stack::Sweep;
 use crate::metric::MetricDepth;
 
 /// The names of the files.
@@ -28,9 +29,9 @@ pub struct Depth16 {
 /// sample is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Depth16Report {
-    /// "depth", or "relative_blur".
+    /// "depth", "relative_blur", or "focus".
     pub quantity: &'static str,
-    /// "mm", or "px^2".
+    /// "mm", "px^2", or what focus is in.
     pub unit: &'static str,
     /// Of one step of the samples, in `unit`.
     pub scale: f64,
@@ -47,6 +48,15 @@ impl Depth16 {
     /// Of depth in mm.
     pub fn of_depth(metric: &MetricDepth) -> Self {
         Self::new((metric.width, metric.height), &metric.depth, "depth", "mm")
+    }
+
+    /// Of a sweep: depth in mm, or focus where that is not known.
+    pub fn of_sweep(sweep: &Sweep) -> Self {
+        let size = (sweep.width, sweep.height);
+        match &sweep.depth {
+            Some(found) => Self::new(size, &found.depth, "depth", "mm"),
+            None => Self::new(size, &sweep.focus, "focus", sweep.unit),
+        }
     }
 
     fn new(size: (u32, u32), values: &[f32], quantity: &'static str, unit: &'static str) -> Self {
@@ -74,7 +84,11 @@ impl Depth16 {
     }
 
     fn comments(&self) -> String {
-        let quantity = if self.report.quantity == "depth" { "Depth from the lens" } else { "Relative blur V" };
+        let quantity = match self.report.quantity {
+            "depth" => "Depth",
+            "focus" => "Focus",
+            _ => "Relative blur V",
+        };
         format!("{quantity}, {} = offset + scale * sample; sample 0 is not valid", self.report.unit)
     }
 

@@ -2,6 +2,7 @@
 //!
 //! [`write()`] puts the files of a solve into a folder: all of them, or none.
 
+mod beside;
 mod depth;
 mod depth16;
 mod destination;
@@ -28,6 +29,7 @@ mod single;
 mod solved;
 mod staging;
 mod sweep;
+mod sweep_solved;
 #[cfg(test)]
 mod tests;
 mod texture;
@@ -36,7 +38,7 @@ mod valid;
 
 use std::io::Write;
 
-pub(crate) use depth::larger_is;
+pub(crate) use depth::{focus_scale, larger_is};
 pub use depth16::{Depth16, Depth16Report};
 pub(crate) use destination::Guard;
 pub use destination::{Destination, check_writable};
@@ -44,10 +46,10 @@ pub use extra::{EXTRA_FILES, Extra, PAGE_FILE};
 pub use fused::{FUSED_FLOAT_FILE, fused, fused_float};
 pub(crate) use fused::{color_type, fused_frame};
 pub use kind::FileKind;
-pub use labels::labels;
+pub use labels::{MOST_LABELS, labels, sweep_labels};
 pub(crate) use listed::Listed;
 pub use listed::{SIMULATED_FILES, listed_in};
-pub use measurements::{Measurements, ProfileReport, StepReport, Wanted, profiles_in};
+pub use measurements::{Measurable, Measurements, ProfileReport, Quantity, StepReport, Wanted, profiles_in};
 pub use metric::DEPTH_FILE;
 pub use palette::Palette;
 pub use pen::Pen;
@@ -57,10 +59,13 @@ pub use report::{
     DepthReport, DeviceReport, LevelReport, RangeReport, Report, ShadingReport, SizeReport, TextureReport,
     TimingsReport,
 };
-pub use results::Results;
+pub use results::{Results, holds_sweep};
 pub use scale::Scale;
 pub use solved::Solved;
-pub use sweep::{SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, sweep_files, write_sweep};
+pub use sweep::{
+    SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, sweep_files, sweep_fused, sweep_surface, write_sweep,
+};
+pub use sweep_solved::SolvedSweep;
 pub use texture::Texture;
 pub use transform::{PairOf, read_pair_of, read_transform};
 
@@ -166,7 +171,7 @@ pub fn write<'d>(
     staging.add(uncertainty, |w| field::write(w, size, &solution.uncertainty, &meaning::UNCERTAINTY))?;
     staging.add(residual, |w| field::write(w, size, &solution.residual, &meaning::RESIDUAL))?;
     let texture = Texture::of(solution, Some(report.texture.max_uncertainty_px2));
-    staging.add(valid, |w| valid::write(w, solution, &texture))?;
+    staging.add(valid, |w| valid::write(w, size, &texture.without(&solution.relative_blur)))?;
     let map = match additions.depth {
         Some(metric) => Map::of_depth(metric, look.palette),
         None => Map::of_relative_blur(size, &solution.relative_blur, look.nearer, look.palette),

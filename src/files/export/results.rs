@@ -68,6 +68,22 @@ pub(super) fn read_report(path: &Path) -> Result<Value, Error> {
     serde_json::from_str(&text).map_err(|e| Error::file(path, format!("is not JSON ({e}); {SOLVE}")))
 }
 
+/// Whether a folder is one that `parfocal stack` wrote.
+///
+/// # Errors
+/// [`Error::File`]: it is no folder of results.
+pub fn holds_sweep(folder: &Path) -> Result<bool, Error> {
+    if !folder.is_dir() {
+        return Err(Error::file(folder, "is no folder; give the one that parfocal solve or stack wrote"));
+    }
+    Ok(is_of_sweep(&read_report(&folder.join(FILES[4]))?))
+}
+
+/// Whether a report is of a focus sweep.
+pub(super) fn is_of_sweep(report: &Value) -> bool {
+    report.get("frames").is_some() && report.get("blur_rate_px2").is_some()
+}
+
 /// Which image was focused nearer, as the report at `path` says.
 pub(super) fn nearer_of(report: &Value, path: &Path) -> Result<Nearer, Error> {
     match report.get("nearer").and_then(Value::as_u64) {

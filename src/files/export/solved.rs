@@ -1,20 +1,19 @@
 //! What later steps need of the folder of a solve: V, how far to trust it, and the report.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use super::beside;
 use super::depth::{self, Map};
 use super::depth16::{DEPTH16_FILES, Depth16};
 use super::extra::with_near_and_far;
-use super::measurements::{Measurements, Wanted, is_profile};
+use super::measurements::{Measurable, Measurements, Wanted};
 use super::metric::DEPTH_FILE;
 use super::report::DepthReport;
-use super::results::{nearer_of, read_report};
-use super::staging::Staging;
-use super::{Destination, FILES, Nearer, Palette, Pen, Texture, listed_in, metric, read_transform};
+use super::results::{is_of_sweep, nearer_of, read_report};
+use super::{FILES, Nearer, Palette, Pen, Texture, metric, read_transform};
 use crate::base::{Error, Homography, Lens};
 use crate::files::image_io;
 use crate::metric::MetricDepth;
@@ -55,6 +54,9 @@ impl Solved {
         }
         let [blur, confidence, _, _, json, uncertainty, ..] = FILES.map(|name| folder.join(name));
         let report = read_report(&json)?;
+        if is_of_sweep(&report) {
+            return Err(Error::file(folder, "holds a focus sweep; give the folder of a pair, from parfocal solve"));
+        }
         let nearer = nearer_of(&report, &json)?;
         let (transform, _) = read_transform(&json)?;
         let (width, height, relative_blur) = image_io::read_field(&blur)?;
@@ -82,7 +84,12 @@ impl Solved {
     /// [`Error::Region`]; [`Error::File`]: the report states a lens that is none.
     pub fn measure(&self, wanted: &Wanted) -> Result<Measurements, Error> {
         let metric = self.lens()?.map(|lens| self.through(&lens));
-        wanted.measure(self.width, &self.relative_blur, &self.uncertainty, metric.as_ref())
+        wanted.measure(&Measurable::of_relative_blur(
+            self.width,
+            &self.relative_blur,
+            &self.uncertainty,
+            metric.as_ref(),
+        ))
     }
 
     /// The largest |V| that the solve allowed, px², where the report says so.
@@ -137,13 +144,13 @@ impl Solved {
         let picture = FILES[2];
         // They show near and far the other way round.
         let turned = if nearer == self.nearer { Vec::new() } else { with_near_and_far().map(String::from).collect() };
-        let mut staging = self.staging(force, &turned)?;
+        let mut staging = beside::staging(&self.folder, force, &turned)?;
         staging.add(DEPTH_FILE, |w| metric::write(w, metric))?;
         staging.add(picture, |w| depth::write(w, &Map::of_depth(metric, palette).marking(&texture.marked), pen))?;
         for extra in depth16.iter().flat_map(Depth16::files) {
             staging.add(extra.name, |w| (extra.fill)(w))?;
         }
-        finish(staging, report, &turned)
+        beside::finish(staging, report, &turned)
     }
 
     /// Refuses, before it is made, what [`write_depth`](Self::write_depth) would not write.
@@ -152,8 +159,7 @@ impl Solved {
     /// [`Error::File`].
     pub fn check_depth(&self, force: bool) -> Result<(), Error> {
         let depth16 = self.report.get("depth16").map_or(&[][..], |_| &DEPTH16_FILES);
-        Destination::new(&self.folder, force)
-            .check_results(FILES[4], &[&[DEPTH_FILE, FILES[2], FILES[4]], depth16].concat())
+        beside::check(&self.folder, &[&[DEPTH_FILE, FILES[2]], depth16].concat(), force)
     }
 
     /// Refuses, before it is made, what [`write_measurements`](Self::write_measurements) would not write.
@@ -161,13 +167,7 @@ impl Solved {
     /// # Errors
     /// [`Error::File`].
     pub fn check_measurements(&self, wanted: &Wanted, force: bool) -> Result<(), Error> {
-        let names = [wanted.files(), vec![FILES[4].to_string()]].concat();
-        Destination::new(&self.folder, force).check_results(FILES[4], &names)
-    }
-
-    /// Files that join those of the folder.
-    fn staging(&self, force: bool, stale: &[String]) -> Result<Staging, Error> {
-        Staging::beside(Destination::new(&self.folder, force), FILES[4], stale.to_vec())
+        beside::check_measurements(&self.folder, wanted, force)
     }
 
     /// Which pixels the solve marked as without texture.
@@ -183,23 +183,7 @@ impl Solved {
     /// # Errors
     /// [`Error::File`].
     pub fn write_measurements(&self, measured: &Measurements, pen: Option<Pen>, force: bool) -> Result<(), Error> {
-        let mut report = self.report.clone();
-        if !report.get("measurements").is_some_and(Value::is_object) {
-            report["measurements"] = json!(Measurements::default());
-        }
-        let known = &mut report["measurements"];
-        if !measured.steps.is_empty() {
-            known["steps"] = json!(measured.steps);
-        }
-        if !measured.profiles.is_empty() {
-            known["profiles"] = json!(measured.profiles);
-        }
-        let earlier = listed_in(&self.folder, FILES[4]).into_iter().filter(|file| is_profile(file));
-        let new: Vec<&str> = measured.profiles.iter().flat_map(|p| [p.csv.as_str(), &p.png]).collect();
-        let stale: Vec<String> = earlier.filter(|file| !new.is_empty() && !new.contains(&file.as_str())).collect();
-        let mut staging = self.staging(force, &stale)?;
-        measured.stage(&mut staging, pen)?;
-        finish(staging, report, &stale)
+        beside::write_measurements(&self.folder, self.report.clone(), measured, pen, force)
     }
 
     /// A field of the same size.
@@ -212,17 +196,4 @@ impl Solved {
             format!("is {w}x{h} and relative_blur.exr is {}x{}; solve the pair again", self.width, self.height);
         Err(Error::file(path, problem))
     }
-}
-
-/// `report.json` anew, with what came and what went, and all gets its name.
-fn finish(mut staging: Staging, mut report: Value, stale: &[String]) -> Result<(), Error> {
-    // A report that names no files is of an earlier version, and of a folder whose files are known otherwise.
-    if let Some(files) = report.get_mut("files").and_then(Value::as_array_mut).filter(|files| !files.is_empty()) {
-        files.retain(|file| !stale.iter().any(|name| file == name));
-        let came: Vec<Value> =
-            staging.names().into_iter().map(Value::from).filter(|name| !files.contains(name)).collect();
-        files.extend(came);
-    }
-    staging.add(FILES[4], |w| writeln!(w, "{report:#}").map_err(|e| e.to_string()))?;
-    staging.place()
 }

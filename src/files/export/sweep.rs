@@ -4,21 +4,31 @@ use std::io::Write;
 
 use serde::Serialize;
 
-use super::depth::{Map, larger_is};
+use super::depth::Map;
 use super::report::{DeviceReport, RangeReport, ShadingReport, SizeReport, in_known_order};
-use super::{DEPTH_FILE, Destination, Extra, FUSED_FLOAT_FILE, Look, Nearer, Staging, depth, field, fused, meaning};
-use crate::around::focus_stack::{Sweep, SweepDepth};
-use crate::base::{Decode, Depth, DeviceInfo, Error, Homography, Photometric};
-use crate::files::image_io::Values;
+use super::{
+    DEPTH_FILE, Depth16Report, Destination, Extra, FUSED_FLOAT_FILE, Look, Measurements, Nearer, Palette, Pen, Scale,
+    Staging, depth, field, fused, meaning, valid,
+};
+use crate::around::focus_stack::{Positions, Sweep};
+use crate::base::{Decode, Depth, DeviceInfo, Error, Frame, Homography, Photometric, Region};
+use crate::files::image_io::{Input, Values};
 
 /// The files that [`write_sweep()`] makes.
-pub const SWEEP_FILES: [&str; 5] = ["focus.exr", "uncertainty.exr", "depth.png", "fused.png", "report.json"];
+pub const SWEEP_FILES: [&str; 6] =
+    ["focus.exr", "uncertainty.exr", "depth.png", "fused.png", "report.json", "valid.png"];
 
 /// What `report.json` of a sweep says: fields may be added, not renamed.
 #[derive(Clone, Debug, Serialize)]
 pub struct SweepReport {
+    /// Version of parfocal that wrote it.
+    pub version: &'static str,
     /// Of the results.
     pub size: SizeReport,
+    /// Size of the frames, about whose centre the transforms are stated.
+    pub photograph: SizeReport,
+    /// The part of the reference that the results are of.
+    pub region: Region,
     /// The frames in order.
     pub frames: Vec<SweepFrame>,
     /// The frame on whose pixels the results are, from 0.
@@ -38,12 +48,25 @@ pub struct SweepReport {
     /// Depth in mm, where the frames' places of focus are known in mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<SweepDepthReport>,
+    /// What the samples of `depth16.png` and `depth16.tiff` mean, where they were asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth16: Option<Depth16Report>,
+    /// What was asked to be measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub measurements: Option<Measurements>,
     /// Fraction of pixels of which some pair tells.
     pub valid_fraction: f64,
     /// What speaks against any of the pairs.
     pub warnings: Vec<String>,
     /// Where it ran.
     pub device: DeviceReport,
+    /// Whether it ran under the validation layer.
+    pub validated: bool,
+    /// SHA-256 of the version, settings and flags, by which `batch --resume` knows a solve again; empty where a program
+    /// did not set it.
+    pub request: String,
+    /// The files of the frames; empty where they did not come from files.
+    pub inputs: Vec<Input>,
     /// The files that belong to it, itself among them; [`write_sweep`] sees to it.
     pub files: Vec<String>,
     /// From the first frame to the results, ms.
@@ -60,15 +83,20 @@ pub struct SweepDepthReport {
     pub median_deviation: Option<f32>,
     /// Pixels whose focus setting is beyond infinity; they are NaN.
     pub out_of_range: usize,
+    /// Whether it is a place along the axis of a stage, and not a distance from the lens.
+    pub stage: bool,
 }
 
-impl From<&SweepDepth> for SweepDepthReport {
-    fn from(found: &SweepDepth) -> Self {
-        Self {
+impl SweepDepthReport {
+    /// Of a sweep, if its depth is known.
+    pub fn of(sweep: &Sweep) -> Option<Self> {
+        let found = sweep.depth.as_ref()?;
+        Some(Self {
             range: RangeReport::of(&found.depth),
             median_deviation: RangeReport::of(&found.deviation).median,
             out_of_range: found.out_of_range,
-        }
+            stage: matches!(sweep.stated, Positions::Stage(_)),
+        })
     }
 }
 
@@ -103,19 +131,27 @@ impl SweepReport {
         };
         let valid = sweep.focus.iter().filter(|u| !u.is_nan()).count();
         Self {
+            version: env!("CARGO_PKG_VERSION"),
             size: SizeReport { width: sweep.width, height: sweep.height },
+            photograph: SizeReport { width: sweep.photograph[0], height: sweep.photograph[1] },
+            region: sweep.region,
             frames: files.iter().enumerate().map(frame).collect(),
             reference: sweep.reference,
             nearer: nearer.number(),
             blur_rate_px2: sweep.blur_rate,
             decode: sweep.decode,
             values: Values::stated(sweep.decode),
-            focus_unit: sweep.stated.unit(),
+            focus_unit: sweep.unit,
             focus: RangeReport::of(&sweep.focus),
-            depth: sweep.depth.as_ref().map(SweepDepthReport::from),
+            depth: SweepDepthReport::of(sweep),
+            depth16: None,
+            measurements: None,
             valid_fraction: valid as f64 / sweep.focus.len().max(1) as f64,
             warnings: sweep.warnings.clone(),
             device: device.into(),
+            validated: false,
+            request: String::new(),
+            inputs: Vec::new(),
             files: Vec::new(),
             total_ms,
         }
@@ -137,8 +173,21 @@ pub fn sweep_files(has_depth: bool, look: &Look, has_page: bool) -> Vec<&'static
     SWEEP_FILES.into_iter().chain(more.into_iter().filter(|(has, _)| *has).map(|(_, name)| name)).collect()
 }
 
-/// Writes the [`SWEEP_FILES`], [`DEPTH_FILE`] where depth is known, and the page where one is given, into the folder
-/// `out`, which is made if it is missing; all of them, or none. Where the frames are in floats, `fused.exr` is written too.
+/// The image sharp all over in 8 bits, as `fused.png` stores it where the frames have 8.
+///
+/// # Errors
+/// [`Error::Mismatch`] where it is not of the size that the sweep states.
+pub fn sweep_fused(sweep: &Sweep) -> Result<Frame, Error> {
+    fused::fused_frame((sweep.width, sweep.height), sweep.fused_channels, &sweep.fused, sweep.decode)
+}
+
+/// What tells near from far, depth where it is known and else focus, and the scale on which `depth.png` has it.
+pub fn sweep_surface(sweep: &Sweep, nearer: Nearer) -> (&[f32], Scale) {
+    Map::of_sweep(sweep, nearer, Palette::default()).surface()
+}
+
+/// Writes the [`SWEEP_FILES`], [`DEPTH_FILE`] where depth is known, and any of the
+/// [`EXTRA_FILES`](super::EXTRA_FILES), into the folder `out`, which is made if it is missing; all of them, or none. Where the frames are in floats, `fused.exr` is written too.
 /// Of earlier results, what their report lists is replaced or removed, and no other file, as by [`write()`](super::write()).
 ///
 /// # Errors
@@ -148,39 +197,47 @@ pub fn write_sweep<'d>(
     sweep: &Sweep,
     report: &SweepReport,
     look: &Look,
-    page: Option<Extra<'_>>,
+    extras: Vec<Extra<'_>>,
 ) -> Result<(), Error> {
     let size = (sweep.width, sweep.height);
-    let [focus, uncertainty, picture, fused, json] = SWEEP_FILES;
+    let [focus, uncertainty, _, fused, json, valid] = SWEEP_FILES;
     let mut staging = Staging::anew(out.into(), json)?;
     staging.add(focus, |w| field::write(w, size, &sweep.focus, &meaning::FOCUS))?;
     staging.add(uncertainty, |w| field::write(w, size, &sweep.uncertainty, &meaning::FOCUS_UNCERTAINTY))?;
-    if let Some(found) = &sweep.depth {
-        let channels = [("Y", &found.depth[..]), ("standard_deviation", &found.deviation)];
-        staging.add(DEPTH_FILE, |w| field::write_channels(w, size, &channels, &meaning::SWEEP_DEPTH))?;
-    }
-    let map = match &sweep.depth {
-        Some(found) => {
-            let stated = sweep.stated.millimetres().unwrap_or_default();
-            let apart = stated.first().zip(stated.last()).map_or(0.0, |(first, last)| (last - first).abs());
-            Map::in_mm(size, &found.depth, apart, larger_is(stated, look.nearer), look.palette)
-        }
-        None => Map::of_focus(size, &sweep.focus, &sweep.positions, look.nearer, look.palette),
-    };
-    staging.add(picture, |w| depth::write(w, &map, look.pen))?;
+    staging.add(valid, |w| valid::write(w, size, &sweep.focus))?;
+    stage_depth(&mut staging, sweep, look.nearer, look.palette, look.pen)?;
     let image = fused::Image { size, channels: sweep.fused_channels, values: &sweep.fused };
     let depth = look.formats[0].depth;
     staging.add(fused, |w| fused::write_image(w, &image, look.decode, depth))?;
     if depth == Depth::F32 {
         staging.add(FUSED_FLOAT_FILE, |w| fused::write_float(w, &image, look.decode))?;
     }
-    if let Some(page) = page {
-        staging.add(page.name, |w| (page.fill)(w))?;
+    for extra in extras {
+        staging.add(extra.name, |w| (extra.fill)(w))?;
     }
+    report.measurements.iter().try_for_each(|measured| measured.stage(&mut staging, look.pen))?;
     let written = staging.names().into_iter().chain([json.to_string()]);
     let report = SweepReport { files: in_known_order(&report.files, written), ..report.clone() };
     staging.add(json, |w| {
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
     staging.place()
+}
+
+/// `depth.png`, hatched where the focus is not known, and [`DEPTH_FILE`].
+pub(super) fn stage_depth(
+    staging: &mut Staging,
+    sweep: &Sweep,
+    nearer: Nearer,
+    palette: Palette,
+    pen: Option<Pen>,
+) -> Result<(), Error> {
+    if let Some(found) = &sweep.depth {
+        let channels = [("Y", &found.depth[..]), ("standard_deviation", &found.deviation)];
+        let size = (sweep.width, sweep.height);
+        staging.add(DEPTH_FILE, |w| field::write_channels(w, size, &channels, &meaning::SWEEP_DEPTH))?;
+    }
+    let unknown: Vec<bool> = sweep.focus.iter().map(|u| u.is_nan()).collect();
+    let map = Map::of_sweep(sweep, nearer, palette).marking(&unknown);
+    staging.add(SWEEP_FILES[2], |w| depth::write(w, &map, pen))
 }

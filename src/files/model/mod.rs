@@ -8,8 +8,9 @@ mod ply;
 #[cfg(test)]
 mod tests;
 
+use crate::around::focus_stack::Sweep;
 use crate::base::{Error, Frame};
-use crate::files::export::{Extra, Nearer, Scale};
+use crate::files::export::{Extra, Nearer, Scale, focus_scale, larger_is};
 use crate::files::preview::photograph;
 
 /// A kind of file.
@@ -56,33 +57,61 @@ impl Points {
         nearer: Nearer,
         exaggeration: f64,
     ) -> Result<Self, Error> {
-        let picture = photograph(fused);
-        let width = fused.width() as usize;
-        if relative_blur.len() != width * fused.height() as usize || relative_blur.is_empty() {
-            let (values, height) = (relative_blur.len(), fused.height());
-            return Err(Error::Mismatch(format!("{values} values of V are no surface under {width}x{height} pixels")));
-        }
         let sign = if nearer == Nearer::First { 1.0 } else { -1.0 };
         let factor = (sign * exaggeration) as f32;
-        let point = |(i, v): (usize, &f32)| [(i % width) as f32, -((i / width) as f32), factor * v];
+        let z = format!("z = {factor} px per px^2 times the relative blur V; near is up; not metric");
+        Self::raised(relative_blur, fused, |v| factor * v, ["first image", &z])
+    }
+
+    /// The focus of a sweep over the reference's pixels, likewise: z is how far the setting lies from the middle of the
+    /// sweep, times `exaggeration` (px per setting).
+    ///
+    /// # Errors
+    /// As [`of_relative_blur`](Self::of_relative_blur).
+    pub fn of_sweep(sweep: &Sweep, fused: &Frame, nearer: Nearer, exaggeration: f64) -> Result<Self, Error> {
+        let ends = [sweep.positions.first(), sweep.positions.last()].map(|end| end.copied().unwrap_or(0.0));
+        let middle = 0.5 * (ends[0] + ends[1]);
+        let sign = if larger_is(&sweep.positions, nearer) == Nearer::First { 1.0 } else { -1.0 };
+        let factor = sign * exaggeration;
+        let unit = if sweep.unit == "settings" { "setting" } else { sweep.unit };
+        let z = format!("z = {factor} px per {unit} times the focus less {middle}; near is up; not metric");
+        let height = |u: f32| (factor * (f64::from(u) - middle)) as f32;
+        Self::raised(&sweep.focus, fused, height, ["reference frame", &z])
+    }
+
+    /// Any field over the pixels of an image.
+    fn raised(
+        values: &[f32],
+        fused: &Frame,
+        height: impl Fn(f32) -> f32,
+        [pixels, z]: [&str; 2],
+    ) -> Result<Self, Error> {
+        let picture = photograph(fused);
+        let (width, rows) = (fused.width() as usize, fused.height() as usize);
+        if values.len() != width * rows || values.is_empty() {
+            let values = values.len();
+            return Err(Error::Mismatch(format!("{values} values of V are no surface under {width}x{rows} pixels")));
+        }
+        let point = |(i, &v): (usize, &f32)| [(i % width) as f32, -((i / width) as f32), height(v)];
         Ok(Self {
             width,
-            height: fused.height() as usize,
+            height: rows,
             cell: 1,
-            positions: relative_blur.iter().enumerate().map(point).collect(),
+            positions: values.iter().enumerate().map(point).collect(),
             colors: picture.pixels().map(|p| p.0).collect(),
             unit: "px".to_string(),
-            comments: vec![
-                "x = column and y = -row of the first image".to_string(),
-                format!("z = {factor} px per px^2 times the relative blur V; near is up; not metric"),
-            ],
+            comments: vec![format!("x = column and y = -row of the {pixels}"), z.to_string()],
         })
     }
 
     /// The exaggeration, px per px², at which the relief is 15 % of the image's longer side, as `parfocal view` shows it.
     pub fn exaggeration(relative_blur: &[f32], width: u32, height: u32) -> f64 {
-        let scale = Scale::of(relative_blur, Nearer::First);
-        0.15 * f64::from(width.max(height)) / (f64::from(scale.high) - f64::from(scale.low))
+        relief(Scale::of(relative_blur, Nearer::First), width, height)
+    }
+
+    /// The same for the focus of a sweep, px per setting.
+    pub fn sweep_exaggeration(sweep: &Sweep, nearer: Nearer) -> f64 {
+        relief(focus_scale(sweep, nearer), sweep.width, sweep.height)
     }
 
     /// Square cells of pixels become one point each, the mean of theirs, about `nodes` along the longer side; as they are
@@ -128,4 +157,9 @@ impl Points {
             Model::Glb => Extra::new("surface.glb", move |w| glb::write(w, &mesh(), &photograph(texture))),
         }
     }
+}
+
+/// Px for each unit of a scale that make 15 % of the longer side of it.
+fn relief(scale: Scale, width: u32, height: u32) -> f64 {
+    0.15 * f64::from(width.max(height)) / (f64::from(scale.high) - f64::from(scale.low))
 }

@@ -6,12 +6,12 @@ use super::{Axis, Plot, Series};
 use crate::files::export::ProfileReport;
 use crate::metric::measure::Line;
 
-/// Depth where it is known, else V; with one standard deviation to either side.
+/// Depth where it is known, else V or focus; with one standard deviation to either side.
 pub(crate) fn profile(profile: &ProfileReport) -> RgbImage {
     let Line { from: [x1, y1], to: [x2, y2], width } = profile.line;
     let ([values, deviations], label) = match &profile.depth {
-        Some(depth) => (depth, "depth, mm"),
-        None => (&profile.relative_blur, "relative blur, px²"),
+        Some(depth) => (depth, "depth, mm".to_string()),
+        None => (&profile.values, profile.quantity.label()),
     };
     let points = profile.distances().zip(values).zip(deviations).map(|((at, v), d)| (at, [v - d, *v, v + d]));
     let title = format!("From ({x1}, {y1}) to ({x2}, {y2}), {width} px wide");

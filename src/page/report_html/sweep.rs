@@ -3,12 +3,13 @@
 use std::borrow::Cow;
 use std::io::Write;
 
+use serde::Serialize;
 use serde_json::json;
 
 use super::{Contents, Picture, Readout, best_focus};
 use crate::around::focus_stack::Sweep;
-use crate::base::{Decode, Frame, Region};
-use crate::files::export::{Extra, Nearer, PAGE_FILE, Palette, SweepReport, fused_frame, larger_is};
+use crate::base::{Decode, Frame};
+use crate::files::export::{Extra, Nearer, PAGE_FILE, Palette, fused_frame, larger_is};
 
 /// What `report.html` shows besides the sweep.
 #[derive(Clone, Debug)]
@@ -28,12 +29,12 @@ pub struct SweepPage<'a> {
 }
 
 impl<'a> SweepPage<'a> {
-    /// The page as a file of the sweep, for [`write_sweep`](crate::export::write_sweep()).
-    pub fn file(self, sweep: &'a Sweep, report: &'a SweepReport) -> Extra<'a> {
+    /// The page as a file of the sweep with this report, for [`write_sweep`](crate::export::write_sweep()).
+    pub fn file(self, sweep: &'a Sweep, report: &'a impl Serialize) -> Extra<'a> {
         Extra::new(PAGE_FILE, move |writer| self.write(sweep, report, writer))
     }
 
-    fn write(self, sweep: &'a Sweep, report: &SweepReport, writer: &mut dyn Write) -> Result<(), String> {
+    fn write(self, sweep: &'a Sweep, report: &impl Serialize, writer: &mut dyn Write) -> Result<(), String> {
         let reference = sweep.reference;
         let mut pictures: Vec<Picture<'_>> = Vec::new();
         for (n, (frame, name)) in self.frames.iter().zip(&self.names).enumerate() {
@@ -53,12 +54,12 @@ impl<'a> SweepPage<'a> {
             "kind": "sweep", "names": ends, "compare": compare, "frames": self.frames.len(), "report": report,
         });
         let heights = if sweep.depth.is_some() { "depth" } else { "focus" };
-        let part = Region { x: 0, y: 0, width: sweep.width, height: sweep.height };
+        let part = sweep.region;
         Contents { size, part, decode, palette, pictures, fields: self.all_fields(sweep), heights, told }.write(writer)
     }
 
     fn all_fields(self, sweep: &'a Sweep) -> Vec<Readout<'a>> {
-        let focus = Readout::focus(&sweep.focus, larger_is(&sweep.positions, self.nearer)).unit(sweep.stated.unit());
+        let focus = Readout::focus(&sweep.focus, larger_is(&sweep.positions, self.nearer)).unit(sweep.unit);
         let sigma = Readout::deviation("uncertainty", &focus, ["σ of focus", "σ"], &sweep.uncertainty)
             .note("σ, the standard deviation of the focus setting, by what the pairs say. On a logarithmic scale.");
         let mut fields = vec![focus, sigma];

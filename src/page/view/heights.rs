@@ -81,7 +81,8 @@ mod tests {
 
     fn heights(width: usize, height: usize, blur: &[f32], nodes: usize, radius: usize) -> Heights {
         let scale = Scale { low: 0.0, high: 1.0, nearer: Nearer::First };
-        let surface = Surface { width, height, relative_blur: blur, texture: RgbImage::new(1, 1), scale };
+        let surface =
+            Surface { width, height, relative_blur: blur, texture: RgbImage::new(1, 1), scale, names: [""; 2] };
         Heights::of(&surface, nodes, radius)
     }
 

@@ -29,11 +29,15 @@ mod turntable;
 
 use image::RgbImage;
 
+use crate::around::focus_stack::Sweep;
 use crate::base::{Error, Frame};
-use crate::files::export::{Destination, Nearer, Palette, Scale};
+use crate::files::export::{Destination, Nearer, Palette, Scale, sweep_surface};
 use crate::files::preview::photograph;
 
-/// V and the picture that goes on it.
+/// What the surface of a pair shows.
+const OF_PAIR: [&str; 2] = ["Relative blur V", "V, px²"];
+
+/// V, or another field, and the picture that goes on it.
 #[derive(Clone, Debug)]
 pub struct Surface<'a> {
     width: usize,
@@ -41,6 +45,8 @@ pub struct Surface<'a> {
     relative_blur: &'a [f32],
     texture: RgbImage,
     scale: Scale,
+    /// What is shown, in words and beside the key.
+    names: [&'static str; 2],
 }
 
 /// From where, how large, how steep and in which colours a surface is shown.
@@ -96,6 +102,16 @@ impl<'a> Surface<'a> {
         Self::on(relative_blur, fused, Scale::of(relative_blur, nearer))
     }
 
+    /// The surface of a focus sweep, of depth where it is known and else of focus, under an image of the same size.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn of_sweep(sweep: &'a Sweep, fused: &Frame, nearer: Nearer) -> Result<Self, Error> {
+        let (values, scale) = sweep_surface(sweep, nearer);
+        let names = if sweep.depth.is_some() { ["Depth", "mm"] } else { ["Focus", "setting"] };
+        Ok(Self { names, ..Self::on(values, fused, scale)? })
+    }
+
     /// The surface of any field, on this scale.
     pub(crate) fn on(relative_blur: &'a [f32], fused: &Frame, scale: Scale) -> Result<Self, Error> {
         let (width, height) = (fused.width() as usize, fused.height() as usize);
@@ -105,7 +121,7 @@ impl<'a> Surface<'a> {
                 "{values} values of V cannot be shown under an image of {width}x{height}"
             )));
         }
-        Ok(Self { width, height, relative_blur, texture: photograph(fused), scale })
+        Ok(Self { width, height, relative_blur, texture: photograph(fused), scale, names: OF_PAIR })
     }
 
     /// Nearness, 0 far to 1 near, row-major on a grid of about `view.width` nodes along the longer side, smoothed as the

@@ -98,12 +98,13 @@ pub(super) fn draw(surface: &Surface, view: &View) -> RgbImage {
     canvas.image(&textured, (0, top));
     canvas.image(&coded, (width, top));
     let [near, far] = view.palette.ends();
-    let coded = format!("Relative blur V: {near} near, {far} far");
+    let [quantity, unit] = surface.names;
+    let coded = format!("{quantity}: {near} near, {far} far");
     for (name, left) in [("Best focus", 0.0), (coded.as_str(), width as f32)] {
         canvas.text(name, (left + width as f32 / 2.0, 2.0 * TEXT), TEXT, Align::Middle, BLACK);
     }
     let x = 2.0 * width as f32 + MARGIN;
-    canvas.text("V, px²", (x, 2.0 * TEXT), TEXT, Align::Left, GRAY);
+    canvas.text(unit, (x, 2.0 * TEXT), TEXT, Align::Left, GRAY);
     let long = (height as f32 * 0.7).min(320.0);
     let y = top as f32 + (height as f32 - long) / 2.0;
     color_bar(&mut canvas, Area { x, y, width: bar_width(TEXT), height: long }, &surface.scale, view.palette, TEXT);

@@ -46,7 +46,7 @@ const BEYOND: &str = "off by more than a frame, %";
 /// Solved by default settings, values as stored.
 pub(super) fn solved(engine: &Engine, frames: &[Frame], positions: Vec<f64>) -> Result<Sweep, String> {
     let settings = Settings { decode: Decode::None, ..Settings::default() };
-    let options = SweepOptions { settings, positions: Positions::Settings(positions), reference: None };
+    let options = SweepOptions { settings, positions: Positions::Settings(positions), ..SweepOptions::default() };
     solve_sweep(engine, frames, &options, &mut |_, _| {}).map_err(|e| e.to_string())
 }
 

@@ -145,9 +145,9 @@ function showMeasured() {
   const known = (found, digits, text) => (found ? `${plus(found.value, digits)} ± ${number(found.standard_error, digits)} ${text}` : missing);
   const place = ([x, y, w, h]) => `${w} × ${h} px at ${x}, ${y}`;
   const steps = measurements.steps.map((step) =>
-    line(`Step from ${place(step.from)} to ${place(step.to)}`, known(step.depth_mm, 3, 'mm'), known(step.relative_blur, 3, 'px²')));
+    line(`Step from ${place(step.from)} to ${place(step.to)}`, known(step.depth_mm, 3, 'mm'), isPair ? known(step.relative_blur, 3, 'px²') : known(step.focus, 3, report.focus_unit)));
   const profiles = measurements.profiles.map((profile) => line(`Profile: ${profile.csv}, ${profile.png}`, '', ''));
-  byId('measurements').append(heads('', 'Depth', 'Relative blur'), ...steps, ...profiles);
+  byId('measurements').append(heads('', 'Depth', isPair ? 'Relative blur' : 'Focus'), ...steps, ...profiles);
 }
 
 function showNumbers() {

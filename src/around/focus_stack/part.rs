@@ -1,0 +1,86 @@
+//! A part of the frames, and what of it has results.
+
+use super::{Sweep, SweepOptions, check, solve_whole};
+use crate::around::Scope;
+use crate::around::scope::margin;
+use crate::base::{Error, Frame, Mask, Region, centre};
+use crate::engine::Engine;
+
+/// Solves a sweep, or the part of it that its scope names; `say` is told how many of its levels are done.
+///
+/// # Errors
+/// [`Error::Mismatch`]: fewer than three frames, sizes or formats that differ, positions or a mask that do not fit.
+/// [`Error::Region`]: the part is not within the frames.
+/// Those of [`Solver::new`](crate::Solver::new) and [`Solver::solve`](crate::Solver::solve).
+pub fn solve_sweep(
+    engine: &Engine,
+    frames: &[Frame],
+    options: &SweepOptions,
+    say: &mut dyn FnMut(usize, usize),
+) -> Result<Sweep, Error> {
+    check(frames, options)?;
+    let (scope, size) = (&options.scope, [frames[0].width(), frames[0].height()]);
+    scope.check(size)?;
+    let mut sweep = match scope.region {
+        None => solve_whole(engine, frames, options, say)?,
+        Some(region) => {
+            let part = region.grown(margin(size, &options.settings), size);
+            let cut = frames.iter().map(|frame| frame.cropped(part).map_err(Error::Region));
+            let cut = cut.collect::<Result<Vec<Frame>, Error>>()?;
+            let mask = scope.mask.as_ref().map(|mask| mask.cropped(part));
+            let within = SweepOptions { scope: Scope { mask, ..Scope::default() }, ..options.clone() };
+            let mut sweep = solve_whole(engine, &cut, &within, say)?;
+            sweep.place_in(part, size);
+            sweep.crop(Region { x: region.x - part.x, y: region.y - part.y, ..region });
+            sweep
+        }
+    };
+    if let Some(mask) = &scope.mask {
+        sweep.leave_out(&mask.cropped(sweep.region));
+    }
+    if scope.crop_valid {
+        match sweep.largest_valid() {
+            Some(valid) => sweep.crop(valid),
+            None => sweep.warnings.push("no pixel is valid: nothing was cropped".to_string()),
+        }
+    }
+    sweep.depth = sweep.stated.depth(&sweep.focus, &sweep.uncertainty);
+    Ok(sweep)
+}
+
+impl Sweep {
+    /// Says that what was solved is a part of larger frames, and states the transforms about their centre.
+    fn place_in(&mut self, part: Region, photograph: [u32; 2]) {
+        let (from, to) = (part.centre(), centre(photograph[0], photograph[1]));
+        self.transforms.iter_mut().for_each(|transform| *transform = transform.about(from, to));
+        for brightness in &mut self.brightness {
+            brightness.part.x += part.x;
+            brightness.part.y += part.y;
+        }
+        (self.region, self.photograph) = (part, photograph);
+    }
+
+    /// Keeps a part of the results, which must be within them.
+    fn crop(&mut self, part: Region) {
+        let row = self.width as usize;
+        for field in [&mut self.focus, &mut self.uncertainty] {
+            *field = part.of(field, row, 1);
+        }
+        self.fused = part.of(&self.fused, row, self.fused_channels.count() as usize);
+        self.region = Region { x: self.region.x + part.x, y: self.region.y + part.y, ..part };
+        (self.width, self.height) = (part.width, part.height);
+    }
+
+    /// Makes nothing of what a mask leaves out.
+    fn leave_out(&mut self, mask: &Mask) {
+        for (pixel, _) in mask.bytes().iter().enumerate().filter(|(_, counts)| **counts == 0) {
+            (self.focus[pixel], self.uncertainty[pixel]) = (f32::NAN, f32::NAN);
+        }
+    }
+
+    /// The largest rectangle in which the focus is known everywhere; `None` where no pixel's is.
+    fn largest_valid(&self) -> Option<Region> {
+        let valid: Vec<bool> = self.focus.iter().map(|u| u.is_finite()).collect();
+        Region::largest(&valid, self.width as usize)
+    }
+}

@@ -1,0 +1,171 @@
+//! What a request makes of one focus sweep, from its files to its results; `work` does a pair.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use parfocal::export::{
+    self, DEPTH_FILE, Depth16, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Measurable, PAGE_FILE, SWEEP_FILES,
+    SweepReport, sweep_files,
+};
+use parfocal::figure::PEN;
+use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
+use parfocal::image_io::{Input, Photograph, Values};
+use parfocal::report_html::SweepPage;
+use parfocal::{Depth, DeviceInfo, Engine, Error, Frame, Method, Settings};
+
+use super::failure::Failure;
+use super::request::Request;
+use super::{output, pair, places};
+
+/// What says what was solved, and lists the files.
+const REPORT: &str = SWEEP_FILES[4];
+
+/// A sweep, and the folder for its results.
+#[derive(Clone, Debug)]
+pub(super) struct SweepJob {
+    pub(super) files: Vec<PathBuf>,
+    pub(super) positions: Positions,
+    /// From 0.
+    pub(super) reference: Option<usize>,
+    pub(super) out: PathBuf,
+}
+
+/// A sweep as its files hold it.
+pub(super) struct SweepFrames {
+    frames: Vec<Frame>,
+    pub(super) inputs: Vec<Input>,
+    /// With values decoded as the files say, unless that is stated.
+    options: SweepOptions,
+    values: Values,
+    /// What reading took.
+    read_ms: f64,
+}
+
+impl SweepJob {
+    /// How it is solved, but for the part of the frames.
+    fn options(&self, request: &Request, settings: Settings) -> SweepOptions {
+        let scope = parfocal::Scope { crop_valid: request.part.crop_valid, ..parfocal::Scope::default() };
+        SweepOptions { settings, positions: self.positions.clone(), reference: self.reference, scope }
+    }
+
+    /// What decides the results, besides the frames.
+    pub(super) fn digest(&self, request: &Request) -> Result<String, Failure> {
+        request.digest(format!("{:?} {:?}", self.positions, self.reference).as_bytes())
+    }
+}
+
+/// Refuses what is asked only of pairs, what does not fit the sweep, an output folder that cannot be written, or whose
+/// results would replace an input.
+pub(super) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
+    if request.lens.is_some() || request.part.flat.is_some() || request.settings.method != Method::Unified {
+        let problem = "is of a focus sweep, which takes no lens, --flat or --method; leave them out, or solve it with parfocal stack";
+        return Err(Failure::Usage(format!("{}: {problem}", job.out.display())));
+    }
+    let fits = job.options(request, request.settings.clone()).check(job.files.len());
+    fits.map_err(|e| Failure::Usage(e.to_string()))?;
+    places::nearer(request.nearer, &job.positions)?;
+    request.models.check_labels(job.files.len())?;
+    let inputs: Vec<&PathBuf> = job.files.iter().chain(&request.files).collect();
+    let profiles = export::profiles_in(&job.out);
+    let profiles: Vec<&str> = profiles.iter().map(String::as_str).collect();
+    let possible = [&SWEEP_FILES[..], &FILES, &EXTRA_FILES, &[DEPTH_FILE], &profiles].concat();
+    output::check(&job.out, REPORT, &possible, &inputs)?;
+    check_places(request, job, false)
+}
+
+/// Refuses an output folder in which results would take the places of files that are not ours; whether there are results in
+/// floats.
+fn check_places(request: &Request, job: &SweepJob, in_floats: bool) -> Result<(), Failure> {
+    let in_mm = job.positions.millimetres().map(|_| DEPTH_FILE);
+    let more = request.page.then_some(PAGE_FILE).into_iter().chain(in_mm).chain(in_floats.then_some(FUSED_FLOAT_FILE));
+    let profiles = request.wanted.files();
+    let mut names: Vec<&str> = SWEEP_FILES.into_iter().chain(request.models.names()).chain(more).collect();
+    names.extend(profiles.iter().map(String::as_str));
+    Ok(request.force.to(&job.out).check_results(REPORT, &names)?)
+}
+
+/// Reads the frames, one file in memory at a time, unless what the files are says that the sweep is `settled` already.
+pub(super) fn read(
+    request: &Request,
+    job: &SweepJob,
+    settled: impl FnOnce(&[Input]) -> Result<bool, Failure>,
+) -> Result<Option<SweepFrames>, Failure> {
+    let started = Instant::now();
+    let (frames, inputs) = decode(&job.files)?;
+    if settled(&inputs)? {
+        return Ok(None);
+    }
+    let values = request.decode.of(&inputs)?;
+    let settings = Settings { decode: values.decode, ..request.settings.clone() };
+    check_places(request, job, frames[0].format().depth == Depth::F32)?;
+    let size = [frames[0].width(), frames[0].height()];
+    let scope = request.part.fitting(size)?;
+    if let Some([width, height]) = request.part.size(size) {
+        request.wanted.check((width, height))?;
+    }
+    let options = SweepOptions { scope, ..job.options(request, settings) };
+    let read_ms = started.elapsed().as_secs_f64() * 1e3;
+    Ok(Some(SweepFrames { frames, inputs, options, values, read_ms }))
+}
+
+fn decode(files: &[PathBuf]) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
+    let (mut frames, mut inputs) = (Vec::new(), Vec::new());
+    let mut last: Option<Photograph> = None;
+    for path in files {
+        let photograph = match last.take() {
+            Some(last) => last.open_next(path)?,
+            None => Photograph::open(path)?,
+        };
+        inputs.push(photograph.describe()?);
+        last = Some(photograph.clone());
+        frames.push(photograph.decode()?);
+    }
+    Ok((frames, inputs))
+}
+
+/// Solves it; also how long it took from the first frame, ms.
+pub(super) fn solve(
+    engine: &Engine,
+    read: &SweepFrames,
+    say: &mut dyn FnMut(usize, usize),
+) -> Result<(Sweep, f64), Error> {
+    let started = Instant::now();
+    let sweep = solve_sweep(engine, &read.frames, &read.options, say)?;
+    Ok((sweep, read.read_ms + started.elapsed().as_secs_f64() * 1e3))
+}
+
+/// Writes the results; tells the report.
+pub(super) fn write(
+    request: &Request,
+    job: &SweepJob,
+    device: &DeviceInfo,
+    read: &SweepFrames,
+    (sweep, total_ms): &(Sweep, f64),
+) -> Result<SweepReport, Failure> {
+    let nearer = places::nearer(request.nearer, &job.positions)?;
+    let (decode, format) = (read.values.decode, read.frames[0].format());
+    let look = Look { nearer, decode, formats: [format; 2], palette: request.palette, pen: Some(PEN) };
+    let files: Vec<String> = job.files.iter().map(|file| file.display().to_string()).collect();
+    let mut report = SweepReport::new(sweep, &files, nearer, device, *total_ms);
+    (report.values, report.validated, report.inputs) = (read.values, super::validation_asked(), read.inputs.clone());
+    report.request = job.digest(request)?;
+    let measured = request.wanted.measure(&Measurable::of_sweep(sweep))?;
+    report.measurements = (!request.wanted.is_empty()).then_some(measured);
+    let fused = export::sweep_fused(sweep)?;
+    let depth16 = request.models.is_depth16().then(|| Depth16::of_sweep(sweep));
+    report.depth16 = depth16.as_ref().map(Depth16::report);
+    let points = request.models.points_of_sweep(sweep, &fused, nearer)?;
+    let mut extras = request.models.files(points.as_ref(), &fused);
+    extras.extend(depth16.iter().flat_map(Depth16::files));
+    extras.extend(request.models.labels_of_sweep(sweep, nearer, request.palette)?);
+    let written = sweep_files(sweep.depth.is_some(), &look, request.page).into_iter();
+    report.files =
+        written.chain(extras.iter().map(Extra::name)).map(String::from).chain(request.wanted.files()).collect();
+    if request.page {
+        let names = job.files.iter().map(|path| pair::name(path)).collect();
+        let page = SweepPage { frames: &read.frames, names, decode, nearer, palette: look.palette, fields: Vec::new() };
+        extras.push(page.file(sweep, &report));
+    }
+    export::write_sweep(request.force.to(&job.out), sweep, &report, &look, extras)?;
+    Ok(report)
+}

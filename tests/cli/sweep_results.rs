@@ -1,0 +1,231 @@
+//! What there is to do with the results of a focus sweep, from outside.
+
+use std::fs;
+use std::process::Output;
+
+use assert_cmd::Command;
+use parfocal::image_io::{read, read_field};
+use serde_json::Value;
+
+use crate::stack::{SIZE, Sweep, depth, planes, slope};
+
+fn on(sweep: &Sweep, subcommand: &str, extra: &[&str]) -> Output {
+    let mut command = Command::cargo_bin("parfocal").unwrap();
+    command.arg(subcommand).arg(sweep.out()).args(extra).output().unwrap()
+}
+
+fn told(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn done(output: &Output) -> Value {
+    assert!(output.status.success(), "{}", told(output));
+    serde_json::from_slice(&output.stdout).unwrap_or_default()
+}
+
+fn report(sweep: &Sweep) -> Value {
+    serde_json::from_slice(&fs::read(sweep.out().join("report.json")).unwrap()).unwrap()
+}
+
+fn lists(report: &Value, name: &str) -> bool {
+    report["files"].as_array().unwrap().iter().any(|file| file == name)
+}
+
+/// Whether a pixel of `depth.png` and the next stripe, 4 px to its right, are hatched.
+fn is_hatched(sweep: &Sweep, x: u32, y: u32) -> bool {
+    let picture = image::open(sweep.out().join("depth.png")).unwrap().into_rgba8();
+    [0, 4].iter().all(|dx| {
+        let [r, g, b, a] = picture.get_pixel(x + dx, y).0;
+        r == g && g == b && a == 255 && [165, 205].contains(&r)
+    })
+}
+
+#[test]
+fn steps_profiles_and_views_are_as_of_a_pair() {
+    let sweep = Sweep::new(5, planes);
+    done(&sweep.stack(&["--quiet", "--no-html"]));
+    let step = ["--step", "20,20,50,80", "120,20,50,80", "--profile", "10,64,180,64,9"];
+    let measured = done(&on(&sweep, "measure", &[&step[..], &["--json"]].concat()));
+    let focus = &measured["steps"][0]["focus"];
+    let [value, error] = ["value", "standard_error"].map(|key| focus[key].as_f64().unwrap());
+    assert!((value - 1.6).abs() < 0.1 && error > 0.0 && error < 0.1, "{focus}");
+    assert!(measured["steps"][0]["depth_mm"].is_null() && measured["steps"][0].get("relative_blur").is_none());
+    let csv = fs::read_to_string(sweep.out().join("profile_1.csv")).unwrap();
+    assert!(csv.starts_with("distance_px,x_px,y_px,focus_settings,focus_deviation_settings\n"), "{csv}");
+    assert!(lists(&report(&sweep), "profile_1.png") && report(&sweep)["measurements"] == measured);
+
+    // In mm, once it is known where the frames were focused.
+    done(&on(&sweep, "depth", &["--focus-at", "0,0.5,1,1.5,2", "--stage", "--quiet"]));
+    let output = on(&sweep, "measure", &[&step[..], &["--json"]].concat());
+    let measured = done(&output);
+    let depth = measured["steps"][0]["depth_mm"]["value"].as_f64().unwrap();
+    assert!((depth - 0.8).abs() < 0.05, "{depth}");
+    assert!(told(&output).contains("mm, +1.") && told(&output).contains("settings"), "{}", told(&output));
+    let csv = fs::read_to_string(sweep.out().join("profile_1.csv")).unwrap();
+    assert!(csv.lines().next().unwrap().ends_with(",depth_mm,depth_deviation_mm"), "{csv}");
+
+    done(&on(&sweep, "view", &["--width", "200"]));
+    let view = image::open(sweep.out().join("view.png")).unwrap();
+    assert!(view.width() >= 400);
+    let refused = on(&sweep, "view", &["-o", sweep.out().join("valid.png").to_str().unwrap()]);
+    assert!(!refused.status.success() && told(&refused).contains("is a result"), "{}", told(&refused));
+    let refused = on(&sweep, "calibrate", &["--reference", "10,10,20,20", "230"]);
+    assert!(!refused.status.success(), "{}", told(&refused));
+}
+
+#[test]
+fn depth_comes_afterwards_as_if_it_had_been_stated() {
+    let sweep = Sweep::new(5, slope);
+    let inverse = |setting: f64| 1000.0 / (4.0 + 0.1 * setting);
+    let at = (0..5).map(|n| inverse(f64::from(n)).to_string()).collect::<Vec<_>>().join(",");
+    done(&sweep.stack(&["--quiet", "--focus-at", &at]));
+    let [stated, _] = depth(&sweep);
+    let at_once = fs::read(sweep.out().join("depth.png")).unwrap();
+
+    done(&sweep.stack(&["--quiet", "--export", "depth16,ply"]));
+    let before = report(&sweep);
+    assert!(!sweep.out().join("depth_mm.exr").exists() && before["depth16"]["quantity"] == "focus");
+    let told_of = done(&on(&sweep, "depth", &["--focus-at", &at, "--json"]));
+    let after = report(&sweep);
+    assert!((told_of["median"].as_f64().unwrap() - inverse(2.0)).abs() < 1.0, "{told_of}");
+    assert_eq!((&after["depth16"]["unit"], &after["nearer"]), (&"mm".into(), &2.into()));
+    assert!((after["depth"]["median"].as_f64().unwrap() - told_of["median"].as_f64().unwrap()).abs() < 1e-3);
+    assert_eq!(after["frames"][1]["focus_mm"].as_f64(), Some(inverse(1.0)));
+    assert_eq!((&after["focus"], &after["focus_unit"]), (&before["focus"], &"settings".into()));
+    // Near and far have changed places: the surface that showed them otherwise is gone, the page is made anew.
+    assert!(
+        lists(&after, "depth_mm.exr") && !lists(&after, "surface.ply") && !sweep.out().join("surface.ply").exists()
+    );
+    assert!(fs::read_to_string(sweep.out().join("report.html")).unwrap().contains("field-depth"));
+    let [later, _] = depth(&sweep);
+    assert!(stated.iter().zip(&later).all(|(a, b)| a.is_nan() && b.is_nan() || (a - b).abs() < 0.01));
+    let pictures = [image::load_from_memory(&at_once).unwrap(), image::open(sweep.out().join("depth.png")).unwrap()];
+    let [a, b] = pictures.map(|picture| picture.into_rgba8());
+    let off = a.pixels().zip(b.pixels()).filter(|(a, b)| a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > 8)).count();
+    assert!(a.dimensions() == b.dimensions() && off < 200, "{off}");
+
+    // Without the frames there is no page.
+    fs::remove_file(&sweep.files[1]).unwrap();
+    let output = on(&sweep, "depth", &["--focus-at", &at]);
+    done(&output);
+    assert!(String::from_utf8_lossy(&output.stdout).contains("frame_1.png") || told(&output).contains("frame_1.png"));
+    assert!(!sweep.out().join("report.html").exists() && !lists(&report(&sweep), "report.html"));
+
+    for (extra, words) in [
+        (&["--focus-at", "1,2,3"][..], "3 positions for 5 frames"),
+        (&["--focus-at", "5,4,3,2,0"], "0 mm"),
+        (&["--focal-length", "50"], "give --focus-at"),
+        (&[], "give --focus-at"),
+    ] {
+        let refused = on(&sweep, "depth", extra);
+        assert!(!refused.status.success() && told(&refused).contains(words), "{}", told(&refused));
+    }
+}
+
+#[test]
+fn what_is_not_known_is_marked_and_what_is_goes_to_other_programs() {
+    // Without texture in the middle.
+    let sweep = Sweep::new(4, slope);
+    for file in &sweep.files {
+        let mut frame = image::open(file).unwrap().into_luma16();
+        for (x, y) in (60..130).flat_map(|x| (30..100).map(move |y| (x, y))) {
+            frame.put_pixel(x, y, image::Luma([32768]));
+        }
+        frame.save(file).unwrap();
+    }
+    let asked = ["--export", "depth16,ply,cloud,glb,labels", "--colors", "grey", "--nearer", "2", "--mesh-cells", "48"];
+    let found = done(&sweep.stack(&[&asked[..], &["--json"]].concat()));
+    let files = ["depth16.png", "depth16.tiff", "surface.ply", "points.ply", "surface.glb", "labels.png", "valid.png"];
+    for name in files {
+        assert!(lists(&found, name) && sweep.out().join(name).is_file(), "{name}");
+    }
+    let (width, _, focus) = read_field(&sweep.out().join("focus.exr")).unwrap();
+    let open = |name: &str| image::open(sweep.out().join(name)).unwrap();
+    let (valid, depth16) = (open("valid.png").into_luma8(), open("depth16.png").into_luma16());
+    let picture = open("depth.png").into_rgba8();
+    let [scale, offset] = ["scale", "offset"].map(|key| found["depth16"][key].as_f64().unwrap());
+    let mut unknown = 0;
+    for (i, u) in focus.iter().enumerate() {
+        let (x, y) = (i as u32 % width, i as u32 / width);
+        assert_eq!(valid.get_pixel(x, y).0[0], if u.is_nan() { 0 } else { 255 });
+        let [sample] = depth16.get_pixel(x, y).0;
+        let back = offset + scale * f64::from(sample);
+        assert!(if u.is_nan() { sample == 0 } else { (back - f64::from(*u)).abs() < 2.0 * scale }, "{u} {sample}");
+        unknown += usize::from(u.is_nan());
+    }
+    assert!(unknown > 1000, "{unknown}");
+    // Somewhere within, with the next stripe.
+    let mut within = (60..126).flat_map(|x| (30..100).map(move |y| (x, y)));
+    let is_unknown = |x: u32, y: u32| focus[(y * width + x) as usize].is_nan();
+    let (x, y) = within.find(|&(x, y)| is_unknown(x, y) && is_unknown(x + 4, y)).unwrap();
+    assert!(is_hatched(&sweep, x, y));
+    // The last is near: white.
+    let [left, right] = [20, 172].map(|x| picture.get_pixel(x, 10).0);
+    assert!(left[0] < 60 && right[0] > 195 && left[0] == left[1], "{left:?} {right:?}");
+    let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(sweep.out().join("labels.png")).unwrap()));
+    let mut reader = decoder.read_info().unwrap();
+    let mut labels = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut labels).unwrap();
+    let label = |x: usize, y: usize| labels[y * SIZE[0] as usize + x];
+    assert_eq!([label(15, 10), label(x as usize, y as usize), label(185, 10)], [2, 0, 4]);
+    let ply = fs::read(sweep.out().join("surface.ply")).unwrap();
+    assert!(String::from_utf8_lossy(&ply[..600]).contains("reference frame"));
+    done(&sweep.stack(&["--quiet"]));
+    assert!(files[..6].iter().all(|name| !sweep.out().join(name).exists()));
+}
+
+#[test]
+fn a_part_has_the_results_that_it_has_in_the_whole_and_a_mask_leaves_holes() {
+    let sweep = Sweep::new(4, slope);
+    let whole = done(&sweep.stack(&["--json", "--no-html"]));
+    let (_, _, of_whole) = read_field(&sweep.out().join("focus.exr")).unwrap();
+    let mask = sweep.folder.path().join("mask.png");
+    let kept = image::GrayImage::from_fn(SIZE[0], SIZE[1], |x, y| {
+        image::Luma([if (80..100).contains(&x) && (40..60).contains(&y) { 0 } else { 255 }])
+    });
+    kept.save(&mask).unwrap();
+    let found = done(&sweep.stack(&["--json", "--roi", "60,30,90,70", "--mask", mask.to_str().unwrap()]));
+    assert_eq!(found["region"], serde_json::json!({"x": 60, "y": 30, "width": 90, "height": 70}));
+    assert_eq!(found["photograph"], serde_json::json!({"width": SIZE[0], "height": SIZE[1]}));
+    let (width, height, focus) = read_field(&sweep.out().join("focus.exr")).unwrap();
+    assert_eq!((width, height), (90, 70));
+    let mut off = Vec::new();
+    for (i, u) in focus.iter().enumerate() {
+        let (x, y) = (60 + i as u32 % 90, 30 + i as u32 / 90);
+        let is_out = kept.get_pixel(x, y).0[0] == 0;
+        assert!(!is_out || u.is_nan(), "{u} at {x}, {y}");
+        off.extend((!is_out && !u.is_nan()).then(|| (u - of_whole[(y * SIZE[0] + x) as usize]).abs()));
+    }
+    off.sort_by(f32::total_cmp);
+    assert!(off.len() > 5000 && off[off.len() / 2] < 0.05, "{} {}", off.len(), off[off.len() / 2]);
+    assert!(is_hatched(&sweep, 28, 20));
+    let fused = read(&sweep.out().join("fused.png")).unwrap();
+    assert_eq!((fused.width(), fused.height()), (90, 70));
+    for n in 0..4 {
+        let [part, all] = [&found, &whole].map(|report| report["frames"][n]["transform"]["tx_px"].as_f64().unwrap());
+        assert!((part - all).abs() < 0.1, "{part} {all}");
+    }
+    assert!(fs::read_to_string(sweep.out().join("report.html")).unwrap().contains("field-focus"));
+    done(&on(&sweep, "view", &["--width", "100"]));
+    done(&on(&sweep, "depth", &["--focus-at", "1,2,3,4", "--stage", "--quiet"]));
+    assert_eq!(read_field(&sweep.out().join("focus.exr")).unwrap().0, 90);
+
+    let found = done(&sweep.stack(&["--json", "--crop-valid", "--mask", mask.to_str().unwrap(), "--no-html"]));
+    let (_, _, focus) = read_field(&sweep.out().join("focus.exr")).unwrap();
+    assert!(
+        focus.iter().all(|u| u.is_finite()) && found["size"]["height"].as_u64().unwrap() < 128,
+        "{}",
+        found["size"]
+    );
+
+    let small = sweep.folder.path().join("small.png");
+    image::GrayImage::new(9, 9).save(&small).unwrap();
+    for (extra, words) in [
+        (&["--mask", small.to_str().unwrap()][..], "is of 9x9"),
+        (&["--roi", "100,100,200,10"], "not within"),
+        (&["--crop-valid", "--step", "1,1,2,2", "3,3,2,2"], "--crop-valid moves"),
+    ] {
+        let refused = sweep.stack(extra);
+        assert!(!refused.status.success() && told(&refused).contains(words), "{}", told(&refused));
+    }
+}
