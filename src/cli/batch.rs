@@ -1,4 +1,4 @@
-//! `parfocal batch`: many pairs, one after the other, while the next is read and the last is written.
+//! `parfocal batch`: many pairs and sweeps, one after the other, while the next is read and the last is written.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -10,6 +10,7 @@ use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{FileKind, remove_unfinished, write_named};
+use parfocal::focus_stack::{Positions, Sweep};
 use parfocal::image_io::Input;
 use parfocal::{DeviceInfo, Engine, Error, Kept, Solution};
 
@@ -17,17 +18,18 @@ use super::failure::Failure;
 use super::headings::OUTPUT;
 use super::help;
 use super::options::SolveOptions;
-use super::pairs::Pair;
+use super::pairs::Group;
 use super::request::Request;
+use super::sweep_work::{self, SweepFrames, SweepJob};
 use super::tally::{Outcome, Row, SUMMARY, Tally};
 use super::work::{self, Job, Photographs};
 use super::{output, pairs};
 
-/// Solve many pairs: those of a folder, or of a list.
+/// Solve many pairs and focus sweeps: those of a folder, or of a list.
 #[derive(clap::Args, Debug)]
 #[command(after_long_help = after_help())]
 pub(super) struct Arguments {
-    /// Folder of photographs, or list of pairs, as CSV or JSON lines
+    /// Folder of photographs or of folders, or list of pairs and sweeps, as CSV or JSON lines
     #[arg(value_name = "DIR|MANIFEST")]
     source: PathBuf,
     #[command(flatten)]
@@ -57,22 +59,29 @@ struct Shared {
     stop: Arc<AtomicBool>,
 }
 
-/// A pair and what its results are called.
+/// A pair or a sweep, and what its results are called.
 struct Named {
     name: String,
-    job: Job,
+    task: Task,
 }
 
-/// A pair on its way from the reader to the solver.
+enum Task {
+    Pair(Job),
+    Sweep(SweepJob),
+}
+
+/// One on its way from the reader to the solver.
 enum Read {
     Photographs(Box<Photographs>),
+    Frames(Box<SweepFrames>),
     Whole,
     Failed(Failure),
 }
 
-/// A pair on its way from the solver to the writer.
+/// One on its way from the solver to the writer.
 enum Solved {
     Solution(Box<(Photographs, Solution, DeviceInfo)>),
+    Sweep(Box<(SweepFrames, (Sweep, f64), DeviceInfo)>),
     Whole,
     Failed(Failure),
 }
@@ -84,9 +93,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let request = arguments.options.request()?;
     output::check_folder(out)?;
     request.force.to(out).check_named(FileKind::Batch, &[SUMMARY])?;
-    let jobs: Vec<Named> = pairs::find(source, out)?.into_iter().map(|pair| Named::new(out, pair)).collect();
-    jobs.iter().try_for_each(|named| work::check(&request, &named.job))?;
-    let stop = on_interrupt(jobs.iter().map(|named| named.job.out.clone()).collect())?;
+    let jobs: Vec<Named> = pairs::find(source, out)?.into_iter().map(|group| Named::new(out, group)).collect();
+    jobs.iter().try_for_each(|named| named.task.check(&request))?;
+    let stop = on_interrupt(jobs.iter().map(|named| named.task.out().to_path_buf()).collect())?;
     let engine = request.run.open_engine()?;
     let shared = Shared { request, resume: arguments.resume, stop };
     let Request { run, force, .. } = &shared.request;
@@ -103,13 +112,93 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Named {
-    fn new(out: &Path, Pair { name, i1, i2 }: Pair) -> Self {
+    fn new(out: &Path, Group { name, files }: Group) -> Self {
         let out = out.join(&name);
-        Self { name, job: Job { files: [i1, i2], out } }
+        let task = match <[PathBuf; 2]>::try_from(files) {
+            Ok(files) => Task::Pair(Job { files, out }),
+            Err(files) => Task::Sweep(SweepJob { files, positions: Positions::Counted, reference: None, out }),
+        };
+        Self { name, task }
     }
 
     fn row(&self, outcome: Outcome) -> Row {
-        Row::new(&self.name, self.job.files.each_ref().map(PathBuf::as_path), &self.job.out, outcome)
+        Row::new(&self.name, self.task.files(), self.task.out(), outcome)
+    }
+}
+
+impl Task {
+    fn files(&self) -> &[PathBuf] {
+        match self {
+            Self::Pair(job) => &job.files,
+            Self::Sweep(job) => &job.files,
+        }
+    }
+
+    fn out(&self) -> &Path {
+        match self {
+            Self::Pair(job) => &job.out,
+            Self::Sweep(job) => &job.out,
+        }
+    }
+
+    /// Refuses what cannot be done, before any work.
+    fn check(&self, request: &Request) -> Result<(), Failure> {
+        match self {
+            Self::Pair(job) => work::check(request, job),
+            Self::Sweep(job) => sweep_work::check(request, job),
+        }
+    }
+
+    /// Reads the photographs, unless the results are there.
+    fn read(&self, shared: &Shared) -> Result<Read, Failure> {
+        let request = &shared.request;
+        let settled = |inputs: &[Input]| self.is_settled(shared, inputs);
+        Ok(match self {
+            Self::Pair(job) => {
+                work::read(request, job, settled)?.map_or(Read::Whole, |read| Read::Photographs(Box::new(read)))
+            }
+            Self::Sweep(job) => {
+                sweep_work::read(request, job, settled)?.map_or(Read::Whole, |read| Read::Frames(Box::new(read)))
+            }
+        })
+    }
+
+    /// Whether the results are there, all that the report names, and of what is asked. The report gets its name last.
+    fn is_settled(&self, shared: &Shared, inputs: &[Input]) -> Result<bool, Failure> {
+        let Some(report) = shared.resume.then(|| Outcome::report(self.out())).flatten() else { return Ok(false) };
+        let digest = match self {
+            Self::Pair(_) => shared.request.digest(&[])?,
+            Self::Sweep(job) => job.digest(&shared.request)?,
+        };
+        let files = report["files"].as_array().map_or(&[][..], Vec::as_slice);
+        let is_there = |name: &serde_json::Value| name.as_str().is_some_and(|name| self.out().join(name).is_file());
+        let is_of = |(i, input): (usize, &Input)| {
+            let page = report["inputs"][i]["page"].as_u64().map(|page| page as usize);
+            report["inputs"][i]["sha256"].as_str() == Some(&input.sha256) && page == input.page
+        };
+        let known = report["inputs"].as_array().map_or(0, Vec::len);
+        Ok(!files.is_empty()
+            && files.iter().all(is_there)
+            && report["request"].as_str() == Some(&digest)
+            && known == inputs.len()
+            && inputs.iter().enumerate().all(is_of))
+    }
+
+    /// Writes what was solved; what is said of it.
+    fn write(&self, request: &Request, solved: Solved) -> Result<Outcome, Failure> {
+        match (self, solved) {
+            (Self::Pair(job), Solved::Solution(solved)) => {
+                let (photographs, solution, device) = *solved;
+                let (report, _) = work::write(request, job, &device, &photographs, &solution)?;
+                Ok(Outcome::solved(&report))
+            }
+            (Self::Sweep(job), Solved::Sweep(solved)) => {
+                let (frames, sweep, device) = *solved;
+                Ok(Outcome::solved(&sweep_work::write(request, job, &device, &frames, &sweep)?))
+            }
+            (_, Solved::Failed(failure)) => Err(failure),
+            _ => Ok(Outcome::kept(self.out())),
+        }
     }
 }
 
@@ -147,34 +236,15 @@ fn work_off(engine: Engine, jobs: &[Named], shared: &Shared, bar: &Bar) -> Resul
 }
 
 fn read_all(jobs: &[Named], shared: &Shared, to_solver: &SyncSender<(usize, Read)>) {
-    for (index, Named { job, .. }) in jobs.iter().enumerate() {
+    for (index, Named { task, .. }) in jobs.iter().enumerate() {
         if shared.stop.load(Ordering::Relaxed) {
             return;
         }
-        let read = match work::read(&shared.request, job, |inputs| is_settled(job, shared, inputs)) {
-            Ok(Some(photographs)) => Read::Photographs(Box::new(photographs)),
-            Ok(None) => Read::Whole,
-            Err(failure) => Read::Failed(failure),
-        };
+        let read = task.read(shared).unwrap_or_else(Read::Failed);
         if to_solver.send((index, read)).is_err() {
             return;
         }
     }
-}
-
-/// Whether the results of a pair are there, all that its report names, and of what is asked. The report gets its name last.
-fn is_settled(job: &Job, shared: &Shared, inputs: &[Input]) -> Result<bool, Failure> {
-    let Some(report) = shared.resume.then(|| Outcome::report(&job.out)).flatten() else { return Ok(false) };
-    let files = report["files"].as_array().map_or(&[][..], Vec::as_slice);
-    let is_there = |name: &serde_json::Value| name.as_str().is_some_and(|name| job.out.join(name).is_file());
-    let is_of = |(i, input): (usize, &Input)| {
-        let page = report["inputs"][i]["page"].as_u64().map(|page| page as usize);
-        report["inputs"][i]["sha256"].as_str() == Some(&input.sha256) && page == input.page
-    };
-    Ok(!files.is_empty()
-        && files.iter().all(is_there)
-        && report["request"].as_str() == Some(&shared.request.digest(&[])?)
-        && inputs.iter().enumerate().all(is_of))
 }
 
 fn solve_all(
@@ -191,16 +261,18 @@ fn solve_all(
         }
         let Request { run, .. } = &shared.request;
         let solved = match read {
-            Read::Whole => Solved::Whole,
-            Read::Failed(failure) => Solved::Failed(failure),
-            Read::Photographs(photographs) => match bench.solve(&photographs) {
-                Ok(solution) => Solved::Solution(Box::new((*photographs, solution, bench.engine.info().clone()))),
-                Err(error) => {
-                    broken = matches!(error, Error::Timeout { .. } | Error::Poisoned | Error::Vulkan { .. });
-                    Solved::Failed(Failure::of_solve(error, &jobs[index].job.files[0]))
-                }
-            },
+            Read::Whole => Ok(Solved::Whole),
+            Read::Failed(failure) => Ok(Solved::Failed(failure)),
+            Read::Photographs(photographs) => bench
+                .solve(&photographs)
+                .map(|solution| Solved::Solution(Box::new((*photographs, solution, bench.engine.info().clone())))),
+            Read::Frames(frames) => sweep_work::solve(&bench.engine, &frames, &mut |_, _| ())
+                .map(|sweep| Solved::Sweep(Box::new((*frames, sweep, bench.engine.info().clone())))),
         };
+        let solved = solved.unwrap_or_else(|error| {
+            broken = matches!(error, Error::Timeout { .. } | Error::Poisoned | Error::Vulkan { .. });
+            Solved::Failed(Failure::of_solve(error, &jobs[index].task.files()[0]))
+        });
         if to_writer.send((index, solved)).is_err() {
             break;
         }
@@ -227,18 +299,8 @@ impl Bench {
 fn write_all(jobs: &[Named], shared: &Shared, from_solver: Receiver<(usize, Solved)>, bar: &Bar) -> Vec<Row> {
     let mut rows: Vec<Row> = jobs.iter().map(|named| named.row(Outcome::NotDone)).collect();
     for (index, solved) in from_solver {
-        let Named { job, .. } = &jobs[index];
-        let outcome = match solved {
-            Solved::Whole => Outcome::kept(&job.out),
-            Solved::Failed(failure) => Outcome::Failed { error: failure.message() },
-            Solved::Solution(solved) => {
-                let (photographs, solution, device) = *solved;
-                match work::write(&shared.request, job, &device, &photographs, &solution) {
-                    Ok((report, _)) => Outcome::solved(&report),
-                    Err(failure) => Outcome::Failed { error: failure.message() },
-                }
-            }
-        };
+        let written = jobs[index].task.write(&shared.request, solved);
+        let outcome = written.unwrap_or_else(|failure| Outcome::Failed { error: failure.message() });
         rows[index] = jobs[index].row(outcome);
         bar.show(index, &rows[index]);
     }

@@ -1,16 +1,21 @@
-//! Which files are the frames of a sweep, and in which order.
+//! Which files of a folder are photographs; the frames of a sweep, and in which order.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
+use parfocal::export::{DEPTH_FILE, EXTRA_FILES, FILES, SIMULATED_FILES, SWEEP_FILES};
+
 use super::failure::Failure;
-use super::pairs;
+
+/// Endings of the names of photographs.
+const ENDINGS: [&str; 11] = ["png", "jpg", "jpeg", "tif", "tiff", "exr", "pnm", "pgm", "ppm", "pam", "pfm"];
 
 /// The photographs of a folder in natural order, `frame_2` before `frame_10`; or the files named. Those that a shell has listed, sorted
 /// letter by letter, are taken in natural order too, unless what they are focused at is `stated` beside them.
 pub(super) fn of_sweep(named: &[PathBuf], stated: bool) -> Result<Vec<PathBuf>, Failure> {
     let folder = named.first().filter(|path| named.len() == 1 && path.is_dir());
     let mut files = match folder {
-        Some(folder) => pairs::list(folder)?.0,
+        Some(folder) => list(folder)?.0,
         None => named.to_vec(),
     };
     if folder.is_some() || !stated && files.is_sorted() {
@@ -23,6 +28,31 @@ pub(super) fn of_sweep(named: &[PathBuf], stated: bool) -> Result<Vec<PathBuf>, 
         }
         _ => Ok(files),
     }
+}
+
+/// The photographs and the folders in a folder, sorted; hidden ones and results are passed over.
+pub(super) fn list(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Failure> {
+    let failed = |e| Failure::Failed(format!("{}: cannot be listed ({e}); check its permissions", folder.display()));
+    let (mut files, mut folders) = (Vec::new(), Vec::new());
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let is_input = SIMULATED_FILES[..2].contains(&name.as_str());
+        let results = FILES.iter().chain(&EXTRA_FILES).chain(&SIMULATED_FILES).chain(&SWEEP_FILES).chain(&[DEPTH_FILE]);
+        let is_profile = name.starts_with("profile_") && name.ends_with(".png");
+        let is_result = results.into_iter().any(|result| *result == name) && !is_input || is_profile;
+        if name.starts_with('.') || is_result {
+            continue;
+        } else if path.is_dir() {
+            folders.push(path);
+        } else if ENDINGS.contains(&ending.as_str()) {
+            files.push(path);
+        }
+    }
+    files.sort();
+    folders.sort();
+    Ok((files, folders))
 }
 
 /// A path in pieces, numbers apart: text and the number after it.

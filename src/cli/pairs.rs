@@ -4,38 +4,36 @@ use std::collections::{BTreeMap, HashMap};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{DEPTH_FILE, EXTRA_FILES, FILES, SIMULATED_FILES, SWEEP_FILES};
 use serde::Deserialize;
 
 use super::failure::Failure;
+use super::frames::{self, list};
 use super::tally::SUMMARY;
 
-/// Two photographs and the name of the folder that their results go to.
+/// Photographs that belong together, two or those of a sweep in order, and the name of the folder that their results go to.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Pair {
+pub(super) struct Group {
     pub(super) name: String,
-    pub(super) i1: PathBuf,
-    pub(super) i2: PathBuf,
+    pub(super) files: Vec<PathBuf>,
 }
 
 /// The rule, as `--help` states it.
 pub(super) const RULE: &str = "\
 Pairs of a folder: names that differ only in what they end with belong together, in its order. That is a number \
 (shot_1.png shot_2.png; IMG_0417.tif IMG_0418.tif IMG_0419.tif IMG_0420.tif are two pairs), _near and _far, or _a and \
-_b; the first is I1. Where the folder holds folders and no photographs, the rule holds in each of them. A photograph \
-that is left over is an error.
+_b; the first is I1. A photograph that is left over is an error. Where the folder holds folders and no photographs, the \
+rule holds in each of them, but that one with three or more whose names differ in nothing but a number is a focus \
+sweep, in the order of the numbers.
 
 A manifest is CSV, lines of I1,I2 or I1,I2,NAME (a header is allowed, # begins a comment), or JSON lines, \
-{\"i1\": FILE, \"i2\": FILE, \"name\": NAME}, the name optional. Its paths are relative to its own folder.";
-
-/// Endings of the names of photographs.
-const ENDINGS: [&str; 11] = ["png", "jpg", "jpeg", "tif", "tiff", "exr", "pnm", "pgm", "ppm", "pam", "pfm"];
+{\"i1\": FILE, \"i2\": FILE, \"name\": NAME}, the name optional; {\"sweep\": FOLDER} or {\"sweep\": [FILE, ...]} is a focus \
+sweep. Its paths are relative to its own folder.";
 
 /// The most bytes of a manifest that are read, 64 MiB.
 const MAX_BYTES: u64 = 64 << 20;
 
 /// The pairs of a folder or a manifest; results in `out` are not taken for photographs.
-pub(super) fn find(source: &Path, out: &Path) -> Result<Vec<Pair>, Failure> {
+pub(super) fn find(source: &Path, out: &Path) -> Result<Vec<Group>, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", source.display()));
     let pairs: Vec<Candidate> = if source.is_dir() {
         of_folder(source, out)?.into_iter().map(Candidate::of_folder).collect()
@@ -53,48 +51,27 @@ pub(super) fn find(source: &Path, out: &Path) -> Result<Vec<Pair>, Failure> {
     }
 }
 
-fn of_folder(folder: &Path, out: &Path) -> Result<Vec<Pair>, Failure> {
+fn of_folder(folder: &Path, out: &Path) -> Result<Vec<Group>, Failure> {
     let (files, folders) = list(folder)?;
     if !files.is_empty() {
         return by_name(&files).map_err(|problem| Failure::Failed(format!("{}: {problem}", folder.display())));
     }
     let mut pairs = Vec::new();
     for inner in folders.iter().filter(|inner| !super::same_file(inner, out)) {
-        let found =
-            by_name(&list(inner)?.0).map_err(|problem| Failure::Failed(format!("{}: {problem}", inner.display())))?;
         let folder_name = inner.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let files = list(inner)?.0;
+        if let Some(files) = as_sweep(&files) {
+            pairs.push(Group { name: folder_name, files });
+            continue;
+        }
+        let found = by_name(&files).map_err(|problem| Failure::Failed(format!("{}: {problem}", inner.display())))?;
         let only = found.len() == 1;
         pairs.extend(found.into_iter().map(|pair| {
             let name = if only { folder_name.clone() } else { format!("{folder_name}-{}", pair.name) };
-            Pair { name, ..pair }
+            Group { name, ..pair }
         }));
     }
     Ok(pairs)
-}
-
-/// The photographs and the folders in a folder, sorted; hidden ones and results are passed over.
-pub(super) fn list(folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Failure> {
-    let failed = |e| Failure::Failed(format!("{}: cannot be listed ({e}); check its permissions", folder.display()));
-    let (mut files, mut folders) = (Vec::new(), Vec::new());
-    for entry in fs::read_dir(folder).map_err(failed)? {
-        let path = entry.map_err(failed)?.path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-        let is_input = SIMULATED_FILES[..2].contains(&name.as_str());
-        let results = FILES.iter().chain(&EXTRA_FILES).chain(&SIMULATED_FILES).chain(&SWEEP_FILES).chain(&[DEPTH_FILE]);
-        let is_profile = name.starts_with("profile_") && name.ends_with(".png");
-        let is_result = results.into_iter().any(|result| *result == name) && !is_input || is_profile;
-        if name.starts_with('.') || is_result {
-            continue;
-        } else if path.is_dir() {
-            folders.push(path);
-        } else if ENDINGS.contains(&ending.as_str()) {
-            files.push(path);
-        }
-    }
-    files.sort();
-    folders.sort();
-    Ok((files, folders))
 }
 
 /// What the name of a photograph ends with, which orders it among those that share the rest.
@@ -122,8 +99,21 @@ fn split(stem: &str) -> Option<(&str, Kind, u64)> {
     })
 }
 
+/// The files of a folder in the order of their numbers, where they are those of a sweep.
+fn as_sweep(files: &[PathBuf]) -> Option<Vec<PathBuf>> {
+    let stems: Vec<String> = files.iter().map(|file| stem(file)).collect();
+    let numbered = stems.iter().zip(files).map(|(stem, file)| {
+        let (rest, kind, number) = split(stem)?;
+        (kind == Kind::Number).then_some((rest, number, file))
+    });
+    let mut frames = numbered.collect::<Option<Vec<_>>>()?;
+    let is_sweep = frames.len() > 2 && frames.iter().all(|frame| frame.0 == frames[0].0);
+    frames.sort_by_key(|frame| frame.1);
+    is_sweep.then(|| frames.into_iter().map(|frame| frame.2.clone()).collect())
+}
+
 /// Pairs of files by their names.
-fn by_name(files: &[PathBuf]) -> Result<Vec<Pair>, String> {
+fn by_name(files: &[PathBuf]) -> Result<Vec<Group>, String> {
     let mut groups: BTreeMap<(String, Kind), BTreeMap<u64, &PathBuf>> = BTreeMap::new();
     for file in files {
         let stem = file.file_stem().unwrap_or_default().to_string_lossy();
@@ -141,7 +131,7 @@ fn by_name(files: &[PathBuf]) -> Result<Vec<Pair>, String> {
             let &[i1, i2] = two else { return Err(format!("{} is left over: {ENDS}", shown(two[0]))) };
             let trimmed = rest.trim_end_matches(['_', '-', '.', ' ']);
             let name = if members.len() == 2 && !trimmed.is_empty() { trimmed.to_string() } else { stem(i1) };
-            pairs.push(Pair { name, i1: i1.clone(), i2: i2.clone() });
+            pairs.push(Group { name, files: vec![i1.clone(), i2.clone()] });
         }
     }
     Ok(pairs)
@@ -162,11 +152,62 @@ fn stem(file: &Path) -> String {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Line {
-    i1: PathBuf,
-    i2: PathBuf,
+    #[serde(default)]
+    i1: Option<PathBuf>,
+    #[serde(default)]
+    i2: Option<PathBuf>,
+    #[serde(default)]
+    sweep: Option<Sweep>,
     #[serde(default)]
     name: Option<String>,
 }
+
+/// The frames of a sweep in order, or the folder that holds them.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Sweep {
+    Folder(PathBuf),
+    Frames(Vec<PathBuf>),
+}
+
+impl Line {
+    fn of_pair(i1: &str, i2: &str, name: Option<&str>) -> Self {
+        Self { i1: Some(i1.into()), i2: Some(i2.into()), sweep: None, name: name.map(String::from) }
+    }
+
+    /// Its files, and the name that it has without one that is stated; `folder` is that of the manifest.
+    fn files(self, folder: &Path) -> Result<(Vec<PathBuf>, String), String> {
+        let is_pair = self.sweep.is_none();
+        let (files, name): (Vec<PathBuf>, _) = match (self.i1, self.i2, self.sweep) {
+            (Some(i1), Some(i2), None) => (vec![folder.join(&i1), folder.join(i2)], stem(&i1)),
+            (None, None, Some(Sweep::Frames(frames))) => {
+                let name = frames.first().map(|first| stem(first)).unwrap_or_default();
+                (frames.iter().map(|frame| folder.join(frame)).collect(), name)
+            }
+            (None, None, Some(Sweep::Folder(path))) => {
+                let path = folder.join(path);
+                if !path.is_dir() {
+                    return Err(format!(
+                        "there is no folder {}; give that of the frames, or a list of them",
+                        path.display()
+                    ));
+                }
+                (
+                    frames::of_sweep(std::slice::from_ref(&path), true).map_err(|failure| failure.message())?,
+                    shown(&path),
+                )
+            }
+            _ => return Err(format!("is not {JSON}")),
+        };
+        if !is_pair && files.len() < 3 {
+            return Err(format!("has {} frames, and a sweep has three or more", files.len()));
+        }
+        Ok((files, name))
+    }
+}
+
+/// A line of JSON.
+const JSON: &str = "{\"i1\": FILE, \"i2\": FILE, \"name\": NAME} or {\"sweep\": FOLDER, \"name\": NAME}";
 
 fn of_manifest(file: &Path) -> Result<Vec<Candidate>, Failure> {
     use std::io::Read;
@@ -182,7 +223,7 @@ fn of_manifest(file: &Path) -> Result<Vec<Candidate>, Failure> {
     let folder = file.parent().unwrap_or(Path::new(""));
     let (mut pairs, mut given) = (Vec::new(), HashMap::new());
     for (number, line) in lines.map_err(|(number, problem)| failed(format!("line {number}: {problem}")))? {
-        let name = line.name.filter(|name| !name.is_empty());
+        let name = line.name.clone().filter(|name| !name.is_empty());
         if let Some(name) = name.as_ref().filter(|name| !is_folder_name(name) || name.contains(':')) {
             return Err(failed(format!("line {number}: '{name}' cannot name a folder; give a name without slashes")));
         }
@@ -192,8 +233,8 @@ fn of_manifest(file: &Path) -> Result<Vec<Candidate>, Failure> {
             return Err(failed(format!("line {number}: '{name}' is the name in line {other} already; give another")));
         }
         let is_given = name.is_some();
-        let name = name.unwrap_or_else(|| stem(&line.i1));
-        let pair = Pair { name, i1: folder.join(line.i1), i2: folder.join(line.i2) };
+        let (files, otherwise) = line.files(folder).map_err(|problem| failed(format!("line {number}: {problem}")))?;
+        let pair = Group { name: name.unwrap_or(otherwise), files };
         pairs.push(Candidate { pair, line: Some(number), is_given });
     }
     Ok(pairs)
@@ -208,7 +249,7 @@ fn is_folder_name(name: &str) -> bool {
 
 /// A pair whose name is not settled.
 struct Candidate {
-    pair: Pair,
+    pair: Group,
     /// Of the manifest.
     line: Option<usize>,
     /// Whether the name is stated, and not that of a photograph.
@@ -216,13 +257,13 @@ struct Candidate {
 }
 
 impl Candidate {
-    fn of_folder(pair: Pair) -> Self {
+    fn of_folder(pair: Group) -> Self {
         Self { pair, line: None, is_given: false }
     }
 
     /// Where it stands.
     fn place(&self) -> String {
-        let i1 = self.pair.i1.display();
+        let i1 = self.pair.files[0].display();
         self.line.map_or_else(|| i1.to_string(), |line| format!("line {line}, {i1}"))
     }
 }
@@ -235,7 +276,7 @@ fn json_lines(text: &str) -> Lines {
     lines
         .map(|(i, line)| match serde_json::from_str(line) {
             Ok(parsed) => Ok((i + 1, parsed)),
-            Err(e) => Err((i + 1, format!("is not {{\"i1\": FILE, \"i2\": FILE, \"name\": NAME}} ({e})"))),
+            Err(e) => Err((i + 1, format!("is not {JSON} ({e})"))),
         })
         .collect()
 }
@@ -259,10 +300,10 @@ fn csv_lines(text: &str) -> Lines {
         match cells.as_slice() {
             _ if is_header => {}
             [i1, i2] | [i1, i2, ""] if !i1.is_empty() && !i2.is_empty() => {
-                lines.push((number, Line { i1: i1.into(), i2: i2.into(), name: None }));
+                lines.push((number, Line::of_pair(i1, i2, None)));
             }
             [i1, i2, name] if !i1.is_empty() && !i2.is_empty() => {
-                lines.push((number, Line { i1: i1.into(), i2: i2.into(), name: Some(name.to_string()) }));
+                lines.push((number, Line::of_pair(i1, i2, Some(name))));
             }
             _ => return Err((number, "is not I1,I2 or I1,I2,NAME".to_string())),
         }
@@ -272,13 +313,13 @@ fn csv_lines(text: &str) -> Lines {
 
 /// Gives pairs of one name the name of the folder of I1 too, unless it is stated, and refuses what is then still alike, or
 /// names no folder.
-fn named_apart(mut pairs: Vec<Candidate>) -> Result<Vec<Pair>, String> {
+fn named_apart(mut pairs: Vec<Candidate>) -> Result<Vec<Group>, String> {
     let mut count: HashMap<String, usize> = HashMap::new();
     pairs.iter().for_each(|Candidate { pair, .. }| *count.entry(pair.name.to_lowercase()).or_default() += 1);
     for Candidate { pair, .. } in pairs.iter_mut().filter(|c| !c.is_given && count[&c.pair.name.to_lowercase()] > 1) {
-        let folder = pair.i1.parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
+        let folder = pair.files[0].parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
         let folder = folder.filter(|name| is_folder_name(name)).map_or(String::new(), |name| format!("{name}-"));
-        pair.name = format!("{folder}{}", stem(&pair.i1));
+        pair.name = format!("{folder}{}", stem(&pair.files[0]));
     }
     let mut seen: HashMap<String, &Candidate> = HashMap::new();
     for candidate in &pairs {
@@ -302,7 +343,7 @@ mod tests {
 
     fn names(files: &[&str]) -> Result<Vec<String>, String> {
         let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
-        let show = |p: Pair| format!("{} {} {}", p.name, p.i1.display(), p.i2.display());
+        let show = |p: Group| format!("{} {} {}", p.name, p.files[0].display(), p.files[1].display());
         by_name(&files).map(|pairs| pairs.into_iter().map(show).collect())
     }
 
@@ -328,7 +369,7 @@ mod tests {
         }
     }
 
-    fn manifest(text: &str) -> Result<Vec<Pair>, String> {
+    fn manifest(text: &str) -> Result<Vec<Group>, String> {
         let folder = TempDir::new().unwrap();
         let file = folder.path().join("list");
         fs::write(&file, text).unwrap();
@@ -347,7 +388,7 @@ mod tests {
         ] {
             let pairs = manifest(text).unwrap();
             assert_eq!(pairs.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["one", "a"]);
-            assert!(pairs[0].i1.ends_with("x/a.png") && pairs[0].i1.is_absolute());
+            assert!(pairs[0].files[0].ends_with("x/a.png") && pairs[0].files[0].is_absolute());
         }
         let pairs = manifest("x/i1.png,x/i2.png\ny/i1.png,y/i2.png\n").unwrap();
         assert_eq!(pairs.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["x-i1", "y-i1"]);

@@ -1,10 +1,9 @@
-//! What came of each pair of a batch: a table for people, `batch.json` for programs.
+//! What came of each pair and sweep of a batch: a table for people, `batch.json` for programs.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use parfocal::export::Report;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -17,17 +16,28 @@ pub(super) const SUMMARY: &str = "batch.json";
 #[derive(Debug, Default, Deserialize, Serialize)]
 #[serde(default)]
 pub(super) struct Found {
-    converged: bool,
+    /// Of a pair.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    converged: Option<bool>,
     warnings: Vec<String>,
+    /// Of a pair.
+    #[serde(skip_serializing_if = "Value::is_null")]
     relative_blur: Value,
+    /// Of a sweep.
+    #[serde(skip_serializing_if = "Value::is_null")]
+    focus: Value,
     valid_fraction: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     mean_confidence: Option<f64>,
+    #[serde(skip_serializing_if = "Value::is_null")]
     transform: Value,
     #[serde(skip_serializing)]
     timings_ms: Value,
+    #[serde(skip_serializing)]
+    total_ms: Option<f64>,
 }
 
-/// What became of a pair.
+/// What became of it.
 #[derive(Debug, Serialize)]
 #[serde(tag = "status", rename_all = "snake_case")]
 pub(super) enum Outcome {
@@ -43,7 +53,7 @@ pub(super) enum Outcome {
 
 impl Outcome {
     /// Of a report just written.
-    pub(super) fn solved(report: &Report) -> Self {
+    pub(super) fn solved(report: &impl Serialize) -> Self {
         let found = serde_json::to_value(report).ok().and_then(|value| serde_json::from_value(value).ok());
         Self::Solved(found.unwrap_or_default())
     }
@@ -76,21 +86,33 @@ impl Outcome {
     }
 }
 
-/// A pair of the batch.
+/// A pair or a sweep of the batch.
 #[derive(Debug, Serialize)]
 pub(super) struct Row {
     name: String,
-    i1: String,
-    i2: String,
+    #[serde(flatten)]
+    files: Files,
     output: String,
     #[serde(flatten)]
     outcome: Outcome,
 }
 
+/// The photographs of a row.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Files {
+    Pair { i1: String, i2: String },
+    Sweep { frames: Vec<String> },
+}
+
 impl Row {
-    pub(super) fn new(name: &str, [i1, i2]: [&Path; 2], output: &Path, outcome: Outcome) -> Self {
-        let [i1, i2, output] = [i1, i2, output].map(|path| path.display().to_string());
-        Self { name: name.to_string(), i1, i2, output, outcome }
+    pub(super) fn new(name: &str, files: &[PathBuf], output: &Path, outcome: Outcome) -> Self {
+        let shown = |path: &PathBuf| path.display().to_string();
+        let files = match files {
+            [i1, i2] => Files::Pair { i1: shown(i1), i2: shown(i2) },
+            frames => Files::Sweep { frames: frames.iter().map(shown).collect() },
+        };
+        Self { name: name.to_string(), files, output: output.display().to_string(), outcome }
     }
 
     pub(super) fn name(&self) -> &str {
@@ -114,14 +136,22 @@ impl Row {
         let number = |value: Option<f64>, digits: usize, unit: &str| {
             value.map_or_else(String::new, |v| format!("{v:.digits$}{unit}"))
         };
-        let converged = found.map_or("", |f| if f.converged { "converged" } else { "not converged" });
+        let converged = found.map_or("", |f| match f.converged {
+            None => "sweep",
+            Some(true) => "converged",
+            Some(false) => "not converged",
+        });
+        let of_sweep = found.and_then(|f| f.focus["median"].as_f64());
         [
             self.name.clone(),
             self.outcome.status().to_string(),
             converged.to_string(),
-            number(found.and_then(|f| f.relative_blur["median"].as_f64()), 2, " px²"),
+            match of_sweep {
+                Some(_) => number(of_sweep, 2, " focus"),
+                None => number(found.and_then(|f| f.relative_blur["median"].as_f64()), 2, " px²"),
+            },
             number(found.and_then(|f| f.valid_fraction).map(|f| 100.0 * f), 1, " %"),
-            number(found.and_then(|f| f.timings_ms["total"].as_f64()), 0, " ms"),
+            number(found.and_then(|f| f.timings_ms["total"].as_f64().or(f.total_ms)), 0, " ms"),
         ]
     }
 }
@@ -164,7 +194,7 @@ impl Tally {
 
     /// The table, the warnings, the failures and a line that sums up, without a newline at the end.
     pub(super) fn table(&self, out: &Path) -> String {
-        let head = ["pair", "", "", "median V", "valid", "time"].map(String::from);
+        let head = ["name", "", "", "median", "valid", "time"].map(String::from);
         let rows: Vec<[String; 6]> = std::iter::once(head).chain(self.pairs.iter().map(Row::cells)).collect();
         let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
         let widths: Vec<usize> = (0..6).map(width).collect();
@@ -201,7 +231,8 @@ impl Tally {
     /// Fails if the batch did, in whole or in part.
     pub(super) fn check(&self, strict: bool) -> Result<(), Failure> {
         let all = self.pairs.len();
-        let doubtful = |row: &&Row| row.outcome.found().is_some_and(|f| !f.converged || !f.warnings.is_empty());
+        let doubtful =
+            |row: &&Row| row.outcome.found().is_some_and(|f| f.converged == Some(false) || !f.warnings.is_empty());
         let doubts = self.pairs.iter().filter(doubtful).count();
         if self.interrupted {
             let done = all - self.not_done;

@@ -159,3 +159,55 @@ fn an_interrupt_ends_it_whole() {
         assert_eq!(folder.exists(), row["status"] == "solved", "{row}");
     }
 }
+
+#[test]
+fn folders_of_a_folder_may_be_sweeps_and_one_that_fails_takes_none_with_it() {
+    let desk = Desk::new(&[]);
+    let scene = ["simulate", "relief", "--frames", "4", "--size", "96x72", "--quiet", "-o"];
+    for name in ["good", "bad"] {
+        let output = desk.command().args(scene).arg(desk.path("shots").join(name)).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+    fs::create_dir(desk.path("shots/pair")).unwrap();
+    for name in ["i1.png", "i2.png"] {
+        fs::copy(desk.path("scene").join(name), desk.path("shots/pair").join(name)).unwrap();
+    }
+    fs::copy(desk.path("scene/i1.png"), desk.path("shots/bad/frame_02.png")).unwrap();
+    let tally = desk.tally("shots", &[], 1);
+    assert_eq!(statuses(&tally), ["bad failed", "good solved", "pair solved"]);
+    let [bad, good, pair] = [0, 1, 2].map(|n| &tally["pairs"][n]);
+    assert!(bad["error"].as_str().unwrap().contains("frame 2 is 80x64"), "{bad}");
+    assert!(
+        good["frames"][3].as_str().unwrap().ends_with("frame_04.png") && good["focus"]["median"].is_f64(),
+        "{good}"
+    );
+    assert!(good.get("i1").is_none() && pair["i1"].is_string() && pair["converged"].is_boolean(), "{pair}");
+    let written = |name: &str| desk.path("out/good").join(name).is_file();
+    assert!(written("focus.exr") && written("report.html") && written("valid.png"));
+
+    assert_eq!(statuses(&desk.tally("shots", &["--resume"], 1)), ["bad failed", "good kept", "pair kept"]);
+    fs::remove_file(desk.path("out/good/focus.exr")).unwrap();
+    fs::copy(desk.path("shots/good/frame_02.png"), desk.path("shots/bad/frame_02.png")).unwrap();
+    assert_eq!(statuses(&desk.tally("shots", &["--resume"], 0)), ["bad solved", "good solved", "pair kept"]);
+    let again = desk.tally("shots", &["--resume", "--export", "depth16"], 0);
+    assert_eq!(statuses(&again), ["bad solved", "good solved", "pair solved"]);
+    let output = desk.batch("shots", &["--method", "sift"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && told.contains("--method"), "{told}");
+
+    let lines = "{\"sweep\": \"shots/good\", \"name\": \"a\"}\n\
+                 {\"sweep\": [\"shots/good/frame_01.png\", \"shots/good/frame_02.png\", \"shots/good/frame_03.png\"]}\n\
+                 {\"i1\": \"scene/i1.png\", \"i2\": \"scene/i2.png\"}\n";
+    fs::write(desk.path("list.jsonl"), lines).unwrap();
+    assert_eq!(statuses(&desk.tally("list.jsonl", &[], 0)), ["a solved", "frame_01 solved", "i1 solved"]);
+    for (line, words) in [
+        ("{\"sweep\": [\"shots/good/frame_01.png\"]}", "three or more"),
+        ("{\"sweep\": \"shots/good\", \"i1\": \"scene/i1.png\"}", "line 1: is not {"),
+        ("{\"sweep\": \"nowhere\"}", "nowhere"),
+    ] {
+        fs::write(desk.path("list.jsonl"), line).unwrap();
+        let output = desk.batch("list.jsonl", &[]);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && told.contains(words), "{told}");
+    }
+}
