@@ -2,24 +2,26 @@
 
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{self, registered_ending, registered_kind, write_registered};
+use parfocal::export::{self, SweepPlaces, registered_ending, registered_kind, write_registered};
 use parfocal::image_io::Photograph;
-use parfocal::{Brightness, image_io, resample};
+use parfocal::{Brightness, Depth, Frame, image_io, resample};
 
 use super::failure::Failure;
+use super::frames;
 use super::output::{self, ForceArgument};
 use super::told::ToldArguments;
 
-/// Bring other photographs of I2's camera onto the pixels of I1, by a registration that is known.
+/// Bring other photographs of I2's camera, or all frames of a sweep, onto the pixels of the reference.
 ///
-/// Such as other lights, or other channels.
+/// By a registration that is known: photographs with other lights, or other channels. Of a sweep one for each frame, in
+/// order, all or none.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Exit status: 0 done, 1 failed, 2 wrong usage.")]
 pub(super) struct Arguments {
-    /// The photographs, of the size of the pair that was registered
+    /// The photographs, of the size of those that were registered; of a sweep their folder will do
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
-    /// The registration: a report.json, what register wrote, or its transform object
+    /// The registration: a report.json of a pair or a sweep, what register wrote, or its transform object
     #[arg(long, value_name = "FILE")]
     transform: PathBuf,
     /// Folder for the results, each of the name of its image; made if it is missing
@@ -36,23 +38,20 @@ pub(super) struct Arguments {
 
 /// Reads, moves and writes one photograph after the other.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(places) = export::read_sweep_places(&arguments.transform)? {
+        return of_sweep(arguments, &places);
+    }
     let (transform, photometric) = export::read_transform(&arguments.transform)?;
     let photometric = photometric.filter(|_| arguments.exposure);
     if arguments.exposure && photometric.is_none() {
         let file = arguments.transform.display();
         return Err(Failure::Failed(format!("{file}: states no gain and offset; leave out --exposure")));
     }
-    let names = check(arguments)?;
+    let names = check(arguments, &arguments.images)?;
     let export::PairOf { size, region, shading, decode } = export::read_pair_of(&arguments.transform)?;
     for (path, file) in arguments.images.iter().zip(&names) {
         let frame = image_io::read(path)?;
-        let found = (frame.width(), frame.height());
-        if let Some(size) = size.filter(|size| (size.width, size.height) != found) {
-            let (file, path) = (arguments.transform.display(), path.display());
-            let (registered, found) = (format!("{}x{}", size.width, size.height), format!("{}x{}", found.0, found.1));
-            let problem = format!("is {found}, and {file} registers images of {registered}; resize it first");
-            return Err(Failure::Failed(format!("{path}: {problem}")));
-        }
+        check_size(arguments, path, [frame.width(), frame.height()], size.map(|size| [size.width, size.height]))?;
         if *file != place(path, registered_ending(frame.format().depth))? {
             return Err(Failure::Failed(format!("{}: was replaced meanwhile; run it again", path.display())));
         }
@@ -68,17 +67,69 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         write_registered(arguments.force.to(&arguments.output), file, &moved)?;
         arguments.told.say(&arguments.output.join(file).display().to_string());
     }
+    list(arguments, &names)
+}
+
+/// The same of all frames of a sweep.
+fn of_sweep(arguments: &Arguments, places: &SweepPlaces) -> Result<(), Failure> {
+    let images = frames::of_sweep(&arguments.images, false)?;
+    if images.len() != places.frames.len() {
+        let (file, stated) = (arguments.transform.display(), places.frames.len());
+        let problem = format!("registers {stated} frames, and {} images are given; give one for each", images.len());
+        return Err(Failure::Usage(format!("{file}: {problem}")));
+    }
+    let names = check(arguments, &images)?;
+    let depth = Photograph::open(&images[0])?.depth();
+    let one = |n: usize| moved(arguments, places, &images[n], n, depth).map(|frame| (names[n].clone(), frame));
+    let moved = (0..images.len()).map(one);
+    export::write_all_registered(arguments.force.to(&arguments.output), depth, moved)?;
+    names.iter().for_each(|file| arguments.told.say(&arguments.output.join(file).display().to_string()));
+    list(arguments, &names)
+}
+
+/// One of them on the pixels of the reference.
+fn moved(arguments: &Arguments, places: &SweepPlaces, path: &Path, n: usize, depth: Depth) -> Result<Frame, Failure> {
+    let frame = image_io::read(path)?;
+    check_size(arguments, path, [frame.width(), frame.height()], Some(places.size))?;
+    if registered_kind(frame.format().depth) != registered_kind(depth) {
+        return Err(of_file(path, "is in other samples than the first; save all in integers, or all in floats"));
+    }
+    let (transform, brightness) = places.frames[n];
+    let brightness = if arguments.exposure { brightness } else { Brightness::unchanged(places.size) };
+    let moved = match n == places.reference {
+        true => frame,
+        false => resample::registered(&frame, &transform, &brightness, places.decode),
+    };
+    match places.region {
+        Some(region) => moved.cropped(region).map_err(|problem| of_file(&arguments.transform, problem)),
+        None => Ok(moved),
+    }
+}
+
+/// Refuses a photograph of another size than those that were registered.
+fn check_size(arguments: &Arguments, path: &Path, found: [u32; 2], size: Option<[u32; 2]>) -> Result<(), Failure> {
+    let Some([width, height]) = size.filter(|size| *size != found) else { return Ok(()) };
+    let (file, [w, h]) = (arguments.transform.display(), found);
+    Err(of_file(path, format!("is {w}x{h}, and {file} registers images of {width}x{height}; resize it first")))
+}
+
+fn of_file(path: &Path, problem: impl std::fmt::Display) -> Failure {
+    Failure::Failed(format!("{}: {problem}", path.display()))
+}
+
+/// Tells a program which files there are.
+fn list(arguments: &Arguments, names: &[String]) -> Result<(), Failure> {
     let files: Vec<String> = names.iter().map(|file| arguments.output.join(file).display().to_string()).collect();
     arguments.told.json(|| serde_json::to_string(&serde_json::json!({ "files": files })))
 }
 
 /// The names of the results; refuses, before the first is written, those that would replace one another, an input, or what
 /// is not ours. Of the photographs only headers are looked at, and none is kept: there may be many.
-fn check(arguments: &Arguments) -> Result<Vec<String>, Failure> {
+fn check(arguments: &Arguments, images: &[PathBuf]) -> Result<Vec<String>, Failure> {
     output::check_folder(&arguments.output)?;
-    let inputs: Vec<&PathBuf> = arguments.images.iter().chain([&arguments.transform]).collect();
+    let inputs: Vec<&PathBuf> = images.iter().chain([&arguments.transform]).collect();
     let mut names: Vec<String> = Vec::new();
-    for path in &arguments.images {
+    for path in images {
         let depth = Photograph::open(path)?.depth();
         let name = place(path, registered_ending(depth))?;
         if names.contains(&name) {

@@ -1,27 +1,34 @@
-//! `parfocal register`: two photographs in, registration alone out.
+//! `parfocal register`: two photographs, or the frames of a sweep, in, registration alone out.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use parfocal::export::{self, FileKind, RegistrationReport};
+use parfocal::export::{self, FileKind, RegistrationReport, SweepFrame, SweepRegistration};
+use parfocal::focus_stack::SweepOptions;
 use parfocal::image_io::Photograph;
-use parfocal::{Kernel, Method, Solver};
+use parfocal::{Kernel, Method, Settings, Solver};
 
 use super::failure::Failure;
-use super::headings::{OUTPUT, REGISTRATION};
+use super::frames;
+use super::headings::{INPUT, OUTPUT, REGISTRATION};
 use super::help::AFTER_HELP;
 use super::output::{self, ForceArgument};
-use super::pair::{self, PairArguments};
+use super::pair;
 use super::run::RunArguments;
 use super::settings::SettingsArguments;
 use super::summary::{Bar, registration_summary};
+use super::sweep_work;
 
-/// Register two photographs of one scene: where each pixel of I1 lies in I2, and how they differ in exposure.
+/// Register two photographs of one scene, or a focus sweep: where pixels lie in each, and how they differ in exposure.
 #[derive(clap::Args, Debug)]
 #[command(after_long_help = AFTER_HELP)]
 pub(super) struct Arguments {
-    #[command(flatten)]
-    pair: PairArguments,
+    /// I1, whose pixels count, and I2; or three or more frames of a sweep, in order; or their folder
+    #[arg(required = true, num_args = 1.., value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+    /// Of a sweep, the frame on whose pixels the others are brought, counted from 1; the middle one without it
+    #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
+    reference: Option<u32>,
     #[command(flatten)]
     settings: SettingsArguments,
     /// How to register
@@ -64,7 +71,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         // No blur is looked for: no memory for it.
         (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
     }
-    let files = arguments.pair.files();
+    let files = match <[PathBuf; 2]>::try_from(arguments.images.clone()) {
+        Ok(files) if arguments.reference.is_none() => files,
+        _ => return of_sweep(arguments, &settings),
+    };
     check_output(arguments, &files)?;
     let (photographs, inputs) = pair::open(&files)?;
     let values = arguments.settings.decoding().of(&inputs)?;
@@ -85,6 +95,40 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     run.told.tell(&registration_summary(&report, arguments.output.as_deref()), || report.to_json())?;
     run.check_strict(report.converged, &report.warnings)
+}
+
+/// The same of a sweep.
+fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
+    if settings.method != Method::Unified {
+        return Err(Failure::Usage("--method is of pairs; a sweep is registered together with the blur".to_string()));
+    }
+    let files = frames::of_sweep(&arguments.images, false)?;
+    let reference = arguments.reference.map(|n| n as usize - 1);
+    let fits = SweepOptions { reference, settings: settings.clone(), ..SweepOptions::default() }.check(files.len());
+    fits.map_err(|e| Failure::Usage(e.to_string()))?;
+    check_output(arguments, &files)?;
+    let (run, decoding) = (&arguments.run, arguments.settings.decoding());
+    let found = sweep_work::register(run, settings, &decoding, &files, reference)?;
+    if let Some(file) = &arguments.output {
+        export::write_sweep_registration(arguments.force.to(file), &found)?;
+    }
+    run.told.tell(&sweep_summary(&found, arguments.output.as_deref()), || serde_json::to_string_pretty(&found))?;
+    run.check_strict(true, &found.warnings)
+}
+
+/// A line a frame, without a newline at the end.
+fn sweep_summary(found: &SweepRegistration, file: Option<&Path>) -> String {
+    let frame = |(n, frame): (usize, &SweepFrame)| {
+        let ([x, y], t) = (frame.transform.translation(), &frame.transform);
+        let (rotation, scale, gain) = (t.rotation_deg(), t.scale(), frame.photometric.gain);
+        let note = if n == found.reference { "  (reference)" } else { "" };
+        let name = pair::name(Path::new(&frame.file));
+        format!("{name}  {x:+.3} {y:+.3} px, {rotation:+.4}°, scale {scale:.5}, gain {gain:.4}{note}")
+    };
+    let mut lines: Vec<String> = found.frames.iter().enumerate().map(frame).collect();
+    lines.extend(found.warnings.iter().map(|warning| format!("warning    {warning}")));
+    lines.extend(file.map(|file| format!("results    {}", file.display())));
+    lines.join("\n")
 }
 
 /// Refuses a file that cannot be one, or that is an input, before any work is done.

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use parfocal::Method;
 use parfocal::export::{RangeReport, SweepReport};
 use parfocal::focus_stack::Positions;
@@ -91,11 +90,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     sweep_work::check(&request, &job)?;
     let Some(read) = sweep_work::read(&request, &job, |_| Ok(false))? else { return Ok(()) };
     let engine = request.run.open_engine()?;
-    let bar = bar(request.run.told.shows_progress());
-    let mut say = |done, levels| {
-        bar.set_length(levels as u64);
-        bar.set_position(done as u64);
-    };
+    let bar = sweep_work::bar(request.run.told.shows_progress());
+    let mut say = |done, levels| sweep_work::show(&bar, done, levels);
     let solved = sweep_work::solve(&engine, &read, &mut say).map_err(|e| Failure::of_solve(e, &job.files[0]))?;
     bar.finish_and_clear();
     super::check_validation(&engine)?;
@@ -123,13 +119,6 @@ fn request(arguments: &Arguments) -> Result<Request, Failure> {
     };
     request.check()?;
     Ok(request)
-}
-
-fn bar(shown: bool) -> ProgressBar {
-    let target = if shown { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    let bar = ProgressBar::with_draw_target(None, target);
-    bar.set_style(ProgressStyle::default_bar());
-    bar
 }
 
 /// The few lines of a sweep, without a newline at the end.

@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use parfocal::export::{
-    self, DEPTH_FILE, Depth16, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Measurable, PAGE_FILE, SWEEP_FILES,
-    SweepReport, sweep_files,
+    self, DEPTH_FILE, Depth16, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Measurable, Nearer, PAGE_FILE,
+    SWEEP_FILES, SweepRegistration, SweepReport, sweep_files,
 };
 use parfocal::figure::PEN;
 use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
@@ -15,6 +16,8 @@ use parfocal::{Depth, DeviceInfo, Engine, Error, Frame, Method, Settings};
 
 use super::failure::Failure;
 use super::request::Request;
+use super::run::RunArguments;
+use super::settings::Decoding;
 use super::{output, pair, places};
 
 /// What says what was solved, and lists the files.
@@ -145,9 +148,7 @@ pub(super) fn write(
     let nearer = places::nearer(request.nearer, &job.positions)?;
     let (decode, format) = (read.values.decode, read.frames[0].format());
     let look = Look { nearer, decode, formats: [format; 2], palette: request.palette, pen: Some(PEN) };
-    let files: Vec<String> = job.files.iter().map(|file| file.display().to_string()).collect();
-    let mut report = SweepReport::new(sweep, &files, nearer, device, *total_ms);
-    (report.values, report.validated, report.inputs) = (read.values, super::validation_asked(), read.inputs.clone());
+    let mut report = report(job, nearer, device, read, (sweep, *total_ms));
     report.request = job.digest(request)?;
     let measured = request.wanted.measure(&Measurable::of_sweep(sweep))?;
     report.measurements = (!request.wanted.is_empty()).then_some(measured);
@@ -168,4 +169,56 @@ pub(super) fn write(
     }
     export::write_sweep(request.force.to(&job.out), sweep, &report, &look, extras)?;
     Ok(report)
+}
+
+/// The report, but for what depends on which files are written.
+fn report(
+    job: &SweepJob,
+    nearer: Nearer,
+    device: &DeviceInfo,
+    read: &SweepFrames,
+    (sweep, total_ms): (&Sweep, f64),
+) -> SweepReport {
+    let files: Vec<String> = job.files.iter().map(|file| file.display().to_string()).collect();
+    let mut report = SweepReport::new(sweep, &files, nearer, device, total_ms);
+    (report.values, report.validated, report.inputs) = (read.values, super::validation_asked(), read.inputs.clone());
+    report
+}
+
+/// Where the frames of these files lie, by the settings.
+pub(super) fn register(
+    run: &RunArguments,
+    settings: &Settings,
+    decoding: &Decoding,
+    files: &[PathBuf],
+    reference: Option<usize>,
+) -> Result<SweepRegistration, Failure> {
+    let (positions, out) = (Positions::Counted, PathBuf::new());
+    let job = SweepJob { files: files.to_vec(), positions, reference, out };
+    let (started, (frames, inputs)) = (Instant::now(), decode(files)?);
+    let values = decoding.of(&inputs)?;
+    let settings = Settings { decode: values.decode, ..settings.clone() };
+    let options = SweepOptions { settings, reference, ..SweepOptions::default() };
+    let read = SweepFrames { frames, inputs, options, values, read_ms: started.elapsed().as_secs_f64() * 1e3 };
+    let engine = run.open_engine()?;
+    let bar = bar(run.told.shows_progress());
+    let solved = solve(&engine, &read, &mut |done, levels| show(&bar, done, levels));
+    bar.finish_and_clear();
+    let (sweep, total_ms) = solved.map_err(|e| Failure::of_solve(e, &files[0]))?;
+    super::check_validation(&engine)?;
+    Ok(report(&job, Nearer::default(), engine.info(), &read, (&sweep, total_ms)).into())
+}
+
+/// Progress over the levels of a sweep.
+pub(super) fn bar(shown: bool) -> ProgressBar {
+    let target = if shown { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let bar = ProgressBar::with_draw_target(None, target);
+    bar.set_style(ProgressStyle::default_bar());
+    bar
+}
+
+/// So many levels are done.
+pub(super) fn show(bar: &ProgressBar, done: usize, levels: usize) {
+    bar.set_length(levels as u64);
+    bar.set_position(done as u64);
 }

@@ -4,7 +4,10 @@ use std::fs;
 use std::process::Output;
 
 use assert_cmd::Command;
+use parfocal::export::read_sweep_places;
 use parfocal::image_io::{read, read_field};
+use parfocal::resample::registered;
+use parfocal::{Brightness, Decode};
 use serde_json::Value;
 
 use crate::stack::{SIZE, Sweep, depth, planes, slope};
@@ -226,6 +229,57 @@ fn a_part_has_the_results_that_it_has_in_the_whole_and_a_mask_leaves_holes() {
         (&["--crop-valid", "--step", "1,1,2,2", "3,3,2,2"], "--crop-valid moves"),
     ] {
         let refused = sweep.stack(extra);
+        assert!(!refused.status.success() && told(&refused).contains(words), "{}", told(&refused));
+    }
+}
+
+#[test]
+fn frames_are_registered_and_brought_onto_the_reference() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let run = |arguments: &[&str]| {
+        let mut command = Command::cargo_bin("parfocal").unwrap();
+        command.current_dir(folder.path()).args(arguments).output().unwrap()
+    };
+    let scene = ["simulate", "relief", "-o", "sweep", "--frames", "4", "--size", "120x90", "--quiet"];
+    done(&run(&[&scene[..], &["--breathing", "2", "--drift", "3"]].concat()));
+    let found = done(&run(&["register", "sweep", "-o", "rig.json", "--json"]));
+    let written: Value = serde_json::from_slice(&fs::read(path("rig.json")).unwrap()).unwrap();
+    assert_eq!(written["frames"].as_array().unwrap().len(), 4);
+    let solved = done(&run(&["stack", "sweep", "-o", "out", "--json", "--roi", "20,10,60,50"]));
+    let tx = |report: &Value, n: usize| report["frames"][n]["transform"]["tx_px"].as_f64().unwrap();
+    for n in 0..4 {
+        assert!((tx(&found, n) - tx(&written, n)).abs() < 1e-9 && (tx(&found, n) - tx(&solved, n)).abs() < 0.3);
+    }
+    let frames = [1, 2, 3, 4].map(|n| format!("sweep/frame_0{n}.png"));
+    let images = frames.each_ref().map(String::as_str);
+    done(&run(&[&["apply"], &images[..], &["--transform", "rig.json", "-o", "aligned", "--json"]].concat()));
+    let frame = |name: &str| read(&path(name)).unwrap();
+    assert_eq!(frame("aligned/frame_03.png"), frame("sweep/frame_03.png"), "the reference");
+    let (transform, none) = (read_sweep_places(&path("rig.json")).unwrap().unwrap().frames[0].0, [120, 90]);
+    let moved = registered(&frame(images[0]), &transform, &Brightness::unchanged(none), Decode::None);
+    let aligned = frame("aligned/frame_01.png");
+    assert_eq!(aligned.format(), frame(images[0]).format());
+    assert!(aligned == moved && aligned != frame(images[0]));
+
+    // A stack's report does as well, its part included, and a folder of frames.
+    let applied =
+        done(&run(&["apply", "sweep", "--transform", "out/report.json", "-o", "part", "--exposure", "--json"]));
+    assert_eq!(applied["files"].as_array().unwrap().len(), 4);
+    assert_eq!((frame("part/frame_01.png").width(), frame("part/frame_01.png").height()), (60, 50));
+    // An earlier registration is replaced, other files stay.
+    done(&run(&["register", "sweep", "-o", "rig.json", "--reference", "1", "--quiet"]));
+    let refused = run(&["register", "sweep", "-o", "sweep/truth.json"]);
+    assert!(!refused.status.success() && told(&refused).contains("--force"), "{}", told(&refused));
+
+    let refused = run(&[&["apply"], &images[..3], &["--transform", "rig.json", "-o", "few"]].concat());
+    assert!(!refused.status.success() && told(&refused).contains("registers 4 frames, and 3"), "{}", told(&refused));
+    image::GrayImage::new(9, 9).save(path("sweep/frame_04.png")).unwrap();
+    let refused = run(&["apply", "sweep", "--transform", "rig.json", "-o", "none"]);
+    assert!(!refused.status.success() && told(&refused).contains("frame_04.png: is 9x9"), "{}", told(&refused));
+    assert!(!path("none").exists(), "all or none");
+    for (extra, words) in [(&["--method", "sift"][..], "--method"), (&["--reference", "9"], "no reference frame 9")] {
+        let refused = run(&[&["register", "sweep"], extra].concat());
         assert!(!refused.status.success() && told(&refused).contains(words), "{}", told(&refused));
     }
 }

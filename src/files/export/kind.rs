@@ -53,8 +53,9 @@ impl FileKind {
 
 /// The report of a solve has all of it, and more.
 fn is_registration(found: &Value) -> bool {
-    let keys = ["version", "transform", "photometric", "levels", "timings_ms"];
-    keys.iter().all(|key| found.get(key).is_some()) && found.get("nearer").is_none()
+    let has = |keys: &[&str]| keys.iter().all(|key| found.get(key).is_some()) && found.get("nearer").is_none();
+    has(&["version", "transform", "photometric", "levels", "timings_ms"])
+        || has(&["version", "frames", "reference", "photograph", "total_ms"])
 }
 
 /// Other programs write this format too; ours begins with the host of a run.

@@ -29,6 +29,7 @@ mod single;
 mod solved;
 mod staging;
 mod sweep;
+mod sweep_registration;
 mod sweep_solved;
 #[cfg(test)]
 mod tests;
@@ -53,7 +54,7 @@ pub use measurements::{Measurable, Measurements, ProfileReport, Quantity, StepRe
 pub use metric::DEPTH_FILE;
 pub use palette::Palette;
 pub use pen::Pen;
-pub use registered::{registered_ending, registered_kind, write_registered};
+pub use registered::{registered_ending, registered_kind, write_all_registered, write_registered};
 pub use registration::{RegistrationReport, write_json, write_registration};
 pub use report::{
     DepthReport, DeviceReport, LevelReport, RangeReport, Report, ShadingReport, SizeReport, TextureReport,
@@ -65,6 +66,7 @@ pub use solved::Solved;
 pub use sweep::{
     SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, sweep_files, sweep_fused, sweep_surface, write_sweep,
 };
+pub use sweep_registration::{SweepPlaces, SweepRegistration, read_sweep_places, write_sweep_registration};
 pub use sweep_solved::SolvedSweep;
 pub use texture::Texture;
 pub use transform::{PairOf, read_pair_of, read_transform};

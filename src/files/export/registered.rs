@@ -31,6 +31,24 @@ pub fn write_registered<'d>(folder: impl Into<Destination<'d>>, name: &str, fram
     staging.place()
 }
 
+/// Writes frames as [`write_registered`] does, all of them or none; they are of one depth, each with the name of its file, and
+/// one is in memory at a time.
+///
+/// # Errors
+/// [`Error::File`]; those of the frames.
+pub fn write_all_registered<'d, E: From<Error>>(
+    folder: impl Into<Destination<'d>>,
+    depth: Depth,
+    frames: impl Iterator<Item = Result<(String, Frame), E>>,
+) -> Result<(), E> {
+    let mut staging = Staging::of_kind(folder.into(), registered_kind(depth))?;
+    for frame in frames {
+        let (name, frame) = frame?;
+        staging.add(&name, |w| write(w, &frame))?;
+    }
+    Ok(staging.place()?)
+}
+
 fn write(writer: impl Write + Seek, frame: &Frame) -> Result<(), String> {
     let size = (frame.width(), frame.height());
     let channels = frame.format().channels;

@@ -79,9 +79,14 @@ fn parse(text: &str) -> Result<(Homography, Option<Photometric>), String> {
         None | Some(Value::Null) => None,
         Some(value) => Some(part(value, "photometric")?),
     };
-    let asked = Settings { start, start_photometric: start_photometric.unwrap_or_default(), ..Settings::default() };
-    asked.check().map_err(|e| format!("cannot be started from: {e}"))?;
+    startable(start, start_photometric)?;
     Ok((start, start_photometric))
+}
+
+/// Refuses a registration that no solve could start from.
+pub(super) fn startable(start: Homography, photometric: Option<Photometric>) -> Result<(), String> {
+    let asked = Settings { start, start_photometric: photometric.unwrap_or_default(), ..Settings::default() };
+    asked.check().map_err(|e| format!("cannot be started from: {e}"))
 }
 
 fn part<T: DeserializeOwned>(value: &Value, name: &str) -> Result<T, String> {

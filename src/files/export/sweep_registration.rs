@@ -1,0 +1,127 @@
+//! Where the frames of a sweep lie, as JSON, and read again.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::results::read_report;
+use super::sweep::{SweepFrame, SweepReport};
+use super::transform::startable;
+use super::{Destination, FileKind, ShadingReport, SizeReport, write_json};
+use crate::base::{Brightness, Decode, Error, Homography, Photometric, Region};
+use crate::files::image_io::{Input, Values};
+
+/// The registration of the frames of a sweep; fields named as in its [`SweepReport`].
+#[derive(Clone, Debug, Serialize)]
+pub struct SweepRegistration {
+    /// Version of parfocal that wrote it.
+    pub version: &'static str,
+    /// The frames in order.
+    pub frames: Vec<SweepFrame>,
+    /// The frame on whose pixels the others are brought, from 0.
+    pub reference: usize,
+    /// Size of the frames, about whose centre the transforms are stated.
+    pub photograph: SizeReport,
+    /// How stored values became intensities.
+    pub decode: Decode,
+    /// The same, and on whose word.
+    pub values: Values,
+    /// What the user should know; a sentence each.
+    pub warnings: Vec<String>,
+    /// The files of the frames.
+    pub inputs: Vec<Input>,
+    /// From the first frame to the registration, ms.
+    pub total_ms: f64,
+}
+
+impl From<SweepReport> for SweepRegistration {
+    fn from(report: SweepReport) -> Self {
+        Self {
+            version: report.version,
+            frames: report.frames,
+            reference: report.reference,
+            photograph: report.photograph,
+            decode: report.decode,
+            values: report.values,
+            warnings: report.warnings,
+            inputs: report.inputs,
+            total_ms: report.total_ms,
+        }
+    }
+}
+
+/// Writes it into a file; an earlier registration is replaced, another file only where the [`Destination`] forces it.
+///
+/// # Errors
+/// [`Error::File`].
+pub fn write_sweep_registration<'d>(
+    file: impl Into<Destination<'d>>,
+    registration: &SweepRegistration,
+) -> Result<(), Error> {
+    write_json(file, FileKind::Registration, registration)
+}
+
+/// Where the frames of a sweep lie, from a file.
+#[derive(Clone, Debug)]
+pub struct SweepPlaces {
+    /// Of each frame, in order: where each pixel of the reference lies in it, and what brings it to the reference's
+    /// brightness.
+    pub frames: Vec<(Homography, Brightness)>,
+    /// The reference, from 0.
+    pub reference: usize,
+    /// Width and height of the frames.
+    pub size: [u32; 2],
+    /// The part of the reference that the results are of.
+    pub region: Option<Region>,
+    /// How stored values became intensities.
+    pub decode: Decode,
+}
+
+#[derive(Deserialize)]
+struct Stated {
+    frames: Vec<Frame>,
+    reference: usize,
+    photograph: Option<SizeReport>,
+    size: Option<SizeReport>,
+    region: Option<Region>,
+    decode: Decode,
+}
+
+#[derive(Deserialize)]
+struct Frame {
+    transform: Homography,
+    photometric: Photometric,
+    shading: ShadingReport,
+}
+
+/// Reads what `parfocal register` found of a sweep, or the report of one; `None` where the file states no frames, and may be
+/// of a pair.
+///
+/// # Errors
+/// [`Error::File`]: it cannot be read, or a value is out of range.
+pub fn read_sweep_places(path: &Path) -> Result<Option<SweepPlaces>, Error> {
+    // What is wrong with a file of neither kind, `read_transform` says.
+    let Ok(report) = read_report(path) else { return Ok(None) };
+    if !report.get("frames").is_some_and(serde_json::Value::is_array) {
+        return Ok(None);
+    }
+    let wrong = |problem: String| Error::file(path, format!("states no registration of a sweep ({problem})"));
+    let stated = Stated::deserialize(&report).map_err(|e| wrong(e.to_string()))?;
+    let Some(SizeReport { width, height }) = stated.photograph.or(stated.size) else {
+        return Err(wrong("no size of the frames".to_string()));
+    };
+    if stated.reference >= stated.frames.len() {
+        return Err(wrong(format!("{} frames, the reference {}", stated.frames.len(), stated.reference)));
+    }
+    let places = stated.frames.iter().map(|frame| {
+        startable(frame.transform, Some(frame.photometric)).map_err(wrong)?;
+        Ok((frame.transform, frame.shading.with(frame.photometric)))
+    });
+    Ok(Some(SweepPlaces {
+        frames: places.collect::<Result<_, Error>>()?,
+        reference: stated.reference,
+        size: [width, height],
+        region: stated.region,
+        decode: stated.decode,
+    }))
+}
