@@ -283,3 +283,40 @@ fn frames_are_registered_and_brought_onto_the_reference() {
         assert!(!refused.status.success() && told(&refused).contains(words), "{}", told(&refused));
     }
 }
+
+#[test]
+fn a_damaged_folder_is_refused_in_plain_words() {
+    let sweep = Sweep::new(3, planes);
+    done(&sweep.stack(&["--quiet", "--no-html"]));
+    let good = report(&sweep);
+    let json = sweep.out().join("report.json");
+    let damages: [(&str, Value); 6] = [
+        ("frames", serde_json::json!([])),
+        ("reference", 99.into()),
+        ("size", serde_json::json!({"width": 7, "height": 4_000_000})),
+        ("region", serde_json::json!({"x": 4_294_967_295u32, "y": 0, "width": 192, "height": 128})),
+        ("decode", "rot13".into()),
+        ("nearer", Value::Null),
+    ];
+    for (key, value) in damages {
+        let mut bad = good.clone();
+        bad[key] = value;
+        fs::write(&json, bad.to_string()).unwrap();
+        for (subcommand, extra) in [
+            ("view", &["--width", "64"][..]),
+            ("measure", &["--step", "1,1,9,9", "20,20,9,9"]),
+            ("depth", &["--focus-at", "1,2,3"]),
+        ] {
+            let output = on(&sweep, subcommand, extra);
+            let told = told(&output);
+            assert!(
+                output.status.code() == Some(1) && told.contains("again") && told.lines().count() == 1,
+                "{key}: {told}"
+            );
+        }
+    }
+    fs::write(&json, good.to_string()).unwrap();
+    fs::write(sweep.out().join("focus.exr"), "no image").unwrap();
+    let output = on(&sweep, "view", &[]);
+    assert!(!output.status.success() && told(&output).contains("focus.exr"), "{}", told(&output));
+}

@@ -63,6 +63,14 @@ impl Stated {
         if stated.frames.len() < 3 || stated.reference >= stated.frames.len() {
             return Err(format!("{} frames, the reference {}", stated.frames.len(), stated.reference));
         }
+        let SizeReport { width, height } = stated.size;
+        if let Some(part) = stated.region {
+            let whole = stated.photograph.unwrap_or(stated.size);
+            part.check((whole.width, whole.height)).map_err(|e| e.to_string())?;
+            if (part.width, part.height) != (width, height) {
+                return Err(format!("results of {width}x{height} of a part of {}x{}", part.width, part.height));
+            }
+        }
         Ok(stated)
     }
 
