@@ -40,7 +40,14 @@ impl Instance {
     pub(crate) fn new(validation: bool) -> Result<Arc<Self>, Error> {
         // SAFETY: loading the system's Vulkan loader runs its initialisers; it is the library that this crate exists to use.
         let entry = unsafe { ash::Entry::load() }.map_err(|e| Error::NoLoader(e.to_string()))?;
-        let failed = |call: &str, result: vk::Result| failure(call, "the Vulkan loader", result);
+        let failed = |call: &str, result: vk::Result| match result {
+            // What loaders say of a driver whose manifest is broken, or leads nowhere: so little of the host's memory is asked
+            // for here that it is never what is missing.
+            vk::Result::ERROR_OUT_OF_HOST_MEMORY
+            | vk::Result::ERROR_INITIALIZATION_FAILED
+            | vk::Result::ERROR_INCOMPATIBLE_DRIVER => Error::NoDevice(no_driver(result)),
+            _ => failure(call, "the Vulkan loader", result),
+        };
         // SAFETY: the entry is loaded, and no layer is named.
         let available = unsafe { entry.enumerate_instance_extension_properties(None) }
             .map_err(|e| failed("vkEnumerateInstanceExtensionProperties", e))?;
@@ -73,7 +80,6 @@ impl Instance {
                         .into(),
                 )
             }
-            vk::Result::ERROR_INCOMPATIBLE_DRIVER => Error::NoDevice(String::new()),
             other => failed("vkCreateInstance", other),
         })?;
         let messages = Arc::<Messages>::default();
@@ -229,6 +235,19 @@ impl Drop for Instance {
         // SAFETY: devices keep the instance alive by an Arc, so none is left.
         unsafe { self.handle.destroy_instance(None) };
     }
+}
+
+/// Variables by which drivers are chosen.
+const DRIVER_VARIABLES: [&str; 3] = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES", "VK_ADD_DRIVER_FILES"];
+
+/// Why the loader has no driver, as far as is known.
+fn no_driver(result: vk::Result) -> String {
+    let set: Vec<&str> = DRIVER_VARIABLES.into_iter().filter(|name| std::env::var_os(name).is_some()).collect();
+    let look = match set.as_slice() {
+        [] => "the manifests of drivers, in /usr/share/vulkan/icd.d and /etc/vulkan/icd.d".to_string(),
+        set => format!("the files that {} names", set.join(" or ")),
+    };
+    format!(", since no driver could be loaded ({result:?}; look at {look}, and at what VK_LOADER_DEBUG=error says)")
 }
 
 /// A family that computes and does not draw where there is one, since it is the less busy.
