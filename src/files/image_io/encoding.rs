@@ -19,7 +19,11 @@ const MAX_TAGS: u32 = 100;
 
 /// By the chunks of a PNG: sRGB, or gAMA, in which 1/2.2 is how writers before the chunk sRGB, and many since, state sRGB.
 pub(super) fn of_png(bytes: &[u8]) -> Option<String> {
-    let reader = png::Decoder::new(Cursor::new(bytes)).read_info().ok()?;
+    let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), png::Limits { bytes: MAX_PROFILE });
+    // Neither is asked for here, and both may unpack to more than the file is worth.
+    decoder.set_ignore_iccp_chunk(true);
+    decoder.set_ignore_text_chunk(true);
+    let reader = decoder.read_info().ok()?;
     let info = reader.info();
     if info.srgb.is_some() {
         return Some(SRGB.to_string());

@@ -3,6 +3,7 @@
 use std::io::Cursor;
 
 use exr::block::reader::Reader;
+use exr::compression::Compression;
 use exr::image::{AnyChannels, FlatSamples};
 use exr::meta::attribute::SampleType;
 use exr::meta::header::Header;
@@ -36,13 +37,18 @@ fn problem(error: exr::error::Error) -> String {
 }
 
 impl<'a> Exr<'a> {
-    /// Reads the header and chooses the channels.
+    /// Reads the header and chooses the channels. DWAA and DWAB are refused: one wrong byte in them makes the crate ask for more
+    /// memory than there is, which ends the program.
     pub(super) fn open(bytes: &'a [u8]) -> Result<Self, String> {
         let reader = exr::block::read(Cursor::new(bytes), false).map_err(problem)?;
         let Some(header) = reader.headers().first() else {
             return Err(format!("holds no layer; {DAMAGED}"));
         };
         let side = |length: usize| u32::try_from(length).map_err(|_| format!("is {length} pixels long; reduce it"));
+        // Of all layers: which of them is decoded their chunks tell.
+        if reader.headers().iter().any(|h| matches!(h.compression, Compression::DWAA(_) | Compression::DWAB(_))) {
+            return Err("is compressed by DWAA or DWAB, which is not read; save it with ZIP compression".to_string());
+        }
         let size = (side(header.layer_size.x())?, side(header.layer_size.y())?);
         let names = chosen_channels(header)?;
         Ok(Self { reader, names, size })
