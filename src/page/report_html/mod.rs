@@ -109,14 +109,23 @@ impl Contents<'_> {
         let surface = Surface::on(heights.values(), &fused.frame, heights.scale()).map_err(|e| e.to_string())?;
         let (nodes, described) = surface_data(&surface, heights.key())?;
         let (fields, pictures) = thread::scope(|scope| {
-            let fields: Vec<_> = self.fields.iter().map(|field| scope.spawn(|| field.packed(&thinning))).collect();
+            // On this thread where there is no other.
+            let beside = |field| {
+                let (field, thinning): (&Readout<'_>, _) = (field, &thinning);
+                let packed = thread::Builder::new().spawn_scoped(scope, move || field.packed(thinning));
+                packed.map_err(|_| field.packed(thinning))
+            };
+            let fields: Vec<_> = self.fields.iter().map(beside).collect();
             // One after the other: warping takes all processors, and memory.
             let pictures = self.pictures.iter().enumerate().map(|(i, picture)| {
                 let text = self.packed_picture(picture, &thinning)?;
                 Ok(element(&format!("picture-{i}"), &text))
             });
             let pictures: Result<String, String> = pictures.collect();
-            let join = |packed: thread::ScopedJoinHandle<'_, _>| packed.join().unwrap_or_else(|_| Err(OUT.to_string()));
+            let join = |packed: Result<thread::ScopedJoinHandle<'_, _>, _>| match packed {
+                Ok(packed) => packed.join().unwrap_or_else(|_| Err(OUT.to_string())),
+                Err(packed) => packed,
+            };
             (fields.into_iter().map(join).collect::<Result<Vec<_>, String>>(), pictures)
         });
         let values = self.fields.iter().zip(fields?);
