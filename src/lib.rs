@@ -62,7 +62,7 @@ pub use engine::{
     reference, stages,
 };
 #[cfg(feature = "files")]
-pub use files::{export, image_io, model};
+pub use files::{export, image_io, model, regular};
 #[cfg(feature = "lab")]
 pub use lab::{baseline, bench, contact_sheet, evaluate, scene};
 pub use metric::{Calibration, Found, MetricDepth, Target, Unknown, calibrate, measure};

@@ -1,7 +1,5 @@
 //! `parfocal calibrate`: the constants of a lens from a target of known depth.
 
-use std::fs;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -9,7 +7,7 @@ use clap::ValueEnum;
 use parfocal::Region;
 use parfocal::export::{self, FileKind, Solved};
 use parfocal::measure::Values;
-use parfocal::{Calibration, Target, Unknown, calibrate};
+use parfocal::{Calibration, Target, Unknown, calibrate, regular};
 use serde::Deserialize;
 
 use super::depth::decimals;
@@ -140,10 +138,7 @@ const MAX_BYTES: u64 = 1 << 20;
 fn read_steps(file: &Path) -> Result<Vec<(Region, f64)>, Failure> {
     const SHAPE: &str = r#"give [{"region": [X, Y, W, H], "depth_mm": Z}, ...]"#;
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
-    let mut text = String::new();
-    fs::File::open(file)
-        .and_then(|file| file.take(MAX_BYTES).read_to_string(&mut text))
-        .map_err(|e| failed(format!("cannot be read ({e}); check the path")))?;
+    let text = regular::text(file, MAX_BYTES).map_err(|e| failed(format!("cannot be read ({e}); check the path")))?;
     let steps: Vec<StepOfFile> =
         serde_json::from_str(&text).map_err(|e| failed(format!("holds no steps ({e}); {SHAPE}")))?;
     let step = |StepOfFile { region: [x, y, width, height], depth_mm }| (Region { x, y, width, height }, depth_mm);

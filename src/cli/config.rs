@@ -6,13 +6,13 @@
 use std::any::TypeId;
 use std::collections::BTreeMap;
 use std::ffi::{OsStr, OsString};
-use std::fs::File;
-use std::io::Read;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use clap::error::{ContextKind, ContextValue};
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use parfocal::regular;
 use toml::{Spanned, Value};
 
 use super::failure::{Failure, nearest};
@@ -123,13 +123,10 @@ fn asked(command: &Command, arguments: &[OsString]) -> Option<(ArgMatches, Strin
 
 fn read(file: &Path) -> Result<Vec<Entry>, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
-    let mut text = String::new();
-    let bytes = File::open(file).and_then(|open| open.take(MAX_BYTES + 1).read_to_string(&mut text)).map_err(|e| {
-        failed(format!("cannot be read as a configuration ({e}){}", super::failure::did_you_mean(file)))
+    let text = regular::text(file, MAX_BYTES).map_err(|e| match e.kind() {
+        ErrorKind::FileTooLarge => failed("is too long for a configuration; `parfocal config` prints one".to_string()),
+        _ => failed(format!("cannot be read as a configuration ({e}){}", super::failure::did_you_mean(file))),
     })?;
-    if bytes as u64 > MAX_BYTES {
-        return Err(failed("is too long for a configuration; `parfocal config` prints one".to_string()));
-    }
     parse(&text).map_err(|(line, problem)| Failure::Usage(format!("{}:{line}: {problem}", file.display())))
 }
 

@@ -1,13 +1,11 @@
 //! The lens, from a file and from flags.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use parfocal::Lens;
 use parfocal::export::Nearer;
 use parfocal::image_io::{Exif, Input};
+use parfocal::{Lens, regular};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -210,9 +208,7 @@ pub(super) fn nearer(stated: Option<u8>, lens: Option<&Lens>) -> Result<Nearer, 
 /// Reads a lens, or what holds one as `lens` or `depth.lens`.
 fn read(path: &Path) -> Result<PartOfLens, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", path.display()));
-    let mut text = String::new();
-    File::open(path)
-        .and_then(|file| file.take(MAX_BYTES).read_to_string(&mut text))
+    let text = regular::text(path, MAX_BYTES)
         .map_err(|e| failed(format!("cannot be read as a lens ({e}); check the path")))?;
     let value: Value = serde_json::from_str(&text).map_err(|e| failed(format!("is not JSON ({e})")))?;
     let lens = value.get("lens").or_else(|| value.get("depth")?.get("lens")).unwrap_or(&value);

@@ -1,9 +1,10 @@
 //! Which photographs belong together: a folder's, by their names, or a list's.
 
 use std::collections::{BTreeMap, HashMap};
-use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use parfocal::regular;
 use serde::Deserialize;
 
 use super::failure::Failure;
@@ -210,15 +211,11 @@ impl Line {
 const JSON: &str = "{\"i1\": FILE, \"i2\": FILE, \"name\": NAME} or {\"sweep\": FOLDER, \"name\": NAME}";
 
 fn of_manifest(file: &Path) -> Result<Vec<Candidate>, Failure> {
-    use std::io::Read;
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
-    let mut text = String::new();
-    let bytes = fs::File::open(file)
-        .and_then(|open| open.take(MAX_BYTES + 1).read_to_string(&mut text))
-        .map_err(|e| failed(format!("cannot be read as a manifest ({e}); give a folder, CSV or JSON lines")))?;
-    if bytes as u64 > MAX_BYTES {
-        return Err(failed("is too long for a manifest; split it".to_string()));
-    }
+    let text = regular::text(file, MAX_BYTES).map_err(|e| match e.kind() {
+        ErrorKind::FileTooLarge => failed("is too long for a manifest; split it".to_string()),
+        _ => failed(format!("cannot be read as a manifest ({e}); give a folder, CSV or JSON lines")),
+    })?;
     let lines = if text.trim_start().starts_with('{') { json_lines(&text) } else { csv_lines(&text) };
     let folder = file.parent().unwrap_or(Path::new(""));
     let (mut pairs, mut given) = (Vec::new(), HashMap::new());
@@ -337,6 +334,8 @@ fn named_apart(mut pairs: Vec<Candidate>) -> Result<Vec<Group>, String> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use tempfile::TempDir;
 
     use super::*;

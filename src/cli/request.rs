@@ -1,12 +1,11 @@
 //! What is asked of a pair: plain, whole, and made of the arguments before any work. `solve` makes one, and `batch` one for
 //! all its pairs.
 
-use std::fs;
 use std::path::PathBuf;
 
 use parfocal::export::{Nearer, Palette, Wanted};
 use parfocal::image_io::Input;
-use parfocal::{Lens, Settings};
+use parfocal::{Lens, Settings, regular};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
@@ -17,6 +16,9 @@ use super::output::ForceArgument;
 use super::run::RunArguments;
 use super::scope::Part;
 use super::settings::Decoding;
+
+/// The most bytes of a file that decides the results, 4 GiB, as of a photograph.
+const MAX_BYTES: u64 = 1 << 32;
 
 /// All that is asked of a pair. What decides the results is serialised, and nothing else.
 #[derive(Clone, Debug, Serialize)]
@@ -68,7 +70,7 @@ impl Request {
     /// names; and of what is `more` than a pair has.
     pub(super) fn digest(&self, more: &[u8]) -> Result<String, Failure> {
         let request = serde_json::to_vec(self).map_err(|e| Failure::Failed(e.to_string()))?;
-        let files = self.part.files().into_iter().map(|file| fs::read(file).unwrap_or_default());
+        let files = self.part.files().into_iter().map(|file| regular::read(&file, MAX_BYTES).unwrap_or_default());
         let mut digest = Sha256::new();
         let more = (!more.is_empty()).then(|| more.to_vec());
         for part in [env!("CARGO_PKG_VERSION").into(), request].into_iter().chain(files).chain(more) {

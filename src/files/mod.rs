@@ -4,3 +4,4 @@ pub mod export;
 pub mod image_io;
 pub mod model;
 pub(crate) mod preview;
+pub mod regular;

@@ -1,10 +1,11 @@
 //! Which files say of themselves that parfocal wrote them.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 use serde_json::Value;
+
+use crate::files::regular;
 
 /// The most bytes of JSON that are read, 64 MiB: as of the longest bench.
 const MAX_JSON: u64 = 64 << 20;
@@ -78,7 +79,7 @@ fn says(path: &Path, magic: &[u8], words: &[u8]) -> bool {
 
 fn read(path: &Path, most: u64) -> Option<Vec<u8>> {
     let mut bytes = Vec::new();
-    File::open(path).ok()?.take(most).read_to_end(&mut bytes).ok()?;
+    regular::open(path).ok()?.take(most).read_to_end(&mut bytes).ok()?;
     Some(bytes)
 }
 

@@ -1,14 +1,12 @@
 //! The folder of a solve, read again.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use serde_json::Value;
 
 use super::{FILES, Nearer};
 use crate::base::{Error, Frame};
-use crate::files::image_io;
+use crate::files::{image_io, regular};
 
 /// The most bytes of a report that are read, 16 MiB: one with every level and iteration at its limit takes under 1 MiB.
 const MAX_BYTES: u64 = 16 << 20;
@@ -61,10 +59,8 @@ const SOLVE: &str = "solve the pair again, or give the folder of another solve";
 
 /// The whole of `report.json`.
 pub(super) fn read_report(path: &Path) -> Result<Value, Error> {
-    let mut text = String::new();
-    File::open(path)
-        .and_then(|file| file.take(MAX_BYTES).read_to_string(&mut text))
-        .map_err(|e| Error::file(path, format!("cannot be read ({e}); {SOLVE}")))?;
+    let text =
+        regular::text(path, MAX_BYTES).map_err(|e| Error::file(path, format!("cannot be read ({e}); {SOLVE}")))?;
     serde_json::from_str(&text).map_err(|e| Error::file(path, format!("is not JSON ({e}); {SOLVE}")))
 }
 

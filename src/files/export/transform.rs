@@ -1,7 +1,6 @@
 //! A registration from a file: a report, or part of one.
 
-use std::fs::File;
-use std::io::Read;
+use std::io::ErrorKind;
 use std::path::Path;
 
 use serde::Deserialize;
@@ -10,6 +9,7 @@ use serde_json::Value;
 
 use super::{ShadingReport, SizeReport};
 use crate::base::{Decode, Error, Homography, Photometric, Region, Settings};
+use crate::files::regular;
 
 /// The most bytes that are read, 16 MiB: a report with every level and iteration at its limit takes under 1 MiB.
 const MAX_BYTES: u64 = 16 << 20;
@@ -63,13 +63,10 @@ fn pair_of(text: &str) -> Result<PairOf, String> {
 }
 
 fn text(path: &Path) -> Result<String, String> {
-    let mut text = String::new();
-    let read = File::open(path).and_then(|file| file.take(MAX_BYTES + 1).read_to_string(&mut text));
-    match read {
-        Err(e) => Err(format!("cannot be read as a transform ({e}); check the path")),
-        Ok(bytes) if bytes as u64 > MAX_BYTES => Err(format!("is too long for a transform; {SHAPE}")),
-        Ok(_) => Ok(text),
-    }
+    regular::text(path, MAX_BYTES).map_err(|e| match e.kind() {
+        ErrorKind::FileTooLarge => format!("is too long for a transform; {SHAPE}"),
+        _ => format!("cannot be read as a transform ({e}); check the path"),
+    })
 }
 
 fn parse(text: &str) -> Result<(Homography, Option<Photometric>), String> {

@@ -1,10 +1,10 @@
 //! What is asked of a file before it is decoded.
 
-use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use super::MAX_PIXELS;
+use crate::files::regular;
 
 /// What every damaged file is told.
 pub(super) const DAMAGED: &str = "the file is damaged or incomplete; copy or save it again";
@@ -20,25 +20,21 @@ const MAX_BYTES: u64 = 1 << 32;
 
 /// Reads a regular file that is not empty, whole.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, String> {
-    let file = File::open(path).map_err(|e| match e.kind() {
+    let file = regular::open(path).map_err(|e| match e.kind() {
         ErrorKind::NotFound => match similar_file(path) {
             Some(other) => format!("there is no such file; did you mean '{}'?", other.display()),
             None => "there is no such file; check the path".to_string(),
         },
         ErrorKind::PermissionDenied => "may not be read; check its permissions".to_string(),
+        ErrorKind::InvalidInput if path.is_dir() => "is a folder; give the image file in it".to_string(),
+        ErrorKind::InvalidInput => "is not a regular file; copy the image to a file on disk".to_string(),
         _ => format!("cannot be opened ({e})"),
     })?;
     let unreadable = |e: std::io::Error| format!("cannot be read ({e})");
-    let kind = file.metadata().map_err(unreadable)?;
-    if kind.is_dir() {
-        return Err("is a folder; give the image file in it".to_string());
-    }
-    if !kind.is_file() {
-        return Err("is not a regular file; copy the image to a file on disk".to_string());
-    }
+    let stated = file.metadata().map_err(unreadable)?.len();
     let mut bytes = Vec::new();
-    let too_large = |e| format!("is of {} bytes, for which there is no memory ({e}); reduce it", kind.len());
-    bytes.try_reserve_exact(kind.len().min(MAX_BYTES) as usize).map_err(too_large)?;
+    let too_large = |e| format!("is of {} bytes, for which there is no memory ({e}); reduce it", stated);
+    bytes.try_reserve_exact(stated.min(MAX_BYTES) as usize).map_err(too_large)?;
     // The file may grow meanwhile.
     file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     match bytes.len() as u64 {
