@@ -63,7 +63,21 @@ impl From<Error> for Failure {
 
 /// Folds line breaks, which paths and decoders may bring along.
 fn one_line(message: &str) -> String {
-    message.split(['\n', '\r']).map(str::trim).filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
+    let parts: Vec<&str> = message.split(['\n', '\r']).map(str::trim).filter(|part| !part.is_empty()).collect();
+    plain(&parts.join(" "))
+}
+
+/// What a terminal may be shown of text that others wrote, file names for one: what would command it, or turn its direction of
+/// writing, stands there in letters, line breaks too.
+pub(super) fn plain(text: &str) -> String {
+    let is_harmful = |c: char| {
+        c.is_control() || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    let mut plain = String::with_capacity(text.len());
+    for c in text.chars() {
+        if is_harmful(c) { plain.extend(c.escape_default()) } else { plain.push(c) }
+    }
+    plain
 }
 
 /// Of the names, the one that a misspelt name is nearest to, if any is near.
@@ -100,6 +114,12 @@ mod tests {
     #[test]
     fn a_message_is_one_line() {
         assert_eq!(one_line("a\n  b\r\n\nc"), "a b c");
+    }
+
+    #[test]
+    fn nothing_that_others_named_commands_the_terminal() {
+        assert_eq!(one_line("a\x1b[2J\u{9b}1m\tb\u{202e}"), "a\\u{1b}[2J\\u{9b}1m\\tb\\u{202e}");
+        assert_eq!(plain("größe µm\n"), "größe µm\\n");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::io::{self, IsTerminal, Write};
 
-use super::failure::{Failure, print};
+use super::failure::{Failure, plain, print};
 use super::headings::OUTPUT;
 
 /// Whom to tell.
@@ -52,11 +52,12 @@ impl ToldArguments {
 }
 
 impl QuietArgument {
-    /// Tells a person a line.
+    /// Tells a person a line, or some.
     pub(super) fn say(&self, line: &str) {
         if !self.quiet {
             // Nobody is left to be told where stderr is closed.
-            let _ = writeln!(io::stderr(), "{line}");
+            let text: Vec<String> = line.lines().map(plain).collect();
+            let _ = writeln!(io::stderr(), "{}", text.join("\n"));
         }
     }
 }
