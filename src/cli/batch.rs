@@ -1,29 +1,30 @@
 //! `parfocal batch`: many pairs and sweeps, one after the other, while the next is read and the last is written.
 
 use std::io::{self, IsTerminal, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use parfocal::export::{FileKind, remove_unfinished, write_named};
+use parfocal::export::{FileKind, abandon, is_whole, write_named};
 use parfocal::focus_stack::{Positions, Sweep};
 use parfocal::image_io::Input;
 use parfocal::{DeviceInfo, Engine, Error, Kept, Solution};
 
-use super::failure::Failure;
+use super::failure::{Failure, plain};
 use super::headings::OUTPUT;
 use super::help;
 use super::options::SolveOptions;
 use super::pairs::Group;
 use super::request::Request;
 use super::sweep_work::{self, SweepFrames, SweepJob};
-use super::tally::{Outcome, Row, SUMMARY, Tally};
+use super::tally::{Outcome, REPORT, Row, SUMMARY, Tally};
 use super::work::{self, Job, Photographs};
-use super::{output, pairs};
+use super::{ending, output, pairs};
 
 /// Solve many pairs and focus sweeps: those of a folder, or of a list.
 #[derive(clap::Args, Debug)]
@@ -55,6 +56,8 @@ fn after_help() -> String {
 struct Shared {
     request: Request,
     resume: bool,
+    /// What all are solved on.
+    device: DeviceInfo,
     /// Set by Ctrl-C.
     stop: Arc<AtomicBool>,
 }
@@ -95,9 +98,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     request.force.to(out).check_named(FileKind::Batch, &[SUMMARY])?;
     let jobs: Vec<Named> = pairs::find(source, out)?.into_iter().map(|group| Named::new(out, group)).collect();
     jobs.iter().try_for_each(|named| named.task.check(&request))?;
-    let stop = on_interrupt(jobs.iter().map(|named| named.task.out().to_path_buf()).collect())?;
+    let stop = on_interrupt();
     let engine = request.run.open_engine()?;
-    let shared = Shared { request, resume: arguments.resume, stop };
+    let shared = Shared { request, resume: arguments.resume, device: engine.info().clone(), stop };
     let Request { run, force, .. } = &shared.request;
     let bar = Bar::new(jobs.len(), run.told.is_quiet());
     let (rows, ended) = work_off(engine, &jobs, &shared, &bar)?;
@@ -153,35 +156,32 @@ impl Task {
     fn read(&self, shared: &Shared) -> Result<Read, Failure> {
         let request = &shared.request;
         let settled = |inputs: &[Input]| self.is_settled(shared, inputs);
+        let device = || Ok(shared.device.clone());
         Ok(match self {
             Self::Pair(job) => {
-                work::read(request, job, settled)?.map_or(Read::Whole, |read| Read::Photographs(Box::new(read)))
+                work::read(request, job, settled, device)?.map_or(Read::Whole, |read| Read::Photographs(Box::new(read)))
             }
-            Self::Sweep(job) => {
-                sweep_work::read(request, job, settled)?.map_or(Read::Whole, |read| Read::Frames(Box::new(read)))
-            }
+            Self::Sweep(job) => sweep_work::read(request, job, settled, device)?
+                .map_or(Read::Whole, |read| Read::Frames(Box::new(read))),
         })
     }
 
-    /// Whether the results are there, all that the report names, and of what is asked. The report gets its name last.
+    /// Whether the results are there, all that the report names and as they were written, and of what is asked.
     fn is_settled(&self, shared: &Shared, inputs: &[Input]) -> Result<bool, Failure> {
         let Some(report) = shared.resume.then(|| Outcome::report(self.out())).flatten() else { return Ok(false) };
         let digest = match self {
             Self::Pair(_) => shared.request.digest(&[])?,
             Self::Sweep(job) => job.digest(&shared.request)?,
         };
-        let files = report["files"].as_array().map_or(&[][..], Vec::as_slice);
-        let is_there = |name: &serde_json::Value| name.as_str().is_some_and(|name| self.out().join(name).is_file());
         let is_of = |(i, input): (usize, &Input)| {
             let page = report["inputs"][i]["page"].as_u64().map(|page| page as usize);
             report["inputs"][i]["sha256"].as_str() == Some(&input.sha256) && page == input.page
         };
         let known = report["inputs"].as_array().map_or(0, Vec::len);
-        Ok(!files.is_empty()
-            && files.iter().all(is_there)
-            && report["request"].as_str() == Some(&digest)
+        Ok(report["request"].as_str() == Some(&digest)
             && known == inputs.len()
-            && inputs.iter().enumerate().all(is_of))
+            && inputs.iter().enumerate().all(is_of)
+            && is_whole(self.out(), REPORT, &report))
     }
 
     /// Writes what was solved; what is said of it.
@@ -202,32 +202,49 @@ impl Task {
     }
 }
 
-/// A flag that the first Ctrl-C sets; the second removes what is half written in the folders and ends the program.
-fn on_interrupt(folders: Vec<PathBuf>) -> Result<Arc<AtomicBool>, Failure> {
+/// A flag that the first Ctrl-C or SIGTERM sets; the second removes what is half written and ends the program.
+fn on_interrupt() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
-    let handler = move || {
+    ending::listen(move |status| {
         if flag.swap(true, Ordering::Relaxed) {
-            folders.iter().for_each(|folder| remove_unfinished(folder));
-            std::process::exit(130);
+            abandon();
+            std::process::exit(status);
         }
         let _ = writeln!(io::stderr(), "\nfinishing the pair at hand; Ctrl-C again ends at once");
-    };
-    ctrlc::set_handler(handler).map_err(|e| Failure::Failed(format!("Ctrl-C cannot be listened to ({e})")))?;
-    Ok(stop)
+    });
+    stop
 }
 
 /// What came of each pair, and whether the device held out to the end.
 type Worked = (Vec<Row>, Result<(), Failure>);
 
-/// Three threads in a row, each at most one pair ahead of the next: what is read and not yet solved stays small.
+/// Three threads in a row, each at most one pair ahead of the next: what is read and not yet solved stays small. Where there
+/// are not so many threads, one does the work of the other.
 fn work_off(engine: Engine, jobs: &[Named], shared: &Shared, bar: &Bar) -> Result<Worked, Failure> {
     thread::scope(|scope| {
         let (to_solver, from_reader) = sync_channel(1);
+        let read = all_read(jobs, shared);
+        let reader = thread::Builder::new().spawn_scoped(scope, move || send_all(read, &to_solver));
+        let read: Box<dyn Iterator<Item = (usize, Read)>> = match reader {
+            Ok(_) => Box::new(from_reader.into_iter()),
+            Err(_) => Box::new(all_read(jobs, shared)),
+        };
         let (to_writer, from_solver) = sync_channel(1);
-        scope.spawn(move || read_all(jobs, shared, &to_solver));
-        let writer = scope.spawn(move || write_all(jobs, shared, from_solver, bar));
-        let solved = solve_all(engine, jobs, shared, from_reader, &to_writer);
+        let writer = thread::Builder::new().spawn_scoped(scope, move || {
+            let mut rows = not_done(jobs);
+            from_solver.into_iter().for_each(|(index, solved)| write(jobs, shared, bar, &mut rows, index, solved));
+            rows
+        });
+        let Ok(writer) = writer else {
+            let mut rows = not_done(jobs);
+            let solved = solve_all(engine, jobs, shared, read, |index, solved| {
+                write(jobs, shared, bar, &mut rows, index, solved);
+                true
+            });
+            return Ok((rows, solved));
+        };
+        let solved = solve_all(engine, jobs, shared, read, |index, solved| to_writer.send((index, solved)).is_ok());
         drop(to_writer);
         let rows =
             writer.join().map_err(|_| Failure::Failed("the thread that writes results has stopped".to_string()))?;
@@ -235,27 +252,39 @@ fn work_off(engine: Engine, jobs: &[Named], shared: &Shared, bar: &Bar) -> Resul
     })
 }
 
-fn read_all(jobs: &[Named], shared: &Shared, to_solver: &SyncSender<(usize, Read)>) {
-    for (index, Named { task, .. }) in jobs.iter().enumerate() {
-        if shared.stop.load(Ordering::Relaxed) {
-            return;
-        }
-        let read = task.read(shared).unwrap_or_else(Read::Failed);
-        if to_solver.send((index, read)).is_err() {
+/// What a fault of the program would end ends this pair alone.
+fn guarded<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| {
+        let problem = "a fault of parfocal, of which more stands above, or no more threads; the other pairs go on";
+        Err(Failure::Failed(problem.to_string()))
+    })
+}
+
+/// All pairs as they are read, until the batch is to end.
+fn all_read<'a>(jobs: &'a [Named], shared: &'a Shared) -> impl Iterator<Item = (usize, Read)> + Send + 'a {
+    let goes_on = |_: &(usize, &Named)| !shared.stop.load(Ordering::Relaxed);
+    let read = |named: &Named| guarded(|| named.task.read(shared)).unwrap_or_else(Read::Failed);
+    jobs.iter().enumerate().take_while(goes_on).map(move |(index, named)| (index, read(named)))
+}
+
+fn send_all(read: impl Iterator<Item = (usize, Read)>, to_solver: &SyncSender<(usize, Read)>) {
+    for one in read {
+        if to_solver.send(one).is_err() {
             return;
         }
     }
 }
 
+/// Hands each pair on as it is solved, for as long as that `goes_on`.
 fn solve_all(
     engine: Engine,
     jobs: &[Named],
     shared: &Shared,
-    from_reader: Receiver<(usize, Read)>,
-    to_writer: &SyncSender<(usize, Solved)>,
+    read: impl Iterator<Item = (usize, Read)>,
+    mut goes_on: impl FnMut(usize, Solved) -> bool,
 ) -> Result<(), Failure> {
     let (mut bench, mut broken) = (Bench { engine, kept: None }, false);
-    for (index, read) in from_reader {
+    for (index, read) in read {
         if shared.stop.load(Ordering::Relaxed) {
             break;
         }
@@ -273,7 +302,7 @@ fn solve_all(
             broken = matches!(error, Error::Timeout { .. } | Error::Poisoned | Error::Vulkan { .. });
             Solved::Failed(Failure::of_solve(error, &jobs[index].task.files()[0]))
         });
-        if to_writer.send((index, solved)).is_err() {
+        if !goes_on(index, solved) {
             break;
         }
         if std::mem::take(&mut broken) {
@@ -296,15 +325,16 @@ impl Bench {
     }
 }
 
-fn write_all(jobs: &[Named], shared: &Shared, from_solver: Receiver<(usize, Solved)>, bar: &Bar) -> Vec<Row> {
-    let mut rows: Vec<Row> = jobs.iter().map(|named| named.row(Outcome::NotDone)).collect();
-    for (index, solved) in from_solver {
-        let written = jobs[index].task.write(&shared.request, solved);
-        let outcome = written.unwrap_or_else(|failure| Outcome::Failed { error: failure.message() });
-        rows[index] = jobs[index].row(outcome);
-        bar.show(index, &rows[index]);
-    }
-    rows
+fn not_done(jobs: &[Named]) -> Vec<Row> {
+    jobs.iter().map(|named| named.row(Outcome::NotDone)).collect()
+}
+
+/// Writes what came of a pair, and tells of it.
+fn write(jobs: &[Named], shared: &Shared, bar: &Bar, rows: &mut [Row], index: usize, solved: Solved) {
+    let written = guarded(|| jobs[index].task.write(&shared.request, solved));
+    let outcome = written.unwrap_or_else(|failure| Outcome::Failed { error: failure.message() });
+    rows[index] = jobs[index].row(outcome);
+    bar.show(index, &rows[index]);
 }
 
 /// Progress over the pairs: a bar on a terminal, elsewhere a line a pair.
@@ -341,7 +371,7 @@ impl Bar {
         } else {
             self.bar.inc(1);
         }
-        self.bar.set_message(row.name().to_string());
+        self.bar.set_message(plain(row.name()));
         let line = format!("{}/{} {}", index + 1, self.pairs, row.line());
         if self.lines {
             let _ = writeln!(io::stderr(), "{line}");

@@ -9,6 +9,7 @@ mod config;
 mod defaults;
 mod depth;
 mod devices;
+mod ending;
 mod engine;
 mod evaluate;
 mod failure;
@@ -100,6 +101,13 @@ fn command() -> clap::Command {
 }
 
 fn run(command: Command) -> Result<(), Failure> {
+    // A batch finishes the pair at hand.
+    if !matches!(command, Command::Batch(_)) {
+        ending::listen(|status| {
+            parfocal::export::abandon();
+            std::process::exit(status);
+        });
+    }
     match command {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Batch(arguments) => batch::run(&arguments),

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::image_io::{Input, Photograph};
+use parfocal::{DeviceInfo, Engine, Settings};
 
 use super::failure::Failure;
 
@@ -29,6 +30,24 @@ pub(super) fn open([i1, i2]: &[PathBuf; 2]) -> Result<([Photograph; 2], Vec<Inpu
     let photographs = Photograph::open_pair(i1, i2)?;
     let inputs = photographs.iter().map(Photograph::describe).collect::<Result<_, _>>()?;
     Ok((photographs, inputs))
+}
+
+/// More pixels than this, 2^24, are not decoded before it is known that the device takes them: fewer take no time.
+const LARGE: u64 = 1 << 24;
+
+/// Refuses photographs that are too large for the device, before they are decoded.
+pub(super) fn check_size(
+    photographs: [&Photograph; 2],
+    settings: &Settings,
+    device: impl FnOnce() -> Result<DeviceInfo, Failure>,
+) -> Result<(), Failure> {
+    let (width, height) = photographs[0].size();
+    if u64::from(width) * u64::from(height) <= LARGE {
+        return Ok(());
+    }
+    let formats = photographs.map(Photograph::format);
+    Engine::check_size(&device()?, [width, height], formats, settings)
+        .map_err(|e| Failure::of_solve(e, photographs[0].path()))
 }
 
 /// What a photograph is called in the report: without its folders.

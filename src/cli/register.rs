@@ -79,8 +79,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (photographs, inputs) = pair::open(&files)?;
     let values = arguments.settings.decoding().of(&inputs)?;
     settings.decode = values.decode;
+    let mut engine = None;
+    pair::check_size(photographs.each_ref(), &settings, || run.info(&mut engine))?;
     let [i1, i2] = Photograph::decode_pair(photographs)?;
-    let engine = run.open_engine()?;
+    let engine = run.engine(engine)?;
     let bar = Bar::new(run.told.shows_progress());
     let registered = Solver::for_pair(&engine, &i1, &i2, &settings)
         .and_then(|mut solver| solver.register_with(&i1, &i2, &mut |progress| bar.show(progress)))

@@ -1,6 +1,6 @@
 //! How a subcommand that solves runs, and what is told of it.
 
-use parfocal::Engine;
+use parfocal::{DeviceInfo, Engine};
 
 use super::engine::EngineArguments;
 use super::failure::Failure;
@@ -23,6 +23,17 @@ impl RunArguments {
     /// Opens the device.
     pub(super) fn open_engine(&self) -> Result<Engine, Failure> {
         self.engine.open()
+    }
+
+    /// Opens the device, to be kept, and describes it.
+    pub(super) fn info(&self, kept: &mut Option<Engine>) -> Result<DeviceInfo, Failure> {
+        let engine = kept.insert(self.open_engine()?);
+        Ok(engine.info().clone())
+    }
+
+    /// Opens the device, unless it was kept.
+    pub(super) fn engine(&self, kept: Option<Engine>) -> Result<Engine, Failure> {
+        kept.map_or_else(|| self.open_engine(), Ok)
     }
 
     /// Fails, with `--strict`, if there is anything to warn of.

@@ -106,6 +106,11 @@ impl Part {
         (!self.crop_valid).then_some(size)
     }
 
+    /// Whether all of the photographs is solved at once.
+    pub(super) fn is_whole(&self) -> bool {
+        self.region.is_none()
+    }
+
     /// The picture that no result may replace.
     pub(super) fn mask(&self) -> Option<&PathBuf> {
         self.mask.as_ref()

@@ -28,8 +28,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let request = arguments.options.request()?;
     let job = Job { files: arguments.pair.files(), out: arguments.output.clone() };
     work::check(&request, &job)?;
-    let Some(photographs) = work::read(&request, &job, |_| Ok(false))? else { return Ok(()) };
-    let engine = request.run.open_engine()?;
+    let mut engine = None;
+    let read = work::read(&request, &job, |_| Ok(false), || request.run.info(&mut engine))?;
+    let Some(photographs) = read else { return Ok(()) };
+    let engine = request.run.engine(engine)?;
     let frames = photographs.frames.each_ref();
     let bar = Bar::new(request.run.told.shows_progress());
     let solution = photographs

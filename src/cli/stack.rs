@@ -88,8 +88,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let request = request(arguments)?;
     sweep_work::check(&request, &job)?;
-    let Some(read) = sweep_work::read(&request, &job, |_| Ok(false))? else { return Ok(()) };
-    let engine = request.run.open_engine()?;
+    let mut engine = None;
+    let read = sweep_work::read(&request, &job, |_| Ok(false), || request.run.info(&mut engine))?;
+    let Some(read) = read else { return Ok(()) };
+    let engine = request.run.engine(engine)?;
     let bar = sweep_work::bar(request.run.told.shows_progress());
     let mut say = |done, levels| sweep_work::show(&bar, done, levels);
     let solved = sweep_work::solve(&engine, &read, &mut say).map_err(|e| Failure::of_solve(e, &job.files[0]))?;

@@ -92,9 +92,13 @@ pub(super) fn read(
     request: &Request,
     job: &SweepJob,
     settled: impl FnOnce(&[Input]) -> Result<bool, Failure>,
+    device: impl FnOnce() -> Result<DeviceInfo, Failure>,
 ) -> Result<Option<SweepFrames>, Failure> {
     let started = Instant::now();
-    let (frames, inputs) = decode(&job.files)?;
+    let (frames, inputs) = decode(&job.files, |first| match request.part.is_whole() {
+        true => pair::check_size([first; 2], &request.settings, device),
+        false => Ok(()),
+    })?;
     if settled(&inputs)? {
         return Ok(None);
     }
@@ -111,7 +115,12 @@ pub(super) fn read(
     Ok(Some(SweepFrames { frames, inputs, options, values, read_ms }))
 }
 
-fn decode(files: &[PathBuf]) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
+/// The frames, once the first is found to `fit`.
+fn decode(
+    files: &[PathBuf],
+    fits: impl FnOnce(&Photograph) -> Result<(), Failure>,
+) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
+    let mut fits = Some(fits);
     let (mut frames, mut inputs) = (Vec::new(), Vec::new());
     let mut last: Option<Photograph> = None;
     for path in files {
@@ -119,6 +128,7 @@ fn decode(files: &[PathBuf]) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
             Some(last) => last.open_next(path)?,
             None => Photograph::open(path)?,
         };
+        fits.take().map_or(Ok(()), |fits| fits(&photograph))?;
         inputs.push(photograph.describe()?);
         last = Some(photograph.clone());
         frames.push(photograph.decode()?);
@@ -195,12 +205,13 @@ pub(super) fn register(
 ) -> Result<SweepRegistration, Failure> {
     let (positions, out) = (Positions::Counted, PathBuf::new());
     let job = SweepJob { files: files.to_vec(), positions, reference, out };
-    let (started, (frames, inputs)) = (Instant::now(), decode(files)?);
+    let (started, engine) = (Instant::now(), run.open_engine()?);
+    let fits = |first: &Photograph| pair::check_size([first; 2], settings, || Ok(engine.info().clone()));
+    let (frames, inputs) = decode(files, fits)?;
     let values = decoding.of(&inputs)?;
     let settings = Settings { decode: values.decode, ..settings.clone() };
     let options = SweepOptions { settings, reference, ..SweepOptions::default() };
     let read = SweepFrames { frames, inputs, options, values, read_ms: started.elapsed().as_secs_f64() * 1e3 };
-    let engine = run.open_engine()?;
     let bar = bar(run.told.shows_progress());
     let solved = solve(&engine, &read, &mut |done, levels| show(&bar, done, levels));
     bar.finish_and_clear();

@@ -1,16 +1,22 @@
 //! What came of each pair and sweep of a batch: a table for people, `batch.json` for programs.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use parfocal::regular;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::failure::Failure;
+use super::failure::{Failure, plain};
 
 /// The file of the summary, beside the folders of the pairs.
 pub(super) const SUMMARY: &str = "batch.json";
+
+/// The report of a pair or a sweep, in its folder.
+pub(super) const REPORT: &str = "report.json";
+
+/// The most bytes of a report that are read, 16 MiB, as everywhere.
+const MAX_REPORT: u64 = 16 << 20;
 
 /// What a report says that belongs into a table.
 #[derive(Debug, Default, Deserialize, Serialize)]
@@ -66,7 +72,7 @@ impl Outcome {
 
     /// The report in a folder of results, if there is one that can be read.
     pub(super) fn report(out: &Path) -> Option<Value> {
-        serde_json::from_slice(&fs::read(out.join("report.json")).ok()?).ok()
+        serde_json::from_slice(&regular::read(&out.join(REPORT), MAX_REPORT).ok()?).ok()
     }
 
     fn status(&self) -> &'static str {
@@ -126,8 +132,8 @@ impl Row {
     /// The row as one line.
     pub(super) fn line(&self) -> String {
         match &self.outcome {
-            Outcome::Failed { error } => format!("{}: failed: {error}", self.name),
-            _ => format!("{}: {}", self.name, self.cells()[1..].join("  ").trim_end()),
+            Outcome::Failed { error } => format!("{}: failed: {error}", plain(&self.name)),
+            _ => format!("{}: {}", plain(&self.name), self.cells()[1..].join("  ").trim_end()),
         }
     }
 
@@ -143,7 +149,7 @@ impl Row {
         });
         let of_sweep = found.and_then(|f| f.focus["median"].as_f64());
         [
-            self.name.clone(),
+            plain(&self.name),
             self.outcome.status().to_string(),
             converged.to_string(),
             match of_sweep {
@@ -210,9 +216,9 @@ impl Tally {
             .collect();
         for row in &self.pairs {
             let warnings = row.outcome.found().map_or(&[][..], |found| &found.warnings);
-            lines.extend(warnings.iter().map(|warning| format!("warning: {}: {warning}", row.name)));
+            lines.extend(warnings.iter().map(|warning| format!("warning: {}: {}", plain(&row.name), plain(warning))));
             if let Outcome::Failed { error } = &row.outcome {
-                lines.push(format!("failed: {}: {error}", row.name));
+                lines.push(format!("failed: {}: {error}", plain(&row.name)));
             }
         }
         let file = out.join(SUMMARY);
@@ -223,7 +229,7 @@ impl Tally {
             self.failed,
             self.not_done,
             self.seconds,
-            file.display()
+            plain(&file.display().to_string())
         ));
         lines.join("\n")
     }

@@ -61,15 +61,19 @@ fn check_places(request: &Request, job: &Job, in_floats: bool) -> Result<(), Fai
     Ok(request.force.to(&job.out).check_results(REPORT, &names)?)
 }
 
-/// Reads the pair, unless what the files are says that it is `settled` already.
+/// Reads the pair, unless what the files are says that it is `settled` already; asks for the device where that may be too small.
 pub(super) fn read(
     request: &Request,
     job: &Job,
     settled: impl FnOnce(&[Input]) -> Result<bool, Failure>,
+    device: impl FnOnce() -> Result<DeviceInfo, Failure>,
 ) -> Result<Option<Photographs>, Failure> {
     let (photographs, inputs) = pair::open(&job.files)?;
     if settled(&inputs)? {
         return Ok(None);
+    }
+    if request.part.is_whole() {
+        pair::check_size(photographs.each_ref(), &request.settings, device)?;
     }
     let lens = request.lens(&inputs)?;
     request.nearer(lens.as_ref())?;
@@ -221,14 +225,16 @@ mod tests {
         fs::write(&file, b"P5 2 1 255 \x01\x02").unwrap();
         let request = Only::try_parse_from(["only"]).unwrap().options.request().unwrap();
         let job = Job { files: [file.clone(), file.clone()], out: folder.path().join("out") };
-        let whole = read(&request, &job, |_| Ok(false)).unwrap().unwrap();
-        let swapped = read(&request, &job, |_| {
+        let no_device = || panic!("so small a pair fits any");
+        let whole = read(&request, &job, |_| Ok(false), no_device).unwrap().unwrap();
+        let swap = |_: &[Input]| {
             fs::write(&new, b"P5 1 2 255 \x03\x04").unwrap();
             fs::rename(&new, &file).unwrap();
             Ok(false)
-        });
+        };
+        let swapped = read(&request, &job, swap, no_device);
         let swapped = swapped.unwrap().unwrap();
         assert_eq!((swapped.frames, swapped.inputs), (whole.frames, whole.inputs));
-        assert_eq!(read(&request, &job, |_| Ok(false)).unwrap().unwrap().frames[0].height(), 2);
+        assert_eq!(read(&request, &job, |_| Ok(false), no_device).unwrap().unwrap().frames[0].height(), 2);
     }
 }

@@ -31,7 +31,8 @@ pub(crate) use solver::same_size;
 pub use solver::{Progress, Solver};
 pub(crate) use sweep::SweepSolver;
 
-use crate::base::{Decode, DeviceInfo, Error, Frame, Mask, Similarity};
+use crate::base::{Decode, DeviceInfo, Error, Format, Frame, Mask, Settings, Similarity};
+use crate::engine::plan::Plan;
 use crate::engine::stages::Pipelines;
 use crate::engine::vulkan::{Device, Instance};
 
@@ -87,6 +88,19 @@ impl Engine {
     /// The device in use.
     pub fn info(&self) -> &DeviceInfo {
         self.device.info()
+    }
+
+    /// Refuses pairs that are too large for a device like this one, which may be known before a photograph is decoded.
+    ///
+    /// # Errors
+    /// [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`].
+    pub fn check_size(
+        device: &DeviceInfo,
+        [width, height]: [u32; 2],
+        formats: [Format; 2],
+        settings: &Settings,
+    ) -> Result<(), Error> {
+        Plan::new(width, height, formats, settings)?.check_described(device)
     }
 
     /// What validation has said so far; empty without [`EngineOptions::validation`].

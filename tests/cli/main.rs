@@ -24,4 +24,5 @@ mod simulate;
 mod solve;
 mod stack;
 mod sweep_results;
+mod trust;
 mod view;

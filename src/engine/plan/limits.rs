@@ -1,7 +1,7 @@
 //! What a solve takes, and whether a device has it.
 
 use super::{MAP_LAYERS, Plan};
-use crate::base::Error;
+use crate::base::{DeviceInfo, Error};
 use crate::engine::stages::{self, evidence};
 use crate::engine::vulkan::{Device, MIB, image_limits};
 
@@ -38,11 +38,7 @@ impl Plan {
     /// The same of a sweep of so many frames, each of which is kept as it is and on the reference's pixels.
     pub(crate) fn check_sweep(&self, device: &Device, frames: usize) -> Result<(), Error> {
         self.check(device)?;
-        let [width, height] = self.size;
-        let too_large = |what, needed: String, limit: String| {
-            Err(Error::TooLarge { width, height, device: device.info().name.clone(), what, needed, limit })
-        };
-        let mib = |bytes: u64| format!("{} MiB", bytes.div_ceil(MIB));
+        let too_large = |what, needed, limit| Err(self.too_large(device.info(), what, needed, limit));
         let (largest, layers) = image_limits(device)?;
         if frames as u64 > u64::from(layers) {
             return too_large("a sweep", format!("{frames} frames"), format!("{layers}"));
@@ -65,19 +61,8 @@ impl Plan {
     /// Checks the plan against a device's limits, so that nothing fails half-way.
     pub(crate) fn check(&self, device: &Device) -> Result<(), Error> {
         let info = device.info();
-        let [width, height] = self.size;
-        let too_large = |what, needed: String, limit: String| {
-            Err(Error::TooLarge { width, height, device: info.name.clone(), what, needed, limit })
-        };
-        let longest = width.max(height);
-        if longest > info.max_image_size {
-            return too_large("the longer side", format!("{longest} px"), format!("{} px", info.max_image_size));
-        }
-        let mib = |bytes: u64| format!("{} MiB", bytes.div_ceil(MIB));
-        let upload = self.frame_bytes(0).max(self.frame_bytes(1));
-        if upload > info.max_storage_buffer {
-            return too_large("one photograph", mib(upload), format!("{} for a buffer", mib(info.max_storage_buffer)));
-        }
+        let too_large = |what, needed, limit| Err(self.too_large(info, what, needed, limit));
+        self.check_photographs(info)?;
         let (largest, layers) = image_limits(device)?;
         let stack = 4 * pixels(self.size) * u64::from(self.stack_layers());
         if self.stack_layers() > layers {
@@ -96,14 +81,48 @@ impl Plan {
         if self.result_bytes() > largest {
             return too_large("the result", mib(self.result_bytes()), format!("{} for a buffer", mib(largest)));
         }
+        self.check_memory(info)
+    }
+
+    /// Checks what a description of a device tells of each photograph.
+    fn check_photographs(&self, info: &DeviceInfo) -> Result<(), Error> {
+        let longest = self.size[0].max(self.size[1]);
+        if longest > info.max_image_size {
+            let limit = format!("{} px", info.max_image_size);
+            return Err(self.too_large(info, "the longer side", format!("{longest} px"), limit));
+        }
+        let upload = self.frame_bytes(0).max(self.frame_bytes(1));
+        if upload > info.max_storage_buffer {
+            let limit = format!("{} for a buffer", mib(info.max_storage_buffer));
+            return Err(self.too_large(info, "one photograph", mib(upload), limit));
+        }
+        Ok(())
+    }
+
+    /// Checks what it tells of the memory that there is.
+    fn check_memory(&self, info: &DeviceInfo) -> Result<(), Error> {
         let (on_device, host) = self.bytes();
         // A discrete GPU keeps what the host sees in the host's memory; the others have one memory for both.
         let needed = if info.kind == "discrete GPU" { on_device } else { on_device + host };
         if needed > info.memory_bytes {
-            return too_large("the solve", mib(needed), format!("{} in all", mib(info.memory_bytes)));
+            return Err(self.too_large(info, "the solve", mib(needed), format!("{} in all", mib(info.memory_bytes))));
         }
         Ok(())
     }
+
+    /// Checks the plan against a description of a device: what no device like it could do.
+    pub(crate) fn check_described(&self, info: &DeviceInfo) -> Result<(), Error> {
+        self.check_photographs(info).and_then(|()| self.check_memory(info))
+    }
+
+    fn too_large(&self, info: &DeviceInfo, what: &'static str, needed: String, limit: String) -> Error {
+        let [width, height] = self.size;
+        Error::TooLarge { width, height, device: info.name.clone(), what, needed, limit }
+    }
+}
+
+fn mib(bytes: u64) -> String {
+    format!("{} MiB", bytes.div_ceil(MIB))
 }
 
 fn pixels([width, height]: [u32; 2]) -> u64 {

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
+use super::hashes::HASHES;
 use super::measurements::{Measurements, Wanted, is_profile};
 use super::staging::Staging;
 use super::{Destination, FILES, Pen, listed_in};
@@ -64,6 +65,11 @@ pub(super) fn finish(mut staging: Staging, mut report: Value, stale: &[String]) 
         let came: Vec<Value> =
             staging.names().into_iter().map(Value::from).filter(|name| !files.contains(name)).collect();
         files.extend(came);
+    }
+    // Of files from before there were hashes nothing is vouched for.
+    if let Some(hashes) = report.get_mut(HASHES).and_then(Value::as_object_mut) {
+        hashes.retain(|file, _| !stale.contains(file));
+        hashes.extend(staging.hashes().into_iter().map(|(file, hash)| (file, json!(hash))));
     }
     staging.add(REPORT, |w| writeln!(w, "{report:#}").map_err(|e| e.to_string()))?;
     staging.place()

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Component, Path};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::metric::DEPTH_FILE;
 use super::results::read_report;
@@ -13,8 +13,33 @@ use super::{EXTRA_FILES, FILES, FUSED_FLOAT_FILE, PAGE_FILE, SWEEP_FILES};
 /// The files of a synthetic pair; `depth.exr` only where the scene has a lens.
 pub const SIMULATED_FILES: [&str; 5] = ["i1.png", "i2.png", "relative_blur.exr", "depth.exr", "truth.json"];
 
-/// Set in the report that stands in a folder while its results get their names.
-pub(super) const UNFINISHED: &str = "unfinished";
+/// Set in the list that stands in the place of a report while results get their names.
+const UNFINISHED: &str = "unfinished";
+
+/// The list that stands in the place of a report while results get their names.
+#[derive(Default)]
+pub(super) struct Unfinished {
+    /// All files, of earlier and of new results.
+    pub(super) files: Vec<String>,
+    /// Those that were not there before.
+    pub(super) new: Vec<String>,
+}
+
+impl Unfinished {
+    /// Its text, which says of itself what it is.
+    pub(super) fn text(&self) -> String {
+        let Self { files, new } = self;
+        let list = json!({ "version": env!("CARGO_PKG_VERSION"), UNFINISHED: true, "files": files, "new": new });
+        format!("{list:#}\n")
+    }
+
+    /// The one that stands in the place of this report, if one does.
+    pub(super) fn of(folder: &Path, report: &str) -> Option<Self> {
+        let found = read_report(&folder.join(report)).ok()?;
+        let names = |key: &str| strings(&found[key]).filter(|name| is_plain(name)).map(String::from).collect();
+        found.get(UNFINISHED).map(|_| Self { files: names("files"), new: names("new") })
+    }
+}
 
 /// The files of a folder that a report there lists. A report is a file like any other, which anyone may have written: names
 /// that lead out of the folder are not taken from it.
@@ -30,7 +55,6 @@ impl Listed {
     /// By the report of this name; nothing where there is none, or one of another program.
     pub(crate) fn of(folder: &Path, report: &str) -> Self {
         let path = folder.join(report);
-        // What is no file might never end.
         let is_file = fs::symlink_metadata(&path).is_ok_and(|found| found.is_file());
         let Some(found) = is_file.then(|| read_report(&path).ok()).flatten() else { return Self::default() };
         let Some(implied) = implied(&found) else { return Self::default() };
@@ -110,8 +134,6 @@ fn is_plain(name: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use serde_json::json;
-
     use super::*;
 
     fn listed(report: &Value) -> Listed {

@@ -8,7 +8,10 @@ mod depth16;
 mod destination;
 mod extra;
 pub(crate) mod field;
+mod folder;
 mod fused;
+mod hashes;
+mod journal;
 mod json;
 mod kind;
 mod labels;
@@ -31,6 +34,7 @@ mod staging;
 mod sweep;
 mod sweep_registration;
 mod sweep_solved;
+mod temporary;
 #[cfg(test)]
 mod tests;
 mod texture;
@@ -46,6 +50,7 @@ pub use destination::{Destination, check_writable};
 pub use extra::{EXTRA_FILES, Extra, PAGE_FILE};
 pub use fused::{FUSED_FLOAT_FILE, fused, fused_float};
 pub(crate) use fused::{color_type, fused_frame};
+pub use hashes::{Hash, is_whole};
 pub use kind::FileKind;
 pub use labels::{MOST_LABELS, labels, sweep_labels};
 pub(crate) use listed::Listed;
@@ -68,6 +73,7 @@ pub use sweep::{
 };
 pub use sweep_registration::{SweepPlaces, SweepRegistration, read_sweep_places, write_sweep_registration};
 pub use sweep_solved::SolvedSweep;
+pub use temporary::abandon;
 pub use texture::Texture;
 pub use transform::{PairOf, read_pair_of, read_transform};
 
@@ -81,7 +87,7 @@ pub(crate) use picture::write_drawing;
 pub(crate) use ranks::Ranks;
 pub(crate) use single::write_file;
 pub(crate) use staging::Staging;
-pub use staging::{remove_unfinished, write_named};
+pub use staging::write_named;
 
 /// The files that [`write()`] makes.
 pub const FILES: [&str; 8] = [
@@ -153,7 +159,8 @@ pub struct Additions<'a> {
 /// written lists under `files` what was written, whatever `report` says.
 ///
 /// Everything is written under temporary names first and renamed at the end. On failure the files of this solve, and
-/// the folder if it was made here, are removed again.
+/// the folder if it was made here, are removed again, and the earlier results stand as they did; where the program is ended
+/// meanwhile, the next that writes there sees to it.
 ///
 /// # Errors
 /// [`Error::File`]; [`Error::Mismatch`] where a field of `solution` is not of the size that it states.
@@ -188,7 +195,7 @@ pub fn write<'d>(
     }
     additions.measurements.stage(&mut staging, look.pen)?;
     // The last to get its name: where the report is that was asked for, the rest is too (`batch --resume`).
-    let report = report.listing(staging.names().into_iter().chain([json.to_string()]));
+    let report = report.listing(staging.names().into_iter().chain([json.to_string()]), staging.hashes());
     staging.add(json, |w| {
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;

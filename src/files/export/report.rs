@@ -1,8 +1,11 @@
 //! `report.json`: what was asked, what came out, and what it took. Scripts read it: fields may be added, not renamed.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::depth16::Depth16Report;
+use super::hashes::{Hash, Hashes};
 use super::measurements::Measurements;
 use super::ranks::Ranks;
 use super::{Nearer, Texture, json};
@@ -81,6 +84,8 @@ pub struct Report {
     /// The files that belong to it, itself among them; [`write()`](super::write()) sees to it. A later run replaces and
     /// removes these and no others.
     pub files: Vec<String>,
+    /// Size and hash of each of them but the report.
+    pub hashes: BTreeMap<String, Hash>,
     /// The files of I1 and I2; empty where the frames did not come from files.
     pub inputs: Vec<Input>,
     /// Where the time went.
@@ -227,6 +232,7 @@ impl Report {
             validated: false,
             request: String::new(),
             files: Vec::new(),
+            hashes: Hashes::new(),
             inputs: Vec::new(),
             timings_ms: (&solution.timings).into(),
         }
@@ -239,8 +245,8 @@ impl Report {
     }
 
     /// The same, listing these files in the order in which it lists them already.
-    pub(super) fn listing(&self, written: impl Iterator<Item = String>) -> Self {
-        Self { files: in_known_order(&self.files, written), ..self.clone() }
+    pub(super) fn listing(&self, written: impl Iterator<Item = String>, hashes: Hashes) -> Self {
+        Self { files: in_known_order(&self.files, written), hashes, ..self.clone() }
     }
 
     /// The text of `report.json`, without a newline at its end.

@@ -2,15 +2,18 @@
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
-use std::io::{BufWriter, Write};
+use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use serde_json::json;
-use tempfile::{Builder, NamedTempFile};
+use tempfile::NamedTempFile;
 
 use super::destination::{Destination, Guard};
+use super::folder::{Folder, Writers};
+use super::hashes::{Hash, Hashes};
+use super::journal::Journal;
 use super::kind::FileKind;
-use super::listed::{Listed, UNFINISHED};
+use super::listed::{Listed, Unfinished};
+use super::temporary;
 use crate::base::Error;
 
 /// A folder and the files that are about to appear in it. Dropped before [`place`](Staging::place) has succeeded, it
@@ -20,6 +23,9 @@ pub(crate) struct Staging {
     written: Vec<(NamedTempFile, PathBuf)>,
     folder: Folder,
     guard: Guard,
+    hashes: Hashes,
+    /// What stands for the whole, where anything does.
+    report: Option<String>,
     /// Of the files that an earlier report lists, those that go.
     stale: Stale,
 }
@@ -36,26 +42,37 @@ impl Staging {
     /// Results that take the place of those that a report of this name lists. It is itself the last of them to be
     /// [`add`](Self::add)ed, and says under `files` which there are. Makes the folder if it is missing.
     pub(crate) fn anew(out: Destination<'_>, report: &str) -> Result<Self, Error> {
-        Self::new(out, Guard::by_report(out, report), Stale::Rest)
+        Self::of_report(out, report, Stale::Rest)
     }
 
     /// Results that join those which the report lists; of these the `stale` go.
     pub(crate) fn beside(out: Destination<'_>, report: &str, stale: Vec<String>) -> Result<Self, Error> {
-        Self::new(out, Guard::by_report(out, report), Stale::Named(stale))
+        Self::of_report(out, report, Stale::Named(stale))
     }
 
     /// Results that may replace what is listed elsewhere.
     pub(crate) fn over(out: Destination<'_>, listed: Listed) -> Result<Self, Error> {
-        Self::new(out, Guard::by_list(out, listed), Stale::Named(Vec::new()))
+        let folder = Folder::make(out.path, Writers::One)?;
+        Ok(Self::new(folder, Guard::by_list(out, listed), None, Stale::Named(Vec::new())))
     }
 
     /// Results that say themselves what wrote them.
     pub(crate) fn of_kind(out: Destination<'_>, kind: FileKind) -> Result<Self, Error> {
-        Self::new(out, Guard::by_kind(out, kind), Stale::Named(Vec::new()))
+        let folder = Folder::make(out.path, Writers::Many)?;
+        Ok(Self::new(folder, Guard::by_kind(out, kind), None, Stale::Named(Vec::new())))
     }
 
-    fn new(out: Destination<'_>, guard: Guard, stale: Stale) -> Result<Self, Error> {
-        Ok(Self { written: Vec::new(), folder: Folder::make(out.path)?, guard, stale })
+    fn of_report(out: Destination<'_>, report: &str, stale: Stale) -> Result<Self, Error> {
+        let folder = Folder::make(out.path, Writers::One)?;
+        Journal::recover(out.path, report).map_err(|e| {
+            let problem = format!("holds results that were not finished, and cannot be brought in order ({e})");
+            Error::file(out.path, format!("{problem}; check permissions"))
+        })?;
+        Ok(Self::new(folder, Guard::by_report(out, report), Some(report.to_string()), stale))
+    }
+
+    fn new(folder: Folder, guard: Guard, report: Option<String>, stale: Stale) -> Self {
+        Self { written: Vec::new(), folder, guard, hashes: Hashes::new(), report, stale }
     }
 
     /// Writes one file under a temporary name.
@@ -65,7 +82,13 @@ impl Staging {
         fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
     ) -> Result<(), Error> {
         let path = self.folder.path.join(name.as_ref());
-        let file = self.temporary(&path, fill)?;
+        let mut file = self.temporary(&path, fill)?;
+        if self.report.is_some() {
+            let hash = file.rewind().and_then(|()| Hash::of(&mut file)).map_err(|e| {
+                Error::file(&path, format!("cannot be read again once it is written ({e}); check the disk"))
+            })?;
+            self.hashes.insert(name.as_ref().to_string_lossy().into_owned(), hash);
+        }
         self.written.push((file, path));
         Ok(())
     }
@@ -77,11 +100,13 @@ impl Staging {
     ) -> Result<NamedTempFile, Error> {
         let wrap =
             |problem: String| Error::file(path, format!("cannot be written ({problem}); check space and permissions"));
-        let mut file = temporary(&self.folder.path).map_err(|e| wrap(e.to_string()))?;
+        let mut file = temporary::file(&self.folder.path).map_err(|e| wrap(e.to_string()))?;
         let mut writer = BufWriter::new(file.as_file_mut());
         fill(&mut writer).map_err(wrap)?;
         writer.flush().map_err(|e| wrap(e.to_string()))?;
         drop(writer);
+        // A name that is on the disk before what it names would outlast a power cut as an empty file.
+        file.as_file().sync_all().map_err(|e| wrap(e.to_string()))?;
         Ok(file)
     }
 
@@ -91,26 +116,85 @@ impl Staging {
         names.map(|name| name.to_string_lossy().into_owned()).collect()
     }
 
-    /// Gives every file its name, and removes what of an earlier run is stale. Where one cannot have its name, those that
-    /// already have theirs are removed again: results of two runs side by side would be worse than none.
+    /// What they hold, for the report.
+    pub(super) fn hashes(&self) -> Hashes {
+        self.hashes.clone()
+    }
+
+    /// Gives every file its name, and removes what of an earlier run is stale. Where that fails the earlier results stand as
+    /// they did: results of two runs side by side would be worse than none.
     pub(crate) fn place(mut self) -> Result<(), Error> {
         self.written.iter().try_for_each(|(_, path)| self.guard.check(path))?;
-        let stale = self.stale_files();
-        let announced = self.announce()?;
-        let mut placed = Vec::new();
+        let _uninterrupted = temporary::naming();
+        match self.report.clone().filter(|report| self.written.iter().any(|(_, path)| path.ends_with(report))) {
+            Some(report) => self.exchange(&report)?,
+            None => self.rename()?,
+        }
+        self.folder.keep();
+        Ok(())
+    }
+
+    /// Each file as it is: none belongs to another.
+    fn rename(&mut self) -> Result<(), Error> {
+        let mut new = Vec::new();
         for (file, path) in std::mem::take(&mut self.written) {
             let replaces = path.exists();
             if let Err(e) = file.persist(&path) {
-                placed.iter().for_each(|path: &PathBuf| drop(fs::remove_file(path)));
-                self.withdraw(announced.as_deref());
-                return Err(Error::file(&path, format!("cannot be replaced ({}); check permissions", e.error)));
+                new.iter().for_each(|path: &PathBuf| drop(fs::remove_file(path)));
+                return Err(self.cannot_be_replaced(&path, &e.error));
             }
-            if matches!(self.stale, Stale::Rest) || !replaces {
-                placed.push(path);
+            if !replaces {
+                new.push(path);
             }
         }
-        self.folder.made.clear();
-        stale.iter().try_for_each(|file| remove_stale(file))
+        // What a power cut would lose is known to be written, or no longer.
+        let _ = self.folder.sync();
+        Ok(())
+    }
+
+    /// All of them, and what goes, for what there was.
+    fn exchange(&mut self, report: &str) -> Result<(), Error> {
+        let at = self.folder.path.join(report);
+        let journal = Journal::begin(&self.folder.path, report).map_err(|e| self.cannot_be_replaced(&at, &e))?;
+        let Err((path, error)) = self.exchange_by(&journal, &at) else {
+            // What cannot be removed now the next run removes.
+            let _ = journal.finish();
+            return Ok(());
+        };
+        let failed = self.cannot_be_replaced(&path, &error);
+        let Err(e) = journal.roll_back() else { return Err(failed) };
+        let problem = format!("and the earlier results come back with the next run, for they could not now ({e})");
+        Err(Error::file(&path, format!("cannot be replaced ({error}); check the disk, {problem}")))
+    }
+
+    fn exchange_by(&mut self, journal: &Journal, report: &Path) -> Result<(), (PathBuf, io::Error)> {
+        let stale = self.stale_files();
+        let folder = self.folder.path.clone();
+        let of = |path: &Path| {
+            let path = path.to_path_buf();
+            move |e| (path, e)
+        };
+        self.announce(journal, report).map_err(of(report))?;
+        self.folder.sync().map_err(of(&folder))?;
+        let (last, rest): (Vec<_>, Vec<_>) =
+            std::mem::take(&mut self.written).into_iter().partition(|(_, path)| path == report);
+        for path in stale.iter().chain(rest.iter().map(|(_, path)| path)) {
+            journal.set_aside(path.file_name().unwrap_or_default()).map_err(of(path))?;
+        }
+        for (file, path) in rest {
+            journal.name(file, &path).map_err(|e| (path, e))?;
+        }
+        self.folder.sync().map_err(of(&folder))?;
+        for (file, path) in last {
+            journal.name(file, &path).map_err(|e| (path, e))?;
+        }
+        // The results stand, and the disk has been asked.
+        let _ = self.folder.sync();
+        Ok(())
+    }
+
+    fn cannot_be_replaced(&self, path: &Path, error: &io::Error) -> Error {
+        Error::file(path, format!("cannot be replaced ({error}); check permissions"))
     }
 
     /// The files that go. What is no longer a file is none that was written here.
@@ -124,38 +208,15 @@ impl Staging {
         paths.filter(|path| fs::symlink_metadata(path).is_ok_and(|found| found.is_file())).collect()
     }
 
-    /// Puts in the place of the report, which stands for the whole, one that only lists all files, old and new: an earlier
-    /// report must not stand beside half of the new results, and results must not be taken for strangers' if the program
-    /// ends in between.
-    fn announce(&self) -> Result<Option<PathBuf>, Error> {
-        let (Stale::Rest, Some((_, report))) = (&self.stale, self.written.last()) else { return Ok(None) };
-        let mut files: Vec<String> = self.guard.listed.files().map(String::from).collect();
-        files.extend(self.names());
-        let text = json!({ "version": env!("CARGO_PKG_VERSION"), UNFINISHED: true, "files": files });
-        let file = self.temporary(report, |w| writeln!(w, "{text:#}").map_err(|e| e.to_string()))?;
-        file.persist(report)
-            .map_err(|e| Error::file(report, format!("cannot be replaced ({}); check permissions", e.error)))?;
-        Ok(Some(report.clone()))
-    }
-
-    /// Removes the list again, unless files that it lists are left.
-    fn withdraw(&self, announced: Option<&Path>) {
-        let Some(report) = announced else { return };
-        let mut listed = self.guard.listed.files().map(|name| self.folder.path.join(name));
-        if !listed.any(|file| file != report && file.exists()) {
-            // What cannot be removed stays: another failure is being told.
-            drop(fs::remove_file(report));
-        }
-    }
-}
-
-/// Removes a result of an earlier run that this one has not replaced.
-fn remove_stale(file: &Path) -> Result<(), Error> {
-    match fs::remove_file(file) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
-            Err(Error::file(file, format!("is of an earlier run, and cannot be removed ({e})")))
-        }
-        _ => Ok(()),
+    /// Puts in the place of the report, which stands for the whole, the list of all files, old and new.
+    fn announce(&self, journal: &Journal, report: &Path) -> io::Result<()> {
+        let names = self.names();
+        let new = names.iter().filter(|name| !self.folder.path.join(name).exists()).cloned().collect();
+        let files = self.guard.listed.files().map(String::from).chain(names).collect();
+        let mut file = temporary::file(&self.folder.path)?;
+        file.write_all(Unfinished { files, new }.text().as_bytes())?;
+        file.as_file().sync_all()?;
+        journal.name(file, report)
     }
 }
 
@@ -169,74 +230,13 @@ pub fn write_named(out: Destination<'_>, name: &str, kind: FileKind, bytes: &[u8
     staging.place()
 }
 
-/// Removes the temporary files that this program, about to end at once, leaves in a folder of results, and the folder if
-/// nothing else is in it.
-pub fn remove_unfinished(folder: &Path) {
-    let Ok(entries) = fs::read_dir(folder) else { return };
-    for entry in entries.flatten().filter(|entry| is_temporary(&entry.file_name().to_string_lossy())) {
-        // What cannot be removed stays: there is nobody to tell.
-        let _ = fs::remove_file(entry.path());
-    }
-    let _ = fs::remove_dir(folder);
-}
-
-/// Whether a name is one of [`temporary`].
-fn is_temporary(name: &str) -> bool {
-    name.strip_prefix(&temporary_prefix())
-        .is_some_and(|random| random.len() == RANDOM && random.chars().all(|c| c.is_ascii_alphanumeric()))
-}
-
-/// Characters that tell temporary files apart.
-const RANDOM: usize = 6;
-
-/// What the names of temporary files begin with, of this program while it runs and of no other.
-fn temporary_prefix() -> String {
-    format!(".parfocal-{}-", std::process::id())
-}
-
-/// A temporary file that becomes as readable as any other file when it gets its name.
-fn temporary(folder: &Path) -> std::io::Result<NamedTempFile> {
-    let prefix = temporary_prefix();
-    let mut builder = Builder::new();
-    builder.prefix(&prefix).rand_bytes(RANDOM);
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    builder.tempfile_in(folder)
-}
-
-/// The output folder, and which part of its path was made here, deepest first.
-struct Folder {
-    path: PathBuf,
-    made: Vec<PathBuf>,
-}
-
-impl Folder {
-    fn make(path: &Path) -> Result<Self, Error> {
-        let missing = path.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists());
-        let folder = Self { path: path.to_path_buf(), made: missing.map(Path::to_path_buf).collect() };
-        match fs::create_dir_all(path) {
-            Ok(()) => Ok(folder),
-            Err(_) if path.exists() => Err(Error::file(path, "is a file; give a folder for the results")),
-            Err(e) => Err(Error::file(path, format!("cannot be made ({e}); give another folder for the results"))),
-        }
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        for folder in &self.made {
-            // Only an empty folder goes: what someone else put there in the meantime is not ours to remove.
-            if fs::remove_dir(folder).is_err() {
-                return;
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use serde_json::json;
     use tempfile::TempDir;
+
+    use super::super::journal::fault;
+    use super::*;
 
     fn anew(out: &Path) -> Result<Staging, Error> {
         Staging::anew(out.into(), "report.json")
@@ -298,37 +298,82 @@ mod tests {
         assert!(written(base.path(), "truth.json", &["b"]).is_err(), "the results of another report");
     }
 
-    #[test]
-    fn a_program_that_ends_while_results_get_their_names_leaves_none_for_a_strangers() {
+    /// What is in a folder.
+    fn contents(folder: &Path) -> Vec<(String, String)> {
+        let names = names_in(folder).into_iter();
+        names.map(|name| (name.clone(), fs::read_to_string(folder.join(name)).unwrap())).collect()
+    }
+
+    /// A folder with results, one of which the next have no more, and a file of the user's.
+    fn with_results() -> (TempDir, Vec<(String, String)>) {
         let base = TempDir::new().unwrap();
-        written(base.path(), "report.json", &["a"]).unwrap();
-        let mut staging = anew(base.path()).unwrap();
-        for name in ["b", "report.json"] {
-            staging.add(name, |_| Ok(())).unwrap();
+        fs::write(base.path().join("notes"), "mine").unwrap();
+        written(base.path(), "report.json", &["a", "b"]).unwrap();
+        for name in ["a", "b"] {
+            fs::write(base.path().join(name), "old").unwrap();
         }
-        staging.announce().unwrap();
-        fs::write(base.path().join("b"), "half").unwrap();
-        drop(staging);
-        written(base.path(), "report.json", &["b"]).unwrap();
-        assert_eq!(names_in(base.path()), ["b", "report.json"]);
+        let earlier = contents(base.path());
+        (base, earlier)
     }
 
     #[test]
-    fn what_is_half_written_is_known_by_its_name_and_removed() {
-        let base = TempDir::new().unwrap();
-        let made = base.path().join("made");
-        for (folder, names) in [(base.path(), &["old.png", ".report.json.backup"][..]), (&made, &[])] {
-            let mut staging = anew(folder).unwrap();
-            staging.add("depth.png", |_| Ok(())).unwrap();
-            names.iter().for_each(|name| fs::write(folder.join(name), "x").unwrap());
-            // As where the program ends at once.
-            std::mem::forget(staging);
-            assert_eq!(fs::read_dir(folder).unwrap().count(), names.len() + 1);
+    fn a_disk_that_fails_anywhere_leaves_the_earlier_results_or_the_new() {
+        let (base, _) = with_results();
+        fault::at(0..0);
+        written(base.path(), "report.json", &["b", "c"]).unwrap();
+        let (steps, new) = (fault::at(0..0), contents(base.path()));
+        assert!(steps > 6 && new.len() == 4, "{new:?}");
+        for n in 0..steps {
+            // Once: the earlier results come back.
+            let (base, earlier) = with_results();
+            fault::at(n..n + 1);
+            let stands = written(base.path(), "report.json", &["b", "c"]);
+            fault::at(0..0);
+            drop(anew(base.path()).unwrap());
+            assert_eq!(
+                contents(base.path()),
+                if stands.is_ok() { new.clone() } else { earlier },
+                "once at {n}: {stands:?}"
+            );
+
+            // For good, as where the program is killed: the next run brings one or the other back.
+            let (base, earlier) = with_results();
+            fault::at(n..usize::MAX);
+            let stands = written(base.path(), "report.json", &["b", "c"]);
+            fault::at(0..0);
+            drop(anew(base.path()).unwrap());
+            let found = contents(base.path());
+            assert_eq!(found, if stands.is_ok() { new.clone() } else { earlier }, "for good at {n}: {stands:?}");
         }
-        remove_unfinished(&made);
-        assert!(!made.exists());
-        remove_unfinished(base.path());
-        assert_eq!(fs::read_dir(base.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    fn a_recovery_that_fails_is_made_up_for_by_the_next() {
+        for n in 0..8 {
+            let (base, earlier) = with_results();
+            fault::at(5..usize::MAX);
+            written(base.path(), "report.json", &["b", "c"]).unwrap_err();
+            fault::at(n..n + 1);
+            let recovered = anew(base.path()).is_ok();
+            fault::at(0..0);
+            drop(anew(base.path()).unwrap());
+            assert_eq!(contents(base.path()), earlier, "{n} {recovered}");
+        }
+    }
+
+    #[test]
+    fn what_is_half_written_goes_and_nothing_of_the_users() {
+        let base = TempDir::new().unwrap();
+        let out = base.path().join("made/out");
+        let mut staging = anew(&out).unwrap();
+        staging.add("depth.png", |_| Ok(())).unwrap();
+        fs::write(out.join(".report.json.backup"), "mine").unwrap();
+        // As where the program ends at once.
+        std::mem::forget(staging);
+        drop(anew(base.path()).unwrap());
+        assert_eq!(names_in(&out).len(), 2, "of another folder");
+        temporary::remove_leftovers(&out);
+        assert_eq!(names_in(&out), [".report.json.backup"]);
     }
 
     #[test]

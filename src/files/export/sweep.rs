@@ -1,10 +1,12 @@
 //! What a focus sweep gives, in a folder.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 
 use serde::Serialize;
 
 use super::depth::Map;
+use super::hashes::{Hash, Hashes};
 use super::report::{DeviceReport, RangeReport, ShadingReport, SizeReport, in_known_order};
 use super::{
     DEPTH_FILE, Depth16Report, Destination, Extra, FUSED_FLOAT_FILE, Look, Measurements, Nearer, Palette, Pen, Scale,
@@ -69,6 +71,8 @@ pub struct SweepReport {
     pub inputs: Vec<Input>,
     /// The files that belong to it, itself among them; [`write_sweep`] sees to it.
     pub files: Vec<String>,
+    /// Size and hash of each of them but the report.
+    pub hashes: BTreeMap<String, Hash>,
     /// From the first frame to the results, ms.
     pub total_ms: f64,
 }
@@ -153,6 +157,7 @@ impl SweepReport {
             request: String::new(),
             inputs: Vec::new(),
             files: Vec::new(),
+            hashes: Hashes::new(),
             total_ms,
         }
     }
@@ -217,7 +222,8 @@ pub fn write_sweep<'d>(
     }
     report.measurements.iter().try_for_each(|measured| measured.stage(&mut staging, look.pen))?;
     let written = staging.names().into_iter().chain([json.to_string()]);
-    let report = SweepReport { files: in_known_order(&report.files, written), ..report.clone() };
+    let report =
+        SweepReport { files: in_known_order(&report.files, written), hashes: staging.hashes(), ..report.clone() };
     staging.add(json, |w| {
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;

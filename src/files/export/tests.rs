@@ -99,6 +99,7 @@ fn the_report_has_the_fields_that_scripts_read() {
         "inputs",
         "files",
         "flattened",
+        "hashes",
         "photograph",
         "region",
         "texture",

@@ -7,7 +7,7 @@ use sha2::{Digest, Sha256};
 
 use super::source::Source;
 use super::{Input, camera_raw, check, split_page};
-use crate::base::{Depth, Error, Frame};
+use crate::base::{Channels, Depth, Error, Format, Frame};
 
 /// A photograph whose file has been read, once: what is said of it and its pixels come from the same bytes, whatever
 /// becomes of the file meanwhile. It and its clones share these bytes and hold them until they are decoded or dropped.
@@ -19,7 +19,7 @@ pub struct Photograph {
     page: Option<usize>,
     bytes: Arc<Vec<u8>>,
     size: (u32, u32),
-    depth: Depth,
+    format: Format,
 }
 
 impl Photograph {
@@ -60,10 +60,16 @@ impl Photograph {
         let wrap = |problem| Error::file(path, problem);
         camera_raw::problem(&file, &bytes).map_or(Ok(()), |problem| Err(wrap(problem)))?;
         let source = Source::open(&bytes, page).map_err(wrap)?;
-        let (size, depth) = (source.size(), source.depth());
+        let channels = if source.bits_and_channels().1 == 1 { Channels::Gray } else { Channels::Rgb };
+        let (size, format) = (source.size(), Format { channels, depth: source.depth() });
         check::size(size).map_err(wrap)?;
         drop(source);
-        Ok(Self { path: path.to_path_buf(), file, page, bytes, size, depth })
+        Ok(Self { path: path.to_path_buf(), file, page, bytes, size, format })
+    }
+
+    /// As it was given.
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// Width and height, px, once a rotation that the camera recorded is applied.
@@ -73,7 +79,12 @@ impl Photograph {
 
     /// How its samples are stored once it is decoded.
     pub fn depth(&self) -> Depth {
-        self.depth
+        self.format.depth
+    }
+
+    /// What a solver is told of it before it is decoded.
+    pub fn format(&self) -> Format {
+        self.format
     }
 
     /// What a report says of it: hash, header and metadata; no pixel is decoded.

@@ -1,0 +1,210 @@
+//! Nothing lost, nobody harmed: hostile files, pipes, results that were changed, programs that are ended.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use std::time::Duration;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// A file of which one byte was changed so that the decoder asks for all memory.
+const DWAA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hostile/dwaa_abort.exr");
+
+/// A folder with the pair `i1.png`, `i2.png`.
+struct Desk(TempDir);
+
+impl Desk {
+    fn new() -> Self {
+        let desk = Self(TempDir::new().unwrap());
+        let scene = desk.run(&["simulate", "plane", "--size", "80x64", "-o", "scene", "--quiet"]);
+        assert!(scene.status.success(), "{}", told(&scene));
+        for name in ["i1.png", "i2.png"] {
+            fs::copy(desk.path("scene").join(name), desk.path(name)).unwrap();
+        }
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::cargo_bin("parfocal").unwrap();
+        command.env("PARFOCAL_CACHE_DIR", self.path("cache")).current_dir(self.0.path()).args(arguments);
+        command.timeout(Duration::from_secs(120));
+        command
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        self.command(arguments).output().unwrap()
+    }
+
+    #[track_caller]
+    fn refuses(&self, arguments: &[&str], parts: &[&str]) {
+        let output = self.run(arguments);
+        let told = told(&output);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {told}");
+        assert!(told.lines().count() == 1 && parts.iter().all(|part| told.contains(part)), "{arguments:?}: {told}");
+    }
+
+    /// Runs a batch of the list; what it says of each.
+    #[track_caller]
+    fn batch(&self, extra: &[&str], status: i32) -> Vec<String> {
+        let batch = ["batch", "list.csv", "-o", "many", "--outer-iterations", "6", "--no-html", "--quiet"];
+        let output = self.run(&[&batch[..], extra].concat());
+        assert_eq!(output.status.code(), Some(status), "{}", told(&output));
+        let tally: Value = serde_json::from_slice(&fs::read(self.path("many/batch.json")).unwrap()).unwrap();
+        tally["pairs"].as_array().unwrap().iter().map(|row| row["status"].as_str().unwrap().to_string()).collect()
+    }
+}
+
+fn told(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn names_in(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).into_iter().flatten();
+    entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect()
+}
+
+#[test]
+fn one_broken_file_does_not_take_a_batch_down() {
+    let desk = Desk::new();
+    fs::copy(DWAA, desk.path("broken.exr")).unwrap();
+    fs::write(desk.path("list.csv"), "i1.png,i2.png,a\nbroken.exr,broken.exr,b\ni1.png,i2.png,c\n").unwrap();
+    assert_eq!(desk.batch(&[], 1), ["solved", "failed", "solved"]);
+    desk.refuses(&["solve", "broken.exr", "broken.exr", "-o", "out"], &["broken.exr: is compressed by DWAA", "ZIP"]);
+}
+
+#[test]
+fn resume_solves_again_where_a_result_is_not_as_it_was_written() {
+    let desk = Desk::new();
+    fs::write(desk.path("list.csv"), "i1.png,i2.png,a\ni2.png,i1.png,b\n").unwrap();
+    assert_eq!(desk.batch(&[], 0), ["solved", "solved"]);
+    assert_eq!(desk.batch(&["--resume"], 0), ["kept", "kept"]);
+
+    let cut = desk.path("many/a/relative_blur.exr");
+    let whole = fs::read(&cut).unwrap();
+    fs::write(&cut, &whole[..whole.len() - 1]).unwrap();
+    assert_eq!(desk.batch(&["--resume"], 0), ["solved", "kept"]);
+    fs::copy(desk.path("many/b/uncertainty.exr"), desk.path("many/a/uncertainty.exr")).unwrap();
+    assert_eq!(desk.batch(&["--resume"], 0), ["solved", "kept"]);
+
+    // A report as from before there were hashes.
+    let report = desk.path("many/b/report.json");
+    let mut found: Value = serde_json::from_slice(&fs::read(&report).unwrap()).unwrap();
+    found.as_object_mut().unwrap().remove("hashes").unwrap();
+    fs::write(&report, found.to_string()).unwrap();
+    assert_eq!(desk.batch(&["--resume"], 0), ["kept", "solved"]);
+}
+
+#[test]
+fn results_that_join_later_are_vouched_for_too() {
+    let desk = Desk::new();
+    fs::write(desk.path("list.csv"), "i1.png,i2.png,a\n").unwrap();
+    assert_eq!(desk.batch(&[], 0), ["solved"]);
+    let lens =
+        ["--focal-length=25", "--f-number=4", "--pixel-pitch=0.013", "--focus=500,900", "--telecentric", "--quiet"];
+    assert!(desk.run(&[&["depth", "many/a"], &lens[..]].concat()).status.success());
+    assert_eq!(desk.batch(&["--resume"], 0), ["kept"]);
+    fs::copy(desk.path("many/a/relative_blur.exr"), desk.path("many/a/depth_mm.exr")).unwrap();
+    assert_eq!(desk.batch(&["--resume"], 0), ["solved"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_or_a_device_is_refused_at_once_whatever_it_is_for() {
+    let desk = Desk::new();
+    assert!(std::process::Command::new("mkfifo").arg(desk.path("pipe")).status().unwrap().success());
+    let solve = ["solve", "i1.png", "i2.png", "-o", "out"];
+    for file in ["pipe", "/dev/zero"] {
+        desk.refuses(&["solve", "i1.png", file, "-o", "out"], &[file, "regular file"]);
+        for flag in ["--mask", "--lens", "--transform", "--config"] {
+            desk.refuses(&[&solve[..], &[flag, file]].concat(), &[file, "regular file"]);
+        }
+        desk.refuses(&["batch", file, "-o", "many"], &[file, "regular file"]);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn two_programs_do_not_write_into_one_folder() {
+    let desk = Desk::new();
+    fs::create_dir(desk.path("out")).unwrap();
+    let other = fs::File::open(desk.path("out")).unwrap();
+    other.lock().unwrap();
+    desk.refuses(&["simulate", "plane", "--size", "48x32", "-o", "out", "--quiet"], &["out", "another parfocal"]);
+    drop(other);
+    assert!(names_in(&desk.path("out")).is_empty());
+    assert!(desk.run(&["simulate", "plane", "--size", "48x32", "-o", "out", "--quiet"]).status.success());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_program_that_is_told_to_end_leaves_nothing_half_written() {
+    let desk = Desk::new();
+    for (signal, status) in [("-TERM", 143), ("-INT", 130)] {
+        let out = desk.path(signal);
+        let mut program = std::process::Command::new(assert_cmd::cargo::cargo_bin("parfocal"));
+        let arguments = ["simulate", "plane", "--size", "700x500", "--quiet", "-o"];
+        let mut running = program.args(arguments).arg(&out).spawn().unwrap();
+        while names_in(&out).is_empty() && running.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let kill = std::process::Command::new("kill").args([signal, &running.id().to_string()]).status().unwrap();
+        let ended = running.wait().unwrap();
+        let left = names_in(&out);
+        assert!(left.iter().all(|name| !name.starts_with(".parfocal")), "{signal}: {left:?}");
+        // It may have been quicker.
+        assert!(ended.code() == Some(status) || (ended.success() && left.len() > 3), "{kill} {ended}: {left:?}");
+    }
+}
+
+#[test]
+fn what_is_too_large_for_the_device_is_not_decoded() {
+    let desk = Desk::new();
+    let mut bytes = Vec::new();
+    let wide = image::GrayImage::new(60_000, 300);
+    wide.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();
+    // Were it decoded, it would be damaged.
+    fs::write(desk.path("wide.png"), &bytes[..bytes.len() / 2]).unwrap();
+    desk.refuses(&["solve", "wide.png", "wide.png", "-o", "out"], &["wide.png: 60000x300 is too large", "60000 px"]);
+    desk.refuses(&["register", "wide.png", "wide.png"], &["wide.png: 60000x300 is too large"]);
+    desk.refuses(&["stack", "wide.png", "wide.png", "wide.png", "-o", "out"], &["wide.png: 60000x300 is too large"]);
+    fs::write(desk.path("list.csv"), "wide.png,wide.png,a\ni1.png,i2.png,b\n").unwrap();
+    assert_eq!(desk.batch(&[], 1), ["failed", "solved"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn what_others_named_commands_no_terminal() {
+    let desk = Desk::new();
+    let shot = "a\x1b[2J\nb.png";
+    fs::copy(desk.path("i1.png"), desk.path(shot)).unwrap();
+    fs::write(desk.path("list.csv"), format!("\"{shot}\",i2.png,a\n\"gone{shot}\",i2.png,b\n")).unwrap();
+    let output = desk.run(&["batch", "list.csv", "-o", "many\x1b[2J", "--outer-iterations", "6", "--no-html"]);
+    let told_of = told(&output);
+    assert!(!told_of.contains('\x1b') && told_of.contains(r"gonea\u{1b}[2J b.png: there is no such file"), "{told_of}");
+    assert!(told_of.contains("1 solved, 0 kept, 1 failed"), "{told_of}");
+    assert!(told_of.lines().any(|line| line.ends_with(r"many\u{1b}[2J/batch.json")), "{told_of}");
+    let solve = ["solve", "gone\x1b[2J.png", "i2.png", "-o", "out\x1b[2J"];
+    desk.refuses(&solve, &[r"gone\u{1b}[2J.png: there is no such file"]);
+    assert!(!told(&desk.run(&solve)).contains('\x1b'));
+}
+
+#[test]
+fn a_driver_that_cannot_be_loaded_is_what_is_told_of() {
+    let desk = Desk::new();
+    for text in ["no manifest", r#"{"file_format_version": "1.0.0", "ICD": {"library_path": "/nowhere.so"}}"#, "{}"] {
+        fs::write(desk.path("driver.json"), text).unwrap();
+        let mut command = desk.command(&["register", "i1.png", "i2.png"]);
+        command.env("VK_DRIVER_FILES", desk.path("driver.json")).env("VK_ICD_FILENAMES", desk.path("driver.json"));
+        let output = command.output().unwrap();
+        let told = told(&output);
+        assert_eq!(output.status.code(), Some(1), "{told}");
+        let parts = ["error: no Vulkan device", "no driver could be loaded", "VK_DRIVER_FILES"];
+        assert!(parts.iter().all(|part| told.contains(part)) && !told.contains("smaller"), "{text}: {told}");
+    }
+}
