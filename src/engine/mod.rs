@@ -197,4 +197,20 @@ mod tests {
         assert!(matches!(choose(&devices, Some("1")), Err(Error::NoDevice(_))));
         assert!(matches!(choose(&[], None), Err(Error::NoDevice(_))));
     }
+
+    #[test]
+    fn what_a_solve_that_timed_out_used_is_freed() {
+        let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(50), ..testing::options() }).unwrap();
+        let instance = Arc::downgrade(&engine.device.instance);
+        let frame = |n: usize| {
+            let value = |i: usize| 0.5 + 0.3 * ((i % 512 + n) as f32 * 0.9).sin() * ((i / 512) as f32 * 0.8).cos();
+            Frame::gray(512, 512, (0..512 * 512).map(value).collect()).unwrap()
+        };
+        let (i1, i2) = (frame(0), frame(1));
+        let solved = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).and_then(|mut s| s.solve(&i1, &i2));
+        assert!(matches!(solved, Err(Error::Timeout { .. })), "{:?}", solved.map(|s| s.timings));
+        assert!(engine.device.is_poisoned());
+        drop(engine);
+        assert!(instance.upgrade().is_none(), "all that kept it is gone");
+    }
 }

@@ -1,7 +1,7 @@
 //! The logical device: its queue, its allocator, its clock.
 
 use std::mem::ManuallyDrop;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -26,6 +26,8 @@ pub(crate) struct Device {
     allocator: ManuallyDrop<Mutex<Allocator>>,
     names: Option<ext::debug_utils::Device>,
     poisoned: AtomicBool,
+    /// Runs that were given up and may still be at work.
+    abandoned: AtomicUsize,
     pub(crate) instance: Arc<Instance>,
 }
 
@@ -82,6 +84,7 @@ impl Device {
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
             names,
             poisoned: AtomicBool::new(false),
+            abandoned: AtomicUsize::new(0),
             instance,
         };
         device.pipeline_cache = device.open_pipeline_cache()?;
@@ -103,12 +106,21 @@ impl Device {
         (v11.max_memory_allocation_size, v13.max_buffer_size)
     }
 
-    /// An earlier wait timed out or failed, and the device may still be at work.
+    /// An earlier wait timed out or failed: the device is not to be relied on.
     pub(crate) fn is_poisoned(&self) -> bool {
         self.poisoned.load(Ordering::Acquire)
     }
 
-    pub(super) fn poison(&self) {
+    /// Some of what was made from it may still be at work: nothing of that may be freed.
+    pub(super) fn is_in_use(&self) -> bool {
+        self.abandoned.load(Ordering::Acquire) > 0
+    }
+
+    /// Gives a run up, which has `ended` or not.
+    pub(super) fn poison(&self, ended: bool) {
+        if !ended {
+            self.abandoned.fetch_add(1, Ordering::AcqRel);
+        }
         self.poisoned.store(true, Ordering::Release);
     }
 
@@ -149,7 +161,7 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        if self.is_poisoned() {
+        if self.is_in_use() {
             // What the device may still use is left alone, and so is the instance under it.
             std::mem::forget(self.instance.clone());
             return;

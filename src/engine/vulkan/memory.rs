@@ -247,7 +247,7 @@ fn release(device: &Device, allocation: &mut ManuallyDrop<Allocation>) {
 
 impl Drop for Buffer {
     fn drop(&mut self) {
-        if self.device.is_poisoned() {
+        if self.device.is_in_use() {
             return;
         }
         // SAFETY: recordings keep what they use alive and are waited for, so the device no longer uses the buffer.
@@ -258,7 +258,7 @@ impl Drop for Buffer {
 
 impl Drop for Image {
     fn drop(&mut self) {
-        if self.device.is_poisoned() {
+        if self.device.is_in_use() {
             return;
         }
         // SAFETY: as for `Buffer`; destroying a null view does nothing.

@@ -162,7 +162,7 @@ impl Pipeline {
 
 impl Drop for Pipeline {
     fn drop(&mut self) {
-        if self.device.is_poisoned() {
+        if self.device.is_in_use() {
             return;
         }
         // SAFETY: recordings that use the pipeline were waited for; destroying a null handle does nothing.

@@ -2,7 +2,7 @@
 
 use std::any::Any;
 use std::sync::{Arc, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use ash::vk;
 
@@ -36,6 +36,9 @@ pub(crate) struct Recording {
     latest: Vec<bool>,
     _keep: Vec<Arc<dyn Any + Send + Sync>>,
 }
+
+/// How long a run that is given up is waited for, so that it leaves nothing behind.
+const GRACE: Duration = Duration::from_secs(10);
 
 impl Recording {
     pub(super) fn new(
@@ -77,7 +80,7 @@ impl Recording {
     /// each ends, left out or not. Parts between two questions are one submission.
     ///
     /// # Errors
-    /// Those of `wanted`; [`Error::Timeout`] poisons the device: it may still be at work in this memory.
+    /// Those of `wanted`; [`Error::Timeout`] poisons the device: it is not to be relied on.
     pub(crate) fn run_first(
         &mut self,
         parts: usize,
@@ -98,10 +101,10 @@ impl Recording {
                 continue;
             }
             let end = (next + 1..parts).find(|&part| self.parts[part].optional).unwrap_or(parts);
-            let pending = Pending { recording: self };
+            let pending = Pending { recording: self, last: self.done + (end - next) as u64 };
             pending.recording.submit(&pending.recording.parts[next..end])?;
             for part in next + 1..=end {
-                pending.recording.wait(pending.recording.done + (part - next) as u64, deadline)?;
+                pending.wait(pending.recording.done + (part - next) as u64, deadline)?;
                 after(part);
             }
             drop(pending);
@@ -134,28 +137,18 @@ impl Recording {
         // use is kept alive.
         let submitted = unsafe { self.device.handle.queue_submit2(*queue, &submits, vk::Fence::null()) };
         if submitted == Err(vk::Result::ERROR_DEVICE_LOST) {
-            self.device.poison();
+            // A device that is lost is at work on nothing.
+            self.device.poison(true);
         }
         self.device.check("vkQueueSubmit2", submitted)
     }
 
-    fn wait(&self, value: u64, deadline: Option<Instant>) -> Result<(), Error> {
+    /// Waits for the timeline to reach a value.
+    fn reach(&self, value: u64, nanoseconds: u64) -> Result<(), vk::Result> {
         let (semaphores, values) = ([self.timeline], [value]);
         let wait = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
-        let left = deadline.map(|d| d.saturating_duration_since(Instant::now()).as_nanos());
-        let nanoseconds = left.and_then(|ns| u64::try_from(ns).ok()).unwrap_or(u64::MAX);
         // SAFETY: the semaphore is a timeline of this device.
-        match unsafe { self.device.handle.wait_semaphores(&wait, nanoseconds) } {
-            Ok(()) => Ok(()),
-            Err(result) => {
-                self.device.poison();
-                let device = self.device.info().name.clone();
-                if result == vk::Result::TIMEOUT {
-                    return Err(Error::Timeout { device, seconds: self.device.timeout.as_secs() });
-                }
-                Err(failure("waiting for the device", &device, result))
-            }
-        }
+        unsafe { self.device.handle.wait_semaphores(&wait, nanoseconds) }
     }
 
     /// The latest run on the device.
@@ -167,19 +160,44 @@ impl Recording {
 /// A run under way. Should `after` unwind, the parts still pending may go on using the device's memory.
 struct Pending<'a> {
     recording: &'a Recording,
+    /// What the timeline reaches in the end.
+    last: u64,
+}
+
+impl Pending<'_> {
+    fn wait(&self, value: u64, deadline: Option<Instant>) -> Result<(), Error> {
+        let left = deadline.map(|d| d.saturating_duration_since(Instant::now()).as_nanos());
+        let nanoseconds = left.and_then(|ns| u64::try_from(ns).ok()).unwrap_or(u64::MAX);
+        self.recording.reach(value, nanoseconds).map_err(|result| {
+            self.give_up();
+            let device = &self.recording.device;
+            let name = device.info().name.clone();
+            if result == vk::Result::TIMEOUT {
+                return Error::Timeout { device: name, seconds: device.timeout.as_secs() };
+            }
+            failure("waiting for the device", &name, result)
+        })
+    }
+
+    /// What was submitted cannot be called back, but a device that is only slow soon ends it, and one that is lost has: all
+    /// can then be freed. What hangs keeps what it uses.
+    fn give_up(&self) {
+        let ended = self.recording.reach(self.last, GRACE.as_nanos() as u64);
+        self.recording.device.poison(matches!(ended, Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST)));
+    }
 }
 
 impl Drop for Pending<'_> {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            self.recording.device.poison();
+            self.give_up();
         }
     }
 }
 
 impl Drop for Recording {
     fn drop(&mut self) {
-        if self.device.is_poisoned() {
+        if self.device.is_in_use() {
             return;
         }
         // SAFETY: every run was waited for, so nothing here is pending; destroying null handles does nothing.

@@ -141,7 +141,7 @@ impl Timestamps {
 impl Drop for Timestamps {
     fn drop(&mut self) {
         if let Some(device) = &self.device
-            && !device.is_poisoned()
+            && !device.is_in_use()
         {
             // SAFETY: the recording that writes the pool has been waited for, or was never submitted.
             unsafe { device.handle.destroy_query_pool(self.pool, None) };
