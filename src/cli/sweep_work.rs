@@ -177,8 +177,7 @@ pub(super) fn write(
         let page = SweepPage { frames: &read.frames, names, decode, nearer, palette: look.palette, fields: Vec::new() };
         extras.push(page.file(sweep, &report));
     }
-    export::write_sweep(request.force.to(&job.out), sweep, &report, &look, extras)?;
-    Ok(report)
+    Ok(export::write_sweep(request.force.to(&job.out), sweep, &report, &look, extras)?)
 }
 
 /// The report, but for what depends on which files are written.

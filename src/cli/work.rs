@@ -124,7 +124,7 @@ pub(super) fn write(
         extras.push(found.page(job, &look).file(solution, &report));
     }
     let additions = Additions { depth: found.metric.as_ref(), measurements: found.measurements.clone(), extras };
-    export::write(request.force.to(&job.out), solution, &report, &look, additions)?;
+    let report = export::write(request.force.to(&job.out), solution, &report, &look, additions)?;
     Ok((report, written))
 }
 

@@ -204,7 +204,7 @@ fn images_that_are_too_small_or_too_large_name_the_file() {
 fn a_damaged_pipeline_cache_is_ignored() {
     let desk = Desk::new();
     desk.solved(["near.png", "far.png"], &[]);
-    let caches: Vec<PathBuf> = fs::read_dir(desk.path("cache")).unwrap().map(|e| e.unwrap().path()).collect();
+    let caches: Vec<PathBuf> = fs::read_dir(desk.path("cache/pipelines")).unwrap().map(|e| e.unwrap().path()).collect();
     assert_eq!(caches.len(), 1, "{caches:?}");
     let whole = fs::read(&caches[0]).unwrap();
     fs::write(&caches[0], &whole[..whole.len() / 2]).unwrap();

@@ -156,7 +156,7 @@ pub struct Additions<'a> {
 ///
 /// With [`Additions`], their files too. Of an earlier solve, what its report lists is replaced or removed; any other file
 /// stays, and where it has the name of a result, nothing is written unless the [`Destination`] forces it. The report that is
-/// written lists under `files` what was written, whatever `report` says.
+/// written, and comes back, lists under `files` what was written, and under `hashes` what that holds, whatever `report` says.
 ///
 /// Everything is written under temporary names first and renamed at the end. On failure the files of this solve, and
 /// the folder if it was made here, are removed again, and the earlier results stand as they did; where the program is ended
@@ -170,7 +170,7 @@ pub fn write<'d>(
     report: &Report,
     look: &Look,
     additions: Additions<'_>,
-) -> Result<(), Error> {
+) -> Result<Report, Error> {
     let size = (solution.width, solution.height);
     check_lengths(solution)?;
     let [blur, confidence, depth, fused, json, uncertainty, residual, valid] = FILES;
@@ -199,7 +199,7 @@ pub fn write<'d>(
     staging.add(json, |w| {
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
-    staging.place()
+    staging.place().map(|()| report)
 }
 
 fn check_lengths(solution: &Solution) -> Result<(), Error> {

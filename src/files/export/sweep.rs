@@ -193,7 +193,8 @@ pub fn sweep_surface(sweep: &Sweep, nearer: Nearer) -> (&[f32], Scale) {
 
 /// Writes the [`SWEEP_FILES`], [`DEPTH_FILE`] where depth is known, and any of the
 /// [`EXTRA_FILES`](super::EXTRA_FILES), into the folder `out`, which is made if it is missing; all of them, or none. Where the frames are in floats, `fused.exr` is written too.
-/// Of earlier results, what their report lists is replaced or removed, and no other file, as by [`write()`](super::write()).
+/// Of earlier results, what their report lists is replaced or removed, and no other file, as by [`write()`](super::write()); the report
+/// that is written comes back.
 ///
 /// # Errors
 /// [`Error::File`].
@@ -203,7 +204,7 @@ pub fn write_sweep<'d>(
     report: &SweepReport,
     look: &Look,
     extras: Vec<Extra<'_>>,
-) -> Result<(), Error> {
+) -> Result<SweepReport, Error> {
     let size = (sweep.width, sweep.height);
     let [focus, uncertainty, _, fused, json, valid] = SWEEP_FILES;
     let mut staging = Staging::anew(out.into(), json)?;
@@ -227,7 +228,7 @@ pub fn write_sweep<'d>(
     staging.add(json, |w| {
         report.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
     })?;
-    staging.place()
+    staging.place().map(|()| report)
 }
 
 /// `depth.png`, hatched where the focus is not known, and [`DEPTH_FILE`].
