@@ -23,7 +23,7 @@ use crate::engine::script::{Script, sweep};
 use crate::engine::slot::Slot;
 use crate::engine::stages::state::Registration;
 use crate::engine::stages::step::displacing;
-use crate::engine::stages::sums::{Layout, Sums};
+use crate::engine::stages::sums::{Layout, Sums, UNKNOWNS};
 use crate::engine::stages::{Field, Pipelines, align, half_pair, joint_system, update};
 use crate::engine::vulkan::{Buffer, Clock, Device, Recorder};
 use crate::engine::workspace::Workspace;
@@ -40,6 +40,8 @@ const ETA: f64 = 0.005;
 const SMOOTHNESS_ETA: f64 = 0.1;
 /// Largest step of u, px of blur.
 const LARGEST_STEP: f64 = 0.3;
+/// How far aside the mean of a kernel may lie, px at a variance of 1 px²: pictures of kernels have it somewhere.
+const ASIDE: f64 = 0.1;
 /// How far beyond the first and the last frame u may lie, px of blur.
 const BEYOND: f64 = 0.5;
 /// The largest step of ln c.
@@ -51,6 +53,8 @@ const SWEEPS: u32 = 10;
 /// (`docs/performance.md`). T and c stay in the last, on the finest: there, frames far out of focus show little but noise, and with steps
 /// of T a corner of the last of 11 simulated frames is off by 0.07 px, without by 0.008.
 const ITERATIONS: [usize; 3] = [4, 3, 1];
+/// Px of the level that a step moves a corner of a frame by at most: the coarser level has put it closer.
+const FURTHEST: f64 = 0.5;
 /// Px of the level that a corner of a frame moves by before it is brought onto the reference's pixels anew.
 const FOLLOWED: f64 = 0.02;
 
@@ -111,7 +115,7 @@ impl SweepSolver {
     /// Prepares for sweeps of so many frames of `width` x `height` pixels.
     ///
     /// # Errors
-    /// As [`Solver::new`](crate::Solver::new).
+    /// As [`Solver::new`](crate::Solver::new); [`Error::Mismatch`] for a kernel that is not symmetric.
     pub fn new(
         engine: &Engine,
         [width, height]: [u32; 2],
@@ -119,6 +123,14 @@ impl SweepSolver {
         frames: usize,
         settings: &Settings,
     ) -> Result<Self, Error> {
+        let [right, down] = settings.kernel.mean();
+        if right.hypot(down) > ASIDE {
+            let name = settings.kernel.name();
+            return Err(Error::Mismatch(format!(
+                "the kernel {name} has its mean aside, and frames of a sweep are blurred to either side of their focus, where it lies mirrored; \
+                 take a symmetric one"
+            )));
+        }
         let max_relative_blur = settings.max_relative_blur.min(LIMIT);
         let settings = Settings { max_relative_blur, sweeps: SWEEPS, ..settings.clone() };
         let plan = Plan::new(width, height, [format; 2], &settings)?;
@@ -237,9 +249,17 @@ impl SweepSolver {
         common.rate *= step.clamp(-LARGEST_RATE_STEP, LARGEST_RATE_STEP).exp();
         let steps = graph::step(&links, self.frames, common.reference, self.plan.settings.motion.unknowns());
         for (t, x) in common.transforms.iter_mut().zip(steps) {
-            *t = t.after(&displacing(level.length, level.factor, x));
+            *t = t.after(&self.displacing(level, x));
         }
         Ok(None)
+    }
+
+    /// A step of T, shortened where it goes far.
+    fn displacing(&self, level: &Level, x: [f64; UNKNOWNS]) -> Homography {
+        let [width, height] = self.plan.size;
+        let step = displacing(level.length, level.factor, x);
+        let far = step.corner_distance(Homography::IDENTITY, width, height) / (FURTHEST * level.factor);
+        if far > 1.0 { displacing(level.length, level.factor, x.map(|x| x / far)) } else { step }
     }
 
     /// u of a level, less the middle setting.
