@@ -7,7 +7,6 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 
 #include "stack.glsl"
-#include "state.glsl"
 #include "accumulate.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray focus;
@@ -27,22 +26,16 @@ layout(push_constant) uniform Constants {
     float eta;
     float limit;                     // of V, px²
     float length;                    // that scales places, pixels
-    float factor;                    // pixels of the full-size image a pixel of this level
     float centre_x, centre_y;
-    vec4 own_linear, own_rest;       // T of either frame: M - 1; t and g
-    vec4 other_linear, other_rest;
+    float left, top, right, bottom;  // of what both frames show, pixels
 };
+
+layout(constant_id = 3) const bool STAYS = false;   // T and c do: no sums, and in the place of q how much of D noise makes
 
 const int ROWS = 8;                  // lines an invocation goes down
 const float FILTERED = 4.0;          // pixels along the border that the low pass and the high pass reach over
 
 float coefficient(int image, ivec3 place) { return imageLoad(stacks, place).r; }
-
-bool shows(ivec2 x, vec4 linear, vec4 rest, float reach) {
-    Registration r = Registration(linear.x, linear.y, linear.z, linear.w, rest.x, rest.y, rest.z, rest.w, 1.0, 0.0);
-    vec2 at = vec2(x) + displacement(r, x, factor, vec2(centre_x, centre_y));
-    return all(greaterThanEqual(min(at, vec2(width - 1, height - 1) - at), vec2(reach)));
-}
 
 // D, b and q of a pixel; what it adds to the sums.
 vec3 pixel(ivec2 x, inout Sums sums) {
@@ -50,17 +43,23 @@ vec3 pixel(ivec2 x, inout Sums sums) {
     vec2 away = vec2(own_setting, other_setting) - u;
     float v = rate * (away.y * away.y - away.x * away.x), before = rate * away.x * away.x;
     float reach = 3.0 * sqrt(max(v, 0.0)) + FILTERED;
-    if (!(v > 0.0 && v < limit) || !shows(x, own_linear, own_rest, reach) || !shows(x, other_linear, other_rest, reach)) return vec3(0.0);
+    vec4 inside = vec4(vec2(x) - vec2(left, top), vec2(right, bottom) - vec2(x));
+    if (!(v > 0.0 && v < limit) || any(lessThan(inside, vec4(reach)))) return vec3(0.0);
     ivec2 size = ivec2(width, height);
     ivec3 columns = ivec3(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1), size.xx).x);
     ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);
-    Blurred blurred = stack_on(1, nodes, v, columns, lines, vec2(0.0));
+    Blurred blurred = ANY_KERNEL ? stack_at(1, nodes, size, v, x, vec2(0.0)) : stack_on(1, nodes, v, columns, lines, vec2(0.0));
     float n = 1.0 + grain / (grain + v), slope = -grain / ((grain + v) * (grain + v)), root = inversesqrt(n);
     float left = blurred.value - imageLoad(aligned, ivec3(x, other)).r, s = root * left;
     float by_v = root * (blurred.slope - 0.5 * left * slope / n);
-    float by_u = -2.0 * rate * (other_setting - own_setting) * by_v, by_rate = by_v * v;
+    float v_by_u = -2.0 * rate * (other_setting - own_setting), by_u = v_by_u * by_v, by_rate = by_v * v;
     float share = 1.0 / (1.0 + 4.0 * max(before - limit, 0.0) / limit), w = share * inversesqrt(s * s + eta * eta);
     vec2 j = -root * blurred.gradient;
+    if (STAYS) {
+        sums.valid += share;
+        float of_noise = 0.5 * grain / (n * (grain + v) * (grain + v) * (grain + v)) * (1.0 + 0.5 * log(1.0 + s * s / (eta * eta)));
+        return w * vec3(by_u * by_u, -by_u * s, of_noise * s * s * v_by_u * v_by_u);
+    }
     add_pixel(sums, product(w, j), w * s * j, w * s * s, (vec2(x) - vec2(centre_x, centre_y)) / length, share);
     sums.roughness += w * by_rate * vec2(by_rate, s);
     return w * by_u * vec3(by_u, -s, by_rate);

@@ -26,7 +26,7 @@ pub(crate) struct Level {
 }
 
 impl Level {
-    pub(super) fn new(index: usize, width: u32, height: u32, max_relative_blur: f64) -> Self {
+    pub(crate) fn new(index: usize, width: u32, height: u32, max_relative_blur: f64) -> Self {
         let factor = f64::from(1u32 << index);
         let size = [half_size(width, index), half_size(height, index)];
         // At least 1 px²: on a coarse level less blur than that says nothing, and V must be free to move.

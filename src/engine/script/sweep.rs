@@ -6,7 +6,7 @@ use crate::base::color::LUMINANCE;
 use crate::engine::arguments::Grid;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot;
-use crate::engine::stages::{NO_VARIANT, align, copy, half_pair, joint_system, prolong, sums, update};
+use crate::engine::stages::{NO_VARIANT, align, copy, half_pair, joint_system, prolong, update};
 
 fn script(plan: &Plan, fill: impl FnOnce(&mut Composer)) -> Script {
     let mut composer = Composer::new(plan, false);
@@ -55,7 +55,13 @@ pub(crate) fn prolong(plan: &Plan, level: &Level, limit: f32) -> Script {
 }
 
 /// What pairs say, by the sharper frame of each: one stack at a time.
-pub(crate) fn half_pairs(plan: &Plan, level: &Level, pairs: &[(u32, Vec<half_pair::Constants>)]) -> Script {
+pub(crate) fn half_pairs(
+    plan: &Plan,
+    level: &Level,
+    pairs: &[(u32, Vec<half_pair::Constants>)],
+    stays: bool,
+) -> Script {
+    let variant = half_pair::variant(plan.slopes(), stays, plan.projective());
     script(plan, |s| {
         for (frame, others) in pairs {
             s.spline(level, (slot::ALIGNED, *frame), (slot::STACKS.plane(), 0));
@@ -70,7 +76,6 @@ pub(crate) fn half_pairs(plan: &Plan, level: &Level, pairs: &[(u32, Vec<half_pai
                     system: slot::JOINT_SUMS.update(),
                     partials: slot::PARTIALS.write(),
                 };
-                let variant = if plan.projective() { sums::PROJECTIVE } else { NO_VARIANT };
                 s.dispatch(bindings, constants, variant, Grid::Direct(half_pair::tiles(level.size)));
             }
         }

@@ -8,17 +8,18 @@
 //! ```
 //!
 //! so its linear system for du is that of a pair for dV times dV/du, and all pairs add up: D = Σ w S_u², b = -Σ w S S_u, and with S_c by
-//! the logarithm of c, q = Σ w S_u S_c, by which c answers to u. f is what a pixel and the low pass of the frames leave of the correlation
+//! the logarithm of c, q = Σ w S_u S_c, by which c answers to u. Where c stays, the part of D that noise makes stands in the place of q: of
+//! noise alone S_V² is `½ f/(n (f + V)³)` times S², and the mean of `w S² (1 + ½ ln(1 + S²/η²))` within a tenth that of w times that of S².
+//! f is what a pixel and the low pass of the frames leave of the correlation
 //! of noise, px². Section 11 of `docs/method.md`.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::state::Registration;
+use super::stack::{self, Slopes};
 use super::sums::Sums;
-use super::{Field, WORKGROUP, pixels, stack};
-use crate::base::Homography;
+use super::{Field, WORKGROUP, pixels};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -51,14 +52,15 @@ pub struct Constants {
     pub limit: f32,
     /// What scales places, pixels of the level.
     pub length: f32,
-    /// Pixels of the full-size image a pixel of this level.
-    pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
-    /// T of the sharper frame: M less the identity by rows, t, g.
-    pub own: [f32; 8],
-    /// T of the other.
-    pub others: [f32; 8],
+    /// Left, top, right and bottom of what both frames show, pixels of this level.
+    pub shown: [f32; 4],
+}
+
+/// The variant for a kernel's slopes; where T and c stay, so that their sums are left out; and for homographies.
+pub(crate) fn variant(slopes: Slopes, stays: bool, projective: bool) -> Variant {
+    [slopes == Slopes::Layers, stays, false, projective]
 }
 
 /// Lines an invocation goes down.
@@ -96,10 +98,10 @@ impl Pass for Bindings {
         40 * pixels(c.width, c.height)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let nodes = &memory.layers(self.stacks)[..c.nodes as usize];
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+        let nodes = &memory.layers(self.stacks)[..c.nodes as usize * slopes(variant).layers()];
         let other = memory.layer(self.aligned, c.other as usize);
-        let Said { system, sums } = twin(c, memory.layer(self.focus, 0), nodes, other);
+        let Said { system, sums } = twin(c, variant, memory.layer(self.focus, 0), nodes, other);
         for (layer, said) in system.into_iter().enumerate() {
             let sum = memory.layer_mut(self.system, layer);
             if c.first == 1 || sum.data.is_empty() {
@@ -120,17 +122,18 @@ pub struct Said {
     pub sums: Sums,
 }
 
+fn slopes(variant: Variant) -> Slopes {
+    if variant[0] { Slopes::Layers } else { Slopes::Laplacian }
+}
+
 /// What the pair says of every pixel.
-pub fn twin(c: &Constants, focus: &Field, stack: &[Field], other: &Field) -> Said {
+pub fn twin(c: &Constants, variant: Variant, focus: &Field, stack: &[Field], other: &Field) -> Said {
     let (width, height) = (c.width as usize, c.height as usize);
     let mut said = Said { system: std::array::from_fn(|_| Field::zeros(width, height)), sums: Sums::default() };
-    let transforms = [c.own, c.others].map(registration);
-    let shows = |x: [usize; 2], reach: f64| {
-        transforms.iter().all(|r| {
-            let d = r.displacement(x[0], x[1], c.factor.into(), c.centre.map(f64::from));
-            let inside = |x: usize, d: f64, size: usize| (x as f64 + d).min(size as f64 - 1.0 - x as f64 - d) >= reach;
-            inside(x[0], d[0], width) && inside(x[1], d[1], height)
-        })
+    let [left, top, right, bottom] = c.shown.map(f64::from);
+    let shows = |[x, y]: [usize; 2], reach: f64| {
+        let (x, y) = (x as f64, y as f64);
+        (x - left).min(right - x).min(y - top).min(bottom - y) >= reach
     };
     let [rate, grain, eta, limit] = [c.rate, c.grain, c.eta, c.limit].map(f64::from);
     let settings = [c.own_setting, c.other_setting].map(f64::from);
@@ -140,47 +143,49 @@ pub fn twin(c: &Constants, focus: &Field, stack: &[Field], other: &Field) -> Sai
         if !(v > 0.0 && v < limit && shows([x, y], 3.0 * v.sqrt() + FILTERED)) {
             continue;
         }
-        let blurred = stack::read_near(stack, v, [x, y], [0.0; 2]);
+        let blurred = stack::read(stack, slopes(variant), v, x as f64, y as f64);
         let (n, slope) = (1.0 + grain / (grain + v), -grain / (grain + v).powi(2));
         let root = 1.0 / n.sqrt();
         let left = blurred.value - other.get(x, y);
         let (s, by_v) = (root * left, root * (blurred.slope - 0.5 * left * slope / n));
-        let (by_u, by_rate) = (-2.0 * rate * (settings[1] - settings[0]) * by_v, by_v * v);
+        let v_by_u = -2.0 * rate * (settings[1] - settings[0]);
+        let (by_u, by_rate) = (v_by_u * by_v, by_v * v);
         // A frame that is itself far out of focus has little texture left, and what is left is noise.
         let share = 1.0 / (1.0 + 4.0 * (before - limit).max(0.0) / limit);
         let w = share / (s * s + eta * eta).sqrt();
         let [jx, jy] = [blurred.dx, blurred.dy].map(|d| -root * d);
         let place = [0, 1].map(|i| ([x, y][i] as f64 - f64::from(c.centre[i])) / f64::from(c.length));
-        said.sums.add([w * jx * jx, w * jx * jy, w * jy * jy], [w * s * jx, w * s * jy], place);
-        said.sums.energy += w * s * s;
         said.sums.valid += share;
-        said.sums.roughness[0] += w * by_rate * by_rate;
-        said.sums.roughness[1] += w * by_rate * s;
-        for (layer, value) in [by_u, -s, by_rate].into_iter().enumerate() {
-            said.system[layer].data[y * width + x] = w * by_u * value;
+        let third = if variant[1] {
+            let loss = 1.0 + 0.5 * (s / eta).powi(2).ln_1p();
+            0.5 * grain / (n * (grain + v).powi(3)) * loss * (s * v_by_u).powi(2)
+        } else {
+            said.sums.add([w * jx * jx, w * jx * jy, w * jy * jy], [w * s * jx, w * s * jy], place);
+            said.sums.energy += w * s * s;
+            said.sums.roughness[0] += w * by_rate * by_rate;
+            said.sums.roughness[1] += w * by_rate * s;
+            by_u * by_rate
+        };
+        for (layer, value) in [by_u * by_u, -by_u * s, third].into_iter().enumerate() {
+            said.system[layer].data[y * width + x] = w * value;
         }
     }
     said
 }
 
-/// T as the constants have it.
-fn registration(t: [f32; 8]) -> Registration {
-    let [xx, xy, yx, yy, tx, ty, gx, gy] = t.map(f64::from);
-    let matrix = [[1.0 + xx, xy, tx], [yx, 1.0 + yy, ty], [gx, gy, 1.0]];
-    Registration { transform: Homography::from_matrix(matrix).unwrap_or_default(), gain: 1.0, offset: 0.0 }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::NO_VARIANT;
     use super::super::harness::{Rig, build_stack, random_field, smooth_field};
     use super::super::sums::Layout;
     use super::*;
     use crate::base::Kernel;
     use crate::engine::vulkan::Resource;
 
-    fn check([own, other]: [&Field; 2], focus: &Field, first: bool) {
+    fn check([own, other]: [&Field; 2], focus: &Field, first: bool, variant: Variant) {
         let (width, height, nodes) = (focus.width, focus.height, stack::node_count(6.0));
-        let stack = build_stack(own, &Kernel::Gaussian, nodes);
+        let kernel = if variant[0] { Kernel::Pillbox } else { Kernel::Gaussian };
+        let stack = build_stack(own, &kernel, nodes);
         let c = Constants {
             width: width as u32,
             height: height as u32,
@@ -195,12 +200,10 @@ mod tests {
             eta: 0.005,
             limit: 6.0,
             length: 20.0,
-            factor: 2.0,
             centre: [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0],
-            own: [0.01, 0.0, -0.01, 0.02, 1.0, -2.0, 1e-5, 0.0],
-            others: [0.0, 0.02, 0.0, -0.01, -1.0, 0.5, 0.0, -1e-5],
+            shown: [1.5, 0.0, width as f32 - 1.0, height as f32 - 3.25],
         };
-        let Said { system, sums } = twin(&c, focus, &stack, other);
+        let Said { system, sums } = twin(&c, variant, focus, &stack, other);
         let rig = Rig::new();
         let before: Vec<Field> = (0..3).map(|n| random_field(width, height, 20 + n)).collect();
         let images = [
@@ -213,7 +216,7 @@ mod tests {
         let partials = rig.upload(&vec![0; 4 * layout.length * (2 + groups[0] * groups[1]) as usize]);
         let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
         resources.push(Resource::Buffer(&partials));
-        rig.run_groups(&STAGE, &resources, &c, groups);
+        rig.run_variant(&STAGE, variant, &resources, &c, groups);
         let add = |(said, before): (Field, &Field)| Field {
             data: said.data.iter().zip(&before.data).map(|(s, b)| s + if first { 0.0 } else { *b }).collect(),
             ..said
@@ -240,11 +243,13 @@ mod tests {
             let mut focus = smooth_field(width, height, 3);
             focus.data.iter_mut().for_each(|u| *u = 6.0 * (*u - 0.5));
             let [own, other] = [1, 2].map(|seed| smooth_field(width, height, seed));
-            check([&own, &other], &focus, true);
-            check([&own, &other], &focus, false);
-            check([&random_field(width, height, 5), &other], &focus, true);
+            for (slopes, stays) in [(Slopes::Laplacian, false), (Slopes::Layers, false), (Slopes::Laplacian, true)] {
+                check([&own, &other], &focus, true, variant(slopes, stays, false));
+            }
+            check([&own, &other], &focus, false, NO_VARIANT);
+            check([&random_field(width, height, 5), &other], &focus, true, NO_VARIANT);
         }
         let flat = Field::from_fn(40, 30, |_, _| 0.5);
-        check([&flat, &flat], &Field::zeros(40, 30), true);
+        check([&flat, &flat], &Field::zeros(40, 30), true, NO_VARIANT);
     }
 }

@@ -11,6 +11,11 @@ pub(super) struct Link {
     pub(super) sums: Sums,
 }
 
+/// By how much of what the pairs tell of a frame's T in the median each step is held. What they hardly tell stays where coarser levels have
+/// put it: a frame far out of focus, or one of which a corner alone tells, takes what the model does not explain for motion. Without, the
+/// second frame of the heat sink's seven came out 2.3 px off, and of a part of it the last one turned by 160°.
+const HELD: f64 = 0.05;
+
 /// The step of each frame's T by the first so many unknowns, the reference held; none where the links do not determine it.
 pub(super) fn step(links: &[Link], frames: usize, reference: usize, unknowns: usize) -> Vec<[f64; UNKNOWNS]> {
     let mut normal = DMatrix::<f64>::zeros(frames * unknowns, frames * unknowns);
@@ -31,8 +36,9 @@ pub(super) fn step(links: &[Link], frames: usize, reference: usize, unknowns: us
         normal.column_mut(n).fill(0.0);
         (normal[(n, n)], right[n]) = (1.0, 0.0);
     }
-    // What nothing determines stays: 1e-9 of the rest holds it.
-    let held = 1e-9 * normal.diagonal().max();
+    let mut told: Vec<f64> = normal.diagonal().iter().copied().filter(|told| *told > 0.0).collect();
+    told.sort_by(f64::total_cmp);
+    let held = HELD * told.get(told.len() / 2).copied().unwrap_or(1.0);
     (0..frames * unknowns).for_each(|n| normal[(n, n)] += held);
     let solved = Cholesky::new(normal).map(|cholesky| cholesky.solve(&right));
     let of = |frame: usize, a: usize| solved.as_ref().map_or(0.0, |x| x[frame * unknowns + a]);
@@ -58,7 +64,7 @@ mod tests {
         };
         let links = [link([0, 2], 1.0), link([3, 0], 5.0), link([1, 3], 0.2), link([2, 1], 3.0)];
         for (found, expected) in step(&links, 4, 1, 2).iter().zip(truth) {
-            (0..2).for_each(|a| assert!((found[a] - expected[a]).abs() < 1e-6, "{found:?} {expected:?}"));
+            (0..2).for_each(|a| assert!((found[a] - expected[a]).abs() < 1e-3, "{found:?} {expected:?}"));
         }
     }
 }

@@ -7,10 +7,12 @@
 mod deviation;
 mod graph;
 mod pairs;
+mod shown;
 mod start;
 
 use std::sync::Arc;
 
+use self::deviation::Told;
 use self::graph::Link;
 use self::start::{Frames, GRAIN, Grid};
 use crate::base::{Brightness, Error, Format, Frame, Homography, Photometric, Settings, Shading};
@@ -19,9 +21,9 @@ use crate::engine::plan::{Level, Plan};
 use crate::engine::record::record;
 use crate::engine::script::{Script, sweep};
 use crate::engine::slot::Slot;
-use crate::engine::stages::state::{Registration, Single};
+use crate::engine::stages::state::Registration;
 use crate::engine::stages::step::displacing;
-use crate::engine::stages::sums::{Layout, Sums};
+use crate::engine::stages::sums::{Layout, Sums, UNKNOWNS};
 use crate::engine::stages::{Field, Pipelines, align, half_pair, joint_system, update};
 use crate::engine::vulkan::{Buffer, Clock, Device, Recorder};
 use crate::engine::workspace::Workspace;
@@ -38,17 +40,21 @@ const ETA: f64 = 0.005;
 const SMOOTHNESS_ETA: f64 = 0.1;
 /// Largest step of u, px of blur.
 const LARGEST_STEP: f64 = 0.3;
+/// How far aside the mean of a kernel may lie, px at a variance of 1 px²: pictures of kernels have it somewhere.
+const ASIDE: f64 = 0.1;
 /// How far beyond the first and the last frame u may lie, px of blur.
 const BEYOND: f64 = 0.5;
 /// The largest step of ln c.
 const LARGEST_RATE_STEP: f64 = 0.3;
 /// Red-black sweeps a step: iterations are dear, each takes a stack of every frame, and sweeps are cheap.
 const SWEEPS: u32 = 10;
-/// Iterations on the level where it starts, on those between and on the finest.
-const ITERATIONS: [usize; 3] = [4, 3, 2];
-/// The finest level on which T steps, unless the sweep starts on the finest. On that, frames far out of focus show little but noise: with
-/// steps there a corner of the last of 11 frames, simulated, is off by 0.07 px, without by 0.008.
-const FINEST_STEP: usize = 1;
+/// Iterations on the level where it starts, on those between and on the finest, where a second costs as much as all before it. With two,
+/// 6 to 11 generated frames err by 0.112 instead of 0.106 and by 0.082 instead of 0.075, 41 by 0.041 instead of 0.046
+/// (`docs/performance.md`). T and c stay in the last, on the finest: there, frames far out of focus show little but noise, and with steps
+/// of T a corner of the last of 11 simulated frames is off by 0.07 px, without by 0.008.
+const ITERATIONS: [usize; 3] = [4, 3, 1];
+/// Px of the level that a step moves a corner of a frame by at most: the coarser level has put it closer.
+const FURTHEST: f64 = 0.5;
 /// Px of the level that a corner of a frame moves by before it is brought onto the reference's pixels anew.
 const FOLLOWED: f64 = 0.02;
 
@@ -109,7 +115,7 @@ impl SweepSolver {
     /// Prepares for sweeps of so many frames of `width` x `height` pixels.
     ///
     /// # Errors
-    /// As [`Solver::new`](crate::Solver::new).
+    /// As [`Solver::new`](crate::Solver::new); [`Error::Mismatch`] for a kernel that is not symmetric.
     pub fn new(
         engine: &Engine,
         [width, height]: [u32; 2],
@@ -117,6 +123,14 @@ impl SweepSolver {
         frames: usize,
         settings: &Settings,
     ) -> Result<Self, Error> {
+        let [right, down] = settings.kernel.mean();
+        if right.hypot(down) > ASIDE {
+            let name = settings.kernel.name();
+            return Err(Error::Mismatch(format!(
+                "the kernel {name} has its mean aside, and frames of a sweep are blurred to either side of their focus, where it lies mirrored; \
+                 take a symmetric one"
+            )));
+        }
         let max_relative_blur = settings.max_relative_blur.min(LIMIT);
         let settings = Settings { max_relative_blur, sweeps: SWEEPS, ..settings.clone() };
         let plan = Plan::new(width, height, [format; 2], &settings)?;
@@ -160,15 +174,14 @@ impl SweepSolver {
             common.aligned = vec![None; self.frames];
             let count = if index == first { ITERATIONS[0] } else { ITERATIONS[1 + usize::from(index == 0)] };
             for k in 0..count {
-                let system = self.iterate(&level, &mut common, index == 0 && k + 1 == count)?;
-                last = system.or(last);
+                let told = self.iterate(&level, &mut common, index == 0 && k + 1 == count)?;
+                last = told.or(last);
             }
             say(first + 1 - index, first + 1);
         }
         let [width, height] = self.plan.size.map(|side| side as usize);
-        let focus = &self.fetch(Slot::RelativeBlur { level: 0 }, self.plan.size, 1)?[0];
-        let system = last.unwrap_or_else(|| [Field::zeros(width, height), Field::zeros(width, height)]);
-        let deviation = deviation::of(focus, &system);
+        let focus = self.focus(&self.plan.pyramid[0])?;
+        let deviation = last.map_or_else(|| Field::zeros(width, height), |told: Told| told.deviation(&focus));
         Ok(Focus {
             focus: focus.data.iter().map(|u| (u + common.middle) as f32).collect(),
             deviation: deviation.to_f32(),
@@ -218,31 +231,40 @@ impl SweepSolver {
         Ok((common, focus))
     }
 
-    /// An iteration on a level; D and b of the last one, before they are smoothed.
-    fn iterate(&self, level: &Level, common: &mut Common, last: bool) -> Result<Option<[Field; 2]>, Error> {
+    /// An iteration on a level; what is told in the last, in which T and c stay.
+    fn iterate(&self, level: &Level, common: &mut Common, last: bool) -> Result<Option<Told>, Error> {
         self.align(level, common)?;
         let rate = common.rate_on(level);
-        let links = self.half_pairs(level, common, rate)?;
-        let system = if last {
-            let fields = self.fetch(Slot::JointSums, self.plan.size, 2)?;
-            <[Field; 2]>::try_from(fields).ok()
-        } else {
-            None
-        };
+        let links = self.half_pairs(level, common, rate, last)?;
+        let before = if last { Some((self.fetch(Slot::JointSums, level.size, 3)?, self.focus(level)?)) } else { None };
         let pixels = level.pixels() as f64;
         common.telling = links.iter().map(|link| link.sums.valid).sum::<f64>() / pixels;
         let answered = self.step(level, common, rate)?;
+        if let Some((system, before)) = before {
+            return Ok(Told::after(system, &before, &self.focus(level)?));
+        }
         let own: [f64; 2] = [0, 1].map(|n| links.iter().map(|link| link.sums.roughness[n]).sum());
         // c steps as if u had answered already.
         let step = -(own[1] + answered[0]) / (own[0] - answered[1]).max(1e-9);
         common.rate *= step.clamp(-LARGEST_RATE_STEP, LARGEST_RATE_STEP).exp();
-        if level.index >= FINEST_STEP.min(self.first_level()) {
-            let steps = graph::step(&links, self.frames, common.reference, self.plan.settings.motion.unknowns());
-            for (t, x) in common.transforms.iter_mut().zip(steps) {
-                *t = t.after(&displacing(level.length, level.factor, x));
-            }
+        let steps = graph::step(&links, self.frames, common.reference, self.plan.settings.motion.unknowns());
+        for (t, x) in common.transforms.iter_mut().zip(steps) {
+            *t = t.after(&self.displacing(level, x));
         }
-        Ok(system)
+        Ok(None)
+    }
+
+    /// A step of T, shortened where it goes far.
+    fn displacing(&self, level: &Level, x: [f64; UNKNOWNS]) -> Homography {
+        let [width, height] = self.plan.size;
+        let step = displacing(level.length, level.factor, x);
+        let far = step.corner_distance(Homography::IDENTITY, width, height) / (FURTHEST * level.factor);
+        if far > 1.0 { displacing(level.length, level.factor, x.map(|x| x / far)) } else { step }
+    }
+
+    /// u of a level, less the middle setting.
+    fn focus(&self, level: &Level) -> Result<Field, Error> {
+        self.fetch(Slot::RelativeBlur { level: level.index }, level.size, 1).map(|mut layers| layers.swap_remove(0))
     }
 
     /// Brings the frames that have moved onto the reference's pixels.
@@ -273,7 +295,7 @@ impl SweepSolver {
     }
 
     /// What all pairs say, of u on the device and of their registration.
-    fn half_pairs(&self, level: &Level, common: &Common, rate: f64) -> Result<Vec<Link>, Error> {
+    fn half_pairs(&self, level: &Level, common: &Common, rate: f64, stays: bool) -> Result<Vec<Link>, Error> {
         let pairs = pairs::pairs(&common.settings, rate);
         let [columns, rows, _] = half_pair::tiles(level.size);
         let mut frames: Vec<(u32, Vec<half_pair::Constants>)> = Vec::new();
@@ -288,7 +310,7 @@ impl SweepSolver {
             });
             frames.push((own as u32, constants.collect()));
         }
-        self.run(&sweep::half_pairs(&self.plan, level, &frames))?;
+        self.run(&sweep::half_pairs(&self.plan, level, &frames, stays))?;
         let layout = Layout::of(self.plan.projective());
         let floats = (columns * rows) as usize * layout.length;
         let read = |(n, frames): (usize, &[usize; 2])| {
@@ -307,12 +329,7 @@ impl SweepSolver {
         row: u32,
     ) -> half_pair::Constants {
         let setting = |n: usize| (common.settings[n] - common.middle) as f32;
-        let registration = |n: usize| {
-            let t = common.aligned[n].unwrap_or(common.transforms[n]);
-            let single = Single::from(&Registration::new(t, &Photometric::IDENTITY));
-            let ([a, b, c, d], [tx, ty], [gx, gy]) = (single.linear, single.t, single.g);
-            [a, b, c, d, tx, ty, gx, gy]
-        };
+        let shown = [own, other].map(|n| shown::by(&common.aligned[n].unwrap_or(common.transforms[n]), level));
         half_pair::Constants {
             width: level.size[0],
             height: level.size[1],
@@ -327,10 +344,8 @@ impl SweepSolver {
             eta: ETA as f32,
             limit: LIMIT.min(level.limit) as f32,
             length: level.length as f32,
-            factor: level.factor as f32,
             centre: level.centre.map(|c| c as f32),
-            own: registration(own),
-            others: registration(other),
+            shown: shown::by_both(shown).map(|side| side as f32),
         }
     }
 
