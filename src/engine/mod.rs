@@ -200,7 +200,7 @@ mod tests {
 
     #[test]
     fn what_a_solve_that_timed_out_used_is_freed() {
-        let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(50), ..testing::options() }).unwrap();
+        let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(1), ..testing::options() }).unwrap();
         let instance = Arc::downgrade(&engine.device.instance);
         let frame = |n: usize| {
             let value = |i: usize| 0.5 + 0.3 * ((i % 512 + n) as f32 * 0.9).sin() * ((i / 512) as f32 * 0.8).cos();
