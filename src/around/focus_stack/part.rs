@@ -66,6 +66,8 @@ impl Sweep {
         for field in [&mut self.focus, &mut self.uncertainty] {
             *field = part.of(field, row, 1);
         }
+        self.beyond = part.of(&self.beyond, row, 1);
+        self.frames = part.of(&self.frames, row, 1);
         self.fused = part.of(&self.fused, row, self.fused_channels.count() as usize);
         self.region = Region { x: self.region.x + part.x, y: self.region.y + part.y, ..part };
         (self.width, self.height) = (part.width, part.height);
@@ -74,7 +76,7 @@ impl Sweep {
     /// Makes nothing of what a mask leaves out.
     fn leave_out(&mut self, mask: &Mask) {
         for (pixel, _) in mask.bytes().iter().enumerate().filter(|(_, counts)| **counts == 0) {
-            (self.focus[pixel], self.uncertainty[pixel]) = (f32::NAN, f32::NAN);
+            (self.focus[pixel], self.uncertainty[pixel], self.beyond[pixel]) = (f32::NAN, f32::NAN, 0);
         }
     }
 

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use super::depth16::{DEPTH16_FILES, Depth16};
 use super::extra::with_near_and_far;
+use super::labelled::read_beyond;
 use super::measurements::{Measurable, Measurements, Wanted};
 use super::results::{nearer_of, read_report};
 use super::sweep::{SWEEP_FILES, SweepDepthReport, stage_depth};
@@ -85,7 +86,7 @@ impl SolvedSweep {
     /// # Errors
     /// [`Error::File`]: a file is missing or damaged, or not of the size that the report states.
     pub fn read(folder: &Path) -> Result<Self, Error> {
-        let [focus, uncertainty, _, fused, json, _] = SWEEP_FILES.map(|name| folder.join(name));
+        let [focus, uncertainty, _, fused, json, ..] = SWEEP_FILES.map(|name| folder.join(name));
         let report = read_report(&json)?;
         let nearer = nearer_of(&report, &json)?;
         let stated = Stated::of(&report)
@@ -97,7 +98,11 @@ impl SolvedSweep {
         };
         let (focus, uncertainty) = (field(&focus)?, field(&uncertainty)?);
         let in_floats = folder.join(FUSED_FLOAT_FILE);
-        let is_float = report["files"].as_array().is_some_and(|files| files.contains(&json!(FUSED_FLOAT_FILE)));
+        let has = |name: &str| report["files"].as_array().is_some_and(|files| files.contains(&json!(name)));
+        let is_float = has(FUSED_FLOAT_FILE);
+        // Earlier versions wrote none.
+        let beyond =
+            if has(SWEEP_FILES[7]) { sides(&folder.join(SWEEP_FILES[7]), [width, height])? } else { Vec::new() };
         let file = if is_float { in_floats } else { fused };
         let fused = image_io::read(&file)?;
         of_size(&file, [fused.width(), fused.height()], [width, height])?;
@@ -110,9 +115,11 @@ impl SolvedSweep {
             photograph: [photograph.width, photograph.height],
             focus,
             uncertainty,
+            beyond,
             depth: None,
             fused_channels: fused.format().channels,
             fused: fused.intensities(stated.decode),
+            frames: Vec::new(),
             reference: stated.reference,
             positions: stated.frames.iter().map(|frame| frame.position).collect(),
             unit,
@@ -251,6 +258,11 @@ impl SolvedSweep {
 
 fn sha256(photograph: &Photograph) -> String {
     photograph.describe().map(|input| input.sha256).unwrap_or_default()
+}
+
+fn sides(path: &Path, size: [u32; 2]) -> Result<Vec<i8>, Error> {
+    let (found, sides) = read_beyond(path)?;
+    of_size(path, found, size).map(|()| sides)
 }
 
 fn of_size(path: &Path, found: [u32; 2], stated: [u32; 2]) -> Result<(), Error> {
