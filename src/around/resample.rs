@@ -1,7 +1,7 @@
 //! A photograph on the pixels of another.
 
-use crate::base::color::stored;
-use crate::base::{Brightness, Decode, Frame, Homography, centre};
+use crate::base::color::{LUMINANCE, stored};
+use crate::base::{Brightness, Channels, Decode, Frame, Homography, centre};
 use crate::engine::filter;
 use crate::engine::stages::field::mirror;
 use crate::engine::stages::spline;
@@ -109,6 +109,15 @@ pub(crate) fn brightened(frame: &Frame, brightness: &Brightness, decode: Decode)
     let mut values = frame.intensities(decode);
     in_rows(&mut values, frame.width() as usize * channels, |y, row| brightness.apply_to_row(row, channels, y));
     values
+}
+
+/// Of interleaved values, those that are grey already as they are.
+pub(crate) fn luminance(values: Vec<f32>, channels: Channels) -> Vec<f32> {
+    let weigh = |pixel: &[f32]| pixel.iter().zip(LUMINANCE).map(|(value, weight)| value * weight).sum();
+    match channels {
+        Channels::Gray => values,
+        Channels::Rgb => values.chunks_exact(3).map(weigh).collect(),
+    }
 }
 
 /// Fills rows of so many values, by all processors.

@@ -4,9 +4,8 @@
 //! the sharpest frame's variance of the Laplacian in a third of the tiles of 32 px, one frame has it in more than 99 %.
 
 use super::fuse::Placed;
-use crate::around::resample::{brightened, in_rows};
-use crate::base::color::LUMINANCE;
-use crate::base::{Channels, Decode, Frame, Homography, centre};
+use crate::around::resample::{brightened, in_rows, luminance};
+use crate::base::{Decode, Frame, Homography, centre};
 
 /// Where each pixel of the reference is in focus, and its standard deviation, steps; NaN where nothing tells.
 pub(super) struct Found<'a> {
@@ -130,14 +129,6 @@ impl Energies {
         };
         let (upper, lower) = (line(y), line(below));
         Some(self.scale * (upper + fy * (lower - upper)))
-    }
-}
-
-fn luminance(values: Vec<f32>, channels: Channels) -> Vec<f32> {
-    let weigh = |pixel: &[f32]| pixel.iter().zip(LUMINANCE).map(|(value, weight)| value * weight).sum();
-    match channels {
-        Channels::Gray => values,
-        Channels::Rgb => values.chunks_exact(3).map(weigh).collect(),
     }
 }
 

@@ -6,6 +6,7 @@
 mod beyond;
 mod choose;
 mod fuse;
+mod order;
 mod part;
 mod position;
 mod restated;
@@ -18,6 +19,9 @@ use crate::engine::{Engine, Focus, SweepSolver};
 
 /// A pixel whose deviation is larger, steps, is not known.
 const UNKNOWN: f32 = 2.0;
+
+/// The fewest frames of a sweep.
+const LEAST: usize = 3;
 
 /// How a sweep is solved.
 #[derive(Clone, Debug, Default)]
@@ -40,7 +44,7 @@ impl SweepOptions {
     /// [`Error::Mismatch`]; those of [`Settings::check`].
     pub fn check(&self, frames: usize) -> Result<(), Error> {
         let mismatch = |problem: String| Err(Error::Mismatch(problem));
-        if frames < 3 {
+        if frames < LEAST {
             return mismatch(format!(
                 "a sweep has three frames or more, not {frames}; solve a pair with parfocal solve"
             ));
@@ -81,7 +85,7 @@ pub struct Sweep {
     pub fused: Vec<f32>,
     /// The frame that each pixel of it is taken from, counted from 1; empty where results are read from a folder.
     pub frames: Vec<u16>,
-    /// The frame on whose pixels the results are.
+    /// The frame on whose pixels the results are, of those below.
     pub reference: usize,
     /// The focus setting of each frame, in which blur is linear.
     pub positions: Vec<f64>,
@@ -97,6 +101,9 @@ pub struct Sweep {
     pub blur_rate: f64,
     /// How stored values became intensities.
     pub decode: Decode,
+    /// Which of the frames that were given each of them is, from 0: frames that were out of order stand in order, and one that was there
+    /// twice is left out, unless positions are stated.
+    pub order: Vec<usize>,
     /// What the user should know; a sentence each.
     pub warnings: Vec<String>,
 }
@@ -145,6 +152,7 @@ fn solve_whole(
         brightness,
         blur_rate: found.rate / (step * step),
         decode: options.settings.decode,
+        order: (0..frames.len()).collect(),
         warnings: Vec::new(),
     })
 }

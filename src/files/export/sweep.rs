@@ -32,9 +32,11 @@ pub struct SweepReport {
     pub photograph: SizeReport,
     /// The part of the reference that the results are of.
     pub region: Region,
-    /// The frames in order.
+    /// The frames in the order in which they were solved.
     pub frames: Vec<SweepFrame>,
-    /// The frame on whose pixels the results are, from 0.
+    /// Which of the files that were given each of them is, from 0.
+    pub order: Vec<usize>,
+    /// The frame on whose pixels the results are, from 0, of `frames`.
     pub reference: usize,
     /// Whether the first or the last frame is focused nearest, 1 or 2.
     pub nearer: u8,
@@ -70,7 +72,7 @@ pub struct SweepReport {
     /// SHA-256 of the version, settings and flags, by which `batch --resume` knows a solve again; empty where a program
     /// did not set it.
     pub request: String,
-    /// The files of the frames; empty where they did not come from files.
+    /// The files of the frames, as they were given; empty where they did not come from files.
     pub inputs: Vec<Input>,
     /// The files that belong to it, itself among them; [`write_sweep`] sees to it.
     pub files: Vec<String>,
@@ -143,10 +145,10 @@ pub struct SweepFrame {
 }
 
 impl SweepReport {
-    /// Of a sweep of these files.
+    /// Of a sweep of these files, in the order in which they were given.
     pub fn new(sweep: &Sweep, files: &[String], nearer: Nearer, device: &DeviceInfo, total_ms: f64) -> Self {
-        let frame = |(n, file): (usize, &String)| SweepFrame {
-            file: file.clone(),
+        let frame = |(n, given): (usize, &usize)| SweepFrame {
+            file: files.get(*given).cloned().unwrap_or_default(),
             position: sweep.positions[n],
             focus_mm: sweep.stated.millimetres().map(|at| at[n]),
             transform: sweep.transforms[n],
@@ -159,7 +161,8 @@ impl SweepReport {
             size: SizeReport { width: sweep.width, height: sweep.height },
             photograph: SizeReport { width: sweep.photograph[0], height: sweep.photograph[1] },
             region: sweep.region,
-            frames: files.iter().enumerate().map(frame).collect(),
+            frames: sweep.order.iter().enumerate().map(frame).collect(),
+            order: sweep.order.clone(),
             reference: sweep.reference,
             nearer: nearer.number(),
             blur_rate_px2: sweep.blur_rate,

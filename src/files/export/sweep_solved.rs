@@ -38,6 +38,8 @@ struct Stated {
     photograph: Option<SizeReport>,
     region: Option<Region>,
     frames: Vec<StatedFrame>,
+    /// Absent from reports of earlier versions, whose frames were taken as given.
+    order: Option<Vec<usize>>,
     reference: usize,
     blur_rate_px2: f64,
     decode: Decode,
@@ -128,6 +130,7 @@ impl SolvedSweep {
             brightness: stated.frames.iter().map(|frame| frame.shading.with(frame.photometric)).collect(),
             blur_rate: stated.blur_rate_px2,
             decode: stated.decode,
+            order: stated.order.unwrap_or_else(|| (0..stated.frames.len()).collect()),
             warnings: stated.warnings,
         };
         if let Some(at) = stated.frames.iter().map(|frame| frame.focus_mm).collect::<Option<Vec<f64>>>() {
@@ -159,7 +162,8 @@ impl SolvedSweep {
         let files = self.frame_files();
         let frame = |(n, file): (usize, &PathBuf)| {
             let photograph = Photograph::open(file)?;
-            let is_another = inputs.get(n).is_some_and(|input| input.sha256 != sha256(&photograph));
+            let given = self.sweep.order.get(n).copied().unwrap_or(n);
+            let is_another = inputs.get(given).is_some_and(|input| input.sha256 != sha256(&photograph));
             let frame = photograph.decode()?;
             let size = [frame.width(), frame.height()];
             if is_another || size != self.sweep.photograph {
