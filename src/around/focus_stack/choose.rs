@@ -7,7 +7,7 @@ use super::fuse::Placed;
 use crate::around::resample::{brightened, in_rows, luminance};
 use crate::base::{Decode, Frame, Homography, centre};
 
-/// Where each pixel of the reference is in focus, and its standard deviation, steps; NaN where nothing tells.
+/// Where each pixel of the reference is in focus, filled in where nothing tells, and its standard deviation, steps.
 pub(super) struct Found<'a> {
     pub(super) focus: &'a [f32],
     pub(super) deviation: &'a [f32],
@@ -19,8 +19,12 @@ const CELL: usize = 2;
 const WINDOW: f32 = 1.5;
 /// A deviation that the focus is at least taken for, steps: between two frames the sharper counts.
 const LEAST_DEVIATION: f32 = 0.5;
-/// A squared Laplacian that says nothing: that of rounding to 256 values.
+/// The deviation that a focus is at most taken for: where nothing tells, frames beside the one that is filled in are as good.
+const MOST_DEVIATION: f32 = 3.0;
+/// A squared Laplacian that says nothing: that of rounding to 256 values; and so many times what the frame's smoothest fiftieth has, which
+/// is noise. With once the noise, each of a flat region's cells is of the noisiest frame there, and the variance of its noise a third too large.
 const GRAIN: f32 = 1.5e-5;
+const NOISE: f32 = 4.0;
 /// A cell is of a frame only if that shows so many pixels around it: those that frames share where they meet, and what a spline reads.
 const MARGIN: f64 = 3.0;
 
@@ -55,7 +59,7 @@ impl Chosen {
     }
 }
 
-/// The frame of the greatest `ln e - (p - u)²/2σ²` at each cell, e the mean squared Laplacian around.
+/// The frame of the greatest `ln(e + g) - (p - u)²/2σ²` at each cell, e the mean squared Laplacian around, g what says nothing.
 pub(super) fn choose(
     frames: &[Frame],
     placed: &Placed<'_>,
@@ -66,6 +70,7 @@ pub(super) fn choose(
     let size = [frames[0].width() as usize, frames[0].height() as usize];
     let [columns, rows] = cells(size);
     let mut best = vec![(f32::NEG_INFINITY, reference as u16); columns * rows];
+    let grain = GRAIN + NOISE * Energies::of(&frames[reference], placed, reference, decode).least();
     for (n, frame) in frames.iter().enumerate() {
         let energies = Energies::of(frame, placed, n, decode);
         let margin = if n == reference { 0.0 } else { MARGIN };
@@ -73,9 +78,11 @@ pub(super) fn choose(
             for (x, best) in row.iter_mut().enumerate() {
                 let Some(energy) = energies.at([x, y], margin) else { continue };
                 let i = CELL * (y * size[0] + x);
-                let (u, deviation) = (found.focus[i], found.deviation[i].max(LEAST_DEVIATION));
+                // Comparisons that NaN fails.
+                let told = if found.deviation[i] < MOST_DEVIATION { found.deviation[i] } else { MOST_DEVIATION };
+                let (u, deviation) = (found.focus[i], told.max(LEAST_DEVIATION));
                 let away = if u.is_nan() { 0.0 } else { (placed.positions[n] as f32 - u) / deviation };
-                let score = (energy + GRAIN).ln() - 0.5 * away * away;
+                let score = (energy + grain).ln() - 0.5 * away * away;
                 if score > best.0 {
                     *best = (score, n as u16);
                 }
@@ -105,6 +112,12 @@ impl Energies {
         let transform = placed.transforms[n];
         let values = smoothed(&in_cells(&squared_laplacian(&values, size), size), cells(size));
         Self { values, size, transform, scale: transform.scale().powi(4) as f32 }
+    }
+
+    /// What all but a fiftieth of the cells exceed.
+    fn least(&self) -> f32 {
+        let mut all = self.values.clone();
+        *all.select_nth_unstable_by(self.values.len() / 50, f32::total_cmp).1
     }
 
     /// Around the place of a cell of the reference; `None` if that is less than the margin, pixels, within the frame.

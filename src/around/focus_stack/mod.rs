@@ -123,10 +123,10 @@ fn solve_whole(
     let (width, height) = (frames[0].width(), frames[0].height());
     let mut solver = SweepSolver::new(engine, [width, height], frames[0].format(), frames.len(), &options.settings)?;
     let found = solver.solve(frames, &counted, reference, say)?;
-    let (counts, deviations) = (known(&found), found.deviation);
+    let (counts, filled, deviations) = (known(&found), found.focus, found.deviation);
     let (transforms, brightness) = (found.transforms, found.brightness);
     let placed = fuse::Placed { transforms: &transforms, brightness: &brightness, positions: &counted };
-    let told = choose::Found { focus: &counts, deviation: &deviations };
+    let told = choose::Found { focus: &filled, deviation: &deviations };
     let fused = fuse::fuse(frames, &placed, reference, &told, options.settings.decode);
     let beyond = beyond::sides(&counts, (frames.len() - 1) as f64, found.rate);
     let within = counts.iter().zip(&beyond).map(|(&u, &side)| if side == 0 { u } else { f32::NAN });
