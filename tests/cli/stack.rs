@@ -175,10 +175,11 @@ fn what_no_frame_has_in_focus_is_told_with_its_side() {
     let output = sweep.stack(&["--json"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    // Of the right half; beside the edge between the planes nothing tells.
     let half = f64::from(SIZE[0] * SIZE[1] / 2);
     let count = |key: &str| report["never_in_focus"][key].as_f64().unwrap() / half;
     assert!(
-        count("before_first_px") < 0.02 && (0.8..1.05).contains(&count("beyond_last_px")),
+        count("before_first_px") < 0.02 && (0.7..1.05).contains(&count("beyond_last_px")),
         "{}",
         report["never_in_focus"]
     );

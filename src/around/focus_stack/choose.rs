@@ -3,9 +3,16 @@
 //! A mean of the frames about the focus would be as sharp only where the focus is known to a tenth of a step: on the heat sink it had 0.95 of
 //! the sharpest frame's variance of the Laplacian in a third of the tiles of 32 px, one frame has it in more than 99 %.
 
-use super::fuse::Placed;
 use crate::around::resample::{brightened, in_rows, luminance};
-use crate::base::{Decode, Frame, Homography, centre};
+use crate::base::{Brightness, Decode, Frame, Homography, centre};
+
+/// Where the frames of a sweep lie.
+pub(super) struct Placed<'a> {
+    pub(super) transforms: &'a [Homography],
+    pub(super) brightness: &'a [Brightness],
+    /// In steps.
+    pub(super) positions: &'a [f64],
+}
 
 /// Where each pixel of the reference is in focus, filled in where nothing tells, and its standard deviation, steps.
 pub(super) struct Found<'a> {
@@ -25,7 +32,8 @@ const MOST_DEVIATION: f32 = 3.0;
 /// is noise. With once the noise, each of a flat region's cells is of the noisiest frame there, and the variance of its noise a third too large.
 const GRAIN: f32 = 1.5e-5;
 const NOISE: f32 = 4.0;
-/// A cell is of a frame only if that shows so many pixels around it: those that frames share where they meet, and what a spline reads.
+/// A cell is of a frame only if that shows so many pixels around it, those that frames share where they meet and what a spline reads; at the
+/// border of the reference half a px less than the reference does.
 const MARGIN: f64 = 3.0;
 
 /// The frame of each cell.
@@ -41,7 +49,7 @@ impl Chosen {
         // A quarter of a cell from its centre, towards the one beside.
         let beside = |x: usize, count: usize| {
             let own = x / CELL;
-            [own, if x % CELL == 0 { own.saturating_sub(1) } else { (own + 1).min(count - 1) }]
+            [own, if x.is_multiple_of(CELL) { own.saturating_sub(1) } else { (own + 1).min(count - 1) }]
         };
         let ([x, next], [y, below]) = (beside(x, self.columns), beside(y, self.rows));
         let owns = |x: usize, y: usize| f32::from(u8::from(self.frames[y * self.columns + x] as usize == n));
@@ -73,10 +81,9 @@ pub(super) fn choose(
     let grain = GRAIN + NOISE * Energies::of(&frames[reference], placed, reference, decode).least();
     for (n, frame) in frames.iter().enumerate() {
         let energies = Energies::of(frame, placed, n, decode);
-        let margin = if n == reference { 0.0 } else { MARGIN };
         in_rows(&mut best, columns, |y, row| {
             for (x, best) in row.iter_mut().enumerate() {
-                let Some(energy) = energies.at([x, y], margin) else { continue };
+                let Some(energy) = energies.at([x, y]) else { continue };
                 let i = CELL * (y * size[0] + x);
                 // Comparisons that NaN fails.
                 let told = if found.deviation[i] < MOST_DEVIATION { found.deviation[i] } else { MOST_DEVIATION };
@@ -120,13 +127,14 @@ impl Energies {
         *all.select_nth_unstable_by(self.values.len() / 50, f32::total_cmp).1
     }
 
-    /// Around the place of a cell of the reference; `None` if that is less than the margin, pixels, within the frame.
-    fn at(&self, cell: [usize; 2], margin: f64) -> Option<f32> {
+    /// Around the place of a cell of the reference; `None` if that is not within the frame by the margin.
+    fn at(&self, cell: [usize; 2]) -> Option<f32> {
         let middle = centre(self.size[0] as u32, self.size[1] as u32);
         let to_pixel = |cell: f64| (CELL as f64) * cell + 0.5 * (CELL as f64 - 1.0);
-        let place = self.transform.apply(cell.map(|x| to_pixel(x as f64)), middle);
-        // The last cell may reach over the border.
-        let inside = |i: usize| place[i] >= margin && place[i] <= self.size[i] as f64 - margin;
+        let own = cell.map(|x| to_pixel(x as f64));
+        let place = self.transform.apply(own, middle);
+        let from_border = |place: [f64; 2], i: usize| place[i].min(self.size[i] as f64 - 1.0 - place[i]);
+        let inside = |i: usize| from_border(place, i) >= (from_border(own, i) - 0.5).min(MARGIN);
         if !(inside(0) && inside(1)) {
             return None;
         }

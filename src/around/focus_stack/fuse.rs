@@ -1,16 +1,8 @@
 //! The all-in-focus image: each pixel from the frame that was chosen for it, read by a cubic spline; frames meet softly, over two px.
 
-use super::choose::{Found, choose};
+use super::choose::{Found, Placed, choose};
 use crate::around::resample::{Spline, brightened, in_rows};
-use crate::base::{Brightness, Channels, Decode, Frame, Homography, centre};
-
-/// Where the frames of a sweep lie.
-pub(super) struct Placed<'a> {
-    pub(super) transforms: &'a [Homography],
-    pub(super) brightness: &'a [Brightness],
-    /// In steps.
-    pub(super) positions: &'a [f64],
-}
+use crate::base::{Channels, Decode, Frame, Homography, centre};
 
 /// The all-in-focus image on the reference's pixels.
 pub(super) struct Fused {
@@ -92,6 +84,7 @@ impl Moved {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::Brightness;
 
     #[test]
     fn each_pixel_is_of_the_sharpest_frame_and_depth_decides_where_none_is() {

@@ -125,7 +125,7 @@ fn solve_whole(
     let found = solver.solve(frames, &counted, reference, say)?;
     let (counts, filled, deviations) = (known(&found), found.focus, found.deviation);
     let (transforms, brightness) = (found.transforms, found.brightness);
-    let placed = fuse::Placed { transforms: &transforms, brightness: &brightness, positions: &counted };
+    let placed = choose::Placed { transforms: &transforms, brightness: &brightness, positions: &counted };
     let told = choose::Found { focus: &filled, deviation: &deviations };
     let fused = fuse::fuse(frames, &placed, reference, &told, options.settings.decode);
     let beyond = beyond::sides(&counts, (frames.len() - 1) as f64, found.rate);

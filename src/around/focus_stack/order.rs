@@ -133,7 +133,7 @@ fn logarithms(frames: &[Sharpness]) -> Vec<Vec<f32>> {
 /// How much sharpness falls before each place's sharpest frame or rises after it, the mean over octaves; by place.
 fn broken(logarithms: &[Vec<f32>], order: &[usize]) -> Vec<f64> {
     let mut places = vec![0.0; PLACES * PLACES];
-    for feature in 0..OCTAVES * places.len() {
+    (0..OCTAVES * PLACES * PLACES).for_each(|feature| {
         let changes = || order.windows(2).map(|pair| logarithms[pair[1]][feature] - logarithms[pair[0]][feature]);
         let mut here: f32 = changes().map(|change| change.max(0.0)).sum();
         let mut least = here;
@@ -144,7 +144,7 @@ fn broken(logarithms: &[Vec<f32>], order: &[usize]) -> Vec<f64> {
         }
         let place = feature % (PLACES * PLACES);
         places[place] += f64::from(least) / OCTAVES as f64;
-    }
+    });
     places
 }
 
