@@ -164,9 +164,17 @@ impl Frame {
     /// Intensities, interleaved, white at 1.
     pub(crate) fn intensities(&self, decode: Decode) -> Vec<f32> {
         let value = |stored: f64| if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored } as f32;
+        // The curve takes a power, and integers have few values.
+        let table = |white: u16| (0..=white).map(|v| value(f64::from(v) / f64::from(white))).collect::<Vec<f32>>();
         match &self.samples {
-            Samples::U8(s) => s.iter().map(|&v| value(f64::from(v) / 255.0)).collect(),
-            Samples::U16(s) => s.iter().map(|&v| value(f64::from(v) / 65535.0)).collect(),
+            Samples::U8(s) => {
+                let table = table(u8::MAX.into());
+                s.iter().map(|&v| table[usize::from(v)]).collect()
+            }
+            Samples::U16(s) => {
+                let table = table(u16::MAX);
+                s.iter().map(|&v| table[usize::from(v)]).collect()
+            }
             Samples::F32(s) => s.iter().map(|&v| value(v.into())).collect(),
         }
     }

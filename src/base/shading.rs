@@ -37,6 +37,19 @@ impl Shading {
         (1.0 + sum).clamp(0.25, 4.0)
     }
 
+    /// The factors of a row at y, -1 to 1, as [`at`](Self::at) has them but for rounding: there a polynomial of x alone.
+    pub(crate) fn along(&self, y: f64) -> impl Fn(f64) -> f64 + use<> {
+        let py = legendre(y);
+        let mut a = [0.0; DEGREE + 1];
+        for (c, (i, j)) in std::iter::once(&1.0).chain(&self.coefficients).zip(degrees()) {
+            a[i] += c * py[j];
+        }
+        // Of Legendre's polynomials, by powers of x.
+        let powers =
+            [a[0] - 0.5 * a[2] + 0.375 * a[4], a[1] - 1.5 * a[3], 1.5 * a[2] - 3.75 * a[4], 2.5 * a[3], 4.375 * a[4]];
+        move |x| powers.iter().rev().fold(0.0, |sum, power| sum * x + power).clamp(0.25, 4.0)
+    }
+
     /// The mean of a smooth function of the place, -1 to 1 along either side, and the shading that times it is next to the
     /// function by least squares; no shading where the mean is not positive.
     pub fn fit(of: impl Fn([f64; 2]) -> f64) -> (f64, Self) {
@@ -112,6 +125,14 @@ mod tests {
         assert!((mean - 1.5).abs() < 1e-12);
         for (found, expected) in found.coefficients.iter().zip(shading.coefficients) {
             assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_row_has_the_factors_of_its_places() {
+        let shading = Shading { coefficients: std::array::from_fn(|n| 0.1 * (1.7 * n as f64).sin()) };
+        for (x, y) in [(-1.0, 0.3), (-0.4, -1.0), (0.0, 0.0), (0.7, 0.9), (1.0, 1.0)] {
+            assert!((shading.along(y)(x) - shading.at([x, y])).abs() < 1e-12, "{x} {y}");
         }
     }
 

@@ -93,6 +93,7 @@ fn of_sweep(arguments: &Arguments) -> Result<(), Failure> {
         Some(Ok(frames)) => {
             let names = files.iter().map(|file| pair::name(file)).collect();
             let decode = new.sweep.decode;
+            let frames = frames.iter().collect();
             let page = SweepPage { frames, names, decode, nearer, palette, fields: Vec::new() };
             Some(page.file(&new.sweep, new.report()))
         }

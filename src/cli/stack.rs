@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::Method;
-use parfocal::export::{RangeReport, SweepReport};
+use parfocal::export::{NeverReport, RangeReport, SweepReport};
 use parfocal::focus_stack::Positions;
 use parfocal::image_io::Input;
 
@@ -131,6 +131,7 @@ fn summary(report: &SweepReport, inputs: &[Input], out: &Path) -> String {
         format!("focus      {}; {:.1} % of the frame", in_words(&report.focus, unit), 100.0 * report.valid_fraction),
         format!("blur       grows by {:.4} px² a squared distance from the focus ({unit})", report.blur_rate_px2),
     ];
+    lines.extend(never_in_focus(report));
     lines.extend(report.depth.as_ref().map(|depth| {
         let range = in_words(&depth.range, "mm");
         format!("depth      {range}; beyond infinity: {} px", depth.out_of_range)
@@ -139,6 +140,19 @@ fn summary(report: &SweepReport, inputs: &[Input], out: &Path) -> String {
     lines.extend(report.warnings.iter().map(|warning| format!("warning    {warning}")));
     lines.push(format!("results    {}", out.display()));
     lines.join("\n")
+}
+
+/// How much of the frame no photograph has in focus, and on which side it lies; nothing where that is none.
+fn never_in_focus(report: &SweepReport) -> Option<String> {
+    let pixels = f64::from(report.size.width) * f64::from(report.size.height);
+    let NeverReport { before_first_px, beyond_last_px } = report.never_in_focus;
+    let share = |count: usize| 100.0 * count as f64 / pixels;
+    let told = format!(
+        "never      in focus: {:.1} % of the frame lies before the first frame, {:.1} % beyond the last",
+        share(before_first_px),
+        share(beyond_last_px)
+    );
+    (before_first_px + beyond_last_px > 0).then_some(told)
 }
 
 /// A range with the digits that tell its ends apart.

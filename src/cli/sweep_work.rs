@@ -173,8 +173,9 @@ pub(super) fn write(
     report.files =
         written.chain(extras.iter().map(Extra::name)).map(String::from).chain(request.wanted.files()).collect();
     if request.page {
-        let names = job.files.iter().map(|path| pair::name(path)).collect();
-        let page = SweepPage { frames: &read.frames, names, decode, nearer, palette: look.palette, fields: Vec::new() };
+        let names = sweep.order.iter().map(|n| pair::name(&job.files[*n])).collect();
+        let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
+        let page = SweepPage { frames, names, decode, nearer, palette: look.palette, fields: Vec::new() };
         extras.push(page.file(sweep, &report));
     }
     Ok(export::write_sweep(request.force.to(&job.out), sweep, &report, &look, extras)?)

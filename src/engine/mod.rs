@@ -29,7 +29,7 @@ pub use registered::Registered;
 pub use solution::{LevelHistory, Solution, Timings};
 pub(crate) use solver::same_size;
 pub use solver::{Progress, Solver};
-pub(crate) use sweep::SweepSolver;
+pub(crate) use sweep::{Focus, SweepSolver};
 
 use crate::base::{Decode, DeviceInfo, Error, Format, Frame, Mask, Settings, Similarity};
 use crate::engine::plan::Plan;

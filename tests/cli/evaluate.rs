@@ -49,7 +49,7 @@ fn a_quick_run_without_data_writes_tables_figures_and_verdicts() {
             assert_eq!(case["figures"].as_array().unwrap().is_empty(), absent, "{name}: {case}");
         }
     }
-    assert_eq!((sections.len(), report["sweeps"].as_array().unwrap().len()), (7, 2));
+    assert_eq!((sections.len(), report["sweeps"].as_array().unwrap().len()), (7, 3));
 
     let text = fs::read_to_string(out.join("report.md")).unwrap();
     assert!(text.contains("## By itself") && stderr.contains("### Shading: "), "{text}");
@@ -84,6 +84,7 @@ fn sweeps_that_are_absent_are_a_row_and_the_simulated_one_is_solved() {
     let cases = |n: usize| report["sweeps"][n]["cases"].as_array().unwrap();
     assert!(cases(0).len() == 1 && cases(0)[0]["note"].as_str().unwrap().contains("no such file"), "{report}");
     assert!(cases(1).len() == 1 && !cases(1)[0]["figures"].as_array().unwrap().is_empty(), "{report}");
+    assert!(cases(2).len() == 1 && !cases(2)[0]["figures"].as_array().unwrap().is_empty(), "{report}");
     assert!(report["itself"].as_array().unwrap().is_empty() && report["registration"].as_array().unwrap().is_empty());
     assert!(fs::read_to_string(folder.path().join("out/report.md")).unwrap().contains("### Simulated sweep: "));
 }

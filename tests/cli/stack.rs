@@ -100,6 +100,15 @@ fn a_sweep_gives_the_focus_of_both_planes() {
     for file in ["depth.png", "fused.png", "report.json"] {
         assert!(fs::metadata(sweep.out().join(file)).unwrap().len() > 0);
     }
+    // The frame next to either plane: the second and the fourth.
+    let frames = image::open(sweep.out().join("frames.png")).unwrap().into_luma8();
+    let share = |from: u32, to: u32, number: u8| {
+        let places = (20..height - 20).flat_map(|y| (from..to).map(move |x| (x, y)));
+        let all: Vec<bool> = places.map(|(x, y)| frames.get_pixel(x, y).0[0] == number).collect();
+        all.iter().filter(|is| **is).count() as f64 / all.len() as f64
+    };
+    assert!(share(20, 76, 2) > 0.95 && share(116, 172, 4) > 0.95, "{} {}", share(20, 76, 2), share(116, 172, 4));
+    assert!(report["files"].to_string().contains("frames.png") && frames.dimensions() == (width, height));
 }
 
 /// Depth and its standard deviation, mm.
@@ -153,6 +162,69 @@ fn distances_and_a_stage_give_depth_in_mm_within_its_deviation() {
 
     let output = sweep.stack(&["--quiet"]);
     assert!(output.status.success() && !sweep.out().join("depth_mm.exr").exists());
+}
+
+/// Two planes of which the sweep sees one: the right lies a step beyond the last of four frames.
+fn half_beyond(x: u32) -> f64 {
+    if x < SIZE[0] / 2 { 1.0 } else { 4.0 }
+}
+
+#[test]
+fn what_no_frame_has_in_focus_is_told_with_its_side() {
+    let sweep = Sweep::new(4, half_beyond);
+    let output = sweep.stack(&["--json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    // Of the right half; beside the edge between the planes nothing tells.
+    let half = f64::from(SIZE[0] * SIZE[1] / 2);
+    let count = |key: &str| report["never_in_focus"][key].as_f64().unwrap() / half;
+    assert!(
+        count("before_first_px") < 0.02 && (0.7..1.05).contains(&count("beyond_last_px")),
+        "{}",
+        report["never_in_focus"]
+    );
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(told.contains("never") && told.contains("beyond the last"), "{told}");
+    let sides = image::open(sweep.out().join("beyond.png")).unwrap().into_luma8();
+    let depth = image::open(sweep.out().join("depth.png")).unwrap().into_rgba8();
+    let (_, _, focus) = read_field(&sweep.out().join("focus.exr")).unwrap();
+    let at = [150, 64];
+    assert!(sides.get_pixel(at[0], at[1]).0 == [2] && focus[(at[1] * SIZE[0] + at[0]) as usize].is_nan());
+    assert!(sides.get_pixel(30, 64).0 == [0] && !focus[(64 * SIZE[0] + 30) as usize].is_nan());
+    // Stripes of the far end's colour and of grey, which is not the hatching of what nothing tells of.
+    let [one, other] = [0, 4].map(|dx| depth.get_pixel(at[0] + dx, at[1]).0);
+    let is_grey = |[r, g, b, _]: [u8; 4]| r == g && g == b;
+    assert!(is_grey(one) != is_grey(other), "{one:?} {other:?}");
+}
+
+#[test]
+fn frames_out_of_order_or_there_twice_are_put_in_order() {
+    let mut sweep = Sweep::new(6, |x| 5.0 * f64::from(x) / f64::from(SIZE[0]));
+    // Names in no natural order are taken as given only with positions; so the files change places.
+    let [third, fourth] = [2, 3].map(|n| fs::read(&sweep.files[n]).unwrap());
+    fs::write(&sweep.files[2], &fourth).unwrap();
+    fs::write(&sweep.files[3], &third).unwrap();
+    let twice = sweep.folder.path().join("frame_5_again.png");
+    fs::copy(&sweep.files[5], &twice).unwrap();
+    sweep.files.push(twice);
+    let output = sweep.stack(&["--json"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && told.contains("taken as 1, 2, 4, 3, 5, 6"), "{told}");
+    assert!(told.contains("frame 7 is the same photograph as frame 6"), "{told}");
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["order"], serde_json::json!([0, 1, 3, 2, 4, 5]));
+    assert!(report["frames"][2]["file"].as_str().unwrap().ends_with("frame_3.png"), "{}", report["frames"][2]);
+    let (width, _, focus) = read_field(&sweep.out().join("focus.exr")).unwrap();
+    for x in [40, 96, 150] {
+        let found = f64::from(focus[(64 * width + x) as usize]);
+        assert!((found - 5.0 * f64::from(x) / f64::from(SIZE[0])).abs() < 0.2, "{found} at {x}");
+    }
+    // Where positions are stated they rule.
+    sweep.files.pop();
+    let output = sweep.stack(&["--quiet", "--json", "--positions", "0,1,2,3,4,5"]);
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["order"], serde_json::json!([0, 1, 2, 3, 4, 5]));
+    assert!(report["warnings"].to_string().contains("as given"), "{}", report["warnings"]);
 }
 
 #[test]

@@ -3,7 +3,10 @@
 //!
 //! All frames are solved as one (`engine::SweepSolver`), on the pixels of one of them, the reference.
 
+mod beyond;
+mod choose;
 mod fuse;
+mod order;
 mod part;
 mod position;
 mod restated;
@@ -12,10 +15,13 @@ pub use self::part::solve_sweep;
 pub use self::position::{Positions, SweepDepth};
 use crate::around::Scope;
 use crate::base::{Brightness, Channels, Decode, Error, Frame, Homography, Region, Settings};
-use crate::engine::{Engine, SweepSolver};
+use crate::engine::{Engine, Focus, SweepSolver};
 
 /// A pixel whose deviation is larger, steps, is not known.
 const UNKNOWN: f32 = 2.0;
+
+/// The fewest frames of a sweep.
+const LEAST: usize = 3;
 
 /// How a sweep is solved.
 #[derive(Clone, Debug, Default)]
@@ -38,7 +44,7 @@ impl SweepOptions {
     /// [`Error::Mismatch`]; those of [`Settings::check`].
     pub fn check(&self, frames: usize) -> Result<(), Error> {
         let mismatch = |problem: String| Err(Error::Mismatch(problem));
-        if frames < 3 {
+        if frames < LEAST {
             return mismatch(format!(
                 "a sweep has three frames or more, not {frames}; solve a pair with parfocal solve"
             ));
@@ -65,17 +71,21 @@ pub struct Sweep {
     pub region: Region,
     /// Width and height of the frames, about whose centre the transforms are stated.
     pub photograph: [u32; 2],
-    /// The focus setting at which each pixel of the reference is sharp; NaN where no pair tells.
+    /// The focus setting at which each pixel of the reference is sharp; NaN where no pair tells, and where it lies beyond the frames.
     pub focus: Vec<f32>,
     /// Its standard deviation, in settings.
     pub uncertainty: Vec<f32>,
+    /// What no frame has in focus: -1 where the focus lies before the first frame, 1 beyond the last, else 0.
+    pub beyond: Vec<i8>,
     /// Depth in mm, where the positions are in mm.
     pub depth: Option<SweepDepth>,
     /// Grey only if all frames are.
     pub fused_channels: Channels,
     /// The all-in-focus image, interleaved, in the values of the reference with white at 1.
     pub fused: Vec<f32>,
-    /// The frame on whose pixels the results are.
+    /// The frame that each pixel of it is taken from, counted from 1; empty where results are read from a folder.
+    pub frames: Vec<u16>,
+    /// The frame on whose pixels the results are, of those below.
     pub reference: usize,
     /// The focus setting of each frame, in which blur is linear.
     pub positions: Vec<f64>,
@@ -91,6 +101,9 @@ pub struct Sweep {
     pub blur_rate: f64,
     /// How stored values became intensities.
     pub decode: Decode,
+    /// Which of the frames that were given each of them is, from 0: frames that were out of order stand in order, and one that was there
+    /// twice is left out, unless positions are stated.
+    pub order: Vec<usize>,
     /// What the user should know; a sentence each.
     pub warnings: Vec<String>,
 }
@@ -110,17 +123,14 @@ fn solve_whole(
     let (width, height) = (frames[0].width(), frames[0].height());
     let mut solver = SweepSolver::new(engine, [width, height], frames[0].format(), frames.len(), &options.settings)?;
     let found = solver.solve(frames, &counted, reference, say)?;
-    let (counts, deviations): (Vec<f32>, Vec<f32>) = found
-        .focus
-        .iter()
-        .zip(&found.deviation)
-        .map(|(&u, &s)| if s < UNKNOWN { (u, s) } else { (f32::NAN, s) })
-        .unzip();
+    let (counts, filled, deviations) = (known(&found), found.focus, found.deviation);
     let (transforms, brightness) = (found.transforms, found.brightness);
-    let placed = fuse::Placed { transforms: &transforms, brightness: &brightness, positions: &counted };
-    let told = fuse::Found { focus: &counts, deviation: &deviations };
-    let (fused, fused_channels) = fuse::fuse(frames, &placed, reference, &told, options.settings.decode);
-    let focus: Vec<f32> = counts.iter().map(|&u| (settings[0] + step * f64::from(u)) as f32).collect();
+    let placed = choose::Placed { transforms: &transforms, brightness: &brightness, positions: &counted };
+    let told = choose::Found { focus: &filled, deviation: &deviations };
+    let fused = fuse::fuse(frames, &placed, reference, &told, options.settings.decode);
+    let beyond = beyond::sides(&counts, (frames.len() - 1) as f64, found.rate);
+    let within = counts.iter().zip(&beyond).map(|(&u, &side)| if side == 0 { u } else { f32::NAN });
+    let focus: Vec<f32> = within.map(|u| (settings[0] + step * f64::from(u)) as f32).collect();
     let uncertainty: Vec<f32> = deviations.iter().map(|&s| (step.abs() * f64::from(s)) as f32).collect();
     Ok(Sweep {
         width,
@@ -130,8 +140,10 @@ fn solve_whole(
         depth: options.positions.depth(&focus, &uncertainty),
         focus,
         uncertainty,
-        fused_channels,
-        fused,
+        beyond,
+        fused_channels: fused.channels,
+        fused: fused.values,
+        frames: fused.frames.iter().map(|n| n + 1).collect(),
         reference,
         positions: settings,
         unit: options.positions.unit(),
@@ -140,8 +152,15 @@ fn solve_whole(
         brightness,
         blur_rate: found.rate / (step * step),
         decode: options.settings.decode,
+        order: (0..frames.len()).collect(),
         warnings: Vec::new(),
     })
+}
+
+/// u where it is known, steps; NaN elsewhere.
+fn known(found: &Focus) -> Vec<f32> {
+    let pixels = found.focus.iter().zip(&found.deviation);
+    pixels.map(|(&u, &deviation)| if deviation < UNKNOWN { u } else { f32::NAN }).collect()
 }
 
 /// The mean step from setting to setting, negative where they descend.

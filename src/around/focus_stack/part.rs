@@ -1,12 +1,14 @@
 //! A part of the frames, and what of it has results.
 
-use super::{Sweep, SweepOptions, check, solve_whole};
+use super::order::judge;
+use super::{LEAST, Positions, Sweep, SweepOptions, check, solve_whole};
 use crate::around::Scope;
 use crate::around::scope::margin;
 use crate::base::{Error, Frame, Mask, Region, centre};
 use crate::engine::Engine;
 
-/// Solves a sweep, or the part of it that its scope names; `say` is told how many of its levels are done.
+/// Solves a sweep, or the part of it that its scope names. Frames that stand in the wrong place or are there twice are put in order, as
+/// [`Sweep::order`] and a warning say, where that is certain and no positions are stated; `say` is told how many of its levels are done.
 ///
 /// # Errors
 /// [`Error::Mismatch`]: fewer than three frames, sizes or formats that differ, positions or a mask that do not fit.
@@ -19,8 +21,39 @@ pub fn solve_sweep(
     say: &mut dyn FnMut(usize, usize),
 ) -> Result<Sweep, Error> {
     check(frames, options)?;
+    options.scope.check([frames[0].width(), frames[0].height()])?;
+    let order = judge(frames, options.positions != Positions::Counted);
+    if order.frames.iter().copied().eq(0..frames.len()) {
+        let mut sweep = solve_scope(engine, frames, options, say)?;
+        sweep.warnings.splice(..0, order.warnings);
+        return Ok(sweep);
+    }
+    if order.frames.len() < LEAST {
+        return Err(Error::Mismatch(format!(
+            "only {} of the frames differ: {LEAST} or more make a sweep",
+            order.frames.len()
+        )));
+    }
+    let ordered: Vec<Frame> = order.frames.iter().map(|n| frames[*n].clone()).collect();
+    let place = |given: usize| {
+        let same = |n: &usize| *n == given || frames[*n].samples() == frames[given].samples();
+        order.frames.iter().position(same)
+    };
+    let within = SweepOptions { reference: options.reference.and_then(place), ..options.clone() };
+    let mut sweep = solve_scope(engine, &ordered, &within, say)?;
+    sweep.warnings.splice(..0, order.warnings);
+    sweep.order = order.frames;
+    Ok(sweep)
+}
+
+/// Solves frames that are in order.
+fn solve_scope(
+    engine: &Engine,
+    frames: &[Frame],
+    options: &SweepOptions,
+    say: &mut dyn FnMut(usize, usize),
+) -> Result<Sweep, Error> {
     let (scope, size) = (&options.scope, [frames[0].width(), frames[0].height()]);
-    scope.check(size)?;
     let mut sweep = match scope.region {
         None => solve_whole(engine, frames, options, say)?,
         Some(region) => {
@@ -66,6 +99,8 @@ impl Sweep {
         for field in [&mut self.focus, &mut self.uncertainty] {
             *field = part.of(field, row, 1);
         }
+        self.beyond = part.of(&self.beyond, row, 1);
+        self.frames = part.of(&self.frames, row, 1);
         self.fused = part.of(&self.fused, row, self.fused_channels.count() as usize);
         self.region = Region { x: self.region.x + part.x, y: self.region.y + part.y, ..part };
         (self.width, self.height) = (part.width, part.height);
@@ -74,7 +109,7 @@ impl Sweep {
     /// Makes nothing of what a mask leaves out.
     fn leave_out(&mut self, mask: &Mask) {
         for (pixel, _) in mask.bytes().iter().enumerate().filter(|(_, counts)| **counts == 0) {
-            (self.focus[pixel], self.uncertainty[pixel]) = (f32::NAN, f32::NAN);
+            (self.focus[pixel], self.uncertainty[pixel], self.beyond[pixel]) = (f32::NAN, f32::NAN, 0);
         }
     }
 

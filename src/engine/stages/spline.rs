@@ -16,7 +16,7 @@ pub struct Jet {
 }
 
 /// Weights of the four coefficients around a place `t` of a pixel right of the second one, with first and second derivatives.
-fn weights(t: f64) -> [[f64; 4]; 3] {
+pub(crate) fn weights(t: f64) -> [[f64; 4]; 3] {
     let u = 1.0 - t;
     [
         [u * u * u / 6.0, 2.0 / 3.0 - t * t + t * t * t / 2.0, 2.0 / 3.0 - u * u + u * u * u / 2.0, t * t * t / 6.0],

@@ -31,12 +31,26 @@ pub(super) struct Map<'a> {
     palette: Palette,
     /// Which pixels nothing tells of; none if empty.
     marked: &'a [bool],
+    /// -1 or 1 where no frame of a sweep is in focus, by side; none if empty.
+    beyond: &'a [i8],
+    /// Whether what lies before the first frame is near.
+    before_is_near: bool,
 }
 
 impl<'a> Map<'a> {
     /// V, px².
     pub(super) fn of_relative_blur(size: (u32, u32), values: &'a [f32], nearer: Nearer, palette: Palette) -> Self {
-        Self { size, values, scale: Scale::of(values, nearer), quantity: "V", unit: "px²", palette, marked: &[] }
+        Self {
+            size,
+            values,
+            scale: Scale::of(values, nearer),
+            quantity: "V",
+            unit: "px²",
+            palette,
+            marked: &[],
+            beyond: &[],
+            before_is_near: true,
+        }
     }
 
     /// Depth in mm through a lens.
@@ -61,7 +75,17 @@ impl<'a> Map<'a> {
     /// least.
     fn in_mm(size: (u32, u32), values: &'a [f32], apart: f64, near: Nearer, palette: Palette) -> Self {
         let scale = Scale::spanning([values], near, (LEAST_PART * apart).max(1e-6) as f32);
-        Self { size, values, scale, quantity: "depth", unit: "mm", palette, marked: &[] }
+        Self {
+            size,
+            values,
+            scale,
+            quantity: "depth",
+            unit: "mm",
+            palette,
+            marked: &[],
+            beyond: &[],
+            before_is_near: true,
+        }
     }
 
     /// Focus settings from the first to the last of `positions`, the nearest of which is at the end that `nearer` names.
@@ -69,12 +93,27 @@ impl<'a> Map<'a> {
         let (first, last) = (positions.first().copied().unwrap_or(0.0), positions.last().copied().unwrap_or(0.0));
         let near = larger_is(positions, nearer);
         let scale = Scale::spanning([values], near, (LEAST_PART * (last - first).abs()).max(1e-6) as f32);
-        Self { size, values, scale, quantity: "focus", unit: "setting", palette, marked: &[] }
+        Self {
+            size,
+            values,
+            scale,
+            quantity: "focus",
+            unit: "setting",
+            palette,
+            marked: &[],
+            beyond: &[],
+            before_is_near: true,
+        }
     }
 
     /// The same with pixels hatched that nothing tells of, for want of texture or otherwise.
     pub(super) fn marking(self, marked: &'a [bool]) -> Self {
         Self { marked, ..self }
+    }
+
+    /// The same with pixels that no frame has in focus striped the other way, in the colour of the end that they lie beyond.
+    pub(super) fn never_in_focus(self, beyond: &'a [i8], before_is_near: bool) -> Self {
+        Self { beyond, before_is_near, ..self }
     }
 
     /// What is drawn, and on which scale.
@@ -85,6 +124,12 @@ impl<'a> Map<'a> {
     /// RGBA of a pixel: in colour, transparent where not valid, hatched where marked.
     fn pixel(&self, x: usize, y: usize) -> [u8; 4] {
         let i = y * self.size.0 as usize + x;
+        if let Some(side) = self.beyond.get(i).filter(|side| **side != 0) {
+            let is_near = (*side < 0) == self.before_is_near;
+            let [r, g, b] = self.palette.color(f64::from(u8::from(is_near)));
+            let stripe = (x + self.size.1 as usize - y) / HATCH_WIDTH % 2;
+            return if stripe == 0 { [r, g, b, 255] } else { HATCH[0] };
+        }
         if self.marked.get(i).is_some_and(|&marked| marked) {
             HATCH[(x + y) / HATCH_WIDTH % 2]
         } else {
@@ -111,7 +156,8 @@ impl<'a> Map<'a> {
         };
         let comments = format!(
             "Map of {name} in {units}, {near_color} near ({near}) to {far_color} far ({far}), transparent where not \
-             valid, hatched in grey where nothing tells; its key is to the right of column {}",
+             valid, hatched in grey where nothing tells, the other way in the colour of an end where the focus lies beyond \
+             it; its key is to the right of column {}",
             self.size.0
         );
         Meaning { units, comments: comments.into() }

@@ -45,7 +45,17 @@ pub(crate) const RESIDUAL: Meaning = Meaning::new(
 pub(crate) const FOCUS: Meaning = Meaning::new(
     "focus settings",
     "Focus setting at which each pixel of the reference frame is sharp, in the focus_unit of report.json; NaN where no \
-     pair of frames tells",
+     pair of frames tells, and where it lies before the first frame or beyond the last",
+);
+
+/// Which frame the fused image is of.
+pub(crate) const FRAMES: Meaning =
+    Meaning::new("label", "The frame of the sweep that each pixel of the fused image is taken from, counted from 1");
+
+/// What no frame of a sweep has in focus.
+pub(crate) const BEYOND: Meaning = Meaning::new(
+    "label",
+    "1 where the focus lies before the first frame of the sweep, 2 where it lies beyond the last, and no frame is in focus; else 0",
 );
 
 /// True u of a sweep.

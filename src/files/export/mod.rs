@@ -14,6 +14,7 @@ mod hashes;
 mod journal;
 mod json;
 mod kind;
+mod labelled;
 mod labels;
 mod listed;
 pub(crate) mod meaning;
@@ -69,7 +70,8 @@ pub use results::{Results, holds_sweep};
 pub use scale::Scale;
 pub use solved::Solved;
 pub use sweep::{
-    SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, sweep_files, sweep_fused, sweep_surface, write_sweep,
+    NeverReport, SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, sweep_files, sweep_fused, sweep_surface,
+    write_sweep,
 };
 pub use sweep_registration::{SweepPlaces, SweepRegistration, read_sweep_places, write_sweep_registration};
 pub use sweep_solved::SolvedSweep;

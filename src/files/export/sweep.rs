@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::depth::Map;
 use super::hashes::{Hash, Hashes};
+use super::labelled::{write_beyond, write_frames};
 use super::report::{DeviceReport, RangeReport, ShadingReport, SizeReport, in_known_order};
 use super::{
     DEPTH_FILE, Depth16Report, Destination, Extra, FUSED_FLOAT_FILE, Look, Measurements, Nearer, Palette, Pen, Scale,
@@ -17,8 +18,8 @@ use crate::base::{Decode, Depth, DeviceInfo, Error, Frame, Homography, Photometr
 use crate::files::image_io::{Input, Values};
 
 /// The files that [`write_sweep()`] makes.
-pub const SWEEP_FILES: [&str; 6] =
-    ["focus.exr", "uncertainty.exr", "depth.png", "fused.png", "report.json", "valid.png"];
+pub const SWEEP_FILES: [&str; 8] =
+    ["focus.exr", "uncertainty.exr", "depth.png", "fused.png", "report.json", "valid.png", "frames.png", "beyond.png"];
 
 /// What `report.json` of a sweep says: fields may be added, not renamed.
 #[derive(Clone, Debug, Serialize)]
@@ -31,9 +32,11 @@ pub struct SweepReport {
     pub photograph: SizeReport,
     /// The part of the reference that the results are of.
     pub region: Region,
-    /// The frames in order.
+    /// The frames in the order in which they were solved.
     pub frames: Vec<SweepFrame>,
-    /// The frame on whose pixels the results are, from 0.
+    /// Which of the files that were given each of them is, from 0.
+    pub order: Vec<usize>,
+    /// The frame on whose pixels the results are, from 0, of `frames`.
     pub reference: usize,
     /// Whether the first or the last frame is focused nearest, 1 or 2.
     pub nearer: u8,
@@ -58,6 +61,8 @@ pub struct SweepReport {
     pub measurements: Option<Measurements>,
     /// Fraction of pixels of which some pair tells.
     pub valid_fraction: f64,
+    /// What no frame has in focus, since it lies outside the sweep.
+    pub never_in_focus: NeverReport,
     /// What speaks against any of the pairs.
     pub warnings: Vec<String>,
     /// Where it ran.
@@ -67,7 +72,7 @@ pub struct SweepReport {
     /// SHA-256 of the version, settings and flags, by which `batch --resume` knows a solve again; empty where a program
     /// did not set it.
     pub request: String,
-    /// The files of the frames; empty where they did not come from files.
+    /// The files of the frames, as they were given; empty where they did not come from files.
     pub inputs: Vec<Input>,
     /// The files that belong to it, itself among them; [`write_sweep`] sees to it.
     pub files: Vec<String>,
@@ -75,6 +80,23 @@ pub struct SweepReport {
     pub hashes: BTreeMap<String, Hash>,
     /// From the first frame to the results, ms.
     pub total_ms: f64,
+}
+
+/// Pixels that no frame has in focus, by the side of the sweep on which they lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct NeverReport {
+    /// Those before the first frame.
+    pub before_first_px: usize,
+    /// Those beyond the last.
+    pub beyond_last_px: usize,
+}
+
+impl NeverReport {
+    /// Of a sweep.
+    pub fn of(sweep: &Sweep) -> Self {
+        let count = |side: i8| sweep.beyond.iter().filter(|found| **found == side).count();
+        Self { before_first_px: count(-1), beyond_last_px: count(1) }
+    }
 }
 
 /// What `report.json` of a sweep says about depth in mm; `null` where no pixel has one.
@@ -123,10 +145,10 @@ pub struct SweepFrame {
 }
 
 impl SweepReport {
-    /// Of a sweep of these files.
+    /// Of a sweep of these files, in the order in which they were given.
     pub fn new(sweep: &Sweep, files: &[String], nearer: Nearer, device: &DeviceInfo, total_ms: f64) -> Self {
-        let frame = |(n, file): (usize, &String)| SweepFrame {
-            file: file.clone(),
+        let frame = |(n, given): (usize, &usize)| SweepFrame {
+            file: files.get(*given).cloned().unwrap_or_default(),
             position: sweep.positions[n],
             focus_mm: sweep.stated.millimetres().map(|at| at[n]),
             transform: sweep.transforms[n],
@@ -139,7 +161,8 @@ impl SweepReport {
             size: SizeReport { width: sweep.width, height: sweep.height },
             photograph: SizeReport { width: sweep.photograph[0], height: sweep.photograph[1] },
             region: sweep.region,
-            frames: files.iter().enumerate().map(frame).collect(),
+            frames: sweep.order.iter().enumerate().map(frame).collect(),
+            order: sweep.order.clone(),
             reference: sweep.reference,
             nearer: nearer.number(),
             blur_rate_px2: sweep.blur_rate,
@@ -151,6 +174,7 @@ impl SweepReport {
             depth16: None,
             measurements: None,
             valid_fraction: valid as f64 / sweep.focus.len().max(1) as f64,
+            never_in_focus: NeverReport::of(sweep),
             warnings: sweep.warnings.clone(),
             device: device.into(),
             validated: false,
@@ -206,11 +230,13 @@ pub fn write_sweep<'d>(
     extras: Vec<Extra<'_>>,
 ) -> Result<SweepReport, Error> {
     let size = (sweep.width, sweep.height);
-    let [focus, uncertainty, _, fused, json, valid] = SWEEP_FILES;
+    let [focus, uncertainty, _, fused, json, valid, taken, beyond] = SWEEP_FILES;
     let mut staging = Staging::anew(out.into(), json)?;
     staging.add(focus, |w| field::write(w, size, &sweep.focus, &meaning::FOCUS))?;
     staging.add(uncertainty, |w| field::write(w, size, &sweep.uncertainty, &meaning::FOCUS_UNCERTAINTY))?;
     staging.add(valid, |w| valid::write(w, size, &sweep.focus))?;
+    staging.add(taken, |w| write_frames(w, sweep))?;
+    staging.add(beyond, |w| write_beyond(w, sweep))?;
     stage_depth(&mut staging, sweep, look.nearer, look.palette, look.pen)?;
     let image = fused::Image { size, channels: sweep.fused_channels, values: &sweep.fused };
     let depth = look.formats[0].depth;
@@ -231,7 +257,7 @@ pub fn write_sweep<'d>(
     staging.place().map(|()| report)
 }
 
-/// `depth.png`, hatched where the focus is not known, and [`DEPTH_FILE`].
+/// `depth.png`, hatched where the focus is not known, in colour where it lies outside the sweep, and [`DEPTH_FILE`].
 pub(super) fn stage_depth(
     staging: &mut Staging,
     sweep: &Sweep,
@@ -245,6 +271,7 @@ pub(super) fn stage_depth(
         staging.add(DEPTH_FILE, |w| field::write_channels(w, size, &channels, &meaning::SWEEP_DEPTH))?;
     }
     let unknown: Vec<bool> = sweep.focus.iter().map(|u| u.is_nan()).collect();
-    let map = Map::of_sweep(sweep, nearer, palette).marking(&unknown);
+    let near_is_first = nearer == Nearer::First;
+    let map = Map::of_sweep(sweep, nearer, palette).marking(&unknown).never_in_focus(&sweep.beyond, near_is_first);
     staging.add(SWEEP_FILES[2], |w| depth::write(w, &map, pen))
 }

@@ -16,8 +16,10 @@ use crate::files::image_io::{Input, Values};
 pub struct SweepRegistration {
     /// Version of parfocal that wrote it.
     pub version: &'static str,
-    /// The frames in order.
+    /// The frames in the order of their focus.
     pub frames: Vec<SweepFrame>,
+    /// Which of the files that were given each of them is, from 0.
+    pub order: Vec<usize>,
     /// The frame on whose pixels the others are brought, from 0.
     pub reference: usize,
     /// Size of the frames, about whose centre the transforms are stated.
@@ -39,6 +41,7 @@ impl From<SweepReport> for SweepRegistration {
         Self {
             version: report.version,
             frames: report.frames,
+            order: report.order,
             reference: report.reference,
             photograph: report.photograph,
             decode: report.decode,
@@ -64,7 +67,7 @@ pub fn write_sweep_registration<'d>(
 /// Where the frames of a sweep lie, from a file.
 #[derive(Clone, Debug)]
 pub struct SweepPlaces {
-    /// Of each frame, in order: where each pixel of the reference lies in it, and what brings it to the reference's
+    /// Of each frame, in the order in which their files were given: where each pixel of the reference lies in it, and what brings it to the reference's
     /// brightness.
     pub frames: Vec<(Homography, Brightness)>,
     /// The reference, from 0.
@@ -80,6 +83,8 @@ pub struct SweepPlaces {
 #[derive(Deserialize)]
 struct Stated {
     frames: Vec<Frame>,
+    /// Absent from reports of earlier versions, whose frames were taken as given.
+    order: Option<Vec<usize>>,
     reference: usize,
     photograph: Option<SizeReport>,
     size: Option<SizeReport>,
@@ -117,9 +122,17 @@ pub fn read_sweep_places(path: &Path) -> Result<Option<SweepPlaces>, Error> {
         startable(frame.transform, Some(frame.photometric)).map_err(wrong)?;
         Ok((frame.transform, frame.shading.with(frame.photometric)))
     });
+    let mut places = places.collect::<Result<Vec<_>, Error>>()?;
+    let mut reference = stated.reference;
+    if let Some(order) = stated.order.filter(|order| order.len() == places.len()) {
+        let mut given: Vec<usize> = (0..order.len()).collect();
+        given.sort_by_key(|n| order[*n]);
+        places = given.iter().map(|n| places[*n]).collect();
+        reference = given.iter().position(|n| *n == reference).unwrap_or(reference);
+    }
     Ok(Some(SweepPlaces {
-        frames: places.collect::<Result<_, Error>>()?,
-        reference: stated.reference,
+        frames: places,
+        reference,
         size: [width, height],
         region: stated.region,
         decode: stated.decode,

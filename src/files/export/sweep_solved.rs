@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use super::depth16::{DEPTH16_FILES, Depth16};
 use super::extra::with_near_and_far;
+use super::labelled::read_beyond;
 use super::measurements::{Measurable, Measurements, Wanted};
 use super::results::{nearer_of, read_report};
 use super::sweep::{SWEEP_FILES, SweepDepthReport, stage_depth};
@@ -37,6 +38,8 @@ struct Stated {
     photograph: Option<SizeReport>,
     region: Option<Region>,
     frames: Vec<StatedFrame>,
+    /// Absent from reports of earlier versions, whose frames were taken as given.
+    order: Option<Vec<usize>>,
     reference: usize,
     blur_rate_px2: f64,
     decode: Decode,
@@ -85,7 +88,7 @@ impl SolvedSweep {
     /// # Errors
     /// [`Error::File`]: a file is missing or damaged, or not of the size that the report states.
     pub fn read(folder: &Path) -> Result<Self, Error> {
-        let [focus, uncertainty, _, fused, json, _] = SWEEP_FILES.map(|name| folder.join(name));
+        let [focus, uncertainty, _, fused, json, ..] = SWEEP_FILES.map(|name| folder.join(name));
         let report = read_report(&json)?;
         let nearer = nearer_of(&report, &json)?;
         let stated = Stated::of(&report)
@@ -97,7 +100,11 @@ impl SolvedSweep {
         };
         let (focus, uncertainty) = (field(&focus)?, field(&uncertainty)?);
         let in_floats = folder.join(FUSED_FLOAT_FILE);
-        let is_float = report["files"].as_array().is_some_and(|files| files.contains(&json!(FUSED_FLOAT_FILE)));
+        let has = |name: &str| report["files"].as_array().is_some_and(|files| files.contains(&json!(name)));
+        let is_float = has(FUSED_FLOAT_FILE);
+        // Earlier versions wrote none.
+        let beyond =
+            if has(SWEEP_FILES[7]) { sides(&folder.join(SWEEP_FILES[7]), [width, height])? } else { Vec::new() };
         let file = if is_float { in_floats } else { fused };
         let fused = image_io::read(&file)?;
         of_size(&file, [fused.width(), fused.height()], [width, height])?;
@@ -110,9 +117,11 @@ impl SolvedSweep {
             photograph: [photograph.width, photograph.height],
             focus,
             uncertainty,
+            beyond,
             depth: None,
             fused_channels: fused.format().channels,
             fused: fused.intensities(stated.decode),
+            frames: Vec::new(),
             reference: stated.reference,
             positions: stated.frames.iter().map(|frame| frame.position).collect(),
             unit,
@@ -121,6 +130,7 @@ impl SolvedSweep {
             brightness: stated.frames.iter().map(|frame| frame.shading.with(frame.photometric)).collect(),
             blur_rate: stated.blur_rate_px2,
             decode: stated.decode,
+            order: stated.order.unwrap_or_else(|| (0..stated.frames.len()).collect()),
             warnings: stated.warnings,
         };
         if let Some(at) = stated.frames.iter().map(|frame| frame.focus_mm).collect::<Option<Vec<f64>>>() {
@@ -152,7 +162,8 @@ impl SolvedSweep {
         let files = self.frame_files();
         let frame = |(n, file): (usize, &PathBuf)| {
             let photograph = Photograph::open(file)?;
-            let is_another = inputs.get(n).is_some_and(|input| input.sha256 != sha256(&photograph));
+            let given = self.sweep.order.get(n).copied().unwrap_or(n);
+            let is_another = inputs.get(given).is_some_and(|input| input.sha256 != sha256(&photograph));
             let frame = photograph.decode()?;
             let size = [frame.width(), frame.height()];
             if is_another || size != self.sweep.photograph {
@@ -251,6 +262,11 @@ impl SolvedSweep {
 
 fn sha256(photograph: &Photograph) -> String {
     photograph.describe().map(|input| input.sha256).unwrap_or_default()
+}
+
+fn sides(path: &Path, size: [u32; 2]) -> Result<Vec<i8>, Error> {
+    let (found, sides) = read_beyond(path)?;
+    of_size(path, found, size).map(|()| sides)
 }
 
 fn of_size(path: &Path, found: [u32; 2], stated: [u32; 2]) -> Result<(), Error> {

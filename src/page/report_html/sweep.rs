@@ -14,8 +14,8 @@ use crate::files::export::{Extra, Nearer, PAGE_FILE, Palette, fused_frame, large
 /// What `report.html` shows besides the sweep.
 #[derive(Clone, Debug)]
 pub struct SweepPage<'a> {
-    /// The frames in order.
-    pub frames: &'a [Frame],
+    /// The frames in the order in which they were solved.
+    pub frames: Vec<&'a Frame>,
     /// What they are called; any text.
     pub names: Vec<String>,
     /// How they were decoded.
@@ -37,7 +37,7 @@ impl<'a> SweepPage<'a> {
     fn write(self, sweep: &'a Sweep, report: &impl Serialize, writer: &mut dyn Write) -> Result<(), String> {
         let reference = sweep.reference;
         let mut pictures: Vec<Picture<'_>> = Vec::new();
-        for (n, (frame, name)) in self.frames.iter().zip(&self.names).enumerate() {
+        for (n, (&frame, name)) in self.frames.iter().zip(&self.names).enumerate() {
             let is_reference = n == reference;
             pictures.push(Picture {
                 name: if is_reference { format!("{name} (reference)") } else { name.clone() },
