@@ -1,7 +1,7 @@
 //! A photograph on the pixels of another.
 
 use crate::base::color::{LUMINANCE, stored};
-use crate::base::{Brightness, Channels, Decode, Frame, Homography, centre};
+use crate::base::{Brightness, Channels, Decode, Frame, Homography, centre, workers};
 use crate::engine::filter;
 use crate::engine::stages::field::mirror;
 use crate::engine::stages::spline;
@@ -122,18 +122,7 @@ pub(crate) fn luminance(values: Vec<f32>, channels: Channels) -> Vec<f32> {
 
 /// Fills rows of so many values, by all processors.
 pub(crate) fn in_rows<T: Send>(values: &mut [T], row: usize, fill: impl Fn(usize, &mut [T]) + Sync) {
-    let rows = values.len() / row.max(1);
-    let share = rows.div_ceil(std::thread::available_parallelism().map_or(1, usize::from)).max(1);
-    std::thread::scope(|scope| {
-        for (part, values) in values.chunks_mut(share * row).enumerate() {
-            let fill = &fill;
-            scope.spawn(move || {
-                for (n, values) in values.chunks_exact_mut(row).enumerate() {
-                    fill(part * share + n, values);
-                }
-            });
-        }
-    });
+    workers::each(values.chunks_exact_mut(row.max(1)).enumerate(), |(n, values)| fill(n, values));
 }
 
 #[cfg(test)]

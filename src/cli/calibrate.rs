@@ -145,6 +145,12 @@ fn read_steps(file: &Path) -> Result<Vec<(Region, f64)>, Failure> {
     Ok(steps.into_iter().map(step).collect())
 }
 
+/// For tests that feed it with anything.
+#[cfg(test)]
+pub(super) fn reads(file: &Path) {
+    let _ = read_steps(file);
+}
+
 /// Refuses a file that cannot be one, or that is an input; a calibrated lens may be replaced by a better one.
 fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     let Some(file) = &arguments.output else { return Ok(()) };

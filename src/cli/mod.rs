@@ -14,6 +14,8 @@ mod engine;
 mod evaluate;
 mod failure;
 mod frames;
+#[cfg(all(test, target_os = "linux"))]
+mod fuzz;
 mod headings;
 mod help;
 mod lens;

@@ -1,6 +1,8 @@
 //! Two photographs to relative blur and registration, on a Vulkan device: the engine that other programs embed.
 
 pub(crate) mod arguments;
+#[cfg(test)]
+mod faults;
 pub(crate) mod filter;
 mod motion;
 pub(crate) mod plan;

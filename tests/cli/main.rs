@@ -10,6 +10,8 @@ mod browser;
 mod evaluate;
 mod guide;
 mod input;
+#[cfg(target_os = "linux")]
+mod kills;
 mod metric;
 mod outputs;
 mod page;

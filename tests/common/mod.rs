@@ -1,7 +1,10 @@
 //! What the tests of the whole solver share: a device under validation, scenes with known V and T, real pairs.
 #![allow(dead_code, reason = "each test program uses its own part")]
 
+#[cfg(target_os = "linux")]
+pub mod fuzz;
 pub mod scene;
+pub mod trust;
 
 use std::ops::Deref;
 use std::path::PathBuf;

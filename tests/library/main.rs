@@ -4,9 +4,14 @@
 mod common;
 
 mod baseline;
+#[cfg(target_os = "linux")]
+mod fuzz;
 mod masks;
 mod motion;
+mod properties;
 mod rooms;
 mod scope;
+#[cfg(target_os = "linux")]
+mod soak;
 mod solver;
 mod sweep;

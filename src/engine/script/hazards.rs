@@ -36,7 +36,7 @@ impl Hazards {
 }
 
 /// The slots that an entry touches, and how.
-fn accesses(action: &Action) -> Vec<(Slot, Access)> {
+pub(crate) fn accesses(action: &Action) -> Vec<(Slot, Access)> {
     match action {
         Action::Dispatch(dispatch) => {
             let declared = dispatch.slots.iter().zip(dispatch.stage.bindings);

@@ -17,6 +17,8 @@ use super::stages::memory::Memory;
 use super::vulkan::{Stage, Variant};
 
 pub(crate) use compose::compose;
+#[cfg(test)]
+pub(crate) use hazards::accesses;
 
 /// A solve.
 pub(crate) struct Script {

@@ -420,4 +420,24 @@ mod tests {
         let still = Some(Similarity::IDENTITY);
         check(&flat, &flat, &Field::zeros(width, height), Similarity::IDENTITY, &Kernel::Gaussian, still);
     }
+
+    /// Lemma 1 of the paper, from which it follows that relaxation converges, whatever the photographs show.
+    #[test]
+    fn the_system_is_diagonally_dominant() {
+        let (width, height, nodes) = (41, 30, stack::node_count(6.0));
+        let c = constants(width, height, nodes, &Kernel::Gaussian);
+        for seed in 0..6 {
+            let [i1, i2, mut v] = [1, 2, 3].map(|n| random_field(width, height, 10 * seed + n));
+            v.data.iter_mut().for_each(|v| *v = 12.0 * (*v - 0.5));
+            let stacks = [&i1, &i2].map(|image| build_stack(image, &Kernel::Gaussian, nodes));
+            let read = Stacks { first: &stacks[0], second: &stacks[1], slopes: Slopes::of(&Kernel::Gaussian) };
+            let t = Homography::from(Similarity::new(0.7, -1.1, 0.4, 1.02));
+            let r = Registration::new(t, &Photometric { gain: 1.1, offset: -0.03 });
+            let [_, weights @ ..] = twin(&c, (&r, 0.01), None, &i1, &v, &read, None).system;
+            for i in 0..width * height {
+                let row = weights.each_ref().map(|weight| weight.data[i]);
+                assert!(row.iter().all(|w| *w >= 0.0) && row.iter().sum::<f64>() <= 1.0 + 1e-12, "{row:?} at {i}");
+            }
+        }
+    }
 }

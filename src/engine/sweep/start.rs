@@ -2,13 +2,11 @@
 //! search, and u by the least of a volume of energies.
 
 use std::f64::consts::PI;
-use std::num::NonZero;
-use std::thread;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::pairs::pairs;
-use crate::base::{Homography, Shading, shading};
+use crate::base::{Homography, Shading, shading, workers};
 use crate::engine::filter::{self, Filter};
 use crate::engine::plan::{LOW_PASS, band};
 use crate::engine::stages::state::from_centre;
@@ -57,14 +55,8 @@ fn coefficients(image: &Field) -> Field {
 
 /// Does something for each of so many, on all processors.
 pub(super) fn each<T: Send>(count: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let workers = thread::available_parallelism().map_or(1, NonZero::get).min(count).max(1);
     let mut results: Vec<Option<T>> = (0..count).map(|_| None).collect();
-    thread::scope(|scope| {
-        for (worker, share) in results.chunks_mut(count.div_ceil(workers)).enumerate() {
-            let (first, of) = (worker * count.div_ceil(workers), &of);
-            scope.spawn(move || share.iter_mut().enumerate().for_each(|(n, result)| *result = Some(of(first + n))));
-        }
-    });
+    workers::each(results.iter_mut().enumerate(), |(n, result)| *result = Some(of(n)));
     results.into_iter().flatten().collect()
 }
 

@@ -150,4 +150,20 @@ mod tests {
         assert!(make_private(&folder).is_err());
         fs::remove_dir_all(&base).unwrap();
     }
+
+    #[test]
+    fn what_was_changed_anywhere_is_not_taken() {
+        let (uuid, data) = ([7; 16], (0..200).collect::<Vec<u8>>());
+        let file = [header(&uuid, 3, &data), data].concat();
+        // Each byte in each way, and each two in one: a checksum of 64 bits lets none of so few pass.
+        for at in 0..file.len() {
+            for by in 1..=255 {
+                let mut changed = file.clone();
+                changed[at] ^= by;
+                assert_eq!(unwrap_file(&changed, &uuid, 3), None, "{at} by {by}");
+                changed[(at + usize::from(by)) % file.len()] ^= by;
+                assert!(changed == file || unwrap_file(&changed, &uuid, 3).is_none(), "{at} and another by {by}");
+            }
+        }
+    }
 }

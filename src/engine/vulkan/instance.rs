@@ -40,6 +40,8 @@ impl Instance {
     pub(crate) fn new(validation: bool) -> Result<Arc<Self>, Error> {
         // SAFETY: loading the system's Vulkan loader runs its initialisers; it is the library that this crate exists to use.
         let entry = unsafe { ash::Entry::load() }.map_err(|e| Error::NoLoader(e.to_string()))?;
+        #[cfg(test)]
+        let entry = super::faults::hooked(entry);
         let failed = |call: &str, result: vk::Result| match result {
             // What loaders say of a driver whose manifest is broken, or leads nowhere: so little of the host's memory is asked
             // for here that it is never what is missing.
@@ -307,6 +309,8 @@ extern "system" fn collect(
         let message = (*data).message_as_c_str().map(|m| m.to_string_lossy().into_owned()).unwrap_or_default();
         (message, &*user_data.cast_const().cast::<Messages>())
     };
+    #[cfg(test)]
+    super::faults::hear(&message);
     messages.lock().unwrap_or_else(PoisonError::into_inner).push(message);
     vk::FALSE
 }

@@ -4,6 +4,8 @@ mod cache;
 mod commands;
 mod device;
 mod failure;
+#[cfg(test)]
+pub(crate) mod faults;
 mod instance;
 mod memory;
 mod pipeline;

@@ -168,7 +168,7 @@ impl Staging {
     }
 
     fn exchange_by(&mut self, journal: &Journal, report: &Path) -> Result<(), (PathBuf, io::Error)> {
-        let stale = self.stale_files();
+        let stale = self.stale_files()?;
         let folder = self.folder.path.clone();
         let of = |path: &Path| {
             let path = path.to_path_buf();
@@ -197,15 +197,20 @@ impl Staging {
         Error::file(path, format!("cannot be replaced ({error}); check permissions"))
     }
 
-    /// The files that go. What is no longer a file is none that was written here.
-    fn stale_files(&self) -> Vec<PathBuf> {
+    /// The files that go. What is no longer a file is none that was written here; of what cannot be told, nobody knows.
+    fn stale_files(&self) -> Result<Vec<PathBuf>, (PathBuf, io::Error)> {
         let written = self.names();
         let goes = |name: &&str| match &self.stale {
             Stale::Rest => !written.iter().any(|w| w == name),
             Stale::Named(names) => names.iter().any(|n| n == name),
         };
         let paths = self.guard.listed.files().filter(goes).map(|name| self.folder.path.join(name));
-        paths.filter(|path| fs::symlink_metadata(path).is_ok_and(|found| found.is_file())).collect()
+        let is_file = |path: PathBuf| match fs::symlink_metadata(&path) {
+            Ok(found) => found.is_file().then_some(Ok(path)),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => None,
+            Err(e) => Some(Err((path, e))),
+        };
+        paths.filter_map(is_file).collect()
     }
 
     /// Puts in the place of the report, which stands for the whole, the list of all files, old and new.

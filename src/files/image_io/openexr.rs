@@ -102,6 +102,8 @@ impl<'a> Exr<'a> {
             .all_channels()
             .first_valid_layer()
             .all_attributes()
+            // By threads of the crate's own a fault in a decompressor, of which there are, would end the program.
+            .non_parallel()
             .from_chunks(self.reader)
             .map_err(problem)?;
         let channels = &image.layer_data.channel_data;

@@ -59,7 +59,7 @@ impl Photograph {
     fn of(path: &Path, file: PathBuf, page: Option<usize>, bytes: Arc<Vec<u8>>) -> Result<Self, Error> {
         let wrap = |problem| Error::file(path, problem);
         camera_raw::problem(&file, &bytes).map_or(Ok(()), |problem| Err(wrap(problem)))?;
-        let source = Source::open(&bytes, page).map_err(wrap)?;
+        let source = guarded(|| Source::open(&bytes, page)).map_err(wrap)?;
         let channels = if source.bits_and_channels().1 == 1 { Channels::Gray } else { Channels::Rgb };
         let (size, format) = (source.size(), Format { channels, depth: source.depth() });
         check::size(size).map_err(wrap)?;
@@ -93,7 +93,8 @@ impl Photograph {
     /// [`Error::File`]; none is known where it could be opened.
     pub fn describe(&self) -> Result<Input, Error> {
         let mut source = self.source()?;
-        let (encoding, exif) = source.said(&self.bytes);
+        let said = guarded(|| Ok(source.said(&self.bytes)));
+        let (encoding, exif) = said.map_err(|problem| Error::file(&self.path, problem))?;
         let (bits, channels) = source.bits_and_channels();
         Ok(Input {
             file: self.path.display().to_string(),
@@ -115,7 +116,8 @@ impl Photograph {
     /// # Errors
     /// [`Error::File`].
     pub fn decode(self) -> Result<Frame, Error> {
-        self.source()?.decode().map_err(|problem| Error::file(&self.path, problem))
+        let source = self.source()?;
+        guarded(|| source.decode()).map_err(|problem| Error::file(&self.path, problem))
     }
 
     /// Decodes two photographs of one size. Where the sizes differ, no pixel is decoded.
@@ -141,12 +143,18 @@ impl Photograph {
             return Err(wrap("is no EXR; give the file that parfocal wrote".to_string()));
         };
         let (width, height) = self.size;
-        Ok((width, height, exr.decode_field().map_err(wrap)?))
+        Ok((width, height, guarded(|| exr.decode_field()).map_err(wrap)?))
     }
 
     fn source(&self) -> Result<Source<'_>, Error> {
-        Source::open(&self.bytes, self.page).map_err(|problem| Error::file(&self.path, problem))
+        guarded(|| Source::open(&self.bytes, self.page)).map_err(|problem| Error::file(&self.path, problem))
     }
+}
+
+/// A decoder that goes wrong over a file fails as the file does, and not the program: nothing that it worked on is used again.
+fn guarded<T>(of: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(of))
+        .unwrap_or_else(|_| Err(format!("cannot be decoded (the decoder fails over it); {}", check::DAMAGED)))
 }
 
 #[cfg(test)]

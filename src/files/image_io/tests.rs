@@ -385,6 +385,17 @@ fn bent_files_never_panic() {
 }
 
 #[test]
+fn a_fault_of_a_decoder_is_one_of_the_file() {
+    // A byte of B44 was changed so that the decoder computes below zero; where that is not looked for, it goes on.
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hostile/b44_overflow.exr"));
+    let found = read(path);
+    if cfg!(debug_assertions) {
+        let error = found.unwrap_err().to_string();
+        assert!(error.contains("the decoder fails over it"), "{error}");
+    }
+}
+
+#[test]
 fn fields_may_hold_what_photographs_may_not() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("field.exr");

@@ -18,6 +18,8 @@ const MAX_PAGES: usize = 1 << 16;
 
 /// Bytes that one pixel may take while it is decoded: RGBA in 32-bit floats.
 const LARGEST_PIXEL: u64 = 16;
+/// What may be taken in any case, 16 MiB: a tile of a megapixel of such pixels.
+const LEAST_LIMIT: usize = 16 << 20;
 
 /// A page whose directory has been read.
 pub(super) struct TiffPage<'a> {
@@ -52,7 +54,10 @@ fn unsupported(kind: TiffUnsupportedError) -> String {
 impl<'a> TiffPage<'a> {
     /// Reads the directory of a page, from 1; of the first where none is named.
     pub(super) fn open(bytes: &'a [u8], page: Option<usize>) -> Result<Self, String> {
-        let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(problem)?;
+        if first_directory_fits(bytes) == Some(false) {
+            return Err(format!("states more values than a file of {} bytes holds; {DAMAGED}", bytes.len()));
+        }
+        let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(problem)?.with_limits(limits(0, bytes.len()));
         let pages = pages(&mut decoder);
         let wanted = page.unwrap_or(1);
         match pages.get(wanted - 1) {
@@ -108,10 +113,9 @@ impl<'a> TiffPage<'a> {
     /// Decodes the pixels.
     pub(super) fn decode(self) -> Result<Frame, String> {
         let Self { decoder, size, color, format: Format { channels, .. }, orientation, .. } = self;
-        let mut limits = Limits::default();
-        limits.decoding_buffer_size = usize::try_from(MAX_PIXELS * LARGEST_PIXEL).unwrap_or(usize::MAX);
-        limits.intermediate_buffer_size = limits.decoding_buffer_size;
         let mut found = DecodingResult::U8(Vec::new());
+        let mut decoder = decoder;
+        let limits = limits(u64::from(size.0) * u64::from(size.1), decoder.inner().get_ref().len());
         let layout = decoder.with_limits(limits).read_image_to_buffer(&mut found).map_err(problem)?;
         let stored =
             Stored { size, samples: color.num_samples().into(), planar: layout.planes > 1, channels, orientation };
@@ -124,6 +128,36 @@ impl<'a> TiffPage<'a> {
             _ => Err(unsupported(TiffUnsupportedError::UnsupportedSampleDepth(color.bit_depth()))),
         }
     }
+}
+
+/// Whether each tag of the first directory has as many values as the file may hold: the crate reads it before it can be told
+/// any limits, and takes 32 bytes for each value. `None` where there is no such directory, which the crate finds too.
+fn first_directory_fits(bytes: &[u8]) -> Option<bool> {
+    let number = |at: u64, size: usize| {
+        let at = usize::try_from(at).ok()?;
+        let found = bytes.get(at..at.checked_add(size)?)?.iter();
+        let shift = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
+        Some(if bytes[0] == b'I' { found.rev().fold(0, shift) } else { found.fold(0, shift) })
+    };
+    // Where the directory is stated, its length, and a tag's count and the whole of it: bytes in classic TIFF and in big.
+    let is_big = number(2, 2)? == 43;
+    let [stated, length, count, entry] = if is_big { [8, 8, 8, 20] } else { [4, 2, 4, 12] };
+    let directory = number(stated, count as usize)?;
+    let entries = (0..number(directory, length as usize)?).map_while(|n| {
+        let start = directory.checked_add(length)?.checked_add(entry * n)?;
+        number(start.checked_add(4)?, count as usize)
+    });
+    Some(entries.into_iter().all(|count| count <= bytes.len() as u64))
+}
+
+/// What may be taken to decode so many pixels of a file of so many bytes: the pixels, or a tile that is larger; and 32 bytes,
+/// as the crate keeps each, for as many values of a tag as the file can hold.
+fn limits(pixels: u64, file: usize) -> Limits {
+    let pixels = usize::try_from(pixels.min(MAX_PIXELS) * LARGEST_PIXEL).unwrap_or(usize::MAX);
+    let mut limits = Limits::default();
+    limits.decoding_buffer_size = pixels.max(LEAST_LIMIT).max(file.saturating_mul(32));
+    limits.intermediate_buffer_size = limits.decoding_buffer_size;
+    limits
 }
 
 /// Which images of the file are its pages: not the reduced copies that some programs keep beside a picture. Up to where
@@ -258,5 +292,17 @@ mod tests {
         ] {
             assert!(problem.contains(part) && problem.contains("save it as grey or RGB"), "{problem}");
         }
+    }
+
+    #[test]
+    fn a_count_that_no_file_can_hold_takes_no_memory() {
+        // A tag of 8 million values in a file of 308 bytes, for which the crate would take 251 MiB.
+        let bytes = include_bytes!("../../../tests/hostile/tiff_count.tif");
+        let [least, most] = [limits(0, bytes.len()), limits(u64::MAX, 0)].map(|limits| limits.decoding_buffer_size);
+        assert!(least == LEAST_LIMIT && most as u64 == MAX_PIXELS * LARGEST_PIXEL);
+        assert!(decode(bytes).unwrap_err().contains("states more values"));
+        let whole = file(&[8], &[(Tag::PhotometricInterpretation, GRAY)], &[&[7; 10]]);
+        assert_eq!(first_directory_fits(&whole), Some(true));
+        assert_eq!(first_directory_fits(&whole[..6]), None);
     }
 }

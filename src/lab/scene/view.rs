@@ -1,8 +1,6 @@
 //! Where the pixels of an image look, and how they are worked on in parallel.
 
-use std::thread;
-
-use crate::base::{Similarity, centre};
+use crate::base::{Similarity, centre, workers};
 
 /// One image's way back to the frame of I1: pixel q looks at `T⁻¹ q`, and its blur turns with the sensor.
 #[derive(Clone, Copy, Debug)]
@@ -72,13 +70,7 @@ impl Row<'_> {
 pub(super) fn fill_rows([width, height]: [u32; 2], fill: impl Fn(usize, &mut [f64]) + Sync) -> Vec<f64> {
     let (width, height) = (width as usize, height as usize);
     let mut values = vec![0.0; width * height];
-    let band = height.div_ceil(thread::available_parallelism().map_or(1, |n| n.get())).max(1);
-    let fill = &fill;
-    thread::scope(|scope| {
-        for (i, rows) in values.chunks_mut(band * width).enumerate() {
-            scope.spawn(move || rows.chunks_mut(width).enumerate().for_each(|(j, row)| fill(i * band + j, row)));
-        }
-    });
+    workers::each(values.chunks_mut(width.max(1)).enumerate(), |(i, row)| fill(i, row));
     values
 }
 

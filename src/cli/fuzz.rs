@@ -1,0 +1,42 @@
+//! For tests: files of options, lists, lenses and steps that are nearly right are read or refused, whatever they hold.
+
+use super::{calibrate, config, lens, pairs};
+use harness::{Share, Target};
+
+#[path = "../../tests/common/fuzz.rs"]
+mod harness;
+#[path = "../../tests/common/trust.rs"]
+mod trust;
+
+fn target(name: &'static str, file: &'static str, corpus: &[&str], read: fn(&std::path::Path)) -> Target {
+    Target { name, file, corpus: corpus.iter().map(|text| text.as_bytes().to_vec()).collect(), read }
+}
+
+#[test]
+fn whatever_a_file_of_words_holds_it_is_read_or_refused() {
+    let config = [
+        "# comment\nouter-iterations = 40\nmethod = \"unified\"\n\"start\" = 'x'\ngain = 1.5e-3\nno-html = true\n",
+        "profile = [\"1,2,3,4\", \"5,6,7,8\"]\n[table]\na.b = 0x1F\nd = 1979-05-27T07:32:00Z\n",
+    ];
+    let list = [
+        "i1,i2,name\na.png,b.png,first\n\"a, b.png\",c.tif#2,\"sec\"\"ond\"\n",
+        "{\"i1\": \"a.png\", \"i2\": \"b.png\", \"name\": \"one\"}\n{\"sweep\": \"folder\", \"name\": \"two\"}\n",
+    ];
+    let lens = [
+        r#"{"focal_length_mm": 25, "f_number": 4, "pixel_pitch_mm": 0.013, "focus_mm": [500, 900], "telecentric": true}"#,
+        r#"{"depth": {"lens": {"focal_length_mm": 50.0, "f_number": 2.8, "pixel_pitch_mm": 5e-3, "focus_mm": [1e3, 2e3]}}}"#,
+    ];
+    let steps = [r#"[{"region": [10, 20, 30, 40], "depth_mm": 512.5}, {"region": [0, 0, 8, 8], "depth_mm": 7e2}]"#];
+    let targets = [
+        target("config", "options.toml", &config, config::reads),
+        target("list", "list.csv", &list, pairs::reads),
+        target("lens", "lens.json", &lens, lens::reads),
+        target("steps", "steps.json", &steps, calibrate::reads),
+    ];
+    // Some 20 µs a case.
+    harness::run(
+        "cli::fuzz::whatever_a_file_of_words_holds_it_is_read_or_refused",
+        &targets,
+        &Share { short: 5000, long: 100_000 },
+    );
+}

@@ -1,0 +1,238 @@
+//! Results stand whole, or the earlier ones do, or the folder says that it is unfinished: wherever the program is killed, and
+//! wherever the disk fails. strace kills it as it enters a call, or has the call fail.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::common::trust;
+
+/// Calls that take a path or a file: whatever else a program does, it changes no folder.
+const CALLS: &str = "%file,%desc";
+
+/// Of these, what no disk fails: memory, and ends of which there is nobody to tell.
+const SPARED: [&str; 4] = ["close", "fcntl", "mmap", "poll"];
+
+/// What is in a folder, but for what is hidden from whoever looks into it.
+type Set = BTreeMap<String, Vec<u8>>;
+
+/// A command, and what is in the folder `out` before it.
+struct Scene {
+    desk: TempDir,
+    name: &'static str,
+    command: Vec<&'static str>,
+    old: Set,
+    new: Set,
+}
+
+impl Scene {
+    fn new(name: &'static str, before: &[&[&str]], command: &[&'static str]) -> Self {
+        let desk = TempDir::new().unwrap();
+        let (old, new) = (Set::new(), Set::new());
+        let mut scene = Self { desk, name, command: command.to_vec(), old, new };
+        before.iter().for_each(|arguments| scene.must(arguments));
+        fs::create_dir_all(scene.out()).unwrap();
+        scene.old = contents(&scene.out());
+        scene.must(command);
+        scene.new = contents(&scene.out());
+        assert_ne!(scene.old, scene.new);
+        scene
+    }
+
+    fn out(&self) -> PathBuf {
+        self.desk.path().join("out")
+    }
+
+    fn program(&self, by: &[&str]) -> Output {
+        let program = assert_cmd::cargo::cargo_bin("parfocal");
+        let mut command = match by {
+            [] => Command::new(&program),
+            [first, rest @ ..] => {
+                let mut command = Command::new(first);
+                command.args(rest).arg(&program);
+                command
+            }
+        };
+        command.current_dir(self.desk.path()).env("PARFOCAL_CACHE_DIR", self.desk.path().join("cache"));
+        command.args(&self.command).output().unwrap()
+    }
+
+    fn must(&self, arguments: &[&str]) {
+        let program = assert_cmd::cargo::cargo_bin("parfocal");
+        let done = Command::new(program).current_dir(self.desk.path()).args(arguments).output().unwrap();
+        assert!(done.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&done.stderr));
+    }
+
+    /// As before the command.
+    fn restore(&self) {
+        fs::remove_dir_all(self.out()).unwrap();
+        fs::create_dir(self.out()).unwrap();
+        self.old.iter().for_each(|(name, bytes)| fs::write(self.out().join(name), bytes).unwrap());
+    }
+
+    /// The calls of the first thread, which writes: which, its how many-th, and whether the folder has been named by then.
+    fn points(&self) -> Vec<(String, usize, bool)> {
+        self.restore();
+        let log = self.desk.path().join("log");
+        let by =
+            ["strace", "-f", "-qq", "-e", &format!("trace={CALLS}"), "-e", "signal=none", "-o", log.to_str().unwrap()];
+        assert!(self.program(&by).status.success());
+        let log = fs::read_to_string(log).unwrap();
+        let (mut counts, mut points, mut begun) = (BTreeMap::<_, usize>::new(), BTreeSet::new(), false);
+        let mut main = None;
+        for line in log.lines() {
+            let Some((thread, call)) = line.trim_start().split_once(' ') else { continue };
+            let Some((call, arguments)) = call.trim_start().split_once('(') else { continue };
+            if call.starts_with(|c: char| c.is_ascii_lowercase()) {
+                let count = counts.entry((thread, call)).or_default();
+                *count += 1;
+                begun |= call != "execve" && arguments.contains("\"out");
+                // strace counts for each thread: those of others would be met by this one long before.
+                let first = *main.get_or_insert(thread);
+                if thread == first && call != "execve" {
+                    points.insert((call.to_string(), *count, begun));
+                }
+            }
+        }
+        points.into_iter().collect()
+    }
+
+    /// What the folder holds after something went wrong in it.
+    #[track_caller]
+    fn judge(&self, what: &str) -> Held {
+        let found = contents(&self.out());
+        match found {
+            found if found == self.new => Held::New,
+            found if found == self.old => Held::Old,
+            found => {
+                let report = ["truth.json", "report.json"].iter().find_map(|name| found.get(*name));
+                let told: Option<Value> = report.and_then(|bytes| serde_json::from_slice(bytes).ok());
+                let says = told.is_some_and(|report| report["unfinished"] == true);
+                let names: Vec<_> = found.keys().collect();
+                assert!(says, "{}, {what}: neither set, and nothing says so: {names:?}", self.name);
+                Held::Unfinished
+            }
+        }
+    }
+
+    /// The next run makes all good.
+    #[track_caller]
+    fn recovers(&self, what: &str) {
+        let done = self.program(&[]);
+        assert!(done.status.success(), "{}, {what}: {}", self.name, String::from_utf8_lossy(&done.stderr));
+        assert!(contents(&self.out()) == self.new, "{}, {what}: not recovered", self.name);
+        let hidden = fs::read_dir(self.out()).unwrap().filter(|entry| is_hidden(&entry.as_ref().unwrap().path()));
+        assert_eq!(hidden.count(), 0, "{}, {what}: something is left", self.name);
+    }
+}
+
+/// What a folder holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Held {
+    Old,
+    New,
+    Unfinished,
+}
+
+fn is_hidden(path: &Path) -> bool {
+    path.file_name().unwrap().to_string_lossy().starts_with(".parfocal-")
+}
+
+fn contents(folder: &Path) -> Set {
+    let paths = fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path());
+    let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
+    paths.filter(|path| !is_hidden(path)).map(|path| (name(&path), fs::read(&path).unwrap())).collect()
+}
+
+/// A pair where there was none; over another; over a sweep, whose files go; a sweep over a pair.
+fn scenes() -> [Scene; 4] {
+    let pair = ["simulate", "plane", "--size", "40x32", "-o", "out", "--quiet"];
+    let other = [&pair[..], &["--seed", "2"]].concat();
+    let sweep = [&pair[..], &["--frames", "4"]].concat();
+    [
+        Scene::new("the first", &[], &pair),
+        Scene::new("over another", &[&other], &pair),
+        Scene::new("over a sweep", &[&sweep], &pair),
+        Scene::new("a sweep over a pair", &[&pair], &sweep),
+    ]
+}
+
+/// Of so many points, those that this run tries: all where it has the time, else a share of each scene that the next share
+/// does not hold.
+fn tried(points: impl Iterator<Item = (String, usize, bool)>) -> impl Iterator<Item = (String, usize)> {
+    let stride = if trust::is_long() { 1 } else { 24 };
+    points.step_by(stride).map(|(call, count, _)| (call, count))
+}
+
+#[test]
+fn a_program_that_is_killed_anywhere_leaves_one_set_whole_or_says_that_it_does_not() {
+    let mut held = BTreeMap::<Held, usize>::new();
+    for scene in scenes() {
+        for (call, count) in tried(scene.points().into_iter()) {
+            scene.restore();
+            let what = format!("killed at {call} {count}");
+            let inject = format!("inject={call}:signal=KILL:when={count}");
+            let by = [
+                "strace",
+                "-f",
+                "-qq",
+                "-e",
+                "signal=none",
+                "-o",
+                "/dev/null",
+                "-e",
+                &format!("trace={call}"),
+                "-e",
+                &inject,
+            ];
+            let ended = scene.program(&by);
+            assert!(!ended.status.success() || scene.judge(&what) == Held::New, "{what}");
+            *held.entry(scene.judge(&what)).or_default() += 1;
+            scene.recovers(&what);
+        }
+    }
+    let kills: usize = held.values().sum();
+    trust::note("kills", format!("{kills}: {held:?}"));
+    assert!(kills > 20, "{held:?}");
+}
+
+#[test]
+fn a_disk_that_fails_anywhere_leaves_one_set_whole_or_says_that_it_does_not() {
+    let mut held = BTreeMap::<(Held, bool), usize>::new();
+    for scene in scenes() {
+        // Before the folder is named, what fails is the loading of the program.
+        let points = scene.points().into_iter().filter(|(call, _, begun)| *begun && !SPARED.contains(&call.as_str()));
+        for (call, count) in tried(points) {
+            for (error, when) in [("EIO", ""), ("ENOSPC", "+")] {
+                scene.restore();
+                let what = format!("{error} at {call} {count}{when}");
+                let inject = format!("inject={call}:error={error}:when={count}{when}");
+                let by = [
+                    "strace",
+                    "-f",
+                    "-qq",
+                    "-e",
+                    "signal=none",
+                    "-o",
+                    "/dev/null",
+                    "-e",
+                    &format!("trace={call}"),
+                    "-e",
+                    &inject,
+                ];
+                let ended = scene.program(&by);
+                let told = String::from_utf8_lossy(&ended.stderr);
+                let left = scene.judge(&what);
+                assert!(ended.status.code().is_some_and(|code| code < 2), "{what}: {} {told}", ended.status);
+                assert!(!ended.status.success() || left == Held::New, "{what}: {left:?}, and nothing was said: {told}");
+                *held.entry((left, ended.status.success())).or_default() += 1;
+                scene.recovers(&what);
+            }
+        }
+    }
+    trust::note("disk faults", format!("{}: {held:?}", held.values().sum::<usize>()));
+}

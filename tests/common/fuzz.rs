@@ -1,0 +1,256 @@
+//! Readers fed with files that are nearly right: mutations of a corpus, in child processes with little memory, a bound of time a
+//! case, and every case given by its number, so that a finding is found again.
+
+use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use super::trust;
+
+/// A reader, what it reads well, and what its file is called.
+pub struct Target {
+    pub name: &'static str,
+    pub file: &'static str,
+    pub corpus: Vec<Vec<u8>>,
+    /// Reads a file, whatever comes of it.
+    pub read: fn(&Path),
+}
+
+/// KiB of address space of a child, 256 MiB: what is decoded here is a megapixel at most.
+const MEMORY: u32 = 256 << 10;
+/// The longest that a case may take.
+const LONGEST: Duration = Duration::from_secs(1);
+/// Without a new case for so long, a child hangs: the machine may be busy.
+const HANGS: Duration = Duration::from_secs(20);
+/// Tells a child what to do: the target, the first case, the end, and a folder.
+const CHILD: &str = "PARFOCAL_FUZZ_CHILD";
+
+/// Cases of each target in a short run and in a long one.
+pub struct Share {
+    pub short: u64,
+    pub long: u64,
+}
+
+/// Runs the targets, by this test of this test program, and fails where one crashes, panics, hangs or takes too much.
+pub fn run(test: &str, targets: &[Target], share: &Share) {
+    if let Ok(told) = std::env::var(CHILD) {
+        return child(targets, &told);
+    }
+    let cases = if trust::is_long() { share.long } else { share.short };
+    let findings: Vec<String> = targets.iter().flat_map(|target| parent(test, target, cases)).collect();
+    trust::note(&format!("inputs of {test}"), cases * targets.len() as u64);
+    trust::note(&format!("findings of {test}"), findings.len());
+    assert!(findings.is_empty(), "{findings:#?}");
+}
+
+/// Has children try all cases of a target; gives the findings.
+fn parent(test: &str, target: &Target, cases: u64) -> Vec<String> {
+    let mut findings = Vec::new();
+    let mut first = 0;
+    // Where so many are wrong, one cause is behind most.
+    while first < cases && findings.len() < 20 {
+        let desk = desk();
+        let told = format!("{}\n{first}\n{cases}\n{}", target.name, desk.path().display());
+        let mut child = Command::new("sh")
+            .args(["-c", &format!("ulimit -v {MEMORY}; ulimit -c 0; exec \"$0\" \"$@\"")])
+            .arg(std::env::current_exe().unwrap())
+            .args([test, "--exact", "--nocapture", "--test-threads=1"])
+            // An arena for each thread takes 64 MiB of addresses.
+            .env("MALLOC_ARENA_MAX", "1")
+            .env(CHILD, told)
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let ended = watched(&mut child, desk.path());
+        let last = progress(desk.path()).unwrap_or(first);
+        if ended != "done" {
+            let mut said = String::new();
+            child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+            let kept = keep(target, last);
+            findings.push(format!("{} {last}: {ended}: {} ({})", target.name, said.trim(), kept.display()));
+        }
+        let slow = fs::read_to_string(desk.path().join("findings")).unwrap_or_default();
+        findings.extend(slow.lines().map(String::from));
+        first = last + 1;
+    }
+    findings
+}
+
+/// Waits until the child ends or hangs; how.
+fn watched(child: &mut Child, desk: &Path) -> String {
+    let (mut seen, mut since) = (None, Instant::now());
+    loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            return if status.success() { "done".to_string() } else { status.to_string() };
+        }
+        let now = progress(desk);
+        if now != seen {
+            (seen, since) = (now, Instant::now());
+        } else if since.elapsed() > HANGS {
+            child.kill().unwrap();
+            child.wait().unwrap();
+            return "hangs".to_string();
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+fn progress(desk: &Path) -> Option<u64> {
+    fs::read(desk.join("progress")).ok()?.try_into().ok().map(u64::from_le_bytes)
+}
+
+/// In memory where there is such a folder: every case is a file.
+fn desk() -> tempfile::TempDir {
+    let memory = Path::new("/dev/shm");
+    if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.unwrap()
+}
+
+/// Keeps a case where the next tests find it.
+fn keep(target: &Target, case: u64) -> PathBuf {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/findings");
+    fs::create_dir_all(&folder).unwrap();
+    let path = folder.join(format!("{}-{case}-{}", target.name, target.file));
+    fs::write(&path, mutated(target, case)).unwrap();
+    path
+}
+
+/// Tries its share of the cases.
+fn child(targets: &[Target], told: &str) {
+    let [name, first, end, desk] = told.split('\n').collect::<Vec<_>>()[..] else { panic!("{told}") };
+    let target = targets.iter().find(|target| target.name == name).unwrap();
+    let (file, progress) = (Path::new(desk).join(target.file), File::create(Path::new(desk).join("progress")).unwrap());
+    for case in first.parse::<u64>().unwrap()..end.parse().unwrap() {
+        progress.write_all_at(&case.to_le_bytes(), 0).unwrap();
+        fs::write(&file, mutated(target, case)).unwrap();
+        let begun = Instant::now();
+        // A panic ends the child: what the reader left behind is not to be relied on.
+        (target.read)(&file);
+        let took = begun.elapsed();
+        if took > LONGEST {
+            let mut findings =
+                File::options().create(true).append(true).open(Path::new(desk).join("findings")).unwrap();
+            writeln!(findings, "{name} {case}: took {took:?} ({})", keep(target, case).display()).unwrap();
+        }
+    }
+}
+
+/// Numbers that follow from a seed (splitmix64).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Below `end`, which is not 0.
+    fn below(&mut self, end: usize) -> usize {
+        (self.next() % end as u64) as usize
+    }
+
+    fn of<'a, T: ?Sized>(&mut self, choice: &[&'a T]) -> &'a T {
+        choice[self.below(choice.len())]
+    }
+}
+
+/// Numbers at which readers go wrong.
+const NUMBERS: [u64; 12] =
+    [0, 1, 0x7f, 0x80, 0xff, 0x7fff, 0xffff, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, u64::MAX / 2, u64::MAX];
+/// Text at which they do.
+const WORDS: [&str; 16] = [
+    "-1",
+    "0",
+    "1e999",
+    "-1e-999",
+    "NaN",
+    "null",
+    "true",
+    "\"\"",
+    "[]",
+    "{}",
+    "[[[[[[[[",
+    "4294967296",
+    "9007199254740993",
+    "\\u0000",
+    ",,,",
+    "\u{1F4F7}",
+];
+
+/// A case by its number: a file of the corpus, changed in one to six places.
+fn mutated(target: &Target, case: u64) -> Vec<u8> {
+    let name = target.name.bytes().fold(0, |hash: u64, byte| hash.wrapping_mul(31).wrapping_add(byte.into()));
+    let mut random = Random(name ^ case.wrapping_mul(0x2545_f491_4f6c_dd1d));
+    let mut bytes = target.corpus[random.below(target.corpus.len())].clone();
+    for _ in 0..=random.below(6) {
+        mutate(&mut bytes, target, &mut random);
+    }
+    if bytes.starts_with(b"\x89PNG") && random.below(4) > 0 {
+        mend_checksums(&mut bytes);
+    }
+    bytes
+}
+
+fn mutate(bytes: &mut Vec<u8>, target: &Target, random: &mut Random) {
+    if bytes.is_empty() {
+        bytes.push(random.next() as u8);
+        return;
+    }
+    // Headers are where it matters: half of the changes fall into the first 128 bytes.
+    let reach = if random.below(2) == 0 { bytes.len().min(128) } else { bytes.len() };
+    let at = random.below(reach);
+    let length = 1 + random.below((bytes.len() - at).min(64));
+    match random.below(9) {
+        0 => bytes[at] ^= 1 << random.below(8),
+        1 => bytes[at] = random.next() as u8,
+        2 => drop(bytes.drain(at..at + length)),
+        3 => drop(bytes.splice(at..at, bytes[at..at + length].to_vec())),
+        4 => bytes.truncate(at),
+        5 => number(bytes, at, random),
+        6 => drop(bytes.splice(at..at, random.of(&WORDS).bytes())),
+        7 => word(bytes, at, random),
+        _ => {
+            let other = &target.corpus[random.below(target.corpus.len())];
+            let from = random.below(other.len().max(1)).min(other.len());
+            bytes.truncate(at);
+            bytes.extend(&other[from..]);
+        }
+    }
+}
+
+/// A number of one to eight bytes, either way round.
+fn number(bytes: &mut [u8], at: usize, random: &mut Random) {
+    let number = NUMBERS[random.below(NUMBERS.len())].wrapping_add(random.below(3) as u64).wrapping_sub(1);
+    let size = (1 << random.below(4)).min(bytes.len() - at);
+    let big = number.to_be_bytes();
+    let written = if random.below(2) == 0 { &number.to_le_bytes()[..size] } else { &big[8 - size..] };
+    bytes[at..at + size].copy_from_slice(written);
+}
+
+/// Another word in the place of the one that begins there.
+fn word(bytes: &mut Vec<u8>, at: usize, random: &mut Random) {
+    let is_of_word = |byte: &u8| byte.is_ascii_alphanumeric() || b"+-._".contains(byte);
+    let end = at + bytes[at..].iter().take_while(|byte| is_of_word(byte)).count();
+    drop(bytes.splice(at..end, random.of(&WORDS).bytes()));
+}
+
+/// The checksums of a PNG's chunks, without which no decoder looks any further.
+fn mend_checksums(bytes: &mut [u8]) {
+    let mut at = 8;
+    while let Some(head) = bytes.get(at..at + 4) {
+        let end = at + 8 + u32::from_be_bytes(head.try_into().unwrap()) as usize;
+        if end.saturating_add(4) > bytes.len() {
+            return;
+        }
+        let mut sum = flate2::Crc::new();
+        sum.update(&bytes[at + 4..end]);
+        bytes[end..end + 4].copy_from_slice(&sum.sum().to_be_bytes());
+        at = end + 4;
+    }
+}

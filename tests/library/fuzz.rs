@@ -1,0 +1,184 @@
+//! Whatever a file holds, it is read or refused: photographs of every format, fields, kernels, transforms, reports and folders
+//! of results.
+
+use std::fs;
+use std::io::Cursor;
+use std::path::Path;
+
+use image::{DynamicImage, ImageBuffer, ImageFormat};
+use parfocal::export::{self, Solved, SolvedSweep};
+use parfocal::image_io::{self, Photograph};
+
+use crate::common::fuzz::{self, Share, Target};
+
+/// The most pixels that are decoded: of what states more, as a bomb does, the header and what else it says. A device is asked
+/// before more are decoded by the program too.
+const PIXELS: u32 = 1 << 20;
+
+/// As the program reads a photograph.
+fn photograph(file: &Path) {
+    let Ok(photograph) = Photograph::open(file) else { return };
+    let _ = photograph.describe();
+    let (width, height) = photograph.size();
+    if width.saturating_mul(height) <= PIXELS {
+        let _ = photograph.decode();
+    }
+}
+
+fn is_small(file: &Path) -> bool {
+    Photograph::open(file).is_ok_and(|photograph| photograph.size().0.saturating_mul(photograph.size().1) <= PIXELS)
+}
+
+const SIZE: [u32; 2] = [12, 9];
+
+fn pixels<T: image::Primitive>(channels: u32, of: impl Fn(u32) -> T) -> Vec<T> {
+    (0..SIZE[0] * SIZE[1] * channels).map(of).collect()
+}
+
+/// A picture in each kind of pixels.
+fn pictures() -> Vec<DynamicImage> {
+    let [w, h] = SIZE;
+    let byte = |i: u32| (i * 37 % 251) as u8;
+    let word = |i: u32| (i * 7919 % 65_521) as u16;
+    vec![
+        ImageBuffer::from_raw(w, h, pixels(1, byte)).map(DynamicImage::ImageLuma8).unwrap(),
+        ImageBuffer::from_raw(w, h, pixels(3, byte)).map(DynamicImage::ImageRgb8).unwrap(),
+        ImageBuffer::from_raw(w, h, pixels(4, byte)).map(DynamicImage::ImageRgba8).unwrap(),
+        ImageBuffer::from_raw(w, h, pixels(1, word)).map(DynamicImage::ImageLuma16).unwrap(),
+        ImageBuffer::from_raw(w, h, pixels(3, word)).map(DynamicImage::ImageRgb16).unwrap(),
+    ]
+}
+
+/// The pictures as files, as far as a format has their kind.
+fn encoded(formats: &[ImageFormat]) -> Vec<Vec<u8>> {
+    let write = |picture: &DynamicImage, format| {
+        let mut bytes = Vec::new();
+        picture.write_to(&mut Cursor::new(&mut bytes), format).ok().map(|()| bytes)
+    };
+    formats.iter().flat_map(|format| pictures().into_iter().filter_map(move |p| write(&p, *format))).collect()
+}
+
+/// Grey and colour, by each way to compress them.
+fn exr() -> Vec<Vec<u8>> {
+    use exr::prelude::*;
+    let [w, h] = SIZE.map(|side| side as usize);
+    let value = |at: Vec2<usize>, n: usize| ((at.0 * 3 + at.1 * n) % 17) as f32 / 4.0 - 2.0;
+    let compressions = [
+        Compression::Uncompressed,
+        Compression::RLE,
+        Compression::ZIP16,
+        Compression::PIZ,
+        Compression::PXR24,
+        Compression::B44,
+    ];
+    let mut files = Vec::new();
+    for compression in compressions {
+        let encoding = Encoding { compression, ..Encoding::FAST_LOSSLESS };
+        let gray = SpecificChannels::build().with_channel("Y").with_pixel_fn(|at| (value(at, 5),));
+        let color = SpecificChannels::rgb(|at| (value(at, 1), f16::from_f32(value(at, 2)), value(at, 3)));
+        let mut bytes = Cursor::new(Vec::new());
+        Image::from_layer(Layer::new((w, h), LayerAttributes::default(), encoding, gray))
+            .write()
+            .to_buffered(&mut bytes)
+            .unwrap();
+        files.push(bytes.into_inner());
+        let mut bytes = Cursor::new(Vec::new());
+        Image::from_layer(Layer::new((w, h), LayerAttributes::default(), encoding, color))
+            .write()
+            .to_buffered(&mut bytes)
+            .unwrap();
+        files.push(bytes.into_inner());
+    }
+    files
+}
+
+fn pfm() -> Vec<u8> {
+    let mut bytes = format!("Pf\n{} {}\n-1.0\n", SIZE[0], SIZE[1]).into_bytes();
+    bytes.extend(pixels(1, |i| i as f32 / 8.0).iter().flat_map(|value| value.to_le_bytes()));
+    bytes
+}
+
+fn tiff() -> Vec<Vec<u8>> {
+    use tiff::encoder::{Compression, TiffEncoder, colortype};
+    let mut files = encoded(&[ImageFormat::Tiff]);
+    for compression in [Compression::Uncompressed, Compression::Lzw, Compression::Packbits] {
+        let mut bytes = Cursor::new(Vec::new());
+        let mut encoder = TiffEncoder::new(&mut bytes).unwrap().with_compression(compression);
+        encoder.write_image::<colortype::Gray16>(SIZE[0], SIZE[1], &pixels(1, |i| i as u16)).unwrap();
+        encoder.write_image::<colortype::Gray32Float>(SIZE[0], SIZE[1], &pixels(1, |i| i as f32)).unwrap();
+        encoder.write_image::<colortype::RGB8>(SIZE[0], SIZE[1], &pixels(3, |i| i as u8)).unwrap();
+        files.push(bytes.into_inner());
+    }
+    files
+}
+
+const REPORT: &str = r#"{"version": "0.1.0", "size": {"width": 12, "height": 9}, "nearer": 1, "files": ["relative_blur.exr", "a"],
+"transform": {"tx_px": 1.5, "ty_px": -0.5, "rotation_deg": 0.25, "scale": 1.01}, "photometric": {"gain": 1.0, "offset": 0.0},
+"settings": {"decode": "none"}, "region": {"x": 0, "y": 0, "width": 12, "height": 9}, "shading": null, "unfinished": false,
+"frames": [{"file": "a.png", "position": 0.0}, {"file": "b.png", "position": 1.0}], "levels": [],
+"hashes": {"a": {"bytes": 3, "sha256": "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"}}}"#;
+
+fn texts() -> Vec<Vec<u8>> {
+    let matrix = r#"{"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1, "matrix": [[1.01, 0.002, 3.5], [-0.002, 0.99, -1.25], [1e-6, 0, 1]]}"#;
+    vec![REPORT.into(), matrix.into(), r#"{"tx_px": 1, "ty_px": 2, "rotation_deg": 0, "scale": 1}"#.into()]
+}
+
+/// Of a folder whose report is anything.
+fn folder(file: &Path) {
+    let folder = file.parent().unwrap();
+    if !folder.join("relative_blur.exr").exists() {
+        let field = exr().swap_remove(0);
+        let names = ["relative_blur.exr", "confidence.exr", "uncertainty.exr", "focus.exr"];
+        names.iter().for_each(|name| fs::write(folder.join(name), &field).unwrap());
+    }
+    let _ = (Solved::read(folder).is_ok(), SolvedSweep::read(folder).is_ok(), export::holds_sweep(folder).is_ok());
+    let _ = (export::listed_in(folder, "report.json"), export::profiles_in(folder));
+    if let Ok(Ok(report)) = fs::read(file).map(|bytes| serde_json::from_slice(&bytes)) {
+        let _ = export::is_whole(folder, "report.json", &report);
+    }
+}
+
+/// A transform is anything that states one.
+fn transform(file: &Path) {
+    let _ = (image_io::size(file).is_ok(), export::read_transform(file).is_ok(), export::read_pair_of(file).is_ok());
+    let _ = export::read_sweep_places(file).is_ok();
+}
+
+fn kernel(file: &Path) {
+    if is_small(file) {
+        let _ = image_io::read_kernel(file);
+    }
+}
+
+fn field(file: &Path) {
+    if is_small(file) {
+        let _ = image_io::read_field(file);
+    }
+}
+
+#[test]
+fn whatever_a_file_holds_it_is_read_or_refused() {
+    let target = |name, file, corpus, read| Target { name, file, corpus, read };
+    let pnm: Vec<Vec<u8>> = vec![
+        b"P5 12 9 255\n0123456789abcdefghijklmnopqrstuvwxyz0123456789abcdefghijklmnopqrstuvwxyz0123456789abcdefghijklmnopqrstuvwxyz!".to_vec(),
+        b"P2\n# text\n3 2\n65535\n1 2 3\n40000 5 6\n".to_vec(),
+        b"P3 2 1 255 1 2 3 4 5 6".to_vec(),
+        b"P6 2 2 255\nabcdefghijkl".to_vec(),
+        b"P4 8 2\nab".to_vec(),
+        pfm(),
+    ];
+    let hostile = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hostile/dwaa_abort.exr")).unwrap();
+    let targets = [
+        target("png", "photograph.png", encoded(&[ImageFormat::Png]), photograph as fn(&Path)),
+        target("jpeg", "photograph.jpg", encoded(&[ImageFormat::Jpeg]), photograph),
+        target("tiff", "photograph.tif", tiff(), photograph),
+        target("pnm", "photograph.pnm", [encoded(&[ImageFormat::Pnm]), pnm].concat(), photograph),
+        target("exr", "photograph.exr", [exr(), vec![hostile]].concat(), photograph),
+        target("field", "relative_blur.exr", exr(), field),
+        target("kernel", "kernel.png", [encoded(&[ImageFormat::Png]), exr()].concat(), kernel),
+        target("transform", "transform.json", texts(), transform),
+        target("report", "report.json", texts(), folder),
+    ];
+    // Some 100 µs a case.
+    fuzz::run("fuzz::whatever_a_file_holds_it_is_read_or_refused", &targets, &Share { short: 2000, long: 100_000 });
+}

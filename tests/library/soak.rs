@@ -1,0 +1,124 @@
+//! Many pairs by one engine, some of them broken, and nothing left behind: memory, threads and descriptors stay, and the last pair
+//! has the bits of the first.
+
+use std::process::Command;
+use std::time::Duration;
+
+use crate::common::scene::{pair, slanted};
+use crate::common::{options, trust};
+use parfocal::image_io::Photograph;
+use parfocal::{Engine, EngineOptions, Error, Frame, Settings, Similarity, Solution, Solver};
+
+const TEST: &str = "soak::many_pairs_by_one_engine_leave_nothing_behind";
+const CHILD: &str = "PARFOCAL_SOAK_CHILD";
+/// One in so many is broken.
+const BROKEN: usize = 20;
+/// Growth that is none, KiB: what an allocator keeps differs from solve to solve by some MiB.
+const SLACK: u64 = 16 << 10;
+
+/// What the process holds: KiB, threads, open files.
+#[derive(Clone, Copy, Debug)]
+struct Held {
+    memory: u64,
+    threads: usize,
+    files: usize,
+}
+
+impl Held {
+    fn now() -> Self {
+        let status = std::fs::read_to_string("/proc/self/status").unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+        let count = |folder| std::fs::read_dir(folder).unwrap().count();
+        let memory = line.trim().trim_end_matches(" kB").parse().unwrap();
+        Self { memory, threads: count("/proc/self/task"), files: count("/proc/self/fd") }
+    }
+}
+
+/// Without validation, whose own memory is none of ours, and with which a pair takes three times as long.
+fn open() -> EngineOptions {
+    EngineOptions { validation: false, ..options() }
+}
+
+fn frames(n: usize) -> [Frame; 2] {
+    let size = [[48, 48], [64, 40], [97, 75], [33, 70]][n % 4];
+    pair(size, Similarity::new(0.5, -0.3, 0.1, 1.002), slanted(size[0]), 0.0, n as u64 % 7)
+}
+
+fn solve(engine: &Engine, [i1, i2]: &[Frame; 2]) -> Result<Solution, Error> {
+    let settings = Settings { outer_iterations: 6, ..Settings::default() };
+    Solver::for_pair(engine, i1, i2, &settings)?.solve(i1, i2)
+}
+
+fn bits(solution: &Solution) -> Vec<u32> {
+    solution.relative_blur.iter().chain(&solution.uncertainty).map(|value| value.to_bits()).collect()
+}
+
+/// Something that goes wrong, and that it is told of.
+fn broken(engine: &Engine, n: usize) {
+    let [i1, i2] = frames(n);
+    match n / BROKEN % 5 {
+        0 => {
+            let other = frames(n + 1);
+            assert!(matches!(solve(engine, &[i1, other[1].clone()]), Err(Error::Mismatch(_))));
+        }
+        1 => {
+            // Nothing to see: it is said.
+            let nothing = Frame::gray(i1.width(), i1.height(), vec![0.5; (i1.width() * i1.height()) as usize]).unwrap();
+            assert!(solve(engine, &[nothing.clone(), nothing]).is_ok_and(|solution| !solution.warnings.is_empty()));
+            let numberless = vec![f32::NAN; (i1.width() * i1.height()) as usize];
+            assert!(Frame::gray(i1.width(), i1.height(), numberless).is_err());
+        }
+        2 => {
+            let folder = tempfile::tempdir().unwrap();
+            let bomb = folder.path().join("bomb.pgm");
+            std::fs::write(&bomb, "P5 16384 16384 65535\n").unwrap();
+            assert!(Photograph::open(&bomb).is_ok_and(|bomb| bomb.decode().is_err()));
+        }
+        3 => {
+            let large = Solver::new(engine, 60_000, 60_000, [i1.format(); 2], &Settings::default());
+            assert!(matches!(large.map(drop), Err(Error::TooLarge { .. })));
+        }
+        _ => {
+            let hurried = EngineOptions { timeout: Duration::ZERO, ..open() };
+            let timed_out = Engine::new(&hurried).and_then(|engine| solve(&engine, &[i1, i2]));
+            assert!(matches!(timed_out.map(drop), Err(Error::Timeout { .. })));
+        }
+    }
+}
+
+fn soak(pairs: usize) {
+    let engine = Engine::new(&open()).unwrap();
+    let first = bits(&solve(&engine, &frames(0)).unwrap());
+    // Every size and every fault has been met, and all there is to be kept is there.
+    let warm = (pairs / 5).clamp(5 * BROKEN, 1000);
+    let mut before = None;
+    for n in 0..pairs {
+        if n == warm {
+            before = Some(Held::now());
+        }
+        if n % BROKEN == BROKEN - 1 {
+            broken(&engine, n);
+        } else {
+            solve(&engine, &frames(n)).unwrap();
+        }
+    }
+    let (before, after) = (before.unwrap(), Held::now());
+    assert_eq!(bits(&solve(&engine, &frames(0)).unwrap()), first, "other results at the end");
+    trust::note("pairs soaked", format!("{pairs}: {before:?} after {warm} pairs, {after:?} at the end"));
+    assert!(after.memory <= before.memory + SLACK, "{before:?}, {after:?}");
+    assert!(after.threads <= before.threads && after.files <= before.files, "{before:?}, {after:?}");
+}
+
+/// In a process of its own: what is counted is the process's.
+#[test]
+fn many_pairs_by_one_engine_leave_nothing_behind() {
+    let pairs = if trust::is_long() { 10_000 } else { 140 };
+    let pairs = std::env::var("PARFOCAL_SOAK").map_or(pairs, |pairs| pairs.parse().unwrap());
+    if std::env::var_os(CHILD).is_some() {
+        return soak(pairs);
+    }
+    let mut child = Command::new(std::env::current_exe().unwrap());
+    // An arena for each thread grows by itself.
+    let child = child.args([TEST, "--exact", "--nocapture"]).env(CHILD, "1").env("MALLOC_ARENA_MAX", "1");
+    assert!(child.status().unwrap().success());
+}
