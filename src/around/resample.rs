@@ -6,7 +6,7 @@ use crate::engine::filter;
 use crate::engine::stages::field::mirror;
 use crate::engine::stages::spline;
 
-/// The cubic B-spline through the pixels of an image, mirrored about the border pixels; in single precision, of any number of channels.
+/// The cubic B-spline through the pixels of an image, mirrored about the border pixels; in single precision, of one to three channels.
 pub(crate) struct Spline {
     size: [usize; 2],
     channels: usize,
@@ -30,16 +30,40 @@ impl Spline {
         }
         let first = [x, y].map(|p| p as isize - 1);
         let [wx, wy] = [x, y].map(|p| spline::weights(p - p.floor())[0].map(|w| w as f32));
-        let columns: [usize; 4] = std::array::from_fn(|i| mirror(first[0] + i as isize, width) * self.channels);
-        into.fill(0.0);
-        for (j, wy) in wy.into_iter().enumerate() {
-            let row = &self.coefficients[mirror(first[1] + j as isize, height) * width * self.channels..];
-            for (column, wx) in columns.into_iter().zip(wx) {
-                into.iter_mut().zip(&row[column..]).for_each(|(sum, c)| *sum += wy * wx * c);
-            }
+        let (columns, rows) = (four(first[0], width), four(first[1], height));
+        // Of a known number of channels the sums stay in registers.
+        match self.channels {
+            1 => self.weigh::<1>([columns, rows], [wx, wy], into),
+            2 => self.weigh::<2>([columns, rows], [wx, wy], into),
+            _ => self.weigh::<3>([columns, rows], [wx, wy], into),
         }
         true
     }
+
+    fn weigh<const CHANNELS: usize>(
+        &self,
+        [columns, rows]: [[usize; 4]; 2],
+        [wx, wy]: [[f32; 4]; 2],
+        into: &mut [f32],
+    ) {
+        let mut sums = [0.0f32; CHANNELS];
+        for (y, wy) in rows.into_iter().zip(wy) {
+            let row = &self.coefficients[y * self.size[0] * CHANNELS..][..self.size[0] * CHANNELS];
+            for (x, wx) in columns.into_iter().zip(wx) {
+                let pixel = &row[x * CHANNELS..][..CHANNELS];
+                (0..CHANNELS).for_each(|c| sums[c] += wy * wx * pixel[c]);
+            }
+        }
+        into.copy_from_slice(&sums);
+    }
+}
+
+/// The places from one on, mirrored.
+fn four(first: isize, size: usize) -> [usize; 4] {
+    if first >= 0 && first as usize + 3 < size {
+        return std::array::from_fn(|i| first as usize + i);
+    }
+    std::array::from_fn(|i| mirror(first + i as isize, size))
 }
 
 fn along_x(values: &[f32], [width, _]: [usize; 2], channels: usize, filter: &[f32]) -> Vec<f32> {
