@@ -7,6 +7,7 @@ layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray from;
 layout(binding = 1, r32f) uniform image2DArray to;
 layout(binding = 2, std140) uniform Filters { vec4 weights[1024]; };
+layout(binding = 3, std430) readonly buffer Tiles { uint tiles[]; };
 layout(constant_id = 2) const bool LONG = false;    // a filter of any number of blocks, or one that adds; else of one
 layout(push_constant) uniform Constants {
     int length, breadth;        // along the filtered axis and across it, before the filter
@@ -18,7 +19,10 @@ layout(push_constant) uniform Constants {
     int radius;
     int add;                    // to what is there
     float period;               // after which the mirrored image repeats itself
+    int listed;                 // first of the tiles wanted
 };
+
+#include "tiles.glsl"
 
 // Neighbouring results an invocation: each weight and each value is loaded once for all of them.
 const int SPAN = 8;
@@ -30,7 +34,10 @@ ivec3 place(int along, int across, int layer) {
 }
 
 void main() {
-    ivec2 id = ivec2(gl_GlobalInvocationID.xy);
+    // A workgroup along x covers 512 pixels of few lines; of listed ones it is narrower.
+    uvec2 shape = gl_WorkGroupSize.xy;
+    if (LISTED && vertical == 0) shape = uvec2(shape.x >> 2, shape.y << 2);
+    ivec2 id = invocation(tile_at(listed), shape);
     int first = SPAN * (vertical == 1 ? id.y : id.x), across = vertical == 1 ? id.x : id.y;
     if (first >= length || across >= breadth) return;
     float sums[SPAN];

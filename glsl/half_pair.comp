@@ -12,25 +12,29 @@ layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray focus;
 layout(binding = 1, r32f) uniform readonly image2DArray stacks;         // of the sharper frame
 layout(binding = 2, r32f) uniform readonly image2DArray aligned;        // all frames
-layout(binding = 3, r32f) uniform image2DArray system;                  // D, b, q
+layout(binding = 3, r32f) uniform image2DArray system;                  // D, b, q; or D, b and two of noise
 layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
+layout(binding = 5, std430) readonly buffer Tiles { uint tiles[]; };
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
     int other;                       // layer of the other frame
     int row;                         // first row of partial sums
-    int first;                       // 1: nothing is there yet
+    int listed;                      // first of the tiles wanted
     float own_setting, other_setting;
     float rate;                      // c, px² of the level
     float grain;                     // f, px²
     float eta;
     float limit;                     // of V, px²
+    float far;                       // blur of the sharper frame from which on it is left out, px²
     float length;                    // that scales places, pixels
     float centre_x, centre_y;
     float left, top, right, bottom;  // of what both frames show, pixels
 };
 
-layout(constant_id = 3) const bool STAYS = false;   // T and c do: no sums, and in the place of q how much of D noise makes
+#include "tiles.glsl"
+
+layout(constant_id = 3) const bool STAYS = false;   // T and c do: no sums, and in the place of q two of the D that noise makes
 
 const int ROWS = 8;                  // lines an invocation goes down
 const float FILTERED = 4.0;          // pixels along the border that the low pass and the high pass reach over
@@ -38,13 +42,13 @@ const float FILTERED = 4.0;          // pixels along the border that the low pas
 float coefficient(int image, ivec3 place) { return imageLoad(stacks, place).r; }
 
 // D, b and q of a pixel; what it adds to the sums.
-vec3 pixel(ivec2 x, inout Sums sums) {
+vec4 pixel(ivec2 x, inout Sums sums) {
     float u = imageLoad(focus, ivec3(x, 0)).r;
     vec2 away = vec2(own_setting, other_setting) - u;
     float v = rate * (away.y * away.y - away.x * away.x), before = rate * away.x * away.x;
     float reach = 3.0 * sqrt(max(v, 0.0)) + FILTERED;
     vec4 inside = vec4(vec2(x) - vec2(left, top), vec2(right, bottom) - vec2(x));
-    if (!(v > 0.0 && v < limit) || any(lessThan(inside, vec4(reach)))) return vec3(0.0);
+    if (!(v > 0.0 && v < limit && before <= far) || any(lessThan(inside, vec4(reach)))) return vec4(0.0);
     ivec2 size = ivec2(width, height);
     ivec3 columns = ivec3(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1), size.xx).x);
     ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);
@@ -57,27 +61,29 @@ vec3 pixel(ivec2 x, inout Sums sums) {
     vec2 j = -root * blurred.gradient;
     if (STAYS) {
         sums.valid += share;
-        float of_noise = 0.5 * grain / (n * (grain + v) * (grain + v) * (grain + v)) * (1.0 + 0.5 * log(1.0 + s * s / (eta * eta)));
-        return w * vec3(by_u * by_u, -by_u * s, of_noise * s * s * v_by_u * v_by_u);
+        float of_noise = 0.5 * grain / (n * (grain + v) * (grain + v) * (grain + v)) * v_by_u * v_by_u;
+        float variance = s * s * (1.0 + 0.5 * log(1.0 + s * s / (eta * eta)));
+        return w * vec4(by_u * by_u, -by_u * s, of_noise, of_noise * variance);
     }
     add_pixel(sums, product(w, j), w * s * j, w * s * s, (vec2(x) - vec2(centre_x, centre_y)) / length, share);
     sums.roughness += w * by_rate * vec2(by_rate, s);
-    return w * by_u * vec3(by_u, -s, by_rate);
+    return w * by_u * vec4(by_u, -s, by_rate, 0.0);
 }
 
 void main() {
     Sums sums = no_sums();
-    ivec2 x = ivec2(gl_GlobalInvocationID.x, ROWS * gl_GlobalInvocationID.y);
+    uvec2 tile = tile_at(listed);
+    ivec2 x = ivec2(1, ROWS) * invocation(tile, gl_WorkGroupSize.xy);
     for (int n = 0; n < ROWS; n++, x.y++) {
         if (x.x >= width || x.y >= height) break;
-        vec3 said = pixel(x, sums);
-        if (first == 0 && said == vec3(0.0)) continue;
-        for (int layer = 0; layer < 3; layer++) {
-            float before = first == 1 ? 0.0 : imageLoad(system, ivec3(x, layer)).r;
-            imageStore(system, ivec3(x, layer), vec4(before + said[layer]));
+        vec4 said = pixel(x, sums);
+        if (said == vec4(0.0)) continue;
+        for (int layer = 0; layer < (STAYS ? 4 : 3); layer++) {
+            imageStore(system, ivec3(x, layer), vec4(imageLoad(system, ivec3(x, layer)).r + said[layer]));
         }
     }
     float sum = workgroup_sum(sums);
     uint n = gl_LocalInvocationIndex;
-    if (n < SUMS) partials[(row + gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * SUMS + n] = sum;
+    uint columns = (width + gl_WorkGroupSize.x - 1) / gl_WorkGroupSize.x;
+    if (n < SUMS) partials[(row + tile.y * columns + tile.x) * SUMS + n] = sum;
 }

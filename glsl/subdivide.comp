@@ -4,15 +4,19 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray coarse;
 layout(binding = 1, r32f) uniform writeonly image2DArray fine;
+layout(binding = 2, std430) readonly buffer Tiles { uint tiles[]; };
 layout(push_constant) uniform Constants {
     int width, height;   // of the fine image
     int layer;           // of the fine image
+    int listed;          // first of the tiles wanted
 };
+
+#include "tiles.glsl"
 
 float coefficient(int x, int y) { return imageLoad(coarse, ivec3(x, y, 0)).r; }
 
 void main() {
-    ivec2 size = ivec2(width, height), i = ivec2(gl_GlobalInvocationID.xy), pixel = 2 * i;
+    ivec2 size = ivec2(width, height), i = invocation(tile_at(listed), gl_WorkGroupSize.xy), pixel = 2 * i;
     if (pixel.x >= width || pixel.y >= height) return;
     // Mirrored about the border pixels of the fine image.
     ivec2 before = min(abs(i - 1), max(size - 2, 0)), after = max(min(i + 1, size - 2 - i), 0);

@@ -19,6 +19,7 @@ pub mod stages;
 mod sweep;
 #[cfg(test)]
 pub(crate) mod testing;
+pub(crate) mod tiles;
 #[allow(unsafe_code, reason = "the one room that talks to Vulkan")]
 pub(crate) mod vulkan;
 mod workspace;

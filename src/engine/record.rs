@@ -57,7 +57,7 @@ fn act(recorder: &mut Recorder, pipelines: &Pipelines, workspace: &Workspace, ac
         }
         Action::Clear { image, .. } => recorder.clear(workspace.image(*image)),
         Action::Download { layers } => {
-            recorder.download(workspace.image(Slot::Stacks), *layers, workspace.buffer(Slot::EndMaps));
+            recorder.download(workspace.image(Slot::Stacks), 0..*layers, workspace.buffer(Slot::EndMaps));
         }
     }
     Ok(())

@@ -36,6 +36,8 @@ pub(crate) enum Slot {
     JointSums,
     /// A bank of filter weights.
     Filters { bank: usize },
+    /// Which tiles passes of a sweep are wanted for, mapped.
+    Tiles,
     /// T, gain and offset, and what the levels have done.
     State,
     /// A row of sums for each workgroup.
@@ -120,6 +122,8 @@ quantities! {
     State: Buffer;
     /// Rows of sums.
     Partials: Buffer;
+    /// Lists of tiles.
+    Tiles: Buffer;
     /// Energies.
     Energies: Buffer;
     /// Indirect arguments.
@@ -178,6 +182,7 @@ pub(crate) const ALIGNED: Handle<Plane> = Handle::new(Slot::Aligned);
 pub(crate) const JOINT_SUMS: Handle<Plane> = Handle::new(Slot::JointSums);
 pub(crate) const STATE: Handle<State> = Handle::new(Slot::State);
 pub(crate) const PARTIALS: Handle<Partials> = Handle::new(Slot::Partials);
+pub(crate) const TILES: Handle<Tiles> = Handle::new(Slot::Tiles);
 pub(crate) const ENERGIES: Handle<Energies> = Handle::new(Slot::Energies);
 pub(crate) const ARGUMENTS: Handle<Arguments> = Handle::new(Slot::Arguments);
 pub(crate) const START_ARGUMENTS: Handle<StartArguments> = Handle::new(Slot::StartArguments);

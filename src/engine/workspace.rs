@@ -9,6 +9,7 @@ use super::slot::Slot;
 use super::stages::state::State;
 use super::stages::sums::Layout;
 use super::stages::{convolve, evidence, half_pair, joint_system, shape_windows};
+use super::tiles;
 use super::vulkan::{Buffer, Device, Image, Texel};
 use crate::base::Error;
 
@@ -35,6 +36,8 @@ impl Workspace {
         let steps = 4 * (joint_system::SUMS as u64) * u64::from(columns * rows);
         let partials = Buffer::for_readback(device, "Partials", half_pairs.max(steps))?;
         workspace.buffers.insert(Slot::Partials, partials);
+        let tiles = Buffer::for_upload(device, "Tiles", 4 * tiles::capacity(plan.size, frames))?;
+        workspace.buffers.insert(Slot::Tiles, tiles);
         Ok(workspace)
     }
 
@@ -109,6 +112,8 @@ fn buffers(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Buffe
         (Slot::Photograph { image: 0 }, plan.frame_bytes(0), up),
         (Slot::Photograph { image: 1 }, plan.frame_bytes(1), up),
         (Slot::Mask, plan.mask_bytes(), up),
+        // Pairs list none.
+        (Slot::Tiles, 4, up),
         (Slot::EndMaps, plan.result_bytes(), down),
         (Slot::Progress, state, down),
         (Slot::EndPartials, partials, down),

@@ -215,11 +215,7 @@ fn a_part_has_the_results_that_it_has_in_the_whole_and_a_mask_leaves_holes() {
 
     let found = done(&sweep.stack(&["--json", "--crop-valid", "--mask", mask.to_str().unwrap(), "--no-html"]));
     let (_, _, focus) = read_field(&sweep.out().join("focus.exr")).unwrap();
-    assert!(
-        focus.iter().all(|u| u.is_finite()) && found["size"]["height"].as_u64().unwrap() < 128,
-        "{}",
-        found["size"]
-    );
+    assert!(focus.iter().all(|u| u.is_finite()) && focus.len() < (SIZE[0] * SIZE[1]) as usize, "{}", found["size"]);
 
     let small = sweep.folder.path().join("small.png");
     image::GrayImage::new(9, 9).save(&small).unwrap();

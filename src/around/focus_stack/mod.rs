@@ -73,7 +73,7 @@ pub struct Sweep {
     pub photograph: [u32; 2],
     /// The focus setting at which each pixel of the reference is sharp; NaN where no pair tells, and where it lies beyond the frames.
     pub focus: Vec<f32>,
-    /// Its standard deviation, in settings.
+    /// Its standard deviation, in settings; NaN where no pair tells.
     pub uncertainty: Vec<f32>,
     /// What no frame has in focus: -1 where the focus lies before the first frame, 1 beyond the last, else 0.
     pub beyond: Vec<i8>,

@@ -2,7 +2,7 @@
 
 use super::{MAP_LAYERS, Plan};
 use crate::base::{DeviceInfo, Error};
-use crate::engine::stages::{self, evidence};
+use crate::engine::stages::{self, evidence, half_pair};
 use crate::engine::vulkan::{Device, MIB, image_limits};
 
 impl Plan {
@@ -51,7 +51,8 @@ impl Plan {
         }
         let pyramid: u64 = self.pyramid.iter().map(|level| 4 * pixels(level.size)).sum();
         let (on_device, host) = self.bytes();
-        let needed = on_device + host + (pyramid + frame) * frames as u64;
+        let system = frame * u64::from(half_pair::LAYERS);
+        let needed = on_device + host + system + (pyramid + frame) * frames as u64;
         if needed > device.info().memory_bytes {
             return too_large("the sweep", mib(needed), format!("{} in all", mib(device.info().memory_bytes)));
         }

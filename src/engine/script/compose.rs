@@ -1,5 +1,7 @@
 //! The method, a line a pass, in the order of `docs/method.md`.
 
+use std::collections::BTreeMap;
+
 use super::hazards::Hazards;
 use super::{Action, Dispatch, Entry, Part, Script};
 use crate::base::Decode;
@@ -12,6 +14,7 @@ use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{
     NO_VARIANT, appearance, ingest, linearise, mask, prolong, relax, relax_level, step, sums, update,
 };
+use crate::engine::tiles::Wanted;
 use crate::engine::vulkan::Variant;
 
 /// Which photograph.
@@ -111,6 +114,12 @@ pub(super) struct Composer<'a> {
     pub(super) settles: bool,
     /// Where the next pass stands.
     pub(super) place: Place,
+    /// What passes are wanted for, where not for everything.
+    wanted: Option<Wanted>,
+    /// The lists of its tiles, by their size and margin: where they begin, and how many they are.
+    listed: BTreeMap<([u32; 2], u32), [u32; 2]>,
+    /// All lists so far.
+    lists: Vec<u32>,
     parts: Vec<Part>,
     hazards: Hazards,
 }
@@ -124,6 +133,9 @@ impl<'a> Composer<'a> {
             warps: vec![Vec::new(); plan.solved],
             settles: true,
             place: Place::default(),
+            wanted: None,
+            listed: BTreeMap::new(),
+            lists: Vec::new(),
             parts: vec![Part::default()],
             hazards: Hazards::default(),
         }
@@ -134,7 +146,7 @@ impl<'a> Composer<'a> {
             .iter()
             .map(|level| [Over::Tiles, Over::Half, Over::Pixels].map(|over| groups(level, over)));
         let arguments = arguments::at_the_start(&grids.collect::<Vec<_>>(), &self.warps);
-        Script { parts: self.parts, registered, arguments }
+        Script { parts: self.parts, registered, arguments, tiles: self.lists }
     }
 
     fn push(&mut self, action: Action) {
@@ -165,6 +177,24 @@ impl<'a> Composer<'a> {
         }));
     }
 
+    /// The tiles of so many pixels that come within `margin` pixels of what is wanted: where their list begins, and a workgroup each; `None`
+    /// if everything is.
+    pub(super) fn list(&mut self, tile: [u32; 2], margin: u32) -> Option<(u32, Grid)> {
+        let wanted = self.wanted.as_ref()?;
+        let [first, count] = *self.listed.entry((tile, margin)).or_insert_with(|| {
+            let (first, tiles) = (self.lists.len(), wanted.tiles(tile, margin));
+            self.lists.extend(&tiles);
+            [first, tiles.len()].map(|n| n as u32)
+        });
+        Some((first, Grid::Direct([count, 1, 1])))
+    }
+
+    /// What the passes to come are wanted for.
+    pub(super) fn want(&mut self, wanted: Wanted) {
+        self.wanted = Some(wanted);
+        self.listed.clear();
+    }
+
     /// A stage runs over so many pixels.
     pub(super) fn over<P: Pass>(&mut self, size: [u32; 2], bindings: P, constants: &P::Constants, variant: Variant) {
         self.dispatch(bindings, constants, variant, Grid::Direct(P::STAGE.groups(size)));
@@ -183,7 +213,12 @@ impl<'a> Composer<'a> {
 
     /// V of a level is zero.
     fn clear(&mut self, level: &Level) {
-        self.push(Action::Clear { image: Slot::RelativeBlur { level: level.index }, size: level.size });
+        self.empty(Slot::RelativeBlur { level: level.index }, level.size);
+    }
+
+    /// An image is zero.
+    pub(super) fn empty(&mut self, image: Slot, size: [u32; 2]) {
+        self.push(Action::Clear { image, size });
     }
 
     /// The rest goes into another part.

@@ -13,6 +13,10 @@ pub(super) type Layer = (Handle<Plane>, u32);
 /// Where a separable filter's first direction goes.
 const SCRATCH: Layer = (slot::SCRATCH, 0);
 
+/// Pixels around what is wanted of a stack for which it is made: 4½ σ of the widest blur that a sweep compares, so that what stands
+/// beyond counts by less than 1e-5.
+const REACH: u32 = 16;
+
 /// What a filter goes along: pixels along the axis and across it, before the filter, the stride, after how many pixels
 /// the mirrored image repeats itself, and 1 for y.
 struct Axis {
@@ -21,6 +25,8 @@ struct Axis {
     stride: u32,
     period: u32,
     vertical: u32,
+    /// Pixels of the level from one of its pixels to the next, along the axis and across it.
+    spacing: [u32; 2],
 }
 
 impl Composer<'_> {
@@ -132,16 +138,21 @@ impl Composer<'_> {
         let ([width, height], [half_width, half_height]) = (level.size, level.size.map(|side| side.div_ceil(2)));
         let (stride, period) = if first { (2, 2) } else { (1, 1) };
         let [length, breadth] = if first { [width, height] } else { [half_width, half_height] };
-        let x = Axis { length, breadth, stride, period: period * (width - 1), vertical: 0 };
+        let spacing = if first { [1, 1] } else { [2, 2] };
+        let x = Axis { length, breadth, stride, period: period * (width - 1), vertical: 0, spacing };
         let length = if first { height } else { half_height };
-        let y = Axis { length, breadth: half_width, stride, period: period * (height - 1), vertical: 1 };
+        let spacing = if first { [1, 2] } else { [2, 2] };
+        let y = Axis { length, breadth: half_width, stride, period: period * (height - 1), vertical: 1, spacing };
         let stack = |layer| (slot::STACKS.plane(), layer);
         let source = if first { stack(from) } else { SCRATCH };
         self.convolve([source, stack(layer)], &x, along_x, false);
         self.convolve([stack(layer), SCRATCH], &y, along_y, false);
-        let grid = self.grid(subdivide::STAGE.groups([half_width, half_height]));
-        let bindings = subdivide::Bindings { coarse: slot::SCRATCH.read(), fine: slot::STACKS.write() };
-        self.dispatch(bindings, &subdivide::Constants { width, height, layer }, NO_VARIANT, grid);
+        let list = self.list(subdivide::STAGE.workgroup.map(|side| 2 * side), REACH);
+        let grid = list.map_or_else(|| self.grid(subdivide::STAGE.groups([half_width, half_height])), |(_, grid)| grid);
+        let tiles = slot::TILES.read();
+        let bindings = subdivide::Bindings { coarse: slot::SCRATCH.read(), fine: slot::STACKS.write(), tiles };
+        let constants = subdivide::Constants { width, height, layer, listed: list.map_or(0, |(first, _)| first) };
+        self.dispatch(bindings, &constants, subdivide::variant(list.is_some()), grid);
     }
 
     /// A filter along x into the scratch image, then one along y, from a layer of an image to one, in its place or added.
@@ -153,9 +164,10 @@ impl Composer<'_> {
         stride: u32,
         add: bool,
     ) {
-        let x = Axis { length: width, breadth: height, stride, period: 2 * (width - 1), vertical: 0 };
+        let spacing = [1, 1];
+        let x = Axis { length: width, breadth: height, stride, period: 2 * (width - 1), vertical: 0, spacing };
         let breadth = width.div_ceil(stride);
-        let y = Axis { length: height, breadth, stride, period: 2 * (height - 1), vertical: 1 };
+        let y = Axis { length: height, breadth, stride, period: 2 * (height - 1), vertical: 1, spacing };
         self.convolve([from, SCRATCH], &x, along_x, false);
         self.convolve([SCRATCH, to], &y, along_y, add);
     }
@@ -164,10 +176,13 @@ impl Composer<'_> {
     fn convolve(
         &mut self,
         [(from, from_layer), (to, to_layer)]: [Layer; 2],
-        &Axis { length, breadth, stride, period, vertical }: &Axis,
+        &Axis { length, breadth, stride, period, vertical, spacing: [along, across] }: &Axis,
         FilterRange { bank, offset, blocks, radius }: FilterRange,
         add: bool,
     ) {
+        let [width, height] = convolve::tile(vertical == 1);
+        let tile = if vertical == 1 { [across * width, along * height] } else { [along * width, across * height] };
+        let list = self.list(tile, REACH);
         let constants = convolve::Constants {
             length,
             breadth,
@@ -180,10 +195,16 @@ impl Composer<'_> {
             radius,
             add: u32::from(add),
             period: period.max(1) as f32,
+            listed: list.map_or(0, |(first, _)| first),
         };
-        let variant = if add || blocks > 1 { convolve::LONG } else { NO_VARIANT };
-        let bindings = convolve::Bindings { from: from.read(), to: to.update(), filters: slot::filters(bank).read() };
-        let grid = self.grid(convolve::STAGE.groups(convolve::grid(&constants)));
+        let variant = convolve::variant(add || blocks > 1, list.is_some());
+        let bindings = convolve::Bindings {
+            from: from.read(),
+            to: to.update(),
+            filters: slot::filters(bank).read(),
+            tiles: slot::TILES.read(),
+        };
+        let grid = list.map_or_else(|| self.grid(convolve::STAGE.groups(convolve::grid(&constants))), |(_, grid)| grid);
         self.dispatch(bindings, &constants, variant, grid);
     }
 }

@@ -28,6 +28,8 @@ pub(crate) struct Script {
     /// The indirect arguments before the solve: of one plan the same, whether pixels are masked or not, since the scripts of
     /// both keep them in one buffer.
     pub(crate) arguments: Vec<u32>,
+    /// The lists of tiles that passes are wanted for, of sweeps alone.
+    pub(crate) tiles: Vec<u32>,
 }
 
 /// A command buffer of its own, which the host can wait for or leave out. It begins when all before it is done.

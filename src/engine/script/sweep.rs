@@ -5,8 +5,9 @@ use super::compose::Composer;
 use crate::base::color::LUMINANCE;
 use crate::engine::arguments::Grid;
 use crate::engine::plan::{Level, Plan};
-use crate::engine::slot;
+use crate::engine::slot::{self, Slot};
 use crate::engine::stages::{NO_VARIANT, align, copy, half_pair, joint_system, prolong, update};
+use crate::engine::tiles::Wanted;
 
 fn script(plan: &Plan, fill: impl FnOnce(&mut Composer)) -> Script {
     let mut composer = Composer::new(plan, false);
@@ -54,16 +55,25 @@ pub(crate) fn prolong(plan: &Plan, level: &Level, limit: f32) -> Script {
     })
 }
 
+/// A frame of a sweep, and those that it is compared with.
+pub(crate) struct Beside {
+    pub(crate) frame: u32,
+    pub(crate) others: Vec<half_pair::Constants>,
+    /// Where it is to be the sharper.
+    pub(crate) wanted: Wanted,
+}
+
 /// What pairs say, by the sharper frame of each: one stack at a time.
-pub(crate) fn half_pairs(
-    plan: &Plan,
-    level: &Level,
-    pairs: &[(u32, Vec<half_pair::Constants>)],
-    stays: bool,
-) -> Script {
-    let variant = half_pair::variant(plan.slopes(), stays, plan.projective());
+pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[Beside], stays: bool) -> Script {
     script(plan, |s| {
-        for (frame, others) in pairs {
+        s.empty(Slot::JointSums, level.size);
+        // What lies beyond the tiles that are wanted is read, and hardly counts; but it must be a number, and the same each time.
+        s.empty(Slot::Stacks, plan.size);
+        s.empty(Slot::Scratch, plan.size);
+        let variant = half_pair::variant(plan.slopes(), stays, plan.projective());
+        for Beside { frame, others, wanted } in frames {
+            s.want(wanted.clone());
+            let Some((listed, grid)) = s.list(half_pair::TILE, 0) else { continue };
             s.spline(level, (slot::ALIGNED, *frame), (slot::STACKS.plane(), 0));
             for layer in 1..plan.layers_of(level) {
                 s.stack_layer(level, 0, layer);
@@ -75,8 +85,9 @@ pub(crate) fn half_pairs(
                     aligned: slot::ALIGNED.read(),
                     system: slot::JOINT_SUMS.update(),
                     partials: slot::PARTIALS.write(),
+                    tiles: slot::TILES.read(),
                 };
-                s.dispatch(bindings, constants, variant, Grid::Direct(half_pair::tiles(level.size)));
+                s.dispatch(bindings, &half_pair::Constants { listed, ..*constants }, variant, grid);
             }
         }
     })
@@ -90,7 +101,8 @@ pub(crate) fn step(
     update: &update::Constants,
 ) -> Script {
     script(plan, |s| {
-        for layer in 0..half_pair::LAYERS {
+        // D, b, q.
+        for layer in 0..3 {
             s.smooth((slot::JOINT_SUMS, layer), level.size);
         }
         let bindings = joint_system::Bindings {

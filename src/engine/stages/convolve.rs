@@ -9,7 +9,7 @@ use bytemuck::{Pod, Zeroable};
 use super::field::{Field, fold};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::pixels;
+use super::{WORKGROUP, pixels};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -38,6 +38,8 @@ pub struct Constants {
     pub add: u32,
     /// After which the mirrored image repeats itself, pixels, at least 1.
     pub period: f32,
+    /// First of the tiles wanted; the variant's alone.
+    pub listed: u32,
 }
 
 /// Neighbouring results an invocation: each weight and each value is loaded once for all of them.
@@ -57,8 +59,16 @@ pub(crate) fn grid(c: &Constants) -> [u32; 2] {
     if c.vertical == 1 { [c.breadth, spans] } else { [spans, c.breadth] }
 }
 
-/// The variant for filters of more than one block, and for those that add.
-pub(crate) const LONG: Variant = [true, false, false, false];
+/// The variant for filters of more than one block, and for those that add; and where tiles are listed.
+pub(crate) const fn variant(long: bool, listed: bool) -> Variant {
+    [long, false, listed, false]
+}
+
+/// Width and height of a listed tile, pixels of what is filtered: a workgroup's along y; along x one of a quarter the width.
+pub(crate) fn tile(vertical: bool) -> [u32; 2] {
+    let [width, height] = WORKGROUP;
+    if vertical { [width, SPAN * height] } else { [SPAN * width / 4, 4 * height] }
+}
 
 bindings! {
     CONVOLVE:
@@ -68,6 +78,8 @@ bindings! {
     to: Updates<Plane>,
     /// Weights.
     filters: Reads<Filters>,
+    /// Which tiles are wanted.
+    tiles: Reads<Tiles>,
 }
 
 impl Pass for Bindings {
@@ -101,20 +113,36 @@ pub fn twin(input: &Field, filter: &[f64], stride: usize, vertical: bool) -> Fie
 
 /// The same, mirrored about the first pixel and half a period from it.
 pub fn twin_mirrored(input: &Field, filter: &[f64], stride: usize, vertical: bool, period: usize) -> Field {
+    // Row by row, so that a processor adds many at once: a sweep's deviation takes ten of these of a whole photograph.
+    if vertical { along_y(input, filter, stride, period) } else { along_x(input, filter, stride, period) }
+}
+
+fn along_y(input: &Field, filter: &[f64], stride: usize, period: usize) -> Field {
     let radius = (filter.len() / 2) as isize;
-    let tap = |x: usize, y: usize, n: isize| {
-        if vertical {
-            input.get(x, fold((y * stride) as isize + n, period))
-        } else {
-            input.get(fold((x * stride) as isize + n, period), y)
+    let mut result = Field::zeros(input.width, input.height.div_ceil(stride));
+    for (y, sums) in result.data.chunks_exact_mut(input.width).enumerate() {
+        for (n, weight) in (-radius..).zip(filter) {
+            let from = fold((y * stride) as isize + n, period) * input.width;
+            sums.iter_mut().zip(&input.data[from..]).for_each(|(sum, value)| *sum += weight * value);
         }
-    };
-    let (width, height) = if vertical {
-        (input.width, input.height.div_ceil(stride))
-    } else {
-        (input.width.div_ceil(stride), input.height)
-    };
-    Field::from_fn(width, height, |x, y| filter.iter().zip(-radius..).map(|(w, n)| w * tap(x, y, n)).sum())
+    }
+    result
+}
+
+fn along_x(input: &Field, filter: &[f64], stride: usize, period: usize) -> Field {
+    let radius = (filter.len() / 2) as isize;
+    let mut result = Field::zeros(input.width.div_ceil(stride), input.height);
+    let width = result.width;
+    for (row, sums) in input.data.chunks_exact(input.width).zip(result.data.chunks_exact_mut(width)) {
+        let mirrored: Vec<f64> = (-radius..input.width as isize + radius).map(|x| row[fold(x, period)]).collect();
+        for (n, weight) in filter.iter().enumerate() {
+            match stride {
+                1 => sums.iter_mut().zip(&mirrored[n..]).for_each(|(sum, value)| *sum += weight * value),
+                _ => sums.iter_mut().enumerate().for_each(|(x, sum)| *sum += weight * mirrored[x * stride + n]),
+            }
+        }
+    }
+    result
 }
 
 #[cfg(test)]
@@ -154,8 +182,11 @@ mod tests {
             radius: (filter.len() / 2) as u32,
             add: 0,
             period: period.max(1) as f32,
+            listed: 1,
         };
-        let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Uniform(&weights)];
+        let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 << 16]));
+        let resources =
+            [Resource::Image(&from), Resource::Image(&to), Resource::Uniform(&weights), Resource::Buffer(&tiles)];
         let [x, y] = grid(&constants);
         let groups = STAGE.groups([x, y]);
         let zeros = Field::zeros(expected.width, expected.height);
@@ -163,20 +194,27 @@ mod tests {
             rig.run_groups(&STAGE, &resources, &constants, groups);
             rig.assert_close(&to, &[zeros.clone(), zeros.clone(), expected.clone()], 1e-5);
         }
-        rig.run_variant(&STAGE, [true, false, false, false], &resources, &constants, groups);
+        rig.run_variant(&STAGE, variant(true, false), &resources, &constants, groups);
         // 1e-5: up to 41 products of single precision, weights of the prefilter adding up to 3 in absolute value.
         rig.assert_close(&to, &[zeros.clone(), zeros.clone(), expected.clone()], 1e-5);
         if stride == 2 {
             return;
         }
         let twice = Field { data: expected.data.iter().map(|v| 2.0 * v).collect(), ..expected };
-        rig.run_variant(&STAGE, [true, false, false, false], &resources, &Constants { add: 1, ..constants }, groups);
-        rig.assert_close(&to, &[zeros.clone(), zeros, twice], 2e-5);
+        rig.run_variant(&STAGE, variant(true, false), &resources, &Constants { add: 1, ..constants }, groups);
+        rig.assert_close(&to, &[zeros.clone(), zeros.clone(), twice.clone()], 2e-5);
+        // Once more of the tiles at the left end of the first two rows of them.
+        let [right, below] = [tile(vertical)[0], 2 * tile(vertical)[1]].map(|side| side as usize);
+        let thrice = Field::from_fn(size[0] as usize, size[1] as usize, |x, y| {
+            twice.get(x, y) * if x < right && y < below { 1.5 } else { 1.0 }
+        });
+        rig.run_variant(&STAGE, variant(true, true), &resources, &Constants { add: 1, ..constants }, [2, 1, 1]);
+        rig.assert_close(&to, &[zeros.clone(), zeros, thrice], 3e-5);
     }
 
     #[test]
     fn agrees_with_the_twin_on_odd_sizes_and_filters_wider_than_the_image() {
-        for (width, height) in [(37, 21), (64, 9), (2, 1)] {
+        for (width, height) in [(37, 21), (150, 80), (64, 9), (2, 1)] {
             let input = random_field(width, height, 7);
             for filter in [filter::gaussian(1.0), filter::spline_prefilter(), filter::gaussian(17.5)] {
                 for (stride, vertical) in [(1, false), (1, true), (2, false), (2, true)] {

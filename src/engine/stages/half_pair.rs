@@ -8,10 +8,10 @@
 //! ```
 //!
 //! so its linear system for du is that of a pair for dV times dV/du, and all pairs add up: D = Σ w S_u², b = -Σ w S S_u, and with S_c by
-//! the logarithm of c, q = Σ w S_u S_c, by which c answers to u. Where c stays, the part of D that noise makes stands in the place of q: of
-//! noise alone S_V² is `½ f/(n (f + V)³)` times S², and the mean of `w S² (1 + ½ ln(1 + S²/η²))` within a tenth that of w times that of S².
-//! f is what a pixel and the low pass of the frames leave of the correlation
-//! of noise, px². Section 11 of `docs/method.md`.
+//! the logarithm of c, q = Σ w S_u S_c, by which c answers to u. Where c stays, the D that noise makes stands in the place of
+//! q: of noise alone the variance of S_V is `½ f/(n (f + V)³)` times that of the noise, since S has as much as a frame at every V. Once for noise of
+//! variance 1, once for noise as large as S, of which the mean of `w S² (1 + ½ ln(1 + S²/η²))` is within a tenth that of w times that of S². f is what
+//! a pixel and the low pass of the frames leave of the correlation of noise, px². Section 11 of `docs/method.md`.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -36,8 +36,8 @@ pub struct Constants {
     pub other: u32,
     /// First row of partial sums.
     pub row: u32,
-    /// 1: the system starts from zero.
-    pub first: u32,
+    /// First of the tiles wanted.
+    pub listed: u32,
     /// Focus setting of the sharper frame, as u.
     pub own_setting: f32,
     /// Of the other.
@@ -50,6 +50,8 @@ pub struct Constants {
     pub eta: f32,
     /// Most V, px² of the level.
     pub limit: f32,
+    /// Blur of the sharper frame from which on it is left out, px² of the level.
+    pub far: f32,
     /// What scales places, pixels of the level.
     pub length: f32,
     /// The image centre in pixels of this level.
@@ -60,19 +62,22 @@ pub struct Constants {
 
 /// The variant for a kernel's slopes; where T and c stay, so that their sums are left out; and for homographies.
 pub(crate) fn variant(slopes: Slopes, stays: bool, projective: bool) -> Variant {
-    [slopes == Slopes::Layers, stays, false, projective]
+    [slopes == Slopes::Layers, stays, true, projective]
 }
 
 /// Lines an invocation goes down.
 const ROWS: u32 = 8;
 /// Pixels along the border that the low pass and the high pass of the frames reach over.
 const FILTERED: f64 = 4.0;
-/// Layers of the system: D, b, q.
-pub const LAYERS: u32 = 3;
+/// Layers of the system: D, b, q; where T and c stay, D, b, and what noise makes of D, by two accounts.
+pub const LAYERS: u32 = 4;
+
+/// Width and height of a workgroup's pixels.
+pub(crate) const TILE: [u32; 2] = [WORKGROUP[0], WORKGROUP[1] * ROWS];
 
 /// Workgroups that cover a level: a row of partial sums each.
 pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
-    [width.div_ceil(WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * ROWS), 1]
+    [width.div_ceil(TILE[0]), height.div_ceil(TILE[1]), 1]
 }
 
 bindings! {
@@ -87,6 +92,8 @@ bindings! {
     system: Updates<Plane>,
     /// The registration between the two; Σ w S_c² and Σ w S_c S stand in the place of the roughness, Σ g in that of the valid pixels.
     partials: Writes<Partials>,
+    /// Which tiles are wanted.
+    tiles: Reads<Tiles>,
 }
 
 impl Pass for Bindings {
@@ -104,7 +111,7 @@ impl Pass for Bindings {
         let Said { system, sums } = twin(c, variant, memory.layer(self.focus, 0), nodes, other);
         for (layer, said) in system.into_iter().enumerate() {
             let sum = memory.layer_mut(self.system, layer);
-            if c.first == 1 || sum.data.is_empty() {
+            if sum.data.is_empty() {
                 *sum = said;
             } else {
                 sum.data.iter_mut().zip(said.data).for_each(|(sum, said)| *sum += said);
@@ -116,7 +123,7 @@ impl Pass for Bindings {
 
 /// What the pair says.
 pub struct Said {
-    /// D, b, q.
+    /// D, b, q; or D, b and two of noise.
     pub system: [Field; LAYERS as usize],
     /// As the partial sums.
     pub sums: Sums,
@@ -135,12 +142,12 @@ pub fn twin(c: &Constants, variant: Variant, focus: &Field, stack: &[Field], oth
         let (x, y) = (x as f64, y as f64);
         (x - left).min(right - x).min(y - top).min(bottom - y) >= reach
     };
-    let [rate, grain, eta, limit] = [c.rate, c.grain, c.eta, c.limit].map(f64::from);
+    let [rate, grain, eta, limit, far] = [c.rate, c.grain, c.eta, c.limit, c.far].map(f64::from);
     let settings = [c.own_setting, c.other_setting].map(f64::from);
     for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
         let away = settings.map(|p| p - focus.get(x, y));
         let (v, before) = (rate * (away[1].powi(2) - away[0].powi(2)), rate * away[0].powi(2));
-        if !(v > 0.0 && v < limit && shows([x, y], 3.0 * v.sqrt() + FILTERED)) {
+        if !(v > 0.0 && v < limit && before <= far && shows([x, y], 3.0 * v.sqrt() + FILTERED)) {
             continue;
         }
         let blurred = stack::read(stack, slopes(variant), v, x as f64, y as f64);
@@ -156,17 +163,17 @@ pub fn twin(c: &Constants, variant: Variant, focus: &Field, stack: &[Field], oth
         let [jx, jy] = [blurred.dx, blurred.dy].map(|d| -root * d);
         let place = [0, 1].map(|i| ([x, y][i] as f64 - f64::from(c.centre[i])) / f64::from(c.length));
         said.sums.valid += share;
-        let third = if variant[1] {
-            let loss = 1.0 + 0.5 * (s / eta).powi(2).ln_1p();
-            0.5 * grain / (n * (grain + v).powi(3)) * loss * (s * v_by_u).powi(2)
+        let rest = if variant[1] {
+            let of_noise = 0.5 * grain / (n * (grain + v).powi(3)) * v_by_u.powi(2);
+            [of_noise, of_noise * s * s * (1.0 + 0.5 * (s / eta).powi(2).ln_1p())]
         } else {
             said.sums.add([w * jx * jx, w * jx * jy, w * jy * jy], [w * s * jx, w * s * jy], place);
             said.sums.energy += w * s * s;
             said.sums.roughness[0] += w * by_rate * by_rate;
             said.sums.roughness[1] += w * by_rate * s;
-            by_u * by_rate
+            [by_u * by_rate, 0.0]
         };
-        for (layer, value) in [by_u * by_u, -by_u * s, third].into_iter().enumerate() {
+        for (layer, value) in [by_u * by_u, -by_u * s, rest[0], rest[1]].into_iter().enumerate() {
             said.system[layer].data[y * width + x] = w * value;
         }
     }
@@ -175,14 +182,13 @@ pub fn twin(c: &Constants, variant: Variant, focus: &Field, stack: &[Field], oth
 
 #[cfg(test)]
 mod tests {
-    use super::super::NO_VARIANT;
     use super::super::harness::{Rig, build_stack, random_field, smooth_field};
     use super::super::sums::Layout;
     use super::*;
     use crate::base::Kernel;
     use crate::engine::vulkan::Resource;
 
-    fn check([own, other]: [&Field; 2], focus: &Field, first: bool, variant: Variant) {
+    fn check([own, other]: [&Field; 2], focus: &Field, far: f32, variant: Variant) {
         let (width, height, nodes) = (focus.width, focus.height, stack::node_count(6.0));
         let kernel = if variant[0] { Kernel::Pillbox } else { Kernel::Gaussian };
         let stack = build_stack(own, &kernel, nodes);
@@ -192,20 +198,21 @@ mod tests {
             nodes: nodes as u32,
             other: 1,
             row: 2,
-            first: u32::from(first),
+            listed: 1,
             own_setting: -0.5,
             other_setting: 2.5,
             rate: 0.4,
             grain: 0.33,
             eta: 0.005,
             limit: 6.0,
+            far,
             length: 20.0,
             centre: [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0],
             shown: [1.5, 0.0, width as f32 - 1.0, height as f32 - 3.25],
         };
         let Said { system, sums } = twin(&c, variant, focus, &stack, other);
         let rig = Rig::new();
-        let before: Vec<Field> = (0..3).map(|n| random_field(width, height, 20 + n)).collect();
+        let before: Vec<Field> = (0..u64::from(LAYERS)).map(|n| random_field(width, height, 20 + n)).collect();
         let images = [
             rig.image(std::slice::from_ref(focus)),
             rig.image(&stack),
@@ -216,9 +223,13 @@ mod tests {
         let partials = rig.upload(&vec![0; 4 * layout.length * (2 + groups[0] * groups[1]) as usize]);
         let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
         resources.push(Resource::Buffer(&partials));
-        rig.run_variant(&STAGE, variant, &resources, &c, groups);
+        // All tiles, by a list from the last to the first.
+        let all = (0..groups[1]).rev().flat_map(|y| (0..groups[0]).rev().map(move |x| x | y << 16));
+        let tiles = rig.upload(bytemuck::cast_slice(&[9].into_iter().chain(all).collect::<Vec<u32>>()));
+        resources.push(Resource::Buffer(&tiles));
+        rig.run_variant(&STAGE, variant, &resources, &c, [groups[0] * groups[1], 1, 1]);
         let add = |(said, before): (Field, &Field)| Field {
-            data: said.data.iter().zip(&before.data).map(|(s, b)| s + if first { 0.0 } else { *b }).collect(),
+            data: said.data.iter().zip(&before.data).map(|(s, b)| s + b).collect(),
             ..said
         };
         let most = system.iter().flat_map(|f| &f.data).fold(1.0, |most: f64, v| most.max(v.abs()));
@@ -239,17 +250,18 @@ mod tests {
 
     #[test]
     fn agrees_with_the_twin() {
+        let plain = variant(Slopes::Laplacian, false, false);
         for (width, height) in [(67, 43), (64, 32), (40, 35)] {
             let mut focus = smooth_field(width, height, 3);
             focus.data.iter_mut().for_each(|u| *u = 6.0 * (*u - 0.5));
             let [own, other] = [1, 2].map(|seed| smooth_field(width, height, seed));
             for (slopes, stays) in [(Slopes::Laplacian, false), (Slopes::Layers, false), (Slopes::Laplacian, true)] {
-                check([&own, &other], &focus, true, variant(slopes, stays, false));
+                check([&own, &other], &focus, 50.0, variant(slopes, stays, false));
             }
-            check([&own, &other], &focus, false, NO_VARIANT);
-            check([&random_field(width, height, 5), &other], &focus, true, NO_VARIANT);
+            check([&own, &other], &focus, 1.0, plain);
+            check([&random_field(width, height, 5), &other], &focus, 50.0, plain);
         }
         let flat = Field::from_fn(40, 30, |_, _| 0.5);
-        check([&flat, &flat], &Field::zeros(40, 30), true, NO_VARIANT);
+        check([&flat, &flat], &Field::zeros(40, 30), 50.0, plain);
     }
 }

@@ -135,7 +135,7 @@ impl Rig {
     pub(crate) fn layers(&self, image: &Arc<Image>) -> Vec<Field> {
         let (width, height) = (image.width as usize * image.texel.floats(), image.height as usize);
         let staging = self.upload(&vec![0; 4 * width * height * image.layers as usize]);
-        self.record(|recorder, _| recorder.download(image, image.layers, &staging));
+        self.record(|recorder, _| recorder.download(image, 0..image.layers, &staging));
         self.floats(&staging).chunks_exact(width * height).map(|l| Field::from_f32(width, height, l)).collect()
     }
 

@@ -68,7 +68,7 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
 const PLAIN: [(&Stage, Variant); 32] = [
     (&appearance::STAGE, NO_VARIANT),
     (&convolve::STAGE, NO_VARIANT),
-    (&convolve::STAGE, convolve::LONG),
+    (&convolve::STAGE, convolve::variant(true, false)),
     (&even::STAGE, NO_VARIANT),
     (&evidence::STAGE, NO_VARIANT),
     (&exposure::STAGE, NO_VARIANT),

@@ -23,6 +23,13 @@ pub struct Constants {
     pub height: u32,
     /// Layer of the fine image that is written.
     pub layer: u32,
+    /// First of the tiles wanted; the variant's alone.
+    pub listed: u32,
+}
+
+/// The variant where tiles are listed.
+pub(crate) fn variant(listed: bool) -> Variant {
+    [false, false, listed, false]
 }
 
 bindings! {
@@ -31,6 +38,8 @@ bindings! {
     coarse: Reads<Plane>,
     /// On every pixel.
     fine: Writes<Stacks>,
+    /// Which tiles are wanted.
+    tiles: Reads<Tiles>,
 }
 
 impl Pass for Bindings {
@@ -71,16 +80,24 @@ mod tests {
 
     #[test]
     fn agrees_with_the_twin() {
-        for (width, height) in [(37u32, 22u32), (16, 8), (2, 3), (1, 1)] {
+        for (width, height) in [(37u32, 22u32), (141, 25), (16, 8), (2, 3), (1, 1)] {
             let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
             let expected = twin([width as usize, height as usize], &coarse);
             let rig = Rig::new();
             let (from, to) = (rig.image(std::slice::from_ref(&coarse)), rig.empty([width, height], 2));
-            let constants = Constants { width, height, layer: 1 };
-            let size = [width.div_ceil(2), height.div_ceil(2)];
-            rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, size);
+            let constants = Constants { width, height, layer: 1, listed: 1 };
+            let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 | 1 << 16]));
+            let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Buffer(&tiles)];
+            let zeros = Field::zeros(width as usize, height as usize);
+            // Of the first tile and of that below it to the right.
+            rig.run_variant(&STAGE, variant(true), &resources, &constants, [2, 1, 1]);
+            let some = Field::from_fn(width as usize, height as usize, |x, y| {
+                if (x / 128, y / 8) == (0, 0) || (x / 128, y / 8) == (1, 1) { expected.get(x, y) } else { 0.0 }
+            });
             // 1e-6: nine products of single precision.
-            rig.assert_close(&to, &[Field::zeros(width as usize, height as usize), expected], 1e-6);
+            rig.assert_close(&to, &[zeros.clone(), some], 1e-6);
+            rig.run(&STAGE, &resources, &constants, [width.div_ceil(2), height.div_ceil(2)]);
+            rig.assert_close(&to, &[zeros, expected], 1e-6);
         }
     }
 

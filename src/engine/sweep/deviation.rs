@@ -21,9 +21,10 @@ const OF_NOISE: f64 = 1.6;
 
 /// What all pairs tell in the last iteration.
 pub(super) struct Told {
-    /// D, and how much of it noise makes.
+    /// D; what noise of variance 1 makes of it, and noise as large as the residuals.
     d: Field,
-    noise: Field,
+    of_noise: Field,
+    of_residuals: Field,
     /// b where the step has led.
     b: Field,
 }
@@ -31,28 +32,42 @@ pub(super) struct Told {
 impl Told {
     /// Of the layers of the system as it was before the step, and u before and after it.
     pub(super) fn after(system: Vec<Field>, before: &Field, after: &Field) -> Option<Self> {
-        let [d, mut b, noise] = <[Field; 3]>::try_from(system).ok()?;
+        let [d, mut b, of_noise, of_residuals] = <[Field; 4]>::try_from(system).ok()?;
         let steps = after.data.iter().zip(&before.data).map(|(after, before)| after - before);
         b.data.iter_mut().zip(&d.data).zip(steps).for_each(|((b, d), step)| *b -= d * step);
-        Some(Self { d, noise, b })
+        Some(Self { d, of_noise, of_residuals, b })
     }
 
-    /// `sqrt(4 <(G₁ b)²> 4π/(N <D>²) + 4 <(u - G₂ u)²>)`, means over a window of σ 4 px, N = 4π WINDOW², D less what noise makes. b is summed
-    /// over pairs before it is squared, so that errors that pairs share count; the second term is what the window rounds off.
-    pub(super) fn deviation(&self, focus: &Field) -> Field {
-        let squared = |field: &Field| Field { data: field.data.iter().map(|v| v * v).collect(), ..*field };
-        let less = |a: &Field, b: &Field, share: f64| Field {
-            data: a.data.iter().zip(&b.data).map(|(a, b)| a - share * b).collect(),
-            ..*a
-        };
-        let means = each(3, |n| match n {
-            0 => mean(&squared(&mean(&self.b, COMMON)), JUDGED),
-            1 => mean(&less(&self.d, &self.noise, OF_NOISE), JUDGED),
-            _ => mean(&squared(&less(focus, &mean(focus, WINDOW), 1.0)), JUDGED),
+    /// `sqrt(4 <(G₁ b)²> 4π/(N <D>²) + 4 <(u - G₂ u)²>)`, means over a window of σ 4 px, N = 4π WINDOW², D less what noise makes; NaN where
+    /// nothing is left of it. b is summed over pairs before it is squared, so that errors that pairs share count; the second term is what
+    /// the window rounds off.
+    ///
+    /// Noise is at most as large as the residuals, which hold what the model does not explain too; and as the frame that the pixel is
+    /// farthest out of focus in, one of those at the two `ends`, where blur and the band of the frames leave least of texture: the
+    /// smaller counts. u is less the middle of the settings.
+    pub(super) fn deviation(&self, focus: &Field, ends: &[Field; 2]) -> Field {
+        let map = |f: &(dyn Fn(usize) -> f64 + Sync)| Field { data: (0..focus.data.len()).map(f).collect(), ..*focus };
+        let (errors, rounded) = (mean(&self.b, COMMON), mean(focus, WINDOW));
+        let farther = |i: usize| ends[usize::from(focus.data[i] < 0.0)].data[i];
+        let means = each(6, |n| {
+            let field = match n {
+                0 => map(&|i| errors.data[i].powi(2)),
+                1 => self.d.clone(),
+                2 => self.of_noise.clone(),
+                3 => map(&|i| farther(i).powi(2)),
+                4 => self.of_residuals.clone(),
+                _ => map(&|i| (focus.data[i] - rounded.data[i]).powi(2)),
+            };
+            mean(&field, JUDGED)
         });
-        Field::from_fn(focus.width, focus.height, |x, y| {
-            let [noise, information, bend] = [0, 1, 2].map(|n| means[n].get(x, y));
-            (4.0 * noise / (WINDOW * WINDOW * information.max(1e-12).powi(2)) + 4.0 * bend).sqrt()
+        map(&|i| {
+            let [errors, d, of_noise, noise, of_residuals, bend] = [0, 1, 2, 3, 4, 5].map(|n| means[n].data[i]);
+            let information = d - OF_NOISE * of_residuals.min(of_noise * noise);
+            if information > f64::MIN_POSITIVE {
+                (4.0 * errors / (WINDOW * WINDOW * information.powi(2)) + 4.0 * bend).sqrt()
+            } else {
+                f64::NAN
+            }
         })
     }
 }

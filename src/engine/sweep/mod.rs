@@ -10,6 +10,7 @@ mod pairs;
 mod shown;
 mod start;
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use self::deviation::Told;
@@ -25,6 +26,7 @@ use crate::engine::stages::state::Registration;
 use crate::engine::stages::step::displacing;
 use crate::engine::stages::sums::{Layout, Sums, UNKNOWNS};
 use crate::engine::stages::{Field, Pipelines, align, half_pair, joint_system, update};
+use crate::engine::tiles::Ranges;
 use crate::engine::vulkan::{Buffer, Clock, Device, Recorder};
 use crate::engine::workspace::Workspace;
 
@@ -32,6 +34,9 @@ use crate::engine::workspace::Workspace;
 const START: u32 = 160;
 /// Most V between frames that counts, px² of a level; of wider blur other pairs tell.
 const LIMIT: f64 = 10.0;
+/// Blur of a frame from which on pairs with blurrier ones are left out, px² of a level, unless no sharper frame is there: they tell little,
+/// and the frame's stack is made where it is asked for.
+const FAR: f64 = 1.0;
 /// α of one pair.
 const ALPHA: f64 = 0.005;
 /// η of the data term: frames are band-passed, and hold less than photographs do.
@@ -48,11 +53,11 @@ const BEYOND: f64 = 0.5;
 const LARGEST_RATE_STEP: f64 = 0.3;
 /// Red-black sweeps a step: iterations are dear, each takes a stack of every frame, and sweeps are cheap.
 const SWEEPS: u32 = 10;
-/// Iterations on the level where it starts, on those between and on the finest, where a second costs as much as all before it. With two,
-/// 6 to 11 generated frames err by 0.112 instead of 0.106 and by 0.082 instead of 0.075, 41 by 0.041 instead of 0.046
-/// (`docs/performance.md`). T and c stay in the last, on the finest: there, frames far out of focus show little but noise, and with steps
-/// of T a corner of the last of 11 simulated frames is off by 0.07 px, without by 0.008.
-const ITERATIONS: [usize; 3] = [4, 3, 1];
+/// Iterations on the level where it starts, on those between, and on the finest, where a second is as dear as all before it: of frames
+/// closer than pairs are wide; one of others. With two, 41 frames of three generated stacks err by 0.050, 0.032 and 0.041 of a frame instead
+/// of 0.057, 0.032 and 0.044, but 11 by 0.082 instead of 0.076 (`docs/performance.md`). T and c stay on the finest: frames far out of focus
+/// show little but noise there, and with steps of T a corner of the last of 11 simulated frames is off by 0.07 px, without by 0.008.
+const ITERATIONS: [usize; 3] = [4, 3, 2];
 /// Px of the level that a step moves a corner of a frame by at most: the coarser level has put it closer.
 const FURTHEST: f64 = 0.5;
 /// Px of the level that a corner of a frame moves by before it is brought onto the reference's pixels anew.
@@ -63,7 +68,7 @@ const FOLLOWED: f64 = 0.02;
 pub struct Focus {
     /// u at each pixel of the reference, in settings.
     pub focus: Vec<f32>,
-    /// Its standard deviation, in settings.
+    /// Its standard deviation, in settings; NaN where no pair tells.
     pub deviation: Vec<f32>,
     /// Where the reference's pixels lie in each frame.
     pub transforms: Vec<Homography>,
@@ -103,6 +108,22 @@ impl Common {
     /// c on a level.
     fn rate_on(&self, level: &Level) -> f64 {
         self.rate / (level.factor * level.factor)
+    }
+
+    /// The wider of the gaps to the settings beside a frame's.
+    fn gap(&self, n: usize) -> f64 {
+        let gap = |n: usize| self.settings.get(n + 1).map_or(0.0, |next| next - self.settings[n]);
+        gap(n).max(if n > 0 { gap(n - 1) } else { 0.0 })
+    }
+
+    /// Iterations on a level.
+    fn iterations(&self, index: usize, first: usize) -> usize {
+        match index {
+            _ if index == first => ITERATIONS[0],
+            0 if pairs::stride(&self.settings, self.rate) < 2.0 => ITERATIONS[2] - 1,
+            0 => ITERATIONS[2],
+            _ => ITERATIONS[1],
+        }
     }
 
     /// How far u may lie from the middle.
@@ -172,16 +193,22 @@ impl SweepSolver {
                 self.run(&sweep::prolong(&self.plan, &level, common.limit(&level) as f32))?;
             }
             common.aligned = vec![None; self.frames];
-            let count = if index == first { ITERATIONS[0] } else { ITERATIONS[1 + usize::from(index == 0)] };
+            let count = common.iterations(index, first);
             for k in 0..count {
-                let told = self.iterate(&level, &mut common, index == 0 && k + 1 == count)?;
-                last = told.or(last);
+                let stays = index == 0 && (first > 0 || k + 1 == count);
+                last = self.iterate(&level, &mut common, stays)?.or(last);
             }
             say(first + 1 - index, first + 1);
         }
         let [width, height] = self.plan.size.map(|side| side as usize);
         let focus = self.focus(&self.plan.pyramid[0])?;
-        let deviation = last.map_or_else(|| Field::zeros(width, height), |told: Told| told.deviation(&focus));
+        let finest = self.plan.size;
+        let end = |n: usize| {
+            self.fetch(Slot::Aligned, finest, n as u32..n as u32 + 1).map(|mut layers| layers.swap_remove(0))
+        };
+        let ends = [end(0)?, end(self.frames - 1)?];
+        let unknown = || Field::from_fn(width, height, |_, _| f64::NAN);
+        let deviation = last.map_or_else(unknown, |told: Told| told.deviation(&focus, &ends));
         Ok(Focus {
             focus: focus.data.iter().map(|u| (u + common.middle) as f32).collect(),
             deviation: deviation.to_f32(),
@@ -205,7 +232,7 @@ impl SweepSolver {
     /// Registration, brightness, c, and u less the middle setting.
     fn start(&self, first: usize, settings: &[f64], reference: usize) -> Result<(Common, Field), Error> {
         let level = &self.plan.pyramid[first];
-        let images = self.fetch(Slot::Frames { level: first }, level.size, self.frames as u32)?;
+        let images = self.fetch(Slot::Frames { level: first }, level.size, 0..self.frames as u32)?;
         let frames = Frames { images: &images, grid: Grid { factor: level.factor, centre: level.centre } };
         let transforms = start::register(&frames, reference, self.plan.settings.motion.unknowns());
         let brightness = if self.plan.settings.photometric {
@@ -231,12 +258,16 @@ impl SweepSolver {
         Ok((common, focus))
     }
 
-    /// An iteration on a level; what is told in the last, in which T and c stay.
-    fn iterate(&self, level: &Level, common: &mut Common, last: bool) -> Result<Option<Told>, Error> {
+    /// An iteration on a level; what is told, where T and c stay.
+    fn iterate(&self, level: &Level, common: &mut Common, stays: bool) -> Result<Option<Told>, Error> {
         self.align(level, common)?;
         let rate = common.rate_on(level);
-        let links = self.half_pairs(level, common, rate, last)?;
-        let before = if last { Some((self.fetch(Slot::JointSums, level.size, 3)?, self.focus(level)?)) } else { None };
+        let links = self.half_pairs(level, common, rate, stays)?;
+        let before = if stays {
+            Some((self.fetch(Slot::JointSums, level.size, 0..half_pair::LAYERS)?, self.focus(level)?))
+        } else {
+            None
+        };
         let pixels = level.pixels() as f64;
         common.telling = links.iter().map(|link| link.sums.valid).sum::<f64>() / pixels;
         let answered = self.step(level, common, rate)?;
@@ -264,7 +295,7 @@ impl SweepSolver {
 
     /// u of a level, less the middle setting.
     fn focus(&self, level: &Level) -> Result<Field, Error> {
-        self.fetch(Slot::RelativeBlur { level: level.index }, level.size, 1).map(|mut layers| layers.swap_remove(0))
+        self.fetch(Slot::RelativeBlur { level: level.index }, level.size, 0..1).map(|mut layers| layers.swap_remove(0))
     }
 
     /// Brings the frames that have moved onto the reference's pixels.
@@ -298,21 +329,28 @@ impl SweepSolver {
     fn half_pairs(&self, level: &Level, common: &Common, rate: f64, stays: bool) -> Result<Vec<Link>, Error> {
         let pairs = pairs::pairs(&common.settings, rate);
         let [columns, rows, _] = half_pair::tiles(level.size);
-        let mut frames: Vec<(u32, Vec<half_pair::Constants>)> = Vec::new();
+        let ranges = Ranges::of(&self.focus(level)?);
+        let mut frames = Vec::new();
         let mut links = Vec::new();
         for own in 0..self.frames {
             let beside = |[i, j]: &[usize; 2]| if *i == own { Some(*j) } else { (*j == own).then_some(*i) };
             let others: Vec<usize> = pairs.iter().filter_map(beside).collect();
+            let far = FAR.max(rate * common.gap(own).powi(2));
             let constants = others.into_iter().map(|other| {
                 let row = links.len() as u32 * columns * rows;
                 links.push([own, other]);
-                self.half_pair(level, common, rate, [own, other], row)
+                self.half_pair(level, common, [rate, far], [own, other], row)
             });
-            frames.push((own as u32, constants.collect()));
+            let others = constants.collect();
+            let (setting, reach) = (common.settings[own] - common.middle, (far / rate).sqrt());
+            let wanted = ranges.between(setting - reach, setting + reach);
+            frames.push(sweep::Beside { frame: own as u32, others, wanted });
         }
-        self.run(&sweep::half_pairs(&self.plan, level, &frames, stays))?;
         let layout = Layout::of(self.plan.projective());
         let floats = (columns * rows) as usize * layout.length;
+        // Tiles that are not wanted write none.
+        self.workspace.buffer(Slot::Partials).write(&vec![0; 4 * links.len() * floats])?;
+        self.run(&sweep::half_pairs(&self.plan, level, &frames, stays))?;
         let read = |(n, frames): (usize, &[usize; 2])| {
             let rows: Vec<f32> = self.workspace.buffer(Slot::Partials).read(4 * n * floats, floats)?;
             Ok(Link { frames: *frames, sums: Sums::from_partials(&rows, layout) })
@@ -324,7 +362,7 @@ impl SweepSolver {
         &self,
         level: &Level,
         common: &Common,
-        rate: f64,
+        [rate, far]: [f64; 2],
         [own, other]: [usize; 2],
         row: u32,
     ) -> half_pair::Constants {
@@ -336,13 +374,14 @@ impl SweepSolver {
             nodes: level.nodes as u32,
             other: other as u32,
             row,
-            first: u32::from(row == 0),
+            listed: 0,
             own_setting: setting(own),
             other_setting: setting(other),
             rate: rate as f32,
             grain: GRAIN as f32,
             eta: ETA as f32,
             limit: LIMIT.min(level.limit) as f32,
+            far: far as f32,
             length: level.length as f32,
             centre: level.centre.map(|c| c as f32),
             shown: shown::by_both(shown).map(|side| side as f32),
@@ -375,23 +414,24 @@ impl SweepSolver {
     }
 
     fn run(&self, script: &Script) -> Result<(), Error> {
+        self.workspace.buffer(Slot::Tiles).write(bytemuck::cast_slice(&script.tiles))?;
         record(&self.device, &self.pipelines, &self.workspace, script, false)?.run()
     }
 
-    /// The corner of an image that a level takes, so many layers.
-    fn fetch(&self, slot: Slot, [width, height]: [u32; 2], layers: u32) -> Result<Vec<Field>, Error> {
+    /// The corner of an image that a level takes, of some layers.
+    fn fetch(&self, slot: Slot, [width, height]: [u32; 2], layers: Range<u32>) -> Result<Vec<Field>, Error> {
         let image = self.workspace.image(slot);
         let pixels = image.width as usize * image.height as usize;
-        let buffer = Buffer::for_readback(&self.device, "sweep", 4 * (pixels * layers as usize) as u64)?;
+        let buffer = Buffer::for_readback(&self.device, "sweep", 4 * (pixels * layers.len()) as u64)?;
         let mut recorder = Recorder::new(&self.device, Clock::Never)?;
-        recorder.download(image, layers, &buffer);
+        recorder.download(image, layers.clone(), &buffer);
         recorder.finish()?.run()?;
         let layer = |n: usize| {
             let values: Vec<f32> = buffer.read(4 * n * pixels, pixels)?;
             let at = |x: usize, y: usize| f64::from(values[y * image.width as usize + x]);
             Ok(Field::from_fn(width as usize, height as usize, at))
         };
-        (0..layers as usize).map(layer).collect()
+        (0..layers.len()).map(layer).collect()
     }
 
     fn upload(&self, slot: Slot, field: &Field) -> Result<(), Error> {

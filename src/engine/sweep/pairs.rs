@@ -3,13 +3,20 @@
 /// Px of blur that the frames of a pair differ by at least, about: closer, noise outweighs what differs.
 const APART: f64 = 0.75;
 
+/// Frames from one to the next that is [`APART`].
+pub(super) fn stride(settings: &[f64], rate: f64) -> f64 {
+    let last = (settings.len() - 1) as f64;
+    let mean = (settings[settings.len() - 1] - settings[0]) / last;
+    (APART / (rate.sqrt() * mean)).round().clamp(1.0, last)
+}
+
 /// Pairs of frames at ascending settings p: those about [`APART`] px of blur from each other, and those about twice as far, where c is
 /// `rate`. In strides of frames that are even: s and 2 s + 1 (2 if s is 1), which have no common divisor, so that the pairs link all
 /// frames; of uneven ones the frames that come nearest. What is still unlinked is linked by neighbours.
 pub(super) fn pairs(settings: &[f64], rate: f64) -> Vec<[usize; 2]> {
     let last = settings.len() - 1;
     let mean = (settings[last] - settings[0]) / last as f64;
-    let stride = (APART / (rate.sqrt() * mean)).round().clamp(1.0, last as f64);
+    let stride = stride(settings, rate);
     let wider = 2.0 * stride + if stride > 1.0 { 1.0 } else { 0.0 };
     let mut pairs = Vec::new();
     for stride in [stride, wider] {

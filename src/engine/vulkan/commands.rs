@@ -2,6 +2,7 @@
 
 use std::any::Any;
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use ash::vk;
@@ -224,21 +225,21 @@ impl Recorder {
         self.keep.push(image.clone());
     }
 
-    /// The first `layers` layers of an image as they stand in a buffer.
-    fn image_region(image: &Image, layers: u32) -> vk::BufferImageCopy {
-        debug_assert!(layers <= image.layers);
+    /// Layers of an image as they stand in a buffer.
+    fn image_region(image: &Image, layers: Range<u32>) -> vk::BufferImageCopy {
+        debug_assert!(layers.end <= image.layers);
         vk::BufferImageCopy::default()
             .image_subresource(vk::ImageSubresourceLayers {
                 aspect_mask: vk::ImageAspectFlags::COLOR,
                 mip_level: 0,
-                base_array_layer: 0,
-                layer_count: layers,
+                base_array_layer: layers.start,
+                layer_count: layers.end - layers.start,
             })
             .image_extent(vk::Extent3D { width: image.width, height: image.height, depth: 1 })
     }
 
-    /// Brings the first layers of an image down into a buffer.
-    pub(crate) fn download(&mut self, image: &Arc<Image>, layers: u32, to: &Arc<Buffer>) {
+    /// Brings layers of an image down into a buffer.
+    pub(crate) fn download(&mut self, image: &Arc<Image>, layers: Range<u32>, to: &Arc<Buffer>) {
         let region = [Self::image_region(image, layers)];
         // SAFETY: the part is being recorded; the image is in the general layout, the buffer holds all its layers, and both
         // are kept alive.
@@ -257,7 +258,7 @@ impl Recorder {
 
     /// Fills an image from a buffer.
     pub(crate) fn upload(&mut self, from: &Arc<Buffer>, image: &Arc<Image>) {
-        let region = [Self::image_region(image, image.layers)];
+        let region = [Self::image_region(image, 0..image.layers)];
         // SAFETY: as for `download`.
         unsafe {
             self.device.handle.cmd_copy_buffer_to_image(
