@@ -22,7 +22,7 @@ const SHORTEST: usize = 96;
 /// A move counts if the mean over places of what it mends is so many of its standard errors: over 53 sweeps of 4 to 41 frames none that
 /// were in order had a move of 5 or that mended anything of note.
 const ERRORS: f64 = 6.0;
-/// Moves are certain if they mend this share together; of 349 neighbours swapped in those sweeps, 346 were.
+/// Moves are certain if they mend this share together; of 349 neighbours swapped in those sweeps, 345 were.
 const MENDED: f64 = 0.4;
 /// What is broken is nothing below this share of how much sharpness changes altogether.
 const NOTHING: f64 = 0.005;

@@ -1,5 +1,6 @@
 //! The standard deviation of u.
 
+use super::shown::Rectangle;
 use super::start::each;
 use crate::engine::filter;
 use crate::engine::stages::{Field, convolve};
@@ -16,8 +17,9 @@ fn mean(field: &Field, sigma: f64) -> Field {
     convolve::twin(&convolve::twin(field, &filter, 1, false), &filter, 1, true)
 }
 
-/// What exceeds by less than this the D that noise makes may be noise too: the D of a flat region varies by a fifth, from window to window.
-const OF_NOISE: f64 = 1.6;
+/// What exceeds by less than this the D that noise makes may be noise too: the D of a flat region varies by a fifth, from window to window, and
+/// so do both accounts of noise, of which the smaller counts.
+const OF_NOISE: f64 = 2.0;
 
 /// What all pairs tell in the last iteration.
 pub(super) struct Told {
@@ -44,17 +46,25 @@ impl Told {
     ///
     /// Noise is at most as large as the residuals, which hold what the model does not explain too; and as the frame that the pixel is
     /// farthest out of focus in, one of those at the two `ends`, where blur and the band of the frames leave least of texture: the
-    /// smaller counts. u is less the middle of the settings.
-    pub(super) fn deviation(&self, focus: &Field, ends: &[Field; 2]) -> Field {
+    /// smaller counts. Of each end the pixels that it shows. u is less the middle of the settings.
+    pub(super) fn deviation(&self, focus: &Field, ends: &[(Field, Rectangle); 2]) -> Field {
         let map = |f: &(dyn Fn(usize) -> f64 + Sync)| Field { data: (0..focus.data.len()).map(f).collect(), ..*focus };
         let (errors, rounded) = (mean(&self.b, COMMON), mean(focus, WINDOW));
-        let farther = |i: usize| ends[usize::from(focus.data[i] < 0.0)].data[i];
+        let shows = |n: &usize, i: usize| {
+            let ([left, top, right, bottom], x, y) = (ends[*n].1, (i % focus.width) as f64, (i / focus.width) as f64);
+            x >= left && x <= right && y >= top && y <= bottom
+        };
+        let noise = |i: usize| {
+            let farther = usize::from(focus.data[i] < 0.0);
+            let end = [farther, 1 - farther].into_iter().find(|n| shows(n, i));
+            end.map_or(f64::INFINITY, |n| ends[n].0.data[i].powi(2))
+        };
         let means = each(6, |n| {
             let field = match n {
                 0 => map(&|i| errors.data[i].powi(2)),
                 1 => self.d.clone(),
                 2 => self.of_noise.clone(),
-                3 => map(&|i| farther(i).powi(2)),
+                3 => map(&noise),
                 4 => self.of_residuals.clone(),
                 _ => map(&|i| (focus.data[i] - rounded.data[i]).powi(2)),
             };
@@ -62,6 +72,7 @@ impl Told {
         });
         map(&|i| {
             let [errors, d, of_noise, noise, of_residuals, bend] = [0, 1, 2, 3, 4, 5].map(|n| means[n].data[i]);
+            // The smaller, of whatever is a number.
             let information = d - OF_NOISE * of_residuals.min(of_noise * noise);
             if information > f64::MIN_POSITIVE {
                 (4.0 * errors / (WINDOW * WINDOW * information.powi(2)) + 4.0 * bend).sqrt()

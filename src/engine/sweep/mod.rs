@@ -204,7 +204,8 @@ impl SweepSolver {
         let focus = self.focus(&self.plan.pyramid[0])?;
         let finest = self.plan.size;
         let end = |n: usize| {
-            self.fetch(Slot::Aligned, finest, n as u32..n as u32 + 1).map(|mut layers| layers.swap_remove(0))
+            let mut layers = self.fetch(Slot::Aligned, finest, n as u32..n as u32 + 1)?;
+            Ok::<_, Error>((layers.swap_remove(0), shown::by(&common.transforms[n], &self.plan.pyramid[0])))
         };
         let ends = [end(0)?, end(self.frames - 1)?];
         let unknown = || Field::from_fn(width, height, |_, _| f64::NAN);
