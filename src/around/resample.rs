@@ -1,7 +1,7 @@
 //! A photograph on the pixels of another.
 
 use crate::base::color::{LUMINANCE, stored};
-use crate::base::{Brightness, Channels, Decode, Frame, Homography, centre, workers};
+use crate::base::{Brightness, Channels, Decode, Frame, Homography, centre, weighted, workers};
 use crate::engine::filter;
 use crate::engine::stages::field::mirror;
 use crate::engine::stages::spline;
@@ -72,10 +72,10 @@ fn along_x(values: &[f32], [width, _]: [usize; 2], channels: usize, filter: &[f3
     in_rows(&mut filtered, row, |y, sums| {
         let own = &values[y * row..][..row];
         let pixel = |x: isize| own[mirror(x, width) * channels..][..channels].iter().copied();
-        let mirrored: Vec<f32> = (-radius..width as isize + radius).flat_map(pixel).collect();
-        for (n, weight) in filter.iter().enumerate() {
-            sums.iter_mut().zip(&mirrored[n * channels..]).for_each(|(sum, value)| *sum += weight * value);
-        }
+        let (before, after) = ((-radius..0).flat_map(pixel), (width as isize..width as isize + radius).flat_map(pixel));
+        let mirrored: Vec<f32> = before.chain(own.iter().copied()).chain(after).collect();
+        let shifted: Vec<&[f32]> = (0..filter.len()).map(|n| &mirrored[n * channels..]).collect();
+        weighted::sum(sums, filter, &shifted);
     });
     filtered
 }
@@ -84,10 +84,8 @@ fn along_y(values: &[f32], [width, height]: [usize; 2], channels: usize, filter:
     let (row, radius) = (width * channels, (filter.len() / 2) as isize);
     let mut filtered = vec![0.0; values.len()];
     in_rows(&mut filtered, row, |y, sums| {
-        for (n, weight) in filter.iter().enumerate() {
-            let from = mirror(y as isize + n as isize - radius, height);
-            sums.iter_mut().zip(&values[from * row..][..row]).for_each(|(sum, value)| *sum += weight * value);
-        }
+        let from = |n: usize| &values[mirror(y as isize + n as isize - radius, height) * row..];
+        weighted::sum(sums, filter, &(0..filter.len()).map(from).collect::<Vec<_>>());
     });
     filtered
 }
@@ -117,13 +115,12 @@ pub fn registered(frame: &Frame, transform: &Homography, brightness: &Brightness
     let (width, height, channels) = (frame.width() as usize, frame.height() as usize, frame.format().channels);
     let values = brightened(frame, brightness, decode);
     let mut moved = onto(values, channels.count() as usize, transform, [width, height]);
-    for value in &mut moved {
-        *value = match decode {
-            _ if value.is_nan() => 0.0,
-            Decode::None => *value,
-            Decode::Srgb => stored(*value, decode),
-        };
-    }
+    let value = |value: f32| match decode {
+        _ if value.is_nan() => 0.0,
+        Decode::None => value,
+        Decode::Srgb => stored(value, decode),
+    };
+    in_rows(&mut moved, width * channels.count() as usize, |_, row| row.iter_mut().for_each(|v| *v = value(*v)));
     frame.with_intensities(&moved)
 }
 

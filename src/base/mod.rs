@@ -18,6 +18,7 @@ mod similarity;
 pub(crate) mod statistics;
 #[cfg(feature = "serde")]
 mod stored;
+pub(crate) mod weighted;
 pub(crate) mod workers;
 
 pub use aperture::Aperture;

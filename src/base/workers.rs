@@ -25,6 +25,13 @@ pub(crate) fn each<T: Send>(items: impl Iterator<Item = T> + Send, of: impl Fn(T
     });
 }
 
+/// What comes of each of so many.
+pub(crate) fn collect<T: Send>(count: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let mut results: Vec<Option<T>> = (0..count).map(|_| None).collect();
+    each(results.iter_mut().enumerate(), |(n, result)| *result = Some(of(n)));
+    results.into_iter().flatten().collect()
+}
+
 /// Whether a test has the system refuse threads, as it does to a user who has too many.
 fn is_refused() -> bool {
     #[cfg(test)]
@@ -65,6 +72,7 @@ mod tests {
         let expected: Vec<usize> = (0..1000).map(|n| n * n).collect();
         assert_eq!(squares(), expected);
         assert_eq!(refused::during(squares), expected);
+        assert_eq!(collect(1000, |n| n * n), expected);
         refused::during(|| each(std::iter::empty::<()>(), |()| unreachable!()));
     }
 

@@ -10,7 +10,7 @@ use parfocal::export::{
 };
 use parfocal::figure::PEN;
 use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
-use parfocal::image_io::{Input, Photograph, Values};
+use parfocal::image_io::{self, Input, Photograph, Values};
 use parfocal::report_html::SweepPage;
 use parfocal::{Depth, DeviceInfo, Engine, Error, Frame, Method, Settings};
 
@@ -87,7 +87,7 @@ fn check_places(request: &Request, job: &SweepJob, in_floats: bool) -> Result<()
     Ok(request.force.to(&job.out).check_results(REPORT, &names)?)
 }
 
-/// Reads the frames, one file in memory at a time, unless what the files are says that the sweep is `settled` already.
+/// Reads the frames, unless what the files are says that the sweep is `settled` already.
 pub(super) fn read(
     request: &Request,
     job: &SweepJob,
@@ -120,20 +120,9 @@ fn decode(
     files: &[PathBuf],
     fits: impl FnOnce(&Photograph) -> Result<(), Failure>,
 ) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
-    let mut fits = Some(fits);
-    let (mut frames, mut inputs) = (Vec::new(), Vec::new());
-    let mut last: Option<Photograph> = None;
-    for path in files {
-        let photograph = match last.take() {
-            Some(last) => last.open_next(path)?,
-            None => Photograph::open(path)?,
-        };
-        fits.take().map_or(Ok(()), |fits| fits(&photograph))?;
-        inputs.push(photograph.describe()?);
-        last = Some(photograph.clone());
-        frames.push(photograph.decode()?);
-    }
-    Ok((frames, inputs))
+    let first = Photograph::open(&files[0])?;
+    fits(&first)?;
+    Ok(image_io::read_frames(first, &files[1..])?.into_iter().unzip())
 }
 
 /// Solves it; also how long it took from the first frame, ms.

@@ -5,7 +5,7 @@
 
 use super::laplacian::squared_laplacian;
 use crate::around::resample::luminance;
-use crate::base::{Decode, Frame};
+use crate::base::{Decode, Frame, workers};
 
 /// The frames to solve, as they are to stand, each by its number among those given; and what there is to say.
 pub(super) struct Order {
@@ -34,7 +34,8 @@ const FURTHEST: usize = 8;
 pub(super) fn judge(frames: &[Frame], stated: bool) -> Order {
     let mut warnings = Vec::new();
     let once = left_out(frames, stated, &mut warnings);
-    let sharpness: Option<Vec<_>> = once.iter().map(|n| Sharpness::of(&frames[*n])).collect();
+    let sharpness = workers::collect(once.len(), |n| Sharpness::of(&frames[once[n]]));
+    let sharpness: Option<Vec<_>> = sharpness.into_iter().collect();
     let unmoved = || (0..once.len()).collect::<Vec<_>>();
     let (found, certain) = sharpness.map_or((unmoved(), false), |sharpness| in_order(&logarithms(&sharpness)));
     let found: Vec<usize> = found.into_iter().map(|n| once[n]).collect();

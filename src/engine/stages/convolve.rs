@@ -10,6 +10,7 @@ use super::field::{Field, fold};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::{WORKGROUP, pixels};
+use crate::base::weighted;
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -113,7 +114,6 @@ pub fn twin(input: &Field, filter: &[f64], stride: usize, vertical: bool) -> Fie
 
 /// The same, mirrored about the first pixel and half a period from it.
 pub fn twin_mirrored(input: &Field, filter: &[f64], stride: usize, vertical: bool, period: usize) -> Field {
-    // Row by row, so that a processor adds many at once: a sweep's deviation takes ten of these of a whole photograph.
     if vertical { along_y(input, filter, stride, period) } else { along_x(input, filter, stride, period) }
 }
 
@@ -121,10 +121,8 @@ fn along_y(input: &Field, filter: &[f64], stride: usize, period: usize) -> Field
     let radius = (filter.len() / 2) as isize;
     let mut result = Field::zeros(input.width, input.height.div_ceil(stride));
     for (y, sums) in result.data.chunks_exact_mut(input.width).enumerate() {
-        for (n, weight) in (-radius..).zip(filter) {
-            let from = fold((y * stride) as isize + n, period) * input.width;
-            sums.iter_mut().zip(&input.data[from..]).for_each(|(sum, value)| *sum += weight * value);
-        }
+        let row = |n: usize| &input.data[fold((y * stride + n) as isize - radius, period) * input.width..];
+        weighted::sum(sums, filter, &(0..filter.len()).map(row).collect::<Vec<_>>());
     }
     result
 }
@@ -135,11 +133,12 @@ fn along_x(input: &Field, filter: &[f64], stride: usize, period: usize) -> Field
     let width = result.width;
     for (row, sums) in input.data.chunks_exact(input.width).zip(result.data.chunks_exact_mut(width)) {
         let mirrored: Vec<f64> = (-radius..input.width as isize + radius).map(|x| row[fold(x, period)]).collect();
+        if stride == 1 {
+            weighted::sum(sums, filter, &(0..filter.len()).map(|n| &mirrored[n..]).collect::<Vec<_>>());
+            continue;
+        }
         for (n, weight) in filter.iter().enumerate() {
-            match stride {
-                1 => sums.iter_mut().zip(&mirrored[n..]).for_each(|(sum, value)| *sum += weight * value),
-                _ => sums.iter_mut().enumerate().for_each(|(x, sum)| *sum += weight * mirrored[x * stride + n]),
-            }
+            sums.iter_mut().enumerate().for_each(|(x, sum)| *sum += weight * mirrored[x * stride + n]);
         }
     }
     result

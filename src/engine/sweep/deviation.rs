@@ -1,7 +1,7 @@
 //! The standard deviation of u.
 
 use super::shown::Rectangle;
-use super::start::each;
+use crate::base::workers;
 use crate::engine::filter;
 use crate::engine::stages::{Field, convolve};
 
@@ -49,7 +49,8 @@ impl Told {
     /// smaller counts. Of each end the pixels that it shows. u is less the middle of the settings.
     pub(super) fn deviation(&self, focus: &Field, ends: &[(Field, Rectangle); 2]) -> Field {
         let map = |f: &(dyn Fn(usize) -> f64 + Sync)| Field { data: (0..focus.data.len()).map(f).collect(), ..*focus };
-        let (errors, rounded) = (mean(&self.b, COMMON), mean(focus, WINDOW));
+        let near = workers::collect(2, |n| if n == 0 { mean(&self.b, COMMON) } else { mean(focus, WINDOW) });
+        let [errors, rounded] = [0, 1].map(|n| &near[n]);
         let shows = |n: &usize, i: usize| {
             let ([left, top, right, bottom], x, y) = (ends[*n].1, (i % focus.width) as f64, (i / focus.width) as f64);
             x >= left && x <= right && y >= top && y <= bottom
@@ -59,7 +60,7 @@ impl Told {
             let end = [farther, 1 - farther].into_iter().find(|n| shows(n, i));
             end.map_or(f64::INFINITY, |n| ends[n].0.data[i].powi(2))
         };
-        let means = each(6, |n| {
+        let means = workers::collect(6, |n| {
             let field = match n {
                 0 => map(&|i| errors.data[i].powi(2)),
                 1 => self.d.clone(),

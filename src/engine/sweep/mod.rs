@@ -429,8 +429,9 @@ impl SweepSolver {
         recorder.finish()?.run()?;
         let layer = |n: usize| {
             let values: Vec<f32> = buffer.read(4 * n * pixels, pixels)?;
-            let at = |x: usize, y: usize| f64::from(values[y * image.width as usize + x]);
-            Ok(Field::from_fn(width as usize, height as usize, at))
+            let rows = values.chunks_exact(image.width as usize).take(height as usize);
+            let data = rows.flat_map(|row| &row[..width as usize]).map(|value| f64::from(*value)).collect();
+            Ok(Field { width: width as usize, height: height as usize, data })
         };
         (0..layers.len()).map(layer).collect()
     }

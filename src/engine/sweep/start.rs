@@ -53,16 +53,9 @@ fn coefficients(image: &Field) -> Field {
     filtered(image, &filter, &filter)
 }
 
-/// Does something for each of so many, on all processors.
-pub(super) fn each<T: Send>(count: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let mut results: Vec<Option<T>> = (0..count).map(|_| None).collect();
-    workers::each(results.iter_mut().enumerate(), |(n, result)| *result = Some(of(n)));
-    results.into_iter().flatten().collect()
-}
-
 /// The frames on the reference's pixels, as bright as it.
 pub(super) fn aligned(frames: &Frames, transforms: &[Homography], brightness: &[(f64, Shading)]) -> Vec<Field> {
-    each(frames.images.len(), |n| {
+    workers::collect(frames.images.len(), |n| {
         let (spline, (gain, shading)) = (coefficients(&frames.images[n]), brightness[n]);
         Field::from_fn(spline.width, spline.height, |x, y| {
             let at = place(&transforms[n], [x, y], frames.grid);
@@ -92,14 +85,27 @@ const STEPS: usize = 8;
 
 /// T of each frame by appearance, each by the one before it, counted from the reference.
 pub(super) fn register(frames: &Frames, reference: usize, unknowns: usize) -> Vec<Homography> {
-    let blind: Vec<Field> = each(frames.images.len(), |n| coefficients(&smoothed(&frames.images[n], BLIND)));
+    let blind = workers::collect(frames.images.len(), |n| coefficients(&smoothed(&frames.images[n], BLIND)));
+    // The frames on either side of the reference know nothing of each other.
+    let sides: [Vec<usize>; 2] = [(reference + 1..blind.len()).collect(), (0..reference).rev().collect()];
+    let found = workers::collect(2, |n| follow_all(&blind, reference, &sides[n], frames.grid, unknowns));
     let mut transforms = vec![Homography::IDENTITY; blind.len()];
-    let towards_end = (reference + 1..blind.len()).map(|n| (n, n - 1));
-    for (n, before) in towards_end.chain((0..reference).rev().map(|n| (n, n + 1))) {
-        let target = moved_onto(&blind[before], &transforms[before], frames.grid);
-        transforms[n] = follow(&target, &blind[n], transforms[before], frames.grid, unknowns);
+    for (n, t) in sides.iter().flatten().zip(found.into_iter().flatten()) {
+        transforms[*n] = t;
     }
     transforms
+}
+
+/// T of these frames, each by the one before it, the first by the reference.
+fn follow_all(blind: &[Field], reference: usize, frames: &[usize], grid: Grid, unknowns: usize) -> Vec<Homography> {
+    let (mut before, mut t) = (reference, Homography::IDENTITY);
+    let follow_next = |&n: &usize| {
+        let target = moved_onto(&blind[before], &t, grid);
+        t = follow(&target, &blind[n], t, grid, unknowns);
+        before = n;
+        t
+    };
+    frames.iter().map(follow_next).collect()
 }
 
 /// T from where it starts to where the frame looks like the target, by Gauss and Newton.
@@ -146,8 +152,8 @@ const WIDE: f64 = 4.0;
 
 /// What brings each frame to the reference's brightness: gain and shading.
 pub(super) fn brightness(frames: &Frames, transforms: &[Homography], reference: usize) -> Vec<(f64, Shading)> {
-    let wide: Vec<Field> = each(frames.images.len(), |n| smoothed(&frames.images[n], WIDE));
-    each(wide.len(), |n| {
+    let wide: Vec<Field> = workers::collect(frames.images.len(), |n| smoothed(&frames.images[n], WIDE));
+    workers::collect(wide.len(), |n| {
         if n == reference {
             return (1.0, Shading::NONE);
         }
@@ -210,7 +216,7 @@ struct Blurred {
 impl Blurred {
     fn new(frames: &[Field], limit: f64) -> Self {
         let count = (limit.sqrt() / NODE_STEP).ceil() as usize + 1;
-        let nodes = each(frames.len(), |n| {
+        let nodes = workers::collect(frames.len(), |n| {
             let mut nodes = vec![frames[n].clone()];
             for k in 1..count {
                 let more = NODE_STEP * NODE_STEP * ((k * k) as f64 - ((k - 1) * (k - 1)) as f64);
@@ -245,7 +251,7 @@ impl Blurred {
         window: f64,
         limit: f64,
     ) -> Vec<Field> {
-        each(candidates.len(), |n| {
+        workers::collect(candidates.len(), |n| {
             let mut sum = vec![0.0; self.size[0] * self.size[1]];
             for &[i, j] in pairs {
                 let [mut own, mut other] = [i, j].map(|k| (k, rate * (settings[k] - candidates[n]).powi(2)));
@@ -274,7 +280,7 @@ pub(super) fn rate(frames: &[Field], settings: &[f64]) -> f64 {
     let every = frames.len().div_ceil(ENOUGH);
     let chosen: Vec<usize> = (0..frames.len()).step_by(every).collect();
     let settings: Vec<f64> = chosen.iter().map(|&n| settings[n]).collect();
-    let images = each(chosen.len(), |n| band_passed(&frames[chosen[n]]));
+    let images = workers::collect(chosen.len(), |n| band_passed(&frames[chosen[n]]));
     let (last, blurred) = (chosen.len() - 1, Blurred::new(&images, LIMIT));
     let pairs: Vec<[usize; 2]> =
         [1, 2, 4, 8, 16].iter().flat_map(|s| (0..(last + 1).saturating_sub(*s)).map(move |i| [i, i + s])).collect();
@@ -302,7 +308,7 @@ pub(super) fn rate(frames: &[Field], settings: &[f64]) -> f64 {
 
 /// u at every pixel, by the least energy of candidates a fifth of a px of blur apart, between which a parabola decides.
 pub(super) fn focus(frames: &[Field], settings: &[f64], rate: f64) -> Field {
-    let images = each(frames.len(), |n| band_passed(&frames[n]));
+    let images = workers::collect(frames.len(), |n| band_passed(&frames[n]));
     let (blurred, last) = (Blurred::new(&images, LIMIT), settings.len() - 1);
     let range = settings[last] - settings[0];
     let count = ((range * rate.sqrt() / 0.2).ceil() as usize + 1).clamp(13, 200);

@@ -15,6 +15,7 @@ use std::borrow::Cow;
 use std::io::Write;
 use std::thread;
 
+use image::RgbImage;
 use serde_json::{Value, json};
 
 pub use self::pair::Page;
@@ -22,7 +23,7 @@ pub use self::readout::Readout;
 pub use self::sweep::SweepPage;
 use self::thinning::Thinning;
 use crate::around::resample::registered;
-use crate::base::{Brightness, Decode, Error, Frame, Homography, Region};
+use crate::base::{Brightness, Decode, Error, Frame, Homography, Region, workers};
 use crate::files::export::Palette;
 use crate::files::preview::photograph;
 use crate::page::view::{Surface, View};
@@ -116,12 +117,7 @@ impl Contents<'_> {
                 packed.map_err(|_| field.packed(thinning))
             };
             let fields: Vec<_> = self.fields.iter().map(beside).collect();
-            // One after the other: warping takes all processors, and memory.
-            let pictures = self.pictures.iter().enumerate().map(|(i, picture)| {
-                let text = self.packed_picture(picture, &thinning)?;
-                Ok(element(&format!("picture-{i}"), &text))
-            });
-            let pictures: Result<String, String> = pictures.collect();
+            let pictures = self.packed_pictures(&thinning);
             let join = |packed: Result<thread::ScopedJoinHandle<'_, _>, _>| match packed {
                 Ok(packed) => packed.join().unwrap_or_else(|_| Err(OUT.to_string())),
                 Err(packed) => packed,
@@ -134,17 +130,29 @@ impl Contents<'_> {
         Ok(vec![("data", data), ("fields", values), ("heights", nodes), ("pictures", pictures?)])
     }
 
-    fn packed_picture(&self, picture: &Picture<'_>, thinning: &Thinning) -> Result<String, String> {
+    /// Brought onto the reference's pixels one after the other, since warping takes all processors, and memory; compressed beside that.
+    fn packed_pictures(&self, thinning: &Thinning) -> Result<String, String> {
+        let mut texts = vec![Ok(String::new()); self.pictures.len()];
+        let images = self.pictures.iter().map(|picture| self.image(picture, thinning));
+        workers::each(images.zip(&mut texts), |(image, text)| {
+            *text = image.and_then(|(image, quality)| packed::picture(&image, quality));
+        });
+        let elements = texts.into_iter().enumerate();
+        elements.map(|(i, text)| Ok(element(&format!("picture-{i}"), &text?))).collect()
+    }
+
+    /// A picture as the page shows it, and its quality.
+    fn image(&self, picture: &Picture<'_>, thinning: &Thinning) -> Result<(RgbImage, u8), String> {
         let moved = picture.place.map(|(t, p)| registered(&picture.frame, &t, &p, self.decode));
         let whole = moved.as_ref().unwrap_or(&picture.frame);
         let part = ((whole.width(), whole.height()) != self.size).then(|| whole.cropped(self.part)).transpose()?;
         let image = photograph(part.as_ref().unwrap_or(whole));
         if !picture.is_leafed {
-            return packed::picture(&thinning.picture(image), QUALITY);
+            return Ok((thinning.picture(image), QUALITY));
         }
         let leafed = self.pictures.iter().filter(|picture| picture.is_leafed).count();
         let most = (MOST_LEAFED / leafed.max(1)).min(thinning.width * thinning.height);
-        packed::picture(&Thinning::within(self.size, most).picture(image), LESSER_QUALITY)
+        Ok((Thinning::within(self.size, most).picture(image), LESSER_QUALITY))
     }
 
     fn data(&self, thinning: &Thinning, surface: Value) -> Value {
