@@ -61,7 +61,7 @@ impl Default for EngineOptions {
     }
 }
 
-/// A Vulkan device with its queue, memory and compiled passes.
+/// A Vulkan device with its queue, memory, and passes, which are compiled when a solver first takes them.
 pub struct Engine {
     device: Arc<Device>,
     pipelines: Arc<Pipelines>,
@@ -75,8 +75,7 @@ impl Engine {
     /// [`Error::NoLoader`], [`Error::NoDevice`], [`Error::NoSuchDevice`], [`Error::Vulkan`].
     pub fn new(options: &EngineOptions) -> Result<Self, Error> {
         let device = open(options)?;
-        let pipelines = Arc::new(Pipelines::new(&device)?);
-        device.save_pipeline_cache();
+        let pipelines = Arc::new(Pipelines::new(&device));
         Ok(Self { device, pipelines, key_points: options.key_points })
     }
 
@@ -117,6 +116,15 @@ impl Engine {
 
     pub(crate) fn pipelines(&self) -> &Arc<Pipelines> {
         &self.pipelines
+    }
+}
+
+impl Drop for Engine {
+    /// What was compiled the next engine finds.
+    fn drop(&mut self) {
+        if !self.device.is_poisoned() {
+            self.device.save_pipeline_cache();
+        }
     }
 }
 

@@ -145,7 +145,7 @@ mod tests {
             return;
         }
         let device = open(&testing::options()).unwrap();
-        let pipelines = Pipelines::new(&device).unwrap();
+        let pipelines = Pipelines::new(&device);
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
         let mut unseen = BTreeMap::<String, usize>::new();
         let (mut seen, mut whole) = (0, 0);

@@ -84,14 +84,6 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * rows([width, height])), 1]
 }
 
-/// The variant for kernels other than a Gaussian.
-pub(crate) const ANY_KERNEL: Variant = [true, false, false, false];
-/// The variant for a stack of I2 as [`warp`](super::warp) brought it onto I1's pixels.
-pub(crate) const WARPED: Variant = [false, true, false, false];
-
-/// The variant of [`WARPED`] in which the sums tell of homographies too.
-pub(crate) const JUDGED: Variant = [false, true, false, true];
-
 /// The variant for a kernel, for a stack of I2 that was warped, for masked pixels, and for sums that homographies take.
 pub(crate) fn variant(slopes: Slopes, warped: bool, masked: bool, projective: bool) -> Variant {
     [slopes == Slopes::Layers, warped, masked, projective]

@@ -64,55 +64,15 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
     u64::from(width) * u64::from(height)
 }
 
-/// The stages, and the variants of them, that solves of pairs without masked pixels take.
-const PLAIN: [(&Stage, Variant); 32] = [
-    (&appearance::STAGE, NO_VARIANT),
-    (&convolve::STAGE, NO_VARIANT),
-    (&convolve::STAGE, convolve::variant(true, false)),
-    (&even::STAGE, NO_VARIANT),
-    (&evidence::STAGE, NO_VARIANT),
-    (&exposure::STAGE, NO_VARIANT),
-    (&fuse::STAGE, NO_VARIANT),
-    (&ingest::STAGE, NO_VARIANT),
-    (&ingest::STAGE, ingest::SRGB),
-    (&linearise::STAGE, NO_VARIANT),
-    (&linearise::STAGE, linearise::ANY_KERNEL),
-    (&linearise::STAGE, linearise::WARPED),
-    (&linearise::STAGE, linearise::JUDGED),
-    (&prolong::STAGE, NO_VARIANT),
-    (&relax::STAGE, NO_VARIANT),
-    (&relax::STAGE, relax::FIRST),
-    (&relax_level::STAGE, NO_VARIANT),
-    (&residual::STAGE, NO_VARIANT),
-    (&residual::STAGE, linearise::ANY_KERNEL),
-    (&residual::STAGE, linearise::WARPED),
-    (&shape::STAGE, NO_VARIANT),
-    (&shape_median::STAGE, NO_VARIANT),
-    (&shape_windows::STAGE, NO_VARIANT),
-    (&sides::STAGE, NO_VARIANT),
-    (&sides::STAGE, linearise::ANY_KERNEL),
-    (&sides::STAGE, linearise::WARPED),
-    (&step::STAGE, NO_VARIANT),
-    (&step::STAGE, sums::PROJECTIVE),
-    (&subdivide::STAGE, NO_VARIANT),
-    (&uncertainty::STAGE, NO_VARIANT),
-    (&update::STAGE, NO_VARIANT),
-    (&warp::STAGE, NO_VARIANT),
-];
-
-/// The compiled stages, each and each variant once: those of most solves at the start, others when first asked for.
+/// The compiled stages, each and each variant once, when it is first asked for: a sweep takes other ones than a pair.
 pub(crate) struct Pipelines {
     compiled: Mutex<HashMap<(&'static str, Variant), Arc<Pipeline>>>,
     device: Arc<Device>,
 }
 
 impl Pipelines {
-    pub(crate) fn new(device: &Arc<Device>) -> Result<Self, Error> {
-        let pipelines = Self { compiled: Mutex::default(), device: device.clone() };
-        for (stage, variant) in PLAIN {
-            pipelines.get(stage, variant)?;
-        }
-        Ok(pipelines)
+    pub(crate) fn new(device: &Arc<Device>) -> Self {
+        Self { compiled: Mutex::default(), device: device.clone() }
     }
 
     /// A variant of a stage.
@@ -131,6 +91,35 @@ impl Pipelines {
 mod tests {
     use super::*;
     use crate::engine::vulkan::{Access, Kind};
+
+    const STAGES: [&Stage; 26] = [
+        &align::STAGE,
+        &appearance::STAGE,
+        &convolve::STAGE,
+        &copy::STAGE,
+        &even::STAGE,
+        &evidence::STAGE,
+        &exposure::STAGE,
+        &fuse::STAGE,
+        &half_pair::STAGE,
+        &ingest::STAGE,
+        &joint_system::STAGE,
+        &linearise::STAGE,
+        &mask::STAGE,
+        &prolong::STAGE,
+        &relax::STAGE,
+        &relax_level::STAGE,
+        &residual::STAGE,
+        &shape::STAGE,
+        &shape_median::STAGE,
+        &shape_windows::STAGE,
+        &sides::STAGE,
+        &step::STAGE,
+        &subdivide::STAGE,
+        &uncertainty::STAGE,
+        &update::STAGE,
+        &warp::STAGE,
+    ];
 
     /// What a line of a shader declares: a binding's number and how it is bound.
     fn declared(line: &str) -> Option<(usize, Kind, Access)> {
@@ -151,7 +140,7 @@ mod tests {
 
     #[test]
     fn stages_bind_what_their_shaders_declare_and_as_they_declare_it() {
-        for stage in PLAIN.into_iter().map(|(stage, _)| stage).chain([&copy::STAGE, &mask::STAGE]) {
+        for stage in STAGES {
             let name = stage.shader.name;
             let text = std::fs::read_to_string(format!("{}/glsl/{name}.comp", env!("CARGO_MANIFEST_DIR"))).unwrap();
             let mut found: Vec<_> = text.lines().filter_map(declared).collect();
