@@ -204,6 +204,7 @@ fn clipping_is_told() {
 fn a_sweep_has_its_frames_focus_and_truth() {
     let desk = Desk::new();
     let moved = ["--breathing", "5", "--drift", "4", "--rotation", "0.3", "--gain-drift", "5", "--blur-rate", "0.5"];
+    let moved = [&moved[..], &["--vignetting", "6"]].concat();
     for scene in ["plane", "relief", "steps", "cylinders", "card", "blocks", "bars"] {
         let truth =
             desk.simulate(scene, &[&["--frames", "5", "--size", "48x32", "--noise", "0.005"][..], &moved].concat());
@@ -218,6 +219,7 @@ fn a_sweep_has_its_frames_focus_and_truth() {
             let (gain, undone) = (&told["exposure"]["gain"], &told["photometric"]["gain"]);
             assert!((gain.as_f64().unwrap() - (0.95 + 0.025 * k as f64)).abs() < 1e-12);
             assert!((gain.as_f64().unwrap() * undone.as_f64().unwrap() - 1.0).abs() < 1e-12);
+            assert!((told["vignetting"].as_f64().unwrap() - 0.03 * (k as f64 - 2.0)).abs() < 1e-12);
         }
         assert_eq!((&truth["reference"], &truth["blur_rate_px2"]), (&2.into(), &0.5.into()));
         let of = |k: usize, what: &str| truth["frames"][k]["transform"][what].as_f64().unwrap();
@@ -246,6 +248,7 @@ fn what_is_no_sweep_is_refused() {
         ("plane", five(&["--breathing", "21"]), "breathing"),
         ("plane", five(&["--drift", "-1"]), "drift"),
         ("plane", five(&["--gain-drift", "nan"]), "gain drift"),
+        ("plane", five(&["--vignetting", "51"]), "vignetting"),
         ("plane", five(&["--blur-rate", "0"]), "blur rate"),
         ("plane", five(&["--blur-rate", "100"]), "largest variance"),
         ("plane", five(&["--range", "2"]), "--range"),

@@ -139,7 +139,7 @@ Results of a pair, all or none:
 Results of a sweep, all or none:
   frame_01.png ...   the frames in the order of their focus, 16 bits
   focus.exr          the setting, from 0 for the first frame, at which each pixel of the middle frame is in focus
-  truth.json         of each frame position, T, gain and offset (which map it onto the middle one); c; what was asked
+  truth.json         of each frame position, T, gain and offset (which map it onto the middle one), vignetting; c; what was asked
 
 Intensities lie in 0.05 to 0.95 before exposure and noise, so that --i2-gain 0.9 --i2-offset 0.05 clips nothing.
 
@@ -349,7 +349,7 @@ fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
             a.i2_gain != 1.0 || a.i2_offset != 0.0,
             is_pair,
             "--i2-gain and --i2-offset",
-            "pairs; a sweep has --gain-drift",
+            "pairs; a sweep has --gain-drift and --vignetting",
         ),
     ] {
         if given && !applies {

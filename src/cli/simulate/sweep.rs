@@ -28,6 +28,9 @@ pub(super) struct SweepArguments {
     /// How far the gain drifts, evenly, to either side of the middle frame's, -50 to 50 % [default: 0]
     #[arg(long, value_name = "PERCENT", help_heading = SWEEP, requires = "frames", allow_negative_numbers = true)]
     gain_drift: Option<f64>,
+    /// By how much the corners of the last frame are darker than the middle frame's, and those of the first brighter, -50 to 50 % [default: 0]
+    #[arg(long, value_name = "PERCENT", help_heading = SWEEP, requires = "frames", allow_negative_numbers = true)]
+    vignetting: Option<f64>,
 }
 
 const SWEEP: &str = "Focus sweep";
@@ -50,6 +53,7 @@ impl SweepArguments {
             drift: self.drift.unwrap_or(2.0),
             rotation: rotation.unwrap_or(ROTATION).to_radians(),
             gain_drift: self.gain_drift.unwrap_or(0.0) / 100.0,
+            vignetting: self.vignetting.unwrap_or(0.0) / 100.0,
             ..sweep
         })
     }

@@ -257,14 +257,21 @@ impl Scene {
 
     /// I1, image 0, or I2, image 1.
     fn exposed(&self, image: usize, planes: &[Vec<f64>]) -> Result<Frame, Error> {
-        self.expose(image, if image == 0 { Exposure::default() } else { self.exposure }, planes)
+        self.expose(image, if image == 0 { Exposure::default() } else { self.exposure }, |_| 1.0, planes)
     }
 
-    /// Contrast, exposure and the noise of the image of this number; channels are interleaved.
-    fn expose(&self, image: usize, Exposure { gain, offset }: Exposure, planes: &[Vec<f64>]) -> Result<Frame, Error> {
+    /// Contrast, `light` at each pixel, exposure and the noise of the image of this number; channels are interleaved.
+    fn expose(
+        &self,
+        image: usize,
+        Exposure { gain, offset }: Exposure,
+        light: impl Fn(usize) -> f64,
+        planes: &[Vec<f64>],
+    ) -> Result<Frame, Error> {
         let mut random = Random::new(self.seed, 10 + image as u64);
         let mut samples = Vec::with_capacity(planes.len() * planes[0].len());
         for i in 0..planes[0].len() {
+            let gain = gain * light(i);
             for plane in planes {
                 let intensity = 0.5 + self.contrast * (plane[i] - 0.5);
                 let noise = if self.noise > 0.0 { self.noise * random.normal() } else { 0.0 };

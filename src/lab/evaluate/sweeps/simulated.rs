@@ -1,4 +1,4 @@
-//! A simulated sweep that breathes, drifts, turns and brightens.
+//! A simulated sweep that breathes, drifts, turns, brightens and vignettes.
 
 use super::truth::{judged, solved};
 use crate::around::focus_stack::Sweep;
@@ -27,13 +27,14 @@ pub(super) fn section(bench: &mut Bench) -> Section {
         drift: 10.0,
         rotation: 0.3f64.to_radians(),
         gain_drift: 0.05,
+        vignetting: 0.06,
         ..SweepScene::new(scene, FRAMES)
     };
     let name = format!("{}, {FRAMES} frames", asked.scene.name);
     bench.say(&format!("sweeps: {name}"));
     let case = case(bench, &asked, name.clone()).unwrap_or_else(|e| Case::failed(name, e));
-    let what = "A rendered sweep that breathes by 5 %, drifts by 10 px, turns by 0.3° and brightens by ±5 %, noise 0.005, \
-                by default settings: where the worst frame is put at a corner, and the focus, 16 px along the border left \
+    let what = "A rendered sweep that breathes by 5 %, drifts by 10 px, turns by 0.3°, brightens by ±5 % and vignettes \
+                by ±6 %, noise 0.005, by default settings: where the worst frame is put at a corner, and the focus, 16 px along the border left \
                 out."
         .to_string();
     Section { name: "Simulated sweep", what, cases: vec![case] }

@@ -63,6 +63,8 @@ pub struct FrameTruth {
     pub photometric: Photometric,
     /// What was done to it, `I ← gain I + offset`.
     pub exposure: Exposure,
+    /// By how much its corners were darkened against the reference's, which grows with the squared distance from the middle.
+    pub vignetting: f64,
 }
 
 impl SweepTruth {
@@ -77,6 +79,7 @@ impl SweepTruth {
             transform: shot.transform,
             photometric: shot.exposure.photometric(),
             exposure: shot.exposure,
+            vignetting: shot.vignetting,
         });
         Self {
             scene: scene.name.clone(),

@@ -24,7 +24,7 @@ use super::shape::{Surface, share_of};
 use super::view::View;
 use super::{Exposure, Scene, Shape, range};
 use crate::base::random::Random;
-use crate::base::{Error, Frame, Lens, Similarity};
+use crate::base::{Error, Frame, Lens, Similarity, centre};
 
 /// A description from which a focus sweep is rendered; [`SweepScene::new`] gives one to change.
 ///
@@ -55,6 +55,9 @@ pub struct SweepScene {
     pub rotation: f64,
     /// The gain rises evenly, by at most this above or below that of the reference; -0.5 to 0.5.
     pub gain_drift: f64,
+    /// The corners of the last frame are by this darker than the reference's, those of the first brighter, evenly between; the middle of a
+    /// frame is not. -0.5 to 0.5.
+    pub vignetting: f64,
 }
 
 /// What is true of one frame.
@@ -66,6 +69,8 @@ pub struct Shot {
     pub transform: Similarity,
     /// How it was exposed against the reference.
     pub exposure: Exposure,
+    /// By how much its corners are darker than the reference's, once the exposure is undone; less by the squared distance from the middle.
+    pub vignetting: f64,
 }
 
 /// A rendered sweep, and the truth about it.
@@ -97,7 +102,7 @@ impl SweepScene {
     /// blurred by σ 6 px at the other.
     pub fn new(scene: Scene, frames: usize) -> Self {
         let blur_rate = (END / (frames.max(2) - 1) as f64).powi(2);
-        Self { scene, frames, blur_rate, breathing: 0.0, drift: 0.0, rotation: 0.0, gain_drift: 0.0 }
+        Self { scene, frames, blur_rate, breathing: 0.0, drift: 0.0, rotation: 0.0, gain_drift: 0.0, vignetting: 0.0 }
     }
 
     /// Checks every range.
@@ -118,7 +123,8 @@ impl SweepScene {
         range("breathing", self.breathing, -0.2, 0.2)?;
         range("drift", self.drift, 0.0, 1000.0)?;
         range("rotation over the sweep", self.rotation, -0.5, 0.5)?;
-        range("gain drift", self.gain_drift, -0.5, 0.5)
+        range("gain drift", self.gain_drift, -0.5, 0.5)?;
+        range("vignetting", self.vignetting, -0.5, 0.5)
     }
 
     /// The frame on whose pixels the truth is: the middle one.
@@ -138,8 +144,9 @@ impl SweepScene {
             let [tx, ty] = place(k);
             let transform = Similarity { tx: tx - x, ty: ty - y, rotation, scale };
             // The reference is in the middle, or half a step behind it: at most 1 on either side.
-            let gain = 1.0 + self.gain_drift * (k - reference) / reference;
-            Shot { position: k, transform, exposure: Exposure { gain, offset: 0.0 } }
+            let aside = (k - reference) / reference;
+            let exposure = Exposure { gain: 1.0 + self.gain_drift * aside, offset: 0.0 };
+            Shot { position: k, transform, exposure, vignetting: self.vignetting * aside }
         };
         (0..self.frames).map(|k| of(k as f64)).collect()
     }
@@ -155,7 +162,7 @@ impl SweepScene {
         let seen = self.seen(&shots)?;
         let frame = |k: usize| {
             let shot = &shots[k];
-            self.scene.expose(k, shot.exposure, &self.planes(shot, &seen, &surface)?)
+            self.scene.expose(k, shot.exposure, self.light(shot), &self.planes(shot, &seen, &surface)?)
         };
         let frames = (0..self.frames).map(frame).collect::<Result<_, _>>()?;
         let width = self.scene.width as usize;
@@ -190,6 +197,14 @@ impl SweepScene {
     fn deviations(&self, shot: &Shot, focus: &[f64]) -> Vec<f64> {
         let over = shot.transform.scale * self.blur_rate.sqrt();
         focus.iter().map(|u| over * (shot.position - u)).collect()
+    }
+
+    /// What vignetting leaves at each pixel of a frame.
+    fn light(&self, shot: &Shot) -> impl Fn(usize) -> f64 + use<> {
+        let (width, amount) = (self.scene.width as usize, shot.vignetting);
+        let [x, y] = centre(self.scene.width, self.scene.height);
+        let squared = move |i: usize| ((i % width) as f64 - x).powi(2) + ((i / width) as f64 - y).powi(2);
+        move |i| 1.0 - amount * squared(i) / squared(0)
     }
 
     /// The channels of one frame.

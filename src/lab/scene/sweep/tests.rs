@@ -80,6 +80,20 @@ fn the_ends_of_a_scene_with_a_lens_are_its_pair() {
     }
 }
 
+/// The pixels of the reference, darker towards the corners of the last frame and brighter towards those of the first.
+#[test]
+fn corners_darken_from_frame_to_frame() {
+    let even = SweepScene { blur_rate: 1e-9, ..eleven(Preset::Plane) };
+    let (found, plain) = (SweepScene { vignetting: 0.06, ..even.clone() }.render().unwrap(), even.render().unwrap());
+    assert_eq!(found.frames[5], plain.frames[5]);
+    for (k, corner) in [(0, 1.06), (10, 0.94)] {
+        let factor = |i: usize| floats(&found.frames[k])[i] / floats(&plain.frames[k])[i];
+        assert!((factor(0) - corner).abs() < 1e-6 && (factor(70 * 40 - 1) - corner).abs() < 1e-6, "frame {k}");
+        // Half-way to the corner, a quarter.
+        assert!(((factor(10 * 70 + 17) - 1.0) / (corner - 1.0) - 0.25).abs() < 0.02, "frame {k}");
+    }
+}
+
 #[test]
 fn the_seed_decides_and_every_frame_has_its_own_noise() {
     let mut sweep = SweepScene { drift: 3.0, ..eleven(Preset::Relief) };
@@ -108,6 +122,7 @@ fn what_cannot_be_rendered_says_which_field() {
         (SweepScene { breathing: 0.3, ..plane() }, "breathing"),
         (SweepScene { drift: f64::NAN, ..plane() }, "drift"),
         (SweepScene { gain_drift: 1.0, ..plane() }, "gain drift"),
+        (SweepScene { vignetting: -0.6, ..plane() }, "vignetting"),
         (eleven(Preset::HalfGaussianDots), "no depth to sweep through"),
     ] {
         let problem = sweep.render().unwrap_err().to_string();
