@@ -1,5 +1,6 @@
 //! How well focus sweeps are solved: what is demanded of them, measured, by default settings and beside shape from focus; and how sharp the fused image is.
 
+mod flat;
 mod fused;
 mod generated;
 mod simulated;
@@ -12,7 +13,7 @@ use super::section::Section;
 
 /// Measures everything.
 pub(super) fn run(bench: &mut Bench, data: &Path) -> Vec<Section> {
-    vec![generated::section(bench, data), simulated::section(bench), fused::section(bench, data)]
+    vec![generated::section(bench, data), simulated::section(bench), flat::section(bench), fused::section(bench, data)]
 }
 
 /// The heading in the report.
