@@ -15,7 +15,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use parfocal::regular;
 use toml::{Spanned, Value};
 
-use super::failure::{Failure, nearest};
+use super::failure::{self, Failure, nearest};
 use super::headings::INPUT;
 
 /// The most bytes that are read, 1 MiB.
@@ -71,7 +71,8 @@ struct Entry {
 /// program on an error in the arguments themselves.
 pub(super) fn matches(command: &Command, arguments: Vec<OsString>) -> Result<(ArgMatches, Origin), Failure> {
     let Some((given, name, file)) = asked(command, &arguments) else {
-        return Ok((command.clone().get_matches_from(arguments), Origin::default()));
+        let matches = command.clone().try_get_matches_from(arguments);
+        return Ok((matches.unwrap_or_else(|error| failure::exit(error)), Origin::default()));
     };
     let wrap = |problem: String| Failure::Usage(problem);
     let mut built = command.clone();
@@ -93,7 +94,7 @@ pub(super) fn matches(command: &Command, arguments: Vec<OsString>) -> Result<(Ar
     all.splice(place..place, injected);
     match command.clone().try_get_matches_from(all) {
         Ok(matches) => Ok((matches, origin)),
-        Err(error) => Err(origin.blame(&error).unwrap_or_else(|| error.exit())),
+        Err(error) => Err(origin.blame(&error).unwrap_or_else(|| failure::exit(error))),
     }
 }
 
@@ -125,7 +126,7 @@ fn read(file: &Path) -> Result<Vec<Entry>, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
     let text = regular::text(file, MAX_BYTES).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => failed("is too long for a configuration; `parfocal config` prints one".to_string()),
-        _ => failed(format!("cannot be read as a configuration ({e}){}", super::failure::did_you_mean(file))),
+        _ => failed(format!("cannot be read as a configuration ({e}){}", failure::did_you_mean(file))),
     })?;
     parse(&text).map_err(|(line, problem)| Failure::Usage(format!("{}:{line}: {problem}", file.display())))
 }

@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::process::ExitCode;
 
+use clap::error::ContextValue;
 use parfocal::{Error, image_io};
 
 /// Why a subcommand failed.
@@ -59,6 +60,31 @@ impl From<Error> for Failure {
             _ => Self::Failed(message),
         }
     }
+}
+
+/// Ends the program as clap does: help on stdout, what is wrong with the arguments on stderr.
+pub(super) fn exit(error: clap::Error) -> ! {
+    if error.use_stderr() {
+        let _ = io::stderr().write_all(in_lines(error).as_bytes());
+        std::process::exit(2);
+    }
+    error.exit()
+}
+
+/// What clap says of arguments, in its own lines: those that were typed break none.
+fn in_lines(mut error: clap::Error) -> String {
+    let typed = error.context().filter_map(|(kind, value)| match value {
+        ContextValue::String(text) => Some((kind, ContextValue::String(plain(text)))),
+        ContextValue::StyledStrs(hints) => {
+            Some((kind, ContextValue::StyledStrs(hints.iter().map(|hint| plain(&hint.to_string()).into()).collect())))
+        }
+        _ => None,
+    });
+    for (kind, value) in typed.collect::<Vec<_>>() {
+        error.insert(kind, value);
+    }
+    // What a value's own parser and the usage quote.
+    error.render().to_string().split('\n').map(plain).collect::<Vec<_>>().join("\n")
 }
 
 /// Folds line breaks, which paths and decoders may bring along.

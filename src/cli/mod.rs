@@ -89,7 +89,7 @@ pub fn main() -> ExitCode {
     match config::matches(&command(), std::env::args_os().collect()) {
         Err(failure) => failure.report(),
         Ok((matches, origin)) => {
-            let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|e| e.exit());
+            let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|e| failure::exit(e));
             run(cli.command)
                 .map_err(|failure| origin.locate(failure))
                 .map_or_else(Failure::report, |()| ExitCode::SUCCESS)

@@ -154,13 +154,13 @@ fn whatever_call_fails_is_told_of_and_the_next_engine_solves() {
     let functions: BTreeSet<_> = usual.calls.iter().map(|call| call.name).collect();
     testing::note(
         "calls that fail",
-        &format!("{tried} of {} calls of {} functions", usual.calls.len(), functions.len()),
+        &format!("{tried} failures, of {} calls of {} functions", usual.calls.len(), functions.len()),
     );
 }
 
 /// What the driver makes of it is the driver's: lavapipe 22.3.6 loses a command for which it has no memory and ends the recording as
-/// if all were well, and later ends the program by SIGSEGV; whether in the driver or in the layer is not traced. Here it counts that
-/// what is told of is told of well.
+/// if all were well, and later ends the program by SIGSEGV (`docs/reliability.md` says where). Here it counts that what is told of is
+/// told of well.
 #[test]
 #[ignore = "tells of drivers more than of this crate: tools/trust runs it"]
 fn host_memory_that_runs_out_is_told_of() {

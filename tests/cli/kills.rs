@@ -61,6 +61,12 @@ impl Scene {
         command.args(&self.command).output().unwrap()
     }
 
+    /// The command, by strace, which injects something into calls of this name.
+    fn struck(&self, call: &str, injection: &str) -> Output {
+        let (trace, inject) = (format!("trace={call}"), format!("inject={call}:{injection}"));
+        self.program(&["strace", "-f", "-qq", "-e", "signal=none", "-o", "/dev/null", "-e", &trace, "-e", &inject])
+    }
+
     fn must(&self, arguments: &[&str]) {
         let program = assert_cmd::cargo::cargo_bin("parfocal");
         let done = Command::new(program).current_dir(self.desk.path()).args(arguments).output().unwrap();
@@ -175,21 +181,7 @@ fn a_program_that_is_killed_anywhere_leaves_one_set_whole_or_says_that_it_does_n
         for (call, count) in tried(scene.points().into_iter()) {
             scene.restore();
             let what = format!("killed at {call} {count}");
-            let inject = format!("inject={call}:signal=KILL:when={count}");
-            let by = [
-                "strace",
-                "-f",
-                "-qq",
-                "-e",
-                "signal=none",
-                "-o",
-                "/dev/null",
-                "-e",
-                &format!("trace={call}"),
-                "-e",
-                &inject,
-            ];
-            let ended = scene.program(&by);
+            let ended = scene.struck(&call, &format!("signal=KILL:when={count}"));
             assert!(!ended.status.success() || scene.judge(&what) == Held::New, "{what}");
             *held.entry(scene.judge(&what)).or_default() += 1;
             scene.recovers(&what);
@@ -210,21 +202,7 @@ fn a_disk_that_fails_anywhere_leaves_one_set_whole_or_says_that_it_does_not() {
             for (error, when) in [("EIO", ""), ("ENOSPC", "+")] {
                 scene.restore();
                 let what = format!("{error} at {call} {count}{when}");
-                let inject = format!("inject={call}:error={error}:when={count}{when}");
-                let by = [
-                    "strace",
-                    "-f",
-                    "-qq",
-                    "-e",
-                    "signal=none",
-                    "-o",
-                    "/dev/null",
-                    "-e",
-                    &format!("trace={call}"),
-                    "-e",
-                    &inject,
-                ];
-                let ended = scene.program(&by);
+                let ended = scene.struck(&call, &format!("error={error}:when={count}{when}"));
                 let told = String::from_utf8_lossy(&ended.stderr);
                 let left = scene.judge(&what);
                 assert!(ended.status.code().is_some_and(|code| code < 2), "{what}: {} {told}", ended.status);

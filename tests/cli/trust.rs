@@ -192,6 +192,18 @@ fn what_others_named_commands_no_terminal() {
     let solve = ["solve", "gone\x1b[2J.png", "i2.png", "-o", "out\x1b[2J"];
     desk.refuses(&solve, &[r"gone\u{1b}[2J.png: there is no such file"]);
     assert!(!told(&desk.run(&solve)).contains('\x1b'));
+    // Nor what is no argument at all.
+    let typed = "x\x1b[2J\nerror: y\u{9b}1m";
+    let [option, value] = [format!("--{typed}"), format!("--sweeps={typed}")];
+    for arguments in
+        [&[typed][..], &["solve", &option], &["solve", &value], &["--", typed], &["solve", "a", "b", typed]]
+    {
+        let output = desk.run(arguments);
+        let told_of = told(&output);
+        assert_eq!(output.status.code(), Some(2), "{told_of}");
+        assert!(told_of.contains(r"x\u{1b}[2J\nerror: y\u{9b}1m"), "{told_of}");
+        assert!(!told_of.contains(['\x1b', '\u{9b}']) && told_of.matches("\nerror").count() == 0, "{told_of}");
+    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! case, and every case given by its number, so that a finding is found again.
 
 use std::fs::{self, File};
-use std::io::{Read, Write};
+use std::io::Write;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -54,6 +54,8 @@ fn parent(test: &str, target: &Target, cases: u64) -> Vec<String> {
     while first < cases && findings.len() < 20 {
         let desk = desk();
         let told = format!("{}\n{first}\n{cases}\n{}", target.name, desk.path().display());
+        // Into a file: a pipe that nobody reads would stop the child once panics that were caught have filled it.
+        let said = desk.path().join("said");
         let mut child = Command::new("sh")
             .args(["-c", &format!("ulimit -v {MEMORY}; ulimit -c 0; exec \"$0\" \"$@\"")])
             .arg(std::env::current_exe().unwrap())
@@ -61,17 +63,18 @@ fn parent(test: &str, target: &Target, cases: u64) -> Vec<String> {
             // An arena for each thread takes 64 MiB of addresses.
             .env("MALLOC_ARENA_MAX", "1")
             .env(CHILD, told)
+            .env("RUST_BACKTRACE", "0")
             .stdout(Stdio::null())
-            .stderr(Stdio::piped())
+            .stderr(File::create(&said).unwrap())
             .spawn()
             .unwrap();
         let ended = watched(&mut child, desk.path());
         let last = progress(desk.path()).unwrap_or(first);
         if ended != "done" {
-            let mut said = String::new();
-            child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+            let said = fs::read_to_string(said).unwrap();
+            let last_said = said.trim().rsplit("\n\n").next().unwrap_or_default();
             let kept = keep(target, last);
-            findings.push(format!("{} {last}: {ended}: {} ({})", target.name, said.trim(), kept.display()));
+            findings.push(format!("{} {last}: {ended}: {last_said} ({})", target.name, kept.display()));
         }
         let slow = fs::read_to_string(desk.path().join("findings")).unwrap_or_default();
         findings.extend(slow.lines().map(String::from));

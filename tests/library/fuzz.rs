@@ -5,7 +5,8 @@ use std::fs;
 use std::io::Cursor;
 use std::path::Path;
 
-use image::{DynamicImage, ImageBuffer, ImageFormat};
+use image::codecs::{jpeg::JpegEncoder, png::PngEncoder};
+use image::{DynamicImage, ExtendedColorType, ImageBuffer, ImageEncoder, ImageFormat};
 use parfocal::export::{self, Solved, SolvedSweep};
 use parfocal::image_io::{self, Photograph};
 
@@ -58,10 +59,54 @@ fn encoded(formats: &[ImageFormat]) -> Vec<Vec<u8>> {
     formats.iter().flat_map(|format| pictures().into_iter().filter_map(move |p| write(&p, *format))).collect()
 }
 
+/// A picture as a camera and an editor leave it: EXIF, and a profile, which JPEG holds as it is and PNG packed.
+fn described(mut encoder: impl ImageEncoder) {
+    use exif::{Field, In, Rational, Tag, Value};
+    let ratio = |num, denom| Value::Rational(vec![Rational { num, denom }]);
+    let fields = [
+        (Tag::Make, Value::Ascii(vec![b"Maker".to_vec()])),
+        (Tag::Model, Value::Ascii(vec![b"Maker 1".to_vec()])),
+        (Tag::Orientation, Value::Short(vec![6])),
+        (Tag::FocalLength, ratio(1000, 10)),
+        (Tag::FNumber, ratio(56, 10)),
+        (Tag::SubjectDistance, ratio(125, 100)),
+        (Tag::FocalPlaneXResolution, ratio(2540, 1)),
+        (Tag::ColorSpace, Value::Short(vec![1])),
+    ];
+    let fields = fields.map(|(tag, value)| Field { tag, ifd_num: In::PRIMARY, value });
+    let (mut writer, mut said) = (exif::experimental::Writer::new(), Cursor::new(Vec::new()));
+    fields.iter().for_each(|field| writer.push_field(field));
+    writer.write(&mut said, false).unwrap();
+    encoder.set_exif_metadata(said.into_inner()).unwrap();
+    encoder.set_icc_profile(moxcms::ColorProfile::new_display_p3().encode().unwrap()).unwrap();
+    encoder.write_image(&pixels(3, |i| i as u8), SIZE[0], SIZE[1], ExtendedColorType::Rgb8).unwrap();
+}
+
+fn png() -> Vec<Vec<u8>> {
+    let mut bytes = Vec::new();
+    described(PngEncoder::new(&mut bytes));
+    [encoded(&[ImageFormat::Png]), vec![bytes]].concat()
+}
+
+fn jpeg() -> Vec<Vec<u8>> {
+    let mut bytes = Vec::new();
+    described(JpegEncoder::new(&mut bytes));
+    [encoded(&[ImageFormat::Jpeg]), vec![bytes]].concat()
+}
+
 /// Grey and colour, by each way to compress them.
 fn exr() -> Vec<Vec<u8>> {
+    use exr::image::write::channels::WritableChannels;
     use exr::prelude::*;
-    let [w, h] = SIZE.map(|side| side as usize);
+
+    fn layer(encoding: Encoding, channels: impl for<'a> WritableChannels<'a>) -> Vec<u8> {
+        let size = SIZE.map(|side| side as usize);
+        let layer = Layer::new((size[0], size[1]), LayerAttributes::default(), encoding, channels);
+        let mut bytes = Cursor::new(Vec::new());
+        Image::from_layer(layer).write().to_buffered(&mut bytes).unwrap();
+        bytes.into_inner()
+    }
+
     let value = |at: Vec2<usize>, n: usize| ((at.0 * 3 + at.1 * n) % 17) as f32 / 4.0 - 2.0;
     let compressions = [
         Compression::Uncompressed,
@@ -74,20 +119,9 @@ fn exr() -> Vec<Vec<u8>> {
     let mut files = Vec::new();
     for compression in compressions {
         let encoding = Encoding { compression, ..Encoding::FAST_LOSSLESS };
-        let gray = SpecificChannels::build().with_channel("Y").with_pixel_fn(|at| (value(at, 5),));
-        let color = SpecificChannels::rgb(|at| (value(at, 1), f16::from_f32(value(at, 2)), value(at, 3)));
-        let mut bytes = Cursor::new(Vec::new());
-        Image::from_layer(Layer::new((w, h), LayerAttributes::default(), encoding, gray))
-            .write()
-            .to_buffered(&mut bytes)
-            .unwrap();
-        files.push(bytes.into_inner());
-        let mut bytes = Cursor::new(Vec::new());
-        Image::from_layer(Layer::new((w, h), LayerAttributes::default(), encoding, color))
-            .write()
-            .to_buffered(&mut bytes)
-            .unwrap();
-        files.push(bytes.into_inner());
+        let gray = SpecificChannels::build().with_channel("Y").with_pixel_fn(move |at| (value(at, 5),));
+        let color = SpecificChannels::rgb(move |at| (value(at, 1), f16::from_f32(value(at, 2)), value(at, 3)));
+        files.extend([layer(encoding, gray), layer(encoding, color)]);
     }
     files
 }
@@ -169,8 +203,8 @@ fn whatever_a_file_holds_it_is_read_or_refused() {
     ];
     let hostile = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hostile/dwaa_abort.exr")).unwrap();
     let targets = [
-        target("png", "photograph.png", encoded(&[ImageFormat::Png]), photograph as fn(&Path)),
-        target("jpeg", "photograph.jpg", encoded(&[ImageFormat::Jpeg]), photograph),
+        target("png", "photograph.png", png(), photograph as fn(&Path)),
+        target("jpeg", "photograph.jpg", jpeg(), photograph),
         target("tiff", "photograph.tif", tiff(), photograph),
         target("pnm", "photograph.pnm", [encoded(&[ImageFormat::Pnm]), pnm].concat(), photograph),
         target("exr", "photograph.exr", [exr(), vec![hostile]].concat(), photograph),

@@ -104,7 +104,8 @@ fn soak(pairs: usize) {
     }
     let (before, after) = (before.unwrap(), Held::now());
     assert_eq!(bits(&solve(&engine, &frames(0)).unwrap()), first, "other results at the end");
-    trust::note("pairs soaked", format!("{pairs}: {before:?} after {warm} pairs, {after:?} at the end"));
+    let said = |Held { memory, threads, files }| format!("{memory} KiB, {threads} threads, {files} files");
+    trust::note("pairs soaked", format!("{pairs}: {} after {warm} pairs, {} at the end", said(before), said(after)));
     assert!(after.memory <= before.memory + SLACK, "{before:?}, {after:?}");
     assert!(after.threads <= before.threads && after.files <= before.files, "{before:?}, {after:?}");
 }

@@ -1,8 +1,9 @@
 //! Where results go, and what may be replaced there.
 
-use std::fs;
+use std::io::ErrorKind;
 use std::path::Path;
 
+use super::journal::look;
 use super::kind::FileKind;
 use super::listed::Listed;
 use crate::base::Error;
@@ -105,7 +106,13 @@ impl Guard {
 
     /// Refuses a place that is taken by what must not be replaced.
     pub(crate) fn check(&self, path: &Path) -> Result<(), Error> {
-        let Ok(found) = fs::symlink_metadata(path) else { return Ok(()) };
+        let found = match look(path) {
+            Ok(Some(found)) => found,
+            Ok(None) => return Ok(()),
+            // There is no folder: making it tells.
+            Err(e) if e.kind() == ErrorKind::NotADirectory => return Ok(()),
+            Err(e) => return Err(Error::file(path, format!("cannot be looked at ({e}); check the disk"))),
+        };
         let refuse = |problem: &str| Err(Error::file(path, problem));
         if path.is_dir() {
             return refuse("is a folder where a result should go; move it away");

@@ -32,7 +32,7 @@ pub(super) struct Folder {
 impl Folder {
     /// Waits for those who write there; what killed programs have left half written is removed.
     pub(super) fn make(path: &Path, writers: Writers) -> Result<Self, Error> {
-        let missing = path.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists());
+        let missing = path.ancestors().take_while(|p| !p.as_os_str().is_empty() && p.try_exists().is_ok_and(|is| !is));
         let made = missing.map(Path::to_path_buf).collect();
         let mut folder = Self { path: path.to_path_buf(), made, handle: None };
         temporary::note(folder.noted());

@@ -7,7 +7,7 @@
 //! are throughout, and the folder stays the same one, for whoever has it open.
 
 use std::ffi::OsStr;
-use std::fs::{self, File};
+use std::fs::{self, File, Metadata};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
@@ -43,10 +43,10 @@ impl Journal {
     /// Brings a folder in order in which a program was ended: the report says which results stand.
     pub(super) fn recover(folder: &Path, report: &str) -> io::Result<()> {
         let journal = Self::of(folder, report);
-        if !fs::symlink_metadata(&journal.aside).is_ok_and(|found| found.is_dir()) {
+        if !look(&journal.aside)?.is_some_and(|found| found.is_dir()) {
             return Ok(());
         }
-        let stands = journal.report().exists() && Unfinished::of(folder, report).is_none();
+        let stands = look(&journal.report())?.is_some() && journal.unfinished()?.is_none();
         if stands { journal.finish() } else { journal.roll_back() }
     }
 
@@ -57,6 +57,12 @@ impl Journal {
 
     fn report(&self) -> PathBuf {
         self.folder.join(&self.report)
+    }
+
+    /// The list, if it stands in the place of the report.
+    fn unfinished(&self) -> io::Result<Option<Unfinished>> {
+        step()?;
+        Unfinished::of(&self.report())
     }
 
     /// Moves a file out of the way, if it is there. The list must stand in the place of the report.
@@ -79,7 +85,7 @@ impl Journal {
 
     /// The earlier results come back, and what is new goes.
     pub(super) fn roll_back(self) -> io::Result<()> {
-        for name in Unfinished::of(&self.folder, &self.report).unwrap_or_default().new {
+        for name in self.unfinished()?.unwrap_or_default().new {
             step()?;
             unless_missing(fs::remove_file(self.folder.join(name)))?;
         }
@@ -92,8 +98,9 @@ impl Journal {
         }
         // The report is the last: until then the folder is known as unfinished.
         let earlier = self.aside.join(&self.report);
+        let is_there = look(&earlier)?.is_some();
         step()?;
-        if earlier.exists() {
+        if is_there {
             fs::rename(&earlier, self.report())?
         } else {
             unless_missing(fs::remove_file(self.report()))?
@@ -107,7 +114,16 @@ fn unless_missing(done: io::Result<()>) -> io::Result<()> {
     done.or_else(|e| if e.kind() == ErrorKind::NotFound { Ok(()) } else { Err(e) })
 }
 
-/// Comes before each change of a folder; a test makes it fail.
+/// What there is of this name. Where the disk cannot say, neither can we: what is taken for missing is removed, or lost.
+pub(super) fn look(path: &Path) -> io::Result<Option<Metadata>> {
+    step()?;
+    match fs::symlink_metadata(path) {
+        Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+        found => found.map(Some),
+    }
+}
+
+/// Comes before each look at a folder and each change of it; a test makes it fail.
 fn step() -> io::Result<()> {
     #[cfg(test)]
     fault::step()?;

@@ -2,13 +2,15 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::{self, ErrorKind};
 use std::path::{Component, Path};
 
 use serde_json::{Value, json};
 
 use super::metric::DEPTH_FILE;
-use super::results::read_report;
+use super::results::{MAX_BYTES, read_report};
 use super::{EXTRA_FILES, FILES, FUSED_FLOAT_FILE, PAGE_FILE, SWEEP_FILES};
+use crate::files::regular;
 
 /// The files of a synthetic pair; `depth.exr` only where the scene has a lens.
 pub const SIMULATED_FILES: [&str; 5] = ["i1.png", "i2.png", "relative_blur.exr", "depth.exr", "truth.json"];
@@ -33,11 +35,15 @@ impl Unfinished {
         format!("{list:#}\n")
     }
 
-    /// The one that stands in the place of this report, if one does.
-    pub(super) fn of(folder: &Path, report: &str) -> Option<Self> {
-        let found = read_report(&folder.join(report)).ok()?;
+    /// The one that stands in the place of this report, if one does. What cannot be read may be one.
+    pub(super) fn of(report: &Path) -> io::Result<Option<Self>> {
+        let text = match regular::text(report, MAX_BYTES) {
+            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
+            text => text?,
+        };
+        let Ok(found) = serde_json::from_str::<Value>(&text) else { return Ok(None) };
         let names = |key: &str| strings(&found[key]).filter(|name| is_plain(name)).map(String::from).collect();
-        found.get(UNFINISHED).map(|_| Self { files: names("files"), new: names("new") })
+        Ok(found.get(UNFINISHED).map(|_| Self { files: names("files"), new: names("new") }))
     }
 }
 

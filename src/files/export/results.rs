@@ -9,7 +9,7 @@ use crate::base::{Error, Frame};
 use crate::files::{image_io, regular};
 
 /// The most bytes of a report that are read, 16 MiB: one with every level and iteration at its limit takes under 1 MiB.
-const MAX_BYTES: u64 = 16 << 20;
+pub(super) const MAX_BYTES: u64 = 16 << 20;
 
 /// What [`write()`](super::write()) put into a folder, as far as pictures need it.
 #[derive(Clone, Debug, PartialEq)]

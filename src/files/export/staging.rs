@@ -1,7 +1,7 @@
 //! Files that appear together: written under temporary names, renamed at the end.
 
 use std::ffi::OsStr;
-use std::fs::{self, File};
+use std::fs::{self, File, Metadata};
 use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use tempfile::NamedTempFile;
 use super::destination::{Destination, Guard};
 use super::folder::{Folder, Writers};
 use super::hashes::{Hash, Hashes};
-use super::journal::Journal;
+use super::journal::{Journal, look};
 use super::kind::FileKind;
 use super::listed::{Listed, Unfinished};
 use super::temporary;
@@ -138,12 +138,12 @@ impl Staging {
     fn rename(&mut self) -> Result<(), Error> {
         let mut new = Vec::new();
         for (file, path) in std::mem::take(&mut self.written) {
-            let replaces = path.exists();
+            let is_new = look(&path).is_ok_and(|found| found.is_none());
             if let Err(e) = file.persist(&path) {
                 new.iter().for_each(|path: &PathBuf| drop(fs::remove_file(path)));
                 return Err(self.cannot_be_replaced(&path, &e.error));
             }
-            if !replaces {
+            if is_new {
                 new.push(path);
             }
         }
@@ -205,9 +205,8 @@ impl Staging {
             Stale::Named(names) => names.iter().any(|n| n == name),
         };
         let paths = self.guard.listed.files().filter(goes).map(|name| self.folder.path.join(name));
-        let is_file = |path: PathBuf| match fs::symlink_metadata(&path) {
-            Ok(found) => found.is_file().then_some(Ok(path)),
-            Err(e) if e.kind() == io::ErrorKind::NotFound => None,
+        let is_file = |path: PathBuf| match look(&path) {
+            Ok(found) => found.filter(Metadata::is_file).map(|_| Ok(path)),
             Err(e) => Some(Err((path, e))),
         };
         paths.filter_map(is_file).collect()
@@ -216,7 +215,12 @@ impl Staging {
     /// Puts in the place of the report, which stands for the whole, the list of all files, old and new.
     fn announce(&self, journal: &Journal, report: &Path) -> io::Result<()> {
         let names = self.names();
-        let new = names.iter().filter(|name| !self.folder.path.join(name).exists()).cloned().collect();
+        let mut new = Vec::new();
+        for name in &names {
+            if look(&self.folder.path.join(name))?.is_none() {
+                new.push(name.clone());
+            }
+        }
         let files = self.guard.listed.files().map(String::from).chain(names).collect();
         let mut file = temporary::file(&self.folder.path)?;
         file.write_all(Unfinished { files, new }.text().as_bytes())?;
@@ -273,7 +277,7 @@ mod tests {
     }
 
     fn written(out: &Path, report: &str, names: &[&str]) -> Result<(), String> {
-        let mut staging = Staging::anew(out.into(), report).unwrap();
+        let mut staging = Staging::anew(out.into(), report).map_err(|e| e.to_string())?;
         for name in names {
             staging.add(name, |w| w.write_all(b"new").map_err(|e| e.to_string())).unwrap();
         }
@@ -321,13 +325,19 @@ mod tests {
         (base, earlier)
     }
 
-    #[test]
-    fn a_disk_that_fails_anywhere_leaves_the_earlier_results_or_the_new() {
+    /// How many steps it takes to write others, and what there is then.
+    fn steps_to_new() -> (usize, Vec<(String, String)>) {
         let (base, _) = with_results();
         fault::at(0..0);
         written(base.path(), "report.json", &["b", "c"]).unwrap();
         let (steps, new) = (fault::at(0..0), contents(base.path()));
-        assert!(steps > 6 && new.len() == 4, "{new:?}");
+        assert!(steps > 16 && new.len() == 4, "{steps} {new:?}");
+        (steps, new)
+    }
+
+    #[test]
+    fn a_disk_that_fails_anywhere_leaves_the_earlier_results_or_the_new() {
+        let (steps, new) = steps_to_new();
         for n in 0..steps {
             // Once: the earlier results come back.
             let (base, earlier) = with_results();
@@ -354,15 +364,16 @@ mod tests {
 
     #[test]
     fn a_recovery_that_fails_is_made_up_for_by_the_next() {
-        for n in 0..8 {
+        let (steps, new) = steps_to_new();
+        for (begun, n) in (0..steps).flat_map(|begun| (0..12).map(move |n| (begun, n))) {
             let (base, earlier) = with_results();
-            fault::at(5..usize::MAX);
-            written(base.path(), "report.json", &["b", "c"]).unwrap_err();
+            fault::at(begun..usize::MAX);
+            let stands = written(base.path(), "report.json", &["b", "c"]).is_ok();
             fault::at(n..n + 1);
             let recovered = anew(base.path()).is_ok();
             fault::at(0..0);
             drop(anew(base.path()).unwrap());
-            assert_eq!(contents(base.path()), earlier, "{n} {recovered}");
+            assert_eq!(contents(base.path()), if stands { &new } else { &earlier }[..], "{begun} {n} {recovered}");
         }
     }
 
