@@ -12,7 +12,7 @@ use crate::engine::slot::{self, Slot};
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{
-    NO_VARIANT, appearance, ingest, linearise, mask, prolong, relax, relax_level, step, sums, update,
+    NO_VARIANT, appearance, convolve, ingest, linearise, mask, prolong, relax, relax_level, step, sums, system, update,
 };
 use crate::engine::tiles::Wanted;
 use crate::engine::vulkan::Variant;
@@ -87,6 +87,8 @@ fn groups(level: &Level, over: Over) -> [u32; 3] {
         Over::Tiles => level.tiles(),
         Over::Half => relax::tiles(level.size),
         Over::Pixels => update::STAGE.groups(level.size),
+        Over::AlongX => convolve::groups(level.size, false),
+        Over::AlongY => convolve::groups(level.size, true),
         Over::One => [1, 1, 1],
     }
 }
@@ -144,7 +146,7 @@ impl<'a> Composer<'a> {
     pub(super) fn finish(self, registered: usize) -> Script {
         let grids = self.plan.pyramid[..self.plan.solved]
             .iter()
-            .map(|level| [Over::Tiles, Over::Half, Over::Pixels].map(|over| groups(level, over)));
+            .map(|level| Over::GRIDS.map(|over| groups(level, over)));
         let arguments = arguments::at_the_start(&grids.collect::<Vec<_>>(), &self.warps);
         Script { parts: self.parts, registered, arguments, tiles: self.lists }
     }
@@ -288,8 +290,12 @@ impl<'a> Composer<'a> {
             }
             self.linearise(level, k);
             self.step(level, &plan.step(level, k));
-            self.relaxation(level);
-            self.update(level, &plan.update(level, k));
+            // The last only says where the others have led.
+            if k + 1 < plan.settings.outer_iterations {
+                self.system(level, &plan.system(level, k), NO_VARIANT);
+                self.relaxation(level);
+                self.update(level, &plan.update(level, k));
+            }
         }
         self.end_level(level);
     }
@@ -354,8 +360,7 @@ impl<'a> Composer<'a> {
             i1: slot::i1(level.index).read(),
             v: slot::relative_blur(level.index).read(),
             stacks: slot::STACKS.read(),
-            right_sides: slot::RIGHT_SIDES.write(),
-            weights: slot::WEIGHTS.write(),
+            equations: slot::NORMAL_EQUATIONS.write(),
             state: slot::STATE.read(),
             partials: slot::PARTIALS.write(),
             masks: slot::masks(level.index).read(),
@@ -375,6 +380,20 @@ impl<'a> Composer<'a> {
         let variant = if self.plan.sums_all(level) { sums::PROJECTIVE } else { NO_VARIANT };
         self.within(level, Over::One, bindings, constants, variant);
         self.place = self.place.after_step();
+    }
+
+    /// The linear system for dV, or for du, by what the photographs say over a window.
+    pub(super) fn system(&mut self, level: &Level, constants: &system::Constants, variant: Variant) {
+        self.smooth_equations(level, system::layers(variant));
+        let bindings = system::Bindings {
+            unknown: slot::relative_blur(level.index).read(),
+            equations: slot::NORMAL_EQUATIONS.read(),
+            right_sides: slot::RIGHT_SIDES.write(),
+            weights: slot::WEIGHTS.write(),
+            partials: slot::PARTIALS.write(),
+            state: slot::STATE.read(),
+        };
+        self.within(level, Over::Pixels, bindings, constants, variant);
     }
 
     /// dV by red-black sweeps: two passes each, or one pass for all where the level is small.

@@ -54,9 +54,15 @@ pub const BLOCK: u32 = 20;
 pub const WEIGHTS: usize = 4096;
 
 /// Width and height of the grid of a filter along x, or along y.
-pub(crate) fn grid(c: &Constants) -> [u32; 2] {
-    let spans = c.length.div_ceil(SPAN);
-    if c.vertical == 1 { [c.breadth, spans] } else { [spans, c.breadth] }
+fn grid(length: u32, breadth: u32, vertical: bool) -> [u32; 2] {
+    let spans = length.div_ceil(SPAN);
+    if vertical { [breadth, spans] } else { [spans, breadth] }
+}
+
+/// Workgroups of a filter along one axis of an image of this size.
+pub(crate) fn groups([width, height]: [u32; 2], vertical: bool) -> [u32; 3] {
+    let (length, breadth) = if vertical { (height, width) } else { (width, height) };
+    STAGE.groups(grid(length, breadth, vertical))
 }
 
 /// The variant for filters of more than one block, and for those that add; and where tiles are listed.

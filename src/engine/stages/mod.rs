@@ -17,7 +17,6 @@ pub mod half_pair;
 #[cfg(test)]
 pub(crate) mod harness;
 pub mod ingest;
-pub mod joint_system;
 pub mod linearise;
 pub mod mask;
 pub(crate) mod memory;
@@ -38,6 +37,7 @@ pub mod state;
 pub mod step;
 pub mod subdivide;
 pub mod sums;
+pub mod system;
 pub mod uncertainty;
 pub mod update;
 pub mod warp;
@@ -65,7 +65,7 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
 }
 
 /// The stages, and the variants of them, that solves of pairs without masked pixels take.
-const PLAIN: [(&Stage, Variant); 32] = [
+const PLAIN: [(&Stage, Variant); 33] = [
     (&appearance::STAGE, NO_VARIANT),
     (&convolve::STAGE, NO_VARIANT),
     (&convolve::STAGE, convolve::variant(true, false)),
@@ -95,6 +95,7 @@ const PLAIN: [(&Stage, Variant); 32] = [
     (&step::STAGE, NO_VARIANT),
     (&step::STAGE, sums::PROJECTIVE),
     (&subdivide::STAGE, NO_VARIANT),
+    (&system::STAGE, NO_VARIANT),
     (&uncertainty::STAGE, NO_VARIANT),
     (&update::STAGE, NO_VARIANT),
     (&warp::STAGE, NO_VARIANT),
