@@ -3,22 +3,10 @@
 //! A mean of the frames about the focus would be as sharp only where the focus is known to a tenth of a step: on the heat sink it had 0.95 of
 //! the sharpest frame's variance of the Laplacian in a third of the tiles of 32 px, one frame has it in more than 99 %.
 
-use crate::around::resample::{brightened, in_rows, luminance};
-use crate::base::{Brightness, Decode, Frame, Homography, centre};
-
-/// Where the frames of a sweep lie.
-pub(super) struct Placed<'a> {
-    pub(super) transforms: &'a [Homography],
-    pub(super) brightness: &'a [Brightness],
-    /// In steps.
-    pub(super) positions: &'a [f64],
-}
-
-/// Where each pixel of the reference is in focus, filled in where nothing tells, and its standard deviation, steps.
-pub(super) struct Found<'a> {
-    pub(super) focus: &'a [f32],
-    pub(super) deviation: &'a [f32],
-}
+use super::focused::Focused;
+use super::laplacian::squared_laplacian;
+use crate::around::resample::{in_rows, luminance};
+use crate::base::{Homography, centre};
 
 /// Pixels of a cell along either side, of which one frame is chosen.
 const CELL: usize = 2;
@@ -68,35 +56,36 @@ impl Chosen {
 }
 
 /// The frame of the greatest `ln(e + g) - (p - u)²/2σ²` at each cell, e the mean squared Laplacian around, g what says nothing.
-pub(super) fn choose(
-    frames: &[Frame],
-    placed: &Placed<'_>,
-    reference: usize,
-    found: &Found<'_>,
-    decode: Decode,
-) -> Chosen {
-    let size = [frames[0].width() as usize, frames[0].height() as usize];
-    let [columns, rows] = cells(size);
-    let mut best = vec![(f32::NEG_INFINITY, reference as u16); columns * rows];
-    let grain = GRAIN + NOISE * Energies::of(&frames[reference], placed, reference, decode).least();
-    for (n, frame) in frames.iter().enumerate() {
-        let energies = Energies::of(frame, placed, n, decode);
-        in_rows(&mut best, columns, |y, row| {
-            for (x, best) in row.iter_mut().enumerate() {
-                let Some(energy) = energies.at([x, y]) else { continue };
-                let i = CELL * (y * size[0] + x);
-                // Comparisons that NaN fails.
-                let told = if found.deviation[i] < MOST_DEVIATION { found.deviation[i] } else { MOST_DEVIATION };
-                let (u, deviation) = (found.focus[i], told.max(LEAST_DEVIATION));
-                let away = if u.is_nan() { 0.0 } else { (placed.positions[n] as f32 - u) / deviation };
-                let score = (energy + grain).ln() - 0.5 * away * away;
-                if score > best.0 {
-                    *best = (score, n as u16);
-                }
-            }
-        });
+pub(super) fn choose(sweep: &Focused<'_>) -> Chosen {
+    let [columns, rows] = cells(sweep.size());
+    // A byte a pixel and frame.
+    let energies: Vec<Energies> = (0..sweep.frames.len()).map(|n| Energies::of(sweep, n)).collect();
+    let grain = GRAIN + NOISE * energies[sweep.reference].least();
+    let mut frames = vec![0; columns * rows];
+    in_rows(&mut frames, columns, |y, row| {
+        for (x, frame) in row.iter_mut().enumerate() {
+            *frame = best(sweep, &energies, grain, [x, y]);
+        }
+    });
+    Chosen { frames, columns, rows }
+}
+
+/// The frame of a cell; the reference where none shows it.
+fn best(sweep: &Focused<'_>, energies: &[Energies], grain: f32, [x, y]: [usize; 2]) -> u16 {
+    let i = CELL * (y * sweep.size()[0] + x);
+    let (u, told) = (sweep.found.focus[i], sweep.found.deviation[i]);
+    // A comparison that NaN fails.
+    let deviation = if told < MOST_DEVIATION { told.max(LEAST_DEVIATION) } else { MOST_DEVIATION };
+    let mut best = (f32::NEG_INFINITY, sweep.reference as u16);
+    for (n, energies) in energies.iter().enumerate() {
+        let Some(energy) = energies.at([x, y]) else { continue };
+        let away = if u.is_nan() { 0.0 } else { (sweep.positions[n] as f32 - u) / deviation };
+        let score = (energy + grain).ln() - 0.5 * away * away;
+        if score > best.0 {
+            best = (score, n as u16);
+        }
     }
-    Chosen { frames: best.into_iter().map(|(_, frame)| frame).collect(), columns, rows }
+    best.1
 }
 
 fn cells([width, height]: [usize; 2]) -> [usize; 2] {
@@ -113,10 +102,9 @@ struct Energies {
 }
 
 impl Energies {
-    fn of(frame: &Frame, placed: &Placed<'_>, n: usize, decode: Decode) -> Self {
-        let size = [frame.width() as usize, frame.height() as usize];
-        let values = luminance(brightened(frame, &placed.brightness[n], decode), frame.format().channels);
-        let transform = placed.transforms[n];
+    fn of(sweep: &Focused<'_>, n: usize) -> Self {
+        let (size, transform) = (sweep.size(), sweep.found.transforms[n]);
+        let values = luminance(sweep.values(n), sweep.channels());
         let values = smoothed(&in_cells(&squared_laplacian(&values, size), size), cells(size));
         Self { values, size, transform, scale: transform.scale().powi(4) as f32 }
     }
@@ -151,21 +139,6 @@ impl Energies {
         let (upper, lower) = (line(y), line(below));
         Some(self.scale * (upper + fy * (lower - upper)))
     }
-}
-
-/// At each pixel; border pixels go on beyond the border.
-fn squared_laplacian(values: &[f32], [width, height]: [usize; 2]) -> Vec<f32> {
-    let mut squares = vec![0.0; values.len()];
-    in_rows(&mut squares, width, |y, squares| {
-        let row = |y: usize| &values[y.min(height - 1) * width..][..width];
-        let (above, own, below) = (row(y.saturating_sub(1)), row(y), row(y + 1));
-        for x in 0..width {
-            let beside = own[x.saturating_sub(1)] + own[(x + 1).min(width - 1)];
-            let laplacian = above[x] + below[x] + beside - 4.0 * own[x];
-            squares[x] = laplacian * laplacian;
-        }
-    });
-    squares
 }
 
 /// The mean of each cell; one that reaches over the border has its last pixels twice.

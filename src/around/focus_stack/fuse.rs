@@ -1,34 +1,25 @@
 //! The all-in-focus image: each pixel from the frame that was chosen for it, read by a cubic spline; frames meet softly, over two px.
 
-use super::choose::{Found, Placed, choose};
-use crate::around::resample::{Spline, brightened, in_rows};
-use crate::base::{Channels, Decode, Frame, Homography, centre};
+use super::choose::choose;
+use super::focused::Focused;
+use crate::around::resample::{Spline, in_rows};
+use crate::base::{Homography, centre};
 
 /// The all-in-focus image on the reference's pixels.
 pub(super) struct Fused {
     /// Interleaved, with the reference's white at 1.
     pub(super) values: Vec<f32>,
-    pub(super) channels: Channels,
     /// The frame that each pixel is of, from 0.
     pub(super) frames: Vec<u16>,
 }
 
 /// Of one frame at a time: two images of floats are held besides the result.
-pub(super) fn fuse(
-    frames: &[Frame],
-    placed: &Placed<'_>,
-    reference: usize,
-    found: &Found<'_>,
-    decode: Decode,
-) -> Fused {
-    let channels = frames[reference].format().channels;
-    let count = channels.count() as usize;
-    let size @ [width, height] = [frames[0].width() as usize, frames[0].height() as usize];
-    let chosen = choose(frames, placed, reference, found, decode);
+pub(super) fn fuse(sweep: &Focused<'_>) -> Fused {
+    let (size @ [width, height], count) = (sweep.size(), sweep.channels().count() as usize);
+    let chosen = choose(sweep);
     let mut values = vec![0.0f32; width * height * count];
-    for (n, frame) in frames.iter().enumerate().filter(|(n, _)| chosen.has(*n)) {
-        let own = brightened(frame, &placed.brightness[n], decode);
-        let image = Moved::new(own, count, placed.transforms[n], size);
+    for n in (0..sweep.frames.len()).filter(|n| chosen.has(*n)) {
+        let image = Moved::new(sweep.values(n), count, sweep.found.transforms[n], size);
         in_rows(&mut values, width * count, |y, row| {
             let mut read = [0.0; 3];
             for (x, pixel) in row.chunks_exact_mut(count).enumerate() {
@@ -41,7 +32,7 @@ pub(super) fn fuse(
         });
     }
     let places = (0..height).flat_map(|y| (0..width).map(move |x| [x, y]));
-    Fused { values, channels, frames: places.map(|place| chosen.frame(place)).collect() }
+    Fused { values, frames: places.map(|place| chosen.frame(place)).collect() }
 }
 
 /// A frame, read at the reference's pixels.
@@ -84,7 +75,8 @@ impl Moved {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::Brightness;
+    use crate::base::{Brightness, Decode, Frame};
+    use crate::engine::Focus;
 
     #[test]
     fn each_pixel_is_of_the_sharpest_frame_and_depth_decides_where_none_is() {
@@ -100,15 +92,16 @@ mod tests {
             Frame::gray(width, height, (0..width * height).map(value).collect()).unwrap()
         };
         let frames = [frame(0), frame(1)];
-        let placed = Placed {
-            transforms: &[Homography::IDENTITY; 2],
-            brightness: &[Brightness::unchanged([width, height]); 2],
-            positions: &[0.0, 1.0],
-        };
         let pixels = (width * height) as usize;
-        let focus: Vec<f32> = (0..pixels).map(|i| if i / 48 < 20 { f32::NAN } else { 1.0 }).collect();
-        let found = Found { focus: &focus, deviation: &vec![0.1; pixels] };
-        let fused = fuse(&frames, &placed, 0, &found, Decode::None);
+        let found = Focus {
+            focus: (0..pixels).map(|i| if i / 48 < 20 { f32::NAN } else { 1.0 }).collect(),
+            deviation: vec![0.1; pixels],
+            transforms: vec![Homography::IDENTITY; 2],
+            brightness: vec![Brightness::unchanged([width, height]); 2],
+            rate: 1.0,
+        };
+        let (frames, positions, decode) = (&frames, &[0.0, 1.0], Decode::None);
+        let fused = fuse(&Focused { frames, reference: 0, positions, found: &found, decode });
         let at = |x: usize, y: usize| fused.values[y * width as usize + x];
         assert_eq!([[8, 8], [40, 8], [8, 31]].map(|[x, y]| fused.frames[y * width as usize + x]), [0, 1, 1]);
         assert!((at(8, 8) - 0.7).abs() < 1e-6 && (at(9, 8) - 0.3).abs() < 1e-6, "{} {}", at(8, 8), at(9, 8));

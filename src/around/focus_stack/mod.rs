@@ -5,7 +5,9 @@
 
 mod beyond;
 mod choose;
+mod focused;
 mod fuse;
+mod laplacian;
 mod order;
 mod part;
 mod position;
@@ -123,15 +125,14 @@ fn solve_whole(
     let (width, height) = (frames[0].width(), frames[0].height());
     let mut solver = SweepSolver::new(engine, [width, height], frames[0].format(), frames.len(), &options.settings)?;
     let found = solver.solve(frames, &counted, reference, say)?;
-    let (counts, filled, deviations) = (known(&found), found.focus, found.deviation);
-    let (transforms, brightness) = (found.transforms, found.brightness);
-    let placed = choose::Placed { transforms: &transforms, brightness: &brightness, positions: &counted };
-    let told = choose::Found { focus: &filled, deviation: &deviations };
-    let fused = fuse::fuse(frames, &placed, reference, &told, options.settings.decode);
+    let decode = options.settings.decode;
+    let focused = focused::Focused { frames, reference, positions: &counted, found: &found, decode };
+    let (fused, fused_channels) = (fuse::fuse(&focused), focused.channels());
+    let counts = known(&found);
     let beyond = beyond::sides(&counts, (frames.len() - 1) as f64, found.rate);
     let within = counts.iter().zip(&beyond).map(|(&u, &side)| if side == 0 { u } else { f32::NAN });
     let focus: Vec<f32> = within.map(|u| (settings[0] + step * f64::from(u)) as f32).collect();
-    let uncertainty: Vec<f32> = deviations.iter().map(|&s| (step.abs() * f64::from(s)) as f32).collect();
+    let uncertainty: Vec<f32> = found.deviation.iter().map(|&s| (step.abs() * f64::from(s)) as f32).collect();
     Ok(Sweep {
         width,
         height,
@@ -141,17 +142,17 @@ fn solve_whole(
         focus,
         uncertainty,
         beyond,
-        fused_channels: fused.channels,
+        fused_channels,
         fused: fused.values,
         frames: fused.frames.iter().map(|n| n + 1).collect(),
         reference,
         positions: settings,
         unit: options.positions.unit(),
         stated: options.positions.clone(),
-        transforms,
-        brightness,
+        transforms: found.transforms,
+        brightness: found.brightness,
         blur_rate: found.rate / (step * step),
-        decode: options.settings.decode,
+        decode,
         order: (0..frames.len()).collect(),
         warnings: Vec::new(),
     })

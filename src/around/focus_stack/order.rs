@@ -3,6 +3,7 @@
 //! Through a sweep every place becomes sharper up to one frame and less sharp from it on. A frame that stands in the wrong place breaks that
 //! at most places; it is found as the frame whose move mends most of it. A sweep taken backwards is as good.
 
+use super::laplacian::squared_laplacian;
 use crate::around::resample::luminance;
 use crate::base::{Decode, Frame};
 
@@ -102,15 +103,13 @@ fn halved(values: &[f32], [width, height]: [usize; 2]) -> (Vec<f32>, [usize; 2])
     (pairs.collect(), size)
 }
 
-fn at_places(values: &[f32], [width, height]: [usize; 2]) -> Vec<f32> {
+/// Without the border, at which a part of the Laplacian is missing.
+fn at_places(values: &[f32], size @ [width, height]: [usize; 2]) -> Vec<f32> {
+    let squares = squared_laplacian(values, size);
     let mut sums = vec![(0.0f32, 0.0f32); PLACES * PLACES];
-    for y in 1..height - 1 {
-        for x in 1..width - 1 {
-            let i = y * width + x;
-            let laplacian = values[i - 1] + values[i + 1] + values[i - width] + values[i + width] - 4.0 * values[i];
-            let place = &mut sums[y * PLACES / height * PLACES + x * PLACES / width];
-            *place = (place.0 + laplacian * laplacian, place.1 + 1.0);
-        }
+    for (y, x) in (1..height - 1).flat_map(|y| (1..width - 1).map(move |x| (y, x))) {
+        let place = &mut sums[y * PLACES / height * PLACES + x * PLACES / width];
+        *place = (place.0 + squares[y * width + x], place.1 + 1.0);
     }
     sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
 }

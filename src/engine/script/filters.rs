@@ -147,12 +147,21 @@ impl Composer<'_> {
         let source = if first { stack(from) } else { SCRATCH };
         self.convolve([source, stack(layer)], &x, along_x, false);
         self.convolve([stack(layer), SCRATCH], &y, along_y, false);
-        let list = self.list(subdivide::STAGE.workgroup.map(|side| 2 * side), REACH);
-        let grid = list.map_or_else(|| self.grid(subdivide::STAGE.groups([half_width, half_height])), |(_, grid)| grid);
+        let tile = subdivide::STAGE.workgroup.map(|side| 2 * side);
+        let (grid, list) = self.extent(tile, subdivide::STAGE.groups([half_width, half_height]));
         let tiles = slot::TILES.read();
         let bindings = subdivide::Bindings { coarse: slot::SCRATCH.read(), fine: slot::STACKS.write(), tiles };
-        let constants = subdivide::Constants { width, height, layer, listed: list.map_or(0, |(first, _)| first) };
+        let constants = subdivide::Constants { width, height, layer, listed: list.unwrap_or(0) };
         self.dispatch(bindings, &constants, subdivide::variant(list.is_some()), grid);
+    }
+
+    /// What a filter runs over: the tiles of so many pixels that come near what is wanted, and where their list begins; so many workgroups
+    /// if everything is.
+    fn extent(&mut self, tile: [u32; 2], groups: [u32; 3]) -> (Grid, Option<u32>) {
+        match self.list(tile, REACH) {
+            Some((first, grid)) => (grid, Some(first)),
+            None => (self.grid(groups), None),
+        }
     }
 
     /// A filter along x into the scratch image, then one along y, from a layer of an image to one, in its place or added.
@@ -182,7 +191,6 @@ impl Composer<'_> {
     ) {
         let [width, height] = convolve::tile(vertical == 1);
         let tile = if vertical == 1 { [across * width, along * height] } else { [along * width, across * height] };
-        let list = self.list(tile, REACH);
         let constants = convolve::Constants {
             length,
             breadth,
@@ -195,8 +203,10 @@ impl Composer<'_> {
             radius,
             add: u32::from(add),
             period: period.max(1) as f32,
-            listed: list.map_or(0, |(first, _)| first),
+            listed: 0,
         };
+        let (grid, list) = self.extent(tile, convolve::STAGE.groups(convolve::grid(&constants)));
+        let constants = convolve::Constants { listed: list.unwrap_or(0), ..constants };
         let variant = convolve::variant(add || blocks > 1, list.is_some());
         let bindings = convolve::Bindings {
             from: from.read(),
@@ -204,7 +214,6 @@ impl Composer<'_> {
             filters: slot::filters(bank).read(),
             tiles: slot::TILES.read(),
         };
-        let grid = list.map_or_else(|| self.grid(convolve::STAGE.groups(convolve::grid(&constants))), |(_, grid)| grid);
         self.dispatch(bindings, &constants, variant, grid);
     }
 }
