@@ -11,7 +11,7 @@ layout(constant_id = 2) const bool SWEEP = false;
 layout(binding = 0, r32f) uniform readonly image2DArray unknown;
 layout(binding = 1, r32f) uniform readonly image2DArray normal_equations; // D, b; of a sweep q: over a window
 layout(binding = 2, r32f) uniform writeonly image2DArray right_sides;     // layer 0: red, layer 1: black
-layout(binding = 3, rgba32f) uniform writeonly image2DArray weights;      // likewise; right, left, down, up
+layout(binding = 3, rgba16f) uniform writeonly image2DArray weights;      // likewise; right, left, down, up
 layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
 layout(binding = 5, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {

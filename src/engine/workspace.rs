@@ -76,7 +76,7 @@ fn images(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Image>
         (Slot::Scratch, plan.size, 1, Texel::One),
         (Slot::NormalEquations, plan.size, linearise::LAYERS, Texel::One),
         (Slot::RightSides, half, 2, Texel::One),
-        (Slot::Weights, half, 2, Texel::Four),
+        (Slot::Weights, half, 2, Texel::FourHalf),
         (Slot::Change { color: 0 }, half, 1, Texel::One),
         (Slot::Change { color: 1 }, half, 1, Texel::One),
         (Slot::Evidence, evidence::size(plan.size), evidence::LAYERS as u32, Texel::One),

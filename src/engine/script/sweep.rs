@@ -3,7 +3,6 @@
 use super::Script;
 use super::compose::Composer;
 use crate::base::color::LUMINANCE;
-use crate::engine::arguments::Grid;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::{self, Slot};
 use crate::engine::stages::{NO_VARIANT, align, copy, half_pair, prolong, system, update};

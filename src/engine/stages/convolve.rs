@@ -53,16 +53,10 @@ pub const BLOCK: u32 = 20;
 /// Weights of all filters at most: the 16 KiB that every device allows a uniform buffer.
 pub const WEIGHTS: usize = 4096;
 
-/// Width and height of the grid of a filter along x, or along y.
-fn grid(length: u32, breadth: u32, vertical: bool) -> [u32; 2] {
+/// Workgroups of a filter along x, or along y, over so many pixels along it and across it.
+pub(crate) fn groups([length, breadth]: [u32; 2], vertical: bool) -> [u32; 3] {
     let spans = length.div_ceil(SPAN);
-    if vertical { [breadth, spans] } else { [spans, breadth] }
-}
-
-/// Workgroups of a filter along one axis of an image of this size.
-pub(crate) fn groups([width, height]: [u32; 2], vertical: bool) -> [u32; 3] {
-    let (length, breadth) = if vertical { (height, width) } else { (width, height) };
-    STAGE.groups(grid(length, breadth, vertical))
+    STAGE.groups(if vertical { [breadth, spans] } else { [spans, breadth] })
 }
 
 /// The variant for filters of more than one block, and for those that add; and where tiles are listed.
@@ -193,8 +187,7 @@ mod tests {
         let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 << 16]));
         let resources =
             [Resource::Image(&from), Resource::Image(&to), Resource::Uniform(&weights), Resource::Buffer(&tiles)];
-        let [x, y] = grid(&constants);
-        let groups = STAGE.groups([x, y]);
+        let groups = groups([constants.length, constants.breadth], vertical);
         let zeros = Field::zeros(expected.width, expected.height);
         if constants.blocks == 1 {
             rig.run_groups(&STAGE, &resources, &constants, groups);
