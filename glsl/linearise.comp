@@ -1,5 +1,5 @@
 #version 460
-// The fused blur-and-derivative pass: V, I1, I2, T to S1, S2, their derivatives, the weights, the linear system for dV, and
+// The fused blur-and-derivative pass: V, I1, I2, T to S1, S2, their derivatives, the weights, D and b of each pixel, and
 // the registration integrals. Equations 22 to 32 and 23. Twin: src/engine/stages/linearise.rs.
 //
 // An invocation goes down two columns side by side, a red and a black pixel a line, and keeps the lines around in
@@ -20,11 +20,10 @@ layout(constant_id = 3) const bool WARPED = false;
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 2, r32f) uniform readonly image2DArray stacks;         // of I1, then of I2
-layout(binding = 3, r32f) uniform writeonly image2DArray right_sides;   // layer 0: red, layer 1: black
-layout(binding = 4, rgba32f) uniform writeonly image2DArray weights;    // likewise; right, left, down, up
-layout(binding = 5, std430) readonly buffer StateBuffer { State state; };
-layout(binding = 6, std430) writeonly buffer Partials { float partials[]; };
-layout(binding = 7, r32f) uniform readonly image2DArray masks;          // of I1, of I2
+layout(binding = 3, r32f) uniform writeonly image2DArray normal_equations; // D, b
+layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
+layout(binding = 5, std430) writeonly buffer Partials { float partials[]; };
+layout(binding = 6, r32f) uniform readonly image2DArray masks;          // of I1, of I2
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
@@ -160,40 +159,22 @@ Data data_term(Registration r, float v, Seen seen, float share, vec2 d) {
                 first * psi1 + second * psi2, r.gain * seen.j.gradient, r.gain * seen.b2.gradient);
 }
 
-struct Equation {
-    float right_side;
-    vec4 weights;                    // of the right, left, lower and upper neighbour
-};
-
-// The pixel's equation for dV; what it adds to the sums.
-Equation equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, Data t, inout Sums sums) {
+// D and b of the pixel, and what it adds to the sums, for which what holds V is its own smoothness.
+vec2 equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, Data t, inout Sums sums) {
+    if (!valid) return vec2(0.0);
     bvec4 exists = bvec4(x.x + 1 < width, x.x > 0, x.y + 1 < height, x.y > 0);
     vec4 a = mix(vec4(0.0), 0.5 * continuation * state.alpha * (relative.phi + relative.phis), exists);
-    float smoothness = a.x + a.y + a.z + a.w;
-    float right_side = dot(a, relative.around - relative.v);
-    float diagonal = 0.0;
-    if (valid) {
-        diagonal = t.w1 * t.d1 * t.d1 + t.w2 * t.d2 * t.d2;
-        float b = t.w1 * t.s1 * t.d1 + t.w2 * t.s2 * t.d2;
-        right_side -= b;
-        float over = 1.0 / max(diagonal + elimination * smoothness, 1e-12);
-        vec2 q = t.w2 * t.d2 * t.j2 - t.w1 * t.d1 * t.j1;
-        vec3 n = product(t.w1, t.j1) + product(t.w2, t.j2) - product(over, q);
-        vec2 g = t.w2 * t.s2 * t.j2 - t.w1 * t.s1 * t.j1 + right_side * over * q;
-        add_pixel(sums, n, g, t.energy + share * state.alpha / relative.phi, p / length, share);
-        float square = 1.0 / (relative.phi * relative.phi) - smoothness_eta * smoothness_eta;
-        sums.roughness += share * vec2(sqrt(abs(b)), sqrt(max(square, 0.0)));
-    }
-    float over = 1.0 / max(diagonal + smoothness, 1e-12);
-    return Equation(right_side * over, a * over);
-}
-
-// A red and a black pixel beside each other.
-void store(ivec2 h, Equation red, Equation black) {
-    imageStore(right_sides, ivec3(h, 0), vec4(red.right_side));
-    imageStore(right_sides, ivec3(h, 1), vec4(black.right_side));
-    imageStore(weights, ivec3(h, 0), red.weights);
-    imageStore(weights, ivec3(h, 1), black.weights);
+    float d = t.w1 * t.d1 * t.d1 + t.w2 * t.d2 * t.d2;
+    float b = -(t.w1 * t.s1 * t.d1 + t.w2 * t.s2 * t.d2);
+    float right_side = b + dot(a, relative.around - relative.v);
+    float over = 1.0 / max(d + elimination * (a.x + a.y + a.z + a.w), 1e-12);
+    vec2 q = t.w2 * t.d2 * t.j2 - t.w1 * t.d1 * t.j1;
+    vec3 n = product(t.w1, t.j1) + product(t.w2, t.j2) - product(over, q);
+    vec2 g = t.w2 * t.s2 * t.j2 - t.w1 * t.s1 * t.j1 + right_side * over * q;
+    add_pixel(sums, n, g, t.energy + share * state.alpha / relative.phi, p / length, share);
+    float square = 1.0 / (relative.phi * relative.phi) - smoothness_eta * smoothness_eta;
+    sums.roughness += share * vec2(sqrt(abs(b)), sqrt(max(square, 0.0)));
+    return vec2(d, b);
 }
 
 void main() {
@@ -204,8 +185,7 @@ void main() {
     ivec2 size = ivec2(width, height);
     vec2 centre = vec2(centre_x, centre_y);
     Blur blur = Blur(size, nodes, vec2(mean_x, mean_y));
-    ivec2 h = ivec2(gl_GlobalInvocationID.x, rows * gl_GlobalInvocationID.y);
-    ivec2 x = ivec2(2 * h.x, h.y);
+    ivec2 x = ivec2(2 * gl_GlobalInvocationID.x, rows * gl_GlobalInvocationID.y);
     // Invocations outside the level load from its last pixels, and add and store nothing.
     int left = min(x.x, size.x - 1);
     ivec4 columns = ivec4(reflect_once(ivec2(left - 1, left), size.xx), reflect_once(ivec2(left + 1, left + 2), size.xx));
@@ -222,14 +202,13 @@ void main() {
         sharp2.here = sharp_line(2, columns, x.y - 1);
         sharp2.below = sharp_line(2, columns, x.y);
     }
-    for (int n = 0; n < rows; n++, x.y++, h.y++) {
+    for (int n = 0; n < rows; n++, x.y++) {
         go_down(a, line_at(x.x, x.y + 2));
         if (WARPED) {
             go_down(sharp1, sharp_line(1, columns, x.y + 1));
             go_down(sharp2, sharp_line(2, columns, x.y + 1));
         }
         ivec3 lines = ivec3(line_inside(x.y - 1), line_inside(x.y), line_inside(x.y + 1));
-        Equation pair[2];
         [[unroll]] for (int k = 0; k < 2; k++) {
             ivec2 at = x + ivec2(k, 0);
             vec4 v = a.here.middle;
@@ -248,13 +227,11 @@ void main() {
             } else {
                 seen = blur_apart(blur, r, at, relative.v, d, scale, imageLoad(image1, ivec3(min(at, size - 1), 0)).r);
             }
-            pair[k] = equation(at, vec2(at) - centre, relative, valid, share,
-                               data_term(r, relative.v, seen, share, d), sums);
-            if (at.x >= width) pair[k] = Equation(0.0, vec4(0.0));
-        }
-        if (x.x < width && x.y < height) {
-            if (x.y % 2 == 0) store(h, pair[0], pair[1]);
-            else store(h, pair[1], pair[0]);
+            vec2 found = equation(at, vec2(at) - centre, relative, valid, share, data_term(r, relative.v, seen, share, d), sums);
+            if (at.x < width && at.y < height) {
+                imageStore(normal_equations, ivec3(at, 0), vec4(found.x));
+                imageStore(normal_equations, ivec3(at, 1), vec4(found.y));
+            }
         }
     }
     float sum = workgroup_sum(sums);

@@ -6,7 +6,7 @@
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray right_sides; // layer 0: red, layer 1: black
-layout(binding = 1, rgba32f) uniform readonly image2DArray weights;  // likewise; right, left, down, up
+layout(binding = 1, rgba16f) uniform readonly image2DArray weights;  // likewise; right, left, down, up
 layout(binding = 2, r32f) uniform readonly image2DArray other;  // dV of the other colour
 layout(binding = 3, r32f) uniform image2DArray own;             // dV of this colour
 layout(constant_id = 2) const bool FIRST = false;               // sweep: dV is zero, of black too while it is red's turn

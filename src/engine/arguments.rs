@@ -1,15 +1,17 @@
 //! The protocol of indirect dispatch: how a level that has settled stops costing, and how I2 is brought onto I1's pixels
 //! only where T has moved.
 //!
-//! Each solved level has [`WORDS`] words of arguments: the grids of tiles, of one colour, of all pixels and of one
-//! workgroup, then three for each pass that warps anew. Before a solve they stand as [`at_the_start`] has them.
+//! Each solved level has [`WORDS`] words of arguments: the grids of tiles, of one colour, of all pixels, of filters along x
+//! and along y and of one workgroup, then three for each pass that warps anew. Before a solve they stand as [`at_the_start`] has them.
 //! [`step`](super::stages::step) writes zero into a level's words when it settles, and before an iteration that may warp
 //! fills in those of the warping passes, or writes zero. What was recorded then runs over no workgroups.
 
 use super::stages::state::{LevelState, MAX_LEVELS};
 
-/// Words of the four grids of a level.
-const GRID_WORDS: usize = 12;
+/// Grids of a level that are not of one workgroup.
+const GRIDS: usize = 5;
+/// Words of all grids of a level.
+const GRID_WORDS: usize = 3 * (GRIDS + 1);
 /// Words of the passes that warp anew, at most so many a level.
 const WARP_WORDS: usize = 3 * 48;
 /// Words a level.
@@ -24,6 +26,10 @@ pub(crate) enum Over {
     Half,
     /// All pixels.
     Pixels,
+    /// What a filter along x goes over.
+    AlongX,
+    /// What a filter along y goes over.
+    AlongY,
     /// One workgroup.
     One,
 }
@@ -50,11 +56,16 @@ impl Grid {
     }
 }
 
-/// The words of all levels before a solve, finest first: the workgroups over tiles, over one colour and over all pixels,
-/// and those of each level's passes that warp anew.
-pub(crate) fn at_the_start(levels: &[[[u32; 3]; 3]], warps: &[Vec<[u32; 3]>]) -> Vec<u32> {
-    let words = levels.iter().zip(warps).flat_map(|([tiles, half, pixels], warps)| {
-        let mut words = [[*tiles, *half, *pixels, [1, 1, 1]].as_flattened(), warps.as_flattened()].concat();
+impl Over {
+    /// All but that of one workgroup, in the order of their words.
+    pub(crate) const GRIDS: [Over; GRIDS] = [Over::Tiles, Over::Half, Over::Pixels, Over::AlongX, Over::AlongY];
+}
+
+/// The words of all levels before a solve, finest first: the workgroups over each of [`Over::GRIDS`], and those of each level's
+/// passes that warp anew.
+pub(crate) fn at_the_start(levels: &[[[u32; 3]; GRIDS]], warps: &[Vec<[u32; 3]>]) -> Vec<u32> {
+    let words = levels.iter().zip(warps).flat_map(|(grids, warps)| {
+        let mut words = [grids.as_flattened(), &[1, 1, 1], warps.as_flattened()].concat();
         assert!(words.len() <= WORDS, "{} warping passes on a level", warps.len());
         words.resize(WORDS, 0);
         words
@@ -170,7 +181,8 @@ mod tests {
     fn grids_of_a_level_lie_one_after_the_other() {
         let word = |over| Grid::Level { level: 2, over }.word();
         let first = 2 * WORDS;
-        assert_eq!([Over::Tiles, Over::Half, Over::Pixels, Over::One].map(word), [0, 3, 6, 9].map(|n| Some(first + n)));
-        assert_eq!(Grid::IfMoved { level: 2, n: 1 }.word(), Some(first + 15));
+        assert_eq!(Over::GRIDS.map(word), [0, 3, 6, 9, 12].map(|n| Some(first + n)));
+        assert_eq!(word(Over::One), Some(first + 15));
+        assert_eq!(Grid::IfMoved { level: 2, n: 1 }.word(), Some(first + 21));
     }
 }

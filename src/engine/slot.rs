@@ -32,8 +32,8 @@ pub(crate) enum Slot {
     Frames { level: usize },
     /// All frames of a sweep on the reference's pixels, filtered, a layer each.
     Aligned,
-    /// What all pairs of a sweep say of u: D, b, q.
-    JointSums,
+    /// What the photographs say of each pixel: D and b of its equation, of a sweep the sums of those of all pairs, and q.
+    NormalEquations,
     /// A bank of filter weights.
     Filters { bank: usize },
     /// Which tiles passes of a sweep are wanted for, mapped.
@@ -179,7 +179,7 @@ pub(crate) const RIGHT_SIDES: Handle<RightSides> = Handle::new(Slot::RightSides)
 pub(crate) const WEIGHTS: Handle<Weights> = Handle::new(Slot::Weights);
 pub(crate) const EVIDENCE: Handle<Evidence> = Handle::new(Slot::Evidence);
 pub(crate) const ALIGNED: Handle<Plane> = Handle::new(Slot::Aligned);
-pub(crate) const JOINT_SUMS: Handle<Plane> = Handle::new(Slot::JointSums);
+pub(crate) const NORMAL_EQUATIONS: Handle<Plane> = Handle::new(Slot::NormalEquations);
 pub(crate) const STATE: Handle<State> = Handle::new(Slot::State);
 pub(crate) const PARTIALS: Handle<Partials> = Handle::new(Slot::Partials);
 pub(crate) const TILES: Handle<Tiles> = Handle::new(Slot::Tiles);

@@ -8,7 +8,7 @@ use super::plan::Plan;
 use super::slot::Slot;
 use super::stages::state::State;
 use super::stages::sums::Layout;
-use super::stages::{convolve, evidence, half_pair, joint_system, shape_windows};
+use super::stages::{convolve, evidence, half_pair, linearise, shape_windows, system};
 use super::tiles;
 use super::vulkan::{Buffer, Device, Image, Texel};
 use crate::base::Error;
@@ -23,7 +23,8 @@ impl Workspace {
     /// Besides what a pair takes, what a sweep of so many frames does.
     pub(crate) fn for_sweep(device: &Arc<Device>, plan: &Plan, frames: u32) -> Result<Self, Error> {
         let mut workspace = Self::new(device, plan)?;
-        let mut wanted = vec![(Slot::Aligned, plan.size, frames), (Slot::JointSums, plan.size, half_pair::LAYERS)];
+        let mut wanted =
+            vec![(Slot::Aligned, plan.size, frames), (Slot::NormalEquations, plan.size, half_pair::LAYERS)];
         wanted.extend(plan.pyramid.iter().map(|level| (Slot::Frames { level: level.index }, level.size, frames)));
         for (slot, size, layers) in wanted {
             let image = Image::new(device, &format!("{slot:?}"), size, layers, Texel::One)?;
@@ -32,8 +33,8 @@ impl Workspace {
         // What all half-pairs say, four of a frame at most on either side, read by the host.
         let [columns, rows, _] = half_pair::tiles(plan.size);
         let half_pairs = 8 * u64::from(frames) * u64::from(columns * rows) * 4 * Layout::of(true).length as u64;
-        let [columns, rows, _] = joint_system::tiles(plan.size);
-        let steps = 4 * (joint_system::SUMS as u64) * u64::from(columns * rows);
+        let [columns, rows, _] = system::tiles(plan.size);
+        let steps = 4 * (system::SUMS as u64) * u64::from(columns * rows);
         let partials = Buffer::for_readback(device, "Partials", half_pairs.max(steps))?;
         workspace.buffers.insert(Slot::Partials, partials);
         let tiles = Buffer::for_upload(device, "Tiles", 4 * tiles::capacity(plan.size, frames))?;
@@ -73,8 +74,9 @@ fn images(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Image>
         (Slot::Stacks, plan.size, plan.stack_layers(), Texel::One),
         (Slot::Spline2, plan.size, 1, Texel::One),
         (Slot::Scratch, plan.size, 1, Texel::One),
+        (Slot::NormalEquations, plan.size, linearise::LAYERS, Texel::One),
         (Slot::RightSides, half, 2, Texel::One),
-        (Slot::Weights, half, 2, Texel::Four),
+        (Slot::Weights, half, 2, Texel::FourHalf),
         (Slot::Change { color: 0 }, half, 1, Texel::One),
         (Slot::Change { color: 1 }, half, 1, Texel::One),
         (Slot::Evidence, evidence::size(plan.size), evidence::LAYERS as u32, Texel::One),

@@ -2,7 +2,7 @@
 
 use super::{MAP_LAYERS, Plan};
 use crate::base::{DeviceInfo, Error};
-use crate::engine::stages::{self, evidence, half_pair};
+use crate::engine::stages::{self, evidence, half_pair, linearise};
 use crate::engine::vulkan::{Device, MIB, image_limits};
 
 impl Plan {
@@ -30,7 +30,9 @@ impl Plan {
         let half = pixels([self.size[0].div_ceil(2), self.size[1]]);
         let stacks = u64::from(self.stack_layers());
         let evidence = evidence::LAYERS as u64 * pixels(evidence::size(self.size));
-        let floats = evidence + 4 * pyramid + solved + (2 + stacks) * full + 2 * (5 + 1) * half;
+        let equations = u64::from(linearise::LAYERS);
+        // Of either colour: right sides, four weights of half a float, dV.
+        let floats = evidence + 4 * pyramid + solved + (2 + stacks + equations) * full + 2 * (1 + 2 + 1) * half;
         let host = self.frame_bytes(0) + self.frame_bytes(1) + self.mask_bytes() + self.result_bytes();
         (4 * floats, host)
     }
@@ -51,7 +53,7 @@ impl Plan {
         }
         let pyramid: u64 = self.pyramid.iter().map(|level| 4 * pixels(level.size)).sum();
         let (on_device, host) = self.bytes();
-        let system = frame * u64::from(half_pair::LAYERS);
+        let system = frame * u64::from(half_pair::LAYERS - linearise::LAYERS);
         let needed = on_device + host + system + (pyramid + frame) * frames as u64;
         if needed > device.info().memory_bytes {
             return too_large("the sweep", mib(needed), format!("{} in all", mib(device.info().memory_bytes)));

@@ -7,7 +7,7 @@ use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::{
     appearance, even, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual,
-    shape_windows, sides, step, uncertainty, update, warp,
+    shape_windows, sides, step, system, uncertainty, update, warp,
 };
 
 /// Outer iterations of a level after which its steps of V and T are damped: a level that settles by whole steps mostly has by
@@ -158,6 +158,13 @@ impl Plan {
         }
     }
 
+    /// What `system` is told in iteration k of a level.
+    pub(crate) fn system(&self, level: &Level, k: u32) -> system::Constants {
+        let [width, height] = level.size;
+        let (alpha, smoothness_eta) = (self.continued(level, k) as f32, self.settings.smoothness_eta as f32);
+        system::Constants { width, height, alpha, rate: 1.0, smoothness_eta }
+    }
+
     /// What `evidence` is told.
     pub(crate) fn evidence(&self) -> evidence::Constants {
         let ([width, height], s) = (self.size, &self.settings);
@@ -165,7 +172,6 @@ impl Plan {
             width,
             height,
             eta: s.data_eta as f32,
-            smoothness_eta: s.smoothness_eta as f32,
             noise: evidence::NOISE,
         }
     }

@@ -12,15 +12,13 @@ use crate::engine::slot::{self, Slot};
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{
-    NO_VARIANT, appearance, ingest, linearise, mask, prolong, relax, relax_level, step, sums, update,
+    NO_VARIANT, appearance, convolve, ingest, linearise, mask, prolong, relax, step, sums, update,
 };
 use crate::engine::tiles::Wanted;
 use crate::engine::vulkan::Variant;
 
 /// Which photograph.
 pub(super) const BOTH: [usize; 2] = [0, 1];
-const RED: usize = 0;
-const BLACK: usize = 1;
 
 /// Pixels times outer iterations of one part at most: some 8 s on lavapipe, and by estimate (0.7 kB a
 /// pixel and iteration) 1 s on a GPU of 50 GB/s, within the 2 s that Windows allows a submission.
@@ -87,6 +85,8 @@ fn groups(level: &Level, over: Over) -> [u32; 3] {
         Over::Tiles => level.tiles(),
         Over::Half => relax::tiles(level.size),
         Over::Pixels => update::STAGE.groups(level.size),
+        Over::AlongX => convolve::groups([level.size[0], level.size[1]], false),
+        Over::AlongY => convolve::groups([level.size[1], level.size[0]], true),
         Over::One => [1, 1, 1],
     }
 }
@@ -110,6 +110,8 @@ pub(super) struct Composer<'a> {
     pub(super) anew: Option<usize>,
     /// The workgroups of those passes, by level.
     pub(super) warps: Vec<Vec<[u32; 3]>>,
+    /// The level on which filters run unless it has settled.
+    pub(super) unsettled: Option<usize>,
     /// Whether levels settle, so that their passes are dispatched indirectly.
     pub(super) settles: bool,
     /// Where the next pass stands.
@@ -130,6 +132,7 @@ impl<'a> Composer<'a> {
             plan,
             masked,
             anew: None,
+            unsettled: None,
             warps: vec![Vec::new(); plan.solved],
             settles: true,
             place: Place::default(),
@@ -144,7 +147,7 @@ impl<'a> Composer<'a> {
     pub(super) fn finish(self, registered: usize) -> Script {
         let grids = self.plan.pyramid[..self.plan.solved]
             .iter()
-            .map(|level| [Over::Tiles, Over::Half, Over::Pixels].map(|over| groups(level, over)));
+            .map(|level| Over::GRIDS.map(|over| groups(level, over)));
         let arguments = arguments::at_the_start(&grids.collect::<Vec<_>>(), &self.warps);
         Script { parts: self.parts, registered, arguments, tiles: self.lists }
     }
@@ -201,7 +204,7 @@ impl<'a> Composer<'a> {
     }
 
     /// A stage runs in an iteration of a level, unless the level has settled.
-    fn within<P: Pass>(&mut self, level: &Level, over: Over, bindings: P, constants: &P::Constants, variant: Variant) {
+    pub(super) fn within<P: Pass>(&mut self, level: &Level, over: Over, bindings: P, constants: &P::Constants, variant: Variant) {
         let grid =
             if self.settles { Grid::Level { level: level.index, over } } else { Grid::Direct(groups(level, over)) };
         self.dispatch(bindings, constants, variant, grid);
@@ -288,8 +291,12 @@ impl<'a> Composer<'a> {
             }
             self.linearise(level, k);
             self.step(level, &plan.step(level, k));
-            self.relaxation(level);
-            self.update(level, &plan.update(level, k));
+            // The last only says where the others have led.
+            if k + 1 < plan.settings.outer_iterations {
+                self.system(level, &plan.system(level, k), NO_VARIANT);
+                self.relaxation(level);
+                self.update(level, &plan.update(level, k));
+            }
         }
         self.end_level(level);
     }
@@ -354,8 +361,7 @@ impl<'a> Composer<'a> {
             i1: slot::i1(level.index).read(),
             v: slot::relative_blur(level.index).read(),
             stacks: slot::STACKS.read(),
-            right_sides: slot::RIGHT_SIDES.write(),
-            weights: slot::WEIGHTS.write(),
+            equations: slot::NORMAL_EQUATIONS.write(),
             state: slot::STATE.read(),
             partials: slot::PARTIALS.write(),
             masks: slot::masks(level.index).read(),
@@ -375,50 +381,6 @@ impl<'a> Composer<'a> {
         let variant = if self.plan.sums_all(level) { sums::PROJECTIVE } else { NO_VARIANT };
         self.within(level, Over::One, bindings, constants, variant);
         self.place = self.place.after_step();
-    }
-
-    /// dV by red-black sweeps: two passes each, or one pass for all where the level is small.
-    pub(super) fn relaxation(&mut self, level: &Level) {
-        if relax_level::takes(level.size) {
-            return self.relax_level(level);
-        }
-        for sweep in 0..self.plan.settings.sweeps {
-            self.relax(level, RED, sweep);
-            self.relax(level, BLACK, sweep);
-        }
-    }
-
-    /// All sweeps on a small level.
-    fn relax_level(&mut self, level: &Level) {
-        let bindings = relax_level::Bindings {
-            right_sides: slot::RIGHT_SIDES.read(),
-            weights: slot::WEIGHTS.read(),
-            red: slot::change(RED).update(),
-            black: slot::change(BLACK).update(),
-        };
-        self.within(level, Over::One, bindings, &self.plan.relax_level(level), NO_VARIANT);
-    }
-
-    /// One half-iteration on dV.
-    fn relax(&mut self, level: &Level, color: usize, sweep: u32) {
-        let bindings = relax::Bindings {
-            right_sides: slot::RIGHT_SIDES.read(),
-            weights: slot::WEIGHTS.read(),
-            other: slot::change(1 - color).read(),
-            own: slot::change(color).update(),
-        };
-        let variant = if sweep == 0 { relax::FIRST } else { NO_VARIANT };
-        self.within(level, Over::Half, bindings, &self.plan.relax(level, color), variant);
-    }
-
-    /// V + clamp(dV).
-    pub(super) fn update(&mut self, level: &Level, constants: &update::Constants) {
-        let bindings = update::Bindings {
-            red: slot::change(RED).read(),
-            black: slot::change(BLACK).read(),
-            v: slot::relative_blur(level.index).update(),
-        };
-        self.within(level, Over::Pixels, bindings, constants, NO_VARIANT);
     }
 
     /// The registration, into mapped memory, before the results are there.

@@ -1,7 +1,7 @@
 //! The pyramid and the stacks of blurred images: the passes that filter.
 
 use super::compose::Composer;
-use crate::engine::arguments::{Grid, Place};
+use crate::engine::arguments::{Grid, Over, Place};
 use crate::engine::plan::{FilterRange, Level, StackLayer};
 use crate::engine::slot::{self, Handle, Plane};
 use crate::engine::stages::stack::Sampling;
@@ -205,7 +205,9 @@ impl Composer<'_> {
             period: period.max(1) as f32,
             listed: 0,
         };
-        let (grid, list) = self.extent(tile, convolve::STAGE.groups(convolve::grid(&constants)));
+        let (grid, list) = self.extent(tile, convolve::groups([length, breadth], vertical == 1));
+        let over = if vertical == 1 { Over::AlongY } else { Over::AlongX };
+        let grid = self.unsettled.map_or(grid, |level| Grid::Level { level, over });
         let constants = convolve::Constants { listed: list.unwrap_or(0), ..constants };
         let variant = convolve::variant(add || blocks > 1, list.is_some());
         let bindings = convolve::Bindings {

@@ -7,6 +7,7 @@ mod compose;
 mod exposure;
 mod filters;
 mod hazards;
+mod relaxation;
 mod results;
 mod shape;
 pub(crate) mod sweep;

@@ -10,10 +10,8 @@ impl Composer<'_> {
         let size = evidence::size(self.plan.size);
         let bindings = evidence::Bindings {
             v: slot::relative_blur(0).read(),
-            right_sides: slot::RIGHT_SIDES.read(),
-            weights: slot::WEIGHTS.read(),
+            equations: slot::NORMAL_EQUATIONS.read(),
             evidence: slot::EVIDENCE.write(),
-            state: slot::STATE.read(),
         };
         self.over(size, bindings, &self.plan.evidence(), NO_VARIANT);
         let bindings = residual::Bindings {

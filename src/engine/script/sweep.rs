@@ -3,10 +3,9 @@
 use super::Script;
 use super::compose::Composer;
 use crate::base::color::LUMINANCE;
-use crate::engine::arguments::Grid;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::{self, Slot};
-use crate::engine::stages::{NO_VARIANT, align, copy, half_pair, joint_system, prolong, update};
+use crate::engine::stages::{NO_VARIANT, align, copy, half_pair, prolong, system, update};
 use crate::engine::tiles::Wanted;
 
 fn script(plan: &Plan, fill: impl FnOnce(&mut Composer)) -> Script {
@@ -66,7 +65,7 @@ pub(crate) struct Beside {
 /// What pairs say, by the sharper frame of each: one stack at a time.
 pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[Beside], stays: bool) -> Script {
     script(plan, |s| {
-        s.empty(Slot::JointSums, level.size);
+        s.empty(Slot::NormalEquations, level.size);
         // What lies beyond the tiles that are wanted is read, and hardly counts; but it must be a number, and the same each time.
         s.empty(Slot::Stacks, plan.size);
         s.empty(Slot::Scratch, plan.size);
@@ -83,7 +82,7 @@ pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[Beside], stays: b
                     focus: slot::relative_blur(level.index).read(),
                     stacks: slot::STACKS.read(),
                     aligned: slot::ALIGNED.read(),
-                    system: slot::JOINT_SUMS.update(),
+                    equations: slot::NORMAL_EQUATIONS.update(),
                     partials: slot::PARTIALS.write(),
                     tiles: slot::TILES.read(),
                 };
@@ -97,22 +96,11 @@ pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[Beside], stays: b
 pub(crate) fn step(
     plan: &Plan,
     level: &Level,
-    constants: &joint_system::Constants,
+    constants: &system::Constants,
     update: &update::Constants,
 ) -> Script {
     script(plan, |s| {
-        // D, b, q.
-        for layer in 0..3 {
-            s.smooth((slot::JOINT_SUMS, layer), level.size);
-        }
-        let bindings = joint_system::Bindings {
-            focus: slot::relative_blur(level.index).read(),
-            system: slot::JOINT_SUMS.read(),
-            right_sides: slot::RIGHT_SIDES.write(),
-            weights: slot::WEIGHTS.write(),
-            partials: slot::PARTIALS.write(),
-        };
-        s.dispatch(bindings, constants, NO_VARIANT, Grid::Direct(joint_system::tiles(level.size)));
+        s.system(level, constants, system::SWEEP);
         s.relaxation(level);
         s.update(level, update);
     })

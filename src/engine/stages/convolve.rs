@@ -54,10 +54,10 @@ pub const BLOCK: u32 = 20;
 /// Weights of all filters at most: the 16 KiB that every device allows a uniform buffer.
 pub const WEIGHTS: usize = 4096;
 
-/// Width and height of the grid of a filter along x, or along y.
-pub(crate) fn grid(c: &Constants) -> [u32; 2] {
-    let spans = c.length.div_ceil(SPAN);
-    if c.vertical == 1 { [c.breadth, spans] } else { [spans, c.breadth] }
+/// Workgroups of a filter along x, or along y, over so many pixels along it and across it.
+pub(crate) fn groups([length, breadth]: [u32; 2], vertical: bool) -> [u32; 3] {
+    let spans = length.div_ceil(SPAN);
+    STAGE.groups(if vertical { [breadth, spans] } else { [spans, breadth] })
 }
 
 /// The variant for filters of more than one block, and for those that add; and where tiles are listed.
@@ -186,8 +186,7 @@ mod tests {
         let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 << 16]));
         let resources =
             [Resource::Image(&from), Resource::Image(&to), Resource::Uniform(&weights), Resource::Buffer(&tiles)];
-        let [x, y] = grid(&constants);
-        let groups = STAGE.groups([x, y]);
+        let groups = groups([constants.length, constants.breadth], vertical);
         let zeros = Field::zeros(expected.width, expected.height);
         if constants.blocks == 1 {
             rig.run_groups(&STAGE, &resources, &constants, groups);

@@ -89,7 +89,7 @@ bindings! {
     /// All frames on the reference's pixels.
     aligned: Reads<Plane>,
     /// D, b, q.
-    system: Updates<Plane>,
+    equations: Updates<Plane>,
     /// The registration between the two; Σ w S_c² and Σ w S_c S stand in the place of the roughness, Σ g in that of the valid pixels.
     partials: Writes<Partials>,
     /// Which tiles are wanted.
@@ -110,7 +110,7 @@ impl Pass for Bindings {
         let other = memory.layer(self.aligned, c.other as usize);
         let Said { system, sums } = twin(c, variant, memory.layer(self.focus, 0), nodes, other);
         for (layer, said) in system.into_iter().enumerate() {
-            let sum = memory.layer_mut(self.system, layer);
+            let sum = memory.layer_mut(self.equations, layer);
             if sum.data.is_empty() {
                 *sum = said;
             } else {

@@ -2,6 +2,8 @@
 
 use std::sync::{Arc, LazyLock};
 
+use half::f16;
+
 use super::stack::{Layer, Sampling, Slopes, layer};
 use super::{Field, convolve, subdivide};
 use crate::base::Kernel;
@@ -64,9 +66,9 @@ impl Rig {
         self.image_of(layers, Texel::One)
     }
 
-    /// An image of four floats a pixel, which stand side by side in the fields.
+    /// An image of four floats of half precision a pixel, which stand side by side in the fields.
     pub(crate) fn weights(&self, layers: &[Field]) -> Arc<Image> {
-        self.image_of(layers, Texel::Four)
+        self.image_of(layers, Texel::FourHalf)
     }
 
     /// An image of zeros for the weights of both colours.
@@ -77,8 +79,12 @@ impl Rig {
     fn image_of(&self, layers: &[Field], texel: Texel) -> Arc<Image> {
         let size = [(layers[0].width / texel.floats()) as u32, layers[0].height as u32];
         let image = Image::new(self.device(), "test image", size, layers.len() as u32, texel).unwrap();
-        let values: Vec<f32> = layers.iter().flat_map(Field::to_f32).collect();
-        let staging = self.upload(bytemuck::cast_slice(&values));
+        let values = layers.iter().flat_map(Field::to_f32);
+        let bytes: Vec<u8> = match texel {
+            Texel::One => values.flat_map(f32::to_le_bytes).collect(),
+            Texel::FourHalf => values.flat_map(|v| f16::from_f32(v).to_le_bytes()).collect(),
+        };
+        let staging = self.upload(&bytes);
         self.record(|recorder, _| {
             recorder.prepare(&[&image]);
             recorder.upload(&staging, &image);
@@ -134,9 +140,14 @@ impl Rig {
     /// The layers of an image.
     pub(crate) fn layers(&self, image: &Arc<Image>) -> Vec<Field> {
         let (width, height) = (image.width as usize * image.texel.floats(), image.height as usize);
-        let staging = self.upload(&vec![0; 4 * width * height * image.layers as usize]);
+        let count = width * height * image.layers as usize;
+        let staging = self.upload(&vec![0; count * if image.texel == Texel::One { 4 } else { 2 }]);
         self.record(|recorder, _| recorder.download(image, 0..image.layers, &staging));
-        self.floats(&staging).chunks_exact(width * height).map(|l| Field::from_f32(width, height, l)).collect()
+        let values: Vec<f32> = match image.texel {
+            Texel::One => self.floats(&staging),
+            Texel::FourHalf => staging.read(0, count).unwrap().into_iter().map(|v| f16::from_bits(v).to_f32()).collect(),
+        };
+        values.chunks_exact(width * height).map(|l| Field::from_f32(width, height, l)).collect()
     }
 
     pub(crate) fn floats(&self, buffer: &Buffer) -> Vec<f32> {

@@ -17,7 +17,6 @@ pub mod half_pair;
 #[cfg(test)]
 pub(crate) mod harness;
 pub mod ingest;
-pub mod joint_system;
 pub mod linearise;
 pub mod mask;
 pub(crate) mod memory;
@@ -38,6 +37,7 @@ pub mod state;
 pub mod step;
 pub mod subdivide;
 pub mod sums;
+pub mod system;
 pub mod uncertainty;
 pub mod update;
 pub mod warp;
@@ -103,7 +103,6 @@ mod tests {
         &fuse::STAGE,
         &half_pair::STAGE,
         &ingest::STAGE,
-        &joint_system::STAGE,
         &linearise::STAGE,
         &mask::STAGE,
         &prolong::STAGE,
@@ -116,6 +115,7 @@ mod tests {
         &sides::STAGE,
         &step::STAGE,
         &subdivide::STAGE,
+        &system::STAGE,
         &uncertainty::STAGE,
         &update::STAGE,
         &warp::STAGE,

@@ -116,15 +116,17 @@ pub fn interleaved(system: &[Field; 5]) -> [Field; 2] {
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use ::half::f16;
+
     use super::super::harness::{Rig, random_field};
     use super::*;
     use crate::engine::vulkan::Resource;
 
-    /// A system as `linearise` makes them: weights across the border zero, their sum below one.
+    /// A system as `system` makes them: weights of half precision, across the border zero, their sum below one.
     pub(crate) fn system(width: usize, height: usize) -> [Field; 5] {
         let mut system: [Field; 5] = std::array::from_fn(|i| {
             let mut f = random_field(width, height, 20 + i as u64);
-            f.data.iter_mut().for_each(|v| *v *= 0.24);
+            f.data.iter_mut().for_each(|v| *v = f16::from_f64(0.24 * *v).to_f64());
             f
         });
         for y in 0..height {

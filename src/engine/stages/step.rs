@@ -180,7 +180,7 @@ const STEEP: [f64; 2] = [0.007, 0.1];
 /// iterations.
 pub fn find_alpha(sums: &Sums, alpha: f64) -> f64 {
     let [root, steep] = sums.roughness.map(|sum| sum / sums.valid.max(1.0));
-    let found = (0.2 * root * root / steep.clamp(STEEP[0], STEEP[1])).clamp(ALPHAS[0], ALPHAS[1]);
+    let found = (0.14 * root * root / steep.clamp(STEEP[0], STEEP[1])).clamp(ALPHAS[0], ALPHAS[1]);
     if (found / alpha).ln().abs() > 0.1 { found } else { alpha }
 }
 
@@ -305,7 +305,7 @@ mod tests {
     #[test]
     fn alpha_follows_what_the_data_say_against_v_and_how_steep_it_is() {
         let layout = Layout::of_variant(NO_VARIANT);
-        for (root, steep) in [(0.03, 0.03), (0.2, 1.0), (1e-4, 0.03), (0.06, 1e-6), (0.0246, 0.04)] {
+        for (root, steep) in [(0.03, 0.03), (0.2, 1.0), (1e-4, 0.03), (0.06, 1e-6), (0.0294, 0.04)] {
             let mut partials = partials(8, 40, layout);
             for row in partials.chunks_exact_mut(layout.length) {
                 let valid = row[layout.energy + 1];

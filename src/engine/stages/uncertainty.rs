@@ -25,7 +25,7 @@ use crate::engine::vulkan::{Stage, Variant};
 /// κ.
 pub const CALIBRATION: f32 = 1.8;
 /// β, px⁴.
-pub const BENDING: f32 = 2.75;
+pub const BENDING: f32 = 6.0;
 /// Pixels in a Gaussian window of σ px: 4π σ².
 pub const WINDOW_PIXELS: f32 = (4.0 * std::f64::consts::PI * WINDOW * WINDOW) as f32;
 /// Standard deviation where nothing holds V, px²: more than any |V|.

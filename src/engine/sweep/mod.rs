@@ -25,7 +25,7 @@ use crate::engine::slot::Slot;
 use crate::engine::stages::state::Registration;
 use crate::engine::stages::step::displacing;
 use crate::engine::stages::sums::{Layout, Sums, UNKNOWNS};
-use crate::engine::stages::{Field, Pipelines, align, half_pair, joint_system, update};
+use crate::engine::stages::{Field, Pipelines, align, half_pair, system, update};
 use crate::engine::tiles::Ranges;
 use crate::engine::vulkan::{Buffer, Clock, Device, Recorder};
 use crate::engine::workspace::Workspace;
@@ -265,7 +265,7 @@ impl SweepSolver {
         let rate = common.rate_on(level);
         let links = self.half_pairs(level, common, rate, stays)?;
         let before = if stays {
-            Some((self.fetch(Slot::JointSums, level.size, 0..half_pair::LAYERS)?, self.focus(level)?))
+            Some((self.fetch(Slot::NormalEquations, level.size, 0..half_pair::LAYERS)?, self.focus(level)?))
         } else {
             None
         };
@@ -392,7 +392,7 @@ impl SweepSolver {
     /// Steps u; what it answers to c.
     fn step(&self, level: &Level, common: &Common, rate: f64) -> Result<[f64; 2], Error> {
         let [width, height] = level.size;
-        let constants = joint_system::Constants {
+        let constants = system::Constants {
             width,
             height,
             alpha: (ALPHA * common.telling) as f32,
@@ -407,10 +407,10 @@ impl SweepSolver {
             share: 1.0,
         };
         self.run(&sweep::step(&self.plan, level, &constants, &update))?;
-        let [columns, rows, _] = joint_system::tiles(level.size);
-        let floats = (columns * rows) as usize * joint_system::SUMS;
+        let [columns, rows, _] = system::tiles(level.size);
+        let floats = (columns * rows) as usize * system::SUMS;
         let rows: Vec<f32> = self.workspace.buffer(Slot::Partials).read(0, floats)?;
-        let total = |n: usize| rows.chunks_exact(joint_system::SUMS).map(|row| f64::from(row[n])).sum();
+        let total = |n: usize| rows.chunks_exact(system::SUMS).map(|row| f64::from(row[n])).sum();
         Ok([total(0), total(1)])
     }
 

@@ -16,15 +16,15 @@ use crate::base::Error;
 pub(crate) enum Texel {
     /// One 32-bit float.
     One,
-    /// Four of them.
-    Four,
+    /// Four 16-bit floats.
+    FourHalf,
 }
 
 impl Texel {
     fn format(self) -> vk::Format {
         match self {
             Texel::One => vk::Format::R32_SFLOAT,
-            Texel::Four => vk::Format::R32G32B32A32_SFLOAT,
+            Texel::FourHalf => vk::Format::R16G16B16A16_SFLOAT,
         }
     }
 
@@ -33,7 +33,7 @@ impl Texel {
     pub(crate) fn floats(self) -> usize {
         match self {
             Texel::One => 1,
-            Texel::Four => 4,
+            Texel::FourHalf => 4,
         }
     }
 }

@@ -1,0 +1,70 @@
+#version 460
+// The linear system for the step of the unknown, V of a pair or u of a sweep: of what the photographs say over a window, and of the
+// smoothness; and how c of a sweep would step. Equations 26 to 28. Twin: src/engine/stages/system.rs.
+
+#extension GL_KHR_shader_subgroup_arithmetic : require
+
+#include "state.glsl"
+
+layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(constant_id = 2) const bool SWEEP = false;
+layout(binding = 0, r32f) uniform readonly image2DArray unknown;
+layout(binding = 1, r32f) uniform readonly image2DArray normal_equations; // D, b; of a sweep q: over a window
+layout(binding = 2, r32f) uniform writeonly image2DArray right_sides;     // layer 0: red, layer 1: black
+layout(binding = 3, rgba16f) uniform writeonly image2DArray weights;      // likewise; right, left, down, up
+layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
+layout(binding = 5, std430) readonly buffer StateBuffer { State state; };
+layout(push_constant) uniform Constants {
+    int width, height;
+    float alpha;                     // of a pair, how many times the state's
+    float rate;                      // c, px² of the level; of a pair 1
+    float smoothness_eta;
+};
+
+const int SUMS = 2;                  // q b, q², over D and what the smoothness adds to it
+shared vec2 by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4];
+
+float at(ivec2 x) { return imageLoad(unknown, ivec3(clamp(x, ivec2(0), ivec2(width, height) - 1), 0)).r; }
+
+float inverse_gradient(float rise_x, float rise_y) {
+    return inversesqrt(0.25 * rate * (rise_x * rise_x + rise_y * rise_y) + smoothness_eta * smoothness_eta);
+}
+
+// What a pixel adds to the sums.
+vec2 equation(ivec2 x) {
+    const ivec2 R = ivec2(1, 0), D = ivec2(0, 1);
+    float here = at(x), right = at(x + R), left = at(x - R), below = at(x + D), above = at(x - D);
+    float right_below = at(x + R + D), left_below = at(x - R + D), right_above = at(x + R - D), left_above = at(x - R - D);
+    vec4 phis = vec4(inverse_gradient(at(x + 2 * R) - here, right_below - right_above),
+                     inverse_gradient(here - at(x - 2 * R), left_below - left_above),
+                     inverse_gradient(right_below - left_below, at(x + 2 * D) - here),
+                     inverse_gradient(right_above - left_above, here - at(x - 2 * D)));
+    bvec4 exists = bvec4(x.x + 1 < width, x.x > 0, x.y + 1 < height, x.y > 0);
+    float half_alpha = 0.5 * rate * (SWEEP ? alpha : alpha * state.alpha);
+    vec4 a = mix(vec4(0.0), half_alpha * (inverse_gradient(right - left, below - above) + phis), exists);
+    float pull = dot(a, vec4(right, left, below, above) - here);
+    float d = imageLoad(normal_equations, ivec3(x, 0)).r, b = imageLoad(normal_equations, ivec3(x, 1)).r;
+    float over = 1.0 / max(d + a.x + a.y + a.z + a.w, 1e-12);
+    ivec3 place = ivec3(x.x / 2, x.y, (x.x + x.y) % 2);
+    imageStore(right_sides, place, vec4((b + pull) * over));
+    imageStore(weights, place, a * over);
+    if (!SWEEP) return vec2(0.0);
+    float q = imageLoad(normal_equations, ivec3(x, 2)).r;
+    return q * over * vec2(b, q);
+}
+
+void main() {
+    ivec2 x = ivec2(gl_GlobalInvocationID.xy);
+    vec2 sums = vec2(0.0);
+    if (x.x < width && x.y < height) sums = equation(x);
+    if (!SWEEP) return;
+    vec2 sum = subgroupAdd(sums);
+    if (subgroupElect()) by_subgroup[gl_SubgroupID] = sum;
+    barrier();
+    if (gl_LocalInvocationIndex != 0) return;
+    sum = vec2(0.0);
+    for (uint group = 0; group < gl_NumSubgroups; group++) sum += by_subgroup[group];
+    uint row = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
+    partials[SUMS * row] = sum.x;
+    partials[SUMS * row + 1] = sum.y;
+}

@@ -1,0 +1,185 @@
+//! The linear system for the step of the unknown, V of a [pair](super::linearise) or u of a sweep
+//! ([all its pairs](super::half_pair) added up): of what the photographs say, D and b, over a window, and of the smoothness of ρ, V or
+//! √c u, px of blur. Equations 26 to 28, sections 4 and 11 of `docs/method.md`; of a sweep also how c would step, u eliminated as a
+//! pair's registration eliminates dV.
+//!
+//! ```text
+//! (D + Σ a_n) du = b + Σ a_n (u_n - u) + Σ a_n du_n,  a_n = α c (φ + φ_n)/2,  φ = 1/sqrt(c |∇u|² + η²),  c of a pair 1
+//! ```
+//!
+//! Stored divided by its diagonal, weights in half precision: where a step leads to, dV = 0, they do not count.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
+use super::{Field, WORKGROUP, pixels};
+use crate::engine::vulkan::{Stage, Variant};
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row of the level.
+    pub width: u32,
+    /// Rows of the level.
+    pub height: u32,
+    /// α; of a pair how many times the state's.
+    pub alpha: f32,
+    /// c, px² of the level by squared settings; of a pair 1.
+    pub rate: f32,
+    /// η of the smoothness term, px of blur a pixel; of a pair px² a pixel.
+    pub smoothness_eta: f32,
+}
+
+/// The variant for a sweep.
+pub(crate) const SWEEP: Variant = [true, false, false, false];
+
+/// Layers of the equations that a variant reads: D, b, of a sweep q.
+pub(crate) fn layers(variant: Variant) -> u32 {
+    if variant == SWEEP { 3 } else { 2 }
+}
+
+bindings! {
+    SYSTEM:
+    /// V, or u.
+    unknown: Reads<RelativeBlur>,
+    /// D, b, of a sweep q, each the mean over a window.
+    equations: Reads<Plane>,
+    /// Right sides.
+    right_sides: Writes<RightSides>,
+    /// Weights.
+    weights: Writes<Weights>,
+    /// Of a sweep Σ q b/(D + Σa) and Σ q²/(D + Σa).
+    partials: Writes<Partials>,
+    /// State, of a pair with α.
+    state: Reads<State>,
+}
+
+/// Floats a workgroup leaves.
+pub(crate) const SUMS: usize = 2;
+
+/// Workgroups that cover a level.
+pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
+    [width.div_ceil(WORKGROUP[0]), height.div_ceil(WORKGROUP[1]), 1]
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: the unknown and its equations read, right side and weights written.
+    fn bytes(c: &Constants, variant: Variant) -> u64 {
+        (24 + 4 * u64::from(layers(variant))) * pixels(c.width, c.height)
+    }
+
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
+        let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { memory.state(self.state).alpha };
+        let equations = &memory.layers(self.equations)[..layers(variant) as usize];
+        let ([right_side, weights @ ..], sums) = twin(c, alpha, memory.layer(self.unknown, 0), equations);
+        memory.set_layer(self.right_sides, 0, right_side);
+        weights.into_iter().enumerate().for_each(|(n, weight)| memory.set_layer(self.weights, n, weight));
+        if variant == SWEEP {
+            memory.numbers_mut(self.partials, SUMS)[..SUMS].copy_from_slice(&sums);
+        }
+    }
+}
+
+/// The system of D, b and, of a sweep, q: right side first, then the weights of the right, left, lower and upper neighbour; and the sums.
+pub fn twin(c: &Constants, alpha: f64, unknown: &Field, equations: &[Field]) -> ([Field; 5], [f64; SUMS]) {
+    let [rate, eta] = [c.rate, c.smoothness_eta].map(f64::from);
+    let (width, height) = (unknown.width as isize, unknown.height as isize);
+    let at = |x: isize, y: isize| unknown.clamped(x, y);
+    let phi = |x: isize, y: isize| {
+        let rise = [0.5 * (at(x + 1, y) - at(x - 1, y)), 0.5 * (at(x, y + 1) - at(x, y - 1))];
+        1.0 / (rate * (rise[0].powi(2) + rise[1].powi(2)) + eta * eta).sqrt()
+    };
+    let mut system: [Field; 5] = std::array::from_fn(|_| Field::zeros(unknown.width, unknown.height));
+    let mut sums = [0.0; SUMS];
+    for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
+        let n = (y * width + x) as usize;
+        let beside = [(1, 0), (-1, 0), (0, 1), (0, -1)].map(|(dx, dy)| (x + dx, y + dy));
+        let a = beside.map(|(i, j)| {
+            let exists = (0..width).contains(&i) && (0..height).contains(&j);
+            if exists { 0.5 * alpha * rate * (phi(x, y) + phi(i, j)) } else { 0.0 }
+        });
+        let pull: f64 = a.iter().zip(beside).map(|(a, (i, j))| a * (at(i, j) - at(x, y))).sum();
+        let (d, b) = (equations[0].data[n], equations[1].data[n]);
+        let whole = (d + a.iter().sum::<f64>()).max(1e-12);
+        system[0].data[n] = (b + pull) / whole;
+        a.iter().enumerate().for_each(|(k, a)| system[k + 1].data[n] = a / whole);
+        if let Some(q) = equations.get(2) {
+            sums[0] += q.data[n] * b / whole;
+            sums[1] += q.data[n] * q.data[n] / whole;
+        }
+    }
+    (system, sums)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random_field};
+    use super::super::relax::{half, interleaved};
+    use super::super::state::{DoubleState, State};
+    use super::*;
+    use crate::engine::vulkan::Resource;
+
+    fn check(width: usize, height: usize, variant: Variant, flat: bool) {
+        let mut fields: Vec<Field> = (1..5).map(|seed| random_field(width, height, seed)).collect();
+        if flat {
+            fields.iter_mut().for_each(|field| field.data.fill(0.25));
+        }
+        let state = State { alpha: 0.4, ..State::new(&DoubleState::default().registration) };
+        let (width, height) = (width as u32, height as u32);
+        let c = Constants { width, height, alpha: 0.05, rate: 0.7, smoothness_eta: 0.1 };
+        let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { f64::from(state.alpha) };
+        let (expected, sums) = twin(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
+        let rig = Rig::new();
+        let half_size = [width.div_ceil(2), height];
+        let images = [
+            rig.image(&fields[..1]),
+            rig.image(&fields[1..]),
+            rig.empty(half_size, 2),
+            rig.empty_weights(half_size),
+        ];
+        let groups = tiles([width, height]);
+        let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
+        let state = rig.upload(bytemuck::bytes_of(&state));
+        let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
+        resources.extend([Resource::Buffer(&partials), Resource::Buffer(&state)]);
+        rig.run_variant(&STAGE, variant, &resources, &c, groups);
+        // Single precision, over diagonals of down to 0.1.
+        rig.assert_close(&images[2], &[0, 1].map(|color| half(&expected[0], color)), 1e-4);
+        // Half precision, rounded either way.
+        rig.assert_close(&images[3], &interleaved(&expected), 3e-4);
+        let found = rig.floats(&partials);
+        for (n, sum) in sums.iter().enumerate() {
+            let total: f64 = found.chunks(SUMS).map(|row| f64::from(row[n])).sum();
+            assert!((total - sum).abs() <= 1e-4 * sum.abs(), "{n}: {total} {sum}");
+        }
+    }
+
+    #[test]
+    fn agrees_with_the_twin() {
+        for (width, height) in [(67, 43), (64, 4), (33, 18), (1, 2)] {
+            check(width, height, SWEEP, false);
+            check(width, height, [false; 4], false);
+        }
+        check(35, 20, [false; 4], true);
+    }
+
+    /// Lemma 1 of the paper, from which it follows that relaxation converges, whatever the photographs show.
+    #[test]
+    fn is_diagonally_dominant() {
+        let c = Constants { width: 41, height: 30, alpha: 1.0, rate: 1.0, smoothness_eta: 0.1 };
+        for seed in 0..6 {
+            let [mut v, d, b] = [1, 2, 3].map(|n| random_field(41, 30, 10 * seed + n));
+            v.data.iter_mut().for_each(|v| *v = 12.0 * (*v - 0.5));
+            let ([_, weights @ ..], _) = twin(&c, 0.01, &v, &[d, b]);
+            for i in 0..v.data.len() {
+                let row = weights.each_ref().map(|weight| weight.data[i]);
+                assert!(row.iter().all(|w| *w >= 0.0) && row.iter().sum::<f64>() <= 1.0 + 1e-12, "{row:?} at {i}");
+            }
+        }
+    }
+}
