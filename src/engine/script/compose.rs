@@ -145,9 +145,8 @@ impl<'a> Composer<'a> {
     }
 
     pub(super) fn finish(self, registered: usize) -> Script {
-        let grids = self.plan.pyramid[..self.plan.solved]
-            .iter()
-            .map(|level| Over::GRIDS.map(|over| groups(level, over)));
+        let grids =
+            self.plan.pyramid[..self.plan.solved].iter().map(|level| Over::GRIDS.map(|over| groups(level, over)));
         let arguments = arguments::at_the_start(&grids.collect::<Vec<_>>(), &self.warps);
         Script { parts: self.parts, registered, arguments, tiles: self.lists }
     }
@@ -204,7 +203,14 @@ impl<'a> Composer<'a> {
     }
 
     /// A stage runs in an iteration of a level, unless the level has settled.
-    pub(super) fn within<P: Pass>(&mut self, level: &Level, over: Over, bindings: P, constants: &P::Constants, variant: Variant) {
+    pub(super) fn within<P: Pass>(
+        &mut self,
+        level: &Level,
+        over: Over,
+        bindings: P,
+        constants: &P::Constants,
+        variant: Variant,
+    ) {
         let grid =
             if self.settles { Grid::Level { level: level.index, over } } else { Grid::Direct(groups(level, over)) };
         self.dispatch(bindings, constants, variant, grid);

@@ -93,12 +93,7 @@ pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[Beside], stays: b
 }
 
 /// A step of u, by what pairs say over a window.
-pub(crate) fn step(
-    plan: &Plan,
-    level: &Level,
-    constants: &system::Constants,
-    update: &update::Constants,
-) -> Script {
+pub(crate) fn step(plan: &Plan, level: &Level, constants: &system::Constants, update: &update::Constants) -> Script {
     script(plan, |s| {
         s.system(level, constants, system::SWEEP);
         s.relaxation(level);

@@ -145,7 +145,9 @@ impl Rig {
         self.record(|recorder, _| recorder.download(image, 0..image.layers, &staging));
         let values: Vec<f32> = match image.texel {
             Texel::One => self.floats(&staging),
-            Texel::FourHalf => staging.read(0, count).unwrap().into_iter().map(|v| f16::from_bits(v).to_f32()).collect(),
+            Texel::FourHalf => {
+                staging.read(0, count).unwrap().into_iter().map(|v| f16::from_bits(v).to_f32()).collect()
+            }
         };
         values.chunks_exact(width * height).map(|l| Field::from_f32(width, height, l)).collect()
     }

@@ -136,12 +136,8 @@ mod tests {
         let (expected, sums) = twin(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
         let rig = Rig::new();
         let half_size = [width.div_ceil(2), height];
-        let images = [
-            rig.image(&fields[..1]),
-            rig.image(&fields[1..]),
-            rig.empty(half_size, 2),
-            rig.empty_weights(half_size),
-        ];
+        let images =
+            [rig.image(&fields[..1]), rig.image(&fields[1..]), rig.empty(half_size, 2), rig.empty_weights(half_size)];
         let groups = tiles([width, height]);
         let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
         let state = rig.upload(bytemuck::bytes_of(&state));
