@@ -28,6 +28,15 @@ impl Field {
         Self { width, height, data: data.iter().map(|&v| f64::from(v)).collect() }
     }
 
+    /// The corner of a wider image as a device holds it, of `row` numbers a row.
+    pub(crate) fn corner(data: &[f32], row: usize, [width, height]: [usize; 2]) -> Self {
+        let mut corner = Self { width, height, data: Vec::with_capacity(width * height) };
+        for row in data.chunks_exact(row).take(height) {
+            corner.data.extend(row[..width].iter().map(|&v| f64::from(v)));
+        }
+        corner
+    }
+
     /// As a device holds them.
     pub fn to_f32(&self) -> Vec<f32> {
         self.data.iter().map(|&v| v as f32).collect()

@@ -429,9 +429,7 @@ impl SweepSolver {
         recorder.finish()?.run()?;
         let layer = |n: usize| {
             let values: Vec<f32> = buffer.read(4 * n * pixels, pixels)?;
-            let rows = values.chunks_exact(image.width as usize).take(height as usize);
-            let data = rows.flat_map(|row| &row[..width as usize]).map(|value| f64::from(*value)).collect();
-            Ok(Field { width: width as usize, height: height as usize, data })
+            Ok(Field::corner(&values, image.width as usize, [width as usize, height as usize]))
         };
         (0..layers.len()).map(layer).collect()
     }

@@ -87,7 +87,7 @@ pub struct Measured {
     pub trace: Trace,
 }
 
-/// Opens a device, and says in how many milliseconds: cold, but for what the pipeline cache on disk holds.
+/// Opens a device, and says in how many milliseconds, cold.
 ///
 /// # Errors
 /// As [`Engine::new`].

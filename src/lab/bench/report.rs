@@ -32,7 +32,7 @@ pub struct Report {
     pub sweeps: u32,
     /// What a pass that only copies an image reads and writes in a second: the bandwidth that the other passes have.
     pub copy_gb_per_s: Option<Spread>,
-    /// Opening the device and compiling the passes, cold.
+    /// Opening the device, cold.
     pub engine_ms: f64,
     /// A run for each size, method and kernel.
     pub runs: Vec<RunReport>,
