@@ -17,7 +17,7 @@ const CALLS: &str = "%file,%desc";
 /// Of these, what no disk fails: memory, and ends of which there is nobody to tell.
 const SPARED: [&str; 4] = ["close", "fcntl", "mmap", "poll"];
 
-/// What is in a folder, but for what is hidden from whoever looks into it.
+/// What is in a folder.
 type Set = BTreeMap<String, Vec<u8>>;
 
 /// A command, and what is in the folder `out` before it.
@@ -25,22 +25,35 @@ struct Scene {
     desk: TempDir,
     name: &'static str,
     command: Vec<&'static str>,
+    /// All of the folder before the command, hidden files too.
+    before: Set,
+    /// The earlier results.
     old: Set,
     new: Set,
 }
 
 impl Scene {
-    fn new(name: &'static str, before: &[&[&str]], command: &[&'static str]) -> Self {
+    fn new(name: &'static str, runs: &[&[&str]], command: &[&'static str]) -> Self {
         let desk = TempDir::new().unwrap();
-        let (old, new) = (Set::new(), Set::new());
-        let mut scene = Self { desk, name, command: command.to_vec(), old, new };
-        before.iter().for_each(|arguments| scene.must(arguments));
+        let [before, old, new] = [const { Set::new() }; 3];
+        let mut scene = Self { desk, name, command: command.to_vec(), before, old, new };
+        runs.iter().for_each(|arguments| scene.must(arguments));
         fs::create_dir_all(scene.out()).unwrap();
         scene.old = contents(&scene.out());
+        scene.before = scene.old.clone();
         scene.must(command);
         scene.new = contents(&scene.out());
         assert_ne!(scene.old, scene.new);
         scene
+    }
+
+    /// The same where a run before it was killed as files got their names.
+    fn unfinished(mut self) -> Self {
+        self.restore();
+        self.struck("renameat", "signal=KILL:when=3");
+        self.before = tree(&self.out());
+        assert_eq!(self.judge("killed before"), Held::Unfinished);
+        self
     }
 
     fn out(&self) -> PathBuf {
@@ -77,7 +90,11 @@ impl Scene {
     fn restore(&self) {
         fs::remove_dir_all(self.out()).unwrap();
         fs::create_dir(self.out()).unwrap();
-        self.old.iter().for_each(|(name, bytes)| fs::write(self.out().join(name), bytes).unwrap());
+        for (name, bytes) in &self.before {
+            let path = self.out().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, bytes).unwrap();
+        }
     }
 
     /// The calls of the first thread, which writes: which, its how many-th, and whether the folder has been named by then.
@@ -120,6 +137,9 @@ impl Scene {
                 let says = told.is_some_and(|report| report["unfinished"] == true);
                 let names: Vec<_> = found.keys().collect();
                 assert!(says, "{}, {what}: neither set, and nothing says so: {names:?}", self.name);
+                let all = tree(&self.out());
+                let is_kept = |(name, bytes)| all.iter().any(|(at, found)| at.ends_with(name) && found == bytes);
+                assert!(self.old.iter().all(is_kept), "{}, {what}: earlier results are lost", self.name);
                 Held::Unfinished
             }
         }
@@ -148,14 +168,30 @@ fn is_hidden(path: &Path) -> bool {
     path.file_name().unwrap().to_string_lossy().starts_with(".parfocal-")
 }
 
-fn contents(folder: &Path) -> Set {
-    let paths = fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path());
-    let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
-    paths.filter(|path| !is_hidden(path)).map(|path| (name(&path), fs::read(&path).unwrap())).collect()
+/// All that a folder holds, and folders in it.
+fn tree(folder: &Path) -> Set {
+    let mut all = Set::new();
+    for path in fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path()) {
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if path.is_dir() {
+            all.extend(tree(&path).into_iter().map(|(within, bytes)| (format!("{name}/{within}"), bytes)));
+        } else {
+            all.insert(name, fs::read(&path).unwrap());
+        }
+    }
+    all
 }
 
-/// A pair where there was none; over another; over a sweep, whose files go; a sweep over a pair.
-fn scenes() -> [Scene; 4] {
+/// But for what is hidden from whoever looks into it.
+fn contents(folder: &Path) -> Set {
+    let mut seen = tree(folder);
+    seen.retain(|name, _| !is_hidden(Path::new(name.split('/').next().unwrap())));
+    seen
+}
+
+/// A pair where there was none; over another; over a sweep, whose files go; a sweep over a pair; over a sweep where that was
+/// begun before.
+fn scenes() -> [Scene; 5] {
     let pair = ["simulate", "plane", "--size", "40x32", "-o", "out", "--quiet"];
     let other = [&pair[..], &["--seed", "2"]].concat();
     let sweep = [&pair[..], &["--frames", "4"]].concat();
@@ -164,6 +200,7 @@ fn scenes() -> [Scene; 4] {
         Scene::new("over another", &[&other], &pair),
         Scene::new("over a sweep", &[&sweep], &pair),
         Scene::new("a sweep over a pair", &[&pair], &sweep),
+        Scene::new("begun before", &[&sweep], &pair).unfinished(),
     ]
 }
 
