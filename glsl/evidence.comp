@@ -9,6 +9,7 @@ layout(push_constant) uniform Constants {
     int width, height;
     float eta;
     float noise;                     // least deviation of a residual, intensities
+    float least;                     // D below which it is of rounding
 };
 
 float v_at(ivec2 x) {
@@ -19,8 +20,9 @@ void main() {
     ivec2 h = ivec2(gl_GlobalInvocationID.xy), x = 2 * h;
     if (x.x >= width || x.y >= height) return;
     float d = imageLoad(normal_equations, ivec3(x, 0)).r, b = imageLoad(normal_equations, ivec3(x, 1)).r;
-    imageStore(evidence, ivec3(h, 0), vec4(d));
-    imageStore(evidence, ivec3(h, 1), vec4(b * b + noise * noise / eta * d));
+    bool told = d > least;
+    imageStore(evidence, ivec3(h, 0), vec4(told ? d : 0.0));
+    imageStore(evidence, ivec3(h, 1), vec4(told ? b * b + noise * noise / eta * d : 0.0));
     // The divergence of central differences, two pixels apart, which noise of single pixels does not lift.
     float around = v_at(x + ivec2(2, 0)) + v_at(x - ivec2(2, 0)) + v_at(x + ivec2(0, 2)) + v_at(x - ivec2(0, 2));
     float bend = 0.25 * around - v_at(x);

@@ -48,6 +48,12 @@ vec2 equation(ivec2 x) {
     ivec3 place = ivec3(x.x / 2, x.y, (x.x + x.y) % 2);
     imageStore(right_sides, place, vec4((b + pull) * over));
     imageStore(weights, place, a * over);
+    if (x.x + 1 == width && width % 2 == 1) {
+        // The pixel that an odd width leaves out is relaxed too; a weight of zero takes nothing of it, but for what is no number.
+        ivec3 left_out = ivec3(place.xy, 1 - place.z);
+        imageStore(right_sides, left_out, vec4(0.0));
+        imageStore(weights, left_out, vec4(0.0));
+    }
     if (!SWEEP) return vec2(0.0);
     float q = imageLoad(normal_equations, ivec3(x, 2)).r;
     return q * over * vec2(b, q);

@@ -168,7 +168,7 @@ impl Plan {
     /// What `evidence` is told.
     pub(crate) fn evidence(&self) -> evidence::Constants {
         let ([width, height], s) = (self.size, &self.settings);
-        evidence::Constants { width, height, eta: s.data_eta as f32, noise: evidence::NOISE }
+        evidence::Constants { width, height, eta: s.data_eta as f32, noise: evidence::NOISE, least: evidence::LEAST }
     }
 
     /// What `residual` is told.

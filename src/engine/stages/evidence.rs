@@ -19,6 +19,8 @@ pub const RESIDUAL: usize = 3;
 pub const WINDOW: f64 = 4.0;
 /// Least standard deviation of a residual, intensities: values of 8 bits are rounded by 0.0011.
 pub const NOISE: f32 = 1e-3;
+/// D that rounding may make: derivatives of 1e-5 intensities a px², where single precision leaves some 1e-6.
+pub const LEAST: f32 = 1e-8;
 
 /// Push constants.
 #[repr(C)]
@@ -32,6 +34,8 @@ pub struct Constants {
     pub eta: f32,
     /// Least standard deviation of a residual, intensities.
     pub noise: f32,
+    /// D at which it is of rounding; [`LEAST`].
+    pub least: f32,
 }
 
 bindings! {
@@ -74,11 +78,12 @@ pub fn window() -> Filter {
 /// D, b² (of residuals of `noise` at least) and (∇²V)² on every other pixel, the last by the divergence of central differences,
 /// which noise of single pixels does not lift.
 pub fn twin(c: &Constants, v: &Field, [d, b]: [&Field; 2]) -> [Field; 3] {
-    let [eta, noise] = [c.eta, c.noise].map(f64::from);
+    let [eta, noise, least] = [c.eta, c.noise, c.least].map(f64::from);
     let of = |x: usize, y: usize| {
         let beside = [(2, 0), (-2, 0), (0, 2), (0, -2)].map(|(i, j)| v.clamped(x as isize + i, y as isize + j));
         let bend = 0.25 * beside.iter().sum::<f64>() - v.get(x, y);
-        [d.get(x, y), b.get(x, y).powi(2) + noise * noise / eta * d.get(x, y), bend * bend]
+        let (d, b) = (d.get(x, y), b.get(x, y));
+        if d > least { [d, b * b + noise * noise / eta * d, bend * bend] } else { [0.0, 0.0, bend * bend] }
     };
     let (width, height) = (v.width.div_ceil(2), v.height.div_ceil(2));
     std::array::from_fn(|layer| Field::from_fn(width, height, |x, y| of(2 * x, 2 * y)[layer]))
@@ -92,7 +97,7 @@ mod tests {
 
     fn constants(v: &Field) -> Constants {
         let (width, height) = (v.width as u32, v.height as u32);
-        Constants { width, height, eta: 0.01, noise: NOISE }
+        Constants { width, height, eta: 0.01, noise: NOISE, least: 0.2 }
     }
 
     #[test]
@@ -113,6 +118,7 @@ mod tests {
     fn a_parabola_bends_by_its_second_derivative() {
         let v = Field::from_fn(16, 16, |x, _| 0.3 * (x * x) as f64);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
+        assert_eq!(twin(&constants(&v), &v, [&flat(0.1), &flat(1.0)])[1].get(3, 3), 0.0, "of rounding");
         let [d, b2, bend] = twin(&constants(&v), &v, [&flat(5.0), &flat(-0.2)]);
         assert_eq!(d.get(3, 3), 5.0);
         // Residuals of 0.001, of weight 1/η, besides.

@@ -71,11 +71,6 @@ impl Rig {
         self.image_of(layers, Texel::FourHalf)
     }
 
-    /// An image of zeros for the weights of both colours.
-    pub(crate) fn empty_weights(&self, [width, height]: [u32; 2]) -> Arc<Image> {
-        self.weights(&vec![Field::zeros(4 * width as usize, height as usize); 2])
-    }
-
     fn image_of(&self, layers: &[Field], texel: Texel) -> Arc<Image> {
         let size = [(layers[0].width / texel.floats()) as u32, layers[0].height as u32];
         let image = Image::new(self.device(), "test image", size, layers.len() as u32, texel).unwrap();

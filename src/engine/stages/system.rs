@@ -135,9 +135,12 @@ mod tests {
         let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { f64::from(state.alpha) };
         let (expected, sums) = twin(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
         let rig = Rig::new();
-        let half_size = [width.div_ceil(2), height];
-        let images =
-            [rig.image(&fields[..1]), rig.image(&fields[1..]), rig.empty(half_size, 2), rig.empty_weights(half_size)];
+        // What an odd width leaves out is written too.
+        let before = |floats: u32| {
+            let nothing = Field::from_fn((floats * width.div_ceil(2)) as usize, height as usize, |_, _| f64::NAN);
+            [nothing.clone(), nothing]
+        };
+        let images = [rig.image(&fields[..1]), rig.image(&fields[1..]), rig.image(&before(1)), rig.weights(&before(4))];
         let groups = tiles([width, height]);
         let partials = rig.upload(&vec![0; 4 * SUMS * (groups[0] * groups[1]) as usize]);
         let state = rig.upload(bytemuck::bytes_of(&state));
