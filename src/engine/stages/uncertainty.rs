@@ -9,9 +9,10 @@
 //! σ_V = κ sqrt(mean b² / (N (mean D)²) + β mean (∇²V)²)
 //! ```
 //!
-//! κ and β are those by which 68 % of true errors come out within σ and 94 % within 2 σ, on 21 scenes alike: plane, relief, steps,
-//! cylinders and dots at noise of 0 to 0.03, and a rendered part. A slope is no error: with |∇V|² in place of (∇²V)² σ of a plane
-//! without noise is five times its error.
+//! κ and β are those by which, of plane, relief, steps and cylinders at noise of 0 to 0.03 and of a card and blocks that hide what is behind
+//! them, most have 60 to 75 % of true errors within σ and 90 to 97 % within 2 σ. What pulls a window as a whole, (mean b)² in place of
+//! mean b², does as well and no better; with β 2.75 up to 4 % of errors are beyond 5 σ. A slope is no error: with |∇V|² in place of
+//! (∇²V)² σ of a plane without noise is five times its error.
 
 use bytemuck::{Pod, Zeroable};
 
