@@ -279,13 +279,12 @@ impl Solver {
         let states = [Slot::EndState, Slot::RegisteredState].map(|slot| self.state(slot));
         let [solved, registered] = states;
         let done = [solved?.levels, registered?.levels];
-        let outer = self.plan.settings.outer_iterations;
         let Prepared { script, recording } = self.latest();
         let ran = |d: &Dispatch| Ran {
             pass: d.stage.shader.name,
             place: d.place,
             bytes: d.bytes,
-            executed: d.place.executed(d.grid, &done, outer),
+            executed: d.place.executed(d.grid, &done),
         };
         let (dispatches, ends_ms) = (script.dispatches().map(ran).collect(), recording.times()?.ends_ms);
         Ok(Profile { dispatches, ends_ms, phases: self.phases.clone() })

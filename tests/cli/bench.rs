@@ -97,8 +97,8 @@ fn check_run(run: &Value) {
     let count = |name: &str| passes.iter().find(|p| p["name"] == name).map_or(0, |p| p["dispatches"].as_u64().unwrap());
     assert_eq!(passes.iter().map(|p| p["dispatches"].as_u64().unwrap()).sum::<u64>(), executed);
     assert_eq!(count("linearise"), iterations.iter().sum::<u64>());
-    // A level that settles early relaxes once less than it linearises.
-    let relaxed: u64 = iterations.iter().map(|&n| if n < 8 { n - 1 } else { n }).sum();
+    // The last iteration of a level only says where the others have led.
+    let relaxed: u64 = iterations.iter().map(|&n| n - 1).sum();
     // So small that one pass takes all sweeps.
     assert_eq!((count("update"), count("relax_level"), count("relax")), (relaxed, relaxed, 0));
     for pass in passes {

@@ -49,7 +49,7 @@ fn a_quick_run_without_data_writes_tables_figures_and_verdicts() {
             assert_eq!(case["figures"].as_array().unwrap().is_empty(), absent, "{name}: {case}");
         }
     }
-    assert_eq!((sections.len(), report["sweeps"].as_array().unwrap().len()), (7, 3));
+    assert_eq!((sections.len(), report["sweeps"].as_array().unwrap().len()), (7, 4));
 
     let text = fs::read_to_string(out.join("report.md")).unwrap();
     assert!(text.contains("## By itself") && stderr.contains("### Shading: "), "{text}");

@@ -161,7 +161,7 @@ impl Timed {
             return None;
         }
         let swept = |level: &LevelReport| {
-            let iterations = arguments::relaxed(level.iterations as u32, self.settings.outer_iterations);
+            let iterations = arguments::relaxed(level.iterations as u32);
             f64::from(level.width) * f64::from(level.height) * f64::from(iterations * self.settings.sweeps)
         };
         let megapixels = self.levels.iter().map(swept).sum::<f64>() * 1e-6;
