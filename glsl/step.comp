@@ -35,7 +35,7 @@ const float FOLLOWED = 0.02;
 // What the shading may change by before I2 is evened out anew: a thousandth of the contrast is 0.01 px² of V.
 const float EVEN = 0.001;
 
-const float LEAST_ALPHA = 5e-4;
+const float LEAST_ALPHA = 3.5e-4;
 const float MOST_ALPHA = 10.0;
 const float LEAST_STEEP = 0.007, MOST_STEEP = 0.1;   // px² a pixel
 

@@ -171,7 +171,7 @@ fn shading_stays(now: &Shading, evened: &Shading) -> bool {
 }
 
 /// Where α is looked for.
-const ALPHAS: [f64; 2] = [5e-4, 10.0];
+const ALPHAS: [f64; 2] = [3.5e-4, 10.0];
 /// Steepness, px² a pixel, within which α follows it. Below V counts as flat, and a larger α would converge too slowly to gain
 /// anything; beyond, it is noise that is steep, and a smaller α would raise it.
 const STEEP: [f64; 2] = [0.007, 0.1];
