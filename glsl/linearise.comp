@@ -2,7 +2,7 @@
 // The fused blur-and-derivative pass: V, I1, I2, T to S1, S2, their derivatives, the weights, D and b of each pixel, and
 // the registration integrals. Equations 22 to 32 and 23. Twin: src/engine/stages/linearise.rs.
 //
-// An invocation goes down two columns side by side, a red and a black pixel a line, and keeps the lines around in
+// An invocation goes down two columns side by side, and keeps the lines around in
 // registers: V, its inverse gradient and the sharp coefficients are loaded once a line instead of once a pixel.
 
 #extension GL_EXT_control_flow_attributes : require

@@ -156,7 +156,7 @@ float shading_changes() {
     return sum;
 }
 
-// α = 0.2 (mean √|b|)² / mean |∇V|, unless it is there within a tenth: each change takes iterations.
+// α = 0.14 (mean √|b|)² / mean |∇V|, unless it is there within a tenth: each change takes iterations.
 void find_alpha() {
     float count = max(totals[VALID], 1.0), root = totals[ROUGHNESS] / count, steep = totals[ROUGHNESS + 1] / count;
     float found = clamp(0.14 * root * root / clamp(steep, LEAST_STEEP, MOST_STEEP), LEAST_ALPHA, MOST_ALPHA);

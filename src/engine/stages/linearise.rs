@@ -30,7 +30,7 @@ use super::sums::{Layout, Sums};
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::vulkan::{Stage, Variant};
 
-/// Lines of a red and a black pixel that an invocation goes down, at most: what a line shares with the next is loaded once,
+/// Lines of two pixels that an invocation goes down, at most: what a line shares with the next is loaded once,
 /// and the sums of a workgroup are reduced once for all of them.
 const MOST_ROWS: u32 = 8;
 /// Pixels below which a level is spread over more workgroups, so that small levels do not leave most of a device idle.
