@@ -15,12 +15,15 @@ layout(binding = 2, r32f) uniform readonly image2DArray aligned;        // all f
 layout(binding = 3, r32f) uniform image2DArray system;                  // D, b, q; or D, b and two of noise
 layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
 layout(binding = 5, std430) readonly buffer Tiles { uint tiles[]; };
+layout(binding = 6, std430) readonly buffer Hidden { uint hidden[]; };  // by pixel, a bit a frame that does not count there
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
-    int other;                       // layer of the other frame
+    uint other;                      // layer of the other frame
     int row;                         // first row of partial sums
     int listed;                      // first of the tiles wanted
+    uint own;                        // layer of the sharper frame
+    uint words;                      // of bits, a pixel; none where all pixels of all frames count
     float own_setting, other_setting;
     float rate;                      // c, px² of the level
     float grain;                     // f, px²
@@ -39,6 +42,10 @@ layout(constant_id = 3) const bool STAYS = false;   // T and c do: no sums, and 
 const int ROWS = 8;                  // lines an invocation goes down
 const float FILTERED = 4.0;          // pixels along the border that the low pass and the high pass reach over
 
+bool is_hidden(ivec2 x, uint frame) {
+    return (hidden[(x.y * width + x.x) * words + frame / 32u] >> frame % 32u & 1u) != 0u;
+}
+
 float coefficient(int image, ivec3 place) { return imageLoad(stacks, place).r; }
 
 // D, b and q of a pixel; what it adds to the sums.
@@ -49,6 +56,7 @@ vec4 pixel(ivec2 x, inout Sums sums) {
     float reach = 3.0 * sqrt(max(v, 0.0)) + FILTERED;
     vec4 inside = vec4(vec2(x) - vec2(left, top), vec2(right, bottom) - vec2(x));
     if (!(v > 0.0 && v < limit && before <= far) || any(lessThan(inside, vec4(reach)))) return vec4(0.0);
+    if (words > 0u && (is_hidden(x, own) || is_hidden(x, other))) return vec4(0.0);
     ivec2 size = ivec2(width, height);
     ivec3 columns = ivec3(reflect_once(ivec2(x.x - 1, x.x), size.xx), reflect_once(ivec2(x.x + 1), size.xx).x);
     ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);

@@ -21,6 +21,7 @@ layout(push_constant) uniform Constants {
     float smoothness_eta;
 };
 
+const int REACH = 16;                // pixels on either side that tell of V's slope
 const int SUMS = 2;                  // q b, q², over D and what the smoothness adds to it
 shared vec2 by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4];
 
@@ -28,6 +29,13 @@ float at(ivec2 x) { return imageLoad(unknown, ivec3(clamp(x, ivec2(0), ivec2(wid
 
 float inverse_gradient(float rise_x, float rise_y) {
     return inversesqrt(0.25 * rate * (rise_x * rise_x + rise_y * rise_y) + smoothness_eta * smoothness_eta);
+}
+
+// How V slopes from a pixel to the next, by what it is there and REACH before and behind: the harmonic mean of either side, 0 where these
+// disagree.
+float slope(float far_before, float here, float next, float far_behind) {
+    float before = here - far_before, behind = far_behind - next;
+    return before * behind > 0.0 ? 2.0 * before * behind / (float(REACH) * (before + behind)) : 0.0;
 }
 
 // What a pixel adds to the sums.
@@ -42,7 +50,13 @@ vec2 equation(ivec2 x) {
     bvec4 exists = bvec4(x.x + 1 < width, x.x > 0, x.y + 1 < height, x.y > 0);
     float half_alpha = 0.5 * rate * (SWEEP ? alpha : alpha * state.alpha);
     vec4 a = mix(vec4(0.0), half_alpha * (inverse_gradient(right - left, below - above) + phis), exists);
-    float pull = dot(a, vec4(right, left, below, above) - here);
+    vec4 rises = vec4(right, left, below, above) - here;
+    if (!SWEEP) {
+        const ivec2 NEAR = ivec2(REACH, 0), FAR = ivec2(REACH + 1, 0);
+        rises -= vec4(slope(at(x - NEAR), here, right, at(x + FAR)), -slope(at(x - FAR), left, here, at(x + NEAR)),
+                      slope(at(x - NEAR.yx), here, below, at(x + FAR.yx)), -slope(at(x - FAR.yx), above, here, at(x + NEAR.yx)));
+    }
+    float pull = dot(a, rises);
     float d = imageLoad(normal_equations, ivec3(x, 0)).r, b = imageLoad(normal_equations, ivec3(x, 1)).r;
     float over = 1.0 / max(d + a.x + a.y + a.z + a.w, 1e-12);
     ivec3 place = ivec3(x.x / 2, x.y, (x.x + x.y) % 2);

@@ -4,10 +4,12 @@
 #include "state.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
+layout(constant_id = 4) const bool MASKED = false;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform readonly image2DArray evidence;      // on every other pixel: means of D, b², (∇²V)², S²
 layout(binding = 2, r32f) uniform writeonly image2DArray result;       // layers: V, its standard deviation, residual
 layout(binding = 3, std430) readonly buffer StateBuffer { State state; };
+layout(binding = 4, std430) readonly buffer Mask { uint mask[]; };     // a byte a pixel: 0 where it has no results
 layout(push_constant) uniform Constants {
     int width, height;
     float centre_x, centre_y;
@@ -28,6 +30,8 @@ void main() {
     float v = imageLoad(relative_blur, ivec3(x, 0)).r;
     Registration r = state.registration;
     bool valid = inside(x, displacement(r, x, 1.0, vec2(centre_x, centre_y)), size, v, scale_of(r));
+    uint pixel = x.y * width + x.x;
+    if (MASKED) valid = valid && (mask[pixel / 4] >> 8 * (pixel & 3) & 0xffu) != 0u;
     ivec2 low = x / 2, high = min((x + 1) / 2, (size - 1) / 2);
     vec4 mean = 0.25 * (evidence_at(low) + evidence_at(ivec2(high.x, low.y)) + evidence_at(ivec2(low.x, high.y))
                         + evidence_at(high));

@@ -58,8 +58,8 @@ pub use base::{
     centre,
 };
 pub use engine::{
-    Engine, EngineOptions, KeyPoints, LevelHistory, OtherMotion, Progress, Registered, Solution, Solver, Timings,
-    reference, stages,
+    Engine, EngineOptions, Findings, KeyPoints, LevelHistory, OtherMotion, Progress, Registered, Solution, Solver,
+    Ticket, Timings, View, reference, stages,
 };
 #[cfg(feature = "files")]
 pub use files::{export, image_io, model, regular};
@@ -67,4 +67,4 @@ pub use files::{export, image_io, model, regular};
 pub use lab::{baseline, bench, contact_sheet, evaluate, scene};
 pub use metric::{Calibration, Found, MetricDepth, Target, Unknown, calibrate, measure};
 #[cfg(feature = "page")]
-pub use page::{figure, report_html, view};
+pub use page::{batch_html, figure, report_html, view};

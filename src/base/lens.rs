@@ -81,6 +81,13 @@ impl Lens {
         if self.telecentric { 1.0 } else { self.sensor_distance(1) / self.sensor_distance(0) }
     }
 
+    /// Side of the square that a pixel of I1 sees at depth `z` mm, mm: by the ray through the middle of the lens, or, if it is
+    /// telecentric, through its front focal point, behind which rays run along the axis.
+    pub fn footprint(&self, z: f64) -> f64 {
+        let f = self.focal_length;
+        self.pixel_pitch * if self.telecentric { (z - f) / f } else { z / self.sensor_distance(0) }
+    }
+
     /// Variance of the blur of a point at depth `z` mm, per axis, in the px² of its own image: `κ² (r_i / pitch)²` with
     /// `r_i = a_i |x_i - x(z)|`.
     pub fn variance(&self, image: usize, z: f64) -> f64 {
@@ -248,6 +255,16 @@ mod tests {
         // V is linear in v_z, and 0 half way.
         let middle = (v1 + lens.sensor_distance(1)) / 2.0;
         assert!(lens.relative_blur(25.0 * middle / (middle - 25.0), 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_pixel_sees_its_own_size_over_the_magnification() {
+        // In focus the image is smaller than the scene by f/(u - f), whatever the lens.
+        for telecentric in [false, true] {
+            let lens = Lens { telecentric, ..lens() };
+            assert!((lens.footprint(226.5) - 0.015 * (226.5 - 50.0) / 50.0).abs() < 1e-12);
+        }
+        assert!((lens().footprint(453.0) / lens().footprint(226.5) - 2.0).abs() < 1e-12);
     }
 
     #[test]

@@ -43,6 +43,12 @@ impl Mask {
         self.counts.get(row * self.width as usize + column) == Some(&1)
     }
 
+    /// The share of pixels that count.
+    pub(crate) fn share(&self) -> f64 {
+        let counted = self.counts.iter().filter(|counts| **counts != 0).count();
+        counted as f64 / self.counts.len().max(1) as f64
+    }
+
     /// A byte a pixel, 0 where it is left out.
     pub fn bytes(&self) -> &[u8] {
         &self.counts

@@ -9,6 +9,7 @@ use parfocal::{Brightness, Depth, Frame, image_io, resample};
 use super::failure::Failure;
 use super::frames;
 use super::output::{self, ForceArgument};
+use super::settings::registration;
 use super::told::ToldArguments;
 
 /// Bring other photographs of I2's camera, or all frames of a sweep, onto the pixels of the reference.
@@ -22,7 +23,7 @@ pub(super) struct Arguments {
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
     /// The registration: a report.json of a pair or a sweep, what register wrote, or its transform object
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = registration)]
     transform: PathBuf,
     /// Folder for the results, each of the name of its image; made if it is missing
     #[arg(short, long, value_name = "OUT")]
@@ -72,7 +73,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// The same of all frames of a sweep.
 fn of_sweep(arguments: &Arguments, places: &SweepPlaces) -> Result<(), Failure> {
-    let images = frames::of_sweep(&arguments.images, false)?;
+    let images = frames::of_sweep(&arguments.images, false, None)?;
     if images.len() != places.frames.len() {
         let (file, stated) = (arguments.transform.display(), places.frames.len());
         let problem = format!("registers {stated} frames, and {} images are given; give one for each", images.len());

@@ -14,6 +14,7 @@ use parfocal::export::{FileKind, abandon, is_whole, write_named};
 use parfocal::focus_stack::{Positions, Sweep};
 use parfocal::image_io::Input;
 use parfocal::{DeviceInfo, Engine, Error, Kept, Solution};
+use serde_json::json;
 
 use super::failure::{Failure, plain};
 use super::headings::OUTPUT;
@@ -21,8 +22,9 @@ use super::help;
 use super::options::SolveOptions;
 use super::pairs::Group;
 use super::request::Request;
+use super::run::RunArguments;
 use super::sweep_work::{self, SweepFrames, SweepJob};
-use super::tally::{Outcome, REPORT, Row, SUMMARY, Tally};
+use super::tally::{INDEX, Outcome, REPORT, Row, SUMMARY, Tally};
 use super::work::{self, Job, Photographs};
 use super::{ending, output, pairs};
 
@@ -96,19 +98,26 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let request = arguments.options.request()?;
     output::check_folder(out)?;
     request.force.to(out).check_named(FileKind::Batch, &[SUMMARY])?;
-    let jobs: Vec<Named> = pairs::find(source, out)?.into_iter().map(|group| Named::new(out, group)).collect();
+    if request.page {
+        request.force.to(out).check_named(FileKind::BatchPage, &[INDEX])?;
+    }
+    let found = pairs::find(source, out, arguments.options.raw())?;
+    let jobs: Vec<Named> = found.groups.into_iter().map(|group| Named::new(out, group)).collect();
     jobs.iter().try_for_each(|named| named.task.check(&request))?;
     let stop = on_interrupt();
     let engine = request.run.open_engine()?;
     let shared = Shared { request, resume: arguments.resume, device: engine.info().clone(), stop };
     let Request { run, force, .. } = &shared.request;
-    let bar = Bar::new(jobs.len(), run.told.is_quiet());
+    let bar = Bar::new(jobs.len(), run);
     let (rows, ended) = work_off(engine, &jobs, &shared, &bar)?;
     drop(bar);
     let interrupted = shared.stop.load(Ordering::Relaxed);
-    let tally = Tally::new(source, rows, interrupted, started.elapsed());
+    let tally = Tally::new(source, rows, found.left_over, interrupted, started.elapsed());
     let json = tally.to_json()?;
     write_named(force.to(out), SUMMARY, FileKind::Batch, format!("{json}\n").as_bytes())?;
+    if shared.request.page {
+        write_named(force.to(out), INDEX, FileKind::BatchPage, tally.page(out).as_bytes())?;
+    }
     run.told.tell(&tally.table(out), || Ok(json))?;
     ended?;
     tally.check(run.strict)
@@ -341,11 +350,14 @@ fn write(jobs: &[Named], shared: &Shared, bar: &Bar, rows: &mut [Row], index: us
 struct Bar {
     bar: ProgressBar,
     lines: bool,
+    /// Whether a program is told, a line of JSON a pair.
+    json: bool,
     pairs: usize,
 }
 
 impl Bar {
-    fn new(pairs: usize, quiet: bool) -> Self {
+    fn new(pairs: usize, run: &RunArguments) -> Self {
+        let (quiet, json) = (run.told.is_quiet() || run.tells_programs(), run.tells_programs());
         let terminal = io::stderr().is_terminal();
         let bar = if terminal && !quiet { ProgressBar::new(pairs as u64) } else { ProgressBar::hidden() };
         let template = "{pos}/{len} {bar:24} {elapsed}, {rate}, {eta} left  {msg}";
@@ -361,7 +373,7 @@ impl Bar {
             ));
         }
         bar.tick();
-        Self { bar, lines: !terminal && !quiet, pairs }
+        Self { bar, lines: !terminal && !quiet, json, pairs }
     }
 
     fn show(&self, index: usize, row: &Row) {
@@ -372,6 +384,12 @@ impl Bar {
             self.bar.inc(1);
         }
         self.bar.set_message(plain(row.name()));
+        if self.json {
+            let (done, name) = (index + 1, row.name());
+            let line = json!({ "done": done, "of": self.pairs, "name": name, "status": row.outcome().status() });
+            let _ = writeln!(io::stderr(), "{line}");
+            return;
+        }
         let line = format!("{}/{} {}", index + 1, self.pairs, row.line());
         if self.lines {
             let _ = writeln!(io::stderr(), "{line}");

@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use parfocal::Region;
 use parfocal::export::{self, FileKind, Solved};
 use parfocal::measure::Values;
-use parfocal::{Calibration, Target, Unknown, calibrate, regular};
+use parfocal::{Calibration, Error, Target, Unknown, calibrate, regular};
 use serde::Deserialize;
 
 use super::depth::decimals;
@@ -96,21 +96,38 @@ struct StepOfFile {
 
 /// Reads, fits, writes and prints.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let lens = arguments.lens.required()?;
+    arguments.lens.stated()?;
     let unknowns = unknowns(&arguments.fit)?;
     let target = target(arguments)?;
     check_output(arguments)?;
     let solved = Solved::read(&arguments.of.results)?;
+    let lens = arguments.lens.required(&solved)?;
     if matches!(target, Target::Plane(_)) && [solved.width, solved.height] != solved.photograph {
         let problem = "is of a part of the photographs, whose corners are not the plane's; solve it without --roi and --crop-valid";
         return Err(Failure::Failed(format!("{}: {problem}", arguments.of.results.display())));
     }
     let blur = Values { width: solved.width, values: &solved.relative_blur };
-    let found = calibrate(&lens, solved.transform.scale(), &blur, &solved.confidence, &target, &unknowns)?;
+    let fit =
+        |target: &Target| calibrate(&lens, solved.transform.scale(), &blur, &solved.confidence, target, &unknowns);
+    let found = fit(&target).map_err(|e| with_turned_corners(e, &target, |target| fit(target).is_ok()))?;
     if let Some(file) = &arguments.output {
         export::write_json(arguments.of.force.to(file), FileKind::Lens, &found)?;
     }
     arguments.of.tell(&summary(&found, arguments.output.as_deref()), &found)
+}
+
+/// Asks, where a plane determines nothing, whether its corners were named in another order by which it does.
+fn with_turned_corners(error: Error, target: &Target, fits: impl Fn(&Target) -> bool) -> Failure {
+    let (Error::Region(problem), Target::Plane(corners)) = (&error, target) else { return error.into() };
+    let [a, b, c] = corners.map(|z| 1.0 / z);
+    let d = b + c - a;
+    let turned = [[b, a, d], [c, d, a], [d, c, b], [a, c, b]].map(|corners| corners.map(|q| 1.0 / q));
+    let Some([a, b, c]) = turned.into_iter().find(|corners| fits(&Target::Plane(*corners))) else {
+        return error.into();
+    };
+    Failure::Failed(format!(
+        "{problem}; or did you mean --plane {a:.3},{b:.3},{c:.3}? Its corners are top left, top right, bottom left, as the image is seen"
+    ))
 }
 
 fn unknowns(names: &[UnknownName]) -> Result<Vec<Unknown>, Failure> {

@@ -1,20 +1,20 @@
 //! `parfocal depth`: depth in mm for a folder that has been solved.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use parfocal::export::{
-    DEPTH_FILE, DepthReport, PAGE_FILE, RangeReport, Solved, SolvedSweep, SweepDepthReport, holds_sweep,
-};
+use parfocal::export::{DEPTH_FILE, DepthReport, RangeReport, Solved, SolvedSweep, SweepDepthReport, holds_sweep};
 use parfocal::figure::PEN;
-use parfocal::report_html::SweepPage;
 
 use super::colors::ColorsArgument;
 use super::failure::Failure;
 use super::headings::INPUT;
 use super::lens::LensArguments;
+use super::output;
 use super::places::{self, PlacesArguments};
+use super::settings::one_or_two;
+use super::shown::Shown;
 use super::solved::SolvedArguments;
-use super::{output, pair};
+use super::view::VIEW;
 
 /// Turn what was found into depth in mm, once the lens, or what a sweep was focused at, is known.
 ///
@@ -29,7 +29,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     places: PlacesArguments,
     /// Of a sweep: whether the first (1) or the last (2) frame is focused nearest [default: by --focus-at]
-    #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = clap::value_parser!(u8).range(1..=2))]
+    #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = one_or_two)]
     nearer: Option<u8>,
     #[command(flatten)]
     colors: ColorsArgument,
@@ -43,7 +43,8 @@ Results, in the same folder, all or none:
   depth.png     depth in mm, transparent where there is none
   depth16.png, depth16.tiff
                 the same in 16 bits, where the solve has written them
-  report.html   of a sweep, where the solve has written it and the frames are still there; removed if they are not
+  report.html, surface.ply and the like
+                with the new depth, where the solve has written them; with a lens the surface is in mm
 
 Exit status: 0 done, 1 failed, 2 wrong usage.";
 
@@ -57,20 +58,38 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let problem = "holds a pair, to whose depth a lens leads; leave out --focus-at and --nearer";
         return Err(Failure::Usage(format!("{}: {problem}", results.display())));
     }
-    let lens = arguments.lens.required()?;
+    // Flags that are wrong by themselves are told first.
+    arguments.lens.stated()?;
     let solved = Solved::read(results)?;
+    let lens = arguments.lens.required(&solved)?;
     let written = [DEPTH_FILE, "depth.png", "report.json"];
     // A report may state the lens: it is read before it is written again.
     let inputs: Vec<&PathBuf> =
         arguments.lens.file().into_iter().filter(|file| !file.ends_with("report.json")).collect();
     output::check_folder(results)?;
     output::check_inputs(results, &written, &inputs)?;
-    solved.check_depth(arguments.of.force.is_given())?;
-    let metric = solved.through(&lens);
-    solved.write_depth(&metric, arguments.colors.palette(), Some(PEN), arguments.of.force.is_given())?;
-    let report = DepthReport::from(&metric);
-    let (range, files) = (summary(&report), written.join(" "));
-    arguments.of.tell(&format!("depth          {range}\nresults        {}: {files}", results.display()), &report)
+    let force = arguments.of.force.is_given();
+    solved.check_depth(force)?;
+    let mut new = solved.seen_through(&lens);
+    let shown = Shown::of_pair(&new)?;
+    shown.note(new.report_mut());
+    let palette = arguments.colors.palette();
+    new.write_depth(palette, Some(PEN), shown.files_of_pair(&new, Some(palette)), force)?;
+    let Some(report) = new.metric.as_ref().map(DepthReport::from) else { return Ok(()) };
+    let mut lines = vec![format!("depth          {}", summary(&report))];
+    let doubt = new.metric.as_ref().and_then(|metric| new.doubt(metric));
+    lines.extend(doubt.map(|doubt| format!("warning        {doubt}")));
+    lines.extend(shown.warning());
+    lines.extend(drawn_before(results));
+    lines.push(format!("results        {}", results.display()));
+    arguments.of.tell(&lines.join("\n"), &report)
+}
+
+/// A word on what `parfocal view` drew before.
+fn drawn_before(results: &Path) -> Option<String> {
+    let view = results.join(VIEW);
+    view.is_file()
+        .then(|| format!("note           {} shows what was before; parfocal view draws it anew", view.display()))
 }
 
 /// The same for a focus sweep.
@@ -85,26 +104,15 @@ fn of_sweep(arguments: &Arguments) -> Result<(), Failure> {
     let solved = SolvedSweep::read(results)?;
     output::check_folder(results)?;
     solved.check_depth(force)?;
-    let new = solved.focused_at(&places, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
-    let files = new.frame_files();
-    let frames = new.has(PAGE_FILE).then(|| new.frames());
+    let mut new = solved.focused_at(&places, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
+    let shown = Shown::of_sweep(&new)?;
+    shown.note(new.report_mut());
     let palette = arguments.colors.palette();
-    let page = match &frames {
-        Some(Ok(frames)) => {
-            let names = files.iter().map(|file| pair::name(file)).collect();
-            let decode = new.sweep.decode;
-            let frames = frames.iter().collect();
-            let page = SweepPage { frames, names, decode, nearer, palette, fields: Vec::new() };
-            Some(page.file(&new.sweep, new.report()))
-        }
-        _ => None,
-    };
-    new.write_depth(&solved, palette, Some(PEN), page, force)?;
+    new.write_depth(palette, Some(PEN), shown.files_of_sweep(&new, Some(palette)), force)?;
     let Some(report) = SweepDepthReport::of(&new.sweep) else { return Ok(()) };
     let mut lines = vec![format!("depth          {}", of_range(&report.range, "beyond infinity", report.out_of_range))];
-    if let Some(Err(problem)) = &frames {
-        lines.push(format!("warning        {PAGE_FILE} would need the frames, and is removed: {problem}"));
-    }
+    lines.extend(shown.warning());
+    lines.extend(drawn_before(results));
     lines.push(format!("results        {}", results.display()));
     arguments.of.tell(&lines.join("\n"), &report)
 }

@@ -20,6 +20,9 @@ pub(super) struct EngineArguments {
     #[arg(long, value_name = "SECONDS", help_heading = DEVICE, default_value_t = EngineOptions::default().timeout.as_secs(),
           value_parser = clap::value_parser!(u64).range(1..))]
     timeout: u64,
+    /// Read the device's clock from pass to pass, for the times in the report; that takes time itself
+    #[arg(long, help_heading = DEVICE)]
+    timings: bool,
 }
 
 impl EngineArguments {
@@ -38,6 +41,7 @@ impl EngineArguments {
             validation: super::validation_asked(),
             timeout: Duration::from_secs(self.timeout),
             key_points: Some(baseline::key_points),
+            timed: self.timings,
         }
     }
 }

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::error::ContextValue;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use parfocal::{Error, image_io};
 
 /// Why a subcommand failed.
@@ -73,6 +73,7 @@ pub(super) fn exit(error: clap::Error) -> ! {
 
 /// What clap says of arguments, in its own lines: those that were typed break none.
 fn in_lines(mut error: clap::Error) -> String {
+    add_hints(&mut error);
     let typed = error.context().filter_map(|(kind, value)| match value {
         ContextValue::String(text) => Some((kind, ContextValue::String(plain(text)))),
         ContextValue::StyledStrs(hints) => {
@@ -85,6 +86,44 @@ fn in_lines(mut error: clap::Error) -> String {
     }
     // What a value's own parser and the usage quote.
     error.render().to_string().split('\n').map(plain).collect::<Vec<_>>().join("\n")
+}
+
+/// Options by what people call them elsewhere.
+const MEANT: [(&str, &str); 14] = [
+    ("--max-blur", "--max-relative-blur"),
+    ("--blur", "--max-relative-blur"),
+    ("--smoothness", "--regularization"),
+    ("--smooth", "--regularization"),
+    ("--alpha", "--regularization"),
+    ("--iterations", "--outer-iterations"),
+    ("--gpu", "--device"),
+    ("--out", "--output"),
+    ("--gamma", "--decode"),
+    ("--aperture", "--f-number"),
+    ("--pixel-size", "--pixel-pitch"),
+    ("--crop", "--roi"),
+    ("--format", "--export"),
+    ("--verbose", "--json"),
+];
+
+/// What clap does not know: other names of options, and the decimal comma.
+fn add_hints(error: &mut clap::Error) {
+    fn text(error: &clap::Error, kind: ContextKind) -> Option<String> {
+        if let Some(ContextValue::String(text)) = error.get(kind) { Some(text.clone()) } else { None }
+    }
+    if error.kind() == ErrorKind::UnknownArgument {
+        let typed = text(error, ContextKind::InvalidArg).unwrap_or_default();
+        let name = typed.split('=').next().unwrap_or_default();
+        if let Some((_, meant)) = MEANT.iter().find(|(other, _)| *other == name) {
+            error.insert(ContextKind::SuggestedArg, ContextValue::String((*meant).to_string()));
+        }
+    }
+    let number = text(error, ContextKind::InvalidValue).filter(|value| value.matches(',').count() == 1);
+    let with_point = number.map(|value| value.replace(',', ".")).filter(|value| value.parse::<f64>().is_ok());
+    if let (ErrorKind::ValueValidation, Some(meant)) = (error.kind(), with_point) {
+        let hint = format!("did you mean {meant}? Decimals are written with a point");
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![hint.into()]));
+    }
 }
 
 /// Folds line breaks, which paths and decoders may bring along.

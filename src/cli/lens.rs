@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use parfocal::export::Nearer;
+use parfocal::export::{Nearer, Solved};
 use parfocal::image_io::{Exif, Input};
 use parfocal::{Lens, regular};
 use serde::{Deserialize, Serialize};
@@ -160,11 +160,18 @@ impl LensArguments {
         Ok(self.is_given().then(|| self.flags().or(file)))
     }
 
-    /// As [`lens`](Self::lens), of a command that is nothing without one.
-    pub(super) fn required(&self) -> Result<Lens, Failure> {
+    /// As [`lens`](Self::lens), of a command that is nothing without one; what is not stated is as in the report of results that are
+    /// seen through one already.
+    pub(super) fn required(&self, results: &Solved) -> Result<Lens, Failure> {
         let none =
             || Failure::Usage("give the lens: --lens FILE, or --focal-length and the flags beside it".to_string());
-        self.lens(PartOfLens::default())?.ok_or_else(none)
+        // One that cannot be used is of no use to what is stated either.
+        let known = results.lens().ok().flatten().map(PartOfLens::from);
+        match (self.stated()?, known) {
+            (Some(stated), known) => stated.or(known.unwrap_or_default()).whole(),
+            (None, Some(known)) => known.whole(),
+            (None, None) => Err(none()),
+        }
     }
 
     /// Whether any of it is stated.

@@ -9,6 +9,7 @@ use super::failure::Failure;
 use super::headings::MEASUREMENTS;
 use super::output;
 use super::region::{LineArgument, RegionArgument};
+use super::shown::Shown;
 use super::solved::SolvedArguments;
 
 /// Measure step heights and profiles in the results of a solve or a sweep.
@@ -67,22 +68,27 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let results = &arguments.of.results;
     let force = arguments.of.force.is_given();
-    let measured = if holds_sweep(results)? {
+    let (measured, warning) = if holds_sweep(results)? {
         let solved = SolvedSweep::read(results)?;
         output::check_folder(results)?;
         solved.check_measurements(&wanted, force)?;
         let measured = solved.measure(&wanted)?;
-        solved.write_measurements(&measured, Some(PEN), force)?;
-        measured
+        let new = solved.with_measurements(&measured);
+        let shown = Shown::page_of_sweep(&new);
+        new.write_measurements(&measured, Some(PEN), shown.files_of_sweep(&new, None), force)?;
+        (measured, shown.warning())
     } else {
-        let solved = Solved::read(results)?;
+        let solved = Solved::read(results)?.as_stated()?;
         output::check_folder(results)?;
         solved.check_measurements(&wanted, force)?;
         let measured = solved.measure(&wanted)?;
-        solved.write_measurements(&measured, Some(PEN), force)?;
-        measured
+        let new = solved.with_measurements(&measured);
+        let shown = Shown::page_of_pair(&new);
+        new.write_measurements(&measured, Some(PEN), shown.files_of_pair(&new, None), force)?;
+        (measured, shown.warning())
     };
-    let lines: Vec<String> = rows(&measured).iter().map(|(label, text)| format!("{label:<14} {text}")).collect();
+    let rows = rows(&measured);
+    let lines: Vec<String> = rows.iter().map(|(label, text)| format!("{label:<14} {text}")).chain(warning).collect();
     arguments.of.tell(&lines.join("\n"), &measured)
 }
 

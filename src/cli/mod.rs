@@ -5,6 +5,7 @@ mod batch;
 mod bench;
 mod calibrate;
 mod colors;
+mod compare;
 mod config;
 mod defaults;
 mod depth;
@@ -19,13 +20,16 @@ mod fuzz;
 mod headings;
 mod help;
 mod lens;
+mod manifest;
 mod measure;
 mod models;
+mod open;
 mod options;
 mod output;
 mod pair;
 mod pairs;
 mod places;
+mod progress;
 mod region;
 mod register;
 mod request;
@@ -33,6 +37,7 @@ mod run;
 mod scope;
 mod settings;
 mod shell;
+mod shown;
 mod simulate;
 mod solve;
 mod solved;
@@ -74,6 +79,8 @@ enum Command {
     Calibrate(Box<calibrate::Arguments>),
     Measure(measure::Arguments),
     View(view::Arguments),
+    Open(open::Arguments),
+    Compare(compare::Arguments),
     Register(Box<register::Arguments>),
     Apply(apply::Arguments),
     Evaluate(evaluate::Arguments),
@@ -119,6 +126,8 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Measure(arguments) => measure::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
+        Command::Open(arguments) => open::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
         Command::Apply(arguments) => apply::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),

@@ -1,6 +1,7 @@
 //! What may be asked of a solve, of one pair as of many: the options that `solve` and `batch` share.
 
 use clap::ValueEnum;
+use parfocal::image_io::RawFormat;
 use parfocal::{Method, Settings};
 
 use super::colors::ColorsArgument;
@@ -13,7 +14,7 @@ use super::output::ForceArgument;
 use super::request::Request;
 use super::run::RunArguments;
 use super::scope::ScopeArguments;
-use super::settings::SettingsArguments;
+use super::settings::{SettingsArguments, one_or_two};
 
 /// The options.
 #[derive(clap::Args, Clone, Debug)]
@@ -21,7 +22,7 @@ pub(super) struct SolveOptions {
     /// Which image is focused nearer [default: 1; with a lens, as its focus distances say]
     ///
     /// It decides which end of V is near in pictures and page.
-    #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = clap::value_parser!(u8).range(1..=2))]
+    #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = one_or_two)]
     nearer: Option<u8>,
     #[command(flatten)]
     settings: SettingsArguments,
@@ -86,6 +87,11 @@ impl From<MethodName> for Method {
 }
 
 impl SolveOptions {
+    /// What photographs without a header hold, if they are that.
+    pub(super) fn raw(&self) -> Option<RawFormat> {
+        self.settings.raw()
+    }
+
     /// What they ask for, once it is found not to contradict itself.
     pub(super) fn request(&self) -> Result<Request, Failure> {
         let part = self.scope.part();
@@ -94,6 +100,7 @@ impl SolveOptions {
             files: files.cloned().collect(),
             settings: self.settings.settings(self.method.into(), self.hold)?,
             decode: self.settings.decoding(),
+            raw: self.settings.raw().map(|raw| raw.to_string()),
             nearer: self.nearer,
             part,
             lens: self.lens.stated()?,

@@ -29,6 +29,10 @@ impl ForceArgument {
 
 /// Refuses an output folder that cannot be one.
 pub(super) fn check_folder(out: &Path) -> Result<(), Failure> {
+    if out == Path::new("-") {
+        let problem = "-: results are files in a folder; name one, and take the report from stdout by --json";
+        return Err(Failure::Usage(problem.to_string()));
+    }
     if out.exists() && !out.is_dir() {
         let folder = out.with_extension("");
         let hint = if folder.exists() { String::new() } else { format!(", '{}' say", folder.display()) };
@@ -65,6 +69,9 @@ pub(super) fn check_file(
     inputs: &[&PathBuf],
 ) -> Result<(), Failure> {
     let failed = |problem: String| Err(Failure::Failed(format!("{}: {problem}", file.path().display())));
+    if file.path() == Path::new("-") {
+        return Err(Failure::Usage(format!("-: name a file{what}; /dev/stdout is one")));
+    }
     if file.path().is_dir() {
         return failed(format!("is a folder; give a file{what}"));
     }

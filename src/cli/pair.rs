@@ -10,9 +10,9 @@ use super::failure::Failure;
 /// The pair.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct PairArguments {
-    /// The photograph whose pixels the results follow: PNG, JPEG, TIFF, PNM, PFM or EXR
+    /// The photograph whose pixels the results follow: PNG, JPEG, TIFF, BMP, WebP, PNM, PFM or EXR
     ///
-    /// FILE#2 is the second page of a TIFF.
+    /// FILE#2 is the second page of a TIFF, FILE#Mono12p:2448x2048 a frame without a header.
     i1: PathBuf,
     /// The other photograph, of the same size
     i2: PathBuf,

@@ -4,11 +4,12 @@ use std::collections::{BTreeMap, HashMap};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use parfocal::image_io::RawFormat;
 use parfocal::regular;
-use serde::Deserialize;
 
 use super::failure::Failure;
-use super::frames::{self, list};
+use super::frames::{self, list, shown, stem};
+use super::manifest;
 use super::tally::SUMMARY;
 
 /// Photographs that belong together, two or those of a sweep in order, and the name of the folder that their results go to.
@@ -18,15 +19,23 @@ pub(super) struct Group {
     pub(super) files: Vec<PathBuf>,
 }
 
+/// What there is to solve.
+#[derive(Debug, Default)]
+pub(super) struct Grouped {
+    pub(super) groups: Vec<Group>,
+    /// Photographs of a folder that belong to no other, and why, a line each.
+    pub(super) left_over: Vec<String>,
+}
+
 /// The rule, as `--help` states it.
 pub(super) const RULE: &str = "\
 Pairs of a folder: names that differ only in what they end with belong together, in its order. That is a number \
 (shot_1.png shot_2.png; IMG_0417.tif IMG_0418.tif IMG_0419.tif IMG_0420.tif are two pairs), _near and _far, or _a and \
-_b; the first is I1. A photograph that is left over is an error. Where the folder holds folders and no photographs, the \
+_b; the first is I1. A photograph that is left over is passed over, and told. Where the folder holds folders and no photographs, the \
 rule holds in each of them, but that one with three or more whose names differ in nothing but a number is a focus \
 sweep, in the order of the numbers.
 
-A manifest is CSV, lines of I1,I2 or I1,I2,NAME (a header is allowed, # begins a comment), or JSON lines, \
+A manifest is CSV, lines of I1,I2 or I1,I2,NAME (or with semicolons; a header is allowed, # begins a comment), or JSON lines, \
 {\"i1\": FILE, \"i2\": FILE, \"name\": NAME}, the name optional; {\"sweep\": FOLDER} or {\"sweep\": [FILE, ...]} is a focus \
 sweep. Its paths are relative to its own folder.";
 
@@ -34,45 +43,54 @@ sweep. Its paths are relative to its own folder.";
 const MAX_BYTES: u64 = 64 << 20;
 
 /// The pairs of a folder or a manifest; results in `out` are not taken for photographs.
-pub(super) fn find(source: &Path, out: &Path) -> Result<Vec<Group>, Failure> {
+pub(super) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", source.display()));
+    let mut left_over = Vec::new();
     let pairs: Vec<Candidate> = if source.is_dir() {
-        of_folder(source, out)?.into_iter().map(Candidate::of_folder).collect()
+        let found = of_folder(source, out, raw)?;
+        left_over = found.left_over;
+        found.groups.into_iter().map(Candidate::of_folder).collect()
     } else if source.exists() {
-        of_manifest(source)?
+        of_manifest(source, raw)?
     } else {
         let hint = super::failure::did_you_mean(source);
         return Err(failed(format!("there is no such folder or manifest{hint}")));
     };
-    match pairs.as_slice() {
-        [] => {
-            Err(failed("holds no pair of photographs; see `parfocal batch --help` for how they are named".to_string()))
-        }
-        _ => named_apart(pairs).map_err(failed),
+    if pairs.is_empty() {
+        let problem = "holds no pair of photographs; see `parfocal batch --help` for how they are named";
+        let left_over = left_over.iter().map(|problem| format!("; {problem}"));
+        return Err(failed(left_over.fold(problem.to_string(), |all, one| all + &one)));
     }
+    let mut groups = named_apart(pairs).map_err(failed)?;
+    for file in groups.iter_mut().flat_map(|group| &mut group.files) {
+        *file = frames::named(std::mem::take(file), raw);
+    }
+    Ok(Grouped { groups, left_over })
 }
 
-fn of_folder(folder: &Path, out: &Path) -> Result<Vec<Group>, Failure> {
-    let (files, folders) = list(folder)?;
+fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
+    let (files, folders) = list(folder, raw)?;
+    let named = |folder: &Path, problem| Failure::Failed(format!("{}: {problem}", folder.display()));
     if !files.is_empty() {
-        return by_name(&files).map_err(|problem| Failure::Failed(format!("{}: {problem}", folder.display())));
+        return by_name(&files).map_err(|problem| named(folder, problem));
     }
-    let mut pairs = Vec::new();
+    let mut all = Grouped::default();
     for inner in folders.iter().filter(|inner| !super::same_file(inner, out)) {
         let folder_name = inner.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let files = list(inner)?.0;
+        let files = list(inner, raw)?.0;
         if let Some(files) = as_sweep(&files) {
-            pairs.push(Group { name: folder_name, files });
+            all.groups.push(Group { name: folder_name, files });
             continue;
         }
-        let found = by_name(&files).map_err(|problem| Failure::Failed(format!("{}: {problem}", inner.display())))?;
-        let only = found.len() == 1;
-        pairs.extend(found.into_iter().map(|pair| {
+        let found = by_name(&files).map_err(|problem| named(inner, problem))?;
+        let only = found.groups.len() == 1;
+        all.groups.extend(found.groups.into_iter().map(|pair| {
             let name = if only { folder_name.clone() } else { format!("{folder_name}-{}", pair.name) };
             Group { name, ..pair }
         }));
+        all.left_over.extend(found.left_over.into_iter().map(|problem| format!("{folder_name}: {problem}")));
     }
-    Ok(pairs)
+    Ok(all)
 }
 
 /// What the name of a photograph ends with, which orders it among those that share the rest.
@@ -113,111 +131,50 @@ fn as_sweep(files: &[PathBuf]) -> Option<Vec<PathBuf>> {
     is_sweep.then(|| frames.into_iter().map(|frame| frame.2.clone()).collect())
 }
 
-/// Pairs of files by their names.
-fn by_name(files: &[PathBuf]) -> Result<Vec<Group>, String> {
-    let mut groups: BTreeMap<(String, Kind), BTreeMap<u64, &PathBuf>> = BTreeMap::new();
+/// Pairs of files by their names. What belongs to no pair is left over, and of an odd number in one series all are: which of
+/// them is astray nobody knows.
+fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
+    let mut series: BTreeMap<(String, Kind), BTreeMap<u64, &PathBuf>> = BTreeMap::new();
+    let mut found = Grouped::default();
     for file in files {
         let stem = file.file_stem().unwrap_or_default().to_string_lossy();
         let Some((rest, kind, order)) = split(&stem) else {
-            return Err(format!("{} belongs to no pair: {ENDS}", shown(file)));
+            found.left_over.push(format!("{} belongs to no pair: {ENDS}", shown(file)));
+            continue;
         };
-        if let Some(other) = groups.entry((rest.to_string(), kind)).or_default().insert(order, file) {
+        if let Some(other) = series.entry((rest.to_string(), kind)).or_default().insert(order, file) {
             return Err(format!("{} and {} have one place in their pair; move one away", shown(other), shown(file)));
         }
     }
-    let mut pairs = Vec::new();
-    for ((rest, _), group) in &groups {
-        let members: Vec<&PathBuf> = group.values().copied().collect();
-        for two in members.chunks(2) {
-            let &[i1, i2] = two else { return Err(format!("{} is left over: {ENDS}", shown(two[0]))) };
+    for ((rest, _), members) in &series {
+        let members: Vec<&PathBuf> = members.values().copied().collect();
+        if let [.., last] = members[..]
+            && members.len() % 2 == 1
+        {
+            let of = if members.len() > 1 { format!(", of a series of {}", members.len()) } else { String::new() };
+            found.left_over.push(format!("{} is left over{of}: {ENDS}", shown(last)));
+            continue;
+        }
+        for two in members.chunks_exact(2) {
             let trimmed = rest.trim_end_matches(['_', '-', '.', ' ']);
-            let name = if members.len() == 2 && !trimmed.is_empty() { trimmed.to_string() } else { stem(i1) };
-            pairs.push(Group { name, files: vec![i1.clone(), i2.clone()] });
+            let name = if members.len() == 2 && !trimmed.is_empty() { trimmed.to_string() } else { stem(two[0]) };
+            found.groups.push(Group { name, files: two.iter().map(|file| (*file).clone()).collect() });
         }
     }
-    Ok(pairs)
+    Ok(found)
 }
 
 const ENDS: &str = "names of a pair differ only in a number, near and far, or a and b at their end; rename it, move it \
                     away, or give a manifest";
 
-fn shown(file: &Path) -> String {
-    file.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-fn stem(file: &Path) -> String {
-    file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// A line of a manifest.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Line {
-    #[serde(default)]
-    i1: Option<PathBuf>,
-    #[serde(default)]
-    i2: Option<PathBuf>,
-    #[serde(default)]
-    sweep: Option<Sweep>,
-    #[serde(default)]
-    name: Option<String>,
-}
-
-/// The frames of a sweep in order, or the folder that holds them.
-#[derive(Debug, Deserialize)]
-#[serde(untagged)]
-enum Sweep {
-    Folder(PathBuf),
-    Frames(Vec<PathBuf>),
-}
-
-impl Line {
-    fn of_pair(i1: &str, i2: &str, name: Option<&str>) -> Self {
-        Self { i1: Some(i1.into()), i2: Some(i2.into()), sweep: None, name: name.map(String::from) }
-    }
-
-    /// Its files, and the name that it has without one that is stated; `folder` is that of the manifest.
-    fn files(self, folder: &Path) -> Result<(Vec<PathBuf>, String), String> {
-        let is_pair = self.sweep.is_none();
-        let (files, name): (Vec<PathBuf>, _) = match (self.i1, self.i2, self.sweep) {
-            (Some(i1), Some(i2), None) => (vec![folder.join(&i1), folder.join(i2)], stem(&i1)),
-            (None, None, Some(Sweep::Frames(frames))) => {
-                let name = frames.first().map(|first| stem(first)).unwrap_or_default();
-                (frames.iter().map(|frame| folder.join(frame)).collect(), name)
-            }
-            (None, None, Some(Sweep::Folder(path))) => {
-                let path = folder.join(path);
-                if !path.is_dir() {
-                    return Err(format!(
-                        "there is no folder {}; give that of the frames, or a list of them",
-                        path.display()
-                    ));
-                }
-                (
-                    frames::of_sweep(std::slice::from_ref(&path), true).map_err(|failure| failure.message())?,
-                    shown(&path),
-                )
-            }
-            _ => return Err(format!("is not {JSON}")),
-        };
-        if !is_pair && files.len() < 3 {
-            return Err(format!("has {} frames, and a sweep has three or more", files.len()));
-        }
-        Ok((files, name))
-    }
-}
-
-/// A line of JSON.
-const JSON: &str = "{\"i1\": FILE, \"i2\": FILE, \"name\": NAME} or {\"sweep\": FOLDER, \"name\": NAME}";
-
-fn of_manifest(file: &Path) -> Result<Vec<Candidate>, Failure> {
+fn of_manifest(file: &Path, raw: Option<RawFormat>) -> Result<Vec<Candidate>, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
     let text = regular::text(file, MAX_BYTES).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => failed("is too long for a manifest; split it".to_string()),
         _ => failed(format!("cannot be read as a manifest ({e}); give a folder, CSV or JSON lines")),
     })?;
-    let lines = if text.trim_start().starts_with('{') { json_lines(&text) } else { csv_lines(&text) };
     let folder = file.parent().unwrap_or(Path::new(""));
+    let lines = manifest::lines(&text, folder);
     let (mut pairs, mut given) = (Vec::new(), HashMap::new());
     for (number, line) in lines.map_err(|(number, problem)| failed(format!("line {number}: {problem}")))? {
         let name = line.name.clone().filter(|name| !name.is_empty());
@@ -230,7 +187,8 @@ fn of_manifest(file: &Path) -> Result<Vec<Candidate>, Failure> {
             return Err(failed(format!("line {number}: '{name}' is the name in line {other} already; give another")));
         }
         let is_given = name.is_some();
-        let (files, otherwise) = line.files(folder).map_err(|problem| failed(format!("line {number}: {problem}")))?;
+        let (files, otherwise) =
+            line.files(folder, raw).map_err(|problem| failed(format!("line {number}: {problem}")))?;
         let pair = Group { name: name.unwrap_or(otherwise), files };
         pairs.push(Candidate { pair, line: Some(number), is_given });
     }
@@ -241,7 +199,7 @@ fn of_manifest(file: &Path) -> Result<Vec<Candidate>, Failure> {
 /// For tests that feed it with anything.
 #[cfg(test)]
 pub(super) fn reads(file: &Path) {
-    let _ = of_manifest(file);
+    let _ = of_manifest(file, None);
 }
 
 fn is_folder_name(name: &str) -> bool {
@@ -269,49 +227,6 @@ impl Candidate {
         let i1 = self.pair.files[0].display();
         self.line.map_or_else(|| i1.to_string(), |line| format!("line {line}, {i1}"))
     }
-}
-
-/// Lines of a manifest with their numbers, or the first that is wrong.
-type Lines = Result<Vec<(usize, Line)>, (usize, String)>;
-
-fn json_lines(text: &str) -> Lines {
-    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-    lines
-        .map(|(i, line)| match serde_json::from_str(line) {
-            Ok(parsed) => Ok((i + 1, parsed)),
-            Err(e) => Err((i + 1, format!("is not {JSON} ({e})"))),
-        })
-        .collect()
-}
-
-fn csv_lines(text: &str) -> Lines {
-    let mut reader = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .flexible(true)
-        .trim(csv::Trim::All)
-        .comment(Some(b'#'))
-        .from_reader(text.as_bytes());
-    let mut lines = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|e| {
-            let number = e.position().map_or(0, csv::Position::line);
-            (number as usize, format!("is not CSV ({e})"))
-        })?;
-        let number = record.position().map_or(0, csv::Position::line) as usize;
-        let cells: Vec<&str> = record.iter().collect();
-        let is_header = lines.is_empty() && cells.first().is_some_and(|cell| cell.eq_ignore_ascii_case("i1"));
-        match cells.as_slice() {
-            _ if is_header => {}
-            [i1, i2] | [i1, i2, ""] if !i1.is_empty() && !i2.is_empty() => {
-                lines.push((number, Line::of_pair(i1, i2, None)));
-            }
-            [i1, i2, name] if !i1.is_empty() && !i2.is_empty() => {
-                lines.push((number, Line::of_pair(i1, i2, Some(name))));
-            }
-            _ => return Err((number, "is not I1,I2 or I1,I2,NAME".to_string())),
-        }
-    }
-    Ok(lines)
 }
 
 /// Gives pairs of one name the name of the folder of I1 too, unless it is stated, and refuses what is then still alike, or
@@ -349,7 +264,11 @@ mod tests {
     fn names(files: &[&str]) -> Result<Vec<String>, String> {
         let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
         let show = |p: Group| format!("{} {} {}", p.name, p.files[0].display(), p.files[1].display());
-        by_name(&files).map(|pairs| pairs.into_iter().map(show).collect())
+        let found = by_name(&files)?;
+        if found.left_over.is_empty() {
+            return Ok(found.groups.into_iter().map(show).collect());
+        }
+        Err(format!("{}; {}", found.groups.len(), found.left_over.join("; ")))
     }
 
     #[test]
@@ -365,8 +284,9 @@ mod tests {
     #[test]
     fn a_photograph_that_is_left_over_is_named() {
         for (files, part) in [
-            (&["a_1.png", "a_2.png", "a_3.png"][..], "a_3.png is left over"),
-            (&["a_1.png", "a_2.png", "banana.png"], "banana.png belongs to no pair"),
+            (&["a_1.png", "a_2.png", "a_3.png"][..], "0; a_3.png is left over, of a series of 3"),
+            (&["a_1.png", "a_2.png", "b_7.png"], "1; b_7.png is left over:"),
+            (&["a_1.png", "a_2.png", "banana.png"], "1; banana.png belongs to no pair"),
             (&["a_1.png", "a_1.jpg"], "a_1.png and a_1.jpg have one place"),
         ] {
             let problem = names(files).unwrap_err();
@@ -378,8 +298,8 @@ mod tests {
         let folder = TempDir::new().unwrap();
         let file = folder.path().join("list");
         fs::write(&file, text).unwrap();
-        match find(&file, Path::new("out")) {
-            Ok(pairs) => Ok(pairs),
+        match find(&file, Path::new("out"), None) {
+            Ok(found) => Ok(found.groups),
             Err(Failure::Failed(message)) => Err(message.split_once("list: ").unwrap().1.to_string()),
             Err(other) => panic!("{other:?}"),
         }
@@ -389,6 +309,8 @@ mod tests {
     fn a_manifest_is_csv_or_json_lines() {
         for text in [
             "# the first\nI1,I2,name\nx/a.png, x/b.png, one\ny/a.png,y/b.png\n",
+            "near;far;called\nx/a.png; x/b.png; one\ny/a.png;y/b.png\n",
+            "first\tsecond\nx/a.png\tx/b.png\tone\ny/a.png\ty/b.png\n",
             "{\"i1\": \"x/a.png\", \"i2\": \"x/b.png\", \"name\": \"one\"}\n\n{\"i1\": \"y/a.png\", \"i2\": \"y/b.png\"}",
         ] {
             let pairs = manifest(text).unwrap();

@@ -16,7 +16,7 @@ use super::output::{self, ForceArgument};
 use super::pair;
 use super::run::RunArguments;
 use super::settings::SettingsArguments;
-use super::summary::{Bar, registration_summary};
+use super::summary::registration_summary;
 use super::sweep_work;
 
 /// Register two photographs of one scene, or a focus sweep: where pixels lie in each, and how they differ in exposure.
@@ -72,7 +72,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
     }
     let files = match <[PathBuf; 2]>::try_from(arguments.images.clone()) {
-        Ok(files) if arguments.reference.is_none() => files,
+        Ok(files) if arguments.reference.is_none() => files.map(|file| frames::named(file, arguments.settings.raw())),
         _ => return of_sweep(arguments, &settings),
     };
     check_output(arguments, &files)?;
@@ -83,7 +83,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     pair::check_size(photographs.each_ref(), &settings, || run.info(&mut engine))?;
     let [i1, i2] = Photograph::decode_pair(photographs)?;
     let engine = run.engine(engine)?;
-    let bar = Bar::new(run.told.shows_progress());
+    let bar = run.bar();
     let registered = Solver::for_pair(&engine, &i1, &i2, &settings)
         .and_then(|mut solver| solver.register_with(&i1, &i2, &mut |progress| bar.show(progress)))
         .map_err(|e| Failure::of_solve(e, &files[0]))?;
@@ -104,7 +104,7 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     if settings.method != Method::Unified {
         return Err(Failure::Usage("--method is of pairs; a sweep is registered together with the blur".to_string()));
     }
-    let files = frames::of_sweep(&arguments.images, false)?;
+    let files = frames::of_sweep(&arguments.images, false, arguments.settings.raw())?;
     let reference = arguments.reference.map(|n| n as usize - 1);
     let fits = SweepOptions { reference, settings: settings.clone(), ..SweepOptions::default() }.check(files.len());
     fits.map_err(|e| Failure::Usage(e.to_string()))?;

@@ -26,6 +26,8 @@ pub(super) struct Request {
     /// With what the files named for kernel and registration hold; how values are decoded is up to `decode`.
     pub(super) settings: Settings,
     pub(super) decode: Decoding,
+    /// What photographs without a header hold.
+    pub(super) raw: Option<String>,
     /// Which image is focused nearer, 1 or 2, where that is stated.
     pub(super) nearer: Option<u8>,
     pub(super) part: Part,

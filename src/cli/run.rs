@@ -5,6 +5,7 @@ use parfocal::{DeviceInfo, Engine};
 use super::engine::EngineArguments;
 use super::failure::Failure;
 use super::headings::OUTPUT;
+use super::progress::{Bar, ProgressName};
 use super::told::ToldArguments;
 
 /// None of it decides the results.
@@ -15,11 +16,24 @@ pub(super) struct RunArguments {
     /// Exit status 1 if it does not converge or has warnings; the results are written all the same
     #[arg(long, help_heading = OUTPUT)]
     pub(super) strict: bool,
+    /// How far it has come, told on stderr
+    #[arg(long, value_name = "HOW", help_heading = OUTPUT, value_enum, default_value_t)]
+    progress: ProgressName,
     #[command(flatten)]
     engine: EngineArguments,
 }
 
 impl RunArguments {
+    /// What tells how far it has come.
+    pub(super) fn bar(&self) -> Bar {
+        Bar::new(self.progress, self.told.is_quiet())
+    }
+
+    /// Whether programs are told.
+    pub(super) fn tells_programs(&self) -> bool {
+        self.progress == ProgressName::Json
+    }
+
     /// Opens the device.
     pub(super) fn open_engine(&self) -> Result<Engine, Failure> {
         self.engine.open()

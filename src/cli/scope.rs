@@ -94,6 +94,12 @@ impl Part {
             _ => Ok(()),
         };
         of_size(&self.mask, scope.mask.as_ref().map(Mask::size))?;
+        if let (Some(path), Some(mask)) = (&self.mask, &scope.mask)
+            && mask.bytes().iter().all(|counts| *counts == 0)
+        {
+            let problem = "leaves no pixel: it is nowhere at least half as bright as white; white is what counts";
+            return Err(Failure::Failed(format!("{}: {problem}", path.display())));
+        }
         of_size(&self.flat, scope.flat.as_ref().map(FieldCurvature::size))?;
         let outside = |e| Failure::Failed(format!("--roi: {e}"));
         scope.check(size).map_err(outside)?;

@@ -6,13 +6,14 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::ValueEnum;
-use parfocal::image_io::{Input, Values};
+use parfocal::image_io::{Input, RawFormat, Values};
 use parfocal::{Decode, Kernel, Method, Motion, Photometric, RegistrationStep, Settings, export, image_io};
 use serde::Serialize;
 
 use super::config::ConfigArgument;
 use super::failure::Failure;
 use super::headings::{BLUR, INPUT, REGISTRATION};
+use super::tally::REPORT;
 use super::tuning::TuningArguments;
 
 /// The settings.
@@ -21,12 +22,18 @@ pub(super) struct SettingsArguments {
     /// How stored values become intensities
     #[arg(long, value_name = "HOW", help_heading = INPUT, value_enum, default_value_t = DecodeName::Auto)]
     decode: DecodeName,
+    /// The photographs are frames without a header, of this format and size, as in Mono12p:2448x2048
+    ///
+    /// Mono8, Mono10, Mono12, Mono14, Mono16, Mono10p, Mono12p, Mono10Packed, Mono12Packed, as GenICam and GigE Vision name
+    /// them. In a folder files that end with .raw or .bin are then taken.
+    #[arg(long, value_name = "FORMAT:WxH", help_heading = INPUT)]
+    raw: Option<RawFormat>,
     #[command(flatten)]
     config: ConfigArgument,
-    /// Start from the registration in a report.json, or in what register wrote
+    /// Start from the registration in a report.json or its folder, or in what register wrote
     ///
     /// Or in a transform object alone; if the exposure is stated there, that too is a start.
-    #[arg(long, value_name = "FILE", help_heading = REGISTRATION)]
+    #[arg(long, value_name = "FILE", help_heading = REGISTRATION, value_parser = registration)]
     transform: Option<PathBuf>,
     /// What T may be; the summary says when a simpler one explains as much or a richer one more
     #[arg(long, value_name = "MODEL", help_heading = REGISTRATION, value_enum,
@@ -73,6 +80,23 @@ pub(super) struct SettingsArguments {
     kernel: KernelChoice,
     #[command(flatten)]
     tuning: TuningArguments,
+}
+
+/// A file with a registration; of a folder of results its report.
+pub(super) fn registration(text: &str) -> Result<PathBuf, Infallible> {
+    let path = PathBuf::from(text);
+    Ok(if path.is_dir() { path.join(REPORT) } else { path })
+}
+
+/// The end of a sweep or a pair that is near, by a number.
+pub(super) fn one_or_two(text: &str) -> Result<u8, String> {
+    match text {
+        "1" => Ok(1),
+        "2" => Ok(2),
+        _ => Err("give 1 or 2: which photograph is the one focused nearer, the first (I1) or the second (I2); of a sweep the \
+                  first frame or the last"
+            .to_string()),
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -236,6 +260,11 @@ impl SettingsArguments {
         settings.kernel = self.kernel.read()?;
         self.start_from_file(hold, &mut settings)?;
         Ok(settings)
+    }
+
+    /// What photographs without a header hold, if they are that.
+    pub(super) fn raw(&self) -> Option<RawFormat> {
+        self.raw
     }
 
     /// How stored values become intensities.

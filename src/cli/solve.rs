@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 
 use super::failure::Failure;
+use super::frames;
 use super::headings::OUTPUT;
 use super::help::AFTER_HELP;
 use super::options::SolveOptions;
 use super::pair::PairArguments;
-use super::summary::{Bar, summary};
+use super::summary::summary;
 use super::work::{self, Job};
 
 /// Recover relative blur and registration of two photographs of one scene, focused at two distances.
@@ -26,14 +27,17 @@ pub(super) struct Arguments {
 /// Solves a pair and writes the results. Cheap checks come before dear ones: arguments, files, device, solve, write.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let request = arguments.options.request()?;
-    let job = Job { files: arguments.pair.files(), out: arguments.output.clone() };
+    let job = Job {
+        files: arguments.pair.files().map(|file| frames::named(file, arguments.options.raw())),
+        out: arguments.output.clone(),
+    };
     work::check(&request, &job)?;
     let mut engine = None;
     let read = work::read(&request, &job, |_| Ok(false), || request.run.info(&mut engine))?;
     let Some(photographs) = read else { return Ok(()) };
     let engine = request.run.engine(engine)?;
     let frames = photographs.frames.each_ref();
-    let bar = Bar::new(request.run.told.shows_progress());
+    let bar = request.run.bar();
     let solution = photographs
         .scope
         .solve(&engine, &mut None, frames, &photographs.settings, &mut |progress| bar.show(progress))

@@ -20,7 +20,7 @@ use super::places::PlacesArguments;
 use super::request::Request;
 use super::run::RunArguments;
 use super::scope::PartArguments;
-use super::settings::SettingsArguments;
+use super::settings::{SettingsArguments, one_or_two};
 use super::summary::values_in_words;
 use super::sweep_work::{self, SweepJob};
 
@@ -51,7 +51,7 @@ pub(super) struct Arguments {
     /// Whether the first (1) or the last (2) is focused nearest [default: 1, or by --focus-at]
     ///
     /// It decides which end is near in pictures and page. Of what --focus-at states the larger is the farther.
-    #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = clap::value_parser!(u8).range(1..=2))]
+    #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = one_or_two)]
     nearer: Option<u8>,
     #[command(flatten)]
     settings: SettingsArguments,
@@ -81,7 +81,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let stated = arguments.positions.is_some() || places.is_some();
     let positions = places.or(arguments.positions.clone().map(Positions::Settings)).unwrap_or_default();
     let job = SweepJob {
-        files: frames::of_sweep(&arguments.frames, stated)?,
+        files: frames::of_sweep(&arguments.frames, stated, arguments.settings.raw())?,
         positions,
         reference: arguments.reference.map(|n| n as usize - 1),
         out: arguments.output.clone(),
@@ -92,10 +92,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let read = sweep_work::read(&request, &job, |_| Ok(false), || request.run.info(&mut engine))?;
     let Some(read) = read else { return Ok(()) };
     let engine = request.run.engine(engine)?;
-    let bar = sweep_work::bar(request.run.told.shows_progress());
-    let mut say = |done, levels| sweep_work::show(&bar, done, levels);
+    let bar = request.run.bar();
+    let mut say = |done, levels| bar.show_levels(done, levels);
     let solved = sweep_work::solve(&engine, &read, &mut say).map_err(|e| Failure::of_solve(e, &job.files[0]))?;
-    bar.finish_and_clear();
+    drop(bar);
     super::check_validation(&engine)?;
     let report = sweep_work::write(&request, &job, engine.info(), &read, &solved)?;
     request.run.told.tell(&summary(&report, &read.inputs, &job.out), || report.to_json())?;
@@ -109,6 +109,7 @@ fn request(arguments: &Arguments) -> Result<Request, Failure> {
         files: arguments.settings.inputs().chain(part.mask()).cloned().collect(),
         settings: arguments.settings.settings(Method::Unified, false)?,
         decode: arguments.settings.decoding(),
+        raw: arguments.settings.raw().map(|raw| raw.to_string()),
         nearer: arguments.nearer,
         part,
         lens: None,

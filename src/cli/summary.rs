@@ -1,41 +1,12 @@
-//! What a solve tells a person: progress while it runs, a few lines when it is done.
+//! What a solve tells a person when it is done: a few lines.
 
 use std::path::Path;
 
-use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::export::{DeviceReport, Palette, RegistrationReport, Report, ShadingReport, TimingsReport};
 use parfocal::image_io::{Basis, Input, Values};
-use parfocal::{Decode, Homography, Method, OtherMotion, Photometric, Progress};
+use parfocal::{Decode, Homography, Method, OtherMotion, Photometric};
 
 use super::{depth, measure};
-
-/// A bar over the pixels of all levels, on stderr.
-pub(super) struct Bar(ProgressBar);
-
-impl Bar {
-    /// A bar, or nothing at all where nobody would see it.
-    pub(super) fn new(visible: bool) -> Self {
-        let bar = if visible { ProgressBar::no_length() } else { ProgressBar::hidden() };
-        if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} % {elapsed} {msg}") {
-            bar.set_style(style);
-        }
-        Self(bar)
-    }
-
-    /// Shows how far the solve has come.
-    pub(super) fn show(&self, progress: Progress) {
-        let Progress { done, levels, width, height, .. } = progress;
-        self.0.set_length(progress.pixels);
-        self.0.set_message(format!("level {done} of {levels}, {width}x{height}"));
-        self.0.set_position(progress.pixels_done);
-    }
-}
-
-impl Drop for Bar {
-    fn drop(&mut self) {
-        self.0.finish_and_clear();
-    }
-}
 
 /// A label and what it says.
 type Row = (&'static str, String);
@@ -180,7 +151,8 @@ fn blur(report: &Report) -> String {
 mod tests {
     use parfocal::export::{Nearer, Palette, Report};
     use parfocal::{
-        Channels, DeviceInfo, LevelHistory, Photometric, Region, Settings, Shading, Similarity, Solution, Timings,
+        Channels, DeviceInfo, Findings, LevelHistory, Photometric, Region, Settings, Shading, Similarity, Solution,
+        Timings,
     };
 
     use super::*;
@@ -199,17 +171,12 @@ mod tests {
             max_storage_buffer: 1,
             unusable: None,
         };
-        let solution = Solution {
+        let findings = Findings {
             width: 2,
             height: 1,
             origin: [0, 0],
             photograph: [2, 1],
-            relative_blur: blur.to_vec(),
-            uncertainty: vec![f32::NAN; 2],
-            residual: Vec::new(),
-            confidence: vec![0.0; 2],
             fused_channels: Channels::Gray,
-            fused: vec![0.0; 2],
             transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
             other_motion: None,
             photometric: Photometric { gain: 1.02, offset: -0.01 },
@@ -224,6 +191,14 @@ mod tests {
             mean_confidence: 0.5,
             saturated_fraction: 0.25,
             timings: Timings { total_ms: 9.0, gpu_ms: 7.0, passes_ms: vec![] },
+        };
+        let solution = Solution {
+            relative_blur: blur.to_vec(),
+            uncertainty: vec![f32::NAN; 2],
+            residual: Vec::new(),
+            confidence: vec![0.0; 2],
+            fused: vec![0.0; 2],
+            findings,
         };
         Report::new(&solution, &Settings::default(), &device, Nearer::First)
     }

@@ -3,16 +3,15 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use parfocal::export::{
-    self, DEPTH_FILE, Depth16, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Measurable, Nearer, PAGE_FILE,
-    SWEEP_FILES, SweepRegistration, SweepReport, sweep_files,
+    self, Arrays, DEPTH_FILE, Depth16, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Measurable, Nearer,
+    PAGE_FILE, SWEEP_FILES, SweepRegistration, SweepReport, sweep_files,
 };
 use parfocal::figure::PEN;
 use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
 use parfocal::image_io::{self, Input, Photograph, Values};
 use parfocal::report_html::SweepPage;
-use parfocal::{Depth, DeviceInfo, Engine, Error, Frame, Method, Settings};
+use parfocal::{Channels, Depth, DeviceInfo, Engine, Error, Format, Frame, Method, Settings};
 
 use super::failure::Failure;
 use super::request::Request;
@@ -102,6 +101,7 @@ pub(super) fn read(
     if settled(&inputs)? {
         return Ok(None);
     }
+    check_alike(&job.files, &frames)?;
     let values = request.decode.of(&inputs)?;
     let settings = Settings { decode: values.decode, ..request.settings.clone() };
     check_places(request, job, frames[0].format().depth == Depth::F32)?;
@@ -123,6 +123,30 @@ fn decode(
     let first = Photograph::open(&files[0])?;
     fits(&first)?;
     Ok(image_io::read_frames(first, &files[1..])?.into_iter().unzip())
+}
+
+/// Refuses frames that are not of one size and format, by their names.
+fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
+    let told = |frame: &Frame| {
+        let Format { channels, depth } = frame.format();
+        let channels = if channels == Channels::Gray { "grey" } else { "colour" };
+        let depth = match depth {
+            Depth::U8 => "8 bits",
+            Depth::U16 => "16 bits",
+            Depth::F32 => "floats",
+        };
+        format!("{}x{}, {channels}, {depth}", frame.width(), frame.height())
+    };
+    let kind = |frame: &Frame| (frame.width(), frame.height(), frame.format());
+    let Some(n) = frames.iter().position(|frame| kind(frame) != kind(&frames[0])) else { return Ok(()) };
+    Err(Failure::Failed(format!(
+        "{}: frame {} is {}, and {} is {}: frames of a sweep have one size and format; crop, resize or convert it, or take it out",
+        files[n].display(),
+        n + 1,
+        told(&frames[n]),
+        files[0].display(),
+        told(&frames[0])
+    )))
 }
 
 /// Solves it; also how long it took from the first frame, ms.
@@ -148,14 +172,22 @@ pub(super) fn write(
     let (decode, format) = (read.values.decode, read.frames[0].format());
     let look = Look { nearer, decode, formats: [format; 2], palette: request.palette, pen: Some(PEN) };
     let mut report = report(job, nearer, device, read, (sweep, *total_ms));
+    report.nearer_by = match (job.positions.millimetres(), request.nearer) {
+        (_, Some(_)) => "stated",
+        (Some(_), None) => "distances",
+        (None, None) => "assumed",
+    };
     report.request = job.digest(request)?;
     let measured = request.wanted.measure(&Measurable::of_sweep(sweep))?;
     report.measurements = (!request.wanted.is_empty()).then_some(measured);
-    let fused = export::sweep_fused(sweep)?;
+    let fused = export::sweep_fused(sweep, format.depth)?;
     let depth16 = request.models.is_depth16().then(|| Depth16::of_sweep(sweep));
     report.depth16 = depth16.as_ref().map(Depth16::report);
     let points = request.models.points_of_sweep(sweep, &fused, nearer)?;
+    report.surface = request.models.report(points.as_ref());
+    let arrays = request.models.hold_arrays().then(|| Arrays::of_sweep(sweep));
     let mut extras = request.models.files(points.as_ref(), &fused);
+    extras.extend(request.models.array_files(arrays.as_ref()));
     extras.extend(depth16.iter().flat_map(Depth16::files));
     extras.extend(request.models.labels_of_sweep(sweep, nearer, request.palette)?);
     let written = sweep_files(sweep.depth.is_some(), &look, request.page).into_iter();
@@ -197,28 +229,15 @@ pub(super) fn register(
     let (started, engine) = (Instant::now(), run.open_engine()?);
     let fits = |first: &Photograph| pair::check_size([first; 2], settings, || Ok(engine.info().clone()));
     let (frames, inputs) = decode(files, fits)?;
+    check_alike(files, &frames)?;
     let values = decoding.of(&inputs)?;
     let settings = Settings { decode: values.decode, ..settings.clone() };
     let options = SweepOptions { settings, reference, ..SweepOptions::default() };
     let read = SweepFrames { frames, inputs, options, values, read_ms: started.elapsed().as_secs_f64() * 1e3 };
-    let bar = bar(run.told.shows_progress());
-    let solved = solve(&engine, &read, &mut |done, levels| show(&bar, done, levels));
-    bar.finish_and_clear();
+    let bar = run.bar();
+    let solved = solve(&engine, &read, &mut |done, levels| bar.show_levels(done, levels));
+    drop(bar);
     let (sweep, total_ms) = solved.map_err(|e| Failure::of_solve(e, &files[0]))?;
     super::check_validation(&engine)?;
     Ok(report(&job, Nearer::default(), engine.info(), &read, (&sweep, total_ms)).into())
-}
-
-/// Progress over the levels of a sweep.
-pub(super) fn bar(shown: bool) -> ProgressBar {
-    let target = if shown { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    let bar = ProgressBar::with_draw_target(None, target);
-    bar.set_style(ProgressStyle::default_bar());
-    bar
-}
-
-/// So many levels are done.
-pub(super) fn show(bar: &ProgressBar, done: usize, levels: usize) {
-    bar.set_length(levels as u64);
-    bar.set_position(done as u64);
 }

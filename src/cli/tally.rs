@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use parfocal::batch_html::{Entry, batch_page};
+use parfocal::export::PAGE_FILE;
 use parfocal::regular;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -12,11 +14,17 @@ use super::failure::{Failure, plain};
 /// The file of the summary, beside the folders of the pairs.
 pub(super) const SUMMARY: &str = "batch.json";
 
+/// The page of the summary, beside it.
+pub(super) const INDEX: &str = "index.html";
+
 /// The report of a pair or a sweep, in its folder.
 pub(super) const REPORT: &str = "report.json";
 
 /// The most bytes of a report that are read, 16 MiB, as everywhere.
 const MAX_REPORT: u64 = 16 << 20;
+
+/// The most bytes of a picture of depth that are read, 1 GiB, for a small one.
+const MAX_PICTURE: u64 = 1 << 30;
 
 /// What a report says that belongs into a table.
 #[derive(Debug, Default, Deserialize, Serialize)]
@@ -75,7 +83,7 @@ impl Outcome {
         serde_json::from_slice(&regular::read(&out.join(REPORT), MAX_REPORT).ok()?).ok()
     }
 
-    fn status(&self) -> &'static str {
+    pub(super) fn status(&self) -> &'static str {
         match self {
             Self::Solved(_) => "solved",
             Self::Kept(_) => "kept",
@@ -129,6 +137,38 @@ impl Row {
         &self.outcome
     }
 
+    /// How much speaks against it: a failure the most, then what has not converged, then warnings, and of those alike the fewer valid
+    /// pixels.
+    fn badness(&self) -> f64 {
+        let Some(found) = self.outcome.found() else { return 1000.0 };
+        let unsettled = if found.converged == Some(false) { 100.0 } else { 0.0 };
+        let doubt = unsettled + found.warnings.len() as f64;
+        if doubt > 0.0 { doubt + 1.0 - found.valid_fraction.unwrap_or(0.0) } else { 0.0 }
+    }
+
+    fn entry(&self, out: &Path) -> Entry {
+        let cells = self.cells();
+        let own = Path::new(&self.output);
+        let is_there = self.outcome.found().is_some();
+        let picture = is_there.then(|| on_white(&own.join("depth.png"))).flatten();
+        let page = own.strip_prefix(out).ok().filter(|_| is_there && own.join(PAGE_FILE).is_file());
+        let error = if let Outcome::Failed { error } = &self.outcome { Some(error.clone()) } else { None };
+        let warnings = self.outcome.found().map(|found| found.warnings.clone()).unwrap_or_default();
+        Entry {
+            name: self.name.clone(),
+            status: cells[1..3].iter().filter(|cell| !cell.is_empty()).cloned().collect::<Vec<_>>().join(", "),
+            facts: ["median", "valid", "time"]
+                .iter()
+                .zip(&cells[3..])
+                .map(|(name, cell)| format!("{name} {cell}"))
+                .collect(),
+            warnings: warnings.into_iter().chain(error).collect(),
+            badness: self.badness(),
+            page: page.map(|folder| link(&folder.join(PAGE_FILE))),
+            picture,
+        }
+    }
+
     /// The row as one line.
     pub(super) fn line(&self) -> String {
         match &self.outcome {
@@ -173,11 +213,19 @@ pub(super) struct Tally {
     not_done: usize,
     interrupted: bool,
     seconds: f64,
+    /// Photographs of the folder that belong to no pair, and why.
+    left_over: Vec<String>,
     pairs: Vec<Row>,
 }
 
 impl Tally {
-    pub(super) fn new(source: &Path, pairs: Vec<Row>, interrupted: bool, took: Duration) -> Self {
+    pub(super) fn new(
+        source: &Path,
+        pairs: Vec<Row>,
+        left_over: Vec<String>,
+        interrupted: bool,
+        took: Duration,
+    ) -> Self {
         let count = |status: &str| pairs.iter().filter(|row| row.outcome.status() == status).count();
         Self {
             version: env!("CARGO_PKG_VERSION"),
@@ -189,6 +237,7 @@ impl Tally {
             // A Ctrl-C after the last pair stopped nothing.
             interrupted: interrupted && count("not done") > 0,
             seconds: took.as_secs_f64(),
+            left_over,
             pairs,
         }
     }
@@ -196,6 +245,25 @@ impl Tally {
     /// The text of batch.json, without a newline at its end.
     pub(super) fn to_json(&self) -> Result<String, Failure> {
         serde_json::to_string_pretty(self).map_err(|e| Failure::Failed(e.to_string()))
+    }
+
+    /// The page, whose links lead from the folder `out`.
+    pub(super) fn page(&self, out: &Path) -> String {
+        let entries = self.pairs.iter().map(|row| row.entry(out)).collect();
+        let (solved, failed) = (self.solved + self.kept, self.failed + self.not_done);
+        let doubtful = self.pairs.iter().filter(|row| row.badness() > 0.0 && row.outcome.found().is_some()).count();
+        let in_words = |count: usize| if count == 0 { "none".to_string() } else { count.to_string() };
+        let left = if self.left_over.is_empty() {
+            String::new()
+        } else {
+            format!("; left over: {}", self.left_over.join("; "))
+        };
+        let sentence = format!(
+            "{solved} solved, {} of them with warnings or not converged; {} failed or not done{left}.",
+            in_words(doubtful),
+            in_words(failed)
+        );
+        batch_page(&self.source, &sentence, entries)
     }
 
     /// The table, the warnings, the failures and a line that sums up, without a newline at the end.
@@ -221,6 +289,7 @@ impl Tally {
                 lines.push(format!("failed: {}: {error}", plain(&row.name)));
             }
         }
+        lines.extend(self.left_over.iter().map(|problem| format!("left over: {}", plain(problem))));
         let file = out.join(SUMMARY);
         lines.push(format!(
             "{} solved, {} kept, {} failed, {} not done in {:.1} s; {}",
@@ -249,11 +318,48 @@ impl Tally {
                 self.pairs.iter().filter(|r| matches!(r.outcome, Outcome::Failed { .. })).map(Row::name).collect();
             return Err(Failure::Failed(format!("{} of {all} pairs failed: {}", self.failed, names.join(", "))));
         }
+        if strict && !self.left_over.is_empty() {
+            let problem = format!("--strict: photographs are left over: {}", self.left_over.join("; "));
+            return Err(Failure::Failed(problem));
+        }
         if strict && doubts > 0 {
             return Err(Failure::Failed(format!(
                 "--strict: {doubts} of {all} pairs did not converge or have warnings"
             )));
         }
         Ok(())
+    }
+}
+
+/// A picture of results, which is transparent where there are none.
+fn on_white(path: &Path) -> Option<image::RgbImage> {
+    let picture = image::load_from_memory(&regular::read(path, MAX_PICTURE).ok()?).ok()?.into_rgba8();
+    let over =
+        |color: u8, alpha: u8| ((u32::from(color) * u32::from(alpha) + 255 * (255 - u32::from(alpha))) / 255) as u8;
+    Some(image::RgbImage::from_fn(picture.width(), picture.height(), |x, y| {
+        let [r, g, b, alpha] = picture.get_pixel(x, y).0;
+        image::Rgb([r, g, b].map(|color| over(color, alpha)))
+    }))
+}
+
+/// A path as a link from a page has it.
+fn link(path: &Path) -> String {
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~/".contains(&byte);
+    let escaped = |byte: u8| if plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") };
+    path.to_string_lossy().bytes().map(escaped).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_transparent_is_white_and_a_link_is_plain() {
+        let file = tempfile::NamedTempFile::with_suffix(".png").unwrap();
+        let pixels = [[9, 8, 7, 255], [9, 8, 7, 0], [0, 0, 0, 51]];
+        image::RgbaImage::from_fn(3, 1, |x, _| image::Rgba(pixels[x as usize])).save(file.path()).unwrap();
+        assert_eq!(on_white(file.path()).unwrap().into_raw(), [9, 8, 7, 255, 255, 255, 204, 204, 204]);
+        assert_eq!(on_white(Path::new("/nowhere")), None);
+        assert_eq!(link(Path::new("a b/ü#1/report.html")), "a%20b/%C3%BC%231/report.html");
     }
 }

@@ -1,6 +1,6 @@
 //! What is told of what was done: to a person on stderr, to a program on stdout.
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 
 use super::failure::{Failure, plain, print};
 use super::headings::OUTPUT;
@@ -43,11 +43,6 @@ impl ToldArguments {
     /// Whether a person is told nothing.
     pub(super) fn is_quiet(&self) -> bool {
         self.quiet.quiet
-    }
-
-    /// Whether anybody sees progress.
-    pub(super) fn shows_progress(&self) -> bool {
-        !self.is_quiet() && io::stderr().is_terminal()
     }
 }
 

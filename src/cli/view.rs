@@ -3,7 +3,9 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{Destination, FILES, FileKind, Results, SWEEP_FILES, SolvedSweep, holds_sweep};
+use parfocal::export::{
+    Destination, FILES, FileKind, Results, SWEEP_FILES, Solved, SolvedSweep, holds_sweep, states_a_lens,
+};
 use parfocal::figure;
 use parfocal::view::{Surface, View};
 
@@ -29,9 +31,9 @@ pub(super) struct Arguments {
     /// How far the camera goes around to the right, degrees, -180 to 180 [default: -20, of the animation 0]
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     azimuth: Option<f64>,
-    /// Height from far to near over the longer side of the image, 0 to 2: exaggeration, for V is not metric
-    #[arg(long, value_name = "R", allow_negative_numbers = true, default_value_t = View::default().relief)]
-    relief: f64,
+    /// Height from far to near over the longer side of the image, 0 to 2 [default: true to scale with a lens, else 0.15]
+    #[arg(long, value_name = "R", allow_negative_numbers = true)]
+    relief: Option<f64>,
     /// Radius of the median that takes spikes off the surface, px of a panel, 0 (none) to 16
     #[arg(long, value_name = "PX", default_value_t = View::default().smoothing)]
     smoothing: u32,
@@ -48,11 +50,11 @@ pub(super) struct Arguments {
 }
 
 /// The picture beside the results.
-const VIEW: &str = "view.png";
+pub(super) const VIEW: &str = "view.png";
 
 /// Draws and writes. Cheap checks come before dear ones.
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let [still, turning] = views(arguments);
+    let [still, turning] = views(arguments, View::default().relief);
     still.check()?;
     turning.check()?;
     let output = output_file(arguments);
@@ -69,12 +71,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let SolvedSweep { sweep, fused, nearer, .. } = SolvedSweep::read(&arguments.results)?;
         return draw(&Surface::of_sweep(&sweep, &fused, nearer)?, arguments);
     }
+    if states_a_lens(&arguments.results)? {
+        let solved = Solved::read(&arguments.results)?.as_stated()?;
+        if let Some(metric) = &solved.metric {
+            return draw(&Surface::of_depth(metric, &solved.fused()?)?, arguments);
+        }
+    }
     let results = Results::read(&arguments.results)?;
     draw(&Surface::new(&results.relative_blur, &results.fused, results.nearer)?, arguments)
 }
 
 fn draw(surface: &Surface<'_>, arguments: &Arguments) -> Result<(), Failure> {
-    let [still, turning] = views(arguments);
+    let [still, turning] = views(arguments, surface.relief());
     let output = output_file(arguments);
     let force = &arguments.force;
     figure::write_png(force.to(&output), &surface.picture(&still)?)?;
@@ -90,11 +98,11 @@ fn output_file(arguments: &Arguments) -> PathBuf {
 }
 
 /// The views of the picture and of the animation, whose surface is as smooth as that of the picture.
-fn views(arguments: &Arguments) -> [View; 2] {
+fn views(arguments: &Arguments, usual_relief: f64) -> [View; 2] {
     let still = View {
         elevation: arguments.elevation,
         azimuth: arguments.azimuth.unwrap_or(View::default().azimuth),
-        relief: arguments.relief,
+        relief: arguments.relief.unwrap_or(usual_relief),
         smoothing: arguments.smoothing,
         width: arguments.width,
         palette: arguments.colors.palette(),

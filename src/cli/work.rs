@@ -3,15 +3,16 @@
 use std::path::PathBuf;
 
 use parfocal::export::{
-    self, Additions, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Measurable,
-    Measurements, Nearer, PAGE_FILE, Report, Texture, TextureReport,
+    self, Additions, Arrays, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look,
+    Measurable, Measurements, Nearer, PAGE_FILE, Report, Texture, TextureReport,
 };
 use parfocal::figure::PEN;
 use parfocal::image_io::{Input, Photograph, Values};
-use parfocal::report_html::{Page, Readout};
+use parfocal::report_html::{Page, residual};
 use parfocal::{Decode, Depth, DeviceInfo, Frame, Lens, MetricDepth, Scope, Settings, Solution};
 
 use super::failure::Failure;
+use super::models::SurfaceOf;
 use super::request::Request;
 use super::{output, pair};
 
@@ -100,7 +101,7 @@ pub(super) fn write(
     let found = Found::of(request, photographs, solution)?;
     let mut report = found.report(request, device)?;
     let look = found.look(request);
-    let fused = export::fused(solution, look.decode)?;
+    let fused = export::fused_as_stored(solution, &look)?;
     // What was filled in is no measurement, and is not handed on as one.
     let measured = Solution { relative_blur: found.texture.without(&solution.relative_blur), ..solution.clone() };
     let measured_metric = found
@@ -111,8 +112,20 @@ pub(super) fn write(
     report.depth16 = depth16.as_ref().map(Depth16::report);
     // Which photograph is the sharper V tells before a flat reference is taken off.
     let sharpness = photographs.scope.flat.as_ref().map(|flat| flat.restored(solution));
-    let points = request.models.points(&measured, &fused, found.nearer)?;
+    let points = request.models.points(&SurfaceOf {
+        blur: &measured.relative_blur,
+        metric: measured_metric.as_ref(),
+        part: solution.region(),
+        photograph: solution.photograph,
+        fused: &fused,
+        nearer: found.nearer,
+    })?;
+    report.surface = request.models.report(points.as_ref());
+    let size = (solution.width, solution.height);
+    let of_blur = || Arrays::of_relative_blur(size, &measured.relative_blur, &solution.uncertainty);
+    let arrays = request.models.hold_arrays().then(|| measured_metric.as_ref().map_or_else(of_blur, Arrays::of_depth));
     let mut extras = request.models.files(points.as_ref(), &fused);
+    extras.extend(request.models.array_files(arrays.as_ref()));
     extras.extend(depth16.iter().flat_map(Depth16::files));
     extras.extend(request.models.labels(sharpness.as_ref().unwrap_or(solution)));
     extras.extend(export::fused_float(solution, &look));
@@ -167,7 +180,15 @@ impl<'a> Found<'a> {
         report.texture = TextureReport::of(&self.texture);
         report.flattened = self.photographs.scope.flat.is_some();
         report.request = request.digest(&[])?;
+        report.nearer_by = match (&self.metric, request.nearer) {
+            (Some(_), _) => "lens",
+            (None, Some(_)) => "stated",
+            (None, None) => "assumed",
+        };
         report.depth = self.metric.as_ref().map(DepthReport::from);
+        let (scale, limit) = (self.solution.transform.scale(), self.photographs.settings.max_relative_blur);
+        let doubt = |metric: &MetricDepth| metric.doubt(scale, limit, &self.solution.relative_blur);
+        report.warnings.extend(self.metric.as_ref().and_then(doubt));
         report.measurements = (!request.wanted.is_empty()).then(|| self.measurements.clone());
         Ok(report)
     }
@@ -186,21 +207,9 @@ impl<'a> Found<'a> {
             nearer: look.nearer,
             depth: self.metric.as_ref(),
             palette: look.palette,
-            fields: vec![residual(self.solution)],
+            fields: vec![residual(&self.solution.residual)],
         }
     }
-}
-
-/// What neither blur nor registration explains, for the page.
-fn residual(solution: &Solution) -> Readout<'_> {
-    Readout::new("residual", "Residual", "residual", &solution.residual)
-        .digits(5)
-        .logarithmic()
-        .ends(["explained", "not"])
-        .note(
-            "What neither blur nor registration explains around each pixel, in intensities with white at 1: large where \
-             something moved between the photographs or shone differently. On a logarithmic scale.",
-        )
 }
 
 #[cfg(test)]

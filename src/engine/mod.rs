@@ -4,9 +4,11 @@ pub(crate) mod arguments;
 #[cfg(test)]
 mod faults;
 pub(crate) mod filter;
+mod lane;
 mod motion;
 pub(crate) mod plan;
 pub(crate) mod profile;
+mod progress;
 mod record;
 pub mod reference;
 mod registered;
@@ -20,6 +22,7 @@ mod sweep;
 #[cfg(test)]
 pub(crate) mod testing;
 pub(crate) mod tiles;
+mod view;
 #[allow(unsafe_code, reason = "the one room that talks to Vulkan")]
 pub(crate) mod vulkan;
 mod workspace;
@@ -28,11 +31,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 pub use motion::OtherMotion;
+pub use progress::Progress;
 pub use registered::Registered;
-pub use solution::{LevelHistory, Solution, Timings};
+pub use solution::{Findings, LevelHistory, Solution, Timings};
 pub(crate) use solver::same_size;
-pub use solver::{Progress, Solver};
+pub use solver::{Solver, Ticket};
 pub(crate) use sweep::{Focus, SweepSolver};
+pub use view::View;
 
 use crate::base::{Decode, DeviceInfo, Error, Format, Frame, Mask, Settings, Similarity};
 use crate::engine::plan::Plan;
@@ -50,6 +55,8 @@ pub struct EngineOptions {
     pub timeout: Duration,
     /// How [`Method::Sift`](crate::base::Method::Sift) finds where T starts; `baseline::key_points` does. `None`: that method is refused.
     pub key_points: Option<KeyPoints>,
+    /// Whether solves read the device's clock from pass to pass, for [`Timings::passes_ms`]; that takes time itself.
+    pub timed: bool,
 }
 
 /// T by key-points of I1, but for those that a mask leaves out, and of I2.
@@ -57,7 +64,7 @@ pub type KeyPoints = fn([&Frame; 2], Decode, Option<&Mask>) -> Result<Similarity
 
 impl Default for EngineOptions {
     fn default() -> Self {
-        Self { device: None, validation: false, timeout: Duration::from_secs(600), key_points: None }
+        Self { device: None, validation: false, timeout: Duration::from_secs(600), key_points: None, timed: false }
     }
 }
 
@@ -66,6 +73,7 @@ pub struct Engine {
     device: Arc<Device>,
     pipelines: Arc<Pipelines>,
     key_points: Option<KeyPoints>,
+    timed: bool,
 }
 
 impl Engine {
@@ -76,7 +84,7 @@ impl Engine {
     pub fn new(options: &EngineOptions) -> Result<Self, Error> {
         let device = open(options)?;
         let pipelines = Arc::new(Pipelines::new(&device));
-        Ok(Self { device, pipelines, key_points: options.key_points })
+        Ok(Self { device, pipelines, key_points: options.key_points, timed: options.timed })
     }
 
     /// Lists the devices, usable or not.
@@ -214,14 +222,33 @@ mod tests {
         let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(1), ..testing::options() }).unwrap();
         let instance = Arc::downgrade(&engine.device.instance);
         let frame = |n: usize| {
-            let value = |i: usize| 0.5 + 0.3 * ((i % 512 + n) as f32 * 0.9).sin() * ((i / 512) as f32 * 0.8).cos();
-            Frame::gray(512, 512, (0..512 * 512).map(value).collect()).unwrap()
+            let value = |i: usize| 0.5 + 0.3 * ((i % 160 + n) as f32 * 0.9).sin() * ((i / 160) as f32 * 0.8).cos();
+            Frame::gray(160, 160, (0..160 * 160).map(value).collect()).unwrap()
         };
         let (i1, i2) = (frame(0), frame(1));
         let solved = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).and_then(|mut s| s.solve(&i1, &i2));
-        assert!(matches!(solved, Err(Error::Timeout { .. })), "{:?}", solved.map(|s| s.timings));
+        assert!(matches!(solved, Err(Error::Timeout { .. })), "{:?}", solved.map(|s| s.findings.timings));
         assert!(engine.device.is_poisoned());
         drop(engine);
         assert!(instance.upgrade().is_none(), "all that kept it is gone");
+    }
+
+    #[test]
+    fn a_device_that_leaves_out_what_has_settled_solves_as_one_that_is_asked() {
+        let frame = |n: usize| {
+            let value = |i: usize| 0.5 + 0.3 * ((i % 96 + n) as f32 * 0.9).sin() * ((i / 96) as f32 * 0.8).cos();
+            Frame::gray(96, 80, (0..96 * 80).map(value).collect()).unwrap()
+        };
+        let (i1, i2) = (frame(0), frame(1));
+        let solve = || {
+            let engine = Engine::new(&testing::options()).unwrap();
+            let solution = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap().solve(&i1, &i2).unwrap();
+            assert!(engine.validation_messages().is_empty(), "{:?}", engine.validation_messages());
+            let bits: Vec<u32> = solution.relative_blur.iter().map(|v| v.to_bits()).collect();
+            (engine.device.is_conditional(), bits, solution.findings.levels)
+        };
+        let (is_conditional, bits, levels) = solve();
+        assert_eq!((false, bits, levels), vulkan::unconditional::during(solve));
+        println!("the device leaves commands out by itself: {is_conditional}");
     }
 }

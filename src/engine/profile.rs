@@ -7,6 +7,16 @@ use super::arguments::Place;
 /// The phase of the host in which the device works.
 pub(crate) const SUBMIT_WAIT: &str = "submit-wait";
 
+/// When a solve reads the device's clock. A reading takes as long as a small dispatch on software devices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Reading {
+    Never,
+    /// Where a pass follows one of another name.
+    Passes,
+    /// After every dispatch.
+    Dispatches,
+}
+
 /// What the host did, one after the other.
 #[derive(Clone, Debug)]
 pub(crate) struct Phases {
@@ -26,6 +36,12 @@ impl Phases {
     /// The phase of this name ends here.
     pub(crate) fn end(&mut self, name: &'static str) {
         self.ends_ms.push((name, self.started.elapsed().as_secs_f64() * 1e3));
+    }
+
+    /// How long the host waited for the device, ms; 0 where it did not.
+    pub(crate) fn waited_ms(&self) -> f64 {
+        let ended = self.ends_ms.iter().position(|(name, _)| *name == SUBMIT_WAIT);
+        ended.map_or(0.0, |n| self.ends_ms[n].1 - n.checked_sub(1).map_or(0.0, |before| self.ends_ms[before].1))
     }
 }
 

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::arguments::Grid;
+use super::profile::Reading;
 use super::script::{Action, Dispatch, Entry, Script};
 use super::slot::Slot;
 use super::stages::Pipelines;
@@ -11,20 +12,26 @@ use super::vulkan::{Clock, Device, Groups, Kind, Recorder, Recording, Resource};
 use super::workspace::Workspace;
 use crate::base::Error;
 
-/// Records a script. The device's clock is read where a pass follows one of another name, or, if `traced`, after every
-/// dispatch, which takes time itself.
+/// Records a script.
 pub(crate) fn record(
     device: &Arc<Device>,
     pipelines: &Pipelines,
     workspace: &Workspace,
     script: &Script,
-    traced: bool,
+    reading: Reading,
 ) -> Result<Recording, Error> {
-    let clock = if traced { Clock::Dispatches } else { Clock::Passes };
-    let mut recorder = Recorder::new(device, clock(script.dispatches().count() as u32))?;
+    let dispatches = script.dispatches().count() as u32;
+    let clock = match reading {
+        Reading::Never => Clock::Never,
+        Reading::Passes => Clock::Passes(dispatches),
+        Reading::Dispatches => Clock::Dispatches(dispatches),
+    };
+    let mut recorder = Recorder::new(device, clock)?;
     for (n, part) in script.parts.iter().enumerate() {
         match part.goes_on {
-            Some(_) => recorder.next_part_if_wanted()?,
+            Some(level) => {
+                recorder.next_part_unless((workspace.buffer(Slot::State), State::settled_at(level) as u64))?
+            }
             None if n > 0 => recorder.next_part()?,
             None => {}
         }

@@ -38,6 +38,8 @@ pub(crate) enum Slot {
     Filters { bank: usize },
     /// Which tiles passes of a sweep are wanted for, mapped.
     Tiles,
+    /// By pixel, which frames of a sweep do not count there, mapped.
+    Hidden,
     /// T, gain and offset, and what the levels have done.
     State,
     /// A row of sums for each workgroup.
@@ -68,6 +70,25 @@ pub(crate) enum Slot {
     EndEnergies,
     /// V, its standard deviation, the residual and the fused channels, mapped.
     EndMaps,
+}
+
+impl Slot {
+    /// Whether it is mapped memory that a pair comes in or its results go out by.
+    pub(crate) fn is_of_one_pair(self) -> bool {
+        matches!(
+            self,
+            Self::Photograph { .. }
+                | Self::StartState
+                | Self::StartArguments
+                | Self::Progress
+                | Self::EndMaps
+                | Self::EndPartials
+                | Self::EndState
+                | Self::EndEnergies
+                | Self::RegisteredState
+                | Self::RegisteredEnergies
+        )
+    }
 }
 
 /// What a slot holds.
@@ -124,6 +145,8 @@ quantities! {
     Partials: Buffer;
     /// Lists of tiles.
     Tiles: Buffer;
+    /// A bit a frame that does not count at a pixel.
+    Hidden: Buffer;
     /// Energies.
     Energies: Buffer;
     /// Indirect arguments.
@@ -183,6 +206,7 @@ pub(crate) const NORMAL_EQUATIONS: Handle<Plane> = Handle::new(Slot::NormalEquat
 pub(crate) const STATE: Handle<State> = Handle::new(Slot::State);
 pub(crate) const PARTIALS: Handle<Partials> = Handle::new(Slot::Partials);
 pub(crate) const TILES: Handle<Tiles> = Handle::new(Slot::Tiles);
+pub(crate) const HIDDEN: Handle<Hidden> = Handle::new(Slot::Hidden);
 pub(crate) const ENERGIES: Handle<Energies> = Handle::new(Slot::Energies);
 pub(crate) const ARGUMENTS: Handle<Arguments> = Handle::new(Slot::Arguments);
 pub(crate) const START_ARGUMENTS: Handle<StartArguments> = Handle::new(Slot::StartArguments);

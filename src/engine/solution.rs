@@ -1,14 +1,16 @@
 //! What a solve gives back.
 
-use crate::base::{Brightness, Channels, Error, Homography, Mask, Photometric, Region, Settings, Shading, centre};
+use std::ops::{Deref, DerefMut};
+
+use crate::base::{Brightness, Channels, Error, Homography, Photometric, Region, Settings, Shading, centre, workers};
 use crate::engine::stages::state::State;
 use crate::engine::stages::uncertainty::LARGEST;
 use crate::engine::{OtherMotion, Registered};
 
-/// The result of one [`Solver::solve`](crate::Solver::solve).
-#[derive(Clone, Debug)]
-pub struct Solution {
-    /// Pixels a row, of every field below.
+/// What a solve found out, but for the fields.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Findings {
+    /// Pixels a row, of every field.
     pub width: u32,
     /// Rows.
     pub height: u32,
@@ -16,21 +18,8 @@ pub struct Solution {
     pub origin: [u32; 2],
     /// Width and height of the photographs, about whose centre T is stated.
     pub photograph: [u32; 2],
-    /// V, px² of I1, row-major; positive where I2 is the more blurred. NaN outside the valid region.
-    pub relative_blur: Vec<f32>,
-    /// Standard deviation of V, px², by what the images say around each pixel (`docs/method.md`, section 7). NaN outside the
-    /// valid region; 1000 where nothing holds V but the smoothness.
-    pub uncertainty: Vec<f32>,
-    /// The same on a scale from 0 to 1, `1/(1 + σ²)` with σ in px²; 0 where the images say nothing.
-    pub confidence: Vec<f32>,
-    /// Root mean square, around each pixel, of what neither blur nor T explains, intensities: large where something moved
-    /// between the photographs or shone differently. NaN outside the valid region.
-    pub residual: Vec<f32>,
-    /// Channels of `fused`: grey only if both inputs are.
+    /// Channels of the fused image: grey only if both inputs are.
     pub fused_channels: Channels,
-    /// Pseudo-radiance, equation 37, interleaved, in the values of I1 with white at 1; I1 itself
-    /// where I2 does not reach.
-    pub fused: Vec<f32>,
     /// T, for full-size pixels.
     pub transform: Homography,
     /// Gain and offset of I2.
@@ -61,6 +50,40 @@ pub struct Solution {
     pub timings: Timings,
 }
 
+/// The result of one [`Solver::solve`](crate::Solver::solve).
+#[derive(Clone, Debug)]
+pub struct Solution {
+    /// V, px² of I1, row-major; positive where I2 is the more blurred. NaN outside the valid region.
+    pub relative_blur: Vec<f32>,
+    /// Standard deviation of V, px², by what the images say around each pixel (`docs/method.md`, section 7). NaN outside the
+    /// valid region; 1000 where nothing holds V but the smoothness.
+    pub uncertainty: Vec<f32>,
+    /// The same on a scale from 0 to 1, `1/(1 + σ²)` with σ in px²; 0 where the images say nothing.
+    pub confidence: Vec<f32>,
+    /// Root mean square, around each pixel, of what neither blur nor T explains, intensities: large where something moved
+    /// between the photographs or shone differently. NaN outside the valid region.
+    pub residual: Vec<f32>,
+    /// Pseudo-radiance, equation 37, interleaved, in the values of I1 with white at 1; I1 itself
+    /// where I2 does not reach.
+    pub fused: Vec<f32>,
+    /// Everything else, whose fields are as good as the solution's own.
+    pub findings: Findings,
+}
+
+impl Deref for Solution {
+    type Target = Findings;
+
+    fn deref(&self) -> &Findings {
+        &self.findings
+    }
+}
+
+impl DerefMut for Solution {
+    fn deref_mut(&mut self) -> &mut Findings {
+        &mut self.findings
+    }
+}
+
 /// What one pyramid level did.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LevelHistory {
@@ -77,9 +100,10 @@ pub struct LevelHistory {
 pub struct Timings {
     /// From the call to the answer.
     pub total_ms: f64,
-    /// On the device, from the first pass to the last.
+    /// On the device, from the first pass to the last; where its clock is not read, from submitting to the last answer.
     pub gpu_ms: f64,
-    /// On the device by named pass, in order of first use; empty where the device has no timestamps.
+    /// On the device by named pass, in order of first use; empty where they are not timed ([`EngineOptions::timed`](crate::EngineOptions::timed)) or the device
+    /// has no clock.
     pub passes_ms: Vec<(&'static str, f64)>,
 }
 
@@ -109,11 +133,11 @@ impl Solution {
     /// [`Error::Region`]: it is not within the solution.
     pub fn crop(&mut self, region: Region) -> Result<(), Error> {
         region.check((self.width, self.height))?;
-        let row = self.width as usize;
+        let (row, channels) = (self.width as usize, self.fused_channels.count() as usize);
         for field in [&mut self.relative_blur, &mut self.uncertainty, &mut self.confidence, &mut self.residual] {
             *field = region.of(field, row, 1);
         }
-        self.fused = region.of(&self.fused, row, self.fused_channels.count() as usize);
+        self.fused = region.of(&self.fused, row, channels);
         self.origin = [self.origin[0] + region.x, self.origin[1] + region.y];
         (self.width, self.height) = (region.width, region.height);
         Ok(())
@@ -125,6 +149,14 @@ impl Solution {
         Region::largest(&valid, self.width as usize)
     }
 
+    /// Fills in what the fields say of themselves, |V| limited to so many px².
+    pub(crate) fn count(&mut self, max_relative_blur: f64) {
+        let counts = Counts::of(&self.relative_blur, &self.uncertainty, max_relative_blur);
+        self.findings.tell(&counts);
+    }
+}
+
+impl Findings {
     /// The part of I1 that the fields are of.
     pub fn region(&self) -> Region {
         Region { x: self.origin[0], y: self.origin[1], width: self.width, height: self.height }
@@ -141,34 +173,20 @@ impl Solution {
         (self.origin, self.photograph, self.solved) = ([part.x, part.y], photograph, part);
     }
 
-    /// Makes nothing of what a mask leaves out.
-    pub(crate) fn leave_out(&mut self, mask: &Mask) {
-        for (pixel, _) in mask.bytes().iter().enumerate().filter(|(_, counts)| **counts == 0) {
-            self.relative_blur[pixel] = f32::NAN;
-            self.uncertainty[pixel] = f32::NAN;
-            self.residual[pixel] = f32::NAN;
-            self.confidence[pixel] = 0.0;
-        }
+    /// Takes over what the fields say of themselves.
+    pub(crate) fn tell(&mut self, counts: &Counts) {
+        let valid = counts.valid.max(1) as f64;
+        self.valid_fraction = counts.valid as f64 / counts.pixels.max(1) as f64;
+        self.saturated_fraction = counts.saturated as f64 / valid;
+        self.mean_confidence = counts.confidence / valid;
     }
 
-    /// Fills in what the fields say of themselves, |V| limited to so many px².
-    pub(crate) fn count(&mut self, max_relative_blur: f64) {
-        let valid: Vec<f32> = self.relative_blur.iter().copied().filter(|v| !v.is_nan()).collect();
-        self.valid_fraction = valid.len() as f64 / self.relative_blur.len().max(1) as f64;
-        // The limit is reached by clamping, so a thousandth below it is room for rounding alone.
-        let limit = 0.999 * max_relative_blur as f32;
-        let saturated = valid.iter().filter(|v| v.abs() >= limit).count();
-        self.saturated_fraction = saturated as f64 / valid.len().max(1) as f64;
-        self.mean_confidence = self.confidence.iter().map(|&c| f64::from(c)).sum::<f64>() / valid.len().max(1) as f64;
-    }
-
-    /// Fills in what the fields say of themselves, and whether to believe them.
-    pub(crate) fn judge(&mut self, state: &State, settings: &Settings) {
-        self.count(settings.max_relative_blur);
+    /// Fills in whether to believe it, where a mask leaves this share of the pixels.
+    pub(crate) fn judge(&mut self, state: &State, settings: &Settings, counted: f64) {
         let mut doubts = Vec::new();
         if let Some(doubt) = numbers_doubt(state) {
             doubts.push(doubt);
-        } else if self.valid_fraction < LEAST_VALID {
+        } else if self.valid_fraction < LEAST_VALID * counted {
             doubts.push(
                 "the images do not overlap: see whether they belong together, or start from a nearer transform"
                     .to_string(),
@@ -201,6 +219,47 @@ impl Solution {
                 self.warnings.insert(0, format!("registration: {warning}"));
             }
         }
+    }
+}
+
+/// What the fields say of themselves.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Counts {
+    pixels: usize,
+    valid: usize,
+    /// At the limit of |V|.
+    saturated: usize,
+    /// Sum of those of the valid pixels.
+    confidence: f64,
+}
+
+/// Pixels that are counted in one go.
+const CHUNK: usize = 1 << 16;
+
+impl Counts {
+    /// Of V, |V| limited to so many px², and its standard deviation. In pieces whose sums are added up in their order, so that they are the
+    /// same whatever the number of threads.
+    pub(crate) fn of(relative_blur: &[f32], uncertainty: &[f32], max_relative_blur: f64) -> Self {
+        // The limit is reached by clamping, so a thousandth below it is room for rounding alone.
+        let limit = 0.999 * max_relative_blur as f32;
+        let chunk = |n: usize| {
+            let part = n * CHUNK..((n + 1) * CHUNK).min(relative_blur.len());
+            let mut counts = Self { pixels: part.len(), ..Self::default() };
+            for (v, deviation) in relative_blur[part.clone()].iter().zip(&uncertainty[part]) {
+                counts.valid += usize::from(!v.is_nan());
+                counts.saturated += usize::from(v.abs() >= limit);
+                counts.confidence += f64::from(confidence(*deviation));
+            }
+            counts
+        };
+        let add = |sum: Self, part: Self| Self {
+            pixels: sum.pixels + part.pixels,
+            valid: sum.valid + part.valid,
+            saturated: sum.saturated + part.saturated,
+            confidence: sum.confidence + part.confidence,
+        };
+        let chunks = workers::collect(relative_blur.len().div_ceil(CHUNK), chunk);
+        chunks.into_iter().fold(Self::default(), add)
     }
 }
 

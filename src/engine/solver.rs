@@ -1,78 +1,60 @@
 //! Submit and wait: what an embedding program holds.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::Duration;
 
-use crate::base::{Channels, Error, Format, Frame, Homography, Kernel, Mask, Method, Region, Settings};
-use crate::engine::motion::Form;
+use crate::base::{Error, Format, Frame, Homography, Mask, Method, Settings};
+use crate::engine::lane::{Common, Lane};
 use crate::engine::plan::Plan;
-use crate::engine::profile::{Phases, Profile, Ran, SUBMIT_WAIT};
-use crate::engine::record::record;
-use crate::engine::script::{Dispatch, Script, compose};
+use crate::engine::profile::{Profile, Reading};
 use crate::engine::slot::Slot;
-use crate::engine::solution::{self, LevelHistory, Timings};
-use crate::engine::stages::Pipelines;
-use crate::engine::stages::state::{Registration, State};
-use crate::engine::stages::sums::{Layout, Sums};
-use crate::engine::vulkan::{Clock, Device, Recorder, Recording};
+use crate::engine::vulkan::{Clock, Recorder};
 use crate::engine::workspace::Workspace;
-use crate::engine::{Engine, KeyPoints, OtherMotion, Registered, Solution};
+use crate::engine::{Engine, KeyPoints, Progress, Registered, Solution, View};
 
-/// How far a solve has come.
+/// A pair that was [submitted](Solver::submit).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress {
-    /// Levels done; with the method appearance those of the registration count too.
-    pub done: u32,
-    /// Levels in all.
-    pub levels: u32,
-    /// Pixels of the levels done, which is nearer to the time spent than their number.
-    pub pixels_done: u64,
-    /// Pixels of all levels.
-    pub pixels: u64,
-    /// Width of the level just done, pixels.
-    pub width: u32,
-    /// Height of the level just done, pixels.
-    pub height: u32,
-}
-
-/// A script, and its recording.
-struct Prepared {
-    script: Script,
-    recording: Recording,
-}
-
-impl Prepared {
-    fn new(
-        device: &Arc<Device>,
-        pipelines: &Pipelines,
-        plan: &Plan,
-        workspace: &Workspace,
-        masked: bool,
-        traced: bool,
-    ) -> Result<Self, Error> {
-        let script = compose(plan, masked);
-        let recording = record(device, pipelines, workspace, &script, traced)?;
-        workspace.buffer(Slot::StartArguments).write(bytemuck::cast_slice(&script.arguments))?;
-        Ok(Self { script, recording })
-    }
+pub struct Ticket {
+    slot: usize,
+    pair: u64,
 }
 
 /// A size and settings, prepared once and used for any number of pairs.
+///
+/// A solver has one slot, or [as many as are asked for](Solver::with_slots): mapped memory for a pair and its results. While the device solves
+/// the pair of one, the next is brought up into another, and the results of a third are read:
+///
+/// ```
+/// # use std::time::Duration;
+/// # use parfocal::{Engine, EngineOptions, Error, Frame, Settings, Solver, Ticket};
+/// # fn photograph(soft: f32) -> Frame {
+/// #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
+/// #     Frame::gray(64, 48, (0..64 * 48).map(value).collect()).unwrap()
+/// # }
+/// # fn main() -> Result<(), Error> {
+/// # let pairs: Vec<[Frame; 2]> = [0.1, 0.2, 0.3, 0.4].map(|soft| [photograph(0.4), photograph(soft)]).to_vec();
+/// # let mut ranges = Vec::new();
+/// let engine = Engine::new(&EngineOptions::default())?;
+/// let [i1, i2] = &pairs[0];
+/// let formats = [i1.format(), i2.format()];
+/// let mut solver = Solver::with_slots(2, &engine, [i1.width(), i1.height()], formats, &Settings::default())?;
+/// let mut last: Option<Ticket> = None;
+/// for (n, [i1, i2]) in pairs.iter().enumerate() {
+///     let ticket = solver.submit(n % 2, i1, i2)?;
+///     if let Some(view) = last.replace(ticket).map(|last| solver.wait(&last, Duration::MAX)).transpose()?.flatten() {
+///         println!("{:?}", view.transform);
+/// #       ranges.push(view.relative_blur().len());
+///     }
+/// }
+/// # assert_eq!(ranges.len(), 3);
+/// # Ok(())
+/// # }
+/// ```
 pub struct Solver {
-    plan: Plan,
-    /// Of pairs all of whose pixels count.
-    plain: Prepared,
-    /// Of pairs with masked or clipped pixels, recorded when the first comes.
-    masked: Option<Prepared>,
-    /// Whether the latest pair had such pixels.
-    is_masked: bool,
-    traced: bool,
-    phases: Phases,
-    workspace: Workspace,
+    common: Arc<Common>,
+    lanes: Vec<Lane>,
     mask: Option<Mask>,
     key_points: Option<KeyPoints>,
-    device: Arc<Device>,
-    pipelines: Arc<Pipelines>,
 }
 
 impl Solver {
@@ -87,65 +69,65 @@ impl Solver {
         formats: [Format; 2],
         settings: &Settings,
     ) -> Result<Self, Error> {
-        Self::prepare(engine, [width, height], formats, settings, false)
+        Self::with_slots(1, engine, [width, height], formats, settings)
     }
 
-    /// The same, but the time of every single dispatch is taken if it is `traced`, which takes time itself.
+    /// The same, with so many slots, at least one.
+    ///
+    /// # Errors
+    /// As [`Solver::new`].
+    pub fn with_slots(
+        slots: usize,
+        engine: &Engine,
+        size: [u32; 2],
+        formats: [Format; 2],
+        settings: &Settings,
+    ) -> Result<Self, Error> {
+        let reading = if engine.timed { Reading::Passes } else { Reading::Never };
+        Self::prepare(slots, engine, size, formats, settings, reading)
+    }
+
+    /// The same, and when the device's clock is read.
     pub(crate) fn prepare(
+        slots: usize,
         engine: &Engine,
         [width, height]: [u32; 2],
         formats: [Format; 2],
         settings: &Settings,
-        traced: bool,
+        reading: Reading,
     ) -> Result<Self, Error> {
         let plan = Plan::new(width, height, formats, settings)?;
         let device = engine.device().clone();
         if device.is_poisoned() {
             return Err(Error::Poisoned);
         }
-        plan.check(&device)?;
-        let workspace = Workspace::new(&device, &plan)?;
-        let mut first = Recorder::new(&device, Clock::Never)?;
-        first.prepare(&workspace.images());
-        first.finish()?.run()?;
-        let pipelines = engine.pipelines().clone();
-        let plain = Prepared::new(&device, &pipelines, &plan, &workspace, false, traced)?;
-        let (phases, masked, mask) = (Phases::default(), None, None);
-        let key_points = engine.key_points;
-        let is_masked = false;
-        Ok(Self { plan, plain, masked, is_masked, traced, phases, workspace, mask, key_points, device, pipelines })
+        plan.check(&device, slots.max(1) as u64)?;
+        let first = Workspace::new(&device, &plan)?;
+        let mut recorder = Recorder::new(&device, Clock::Never)?;
+        recorder.prepare(&first.images());
+        recorder.finish()?.run()?;
+        first.buffer(Slot::Mask).write(&mask_bytes(&plan, None))?;
+        let others = (1..slots).map(|_| first.beside(&device, &plan)).collect::<Result<Vec<_>, Error>>()?;
+        let common = Arc::new(Common { plan, device, pipelines: engine.pipelines().clone(), reading });
+        let workspaces = [first].into_iter().chain(others);
+        let lanes = workspaces.map(|workspace| Lane::new(common.clone(), workspace)).collect::<Result<_, Error>>()?;
+        Ok(Self { common, lanes, mask: None, key_points: engine.key_points })
     }
 
-    /// What the latest pair took.
-    fn latest(&self) -> &Prepared {
-        self.masked.as_ref().filter(|_| self.is_masked).unwrap_or(&self.plain)
-    }
-
-    /// Chooses the recording for a pair: where no pixel is masked or clipped, the one that does not weigh them.
-    fn choose(&mut self, frames: [&Frame; 2]) -> Result<(), Error> {
-        let settings = &self.plan.settings;
-        let clips = |frame: &Frame| frame.clips(settings.clipped(frame.format().depth));
-        self.is_masked = self.mask.is_some() || frames.into_iter().any(clips);
-        if self.is_masked && self.masked.is_none() {
-            let (plan, workspace) = (&self.plan, &self.workspace);
-            workspace.buffer(Slot::Mask).write(&mask_bytes(plan, self.mask.as_ref()))?;
-            self.masked = Some(Prepared::new(&self.device, &self.pipelines, plan, workspace, true, self.traced)?);
-        }
-        Ok(())
-    }
-
-    /// Leaves out pixels of I1 in the solves to come; `None`: none.
+    /// Leaves out pixels of I1 in the solves to come; `None`: none. Waits for what is under way.
     ///
     /// # Errors
     /// [`Error::Mismatch`] where the mask is not of the size prepared for, [`Error::Vulkan`].
     pub fn set_mask(&mut self, mask: Option<Mask>) -> Result<(), Error> {
-        if let Some([width, height]) = mask.as_ref().map(Mask::size).filter(|size| *size != self.plan.size) {
-            let [w, h] = self.plan.size;
+        let plan = &self.common.plan;
+        if let Some([width, height]) = mask.as_ref().map(Mask::size).filter(|size| *size != plan.size) {
+            let [w, h] = plan.size;
             return Err(Error::Mismatch(format!("the mask is {width}x{height} and the images are {w}x{h}")));
         }
         // Of pairs without a mask, the usual, nothing need go up.
         if self.mask != mask {
-            self.workspace.buffer(Slot::Mask).write(&mask_bytes(&self.plan, mask.as_ref()))?;
+            self.lanes.iter_mut().try_for_each(Lane::begin)?;
+            self.lanes[0].mask().write(&mask_bytes(plan, mask.as_ref()))?;
             self.mask = mask;
         }
         Ok(())
@@ -153,7 +135,7 @@ impl Solver {
 
     /// Where T starts: as the settings say, or, with the method SIFT, where key-points put it.
     fn start(&self, frames: [&Frame; 2]) -> Result<Homography, Error> {
-        let settings = &self.plan.settings;
+        let settings = &self.common.plan.settings;
         if settings.method != Method::Sift {
             return Ok(settings.start);
         }
@@ -189,12 +171,19 @@ impl Solver {
         i2: &Frame,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Solution, Error> {
-        let started = Instant::now();
-        self.run([i1, i2], |script| script.parts.len(), progress)?;
-        let mut solution = self.collect()?;
-        self.phases.end("collect");
-        solution.timings.total_ms = started.elapsed().as_secs_f64() * 1e3;
-        Ok(solution)
+        self.bring_up(0, [i1, i2])?;
+        self.lanes[0].run(|script| script.parts.len(), progress)?;
+        Ok(self.lanes[0].view(self.mask.as_ref())?.to_owned())
+    }
+
+    /// Solves one pair, and lends the results.
+    ///
+    /// # Errors
+    /// As [`Solver::solve`].
+    pub fn solve_in_place(&mut self, i1: &Frame, i2: &Frame) -> Result<View<'_>, Error> {
+        self.bring_up(0, [i1, i2])?;
+        self.lanes[0].run(|script| script.parts.len(), &mut |_| ())?;
+        self.lanes[0].view(self.mask.as_ref())
     }
 
     /// Registers one pair and does no more than that takes: for the method appearance no blur is solved for, for SIFT
@@ -216,86 +205,100 @@ impl Solver {
         i2: &Frame,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Registered, Error> {
-        let started = Instant::now();
-        self.run([i1, i2], |script| script.registered, progress)?;
-        let mut registered = self.collect_registered()?;
-        registered.timings.total_ms = started.elapsed().as_secs_f64() * 1e3;
-        Ok(registered)
+        self.bring_up(0, [i1, i2])?;
+        self.lanes[0].run(|script| script.registered, progress)?;
+        self.lanes[0].registered()
     }
 
-    /// Brings a pair up and runs the first parts of the recording on it.
-    fn run(
-        &mut self,
-        frames: [&Frame; 2],
-        wanted_parts: fn(&Script) -> usize,
-        progress: &mut dyn FnMut(Progress),
-    ) -> Result<(), Error> {
+    /// Hands a pair to the device in a slot, counted from 0, whose earlier pair is waited for, and comes back while the device works. (A device
+    /// that cannot leave commands out by itself, VK_EXT_conditional_rendering, has to be asked in between: it is waited for.)
+    ///
+    /// # Errors
+    /// As [`Solver::solve`]; [`Error::Mismatch`] where there is no such slot.
+    pub fn submit(&mut self, slot: usize, i1: &Frame, i2: &Frame) -> Result<Ticket, Error> {
+        self.check_slot(slot)?;
+        self.bring_up(slot, [i1, i2])?;
+        self.hand_over(slot)
+    }
+
+    /// The same of a pair that `write` writes where the device reads it: it is told which image, 0 or 1, and given its bytes, rows one after the
+    /// other without padding, samples as the solver's formats say. Whether pixels are clipped is looked for on the device.
+    ///
+    /// # Errors
+    /// As [`Solver::submit`]; [`Error::NoKeyPoints`] with the method SIFT, which takes frames.
+    pub fn submit_written(&mut self, slot: usize, write: &mut dyn FnMut(usize, &mut [u8])) -> Result<Ticket, Error> {
+        self.check_slot(slot)?;
+        if self.common.plan.settings.method == Method::Sift {
+            return Err(Error::NoKeyPoints);
+        }
+        self.lanes[slot].begin()?;
+        for image in [0, 1] {
+            self.lanes[slot].fill(image, &mut |bytes| write(image, bytes))?;
+        }
+        self.lanes[slot].take(self.common.plan.settings.start, true)?;
+        self.hand_over(slot)
+    }
+
+    fn hand_over(&mut self, slot: usize) -> Result<Ticket, Error> {
+        self.lanes[slot].submit()?;
+        Ok(Ticket { slot, pair: self.lanes[slot].pairs() })
+    }
+
+    /// Waits so long at most for a pair, and lends its results; `None` where it is not solved by then.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] where another pair has taken the slot since; [`Error::Poisoned`], [`Error::Vulkan`].
+    pub fn wait(&mut self, ticket: &Ticket, limit: Duration) -> Result<Option<View<'_>>, Error> {
+        self.check_slot(ticket.slot)?;
+        let lane = &mut self.lanes[ticket.slot];
+        if lane.pairs() != ticket.pair {
+            return Err(Error::Mismatch(format!("another pair has taken slot {} since", ticket.slot)));
+        }
+        if !lane.wait(limit)? {
+            return Ok(None);
+        }
+        lane.view(self.mask.as_ref()).map(Some)
+    }
+
+    fn check_slot(&self, slot: usize) -> Result<(), Error> {
+        let count = self.lanes.len();
+        if slot < count {
+            return Ok(());
+        }
+        Err(Error::Mismatch(format!("there is no slot {slot}: the solver has {count}, counted from 0")))
+    }
+
+    /// Brings a pair up into a slot.
+    fn bring_up(&mut self, slot: usize, frames: [&Frame; 2]) -> Result<(), Error> {
         self.check_frames(frames)?;
-        if self.device.is_poisoned() {
-            return Err(Error::Poisoned);
-        }
-        self.phases = Phases::default();
+        self.lanes[slot].begin()?;
         for (image, frame) in frames.into_iter().enumerate() {
-            self.workspace.buffer(Slot::Photograph { image }).write(frame.bytes())?;
+            self.lanes[slot].fill(image, &mut |bytes| bytes[..frame.bytes().len()].copy_from_slice(frame.bytes()))?;
         }
-        self.phases.end("upload");
-        let settings = &self.plan.settings;
-        let start = Registration::new(self.start(frames)?, &settings.start_photometric);
-        let mut state = State::new(&start);
-        state.alpha = settings.regularization.map_or(state.alpha, |alpha| alpha as f32);
-        self.workspace.buffer(Slot::StartState).write(bytemuck::bytes_of(&state))?;
-        self.choose(frames)?;
-        self.phases.end("start");
-        let (plan, on_the_way) = (&self.plan, self.workspace.buffer(Slot::Progress));
-        let latest = self.masked.as_mut().filter(|_| self.is_masked).unwrap_or(&mut self.plain);
-        let Prepared { script, recording } = latest;
-        let parts = wanted_parts(script);
-        let levels = |parts: usize| script.parts[..parts].iter().filter_map(|part| part.level_done);
-        let count = |parts: usize| levels(parts).count() as u32;
-        let pixels =
-            |parts: usize| levels(parts).map(|index| plan.pyramid[index].size.map(u64::from)).map(|[w, h]| w * h).sum();
-        let mut wanted = |part: usize| {
-            let state = on_the_way.read::<State>(0, 1)?[0];
-            Ok(script.parts[part].goes_on.is_none_or(|level| state.levels[level].settled == 0))
-        };
-        recording.run_first(parts, &mut wanted, &mut |part| {
-            if let Some(level) = script.parts[part - 1].level_done.map(|index| &plan.pyramid[index]) {
-                let [width, height] = level.size;
-                let (pixels_done, pixels) = (pixels(part), pixels(parts));
-                progress(Progress { done: count(part), levels: count(parts), pixels_done, pixels, width, height });
-            }
-        })?;
-        self.phases.end(SUBMIT_WAIT);
-        Ok(())
+        let settings = &self.common.plan.settings;
+        let clips = |frame: &Frame| frame.clips(settings.clipped(frame.format().depth));
+        let is_masked = self.mask.is_some() || frames.into_iter().any(clips);
+        let start = self.start(frames)?;
+        self.lanes[slot].take(start, is_masked)
     }
 
     /// Everything about the solves that does not depend on the pixels.
     pub(crate) fn plan(&self) -> &Plan {
-        &self.plan
+        &self.common.plan
     }
 
     /// What the latest solve did, dispatch by dispatch.
     pub(crate) fn profile(&self) -> Result<Profile, Error> {
-        let states = [Slot::EndState, Slot::RegisteredState].map(|slot| self.state(slot));
-        let [solved, registered] = states;
-        let done = [solved?.levels, registered?.levels];
-        let Prepared { script, recording } = self.latest();
-        let ran = |d: &Dispatch| Ran {
-            pass: d.stage.shader.name,
-            place: d.place,
-            bytes: d.bytes,
-            executed: d.place.executed(d.grid, &done),
-        };
-        let (dispatches, ends_ms) = (script.dispatches().map(ran).collect(), recording.times()?.ends_ms);
-        Ok(Profile { dispatches, ends_ms, phases: self.phases.clone() })
+        self.lanes[0].profile()
     }
 
     fn check_frames(&self, frames: [&Frame; 2]) -> Result<(), Error> {
         same_size(frames)?;
-        let [width, height] = self.plan.size;
-        for (frame, format) in frames.iter().zip(self.plan.formats) {
+        let plan = &self.common.plan;
+        let [width, height] = plan.size;
+        for (frame, format) in frames.iter().zip(plan.formats) {
             let found = [frame.width(), frame.height()];
-            if found != self.plan.size || frame.format() != format {
+            if found != plan.size || frame.format() != format {
                 return Err(Error::Mismatch(format!(
                     "this solver was prepared for {width}x{height} {format:?}, not {}x{} {:?}: prepare another",
                     found[0],
@@ -306,104 +309,6 @@ impl Solver {
         }
         Ok(())
     }
-
-    /// The results, out of mapped memory.
-    fn collect(&self) -> Result<Solution, Error> {
-        let (results, plan) = (self.workspace.buffer(Slot::EndMaps), &self.plan);
-        let pixels = plan.size[0] as usize * plan.size[1] as usize;
-        let channels = plan.fused_channels();
-        let state = self.state(Slot::EndState)?;
-        let times = self.latest().recording.times()?;
-        let uncertainty: Vec<f32> = results.read(4 * pixels, pixels)?;
-        let mut solution = Solution {
-            width: plan.size[0],
-            height: plan.size[1],
-            origin: [0, 0],
-            photograph: plan.size,
-            relative_blur: results.read(0, pixels)?,
-            confidence: uncertainty.iter().map(|&deviation| solution::confidence(deviation)).collect(),
-            uncertainty,
-            residual: results.read(8 * pixels, pixels)?,
-            fused_channels: channels,
-            fused: interleave(&results.read::<f32>(12 * pixels, pixels * channels.count() as usize)?, channels),
-            transform: state.registration().transform,
-            photometric: state.registration().photometric(),
-            shading: state.evened(),
-            solved: Region { x: 0, y: 0, width: plan.size[0], height: plan.size[1] },
-            regularization: state.alpha.into(),
-            kernel_shape: (plan.settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
-            other_motion: None,
-            levels: self.levels(&state, Slot::EndEnergies)?,
-            converged: false,
-            warnings: Vec::new(),
-            valid_fraction: 0.0,
-            mean_confidence: 0.0,
-            saturated_fraction: 0.0,
-            timings: Timings { total_ms: 0.0, gpu_ms: times.total_ms, passes_ms: times.passes_ms },
-        };
-        // Whether the images overlap is judged before a mask, which may be small, leaves most of them out.
-        solution.judge(&state, &plan.settings);
-        if let Some(mask) = &self.mask {
-            solution.leave_out(mask);
-            solution.count(plan.settings.max_relative_blur);
-        }
-        if !plan.solves_transform() {
-            solution.doubt(&self.collect_registered()?);
-        } else if solution.converged {
-            solution.other_motion = self.other_motion(&state)?;
-        }
-        Ok(solution)
-    }
-
-    /// The registration, out of mapped memory.
-    fn collect_registered(&self) -> Result<Registered, Error> {
-        let state = self.state(Slot::RegisteredState)?;
-        let times = self.latest().recording.times()?;
-        let mut registered = Registered {
-            width: self.plan.size[0],
-            height: self.plan.size[1],
-            transform: state.registration().transform,
-            photometric: state.registration().photometric(),
-            shading: state.evened(),
-            other_motion: None,
-            levels: self.levels(&state, Slot::RegisteredEnergies)?,
-            converged: false,
-            warnings: Vec::new(),
-            timings: Timings { total_ms: 0.0, gpu_ms: times.total_ms, passes_ms: times.passes_ms },
-        };
-        registered.judge(&state);
-        if self.plan.solves_transform() && registered.converged {
-            registered.other_motion = self.other_motion(&state)?;
-        }
-        Ok(registered)
-    }
-
-    /// What the last sums say of motion models.
-    fn other_motion(&self, state: &State) -> Result<Option<OtherMotion>, Error> {
-        let (layout, finest) = (Layout::of(true), &self.plan.pyramid[0]);
-        let [columns, rows, _] = finest.tiles();
-        let floats = (columns * rows) as usize * layout.length;
-        let partials: Vec<f32> = self.workspace.buffer(Slot::EndPartials).read(0, floats)?;
-        let blocks = partials.chunks_exact(layout.length).map(|row| Sums::from_partials(row, layout)).collect();
-        let form = Form::new(blocks, finest.length, finest.centre);
-        Ok(form.other(self.plan.settings.motion, &state.registration().transform))
-    }
-
-    fn state(&self, slot: Slot) -> Result<State, Error> {
-        Ok(self.workspace.buffer(slot).read::<State>(0, 1)?[0])
-    }
-
-    /// What the levels did, coarse to fine.
-    fn levels(&self, state: &State, energies: Slot) -> Result<Vec<LevelHistory>, Error> {
-        let outer = self.plan.settings.outer_iterations as usize;
-        let energies: Vec<f32> = self.workspace.buffer(energies).read(0, self.plan.solved * outer)?;
-        let levels = self.plan.coarse_to_fine().map(|level| {
-            let done = (state.levels[level.index].iterations as usize).min(outer);
-            let energy = energies[level.index * outer..][..done].iter().map(|&e| e.into()).collect();
-            LevelHistory { width: level.size[0], height: level.size[1], energy }
-        });
-        Ok(levels.collect())
-    }
 }
 
 /// A byte for each pixel of I1, 0 where it is left out.
@@ -411,13 +316,6 @@ fn mask_bytes(plan: &Plan, mask: Option<&Mask>) -> Vec<u8> {
     let mut bytes = mask.map_or_else(Vec::new, |mask| mask.bytes().to_vec());
     bytes.resize(plan.mask_bytes() as usize, 1);
     bytes
-}
-
-/// The channels of the fused image as the results hold them: planes, to be interleaved.
-fn interleave(planes: &[f32], channels: Channels) -> Vec<f32> {
-    let count = channels.count() as usize;
-    let pixels = planes.len() / count;
-    (0..pixels).flat_map(|i| (0..count).map(move |c| planes[c * pixels + i])).collect()
 }
 
 /// Two images of one pair have one size.

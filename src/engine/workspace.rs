@@ -20,31 +20,39 @@ pub(crate) struct Workspace {
 }
 
 impl Workspace {
-    /// Besides what a pair takes, what a sweep of so many frames does.
-    pub(crate) fn for_sweep(device: &Arc<Device>, plan: &Plan, frames: u32) -> Result<Self, Error> {
-        let mut workspace = Self::new(device, plan)?;
-        let mut wanted =
-            vec![(Slot::Aligned, plan.size, frames), (Slot::NormalEquations, plan.size, half_pair::LAYERS)];
-        wanted.extend(plan.pyramid.iter().map(|level| (Slot::Frames { level: level.index }, level.size, frames)));
-        for (slot, size, layers) in wanted {
-            let image = Image::new(device, &format!("{slot:?}"), size, layers, Texel::One)?;
-            workspace.images.insert(slot, image);
-        }
-        // What all half-pairs say, four of a frame at most on either side, read by the host.
-        let [columns, rows, _] = half_pair::tiles(plan.size);
-        let half_pairs = 8 * u64::from(frames) * u64::from(columns * rows) * 4 * Layout::of(true).length as u64;
-        let [columns, rows, _] = system::tiles(plan.size);
-        let steps = 4 * (system::SUMS as u64) * u64::from(columns * rows);
-        let partials = Buffer::for_readback(device, "Partials", half_pairs.max(steps))?;
-        workspace.buffers.insert(Slot::Partials, partials);
-        let tiles = Buffer::for_upload(device, "Tiles", 4 * tiles::capacity(plan.size, frames))?;
-        workspace.buffers.insert(Slot::Tiles, tiles);
-        Ok(workspace)
+    /// Of pairs.
+    pub(crate) fn new(device: &Arc<Device>, plan: &Plan) -> Result<Self, Error> {
+        Self::of(device, plan, None)
     }
 
-    pub(crate) fn new(device: &Arc<Device>, plan: &Plan) -> Result<Self, Error> {
-        let images = images(device, plan)?;
-        let buffers = buffers(device, plan)?;
+    /// For another pair of the same kind: its mapped memory is its own, all else is shared.
+    pub(crate) fn beside(&self, device: &Arc<Device>, plan: &Plan) -> Result<Self, Error> {
+        let mut wanted = shared_buffers(plan);
+        wanted.extend(buffers_of_pairs(plan));
+        let (images, mut buffers) = (self.images.clone(), self.buffers.clone());
+        for (slot, bytes, make) in wanted.into_iter().filter(|(slot, ..)| slot.is_of_one_pair()) {
+            buffers.insert(slot, make(device, &format!("{slot:?}"), bytes)?);
+        }
+        Ok(Self { images, buffers })
+    }
+
+    /// Of sweeps of so many frames.
+    pub(crate) fn for_sweep(device: &Arc<Device>, plan: &Plan, frames: u32) -> Result<Self, Error> {
+        Self::of(device, plan, Some(frames))
+    }
+
+    fn of(device: &Arc<Device>, plan: &Plan, frames: Option<u32>) -> Result<Self, Error> {
+        let mut wanted = shared_images(plan);
+        wanted.extend(frames.map_or_else(|| images_of_pairs(plan), |frames| images_of_sweeps(plan, frames)));
+        let image = |(slot, size, layers, texel): Wanted| {
+            Ok::<_, Error>((slot, Image::new(device, &format!("{slot:?}"), size, layers, texel)?))
+        };
+        let images = wanted.into_iter().map(image).collect::<Result<_, _>>()?;
+        let mut wanted = shared_buffers(plan);
+        wanted.extend(frames.map_or_else(|| buffers_of_pairs(plan), |frames| buffers_of_sweeps(plan, frames)));
+        let buffer =
+            |(slot, bytes, make): (Slot, u64, Make)| Ok::<_, Error>((slot, make(device, &format!("{slot:?}"), bytes)?));
+        let buffers: BTreeMap<_, _> = wanted.into_iter().map(buffer).collect::<Result<_, _>>()?;
         for (bank, weights) in plan.weights.banks.iter().enumerate() {
             let single: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
             buffers[&Slot::Filters { bank }].write(bytemuck::cast_slice(&single))?;
@@ -68,64 +76,100 @@ impl Workspace {
     }
 }
 
-fn images(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Image>>, Error> {
+type Wanted = (Slot, [u32; 2], u32, Texel);
+type Make = fn(&Arc<Device>, &str, u64) -> Result<Arc<Buffer>, Error>;
+
+fn shared_images(plan: &Plan) -> Vec<Wanted> {
     let half = plan.pyramid[0].half();
     let mut wanted = vec![
-        (Slot::Stacks, plan.size, plan.stack_layers(), Texel::One),
         (Slot::Spline2, plan.size, 1, Texel::One),
         (Slot::Scratch, plan.size, 1, Texel::One),
-        (Slot::NormalEquations, plan.size, linearise::LAYERS, Texel::One),
         (Slot::RightSides, half, 2, Texel::One),
         (Slot::Weights, half, 2, Texel::FourHalf),
         (Slot::Change { color: 0 }, half, 1, Texel::One),
         (Slot::Change { color: 1 }, half, 1, Texel::One),
+    ];
+    let solved = &plan.pyramid[..plan.solved];
+    wanted.extend(solved.iter().map(|l| (Slot::RelativeBlur { level: l.index }, l.size, 1, Texel::One)));
+    wanted
+}
+
+fn images_of_pairs(plan: &Plan) -> Vec<Wanted> {
+    let mut wanted = vec![
+        (Slot::Stacks, plan.size, plan.stack_layers(), Texel::One),
+        (Slot::NormalEquations, plan.size, linearise::LAYERS, Texel::One),
         (Slot::Evidence, evidence::size(plan.size), evidence::LAYERS as u32, Texel::One),
     ];
     for level in &plan.pyramid {
         let (size, level) = (level.size, level.index);
         wanted.extend([0, 1].map(|image| (Slot::Luminance { image, level }, size, 1, Texel::One)));
         wanted.push((Slot::Masks { level }, size, 2, Texel::One));
-        if level < plan.solved {
-            wanted.push((Slot::RelativeBlur { level }, size, 1, Texel::One));
-        }
     }
-    let make = |(slot, size, layers, texel): (Slot, _, _, _)| {
-        Ok((slot, Image::new(device, &format!("{slot:?}"), size, layers, texel)?))
-    };
-    wanted.into_iter().map(make).collect()
+    wanted
 }
 
-fn buffers(device: &Arc<Device>, plan: &Plan) -> Result<BTreeMap<Slot, Arc<Buffer>>, Error> {
+fn images_of_sweeps(plan: &Plan, frames: u32) -> Vec<Wanted> {
+    let mut wanted = vec![
+        (Slot::Stacks, plan.size, plan.layers_of(&plan.pyramid[0]), Texel::One),
+        (Slot::NormalEquations, plan.size, half_pair::LAYERS, Texel::One),
+        (Slot::Luminance { image: 0, level: 0 }, plan.size, 1, Texel::One),
+        (Slot::Aligned, plan.size, frames, Texel::One),
+    ];
+    wanted
+        .extend(plan.pyramid.iter().map(|level| (Slot::Frames { level: level.index }, level.size, frames, Texel::One)));
+    wanted
+}
+
+const ON_DEVICE: Make = Buffer::on_device;
+const UP: Make = Buffer::for_upload;
+const DOWN: Make = Buffer::for_readback;
+
+fn shared_buffers(plan: &Plan) -> Vec<(Slot, u64, Make)> {
+    let mut wanted = vec![
+        (Slot::State, size_of::<State>() as u64, ON_DEVICE),
+        (Slot::Photograph { image: 0 }, plan.frame_bytes(0), UP),
+    ];
+    let bytes = 4 * convolve::WEIGHTS as u64;
+    wanted.extend((0..plan.weights.banks.len()).map(|bank| (Slot::Filters { bank }, bytes, UP)));
+    wanted
+}
+
+fn buffers_of_pairs(plan: &Plan) -> Vec<(Slot, u64, Make)> {
     let partial_rows = plan.pyramid.iter().map(|l| l.tiles()[0] * l.tiles()[1]).max().unwrap_or(1);
     let energies = 4 * plan.solved as u64 * u64::from(plan.settings.outer_iterations);
     let arguments = (4 * arguments::WORDS * plan.solved) as u64;
     let state = size_of::<State>() as u64;
     let row = 4 * Layout::of(true).length as u64;
     let partials = (row * u64::from(partial_rows)).max(4 * shape_windows::FLOATS);
-    type Make = fn(&Arc<Device>, &str, u64) -> Result<Arc<Buffer>, Error>;
-    let (on_device, up, down): (Make, Make, Make) = (Buffer::on_device, Buffer::for_upload, Buffer::for_readback);
-    let mut wanted = vec![
-        (Slot::State, state, on_device),
-        (Slot::Partials, partials, on_device),
-        (Slot::Energies, energies, on_device),
-        (Slot::Arguments, arguments, on_device),
-        (Slot::StartState, state, up),
-        (Slot::StartArguments, arguments, up),
-        (Slot::Photograph { image: 0 }, plan.frame_bytes(0), up),
-        (Slot::Photograph { image: 1 }, plan.frame_bytes(1), up),
-        (Slot::Mask, plan.mask_bytes(), up),
+    vec![
+        (Slot::Partials, partials, ON_DEVICE),
+        (Slot::Energies, energies, ON_DEVICE),
+        (Slot::Arguments, arguments, ON_DEVICE),
+        (Slot::StartState, state, UP),
+        (Slot::StartArguments, arguments, UP),
+        (Slot::Photograph { image: 1 }, plan.frame_bytes(1), UP),
+        (Slot::Mask, plan.mask_bytes(), UP),
         // Pairs list none.
-        (Slot::Tiles, 4, up),
-        (Slot::EndMaps, plan.result_bytes(), down),
-        (Slot::Progress, state, down),
-        (Slot::EndPartials, partials, down),
-        (Slot::EndState, state, down),
-        (Slot::EndEnergies, energies, down),
-        (Slot::RegisteredState, state, down),
-        (Slot::RegisteredEnergies, energies, down),
-    ];
-    let bytes = 4 * convolve::WEIGHTS as u64;
-    wanted.extend((0..plan.weights.banks.len()).map(|bank| (Slot::Filters { bank }, bytes, up)));
-    let make = |(slot, bytes, make): (Slot, u64, Make)| Ok((slot, make(device, &format!("{slot:?}"), bytes)?));
-    wanted.into_iter().map(make).collect()
+        (Slot::Tiles, 4, UP),
+        (Slot::EndMaps, plan.result_bytes(), Buffer::lent),
+        (Slot::Progress, state, DOWN),
+        (Slot::EndPartials, partials, DOWN),
+        (Slot::EndState, state, DOWN),
+        (Slot::EndEnergies, energies, DOWN),
+        (Slot::RegisteredState, state, DOWN),
+        (Slot::RegisteredEnergies, energies, DOWN),
+    ]
+}
+
+fn buffers_of_sweeps(plan: &Plan, frames: u32) -> Vec<(Slot, u64, Make)> {
+    // What all half-pairs say, four of a frame at most on either side, read by the host.
+    let [columns, rows, _] = half_pair::tiles(plan.size);
+    let half_pairs = 8 * u64::from(frames) * u64::from(columns * rows) * 4 * Layout::of(true).length as u64;
+    let [columns, rows, _] = system::tiles(plan.size);
+    let steps = 4 * (system::SUMS as u64) * u64::from(columns * rows);
+    vec![
+        (Slot::Partials, half_pairs.max(steps), DOWN),
+        (Slot::Tiles, 4 * tiles::capacity(plan.size, frames), UP),
+        (Slot::Hidden, plan.hidden_bytes(frames), UP),
+    ]
 }

@@ -7,6 +7,15 @@ pub use calibrate::{Calibration, Found, Target, Unknown, calibrate};
 
 use crate::base::Lens;
 
+/// How a warning of what speaks against a lens begins.
+pub(crate) const DOUBT: &str = "the lens: ";
+
+/// The share of the valid pixels that may be out of range: where the scene ends, and where it has no texture.
+const MOST_OUT_OF_RANGE: f64 = 0.05;
+
+/// A pixel pitch, mm, that is none of a camera's: the largest of them, of astronomy and X rays, are half of it.
+const LEAST_ODD_PITCH: f64 = 0.1;
+
 /// Depth in mm at each pixel of I1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MetricDepth {
@@ -43,22 +52,50 @@ impl MetricDepth {
         let height = (depth.len() / width.max(1) as usize) as u32;
         Self { width, height, depth, deviation, out_of_range, lens: *lens }
     }
+
+    /// What speaks against the lens, if anything does: a pixel pitch that no sensor has, or more than a twentieth of `blur`, V in px²
+    /// of which this is the depth, out of its range. `scale` and `limit` are those of [`new`](Self::new).
+    pub fn doubt(&self, scale: f64, limit: f64, blur: &[f32]) -> Option<String> {
+        let valid = blur.iter().filter(|v| !v.is_nan()).count();
+        let out = self.out_of_range as f64 / valid.max(1) as f64;
+        let pitch = self.lens.pixel_pitch;
+        let hint = match pitch >= LEAST_ODD_PITCH {
+            true => format!("did you mean --pixel-pitch {}? It is in mm, and µm were given", (1e6 * pitch).round() / 1e9),
+            false => "the stated lens did not take these photographs: see to its focus distances, f-number, and the pixel pitch \
+                      if they were resized; parfocal calibrate finds them"
+                .to_string(),
+        };
+        if out > MOST_OUT_OF_RANGE {
+            return Some(format!("{DOUBT}{:.0} % of the valid pixels are out of its range: {hint}", 100.0 * out));
+        }
+        let smaller = || Lens { pixel_pitch: pitch / 1e3, ..self.lens }.inverse(scale);
+        let fits_smaller = || {
+            let inverse = smaller();
+            let measured = blur.iter().filter(|v| !v.is_nan() && f64::from(v.abs()) < 0.999 * limit);
+            let out = measured.filter(|v| inverse.depth(f64::from(**v)).is_none()).count();
+            out as f64 <= MOST_OUT_OF_RANGE * valid as f64
+        };
+        (pitch >= LEAST_ODD_PITCH && fits_smaller())
+            .then(|| format!("{DOUBT}a pixel pitch of {pitch} mm is that of no sensor: {hint}"))
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const LENS: Lens = Lens {
+        focal_length: 50.0,
+        f_number: 5.6,
+        pixel_pitch: 0.0075,
+        focus: [226.5, 233.5],
+        kappa: Lens::DISK,
+        telecentric: false,
+    };
+
     #[test]
     fn every_pixel_has_its_depth_or_is_counted() {
-        let lens = Lens {
-            focal_length: 50.0,
-            f_number: 5.6,
-            pixel_pitch: 0.0075,
-            focus: [226.5, 233.5],
-            kappa: Lens::DISK,
-            telecentric: false,
-        };
+        let lens = LENS;
         let s = lens.breathing();
         let blur = [227.0, 230.0, 233.0].map(|z| lens.relative_blur(z, s) as f32);
         let field = [blur[0], blur[1], f32::NAN, blur[2], 1e9, -1e9];
@@ -72,5 +109,22 @@ mod tests {
         let clamped = MetricDepth::new(&lens, s, f64::from(blur[0].abs()), 3, &field, &[0.01; 6]);
         assert!(clamped.depth[0].is_nan() && clamped.depth[1].is_finite());
         assert!([2, 4, 5].iter().all(|&i| metric.depth[i].is_nan() && metric.deviation[i].is_nan()));
+    }
+
+    #[test]
+    fn micrometres_for_millimetres_and_another_lens_are_doubted() {
+        let lens = LENS;
+        let s = lens.breathing();
+        let mut blur: Vec<f32> = (0..100).map(|i| lens.relative_blur(226.5 + 0.07 * f64::from(i), s) as f32).collect();
+        let doubt =
+            |lens: &Lens, blur: &[f32]| MetricDepth::new(lens, s, 1e9, 10, blur, &[0.1; 100]).doubt(s, 1e9, blur);
+        assert_eq!(doubt(&lens, &blur), None);
+        let told = doubt(&Lens { pixel_pitch: 7.5, ..lens }, &blur).unwrap();
+        assert!(told.contains("did you mean --pixel-pitch 0.0075?"), "{told}");
+        blur[..4].fill(-1e6);
+        assert_eq!(doubt(&lens, &blur), None, "a few pixels are not many");
+        blur[..9].fill(-1e6);
+        let told = doubt(&lens, &blur).unwrap();
+        assert!(told.starts_with(DOUBT) && told.contains("9 %") && told.contains("focus distances"), "{told}");
     }
 }

@@ -1,5 +1,6 @@
 //! What is drawn of a result: plots and keys, the surface in three dimensions, and `report.html`.
 
+pub mod batch_html;
 pub mod figure;
 pub mod report_html;
 pub mod view;

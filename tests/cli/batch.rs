@@ -102,18 +102,33 @@ fn a_manifest_names_its_pairs_and_sizes_and_depths_may_change() {
         let image = image::open(desk.path(&format!("shots/a_{name}.png"))).unwrap();
         image.crop_imm(3, 0, 70, 61).to_luma8().save(desk.path(&format!("small{name}.png"))).unwrap();
     }
-    fs::write(desk.path("list.csv"), "i1,i2,name\nshots/a_1.png,shots/a_2.png,one\nsmall1.png,small2.png,two\n")
+    fs::write(desk.path("list.csv"), "near;far;called\nshots/a_1.png;shots/a_2.png;one\nsmall1.png;small2.png;two\n")
         .unwrap();
     assert_eq!(statuses(&desk.tally("list.csv", &[], 0)), ["one solved", "two solved"]);
     assert!(desk.path("out/two/relative_blur.exr").is_file());
 }
 
 #[test]
+fn a_stray_picture_is_told_and_the_others_are_solved() {
+    let desk = Desk::new(&[["a_1.png", "a_2.png"]]);
+    fs::copy(desk.path("shots/a_1.png"), desk.path("shots/overview.png")).unwrap();
+    let tally = desk.tally("shots", &[], 0);
+    assert_eq!(statuses(&tally), ["a solved"]);
+    assert!(tally["left_over"][0].as_str().unwrap().starts_with("overview.png belongs to no pair"), "{tally}");
+    let output = desk.batch("shots", &["--strict", "--progress", "json"]);
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && told.contains("left over"), "{told}");
+    let line: Value = serde_json::from_str(told.lines().next().unwrap()).unwrap();
+    assert_eq!((&line["done"], &line["of"], &line["name"]), (&1.into(), &1.into(), &"a".into()));
+}
+
+#[test]
 fn what_cannot_be_paired_or_asked_is_refused_before_any_work() {
     let desk = Desk::new(&[["a_1.png", "a_2.png"]]);
-    fs::copy(desk.path("shots/a_1.png"), desk.path("shots/a_3.png")).unwrap();
+    fs::create_dir(desk.path("odd")).unwrap();
+    fs::copy(desk.path("shots/a_1.png"), desk.path("odd/a_3.png")).unwrap();
     for (source, extra, status, part) in [
-        ("shots", &[][..], 1, "a_3.png is left over"),
+        ("odd", &[][..], 1, "a_3.png is left over"),
         ("shot", &[], 1, "did you mean 'shots'?"),
         ("shots", &["--sweeps", "0"], 2, "sweeps is 0"),
         ("cache", &[], 1, "cache"),

@@ -90,6 +90,12 @@ impl Browser {
     #[track_caller]
     pub fn open(&mut self, file: &Path, ready: &str) {
         self.call("Page.navigate", json!({ "url": format!("file://{}", file.display()) }));
+        self.wait(ready);
+    }
+
+    /// Waits until an expression is true in the page.
+    #[track_caller]
+    pub fn wait(&mut self, ready: &str) {
         let start = Instant::now();
         while self.evaluate(&format!("Boolean({ready})")) != json!(true) {
             assert!(start.elapsed() < PATIENCE, "the page is not ready: {:#?}", self.complaints());

@@ -3,11 +3,13 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod again;
 mod apply;
 mod batch;
 mod bench;
 mod browser;
 mod evaluate;
+mod formats;
 mod guide;
 mod input;
 #[cfg(target_os = "linux")]
@@ -18,6 +20,7 @@ mod page;
 mod register;
 mod report_html;
 mod report_html_sweep;
+mod results;
 mod safety;
 mod scope;
 mod shading;

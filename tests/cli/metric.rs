@@ -210,6 +210,9 @@ fn known_steps_calibrate_the_lens_and_what_they_cannot_tell_is_said() {
     assert_eq!((&one["undetermined"][0], number(&one["lens"]["focus_mm"][0])), (&Value::from("focus1"), 529.0));
 
     desk.refuses(&start, 2, &["--plane"]);
+    // The left is 600 mm and the right 700: a plane that falls the other way determines nothing.
+    let reversed = [&start, &["--plane", "710,590,710"][..]].concat();
+    desk.refuses(&reversed, 1, &["did you mean --plane 590.000,710.000,590.000?", "top left"]);
     desk.refuses(&[&start, &["--plane", "600,700"][..]].concat(), 2, &["as in"]);
     desk.refuses(&[&start, &["--plane", "20,700,600"][..]].concat(), 2, &["depth of the target is 20"]);
     desk.refuses(&[&start, &["--known", "2,2,400,60=600"][..]].concat(), 1, &["not within the image"]);

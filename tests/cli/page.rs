@@ -32,30 +32,45 @@ pub fn shown(browser: &mut Browser, key: &str) -> String {
     browser.evaluate(&format!("document.getElementById('at-{key}').textContent")).as_str().unwrap().to_string()
 }
 
-/// That a number of the read-out is a value to so many digits after the point.
+/// Chooses a picture or a map.
+pub fn choose(browser: &mut Browser, mode: &str) {
+    browser.evaluate(&format!("document.querySelector('[data-mode={mode}]').click()"));
+}
+
+/// That a number of the read-out is a value but for so much.
 #[track_caller]
-pub fn assert_reads(text: &str, value: f32, digits: i32) {
+pub fn assert_reads(text: &str, value: f32, allowed: f64) {
     if value.is_nan() {
         return assert_eq!(text, "not valid");
     }
-    assert_eq!(text.split_once('.').map(|(_, after)| after.len()), Some(digits as usize), "{text}");
-    let read: f64 = text.replace('−', "-").parse().unwrap();
-    assert!((read - f64::from(value)).abs() <= 0.5001 * 10f64.powi(-digits), "{read} {value}");
+    let read: f64 = text.replace('−', "-").parse().unwrap_or_else(|_| panic!("{text}, not {value}"));
+    assert!((read - f64::from(value)).abs() <= allowed, "{read}, not {value} to {allowed}");
 }
 
-/// That the page holds every value of a field to so many digits.
+/// That the page holds every value of a field, each but for so much.
 #[track_caller]
-pub fn assert_holds(browser: &mut Browser, key: &str, values: &[f32], digits: i32) {
-    let unit = 10f64.powi(digits);
-    let expected = values.iter().zip(0u32..).fold(0u32, |sum, (v, i)| {
-        let integer = if v.is_nan() { 7 } else { (f64::from(*v) * unit).round() as i64 as u32 };
-        sum.wrapping_mul(31).wrapping_add(integer ^ i)
-    });
-    let found = browser.evaluate(&format!(
-        "{{ let s = 0; page.fields.{key}.values.forEach((v, i) => {{ \
-         s = (Math.imul(s, 31) + ((Number.isNaN(v) ? 7 : Math.round(v * {unit})) ^ i)) >>> 0 }}); s }}"
-    ));
-    assert_eq!(found, expected, "{key}");
+pub fn assert_holds(browser: &mut Browser, key: &str, values: &[f32], allowed: impl Fn(usize) -> f64) {
+    let found = browser.evaluate(&format!("[...page.fields.{key}.values].map(v => Number.isFinite(v) ? v : null)"));
+    let found = found.as_array().unwrap();
+    assert_eq!(found.len(), values.len(), "{key}");
+    for (i, (read, value)) in found.iter().zip(values).enumerate() {
+        assert_eq!(read.is_null(), !value.is_finite(), "{key} at {i}: {read}, not {value}");
+        let Some(read) = read.as_f64() else { continue };
+        let off = (read - f64::from(*value)).abs();
+        assert!(off <= allowed(i), "{key} at {i}: {read}, not {value} to {}", allowed(i));
+    }
+}
+
+/// Half a step of the last digit that the page has of a field, which is a fifth of the median deviation at most.
+#[track_caller]
+pub fn half_step(browser: &mut Browser, key: &str, deviation: &[f32]) -> f64 {
+    let digits = browser.evaluate(&format!("page.fields.{key}.digits")).as_i64().unwrap() as i32;
+    let mut known: Vec<f32> = deviation.iter().copied().filter(|s| s.is_finite()).collect();
+    known.sort_by(f32::total_cmp);
+    let (step, typical) = (10f64.powi(-digits), f64::from(known[known.len() / 2]));
+    assert!(step <= (typical / 5.0).max(1e-4) && digits >= 1, "{key}: {digits} digits for ± {typical}");
+    // The page has floats of 32 bits.
+    0.51 * step
 }
 
 /// That the surface covers part of its canvas, in many colours.

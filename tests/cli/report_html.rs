@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use crate::browser::Browser;
-use crate::page::{assert_holds, assert_reads, assert_surface, canvas, pixels, point, shown};
+use crate::page::{assert_holds, assert_reads, assert_surface, canvas, choose, half_step, pixels, point, shown};
 
 /// A name as an attacker would choose it.
 const ODD_NAME: &str = "<img src=x onerror=alert(1)>&amp;.png";
@@ -83,10 +83,12 @@ fn nothing_is_wider_than_a_telephone() {
 #[test]
 fn the_slider_moves_by_mouse_and_by_itself_and_the_pictures_change() {
     let mut browser = opened(1280);
+    let mut seen = vec![pixels(&mut browser, "stage")];
+    choose(&mut browser, "compare");
     let [left, top, width, height] = canvas(&mut browser, "stage");
     let before = pixels(&mut browser, "stage");
     let (middle, y) = (left + width / 2.0, top + height / 2.0);
-    browser.mouse(&[[middle, y], [middle + 60.0, y], [middle + 120.0, y]], true);
+    browser.mouse(&[[middle, y], [middle + 40.0, y], [middle + 80.0, y]], true);
     assert!(browser.evaluate("page.viewer.split").as_f64().unwrap() > 0.55);
     let moved = pixels(&mut browser, "stage");
     assert!(before != moved);
@@ -94,10 +96,13 @@ fn the_slider_moves_by_mouse_and_by_itself_and_the_pictures_change() {
         "{ const s = document.getElementById('split'); s.value = 100; s.dispatchEvent(new Event('input')); }",
     );
     assert!(moved != pixels(&mut browser, "stage"));
-    let mut seen = vec![pixels(&mut browser, "stage")];
-    for mode in ["difference", "fused", "relative_blur", "uncertainty", "confidence", "depth", "depth_deviation"] {
-        browser.evaluate(&format!("document.querySelector('[data-mode={mode}]').click()"));
-        let shown = pixels(&mut browser, "stage");
+    seen.push(pixels(&mut browser, "stage"));
+    choose(&mut browser, "difference");
+    assert!(!seen.contains(&pixels(&mut browser, "stage")));
+    let mut seen = Vec::new();
+    for mode in ["depth", "relative_blur", "uncertainty", "confidence", "depth_deviation", "residual"] {
+        choose(&mut browser, mode);
+        let shown = pixels(&mut browser, "map");
         assert!(!seen.contains(&shown), "{mode}");
         seen.push(shown);
     }
@@ -107,6 +112,7 @@ fn the_slider_moves_by_mouse_and_by_itself_and_the_pictures_change() {
 #[test]
 fn flickering_shows_one_photograph_after_the_other() {
     let mut browser = opened(1280);
+    choose(&mut browser, "compare");
     browser.evaluate("document.getElementById('flicker').click()");
     // Read in the turn in which the picture is the one waited for.
     let [first, second] = [false, true].map(|second| {
@@ -123,28 +129,139 @@ fn the_cursor_reads_what_the_exr_holds() {
     let mut browser = opened(1280);
     let read = |file: &str| read_field(&results().join("out").join(file)).unwrap();
     let (width, _, blur) = read("relative_blur.exr");
-    let depth = read("depth_mm.exr").2;
-    let fields = [
-        ("relative_blur", &blur, 4),
-        ("uncertainty", &read("uncertainty.exr").2, 4),
-        ("confidence", &read("confidence.exr").2, 5),
-        ("depth", &depth, 3),
-    ];
-    let hole = blur.iter().position(|v| v.is_nan()).expect("a pixel that is not valid") as u32;
+    let (sigma, confidence, depth) = (read("uncertainty.exr").2, read("confidence.exr").2, read("depth_mm.exr").2);
+    let step = half_step(&mut browser, "relative_blur", &sigma);
+    // Depth by the lens from V as it is rounded; where V hardly tells it, it goes far.
+    let slope = |i: usize| {
+        let near = (1..blur.len()).map(|k| (i + k) % blur.len());
+        let other = near.take(9).find(|&k| depth[k].is_finite() && (blur[k] - blur[i]).abs() > 1e-3);
+        other.map_or(1e3, |k| f64::from(((depth[k] - depth[i]) / (blur[k] - blur[i])).abs()))
+    };
+    // Off the corners, which are round.
+    let hole = (20 * width as usize..blur.len()).find(|&i| blur[i].is_nan()).expect("a pixel that is not valid") as u32;
     let is_deep = |i: &usize| depth[*i].is_finite();
     let deep = (0..blur.len()).find(is_deep).expect("a pixel with a depth") as u32;
     for (x, y) in [(120, 80), (37, 55), (201, 101), (hole % width, hole / width), (deep % width, deep / width)] {
         point(&mut browser, x, y);
         assert_eq!((shown(&mut browser, "x"), shown(&mut browser, "y")), (x.to_string(), y.to_string()));
-        for (key, values, digits) in &fields {
-            let value = values[(y * width + x) as usize];
-            assert_reads(&shown(&mut browser, key), value, *digits);
-        }
+        let i = (y * width + x) as usize;
+        assert_reads(&shown(&mut browser, "relative_blur"), blur[i], step);
+        assert_reads(&shown(&mut browser, "uncertainty"), sigma[i], 0.011 * f64::from(sigma[i]));
+        let tip = browser.evaluate("document.getElementById('map-tip').textContent");
+        assert!(tip.as_str().unwrap().contains(if depth[i].is_finite() { " ± " } else { "not measured" }), "{tip}");
     }
     // All of them.
-    for (key, values, digits) in fields {
-        assert_holds(&mut browser, key, values, digits);
+    assert_holds(&mut browser, "relative_blur", &blur, |_| step);
+    assert_holds(&mut browser, "uncertainty", &sigma, |i| 0.0051 * f64::from(sigma[i]));
+    assert_holds(&mut browser, "confidence", &confidence, |i| 0.012 * f64::from(confidence[i]) + 1e-6);
+    let known = browser.evaluate("[...page.fields.depth.values].map(v => Number.isFinite(v) ? v : null)");
+    let known: Vec<Option<f64>> = serde_json::from_value(known).unwrap();
+    // At the ends of the range rounding decides.
+    let differ = known.iter().zip(&depth).filter(|(a, b)| a.is_some() != b.is_finite()).count();
+    assert!(differ * 100 < depth.iter().filter(|z| z.is_finite()).count(), "{differ}");
+    for (i, (read, z)) in known.iter().zip(&depth).enumerate() {
+        let Some(read) = read.filter(|_| z.is_finite()) else { continue };
+        let off = (read - f64::from(*z)).abs();
+        assert!(off <= 3.0 * step * slope(i) + 1e-3, "{read}, not {z} at {i}");
     }
+}
+
+#[test]
+fn what_most_want_to_know_is_one_sentence_and_three_pictures() {
+    let mut browser = Browser::start(1400, 900);
+    browser.open(&page_of(results()), "window.page");
+    let sentence = browser.evaluate("document.getElementById('sentence').textContent");
+    let sentence = sentence.as_str().unwrap();
+    assert!(sentence.starts_with("Depth ") && sentence.contains("\u{a0}mm, typically ±"), "{sentence}");
+    assert!(sentence.ends_with("measured; near is I1 (by the lens)."), "{sentence}");
+    let within = "['sentence', 'stage', 'map', 'scale', 'surface', 'figures'].filter(id => \
+                  document.getElementById(id).getBoundingClientRect().bottom > innerHeight).join()";
+    assert_eq!(browser.evaluate(within), "");
+    let [photo, map, surface] = ["stage", "map", "surface"].map(|id| canvas(&mut browser, id));
+    assert!(photo[0] < map[0] && map[0] < surface[0] && photo[1] == map[1] && map[1] == surface[1]);
+    // One of them alone, and back.
+    browser.evaluate("document.querySelector('[data-enlarge=map]').click()");
+    assert!(canvas(&mut browser, "map")[2] > 2.0 * map[2]);
+    browser.evaluate("document.querySelector('[data-enlarge=map]').click()");
+    // A lower σ hatches, and less counts as measured.
+    let share = |browser: &mut Browser| {
+        let told = browser.evaluate("document.getElementById('sigma-value').textContent");
+        let told = told.as_str().unwrap().to_string();
+        told.split("· ").nth(1).unwrap().split(' ').next().unwrap().parse::<f64>().unwrap()
+    };
+    let (whole, before) = (share(&mut browser), pixels(&mut browser, "map"));
+    browser
+        .evaluate("{ const s = document.getElementById('sigma'); s.value = 300; s.dispatchEvent(new Event('input')) }");
+    assert!(share(&mut browser) < whole && before != pixels(&mut browser, "map"));
+    assert_eq!(browser.complaints(), Vec::<String>::new());
+}
+
+#[test]
+fn what_is_measured_on_the_page_is_what_the_command_measures() {
+    let mut browser = opened(1280);
+    browser.evaluate("document.querySelector('[data-tool=step]').click()");
+    let at = |browser: &mut Browser, [x, y]: [u32; 2]| {
+        let [left, top, ..] = canvas(browser, "map");
+        let place = browser.evaluate(&format!(
+            "(({{ left, top, scale }}) => [left + scale * ({x} + .5), top + scale * ({y} + .5)])(page.map)"
+        ));
+        [left + place[0].as_f64().unwrap(), top + place[1].as_f64().unwrap()]
+    };
+    for [from, to] in [[[30, 40], [69, 99]], [[150, 40], [199, 99]]] {
+        let (from, to) = (at(&mut browser, from), at(&mut browser, to));
+        browser.mouse(&[from, [(from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0], to], true);
+    }
+    // By the keyboard, a line.
+    browser.evaluate(
+        "{ document.querySelector('[data-tool=line]').click(); page.map.canvas.focus(); page.view.point(20, 80) }",
+    );
+    for key in ["Enter", "ArrowRight", "ArrowRight", "Enter"] {
+        let modifiers = if key == "ArrowRight" { 8 } else { 0 };
+        browser.call("Input.dispatchKeyEvent", json!({ "type": "keyDown", "key": key, "modifiers": modifiers }));
+    }
+    let command = browser.evaluate("document.getElementById('command').textContent");
+    let command = command.as_str().unwrap().to_string();
+    assert_eq!(command, "parfocal measure out --step 30,40,40,60 150,40,50,60 --profile 20,80,40,80");
+    let told = browser.evaluate("document.getElementById('measured-text').textContent");
+    let told = told.as_str().unwrap().replace('−', "-");
+
+    let mut measure = Command::cargo_bin("parfocal").unwrap();
+    measure.current_dir(results()).args(command.split(' ').skip(1)).args(["--json", "-q"]);
+    let output = measure.output().unwrap();
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let blur = &found["steps"][0]["relative_blur"];
+    let numbers: Vec<f64> = told.split([' ', ':', ',']).filter_map(|word| word.parse().ok()).collect();
+    let [value, error] = ["value", "standard_error"].map(|key| blur[key].as_f64().unwrap());
+    let close = |number: &f64| (number - value).abs() < 0.2 * error + 0.05;
+    assert!(told.starts_with("Step from 1 to 2") && numbers.iter().any(close), "{told}, {blur}");
+    assert!(browser.evaluate("document.querySelectorAll('#profile polyline').length") == 1);
+
+    // The link opens the same view.
+    browser.evaluate("{ page.view.zoomBy(2); document.querySelector('[data-mode=uncertainty]').click() }");
+    browser.evaluate("{ window.prompt = () => {}; document.getElementById('copy-link').click() }");
+    let (hash, before) = (browser.evaluate("location.hash"), pixels(&mut browser, "map"));
+    let mut other = opened(1280);
+    other.evaluate(&format!("{{ location.hash = {hash}; location.reload() }}"));
+    other.wait("window.page && page.map.mode === 'uncertainty'");
+    assert!(pixels(&mut other, "map") == before, "{hash}");
+    assert_eq!(other.evaluate("document.getElementById('command').textContent"), command);
+    assert_eq!(other.complaints(), Vec::<String>::new());
+}
+
+#[test]
+fn everything_has_a_name_and_a_finger_finds_it() {
+    let mut browser = opened(390);
+    let nameless = "[...document.querySelectorAll('button, select, input, canvas[role], summary')].filter(e => !(e.ariaLabel \
+                    || e.textContent.trim() || e.closest('label')?.textContent.trim())).map(e => e.outerHTML).join()";
+    assert_eq!(browser.evaluate(nameless), "");
+    let small = "[...document.querySelectorAll('button, select, input, summary')].filter(e => e.offsetParent \
+                 && Math.min(e.offsetWidth, e.offsetHeight) < 44).map(e => e.outerHTML).join()";
+    assert_eq!(browser.evaluate(small), "");
+    let twice = "(ids => ids.filter((id, i) => ids.indexOf(id) !== i).join())([...document.querySelectorAll('[id]')].map(e => e.id))";
+    assert_eq!(browser.evaluate(twice), "");
+    // A finger that scrolls is not held by a picture.
+    let held = "[...document.querySelectorAll('canvas[role]')].filter(c => getComputedStyle(c).touchAction !== 'pan-y').map(c => c.id).join()";
+    assert_eq!(browser.evaluate(held), "");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use parfocal::image_io::read_field;
 use tempfile::TempDir;
 
 use crate::browser::Browser;
-use crate::page::{assert_holds, assert_reads, assert_surface, pixels, point, shown};
+use crate::page::{assert_holds, assert_reads, assert_surface, choose, half_step, pixels, point, shown};
 
 const FRAMES: [&str; 4] = ["a & b.png", "<i>2.png", "3.png", "4.png"];
 
@@ -61,7 +61,7 @@ fn it_opens_by_itself_and_shows_what_a_sweep_has() {
     assert_eq!(browser.evaluate("document.querySelector('h1').textContent"), "a & b.png to 4.png");
     assert_eq!(browser.evaluate("document.querySelectorAll('#frames tr').length"), 1 + FRAMES.len());
     let hidden = "[...document.querySelectorAll('[data-kind]')].map(e => e.dataset.kind + (e.hidden ? ' hidden' : ''))";
-    assert_eq!(browser.evaluate(&format!("{hidden}.sort().join()")), "pair hidden,sweep");
+    assert_eq!(browser.evaluate(&format!("{hidden}.sort().join()")), "pair hidden,pair hidden,sweep,sweep");
     assert_surface(&mut browser);
     let note = browser.evaluate("document.getElementById('surface-note').textContent");
     assert!(note.as_str().unwrap().contains(" mm from far to near"), "{note}");
@@ -71,6 +71,7 @@ fn it_opens_by_itself_and_shows_what_a_sweep_has() {
 #[test]
 fn the_frames_are_leafed_through_and_any_two_pictures_compared() {
     let mut browser = opened();
+    choose(&mut browser, "compare");
     let mut seen = vec![pixels(&mut browser, "stage")];
     let mut look = |browser: &mut Browser, what: &str| {
         let picture = pixels(browser, "stage");
@@ -83,7 +84,7 @@ fn the_frames_are_leafed_through_and_any_two_pictures_compared() {
                 s.dispatchEvent(new Event('change', { bubbles: true })) }";
     browser.evaluate(left);
     look(&mut browser, "another picture");
-    browser.evaluate("document.querySelector('[data-mode=frames]').click()");
+    choose(&mut browser, "frames");
     for (n, name) in FRAMES.iter().enumerate() {
         let to = "{ const s = document.getElementById('frame'); s.value = N; s.dispatchEvent(new Event('input')) }";
         browser.evaluate(&to.replace('N', &n.to_string()));
@@ -91,25 +92,48 @@ fn the_frames_are_leafed_through_and_any_two_pictures_compared() {
         let tag = browser.evaluate("document.getElementById('tag-1').textContent");
         assert!(tag.as_str().unwrap().starts_with(name), "{tag}");
     }
-    for mode in ["difference", "fused", "focus", "uncertainty", "depth", "depth_deviation"] {
-        browser.evaluate(&format!("document.querySelector('[data-mode={mode}]').click()"));
+    for mode in ["difference", "fused"] {
+        choose(&mut browser, mode);
         look(&mut browser, mode);
     }
+    let mut maps = Vec::new();
+    for mode in ["focus", "uncertainty", "depth", "depth_deviation"] {
+        choose(&mut browser, mode);
+        let map = pixels(&mut browser, "map");
+        assert!(!maps.contains(&map), "{mode}");
+        maps.push(map);
+    }
+    assert_eq!(browser.complaints(), Vec::<String>::new());
+}
+
+#[test]
+fn the_focus_curve_has_the_frames_and_the_one_that_wins() {
+    let mut browser = opened();
+    point(&mut browser, 40, 100);
+    let note = browser.evaluate("document.getElementById('focus-note').textContent");
+    let note = note.as_str().unwrap();
+    assert!(note.starts_with("At 40, 100: ") && note.contains("is the sharpest. In focus at"), "{note}");
+    assert_eq!(browser.evaluate("document.querySelectorAll('#focus-curve circle').length"), FRAMES.len());
+    assert_eq!(browser.evaluate("document.querySelectorAll('#focus-curve .wins, #focus-curve .model').length"), 2);
     assert_eq!(browser.complaints(), Vec::<String>::new());
 }
 
 #[test]
 fn the_cursor_reads_what_the_exr_holds() {
     let mut browser = opened();
-    let fields = [("focus", "focus.exr", 4), ("uncertainty", "uncertainty.exr", 4), ("depth", "depth_mm.exr", 3)];
-    for (key, file, digits) in fields {
-        let (width, _, values) = read_field(&results().join("out").join(file)).unwrap();
-        for (x, y) in [(96, 64), (40, 100), (3, 2)] {
-            point(&mut browser, x, y);
-            assert_reads(&shown(&mut browser, key), values[(y * width + x) as usize], digits);
-        }
-        assert_holds(&mut browser, key, &values, digits);
+    let read = |file: &str| read_field(&results().join("out").join(file)).unwrap();
+    let ((width, _, focus), sigma, depth) = (read("focus.exr"), read("uncertainty.exr").2, read("depth_mm.exr").2);
+    let step = half_step(&mut browser, "focus", &sigma);
+    for (x, y) in [(96, 64), (40, 100), (3, 2)] {
+        point(&mut browser, x, y);
+        let i = (y * width + x) as usize;
+        assert_reads(&shown(&mut browser, "focus"), focus[i], step);
+        assert_reads(&shown(&mut browser, "uncertainty"), sigma[i], 0.011 * f64::from(sigma[i]));
     }
+    assert_holds(&mut browser, "focus", &focus, |_| step);
+    assert_holds(&mut browser, "uncertainty", &sigma, |i| 0.0051 * f64::from(sigma[i]));
+    let digits = browser.evaluate("page.fields.depth.digits").as_i64().unwrap() as i32;
+    assert_holds(&mut browser, "depth", &depth, |_| 0.51 * 10f64.powi(-digits));
 }
 
 #[test]

@@ -63,7 +63,7 @@ impl Desk {
 #[test]
 fn a_solve_writes_its_five_files_and_the_report_on_stdout() {
     let desk = Desk::new();
-    let report = desk.solved(["near.png", "far.png"], &[]);
+    let report = desk.solved(["near.png", "far.png"], &["--timings"]);
     assert_eq!(report["method"], "unified");
     assert_eq!(report["size"]["width"], 96);
     assert!(report["transform"]["tx_px"].is_f64() && report["timings_ms"]["total"].is_f64());
@@ -89,7 +89,7 @@ fn the_surface_is_exported_on_request_and_never_left_over() {
     assert!(glb.starts_with(b"glTF") && glb.len() % 4 == 0 && mesh.len() < 2 * cloud.len());
     desk.solved(pair, &["--export", "glb", "--no-html"]);
     assert!(files[2].is_file() && !files[0].exists() && !files[1].exists());
-    for wrong in [&["--export", "obj"][..], &["--z-scale", "-1"], &["--mesh-cells", "1"]] {
+    for wrong in [&["--export", "step"][..], &["--z-scale", "-1"], &["--mesh-cells", "1"]] {
         assert_eq!(desk.solve(pair, wrong).status.code(), Some(2));
     }
     // Nothing to draw is no failure.

@@ -46,6 +46,7 @@ pub fn options() -> EngineOptions {
         device: std::env::var("PARFOCAL_DEVICE").ok(),
         validation: std::env::var("PARFOCAL_VALIDATE").as_deref() != Ok("0"),
         key_points: Some(baseline::key_points),
+        timed: true,
         ..EngineOptions::default()
     }
 }

@@ -207,6 +207,8 @@ fn whatever_a_file_holds_it_is_read_or_refused() {
         target("jpeg", "photograph.jpg", jpeg(), photograph),
         target("tiff", "photograph.tif", tiff(), photograph),
         target("pnm", "photograph.pnm", [encoded(&[ImageFormat::Pnm]), pnm].concat(), photograph),
+        target("bmp", "photograph.bmp", encoded(&[ImageFormat::Bmp]), photograph),
+        target("webp", "photograph.webp", encoded(&[ImageFormat::WebP]), photograph),
         target("exr", "photograph.exr", [exr(), vec![hostile]].concat(), photograph),
         target("field", "relative_blur.exr", exr(), field),
         target("kernel", "kernel.png", [encoded(&[ImageFormat::Png]), exr()].concat(), kernel),

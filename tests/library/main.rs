@@ -12,6 +12,7 @@ mod properties;
 mod rooms;
 mod scope;
 #[cfg(target_os = "linux")]
+mod slots;
 mod soak;
 mod solver;
 mod sweep;

@@ -124,7 +124,7 @@ fn solve_whole(
     let counted: Vec<f64> = settings.iter().map(|p| (p - settings[0]) / step).collect();
     let (width, height) = (frames[0].width(), frames[0].height());
     let mut solver = SweepSolver::new(engine, [width, height], frames[0].format(), frames.len(), &options.settings)?;
-    let found = solver.solve(frames, &counted, reference, say)?;
+    let found = solver.solve(frames, &counted, reference, options.scope.mask.as_ref(), say)?;
     let decode = options.settings.decode;
     let focused = focused::Focused { frames, reference, positions: &counted, found: &found, decode };
     let (fused, fused_channels) = (fuse::fuse(&focused), focused.channels());

@@ -37,32 +37,49 @@ impl Plan {
         (4 * floats, host)
     }
 
-    /// The same of a sweep of so many frames, each of which is kept as it is and on the reference's pixels.
-    pub(crate) fn check_sweep(&self, device: &Device, frames: usize) -> Result<(), Error> {
-        self.check(device)?;
+    /// Bytes of which frames of a sweep do not count where, a bit each.
+    pub(crate) fn hidden_bytes(&self, frames: u32) -> u64 {
+        4 * u64::from(frames.div_ceil(32)) * pixels(self.size)
+    }
+
+    /// Bytes on the device, and mapped, of a sweep of so many frames, each of which is kept as it is and on the reference's pixels.
+    pub(crate) fn sweep_bytes(&self, frames: u32) -> u64 {
+        let pyramid: u64 = self.pyramid.iter().map(|l| pixels(l.size)).sum();
+        let full = pixels(self.size);
+        let half = pixels([self.size[0].div_ceil(2), self.size[1]]);
+        // Spline, scratch, luminance; of either colour right sides, four weights of half a float, du.
+        let alone = u64::from(self.layers_of(&self.pyramid[0]) + half_pair::LAYERS) + 3;
+        let floats = u64::from(frames) * (pyramid + full) + pyramid + alone * full + 2 * (1 + 2 + 1) * half;
+        4 * floats + self.frame_bytes(0) + self.hidden_bytes(frames)
+    }
+
+    /// Checks that a device takes sweeps of so many frames.
+    pub(crate) fn check_sweep(&self, device: &Device, frames: u32) -> Result<(), Error> {
+        self.check_photographs(device.info())?;
         let too_large = |what, needed, limit| Err(self.too_large(device.info(), what, needed, limit));
         let (largest, layers) = image_limits(device)?;
-        if frames as u64 > u64::from(layers) {
+        if frames > layers {
             return too_large("a sweep", format!("{frames} frames"), format!("{layers}"));
         }
-        let frame = 4 * pixels(self.size);
-        let largest = largest.min(device.allocation_limits().0);
-        if frame * frames as u64 > largest {
-            let needed = mib(frame * frames as u64);
-            return too_large("the frames of a sweep", needed, format!("{} for an image", mib(largest)));
+        let (allocation, buffer) = device.allocation_limits();
+        let largest = largest.min(allocation);
+        let image = 4 * pixels(self.size) * u64::from(frames.max(self.layers_of(&self.pyramid[0])));
+        if image > largest {
+            return too_large("the frames of a sweep", mib(image), format!("{} for an image", mib(largest)));
         }
-        let pyramid: u64 = self.pyramid.iter().map(|level| 4 * pixels(level.size)).sum();
-        let (on_device, host) = self.bytes();
-        let system = frame * u64::from(half_pair::LAYERS - linearise::LAYERS);
-        let needed = on_device + host + system + (pyramid + frame) * frames as u64;
-        if needed > device.info().memory_bytes {
-            return too_large("the sweep", mib(needed), format!("{} in all", mib(device.info().memory_bytes)));
+        let largest = buffer.min(allocation);
+        if self.hidden_bytes(frames) > largest {
+            return too_large("a sweep", mib(self.hidden_bytes(frames)), format!("{} for a buffer", mib(largest)));
+        }
+        let (needed, limit) = (self.sweep_bytes(frames), device.info().memory_bytes);
+        if needed > limit {
+            return too_large("the sweep", mib(needed), format!("{} in all", mib(limit)));
         }
         Ok(())
     }
 
-    /// Checks the plan against a device's limits, so that nothing fails half-way.
-    pub(crate) fn check(&self, device: &Device) -> Result<(), Error> {
+    /// Checks the plan against a device's limits, so that nothing fails half-way, of a solver with so many slots.
+    pub(crate) fn check(&self, device: &Device, slots: u64) -> Result<(), Error> {
         let info = device.info();
         let too_large = |what, needed, limit| Err(self.too_large(info, what, needed, limit));
         self.check_photographs(info)?;
@@ -84,7 +101,7 @@ impl Plan {
         if self.result_bytes() > largest {
             return too_large("the result", mib(self.result_bytes()), format!("{} for a buffer", mib(largest)));
         }
-        self.check_memory(info)
+        self.check_memory(info, slots)
     }
 
     /// Checks what a description of a device tells of each photograph.
@@ -103,10 +120,10 @@ impl Plan {
     }
 
     /// Checks what it tells of the memory that there is.
-    fn check_memory(&self, info: &DeviceInfo) -> Result<(), Error> {
+    fn check_memory(&self, info: &DeviceInfo, slots: u64) -> Result<(), Error> {
         let (on_device, host) = self.bytes();
         // A discrete GPU keeps what the host sees in the host's memory; the others have one memory for both.
-        let needed = if info.kind == "discrete GPU" { on_device } else { on_device + host };
+        let needed = if info.kind == "discrete GPU" { on_device } else { on_device + slots * host };
         if needed > info.memory_bytes {
             return Err(self.too_large(info, "the solve", mib(needed), format!("{} in all", mib(info.memory_bytes))));
         }
@@ -115,7 +132,7 @@ impl Plan {
 
     /// Checks the plan against a description of a device: what no device like it could do.
     pub(crate) fn check_described(&self, info: &DeviceInfo) -> Result<(), Error> {
-        self.check_photographs(info).and_then(|()| self.check_memory(info))
+        self.check_photographs(info).and_then(|()| self.check_memory(info, 1))
     }
 
     fn too_large(&self, info: &DeviceInfo, what: &'static str, needed: String, limit: String) -> Error {

@@ -35,8 +35,10 @@ impl Composer<'_> {
             evidence: slot::EVIDENCE.read(),
             results: slot::RESULTS.write(),
             state: slot::STATE.read(),
+            mask: slot::MASK.read(),
         };
-        self.over(self.plan.size, bindings, &self.plan.uncertainty(), NO_VARIANT);
+        let variant = if self.masked { uncertainty::MASKED } else { NO_VARIANT };
+        self.over(self.plan.size, bindings, &self.plan.uncertainty(), variant);
     }
 
     /// One channel of the pseudo-radiance, equation 37. The channel takes the luminance's place.

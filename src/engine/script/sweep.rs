@@ -85,6 +85,7 @@ pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[Beside], stays: b
                     equations: slot::NORMAL_EQUATIONS.update(),
                     partials: slot::PARTIALS.write(),
                     tiles: slot::TILES.read(),
+                    hidden: slot::HIDDEN.read(),
                 };
                 s.dispatch(bindings, &half_pair::Constants { listed, ..*constants }, variant, grid);
             }

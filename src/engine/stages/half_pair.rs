@@ -38,6 +38,10 @@ pub struct Constants {
     pub row: u32,
     /// First of the tiles wanted.
     pub listed: u32,
+    /// Layer of the sharper frame.
+    pub own: u32,
+    /// Words of bits a pixel; 0 where all pixels of all frames count.
+    pub words: u32,
     /// Focus setting of the sharper frame, as u.
     pub own_setting: f32,
     /// Of the other.
@@ -94,6 +98,8 @@ bindings! {
     partials: Writes<Partials>,
     /// Which tiles are wanted.
     tiles: Reads<Tiles>,
+    /// By pixel, a bit a frame that does not count there.
+    hidden: Reads<Hidden>,
 }
 
 impl Pass for Bindings {
@@ -108,7 +114,8 @@ impl Pass for Bindings {
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let nodes = &memory.layers(self.stacks)[..c.nodes as usize * slopes(variant).layers()];
         let other = memory.layer(self.aligned, c.other as usize);
-        let Said { system, sums } = twin(c, variant, memory.layer(self.focus, 0), nodes, other);
+        let hidden = memory.words(self.hidden);
+        let Said { system, sums } = twin(c, variant, memory.layer(self.focus, 0), nodes, other, hidden);
         for (layer, said) in system.into_iter().enumerate() {
             let sum = memory.layer_mut(self.equations, layer);
             if sum.data.is_empty() {
@@ -134,7 +141,7 @@ fn slopes(variant: Variant) -> Slopes {
 }
 
 /// What the pair says of every pixel.
-pub fn twin(c: &Constants, variant: Variant, focus: &Field, stack: &[Field], other: &Field) -> Said {
+pub fn twin(c: &Constants, variant: Variant, focus: &Field, stack: &[Field], other: &Field, hidden: &[u32]) -> Said {
     let (width, height) = (c.width as usize, c.height as usize);
     let mut said = Said { system: std::array::from_fn(|_| Field::zeros(width, height)), sums: Sums::default() };
     let [left, top, right, bottom] = c.shown.map(f64::from);
@@ -142,12 +149,18 @@ pub fn twin(c: &Constants, variant: Variant, focus: &Field, stack: &[Field], oth
         let (x, y) = (x as f64, y as f64);
         (x - left).min(right - x).min(y - top).min(bottom - y) >= reach
     };
+    let hides = |pixel: usize, frame: u32| {
+        c.words > 0 && hidden[pixel * c.words as usize + frame as usize / 32] >> (frame % 32) & 1 == 1
+    };
     let [rate, grain, eta, limit, far] = [c.rate, c.grain, c.eta, c.limit, c.far].map(f64::from);
     let settings = [c.own_setting, c.other_setting].map(f64::from);
     for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
         let away = settings.map(|p| p - focus.get(x, y));
         let (v, before) = (rate * (away[1].powi(2) - away[0].powi(2)), rate * away[0].powi(2));
         if !(v > 0.0 && v < limit && before <= far && shows([x, y], 3.0 * v.sqrt() + FILTERED)) {
+            continue;
+        }
+        if [c.own, c.other].iter().any(|&frame| hides(y * width + x, frame)) {
             continue;
         }
         let blurred = stack::read(stack, slopes(variant), v, x as f64, y as f64);
@@ -188,7 +201,7 @@ mod tests {
     use crate::base::Kernel;
     use crate::engine::vulkan::Resource;
 
-    fn check([own, other]: [&Field; 2], focus: &Field, far: f32, variant: Variant) {
+    fn check([own, other]: [&Field; 2], focus: &Field, far: f32, variant: Variant, words: u32) {
         let (width, height, nodes) = (focus.width, focus.height, stack::node_count(6.0));
         let kernel = if variant[0] { Kernel::Pillbox } else { Kernel::Gaussian };
         let stack = build_stack(own, &kernel, nodes);
@@ -199,6 +212,8 @@ mod tests {
             other: 1,
             row: 2,
             listed: 1,
+            own: 34,
+            words,
             own_setting: -0.5,
             other_setting: 2.5,
             rate: 0.4,
@@ -210,7 +225,20 @@ mod tests {
             centre: [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0],
             shown: [1.5, 0.0, width as f32 - 1.0, height as f32 - 3.25],
         };
-        let Said { system, sums } = twin(&c, variant, focus, &stack, other);
+        // A fifth of the pixels of either frame.
+        let bits = random_field(width, height * 2, 40).data.into_iter();
+        let hidden: Vec<u32> = bits
+            .map(|v| {
+                if v < 0.1 {
+                    2
+                } else if v < 0.2 {
+                    4
+                } else {
+                    0
+                }
+            })
+            .collect();
+        let Said { system, sums } = twin(&c, variant, focus, &stack, other, &hidden);
         let rig = Rig::new();
         let before: Vec<Field> = (0..u64::from(LAYERS)).map(|n| random_field(width, height, 20 + n)).collect();
         let images = [
@@ -226,7 +254,8 @@ mod tests {
         // All tiles, by a list from the last to the first.
         let all = (0..groups[1]).rev().flat_map(|y| (0..groups[0]).rev().map(move |x| x | y << 16));
         let tiles = rig.upload(bytemuck::cast_slice(&[9].into_iter().chain(all).collect::<Vec<u32>>()));
-        resources.push(Resource::Buffer(&tiles));
+        let hidden = rig.upload(bytemuck::cast_slice(&hidden));
+        resources.extend([Resource::Buffer(&tiles), Resource::Buffer(&hidden)]);
         rig.run_variant(&STAGE, variant, &resources, &c, [groups[0] * groups[1], 1, 1]);
         let add = |(said, before): (Field, &Field)| Field {
             data: said.data.iter().zip(&before.data).map(|(s, b)| s + b).collect(),
@@ -256,12 +285,13 @@ mod tests {
             focus.data.iter_mut().for_each(|u| *u = 6.0 * (*u - 0.5));
             let [own, other] = [1, 2].map(|seed| smooth_field(width, height, seed));
             for (slopes, stays) in [(Slopes::Laplacian, false), (Slopes::Layers, false), (Slopes::Laplacian, true)] {
-                check([&own, &other], &focus, 50.0, variant(slopes, stays, false));
+                check([&own, &other], &focus, 50.0, variant(slopes, stays, false), 0);
             }
-            check([&own, &other], &focus, 1.0, plain);
-            check([&random_field(width, height, 5), &other], &focus, 50.0, plain);
+            check([&own, &other], &focus, 1.0, plain, 0);
+            check([&own, &other], &focus, 50.0, plain, 2);
+            check([&random_field(width, height, 5), &other], &focus, 50.0, plain, 0);
         }
         let flat = Field::from_fn(40, 30, |_, _| 0.5);
-        check([&flat, &flat], &Field::zeros(40, 30), 50.0, plain);
+        check([&flat, &flat], &Field::zeros(40, 30), 50.0, plain, 0);
     }
 }

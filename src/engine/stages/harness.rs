@@ -155,7 +155,7 @@ impl Rig {
         buffer.read(0, buffer.size() as usize / 4).unwrap()
     }
 
-    pub(crate) fn value<T: bytemuck::AnyBitPattern>(&self, buffer: &Buffer) -> T {
+    pub(crate) fn value<T: bytemuck::Pod>(&self, buffer: &Buffer) -> T {
         buffer.read(0, 1).unwrap()[0]
     }
 

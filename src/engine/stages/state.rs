@@ -34,6 +34,13 @@ pub struct State {
     pub levels: [LevelState; MAX_LEVELS],
 }
 
+impl State {
+    /// Bytes before the word that is 1 once a level does nothing any more.
+    pub(crate) fn settled_at(level: usize) -> usize {
+        std::mem::offset_of!(Self, levels) + level * size_of::<LevelState>() + std::mem::offset_of!(LevelState, settled)
+    }
+}
+
 /// T, gain and offset as the device keeps them.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]

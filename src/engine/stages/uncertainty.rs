@@ -61,6 +61,9 @@ impl Constants {
     }
 }
 
+/// The variant for pairs with a mask.
+pub(crate) const MASKED: Variant = [false, false, true, false];
+
 bindings! {
     UNCERTAINTY:
     /// V.
@@ -71,6 +74,8 @@ bindings! {
     results: Writes<Results>,
     /// State.
     state: Reads<State>,
+    /// A byte a pixel: 0 where it has no results.
+    mask: Reads<MaskBytes>,
 }
 
 impl Pass for Bindings {
@@ -83,19 +88,29 @@ impl Pass for Bindings {
         16 * pixels(c.width, c.height) + 4 * evidence::LAYERS as u64 * pixels(width, height)
     }
 
-    fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
+    fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let r = memory.state(self.state).registration;
+        let mask = memory.mask_bytes().filter(|_| variant == MASKED);
         if let Some(evidence) = memory.layers(self.evidence).first_chunk() {
-            let results = twin(c, &r, memory.layer(self.v, 0), evidence);
+            let results = twin(c, &r, memory.layer(self.v, 0), evidence, mask);
             results.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.results, n, field));
         }
     }
 }
 
-/// V, its standard deviation and the residual, from the evidence of all pixels around.
-pub fn twin(c: &Constants, r: &Registration, v: &Field, evidence: &[Field; evidence::LAYERS]) -> [Field; 3] {
+/// V, its standard deviation and the residual, from the evidence of all pixels around, where the mask, a byte a pixel, leaves any.
+pub fn twin(
+    c: &Constants,
+    r: &Registration,
+    v: &Field,
+    evidence: &[Field; evidence::LAYERS],
+    mask: Option<&[u8]>,
+) -> [Field; 3] {
     let size = [v.width, v.height];
-    let valid = |x, y| inside([x, y], r.displacement(x, y, 1.0, c.centre.map(f64::from)), size, v.get(x, y), r.scale());
+    let valid = |x, y| {
+        mask.is_none_or(|mask| mask[y * v.width + x] != 0)
+            && inside([x, y], r.displacement(x, y, 1.0, c.centre.map(f64::from)), size, v.get(x, y), r.scale())
+    };
     let mean = |f: &Field, x: usize, y: usize| {
         let [right, below] = [(x.div_ceil(2)).min(f.width - 1), (y.div_ceil(2)).min(f.height - 1)];
         (f.get(x / 2, y / 2) + f.get(right, y / 2) + f.get(x / 2, below) + f.get(right, below)) / 4.0
@@ -143,9 +158,17 @@ mod tests {
             let rig = Rig::new();
             let images = [rig.image(std::slice::from_ref(&v)), rig.image(&evidence), rig.empty(size, 3)];
             let buffer = rig.upload(bytemuck::bytes_of(&state));
-            let resources = [&images.each_ref().map(Resource::Image)[..], &[Resource::Buffer(&buffer)]].concat();
+            let mask: Vec<u8> = (0..width * height).map(|n| u8::from(n % 7 != 3)).collect();
+            let bytes = rig.upload(&mask);
+            let images_then =
+                [&images.each_ref().map(Resource::Image)[..], &[Resource::Buffer(&buffer), Resource::Buffer(&bytes)]];
+            let resources = images_then.concat();
+            rig.run_variant(&STAGE, MASKED, &resources, &c, STAGE.groups(size));
+            let expected = twin(&c, &state.registration(), &v, &evidence, Some(&mask));
+            // 1e-3 as below.
+            rig.assert_close(&images[2], &expected, 1e-3);
             rig.run(&STAGE, &resources, &c, size);
-            let expected = twin(&c, &state.registration(), &v, &evidence);
+            let expected = twin(&c, &state.registration(), &v, &evidence, None);
             assert!(expected[0].data.iter().any(|v| v.is_nan()) && expected[0].data.iter().any(|v| !v.is_nan()));
             assert!(expected[1].data.contains(&f64::from(LARGEST)));
             // 1e-3 of up to 1000 px²: quotients by evidence near zero.
@@ -161,7 +184,7 @@ mod tests {
         let evidence = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(s * s)];
         let c = Constants { calibration: 1.0, ..Constants::new([32, 32], [15.5; 2]) };
         let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
-        let [_, deviation, residual] = twin(&c, &r, &Field::zeros(32, 32), &evidence);
+        let [_, deviation, residual] = twin(&c, &r, &Field::zeros(32, 32), &evidence, None);
         let found = deviation.get(16, 16);
         assert!((residual.get(16, 16) / s - 1.0).abs() < 1e-9);
         let expected = s / (g * f64::from(WINDOW_PIXELS).sqrt());

@@ -1,67 +1,34 @@
 //! A focus sweep as one solve: one unknown a pixel, the setting u at which it is in focus, by all pairs of frames that tell of it, and
 //! the registration of all frames, jointly. Section 11 of `docs/method.md`.
 //!
-//! The device holds the frames, one stack of blurred images at a time, and the system that all pairs add up to. Between iterations the host
-//! steps what is common to all pixels: the registrations, by the [graph](graph) of pairs, and c.
+//! The device holds the frames, one stack of blurred images at a time, and the system that all pairs add up to ([`joint`]). Between
+//! iterations the host steps what is [`common`] to all pixels: the registrations, by the [graph] of pairs, and c. Of large photographs
+//! the finest level is solved by [`parts`].
 
+mod common;
 mod deviation;
 mod graph;
+mod hidden;
+mod joint;
 mod pairs;
+mod parts;
 mod shown;
 mod start;
+#[cfg(test)]
+mod tests;
 
-use std::ops::Range;
-use std::sync::Arc;
-
-use self::deviation::Told;
-use self::graph::Link;
-use self::start::{Frames, GRAIN, Grid};
-use crate::base::{Brightness, Error, Format, Frame, Homography, Photometric, Settings, Shading};
+use self::common::Common;
+use self::hidden::Hidden;
+use self::joint::{Joint, LIMIT, SWEEPS};
+use self::parts::Parts;
+use crate::base::{Brightness, Channels, Decode, Depth, Error, Format, Frame, Homography, Mask, Photometric, Settings};
 use crate::engine::Engine;
-use crate::engine::plan::{Level, Plan};
-use crate::engine::record::record;
-use crate::engine::script::{Script, sweep};
-use crate::engine::slot::Slot;
-use crate::engine::stages::state::Registration;
-use crate::engine::stages::step::displacing;
-use crate::engine::stages::sums::{Layout, Sums, UNKNOWNS};
-use crate::engine::stages::{Field, Pipelines, align, half_pair, system, update};
-use crate::engine::tiles::Ranges;
-use crate::engine::vulkan::{Buffer, Clock, Device, Recorder};
-use crate::engine::workspace::Workspace;
+use crate::engine::plan::Plan;
 
-/// The longest side on which a sweep starts, px.
-const START: u32 = 160;
-/// Most V between frames that counts, px² of a level; of wider blur other pairs tell.
-const LIMIT: f64 = 10.0;
-/// Blur of a frame from which on pairs with blurrier ones are left out, px² of a level, unless no sharper frame is there: they tell little,
-/// and the frame's stack is made where it is asked for.
-const FAR: f64 = 1.0;
-/// α of one pair.
-const ALPHA: f64 = 0.005;
-/// η of the data term: frames are band-passed, and hold less than photographs do.
-const ETA: f64 = 0.005;
-/// η of the smoothness term, px of blur a pixel.
-const SMOOTHNESS_ETA: f64 = 0.1;
-/// Largest step of u, px of blur.
-const LARGEST_STEP: f64 = 0.3;
 /// How far aside the mean of a kernel may lie, px at a variance of 1 px²: pictures of kernels have it somewhere.
 const ASIDE: f64 = 0.1;
-/// How far beyond the first and the last frame u may lie, px of blur.
-const BEYOND: f64 = 0.5;
-/// The largest step of ln c.
-const LARGEST_RATE_STEP: f64 = 0.3;
-/// Red-black sweeps a step: iterations are dear, each takes a stack of every frame, and sweeps are cheap.
-const SWEEPS: u32 = 10;
-/// Iterations on the level where it starts, on those between, and on the finest, where a second is as dear as all before it: of frames
-/// closer than pairs are wide; one of others. With two, 41 frames of three generated stacks err by 0.050, 0.032 and 0.041 of a frame instead
-/// of 0.057, 0.032 and 0.044, but 11 by 0.082 instead of 0.076 (`docs/performance.md`). T and c stay on the finest: frames far out of focus
-/// show little but noise there, and with steps of T a corner of the last of 11 simulated frames is off by 0.07 px, without by 0.008.
-const ITERATIONS: [usize; 3] = [4, 3, 2];
-/// Px of the level that a step moves a corner of a frame by at most: the coarser level has put it closer.
-const FURTHEST: f64 = 0.5;
-/// Px of the level that a corner of a frame moves by before it is brought onto the reference's pixels anew.
-const FOLLOWED: f64 = 0.02;
+/// Bytes that a sweep takes of a device at most before its finest level is solved by parts.
+const BUDGET: u64 = 4 << 30;
 
 /// Where a scene is in focus, and where the frames lie.
 #[derive(Clone, Debug)]
@@ -80,56 +47,11 @@ pub struct Focus {
 
 /// A size and a number of frames, prepared for sweeps.
 pub struct SweepSolver {
-    plan: Plan,
-    workspace: Workspace,
-    frames: usize,
-    device: Arc<Device>,
-    pipelines: Arc<Pipelines>,
-}
-
-/// What is common to all pixels.
-struct Common {
-    /// Ascending.
-    settings: Vec<f64>,
-    /// Half-way between the first and the last.
-    middle: f64,
-    reference: usize,
-    /// px² of the full-size image.
-    rate: f64,
-    transforms: Vec<Homography>,
-    /// As they were when the frames were last brought onto the reference's pixels.
-    aligned: Vec<Option<Homography>>,
-    brightness: Vec<(f64, Shading)>,
-    /// Pairs that tell of a pixel, on average.
-    telling: f64,
-}
-
-impl Common {
-    /// c on a level.
-    fn rate_on(&self, level: &Level) -> f64 {
-        self.rate / (level.factor * level.factor)
-    }
-
-    /// The wider of the gaps to the settings beside a frame's.
-    fn gap(&self, n: usize) -> f64 {
-        let gap = |n: usize| self.settings.get(n + 1).map_or(0.0, |next| next - self.settings[n]);
-        gap(n).max(if n > 0 { gap(n - 1) } else { 0.0 })
-    }
-
-    /// Iterations on a level.
-    fn iterations(&self, index: usize, first: usize) -> usize {
-        match index {
-            _ if index == first => ITERATIONS[0],
-            0 if pairs::stride(&self.settings, self.rate) < 2.0 => ITERATIONS[2] - 1,
-            0 => ITERATIONS[2],
-            _ => ITERATIONS[1],
-        }
-    }
-
-    /// How far u may lie from the middle.
-    fn limit(&self, level: &Level) -> f64 {
-        self.settings[self.settings.len() - 1] - self.middle + BEYOND / self.rate_on(level).sqrt()
-    }
+    settings: Settings,
+    size: [u32; 2],
+    /// Of the photographs; where there are parts, of half their size.
+    joint: Joint,
+    parts: Option<Parts>,
 }
 
 impl SweepSolver {
@@ -139,7 +61,19 @@ impl SweepSolver {
     /// As [`Solver::new`](crate::Solver::new); [`Error::Mismatch`] for a kernel that is not symmetric.
     pub fn new(
         engine: &Engine,
-        [width, height]: [u32; 2],
+        size: [u32; 2],
+        format: Format,
+        frames: usize,
+        settings: &Settings,
+    ) -> Result<Self, Error> {
+        Self::within(BUDGET, engine, size, format, frames, settings)
+    }
+
+    /// The same within so many bytes of the device.
+    fn within(
+        budget: u64,
+        engine: &Engine,
+        size: [u32; 2],
         format: Format,
         frames: usize,
         settings: &Settings,
@@ -154,21 +88,21 @@ impl SweepSolver {
         }
         let max_relative_blur = settings.max_relative_blur.min(LIMIT);
         let settings = Settings { max_relative_blur, sweeps: SWEEPS, ..settings.clone() };
-        let plan = Plan::new(width, height, [format; 2], &settings)?;
-        let device = engine.device().clone();
-        if device.is_poisoned() {
-            return Err(Error::Poisoned);
+        let plan = Plan::new(size[0], size[1], [format; 2], &settings)?;
+        let is_small = plan.sweep_bytes(frames as u32) <= budget;
+        if is_small && plan.check_sweep(engine.device(), frames as u32).is_ok() || plan.pyramid.len() == 1 {
+            return Ok(Self { settings, size, joint: Joint::new(engine, plan, frames)?, parts: None });
         }
-        plan.check_sweep(&device, frames)?;
-        let workspace = Workspace::for_sweep(&device, &plan, frames as u32)?;
-        let mut first = Recorder::new(&device, Clock::Never)?;
-        first.prepare(&workspace.images());
-        first.finish()?.run()?;
-        Ok(Self { plan, workspace, frames, device, pipelines: engine.pipelines().clone() })
+        let parts = Parts::new(engine, &plan, frames, budget / 2)?;
+        let max_relative_blur = (max_relative_blur / 4.0).max(1.0);
+        let half = Settings { max_relative_blur, decode: Decode::None, levels: None, ..settings.clone() };
+        let format = Format { channels: Channels::Gray, depth: Depth::F32 };
+        let plan = Plan::new(size[0].div_ceil(2), size[1].div_ceil(2), [format; 2], &half)?;
+        Ok(Self { settings, size, joint: Joint::new(engine, plan, frames)?, parts: Some(parts) })
     }
 
-    /// Solves a sweep whose frames are focused at these settings, ascending, on the pixels of one of them; `say` is told how many of its
-    /// levels are done.
+    /// Solves a sweep whose frames are focused at these settings, ascending, on the pixels of one of them, of which those that the mask
+    /// leaves out count for nothing; `say` is told how many of its levels and parts are done.
     ///
     /// # Errors
     /// [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].
@@ -177,269 +111,48 @@ impl SweepSolver {
         frames: &[Frame],
         settings: &[f64],
         reference: usize,
+        mask: Option<&Mask>,
         say: &mut dyn FnMut(usize, usize),
     ) -> Result<Focus, Error> {
-        for (n, frame) in frames.iter().enumerate() {
-            self.workspace.buffer(Slot::Photograph { image: 0 }).write(frame.bytes())?;
-            self.run(&sweep::bring_up(&self.plan, n as u32))?;
-        }
-        let first = self.first_level();
-        let (mut common, focus) = self.start(first, settings, reference)?;
-        self.upload(Slot::RelativeBlur { level: first }, &focus)?;
-        let mut last = None;
-        for index in (0..=first).rev() {
-            let level = self.plan.pyramid[index].clone();
-            if index < first {
-                self.run(&sweep::prolong(&self.plan, &level, common.limit(&level) as f32))?;
-            }
-            common.aligned = vec![None; self.frames];
-            let count = common.iterations(index, first);
-            for k in 0..count {
-                let stays = index == 0 && (first > 0 || k + 1 == count);
-                last = self.iterate(&level, &mut common, stays)?.or(last);
-            }
-            say(first + 1 - index, first + 1);
-        }
-        let [width, height] = self.plan.size.map(|side| side as usize);
-        let focus = self.focus(&self.plan.pyramid[0])?;
-        let finest = self.plan.size;
-        let end = |n: usize| {
-            let mut layers = self.fetch(Slot::Aligned, finest, n as u32..n as u32 + 1)?;
-            Ok::<_, Error>((layers.swap_remove(0), shown::by(&common.transforms[n], &self.plan.pyramid[0])))
+        let levels = self.joint.levels() + self.parts.as_ref().map_or(0, |_| 1);
+        let hidden = Hidden::of(frames, mask, &self.settings, levels);
+        let (mut done, all) = (0, self.joint.levels() + self.parts.as_ref().map_or(0, Parts::count));
+        let mut say = || {
+            done += 1;
+            say(done, all);
         };
-        let ends = [end(0)?, end(self.frames - 1)?];
-        let unknown = || Field::from_fn(width, height, |_, _| f64::NAN);
-        let deviation = last.map_or_else(unknown, |told: Told| told.deviation(&focus, &ends));
+        let (common, [focus, deviation]) = match &mut self.parts {
+            None => {
+                self.joint.bring_up(frames.iter())?;
+                let mut common = self.joint.descend(settings, reference, &hidden, 1, &mut say)?;
+                let found = self.joint.finish(&mut common, &hidden)?;
+                say();
+                (common, found)
+            }
+            Some(parts) => {
+                self.joint.bring_up(parts::halved(frames, &self.settings)?.iter())?;
+                let common = self.joint.descend(settings, reference, &hidden.halved(), 0, &mut say)?;
+                let common = parts::doubled(&common, self.size);
+                let coarse = self.joint.focus(self.joint.finest())?;
+                let found = parts.solve(frames, mask, &coarse, &common, &mut say)?;
+                (common, found)
+            }
+        };
         Ok(Focus {
             focus: focus.data.iter().map(|u| (u + common.middle) as f32).collect(),
             deviation: deviation.to_f32(),
-            brightness: common.brightness.iter().map(|b| self.brightness(b)).collect(),
+            brightness: self.brightness(&common),
             transforms: common.transforms,
             rate: common.rate,
         })
     }
 
-    fn brightness(&self, &(gain, shading): &(f64, Shading)) -> Brightness {
-        Brightness { photometric: Photometric { gain, offset: 0.0 }, shading, ..Brightness::unchanged(self.plan.size) }
-    }
-
-    /// The level where a sweep starts.
-    fn first_level(&self) -> usize {
-        let long = |level: &Level| level.size[0].max(level.size[1]);
-        let coarsest = self.plan.pyramid.len() - 1;
-        self.plan.pyramid.iter().position(|level| long(level) <= START).unwrap_or(coarsest)
-    }
-
-    /// Registration, brightness, c, and u less the middle setting.
-    fn start(&self, first: usize, settings: &[f64], reference: usize) -> Result<(Common, Field), Error> {
-        let level = &self.plan.pyramid[first];
-        let images = self.fetch(Slot::Frames { level: first }, level.size, 0..self.frames as u32)?;
-        let frames = Frames { images: &images, grid: Grid { factor: level.factor, centre: level.centre } };
-        let transforms = start::register(&frames, reference, self.plan.settings.motion.unknowns());
-        let brightness = if self.plan.settings.photometric {
-            start::brightness(&frames, &transforms, reference)
-        } else {
-            vec![(1.0, Shading::NONE); self.frames]
+    fn brightness(&self, common: &Common) -> Vec<Brightness> {
+        let of = |&(gain, shading): &_| Brightness {
+            photometric: Photometric { gain, offset: 0.0 },
+            shading,
+            ..Brightness::unchanged(self.size)
         };
-        let moved = start::aligned(&frames, &transforms, &brightness);
-        let rate = start::rate(&moved, settings);
-        let middle = 0.5 * (settings[0] + settings[self.frames - 1]);
-        let mut focus = start::focus(&moved, settings, rate);
-        focus.data.iter_mut().for_each(|u| *u -= middle);
-        let common = Common {
-            settings: settings.to_vec(),
-            middle,
-            reference,
-            rate: rate * level.factor * level.factor,
-            transforms,
-            aligned: vec![None; self.frames],
-            brightness,
-            telling: 1.0,
-        };
-        Ok((common, focus))
-    }
-
-    /// An iteration on a level; what is told, where T and c stay.
-    fn iterate(&self, level: &Level, common: &mut Common, stays: bool) -> Result<Option<Told>, Error> {
-        self.align(level, common)?;
-        let rate = common.rate_on(level);
-        let links = self.half_pairs(level, common, rate, stays)?;
-        let before = if stays {
-            Some((self.fetch(Slot::NormalEquations, level.size, 0..half_pair::LAYERS)?, self.focus(level)?))
-        } else {
-            None
-        };
-        let pixels = level.pixels() as f64;
-        common.telling = links.iter().map(|link| link.sums.valid).sum::<f64>() / pixels;
-        let answered = self.step(level, common, rate)?;
-        if let Some((system, before)) = before {
-            return Ok(Told::after(system, &before, &self.focus(level)?));
-        }
-        let own: [f64; 2] = [0, 1].map(|n| links.iter().map(|link| link.sums.roughness[n]).sum());
-        // c steps as if u had answered already.
-        let step = -(own[1] + answered[0]) / (own[0] - answered[1]).max(1e-9);
-        common.rate *= step.clamp(-LARGEST_RATE_STEP, LARGEST_RATE_STEP).exp();
-        let steps = graph::step(&links, self.frames, common.reference, self.plan.settings.motion.unknowns());
-        for (t, x) in common.transforms.iter_mut().zip(steps) {
-            *t = t.after(&self.displacing(level, x));
-        }
-        Ok(None)
-    }
-
-    /// A step of T, shortened where it goes far.
-    fn displacing(&self, level: &Level, x: [f64; UNKNOWNS]) -> Homography {
-        let [width, height] = self.plan.size;
-        let step = displacing(level.length, level.factor, x);
-        let far = step.corner_distance(Homography::IDENTITY, width, height) / (FURTHEST * level.factor);
-        if far > 1.0 { displacing(level.length, level.factor, x.map(|x| x / far)) } else { step }
-    }
-
-    /// u of a level, less the middle setting.
-    fn focus(&self, level: &Level) -> Result<Field, Error> {
-        self.fetch(Slot::RelativeBlur { level: level.index }, level.size, 0..1).map(|mut layers| layers.swap_remove(0))
-    }
-
-    /// Brings the frames that have moved onto the reference's pixels.
-    fn align(&self, level: &Level, common: &mut Common) -> Result<(), Error> {
-        let [width, height] = self.plan.size;
-        let mut moved = Vec::new();
-        for n in 0..self.frames {
-            let t = common.transforms[n];
-            let stays = |before: &Homography| before.corner_distance(t, width, height) < FOLLOWED * level.factor;
-            if common.aligned[n].as_ref().is_some_and(stays) {
-                continue;
-            }
-            common.aligned[n] = Some(t);
-            let (gain, shading) = common.brightness[n];
-            let registration = Registration::new(t, &Photometric { gain, offset: 0.0 });
-            let constants = align::Constants {
-                width: level.size[0],
-                height: level.size[1],
-                layer: n as u32,
-                factor: level.factor as f32,
-                centre: level.centre.map(|c| c as f32),
-                registration: (&registration).into(),
-                shading: shading.coefficients.map(|c| c as f32),
-            };
-            moved.push((n as u32, constants));
-        }
-        if moved.is_empty() { Ok(()) } else { self.run(&sweep::align(&self.plan, level, &moved)) }
-    }
-
-    /// What all pairs say, of u on the device and of their registration.
-    fn half_pairs(&self, level: &Level, common: &Common, rate: f64, stays: bool) -> Result<Vec<Link>, Error> {
-        let pairs = pairs::pairs(&common.settings, rate);
-        let [columns, rows, _] = half_pair::tiles(level.size);
-        let ranges = Ranges::of(&self.focus(level)?);
-        let mut frames = Vec::new();
-        let mut links = Vec::new();
-        for own in 0..self.frames {
-            let beside = |[i, j]: &[usize; 2]| if *i == own { Some(*j) } else { (*j == own).then_some(*i) };
-            let others: Vec<usize> = pairs.iter().filter_map(beside).collect();
-            let far = FAR.max(rate * common.gap(own).powi(2));
-            let constants = others.into_iter().map(|other| {
-                let row = links.len() as u32 * columns * rows;
-                links.push([own, other]);
-                self.half_pair(level, common, [rate, far], [own, other], row)
-            });
-            let others = constants.collect();
-            let (setting, reach) = (common.settings[own] - common.middle, (far / rate).sqrt());
-            let wanted = ranges.between(setting - reach, setting + reach);
-            frames.push(sweep::Beside { frame: own as u32, others, wanted });
-        }
-        let layout = Layout::of(self.plan.projective());
-        let floats = (columns * rows) as usize * layout.length;
-        // Tiles that are not wanted write none.
-        self.workspace.buffer(Slot::Partials).write(&vec![0; 4 * links.len() * floats])?;
-        self.run(&sweep::half_pairs(&self.plan, level, &frames, stays))?;
-        let read = |(n, frames): (usize, &[usize; 2])| {
-            let rows: Vec<f32> = self.workspace.buffer(Slot::Partials).read(4 * n * floats, floats)?;
-            Ok(Link { frames: *frames, sums: Sums::from_partials(&rows, layout) })
-        };
-        links.iter().enumerate().map(read).collect()
-    }
-
-    fn half_pair(
-        &self,
-        level: &Level,
-        common: &Common,
-        [rate, far]: [f64; 2],
-        [own, other]: [usize; 2],
-        row: u32,
-    ) -> half_pair::Constants {
-        let setting = |n: usize| (common.settings[n] - common.middle) as f32;
-        let shown = [own, other].map(|n| shown::by(&common.aligned[n].unwrap_or(common.transforms[n]), level));
-        half_pair::Constants {
-            width: level.size[0],
-            height: level.size[1],
-            nodes: level.nodes as u32,
-            other: other as u32,
-            row,
-            listed: 0,
-            own_setting: setting(own),
-            other_setting: setting(other),
-            rate: rate as f32,
-            grain: GRAIN as f32,
-            eta: ETA as f32,
-            limit: LIMIT.min(level.limit) as f32,
-            far: far as f32,
-            length: level.length as f32,
-            centre: level.centre.map(|c| c as f32),
-            shown: shown::by_both(shown).map(|side| side as f32),
-        }
-    }
-
-    /// Steps u; what it answers to c.
-    fn step(&self, level: &Level, common: &Common, rate: f64) -> Result<[f64; 2], Error> {
-        let [width, height] = level.size;
-        let constants = system::Constants {
-            width,
-            height,
-            alpha: (ALPHA * common.telling) as f32,
-            rate: rate as f32,
-            smoothness_eta: SMOOTHNESS_ETA as f32,
-        };
-        let update = update::Constants {
-            width,
-            height,
-            largest_step: (LARGEST_STEP / rate.sqrt()) as f32,
-            limit: common.limit(level) as f32,
-            share: 1.0,
-        };
-        self.run(&sweep::step(&self.plan, level, &constants, &update))?;
-        let [columns, rows, _] = system::tiles(level.size);
-        let floats = (columns * rows) as usize * system::SUMS;
-        let rows: Vec<f32> = self.workspace.buffer(Slot::Partials).read(0, floats)?;
-        let total = |n: usize| rows.chunks_exact(system::SUMS).map(|row| f64::from(row[n])).sum();
-        Ok([total(0), total(1)])
-    }
-
-    fn run(&self, script: &Script) -> Result<(), Error> {
-        self.workspace.buffer(Slot::Tiles).write(bytemuck::cast_slice(&script.tiles))?;
-        record(&self.device, &self.pipelines, &self.workspace, script, false)?.run()
-    }
-
-    /// The corner of an image that a level takes, of some layers.
-    fn fetch(&self, slot: Slot, [width, height]: [u32; 2], layers: Range<u32>) -> Result<Vec<Field>, Error> {
-        let image = self.workspace.image(slot);
-        let pixels = image.width as usize * image.height as usize;
-        let buffer = Buffer::for_readback(&self.device, "sweep", 4 * (pixels * layers.len()) as u64)?;
-        let mut recorder = Recorder::new(&self.device, Clock::Never)?;
-        recorder.download(image, layers.clone(), &buffer);
-        recorder.finish()?.run()?;
-        let layer = |n: usize| {
-            let values: Vec<f32> = buffer.read(4 * n * pixels, pixels)?;
-            Ok(Field::corner(&values, image.width as usize, [width as usize, height as usize]))
-        };
-        (0..layers.len()).map(layer).collect()
-    }
-
-    fn upload(&self, slot: Slot, field: &Field) -> Result<(), Error> {
-        let values = field.to_f32();
-        let buffer = Buffer::for_upload(&self.device, "sweep", 4 * values.len() as u64)?;
-        buffer.write(bytemuck::cast_slice(&values))?;
-        let mut recorder = Recorder::new(&self.device, Clock::Never)?;
-        recorder.upload(&buffer, self.workspace.image(slot));
-        recorder.finish()?.run()
+        common.brightness.iter().map(of).collect()
     }
 }

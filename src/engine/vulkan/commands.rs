@@ -43,6 +43,8 @@ pub(crate) struct Recorder {
     sets: HashMap<(vk::Pipeline, Vec<u64>), vk::DescriptorSet>,
     keep: Vec<Arc<dyn Any + Send + Sync>>,
     timestamps: Timestamps,
+    /// Whether the part under way is left out by the device itself.
+    in_condition: bool,
 }
 
 impl Recorder {
@@ -62,6 +64,7 @@ impl Recorder {
             sets: HashMap::new(),
             keep: Vec::new(),
             timestamps,
+            in_condition: false,
         };
         recorder.begin_part(false)?;
         recorder.timestamps.reset(recorder.part());
@@ -80,6 +83,27 @@ impl Recorder {
     pub(crate) fn next_part_if_wanted(&mut self) -> Result<(), Error> {
         self.end_part()?;
         self.begin_part(true)
+    }
+
+    /// Goes on in a command buffer whose passes the device leaves out where a word of a buffer, at a byte offset, is not zero once what comes
+    /// before is done; where it cannot, in one that is submitted only if it is wanted.
+    pub(crate) fn next_part_unless(&mut self, (buffer, offset): (&Arc<Buffer>, u64)) -> Result<(), Error> {
+        let device = self.device.clone();
+        let Some(conditional) = &device.conditional else { return self.next_part_if_wanted() };
+        self.next_part()?;
+        self.memory_barrier(
+            (vk::PipelineStageFlags2::COMPUTE_SHADER, vk::AccessFlags2::SHADER_STORAGE_WRITE),
+            (vk::PipelineStageFlags2::CONDITIONAL_RENDERING_EXT, vk::AccessFlags2::CONDITIONAL_RENDERING_READ_EXT),
+        );
+        let begin = vk::ConditionalRenderingBeginInfoEXT::default()
+            .buffer(buffer.handle)
+            .offset(offset)
+            .flags(vk::ConditionalRenderingFlagsEXT::INVERTED);
+        // SAFETY: the part is being recorded; the word lies within the buffer, which is for conditions and kept alive.
+        unsafe { (conditional.fp().cmd_begin_conditional_rendering_ext)(self.part(), &begin) };
+        self.keep.push(buffer.clone());
+        self.in_condition = true;
+        Ok(())
     }
 
     fn begin_part(&mut self, optional: bool) -> Result<(), Error> {
@@ -101,6 +125,10 @@ impl Recorder {
     }
 
     fn end_part(&mut self) -> Result<(), Error> {
+        if let (true, Some(conditional)) = (std::mem::take(&mut self.in_condition), &self.device.conditional) {
+            // SAFETY: the part is being recorded, and a condition was begun in it.
+            unsafe { (conditional.fp().cmd_end_conditional_rendering_ext)(self.part()) };
+        }
         self.host_barrier();
         self.timestamps.end_part(self.part());
         // SAFETY: the last part is being recorded.

@@ -1,5 +1,6 @@
 //! The logical device: its queue, its allocator, its clock.
 
+use std::ffi::c_char;
 use std::mem::ManuallyDrop;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -25,6 +26,8 @@ pub(crate) struct Device {
     pub(super) timeout: Duration,
     allocator: ManuallyDrop<Mutex<Allocator>>,
     names: Option<ext::debug_utils::Device>,
+    /// Where the device can leave commands out by itself.
+    pub(super) conditional: Option<ext::conditional_rendering::Device>,
     poisoned: AtomicBool,
     /// Runs that were given up and may still be at work.
     abandoned: AtomicUsize,
@@ -45,8 +48,18 @@ impl Device {
             .queue_priorities(&priorities)];
         let mut v12 = vk::PhysicalDeviceVulkan12Features::default().timeline_semaphore(true);
         let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).maintenance4(true);
-        let create =
-            vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut v12).push_next(&mut v13);
+        let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default().conditional_rendering(true);
+        let is_conditional = physical.is_conditional;
+        let extensions: &[*const c_char] =
+            if is_conditional { &[ext::conditional_rendering::NAME.as_ptr()] } else { &[] };
+        let mut create = vk::DeviceCreateInfo::default()
+            .queue_create_infos(&queues)
+            .enabled_extension_names(extensions)
+            .push_next(&mut v12)
+            .push_next(&mut v13);
+        if is_conditional {
+            create = create.push_next(&mut conditional);
+        }
         // SAFETY: the physical device came from this instance and has the features (`Instance::missing`).
         let handle = unsafe { instance.handle.create_device(physical.handle, &create, None) }
             .map_err(|e| failure("vkCreateDevice", &name, e))?;
@@ -75,6 +88,7 @@ impl Device {
             }
         };
         let names = instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.handle, &handle));
+        let conditional = is_conditional.then(|| ext::conditional_rendering::Device::new(&instance.handle, &handle));
         let mut device = Self {
             handle,
             physical,
@@ -83,6 +97,7 @@ impl Device {
             timeout,
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
             names,
+            conditional,
             poisoned: AtomicBool::new(false),
             abandoned: AtomicUsize::new(0),
             instance,
@@ -94,6 +109,17 @@ impl Device {
     /// What the device is.
     pub(crate) fn info(&self) -> &DeviceInfo {
         &self.physical.info
+    }
+
+    /// The longest wait for one solve.
+    pub(crate) fn timeout(&self) -> Duration {
+        self.timeout
+    }
+
+    /// Whether it leaves commands out by itself.
+    #[cfg(test)]
+    pub(crate) fn is_conditional(&self) -> bool {
+        self.conditional.is_some()
     }
 
     /// Most bytes of one allocation and of one buffer.

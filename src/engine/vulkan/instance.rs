@@ -33,6 +33,8 @@ pub(crate) struct PhysicalDevice {
     pub(super) driver_version: u32,
     pub(super) cache_uuid: [u8; vk::UUID_SIZE],
     pub(super) timestamp_bits: u32,
+    /// Whether it can leave commands out by itself.
+    pub(super) is_conditional: bool,
 }
 
 impl Instance {
@@ -180,11 +182,30 @@ impl Instance {
             handle,
             queue_family,
             timestamp_bits: families.get(queue_family as usize).map_or(0, |f| f.timestamp_valid_bits),
+            is_conditional: info.unusable.is_none() && self.is_conditional(handle),
             info,
             limits: basic.limits,
             driver_version: basic.driver_version,
             cache_uuid: basic.pipeline_cache_uuid,
         }
+    }
+
+    /// Whether a device can leave commands out by what stands in a buffer.
+    fn is_conditional(&self, handle: vk::PhysicalDevice) -> bool {
+        #[cfg(test)]
+        if unconditional::IS.get() {
+            return false;
+        }
+        // SAFETY: `handle` came from this instance.
+        let extensions = unsafe { self.handle.enumerate_device_extension_properties(handle) }.unwrap_or_default();
+        if !extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(ext::conditional_rendering::NAME)) {
+            return false;
+        }
+        let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default();
+        let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut conditional);
+        // SAFETY: as above, and a device with the extension fills the structure.
+        unsafe { self.handle.get_physical_device_features2(handle, &mut features) };
+        conditional.conditional_rendering == vk::TRUE
     }
 
     /// What a 1.3 device lacks that the passes need.
@@ -313,4 +334,22 @@ extern "system" fn collect(
     super::faults::hear(&message);
     messages.lock().unwrap_or_else(PoisonError::into_inner).push(message);
     vk::FALSE
+}
+
+/// A device that cannot leave commands out by itself.
+#[cfg(test)]
+pub(crate) mod unconditional {
+    use std::cell::Cell;
+
+    thread_local! {
+        pub(super) static IS: Cell<bool> = const { Cell::new(false) };
+    }
+
+    /// What is done where this thread opens such devices.
+    pub(crate) fn during<T>(of: impl FnOnce() -> T) -> T {
+        IS.set(true);
+        let done = of();
+        IS.set(false);
+        done
+    }
 }

@@ -1,7 +1,7 @@
 //! Buffers and images, each with a name and its own allocation.
 
 use std::mem::ManuallyDrop;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use ash::vk;
 use gpu_allocator::MemoryLocation;
@@ -49,6 +49,9 @@ const IMAGE_USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
 pub(crate) struct Buffer {
     pub(super) handle: vk::Buffer,
     size: u64,
+    /// Whether it is lent to the host where it is, which then does not write it.
+    is_lent: bool,
+    filling: Mutex<()>,
     allocation: ManuallyDrop<Allocation>,
     device: Arc<Device>,
 }
@@ -83,6 +86,9 @@ pub(crate) fn image_limits(device: &Device) -> Result<(u64, u32), Error> {
     Ok((found.max_resource_size, found.max_array_layers))
 }
 
+/// Of buffers by which a device leaves commands out.
+const CONDITION: vk::BufferUsageFlags = vk::BufferUsageFlags::CONDITIONAL_RENDERING_EXT;
+
 impl Buffer {
     /// A buffer on the device alone.
     pub(crate) fn on_device(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
@@ -99,14 +105,26 @@ impl Buffer {
         Self::new(device, name, size, MemoryLocation::GpuToCpu)
     }
 
+    /// A mapped buffer that the host reads where it is.
+    pub(crate) fn lent(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
+        let mut buffer = Self::of(device, name, size, MemoryLocation::GpuToCpu)?;
+        buffer.is_lent = true;
+        Ok(Arc::new(buffer))
+    }
+
     fn new(device: &Arc<Device>, name: &str, size: u64, location: MemoryLocation) -> Result<Arc<Self>, Error> {
+        Self::of(device, name, size, location).map(Arc::new)
+    }
+
+    fn of(device: &Arc<Device>, name: &str, size: u64, location: MemoryLocation) -> Result<Self, Error> {
         // Shaders read whole words, so the last one must be there.
         let size = size.next_multiple_of(4).max(4);
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
             | vk::BufferUsageFlags::UNIFORM_BUFFER
             | vk::BufferUsageFlags::INDIRECT_BUFFER
             | vk::BufferUsageFlags::TRANSFER_SRC
-            | vk::BufferUsageFlags::TRANSFER_DST;
+            | vk::BufferUsageFlags::TRANSFER_DST
+            | device.conditional.as_ref().map_or(vk::BufferUsageFlags::empty(), |_| CONDITION);
         let create = vk::BufferCreateInfo::default().size(size).usage(usage);
         // SAFETY: the device is alive; the size is not zero.
         let handle = device.check("vkCreateBuffer", unsafe { device.handle.create_buffer(&create, None) })?;
@@ -119,9 +137,16 @@ impl Buffer {
         })?;
         // SAFETY: memory and offset come from the allocator for these requirements, and nothing is bound yet.
         let bound = unsafe { device.handle.bind_buffer_memory(handle, allocation.memory(), allocation.offset()) };
-        let buffer = Self { handle, size, allocation: ManuallyDrop::new(allocation), device: device.clone() };
+        let buffer = Self {
+            handle,
+            size,
+            is_lent: false,
+            filling: Mutex::new(()),
+            allocation: ManuallyDrop::new(allocation),
+            device: device.clone(),
+        };
         device.check("vkBindBufferMemory", bound)?;
-        Ok(Arc::new(buffer))
+        Ok(buffer)
     }
 
     /// Bytes.
@@ -132,21 +157,36 @@ impl Buffer {
     /// Writes at the start of a mapped buffer.
     pub(crate) fn write(&self, bytes: &[u8]) -> Result<(), Error> {
         assert!(bytes.len() as u64 <= self.size, "{} bytes for a buffer of {}", bytes.len(), self.size);
+        self.fill(&mut |mapped| mapped[..bytes.len()].copy_from_slice(bytes))
+    }
+
+    /// Has a mapped buffer written that the host fills.
+    pub(crate) fn fill(&self, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
+        assert!(!self.is_lent, "what is lent is not written");
         let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
-        // SAFETY: the mapping is as long as the buffer, longer than `bytes`; no submission that reads it is under way, since
-        // every submission is waited for before its recording is given back.
-        unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), mapped.as_ptr().cast(), bytes.len()) };
+        let _alone = self.filling.lock().unwrap_or_else(PoisonError::into_inner);
+        // SAFETY: the mapping is as long as the buffer. What is lent is never filled, and one thread fills at a time;
+        // the device reads what a lane of a solver submitted, and that is waited for before the lane is filled again.
+        let bytes = unsafe { std::slice::from_raw_parts_mut(mapped.as_ptr().cast::<u8>(), self.size as usize) };
+        write(bytes);
         Ok(())
     }
 
+    /// A mapped buffer that the host reads, where it is.
+    pub(crate) fn floats(&self) -> Result<&[f32], Error> {
+        assert!(self.is_lent, "only what is for that is lent");
+        Ok(bytemuck::cast_slice(
+            self.allocation
+                .mapped_slice()
+                .map(|bytes| &bytes[..self.size as usize])
+                .ok_or_else(|| self.not_mapped())?,
+        ))
+    }
+
     /// Copies `count` values out of a mapped buffer, from a byte offset.
-    pub(crate) fn read<T: bytemuck::AnyBitPattern>(&self, offset: usize, count: usize) -> Result<Vec<T>, Error> {
+    pub(crate) fn read<T: bytemuck::Pod>(&self, offset: usize, count: usize) -> Result<Vec<T>, Error> {
         let bytes = self.allocation.mapped_slice().ok_or_else(|| self.not_mapped())?;
-        let bytes = &bytes[offset..offset + count * size_of::<T>()];
-        Ok(bytemuck::pod_collect_to_vec::<u8, u8>(bytes)
-            .chunks_exact(size_of::<T>())
-            .map(bytemuck::pod_read_unaligned)
-            .collect())
+        Ok(bytemuck::pod_collect_to_vec(&bytes[offset..offset + count * size_of::<T>()]))
     }
 
     fn not_mapped(&self) -> Error {

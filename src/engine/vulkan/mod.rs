@@ -15,6 +15,8 @@ mod timestamps;
 pub(crate) use commands::{Groups, Recorder, Resource};
 pub(crate) use device::{Device, MIB};
 pub(crate) use instance::Instance;
+#[cfg(test)]
+pub(crate) use instance::unconditional;
 pub(crate) use memory::{Buffer, Image, Texel, image_limits};
 pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Stage, Variant};
 pub(crate) use recording::Recording;

@@ -1,6 +1,7 @@
 //! A finished recording: submit, and wait with a limit.
 
 use std::any::Any;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -31,7 +32,9 @@ pub(crate) struct Recording {
     timestamps: Timestamps,
     /// A timeline that counts the parts done, over all replays.
     timeline: vk::Semaphore,
-    done: u64,
+    done: AtomicU64,
+    /// Whether something was started that has not been waited for.
+    is_pending: bool,
     /// Which parts the latest run ran.
     latest: Vec<bool>,
     _keep: Vec<Arc<dyn Any + Send + Sync>>,
@@ -60,7 +63,8 @@ impl Recording {
             descriptor_pools,
             timestamps,
             timeline: vk::Semaphore::null(),
-            done: 0,
+            done: AtomicU64::new(0),
+            is_pending: false,
             latest: Vec::new(),
             _keep: keep,
         };
@@ -101,17 +105,55 @@ impl Recording {
                 continue;
             }
             let end = (next + 1..parts).find(|&part| self.parts[part].optional).unwrap_or(parts);
-            let pending = Pending { recording: self, last: self.done + (end - next) as u64 };
+            let pending = Pending { recording: self, last: self.done() + (end - next) as u64 };
             pending.recording.submit(&pending.recording.parts[next..end])?;
             for part in next + 1..=end {
-                pending.wait(pending.recording.done + (part - next) as u64, deadline)?;
+                pending.wait(pending.recording.done() + (part - next) as u64, deadline)?;
                 after(part);
             }
             drop(pending);
-            self.done += (end - next) as u64;
+            *self.done.get_mut() += (end - next) as u64;
             self.latest.resize(end, true);
         }
         Ok(())
+    }
+
+    fn done(&self) -> u64 {
+        self.done.load(Ordering::Relaxed)
+    }
+
+    /// Whether runs ask in between which parts they want.
+    pub(crate) fn is_asked(&self) -> bool {
+        self.parts.iter().any(|part| part.optional)
+    }
+
+    /// Submits the first parts, of which a run asks for none, and does not wait; what it submitted before must be done. Gives what the
+    /// timeline reaches when they are.
+    pub(crate) fn start(&mut self, parts: usize) -> Result<u64, Error> {
+        if self.device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        self.submit(&self.parts[..parts])?;
+        self.is_pending = true;
+        *self.done.get_mut() += parts as u64;
+        self.latest.clear();
+        self.latest.resize(parts, true);
+        Ok(self.done())
+    }
+
+    /// Waits so long at most; whether the timeline has reached a value.
+    pub(crate) fn reached(&mut self, value: u64, limit: Duration) -> Result<bool, Error> {
+        match self.reach(value, u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX)) {
+            Ok(()) => {
+                self.is_pending = false;
+                Ok(true)
+            }
+            Err(vk::Result::TIMEOUT) => Ok(false),
+            Err(result) => {
+                self.device.poison(result == vk::Result::ERROR_DEVICE_LOST);
+                Err(failure("waiting for the device", &self.device.info().name, result))
+            }
+        }
     }
 
     fn submit(&self, parts: &[CommandBuffer]) -> Result<(), Error> {
@@ -121,7 +163,7 @@ impl Recording {
             .map(|part| {
                 [vk::SemaphoreSubmitInfo::default()
                     .semaphore(self.timeline)
-                    .value(self.done + part)
+                    .value(self.done() + part)
                     .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)]
             })
             .collect();
@@ -190,13 +232,25 @@ impl Pending<'_> {
 impl Drop for Pending<'_> {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            self.give_up();
+            // Nothing speaks against the device, which has all that is left of a solve before it.
+            let limit = u64::try_from(self.recording.device.timeout.as_nanos()).unwrap_or(u64::MAX);
+            if self.recording.reach(self.last, limit).is_ok() {
+                self.recording.done.store(self.last, Ordering::Relaxed);
+            } else {
+                self.give_up();
+            }
         }
     }
 }
 
 impl Drop for Recording {
     fn drop(&mut self) {
+        if self.is_pending && !self.device.is_in_use() {
+            let ended = self.reach(self.done(), GRACE.as_nanos() as u64);
+            if !matches!(ended, Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST)) {
+                self.device.poison(false);
+            }
+        }
         if self.device.is_in_use() {
             return;
         }

@@ -5,10 +5,11 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
+use super::extra::showing_depth;
 use super::hashes::HASHES;
 use super::measurements::{Measurements, Wanted, is_profile};
 use super::staging::Staging;
-use super::{Destination, FILES, Pen, listed_in};
+use super::{Destination, Extra, FILES, PAGE_FILE, Pen, listed_in};
 use crate::base::Error;
 
 /// The report of pair and sweep.
@@ -30,15 +31,22 @@ pub(super) fn staging(folder: &Path, force: bool, stale: &[String]) -> Result<St
     Staging::beside(Destination::new(folder, force), REPORT, stale.to_vec())
 }
 
-/// Adds measurements to a folder with this report: steps take the place of earlier steps, profiles of earlier profiles; where this
-/// has none, the earlier ones stay.
-pub(super) fn write_measurements(
-    folder: &Path,
-    mut report: Value,
-    measured: &Measurements,
-    pen: Option<Pen>,
-    force: bool,
-) -> Result<(), Error> {
+/// What shows depth and goes when depth is told anew without it.
+pub(super) fn stale(shown: &[Extra<'_>]) -> Vec<String> {
+    let is_shown = |name: &&str| shown.iter().any(|extra| extra.name == *name);
+    showing_depth().filter(|name| !is_shown(name)).map(String::from).collect()
+}
+
+/// Says anew what a report says; one of an earlier version may not.
+pub(super) fn restate(report: &mut Value, key: &str, word: &str) {
+    if let Some(said) = report.get_mut(key) {
+        *said = word.into();
+    }
+}
+
+/// A report with measurements: steps take the place of earlier steps, profiles of earlier profiles; where this has none, the earlier
+/// ones stay.
+pub(super) fn with_measurements(mut report: Value, measured: &Measurements) -> Value {
     if !report.get("measurements").is_some_and(Value::is_object) {
         report["measurements"] = json!(Measurements::default());
     }
@@ -49,11 +57,28 @@ pub(super) fn write_measurements(
     if !measured.profiles.is_empty() {
         known["profiles"] = json!(measured.profiles);
     }
+    report
+}
+
+/// Adds measurements to a folder, whose report has them already, and what shows them besides.
+pub(super) fn write_measurements(
+    folder: &Path,
+    report: Value,
+    measured: &Measurements,
+    (pen, shown): (Option<Pen>, Vec<Extra<'_>>),
+    force: bool,
+) -> Result<(), Error> {
     let earlier = listed_in(folder, REPORT).into_iter().filter(|file| is_profile(file));
     let new: Vec<&str> = measured.profiles.iter().flat_map(|p| [p.csv.as_str(), &p.png]).collect();
-    let stale: Vec<String> = earlier.filter(|file| !new.is_empty() && !new.contains(&file.as_str())).collect();
+    let mut stale: Vec<String> = earlier.filter(|file| !new.is_empty() && !new.contains(&file.as_str())).collect();
+    if !shown.iter().any(|extra| extra.name == PAGE_FILE) {
+        stale.push(PAGE_FILE.to_string());
+    }
     let mut staging = staging(folder, force, &stale)?;
     measured.stage(&mut staging, pen)?;
+    for extra in shown {
+        staging.add(extra.name, |w| (extra.fill)(w))?;
+    }
     finish(staging, report, &stale)
 }
 

@@ -7,12 +7,27 @@ pub const PAGE_FILE: &str = "report.html";
 
 /// Names that an [`Extra`] may have. One that an earlier solve lists and this one does not write is removed: it would
 /// contradict the rest.
-pub const EXTRA_FILES: [&str; 8] =
-    [PAGE_FILE, "surface.ply", "points.ply", "surface.glb", "depth16.png", "depth16.tiff", "labels.png", "fused.exr"];
+pub const EXTRA_FILES: [&str; 15] = [
+    PAGE_FILE,
+    "surface.ply",
+    "points.ply",
+    "surface.glb",
+    "surface.stl",
+    "surface.obj",
+    "depth.npy",
+    "deviation.npy",
+    "depth.tiff",
+    "deviation.tiff",
+    "depth.zarr.zip",
+    "depth16.png",
+    "depth16.tiff",
+    "labels.png",
+    "fused.exr",
+];
 
-/// Those of them that show near and far.
-pub(super) fn with_near_and_far() -> impl Iterator<Item = &'static str> {
-    EXTRA_FILES.into_iter().take(4)
+/// Those of them that show depth and are made anew with it.
+pub(super) fn showing_depth() -> impl Iterator<Item = &'static str> {
+    EXTRA_FILES.into_iter().take(11)
 }
 
 /// One more file of a solve, which appears with the others or not at all.

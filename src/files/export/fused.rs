@@ -67,8 +67,37 @@ pub fn fused_float<'a>(solution: &'a Solution, look: &Look) -> Option<Extra<'a>>
 
 /// Writes an image as EXR, in the values of the inputs and with nothing clipped.
 pub(super) fn write_float(writer: impl Write + Seek, image: &Image<'_>, decode: Decode) -> Result<(), String> {
-    let encoded = image.values.iter().map(|&v| if decode == Decode::Srgb { linear_to_srgb(v) } else { v });
-    field::write_image(writer, image.size, image.channels, &encoded.collect::<Vec<_>>(), &FUSED_FLOAT)
+    field::write_image(writer, image.size, image.channels, &encoded(image.values, decode), &FUSED_FLOAT)
+}
+
+/// The fused image as it is stored, and read again: in floats where an input is, in 8 bits where both have 8, else in 16.
+///
+/// # Errors
+/// [`Error::Mismatch`] where it is not of the size that the solution states.
+pub fn fused_as_stored(solution: &Solution, look: &Look) -> Result<Frame, Error> {
+    let image =
+        Image { size: (solution.width, solution.height), channels: solution.fused_channels, values: &solution.fused };
+    let has = |depth| look.formats.iter().any(|format| format.depth == depth);
+    let depth = [Depth::F32, Depth::U16].into_iter().find(|depth| has(*depth)).unwrap_or(Depth::U8);
+    image.as_stored(look.decode, depth)
+}
+
+impl Image<'_> {
+    /// As a file has it.
+    pub(super) fn as_stored(&self, decode: Decode, depth: Depth) -> Result<Frame, Error> {
+        let values = || self.values.iter();
+        let samples = match depth {
+            Depth::U8 => Samples::U8(values().map(|&v| (stored(v, decode) * 255.0).round() as u8).collect()),
+            Depth::U16 => Samples::U16(values().map(|&v| (stored(v, decode) * 65535.0).round() as u16).collect()),
+            Depth::F32 => Samples::F32(encoded(self.values, decode)),
+        };
+        Frame::new(self.size.0, self.size.1, self.channels, samples).map_err(Error::Mismatch)
+    }
+}
+
+/// In the values of the inputs.
+fn encoded(values: &[f32], decode: Decode) -> Vec<f32> {
+    values.iter().map(|&v| if decode == Decode::Srgb { linear_to_srgb(v) } else { v }).collect()
 }
 
 /// The fused image in 8 bits, as `fused.png` stores it where both inputs have 8.

@@ -25,6 +25,8 @@ pub enum FileKind {
     Trace,
     /// The summary of a batch.
     Batch,
+    /// The index of a batch.
+    BatchPage,
     /// A page for man(1).
     Manual,
     /// A picture, PNG.
@@ -45,6 +47,7 @@ impl FileKind {
             Self::Batch => has(path, &["version", "source", "not_done", "pairs"]),
             Self::Trace => json(path).is_some_and(|trace| is_trace(&trace)),
             Self::Manual => says(path, b"", b".TH parfocal"),
+            Self::BatchPage => says(path, b"<!doctype html>", b"content=\"parfocal batch\""),
             Self::Png => says(path, b"\x89PNG\r\n\x1a\n", b"Software\0parfocal "),
             Self::Exr => says(path, b"\x76\x2f\x31\x01", b"parfocal "),
             Self::Gif => says(path, b"GIF89a", b"parfocal "),

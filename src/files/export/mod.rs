@@ -2,6 +2,7 @@
 //!
 //! [`write()`] puts the files of a solve into a folder: all of them, or none.
 
+mod arrays;
 mod beside;
 mod depth;
 mod depth16;
@@ -44,12 +45,13 @@ mod valid;
 
 use std::io::Write;
 
+pub use arrays::{ArrayKind, Arrays};
 pub(crate) use depth::{focus_scale, larger_is};
 pub use depth16::{Depth16, Depth16Report};
 pub(crate) use destination::Guard;
 pub use destination::{Destination, check_writable};
 pub use extra::{EXTRA_FILES, Extra, PAGE_FILE};
-pub use fused::{FUSED_FLOAT_FILE, fused, fused_float};
+pub use fused::{FUSED_FLOAT_FILE, fused, fused_as_stored, fused_float};
 pub(crate) use fused::{color_type, fused_frame};
 pub use hashes::{Hash, is_whole};
 pub use kind::FileKind;
@@ -63,12 +65,13 @@ pub use pen::Pen;
 pub use registered::{registered_ending, registered_kind, write_all_registered, write_registered};
 pub use registration::{RegistrationReport, write_json, write_registration};
 pub use report::{
-    DepthReport, DeviceReport, LevelReport, RangeReport, Report, ShadingReport, SizeReport, TextureReport,
-    TimingsReport,
+    DepthReport, DeviceReport, LevelReport, RangeReport, Report, ShadingReport, SizeReport, SurfaceReport,
+    TextureReport, TimingsReport,
 };
-pub use results::{Results, holds_sweep};
+pub use results::{Results, holds_sweep, states_a_lens};
 pub use scale::Scale;
 pub use solved::Solved;
+pub(crate) use sweep::depth_surface;
 pub use sweep::{
     NeverReport, SWEEP_FILES, SweepDepthReport, SweepFrame, SweepReport, sweep_files, sweep_fused, sweep_surface,
     write_sweep,

@@ -63,12 +63,17 @@ pub struct Report {
     pub saturated_fraction: f64,
     /// Which image was taken to be focused nearer, 1 or 2.
     pub nearer: u8,
+    /// On whose word: "lens", "distances", "stated" or "assumed".
+    pub nearer_by: &'static str,
     /// Depth in mm, where the lens is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthReport>,
     /// What the samples of `depth16.png` and `depth16.tiff` mean, where they were asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth16: Option<Depth16Report>,
+    /// How the surface was made for other programs, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surface: Option<SurfaceReport>,
     /// What was asked to be measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measurements: Option<Measurements>,
@@ -224,8 +229,10 @@ impl Report {
             mean_confidence: solution.mean_confidence,
             saturated_fraction: solution.saturated_fraction,
             nearer: nearer.number(),
+            nearer_by: "assumed",
             depth: None,
             depth16: None,
+            surface: None,
             measurements: None,
             warnings: solution.warnings.clone(),
             device: device.into(),
@@ -256,6 +263,17 @@ impl Report {
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
         json::to_string(self)
     }
+}
+
+/// What `report.json` says of `surface.ply` and the like.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SurfaceReport {
+    /// Of the coordinates: "mm", or "px", in which heights are exaggerated.
+    pub unit: String,
+    /// The most vertices of a mesh along its longer side, if there was a limit.
+    pub mesh_cells: Option<u32>,
+    /// The exaggeration that was asked for, px for each px² of V or setting of a sweep.
+    pub z_scale: Option<f64>,
 }
 
 /// What `report.json` says about metric depth; `null` where no pixel has one.

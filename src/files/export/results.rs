@@ -72,7 +72,18 @@ pub fn holds_sweep(folder: &Path) -> Result<bool, Error> {
     if !folder.is_dir() {
         return Err(Error::file(folder, "is no folder; give the one that parfocal solve or stack wrote"));
     }
+    if folder.join("batch.json").is_file() && !folder.join(FILES[4]).exists() {
+        return Err(Error::file(folder, "holds the results of a batch; give the folder of one pair or sweep in it"));
+    }
     Ok(is_of_sweep(&read_report(&folder.join(FILES[4]))?))
+}
+
+/// Whether the report in a folder has depth in mm through a lens.
+///
+/// # Errors
+/// As [`holds_sweep`].
+pub fn states_a_lens(folder: &Path) -> Result<bool, Error> {
+    Ok(read_report(&folder.join(FILES[4]))?["depth"].get("lens").is_some())
 }
 
 /// Whether a report is of a focus sweep.

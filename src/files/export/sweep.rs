@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::depth::Map;
 use super::hashes::{Hash, Hashes};
 use super::labelled::{write_beyond, write_frames};
-use super::report::{DeviceReport, RangeReport, ShadingReport, SizeReport, in_known_order};
+use super::report::{DeviceReport, RangeReport, ShadingReport, SizeReport, SurfaceReport, in_known_order};
 use super::{
     DEPTH_FILE, Depth16Report, Destination, Extra, FUSED_FLOAT_FILE, Look, Measurements, Nearer, Palette, Pen, Scale,
     Staging, depth, field, fused, meaning, valid,
@@ -16,6 +16,7 @@ use super::{
 use crate::around::focus_stack::{Positions, Sweep};
 use crate::base::{Decode, Depth, DeviceInfo, Error, Frame, Homography, Photometric, Region};
 use crate::files::image_io::{Input, Values};
+use crate::metric::MetricDepth;
 
 /// The files that [`write_sweep()`] makes.
 pub const SWEEP_FILES: [&str; 8] =
@@ -40,6 +41,8 @@ pub struct SweepReport {
     pub reference: usize,
     /// Whether the first or the last frame is focused nearest, 1 or 2.
     pub nearer: u8,
+    /// On whose word: "lens", "distances", "stated" or "assumed".
+    pub nearer_by: &'static str,
     /// px² of variance by which blur grows with the squared distance from the focus, in settings.
     pub blur_rate_px2: f64,
     /// How stored values became intensities.
@@ -56,6 +59,9 @@ pub struct SweepReport {
     /// What the samples of `depth16.png` and `depth16.tiff` mean, where they were asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth16: Option<Depth16Report>,
+    /// How the surface was made for other programs, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surface: Option<SurfaceReport>,
     /// What was asked to be measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measurements: Option<Measurements>,
@@ -165,6 +171,7 @@ impl SweepReport {
             order: sweep.order.clone(),
             reference: sweep.reference,
             nearer: nearer.number(),
+            nearer_by: "assumed",
             blur_rate_px2: sweep.blur_rate,
             decode: sweep.decode,
             values: Values::stated(sweep.decode),
@@ -172,6 +179,7 @@ impl SweepReport {
             focus: RangeReport::of(&sweep.focus),
             depth: SweepDepthReport::of(sweep),
             depth16: None,
+            surface: None,
             measurements: None,
             valid_fraction: valid as f64 / sweep.focus.len().max(1) as f64,
             never_in_focus: NeverReport::of(sweep),
@@ -202,17 +210,23 @@ pub fn sweep_files(has_depth: bool, look: &Look, has_page: bool) -> Vec<&'static
     SWEEP_FILES.into_iter().chain(more.into_iter().filter(|(has, _)| *has).map(|(_, name)| name)).collect()
 }
 
-/// The image sharp all over in 8 bits, as `fused.png` stores it where the frames have 8.
+/// The image sharp all over as it is stored, and read again, for frames of this depth.
 ///
 /// # Errors
 /// [`Error::Mismatch`] where it is not of the size that the sweep states.
-pub fn sweep_fused(sweep: &Sweep) -> Result<Frame, Error> {
-    fused::fused_frame((sweep.width, sweep.height), sweep.fused_channels, &sweep.fused, sweep.decode)
+pub fn sweep_fused(sweep: &Sweep, depth: Depth) -> Result<Frame, Error> {
+    let size = (sweep.width, sweep.height);
+    fused::Image { size, channels: sweep.fused_channels, values: &sweep.fused }.as_stored(sweep.decode, depth)
 }
 
 /// What tells near from far, depth where it is known and else focus, and the scale on which `depth.png` has it.
 pub fn sweep_surface(sweep: &Sweep, nearer: Nearer) -> (&[f32], Scale) {
     Map::of_sweep(sweep, nearer, Palette::default()).surface()
+}
+
+/// Depth through a lens, and the scale on which `depth.png` has it.
+pub(crate) fn depth_surface(metric: &MetricDepth) -> (&[f32], Scale) {
+    Map::of_depth(metric, Palette::default()).surface()
 }
 
 /// Writes the [`SWEEP_FILES`], [`DEPTH_FILE`] where depth is known, and any of the

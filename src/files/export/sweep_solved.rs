@@ -6,15 +6,15 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::depth16::{DEPTH16_FILES, Depth16};
-use super::extra::with_near_and_far;
+use super::extra::showing_depth;
 use super::labelled::read_beyond;
 use super::measurements::{Measurable, Measurements, Wanted};
 use super::results::{nearer_of, read_report};
 use super::sweep::{SWEEP_FILES, SweepDepthReport, stage_depth};
-use super::{DEPTH_FILE, Extra, FUSED_FLOAT_FILE, Nearer, PAGE_FILE, Palette, Pen, ShadingReport, SizeReport, beside};
+use super::{DEPTH_FILE, Extra, FUSED_FLOAT_FILE, Nearer, Palette, Pen, ShadingReport, SizeReport, beside};
 use crate::around::focus_stack::{Positions, Sweep};
 use crate::base::{Decode, Error, Frame, Homography, Photometric, Region};
-use crate::files::image_io::{self, Input, Photograph};
+use crate::files::image_io;
 
 /// A folder that `parfocal stack` wrote.
 #[derive(Clone, Debug)]
@@ -147,31 +147,9 @@ impl SolvedSweep {
         &self.report
     }
 
-    /// The names of the files of the frames, as given.
-    pub fn frame_files(&self) -> Vec<PathBuf> {
-        let frames = self.report["frames"].as_array().into_iter().flatten();
-        frames.map(|frame| PathBuf::from(frame["file"].as_str().unwrap_or_default())).collect()
-    }
-
-    /// The frames, one file in memory at a time.
-    ///
-    /// # Errors
-    /// [`Error::File`]: one is not there any more, or is another.
-    pub fn frames(&self) -> Result<Vec<Frame>, Error> {
-        let inputs: Vec<Input> = Deserialize::deserialize(&self.report["inputs"]).unwrap_or_default();
-        let files = self.frame_files();
-        let frame = |(n, file): (usize, &PathBuf)| {
-            let photograph = Photograph::open(file)?;
-            let given = self.sweep.order.get(n).copied().unwrap_or(n);
-            let is_another = inputs.get(given).is_some_and(|input| input.sha256 != sha256(&photograph));
-            let frame = photograph.decode()?;
-            let size = [frame.width(), frame.height()];
-            if is_another || size != self.sweep.photograph {
-                return Err(Error::file(file, "is not the file that was solved"));
-            }
-            Ok(frame)
-        };
-        files.iter().enumerate().map(frame).collect()
+    /// The same, to be added to.
+    pub fn report_mut(&mut self) -> &mut Value {
+        &mut self.report
     }
 
     /// Measures focus, and depth where it is known.
@@ -194,8 +172,19 @@ impl SolvedSweep {
     ///
     /// # Errors
     /// [`Error::File`].
-    pub fn write_measurements(&self, measured: &Measurements, pen: Option<Pen>, force: bool) -> Result<(), Error> {
-        beside::write_measurements(&self.folder, self.report.clone(), measured, pen, force)
+    pub fn write_measurements(
+        &self,
+        measured: &Measurements,
+        pen: Option<Pen>,
+        shown: Vec<Extra<'_>>,
+        force: bool,
+    ) -> Result<(), Error> {
+        beside::write_measurements(&self.folder, self.report.clone(), measured, (pen, shown), force)
+    }
+
+    /// The same with these measurements in its report.
+    pub fn with_measurements(&self, measured: &Measurements) -> Self {
+        Self { report: beside::with_measurements(self.report.clone(), measured), ..self.clone() }
     }
 
     /// The same with depth in mm, if the frames are focused at these places.
@@ -208,6 +197,7 @@ impl SolvedSweep {
         new.sweep.stated = places.clone();
         let at = places.millimetres().ok_or_else(|| Error::Mismatch("positions in mm give depth".to_string()))?;
         new.report["nearer"] = nearer.number().into();
+        beside::restate(&mut new.report, "nearer_by", "distances");
         new.report["depth"] = json!(SweepDepthReport::of(&new.sweep));
         for (frame, at) in new.report["frames"].as_array_mut().into_iter().flatten().zip(at) {
             frame["focus_mm"] = json!(at);
@@ -229,39 +219,32 @@ impl SolvedSweep {
     /// [`Error::File`].
     pub fn check_depth(&self, force: bool) -> Result<(), Error> {
         let depth16 = self.report.get("depth16").map_or(&[][..], |_| &DEPTH16_FILES);
-        let page = if self.has(PAGE_FILE) { &[PAGE_FILE][..] } else { &[] };
-        beside::check(&self.folder, &[&[DEPTH_FILE, SWEEP_FILES[2]], depth16, page].concat(), force)
+        let shown: Vec<&str> = showing_depth().filter(|name| self.has(name)).collect();
+        beside::check(&self.folder, &[&[DEPTH_FILE, SWEEP_FILES[2]], depth16, &shown].concat(), force)
     }
 
-    /// Writes depth in mm into the folder `before` was read from: `depth_mm.exr`, `depth` in `report.json`, `depth.png` anew, the page where
-    /// one is given; `depth16.png` and `depth16.tiff` too, if they are there. All of it, or none. A page that is not given,
-    /// and where near and far change places the other files that show them, are removed, as far as the report lists them.
+    /// Writes depth in mm into its folder: `depth_mm.exr`, `depth` in `report.json`, `depth.png` anew;
+    /// `depth16.png` and `depth16.tiff` too, if they are there; and what shows it besides, as is given. All of it, or none. What
+    /// shows depth and is not given is removed, as far as the report lists it.
     ///
     /// # Errors
     /// [`Error::File`].
     pub fn write_depth(
         &self,
-        before: &Self,
         palette: Palette,
         pen: Option<Pen>,
-        page: Option<Extra<'_>>,
+        shown: Vec<Extra<'_>>,
         force: bool,
     ) -> Result<(), Error> {
-        let turned = self.nearer != before.nearer;
-        let stale = with_near_and_far().filter(|name| if *name == PAGE_FILE { page.is_none() } else { turned });
-        let stale: Vec<String> = stale.map(String::from).collect();
+        let stale = beside::stale(&shown);
         let mut staging = beside::staging(&self.folder, force, &stale)?;
         stage_depth(&mut staging, &self.sweep, self.nearer, palette, pen)?;
         let depth16 = self.report.get("depth16").map(|_| Depth16::of_sweep(&self.sweep));
-        for extra in depth16.iter().flat_map(Depth16::files).chain(page) {
+        for extra in depth16.iter().flat_map(Depth16::files).chain(shown) {
             staging.add(extra.name, |w| (extra.fill)(w))?;
         }
         beside::finish(staging, self.report.clone(), &stale)
     }
-}
-
-fn sha256(photograph: &Photograph) -> String {
-    photograph.describe().map(|input| input.sha256).unwrap_or_default()
 }
 
 fn sides(path: &Path, size: [u32; 2]) -> Result<Vec<i8>, Error> {

@@ -7,21 +7,16 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::base::{Channels, Depth, DeviceInfo, Frame, Photometric, Region, Samples, Settings, Shading, Similarity};
-use crate::engine::{LevelHistory, Timings};
+use crate::engine::{Findings, LevelHistory, Timings};
 use crate::files::image_io;
 
 fn solution() -> Solution {
-    Solution {
+    let findings = Findings {
         width: 3,
         height: 2,
         origin: [0, 0],
         photograph: [3, 2],
-        relative_blur: vec![f32::NAN, -1.5, 0.1, 2.0, 4.0, f32::NAN],
-        uncertainty: vec![f32::NAN, 3f32.sqrt(), 1.0, (1.0f32 / 3.0).sqrt(), 0.0, f32::NAN],
-        residual: vec![f32::NAN, 0.01, 0.02, 0.01, 0.03, f32::NAN],
-        confidence: vec![0.0, 0.25, 0.5, 0.75, 1.0, 0.0],
         fused_channels: Channels::Gray,
-        fused: vec![-0.1, 0.0, 0.2, 0.5, 1.0, 1.5],
         transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
         other_motion: None,
         photometric: Photometric { gain: 1.02, offset: -0.01 },
@@ -36,6 +31,14 @@ fn solution() -> Solution {
         mean_confidence: 0.0,
         saturated_fraction: f64::NAN,
         timings: Timings { total_ms: 9.0, gpu_ms: 7.0, passes_ms: vec![("warp", 1.0), ("blur", 2.0), ("apply", 3.0)] },
+    };
+    Solution {
+        relative_blur: vec![f32::NAN, -1.5, 0.1, 2.0, 4.0, f32::NAN],
+        uncertainty: vec![f32::NAN, 3f32.sqrt(), 1.0, (1.0f32 / 3.0).sqrt(), 0.0, f32::NAN],
+        residual: vec![f32::NAN, 0.01, 0.02, 0.01, 0.03, f32::NAN],
+        confidence: vec![0.0, 0.25, 0.5, 0.75, 1.0, 0.0],
+        fused: vec![-0.1, 0.0, 0.2, 0.5, 1.0, 1.5],
+        findings,
     }
 }
 
@@ -91,6 +94,7 @@ fn the_report_has_the_fields_that_scripts_read() {
         "mean_confidence",
         "saturated_fraction",
         "nearer",
+        "nearer_by",
         "warnings",
         "device",
         "validated",

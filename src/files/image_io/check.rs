@@ -10,7 +10,7 @@ use crate::files::regular;
 pub(super) const DAMAGED: &str = "the file is damaged or incomplete; copy or save it again";
 
 /// What every format that is not read is told.
-pub(super) const CONVERT: &str = "convert it to PNG, TIFF, JPEG, PNM, PFM or EXR";
+pub(super) const CONVERT: &str = "convert it to PNG, TIFF, JPEG, BMP, WebP, PNM, PFM or EXR; of a frame without a header state format and size (--raw)";
 
 /// Names more alike than this (Jaro and Winkler) may be misspelt ones.
 const SIMILAR: f64 = 0.9;

@@ -20,7 +20,7 @@ pub struct Input {
     pub channels: u32,
     /// Whether there is an alpha channel, which is dropped.
     pub alpha: bool,
-    /// "PNG", "JPEG", "TIFF", "PNM", "PFM" or "EXR".
+    /// "PNG", "JPEG", "TIFF", "PNM", "PFM", "EXR", "BMP", "WebP" or "raw".
     pub format: String,
     /// Pages of the file.
     pub pages: usize,

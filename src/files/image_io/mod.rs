@@ -1,7 +1,7 @@
 //! Photographs in: files to [`Frame`]s.
 //!
-//! PNG, JPEG, TIFF, PNM, PFM and EXR, told apart by content, not by name; of a TIFF of several pages the first, or page N
-//! where the path is `FILE#N`. A file is opened and read once, as a [`Photograph`]: its hash, what it says of itself and
+//! PNG, JPEG, TIFF, PNM, PFM, EXR, BMP and WebP, told apart by content, not by name; of a TIFF of several pages the first, or page N
+//! where the path is `FILE#N`; frames without a header as `FILE#FORMAT:WxH`. A file is opened and read once, as a [`Photograph`]: its hash, what it says of itself and
 //! its pixels are of the same bytes. Files are untrusted: size is checked before any pixel is decoded, and whatever is
 //! wrong comes back as [`Error::File`] with the path and what to do. Raw files of cameras are not read, but the error has
 //! the command that converts them.
@@ -17,6 +17,7 @@ mod page;
 mod pfm;
 mod photograph;
 mod raster;
+mod raw;
 mod source;
 #[cfg(test)]
 mod tests;
@@ -33,6 +34,7 @@ pub use exif::Exif;
 pub use frames::read_frames;
 pub use page::split_page;
 pub use photograph::Photograph;
+pub use raw::RawFormat;
 pub use values::{Basis, Values};
 
 use crate::base::color::LUMINANCE;

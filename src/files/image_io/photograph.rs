@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
+use super::page::Selected;
 use super::source::Source;
-use super::{Input, camera_raw, check, split_page};
+use super::{Input, camera_raw, check};
 use crate::base::{Channels, Depth, Error, Format, Frame};
 
 /// A photograph whose file has been read, once: what is said of it and its pixels come from the same bytes, whatever
@@ -15,22 +16,22 @@ use crate::base::{Channels, Depth, Error, Format, Frame};
 pub struct Photograph {
     /// As given.
     path: PathBuf,
-    file: PathBuf,
-    page: Option<usize>,
+    selected: Selected,
     bytes: Arc<Vec<u8>>,
     size: (u32, u32),
     format: Format,
 }
 
 impl Photograph {
-    /// Reads a file, or a page of a TIFF as `FILE#N`, and looks at its header; no pixel is decoded.
+    /// Reads a file, or a page of a TIFF as `FILE#N`, or what has no header as `FILE#FORMAT:WxH`, and looks at its header; no pixel is decoded.
     ///
     /// # Errors
     /// [`Error::File`].
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let (file, page) = split_page(path);
-        let bytes = check::read(&file).map_err(|problem| Error::file(path, problem))?;
-        Self::of(path, file, page, Arc::new(bytes))
+        let wrap = |problem| Error::file(path, problem);
+        let selected = Selected::of(path).map_err(wrap)?;
+        let bytes = check::read(&selected.file).map_err(wrap)?;
+        Self::of(path, selected, Arc::new(bytes))
     }
 
     /// As [`open`](Self::open), after this one: from its bytes, if it is another page of its file, else once it is dropped.
@@ -38,9 +39,9 @@ impl Photograph {
     /// # Errors
     /// [`Error::File`].
     pub fn open_next(self, path: &Path) -> Result<Self, Error> {
-        let (file, page) = split_page(path);
-        if file == self.file {
-            return Self::of(path, file, page, self.bytes);
+        let selected = Selected::of(path).map_err(|problem| Error::file(path, problem))?;
+        if selected.file == self.selected.file {
+            return Self::of(path, selected, self.bytes);
         }
         drop(self);
         Self::open(path)
@@ -56,15 +57,17 @@ impl Photograph {
         Ok([i1, i2])
     }
 
-    fn of(path: &Path, file: PathBuf, page: Option<usize>, bytes: Arc<Vec<u8>>) -> Result<Self, Error> {
+    fn of(path: &Path, selected: Selected, bytes: Arc<Vec<u8>>) -> Result<Self, Error> {
         let wrap = |problem| Error::file(path, problem);
-        camera_raw::problem(&file, &bytes).map_or(Ok(()), |problem| Err(wrap(problem)))?;
-        let source = guarded(|| Source::open(&bytes, page)).map_err(wrap)?;
+        if selected.raw.is_none() {
+            camera_raw::problem(&selected.file, &bytes).map_or(Ok(()), |problem| Err(wrap(problem)))?;
+        }
+        let source = guarded(|| Source::open(&bytes, &selected)).map_err(wrap)?;
         let channels = if source.bits_and_channels().1 == 1 { Channels::Gray } else { Channels::Rgb };
         let (size, format) = (source.size(), Format { channels, depth: source.depth() });
         check::size(size).map_err(wrap)?;
         drop(source);
-        Ok(Self { path: path.to_path_buf(), file, page, bytes, size, format })
+        Ok(Self { path: path.to_path_buf(), selected, bytes, size, format })
     }
 
     /// As it was given.
@@ -105,7 +108,7 @@ impl Photograph {
             alpha: source.has_alpha(),
             format: source.format().to_string(),
             pages: source.pages(),
-            page: self.page,
+            page: self.selected.page,
             encoding,
             exif,
         })
@@ -147,7 +150,7 @@ impl Photograph {
     }
 
     fn source(&self) -> Result<Source<'_>, Error> {
-        guarded(|| Source::open(&self.bytes, self.page)).map_err(|problem| Error::file(&self.path, problem))
+        guarded(|| Source::open(&self.bytes, &self.selected)).map_err(|problem| Error::file(&self.path, problem))
     }
 }
 

@@ -1,4 +1,4 @@
-//! PNG, JPEG and PNM through the `image` crate.
+//! PNG, JPEG, PNM, BMP and WebP through the `image` crate.
 
 use std::io::Cursor;
 
@@ -10,8 +10,13 @@ use super::turn::turned;
 use crate::base::{Channels, Frame, Samples};
 
 /// The formats that are read, by the names that people know them by.
-const READ: [(ImageFormat, &str); 3] =
-    [(ImageFormat::Png, "PNG"), (ImageFormat::Jpeg, "JPEG"), (ImageFormat::Pnm, "PNM")];
+const READ: [(ImageFormat, &str); 5] = [
+    (ImageFormat::Png, "PNG"),
+    (ImageFormat::Jpeg, "JPEG"),
+    (ImageFormat::Pnm, "PNM"),
+    (ImageFormat::Bmp, "BMP"),
+    (ImageFormat::WebP, "WebP"),
+];
 
 /// The most bytes that the header of a PNG may take, a row of pixels with it, 8 MiB. A profile that unpacks to more is
 /// passed over.

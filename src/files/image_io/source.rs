@@ -1,8 +1,10 @@
 //! The reader that the first bytes of a file ask for.
 
 use super::openexr::{self, Exr};
+use super::page::Selected;
 use super::pfm::{self, Pfm};
 use super::raster::Raster;
+use super::raw::Raw;
 use super::tiff_page::{self, TiffPage};
 use super::{Exif, encoding, exif};
 use crate::base::{Depth, Frame};
@@ -15,13 +17,18 @@ pub(super) enum Source<'a> {
     Raster(Raster<'a>),
     Tiff(Box<TiffPage<'a>>),
     Pfm(Pfm<'a>),
+    Raw(Raw<'a>),
     // The crate keeps the whole header in place, 4 KiB.
     Exr(Box<Exr<'a>>),
 }
 
 impl<'a> Source<'a> {
     /// Reads the header; of a TIFF that of a page, from 1.
-    pub(super) fn open(bytes: &'a [u8], page: Option<usize>) -> Result<Self, String> {
+    pub(super) fn open(bytes: &'a [u8], selected: &Selected) -> Result<Self, String> {
+        if let Some(format) = selected.raw {
+            return Ok(Self::Raw(Raw::open(bytes, format)?));
+        }
+        let page = selected.page;
         if tiff_page::is_tiff(bytes) {
             return Ok(Self::Tiff(Box::new(TiffPage::open(bytes, page)?)));
         }
@@ -43,6 +50,7 @@ impl<'a> Source<'a> {
             Self::Raster(s) => s.format(),
             Self::Tiff(_) => "TIFF",
             Self::Pfm(_) => "PFM",
+            Self::Raw(_) => "raw",
             Self::Exr(_) => "EXR",
         }
     }
@@ -53,6 +61,7 @@ impl<'a> Source<'a> {
             Self::Raster(s) => s.size(),
             Self::Tiff(s) => s.size(),
             Self::Pfm(s) => s.size(),
+            Self::Raw(s) => s.size(),
             Self::Exr(s) => s.size(),
         }
     }
@@ -68,6 +77,7 @@ impl<'a> Source<'a> {
             Self::Raster(s) if s.bits_and_channels().0 == 16 => Depth::U16,
             Self::Raster(_) => Depth::U8,
             Self::Tiff(s) => s.depth(),
+            Self::Raw(s) => s.depth(),
             Self::Pfm(_) | Self::Exr(_) => Depth::F32,
         }
     }
@@ -78,6 +88,7 @@ impl<'a> Source<'a> {
             Self::Raster(s) => s.bits_and_channels(),
             Self::Tiff(s) => s.bits_and_channels(),
             Self::Pfm(s) => (32, s.channels().count()),
+            Self::Raw(s) => (s.bits(), 1),
             Self::Exr(s) => s.bits_and_channels(),
         }
     }
@@ -87,7 +98,7 @@ impl<'a> Source<'a> {
         match self {
             Self::Raster(s) => s.has_alpha(),
             Self::Tiff(s) => s.has_alpha(),
-            Self::Pfm(_) => false,
+            Self::Pfm(_) | Self::Raw(_) => false,
             Self::Exr(s) => s.has_alpha(),
         }
     }
@@ -96,6 +107,7 @@ impl<'a> Source<'a> {
     pub(super) fn said(&mut self, bytes: &[u8]) -> (Option<String>, Option<Exif>) {
         let (data, profile) = match self {
             Self::Exr(_) | Self::Pfm(_) => return (Some(encoding::LINEAR.to_string()), None),
+            Self::Raw(_) => return (None, None),
             Self::Raster(s) => s.metadata(),
             // A TIFF is itself such a structure as EXIF is.
             Self::Tiff(s) => ((bytes.len() <= MAX_TIFF).then(|| bytes.to_vec()), s.profile()),
@@ -113,6 +125,7 @@ impl<'a> Source<'a> {
             Self::Raster(s) => s.decode(),
             Self::Tiff(s) => s.decode(),
             Self::Pfm(s) => s.decode(),
+            Self::Raw(s) => s.decode(),
             Self::Exr(s) => s.decode(),
         }
     }

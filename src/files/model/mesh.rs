@@ -49,12 +49,22 @@ fn triangles(points: &Points, vertices: &[usize]) -> Vec<[u32; 3]> {
 fn normals(points: &Points, vertices: &[usize], triangles: &[[u32; 3]]) -> Vec<[f32; 3]> {
     let mut normals = vec![[0.0f64; 3]; vertices.len()];
     for corners in triangles {
-        let [a, b, c] = corners.map(|k| points.positions[vertices[k as usize]].map(f64::from));
-        let [u, v] = [b, c].map(|p| [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);
-        let across = cross(u, v);
+        let across = across(corners.map(|k| points.positions[vertices[k as usize]]));
         corners.iter().for_each(|&k| (0..3).for_each(|i| normals[k as usize][i] += across[i]));
     }
     normals.into_iter().map(unit).collect()
+}
+
+/// Unit normal of a triangle, by its corners.
+pub(super) fn normal(corners: [[f32; 3]; 3]) -> [f32; 3] {
+    unit(across(corners))
+}
+
+/// Perpendicular to a triangle, and twice as long as its area is large.
+fn across(corners: [[f32; 3]; 3]) -> [f64; 3] {
+    let [a, b, c] = corners.map(|p| p.map(f64::from));
+    let [u, v] = [b, c].map(|p| [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);
+    cross(u, v)
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {

@@ -1,17 +1,20 @@
-//! The surface for other programs: PLY mesh and point cloud, and glTF 2.0 with texture.
+//! The surface for other programs: PLY mesh and point cloud, glTF 2.0 with texture, STL and OBJ.
 //!
-//! All are written from [`Points`] on a grid, whatever they measure: relative blur times an exaggeration, or a distance.
+//! All are written from [`Points`] on a grid, whatever they measure: mm through a lens, or relative blur times an exaggeration.
 
 mod glb;
 mod mesh;
+mod obj;
 mod ply;
+mod stl;
 #[cfg(test)]
 mod tests;
 
 use crate::around::focus_stack::Sweep;
-use crate::base::{Error, Frame};
+use crate::base::{Error, Frame, Region};
 use crate::files::export::{Extra, Nearer, Scale, focus_scale, larger_is};
 use crate::files::preview::photograph;
+use crate::metric::MetricDepth;
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +25,10 @@ pub enum Model {
     Cloud,
     /// `surface.glb`: triangles and normals under the picture as texture.
     Glb,
+    /// `surface.stl`: triangles alone.
+    Stl,
+    /// `surface.obj`: triangles, with colour and normals at their corners.
+    Obj,
 }
 
 /// Points in the order of an image's pixels, and their colours.
@@ -61,6 +68,30 @@ impl Points {
         let factor = (sign * exaggeration) as f32;
         let z = format!("z = {factor} px per px^2 times the relative blur V; near is up; not metric");
         Self::raised(relative_blur, fused, |v| factor * v, ["first image", &z])
+    }
+
+    /// Depth through a lens, in mm from the middle of the lens: x and y by the ray of each pixel, z = -depth; holes where depth
+    /// is not finite. `part` is the part of a photograph, of a `photograph`'s width and height, that the depths are of; its middle
+    /// is taken to be that of the lens.
+    ///
+    /// # Errors
+    /// As [`of_relative_blur`](Self::of_relative_blur).
+    pub fn of_depth(metric: &MetricDepth, part: Region, photograph: [u32; 2], fused: &Frame) -> Result<Self, Error> {
+        let about = [
+            "the lens' middle is the origin: x and y by the ray of each pixel of the first image, z = -depth",
+            "metric",
+        ];
+        let raised = Self::raised(&metric.depth, fused, |z| -z, about)?;
+        let middle = photograph.map(|side| f64::from(side - 1) / 2.0);
+        let corner = [part.x, part.y].map(f64::from);
+        let metric_place = |(i, [_, _, z]): (usize, [f32; 3])| {
+            let at = [i % raised.width, i / raised.width].map(|k| k as f64);
+            let side = metric.lens.footprint(-f64::from(z));
+            let [x, y] = [0, 1].map(|k| ((corner[k] + at[k] - middle[k]) * side) as f32);
+            [x, -y, z]
+        };
+        let positions = raised.positions.iter().copied().enumerate().map(metric_place).collect();
+        Ok(Self { positions, unit: "mm".to_string(), comments: about.map(String::from).to_vec(), ..raised })
     }
 
     /// The focus of a sweep over the reference's pixels, likewise: z is how far the setting lies from the middle of the
@@ -154,6 +185,8 @@ impl Points {
         match model {
             Model::Ply => Extra::new("surface.ply", move |w| ply::write(w, &mesh(), true)),
             Model::Cloud => Extra::new("points.ply", move |w| ply::write(w, self, false)),
+            Model::Stl => Extra::new("surface.stl", move |w| stl::write(w, &mesh())),
+            Model::Obj => Extra::new("surface.obj", move |w| obj::write(w, &mesh())),
             Model::Glb => Extra::new("surface.glb", move |w| glb::write(w, &mesh(), &photograph(texture))),
         }
     }

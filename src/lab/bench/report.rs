@@ -76,9 +76,9 @@ pub struct RunReport {
     pub method: String,
     /// The kernel's name.
     pub kernel: String,
-    /// End to end: frames handed over to results in hand, warm.
+    /// End to end: frames handed over to results lent, warm.
     pub solve_ms: Spread,
-    /// On the device, from the first pass to the last.
+    /// From submitting to the device's last answer.
     pub device_ms: Option<Spread>,
     /// Pixels of the image over the median of `solve_ms`.
     pub mpx_per_s: f64,
@@ -94,7 +94,7 @@ pub struct RunReport {
     pub levels: Vec<LevelReport>,
     /// The red-black relaxation.
     pub relaxation: Option<Relaxation>,
-    /// By named pass, in order of first use; empty where the device has no clock.
+    /// By named pass, in order of first use, of one more solve, in which the device's clock is read; empty where it has none.
     pub passes: Vec<PassReport>,
 }
 

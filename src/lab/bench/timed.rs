@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::{Cold, Dispatches, LevelReport, Memory, Options, PassReport, Relaxation, RunReport, Spread};
 use crate::base::{Error, Frame, Settings};
 use crate::engine::arguments;
-use crate::engine::profile::Profile;
+use crate::engine::profile::{Profile, Reading};
 use crate::engine::{Engine, Solution, Solver};
 
 /// The passes that relax: by half-iterations, and small levels in one.
@@ -17,18 +17,19 @@ pub(super) struct Timed {
     settings: Settings,
     cold: Cold,
     solve_ms: Vec<f64>,
-    /// Empty where the device has no clock.
+    /// From submitting to the last answer.
     device_ms: Vec<f64>,
-    /// By pass, in order of first use.
-    passes_ms: Vec<(&'static str, Vec<f64>)>,
+    /// By pass, in order of first use, of one solve; empty where the device has no clock.
+    passes_ms: Vec<(&'static str, f64)>,
     levels: Vec<LevelReport>,
     memory: Memory,
     counts: Vec<(&'static str, usize, u64)>,
     dispatches: Dispatches,
 }
 
-/// Measures one run. The solver is gone when this returns, so that the next has the memory. `pair` is the pair of this
-/// size, made here if it is not there yet: only when the size is known to fit.
+/// Measures one run; where the time goes is told by one more solve, in which the device's clock is read. Each solver is gone before the next
+/// comes, so that that has the memory. `pair` is the pair of this size, made here if it is not there yet: only when the size is known
+/// to fit.
 pub(super) fn run(
     engine: &Engine,
     options: &Options,
@@ -36,8 +37,9 @@ pub(super) fn run(
     settings: &Settings,
     pair: &mut Option<[Frame; 2]>,
 ) -> Result<(Timed, Profile), Error> {
+    let prepare = |reading| Solver::prepare(1, engine, size, options.input.formats(), settings, reading);
     let started = Instant::now();
-    let mut solver = Solver::prepare(engine, size, options.input.formats(), settings, options.traced)?;
+    let mut solver = prepare(Reading::Never)?;
     let prepare_ms = milliseconds(started);
     let [i1, i2] = match pair {
         Some(pair) => pair,
@@ -45,30 +47,18 @@ pub(super) fn run(
     };
     let mut solve = || {
         let started = Instant::now();
-        let solution = solver.solve(i1, i2)?;
-        Ok::<_, Error>((milliseconds(started), solution))
+        let device_ms = solver.solve_in_place(i1, i2)?.timings.gpu_ms;
+        Ok::<_, Error>((milliseconds(started), device_ms))
     };
-    let (first_ms, mut last) = solve()?;
+    let (first_ms, _) = solve()?;
     for _ in 0..options.warmup {
-        last = solve()?.1;
+        solve()?;
     }
-    let mut solve_ms = Vec::new();
-    let (mut device_ms, mut passes_ms) = (Vec::new(), Vec::<(&'static str, Vec<f64>)>::new());
-    for _ in 0..options.repeats.max(1) {
-        let ms;
-        (ms, last) = solve()?;
-        solve_ms.push(ms);
-        device_ms.push(last.timings.gpu_ms);
-        for &(name, ms) in &last.timings.passes_ms {
-            match passes_ms.iter_mut().find(|(known, _)| *known == name) {
-                Some((_, samples)) => samples.push(ms),
-                None => passes_ms.push((name, vec![ms])),
-            }
-        }
-    }
-    if passes_ms.is_empty() {
-        device_ms.clear();
-    }
+    let measured = (0..options.repeats.max(1)).map(|_| solve()).collect::<Result<Vec<_>, Error>>()?;
+    let (solve_ms, device_ms) = measured.into_iter().unzip();
+    drop(solver);
+    let mut solver = prepare(if options.traced { Reading::Dispatches } else { Reading::Passes })?;
+    let last = solver.solve(i1, i2)?;
     let profile = solver.profile()?;
     let (device, host) = solver.plan().bytes();
     let pixels = f64::from(size[0]) * f64::from(size[1]);
@@ -78,8 +68,8 @@ pub(super) fn run(
         cold: Cold { prepare_ms, first_ms },
         solve_ms,
         device_ms,
-        passes_ms,
         levels: levels(&last),
+        passes_ms: last.findings.timings.passes_ms,
         memory: Memory { device_bytes_per_px: device as f64 / pixels, host_bytes_per_px: host as f64 / pixels },
         counts: counts(&profile),
         dispatches: Dispatches { recorded: profile.dispatches.len(), executed: profile.executed().count() },
@@ -119,7 +109,7 @@ impl Timed {
         let megapixels = f64::from(width) * f64::from(height) * 1e-6;
         let solve_ms = Spread::of(&self.solve_ms).unwrap_or_default();
         let device_ms = Spread::of(&self.device_ms);
-        let passes: Vec<PassReport> = self.passes_ms.iter().map(|(name, ms)| self.pass(name, ms, copy)).collect();
+        let passes: Vec<PassReport> = self.passes_ms.iter().map(|&(name, ms)| self.pass(name, ms, copy)).collect();
         RunReport {
             width,
             height,
@@ -138,9 +128,8 @@ impl Timed {
         }
     }
 
-    fn pass(&self, name: &str, samples: &[f64], copy: Option<f64>) -> PassReport {
+    fn pass(&self, name: &str, ms: f64, copy: Option<f64>) -> PassReport {
         let (_, dispatches, bytes) = self.counts.iter().find(|(n, ..)| *n == name).copied().unwrap_or_default();
-        let ms = Spread::of(samples).map_or(0.0, |s| s.median);
         let gb_per_s = if ms > 0.0 { bytes as f64 / ms * 1e-6 } else { 0.0 };
         PassReport {
             name: name.to_string(),

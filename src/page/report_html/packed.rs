@@ -24,7 +24,7 @@ pub(super) fn decimals(values: &[f32], width: usize, digits: u32) -> Result<Stri
         let zigzag = ((off << 1) ^ (off >> 31)).to_le_bytes();
         (0..4).for_each(|plane| planes[plane * values.len() + i] = zigzag[plane]);
     }
-    let mut encoder = ZlibEncoder::new(Vec::with_capacity(planes.len()), Compression::fast());
+    let mut encoder = ZlibEncoder::new(Vec::with_capacity(planes.len()), Compression::default());
     encoder.write_all(&planes).and_then(|()| encoder.finish()).map(base64).map_err(|e| e.to_string())
 }
 

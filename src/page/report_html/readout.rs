@@ -21,6 +21,8 @@ pub struct Readout<'a> {
     /// Whether the colours run from the high to the low end.
     reversed: bool,
     gray: bool,
+    /// Whether the page makes it of others.
+    computed: bool,
 }
 
 /// From values to colours, ends included.
@@ -39,6 +41,9 @@ const LEAST_RATIO: f32 = 10.0;
 /// Digits after the point of what has a span of some tens to hundreds of its unit.
 const DIGITS: u32 = 4;
 
+/// Of logarithms: to a hundredth of the value.
+const LOGARITHM_DIGITS: u32 = 2;
+
 /// Of mm: to the micrometre.
 const METRIC_DIGITS: u32 = 3;
 
@@ -52,7 +57,20 @@ impl<'a> Readout<'a> {
         let (low, high) = span(values);
         let ramp = Ramp::Linear { low, high };
         let ends = ["little", "much"];
-        Self { key, name, sign, unit: "", note: "", values, digits: DIGITS, ramp, ends, reversed: false, gray: true }
+        Self {
+            key,
+            name,
+            sign,
+            unit: "",
+            note: "",
+            values,
+            digits: DIGITS,
+            ramp,
+            ends,
+            reversed: false,
+            gray: true,
+            computed: false,
+        }
     }
 
     /// In this unit.
@@ -76,6 +94,24 @@ impl<'a> Readout<'a> {
         let (low, high) = span(&values);
         let low = low.max(f32::MIN_POSITIVE);
         Self { ramp: Ramp::Logarithmic { low, high: high.max(LEAST_RATIO * low) }, ..self }
+    }
+
+    /// To as many digits as its standard deviation is worth: a step of the last is a fifth of the median of it at most.
+    pub(super) fn rounded_by(self, deviation: &[f32]) -> Self {
+        let typical = Ranks::of(deviation).quantile(0.5).filter(|sigma| *sigma > 0.0);
+        let enough =
+            typical.map_or(self.digits, |sigma| (-(f64::from(sigma) / 5.0).log10()).ceil().clamp(0.0, 9.0) as u32);
+        Self { digits: self.digits.min(enough.max(1)), ..self }
+    }
+
+    /// Made by the page of other fields, as `formulas` in `data.js` says.
+    pub(super) fn computed(self) -> Self {
+        Self { computed: true, ..self }
+    }
+
+    /// Whether the page holds its values.
+    pub(super) fn is_packed(&self) -> bool {
+        !self.computed
     }
 
     /// What the low and the high end mean.
@@ -171,15 +207,24 @@ impl<'a> Readout<'a> {
         json!({
             "key": self.key, "name": self.name, "sign": self.sign, "unit": self.unit, "note": self.note,
             "digits": self.digits, "low": low, "high": high,
-            "logarithmic": matches!(self.ramp, Ramp::Logarithmic { .. }),
+            "logarithmic": self.is_logarithmic(), "logarithms": self.is_logarithmic(), "computed": self.computed,
             "ends": self.ends, "reversed": self.reversed, "gray": self.gray,
             "median": Ranks::of(self.values).quantile(0.5),
         })
     }
 
-    /// Its values on the thinning, to the digits that are shown.
+    fn is_logarithmic(&self) -> bool {
+        matches!(self.ramp, Ramp::Logarithmic { .. })
+    }
+
+    /// Its values on the thinning, to the digits that are shown; on a logarithmic scale to a hundredth of themselves, as two digits
+    /// of their logarithms.
     pub(super) fn packed(&self, thinning: &Thinning) -> Result<String, String> {
-        packed::decimals(&thinning.values(self.values), thinning.width, self.digits)
+        let mut values = if self.computed { Vec::new() } else { thinning.values(self.values) };
+        if self.is_logarithmic() {
+            values.iter_mut().for_each(|v| *v = v.ln());
+        }
+        packed::decimals(&values, thinning.width, if self.is_logarithmic() { LOGARITHM_DIGITS } else { self.digits })
     }
 }
 

@@ -81,8 +81,15 @@ mod tests {
 
     fn heights(width: usize, height: usize, blur: &[f32], nodes: usize, radius: usize) -> Heights {
         let scale = Scale { low: 0.0, high: 1.0, nearer: Nearer::First };
-        let surface =
-            Surface { width, height, relative_blur: blur, texture: RgbImage::new(1, 1), scale, names: [""; 2] };
+        let surface = Surface {
+            width,
+            height,
+            relative_blur: blur,
+            texture: RgbImage::new(1, 1),
+            scale,
+            names: [""; 2],
+            to_scale: None,
+        };
         Heights::of(&surface, nodes, radius)
     }
 

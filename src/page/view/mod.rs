@@ -17,7 +17,8 @@
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
-//! Heights are nearness, from the 1st to the 99th percentile of V: they order what is near and far and are not metric.
+//! Heights are nearness, from the 1st to the 99th percentile of V: they order what is near and far and are not metric, unless depth is
+//! known through a lens.
 //! The rasteriser is plain Rust and gives the same picture everywhere.
 
 mod camera;
@@ -31,11 +32,18 @@ use image::RgbImage;
 
 use crate::around::focus_stack::Sweep;
 use crate::base::{Error, Frame};
-use crate::files::export::{Destination, Nearer, Palette, Scale, sweep_surface};
+use crate::files::export::{Destination, Nearer, Palette, Scale, depth_surface, sweep_surface};
 use crate::files::preview::photograph;
+use crate::metric::MetricDepth;
 
 /// What the surface of a pair shows.
 const OF_PAIR: [&str; 2] = ["Relative blur V", "V, px²"];
+
+/// The same in mm.
+const OF_DEPTH: [&str; 2] = ["Depth", "mm"];
+
+/// The steepest relief.
+const MOST_RELIEF: f64 = 2.0;
 
 /// V, or another field, and the picture that goes on it.
 #[derive(Clone, Debug)]
@@ -47,6 +55,8 @@ pub struct Surface<'a> {
     scale: Scale,
     /// What is shown, in words and beside the key.
     names: [&'static str; 2],
+    /// Height from far to near over the longer side of the image, where both are known in mm.
+    to_scale: Option<f64>,
 }
 
 /// From where, how large, how steep and in which colours a surface is shown.
@@ -82,7 +92,7 @@ impl View {
         let ranges = [
             ("elevation", self.elevation, 10.0, 90.0),
             ("azimuth", self.azimuth, -180.0, 180.0),
-            ("relief", self.relief, 0.0, 2.0),
+            ("relief", self.relief, 0.0, MOST_RELIEF),
             ("smoothing", f64::from(self.smoothing), 0.0, 16.0),
             ("width", f64::from(self.width), 64.0, 2048.0),
         ];
@@ -102,26 +112,48 @@ impl<'a> Surface<'a> {
         Self::on(relative_blur, fused, Scale::of(relative_blur, nearer))
     }
 
+    /// The surface of depth through a lens, under an image of the same size.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn of_depth(metric: &'a MetricDepth, fused: &Frame) -> Result<Self, Error> {
+        let (values, scale) = depth_surface(metric);
+        let to_scale = Some(relief_to_scale(metric));
+        Ok(Self { names: OF_DEPTH, to_scale, ..Self::on(values, fused, scale)? })
+    }
+
+    /// The [relief](View::relief) at which it is seen as it is, in perspective of no more than its middle depth, where it is known in
+    /// mm through a lens; else the usual exaggeration.
+    pub fn relief(&self) -> f64 {
+        self.to_scale.unwrap_or(View::default().relief)
+    }
+
     /// The surface of a focus sweep, of depth where it is known and else of focus, under an image of the same size.
     ///
     /// # Errors
     /// As [`new`](Self::new).
     pub fn of_sweep(sweep: &'a Sweep, fused: &Frame, nearer: Nearer) -> Result<Self, Error> {
         let (values, scale) = sweep_surface(sweep, nearer);
-        let names = if sweep.depth.is_some() { ["Depth", "mm"] } else { ["Focus", "setting"] };
+        let names = if sweep.depth.is_some() { OF_DEPTH } else { ["Focus", "setting"] };
         Ok(Self { names, ..Self::on(values, fused, scale)? })
     }
 
     /// The surface of any field, on this scale.
     pub(crate) fn on(relative_blur: &'a [f32], fused: &Frame, scale: Scale) -> Result<Self, Error> {
-        let (width, height) = (fused.width() as usize, fused.height() as usize);
+        let bare = Self::bare(relative_blur, (fused.width(), fused.height()), scale)?;
+        Ok(Self { texture: photograph(fused), ..bare })
+    }
+
+    /// The same without a picture on it, for its heights alone.
+    pub(crate) fn bare(relative_blur: &'a [f32], (width, height): (u32, u32), scale: Scale) -> Result<Self, Error> {
+        let (width, height) = (width as usize, height as usize);
         if relative_blur.len() != width * height || relative_blur.is_empty() {
             let values = relative_blur.len();
             return Err(Error::Mismatch(format!(
                 "{values} values of V cannot be shown under an image of {width}x{height}"
             )));
         }
-        Ok(Self { width, height, relative_blur, texture: photograph(fused), scale, names: OF_PAIR })
+        Ok(Self { width, height, relative_blur, texture: RgbImage::new(0, 0), scale, names: OF_PAIR, to_scale: None })
     }
 
     /// Nearness, 0 far to 1 near, row-major on a grid of about `view.width` nodes along the longer side, smoothed as the
@@ -150,6 +182,14 @@ impl<'a> Surface<'a> {
         view.check()?;
         turntable::write(self, view, file.into())
     }
+}
+
+/// Height from far to near over the longer side of the image, as both are at the middle depth.
+pub(crate) fn relief_to_scale(metric: &MetricDepth) -> f64 {
+    let (_, scale) = depth_surface(metric);
+    let longer = f64::from(metric.width.max(metric.height));
+    let relief = f64::from(scale.high - scale.low) / (longer * metric.lens.footprint(scale.value(0.5)));
+    if relief.is_finite() { relief.clamp(0.0, MOST_RELIEF) } else { View::default().relief }
 }
 
 #[cfg(test)]

@@ -48,19 +48,65 @@ function colorsOf(map) {
   return Array.from({ length: 256 }, (_, i) => [0, 2, 4].map((at) => parseInt(map.colors.slice(6 * i + at, 6 * i + at + 2), 16)));
 }
 
-// A field as a picture; nothing where there is no value.
-function colored(values, map, field) {
+// What tells nothing: light and dark grey, in stripes.
+const HATCH = [205, 165].map((grey) => grey | (grey << 8) | (grey << 16) | (255 << 24));
+
+// A field as a picture: nothing where there is no value, stripes where `isHatched`.
+function colored(values, map, field, isHatched) {
   const canvas = canvasOf(grid.width, grid.height);
   const context = canvas.getContext('2d');
   const image = context.createImageData(grid.width, grid.height);
   const colors = colorsOf(map).map(([r, g, b]) => r | (g << 8) | (b << 16) | (255 << 24));
   const pixels = new Uint32Array(image.data.buffer);
+  const stripe = Math.max(2, Math.round(grid.width / 240));
   for (let i = 0; i < values.length; i++) {
-    if (isValid(i) && !Number.isNaN(values[i])) pixels[i] = colors[Math.round(255 * field.position(values[i]))];
+    if (!isValid(i) || Number.isNaN(values[i])) continue;
+    const hatch = HATCH[Math.floor(((i % grid.width) + Math.floor(i / grid.width)) / stripe) % 2];
+    pixels[i] = isHatched(i) ? hatch : colors[Math.round(255 * field.position(values[i]))];
   }
   context.putImageData(image, 0, 0);
   return canvas;
 }
+
+// Depth in mm of V, as the program inverts a lens (src/base/lens.rs).
+function lensInverse({ scale, limit }, lens) {
+  const { focal_length_mm: f, f_number: n, pixel_pitch_mm: pitch, focus_mm: focus, kappa, telecentric } = lens;
+  const coordinate = (z) => (telecentric ? (f * z) / (z - f) : 1 / z);
+  const depthAt = (x) => (telecentric ? f / (1 - f / x) : 1 / x);
+  const strength = (u) => ((kappa * (telecentric ? 1 : (f * f * u) / (u - f))) / (2 * n) / pitch) ** 2;
+  const [x1, x2] = focus.map(coordinate);
+  const [k1, k2] = [strength(focus[0]), strength(focus[1]) / scale ** 2];
+  const [c0, c1, c2] = [k2 * x2 * x2 - k1 * x1 * x1, -2 * (k2 * x2 - k1 * x1), k2 - k1];
+  const [vertex, middle] = [-c1 / (2 * c2), (x1 + x2) / 2];
+  let [low, high] = telecentric ? [f, Infinity] : [0, 1 / f];
+  if (vertex > middle) high = Math.min(vertex, high);
+  else if (vertex > low) low = vertex;
+  const range = [high, low].map(depthAt);
+  const rising = c1 + 2 * c2 * middle > 0;
+  const inRange = (v) => {
+    const root = Math.sqrt(c1 * c1 - 4 * c2 * (c0 - v));
+    const slope = rising ? root : -root;
+    const z = depthAt(slope * c1 >= 0 ? (2 * (v - c0)) / (c1 + slope) : (slope - c1) / (2 * c2));
+    return z >= range[0] && z <= range[1] && Number.isFinite(z) ? z : NaN;
+  };
+  const depth = (v) => (Math.abs(v) < 0.999 * (limit ?? Infinity) ? inRange(v) : NaN);
+  const end = (z, otherwise) => (Number.isNaN(z) ? otherwise : z);
+  const deviation = (v, sigma) => {
+    const [nearer, farther] = rising ? [v + sigma, v - sigma] : [v - sigma, v + sigma];
+    return Number.isNaN(depth(v)) ? NaN : (end(inRange(farther), range[1]) - end(inRange(nearer), range[0])) / 2;
+  };
+  return { depth, deviation };
+}
+
+// What fields are of others.
+const formulas = {
+  confidence: () => fields.uncertainty.values.map((sigma) => (Number.isNaN(sigma) ? 0 : 1 / (1 + sigma * sigma))),
+  depth: () => fields.relative_blur.values.map(lensInverse(data.lens, report.depth.lens).depth),
+  depth_deviation: () => {
+    const { deviation } = lensInverse(data.lens, report.depth.lens);
+    return fields.relative_blur.values.map((v, i) => deviation(v, fields.uncertainty.values[i]));
+  },
+};
 
 // One value at each pixel: what it is called, its colours, and how it is read.
 class Field {
@@ -69,8 +115,15 @@ class Field {
     this.title = this.unit ? `${this.name}, ${this.unit}` : this.name;
   }
 
+  // Logarithms are kept to a hundredth; what is of others comes after them.
   async unpack() {
-    this.values = await decimals(`field-${this.key}`, grid.width, this.digits);
+    if (this.computed) return;
+    const values = await decimals(`field-${this.key}`, grid.width, this.logarithms ? 2 : this.digits);
+    this.values = this.logarithms ? values.map(Math.exp) : values;
+  }
+
+  compute() {
+    if (this.computed) this.values = formulas[this.key]();
   }
 
   // From the low to the high end, 0 to 1.
@@ -93,6 +146,7 @@ class Field {
   text(value) {
     if (Number.isNaN(value)) return 'not valid';
     if (!Number.isFinite(value)) return value > 0 ? 'beyond' : '−beyond';
+    if (this.logarithmic) return significant(value, 3);
     return this.low < 0 ? signed(value, this.digits) : plain(value, this.digits);
   }
 
@@ -120,6 +174,46 @@ const fields = Object.fromEntries(data.fields.map((described) => [described.key,
 // Where it has no value, the rest means little.
 const [principal] = Object.values(fields);
 const isValid = (i) => !Number.isNaN(principal.values[i]);
+
+// What the page is about, and how sure it is: depth where it is known in mm, else what stands for it.
+const main = fields.depth ?? principal;
+const sureness = fields.depth_deviation ?? fields.uncertainty;
+const TRUST = ['uncertainty', 'depth_deviation', 'confidence', 'residual'];
+
+// So many digits that say something, never as a power of ten.
+function significant(value, digits) {
+  if (!(value > 0)) return '0';
+  return plain(value, Math.min(8, Math.max(0, digits - 1 - Math.floor(Math.log10(value)))));
+}
+
+// A value with what it is sure to, to two digits of that: "−36.8 ± 2.6".
+function withDeviation(value, sigma, field) {
+  if (Number.isNaN(value)) return 'not measured';
+  if (!Number.isFinite(sigma) || !(sigma > 0)) return field.text(value);
+  const digits = Math.min(field.digits, Math.max(0, 1 - Math.floor(Math.log10(sigma))));
+  return `${field.low < 0 ? signed(value, digits) : plain(value, digits)} ± ${plain(sigma, digits)}`;
+}
+
+// Beyond so much of σ nothing is said; the reader may lower it.
+let threshold = Infinity;
+const noTexture = report.texture?.max_uncertainty_px2 ?? Infinity;
+const isUnsure = (i) => sureness.values[i] > threshold || fields.uncertainty.values[i] > noTexture;
+const isMeasured = (i) => Number.isFinite(main.values[i]) && !isUnsure(i);
+
+// Of the numbers that count, at these shares of their order.
+function quantiles(values, shares, counts = isMeasured) {
+  const found = [];
+  const step = Math.max(1, Math.floor(values.length / 400000));
+  for (let i = 0; i < values.length; i += step) if (counts(i) && Number.isFinite(values[i])) found.push(values[i]);
+  found.sort((a, b) => a - b);
+  return shares.map((share) => (found.length ? found[Math.round(share * (found.length - 1))] : null));
+}
+
+function measuredShare() {
+  let count = 0;
+  for (let i = 0; i < main.values.length; i++) if (isMeasured(i)) count++;
+  return count / main.values.length;
+}
 
 // With a true minus sign.
 function plain(value, digits) {

@@ -1,12 +1,5 @@
 // The numbers of the report, each with its unit.
 
-function element(name, attributes = {}, ...children) {
-  const found = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) found.setAttribute(key, value);
-  found.append(...children);
-  return found;
-}
-
 const missing = 'none';
 const number = (value, digits) => (value === null ? missing : (value < 0 ? '−' : '') + Math.abs(value).toFixed(digits));
 const plus = (value, digits) => (value === null ? missing : signed(value, digits));
@@ -19,41 +12,19 @@ const deviation = (key) => fields[key]?.median ?? null;
 
 // Few figures, large: what a person looks at first.
 function showFigures() {
-  byId('figures').append(...(isPair ? pairFigures() : sweepFigures()).map(([name, value, text]) =>
-    element('div', {}, element('dt', {}, name), element('dd', {}, `${value} `, element('small', {}, text)))));
-}
-
-function depthFigures(depth) {
-  return [['Depth', number(depth.median, 2), unit(depth.median, 'mm median')], ['Range of depth', range(depth, 1, number), unit(depth.min, 'mm')]];
-}
-
-function pairFigures() {
-  const { transform: t, photometric: p, shading, relative_blur: v, depth } = report;
-  const blur = [['Relative blur', plus(v.median, 2), unit(v.median, 'px² median')], ['Range of V', range(v, 1), unit(v.min, 'px²')]];
-  return [
-    ['I2 lies', `${plus(t.tx_px, 3)}, ${plus(t.ty_px, 3)}`, 'px right, down'],
-    ['Rotation', `${plus(t.rotation_deg, 4)}°`, ''],
-    ['Scale', number(t.scale, 5), `${plus(100 * (t.scale - 1), 3)} %`],
-    ['Gain', number(p.gain, 4), `offset ${plus(p.offset, 4)}${shades(shading) ? `, shading ${percents(...shading.range)}` : ''}`],
-    ...(depth ? depthFigures(depth) : blur),
-    ['Valid', percent(report.valid_fraction), 'of the pixels'],
-    ['Time', time(report.timings_ms.total), `${time(report.timings_ms.gpu)} on the device`],
+  const [low, high] = quantiles(main.values, [0.01, 0.99]);
+  const [sigma] = quantiles(sureness.values, [0.5]);
+  const digits = Math.min(main.digits, Math.max(0, 1 - Math.floor(Math.log10(Math.max((high ?? 1) - (low ?? 0), 1e-9) / 10))));
+  const write = (value) => (main.low < 0 ? signed(value, digits) : plain(value, digits));
+  const count = report.warnings.length;
+  const cards = [
+    [main.name, low === null ? missing : `${write(low)} … ${write(high)}`, low === null ? '' : `${main.unit}, 1st to 99th percentile`, ''],
+    ['Median σ', sigma === null ? missing : `± ${significant(sigma, 2)}`, sigma === null ? '' : main.unit, ''],
+    ['Measured', percent(measuredShare()), isPair ? `of the pixels; ${percent(report.valid_fraction)} are valid` : 'of the pixels', ''],
+    ['Warnings', count || 'none', isPair ? (report.converged ? 'converged' : 'not converged') : `${report.frames.length} frames`, count || report.converged === false ? 'bad' : 'good'],
   ];
-}
-
-function sweepFigures() {
-  const { focus, depth, frames } = report;
-  const text = report.focus_unit ?? 'settings';
-  return [
-    ['Frames', frames.length, `reference ${report.reference + 1}`],
-    ['Settings', `${frames[0].position} … ${frames.at(-1).position}`, text],
-    ['Focus', number(focus.median, 2), unit(focus.median, `${text}, median`)],
-    ['Range of focus', range(focus, 2, number), unit(focus.min, text)],
-    ...(depth ? depthFigures(depth) : [['Blur grows by', number(report.blur_rate_px2, 3), 'px² a squared setting'],
-      ['σ of focus', number(deviation('uncertainty'), 3), `${text}, median`]]),
-    ['Valid', percent(report.valid_fraction), 'of the pixels'],
-    ['Time', time(report.total_ms), ''],
-  ];
+  byId('figures').append(...cards.map(([name, value, text, kind]) =>
+    element('div', { class: kind }, element('dt', {}, name), element('dd', {}, `${value} `, element('small', {}, text)))));
 }
 
 // How the gain varies over I2, where it is worth a word.
@@ -96,6 +67,7 @@ function lensRows(lens) {
 function pairRows() {
   const { transform: t, photometric: p, shading } = report;
   return [
+    row('Size, method', `${report.size.width} × ${report.size.height} px, ${report.method}`),
     group('Transform: I2(T x) lines up with I1(x)'),
     row('Translation to the right', plus(t.tx_px, 5), 'px'),
     row('Translation downwards', plus(t.ty_px, 5), 'px'),
@@ -147,7 +119,7 @@ function showMeasured() {
   const steps = measurements.steps.map((step) =>
     line(`Step from ${place(step.from)} to ${place(step.to)}`, known(step.depth_mm, 3, 'mm'), isPair ? known(step.relative_blur, 3, 'px²') : known(step.focus, 3, report.focus_unit)));
   const profiles = measurements.profiles.map((profile) => line(`Profile: ${profile.csv}, ${profile.png}`, '', ''));
-  byId('measurements').append(heads('', 'Depth', isPair ? 'Relative blur' : 'Focus'), ...steps, ...profiles);
+  byId('measurements').append(heads('What', 'Depth', isPair ? 'Relative blur' : 'Focus'), ...steps, ...profiles);
 }
 
 function showNumbers() {
@@ -207,7 +179,7 @@ function showTimes() {
     return element('tr', {}, element('th', { scope: 'row' }, name), element('td', { class: 'number' }, time(ms)),
       element('td', { class: 'number' }, percent(ms / gpu)), element('td', { class: 'bar-cell', 'aria-hidden': 'true' }, bar));
   }));
-  if (!sorted.length) byId('time').textContent += ' The device has no timestamps, so passes were not timed.';
+  if (!sorted.length) byId('time').textContent += ' Passes are timed by --timings.';
 }
 
 function showLevels() {
@@ -222,50 +194,4 @@ function showLevels() {
   );
   const plot = byId('energy');
   new ResizeObserver(() => plot.replaceChildren(energyPlot(plot.clientWidth))).observe(plot);
-}
-
-function svg(name, attributes, text) {
-  const found = document.createElementNS('http://www.w3.org/2000/svg', name);
-  for (const [key, value] of Object.entries(attributes)) found.setAttribute(key, value);
-  if (text !== undefined) found.textContent = text;
-  return found;
-}
-
-// One curve a level, coarse to fine side by side: the energies of different levels do not compare.
-function energyPlot(width) {
-  const height = 250;
-  const [left, right, top, bottom] = [58, 8, 22, 34];
-  const picture = svg('svg', { viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': 'Energy per valid pixel by outer iteration' });
-  const all = report.levels.flatMap((level) => level.energy).filter((e) => e !== null);
-  const count = report.levels.reduce((sum, level) => sum + level.energy.length, 0);
-  if (!all.length) {
-    picture.append(svg('text', { x: 8, y: 24 }, 'No iteration was made.'));
-    return picture;
-  }
-  const [least, most] = [Math.min(...all), Math.max(...all)];
-  const [low, high] = [least - 0.05 * (most - least || least || 1), most + 0.05 * (most - least || most || 1)];
-  const x = (i) => left + ((i + 0.5) / count) * (width - left - right);
-  const y = (e) => top + ((high - e) / (high - low)) * (height - top - bottom);
-  const { ticks, digits } = roundTicks(low, high, 7);
-  for (const tick of ticks) {
-    picture.append(svg('line', { class: 'grid', x1: left, x2: width - right, y1: y(tick), y2: y(tick) }));
-    picture.append(svg('text', { x: left - 8, y: y(tick) + 4, 'text-anchor': 'end' }, tick.toFixed(digits)));
-  }
-  let start = 0;
-  report.levels.forEach((level, k) => {
-    const end = start + level.energy.length;
-    const [from, to] = [x(start - 0.5), x(end - 0.5)];
-    if (k % 2 === 0) picture.prepend(svg('rect', { class: 'band', x: from, y: top, width: to - from, height: height - top - bottom }));
-    if (to - from > 34) picture.append(svg('text', { x: (from + to) / 2, y: top - 7, 'text-anchor': 'middle' }, to - from > 75 ? `${level.width} × ${level.height}` : level.width));
-    const points = level.energy.flatMap((e, i) => (e === null ? [] : [[start + i, e]]));
-    picture.append(svg('polyline', { class: 'curve', points: points.map(([i, e]) => `${x(i)},${y(e)}`).join(' ') }));
-    for (const [i, e] of points) {
-      const dot = svg('circle', { class: 'dot', cx: x(i), cy: y(e), r: 2.5 });
-      dot.append(svg('title', {}, `level ${level.width} × ${level.height} px, iteration ${i - start + 1}: ${e.toPrecision(5)}`));
-      picture.append(dot);
-    }
-    start = end;
-  });
-  picture.append(svg('text', { x: (left + width - right) / 2, y: height - 8, 'text-anchor': 'middle' }, 'outer iteration, levels from coarse to fine; energy per valid pixel'));
-  return picture;
 }

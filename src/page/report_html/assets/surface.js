@@ -2,11 +2,13 @@
 
 class SurfaceView {
   // The picture of each skin comes from `skin(name)`.
-  constructor(heights, skin) {
+  constructor(heights, skin, colormap = () => data.colormap) {
+    this.colormap = colormap;
     this.canvas = byId('surface');
     this.axes = byId('axes');
     this.field = fields[data.surface.field];
     byId('skins').append(element('button', { type: 'button', 'data-skin': this.field.key }, this.field.name));
+    byId('relief').max = Math.max(60, Math.ceil(150 * data.surface.relief));
     this.skin = skin;
     this.textures = {};
     // Kept after it is drawn, so that the picture can be saved or printed at any time.
@@ -23,6 +25,8 @@ class SurfaceView {
     this.controls.maxDistance = 8;
     this.controls.maxPolarAngle = 0.49 * Math.PI;
     this.controls.addEventListener('change', () => this.draw());
+    // One finger scrolls the page up and down, and turns the surface to the sides.
+    this.canvas.style.touchAction = 'pan-y';
     this.listen();
     this.setRelief(100 * data.surface.relief);
     this.setSkin('fused');
@@ -41,6 +45,7 @@ class SurfaceView {
   listen() {
     // The page scrolls until the surface has been chosen.
     this.controls.enableZoom = false;
+    this.controls.addEventListener('start', () => { this.untouched = false; });
     this.canvas.addEventListener('pointerdown', () => this.canvas.focus({ preventScroll: true }));
     this.canvas.addEventListener('focus', () => { this.controls.enableZoom = true; });
     this.canvas.addEventListener('blur', () => { this.controls.enableZoom = false; });
@@ -48,7 +53,7 @@ class SurfaceView {
     byId('skins').addEventListener('click', (event) => event.target.dataset.skin && this.setSkin(event.target.dataset.skin));
     byId('relief').addEventListener('input', (event) => this.setRelief(Number(event.target.value)));
     byId('reset').addEventListener('click', () => this.reset());
-    byId('from-above').addEventListener('click', () => this.look(90, 0, this.distance()));
+    byId('from-above').addEventListener('click', () => this.look(90, 0, this.distance(90, 0)));
   }
 
   resize() {
@@ -58,15 +63,39 @@ class SurfaceView {
     [this.axes.width, this.axes.height] = [this.canvas.width, this.canvas.height];
     this.camera.aspect = clientWidth / clientHeight;
     this.camera.updateProjectionMatrix();
+    if (this.untouched) this.reset();
     this.draw();
   }
 
-  // Far enough to see all of it.
-  distance() {
+  // Just far enough to see all corners from a direction, with room for the key to the left.
+  distance(elevation = data.surface.elevation_deg, azimuth = data.surface.azimuth_deg) {
     const { width, height } = data.surface;
-    const longer = Math.max(width, height);
+    const [x, y] = [width, height].map((side) => side / 2 / Math.max(width, height));
+    const z = Math.max(this.mesh.scale.z, 1e-3) / 2;
+    const [e, a] = [elevation, azimuth].map((degrees) => (degrees * Math.PI) / 180);
+    const towards = new Three.Vector3(Math.cos(e) * Math.sin(a), -Math.cos(e) * Math.cos(a), Math.sin(e));
+    const right = new Three.Vector3(Math.cos(a), Math.sin(a), 0);
+    const up = new Three.Vector3().crossVectors(towards, right);
     const half = Math.tan((this.camera.fov / 2) * (Math.PI / 180));
-    return 0.66 * Math.max(width / longer / (half * this.camera.aspect), height / longer / half) + 0.25;
+    let far = 0.3;
+    for (const sx of [-x, x]) for (const sy of [-y, y]) for (const sz of [-z, z]) {
+      const corner = new Three.Vector3(sx, sy, sz);
+      const [across, upwards, near] = [Math.abs(corner.dot(right)), Math.abs(corner.dot(up)), corner.dot(towards)];
+      far = Math.max(far, near + across / (half * this.camera.aspect * 0.93), near + upwards / (half * 0.97));
+    }
+    return far;
+  }
+
+  // Where the eye stands, and what it looks at.
+  direction() {
+    return [...this.camera.position.toArray(), ...this.controls.target.toArray()];
+  }
+
+  setDirection([x, y, z, ...target]) {
+    this.camera.position.set(x, y, z);
+    this.controls.target.set(...target);
+    this.controls.update();
+    this.draw();
   }
 
   look(elevation, azimuth, distance) {
@@ -78,12 +107,14 @@ class SurfaceView {
   }
 
   reset() {
+    this.untouched = true;
     this.setRelief(100 * data.surface.relief);
     this.look(data.surface.elevation_deg, data.surface.azimuth_deg, this.distance());
   }
 
   // Turns by degrees about the target, and goes nearer by a factor.
   turn(around, up, factor = 1) {
+    this.untouched = false;
     const { camera, controls } = this;
     const offset = camera.position.clone().sub(controls.target).multiplyScalar(factor);
     const distance = Math.min(8, Math.max(0.2, offset.length()));
@@ -106,13 +137,15 @@ class SurfaceView {
 
   setRelief(percent) {
     byId('relief').value = percent;
-    byId('relief-value').value = `${Math.round(percent)} % of the longer side`;
+    const true_ = data.surface.to_scale && Math.abs(percent - 100 * data.surface.relief) < 0.51;
+    byId('relief-value').value = `${Math.round(percent)} %${true_ ? ', to scale' : ''}`;
     // Flat is drawn as nearly so: normals need a height.
     this.mesh.scale.z = Math.max(percent / 100, 1e-4);
     this.draw();
   }
 
   setSkin(name) {
+    this.skinName = name;
     for (const button of byId('skins').children) button.setAttribute('aria-pressed', button.dataset.skin === name);
     this.textures[name] ??= this.texture(this.skin(name));
     this.material.map = this.textures[name];
@@ -170,8 +203,11 @@ class SurfaceView {
         line([tx - 5 * ratio, ty], [tx, ty]);
         context.fillText(text, tx - 8 * ratio, ty);
       }
-      context.fillText(this.field.title, head[0] - 8 * ratio, head[1] - 18 * ratio);
+      // Within the picture, however far to the left the corner stands.
+      const title = Math.max(head[0] - 8 * ratio, context.measureText(this.field.title).width + 6 * ratio);
+      context.fillText(this.field.title, title, Math.max(10 * ratio, head[1] - 18 * ratio));
     }
+    this.drawKey(context, ratio);
     // The two sides of the base that are nearest to the eye.
     context.textAlign = 'center';
     const middle = this.project(0, 0, -relief / 2);
@@ -183,6 +219,22 @@ class SurfaceView {
       const [dx, dy] = [0, 1].map((k) => ((place[k] - middle[k]) / out) * 32 * ratio);
       context.fillText(`${i % 2 ? report.size.height : report.size.width} px`, place[0] + dx, place[1] + dy);
     });
+  }
+
+  // The colours of heights, in the picture, where it is coloured by them.
+  drawKey(context, ratio) {
+    if (this.skinName !== this.field.key) return;
+    const [width, height, left] = [12 * ratio, this.axes.height * 0.5, this.axes.width - 26 * ratio];
+    const top = (this.axes.height - height) / 2;
+    const colors = colorsOf(data.colormaps[this.colormap()]);
+    for (let i = 0; i < height; i++) {
+      const [r, g, b] = colors[Math.round(255 * (1 - i / height))];
+      context.fillStyle = `rgb(${r} ${g} ${b})`;
+      context.fillRect(left, top + i, width, 1);
+    }
+    context.fillStyle = getComputedStyle(this.axes).color;
+    context.textAlign = 'right';
+    for (const { value, text } of this.field.ticks(4)) context.fillText(text, left - 5 * ratio, top + height * (1 - this.field.position(value)));
   }
 }
 

@@ -1,7 +1,4 @@
-// The pictures: one canvas, in which a cursor reads the fields.
-
-// Grid coordinates run over samples; sample k stands for pixel first + k step of I1.
-const pixelOf = (sample) => grid.first + sample * grid.step;
+// The two panes: photographs, and maps of depth and trust.
 
 const explanations = {
   compare: 'Each photograph lies on the reference’s pixels by the transform found, with gain and offset. What jumps is not registered; '
@@ -12,96 +9,49 @@ const explanations = {
   fused: isPair ? 'Of each pixel the sharper photograph.' : 'Each pixel from the frames focused nearest to where it is sharp.',
 };
 
-class Viewer {
+class PhotoPane extends Pane {
   // Pictures as `data.pictures` names them, the fused one last.
-  constructor(pictures) {
-    Object.assign(this, { pictures, canvas: byId('stage'), mode: 'compare', split: 0.5, cursor: null, held: false });
-    this.sides = [...data.compare];
-    this.context = this.canvas.getContext('2d');
-    this.colormaps = Object.fromEntries(Object.values(fields).map((f) => [f.key, f.gray ? data.colormaps.length - 1 : data.colormap]));
-    this.frame = data.compare[0];
-    this.layers = {};
-    this.build();
-    this.listen();
-    new ResizeObserver(() => this.resize()).observe(this.canvas);
-    this.resize();
-    this.show('compare');
-  }
-
-  // A button and a number for each field, and what depends on how many pictures there are.
-  build() {
-    const button = (mode, text) => element('button', { type: 'button', 'data-mode': mode }, text);
-    const own = [['compare', 'Compare'], ...(data.frames ? [['frames', 'Frames']] : []), ['difference', 'Difference'], ['fused', 'Best focus']];
-    byId('modes').append(...own.map(([mode, text]) => button(mode, text)), ...Object.values(fields).map((f) => button(f.key, f.name)));
-    const number = (f) => element('b', { id: `at-${f.key}` }, '–');
-    byId('readout').append(...Object.values(fields).map((f) => element('span', {}, element('i', {}, f.sign), ' ', number(f), ` ${f.unit}`)));
+  constructor(pictures, view) {
+    super('stage', view);
+    Object.assign(this, { pictures, mode: 'fused', split: 0.5, sides: [...data.compare], frame: data.compare[0], layers: {} });
+    const own = [['fused', 'Best focus'], ['compare', 'Compare'], ...(data.frames ? [['frames', 'Frames']] : []), ['difference', 'Difference']];
+    byId('photographs').append(...own.map(([mode, text]) => element('button', { type: 'button', 'data-mode': mode }, text)));
     for (const id of ['left', 'right']) byId(id).append(...data.pictures.map((name, i) => new Option(name, i)));
     [byId('left').value, byId('right').value] = data.compare;
     byId('frame').max = (data.frames ?? 1) - 1;
     byId('frame').value = this.frame;
+    this.controls();
+    this.show('fused');
   }
 
-  resize() {
-    const fitted = this.fitted ?? true;
-    this.ratio = window.devicePixelRatio || 1;
-    this.canvas.width = Math.max(1, Math.round(this.canvas.clientWidth * this.ratio));
-    this.canvas.height = Math.max(1, Math.round(this.canvas.clientHeight * this.ratio));
-    if (fitted) this.fit();
-    else this.draw();
-  }
-
-  fitScale() {
-    return Math.min(this.canvas.width / grid.width, this.canvas.height / grid.height);
-  }
-
-  fit() {
-    this.scale = this.fitScale();
-    this.left = (this.canvas.width - this.scale * grid.width) / 2;
-    this.top = (this.canvas.height - this.scale * grid.height) / 2;
-    this.moved(true);
-  }
-
-  // So that the sample at (x, y) of the canvas stays there.
-  zoom(factor, x = this.canvas.width / 2, y = this.canvas.height / 2) {
-    const scale = Math.min(64 * this.ratio, Math.max(this.fitScale(), this.scale * factor));
-    if (scale <= this.fitScale() * 1.001) return this.fit();
-    this.left = x - ((x - this.left) * scale) / this.scale;
-    this.top = y - ((y - this.top) * scale) / this.scale;
-    this.scale = scale;
-    this.moved(false);
-  }
-
-  moved(fitted) {
-    this.fitted = fitted;
-    // No further than the edge, or the middle where all of a side is seen.
-    const held = (start, shown, whole) => (whole <= shown ? (shown - whole) / 2 : Math.min(0, Math.max(shown - whole, start)));
-    this.left = held(this.left, this.canvas.width, this.scale * grid.width);
-    this.top = held(this.top, this.canvas.height, this.scale * grid.height);
-    byId('zoom').value = `${Math.round((100 * this.scale) / this.ratio / grid.step)} %`;
-    this.canvas.style.touchAction = fitted ? 'pan-y' : 'none';
-    this.draw();
+  controls() {
+    byId('photographs').addEventListener('click', (event) => event.target.dataset.mode && this.show(event.target.dataset.mode));
+    byId('split').addEventListener('input', (event) => this.setSplit(event.target.value / 1000));
+    byId('sides').addEventListener('change', () => {
+      this.sides = ['left', 'right'].map((id) => Number(byId(id).value));
+      this.show(this.mode);
+    });
+    byId('frame').addEventListener('input', (event) => {
+      this.frame = Number(event.target.value);
+      this.tag();
+      this.draw();
+    });
+    byId('flicker').addEventListener('click', () => { this.flicker(!this.timer); this.draw(); });
   }
 
   show(mode) {
     this.mode = mode;
-    for (const button of byId('modes').children) button.setAttribute('aria-pressed', button.dataset.mode === mode);
-    const field = fields[mode];
-    byId('scale').hidden = !field;
-    byId('colors-control').hidden = !field;
+    for (const button of byId('photographs').children) button.setAttribute('aria-pressed', button.dataset.mode === mode);
     byId('split-control').hidden = byId('flicker').hidden = mode !== 'compare';
     byId('sides').hidden = mode !== 'compare' && mode !== 'difference';
     byId('frame-control').hidden = mode !== 'frames';
-    byId('explanation').textContent = field ? field.note : explanations[mode];
+    byId('photo-note').textContent = explanations[mode];
     this.flicker(false);
     this.tag();
-    if (field) {
-      byId('colors').value = this.colormaps[mode];
-      this.key(field);
-    }
     this.draw();
   }
 
-  // What is seen where.
+  // What is seen where, pinned to the picture.
   tag() {
     const shown = { compare: this.sides, frames: [this.frame] }[this.mode] ?? [];
     const of = (i) => {
@@ -109,34 +59,6 @@ class Viewer {
       return i === undefined ? '' : data.pictures[i] + (frame ? ` · setting ${Number(frame.position.toPrecision(6))}` : '');
     };
     [byId('tag-1').textContent, byId('tag-2').textContent] = [of(shown[0]), of(shown[1])];
-  }
-
-  // The key to the colours, values rising to the right.
-  key(field) {
-    const context = byId('ramp').getContext('2d');
-    const colors = colorsOf(data.colormaps[this.colormaps[this.mode]]);
-    for (let i = 0; i < 256; i++) {
-      const [r, g, b] = colors[Math.round(255 * field.position(field.value((i + 0.5) / 256)))];
-      context.fillStyle = `rgb(${r} ${g} ${b})`;
-      context.fillRect(i, 0, 1, 1);
-    }
-    [byId('scale-low').textContent, byId('scale-high').textContent] = field.ends;
-    byId('ticks').replaceChildren();
-    field.ticks(6).forEach(({ text, at }, i, all) => {
-      const label = element('span', {}, i === all.length - 1 ? `${text} ${field.unit}` : text);
-      label.style.left = `${100 * at}%`;
-      byId('ticks').append(label);
-    });
-  }
-
-  // The picture of a mode, made when it is first asked for.
-  layer(mode) {
-    if (mode === 'fused') return this.pictures.at(-1);
-    if (mode === 'frames') return this.pictures[this.frame];
-    const map = this.colormaps[mode];
-    const field = fields[mode];
-    const name = field ? `${mode} ${map}` : `${mode} ${this.sides}`;
-    return (this.layers[name] ??= field ? colored(field.values, data.colormaps[map], field) : this.difference());
   }
 
   difference() {
@@ -155,21 +77,18 @@ class Viewer {
     return canvas;
   }
 
-  draw() {
-    const { context, canvas } = this;
-    context.setTransform(1, 0, 0, 1, 0, 0);
-    context.clearRect(0, 0, canvas.width, canvas.height);
-    context.setTransform(this.scale, 0, 0, this.scale, this.left, this.top);
-    // Enlarged, pixels are seen as they are.
-    context.imageSmoothingEnabled = this.scale < 3 * this.ratio;
-    context.imageSmoothingQuality = 'high';
-    if (this.mode === 'compare') this.drawPair();
-    else context.drawImage(this.layer(this.mode), 0, 0, grid.width, grid.height);
-    this.drawCursor();
+  picture() {
+    if (this.mode === 'fused') return this.pictures.at(-1);
+    if (this.mode === 'frames') return this.pictures[this.frame];
+    return (this.layers[this.sides] ??= this.difference());
   }
 
-  drawPair() {
-    const { context } = this;
+  paint(context) {
+    if (this.mode === 'compare') this.paintPair(context);
+    else if (this.mode) context.drawImage(this.picture(), 0, 0, grid.width, grid.height);
+  }
+
+  paintPair(context) {
     const paint = (i) => context.drawImage(this.pictures[i], 0, 0, grid.width, grid.height);
     if (this.timer) return paint(this.second ? this.sides[1] : this.sides[0]);
     paint(this.sides[1]);
@@ -202,33 +121,12 @@ class Viewer {
     }
   }
 
-  drawCursor() {
-    if (!this.cursor) return;
-    const { context, ratio } = this;
-    context.setTransform(1, 0, 0, 1, 0, 0);
-    const x = this.left + this.scale * (this.cursor[0] + 0.5);
-    const y = this.top + this.scale * (this.cursor[1] + 0.5);
-    const gap = Math.max(4 * ratio, this.scale * 0.75);
-    for (const [color, width] of [['#000a', 3], ['#fff', 1.25]]) {
-      context.strokeStyle = color;
-      context.lineWidth = width * ratio;
-      context.beginPath();
-      for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
-        context.moveTo(x + dx * gap, y + dy * gap);
-        context.lineTo(x + dx * (gap + 8 * ratio), y + dy * (gap + 8 * ratio));
-      }
-      context.stroke();
-    }
-  }
-
-  // Reads the fields at a sample.
-  point(x, y) {
-    this.cursor = [Math.min(grid.width - 1, Math.max(0, x)), Math.min(grid.height - 1, Math.max(0, y))];
-    const at = this.cursor[1] * grid.width + this.cursor[0];
-    byId('at-x').textContent = pixelOf(this.cursor[0]);
-    byId('at-y').textContent = pixelOf(this.cursor[1]);
-    for (const field of Object.values(fields)) byId(`at-${field.key}`).textContent = field.text(field.values[at]);
-    this.draw();
+  // The seam, where it is taken hold of.
+  grab({ x, column }) {
+    const seam = this.left + this.scale * this.split * grid.width;
+    if (this.mode !== 'compare' || this.timer || Math.abs(x - seam) > 22 * this.ratio) return null;
+    this.setSplit(column / grid.width);
+    return (place) => this.setSplit(place.column / grid.width);
   }
 
   setSplit(split) {
@@ -252,92 +150,105 @@ class Viewer {
     byId('tag-2').hidden = !this.second;
     this.draw();
   }
+}
 
-  // Of an event: where in the canvas, and which sample.
-  place(event) {
-    const box = this.canvas.getBoundingClientRect();
-    const [x, y] = [(event.clientX - box.left) * this.ratio, (event.clientY - box.top) * this.ratio];
-    return { x, y, column: (x - this.left) / this.scale, row: (y - this.top) / this.scale };
-  }
-
-  read(event) {
-    const { column, row } = this.place(event);
-    if (column >= 0 && row >= 0 && column < grid.width && row < grid.height) this.point(Math.floor(column), Math.floor(row));
-  }
-
-  listen() {
-    const { canvas } = this;
-    let drag = null;
-    canvas.addEventListener('pointerdown', (event) => {
-      const { x, y, column } = this.place(event);
-      const seam = this.left + this.scale * this.split * grid.width;
-      const sliding = this.mode === 'compare' && !this.timer && Math.abs(x - seam) < 20 * this.ratio;
-      drag = { x, y, left: this.left, top: this.top, sliding, far: false };
-      canvas.setPointerCapture(event.pointerId);
-      if (sliding) this.setSplit(column / grid.width);
-    });
-    canvas.addEventListener('pointermove', (event) => {
-      const { x, y, column } = this.place(event);
-      if (!drag && !this.held) this.read(event);
-      if (!drag) return;
-      drag.far ||= Math.hypot(x - drag.x, y - drag.y) > 4 * this.ratio;
-      if (drag.sliding) return this.setSplit(column / grid.width);
-      if (!drag.far || this.fitted) return;
-      [this.left, this.top] = [drag.left + x - drag.x, drag.top + y - drag.y];
-      this.moved(false);
-    });
-    canvas.addEventListener('pointerup', (event) => {
-      if (drag && !drag.far && !drag.sliding) {
-        this.held = event.pointerType === 'mouse' && !this.held;
-        this.read(event);
-      }
-      drag = null;
-    });
-    canvas.addEventListener('pointercancel', () => { drag = null; });
-    canvas.addEventListener('wheel', (event) => {
-      // The page scrolls until the picture has been chosen.
-      if (document.activeElement !== canvas && !event.ctrlKey) return;
-      event.preventDefault();
-      const { x, y } = this.place(event);
-      this.zoom(Math.exp(-event.deltaY / 400), x, y);
-    }, { passive: false });
-    canvas.addEventListener('keydown', (event) => this.key_(event));
-    byId('modes').addEventListener('click', (event) => event.target.dataset.mode && this.show(event.target.dataset.mode));
-    byId('split').addEventListener('input', (event) => this.setSplit(event.target.value / 1000));
-    byId('sides').addEventListener('change', () => {
-      this.sides = ['left', 'right'].map((id) => Number(byId(id).value));
-      this.show(this.mode);
-    });
-    byId('frame').addEventListener('input', (event) => {
-      this.frame = Number(event.target.value);
-      this.tag();
-      this.draw();
-    });
-    byId('flicker').addEventListener('click', () => { this.flicker(!this.timer); this.draw(); });
-    byId('zoom-in').addEventListener('click', () => this.zoom(1.5));
-    byId('zoom-out').addEventListener('click', () => this.zoom(1 / 1.5));
-    byId('fit').addEventListener('click', () => this.fit());
-    byId('actual').addEventListener('click', () => this.zoom((grid.step * this.ratio) / this.scale));
+class MapPane extends Pane {
+  constructor(view) {
+    super('map', view);
+    Object.assign(this, { layers: {}, colormaps: Object.fromEntries(Object.values(fields).map((f) => [f.key, f.gray ? data.colormaps.length - 1 : data.colormap])) });
+    const button = (f) => element('button', { type: 'button', 'data-mode': f.key }, f.name);
+    const all = Object.values(fields);
+    byId('depths').append(...[main, ...all.filter((f) => f !== main && !TRUST.includes(f.key))].map(button));
+    byId('trusts').append(...all.filter((f) => TRUST.includes(f.key)).map(button));
+    const number = (f) => element('b', { id: `at-${f.key}` }, '–');
+    byId('readout').append(...all.map((f) => element('span', {}, element('i', {}, f.sign), ' ', number(f), ` ${f.unit}`)));
     byId('colors').append(...data.colormaps.map((map, i) => new Option(map.name, i)));
+    this.controls();
+    this.show(main.key);
+  }
+
+  controls() {
+    for (const id of ['depths', 'trusts']) byId(id).addEventListener('click', (event) => event.target.dataset.mode && this.show(event.target.dataset.mode));
     byId('colors').addEventListener('change', (event) => {
       this.colormaps[this.mode] = Number(event.target.value);
-      this.key(fields[this.mode]);
-      this.draw();
+      this.show(this.mode);
+    });
+    // In equal steps of its logarithm, from what few pixels are sure to, to what all are.
+    const [low, high] = quantiles(sureness.values, [0.02, 0.995], (i) => isValid(i)).map((v) => Math.max(v ?? 1, 1e-9));
+    this.sigmas = (position) => (position >= 1000 ? Infinity : low * (Math.max(high, 1.01 * low) / low) ** (position / 1000));
+    byId('sigma').addEventListener('input', (event) => this.setThreshold(Number(event.target.value)));
+    this.setThreshold(1000);
+  }
+
+  // Hatches what is less sure.
+  setThreshold(position) {
+    threshold = this.sigmas(position);
+    byId('sigma').value = position;
+    const most = Number.isFinite(threshold) ? `${significant(threshold, 2)} ${sureness.unit}` : 'off';
+    byId('sigma-value').value = `${most} · ${plain(100 * measuredShare(), 0)} % measured`;
+    byId('sigma').setAttribute('aria-valuetext', most);
+    this.layers = {};
+    this.draw();
+  }
+
+  show(mode) {
+    this.mode = mode;
+    for (const button of document.querySelectorAll('#depths button, #trusts button')) button.setAttribute('aria-pressed', button.dataset.mode === mode);
+    const field = fields[mode];
+    byId('map-title').textContent = field.title;
+    byId('map-note').textContent = field.note;
+    byId('colors').value = this.colormaps[mode];
+    this.legend(field);
+    this.draw();
+  }
+
+  // The key to the colours, values rising to the right.
+  legend(field) {
+    const context = byId('ramp').getContext('2d');
+    const colors = colorsOf(data.colormaps[this.colormaps[field.key]]);
+    for (let i = 0; i < 256; i++) {
+      const [r, g, b] = colors[Math.round(255 * field.position(field.value((i + 0.5) / 256)))];
+      context.fillStyle = `rgb(${r} ${g} ${b})`;
+      context.fillRect(i, 0, 1, 1);
+    }
+    [byId('scale-low').textContent, byId('scale-high').textContent] = field.ends;
+    byId('ticks').replaceChildren();
+    field.ticks(6).forEach(({ text, at }, i, all) => {
+      const label = element('span', {}, i === all.length - 1 ? `${text} ${field.unit}` : text);
+      label.style.left = `${100 * at}%`;
+      byId('ticks').append(label);
     });
   }
 
-  key_(event) {
-    const step = event.shiftKey ? 10 : 1;
-    const moves = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
-    const [x, y] = this.cursor ?? [Math.floor(grid.width / 2), Math.floor(grid.height / 2)];
-    const move = moves[event.key];
-    if (move) {
-      this.held = true;
-      this.point(x + move[0], y + move[1]);
-    } else if (event.key === '+' || event.key === '=') this.zoom(1.5, this.left + this.scale * x, this.top + this.scale * y);
-    else if (event.key === '-') this.zoom(1 / 1.5);
-    else if (event.key === '0') this.fit();
-    else return;
-    event.preventDefault();
+  // The picture of a field, made when it is first asked for.
+  layer(key) {
+    const map = this.colormaps[key];
+    const hatched = TRUST.includes(key) ? () => false : isUnsure;
+    return (this.layers[`${key} ${map}`] ??= colored(fields[key].values, data.colormaps[map], fields[key], hatched));
+  }
+
+  paint(context) {
+    if (this.mode) context.drawImage(this.layer(this.mode), 0, 0, grid.width, grid.height);
+  }
+
+  // As a picture with its key below, at the size of the data.
+  png() {
+    const map = this.layer(this.mode);
+    const [field, unit] = [fields[this.mode], Math.max(1, Math.round(map.width / 640))];
+    const canvas = canvasOf(map.width, map.height + 56 * unit);
+    const context = canvas.getContext('2d');
+    context.fillStyle = '#fff';
+    context.fillRect(0, 0, canvas.width, canvas.height);
+    context.drawImage(map, 0, 0);
+    const [left, width, top] = [60 * unit, map.width - 120 * unit, map.height + 12 * unit];
+    context.drawImage(byId('ramp'), left, top, width, 14 * unit);
+    context.fillStyle = '#222';
+    context.font = `${12 * unit}px system-ui, sans-serif`;
+    context.textAlign = 'center';
+    field.ticks(6).forEach(({ text, at }) => context.fillText(text, left + at * width, top + 30 * unit));
+    context.fillText(field.title, map.width / 2, top + 44 * unit);
+    context.fillText(field.ends[0], left / 2, top + 12 * unit);
+    context.fillText(field.ends[1], map.width - left / 2, top + 12 * unit);
+    return canvas;
   }
 }

@@ -1,0 +1,64 @@
+// A pair, its registration and a focus sweep, from C++.
+#include <cmath>
+#include <cstdlib>
+#include <iostream>
+#include <parfocal.hpp>
+#include <string>
+#include <vector>
+
+#include "pair.h"
+
+static std::vector<float> photograph(double variance, double dx, double dy) {
+  std::vector<float> values(PAIR_PIXELS);
+  pair_photograph(variance, dx, dy, values.data());
+  return values;
+}
+
+int main() try {
+  const char *validate = std::getenv("PARFOCAL_VALIDATE");
+  const parfocal::Engine engine(nullptr, validate && std::string(validate) == "1");
+  const auto image = [](const std::vector<float> &values) { return parfocal::Image(values.data(), PAIR_SIZE, PAIR_SIZE); };
+
+  const auto near = photograph(0.5, 0, 0), far = photograph(1.5, 0.8, -0.6);
+  parfocal::Settings settings;
+  settings.max_relative_blur = 36;
+  parfocal::Solver solver(engine, settings);
+
+  const auto solution = solver.solve(image(near), image(far));
+  const auto middle = solution->width * (solution->height / 2) + solution->width / 2;
+  std::cout << engine.device() << ": V in the middle " << solution->relative_blur[middle] << " px²\n";
+  for (const auto &warning : solution.warnings()) std::cout << "warning: " << warning << '\n';
+
+  const parfocal::Lens lens(50, 4, 0.0075, 300, 310, true);
+  const auto depth = solution.depth(lens).depth;
+  std::cout << "depth in the middle " << depth[middle] << " mm\n";
+  const auto step = parfocal::step(depth.data(), PAIR_SIZE, PAIR_SIZE, {20, 30, 20, 30}, {56, 30, 20, 30});
+  std::cout << "the right is farther by " << step.value << " +- " << step.standard_error << " mm, along a line of "
+            << parfocal::profile(depth.data(), PAIR_SIZE, PAIR_SIZE, 20, 48, 76, 48, 5).size() << " places\n";
+
+  parfocal::Scope scope;
+  scope.region = {32, 40, 24, 16};
+  const auto part = solver.solve(image(near), image(far), scope);
+  std::cout << "a part of " << part->width << 'x' << part->height << " px from " << part->origin[0] << ", " << part->origin[1] << '\n';
+
+  const auto registered = solver.register_pair(image(near), image(far));
+  std::cout << "T " << registered->transform[2] << ' ' << registered->transform[5] << " px\n";
+  const auto moved = registered.apply<float>(image(far));
+  std::cout << "I2 on I1 in the middle " << moved[middle] << ", I1 " << near[middle] << '\n';
+
+  // Of five frames, the third has the scene in focus.
+  std::vector<std::vector<float>> sweep;
+  for (int n = -2; n <= 2; n++) sweep.push_back(photograph(0.3 + n * n, 0.1 * n, 0));
+  std::vector<parfocal::Image> frames;
+  for (const auto &frame : sweep) frames.push_back(image(frame));
+  const auto stacked = engine.stack(frames);
+  std::cout << "in focus in the middle at " << stacked->focus[middle] << " of frames 0 to 4\n";
+  std::cout << "the last frame lies " << stacked.transform(4)[2] << " px to the right; moved back, its middle is "
+            << stacked.apply<float>(4, frames[4])[middle] << '\n';
+
+  std::cerr << engine.messages();
+  return engine.messages().empty() ? EXIT_SUCCESS : EXIT_FAILURE;
+} catch (const parfocal::Error &error) {
+  std::cerr << error.what() << '\n';
+  return EXIT_FAILURE;
+}

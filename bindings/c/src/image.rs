@@ -1,0 +1,146 @@
+//! Photographs in the caller's memory.
+
+use std::ffi::c_void;
+
+use parfocal::{Channels, Depth, Frame, Samples};
+
+use crate::fault::Fault;
+use crate::handle::slice;
+use crate::sized::{Versioned, read};
+
+/// How a sample is stored.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub enum parfocal_depth {
+    /// uint8_t, white at 255.
+    PARFOCAL_U8 = 0,
+    /// uint16_t, white at 65535.
+    PARFOCAL_U16 = 1,
+    /// float, white at 1.
+    PARFOCAL_F32 = 2,
+}
+
+/// A photograph: rows of pixels of one sample or of three, red, green, blue. It is copied before the call returns.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct parfocal_image {
+    /// sizeof(parfocal_image).
+    pub size: usize,
+    /// The first sample of the first row, aligned as a sample is.
+    pub data: *const c_void,
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// 1 or 3.
+    pub channels: u32,
+    /// A parfocal_depth.
+    pub depth: u32,
+    /// From the start of a row to that of the next, a multiple of a sample; 0 where rows follow one another without a gap.
+    pub row_bytes: usize,
+}
+
+// SAFETY: integers and a pointer, the size first.
+unsafe impl Versioned for parfocal_image {
+    const NAME: &'static str = "parfocal_image";
+
+    fn start() -> Self {
+        let (size, data) = (size_of::<Self>(), std::ptr::null());
+        Self { size, data, width: 0, height: 0, channels: 1, depth: 0, row_bytes: 0 }
+    }
+}
+
+/// Copies a photograph.
+///
+/// # Safety
+/// `image` is NULL, or as the header describes it.
+pub(crate) unsafe fn frame(image: *const parfocal_image, name: &str) -> Result<Frame, Fault> {
+    // SAFETY: the contract is the same.
+    let image = unsafe { read(image) }?;
+    let channels = match image.channels {
+        1 => Channels::Gray,
+        3 => Channels::Rgb,
+        n => return Err(Fault::argument(format!("{name} has {n} channels: parfocal takes 1 or 3"))),
+    };
+    // SAFETY: the header asks for rows of such samples.
+    let samples = unsafe {
+        match image.depth {
+            0 => Samples::U8(rows(&image, name)?),
+            1 => Samples::U16(rows(&image, name)?),
+            2 => Samples::F32(rows(&image, name)?),
+            n => return Err(Fault::argument(format!("{name}: {n} is no parfocal_depth"))),
+        }
+    };
+    Frame::new(image.width, image.height, channels, samples).map_err(|e| Fault::argument(format!("{name}: {e}")))
+}
+
+/// Its samples.
+///
+/// # Safety
+/// `image.data` is NULL, or begins rows of such samples as `image` says.
+unsafe fn rows<T: Copy>(image: &parfocal_image, name: &str) -> Result<Vec<T>, Fault> {
+    let (height, bytes) = (image.height as usize, size_of::<T>());
+    let wrong = |problem: String| Fault::argument(format!("{name}: {problem}"));
+    let too_many = || wrong(format!("{}x{} pixels are too many", image.width, image.height));
+    let row = (image.width as usize).checked_mul(image.channels as usize).ok_or_else(too_many)?;
+    if row == 0 || height == 0 {
+        return Err(wrong("it has no pixels".to_string()));
+    }
+    let step = match image.row_bytes {
+        0 => row,
+        stated if stated % bytes != 0 || stated / bytes < row => {
+            return Err(wrong(format!("row_bytes is {stated}: give a multiple of {bytes}, {} at least", row * bytes)));
+        }
+        stated => stated / bytes,
+    };
+    let length = (height - 1).checked_mul(step).and_then(|n| n.checked_add(row)).ok_or_else(too_many)?;
+    // SAFETY: so many samples the caller has, from the first of the first row to the last of the last.
+    let all = unsafe { slice(image.data.cast::<T>(), length, &format!("{name}.data")) }?;
+    Ok(all.chunks(step).flat_map(|chunk| &chunk[..row]).copied().collect())
+}
+
+/// How a frame's samples are stored.
+pub(crate) fn bytes_a_sample(frame: &Frame) -> usize {
+    match frame.format().depth {
+        Depth::U8 => 1,
+        Depth::U16 => 2,
+        Depth::F32 => 4,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn image(data: &[u16], width: u32, height: u32, row_bytes: usize) -> parfocal_image {
+        parfocal_image { data: data.as_ptr().cast(), width, height, depth: 1, row_bytes, ..parfocal_image::start() }
+    }
+
+    fn read_back(image: parfocal_image) -> Option<Vec<u16>> {
+        // SAFETY: the tests' images lie within their data, or are refused before it is read.
+        let frame = unsafe { frame(&raw const image, "i1") }.ok()?;
+        let Samples::U16(samples) = frame.samples() else { return None };
+        Some(samples.clone())
+    }
+
+    #[test]
+    fn gaps_between_rows_are_left_out_and_what_is_no_image_is_refused() {
+        let data: Vec<u16> = (0..12).collect();
+        assert_eq!(read_back(image(&data, 4, 3, 0)), Some(data.clone()));
+        assert_eq!(read_back(image(&data, 2, 3, 8)), Some(vec![0, 1, 4, 5, 8, 9]));
+        // The last row needs no gap.
+        assert_eq!(read_back(image(&data[..10], 2, 3, 8)), Some(vec![0, 1, 4, 5, 8, 9]));
+        for bad in [
+            image(&data, 4, 3, 7),
+            image(&data, 4, 3, 6),
+            image(&data, 0, 3, 0),
+            image(&data, u32::MAX, u32::MAX, usize::MAX - 1),
+            parfocal_image { data: std::ptr::null(), ..image(&data, 4, 3, 0) },
+            parfocal_image { data: data.as_ptr().cast::<u8>().wrapping_add(1).cast(), ..image(&data, 1, 1, 0) },
+            parfocal_image { channels: 2, ..image(&data, 4, 3, 0) },
+            parfocal_image { depth: 3, ..image(&data, 4, 3, 0) },
+        ] {
+            assert_eq!(read_back(bad), None, "{bad:?}");
+        }
+    }
+}

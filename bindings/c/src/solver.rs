@@ -1,0 +1,183 @@
+//! Solves of pairs.
+
+use std::sync::Arc;
+
+use parfocal::{Channels, Engine, Format, Frame, Kept, Kernel, Mask, Method, Region, Samples, Scope, Settings, Solver};
+
+use crate::engine::parfocal_engine;
+use crate::fault::{Fault, call, parfocal_status};
+use crate::handle::{free, get, get_mut, give, slice};
+use crate::image::{frame, parfocal_image};
+use crate::settings::{Told, parfocal_settings};
+use crate::sized::{Versioned, read};
+use crate::solution::parfocal_solution;
+
+/// Settings, and what is kept from one pair for the next: memory and the recorded work of pairs of one size and format.
+pub struct parfocal_solver {
+    engine: Arc<Engine>,
+    told: Told,
+    kept: Option<Kept>,
+    registering: Option<([u32; 2], [Format; 2], Settings, Solver)>,
+}
+
+/// A rectangle of pixels.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct parfocal_region {
+    /// Left edge, px.
+    pub x: u32,
+    /// Upper edge, px.
+    pub y: u32,
+    /// Px.
+    pub width: u32,
+    /// Px.
+    pub height: u32,
+}
+
+impl From<parfocal_region> for Region {
+    fn from(parfocal_region { x, y, width, height }: parfocal_region) -> Self {
+        Self { x, y, width, height }
+    }
+}
+
+/// What of a pair is solved.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct parfocal_scope {
+    /// sizeof(parfocal_scope).
+    pub size: usize,
+    /// The part of I1 that results are wanted of; of a width of 0: all.
+    pub region: parfocal_region,
+    /// A byte a pixel of I1, row by row without gaps, 0 where a pixel is left out; NULL leaves out none.
+    pub mask: *const u8,
+    /// Not 0 crops results to the largest rectangle in which V is valid everywhere.
+    pub crop_valid: i32,
+}
+
+// SAFETY: integers and a pointer, the size first.
+unsafe impl Versioned for parfocal_scope {
+    const NAME: &'static str = "parfocal_scope";
+
+    fn start() -> Self {
+        let region = parfocal_region { x: 0, y: 0, width: 0, height: 0 };
+        Self { size: size_of::<Self>(), region, mask: std::ptr::null(), crop_valid: 0 }
+    }
+}
+
+/// What is to be solved of photographs such as this.
+///
+/// # Safety
+/// `from` is NULL, or as the header says, the mask of this photograph's size.
+pub(crate) unsafe fn scope(from: *const parfocal_scope, i1: &Frame) -> Result<Scope, Fault> {
+    if from.is_null() {
+        return Ok(Scope::default());
+    }
+    // SAFETY: the contract is the same.
+    let asked = unsafe { read(from) }?;
+    let region = Some(asked.region).filter(|region| region.width != 0).map(Region::from);
+    let mask = match asked.mask.is_null() {
+        true => None,
+        false => {
+            let pixels = i1.width() as usize * i1.height() as usize;
+            // SAFETY: the header asks for a byte a pixel.
+            let counts = unsafe { slice(asked.mask, pixels, "mask") }?;
+            let white = counts.iter().map(|&counts| if counts == 0 { 0 } else { 255 }).collect();
+            let picture = Frame::new(i1.width(), i1.height(), Channels::Gray, Samples::U8(white));
+            Some(Mask::of_picture(&picture.map_err(Fault::argument)?))
+        }
+    };
+    Ok(Scope { region, mask, crop_valid: asked.crop_valid != 0, ..Scope::default() })
+}
+
+/// Prepares for pairs; settings may be NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn parfocal_solver_new(
+    engine: *const parfocal_engine,
+    settings: *const parfocal_settings,
+    solver: *mut *mut parfocal_solver,
+) -> parfocal_status {
+    let make = || {
+        // SAFETY: the contract is the same.
+        let (engine, told) = unsafe { (get(engine, "engine")?.engine.clone(), Told::read(settings)?) };
+        Ok(parfocal_solver { engine, told, kept: None, registering: None })
+    };
+    // SAFETY: the contract is the same.
+    call(|| unsafe { give(solver, make) })
+}
+
+/// Solves a pair; scope may be NULL. A pair of another size or format than the last takes longer.
+///
+/// A pair that can be read but not solved is no error: it is a solution that has not converged, whose warnings say why.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn parfocal_solver_solve(
+    solver: *mut parfocal_solver,
+    i1: *const parfocal_image,
+    i2: *const parfocal_image,
+    scope: *const parfocal_scope,
+    solution: *mut *mut parfocal_solution,
+) -> parfocal_status {
+    let make = || {
+        // SAFETY: the contract is the same.
+        let (solver, i1, i2) = unsafe { (get_mut(solver, "solver")?, frame(i1, "i1")?, frame(i2, "i2")?) };
+        // SAFETY: the contract is the same.
+        let scope = unsafe { self::scope(scope, &i1) }?;
+        let settings = solver.told.of(&[&i1, &i2]);
+        let solved = scope.solve(&solver.engine, &mut solver.kept, [&i1, &i2], &settings, &mut |_| ())?;
+        Ok(parfocal_solution::solved(solved, &settings))
+    };
+    // SAFETY: the contract is the same.
+    call(|| unsafe { give(solution, make) })
+}
+
+/// Registers a pair: a solution without fields, which are NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn parfocal_solver_register(
+    solver: *mut parfocal_solver,
+    i1: *const parfocal_image,
+    i2: *const parfocal_image,
+    solution: *mut *mut parfocal_solution,
+) -> parfocal_status {
+    let make = || {
+        // SAFETY: the contract is the same.
+        let (solver, i1, i2) = unsafe { (get_mut(solver, "solver")?, frame(i1, "i1")?, frame(i2, "i2")?) };
+        solver.register(&i1, &i2)
+    };
+    // SAFETY: the contract is the same.
+    call(|| unsafe { give(solution, make) })
+}
+
+impl parfocal_solver {
+    fn register(&mut self, i1: &Frame, i2: &Frame) -> Result<parfocal_solution, Fault> {
+        let mut settings = self.told.of(&[i1, i2]);
+        if settings.method != Method::Unified {
+            // No blur is looked for: no memory for it.
+            (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
+        }
+        let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
+        let fits = self.registering.take().filter(|kept| (&kept.0, &kept.1, &kept.2) == (&size, &formats, &settings));
+        let mut solver = match fits {
+            Some((.., solver)) => solver,
+            None => Solver::for_pair(&self.engine, i1, i2, &settings)?,
+        };
+        let registered = solver.register(i1, i2)?;
+        let found = parfocal_solution::registered(registered, &settings);
+        self.registering = Some((size, formats, settings, solver));
+        Ok(found)
+    }
+}
+
+/// Frees a solver; its solutions live on.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn parfocal_solver_free(solver: *mut parfocal_solver) {
+    // SAFETY: the contract is the same.
+    unsafe { free(solver) };
+}
+
+/// What the header says of threads.
+const _: () = {
+    const fn may_move<T: Send>() {}
+    const fn may_be_shared<T: Send + Sync>() {}
+    may_be_shared::<parfocal_engine>();
+    may_move::<parfocal_solver>();
+    may_be_shared::<parfocal_solution>();
+};

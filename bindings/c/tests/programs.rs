@@ -1,0 +1,135 @@
+//! The library installed into a prefix, and the examples compiled against it, every warning an error, and run.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::LazyLock;
+
+use tempfile::TempDir;
+
+/// A prefix, installed once.
+static PREFIX: LazyLock<TempDir> = LazyLock::new(|| {
+    let prefix = TempDir::new().expect("a folder");
+    let install = Command::new(here().join("install")).arg(prefix.path()).arg("dev").output();
+    done(&install.expect("bash"));
+    prefix
+});
+
+const STRICT: [&str; 4] = ["-Wall", "-Wextra", "-Werror", "-pedantic"];
+
+fn here() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn words(output: &Output) -> String {
+    String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned()
+}
+
+/// What it said, once it has ended well.
+fn done(output: &Output) -> String {
+    assert!(output.status.success(), "{}: {}", output.status, words(output));
+    words(output)
+}
+
+fn has(program: &str) -> bool {
+    Command::new(program).arg("--version").output().is_ok_and(|output| output.status.success())
+}
+
+/// Compiles an example, by what the prefix says of itself.
+fn compile(compiler: &str, source: &str, flags: &[&str]) -> PathBuf {
+    let prefix = PREFIX.path();
+    let name: String =
+        [source].iter().chain(flags).flat_map(|part| part.chars()).filter(char::is_ascii_alphanumeric).collect();
+    let program = prefix.join(name);
+    let mut command = Command::new(compiler);
+    command.args(STRICT).arg("-o").arg(&program).arg(here().join("examples").join(source));
+    let (include, lib) = (prefix.join("include"), prefix.join("lib"));
+    match flags.contains(&"-static-parfocal") {
+        true => {
+            command.arg("-I").arg(include).arg(lib.join("libparfocal.a")).args(["-lm", "-ldl", "-lpthread", "-lgcc_s"])
+        }
+        false => command.args(stated(&include, &lib)).arg(format!("-Wl,-rpath,{}", lib.display())).arg("-lm"),
+    };
+    command.args(flags.iter().filter(|flag| **flag != "-static-parfocal"));
+    done(&command.output().expect("a compiler"));
+    program
+}
+
+/// What pkg-config says, or would say.
+fn stated(include: &Path, lib: &Path) -> Vec<String> {
+    if !has("pkg-config") {
+        return vec![format!("-I{}", include.display()), format!("-L{}", lib.display()), "-lparfocal".to_string()];
+    }
+    let mut command = Command::new("pkg-config");
+    let asked = command.env("PKG_CONFIG_PATH", lib.join("pkgconfig")).args(["--cflags", "--libs", "parfocal"]);
+    done(&asked.output().expect("pkg-config")).split_whitespace().map(str::to_string).collect()
+}
+
+#[test]
+fn c_solves_a_pair() {
+    for flags in [&["-std=c11"][..], &["-std=c11", "-static-parfocal"]] {
+        let said = done(&Command::new(compile("cc", "solve.c", flags)).output().expect("the program"));
+        assert!(said.contains("V in the middle 1.00") && said.contains("T 0.800 -0.600 px, converged"), "{said}");
+    }
+}
+
+#[test]
+fn cpp_solves_registers_and_stacks() {
+    let said = done(&Command::new(compile("c++", "solve.cpp", &["-std=c++17"])).output().expect("the program"));
+    let parts = [
+        "V in the middle 1.00",
+        "depth in the middle 30",
+        "line of 57",
+        "24x16 px from 32, 40",
+        "T 0.799",
+        "at 1.99",
+        "px to the right",
+    ];
+    assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+}
+
+#[test]
+fn nothing_of_ours_leaks_and_what_does_would_be_seen() {
+    // What drivers and layers keep is named by no frame of ours.
+    let ours = |flags: &[&str]| {
+        let program = compile("cc", "solve.c", &[&["-std=c11", "-g", "-fsanitize=address,undefined"], flags].concat());
+        let said = words(&Command::new(program).env("ASAN_OPTIONS", "detect_leaks=1").output().expect("the program"));
+        assert!(said.contains("converged") && !said.contains("runtime error"), "{said}");
+        assert!(
+            said.matches("ERROR: ").count() == said.matches("ERROR: LeakSanitizer: detected memory leaks").count(),
+            "{said}"
+        );
+        said.replace("libparfocal", "")
+            .lines()
+            .filter(|line| line.contains(" in ") && line.contains("parfocal"))
+            .count()
+    };
+    assert_eq!(ours(&[]), 0);
+    assert!(ours(&["-DFORGET_THE_SOLUTION"]) > 0);
+}
+
+#[test]
+fn cmake_finds_it() {
+    if !has("cmake") {
+        println!("no cmake: not tested");
+        return;
+    }
+    let (project, prefix) = (TempDir::new().expect("a folder"), PREFIX.path());
+    let text = format!(
+        "cmake_minimum_required(VERSION 3.16)\nproject(found C CXX)\nset(CMAKE_CXX_STANDARD 17)\n\
+         find_package(parfocal 0.1 REQUIRED)\nadd_executable(found {0}/solve.cpp)\n\
+         target_link_libraries(found parfocal::parfocal)\nadd_executable(static {0}/solve.c)\n\
+         target_link_libraries(static parfocal::static)\n",
+        here().join("examples").display()
+    );
+    std::fs::write(project.path().join("CMakeLists.txt"), text).expect("a file");
+    let run = |arguments: &[&str]| {
+        let cmake = Command::new("cmake").args(arguments).current_dir(project.path()).output();
+        done(&cmake.expect("cmake"))
+    };
+    run(&["-B", "build", &format!("-DCMAKE_PREFIX_PATH={}", prefix.display())]);
+    run(&["--build", "build"]);
+    for program in ["found", "static"] {
+        let said = done(&Command::new(project.path().join("build").join(program)).output().expect("the program"));
+        assert!(said.contains("V in the middle 1.00"), "{said}");
+    }
+}

@@ -1,0 +1,66 @@
+"""Plain arrays and dictionaries; the package around it is what to use."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__version__: str
+
+class DeviceError(RuntimeError):
+    """No device will do, or it failed or took too long."""
+
+class Engine:
+    """A Vulkan device. Calls of several threads wait for each other."""
+
+    def __init__(self, device: str | None = None, *, timeout: float = 600.0, validation: bool = False) -> None: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def messages(self) -> list[str]: ...
+    def solve(
+        self,
+        i1: NDArray[Any],
+        i2: NDArray[Any],
+        named: dict[str, Any],
+        part: Sequence[int] | None,
+        counts: NDArray[np.uint8] | None,
+        crop_valid: bool,
+    ) -> dict[str, Any]: ...
+    def register(self, i1: NDArray[Any], i2: NDArray[Any], named: dict[str, Any]) -> dict[str, Any]: ...
+    def stack(
+        self,
+        frames: list[NDArray[Any]],
+        named: dict[str, Any],
+        positions: list[float] | None,
+        unit: str,
+        reference: int | None,
+        part: Sequence[int] | None,
+        counts: NDArray[np.uint8] | None,
+    ) -> dict[str, Any]: ...
+
+def devices() -> list[tuple[str, str | None]]: ...
+def setting_names() -> list[str]: ...
+def apply(
+    of: NDArray[Any],
+    transform: NDArray[np.float64],
+    brightness: tuple[float, float, list[float], Sequence[int]] | None,
+    decode: str,
+    part: Sequence[int],
+) -> NDArray[Any]: ...
+def depth(
+    blur: NDArray[np.float32],
+    uncertainty: NDArray[np.float32],
+    scale: float,
+    limit: float,
+    optics: tuple[float, float, float],
+    focus: Sequence[float],
+    kappa: float,
+    telecentric: bool,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], int, str | None]: ...
+def level(values: NDArray[np.float32], of: Sequence[int]) -> tuple[float, float] | None: ...
+def step(values: NDArray[np.float32], from_: Sequence[int], to: Sequence[int], /) -> tuple[float, float] | None: ...
+def profile(
+    values: NDArray[np.float32], start: Sequence[float], end: Sequence[float], across: float
+) -> NDArray[np.float64]: ...

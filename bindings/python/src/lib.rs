@@ -1,0 +1,51 @@
+//! The Python interface of parfocal: the module `parfocal._native`, of plain arrays and dictionaries. What users see is the
+//! package around it, `python/parfocal`.
+
+mod convert;
+mod engine;
+mod measure;
+mod settings;
+
+use pyo3::prelude::*;
+
+use engine::Engine;
+
+pyo3::create_exception!(
+    parfocal,
+    DeviceError,
+    pyo3::exceptions::PyRuntimeError,
+    "No device will do, or it failed or took too long."
+);
+
+/// What is wrong, as an exception: of the device, or of what was handed over.
+fn raised(error: parfocal::Error) -> PyErr {
+    use parfocal::Error;
+    match error {
+        Error::NoLoader(_)
+        | Error::NoDevice(_)
+        | Error::NoSuchDevice { .. }
+        | Error::Vulkan { .. }
+        | Error::Timeout { .. }
+        | Error::Poisoned => DeviceError::new_err(error.to_string()),
+        _ => pyo3::exceptions::PyValueError::new_err(error.to_string()),
+    }
+}
+
+/// What is private to the package.
+#[pymodule]
+mod _native {
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use super::{
+        DeviceError, Engine,
+        engine::{apply, depth, devices},
+        measure::{level, profile, step},
+        settings::setting_names,
+    };
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+}

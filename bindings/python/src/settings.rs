@@ -1,0 +1,137 @@
+//! Settings by their names in `docs/method.md`, section 8.
+
+use std::fmt::Display;
+
+use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
+use parfocal::{Aperture, Decode, Depth, Frame, Kernel, Method, Motion, Photometric, RegistrationStep, Settings};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::convert::homography;
+use crate::raised;
+
+const NAMES: [&str; 21] = [
+    "method",
+    "levels",
+    "outer_iterations",
+    "sweeps",
+    "over_relaxation",
+    "regularization",
+    "continuation",
+    "data_eta",
+    "smoothness_eta",
+    "heaviside_epsilon",
+    "max_relative_blur",
+    "largest_step",
+    "kernel",
+    "motion",
+    "registration",
+    "photometric",
+    "decode",
+    "black_level",
+    "white_level",
+    "start",
+    "start_photometric",
+];
+
+/// The names of the settings.
+#[pyfunction]
+pub(crate) fn setting_names() -> Vec<&'static str> {
+    NAMES.to_vec()
+}
+
+/// The settings that a call names, for these photographs.
+pub(crate) fn settings(named: &Bound<'_, PyDict>, frames: &[&Frame]) -> PyResult<Settings> {
+    let mut settings = Settings { decode: decode_by(frames), ..Settings::default() };
+    for (name, value) in named {
+        let name: String = name.extract()?;
+        set(&mut settings, &name, &value, frames).map_err(|e| of_setting(&value, &name, e))?;
+    }
+    settings.check().map_err(raised)?;
+    Ok(settings)
+}
+
+/// 8 bits are taken for sRGB, as the program takes files that say nothing of it.
+fn decode_by(frames: &[&Frame]) -> Decode {
+    let eight = frames.iter().any(|frame| frame.format().depth == Depth::U8);
+    if eight { Decode::Srgb } else { Decode::None }
+}
+
+fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>, frames: &[&Frame]) -> PyResult<()> {
+    match name {
+        "method" => s.method = one_of(value, &[Method::Unified, Method::Aligned, Method::Appearance], |m| m.name())?,
+        "levels" => s.levels = auto(value)?,
+        "outer_iterations" => s.outer_iterations = value.extract()?,
+        "sweeps" => s.sweeps = value.extract()?,
+        "over_relaxation" => s.over_relaxation = value.extract()?,
+        "regularization" => s.regularization = auto(value)?,
+        "continuation" => s.continuation = value.extract()?,
+        "data_eta" => s.data_eta = value.extract()?,
+        "smoothness_eta" => s.smoothness_eta = value.extract()?,
+        "heaviside_epsilon" => s.heaviside_epsilon = value.extract()?,
+        "max_relative_blur" => s.max_relative_blur = value.extract()?,
+        "largest_step" => s.largest_step = value.extract()?,
+        "kernel" => s.kernel = kernel(value)?,
+        "motion" => s.motion = one_of(value, &Motion::ALL, |m| m.name())?,
+        "registration" => {
+            let steps = [
+                ("gauss-newton", RegistrationStep::GaussNewton),
+                ("gradient-descent", RegistrationStep::GradientDescent),
+            ];
+            s.registration = one_of(value, &steps, |step| step.0)?.1;
+        }
+        "photometric" => s.photometric = value.extract()?,
+        "decode" => {
+            let ways = [("auto", decode_by(frames)), ("none", Decode::None), ("srgb", Decode::Srgb)];
+            s.decode = one_of(value, &ways, |way| way.0)?.1;
+        }
+        "black_level" => s.black_level = auto(value)?,
+        "white_level" => s.white_level = auto(value)?,
+        "start" => s.start = homography(value.extract()?)?,
+        "start_photometric" => {
+            let [gain, offset] = value.extract()?;
+            s.start_photometric = Photometric { gain, offset };
+        }
+        _ => return Err(PyTypeError::new_err(format!("there is no such setting; there are {}", NAMES.join(", ")))),
+    }
+    Ok(())
+}
+
+/// Names the setting.
+fn of_setting(value: &Bound<'_, PyAny>, name: &str, error: PyErr) -> PyErr {
+    let py = value.py();
+    let message =
+        format!("{name}={}: {}", value.repr().map_or_else(|_| "?".into(), |r| r.to_string()), error.value(py));
+    if error.is_instance_of::<PyValueError>(py) {
+        PyValueError::new_err(message)
+    } else {
+        PyTypeError::new_err(message)
+    }
+}
+
+/// A value, or "auto" or None.
+fn auto<'py, T: for<'a> FromPyObject<'a, 'py, Error = PyErr>>(value: &Bound<'py, PyAny>) -> PyResult<Option<T>> {
+    let is_auto = value.is_none() || value.extract::<String>().is_ok_and(|word| word == "auto");
+    if is_auto { Ok(None) } else { value.extract().map(Some) }
+}
+
+fn one_of<T: Clone>(value: &Bound<'_, PyAny>, all: &[T], name: impl Fn(&T) -> &str) -> PyResult<T> {
+    let word: String = value.extract()?;
+    let found = all.iter().find(|one| name(one) == word).cloned();
+    found.ok_or_else(|| PyValueError::new_err(format!("give {}", listed(all.iter().map(name)))))
+}
+
+fn listed<'a>(names: impl Iterator<Item = &'a str>) -> impl Display {
+    names.collect::<Vec<_>>().join(", ")
+}
+
+/// By name, or its values on a grid.
+fn kernel(value: &Bound<'_, PyAny>) -> PyResult<Kernel> {
+    if let Ok(grid) = value.extract::<PyReadonlyArray2<'_, f64>>() {
+        let [height, width] = *grid.shape() else { return Err(PyValueError::new_err("give two dimensions")) };
+        let densities: Vec<f64> = grid.as_array().iter().copied().collect();
+        return Aperture::new("array", width, height, &densities).map(Kernel::Measured).map_err(raised);
+    }
+    one_of(value, &[Kernel::Auto, Kernel::Gaussian, Kernel::Pillbox, Kernel::HalfGaussian], |kernel| kernel.name())
+}

@@ -1,0 +1,300 @@
+"""The package on lavapipe, and beside the program, whose results it must give bit for bit."""
+
+import os
+import pickle
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import parfocal
+from parfocal import measure
+
+ROOT = Path(__file__).resolve().parents[3]
+SIZE = (96, 80)
+VALIDATE = os.environ.get("PARFOCAL_VALIDATE") == "1"
+
+
+def photograph(variance, shift=(0, 0), size=SIZE):
+    """Waves in all directions, seen through a Gaussian of so many px² of variance."""
+    width, height = size
+    x, y = np.meshgrid(np.arange(width) - shift[0], np.arange(height) - shift[1])
+    n = 2.4 * np.arange(64)[:, None, None]
+    u, v = (0.2 + 0.006 * n) * np.cos(n), (0.2 + 0.006 * n) * np.sin(n)
+    waves = np.exp(-variance * (u * u + v * v) / 2) * np.cos(u * x + v * y + n * n)
+    return (0.5 + 0.04 * waves.sum(0)).astype(np.float32)
+
+
+NEAR, FAR = photograph(0.5), photograph(1.5, (0.8, -0.6))
+
+
+@pytest.fixture(scope="session")
+def engine():
+    engine = parfocal.Engine(validation=VALIDATE)
+    yield engine
+    assert engine.messages == []
+
+
+@pytest.fixture(scope="session")
+def result(engine):
+    return parfocal.solve(NEAR, FAR, engine=engine)
+
+
+def as_kind(image, dtype, colour):
+    white = {np.uint8: 255, np.uint16: 65535, np.float32: 1}[dtype]
+    image = (image * white).round().astype(dtype) if white > 1 else image
+    return np.stack([image, image // 2 if white > 1 else image / 2, image], -1) if colour else image
+
+
+def write(path, image):
+    """PGM, PPM or PFM."""
+    height, width = image.shape[:2]
+    if image.dtype == np.float32:
+        kind, last, data = ("PF" if image.ndim == 3 else "Pf"), "-1.0", image[::-1].astype("<f4")
+    else:
+        last = 255 if image.dtype == np.uint8 else 65535
+        kind, data = ("P6" if image.ndim == 3 else "P5"), image.astype(image.dtype.newbyteorder(">"))
+    path.write_bytes(f"{kind}\n{width} {height}\n{last}\n".encode() + data.tobytes())
+
+
+def run(*arguments):
+    """Runs the program."""
+    named = os.environ.get("PARFOCAL_PROGRAM", ROOT / "target/debug/parfocal")
+    if not Path(named).exists():
+        pytest.fail(f"{named} is missing: cargo build")
+    done = subprocess.run([named, *arguments], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_pair_has_the_blur_and_the_place_that_it_was_given(result):
+    assert result.converged and not result.warnings
+    assert abs(np.nanmedian(result.relative_blur) - 1) < 0.05
+    assert np.allclose(result.transform[:2, 2], (0.8, -0.6), atol=0.05)
+    for field in (result.relative_blur, result.uncertainty, result.confidence, result.residual, result.fused):
+        assert field.shape == SIZE[::-1] and field.dtype == np.float32 and field.flags.c_contiguous
+        assert np.shares_memory(np.from_dlpack(field), field)
+    x = np.array([10, 20, 1])
+    moved = result.pixel_transform @ x
+    assert np.allclose(moved[:2] / moved[2], (10.8, 19.4), atol=0.05)
+    assert result.levels[-1].width == SIZE[0] and len(result.levels[-1].energy) >= 5
+    assert "T +0.800 -0.600 px, converged" in repr(result)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("colour", [False, True])
+def test_results_are_those_of_the_program_bit_for_bit(engine, tmp_path, dtype, colour):
+    pair = [as_kind(image, dtype, colour) for image in (NEAR, FAR)]
+    files = [tmp_path / f"{n}.{'pfm' if dtype == np.float32 else 'pnm'}" for n in (1, 2)]
+    for file, image in zip(files, pair):
+        write(file, image)
+    # Without a lens depth is V; no standard deviation is larger, so that nothing is left out of the array.
+    options = ["--export", "npy", "--max-uncertainty", "1000", "--no-html", "--max-relative-blur", "36", "--motion", "affine"]
+    run("solve", *files, "-o", tmp_path / "out", *options)
+    found = parfocal.solve(*pair, engine=engine, max_relative_blur=36, motion="affine")
+    written = np.load(tmp_path / "out/depth.npy")
+    assert written.dtype == np.float32 and written.tobytes() == found.relative_blur.tobytes()
+    assert np.load(tmp_path / "out/deviation.npy").tobytes() == found.uncertainty.tobytes()
+    assert np.isfinite(written).mean() > 0.5
+
+
+def test_a_sweep_is_that_of_the_program(engine, tmp_path):
+    frames = [as_kind(photograph(0.3 + (n - 2) ** 2, (0.1 * n, 0)), np.uint16, False) for n in range(5)]
+    files = [tmp_path / f"{n}.pnm" for n in range(5)]
+    for file, frame in zip(files, frames):
+        write(file, frame)
+    arguments = ["--positions", "0,1,2,3,4", "--no-html", "--export", "npy"]
+    run("stack", *files, "-o", tmp_path / "out", *arguments)
+    found = parfocal.stack(frames, engine=engine, positions=range(5))
+    assert np.load(tmp_path / "out/depth.npy").tobytes() == found.focus.tobytes()
+    assert abs(np.nanmedian(found.focus) - 2) < 0.05 and found.depth is None and found.reference == 2
+    assert found.frame.max() <= 5 and len(found.transforms) == 5 and found.order == [0, 1, 2, 3, 4]
+    moved = parfocal.apply(frames[4], found, frame=4)
+    assert moved.dtype == np.uint16 and moved.shape == frames[4].shape
+    stage = parfocal.stack(frames, engine=engine, positions=[0, 0.1, 0.2, 0.3, 0.4], unit="stage")
+    assert abs(np.nanmedian(stage.depth) - 0.2) < 0.01 and set(stage.to_xarray()) >= {"depth", "focus"}
+    assert "<img" in stage._repr_html_()
+
+
+def test_any_layout_of_memory_gives_the_same(engine, result):
+    def same(i1, i2):
+        return parfocal.solve(i1, i2, engine=engine).relative_blur.tobytes() == result.relative_blur.tobytes()
+
+    gaps = np.zeros((SIZE[1], 2 * SIZE[0]), np.float32)
+    gaps[:, ::2] = NEAR
+    assert same(gaps[:, ::2], np.asfortranarray(FAR))
+    assert same(NEAR.astype(">f4"), FAR[..., None])
+    read_only = FAR.copy()
+    read_only.flags.writeable = False
+    assert same(NEAR, read_only)
+
+
+def test_every_setting_has_its_name(engine, result):
+    defaults = dict(
+        method="unified",
+        levels="auto",
+        outer_iterations=100,
+        sweeps=5,
+        over_relaxation=1.8,
+        regularization=None,
+        continuation=10,
+        data_eta=0.01,
+        smoothness_eta=0.1,
+        heaviside_epsilon=0.1,
+        max_relative_blur=144.0,
+        largest_step=1,
+        kernel="auto",
+        motion="similarity",
+        registration="gauss-newton",
+        photometric=True,
+        decode="auto",
+        black_level=None,
+        white_level=None,
+        start=np.eye(3),
+        start_photometric=(1, 0),
+    )
+    assert defaults.keys() == parfocal._solves._NAMES
+    found = parfocal.solve(NEAR, FAR, engine=engine, **defaults)
+    assert found.relative_blur.tobytes() == result.relative_blur.tobytes()
+    y, x = np.mgrid[-4:5, -4:5]
+    disk = parfocal.solve(NEAR, FAR, engine=engine, kernel=x * x + y * y <= 16, max_relative_blur=9, levels=1)
+    assert disk.kernel_shape is None and result.kernel_shape is not None and disk.max_relative_blur == 9
+
+
+def test_region_mask_and_cropping(engine, result):
+    part = parfocal.solve(NEAR, FAR, engine=engine, region=(20, 10, 40, 30), max_relative_blur=9)
+    assert part.relative_blur.shape == (30, 40) and part.region == (20, 10, 40, 30) and part.photograph == SIZE
+    data = part.to_xarray()
+    assert data.relative_blur.units == "px2" and int(data.x[0]) == 20 and int(data.y[-1]) == 39
+    assert np.shares_memory(data.relative_blur.values, part.relative_blur)
+    mask = np.ones(SIZE[::-1], bool)
+    mask[:, :40] = False
+    masked = parfocal.solve(NEAR, FAR, engine=engine, mask=mask)
+    assert np.isnan(masked.relative_blur[:, :40]).all() and np.isfinite(masked.relative_blur[40, 60])
+    cropped = parfocal.solve(NEAR, FAR, engine=engine, crop_valid=True)
+    assert np.isfinite(cropped.relative_blur).all() and cropped.relative_blur.shape < SIZE[::-1]
+
+
+def test_registration_and_other_photographs(engine, result):
+    found = parfocal.register(NEAR, FAR, engine=engine)
+    assert np.allclose(found.transform[:2, 2], (0.8, -0.6), atol=0.05) and found.converged
+    sharp = photograph(0.5, (0.8, -0.6))
+    moved = parfocal.apply(sharp, found)
+    assert moved.dtype == np.float32 and np.abs(moved - NEAR)[10:-10, 10:-10].max() < 0.02
+    assert np.abs(parfocal.apply(sharp, result, exposure=True) - NEAR)[10:-10, 10:-10].max() < 0.03
+    start = parfocal.solve(NEAR, FAR, engine=engine, method="aligned", start=found.transform)
+    assert np.array_equal(start.transform, found.transform)
+    with pytest.raises(ValueError, match="were registered"):
+        parfocal.apply(sharp[:50], found)
+
+
+def test_depth_and_measures(result):
+    lens = parfocal.Lens(50, 4, 0.0075, (300, 310), telecentric=True)
+    found = result.depth(lens)
+    assert found.depth.shape == result.relative_blur.shape and 300 < np.nanmedian(found.depth) < 310
+    ramp = np.fromfunction(lambda y, x: 0.5 * x - 0.25 * y, (30, 40), dtype=np.float32)
+    assert abs(measure.step(ramp, (2, 2, 11, 11), (22, 2, 11, 11)).value - 10) < 1e-4
+    assert abs(measure.level(ramp, (10, 4, 21, 11)).value - 7.75) < 1e-4
+    assert np.allclose(measure.profile(ramp, (0, 0), (20, 0)), 0.5 * np.arange(21))
+    assert measure.level(np.full((9, 9), np.nan), (0, 0, 5, 5)) is None
+    with pytest.raises(ValueError, match="not within the image"):
+        measure.level(ramp, (30, 0, 20, 5))
+    with pytest.raises(ValueError, match="focal length"):
+        result.depth(parfocal.Lens(-1, 4, 0.0075, (300, 310)))
+
+
+def test_a_notebook_shows_it_and_it_travels(result):
+    page = result._repr_html_()
+    assert page.count("data:image/png;base64,") == 2 and "converged" in page
+    back = pickle.loads(pickle.dumps(result))
+    assert back.relative_blur.tobytes() == result.relative_blur.tobytes() and back.brightness.gain == result.brightness.gain
+
+
+@pytest.mark.parametrize(
+    ("error", "words", "arguments"),
+    [
+        (TypeError, "convert it to uint8, uint16 or float32", {"i1": NEAR.astype(float)}),
+        (ValueError, "leave out alpha", {"i1": np.zeros((80, 96, 4), np.uint8)}),
+        (ValueError, "its shape is", {"i2": np.zeros(5, np.uint8)}),
+        (ValueError, "must have the same size|96x80", {"i2": FAR[:70]}),
+        (ValueError, "not a number", {"i2": np.full_like(FAR, np.nan)}),
+        (TypeError, "did you mean max_relative_blur", {"max_relativ_blur": 3}),
+        (ValueError, "max relative blur is 1000", {"max_relative_blur": 1000}),
+        (ValueError, "give unified, aligned, appearance", {"method": "sift"}),
+        (TypeError, "levels='many'", {"levels": "many"}),
+        (ValueError, "no inverse", {"start": np.zeros((3, 3))}),
+        (ValueError, "region", {"region": (90, 0, 20, 20)}),
+        (ValueError, "mask is", {"mask": np.ones((4, 4))}),
+    ],
+)
+def test_what_is_wrong_is_told(engine, error, words, arguments):
+    with pytest.raises(error, match=words):
+        parfocal.solve(**{"i1": NEAR, "i2": FAR, "engine": engine} | arguments)
+
+
+@pytest.mark.parametrize("page", ["docs/guide/src/python.md", "bindings/python/README.md"])
+def test_what_the_guide_shows_works(engine, page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    # Calls without an engine take the one under validation.
+    monkeypatch.setattr(parfocal._solves, "_default", engine)
+    size = (320, 160)
+    pair = {"near": photograph(0.5, size=size), "far": photograph(1.5, (0.8, -0.6), size)}
+    for name, image in pair.items():
+        np.save(f"{name}.npy", image)
+    sweep = [photograph(0.3 + (n - 2) ** 2, (0.1 * n, 0)) for n in range(4)]
+    names = pair | {"other": pair["far"], "frames": sweep}
+    blocks = (ROOT / page).read_text().split("```python\n")[1:]
+    exec("".join(block.split("```")[0] for block in blocks), names)
+    assert names["result"].converged
+
+
+def test_devices_and_those_there_are_not():
+    assert any(reason is None for _, reason in parfocal.devices())
+    with pytest.raises(parfocal.DeviceError, match="no such thing"):
+        parfocal.Engine("no such thing")
+
+
+def test_other_threads_go_on_meanwhile(engine):
+    ticks, done = [], threading.Event()
+
+    def tick():
+        while not done.wait(0.002):
+            ticks.append(time.monotonic())
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    began = time.monotonic()
+    # Long enough that a thread that may run does.
+    parfocal.solve(photograph(0.5, size=(480, 320)), photograph(1.5, size=(480, 320)), engine=engine)
+    ended = time.monotonic()
+    done.set()
+    thread.join()
+    assert sum(began < tick < ended for tick in ticks) >= 3
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+def test_a_forked_child_is_told(engine):
+    child = os.fork()
+    if child == 0:
+        try:
+            parfocal.solve(NEAR, FAR, engine=engine)
+        except parfocal.DeviceError as error:
+            os._exit(0 if "spawn" in str(error) else 1)
+        os._exit(2)
+    assert os.waitpid(child, 0)[1] == 0
+
+
+def test_pairs_one_after_the_other_take_no_more_memory(engine):
+    def resident():
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    def some(count):
+        for _ in range(count):
+            parfocal.register(NEAR, FAR, engine=engine, outer_iterations=5)
+
+    some(3)
+    before = resident()
+    some(int(os.environ.get("PARFOCAL_PAIRS_OF_MEMORY", "20")))
+    assert resident() - before < 8 << 20

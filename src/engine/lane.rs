@@ -1,0 +1,297 @@
+//! One pair on its way through a solver: mapped memory of its own, and recordings that use it. What only the device sees is shared by all.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::OtherMotion;
+use super::motion::Form;
+use super::plan::Plan;
+use super::profile::{Phases, Profile, Ran, Reading, SUBMIT_WAIT};
+use super::progress::Progress;
+use super::record::record;
+use super::registered::Registered;
+use super::script::{Dispatch, Script, compose};
+use super::slot::Slot;
+use super::solution::{Counts, Findings, LevelHistory, Timings};
+use super::stages::Pipelines;
+use super::stages::state::{Registration, State};
+use super::stages::sums::{Layout, Sums};
+use super::view::View;
+use super::vulkan::{Buffer, Device, Recording};
+use super::workspace::Workspace;
+use crate::base::{Error, Homography, Kernel, Mask, Region};
+
+/// A script, and its recording.
+struct Prepared {
+    script: Script,
+    recording: Recording,
+}
+
+/// What all lanes of a solver share.
+pub(super) struct Common {
+    pub(super) plan: Plan,
+    pub(super) device: Arc<Device>,
+    pub(super) pipelines: Arc<Pipelines>,
+    pub(super) reading: Reading,
+}
+
+/// One pair on its way.
+pub(super) struct Lane {
+    common: Arc<Common>,
+    workspace: Workspace,
+    /// Of pairs all of whose pixels count.
+    plain: Prepared,
+    /// Of pairs with masked or clipped pixels, recorded when the first comes.
+    masked: Option<Prepared>,
+    /// Whether the latest pair had such pixels.
+    is_masked: bool,
+    started: Instant,
+    phases: Phases,
+    /// What the timeline of the latest recording reaches when the pair that was submitted is solved.
+    under_way: Option<u64>,
+    /// Pairs so far.
+    pairs: u64,
+}
+
+impl Lane {
+    pub(super) fn new(common: Arc<Common>, workspace: Workspace) -> Result<Self, Error> {
+        let plain = prepared(&common, &workspace, false)?;
+        let (started, phases) = (Instant::now(), Phases::default());
+        Ok(Self {
+            common,
+            workspace,
+            plain,
+            masked: None,
+            is_masked: false,
+            started,
+            phases,
+            under_way: None,
+            pairs: 0,
+        })
+    }
+
+    /// Which pair the latest is, counted from 1.
+    pub(super) fn pairs(&self) -> u64 {
+        self.pairs
+    }
+
+    /// A new pair comes: what was under way is waited for.
+    pub(super) fn begin(&mut self) -> Result<(), Error> {
+        let limit = self.common.device.timeout();
+        if !self.wait(limit)? {
+            return Err(Error::Timeout { device: self.common.device.info().name.clone(), seconds: limit.as_secs() });
+        }
+        if self.common.device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        (self.started, self.phases) = (Instant::now(), Phases::default());
+        Ok(())
+    }
+
+    /// Has a photograph written where the device reads it; nothing may be under way.
+    pub(super) fn fill(&self, image: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
+        self.workspace.buffer(Slot::Photograph { image }).fill(write)
+    }
+
+    /// A byte a pixel, of all lanes.
+    pub(super) fn mask(&self) -> &Buffer {
+        self.workspace.buffer(Slot::Mask)
+    }
+
+    /// Takes the pair that was brought up: where T starts, and whether some of its pixels are masked or clipped.
+    pub(super) fn take(&mut self, start: Homography, is_masked: bool) -> Result<(), Error> {
+        self.phases.end("upload");
+        let settings = &self.common.plan.settings;
+        let mut state = State::new(&Registration::new(start, &settings.start_photometric));
+        state.alpha = settings.regularization.map_or(state.alpha, |alpha| alpha as f32);
+        self.workspace.buffer(Slot::StartState).write(bytemuck::bytes_of(&state))?;
+        self.is_masked = is_masked;
+        if is_masked && self.masked.is_none() {
+            self.masked = Some(prepared(&self.common, &self.workspace, true)?);
+        }
+        self.pairs += 1;
+        self.phases.end("start");
+        Ok(())
+    }
+
+    /// What the latest pair takes.
+    fn latest(&self) -> &Prepared {
+        self.masked.as_ref().filter(|_| self.is_masked).unwrap_or(&self.plain)
+    }
+
+    fn latest_mut(&mut self) -> &mut Prepared {
+        self.masked.as_mut().filter(|_| self.is_masked).unwrap_or(&mut self.plain)
+    }
+
+    /// Hands it to the device, and does not wait for it; on a device that has to be asked while it works, does.
+    pub(super) fn submit(&mut self) -> Result<(), Error> {
+        let parts = self.latest().script.parts.len();
+        if self.latest().recording.is_asked() {
+            return self.run(|script| script.parts.len(), &mut |_| ());
+        }
+        self.under_way = Some(self.latest_mut().recording.start(parts)?);
+        Ok(())
+    }
+
+    /// Waits so long at most; whether the pair is solved.
+    pub(super) fn wait(&mut self, limit: Duration) -> Result<bool, Error> {
+        let Some(value) = self.under_way else { return Ok(true) };
+        let is_done = self.latest_mut().recording.reached(value, limit)?;
+        if is_done {
+            self.under_way = None;
+            self.phases.end(SUBMIT_WAIT);
+        }
+        Ok(is_done)
+    }
+
+    /// Runs the first parts, and waits.
+    pub(super) fn run(
+        &mut self,
+        wanted_parts: fn(&Script) -> usize,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<(), Error> {
+        let common = self.common.clone();
+        let (plan, on_the_way) = (&common.plan, self.workspace.buffer(Slot::Progress).clone());
+        let Prepared { script, recording } = self.latest_mut();
+        let parts = wanted_parts(script);
+        let levels = |parts: usize| script.parts[..parts].iter().filter_map(|part| part.level_done);
+        let count = |parts: usize| levels(parts).count() as u32;
+        let pixels =
+            |parts: usize| levels(parts).map(|index| plan.pyramid[index].size.map(u64::from)).map(|[w, h]| w * h).sum();
+        let mut wanted = |part: usize| {
+            let state = on_the_way.read::<State>(0, 1)?[0];
+            Ok(script.parts[part].goes_on.is_none_or(|level| state.levels[level].settled == 0))
+        };
+        recording.run_first(parts, &mut wanted, &mut |part| {
+            if let Some(level) = script.parts[part - 1].level_done.map(|index| &plan.pyramid[index]) {
+                let [width, height] = level.size;
+                let (pixels_done, pixels) = (pixels(part), pixels(parts));
+                progress(Progress { done: count(part), levels: count(parts), pixels_done, pixels, width, height });
+            }
+        })?;
+        self.phases.end(SUBMIT_WAIT);
+        Ok(())
+    }
+
+    /// What the latest solve did, dispatch by dispatch.
+    pub(super) fn profile(&self) -> Result<Profile, Error> {
+        let states = [Slot::EndState, Slot::RegisteredState].map(|slot| self.state(slot));
+        let [solved, registered] = states;
+        let done = [solved?.levels, registered?.levels];
+        let Prepared { script, recording } = self.latest();
+        let ran = |d: &Dispatch| Ran {
+            pass: d.stage.shader.name,
+            place: d.place,
+            bytes: d.bytes,
+            executed: d.place.executed(d.grid, &done),
+        };
+        let (dispatches, ends_ms) = (script.dispatches().map(ran).collect(), recording.times()?.ends_ms);
+        Ok(Profile { dispatches, ends_ms, phases: self.phases.clone() })
+    }
+
+    /// The results where they are.
+    pub(super) fn view(&mut self, mask: Option<&Mask>) -> Result<View<'_>, Error> {
+        let [width, height] = self.common.plan.size;
+        let state = self.state(Slot::EndState)?;
+        let mut findings = Findings {
+            width,
+            height,
+            origin: [0, 0],
+            photograph: [width, height],
+            fused_channels: self.common.plan.fused_channels(),
+            transform: state.registration().transform,
+            photometric: state.registration().photometric(),
+            shading: state.evened(),
+            solved: Region { x: 0, y: 0, width, height },
+            regularization: state.alpha.into(),
+            kernel_shape: (self.common.plan.settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
+            other_motion: None,
+            levels: self.levels(&state, Slot::EndEnergies)?,
+            converged: false,
+            warnings: Vec::new(),
+            valid_fraction: 0.0,
+            mean_confidence: 0.0,
+            saturated_fraction: 0.0,
+            timings: self.timings()?,
+        };
+        let settings = &self.common.plan.settings;
+        let maps = self.workspace.buffer(Slot::EndMaps).floats()?;
+        let pixels = width as usize * height as usize;
+        let counts = Counts::of(&maps[..pixels], &maps[pixels..2 * pixels], settings.max_relative_blur);
+        findings.tell(&counts);
+        findings.judge(&state, settings, mask.map_or(1.0, Mask::share));
+        if !self.common.plan.solves_transform() {
+            findings.doubt(&self.registered()?);
+        } else if findings.converged {
+            findings.other_motion = self.other_motion(&state)?;
+        }
+        self.phases.end("collect");
+        findings.timings.total_ms = self.started.elapsed().as_secs_f64() * 1e3;
+        Ok(View::new(findings, self.workspace.buffer(Slot::EndMaps).floats()?))
+    }
+
+    /// The registration, out of mapped memory.
+    pub(super) fn registered(&self) -> Result<Registered, Error> {
+        let (plan, state) = (&self.common.plan, self.state(Slot::RegisteredState)?);
+        let mut registered = Registered {
+            width: plan.size[0],
+            height: plan.size[1],
+            transform: state.registration().transform,
+            photometric: state.registration().photometric(),
+            shading: state.evened(),
+            other_motion: None,
+            levels: self.levels(&state, Slot::RegisteredEnergies)?,
+            converged: false,
+            warnings: Vec::new(),
+            timings: self.timings()?,
+        };
+        registered.judge(&state);
+        if plan.solves_transform() && registered.converged {
+            registered.other_motion = self.other_motion(&state)?;
+        }
+        registered.timings.total_ms = self.started.elapsed().as_secs_f64() * 1e3;
+        Ok(registered)
+    }
+
+    /// What the last sums say of motion models.
+    fn other_motion(&self, state: &State) -> Result<Option<OtherMotion>, Error> {
+        let (layout, finest) = (Layout::of(true), &self.common.plan.pyramid[0]);
+        let [columns, rows, _] = finest.tiles();
+        let floats = (columns * rows) as usize * layout.length;
+        let partials: Vec<f32> = self.workspace.buffer(Slot::EndPartials).read(0, floats)?;
+        let blocks = partials.chunks_exact(layout.length).map(|row| Sums::from_partials(row, layout)).collect();
+        let form = Form::new(blocks, finest.length, finest.centre);
+        Ok(form.other(self.common.plan.settings.motion, &state.registration().transform))
+    }
+
+    /// By the device's clock; where that is not read, from submitting to the last answer.
+    fn timings(&self) -> Result<Timings, Error> {
+        let times = self.latest().recording.times()?;
+        let gpu_ms = if times.passes_ms.is_empty() { self.phases.waited_ms() } else { times.total_ms };
+        Ok(Timings { total_ms: 0.0, gpu_ms, passes_ms: times.passes_ms })
+    }
+
+    fn state(&self, slot: Slot) -> Result<State, Error> {
+        Ok(self.workspace.buffer(slot).read::<State>(0, 1)?[0])
+    }
+
+    /// What the levels did, coarse to fine.
+    fn levels(&self, state: &State, energies: Slot) -> Result<Vec<LevelHistory>, Error> {
+        let plan = &self.common.plan;
+        let outer = plan.settings.outer_iterations as usize;
+        let energies: Vec<f32> = self.workspace.buffer(energies).read(0, plan.solved * outer)?;
+        let levels = plan.coarse_to_fine().map(|level| {
+            let done = (state.levels[level.index].iterations as usize).min(outer);
+            let energy = energies[level.index * outer..][..done].iter().map(|&e| e.into()).collect();
+            LevelHistory { width: level.size[0], height: level.size[1], energy }
+        });
+        Ok(levels.collect())
+    }
+}
+
+fn prepared(common: &Common, workspace: &Workspace, masked: bool) -> Result<Prepared, Error> {
+    let script = compose(&common.plan, masked);
+    let recording = record(&common.device, &common.pipelines, workspace, &script, common.reading)?;
+    workspace.buffer(Slot::StartArguments).write(bytemuck::cast_slice(&script.arguments))?;
+    Ok(Prepared { script, recording })
+}

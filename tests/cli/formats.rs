@@ -1,0 +1,213 @@
+//! Photographs as cameras of machine vision and programs save them, through the whole program.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::Output;
+
+use assert_cmd::Command;
+use parfocal::image_io;
+use serde_json::Value;
+use tempfile::TempDir;
+
+const SIZE: [u32; 2] = [121, 90];
+
+/// A simulated pair in 16 bits.
+struct Desk(TempDir);
+
+impl Desk {
+    fn new() -> Self {
+        let desk = Self(TempDir::new().unwrap());
+        let size = format!("{}x{}", SIZE[0], SIZE[1]);
+        assert!(desk.run(&["simulate", "relief", "-o", "pair", "--size", &size]).status.success());
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::cargo_bin("parfocal").unwrap();
+        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
+        command.output().unwrap()
+    }
+
+    fn report(&self, arguments: &[&str]) -> Value {
+        self.report_of(&[arguments, &["--no-html"]].concat())
+    }
+
+    fn report_of(&self, arguments: &[&str]) -> Value {
+        let output = self.run(&[arguments, &["--json"]].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    fn solve(&self, i1: &str, i2: &str, extra: &[&str]) -> Value {
+        self.report(&[&["solve", i1, i2, "-o", "out"], extra].concat())
+    }
+
+    /// Both photographs in `bits` bits.
+    fn samples(&self, bits: u32) -> [Vec<u16>; 2] {
+        ["pair/i1.png", "pair/i2.png"].map(|name| {
+            let image = image::open(self.path(name)).unwrap().into_luma16();
+            image.into_raw().into_iter().map(|v| v >> (16 - bits)).collect()
+        })
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) {
+        fs::create_dir_all(self.path(name).parent().unwrap()).unwrap();
+        fs::write(self.path(name), bytes).unwrap();
+    }
+}
+
+/// Bits one after the other, low ones first.
+fn packed(samples: &[u16], bits: u32) -> Vec<u8> {
+    let (mut bytes, mut rest, mut count) = (Vec::new(), 0u64, 0);
+    for sample in samples {
+        rest |= u64::from(*sample) << count;
+        count += bits;
+        while count >= 8 {
+            bytes.push(rest as u8);
+            (rest, count) = (rest >> 8, count - 8);
+        }
+    }
+    bytes.extend((count > 0).then_some(rest as u8));
+    bytes
+}
+
+#[test]
+fn bmp_and_webp_are_read_as_png_is() {
+    let desk = Desk::new();
+    let pair = ["i1", "i2"].map(|name| image::open(desk.path(&format!("pair/{name}.png"))).unwrap().into_luma8());
+    for (ending, format) in [("png", "PNG"), ("bmp", "BMP"), ("webp", "WebP")] {
+        for (image, name) in pair.iter().zip(["i1", "i2"]) {
+            let path = desk.path(&format!("{name}.{ending}"));
+            // The encoder of WebP has no grey; losslessly, grey stays grey.
+            let gray = image::DynamicImage::from(image.clone());
+            if ending == "webp" { gray.into_rgb8().save(path).unwrap() } else { gray.save(path).unwrap() }
+        }
+        let frame = image_io::read(&desk.path(&format!("i1.{ending}"))).unwrap();
+        assert_eq!((frame.width(), frame.height()), (SIZE[0], SIZE[1]));
+        let found = desk.solve(&format!("i1.{ending}"), &format!("i2.{ending}"), &[]);
+        assert_eq!(found["inputs"][0]["format"], format);
+        assert!((found["transform"]["scale"].as_f64().unwrap() - 1.0).abs() < 0.05);
+    }
+}
+
+#[test]
+fn frames_without_a_header_are_read_by_the_format_that_is_stated() {
+    let desk = Desk::new();
+    let size = format!("{}x{}", SIZE[0], SIZE[1]);
+    let deep = desk.solve("pair/i1.png", "pair/i2.png", &[]);
+    let (raw, tx) = (format!("Mono12p:{size}"), |report: &Value| report["transform"]["tx_px"].as_f64().unwrap());
+    for (samples, name) in desk.samples(12).iter().zip(["i1", "i2"]) {
+        desk.write(&format!("raw/{name}.raw"), &packed(samples, 12));
+        let words: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();
+        desk.write(&format!("{name}.bin"), &words);
+    }
+    let found = desk.solve("raw/i1.raw", "raw/i2.raw", &["--raw", &raw]);
+    assert!((tx(&found) - tx(&deep)).abs() < 0.02, "{} {}", tx(&found), tx(&deep));
+    assert_eq!((&found["inputs"][0]["bits"], &found["inputs"][0]["format"]), (&12.into(), &"raw".into()));
+    assert_eq!(found["values"]["decode"], "none");
+    // The format may stand behind the name, in another for each.
+    let (first, second) = (format!("raw/i1.raw#{raw}"), format!("i2.bin#Mono12:{size}"));
+    assert_eq!(tx(&desk.solve(&first, &second, &[])), tx(&found));
+    // A folder of them is a batch.
+    let batch = desk.report(&["batch", "raw", "-o", "many", "--raw", &raw]);
+    assert_eq!(batch["pairs"].as_array().map(Vec::len), Some(1), "{batch}");
+
+    for (format, parts) in [
+        (format!("Mono10p:{size}"), &["takes 13613", "it may be Mono12p"][..]),
+        ("Mono12p:9x9".to_string(), &["state another size"]),
+        ("Mono13:9x9".to_string(), &["no format that is read", "Mono12Packed"]),
+        ("Mono12p".to_string(), &["as in Mono12p:2448x2048"]),
+    ] {
+        let output = desk.run(&["solve", "raw/i1.raw", "raw/i2.raw", "-o", "none", "--raw", &format]);
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && parts.iter().all(|part| told.contains(part)), "{told}");
+    }
+    let output = desk.run(&["solve", "raw/i1.raw", "raw/i2.raw", "-o", "none"]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--raw"));
+}
+
+#[test]
+fn micrometres_for_millimetres_are_asked_about() {
+    let desk = Desk::new();
+    let lens = ["--focal-length=50", "--f-number=5.6", "--focus=226.5,233.5"];
+    let pitch = |pitch: &str| {
+        let output =
+            desk.run(&[&["solve", "pair/i1.png", "pair/i2.png", "-o", "out", "--strict", pitch], &lens[..]].concat());
+        (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (done, told) = pitch("--pixel-pitch=3.45");
+    assert!(!done && told.contains("did you mean --pixel-pitch 0.00345?"), "{told}");
+    let (done, told) = pitch("--pixel-pitch=0.00345");
+    assert!(done && !told.contains("did you mean"), "{told}");
+    // Afterwards too, and a better lens takes the word back.
+    let depth = |pitch: &str| {
+        let output = desk.run(&[&["depth", "out", pitch], &lens[..]].concat());
+        let warnings: Value = serde_json::from_slice(&fs::read(desk.path("out/report.json")).unwrap()).unwrap();
+        (String::from_utf8_lossy(&output.stderr).into_owned(), warnings["warnings"].to_string())
+    };
+    let (told, warnings) = depth("--pixel-pitch=3.45");
+    assert!(told.contains("did you mean") && warnings.contains("did you mean"), "{told}");
+    let (told, warnings) = depth("--pixel-pitch=0.00345");
+    assert!(!told.contains("did you mean") && !warnings.contains("the lens"), "{told} {warnings}");
+}
+
+/// Arguments that are nearly right, and what is said of them.
+#[test]
+fn what_is_meant_is_asked() {
+    let desk = Desk::new();
+    let told = |arguments: &[&str], status: i32| {
+        let output = desk.run(arguments);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(status), "{told}");
+        told
+    };
+    let solve = ["solve", "pair/i1.png", "pair/i2.png", "-o"];
+    for (extra, parts) in [
+        (&["out", "--nearer", "far"][..], &["give 1 or 2", "I2"][..]),
+        (&["out", "--f-number", "2,8"], &["did you mean 2.8?", "point"]),
+        (&["out", "--max-blur", "20"], &["--max-relative-blur"]),
+        (&["out", "--alpha=0.1"], &["--regularization"]),
+        (&["-"], &["--json", "folder"]),
+    ] {
+        let told = told(&[&solve[..], extra].concat(), 2);
+        assert!(parts.iter().all(|part| told.contains(part)), "{told}");
+    }
+    assert!(!desk.path("out").exists() && !desk.path("-").exists());
+
+    // A folder of results stands for its report.
+    desk.solve("pair/i1.png", "pair/i2.png", &[]);
+    let held = desk.report(&["solve", "pair/i1.png", "pair/i2.png", "-o", "held", "--transform", "out", "--hold"]);
+    assert_eq!(held["method"], "aligned");
+    let black = image::GrayImage::new(SIZE[0], SIZE[1]);
+    black.save(desk.path("black.png")).unwrap();
+    let masked = told(&[&solve[..], &["none", "--mask", "black.png"]].concat(), 1);
+    assert!(masked.contains("black.png: leaves no pixel"), "{masked}");
+    for name in ["a_1.png", "a_2.png", "a_3.png"] {
+        fs::copy(desk.path("pair/i1.png"), desk.path(name)).unwrap();
+    }
+    image::GrayImage::new(64, 48).save(desk.path("a_2.png")).unwrap();
+    let sizes = told(&["stack", "a_1.png", "a_2.png", "a_3.png", "-o", "none"], 1);
+    assert!(sizes.contains("a_2.png: frame 2 is 64x48, grey, 8 bits, and a_1.png is 121x90, grey, 16 bits"), "{sizes}");
+    assert!(!desk.path("none").exists());
+}
+
+#[test]
+fn progress_is_told_to_programs_and_the_lens_of_a_report_is_kept() {
+    let desk = Desk::new();
+    let output = desk.run(&["solve", "pair/i1.png", "pair/i2.png", "-o", "out", "--progress", "json", "-q"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    let lines: Vec<Value> = told.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!(lines.len() >= 2 && lines.iter().all(|line| line["levels"].is_u64() && line["seconds"].is_f64()), "{told}");
+    assert_eq!(lines.last().unwrap()["progress"], 1.0, "{told}");
+
+    let lens = ["--focal-length=50", "--f-number=5.6", "--pixel-pitch=0.00345", "--focus=226.5,233.5"];
+    let depth = desk.report_of(&[&["depth", "out"], &lens[..]].concat());
+    let again = desk.report_of(&["depth", "out", "--kappa", "0.45"]);
+    assert_eq!((&again["lens"]["focus_mm"], &again["lens"]["kappa"]), (&depth["lens"]["focus_mm"], &0.45.into()));
+    let refused = desk.run(&["calibrate", "out", "--known", "10,10,20,20=20"]);
+    assert!(!String::from_utf8_lossy(&refused.stderr).contains("give the lens"));
+}

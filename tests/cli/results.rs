@@ -1,0 +1,160 @@
+//! What there is to do with results of any kind: a pair's, a sweep's, those in a batch.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::browser::Browser;
+
+struct Desk(TempDir);
+
+impl Desk {
+    /// Two pairs, one of which fails, and a sweep, solved as a batch.
+    fn new() -> Self {
+        let desk = Self(TempDir::new().unwrap());
+        for name in ["first", "second"] {
+            desk.done(&["simulate", "relief", "-o", &format!("shots/{name}"), "--size", "120x90"]);
+        }
+        fs::write(desk.path("shots/second/i2.png"), "no picture").unwrap();
+        desk.done(&["simulate", "relief", "-o", "shots/sweep <b>", "--size", "120x90", "--frames", "4"]);
+        let output = desk.run(&["batch", "shots", "-o", "many"]);
+        assert_eq!(output.status.code(), Some(1), "{}", told(&output));
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::cargo_bin("parfocal").unwrap();
+        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
+        command
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        self.command(arguments).output().unwrap()
+    }
+
+    fn done(&self, arguments: &[&str]) -> String {
+        let output = self.run(arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", told(&output));
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    #[track_caller]
+    fn refuses(&self, arguments: &[&str], parts: &[&str]) {
+        let output = self.run(arguments);
+        let told = told(&output);
+        assert!(!output.status.success() && parts.iter().all(|part| told.contains(part)), "{told}");
+    }
+}
+
+fn told(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn what_a_batch_wrote_is_as_of_a_solve_and_its_index_has_the_worst_first() {
+    let desk = Desk::new();
+    let lens = ["--focal-length=50", "--f-number=5.6", "--pixel-pitch=0.00345", "--focus=226.5,233.5"];
+    desk.done(&["view", "many/first", "--width", "64"]);
+    desk.done(&["measure", "many/first", "--step", "10,10,30,30", "60,40,30,30"]);
+    desk.done(&[&["depth", "many/first"], &lens[..]].concat());
+    desk.done(&["measure", "many/sweep <b>", "--profile", "10,20,90,20"]);
+    desk.done(&["depth", "many/sweep <b>", "--focus-at", "1,2,3,4", "--stage"]);
+    desk.refuses(
+        &["calibrate", "many/sweep <b>", "--known", "1,1,20,20=5", "--kappa", "0.5"],
+        &["holds a focus sweep"],
+    );
+    desk.refuses(&["view", "many"], &["results of a batch", "one pair or sweep"]);
+
+    let mut browser = Browser::start(1400, 900);
+    browser.open(&desk.path("many/index.html"), "document.querySelectorAll('li').length === 3");
+    let names = browser.evaluate("[...document.querySelectorAll('h2')].map(h => h.textContent).join()");
+    assert!(names.as_str().unwrap().starts_with("second,"), "{names}");
+    assert_eq!(browser.evaluate("document.querySelectorAll('li.bad .warning').length > 0"), true);
+    assert_eq!(browser.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 50)"), true);
+    assert_eq!(browser.evaluate("document.images.length"), 2);
+    let sentence = browser.evaluate("document.querySelector('.sentence').textContent");
+    assert_eq!(sentence, "2 solved, none of them with warnings or not converged; 1 failed or not done.");
+    browser.evaluate("[...document.links].find(a => a.textContent.startsWith('sweep')).click()");
+    browser.wait("window.page");
+    assert_eq!(browser.complaints(), Vec::<String>::new());
+
+    // A batch replaces its own index, and no other's.
+    desk.run(&["batch", "shots", "-o", "many", "--resume"]);
+    fs::write(desk.path("many/index.html"), "mine").unwrap();
+    desk.refuses(&["batch", "shots", "-o", "many"], &["index.html", "--force"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn the_page_is_opened_by_what_opens_pages() {
+    use std::os::unix::fs::PermissionsExt;
+    let desk = Desk::new();
+    fs::create_dir(desk.path("bin")).unwrap();
+    fs::write(desk.path("bin/xdg-open"), format!("#!/bin/sh\necho \"$1\" > '{}'\n", desk.path("opened").display()))
+        .unwrap();
+    fs::set_permissions(desk.path("bin/xdg-open"), fs::Permissions::from_mode(0o755)).unwrap();
+    for (folder, page) in [("many/first", "many/first/report.html"), ("many", "many/index.html")] {
+        let mut command = desk.command(&["open", folder]);
+        command.env("PATH", format!("{}:/bin:/usr/bin", desk.path("bin").display()));
+        assert!(command.output().unwrap().status.success());
+        assert_eq!(fs::read_to_string(desk.path("opened")).unwrap().trim(), page);
+        assert_eq!(desk.done(&["open", folder, "--print"]).trim(), page);
+    }
+    let mut without = desk.command(&["open", "many"]);
+    let output = without.env("PATH", "/nowhere").output().unwrap();
+    assert!(told(&output).contains("open many/index.html in a browser"), "{}", told(&output));
+    desk.refuses(&["open", "shots"], &["has no page"]);
+    desk.refuses(&["open", "absent"], &["no folder"]);
+}
+
+#[test]
+fn two_results_are_compared_in_units_of_their_deviation() {
+    let desk = Desk(TempDir::new().unwrap());
+    desk.done(&["simulate", "relief", "-o", "pair", "--size", "120x90", "--noise", "0.01"]);
+    let solve = |out: &str, extra: &[&str]| {
+        desk.done(&[&["solve", "pair/i1.png", "pair/i2.png", "-o", out, "--no-html"], extra].concat());
+    };
+    solve("a", &[]);
+    solve("b", &["--regularization", "0.01"]);
+    let compare = |a: &str, b: &str| -> Value {
+        serde_json::from_str(&desk.done(&["compare", a, b, "--json", "-o", "off.png", "-q"])).unwrap()
+    };
+    let same = compare("a", "a");
+    assert_eq!((&same["settings"].as_array().unwrap().len(), &same["difference"]["rms"]), (&0, &0.0.into()));
+    let found = compare("a", "b");
+    let [name, values] = [&found["settings"][0][0], &found["settings"][0][1]];
+    assert_eq!((name, &values[1]), (&"regularization".into(), &0.01.into()));
+    let off = &found["difference"];
+    // By the files.
+    let field = |out: &str, name: &str| parfocal::image_io::read_field(&desk.path(out).join(name)).unwrap().2;
+    let [a, b] = ["a", "b"].map(|out| (field(out, "relative_blur.exr"), field(out, "uncertainty.exr")));
+    let pixels = off["pixels"].as_u64().unwrap() as usize;
+    let finite = a.0.iter().zip(&b.0).filter(|(x, y)| x.is_finite() && y.is_finite()).count();
+    assert!(pixels > 5000 && pixels <= finite, "{off}");
+    let mut sigmas: Vec<f64> = (0..a.0.len())
+        .filter(|&i| a.0[i].is_finite() && b.0[i].is_finite())
+        .map(|i| f64::from(b.0[i] - a.0[i]) / f64::from(a.1[i]).hypot(f64::from(b.1[i])))
+        .collect();
+    sigmas.sort_by(f64::total_cmp);
+    assert!((off["median_sigmas"].as_f64().unwrap() - sigmas[sigmas.len() / 2]).abs() < 0.05, "{off}");
+    assert!(off["rms_sigmas"].as_f64().unwrap() > 0.0);
+    let picture = image::open(desk.path("off.png")).unwrap();
+    assert_eq!((picture.width(), picture.height()), (120, 90));
+    let output = desk.run(&["compare", "a", "b"]);
+    assert!(told(&output).contains("regularization") && told(&output).contains("% beyond 3"), "{}", told(&output));
+
+    solve("part", &["--roi", "10,10,60,50"]);
+    desk.refuses(&["compare", "a", "part"], &["120x90 and 60x50"]);
+    desk.done(&["simulate", "relief", "-o", "sweep", "--size", "120x90", "--frames", "3"]);
+    desk.done(&["stack", "sweep", "-o", "stacked", "--no-html"]);
+    desk.refuses(&["compare", "a", "stacked"], &["nothing in common"]);
+    assert_eq!(compare("stacked", "stacked")["quantity"], "focus");
+}
