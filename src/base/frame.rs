@@ -1,7 +1,9 @@
 //! A photograph as the sensor or the file gave it.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use crate::base::color::srgb_to_linear;
-use crate::base::{Decode, Region};
+use crate::base::{Decode, Region, workers};
 
 /// How one sample of a [`Frame`] is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -202,6 +204,18 @@ impl Frame {
         }
     }
 
+    /// Writes the samples as they go up to the device, and says whether any pixel is clipped as by [`Frame::clips`]: by all threads, and each
+    /// piece is looked at while the processor still has it.
+    pub(crate) fn bring(&self, to: &mut [u8], levels: [f32; 2]) -> bool {
+        let channels = self.channels.count() as usize;
+        let [black, white] = levels;
+        match &self.samples {
+            Samples::U8(s) => bring(s, channels, to, [black, white].map(|level| 255.0 * level)),
+            Samples::U16(s) => bring(s, channels, to, [black, white].map(|level| 65535.0 * level)),
+            Samples::F32(s) => bring(s, channels, to, levels),
+        }
+    }
+
     /// The samples.
     pub fn samples(&self) -> &Samples {
         &self.samples
@@ -217,6 +231,21 @@ impl Frame {
     }
 }
 
+/// Writes samples to bytes, and says whether any pixel is clipped.
+fn bring<T: bytemuck::Pod + Into<f32> + Sync>(from: &[T], channels: usize, to: &mut [u8], levels: [f32; 2]) -> bool {
+    // A piece is a quarter to one MiB: a thread's start is next to nothing beside it.
+    let piece = channels << 18;
+    let found = AtomicBool::new(false);
+    let pieces = to.chunks_mut(piece * size_of::<T>()).zip(from.chunks(piece));
+    workers::each(pieces, |(to, from)| {
+        to[..size_of_val(from)].copy_from_slice(bytemuck::cast_slice(from));
+        if !found.load(Ordering::Relaxed) && clips(from, channels, levels) {
+            found.store(true, Ordering::Relaxed);
+        }
+    });
+    found.into_inner()
+}
+
 /// Whether any pixel is clipped.
 fn clips<T: Copy + Into<f32>>(samples: &[T], channels: usize, [black, white]: [f32; 2]) -> bool {
     // First a test of many samples at once, which the processor does side by side: most images have next to none.
@@ -229,4 +258,31 @@ fn clips<T: Copy + Into<f32>>(samples: &[T], channels: usize, [black, white]: [f
 /// Whether one sample of a pixel is from `white` on, or all are up to `black`.
 fn is_clipped<T: Copy + Into<f32>>(pixel: &[T], [black, white]: [f32; 2]) -> bool {
     pixel.iter().any(|&s| s.into() >= white) || pixel.iter().all(|&s| s.into() <= black)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_of_a_frame_is_brought_and_every_piece_looked_at() {
+        let levels = [0.5 / 255.0, 254.5 / 255.0];
+        for (width, height) in [(7, 5), (1000, 700)] {
+            let mut values: Vec<u8> = (0..3 * width * height).map(|n| 1 + (n % 251) as u8).collect();
+            for clipped in [None, Some(0), Some(values.len() - 1)] {
+                clipped.into_iter().for_each(|n: usize| values[n] = 255);
+                let frame = Frame::new(width, height, Channels::Rgb, Samples::U8(values.clone())).unwrap();
+                // A buffer may be longer.
+                let mut bytes = vec![0; values.len() + 3];
+                assert_eq!(frame.bring(&mut bytes, levels), clipped.is_some());
+                assert_eq!(frame.clips(levels), clipped.is_some());
+                assert_eq!(bytes[..values.len()], values);
+                clipped.into_iter().for_each(|n| values[n] = 1);
+            }
+        }
+        let frame = Frame::new(2, 1, Channels::Gray, Samples::U16(vec![513, 65535])).unwrap();
+        let mut bytes = vec![0; 4];
+        assert!(frame.bring(&mut bytes, levels));
+        assert_eq!(bytes, bytemuck::cast_slice::<u16, u8>(&[513, 65535]));
+    }
 }

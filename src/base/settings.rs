@@ -143,6 +143,10 @@ pub struct Settings {
     pub registration: RegistrationStep,
     /// Whether gain and offset are matched. Default true.
     pub photometric: bool,
+    /// Whether the fused image of a pair is made too, of which depth and registration need nothing. Without it a solve of grey pairs is some 6 % shorter
+    /// and what comes down a quarter less; in colour three times that, and half. Default true.
+    #[cfg_attr(feature = "serde", serde(default = "yes"))]
+    pub fused: bool,
     /// How stored values become intensities. Default as stored.
     pub decode: Decode,
     /// Stored value up to which a sample is clipped at black; `None` is 0 of integers, and nothing of floats. A pixel all of
@@ -176,6 +180,7 @@ impl Default for Settings {
             motion: Motion::Similarity,
             registration: RegistrationStep::GaussNewton,
             photometric: true,
+            fused: true,
             decode: Decode::None,
             black_level: None,
             white_level: None,
@@ -183,6 +188,12 @@ impl Default for Settings {
             start_photometric: Photometric::IDENTITY,
         }
     }
+}
+
+/// Of reports that were written before there was a choice.
+#[cfg(feature = "serde")]
+fn yes() -> bool {
+    true
 }
 
 impl Settings {

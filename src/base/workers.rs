@@ -7,6 +7,7 @@ use std::thread;
 /// Does something with each item. Threads that the system refuses are done without: the calling one takes its share, and where
 /// it is alone, all.
 pub(crate) fn each<T: Send>(items: impl Iterator<Item = T> + Send, of: impl Fn(T) + Sync) {
+    let most = items.size_hint().1.unwrap_or(usize::MAX).saturating_sub(1);
     let items = Mutex::new(items);
     let next = || items.lock().unwrap_or_else(PoisonError::into_inner).next();
     let work = || {
@@ -14,7 +15,7 @@ pub(crate) fn each<T: Send>(items: impl Iterator<Item = T> + Send, of: impl Fn(T
             of(item);
         }
     };
-    let others = thread::available_parallelism().map_or(1, NonZero::get) - 1;
+    let others = (thread::available_parallelism().map_or(1, NonZero::get) - 1).min(most);
     thread::scope(|scope| {
         for _ in 0..others {
             if is_refused() || thread::Builder::new().spawn_scoped(scope, work).is_err() {

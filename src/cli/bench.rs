@@ -52,6 +52,9 @@ pub(super) struct Arguments {
     /// Relaxation sweeps in each outer iteration, 1 to 100
     #[arg(long, value_name = "N", default_value_t = Settings::default().sweeps)]
     sweeps: u32,
+    /// Leave the fused image out, as an embedder may who wants depth alone
+    #[arg(long)]
+    no_fused: bool,
     /// Print the report as JSON
     #[arg(long)]
     json: bool,
@@ -140,6 +143,7 @@ fn options(arguments: &Arguments) -> Result<Options, Failure> {
         max_relative_blur: arguments.max_relative_blur,
         outer_iterations: arguments.outer_iterations,
         sweeps: arguments.sweeps,
+        fused: !arguments.no_fused,
         ..Settings::default()
     };
     settings.check()?;

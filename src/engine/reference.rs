@@ -93,7 +93,7 @@ fn found(plan: &Plan, mut memory: Memory) -> Reference {
         relative_blur,
         uncertainty,
         residual,
-        fused: (0..plan.fused_channels().count()).map(|_| next()).collect(),
+        fused: (0..plan.fused_count()).map(|_| next()).collect(),
         transform: state.registration.transform,
         photometric: state.registration.photometric(),
         energies,

@@ -64,7 +64,7 @@ pub struct Solution {
     /// between the photographs or shone differently. NaN outside the valid region.
     pub residual: Vec<f32>,
     /// Pseudo-radiance, equation 37, interleaved, in the values of I1 with white at 1; I1 itself
-    /// where I2 does not reach.
+    /// where I2 does not reach. Empty where [`Settings::fused`] is false.
     pub fused: Vec<f32>,
     /// Everything else, whose fields are as good as the solution's own.
     pub findings: Findings,

@@ -272,12 +272,12 @@ impl Solver {
     fn bring_up(&mut self, slot: usize, frames: [&Frame; 2]) -> Result<(), Error> {
         self.check_frames(frames)?;
         self.lanes[slot].begin()?;
-        for (image, frame) in frames.into_iter().enumerate() {
-            self.lanes[slot].fill(image, &mut |bytes| bytes[..frame.bytes().len()].copy_from_slice(frame.bytes()))?;
-        }
         let settings = &self.common.plan.settings;
-        let clips = |frame: &Frame| frame.clips(settings.clipped(frame.format().depth));
-        let is_masked = self.mask.is_some() || frames.into_iter().any(clips);
+        let mut is_masked = self.mask.is_some();
+        for (image, frame) in frames.into_iter().enumerate() {
+            let levels = settings.clipped(frame.format().depth);
+            self.lanes[slot].fill(image, &mut |bytes| is_masked |= frame.bring(bytes, levels))?;
+        }
         let start = self.start(frames)?;
         self.lanes[slot].take(start, is_masked)
     }

@@ -54,9 +54,10 @@ impl<'a> View<'a> {
         self.map(2)
     }
 
-    /// A channel of the pseudo-radiance, from 0; `None` where there are fewer.
+    /// A channel of the pseudo-radiance, from 0; `None` where there are fewer, or none was asked for.
     pub fn fused(&self, channel: usize) -> Option<&'a [f32]> {
-        (channel < self.fused_channels.count() as usize).then(|| self.map(3 + channel))
+        let pixels = self.findings.width as usize * self.findings.height as usize;
+        (channel < self.maps.len() / pixels - 3).then(|| self.map(3 + channel))
     }
 
     /// A copy that stands by itself.
@@ -65,7 +66,7 @@ impl<'a> View<'a> {
         let mut fused = vec![0.0; channels.len() * self.relative_blur().len()];
         // In pieces that a thread takes at a time.
         let (row, count) = (1 << 14, channels.len());
-        workers::each(fused.chunks_mut(row * count).enumerate(), |(n, pixels)| {
+        workers::each(fused.chunks_mut((row * count).max(1)).enumerate(), |(n, pixels)| {
             for (i, pixel) in pixels.chunks_exact_mut(count).enumerate() {
                 pixel.iter_mut().zip(&channels).for_each(|(value, channel)| *value = channel[n * row + i]);
             }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use parfocal::{Error, Frame, Mask, Samples, Settings, Similarity, Solution, Solver, View};
+use parfocal::{Error, Frame, Mask, Region, Samples, Settings, Similarity, Solution, Solver, View};
 
 use crate::common::TestEngine;
 use crate::common::scene::pair;
@@ -33,6 +33,23 @@ fn assert_same(found: &View<'_>, expected: &Solution) {
     }
     assert_eq!(bits(&found.to_owned().fused), bits(&expected.fused));
     assert!(found.fused(usize::from(found.fused_channels.count() as u16)).is_none());
+}
+
+#[test]
+fn without_the_fused_image_the_rest_is_the_same() {
+    let engine = TestEngine::new();
+    let [i1, i2] = &pairs()[0];
+    let solve = |fused| {
+        let settings = Settings { fused, ..Settings::default() };
+        Solver::for_pair(&engine, i1, i2, &settings).unwrap().solve(i1, i2).unwrap()
+    };
+    let (whole, mut found) = (solve(true), solve(false));
+    assert_eq!(bits(&found.relative_blur), bits(&whole.relative_blur));
+    assert_eq!(bits(&found.uncertainty), bits(&whole.uncertainty));
+    assert_eq!(bits(&found.residual), bits(&whole.residual));
+    assert!(found.fused.is_empty() && !whole.fused.is_empty());
+    found.crop(Region { x: 3, y: 4, width: 20, height: 10 }).unwrap();
+    assert!(found.fused.is_empty());
 }
 
 #[test]

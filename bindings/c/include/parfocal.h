@@ -187,6 +187,10 @@ typedef struct {
   double start_gain;
   // Where what is added after it starts, intensities.
   double start_offset;
+  // Whether the fused image of a pair is made, of which depth and registration need nothing: 1 or 0.
+  uint32_t fused;
+  // 0.
+  uint32_t reserved;
 } parfocal_settings;
 
 // A photograph: rows of pixels of one sample or of three, red, green, blue. It is copied before the call returns.
@@ -255,7 +259,7 @@ typedef struct {
   const float *residual;
   // Of each pixel the sharper photograph, intensities, interleaved.
   const float *fused;
-  // Channels of fused, 1 or 3; 0 of a registration.
+  // Channels of fused, 1 or 3; 0 of a registration, and where none was asked for: then fused is NULL.
   uint32_t fused_channels;
   // 0.
   uint32_t reserved;

@@ -117,6 +117,10 @@ pub struct parfocal_settings {
     pub start_gain: f64,
     /// Where what is added after it starts, intensities.
     pub start_offset: f64,
+    /// Whether the fused image of a pair is made, of which depth and registration need nothing: 1 or 0.
+    pub fused: u32,
+    /// 0.
+    pub reserved: u32,
 }
 
 // SAFETY: numbers, the size first.
@@ -149,6 +153,8 @@ unsafe impl Versioned for parfocal_settings {
             start: flat(&s.start),
             start_gain: s.start_photometric.gain,
             start_offset: s.start_photometric.offset,
+            fused: s.fused.into(),
+            reserved: 0,
         }
     }
 }
@@ -225,6 +231,7 @@ fn settings(asked: &parfocal_settings) -> Result<Settings, Fault> {
         white_level: level(asked.white_level),
         start: homography(&asked.start)?,
         start_photometric: Photometric { gain: asked.start_gain, offset: asked.start_offset },
+        fused: one_of("fused", asked.fused, &[false, true])?,
     })
 }
 

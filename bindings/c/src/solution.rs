@@ -59,7 +59,7 @@ pub struct parfocal_found {
     pub residual: *const f32,
     /// Of each pixel the sharper photograph, intensities, interleaved.
     pub fused: *const f32,
-    /// Channels of fused, 1 or 3; 0 of a registration.
+    /// Channels of fused, 1 or 3; 0 of a registration, and where none was asked for: then fused is NULL.
     pub fused_channels: u32,
     /// 0.
     pub reserved: u32,
@@ -131,7 +131,7 @@ pub(crate) fn sentences(warnings: &[String]) -> Vec<CString> {
 
 impl parfocal_solution {
     pub(crate) fn solved(fields: Solution, settings: &Settings) -> Self {
-        let warnings = sentences(&fields.warnings);
+        let (warnings, is_fused) = (sentences(&fields.warnings), settings.fused);
         let found = parfocal_found {
             width: fields.width,
             height: fields.height,
@@ -143,8 +143,8 @@ impl parfocal_solution {
             uncertainty: fields.uncertainty.as_ptr(),
             confidence: fields.confidence.as_ptr(),
             residual: fields.residual.as_ptr(),
-            fused: fields.fused.as_ptr(),
-            fused_channels: fields.fused_channels.count(),
+            fused: if is_fused { fields.fused.as_ptr() } else { std::ptr::null() },
+            fused_channels: if is_fused { fields.fused_channels.count() } else { 0 },
             transform: flat(&fields.transform),
             gain: fields.photometric.gain,
             offset: fields.photometric.offset,

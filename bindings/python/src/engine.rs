@@ -265,7 +265,8 @@ fn of_solution<'py>(py: Python<'py>, s: Solution, settings: &Settings) -> PyResu
     found.set_item("uncertainty", field(py, s.uncertainty, size)?)?;
     found.set_item("confidence", field(py, s.confidence, size)?)?;
     found.set_item("residual", field(py, s.residual, size)?)?;
-    found.set_item("fused", image(py, s.fused, size, channels)?)?;
+    let fused = settings.fused.then(|| image(py, s.fused, size, channels)).transpose()?;
+    found.set_item("fused", fused)?;
     let s = s.findings;
     brightness(py, &s.brightness(), &found)?;
     found.set_item("region", <[u32; 4]>::from(s.region()))?;

@@ -28,6 +28,7 @@ const NAMES: [&str; 21] = [
     "motion",
     "registration",
     "photometric",
+    "fused",
     "decode",
     "black_level",
     "white_level",
@@ -82,6 +83,7 @@ fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>, frames: &[&Frame]
             s.registration = one_of(value, &steps, |step| step.0)?.1;
         }
         "photometric" => s.photometric = value.extract()?,
+        "fused" => s.fused = value.extract()?,
         "decode" => {
             let ways = [("auto", decode_by(frames)), ("none", Decode::None), ("srgb", Decode::Srgb)];
             s.decode = one_of(value, &ways, |way| way.0)?.1;

@@ -83,6 +83,12 @@ def test_a_pair_has_the_blur_and_the_place_that_it_was_given(result):
     assert "T +0.800 -0.600 px, converged" in repr(result)
 
 
+def test_without_the_fused_image_the_rest_is_the_same(engine, result):
+    alone = parfocal.solve(NEAR, FAR, engine=engine, fused=False)
+    assert alone.fused is None and "data:image" in alone._repr_html_()
+    assert np.array_equal(alone.relative_blur, result.relative_blur, equal_nan=True)
+
+
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("colour", [False, True])
 def test_results_are_those_of_the_program_bit_for_bit(engine, tmp_path, dtype, colour):

@@ -1,6 +1,6 @@
 //! What a solve takes, and whether a device has it.
 
-use super::{MAP_LAYERS, Plan};
+use super::Plan;
 use crate::base::{DeviceInfo, Error};
 use crate::engine::stages::{self, evidence, half_pair, linearise};
 use crate::engine::vulkan::{Device, MIB, image_limits};
@@ -17,9 +17,9 @@ impl Plan {
         pixels(self.size).next_multiple_of(4)
     }
 
-    /// Bytes of V, its standard deviation, the residual and the fused channels on their way down.
+    /// Bytes of the results on their way down.
     pub(crate) fn result_bytes(&self) -> u64 {
-        4 * pixels(self.size) * u64::from(MAP_LAYERS + self.fused_channels().count())
+        4 * pixels(self.size) * u64::from(self.map_layers())
     }
 
     /// Bytes on the device, and bytes that the host sees.

@@ -191,6 +191,16 @@ impl Plan {
         self.settings.kernel == Kernel::Auto && self.warps(level) && shape_windows::fits(level.size)
     }
 
+    /// Layers of the results: V, its standard deviation, the residual; the channels of the fused image where one is made.
+    pub(crate) fn map_layers(&self) -> u32 {
+        MAP_LAYERS + self.fused_count()
+    }
+
+    /// Channels of the fused image that is made.
+    pub(crate) fn fused_count(&self) -> u32 {
+        if self.settings.fused { self.fused_channels().count() } else { 0 }
+    }
+
     /// Channels of the fused image.
     pub(crate) fn fused_channels(&self) -> Channels {
         if self.formats.iter().all(|f| f.channels == Channels::Gray) { Channels::Gray } else { Channels::Rgb }

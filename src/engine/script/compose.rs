@@ -7,7 +7,7 @@ use super::{Action, Dispatch, Entry, Part, Script};
 use crate::base::Decode;
 use crate::base::color::LUMINANCE;
 use crate::engine::arguments::{self, Grid, Over, Place};
-use crate::engine::plan::{Level, MAP_LAYERS, Plan};
+use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::{self, Slot};
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
@@ -72,7 +72,7 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     }
     s.evidence();
     s.uncertainty();
-    for channel in 0..plan.fused_channels().count() {
+    for channel in 0..plan.fused_count() {
         s.fuse(channel);
     }
     s.bring_down();
@@ -397,7 +397,7 @@ impl<'a> Composer<'a> {
 
     /// The results, into mapped memory.
     fn bring_down(&mut self) {
-        self.push(Action::Download { layers: MAP_LAYERS + self.plan.fused_channels().count() });
+        self.push(Action::Download { layers: self.plan.map_layers() });
         self.copy(Slot::State, Slot::EndState);
         self.copy(Slot::Energies, Slot::EndEnergies);
     }

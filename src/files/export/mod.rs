@@ -216,5 +216,10 @@ fn check_lengths(solution: &Solution) -> Result<(), Error> {
         return Ok(());
     }
     let (width, height) = (solution.width, solution.height);
+    if solution.fused.is_empty() {
+        return Err(Error::Mismatch(
+            "a solution without its fused image cannot be written: solve with `fused` set".to_string(),
+        ));
+    }
     Err(Error::Mismatch(format!("a solution of {width}x{height} with fields of {found:?} values cannot be written")))
 }

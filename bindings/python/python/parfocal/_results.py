@@ -117,8 +117,8 @@ class Result(Registration):
     """The same from 0 to 1."""
     residual: Field
     """What neither blur nor T explains, intensities; NaN where V is."""
-    fused: Field
-    """Of each pixel the sharper photograph, intensities; (height, width) or (height, width, 3)."""
+    fused: Field | None
+    """Of each pixel the sharper photograph, intensities; (height, width) or (height, width, 3). None with fused=False."""
     scale: float
     """s of T at the centre."""
     regularization: float
@@ -146,16 +146,17 @@ class Result(Registration):
             "uncertainty": (self.uncertainty, "px2", "standard deviation of relative_blur"),
             "confidence": (self.confidence, "1", "confidence"),
             "residual": (self.residual, "1", "what neither blur nor registration explains"),
-            "fused": (self.fused, "1", "all-in-focus image"),
         }
+        if self.fused is not None:
+            fields["fused"] = (self.fused, "1", "all-in-focus image")
         about = {"converged": int(self.converged), "transform": self.transform.ravel(), "warnings": self.warnings}
         return _dataset(fields, self.region, about)
 
     def _repr_html_(self) -> str:
-        pictures = [
-            _picture.tag(_picture.shown(self.fused, linear=self.decode == "srgb"), "fused"),
-            _picture.tag(_picture.coloured(self.relative_blur), "relative blur: yellow is nearer where I1 is focused nearer"),
-        ]
+        blur = "relative blur: yellow is nearer where I1 is focused nearer"
+        pictures = [_picture.tag(_picture.coloured(self.relative_blur), blur)]
+        if self.fused is not None:
+            pictures.insert(0, _picture.tag(_picture.shown(self.fused, linear=self.decode == "srgb"), "fused"))
         return _page(repr(self), pictures, self.warnings)
 
 

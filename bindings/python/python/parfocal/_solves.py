@@ -36,6 +36,7 @@ class Settings(TypedDict, total=False):
     motion: str  # "translation", "similarity", "affine" or "homography"
     registration: str  # "gauss-newton" or "gradient-descent"
     photometric: bool
+    fused: bool  # whether the fused image of a pair is made
     decode: str  # "auto": uint8 is taken for sRGB, all else for linear; "none"; "srgb"
     black_level: float | None
     white_level: float | None
