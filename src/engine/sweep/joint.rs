@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::common::Common;
 use super::deviation::Told;
 use super::graph::{self, Link};
-use super::hidden::Hidden;
+use super::hidden::{self, Hidden};
 use super::start::{Frames, GRAIN, Grid};
 use super::{pairs, shown, start};
 use crate::base::{Error, Frame, Homography, Photometric, Settings, Shading};
@@ -65,6 +65,8 @@ pub(super) struct Joint {
     frames: usize,
     /// Words of bits a pixel of the level at hand that tell which frames do not count there; 0 where all do.
     hidden: u32,
+    /// Pixels of the level at hand that count.
+    counting: f64,
     device: Arc<Device>,
     pipelines: Arc<Pipelines>,
 }
@@ -84,7 +86,7 @@ impl Joint {
         let mut first = Recorder::new(&device, Clock::Never)?;
         first.prepare(&workspace.images());
         first.finish()?.run()?;
-        Ok(Self { plan, workspace, frames, hidden: 0, device, pipelines: engine.pipelines().clone() })
+        Ok(Self { plan, workspace, frames, hidden: 0, counting: 0.0, device, pipelines: engine.pipelines().clone() })
     }
 
     /// The finest level.
@@ -192,7 +194,9 @@ impl Joint {
         common.aligned = vec![None; self.frames];
         let words = hidden.words(level, &common.transforms);
         self.hidden = (words.len() as u64 / level.pixels()) as u32;
+        self.counting = level.pixels() as f64;
         if self.hidden > 0 {
+            self.counting = hidden::counting(&words, self.frames) as f64;
             self.workspace.buffer(Slot::Hidden).write(bytemuck::cast_slice(&words))?;
         }
         Ok(())
@@ -254,7 +258,7 @@ impl Joint {
         self.align(level, common)?;
         let rate = common.rate_on(level);
         let links = self.half_pairs(level, common, rate, stays)?;
-        common.telling = links.iter().map(|link| link.sums.valid).sum::<f64>() / level.pixels() as f64;
+        common.telling = links.iter().map(|link| link.sums.valid).sum::<f64>() / self.counting.max(1.0);
         Ok((links, rate))
     }
 
