@@ -33,7 +33,8 @@ pub(super) struct Arguments {
     frames: Vec<PathBuf>,
     /// The focus setting of each frame; counted from 0 without it
     ///
-    /// Ascending or descending, and even in 1/distance, as a lens' travel is.
+    /// Ascending or descending, and even in 1/distance, as a lens' travel is. Without it steps are even unless the sweep itself says that
+    /// frames are missing, or steps uneven; a warning then tells what positions are taken.
     #[arg(
         long,
         value_name = "P,P,...",

@@ -8,7 +8,7 @@ use parfocal::export::{
     PAGE_FILE, SWEEP_FILES, SweepRegistration, SweepReport, sweep_files,
 };
 use parfocal::figure::PEN;
-use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
+use parfocal::focus_stack::{Positions, Sweep, SweepOptions, register_sweep, solve_sweep};
 use parfocal::image_io::{self, Input, Photograph, Values};
 use parfocal::report_html::SweepPage;
 use parfocal::{Channels, Depth, DeviceInfo, Engine, Error, Format, Frame, Method, Settings};
@@ -210,8 +210,7 @@ fn report(
     read: &SweepFrames,
     (sweep, total_ms): (&Sweep, f64),
 ) -> SweepReport {
-    let files: Vec<String> = job.files.iter().map(|file| file.display().to_string()).collect();
-    let mut report = SweepReport::new(sweep, &files, nearer, device, total_ms);
+    let mut report = SweepReport::new(sweep, &names(&job.files), nearer, device, total_ms);
     (report.values, report.validated, report.inputs) = (read.values, super::validation_asked(), read.inputs.clone());
     report
 }
@@ -224,8 +223,6 @@ pub(super) fn register(
     files: &[PathBuf],
     reference: Option<usize>,
 ) -> Result<SweepRegistration, Failure> {
-    let (positions, out) = (Positions::Counted, PathBuf::new());
-    let job = SweepJob { files: files.to_vec(), positions, reference, out };
     let (started, engine) = (Instant::now(), run.open_engine()?);
     let fits = |first: &Photograph| pair::check_size([first; 2], settings, || Ok(engine.info().clone()));
     let (frames, inputs) = decode(files, fits)?;
@@ -233,11 +230,17 @@ pub(super) fn register(
     let values = decoding.of(&inputs)?;
     let settings = Settings { decode: values.decode, ..settings.clone() };
     let options = SweepOptions { settings, reference, ..SweepOptions::default() };
-    let read = SweepFrames { frames, inputs, options, values, read_ms: started.elapsed().as_secs_f64() * 1e3 };
     let bar = run.bar();
-    let solved = solve(&engine, &read, &mut |done, levels| bar.show_levels(done, levels));
+    let found = register_sweep(&engine, &frames, &options, &mut |done, levels| bar.show_levels(done, levels));
     drop(bar);
-    let (sweep, total_ms) = solved.map_err(|e| Failure::of_solve(e, &files[0]))?;
+    let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
     super::check_validation(&engine)?;
-    Ok(report(&job, Nearer::default(), engine.info(), &read, (&sweep, total_ms)).into())
+    let mut report = SweepRegistration::new(&found, &names(files), started.elapsed().as_secs_f64() * 1e3);
+    (report.values, report.inputs) = (values, inputs);
+    Ok(report)
+}
+
+/// As they were given.
+fn names(files: &[PathBuf]) -> Vec<String> {
+    files.iter().map(|file| file.display().to_string()).collect()
 }

@@ -36,7 +36,7 @@ pub use registered::Registered;
 pub use solution::{Findings, LevelHistory, Solution, Timings};
 pub(crate) use solver::same_size;
 pub use solver::{Solver, Ticket};
-pub(crate) use sweep::{Focus, SweepSolver};
+pub(crate) use sweep::{Asked, Focus, RegisteredFrames, SweepSolver};
 pub use view::View;
 
 use crate::base::{Decode, DeviceInfo, Error, Format, Frame, Mask, Settings, Similarity};

@@ -307,7 +307,7 @@ typedef struct {
 typedef struct {
   // sizeof(parfocal_sweep_options).
   size_t size;
-  // What each frame is focused at, ascending or descending; NULL: even, and counted from 0.
+  // What each frame is focused at, ascending or descending; NULL: counted from 0, evenly unless the sweep says otherwise.
   const double *positions;
   // A parfocal_positions.
   uint32_t unit;

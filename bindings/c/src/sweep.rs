@@ -38,7 +38,7 @@ pub enum parfocal_positions {
 pub struct parfocal_sweep_options {
     /// sizeof(parfocal_sweep_options).
     pub size: usize,
-    /// What each frame is focused at, ascending or descending; NULL: even, and counted from 0.
+    /// What each frame is focused at, ascending or descending; NULL: counted from 0, evenly unless the sweep says otherwise.
     pub positions: *const f64,
     /// A parfocal_positions.
     pub unit: u32,

@@ -99,6 +99,7 @@ mod tests {
             transforms: vec![Homography::IDENTITY; 2],
             brightness: vec![Brightness::unchanged([width, height]); 2],
             rate: 1.0,
+            settings: vec![0.0, 1.0],
         };
         let (frames, positions, decode) = (&frames, &[0.0, 1.0], Decode::None);
         let fused = fuse(&Focused { frames, reference: 0, positions, found: &found, decode });

@@ -11,13 +11,15 @@ mod laplacian;
 mod order;
 mod part;
 mod position;
+mod registered;
 mod restated;
 
 pub use self::part::solve_sweep;
 pub use self::position::{Positions, SweepDepth};
+pub use self::registered::{RegisteredSweep, register_sweep};
 use crate::around::Scope;
 use crate::base::{Brightness, Channels, Decode, Error, Frame, Homography, Region, Settings};
-use crate::engine::{Engine, Focus, SweepSolver};
+use crate::engine::{Asked, Engine, Focus, SweepSolver};
 
 /// A pixel whose deviation is larger, steps, is not known.
 const UNKNOWN: f32 = 2.0;
@@ -117,21 +119,18 @@ fn solve_whole(
     options: &SweepOptions,
     say: &mut dyn FnMut(usize, usize),
 ) -> Result<Sweep, Error> {
-    let reference = options.reference.unwrap_or(frames.len() / 2);
-    let settings = options.positions.settings(frames.len());
-    let step = mean_step(&settings);
-    // Constants of the solve are for settings a step apart, so counted they are solved.
-    let counted: Vec<f64> = settings.iter().map(|p| (p - settings[0]) / step).collect();
+    let counted = Counted::of(frames.len(), options);
     let (width, height) = (frames[0].width(), frames[0].height());
-    let mut solver = SweepSolver::new(engine, [width, height], frames[0].format(), frames.len(), &options.settings)?;
-    let found = solver.solve(frames, &counted, reference, options.scope.mask.as_ref(), say)?;
+    let mut solver = solver(engine, frames, options)?;
+    let found = solver.solve(frames, &counted.asked(options), say)?;
+    let (reference, first, step) = (counted.reference, counted.first, counted.step);
     let decode = options.settings.decode;
-    let focused = focused::Focused { frames, reference, positions: &counted, found: &found, decode };
+    let focused = focused::Focused { frames, reference, positions: &found.settings, found: &found, decode };
     let (fused, fused_channels) = (fuse::fuse(&focused), focused.channels());
     let counts = known(&found);
-    let beyond = beyond::sides(&counts, (frames.len() - 1) as f64, found.rate);
+    let beyond = beyond::sides(&counts, found.settings[frames.len() - 1], found.rate);
     let within = counts.iter().zip(&beyond).map(|(&u, &side)| if side == 0 { u } else { f32::NAN });
-    let focus: Vec<f32> = within.map(|u| (settings[0] + step * f64::from(u)) as f32).collect();
+    let focus: Vec<f32> = within.map(|u| (first + step * f64::from(u)) as f32).collect();
     let uncertainty: Vec<f32> = found.deviation.iter().map(|&s| (step.abs() * f64::from(s)) as f32).collect();
     Ok(Sweep {
         width,
@@ -146,7 +145,7 @@ fn solve_whole(
         fused: fused.values,
         frames: fused.frames.iter().map(|n| n + 1).collect(),
         reference,
-        positions: settings,
+        positions: counted.positions(&found.settings),
         unit: options.positions.unit(),
         stated: options.positions.clone(),
         transforms: found.transforms,
@@ -158,15 +157,49 @@ fn solve_whole(
     })
 }
 
+/// Prepares for these frames.
+fn solver(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<SweepSolver, Error> {
+    let size = [frames[0].width(), frames[0].height()];
+    SweepSolver::new(engine, size, frames[0].format(), frames.len(), &options.settings)
+}
+
+/// What the frames of a sweep are focused at as it is solved: constants of the solve are for settings a step apart.
+struct Counted {
+    reference: usize,
+    /// The setting of the first frame, and the mean step from setting to setting, negative where they descend.
+    first: f64,
+    step: f64,
+    /// The settings in steps from the first.
+    steps: Vec<f64>,
+}
+
+impl Counted {
+    fn of(frames: usize, options: &SweepOptions) -> Self {
+        let settings = options.positions.settings(frames);
+        let (first, step) = (settings[0], (settings[frames - 1] - settings[0]) / (frames - 1) as f64);
+        let steps = settings.iter().map(|p| (p - first) / step).collect();
+        Self { reference: options.reference.unwrap_or(frames / 2), first, step, steps }
+    }
+
+    fn asked<'a>(&'a self, options: &'a SweepOptions) -> Asked<'a> {
+        Asked {
+            settings: &self.steps,
+            known: options.positions != Positions::Counted,
+            reference: self.reference,
+            mask: options.scope.mask.as_ref(),
+        }
+    }
+
+    /// Settings from steps.
+    fn positions(&self, steps: &[f64]) -> Vec<f64> {
+        steps.iter().map(|steps| self.first + self.step * steps).collect()
+    }
+}
+
 /// u where it is known, steps; NaN elsewhere.
 fn known(found: &Focus) -> Vec<f32> {
     let pixels = found.focus.iter().zip(&found.deviation);
     pixels.map(|(&u, &deviation)| if deviation < UNKNOWN { u } else { f32::NAN }).collect()
-}
-
-/// The mean step from setting to setting, negative where they descend.
-fn mean_step(settings: &[f64]) -> f64 {
-    (settings[settings.len() - 1] - settings[0]) / (settings.len() - 1) as f64
 }
 
 /// Whether frames and options fit each other.

@@ -1,10 +1,10 @@
 //! A part of the frames, and what of it has results.
 
-use super::order::judge;
-use super::{LEAST, Positions, Sweep, SweepOptions, check, solve_whole};
+use super::order::{Order, judge};
+use super::{LEAST, Positions, Sweep, SweepOptions, check, position, solve_whole};
 use crate::around::Scope;
 use crate::around::scope::margin;
-use crate::base::{Error, Frame, Mask, Region, centre};
+use crate::base::{Brightness, Error, Frame, Homography, Mask, Region, centre};
 use crate::engine::Engine;
 
 /// Solves a sweep, or the part of it that its scope names. Frames that stand in the wrong place or are there twice are put in order, as
@@ -20,13 +20,25 @@ pub fn solve_sweep(
     options: &SweepOptions,
     say: &mut dyn FnMut(usize, usize),
 ) -> Result<Sweep, Error> {
+    let solve = |frames: &[Frame], options: &SweepOptions| solve_scope(engine, frames, options, say);
+    let (mut sweep, order) = in_order(frames, options, solve)?;
+    let told = position::told(&options.positions, &sweep.positions, &order.frames);
+    sweep.warnings.splice(..0, order.warnings.into_iter().chain(told));
+    sweep.order = order.frames;
+    Ok(sweep)
+}
+
+/// What is done with frames once they are checked and in order.
+pub(super) fn in_order<T>(
+    frames: &[Frame],
+    options: &SweepOptions,
+    solve: impl FnOnce(&[Frame], &SweepOptions) -> Result<T, Error>,
+) -> Result<(T, Order), Error> {
     check(frames, options)?;
     options.scope.check([frames[0].width(), frames[0].height()])?;
     let order = judge(frames, options.positions != Positions::Counted);
     if order.frames.iter().copied().eq(0..frames.len()) {
-        let mut sweep = solve_scope(engine, frames, options, say)?;
-        sweep.warnings.splice(..0, order.warnings);
-        return Ok(sweep);
+        return Ok((solve(frames, options)?, order));
     }
     if order.frames.len() < LEAST {
         return Err(Error::Mismatch(format!(
@@ -40,10 +52,22 @@ pub fn solve_sweep(
         order.frames.iter().position(same)
     };
     let within = SweepOptions { reference: options.reference.and_then(place), ..options.clone() };
-    let mut sweep = solve_scope(engine, &ordered, &within, say)?;
-    sweep.warnings.splice(..0, order.warnings);
-    sweep.order = order.frames;
-    Ok(sweep)
+    Ok((solve(&ordered, &within)?, order))
+}
+
+/// The part of the reference that is solved where one is asked for, the frames cut to it, and how these are solved.
+pub(super) fn cut(
+    frames: &[Frame],
+    options: &SweepOptions,
+) -> Result<Option<(Region, Vec<Frame>, SweepOptions)>, Error> {
+    let (scope, size) = (&options.scope, [frames[0].width(), frames[0].height()]);
+    let Some(region) = scope.region else { return Ok(None) };
+    let part = region.grown(margin(size, &options.settings), size);
+    let cut = frames.iter().map(|frame| frame.cropped(part).map_err(Error::Region));
+    let cut = cut.collect::<Result<Vec<Frame>, Error>>()?;
+    let mask = scope.mask.as_ref().map(|mask| mask.cropped(part));
+    let within = SweepOptions { scope: Scope { mask, ..Scope::default() }, ..options.clone() };
+    Ok(Some((part, cut, within)))
 }
 
 /// Solves frames that are in order.
@@ -54,19 +78,14 @@ fn solve_scope(
     say: &mut dyn FnMut(usize, usize),
 ) -> Result<Sweep, Error> {
     let (scope, size) = (&options.scope, [frames[0].width(), frames[0].height()]);
-    let mut sweep = match scope.region {
-        None => solve_whole(engine, frames, options, say)?,
-        Some(region) => {
-            let part = region.grown(margin(size, &options.settings), size);
-            let cut = frames.iter().map(|frame| frame.cropped(part).map_err(Error::Region));
-            let cut = cut.collect::<Result<Vec<Frame>, Error>>()?;
-            let mask = scope.mask.as_ref().map(|mask| mask.cropped(part));
-            let within = SweepOptions { scope: Scope { mask, ..Scope::default() }, ..options.clone() };
+    let mut sweep = match (scope.region, cut(frames, options)?) {
+        (Some(region), Some((part, cut, within))) => {
             let mut sweep = solve_whole(engine, &cut, &within, say)?;
             sweep.place_in(part, size);
             sweep.crop(Region { x: region.x - part.x, y: region.y - part.y, ..region });
             sweep
         }
+        _ => solve_whole(engine, frames, options, say)?,
     };
     if let Some(mask) = &scope.mask {
         sweep.leave_out(&mask.cropped(sweep.region));
@@ -81,15 +100,25 @@ fn solve_scope(
     Ok(sweep)
 }
 
+/// States what was found of a part about the centre of the whole frames.
+pub(super) fn restate(
+    transforms: &mut [Homography],
+    brightness: &mut [Brightness],
+    part: Region,
+    photograph: [u32; 2],
+) {
+    let (from, to) = (part.centre(), centre(photograph[0], photograph[1]));
+    transforms.iter_mut().for_each(|transform| *transform = transform.about(from, to));
+    for brightness in brightness {
+        brightness.part.x += part.x;
+        brightness.part.y += part.y;
+    }
+}
+
 impl Sweep {
     /// Says that what was solved is a part of larger frames, and states the transforms about their centre.
     fn place_in(&mut self, part: Region, photograph: [u32; 2]) {
-        let (from, to) = (part.centre(), centre(photograph[0], photograph[1]));
-        self.transforms.iter_mut().for_each(|transform| *transform = transform.about(from, to));
-        for brightness in &mut self.brightness {
-            brightness.part.x += part.x;
-            brightness.part.y += part.y;
-        }
+        restate(&mut self.transforms, &mut self.brightness, part, photograph);
         (self.region, self.photograph) = (part, photograph);
     }
 

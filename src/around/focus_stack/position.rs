@@ -5,7 +5,8 @@ use crate::base::Error;
 /// The focus setting of each frame, ascending or descending.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Positions {
-    /// Not known: even, and counted from 0.
+    /// Not known: counted from 0, in even steps unless the sweep itself says that frames are missing or steps uneven, of which a
+    /// warning tells ([`Sweep::positions`](super::Sweep::positions)).
     #[default]
     Counted,
     /// In any unit that is even in 1/z.
@@ -93,6 +94,25 @@ impl Positions {
     }
 }
 
+/// What there is to say of settings that were not stated, and are not even; `order` has the frames' numbers as they were given, from 0.
+pub(super) fn told(stated: &Positions, settings: &[f64], order: &[usize]) -> Option<String> {
+    let steps = || settings.windows(2).map(|p| p[1] - p[0]);
+    if *stated != Positions::Counted || steps().all(|step| step == 1.0) {
+        return None;
+    }
+    let all: Vec<String> = settings.iter().map(|p| format!("{}", (100.0 * p).round() / 100.0)).collect();
+    let taken = format!("positions are taken as {}; state them if that is wrong", all.join(","));
+    if steps().any(|step| step.fract() != 0.0) {
+        return Some(format!("the frames seem to be focused at steps that are uneven in 1/distance: {taken}"));
+    }
+    let gap = |(n, step): (usize, f64)| {
+        let missing = if step == 2.0 { "a frame".to_string() } else { format!("{} frames", step - 1.0) };
+        format!("{missing} between frames {} and {}", order[n] + 1, order[n + 1] + 1)
+    };
+    let gaps: Vec<String> = steps().enumerate().filter(|(_, step)| *step > 1.0).map(gap).collect();
+    Some(format!("missing, as it seems: {}; {taken}", gaps.join(", ")))
+}
+
 /// The distance in mm of a setting in 1/m, and half of what lies between the distances a deviation on either side, as
 /// [`Inverse::deviation`](crate::Inverse::deviation); NaN where the setting is none of a distance.
 fn distance(u: f64, sigma: f64) -> (f32, f32) {
@@ -140,6 +160,18 @@ mod tests {
         let found = stage.depth(&[0.2, f32::NAN], &[0.01, f32::NAN]).unwrap();
         assert_eq!((found.depth[0], found.deviation[0], found.out_of_range), (0.2, 0.01, 0));
         assert_eq!(Positions::Counted.depth(&[0.2], &[0.1]), None);
+    }
+
+    #[test]
+    fn settings_that_are_not_even_are_told() {
+        let told = |settings: &[f64]| told(&Positions::Counted, settings, &[0, 1, 3, 2, 4]);
+        assert_eq!(told(&[0.0, 1.0, 2.0, 3.0, 4.0]), None);
+        let gaps = told(&[0.0, 1.0, 3.0, 6.0, 7.0]).unwrap();
+        assert!(gaps.contains("a frame between frames 2 and 4, 2 frames between frames 4 and 3"), "{gaps}");
+        assert!(gaps.contains("positions are taken as 0,1,3,6,7;"), "{gaps}");
+        let uneven = told(&[0.0, 0.511, 1.0, 2.6, 4.0]).unwrap();
+        assert!(uneven.contains("uneven in 1/distance") && uneven.contains("0,0.51,1,2.6,4"), "{uneven}");
+        assert_eq!(super::told(&Positions::Settings(vec![0.0, 2.0, 3.0]), &[0.0, 2.0, 3.0], &[0, 1, 2]), None);
     }
 
     #[test]

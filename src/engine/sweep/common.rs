@@ -20,7 +20,7 @@ pub(super) struct Common {
     /// As they were when the frames were last brought onto the reference's pixels.
     pub(super) aligned: Vec<Option<Homography>>,
     pub(super) brightness: Vec<(f64, Shading)>,
-    /// Pairs that tell of a pixel, on average.
+    /// Pairs that tell of a pixel, on average over those that count.
     pub(super) telling: f64,
 }
 

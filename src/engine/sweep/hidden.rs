@@ -122,6 +122,12 @@ impl Hidden {
     }
 }
 
+/// How many pixels count in two frames or more, so that some pair may tell of them; of words as [`Hidden::words`] makes them.
+pub(super) fn counting(words: &[u32], frames: usize) -> usize {
+    let shown = |bits: &[u32]| (0..frames).filter(|n| bits[n / 32] >> (n % 32) & 1 == 0).count();
+    words.chunks_exact(frames.div_ceil(32)).filter(|bits| shown(bits) > 1).count()
+}
+
 /// Whether a frame has nothing that counts at a pixel of the reference.
 fn hides(bits: &Bits, t: &Homography, level: &Level, place: [usize; 2]) -> bool {
     let [x, y] = [0, 1].map(|n| place[n] as f64);
@@ -129,4 +135,16 @@ fn hides(bits: &Bits, t: &Homography, level: &Level, place: [usize; 2]) -> bool 
     let nearest = |at: f64, side: usize| at.round().clamp(0.0, side as f64 - 1.0) as usize;
     let [x, y] = [nearest(x + d[0] / level.factor, bits.width), nearest(y + d[1] / level.factor, bits.height)];
     bits.set[y * bits.width + x]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pixel_counts_where_two_frames_show_it() {
+        // 34 frames: all show the first; none the second; two the third, on either side of the words' border; one the last.
+        let words = [0, 0, u32::MAX, u32::MAX, u32::MAX >> 1, !1, u32::MAX, !1];
+        assert_eq!(counting(&words, 34), 2);
+    }
 }

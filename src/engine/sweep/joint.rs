@@ -6,9 +6,9 @@ use std::sync::Arc;
 use super::common::Common;
 use super::deviation::Told;
 use super::graph::{self, Link};
-use super::hidden::Hidden;
+use super::hidden::{self, Hidden};
 use super::start::{Frames, GRAIN, Grid};
-use super::{pairs, shown, start};
+use super::{Asked, pairs, shown, spacing, start};
 use crate::base::{Error, Frame, Homography, Photometric, Settings, Shading};
 use crate::engine::Engine;
 use crate::engine::plan::{Level, Plan};
@@ -65,6 +65,8 @@ pub(super) struct Joint {
     frames: usize,
     /// Words of bits a pixel of the level at hand that tell which frames do not count there; 0 where all do.
     hidden: u32,
+    /// Pixels of the level at hand that count.
+    counting: f64,
     device: Arc<Device>,
     pipelines: Arc<Pipelines>,
 }
@@ -84,7 +86,7 @@ impl Joint {
         let mut first = Recorder::new(&device, Clock::Never)?;
         first.prepare(&workspace.images());
         first.finish()?.run()?;
-        Ok(Self { plan, workspace, frames, hidden: 0, device, pipelines: engine.pipelines().clone() })
+        Ok(Self { plan, workspace, frames, hidden: 0, counting: 0.0, device, pipelines: engine.pipelines().clone() })
     }
 
     /// The finest level.
@@ -113,14 +115,13 @@ impl Joint {
     /// Starts, and goes down to a level: T of all frames, and c, which step there too; u stays on the device. `say` is told of each level done.
     pub(super) fn descend(
         &mut self,
-        settings: &[f64],
-        reference: usize,
+        asked: &Asked<'_>,
         hidden: &Hidden,
         last: usize,
         say: &mut dyn FnMut(),
     ) -> Result<Common, Error> {
         let first = self.first_level();
-        let (mut common, focus) = self.start(first, settings, reference)?;
+        let (mut common, focus) = self.start(first, asked)?;
         self.upload(Slot::RelativeBlur { level: first }, &focus)?;
         for index in (last.min(first)..=first).rev() {
             if index < first {
@@ -192,7 +193,9 @@ impl Joint {
         common.aligned = vec![None; self.frames];
         let words = hidden.words(level, &common.transforms);
         self.hidden = (words.len() as u64 / level.pixels()) as u32;
+        self.counting = level.pixels() as f64;
         if self.hidden > 0 {
+            self.counting = hidden::counting(&words, self.frames) as f64;
             self.workspace.buffer(Slot::Hidden).write(bytemuck::cast_slice(&words))?;
         }
         Ok(())
@@ -205,8 +208,9 @@ impl Joint {
         self.plan.pyramid.iter().position(|level| long(level) <= START).unwrap_or(coarsest)
     }
 
-    /// Registration, brightness, c, and u less the middle setting.
-    fn start(&self, first: usize, settings: &[f64], reference: usize) -> Result<(Common, Field), Error> {
+    /// Registration, brightness, settings where they are not known, c, and u less the middle setting.
+    fn start(&self, first: usize, asked: &Asked<'_>) -> Result<(Common, Field), Error> {
+        let reference = asked.reference;
         let level = &self.plan.pyramid[first];
         let images = self.fetch(Slot::Frames { level: first }, level.size, 0..self.frames as u32)?;
         let frames = Frames { images: &images, grid: Grid { factor: level.factor, centre: level.centre } };
@@ -217,12 +221,19 @@ impl Joint {
             vec![(1.0, Shading::NONE); self.frames]
         };
         let moved = start::aligned(&frames, &transforms, &brightness);
-        let rate = start::rate(&moved, settings);
+        let (mut settings, mut rate) = (asked.settings.to_vec(), start::rate(&moved, asked.settings));
+        if !asked.known {
+            let finer = || self.aligned_finer(first, &transforms, &brightness);
+            if let Some(uneven) = spacing::uneven(&moved, &settings, rate, finer)? {
+                rate = start::rate(&moved, &uneven);
+                settings = uneven;
+            }
+        }
         let middle = 0.5 * (settings[0] + settings[self.frames - 1]);
-        let mut focus = start::focus(&moved, settings, rate);
+        let mut focus = start::focus(&moved, &settings, rate);
         focus.data.iter_mut().for_each(|u| *u -= middle);
         let common = Common {
-            settings: settings.to_vec(),
+            settings,
             middle,
             reference,
             rate: rate * level.factor * level.factor,
@@ -232,6 +243,20 @@ impl Joint {
             telling: 1.0,
         };
         Ok((common, focus))
+    }
+
+    /// The frames on the reference's pixels of the next finer level; none where there is no such.
+    fn aligned_finer(
+        &self,
+        first: usize,
+        transforms: &[Homography],
+        brightness: &[(f64, Shading)],
+    ) -> Result<Option<Vec<Field>>, Error> {
+        let Some(index) = first.checked_sub(1) else { return Ok(None) };
+        let level = &self.plan.pyramid[index];
+        let images = self.fetch(Slot::Frames { level: index }, level.size, 0..self.frames as u32)?;
+        let frames = Frames { images: &images, grid: Grid { factor: level.factor, centre: level.centre } };
+        Ok(Some(start::aligned(&frames, transforms, brightness)))
     }
 
     /// An iteration on a level: u, T and c step.
@@ -254,7 +279,7 @@ impl Joint {
         self.align(level, common)?;
         let rate = common.rate_on(level);
         let links = self.half_pairs(level, common, rate, stays)?;
-        common.telling = links.iter().map(|link| link.sums.valid).sum::<f64>() / level.pixels() as f64;
+        common.telling = links.iter().map(|link| link.sums.valid).sum::<f64>() / self.counting.max(1.0);
         Ok((links, rate))
     }
 

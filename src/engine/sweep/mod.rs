@@ -13,6 +13,7 @@ mod joint;
 mod pairs;
 mod parts;
 mod shown;
+mod spacing;
 mod start;
 #[cfg(test)]
 mod tests;
@@ -30,6 +31,18 @@ const ASIDE: f64 = 0.1;
 /// Bytes that a sweep takes of a device at most before its finest level is solved by parts.
 const BUDGET: u64 = 4 << 30;
 
+/// What is asked of a sweep besides its frames.
+pub struct Asked<'a> {
+    /// What the frames are focused at, ascending, about a step apart.
+    pub settings: &'a [f64],
+    /// Whether that is known. Else it is what the sweep itself says, where it says that the settings are others.
+    pub known: bool,
+    /// The frame on whose pixels the results are.
+    pub reference: usize,
+    /// Which of its pixels count.
+    pub mask: Option<&'a Mask>,
+}
+
 /// Where a scene is in focus, and where the frames lie.
 #[derive(Clone, Debug)]
 pub struct Focus {
@@ -43,6 +56,21 @@ pub struct Focus {
     pub brightness: Vec<Brightness>,
     /// c: px² of variance by squared settings.
     pub rate: f64,
+    /// What the frames are focused at: what was known or taken, or what the sweep says.
+    pub settings: Vec<f64>,
+}
+
+/// Where the frames of a sweep lie, as [`Focus`] has it.
+#[derive(Clone, Debug)]
+pub struct RegisteredFrames {
+    /// Where the reference's pixels lie in each frame.
+    pub transforms: Vec<Homography>,
+    /// What brings each frame to the reference's brightness.
+    pub brightness: Vec<Brightness>,
+    /// c: px² of variance by squared settings.
+    pub rate: f64,
+    /// What the frames are focused at: what was known or taken, or what the sweep says.
+    pub settings: Vec<f64>,
 }
 
 /// A size and a number of frames, prepared for sweeps.
@@ -101,41 +129,31 @@ impl SweepSolver {
         Ok(Self { settings, size, joint: Joint::new(engine, plan, frames)?, parts: Some(parts) })
     }
 
-    /// Solves a sweep whose frames are focused at these settings, ascending, on the pixels of one of them, of which those that the mask
-    /// leaves out count for nothing; `say` is told how many of its levels and parts are done.
+    /// Solves a sweep; `say` is told how many of its levels and parts are done.
     ///
     /// # Errors
     /// [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].
     pub fn solve(
         &mut self,
         frames: &[Frame],
-        settings: &[f64],
-        reference: usize,
-        mask: Option<&Mask>,
+        asked: &Asked<'_>,
         say: &mut dyn FnMut(usize, usize),
     ) -> Result<Focus, Error> {
-        let levels = self.joint.levels() + self.parts.as_ref().map_or(0, |_| 1);
-        let hidden = Hidden::of(frames, mask, &self.settings, levels);
         let (mut done, all) = (0, self.joint.levels() + self.parts.as_ref().map_or(0, Parts::count));
         let mut say = || {
             done += 1;
             say(done, all);
         };
-        let (common, [focus, deviation]) = match &mut self.parts {
+        let (mut common, hidden) = self.descend(frames, asked, &mut say)?;
+        let [focus, deviation] = match &mut self.parts {
             None => {
-                self.joint.bring_up(frames.iter())?;
-                let mut common = self.joint.descend(settings, reference, &hidden, 1, &mut say)?;
                 let found = self.joint.finish(&mut common, &hidden)?;
                 say();
-                (common, found)
+                found
             }
             Some(parts) => {
-                self.joint.bring_up(parts::halved(frames, &self.settings)?.iter())?;
-                let common = self.joint.descend(settings, reference, &hidden.halved(), 0, &mut say)?;
-                let common = parts::doubled(&common, self.size);
                 let coarse = self.joint.focus(self.joint.finest())?;
-                let found = parts.solve(frames, mask, &coarse, &common, &mut say)?;
-                (common, found)
+                parts.solve(frames, asked.mask, &coarse, &common, &mut say)?
             }
         };
         Ok(Focus {
@@ -144,7 +162,52 @@ impl SweepSolver {
             brightness: self.brightness(&common),
             transforms: common.transforms,
             rate: common.rate,
+            settings: common.settings,
         })
+    }
+
+    /// The registration of a sweep alone, the same as of [`solve`](Self::solve): T and c stay on the finest level, which is left out.
+    ///
+    /// # Errors
+    /// As [`solve`](Self::solve).
+    pub fn register(
+        &mut self,
+        frames: &[Frame],
+        asked: &Asked<'_>,
+        say: &mut dyn FnMut(usize, usize),
+    ) -> Result<RegisteredFrames, Error> {
+        let (mut done, all) = (0, self.joint.levels() - usize::from(self.parts.is_none()));
+        let mut say = || {
+            done += 1;
+            say(done, all);
+        };
+        let (common, _) = self.descend(frames, asked, &mut say)?;
+        Ok(RegisteredFrames {
+            brightness: self.brightness(&common),
+            transforms: common.transforms,
+            rate: common.rate,
+            settings: common.settings,
+        })
+    }
+
+    /// Goes down to the level above the finest, where u stays on the device; what does not count on the solver's levels.
+    fn descend(
+        &mut self,
+        frames: &[Frame],
+        asked: &Asked<'_>,
+        say: &mut dyn FnMut(),
+    ) -> Result<(Common, Hidden), Error> {
+        let levels = self.joint.levels() + usize::from(self.parts.is_some());
+        let hidden = Hidden::of(frames, asked.mask, &self.settings, levels);
+        if self.parts.is_none() {
+            self.joint.bring_up(frames.iter())?;
+            let common = self.joint.descend(asked, &hidden, 1, say)?;
+            return Ok((common, hidden));
+        }
+        let hidden = hidden.halved();
+        self.joint.bring_up(parts::halved(frames, &self.settings)?.iter())?;
+        let common = self.joint.descend(asked, &hidden, 0, say)?;
+        Ok((parts::doubled(&common, self.size), hidden))
     }
 
     fn brightness(&self, common: &Common) -> Vec<Brightness> {

@@ -34,13 +34,13 @@ fn filtered(image: &Field, along_x: &Filter, along_y: &Filter) -> Field {
     convolve::twin(&convolve::twin(image, along_x, 1, false), along_y, 1, true)
 }
 
-fn smoothed(image: &Field, sigma: f64) -> Field {
+pub(super) fn smoothed(image: &Field, sigma: f64) -> Field {
     let filter = filter::gaussian(sigma * sigma);
     filtered(image, &filter, &filter)
 }
 
 /// The low pass and the high pass of the device.
-fn band_passed(image: &Field) -> Field {
+pub(super) fn band_passed(image: &Field) -> Field {
     let [low, along_x, along_y] = band();
     let mut image = filtered(image, &low, &low);
     let less = filtered(&image, &along_x, &along_y);
@@ -207,15 +207,15 @@ fn fit_brightness(samples: &[([f64; 2], f64, f64)]) -> (f64, Shading) {
 const NODE_STEP: f64 = 0.35;
 
 /// Frames, band-passed, each blurred by all nodes.
-struct Blurred {
+pub(super) struct Blurred {
     /// By frame and node.
     nodes: Vec<Vec<Vec<f32>>>,
     size: [usize; 2],
 }
 
 impl Blurred {
-    fn new(frames: &[Field], limit: f64) -> Self {
-        let count = (limit.sqrt() / NODE_STEP).ceil() as usize + 1;
+    pub(super) fn new(frames: &[Field]) -> Self {
+        let count = (LIMIT.sqrt() / NODE_STEP).ceil() as usize + 1;
         let nodes = workers::collect(frames.len(), |n| {
             let mut nodes = vec![frames[n].clone()];
             for k in 1..count {
@@ -239,6 +239,21 @@ impl Blurred {
             let s = low + t * (high - low) - other;
             *sum += share * s * s;
         }
+    }
+
+    /// A pixel of a frame as it is.
+    pub(super) fn sharp(&self, frame: usize, pixel: usize) -> f64 {
+        f64::from(self.nodes[frame][0][pixel])
+    }
+
+    /// A pixel of a frame blurred by v, and its slope by v.
+    pub(super) fn read(&self, frame: usize, v: f64, pixel: usize) -> (f64, f64) {
+        let nodes = &self.nodes[frame];
+        let k = ((v.sqrt() / NODE_STEP) as usize).min(nodes.len() - 2);
+        let [before, after] = [k, k + 1].map(|k| (NODE_STEP * k as f64).powi(2));
+        let [low, high] = [k, k + 1].map(|k| f64::from(nodes[k][pixel]));
+        let slope = (high - low) / (after - before);
+        (low + slope * (v.min(after) - before), slope)
     }
 
     /// The energy at each candidate u, over a window.
@@ -270,7 +285,7 @@ impl Blurred {
 /// Most V that the start looks at, px² of its level.
 const LIMIT: f64 = 36.0;
 /// σ of the windows, px: for c, and for u.
-const WINDOWS: [f64; 2] = [3.0, 2.5];
+pub(super) const WINDOWS: [f64; 2] = [3.0, 2.5];
 /// Frames that are enough for c.
 const ENOUGH: usize = 24;
 
@@ -281,7 +296,7 @@ pub(super) fn rate(frames: &[Field], settings: &[f64]) -> f64 {
     let chosen: Vec<usize> = (0..frames.len()).step_by(every).collect();
     let settings: Vec<f64> = chosen.iter().map(|&n| settings[n]).collect();
     let images = workers::collect(chosen.len(), |n| band_passed(&frames[chosen[n]]));
-    let (last, blurred) = (chosen.len() - 1, Blurred::new(&images, LIMIT));
+    let (last, blurred) = (chosen.len() - 1, Blurred::new(&images));
     let pairs: Vec<[usize; 2]> =
         [1, 2, 4, 8, 16].iter().flat_map(|s| (0..(last + 1).saturating_sub(*s)).map(move |i| [i, i + s])).collect();
     let range = settings[last] - settings[0];
@@ -306,22 +321,28 @@ pub(super) fn rate(frames: &[Field], settings: &[f64]) -> f64 {
     (octave + beside).exp2()
 }
 
-/// u at every pixel, by the least energy of candidates a fifth of a px of blur apart, between which a parabola decides.
+/// u at every pixel.
 pub(super) fn focus(frames: &[Field], settings: &[f64], rate: f64) -> Field {
-    let images = workers::collect(frames.len(), |n| band_passed(&frames[n]));
-    let (blurred, last) = (Blurred::new(&images, LIMIT), settings.len() - 1);
-    let range = settings[last] - settings[0];
-    let count = ((range * rate.sqrt() / 0.2).ceil() as usize + 1).clamp(13, 200);
-    let step = range / (count - 1) as f64;
-    let candidates: Vec<f64> = (0..count).map(|n| settings[0] + step * n as f64).collect();
-    let volume = blurred.volume(settings, &pairs(settings, rate), rate, &candidates, WINDOWS[1], LIMIT);
-    let [width, height] = blurred.size;
-    Field::from_fn(width, height, |x, y| {
-        let energy = |k: usize| volume[k].get(x, y);
-        let k = (1..count - 1).min_by(|a, b| energy(*a).total_cmp(&energy(*b))).unwrap_or(1);
-        let [a, b, c] = [energy(k - 1), energy(k), energy(k + 1)];
-        let bend = a - 2.0 * b + c;
-        let beside = if bend > 0.0 { (0.5 * (a - c) / bend).clamp(-1.0, 1.0) } else { 0.0 };
-        candidates[k] + step * beside
-    })
+    Blurred::new(&workers::collect(frames.len(), |n| band_passed(&frames[n]))).focus(settings, rate)
+}
+
+impl Blurred {
+    /// u at every pixel, by the least energy of candidates a fifth of a px of blur apart, between which a parabola decides.
+    pub(super) fn focus(&self, settings: &[f64], rate: f64) -> Field {
+        let last = settings.len() - 1;
+        let range = settings[last] - settings[0];
+        let count = ((range * rate.sqrt() / 0.2).ceil() as usize + 1).clamp(13, 200);
+        let step = range / (count - 1) as f64;
+        let candidates: Vec<f64> = (0..count).map(|n| settings[0] + step * n as f64).collect();
+        let volume = self.volume(settings, &pairs(settings, rate), rate, &candidates, WINDOWS[1], LIMIT);
+        let [width, height] = self.size;
+        Field::from_fn(width, height, |x, y| {
+            let energy = |k: usize| volume[k].get(x, y);
+            let k = (1..count - 1).min_by(|a, b| energy(*a).total_cmp(&energy(*b))).unwrap_or(1);
+            let [a, b, c] = [energy(k - 1), energy(k), energy(k + 1)];
+            let bend = a - 2.0 * b + c;
+            let beside = if bend > 0.0 { (0.5 * (a - c) / bend).clamp(-1.0, 1.0) } else { 0.0 };
+            candidates[k] + step * beside
+        })
+    }
 }

@@ -24,7 +24,8 @@ fn solve(sweep: &SimulatedSweep, budget: u64, settings: &Settings, mask: Option<
     let mut solver = SweepSolver::within(budget, &engine, size, sweep.frames[0].format(), FRAMES, settings).unwrap();
     assert_eq!(solver.parts.is_some(), budget < BUDGET);
     let positions: Vec<f64> = (0..FRAMES).map(|n| n as f64).collect();
-    solver.solve(&sweep.frames, &positions, sweep.reference, mask, &mut |_, _| ()).unwrap()
+    let asked = Asked { settings: &positions, known: true, reference: sweep.reference, mask };
+    solver.solve(&sweep.frames, &asked, &mut |_, _| ()).unwrap()
 }
 
 /// Median and 99th percentile of |u - truth| in settings, of pixels that are told of and counted.
@@ -59,6 +60,33 @@ fn by_parts_it_is_the_same() {
     assert!(of_parts[0] < 1.1 * of_whole[0] + 0.002 && of_parts[1] < 1.2 * of_whole[1]);
     assert!(corners[1] < 1.2 * corners[0] + 0.01);
     assert!(apart[apart.len() / 2] < 0.003 && apart[apart.len() * 99 / 100] < 0.03);
+}
+
+#[test]
+fn registered_alone_it_is_the_same() {
+    let (sweep, engine) = (sweep(168, 126), Engine::new(&testing::options()).unwrap());
+    let format = sweep.frames[0].format();
+    let mut solver = SweepSolver::new(&engine, [168, 126], format, FRAMES, &Settings::default()).unwrap();
+    let asked = Asked { settings: &[0.0, 1.0, 2.0, 3.0, 4.0], known: true, reference: sweep.reference, mask: None };
+    let mut said = Vec::new();
+    let alone = solver.register(&sweep.frames, &asked, &mut |done, all| said.push((done, all))).unwrap();
+    let solved = solver.solve(&sweep.frames, &asked, &mut |_, _| ()).unwrap();
+    assert_eq!((&alone.transforms, alone.rate), (&solved.transforms, solved.rate));
+    assert_eq!((alone.brightness, alone.settings), (solved.brightness, solved.settings));
+    assert_eq!(said, [(1, 1)]);
+}
+
+#[test]
+fn a_frame_that_is_missing_leaves_a_gap_unless_settings_are_known() {
+    let mut sweep = sweep(168, 126);
+    sweep.frames.remove(1);
+    let engine = Engine::new(&testing::options()).unwrap();
+    let format = sweep.frames[0].format();
+    let mut solver = SweepSolver::new(&engine, [168, 126], format, FRAMES - 1, &Settings::default()).unwrap();
+    for (known, settings) in [(false, [0.0, 2.0, 3.0, 4.0]), (true, [0.0, 1.0, 2.0, 3.0])] {
+        let asked = Asked { settings: &[0.0, 1.0, 2.0, 3.0], known, reference: 1, mask: None };
+        assert_eq!(solver.register(&sweep.frames, &asked, &mut |_, _| ()).unwrap().settings, settings);
+    }
 }
 
 #[test]

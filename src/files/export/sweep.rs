@@ -13,7 +13,7 @@ use super::{
     DEPTH_FILE, Depth16Report, Destination, Extra, FUSED_FLOAT_FILE, Look, Measurements, Nearer, Palette, Pen, Scale,
     Staging, depth, field, fused, meaning, valid,
 };
-use crate::around::focus_stack::{Positions, Sweep};
+use crate::around::focus_stack::{Positions, RegisteredSweep, Sweep};
 use crate::base::{Decode, Depth, DeviceInfo, Error, Frame, Homography, Photometric, Region};
 use crate::files::image_io::{Input, Values};
 use crate::metric::MetricDepth;
@@ -150,24 +150,31 @@ pub struct SweepFrame {
     pub shading: ShadingReport,
 }
 
+impl SweepFrame {
+    /// Those of these files, in the order in which they were given.
+    pub(super) fn of(found: &RegisteredSweep, files: &[String]) -> Vec<Self> {
+        let frame = |(n, given): (usize, &usize)| Self {
+            file: files.get(*given).cloned().unwrap_or_default(),
+            position: found.positions[n],
+            focus_mm: found.stated.millimetres().map(|at| at[n]),
+            transform: found.transforms[n],
+            photometric: found.brightness[n].photometric,
+            shading: ShadingReport::of(&found.brightness[n]),
+        };
+        found.order.iter().enumerate().map(frame).collect()
+    }
+}
+
 impl SweepReport {
     /// Of a sweep of these files, in the order in which they were given.
     pub fn new(sweep: &Sweep, files: &[String], nearer: Nearer, device: &DeviceInfo, total_ms: f64) -> Self {
-        let frame = |(n, given): (usize, &usize)| SweepFrame {
-            file: files.get(*given).cloned().unwrap_or_default(),
-            position: sweep.positions[n],
-            focus_mm: sweep.stated.millimetres().map(|at| at[n]),
-            transform: sweep.transforms[n],
-            photometric: sweep.brightness[n].photometric,
-            shading: ShadingReport::of(&sweep.brightness[n]),
-        };
         let valid = sweep.focus.iter().filter(|u| !u.is_nan()).count();
         Self {
             version: env!("CARGO_PKG_VERSION"),
             size: SizeReport { width: sweep.width, height: sweep.height },
             photograph: SizeReport { width: sweep.photograph[0], height: sweep.photograph[1] },
             region: sweep.region,
-            frames: sweep.order.iter().enumerate().map(frame).collect(),
+            frames: SweepFrame::of(&sweep.registration(), files),
             order: sweep.order.clone(),
             reference: sweep.reference,
             nearer: nearer.number(),

@@ -5,13 +5,14 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::results::read_report;
-use super::sweep::{SweepFrame, SweepReport};
+use super::sweep::SweepFrame;
 use super::transform::startable;
 use super::{Destination, FileKind, ShadingReport, SizeReport, write_json};
+use crate::around::focus_stack::RegisteredSweep;
 use crate::base::{Brightness, Decode, Error, Homography, Photometric, Region};
 use crate::files::image_io::{Input, Values};
 
-/// The registration of the frames of a sweep; fields named as in its [`SweepReport`].
+/// The registration of the frames of a sweep; fields named as in its [`SweepReport`](super::SweepReport).
 #[derive(Clone, Debug, Serialize)]
 pub struct SweepRegistration {
     /// Version of parfocal that wrote it.
@@ -30,25 +31,27 @@ pub struct SweepRegistration {
     pub values: Values,
     /// What the user should know; a sentence each.
     pub warnings: Vec<String>,
-    /// The files of the frames.
+    /// The files of the frames; empty where they did not come from files.
     pub inputs: Vec<Input>,
     /// From the first frame to the registration, ms.
     pub total_ms: f64,
 }
 
-impl From<SweepReport> for SweepRegistration {
-    fn from(report: SweepReport) -> Self {
+impl SweepRegistration {
+    /// Of frames of these files, in the order in which they were given.
+    pub fn new(found: &RegisteredSweep, files: &[String], total_ms: f64) -> Self {
+        let [width, height] = found.photograph;
         Self {
-            version: report.version,
-            frames: report.frames,
-            order: report.order,
-            reference: report.reference,
-            photograph: report.photograph,
-            decode: report.decode,
-            values: report.values,
-            warnings: report.warnings,
-            inputs: report.inputs,
-            total_ms: report.total_ms,
+            version: env!("CARGO_PKG_VERSION"),
+            frames: SweepFrame::of(found, files),
+            order: found.order.clone(),
+            reference: found.reference,
+            photograph: SizeReport { width, height },
+            decode: found.decode,
+            values: Values::stated(found.decode),
+            warnings: found.warnings.clone(),
+            inputs: Vec::new(),
+            total_ms,
         }
     }
 }
