@@ -11,7 +11,7 @@ use pyo3::types::PyDict;
 use crate::convert::homography;
 use crate::raised;
 
-const NAMES: [&str; 21] = [
+const NAMES: [&str; 22] = [
     "method",
     "levels",
     "outer_iterations",
