@@ -155,6 +155,7 @@ def test_every_setting_has_its_name(engine, result):
         motion="similarity",
         registration="gauss-newton",
         photometric=True,
+        fused=True,
         decode="auto",
         black_level=None,
         white_level=None,
