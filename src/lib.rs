@@ -65,6 +65,6 @@ pub use engine::{
 pub use files::{export, image_io, model, regular};
 #[cfg(feature = "lab")]
 pub use lab::{baseline, bench, contact_sheet, evaluate, scene};
-pub use metric::{Calibration, Found, MetricDepth, Target, Unknown, calibrate, measure};
+pub use metric::{Calibration, Found, MetricDepth, Target, Unknown, calibrate, inspect, measure};
 #[cfg(feature = "page")]
-pub use page::{batch_html, figure, report_html, view};
+pub use page::{batch_html, figure, inspection, report_html, view};

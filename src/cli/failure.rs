@@ -15,6 +15,8 @@ pub(super) enum Failure {
     Usage(String),
     /// Anything else, status 1.
     Failed(String),
+    /// A part is not as it should be, status 3: what was asked is done, and told.
+    NoGo,
     /// Ctrl-C ended it, status 130 as of any program that the signal ends.
     Interrupted(String),
 }
@@ -30,8 +32,10 @@ impl Failure {
 
     /// What is said of it, in one line.
     pub(super) fn message(&self) -> String {
-        let (Self::Usage(message) | Self::Failed(message) | Self::Interrupted(message)) = self;
-        one_line(message)
+        match self {
+            Self::Usage(message) | Self::Failed(message) | Self::Interrupted(message) => one_line(message),
+            Self::NoGo => "no-go".to_string(),
+        }
     }
 
     /// Prints the line and gives the status.
@@ -39,6 +43,8 @@ impl Failure {
         let status = match self {
             Failure::Usage(_) => 2,
             Failure::Failed(_) => 1,
+            // No error: it stands in the summary.
+            Failure::NoGo => return ExitCode::from(3),
             Failure::Interrupted(_) => 130,
         };
         // Nobody is left to be told where stderr is closed.

@@ -20,7 +20,7 @@ Environment:
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Photographs in, depth out", &["solve", "batch", "stack"]),
     ("Registration alone", &["register", "apply"]),
-    ("What to do with a solve", &["open", "view", "depth", "measure", "compare", "calibrate"]),
+    ("What to do with a solve", &["open", "view", "depth", "measure", "inspect", "compare", "calibrate"]),
     ("Laboratory", &["simulate", "evaluate", "bench"]),
     ("Set-up", &["devices", "config", "completions", "man", "help"]),
 ];

@@ -274,9 +274,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_unknown_or_impossible_is_named() {
-        let message = |json, flags: &[&str]| match lens(json, flags).unwrap_err() {
-            Failure::Usage(m) | Failure::Failed(m) | Failure::Interrupted(m) => m,
-        };
+        let message = |json, flags: &[&str]| lens(json, flags).unwrap_err().message();
         assert!(message(None, &["--f-number=8"]).contains("--focal-length, --pixel-pitch, --focus"));
         let unknown = message(Some(r#"{"fnumber": 8}"#), &[]);
         assert!(unknown.contains("`fnumber`") && unknown.contains("`f_number`"), "{unknown}");

@@ -19,6 +19,7 @@ mod frames;
 mod fuzz;
 mod headings;
 mod help;
+mod inspect;
 mod lens;
 mod manifest;
 mod measure;
@@ -81,6 +82,7 @@ enum Command {
     View(view::Arguments),
     Open(open::Arguments),
     Compare(compare::Arguments),
+    Inspect(inspect::Arguments),
     Register(Box<register::Arguments>),
     Apply(apply::Arguments),
     Evaluate(evaluate::Arguments),
@@ -128,6 +130,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::View(arguments) => view::run(&arguments),
         Command::Open(arguments) => open::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
         Command::Apply(arguments) => apply::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),

@@ -82,7 +82,7 @@ impl Values<'_> {
     }
 
     /// Bilinear; NaN outside, and beside a pixel that is.
-    fn at(&self, [x, y]: [f64; 2]) -> f64 {
+    pub(crate) fn at(&self, [x, y]: [f64; 2]) -> f64 {
         let (i, j) = (x.floor(), y.floor());
         let (a, b) = (x - i, y - j);
         let value = |i: f64, j: f64, weight: f64| {

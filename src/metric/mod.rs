@@ -1,6 +1,7 @@
-//! Metric depth: relative blur through a lens, pixel by pixel; the lens from a known target; steps and profiles.
+//! Metric depth: relative blur through a lens, pixel by pixel; the lens from a known target; steps and profiles; a part against a golden one.
 
 mod calibrate;
+pub mod inspect;
 pub mod measure;
 
 pub use calibrate::{Calibration, Found, Target, Unknown, calibrate};

@@ -2,5 +2,6 @@
 
 pub mod batch_html;
 pub mod figure;
+pub mod inspection;
 pub mod report_html;
 pub mod view;

@@ -12,6 +12,7 @@ mod evaluate;
 mod formats;
 mod guide;
 mod input;
+mod inspect;
 #[cfg(target_os = "linux")]
 mod kills;
 mod metric;

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::metric::DEPTH_FILE;
 use super::results::{MAX_BYTES, read_report};
-use super::{EXTRA_FILES, FILES, FUSED_FLOAT_FILE, PAGE_FILE, SWEEP_FILES};
+use super::{EXTRA_FILES, FILES, FUSED_FLOAT_FILE, INSPECT_FILES, PAGE_FILE, SWEEP_FILES};
 use crate::files::regular;
 
 /// The files of a synthetic pair; `depth.exr` only where the scene has a lens.
@@ -72,10 +72,10 @@ impl Listed {
 
     /// By any report that a folder of results may hold.
     pub(crate) fn of_any_report(folder: &Path) -> Self {
-        let [solve, truth] = [FILES[4], SIMULATED_FILES[4]].map(|report| Self::of(folder, report));
+        let all = [FILES[4], SIMULATED_FILES[4], INSPECT_FILES[0]].map(|report| Self::of(folder, report));
         Self {
-            files: solve.files.into_iter().chain(truth.files).collect(),
-            implied: [solve.implied, truth.implied].concat(),
+            files: all.iter().flat_map(|listed| listed.files.iter().cloned()).collect(),
+            implied: all.iter().flat_map(|listed| listed.implied.iter().copied()).collect(),
         }
     }
 
@@ -111,6 +111,8 @@ fn implied(report: &Value) -> Option<Vec<&'static str>> {
         Some([&FILES[..], &EXTRA_FILES, &[DEPTH_FILE]].concat())
     } else if has(&["scene", "seed", "clipped_samples"]) {
         Some(SIMULATED_FILES.to_vec())
+    } else if has(&["verdict", "tolerance", "regions"]) {
+        Some(Vec::new())
     } else if has(&["targets", "registration", "robustness"]) {
         Some(vec!["report.md"])
     } else {

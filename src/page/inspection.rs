@@ -1,0 +1,117 @@
+//! The picture of an inspected part: where it deviates from the golden one, and to which side.
+
+use image::{Rgb, RgbImage};
+
+use super::figure::{Align, Area, BLACK, Canvas, Color, GRAY, text};
+use crate::base::Frame;
+use crate::files::preview;
+use crate::metric::inspect::{Deviation, Inspection};
+
+/// Nearer to the camera than the golden part, and further.
+const NEARER: Color = [214, 39, 40];
+const FURTHER: Color = [31, 119, 180];
+/// Size of text as a part of the longer side, and the least that can be read, px.
+const TEXT: f32 = 0.02;
+const LEAST_TEXT: f32 = 11.0;
+/// Regions that have their number written beside them; of more it would hide the picture.
+const MOST_NUMBERS: usize = 99;
+/// Stripes over what could not be judged: one in so many pixels.
+const STRIPES: u32 = 6;
+
+/// Draws the part, on the golden one's pixels, with its regions outlined and filled, their numbers, stripes where it could not be
+/// judged, and below it a key and, at the end, a sentence of one's own.
+pub fn draw(part: &Frame, inspection: &Inspection, unit: &str, verdict: &str) -> RgbImage {
+    let picture = marked(&preview::photograph(part), inspection);
+    let (width, height) = picture.dimensions();
+    let size = (TEXT * width.max(height) as f32).max(LEAST_TEXT);
+    let line = 1.5 * size;
+    let keys = [
+        (Some(NEARER), format!("nearer to the camera: {}", extreme(inspection, unit, true))),
+        (Some(FURTHER), format!("further away: {}", extreme(inspection, unit, false))),
+        (Some(GRAY), format!("striped: not judged, {:.1} %", 100.0 * inspection.unjudged_share())),
+        (None, verdict.to_string()),
+    ];
+    let widest = keys.iter().map(|(_, words)| text::width(words, size)).fold(0.0, f32::max);
+    let below = line * (keys.len() as f32 + 0.5);
+    let mut canvas = Canvas::new(width.max((widest + 3.0 * size).ceil() as u32), height + below.ceil() as u32);
+    canvas.image(&picture, (0, 0));
+    for (n, region) in inspection.regions.iter().take(MOST_NUMBERS).enumerate() {
+        let bounds = region.bounds_px;
+        let place = ((bounds.x + bounds.width) as f32 + 2.0, bounds.y as f32 + size);
+        canvas.text(&(n + 1).to_string(), place, size, Align::Left, color(region));
+    }
+    for (n, (color, words)) in keys.iter().enumerate() {
+        let y = height as f32 + (n + 1) as f32 * line;
+        if let Some(color) = color {
+            canvas.fill(Area { x: 0.5 * size, y: y - 0.8 * size, width: size, height: size }, *color);
+        }
+        let x = if color.is_some() { 2.0 } else { 0.5 } * size;
+        canvas.text(words, (x, y), size, Align::Left, BLACK);
+    }
+    canvas.into_image()
+}
+
+fn color(region: &Deviation) -> Color {
+    if region.mean > 0.0 { NEARER } else { FURTHER }
+}
+
+/// What is furthest off to one side, in words.
+fn extreme(inspection: &Inspection, unit: &str, nearer: bool) -> String {
+    let of_side = inspection.regions.iter().filter(|region| (region.mean > 0.0) == nearer);
+    let most = of_side.map(|region| region.extreme).max_by(|a, b| a.abs().total_cmp(&b.abs()));
+    most.map_or("none".to_string(), |most| format!("up to {most:+.3} {unit}"))
+}
+
+/// The picture in grey, regions in colour.
+fn marked(part: &RgbImage, inspection: &Inspection) -> RgbImage {
+    let (width, height) = part.dimensions();
+    let label = |x: u32, y: u32| {
+        let inside = x < width && y < height;
+        if inside { inspection.labels[y as usize * width as usize + x as usize] } else { 0 }
+    };
+    RgbImage::from_fn(width, height, |x, y| {
+        let Rgb([r, g, b]) = *part.get_pixel(x, y);
+        let grey = [((u16::from(r) + u16::from(g) + u16::from(b)) / 3) as u8; 3];
+        let own = label(x, y);
+        if let Some(region) = inspection.regions.get((own as usize).wrapping_sub(1)) {
+            let beside = [(x.wrapping_sub(1), y), (x + 1, y), (x, y.wrapping_sub(1)), (x, y + 1)];
+            let is_rim = beside.into_iter().any(|(x, y)| label(x, y) != own);
+            return Rgb(if is_rim { color(region) } else { mixed(grey, color(region)) });
+        }
+        let is_judged = inspection.difference[y as usize * width as usize + x as usize].is_finite();
+        Rgb(if is_judged || (x + y) % STRIPES > 1 { grey } else { mixed(grey, GRAY) })
+    })
+}
+
+/// Half of each.
+fn mixed(a: Color, b: Color) -> Color {
+    std::array::from_fn(|c| a[c] / 2 + b[c] / 2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metric::inspect::{Heights, Limits, inspect};
+
+    #[test]
+    fn regions_are_coloured_by_their_side_and_holes_are_striped() {
+        let field = |of: &dyn Fn(usize, usize) -> f32| {
+            let values: Vec<f32> = (0..60 * 40).map(|i| of(i % 60, i / 60)).collect();
+            Heights::new([60, 40], &values, &[0.01; 2400]).unwrap()
+        };
+        let bump = |x: usize, y: usize| match (x, y) {
+            (10..20, 10..20) => 1.0,
+            (30..38, 20..28) => -1.0,
+            (50.., _) => f32::NAN,
+            _ => 0.0,
+        };
+        let found = inspect(&field(&bump), &field(&|_, _| 0.0), &Limits::new(0.1)).unwrap();
+        let part = Frame::gray(60, 40, vec![0.5; 2400]).unwrap();
+        let drawn = draw(&part, &found, "mm", "no-go");
+        assert!(drawn.width() > 60 && drawn.height() > 60, "the key stands below");
+        let at = |x, y| drawn.get_pixel(x, y).0;
+        assert_eq!((at(10, 15), at(15, 15), at(34, 24)), (NEARER, mixed([128; 3], NEARER), mixed([128; 3], FURTHER)));
+        assert_eq!((at(5, 5), at(54, 0), at(57, 0)), ([128; 3], mixed([128; 3], GRAY), [128; 3]));
+        assert!(extreme(&found, "mm", true).contains("+1.000 mm"));
+    }
+}

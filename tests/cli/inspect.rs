@@ -1,0 +1,99 @@
+//! `parfocal inspect`, from outside: a part that lies elsewhere in the picture than the golden one, with and without a bump.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use assert_cmd::Command;
+use serde_json::Value;
+use tempfile::TempDir;
+
+struct Desk(TempDir);
+
+impl Desk {
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::cargo_bin("parfocal").unwrap();
+        command.current_dir(self.0.path()).env("PARFOCAL_CACHE_DIR", self.path("cache")).args(arguments);
+        command.output().unwrap()
+    }
+
+    /// Of a part against the golden one, with this status.
+    #[track_caller]
+    fn inspect(&self, part: &str, status: i32, extra: &[&str]) -> Output {
+        let output = self.run(&[&["inspect", part, "--golden", "golden", "--tolerance", "1"], extra].concat());
+        assert_eq!(output.status.code(), Some(status), "{}", told(&output));
+        output
+    }
+}
+
+fn told(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Adds a bump of 4 px², 12 px wide, to V in a folder.
+fn dent(folder: &Path, [left, top]: [u32; 2]) {
+    use exr::prelude::*;
+    let file = folder.join("relative_blur.exr");
+    let (width, height, mut values) = parfocal::image_io::read_field(&file).unwrap();
+    for (i, v) in (0u32..).zip(&mut values) {
+        let (x, y) = (i % width, i / width);
+        let within = (left..left + 12).contains(&x) && (top..top + 12).contains(&y);
+        *v += if within { 4.0 } else { 0.0 };
+    }
+    let size = (width as usize, height as usize);
+    let value = move |at: Vec2<usize>| (values[at.y() * size.0 + at.x()],);
+    let channels = SpecificChannels::build().with_channel("Y").with_pixel_fn(value);
+    Image::from_channels(size, channels).write().to_file(&file).unwrap();
+}
+
+#[test]
+fn a_part_that_is_shifted_is_go_and_one_with_a_bump_is_not() {
+    let desk = Desk(TempDir::new().unwrap());
+    assert!(desk.run(&["simulate", "relief", "-o", "shots", "--size", "160x120"]).status.success());
+    // The part lies 6 px to the left and 4 px higher in its picture.
+    for (out, region) in [("golden", "0,0,144,108"), ("part", "6,4,144,108")] {
+        let output = desk.run(&["solve", "shots/i1.png", "shots/i2.png", "-o", out, "--roi", region, "--no-html"]);
+        assert!(output.status.success(), "{}", told(&output));
+    }
+    let output = desk.inspect("part", 0, &["--json"]);
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&found["verdict"], &found["unit"]), (&"go".into(), &"px²".into()));
+    let [x, y] = ["tx_px", "ty_px"].map(|name| found["transform"][name].as_f64().unwrap());
+    assert!((x + 6.0).hypot(y + 4.0) < 0.2, "{x}, {y}");
+    assert!(!desk.path("part/inspect.json").exists(), "only with -o");
+
+    dent(&desk.path("part"), [70, 50]);
+    let output = desk.inspect("part", 3, &["-o", "part"]);
+    assert!(!told(&output).contains("error:") && told(&output).contains("verdict        no-go"), "{}", told(&output));
+    let report: Value = serde_json::from_slice(&fs::read(desk.path("part/inspect.json")).unwrap()).unwrap();
+    let region = &report["regions"][0];
+    let number = |value: &Value| value.as_f64().unwrap();
+    assert_eq!(report["regions"].as_array().unwrap().len(), 1, "{report:#}");
+    assert!(
+        (number(&region["area_px"]) - 144.0).abs() < 24.0 && (number(&region["mean"]) - 4.0).abs() < 0.5,
+        "{region}"
+    );
+    let places = [("centroid_px", [81.5, 59.5]), ("centroid_in_part_px", [75.5, 55.5])];
+    for (name, place) in places {
+        let off = (number(&region[name][0]) - place[0]).hypot(number(&region[name][1]) - place[1]);
+        assert!(off < 0.7, "{name} {region}");
+    }
+    let picture = image::open(desk.path("part/inspect.png")).unwrap().into_rgb8();
+    let [red, _, blue] = picture.get_pixel(81, 59).0;
+    assert!(red > blue + 50, "nearer is red");
+    assert_eq!(report["files"], serde_json::json!(["inspect.png", "inspect.json"]));
+
+    // Again over its own results; not over what is not its own.
+    let again = desk.inspect("part", 3, &["-o", "part", "--max-unjudged", "0"]);
+    assert!(told(&again).contains("have no height of the part"), "{}", told(&again));
+    fs::create_dir(desk.path("other")).unwrap();
+    fs::write(desk.path("other/inspect.png"), "mine").unwrap();
+    assert!(told(&desk.inspect("part", 1, &["-o", "other"])).contains("inspect.png: is there already"));
+    desk.inspect("part", 0, &["--min-area", "400"]);
+    assert!(told(&desk.inspect("shots", 1, &[])).contains("report.json"));
+    desk.inspect("part", 2, &["--max-unjudged", "2"]);
+}
