@@ -59,7 +59,7 @@ pub use base::{
 };
 pub use engine::{
     Engine, EngineOptions, Findings, KeyPoints, LevelHistory, OtherMotion, Progress, Registered, Solution, Solver,
-    Ticket, Timings, View, reference, stages,
+    Ticket, Timings, View, foreign, reference, stages,
 };
 #[cfg(feature = "files")]
 pub use files::{export, image_io, model, regular};

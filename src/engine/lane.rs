@@ -17,7 +17,7 @@ use super::stages::Pipelines;
 use super::stages::state::{Registration, State};
 use super::stages::sums::{Layout, Sums};
 use super::view::View;
-use super::vulkan::{Buffer, Device, Recording};
+use super::vulkan::{Buffer, Device, OnDevice, Recording};
 use super::workspace::Workspace;
 use crate::base::{Error, Homography, Kernel, Mask, Region};
 
@@ -131,6 +131,11 @@ impl Lane {
         }
         self.under_way = Some(self.latest_mut().recording.start(parts)?);
         Ok(())
+    }
+
+    /// Where the results of the latest pair will be.
+    pub(super) fn on_device(&self) -> OnDevice {
+        OnDevice::of(self.workspace.buffer(Slot::EndMaps), &self.latest().recording)
     }
 
     /// Waits so long at most; whether the pair is solved.

@@ -30,6 +30,13 @@ mod workspace;
 use std::sync::Arc;
 use std::time::Duration;
 
+/// An engine on a Vulkan device that belongs to the embedding program: [`Engine::from_vulkan`].
+pub mod foreign {
+    pub use ash;
+
+    pub use super::vulkan::{ForeignDevice, LIKED_EXTENSIONS, OnDevice, QueueLock, REQUIRED_VERSION, require};
+}
+
 pub use motion::OtherMotion;
 pub use progress::Progress;
 pub use registered::Registered;
@@ -42,7 +49,7 @@ pub use view::View;
 use crate::base::{Decode, DeviceInfo, Error, Format, Frame, Mask, Settings, Similarity};
 use crate::engine::plan::Plan;
 use crate::engine::stages::Pipelines;
-use crate::engine::vulkan::{Device, Instance};
+use crate::engine::vulkan::{Device, ForeignDevice, Instance};
 
 /// How an [`Engine`] is made.
 #[derive(Clone, Debug)]
@@ -82,9 +89,21 @@ impl Engine {
     /// # Errors
     /// [`Error::NoLoader`], [`Error::NoDevice`], [`Error::NoSuchDevice`], [`Error::Vulkan`].
     pub fn new(options: &EngineOptions) -> Result<Self, Error> {
-        let device = open(options)?;
+        Ok(Self::on(open(options)?, options))
+    }
+
+    /// Takes a device that belongs to the embedding program, which keeps and destroys it. Of the options `device` and `validation` say nothing
+    /// here.
+    ///
+    /// # Errors
+    /// [`Error::NoDevice`] where the device lacks what the passes need, or its queue does not compute; [`Error::Vulkan`].
+    pub fn from_vulkan(device: ForeignDevice, options: &EngineOptions) -> Result<Self, Error> {
+        Ok(Self::on(Device::foreign(device, options.timeout)?, options))
+    }
+
+    fn on(device: Arc<Device>, options: &EngineOptions) -> Self {
         let pipelines = Arc::new(Pipelines::new(&device));
-        Ok(Self { device, pipelines, key_points: options.key_points, timed: options.timed })
+        Self { device, pipelines, key_points: options.key_points, timed: options.timed }
     }
 
     /// Lists the devices, usable or not.

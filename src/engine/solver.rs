@@ -8,7 +8,7 @@ use crate::engine::lane::{Common, Lane};
 use crate::engine::plan::Plan;
 use crate::engine::profile::{Profile, Reading};
 use crate::engine::slot::Slot;
-use crate::engine::vulkan::{Clock, Recorder};
+use crate::engine::vulkan::{Clock, OnDevice, Recorder};
 use crate::engine::workspace::Workspace;
 use crate::engine::{Engine, KeyPoints, Progress, Registered, Solution, View};
 
@@ -249,15 +249,30 @@ impl Solver {
     /// # Errors
     /// [`Error::Mismatch`] where another pair has taken the slot since; [`Error::Poisoned`], [`Error::Vulkan`].
     pub fn wait(&mut self, ticket: &Ticket, limit: Duration) -> Result<Option<View<'_>>, Error> {
-        self.check_slot(ticket.slot)?;
+        self.check_ticket(ticket)?;
         let lane = &mut self.lanes[ticket.slot];
-        if lane.pairs() != ticket.pair {
-            return Err(Error::Mismatch(format!("another pair has taken slot {} since", ticket.slot)));
-        }
         if !lane.wait(limit)? {
             return Ok(None);
         }
         lane.view(self.mask.as_ref()).map(Some)
+    }
+
+    /// Where on the device the results of a pair will be, and what says that they are there: for programs that go on with them on the same
+    /// device ([`Engine::from_vulkan`]), without the host in between.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] where another pair has taken the slot since.
+    pub fn on_device(&self, ticket: &Ticket) -> Result<OnDevice, Error> {
+        self.check_ticket(ticket)?;
+        Ok(self.lanes[ticket.slot].on_device())
+    }
+
+    fn check_ticket(&self, ticket: &Ticket) -> Result<(), Error> {
+        self.check_slot(ticket.slot)?;
+        if self.lanes[ticket.slot].pairs() == ticket.pair {
+            return Ok(());
+        }
+        Err(Error::Mismatch(format!("another pair has taken slot {} since", ticket.slot)))
     }
 
     fn check_slot(&self, slot: usize) -> Result<(), Error> {

@@ -1,6 +1,6 @@
 //! The logical device: its queue, its allocator, its clock.
 
-use std::ffi::c_char;
+use std::ffi::{CStr, c_char};
 use std::mem::ManuallyDrop;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -11,6 +11,7 @@ use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
 use super::cache;
 use super::failure::failure;
+use super::foreign::{self, ForeignDevice, QueueLock, Turn};
 use super::instance::{Instance, PhysicalDevice};
 use crate::base::{DeviceInfo, Error};
 
@@ -21,7 +22,11 @@ pub(crate) const MIB: u64 = 1 << 20;
 pub(crate) struct Device {
     pub(super) handle: ash::Device,
     pub(super) physical: PhysicalDevice,
-    pub(super) queue: Mutex<vk::Queue>,
+    queue: Mutex<vk::Queue>,
+    /// Turns at the queue, where others use it too.
+    lock: Option<Arc<dyn QueueLock>>,
+    /// Whether it was opened here, and goes with this.
+    is_own: bool,
     pub(super) pipeline_cache: vk::PipelineCache,
     pub(super) timeout: Duration,
     allocator: ManuallyDrop<Mutex<Allocator>>,
@@ -46,12 +51,12 @@ impl Device {
         let queues = [vk::DeviceQueueCreateInfo::default()
             .queue_family_index(physical.queue_family)
             .queue_priorities(&priorities)];
-        let mut v12 = vk::PhysicalDeviceVulkan12Features::default().timeline_semaphore(true);
-        let mut v13 = vk::PhysicalDeviceVulkan13Features::default().synchronization2(true).maintenance4(true);
+        let (mut v12, mut v13) = Default::default();
+        foreign::require(&mut v12, &mut v13);
         let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default().conditional_rendering(true);
         let is_conditional = physical.is_conditional;
-        let extensions: &[*const c_char] =
-            if is_conditional { &[ext::conditional_rendering::NAME.as_ptr()] } else { &[] };
+        let liked = foreign::LIKED_EXTENSIONS.map(CStr::as_ptr);
+        let extensions: &[*const c_char] = if is_conditional { &liked } else { &[] };
         let mut create = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
             .enabled_extension_names(extensions)
@@ -65,6 +70,26 @@ impl Device {
             .map_err(|e| failure("vkCreateDevice", &name, e))?;
         // SAFETY: the family was asked for above, with one queue.
         let queue = unsafe { handle.get_device_queue(physical.queue_family, 0) };
+        Self::around(instance, physical, (handle, queue, None), true, timeout)
+    }
+
+    /// Takes a device that is someone else's.
+    pub(crate) fn foreign(of: ForeignDevice, timeout: Duration) -> Result<Arc<Self>, Error> {
+        let instance = Instance::foreign(of.instance);
+        let mut physical = instance.described(of.physical, of.queue_family)?;
+        physical.is_conditional &= of.is_conditional;
+        Self::around(instance, physical, (of.device, of.queue, of.lock), false, timeout)
+    }
+
+    /// An allocator and a pipeline cache for an open device.
+    fn around(
+        instance: Arc<Instance>,
+        physical: PhysicalDevice,
+        (handle, queue, lock): (ash::Device, vk::Queue, Option<Arc<dyn QueueLock>>),
+        is_own: bool,
+        timeout: Duration,
+    ) -> Result<Arc<Self>, Error> {
+        let (name, is_conditional) = (physical.info.name.clone(), physical.is_conditional);
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: instance.handle.clone(),
             device: handle.clone(),
@@ -82,8 +107,10 @@ impl Device {
         let allocator = match allocator {
             Ok(allocator) => allocator,
             Err(error) => {
-                // SAFETY: nothing was made from the device yet.
-                unsafe { handle.destroy_device(None) };
+                if is_own {
+                    // SAFETY: nothing was made from the device yet.
+                    unsafe { handle.destroy_device(None) };
+                }
                 return Err(error);
             }
         };
@@ -93,6 +120,8 @@ impl Device {
             handle,
             physical,
             queue: Mutex::new(queue),
+            lock,
+            is_own,
             pipeline_cache: vk::PipelineCache::null(),
             timeout,
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
@@ -104,6 +133,15 @@ impl Device {
         };
         device.pipeline_cache = device.open_pipeline_cache()?;
         Ok(Arc::new(device))
+    }
+
+    /// Hands work to the queue, one thread at a time, and where others use it too, when it is this one's turn.
+    pub(super) fn submit(&self, submits: &[vk::SubmitInfo2<'_>]) -> Result<(), vk::Result> {
+        let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
+        let _turn = Turn::take(self.lock.as_deref());
+        // SAFETY: the queue is locked; the parts are recorded and not pending, since every run waits to the end; what they
+        // use is kept alive.
+        unsafe { self.handle.queue_submit2(*queue, submits, vk::Fence::null()) }
     }
 
     /// What the device is.
@@ -192,13 +230,17 @@ impl Drop for Device {
             std::mem::forget(self.instance.clone());
             return;
         }
-        // SAFETY: everything made from the device holds an Arc to it and is gone; the queue is idle after this wait; the
-        // allocator frees its memory before the device goes, and is not touched again.
+        // SAFETY: everything made from the device holds an Arc to it and is gone, and its runs were waited for; a device of our own is idle
+        // after this wait; the allocator frees its memory before the device goes, and is not touched again.
         unsafe {
-            let _ = self.handle.device_wait_idle();
+            if self.is_own {
+                let _ = self.handle.device_wait_idle();
+            }
             self.handle.destroy_pipeline_cache(self.pipeline_cache, None);
             ManuallyDrop::drop(&mut self.allocator);
-            self.handle.destroy_device(None);
+            if self.is_own {
+                self.handle.destroy_device(None);
+            }
         }
     }
 }

@@ -20,8 +20,8 @@ pub(crate) struct Instance {
     pub(super) debug_utils: bool,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     messages: Arc<Messages>,
-    // Holds the loader's library open for as long as the instance lives.
-    _entry: ash::Entry,
+    // Holds the loader's library open for as long as the instance lives; `None`: the instance is someone else's, and stays.
+    entry: Option<ash::Entry>,
 }
 
 /// A physical device and what was read of it.
@@ -87,15 +87,21 @@ impl Instance {
             other => failed("vkCreateInstance", other),
         })?;
         let messages = Arc::<Messages>::default();
-        let mut instance = Self { handle, debug_utils, messenger: None, messages, _entry: entry };
+        let mut instance = Self { handle, debug_utils, messenger: None, messages, entry: None };
         if validation {
-            instance.listen()?;
+            instance.listen(&entry)?;
         }
+        instance.entry = Some(entry);
         Ok(Arc::new(instance))
     }
 
-    fn listen(&mut self) -> Result<(), Error> {
-        let utils = ext::debug_utils::Instance::new(&self._entry, &self.handle);
+    /// Someone else's, whose validation is theirs.
+    pub(super) fn foreign(handle: ash::Instance) -> Arc<Self> {
+        Arc::new(Self { handle, debug_utils: false, messenger: None, messages: Arc::default(), entry: None })
+    }
+
+    fn listen(&mut self, entry: &ash::Entry) -> Result<(), Error> {
+        let utils = ext::debug_utils::Instance::new(entry, &self.handle);
         let user_data = Arc::as_ptr(&self.messages);
         let create = vk::DebugUtilsMessengerCreateInfoEXT::default()
             .message_severity(
@@ -128,6 +134,25 @@ impl Instance {
         let handles = unsafe { self.handle.enumerate_physical_devices() }
             .map_err(|e| failure("vkEnumeratePhysicalDevices", "the Vulkan loader", e))?;
         Ok(handles.into_iter().enumerate().map(|(index, handle)| self.describe(index, handle)).collect())
+    }
+
+    /// One of them, and a queue family of it that someone else has chosen.
+    pub(super) fn described(&self, handle: vk::PhysicalDevice, queue_family: u32) -> Result<PhysicalDevice, Error> {
+        let mut described = self.describe(0, handle);
+        if let Some(why) = &described.info.unusable {
+            return Err(Error::NoDevice(format!(" ({}: {why})", described.info.name)));
+        }
+        // SAFETY: `handle` is of this instance.
+        let families = unsafe { self.handle.get_physical_device_queue_family_properties(handle) };
+        let family = families.get(queue_family as usize).filter(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE));
+        let Some(family) = family else {
+            return Err(Error::NoDevice(format!(
+                " ({}: queue family {queue_family} does not compute)",
+                described.info.name
+            )));
+        };
+        (described.queue_family, described.timestamp_bits) = (queue_family, family.timestamp_valid_bits);
+        Ok(described)
     }
 
     fn describe(&self, index: usize, handle: vk::PhysicalDevice) -> PhysicalDevice {
@@ -255,8 +280,10 @@ impl Drop for Instance {
             // SAFETY: the messenger came from this instance, and nothing else holds it.
             unsafe { utils.destroy_debug_utils_messenger(*messenger, None) };
         }
-        // SAFETY: devices keep the instance alive by an Arc, so none is left.
-        unsafe { self.handle.destroy_instance(None) };
+        if self.entry.is_some() {
+            // SAFETY: devices keep the instance alive by an Arc, so none is left.
+            unsafe { self.handle.destroy_instance(None) };
+        }
     }
 }
 

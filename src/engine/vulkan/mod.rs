@@ -6,6 +6,7 @@ mod device;
 mod failure;
 #[cfg(test)]
 pub(crate) mod faults;
+mod foreign;
 mod instance;
 mod memory;
 mod pipeline;
@@ -14,6 +15,7 @@ mod timestamps;
 
 pub(crate) use commands::{Groups, Recorder, Resource};
 pub(crate) use device::{Device, MIB};
+pub use foreign::{ForeignDevice, LIKED_EXTENSIONS, OnDevice, QueueLock, REQUIRED_VERSION, require};
 pub(crate) use instance::Instance;
 #[cfg(test)]
 pub(crate) use instance::unconditional;

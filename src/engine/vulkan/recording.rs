@@ -1,8 +1,8 @@
 //! A finished recording: submit, and wait with a limit.
 
 use std::any::Any;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 use ash::vk;
@@ -122,6 +122,11 @@ impl Recording {
         self.done.load(Ordering::Relaxed)
     }
 
+    /// The timeline, and what it reaches when the latest run is done.
+    pub(super) fn signal(&self) -> (vk::Semaphore, u64) {
+        (self.timeline, self.done())
+    }
+
     /// Whether runs ask in between which parts they want.
     pub(crate) fn is_asked(&self) -> bool {
         self.parts.iter().any(|part| part.optional)
@@ -174,10 +179,7 @@ impl Recording {
                 vk::SubmitInfo2::default().command_buffer_infos(command).signal_semaphore_infos(signal)
             })
             .collect();
-        let queue = self.device.queue.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: the queue is locked; the parts are recorded and not pending, since every run waits to the end; what they
-        // use is kept alive.
-        let submitted = unsafe { self.device.handle.queue_submit2(*queue, &submits, vk::Fence::null()) };
+        let submitted = self.device.submit(&submits);
         if submitted == Err(vk::Result::ERROR_DEVICE_LOST) {
             // A device that is lost is at work on nothing.
             self.device.poison(true);

@@ -1,0 +1,319 @@
+//! Someone else's instance, device and queue: what an engine needs of them, and whose turn it is at the queue.
+
+use std::ffi::CStr;
+use std::fmt;
+use std::sync::Arc;
+
+use ash::{ext, vk};
+
+use super::memory::Buffer;
+use super::recording::Recording;
+
+/// The Vulkan version that instance and device must have been made for, at least.
+pub const REQUIRED_VERSION: u32 = vk::API_VERSION_1_3;
+
+/// Device extensions that an engine makes use of where they are enabled, with their features: the device leaves out by itself what
+/// has settled, and a solve is one submission (`VkPhysicalDeviceConditionalRenderingFeaturesEXT`). None is required.
+pub const LIKED_EXTENSIONS: [&CStr; 1] = [ext::conditional_rendering::NAME];
+
+/// Switches on the features that an engine requires of a device, in what the device will be made with: timeline semaphores,
+/// synchronization2, maintenance4. Others stay as they are.
+pub fn require(v12: &mut vk::PhysicalDeviceVulkan12Features<'_>, v13: &mut vk::PhysicalDeviceVulkan13Features<'_>) {
+    v12.timeline_semaphore = vk::TRUE;
+    v13.synchronization2 = vk::TRUE;
+    v13.maintenance4 = vk::TRUE;
+}
+
+/// Turns at a queue that others submit to as well. Each [`lock`](Self::lock) is followed by one [`unlock`](Self::unlock), by the same thread,
+/// after a single submission.
+pub trait QueueLock: Send + Sync {
+    /// Waits until nobody else uses the queue, and keeps others from it.
+    fn lock(&self);
+    /// Lets others have it.
+    fn unlock(&self);
+}
+
+/// A device that belongs to the embedding program, for [`Engine::from_vulkan`](crate::Engine::from_vulkan).
+#[derive(Clone)]
+pub struct ForeignDevice {
+    pub(super) instance: ash::Instance,
+    pub(super) physical: vk::PhysicalDevice,
+    pub(super) device: ash::Device,
+    pub(super) queue_family: u32,
+    pub(super) queue: vk::Queue,
+    pub(super) is_conditional: bool,
+    pub(super) lock: Option<Arc<dyn QueueLock>>,
+}
+
+impl ForeignDevice {
+    /// A device and a queue of it, of a family that computes. What holds raw handles gets ash's from `ash::Instance::load` and
+    /// `ash::Device::load`.
+    ///
+    /// # Safety
+    /// - `physical` is of `instance`, `device` was made of `physical`, and `queue` is of `queue_family` of `device`.
+    /// - Instance and device were made for [`REQUIRED_VERSION`] or later, the device with what [`require`] switches on.
+    /// - Until the last engine, solver and view made of this is gone, none of them is destroyed.
+    /// - Nobody else uses `queue` meanwhile, unless all do by the turns of [`ForeignDevice::locked_by`].
+    pub unsafe fn new(
+        instance: ash::Instance,
+        physical: vk::PhysicalDevice,
+        device: ash::Device,
+        queue_family: u32,
+        queue: vk::Queue,
+    ) -> Self {
+        Self { instance, physical, device, queue_family, queue, is_conditional: false, lock: None }
+    }
+
+    /// The queue is shared: it is used by turns.
+    pub fn locked_by(self, lock: Arc<dyn QueueLock>) -> Self {
+        Self { lock: Some(lock), ..self }
+    }
+
+    /// Conditional rendering may be used.
+    ///
+    /// # Safety
+    /// The device was made with `VK_EXT_conditional_rendering` and its feature `conditionalRendering`.
+    pub unsafe fn with_conditional_rendering(self) -> Self {
+        Self { is_conditional: true, ..self }
+    }
+}
+
+/// Results of a pair where the device leaves them ([`Solver::on_device`](crate::Solver::on_device)): planes of f32, one after the other, rows without
+/// padding: V, its standard deviation, the residual, the channels of the fused image, as of a [`View`](crate::View).
+///
+/// A submission to the engine's queue, or to another of its family, that waits for `semaphore` to reach `value` may read `buffer`, as a source of copies
+/// and as a storage buffer. It must be over before the slot takes another pair, and before the solver is gone.
+#[derive(Clone, Copy, Debug)]
+pub struct OnDevice {
+    /// Of the device of the engine; mapped memory, which the host reads as well.
+    pub buffer: vk::Buffer,
+    /// Its size.
+    pub bytes: u64,
+    /// A timeline.
+    pub semaphore: vk::Semaphore,
+    /// What that reaches when the results are there.
+    pub value: u64,
+}
+
+impl OnDevice {
+    /// What a recording leaves in a buffer.
+    pub(crate) fn of(buffer: &Buffer, recording: &Recording) -> Self {
+        let (semaphore, value) = recording.signal();
+        Self { buffer: buffer.handle, bytes: buffer.size(), semaphore, value }
+    }
+}
+
+impl fmt::Debug for ForeignDevice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { physical, queue_family, is_conditional, .. } = self;
+        write!(f, "ForeignDevice {{ {physical:?}, family {queue_family}, conditional: {is_conditional} }}")
+    }
+}
+
+/// A turn at a queue, given back when it is dropped.
+pub(super) struct Turn<'a>(Option<&'a dyn QueueLock>);
+
+impl<'a> Turn<'a> {
+    pub(super) fn take(lock: Option<&'a dyn QueueLock>) -> Self {
+        if let Some(lock) = lock {
+            lock.lock();
+        }
+        Self(lock)
+    }
+}
+
+impl Drop for Turn<'_> {
+    fn drop(&mut self) {
+        if let Some(lock) = self.0 {
+            lock.unlock();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::time::Duration;
+
+    use super::*;
+    use crate::base::{Error, Frame, Settings};
+    use crate::engine::vulkan::Instance;
+    use crate::engine::{Engine, EngineOptions, Solver, testing};
+
+    /// Counts turns, and sees that there is one at a time.
+    #[derive(Default)]
+    struct Turns {
+        taken: AtomicUsize,
+        given_back: AtomicUsize,
+    }
+
+    impl QueueLock for Turns {
+        fn lock(&self) {
+            assert_eq!(self.taken.fetch_add(1, Ordering::SeqCst), self.given_back.load(Ordering::SeqCst));
+        }
+
+        fn unlock(&self) {
+            self.given_back.fetch_add(1, Ordering::SeqCst);
+        }
+    }
+
+    /// A program that has opened a device for itself.
+    struct Program {
+        instance: Arc<Instance>,
+        physical: vk::PhysicalDevice,
+        device: ash::Device,
+        queue: vk::Queue,
+        is_conditional: bool,
+    }
+
+    const FAMILY: u32 = 0;
+
+    impl Program {
+        fn new(likes: bool) -> Self {
+            let instance = Instance::new(testing::options().validation).unwrap();
+            let first = instance.physical_devices().unwrap().swap_remove(0);
+            let is_conditional = likes && first.is_conditional;
+            let extensions: Vec<_> =
+                LIKED_EXTENSIONS.map(CStr::as_ptr).into_iter().filter(|_| is_conditional).collect();
+            let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(FAMILY).queue_priorities(&[1.0])];
+            let (mut v12, mut v13) = Default::default();
+            require(&mut v12, &mut v13);
+            let mut conditional =
+                vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default().conditional_rendering(true);
+            let mut create = vk::DeviceCreateInfo::default()
+                .queue_create_infos(&queues)
+                .enabled_extension_names(&extensions)
+                .push_next(&mut v12)
+                .push_next(&mut v13);
+            if is_conditional {
+                create = create.push_next(&mut conditional);
+            }
+            // SAFETY: the physical device is of this instance, and has what is asked for, or validation says so.
+            let device = unsafe { instance.handle.create_device(first.handle, &create, None) }.unwrap();
+            // SAFETY: one queue of the family was asked for.
+            let queue = unsafe { device.get_device_queue(FAMILY, 0) };
+            Self { instance, physical: first.handle, device, queue, is_conditional }
+        }
+
+        fn foreign(&self, turns: &Arc<Turns>) -> ForeignDevice {
+            let handle = self.instance.handle.clone();
+            // SAFETY: all are of this program, which outlives what is made of them; the queue is used by turns.
+            let foreign = unsafe { ForeignDevice::new(handle, self.physical, self.device.clone(), FAMILY, self.queue) };
+            let foreign = foreign.locked_by(turns.clone());
+            // SAFETY: the device was made so.
+            if self.is_conditional { unsafe { foreign.with_conditional_rendering() } } else { foreign }
+        }
+    }
+
+    impl Drop for Program {
+        fn drop(&mut self) {
+            // SAFETY: the engine is gone; the device is still good for something, and then no more.
+            unsafe {
+                self.device.queue_wait_idle(self.queue).unwrap();
+                let semaphore = self.device.create_semaphore(&vk::SemaphoreCreateInfo::default(), None).unwrap();
+                self.device.destroy_semaphore(semaphore, None);
+                self.device.destroy_device(None);
+            }
+            assert_eq!(self.instance.messages(), Vec::<String>::new());
+        }
+    }
+
+    fn pair() -> [Frame; 2] {
+        let value = |soft: f32, i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
+        [0.4, 0.3].map(|soft| Frame::gray(64, 48, (0..64 * 48).map(|i| value(soft, i)).collect()).unwrap())
+    }
+
+    fn bits(engine: &Engine) -> Vec<u32> {
+        let [i1, i2] = pair();
+        let solved = Solver::for_pair(engine, &i1, &i2, &Settings::default()).unwrap().solve(&i1, &i2).unwrap();
+        solved.relative_blur.iter().map(|v| v.to_bits()).collect()
+    }
+
+    #[test]
+    fn a_device_of_the_callers_solves_alike_and_stays_theirs() {
+        let own = bits(&Engine::new(&testing::options()).unwrap());
+        for likes in [true, false] {
+            let (program, turns) = (Program::new(likes), Arc::new(Turns::default()));
+            let engine = Engine::from_vulkan(program.foreign(&turns), &EngineOptions::default()).unwrap();
+            assert_eq!(engine.device().conditional.is_some(), program.is_conditional);
+            assert_eq!(bits(&engine), own);
+            drop(engine);
+            assert!(turns.taken.load(Ordering::SeqCst) > 0);
+            assert_eq!(turns.taken.load(Ordering::SeqCst), turns.given_back.load(Ordering::SeqCst));
+        }
+    }
+
+    impl Program {
+        /// Copies what an engine leaves to memory of its own, when it is there.
+        fn copied(&self, found: &OnDevice) -> Vec<u32> {
+            let (device, size) = (&self.device, found.bytes);
+            let create = vk::BufferCreateInfo::default().size(size).usage(vk::BufferUsageFlags::TRANSFER_DST);
+            // SAFETY: all is of this program's device; the copy waits for the results, and is waited for before anything goes.
+            unsafe {
+                let own = device.create_buffer(&create, None).unwrap();
+                let needs = device.get_buffer_memory_requirements(own);
+                let memory = self.instance.handle.get_physical_device_memory_properties(self.physical);
+                let wanted = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
+                let fits = |n: &u32| {
+                    needs.memory_type_bits >> n & 1 == 1
+                        && memory.memory_types[*n as usize].property_flags.contains(wanted)
+                };
+                let kind = (0..memory.memory_type_count).find(fits).unwrap();
+                let allocate = vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(kind);
+                let memory = device.allocate_memory(&allocate, None).unwrap();
+                device.bind_buffer_memory(own, memory, 0).unwrap();
+                let create = vk::CommandPoolCreateInfo::default().queue_family_index(FAMILY);
+                let pool = device.create_command_pool(&create, None).unwrap();
+                let create = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
+                let commands = device.allocate_command_buffers(&create).unwrap()[0];
+                device.begin_command_buffer(commands, &vk::CommandBufferBeginInfo::default()).unwrap();
+                device.cmd_copy_buffer(commands, found.buffer, own, &[vk::BufferCopy::default().size(size)]);
+                let to_host = [vk::MemoryBarrier2::default()
+                    .src_stage_mask(vk::PipelineStageFlags2::COPY)
+                    .src_access_mask(vk::AccessFlags2::TRANSFER_WRITE)
+                    .dst_stage_mask(vk::PipelineStageFlags2::HOST)
+                    .dst_access_mask(vk::AccessFlags2::HOST_READ)];
+                let to_host = vk::DependencyInfo::default().memory_barriers(&to_host);
+                device.cmd_pipeline_barrier2(commands, &to_host);
+                device.end_command_buffer(commands).unwrap();
+                let waits = [vk::SemaphoreSubmitInfo::default()
+                    .semaphore(found.semaphore)
+                    .value(found.value)
+                    .stage_mask(vk::PipelineStageFlags2::COPY)];
+                let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
+                let submit = vk::SubmitInfo2::default().wait_semaphore_infos(&waits).command_buffer_infos(&buffers);
+                device.queue_submit2(self.queue, &[submit], vk::Fence::null()).unwrap();
+                device.queue_wait_idle(self.queue).unwrap();
+                let mapped = device.map_memory(memory, 0, size, vk::MemoryMapFlags::empty()).unwrap();
+                let words = std::slice::from_raw_parts(mapped.cast::<u32>(), size as usize / 4).to_vec();
+                device.destroy_command_pool(pool, None);
+                device.destroy_buffer(own, None);
+                device.free_memory(memory, None);
+                words
+            }
+        }
+    }
+
+    #[test]
+    fn results_are_read_where_the_device_leaves_them() {
+        let (program, turns) = (Program::new(true), Arc::new(Turns::default()));
+        let engine = Engine::from_vulkan(program.foreign(&turns), &EngineOptions::default()).unwrap();
+        let [i1, i2] = pair();
+        let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+        let ticket = solver.submit(0, &i1, &i2).unwrap();
+        let found = program.copied(&solver.on_device(&ticket).unwrap());
+        let view = solver.wait(&ticket, Duration::MAX).unwrap().unwrap();
+        let planes = [view.relative_blur(), view.uncertainty(), view.residual(), view.fused(0).unwrap()].concat();
+        assert_eq!(found, planes.iter().map(|v| v.to_bits()).collect::<Vec<_>>());
+        solver.submit(0, &i1, &i2).unwrap();
+        assert!(matches!(solver.on_device(&ticket), Err(Error::Mismatch(_))), "another pair has the slot");
+    }
+
+    #[test]
+    fn a_family_that_there_is_not_is_refused() {
+        let program = Program::new(false);
+        let foreign = ForeignDevice { queue_family: 99, ..program.foreign(&Arc::default()) };
+        let refused = Engine::from_vulkan(foreign, &EngineOptions::default()).map(drop);
+        assert!(matches!(&refused, Err(Error::NoDevice(why)) if why.contains("family 99")), "{refused:?}");
+    }
+}
