@@ -182,7 +182,6 @@ void step_once() {
     // A level goes on a little after it has converged: the energy is flat before V and T are.
     settled = may_settle == 1 && moved < still * factor && change <= flatness * before;
     state.levels[level].settled = uint(settled);
-    state.spread = totals[SPREAD] / max(totals[VALID], 1.0);
     if (finds_alpha == 1) find_alpha();
     bool follows = corner_moves(moved_since(state.warped, state.registration)) <= FOLLOWED * factor && shading_changes() <= EVEN;
     warps = warp_count > 0 && !settled && !follows;

@@ -24,8 +24,6 @@ pub struct State {
     pub alpha: f32,
     /// What the kernel was found to be: 0 a Gaussian, 1 a disk.
     pub kernel_shape: f32,
-    /// Mean |ΔS|/√2 from a pixel to the one beside, intensities, of the latest iteration.
-    pub spread: f32,
     /// The same when I2 was last brought onto I1's pixels.
     pub warped: Single,
     /// Coefficients of the shading.
@@ -105,8 +103,6 @@ pub struct DoubleState {
     pub alpha: f64,
     /// What the kernel was found to be: 0 a Gaussian, 1 a disk.
     pub kernel_shape: f64,
-    /// Mean |ΔS|/√2 from a pixel to the one beside, intensities, of the latest iteration.
-    pub spread: f64,
     /// By level, finest first.
     pub levels: [DoubleLevel; MAX_LEVELS],
 }
@@ -131,7 +127,6 @@ impl DoubleState {
             correlation: 0.0,
             alpha: FIRST_ALPHA,
             kernel_shape: 0.0,
-            spread: 0.0,
             levels: [DoubleLevel::default(); MAX_LEVELS],
         }
     }
