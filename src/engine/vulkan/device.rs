@@ -22,7 +22,7 @@ pub(crate) const MIB: u64 = 1 << 20;
 pub(crate) struct Device {
     pub(super) handle: ash::Device,
     pub(super) physical: PhysicalDevice,
-    queue: Mutex<vk::Queue>,
+    queue: Arc<Mutex<vk::Queue>>,
     /// Turns at the queue, where others use it too.
     lock: Option<Arc<dyn QueueLock>>,
     /// Whether it was opened here, and goes with this.
@@ -70,7 +70,7 @@ impl Device {
             .map_err(|e| failure("vkCreateDevice", &name, e))?;
         // SAFETY: the family was asked for above, with one queue.
         let queue = unsafe { handle.get_device_queue(physical.queue_family, 0) };
-        Self::around(instance, physical, (handle, queue, None), true, timeout)
+        Self::around(instance, physical, (handle, Arc::new(Mutex::new(queue)), None), true, timeout)
     }
 
     /// Takes a device that is someone else's.
@@ -85,7 +85,7 @@ impl Device {
     fn around(
         instance: Arc<Instance>,
         physical: PhysicalDevice,
-        (handle, queue, lock): (ash::Device, vk::Queue, Option<Arc<dyn QueueLock>>),
+        (handle, queue, lock): (ash::Device, Arc<Mutex<vk::Queue>>, Option<Arc<dyn QueueLock>>),
         is_own: bool,
         timeout: Duration,
     ) -> Result<Arc<Self>, Error> {
@@ -119,7 +119,7 @@ impl Device {
         let mut device = Self {
             handle,
             physical,
-            queue: Mutex::new(queue),
+            queue,
             lock,
             is_own,
             pipeline_cache: vk::PipelineCache::null(),

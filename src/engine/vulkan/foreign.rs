@@ -2,7 +2,7 @@
 
 use std::ffi::CStr;
 use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use ash::{ext, vk};
 
@@ -40,7 +40,8 @@ pub struct ForeignDevice {
     pub(super) physical: vk::PhysicalDevice,
     pub(super) device: ash::Device,
     pub(super) queue_family: u32,
-    pub(super) queue: vk::Queue,
+    /// Shared by all engines that are made of this.
+    pub(super) queue: Arc<Mutex<vk::Queue>>,
     pub(super) is_conditional: bool,
     pub(super) lock: Option<Arc<dyn QueueLock>>,
 }
@@ -52,7 +53,8 @@ impl ForeignDevice {
     /// # Safety
     /// - `physical` is of `instance`, `device` was made of `physical`, and `queue` is of `queue_family` of `device`.
     /// - Instance and device were made for [`REQUIRED_VERSION`] or later, the device with what [`require`] switches on.
-    /// - Until the last engine, solver and view made of this is gone, none of them is destroyed.
+    /// - Until the last engine, solver and view made of this is gone, none of them is destroyed; and where a solve has timed out, not before the
+    ///   device is idle.
     /// - Nobody else uses `queue` meanwhile, unless all do by the turns of [`ForeignDevice::locked_by`].
     pub unsafe fn new(
         instance: ash::Instance,
@@ -61,11 +63,15 @@ impl ForeignDevice {
         queue_family: u32,
         queue: vk::Queue,
     ) -> Self {
+        let queue = Arc::new(Mutex::new(queue));
         Self { instance, physical, device, queue_family, queue, is_conditional: false, lock: None }
     }
 
-    /// The queue is shared: it is used by turns.
-    pub fn locked_by(self, lock: Arc<dyn QueueLock>) -> Self {
+    /// The queue is shared: it is used by turns. Who has the turn solves nothing before giving it back: the engine would wait for it forever.
+    ///
+    /// # Safety
+    /// Between `lock` and `unlock` nobody else uses the queue.
+    pub unsafe fn locked_by(self, lock: Arc<dyn QueueLock>) -> Self {
         Self { lock: Some(lock), ..self }
     }
 
@@ -162,20 +168,23 @@ mod tests {
         instance: Arc<Instance>,
         physical: vk::PhysicalDevice,
         device: ash::Device,
+        family: u32,
         queue: vk::Queue,
         is_conditional: bool,
     }
 
-    const FAMILY: u32 = 0;
-
     impl Program {
+        /// On the device that other tests take.
         fn new(likes: bool) -> Self {
+            let wanted = crate::engine::open(&testing::options()).unwrap().info().uuid.clone();
             let instance = Instance::new(testing::options().validation).unwrap();
-            let first = instance.physical_devices().unwrap().swap_remove(0);
+            let found = instance.physical_devices().unwrap().into_iter().find(|device| device.info.uuid == wanted);
+            let first = found.unwrap();
+            let family = first.queue_family;
             let is_conditional = likes && first.is_conditional;
             let extensions: Vec<_> =
                 LIKED_EXTENSIONS.map(CStr::as_ptr).into_iter().filter(|_| is_conditional).collect();
-            let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(FAMILY).queue_priorities(&[1.0])];
+            let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
             let (mut v12, mut v13) = Default::default();
             require(&mut v12, &mut v13);
             let mut conditional =
@@ -191,15 +200,17 @@ mod tests {
             // SAFETY: the physical device is of this instance, and has what is asked for, or validation says so.
             let device = unsafe { instance.handle.create_device(first.handle, &create, None) }.unwrap();
             // SAFETY: one queue of the family was asked for.
-            let queue = unsafe { device.get_device_queue(FAMILY, 0) };
-            Self { instance, physical: first.handle, device, queue, is_conditional }
+            let queue = unsafe { device.get_device_queue(family, 0) };
+            Self { instance, physical: first.handle, device, family, queue, is_conditional }
         }
 
         fn foreign(&self, turns: &Arc<Turns>) -> ForeignDevice {
             let handle = self.instance.handle.clone();
             // SAFETY: all are of this program, which outlives what is made of them; the queue is used by turns.
-            let foreign = unsafe { ForeignDevice::new(handle, self.physical, self.device.clone(), FAMILY, self.queue) };
-            let foreign = foreign.locked_by(turns.clone());
+            let foreign =
+                unsafe { ForeignDevice::new(handle, self.physical, self.device.clone(), self.family, self.queue) };
+            // SAFETY: nobody else uses the queue meanwhile.
+            let foreign = unsafe { foreign.locked_by(turns.clone()) };
             // SAFETY: the device was made so.
             if self.is_conditional { unsafe { foreign.with_conditional_rendering() } } else { foreign }
         }
@@ -262,7 +273,7 @@ mod tests {
                 let allocate = vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(kind);
                 let memory = device.allocate_memory(&allocate, None).unwrap();
                 device.bind_buffer_memory(own, memory, 0).unwrap();
-                let create = vk::CommandPoolCreateInfo::default().queue_family_index(FAMILY);
+                let create = vk::CommandPoolCreateInfo::default().queue_family_index(self.family);
                 let pool = device.create_command_pool(&create, None).unwrap();
                 let create = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
                 let commands = device.allocate_command_buffers(&create).unwrap()[0];

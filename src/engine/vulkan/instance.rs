@@ -87,11 +87,10 @@ impl Instance {
             other => failed("vkCreateInstance", other),
         })?;
         let messages = Arc::<Messages>::default();
-        let mut instance = Self { handle, debug_utils, messenger: None, messages, entry: None };
+        let mut instance = Self { handle, debug_utils, messenger: None, messages, entry: Some(entry.clone()) };
         if validation {
             instance.listen(&entry)?;
         }
-        instance.entry = Some(entry);
         Ok(Arc::new(instance))
     }
 
