@@ -6,9 +6,6 @@ use std::sync::{Arc, Mutex};
 
 use ash::{ext, vk};
 
-use super::memory::Buffer;
-use super::recording::Recording;
-
 /// The Vulkan version that instance and device must have been made for, at least.
 pub const REQUIRED_VERSION: u32 = vk::API_VERSION_1_3;
 
@@ -84,31 +81,6 @@ impl ForeignDevice {
     }
 }
 
-/// Results of a pair where the device leaves them ([`Solver::on_device`](crate::Solver::on_device)): planes of f32, one after the other, rows without
-/// padding: V, its standard deviation, the residual, the channels of the fused image, as of a [`View`](crate::View).
-///
-/// A submission to the engine's queue, or to another of its family, that waits for `semaphore` to reach `value` may read `buffer`, as a source of copies
-/// and as a storage buffer. It must be over before the slot takes another pair, and before the solver is gone.
-#[derive(Clone, Copy, Debug)]
-pub struct OnDevice {
-    /// Of the device of the engine; mapped memory, which the host reads as well.
-    pub buffer: vk::Buffer,
-    /// Its size.
-    pub bytes: u64,
-    /// A timeline.
-    pub semaphore: vk::Semaphore,
-    /// What that reaches when the results are there.
-    pub value: u64,
-}
-
-impl OnDevice {
-    /// What a recording leaves in a buffer.
-    pub(crate) fn of(buffer: &Buffer, recording: &Recording) -> Self {
-        let (semaphore, value) = recording.signal();
-        Self { buffer: buffer.handle, bytes: buffer.size(), semaphore, value }
-    }
-}
-
 impl fmt::Debug for ForeignDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { physical, queue_family, is_conditional, .. } = self;
@@ -143,7 +115,7 @@ mod tests {
 
     use super::*;
     use crate::base::{Error, Frame, Settings};
-    use crate::engine::vulkan::Instance;
+    use crate::engine::vulkan::{Instance, OnDevice};
     use crate::engine::{Engine, EngineOptions, Solver, testing};
 
     /// Counts turns, and sees that there is one at a time.

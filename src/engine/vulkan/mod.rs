@@ -9,17 +9,19 @@ pub(crate) mod faults;
 mod foreign;
 mod instance;
 mod memory;
+mod on_device;
 mod pipeline;
 mod recording;
 mod timestamps;
 
 pub(crate) use commands::{Groups, Recorder, Resource};
 pub(crate) use device::{Device, MIB};
-pub use foreign::{ForeignDevice, LIKED_EXTENSIONS, OnDevice, QueueLock, REQUIRED_VERSION, require};
+pub use foreign::{ForeignDevice, LIKED_EXTENSIONS, QueueLock, REQUIRED_VERSION, require};
 pub(crate) use instance::Instance;
 #[cfg(test)]
 pub(crate) use instance::unconditional;
 pub(crate) use memory::{Buffer, Image, Texel, image_limits};
+pub use on_device::OnDevice;
 pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Stage, Variant};
 pub(crate) use recording::Recording;
 pub(crate) use timestamps::Clock;

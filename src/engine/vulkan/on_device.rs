@@ -1,0 +1,31 @@
+//! Results where the device leaves them, for programs that go on with them there.
+
+use ash::vk;
+
+use super::memory::Buffer;
+use super::recording::Recording;
+
+/// Results of a pair where the device leaves them ([`Solver::on_device`](crate::Solver::on_device)): planes of f32, one after the other, rows without
+/// padding: V, its standard deviation, the residual, the channels of the fused image, as of a [`View`](crate::View).
+///
+/// A submission to the engine's queue, or to another of its family, that waits for `semaphore` to reach `value` may read `buffer`, as a source of copies
+/// and as a storage buffer. It must be over before the slot takes another pair, and before the solver is gone.
+#[derive(Clone, Copy, Debug)]
+pub struct OnDevice {
+    /// Of the device of the engine; mapped memory, which the host reads as well.
+    pub buffer: vk::Buffer,
+    /// Its size.
+    pub bytes: u64,
+    /// A timeline.
+    pub semaphore: vk::Semaphore,
+    /// What that reaches when the results are there.
+    pub value: u64,
+}
+
+impl OnDevice {
+    /// What a recording leaves in a buffer.
+    pub(crate) fn of(buffer: &Buffer, recording: &Recording) -> Self {
+        let (semaphore, value) = recording.signal();
+        Self { buffer: buffer.handle, bytes: buffer.size(), semaphore, value }
+    }
+}
