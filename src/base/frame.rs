@@ -233,7 +233,7 @@ impl Frame {
 
 /// Writes samples to bytes, and says whether any pixel is clipped.
 fn bring<T: bytemuck::Pod + Into<f32> + Sync>(from: &[T], channels: usize, to: &mut [u8], levels: [f32; 2]) -> bool {
-    // A piece is a quarter to one MiB: a thread's start is next to nothing beside it.
+    // A piece is a quarter of a MiB, of colour floats three: a thread's start is next to nothing beside it.
     let piece = channels << 18;
     let found = AtomicBool::new(false);
     let pieces = to.chunks_mut(piece * size_of::<T>()).zip(from.chunks(piece));
