@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::Method;
-use parfocal::export::{NeverReport, RangeReport, SweepReport};
+use parfocal::export::{NeverReport, Palette, RangeReport, SweepReport};
 use parfocal::focus_stack::Positions;
 use parfocal::image_io::Input;
 
@@ -99,7 +99,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     drop(bar);
     super::check_validation(&engine)?;
     let report = sweep_work::write(&request, &job, engine.info(), &read, &solved)?;
-    request.run.told.tell(&summary(&report, &read.inputs, &job.out), || report.to_json())?;
+    let palette = arguments.colors.palette();
+    request.run.told.tell(&summary(&report, &read.inputs, palette, &job.out), || report.to_json())?;
     request.run.check_strict(true, &report.warnings)
 }
 
@@ -126,7 +127,7 @@ fn request(arguments: &Arguments) -> Result<Request, Failure> {
 }
 
 /// The few lines of a sweep, without a newline at the end.
-fn summary(report: &SweepReport, inputs: &[Input], out: &Path) -> String {
+fn summary(report: &SweepReport, inputs: &[Input], palette: Palette, out: &Path) -> String {
     let unit = &report.focus_unit;
     let mut lines = vec![
         format!("values     {}", values_in_words(inputs, report.values)),
@@ -138,10 +139,24 @@ fn summary(report: &SweepReport, inputs: &[Input], out: &Path) -> String {
         let range = in_words(&depth.range, "mm");
         format!("depth      {range}; beyond infinity: {} px", depth.out_of_range)
     }));
+    lines.push(format!("depth.png  {}", near_and_far(report, palette)));
     lines.extend(report.measurements.iter().flat_map(rows).map(|(label, text)| format!("{label:<10} {text}")));
     lines.extend(report.warnings.iter().map(|warning| format!("warning    {warning}")));
     lines.push(format!("results    {}", out.display()));
     lines.join("\n")
+}
+
+fn near_and_far(report: &SweepReport, palette: Palette) -> String {
+    let [near, far] = palette.ends();
+    if report.depth.is_some() {
+        return format!("mm, {near} near, {far} far");
+    }
+    let (nearest, other) = if report.nearer == 1 { ("first", 2) } else { ("last", 1) };
+    let ends = format!("{near} near, {far} far, the {nearest} frame");
+    match report.nearer_by {
+        "assumed" => format!("{ends} taken as focused nearest; --nearer {other} swaps them"),
+        word => format!("{ends} focused nearest ({word})"),
+    }
 }
 
 /// How much of the frame no photograph has in focus, and on which side it lies; nothing where that is none.

@@ -39,12 +39,12 @@ pub(super) struct Common {
 pub(super) struct Lane {
     common: Arc<Common>,
     workspace: Workspace,
-    /// Of pairs all of whose pixels count.
-    plain: Prepared,
-    /// Of pairs with masked or clipped pixels, recorded when the first comes.
-    masked: Option<Prepared>,
-    /// Whether the latest pair had such pixels.
+    /// What the latest pair takes.
+    latest: Prepared,
+    /// Whether that has masked or clipped pixels.
     is_masked: bool,
+    /// What pairs of the other kind take, once it is recorded.
+    other: Option<Prepared>,
     started: Instant,
     phases: Phases,
     /// What the timeline of the latest recording reaches when the pair that was submitted is solved.
@@ -54,20 +54,14 @@ pub(super) struct Lane {
 }
 
 impl Lane {
-    pub(super) fn new(common: Arc<Common>, workspace: Workspace) -> Result<Self, Error> {
-        let plain = prepared(&common, &workspace, false)?;
+    /// Prepared for pairs with masked or clipped pixels, or for those without; by `None` for both, and neither kind's first waits.
+    pub(super) fn new(common: Arc<Common>, workspace: Workspace, is_masked: Option<bool>) -> Result<Self, Error> {
+        let prepared = |is_masked| prepared(&common, &workspace, is_masked);
+        let other = if is_masked.is_none() { Some(prepared(true)?) } else { None };
+        let is_masked = is_masked.unwrap_or(false);
+        let latest = prepared(is_masked)?;
         let (started, phases) = (Instant::now(), Phases::default());
-        Ok(Self {
-            common,
-            workspace,
-            plain,
-            masked: None,
-            is_masked: false,
-            started,
-            phases,
-            under_way: None,
-            pairs: 0,
-        })
+        Ok(Self { common, workspace, latest, is_masked, other, started, phases, under_way: None, pairs: 0 })
     }
 
     /// Which pair the latest is, counted from 1.
@@ -105,43 +99,35 @@ impl Lane {
         let mut state = State::new(&Registration::new(start, &settings.start_photometric));
         state.alpha = settings.regularization.map_or(state.alpha, |alpha| alpha as f32);
         self.workspace.buffer(Slot::StartState).write(bytemuck::bytes_of(&state))?;
-        self.is_masked = is_masked;
-        if is_masked && self.masked.is_none() {
-            self.masked = Some(prepared(&self.common, &self.workspace, true)?);
+        if self.is_masked != is_masked {
+            let next = self.other.take().map_or_else(|| prepared(&self.common, &self.workspace, is_masked), Ok)?;
+            self.other = Some(std::mem::replace(&mut self.latest, next));
+            self.is_masked = is_masked;
         }
         self.pairs += 1;
         self.phases.end("start");
         Ok(())
     }
 
-    /// What the latest pair takes.
-    fn latest(&self) -> &Prepared {
-        self.masked.as_ref().filter(|_| self.is_masked).unwrap_or(&self.plain)
-    }
-
-    fn latest_mut(&mut self) -> &mut Prepared {
-        self.masked.as_mut().filter(|_| self.is_masked).unwrap_or(&mut self.plain)
-    }
-
     /// Hands it to the device, and does not wait for it; on a device that has to be asked while it works, does.
     pub(super) fn submit(&mut self) -> Result<(), Error> {
-        let parts = self.latest().script.parts.len();
-        if self.latest().recording.is_asked() {
+        let parts = self.latest.script.parts.len();
+        if self.latest.recording.is_asked() {
             return self.run(|script| script.parts.len(), &mut |_| ());
         }
-        self.under_way = Some(self.latest_mut().recording.start(parts)?);
+        self.under_way = Some(self.latest.recording.start(parts)?);
         Ok(())
     }
 
     /// Where the results of the latest pair will be.
     pub(super) fn on_device(&self) -> OnDevice {
-        OnDevice::of(self.workspace.buffer(Slot::EndMaps), &self.latest().recording)
+        OnDevice::of(self.workspace.buffer(Slot::EndMaps), &self.latest.recording)
     }
 
     /// Waits so long at most; whether the pair is solved.
     pub(super) fn wait(&mut self, limit: Duration) -> Result<bool, Error> {
         let Some(value) = self.under_way else { return Ok(true) };
-        let is_done = self.latest_mut().recording.reached(value, limit)?;
+        let is_done = self.latest.recording.reached(value, limit)?;
         if is_done {
             self.under_way = None;
             self.phases.end(SUBMIT_WAIT);
@@ -157,7 +143,7 @@ impl Lane {
     ) -> Result<(), Error> {
         let common = self.common.clone();
         let (plan, on_the_way) = (&common.plan, self.workspace.buffer(Slot::Progress).clone());
-        let Prepared { script, recording } = self.latest_mut();
+        let Prepared { script, recording } = &mut self.latest;
         let parts = wanted_parts(script);
         let levels = |parts: usize| script.parts[..parts].iter().filter_map(|part| part.level_done);
         let count = |parts: usize| levels(parts).count() as u32;
@@ -183,7 +169,7 @@ impl Lane {
         let states = [Slot::EndState, Slot::RegisteredState].map(|slot| self.state(slot));
         let [solved, registered] = states;
         let done = [solved?.levels, registered?.levels];
-        let Prepared { script, recording } = self.latest();
+        let Prepared { script, recording } = &self.latest;
         let ran = |d: &Dispatch| Ran {
             pass: d.stage.shader.name,
             place: d.place,
@@ -271,7 +257,7 @@ impl Lane {
 
     /// By the device's clock; where that is not read, from submitting to the last answer.
     fn timings(&self) -> Result<Timings, Error> {
-        let times = self.latest().recording.times()?;
+        let times = self.latest.recording.times()?;
         let gpu_ms = if times.passes_ms.is_empty() { self.phases.waited_ms() } else { times.total_ms };
         Ok(Timings { total_ms: 0.0, gpu_ms, passes_ms: times.passes_ms })
     }

@@ -253,6 +253,34 @@ mod tests {
     }
 
     #[test]
+    fn what_a_pair_takes_is_compiled_once_and_nothing_else() {
+        let frame = |n: usize, highest: f32| {
+            let value =
+                |i: usize| (0.5 + 0.3 * ((i % 64 + n) as f32 * 0.9).sin() * ((i / 64) as f32 * 0.8).cos()).min(highest);
+            Frame::gray(64, 64, (0..64 * 64).map(|i| if value(i) < highest { value(i) } else { 1.0 }).collect())
+                .unwrap()
+        };
+        let pairs = [0.75, 2.0].map(|highest| [frame(0, highest), frame(1, highest)]);
+        let counts = pairs.each_ref().map(|[i1, i2]| {
+            let engine = Engine::new(&testing::options()).unwrap();
+            let mut solver = Solver::for_pair(&engine, i1, i2, &Settings::default()).unwrap();
+            let prepared = engine.pipelines().count();
+            solver.solve(i1, i2).unwrap();
+            assert_eq!(engine.pipelines().count(), prepared, "a pair like the one prepared for");
+            prepared
+        });
+        let engine = Engine::new(&testing::options()).unwrap();
+        let formats = [pairs[0][0].format(); 2];
+        let mut solver = Solver::with_slots(1, &engine, [64, 64], formats, &Settings::default()).unwrap();
+        let prepared = engine.pipelines().count();
+        assert!(counts.iter().all(|&one| one < prepared), "{counts:?} of {prepared}");
+        for [i1, i2] in &pairs {
+            solver.solve(i1, i2).unwrap();
+        }
+        assert_eq!(engine.pipelines().count(), prepared, "prepared for any pair");
+    }
+
+    #[test]
     fn a_device_that_leaves_out_what_has_settled_solves_as_one_that_is_asked() {
         let frame = |n: usize| {
             let value = |i: usize| 0.5 + 0.3 * ((i % 96 + n) as f32 * 0.9).sin() * ((i / 96) as f32 * 0.8).cos();

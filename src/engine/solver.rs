@@ -58,7 +58,8 @@ pub struct Solver {
 }
 
 impl Solver {
-    /// Prepares for pairs of `width` x `height` pixels, I1 and I2 in the given formats.
+    /// Prepares for pairs of `width` x `height` pixels, I1 and I2 in the given formats; with clipped or masked pixels, and without: no pair
+    /// compiles anything.
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
@@ -83,17 +84,17 @@ impl Solver {
         formats: [Format; 2],
         settings: &Settings,
     ) -> Result<Self, Error> {
-        let reading = if engine.timed { Reading::Passes } else { Reading::Never };
-        Self::prepare(slots, engine, size, formats, settings, reading)
+        Self::prepare(slots, engine, size, formats, settings, None, Self::reading(engine))
     }
 
-    /// The same, and when the device's clock is read.
+    /// The same; for pairs with masked or clipped pixels, without, or by `None` for both; and when the device's clock is read.
     pub(crate) fn prepare(
         slots: usize,
         engine: &Engine,
         [width, height]: [u32; 2],
         formats: [Format; 2],
         settings: &Settings,
+        is_masked: Option<bool>,
         reading: Reading,
     ) -> Result<Self, Error> {
         let plan = Plan::new(width, height, formats, settings)?;
@@ -110,7 +111,9 @@ impl Solver {
         let others = (1..slots).map(|_| first.beside(&device, &plan)).collect::<Result<Vec<_>, Error>>()?;
         let common = Arc::new(Common { plan, device, pipelines: engine.pipelines().clone(), reading });
         let workspaces = [first].into_iter().chain(others);
-        let lanes = workspaces.map(|workspace| Lane::new(common.clone(), workspace)).collect::<Result<_, Error>>()?;
+        let lanes = workspaces
+            .map(|workspace| Lane::new(common.clone(), workspace, is_masked))
+            .collect::<Result<_, Error>>()?;
         Ok(Self { common, lanes, mask: None, key_points: engine.key_points })
     }
 
@@ -143,13 +146,19 @@ impl Solver {
         Ok(find(frames, settings.decode, self.mask.as_ref())?.into())
     }
 
-    /// Prepares for pairs like this one.
+    /// Prepares for pairs like this one: if it has clipped pixels, for pairs that have some. The first of the other kind compiles what it takes.
     ///
     /// # Errors
     /// As [`Solver::new`], and [`Error::Mismatch`] where the sizes differ.
     pub fn for_pair(engine: &Engine, i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Self, Error> {
         same_size([i1, i2])?;
-        Self::new(engine, i1.width(), i1.height(), [i1.format(), i2.format()], settings)
+        let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
+        let clips = [i1, i2].iter().any(|frame| frame.clips(settings.clipped(frame.format().depth)));
+        Self::prepare(1, engine, size, formats, settings, Some(clips), Self::reading(engine))
+    }
+
+    fn reading(engine: &Engine) -> Reading {
+        if engine.timed { Reading::Passes } else { Reading::Never }
     }
 
     /// Solves one pair.

@@ -75,6 +75,12 @@ impl Pipelines {
         Self { compiled: Mutex::default(), device: device.clone() }
     }
 
+    /// How many were asked for so far.
+    #[cfg(test)]
+    pub(crate) fn count(&self) -> usize {
+        self.compiled.lock().unwrap().len()
+    }
+
     /// A variant of a stage.
     pub(crate) fn get(&self, stage: &Stage, variant: Variant) -> Result<Arc<Pipeline>, Error> {
         let mut compiled = self.compiled.lock().unwrap_or_else(PoisonError::into_inner);

@@ -37,7 +37,7 @@ pub(super) fn run(
     settings: &Settings,
     pair: &mut Option<[Frame; 2]>,
 ) -> Result<(Timed, Profile), Error> {
-    let prepare = |reading| Solver::prepare(1, engine, size, options.input.formats(), settings, reading);
+    let prepare = |reading| Solver::prepare(1, engine, size, options.input.formats(), settings, Some(false), reading);
     let started = Instant::now();
     let mut solver = prepare(Reading::Never)?;
     let prepare_ms = milliseconds(started);
