@@ -40,6 +40,8 @@ layout(push_constant) uniform Constants {
 };
 
 const float PI = 3.14159265358979;
+const float BROAD = 4.0;
+const float BOUND = 0.612;
 
 float coefficient(int image, ivec3 place) {
     return imageLoad(stacks, place + ivec3(0, 0, image == 1 ? 0 : second_stack)).r;
@@ -127,7 +129,8 @@ struct Data {
     float s1, s2;                    // residuals
     float d1, d2;                    // their derivatives by V, less what noise has of them
     float w1, w2;                    // H ψ', (1-H) ψ'
-    float energy;
+    float psi;                       // H ψ(S1²) + (1-H) ψ(S2²)
+    float s;                         // H S1 - (1-H) S2
     vec2 j1, j2;                     // of -S1, of S2, by T's displacement in I1's pixels
 };
 
@@ -156,7 +159,16 @@ Data data_term(Registration r, float v, Seen seen, float share, vec2 d) {
     float psi1 = sqrt(s1 * s1 + eta * eta), psi2 = sqrt(s2 * s2 + eta * eta);
     float first = share * heaviside, second = share - first;
     return Data(s1, s2, seen.b1.slope - along_noise.x * s1, r.gain * seen.b2.slope - along_noise.y * s2, first / psi1, second / psi2,
-                first * psi1 + second * psi2, r.gain * seen.j.gradient, r.gain * seen.b2.gradient);
+                heaviside * psi1 + (1.0 - heaviside) * psi2, heaviside * s1 - (1.0 - heaviside) * s2, r.gain * seen.j.gradient, r.gain * seen.b2.gradient);
+}
+
+// Noise by the iteration before; η of the weights at least.
+float spread() { return max(state.spread, eta / BROAD); }
+
+// What two pixels say of the spread: the bounded squares, whose mean is a half where it is right.
+float spreads(float difference) {
+    float square = 0.5 * difference * difference;
+    return 2.0 * square / (square + BOUND * BOUND * spread() * spread());
 }
 
 // D and b of the pixel, and what it adds to the sums, for which what holds V is its own smoothness.
@@ -171,7 +183,10 @@ vec2 equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, Data 
     vec2 q = t.w2 * t.d2 * t.j2 - t.w1 * t.d1 * t.j1;
     vec3 n = product(t.w1, t.j1) + product(t.w2, t.j2) - product(over, q);
     vec2 g = t.w2 * t.s2 * t.j2 - t.w1 * t.s1 * t.j1 + right_side * over * q;
-    add_pixel(sums, n, g, t.energy + share * state.alpha / relative.phi, p / length, share);
+    // For T as if η of the weights were BROAD times the spread.
+    float broad = BROAD * spread();
+    float ratio = t.psi * inversesqrt(t.psi * t.psi - eta * eta + broad * broad);
+    add_pixel(sums, ratio * n, ratio * g, share * (t.psi + state.alpha / relative.phi), p / length, share);
     float square = 1.0 / (relative.phi * relative.phi) - smoothness_eta * smoothness_eta;
     sums.roughness += share * vec2(sqrt(abs(b)), sqrt(max(square, 0.0)));
     return vec2(d, b);
@@ -209,6 +224,7 @@ void main() {
             go_down(sharp2, sharp_line(2, columns, x.y + 1));
         }
         ivec3 lines = ivec3(line_inside(x.y - 1), line_inside(x.y), line_inside(x.y + 1));
+        float s_before = 0.0, share_before = 0.0;
         [[unroll]] for (int k = 0; k < 2; k++) {
             ivec2 at = x + ivec2(k, 0);
             vec4 v = a.here.middle;
@@ -227,7 +243,11 @@ void main() {
             } else {
                 seen = blur_apart(blur, r, at, relative.v, d, scale, imageLoad(image1, ivec3(min(at, size - 1), 0)).r);
             }
-            vec2 found = equation(at, vec2(at) - centre, relative, valid, share, data_term(r, relative.v, seen, share, d), sums);
+            Data t = data_term(r, relative.v, seen, share, d);
+            vec2 found = equation(at, vec2(at) - centre, relative, valid, share, t, sums);
+            if (k == 1 && valid) sums.spread += min(share_before, share) * spreads(t.s - s_before);
+            s_before = t.s;
+            share_before = valid ? share : 0.0;
             if (at.x < width && at.y < height) {
                 imageStore(normal_equations, ivec3(at, 0), vec4(found.x));
                 imageStore(normal_equations, ivec3(at, 1), vec4(found.y));

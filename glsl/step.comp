@@ -26,6 +26,7 @@ layout(push_constant) uniform Constants {
     int finds_alpha;
     float share;                     // of the step that is taken
     float flatness;                  // share that the energy may change by, for the level to settle
+    float least_spread;              // noise of which η of the weights is enough
 };
 
 // Pixels of the level that a corner may move before I2 is brought onto I1's pixels anew: following it by gradients looks
@@ -34,6 +35,9 @@ const float FOLLOWED = 0.02;
 
 // What the shading may change by before I2 is evened out anew: a thousandth of the contrast is 0.01 px² of V.
 const float EVEN = 0.001;
+
+// The most that the spread grows by in an iteration.
+const float MOST_GROWTH = 8.0;
 
 const float LEAST_ALPHA = 3.5e-4;
 const float MOST_ALPHA = 10.0;
@@ -163,6 +167,11 @@ void find_alpha() {
     if (abs(log(found / state.alpha)) > 0.1) state.alpha = found;
 }
 
+void find_spread() {
+    float share = totals[SPREAD] / max(totals[VALID], 1.0);
+    state.spread = max(state.spread, least_spread) * min(share / max(1.0 - share, 1e-6), MOST_GROWTH);
+}
+
 void step_once() {
     float x[8];
     solve(x);
@@ -182,6 +191,8 @@ void step_once() {
     // A level goes on a little after it has converged: the energy is flat before V and T are.
     settled = may_settle == 1 && moved < still * factor && change <= flatness * before;
     state.levels[level].settled = uint(settled);
+    // While T moves, what it is off by would count as noise.
+    if (level == 0 && moved <= FOLLOWED * factor) find_spread();
     if (finds_alpha == 1) find_alpha();
     bool follows = corner_moves(moved_since(state.warped, state.registration)) <= FOLLOWED * factor && shading_changes() <= EVEN;
     warps = warp_count > 0 && !settled && !follows;

@@ -10,12 +10,13 @@ struct Sums {
     vec2 g1, gx, gy, gxx, gxy, gyy;                     // w J S, times the monomial
     float energy, valid;
     vec2 roughness;                                     // √|b|, |∇V|
+    float spread;                                       // how S differs from pixel to pixel, bounded squares
 };
 
 Sums no_sums() {
     const vec3 n = vec3(0.0);
     const vec2 g = vec2(0.0);
-    return Sums(n, n, n, n, n, n, n, n, n, n, n, n, n, n, n, g, g, g, g, g, g, 0.0, 0.0, g);
+    return Sums(n, n, n, n, n, n, n, n, n, n, n, n, n, n, n, g, g, g, g, g, g, 0.0, 0.0, g, 0.0);
 }
 
 // w J Jᵀ of a residual.
@@ -94,11 +95,11 @@ float workgroup_sum(Sums sums) {
         reduce(GRADIENT + 10, sums.gyy);
     }
     reduce(ENERGY, vec2(sums.energy, sums.valid));
-    reduce(ROUGHNESS, sums.roughness);
+    reduce(ROUGHNESS, vec3(sums.roughness, sums.spread));
     barrier();
     uint n = gl_LocalInvocationIndex;
     float sum = 0.0;
-    if (n >= ROUGHNESS + 2) return sum;
+    if (n > SPREAD) return sum;
     for (uint group = 0; group < gl_NumSubgroups; group++) sum += by_subgroup[group][n];
     return sum;
 }

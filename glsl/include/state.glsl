@@ -28,6 +28,7 @@ struct State {
     uint degenerate;   // the last step had unknowns that the images do not determine
     float alpha;       // of the level at hand
     float kernel_shape; // 0: a Gaussian, 1: a disk
+    float spread;      // σ of noise in S, by pixels beside each other
     Registration warped;   // when I2 was last brought onto I1's pixels
     float shading[TERMS];
     float evened[TERMS];   // the shading that I2 was last evened out by

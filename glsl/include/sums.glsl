@@ -13,7 +13,7 @@ const int GRADIENT = 3 * MONOMIALS;
 const int ENERGY = GRADIENT + 2 * GRADIENT_MONOMIALS;
 const int VALID = ENERGY + 1;
 const int ROUGHNESS = VALID + 1;     // of √|b|; then of |∇V|
-// One number of a row is free.
+const int SPREAD = ROUGHNESS + 2;    // of bounded squares of how S differs from pixel to pixel
 const int SUMS = PROJECTIVE ? 64 : 32;
 
 // The unknowns of T's step: t; zoom and turn; stretch and shear; g. A translation has the first two of them, a similarity

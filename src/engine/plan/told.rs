@@ -240,6 +240,7 @@ impl Plan {
             finds_alpha: u32::from(self.finds_alpha(level, k)),
             share: share(k),
             flatness: if level.index == 0 && (k as f32) < UNDAMPED { FLAT } else { FLAT_ENOUGH },
+            least_spread: (self.settings.data_eta / linearise::BROAD) as f32,
         }
     }
 }

@@ -43,6 +43,12 @@ pub(crate) fn rows([width, height]: [u32; 2]) -> u32 {
 
 /// Layers of the equations: D, b.
 pub const LAYERS: u32 = 2;
+/// Within so many spreads, σ of noise, residuals count for T by their squares: of Gaussian noise least squares find T best. For V, of which each
+/// place has but few pixels, η stays.
+pub const BROAD: f64 = 4.0;
+/// The spread s is an M-estimate of scale of x = ΔS/√2 from a pixel to the one beside (noise differs so, and little of what the model lacks), half
+/// of which may be outliers: the mean of x²/(x² + `BOUND`² s²) is a half, as of Gaussian x of deviation s.
+pub const BOUND: f64 = 0.612;
 /// λ.
 pub const ELIMINATION: f32 = 0.25;
 
@@ -128,7 +134,8 @@ impl Pass for Bindings {
         let warped = variant[1].then_some(&state.warped);
         let masks = mask::of(memory, self.masks, variant);
         let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
-        let Linearised { equations, sums } = twin(c, (&state.registration, state.alpha), warped, i1, v, &stacks, masks);
+        let Linearised { equations, sums } =
+            twin(c, (&state.registration, state.alpha, state.spread), warped, i1, v, &stacks, masks);
         equations.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.equations, n, field));
         memory.set_sums(self.partials, sums);
     }
@@ -156,11 +163,11 @@ struct Residual {
     by_place: [f64; 2],
 }
 
-/// One whole pass over a level. `warped` is T when the stack of I2 was brought onto I1's pixels, if it was; `masks` where
-/// pixels are masked.
+/// One whole pass over a level, by T, α and the spread of the iteration before. `warped` is T when the stack of I2 was
+/// brought onto I1's pixels, if it was; `masks` where pixels are masked.
 pub fn twin(
     c: &Constants,
-    (r, alpha): (&Registration, f64),
+    (r, alpha, spread): (&Registration, f64, f64),
     warped: Option<&Registration>,
     i1: &Field,
     v: &Field,
@@ -171,27 +178,39 @@ pub fn twin(
     let mut equations: [Field; LAYERS as usize] = std::array::from_fn(|_| Field::zeros(width, height));
     let mut sums = Sums::default();
     for y in 0..height {
+        let mut before = (0.0, 0.0_f64);
         for x in 0..width {
             let d = r.displacement(x, y, c.factor.into(), c.centre.map(f64::from));
             if !inside([x, y], d, [width, height], v.get(x, y), r.scale()) {
+                before = (0.0, 0.0);
                 continue;
             }
             let (smoothness, pull) = smoothness_term(c, alpha, v, [x, y]);
             let seen = see((c.mean, c.factor, c.centre), r, warped, [x, y], i1, v.get(x, y), stacks);
             let share = mask::counts(masks, [x, y], d);
-            let (mut residuals, energy) = data_term(c, r, v.get(x, y), seen, d);
+            let (mut residuals, psi, signed) = data_term(c, r, v.get(x, y), seen, d);
             residuals.iter_mut().for_each(|t| t.weight *= share);
             let diagonal: f64 = residuals.iter().map(|t| t.weight * t.by_v * t.by_v).sum();
             let b = -residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
             let over = 1.0 / (diagonal + f64::from(c.elimination) * smoothness).max(1e-12);
             let place = [x as f64 - f64::from(c.centre[0]), y as f64 - f64::from(c.centre[1])];
-            accumulate(&residuals, b + pull, over, place.map(|p| p / f64::from(c.length)), &mut sums);
+            accumulate(
+                &residuals,
+                (b + pull, over),
+                broadened(c, spread, psi),
+                place.map(|p| p / f64::from(c.length)),
+                &mut sums,
+            );
             let gradient = 1.0 / inverse_gradient(c, v, x as isize, y as isize);
-            sums.energy += share * (energy + alpha * gradient);
+            sums.energy += share * (psi + alpha * gradient);
             sums.valid += share;
             let steep = (gradient.powi(2) - f64::from(c.smoothness_eta).powi(2)).max(0.0).sqrt();
             sums.roughness[0] += share * b.abs().sqrt();
             sums.roughness[1] += share * steep;
+            if x % 2 == 1 {
+                sums.spread += before.1.min(share) * spreads(c, spread, signed - before.0);
+            }
+            before = (signed, share);
             equations.iter_mut().zip([diagonal, b]).for_each(|(field, value)| field.data[y * width + x] = value);
         }
     }
@@ -218,14 +237,14 @@ fn smoothness_term(c: &Constants, alpha: f64, v: &Field, [x, y]: [usize; 2]) -> 
     (weights.iter().sum(), pull)
 }
 
-/// S1 and S2 at a pixel, and the energy of its data term.
+/// S1 and S2 at a pixel, the energy of its data term, and S with one sign for both.
 fn data_term(
     c: &Constants,
     r: &Registration,
     v: f64,
     Seen { i1, i2, blurred: [b1, b2] }: Seen,
     d: [f64; 2],
-) -> ([Residual; 2], f64) {
+) -> ([Residual; 2], f64, f64) {
     let (s1, s2) = (b1.value - (r.gain * i2.value + r.offset), r.gain * b2.value + r.offset - i1);
     let eta2 = f64::from(c.eta).powi(2);
     let (psi1, psi2) = ((s1 * s1 + eta2).sqrt(), (s2 * s2 + eta2).sqrt());
@@ -241,7 +260,7 @@ fn data_term(
             by_place: jacobian(1.0, b2.dx, b2.dy),
         },
     ];
-    (residuals, h * psi1 + (1.0 - h) * psi2)
+    (residuals, h * psi1 + (1.0 - h) * psi2, h * s1 - (1.0 - h) * s2)
 }
 
 /// Half of the derivative by V of the logarithm of what noise of both images adds to S1² and S2².
@@ -256,13 +275,29 @@ fn noise_slopes(c: &Constants, r: &Registration, v: f64, d: [f64; 2]) -> [f64; 2
     [n1.slope / (n1.value + square * between), square * n2.slope / (square * n2.value + 1.0)].map(|n| sign * n)
 }
 
+/// What a pixel counts for more or less in T's step than in V's, so that the weights of the one have an η of [`BROAD`] spreads.
+fn broadened(c: &Constants, spread: f64, psi: f64) -> f64 {
+    psi / (psi * psi - f64::from(c.eta).powi(2) + (BROAD * least_spread(c, spread)).powi(2)).sqrt()
+}
+
+/// The spread by the iteration before; by η of the weights at least.
+fn least_spread(c: &Constants, spread: f64) -> f64 {
+    spread.max(f64::from(c.eta) / BROAD)
+}
+
+/// What two pixels say of the spread: the bounded squares, whose mean is a half where it is right.
+fn spreads(c: &Constants, spread: f64, difference: f64) -> f64 {
+    let square = 0.5 * difference * difference;
+    2.0 * square / (square + (BOUND * least_spread(c, spread)).powi(2))
+}
+
 /// Adds a pixel to N and g, its own dV eliminated; `place` is from the centre over L.
-fn accumulate(residuals: &[Residual; 2], right_side: f64, over: f64, place: [f64; 2], sums: &mut Sums) {
+fn accumulate(residuals: &[Residual; 2], (right_side, over): (f64, f64), ratio: f64, place: [f64; 2], sums: &mut Sums) {
     let sum = |term: &dyn Fn(&Residual) -> f64| residuals.iter().map(|t| t.weight * term(t)).sum::<f64>();
     let q = [0, 1].map(|i| sum(&|t| t.by_v * t.by_place[i]));
     let g = [0, 1].map(|i| sum(&|t| t.s * t.by_place[i]) + q[i] * right_side * over);
     let n = [[0, 0], [0, 1], [1, 1]].map(|[i, j]| sum(&|t| t.by_place[i] * t.by_place[j]) - q[i] * q[j] * over);
-    sums.add(n, g, place);
+    sums.add(n.map(|n| ratio * n), g.map(|g| ratio * g), place);
 }
 
 #[cfg(test)]
@@ -319,15 +354,22 @@ mod tests {
         let stacks = [i1, i2].map(|i| build_stack(i, kernel, nodes));
         let c = Constants { rows, ..constants(width, height, nodes, kernel) };
         let registration = Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 });
-        let mut state = State::new(&registration);
+        let mut state = State { spread: 0.01, ..State::new(&registration) };
         let before = moved.map(|by| Registration::new(by.after(&transform), &registration.photometric()));
         if let Some(before) = &before {
             state.warped = before.into();
         }
         let warped = Registration::from(state.warped);
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
-        let expected =
-            twin(&c, (&state.registration(), state.alpha.into()), moved.map(|_| &warped), i1, v, &read, masks);
+        let expected = twin(
+            &c,
+            (&state.registration(), state.alpha.into(), state.spread.into()),
+            moved.map(|_| &warped),
+            i1,
+            v,
+            &read,
+            masks,
+        );
 
         let rig = Rig::new();
         let inputs =
@@ -356,6 +398,7 @@ mod tests {
         }
         close(found.energy, expected.sums.energy, "energy");
         close(found.valid, expected.sums.valid, "valid");
+        close(found.spread, expected.sums.spread, "spread");
     }
 
     #[test]

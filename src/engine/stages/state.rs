@@ -24,6 +24,8 @@ pub struct State {
     pub alpha: f32,
     /// What the kernel was found to be: 0 a Gaussian, 1 a disk.
     pub kernel_shape: f32,
+    /// σ of noise in S, intensities, an M-estimate by pixels beside each other; 0 until T is steady on the finest level.
+    pub spread: f32,
     /// The same when I2 was last brought onto I1's pixels.
     pub warped: Single,
     /// Coefficients of the shading.
@@ -103,6 +105,8 @@ pub struct DoubleState {
     pub alpha: f64,
     /// What the kernel was found to be: 0 a Gaussian, 1 a disk.
     pub kernel_shape: f64,
+    /// σ of noise in S, intensities, an M-estimate by pixels beside each other; 0 until T is steady on the finest level.
+    pub spread: f64,
     /// By level, finest first.
     pub levels: [DoubleLevel; MAX_LEVELS],
 }
@@ -127,6 +131,7 @@ impl DoubleState {
             correlation: 0.0,
             alpha: FIRST_ALPHA,
             kernel_shape: 0.0,
+            spread: 0.0,
             levels: [DoubleLevel::default(); MAX_LEVELS],
         }
     }

@@ -51,6 +51,8 @@ pub struct Constants {
     pub share: f32,
     /// Share that the energy may change by, for the level to settle.
     pub flatness: f32,
+    /// The noise of which η of the data term's weights is enough, intensities.
+    pub least_spread: f32,
 }
 
 bindings! {
@@ -81,6 +83,9 @@ impl Pass for Bindings {
         let state = memory.state_mut(self.state);
         let level = c.level as usize;
         let step = twin(c, &sums, &mut state.registration, state.levels[level].energy);
+        if c.level == 0 && step.steady {
+            state.spread = find_spread(c, &sums, state.spread);
+        }
         if c.finds_alpha == 1 {
             state.alpha = find_alpha(&sums, state.alpha);
         }
@@ -116,6 +121,8 @@ pub struct Step {
     /// No corner moved by [`still`](Constants::still) pixels of the level, the energy changed by at most
     /// [`flatness`](Constants::flatness), and the level stops. The energy is flat before V and T are, so the finest level goes on after it has converged.
     pub settled: bool,
+    /// No corner moved by `FOLLOWED` pixels of the level: what T is off by no longer counts as noise.
+    pub steady: bool,
 }
 
 /// Steps T in place. `before` is the energy of the iteration before.
@@ -128,7 +135,7 @@ pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> St
     let change = (energy - before).abs();
     let converged = c.may_settle == 1 && moved < 0.01 && change <= 1e-3 * before;
     let settled = c.may_settle == 1 && moved < f64::from(c.still) * factor && change <= f64::from(c.flatness) * before;
-    Step { energy, converged, settled }
+    Step { energy, converged, settled, steady: moved <= FOLLOWED * factor }
 }
 
 /// The map that displaces by the unknowns, pixels of a level whose own are `factor` wide, places stated over `length`.
@@ -175,6 +182,15 @@ const ALPHAS: [f64; 2] = [3.5e-4, 10.0];
 /// Steepness, px² a pixel, within which α follows it. Below V counts as flat, and a larger α would converge too slowly to gain
 /// anything; beyond, it is noise that is steep, and a smaller α would raise it.
 const STEEP: [f64; 2] = [0.007, 0.1];
+
+/// The most that the spread grows by in an iteration.
+const MOST_GROWTH: f64 = 8.0;
+
+/// The spread from how much of the [bounded squares](super::linearise::BOUND) is reached, a half where it is right: of Gaussian noise an error of it becomes a fifth.
+pub fn find_spread(c: &Constants, sums: &Sums, spread: f64) -> f64 {
+    let share = sums.spread / sums.valid.max(1.0);
+    spread.max(c.least_spread.into()) * (share / (1.0 - share).max(1e-6)).min(MOST_GROWTH)
+}
 
 /// α from what the data say against V, mean √|b|, and how steep it is; as it was if that is within a tenth: each change takes
 /// iterations.
@@ -234,6 +250,7 @@ mod tests {
             finds_alpha: 0,
             share: 1.0,
             flatness: 1e-5,
+            least_spread: 0.0025,
         }
     }
 
@@ -255,7 +272,7 @@ mod tests {
     fn check_warped(c: Constants, partials: &[f32], before: f32, t: [f32; 2], variant: Variant) -> (State, Vec<u32>) {
         let start = Registration::new(Similarity::new(1.0, -2.0, 1.0, 1.05), &Photometric { gain: 0.9, offset: 0.1 });
         let mut state = State::new(&start);
-        state.levels[1].energy = before;
+        state.levels[c.level as usize].energy = before;
         state.warped = Single { t, ..state.registration };
         let rig = Rig::new();
         let buffers = [
@@ -275,15 +292,17 @@ mod tests {
         assert!(corner < 1e-4, "{corner} px: {found:?} {expected:?}");
         assert_eq!(found.registration().photometric(), state.registration().photometric());
         let close = |f: f64, e: f64| assert!((f - e).abs() < 1e-5, "{f}, not {e}");
-        close(found.levels[1].energy.into(), step.energy);
+        close(found.levels[c.level as usize].energy.into(), step.energy);
+        let is_found = c.level == 0 && step.steady;
+        close(found.spread.into(), if is_found { find_spread(&c, &sums, state.spread.into()) } else { 0.0 });
         close(rig.floats(&buffers[2])[3].into(), step.energy);
-        assert_eq!(found.levels[1].iterations, 1);
+        assert_eq!(found.levels[c.level as usize].iterations, 1);
         close(
             found.alpha.into(),
             if c.finds_alpha == 1 { find_alpha(&sums, state.alpha.into()) } else { state.alpha.into() },
         );
-        assert_eq!(found.levels[1].converged, u32::from(step.converged));
-        assert_eq!(found.levels[1].settled, u32::from(step.settled));
+        assert_eq!(found.levels[c.level as usize].converged, u32::from(step.converged));
+        assert_eq!(found.levels[c.level as usize].settled, u32::from(step.settled));
         (found, rig.words(&buffers[3]))
     }
 
@@ -309,10 +328,11 @@ mod tests {
             let mut partials = partials(8, 40, layout);
             for row in partials.chunks_exact_mut(layout.length) {
                 let valid = row[layout.energy + 1];
-                row[layout.energy + 2..layout.energy + 4].copy_from_slice(&[root * valid, steep * valid]);
+                row[layout.energy + 2..layout.energy + 5].copy_from_slice(&[root * valid, steep * valid, 0.7 * valid]);
             }
             for finds_alpha in [0, 1] {
                 check(Constants { finds_alpha, ..constants(8) }, &partials, 0.1);
+                check(Constants { level: 0, unknowns: 0, ..constants(8) }, &partials, 0.1);
             }
         }
     }

@@ -33,6 +33,8 @@ pub struct Sums {
     pub valid: f64,
     /// Of √|b|, of |∇V|.
     pub roughness: [f64; 2],
+    /// Of the bounded squares of how S differs from a pixel to the one beside.
+    pub spread: f64,
 }
 
 /// Where a row of partial sums keeps what.
@@ -42,7 +44,7 @@ pub struct Layout {
     pub unknowns: usize,
     /// Where the sums of w ∇J S begin, after those of w ∇J ∇Jᵀ.
     pub gradient: usize,
-    /// The energy; the valid pixels come after it, then the sums of √|b| and |∇V|.
+    /// The energy; the valid pixels come after it, then the sums of √|b|, of |∇V| and of how S differs.
     pub energy: usize,
     /// Floats in a row.
     pub length: usize,
@@ -103,6 +105,7 @@ impl Sums {
             energy: row[layout.energy],
             valid: row[layout.energy + 1],
             roughness: [row[layout.energy + 2], row[layout.energy + 3]],
+            spread: row[layout.energy + 4],
             ..Self::default()
         };
         for (i, a) in ALONG[..layout.unknowns].iter().enumerate() {
