@@ -2,8 +2,7 @@
 
 use crate::around::FieldCurvature;
 use crate::base::{Error, Format, Frame, Mask, Region, Settings, centre};
-use crate::engine::same_size;
-use crate::engine::{Engine, Progress, Solution, Solver};
+use crate::engine::{Engine, Progress, Solution, Solver, large, same_size};
 
 /// A part of the frame, a mask, and what is known of the lens; nothing of it by default.
 #[derive(Clone, Debug, Default)]
@@ -27,6 +26,9 @@ pub struct Kept {
 }
 
 impl Scope {
+    /// The largest pair, px: of one that the device does not hold, results and photographs take some 8 GiB of the host.
+    pub const MOST_PIXELS: u64 = large::MOST_PIXELS;
+
     /// Checks it against photographs of this size.
     ///
     /// # Errors
@@ -44,7 +46,8 @@ impl Scope {
         self.region.map_or(Ok(()), |region| region.check((width, height)))
     }
 
-    /// Solves a pair, with the solver kept if it fits. `origin`, `width` and `height` of what comes back say which part of I1 it is
+    /// Solves a pair, with the solver kept if it fits; one that is too large for the device, or for [`EngineOptions::memory`](crate::EngineOptions::memory), in parts,
+    /// with T and brightness as half its size has them. `origin`, `width` and `height` of what comes back say which part of I1 it is
     /// of.
     ///
     /// # Errors
@@ -104,6 +107,11 @@ fn solve(
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Solution, Error> {
     let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
+    if engine.needs_parts(size, formats, settings)? {
+        // What is kept would take of the memory that parts are made for.
+        *kept = None;
+        return large::solve(engine, [i1, i2], settings, mask.as_ref(), progress);
+    }
     let fits = |kept: &Kept| kept.size == size && kept.formats == formats && kept.settings == *settings;
     let solver = match kept.take().filter(fits) {
         Some(kept) => kept.solver,

@@ -31,6 +31,14 @@ impl Mask {
         Self { width: region.width, height: region.height, counts: region.of(&self.counts, self.width as usize, 1) }
     }
 
+    /// Every so-manieth pixel of every so-manieth row.
+    pub(crate) fn every(&self, step: u32) -> Self {
+        let [width, height] = [self.width.div_ceil(step), self.height.div_ceil(step)];
+        let places = (0..height).flat_map(|y| (0..width).map(move |x| (step * y, step * x)));
+        let counts = places.map(|(y, x)| self.counts[y as usize * self.width as usize + x as usize]).collect();
+        Self { width, height, counts }
+    }
+
     /// Width and height.
     pub fn size(&self) -> [u32; 2] {
         [self.width, self.height]

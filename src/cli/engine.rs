@@ -20,6 +20,9 @@ pub(super) struct EngineArguments {
     #[arg(long, value_name = "SECONDS", help_heading = DEVICE, default_value_t = EngineOptions::default().timeout.as_secs(),
           value_parser = clap::value_parser!(u64).range(1..))]
     timeout: u64,
+    /// Device memory that a pair may take, MiB; larger ones are solved in parts. What the device has without it
+    #[arg(long, value_name = "MIB", help_heading = DEVICE, value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
+    memory: Option<u64>,
     /// Read the device's clock from pass to pass, for the times in the report; that takes time itself
     #[arg(long, help_heading = DEVICE)]
     timings: bool,
@@ -40,6 +43,7 @@ impl EngineArguments {
             device: self.device.clone().or_else(|| std::env::var(DEFAULT).ok().filter(|device| !device.is_empty())),
             validation: super::validation_asked(),
             timeout: Duration::from_secs(self.timeout),
+            memory: self.memory.map(|mib| mib << 20),
             key_points: Some(baseline::key_points),
             timed: self.timings,
         }

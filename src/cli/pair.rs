@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::image_io::{Input, Photograph};
-use parfocal::{DeviceInfo, Engine, Settings};
+use parfocal::{DeviceInfo, Engine, Scope, Settings};
 
 use super::failure::Failure;
 
@@ -35,14 +35,15 @@ pub(super) fn open([i1, i2]: &[PathBuf; 2]) -> Result<([Photograph; 2], Vec<Inpu
 /// More pixels than this, 2^24, are not decoded before it is known that the device takes them: fewer take no time.
 const LARGE: u64 = 1 << 24;
 
-/// Refuses photographs that are too large for the device, before they are decoded.
+/// Refuses photographs that are too large for the device, before they are decoded; those `in_parts` only where they are too large for that.
 pub(super) fn check_size(
     photographs: [&Photograph; 2],
     settings: &Settings,
+    in_parts: bool,
     device: impl FnOnce() -> Result<DeviceInfo, Failure>,
 ) -> Result<(), Failure> {
     let (width, height) = photographs[0].size();
-    if u64::from(width) * u64::from(height) <= LARGE {
+    if u64::from(width) * u64::from(height) <= if in_parts { Scope::MOST_PIXELS } else { LARGE } {
         return Ok(());
     }
     let formats = photographs.map(Photograph::format);

@@ -80,7 +80,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let values = arguments.settings.decoding().of(&inputs)?;
     settings.decode = values.decode;
     let mut engine = None;
-    pair::check_size(photographs.each_ref(), &settings, || run.info(&mut engine))?;
+    pair::check_size(photographs.each_ref(), &settings, false, || run.info(&mut engine))?;
     let [i1, i2] = Photograph::decode_pair(photographs)?;
     let engine = run.engine(engine)?;
     let bar = run.bar();

@@ -95,7 +95,7 @@ pub(super) fn read(
 ) -> Result<Option<SweepFrames>, Failure> {
     let started = Instant::now();
     let (frames, inputs) = decode(&job.files, |first| match request.part.is_whole() {
-        true => pair::check_size([first; 2], &request.settings, device),
+        true => pair::check_size([first; 2], &request.settings, false, device),
         false => Ok(()),
     })?;
     if settled(&inputs)? {
@@ -224,7 +224,7 @@ pub(super) fn register(
     reference: Option<usize>,
 ) -> Result<SweepRegistration, Failure> {
     let (started, engine) = (Instant::now(), run.open_engine()?);
-    let fits = |first: &Photograph| pair::check_size([first; 2], settings, || Ok(engine.info().clone()));
+    let fits = |first: &Photograph| pair::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
     let (frames, inputs) = decode(files, fits)?;
     check_alike(files, &frames)?;
     let values = decoding.of(&inputs)?;

@@ -74,7 +74,7 @@ pub(super) fn read(
         return Ok(None);
     }
     if request.part.is_whole() {
-        pair::check_size(photographs.each_ref(), &request.settings, device)?;
+        pair::check_size(photographs.each_ref(), &request.settings, true, device)?;
     }
     let lens = request.lens(&inputs)?;
     request.nearer(lens.as_ref())?;

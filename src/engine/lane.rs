@@ -19,12 +19,21 @@ use super::stages::sums::{Layout, Sums};
 use super::view::View;
 use super::vulkan::{Buffer, Device, OnDevice, Recording};
 use super::workspace::Workspace;
-use crate::base::{Error, Homography, Kernel, Mask, Region};
+use crate::base::{Error, Homography, Kernel, Mask, Photometric, Region, Shading};
 
 /// A script, and its recording.
 struct Prepared {
     script: Script,
     recording: Recording,
+}
+
+/// Where a pair starts; T, gain, offset and shading stay there where they are not solved for.
+#[derive(Clone, Copy)]
+pub(super) struct Start {
+    pub(super) transform: Homography,
+    pub(super) photometric: Photometric,
+    pub(super) shading: Shading,
+    pub(super) kernel_shape: f64,
 }
 
 /// What all lanes of a solver share.
@@ -92,11 +101,13 @@ impl Lane {
         self.workspace.buffer(Slot::Mask)
     }
 
-    /// Takes the pair that was brought up: where T starts, and whether some of its pixels are masked or clipped.
-    pub(super) fn take(&mut self, start: Homography, is_masked: bool) -> Result<(), Error> {
+    /// Takes the pair that was brought up: where it starts, and whether some of its pixels are masked or clipped.
+    pub(super) fn take(&mut self, start: &Start, is_masked: bool) -> Result<(), Error> {
         self.phases.end("upload");
         let settings = &self.common.plan.settings;
-        let mut state = State::new(&Registration::new(start, &settings.start_photometric));
+        let mut state = State::new(&Registration::new(start.transform, &start.photometric));
+        state.shading = start.shading.coefficients.map(|c| c as f32);
+        state.kernel_shape = start.kernel_shape as f32;
         state.alpha = settings.regularization.map_or(state.alpha, |alpha| alpha as f32);
         self.workspace.buffer(Slot::StartState).write(bytemuck::bytes_of(&state))?;
         if self.is_masked != is_masked {

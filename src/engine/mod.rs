@@ -5,7 +5,9 @@ pub(crate) mod arguments;
 mod faults;
 pub(crate) mod filter;
 mod lane;
+pub(crate) mod large;
 mod motion;
+mod parts;
 pub(crate) mod plan;
 pub(crate) mod profile;
 mod progress;
@@ -60,6 +62,9 @@ pub struct EngineOptions {
     pub validation: bool,
     /// The longest wait for one solve.
     pub timeout: Duration,
+    /// Bytes of the device that a pair may take; `None`: what the device has. Larger photographs are solved in parts by a
+    /// [`Scope`](crate::Scope), and refused by a [`Solver`].
+    pub memory: Option<u64>,
     /// How [`Method::Sift`](crate::base::Method::Sift) finds where T starts; `baseline::key_points` does. `None`: that method is refused.
     pub key_points: Option<KeyPoints>,
     /// Whether solves read the device's clock from pass to pass, for [`Timings::passes_ms`]; that takes time itself.
@@ -71,7 +76,14 @@ pub type KeyPoints = fn([&Frame; 2], Decode, Option<&Mask>) -> Result<Similarity
 
 impl Default for EngineOptions {
     fn default() -> Self {
-        Self { device: None, validation: false, timeout: Duration::from_secs(600), key_points: None, timed: false }
+        Self {
+            device: None,
+            validation: false,
+            timeout: Duration::from_secs(600),
+            memory: None,
+            key_points: None,
+            timed: false,
+        }
     }
 }
 
@@ -79,6 +91,7 @@ impl Default for EngineOptions {
 pub struct Engine {
     device: Arc<Device>,
     pipelines: Arc<Pipelines>,
+    memory: u64,
     key_points: Option<KeyPoints>,
     timed: bool,
 }
@@ -103,7 +116,8 @@ impl Engine {
 
     fn on(device: Arc<Device>, options: &EngineOptions) -> Self {
         let pipelines = Arc::new(Pipelines::new(&device));
-        Self { device, pipelines, key_points: options.key_points, timed: options.timed }
+        let memory = options.memory.unwrap_or(u64::MAX);
+        Self { device, pipelines, memory, key_points: options.key_points, timed: options.timed }
     }
 
     /// Lists the devices, usable or not.
@@ -135,6 +149,16 @@ impl Engine {
     /// What validation has said so far; empty without [`EngineOptions::validation`].
     pub fn validation_messages(&self) -> Vec<String> {
         self.device.instance.messages()
+    }
+
+    /// Refuses what the device, or the memory that a pair may take of it, does not hold.
+    pub(crate) fn admits(&self, plan: &Plan, slots: u64) -> Result<(), Error> {
+        plan.check(&self.device, self.memory, slots)
+    }
+
+    /// Bytes of the device that a pair may take.
+    pub(crate) fn memory(&self) -> u64 {
+        self.memory.min(self.info().memory_bytes)
     }
 
     pub(crate) fn device(&self) -> &Arc<Device> {

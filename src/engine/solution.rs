@@ -202,13 +202,17 @@ impl Findings {
         self.converged = doubts.is_empty();
         self.warnings = doubts;
         self.warnings.extend(shading_warning(&self.shading));
-        if self.saturated_fraction > MOST_SATURATED {
-            self.warnings.push(format!(
-                "{:.0} % of the valid pixels are at the limit of |V|, {} px²: raise the largest relative blur (256 px² at most), or focus the two nearer to each other",
-                100.0 * self.saturated_fraction,
-                settings.max_relative_blur
-            ));
-        }
+        self.warnings.extend(self.saturation(settings.max_relative_blur));
+    }
+
+    /// A sentence, where many pixels are at the limit of |V|, px².
+    pub(crate) fn saturation(&self, max_relative_blur: f64) -> Option<String> {
+        (self.saturated_fraction > MOST_SATURATED).then(|| {
+            format!(
+                "{:.0} % of the valid pixels are at the limit of |V|, {max_relative_blur} px²: raise the largest relative blur (256 px² at most), or focus the two nearer to each other",
+                100.0 * self.saturated_fraction
+            )
+        })
     }
 
     /// Takes over what speaks against the registration that came first.

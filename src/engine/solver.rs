@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::base::{Error, Format, Frame, Homography, Mask, Method, Settings};
-use crate::engine::lane::{Common, Lane};
+use crate::base::{Error, Format, Frame, Mask, Method, Settings, Shading};
+use crate::engine::lane::{Common, Lane, Start};
 use crate::engine::plan::Plan;
 use crate::engine::profile::{Profile, Reading};
 use crate::engine::slot::Slot;
@@ -54,6 +54,8 @@ pub struct Solver {
     common: Arc<Common>,
     lanes: Vec<Lane>,
     mask: Option<Mask>,
+    /// Where pairs start, if not as the settings say.
+    start: Option<Start>,
     key_points: Option<KeyPoints>,
 }
 
@@ -102,7 +104,7 @@ impl Solver {
         if device.is_poisoned() {
             return Err(Error::Poisoned);
         }
-        plan.check(&device, slots.max(1) as u64)?;
+        engine.admits(&plan, slots.max(1) as u64)?;
         let first = Workspace::new(&device, &plan)?;
         let mut recorder = Recorder::new(&device, Clock::Never)?;
         recorder.prepare(&first.images());
@@ -114,7 +116,7 @@ impl Solver {
         let lanes = workspaces
             .map(|workspace| Lane::new(common.clone(), workspace, is_masked))
             .collect::<Result<_, Error>>()?;
-        Ok(Self { common, lanes, mask: None, key_points: engine.key_points })
+        Ok(Self { common, lanes, mask: None, start: None, key_points: engine.key_points })
     }
 
     /// Leaves out pixels of I1 in the solves to come; `None`: none. Waits for what is under way.
@@ -136,14 +138,23 @@ impl Solver {
         Ok(())
     }
 
-    /// Where T starts: as the settings say, or, with the method SIFT, where key-points put it.
-    fn start(&self, frames: [&Frame; 2]) -> Result<Homography, Error> {
-        let settings = &self.common.plan.settings;
-        if settings.method != Method::Sift {
-            return Ok(settings.start);
+    /// Where the pairs to come start.
+    pub(super) fn start_from(&mut self, start: Start) {
+        self.start = Some(start);
+    }
+
+    /// As was said, or as the settings say; with the method SIFT T starts where key-points put it.
+    fn start(&self, frames: Option<[&Frame; 2]>) -> Result<Start, Error> {
+        if let Some(start) = self.start {
+            return Ok(start);
         }
-        let find = self.key_points.ok_or(Error::NoKeyPoints)?;
-        Ok(find(frames, settings.decode, self.mask.as_ref())?.into())
+        let settings = &self.common.plan.settings;
+        let transform = match (settings.method, frames, self.key_points) {
+            (Method::Sift, Some(frames), Some(find)) => find(frames, settings.decode, self.mask.as_ref())?.into(),
+            (Method::Sift, ..) => return Err(Error::NoKeyPoints),
+            _ => settings.start,
+        };
+        Ok(Start { transform, photometric: settings.start_photometric, shading: Shading::NONE, kernel_shape: 0.0 })
     }
 
     /// Prepares for pairs like this one: if it has clipped pixels, for pairs that have some. The first of the other kind compiles what it takes.
@@ -237,14 +248,12 @@ impl Solver {
     /// As [`Solver::submit`]; [`Error::NoKeyPoints`] with the method SIFT, which takes frames.
     pub fn submit_written(&mut self, slot: usize, write: &mut dyn FnMut(usize, &mut [u8])) -> Result<Ticket, Error> {
         self.check_slot(slot)?;
-        if self.common.plan.settings.method == Method::Sift {
-            return Err(Error::NoKeyPoints);
-        }
+        let start = self.start(None)?;
         self.lanes[slot].begin()?;
         for image in [0, 1] {
             self.lanes[slot].fill(image, &mut |bytes| write(image, bytes))?;
         }
-        self.lanes[slot].take(self.common.plan.settings.start, true)?;
+        self.lanes[slot].take(&start, true)?;
         self.hand_over(slot)
     }
 
@@ -302,8 +311,8 @@ impl Solver {
             let levels = settings.clipped(frame.format().depth);
             self.lanes[slot].fill(image, &mut |bytes| is_masked |= frame.bring(bytes, levels))?;
         }
-        let start = self.start(frames)?;
-        self.lanes[slot].take(start, is_masked)
+        let start = self.start(Some(frames))?;
+        self.lanes[slot].take(&start, is_masked)
     }
 
     /// Everything about the solves that does not depend on the pixels.

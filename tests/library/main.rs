@@ -6,6 +6,7 @@ mod common;
 mod baseline;
 #[cfg(target_os = "linux")]
 mod fuzz;
+mod large;
 mod masks;
 mod motion;
 mod properties;

@@ -78,8 +78,8 @@ impl Plan {
         Ok(())
     }
 
-    /// Checks the plan against a device's limits, so that nothing fails half-way, of a solver with so many slots.
-    pub(crate) fn check(&self, device: &Device, slots: u64) -> Result<(), Error> {
+    /// Checks the plan against a device's limits, and against so many bytes of it, so that nothing fails half-way, of a solver with so many slots.
+    pub(crate) fn check(&self, device: &Device, memory: u64, slots: u64) -> Result<(), Error> {
         let info = device.info();
         let too_large = |what, needed, limit| Err(self.too_large(info, what, needed, limit));
         self.check_photographs(info)?;
@@ -101,7 +101,7 @@ impl Plan {
         if self.result_bytes() > largest {
             return too_large("the result", mib(self.result_bytes()), format!("{} for a buffer", mib(largest)));
         }
-        self.check_memory(info, slots)
+        self.check_memory(info, memory, slots)
     }
 
     /// Checks what a description of a device tells of each photograph.
@@ -120,19 +120,20 @@ impl Plan {
     }
 
     /// Checks what it tells of the memory that there is.
-    fn check_memory(&self, info: &DeviceInfo, slots: u64) -> Result<(), Error> {
+    fn check_memory(&self, info: &DeviceInfo, memory: u64, slots: u64) -> Result<(), Error> {
         let (on_device, host) = self.bytes();
         // A discrete GPU keeps what the host sees in the host's memory; the others have one memory for both.
         let needed = if info.kind == "discrete GPU" { on_device } else { on_device + slots * host };
-        if needed > info.memory_bytes {
-            return Err(self.too_large(info, "the solve", mib(needed), format!("{} in all", mib(info.memory_bytes))));
+        let limit = memory.min(info.memory_bytes);
+        if needed > limit {
+            return Err(self.too_large(info, "the solve", mib(needed), format!("{} in all", mib(limit))));
         }
         Ok(())
     }
 
     /// Checks the plan against a description of a device: what no device like it could do.
     pub(crate) fn check_described(&self, info: &DeviceInfo) -> Result<(), Error> {
-        self.check_photographs(info).and_then(|()| self.check_memory(info, 1))
+        self.check_photographs(info).and_then(|()| self.check_memory(info, u64::MAX, 1))
     }
 
     fn too_large(&self, info: &DeviceInfo, what: &'static str, needed: String, limit: String) -> Error {

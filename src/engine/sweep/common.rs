@@ -41,9 +41,3 @@ impl Common {
         self.settings[self.settings.len() - 1] - self.middle + BEYOND / self.rate_on(level).sqrt()
     }
 }
-
-/// Gain and shading of a frame as a part of it, or one of another size, has them, whose place, -1 to 1, lies `at` that of the frame.
-pub(super) fn restated((gain, shading): &(f64, Shading), at: impl Fn([f64; 2]) -> [f64; 2]) -> (f64, Shading) {
-    let (mean, shading) = Shading::fit(|place| shading.at(at(place)));
-    (gain * mean, shading)
-}

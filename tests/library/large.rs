@@ -1,0 +1,63 @@
+//! Pairs that are larger than what the device may give them.
+
+use crate::common::scene::{pair, slanted};
+use crate::common::{TestEngine, options};
+use parfocal::{Engine, EngineOptions, Error, Frame, Mask, Scope, Settings, Similarity, Solution, Solver};
+
+const SIZE: [u32; 2] = [561, 402];
+
+fn solve(engine: &Engine, [i1, i2]: [&Frame; 2], mask: Option<Mask>, settings: &Settings) -> Solution {
+    let scope = Scope { mask, ..Scope::default() };
+    scope.solve(engine, &mut None, [i1, i2], settings, &mut |_| ()).unwrap()
+}
+
+/// I2 brighter, and more so towards one corner.
+fn shone(frame: &Frame) -> Frame {
+    let parfocal::Samples::F32(values) = frame.samples() else { unreachable!() };
+    let at = |i: usize| [i % SIZE[0] as usize, i / SIZE[0] as usize].map(|n| n as f32 / 560.0);
+    let brighter = |(i, v): (usize, &f32)| 0.04 + v * (1.05 + 0.06 * at(i)[0] * at(i)[1]);
+    Frame::gray(SIZE[0], SIZE[1], values.iter().enumerate().map(brighter).collect()).unwrap()
+}
+
+#[test]
+fn a_pair_solved_in_parts_is_the_same_as_one_solved_whole() {
+    let truth = Similarity::new(4.3, -2.9, 0.15, 1.006);
+    let [i1, i2] = pair(SIZE, truth, slanted(SIZE[0]), 0.002, 3);
+    let i2 = shone(&i2);
+    let settings = Settings { max_relative_blur: 16.0, ..Settings::default() };
+    let whole = solve(&TestEngine::new(), [&i1, &i2], None, &settings);
+    let small = Engine::new(&EngineOptions { memory: Some(20 << 20), ..options() }).unwrap();
+    assert!(matches!(Solver::for_pair(&small, &i1, &i2, &settings), Err(Error::TooLarge { .. })));
+    let mask: Vec<f32> = (0..SIZE[0] * SIZE[1]).map(|i| f32::from(u8::from(i % SIZE[0] >= 60))).collect();
+    let mask = Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], mask).unwrap());
+    let parts = solve(&small, [&i1, &i2], Some(mask), &settings);
+    let corners = [&whole, &parts].map(|s| s.transform.corner_distance(truth, SIZE[0], SIZE[1]));
+    let (mut count, mut square, mut most, mut lacking) = (0, 0.0, 0.0_f32, 0);
+    for i in (0..whole.relative_blur.len()).filter(|i| i % SIZE[0] as usize >= 76) {
+        let [a, b] = [&whole, &parts].map(|s| s.relative_blur[i]);
+        if a.is_finite() && b.is_finite() {
+            (count, square, most) = (count + 1, square + (a - b) * (a - b), most.max((a - b).abs()));
+        } else {
+            lacking += usize::from(a.is_finite());
+        }
+    }
+    let rms = (square / count as f32).sqrt();
+    println!("corners {corners:?} px, V apart by {rms} px² rms, {most} at most, {lacking} px lacking of {count}");
+    println!("{:?} {:?}", whole.photometric, parts.photometric);
+    assert!(corners[0] < 0.01 && corners[1] < 0.02, "{corners:?}");
+    assert!(rms < 0.03 && most < 0.5 && lacking < count / 200, "{rms} {most} {lacking}");
+    assert!((0..SIZE[1]).all(|y| parts.relative_blur[(y * SIZE[0] + 30) as usize].is_nan()), "masked");
+    assert!(parts.converged, "{:?}", parts.warnings);
+    let fused = whole.fused.iter().zip(&parts.fused).map(|(a, b)| (a - b).abs()).sum::<f32>();
+    assert!(fused / (whole.fused.len() as f32) < 0.002, "{fused}");
+    assert_eq!((parts.width, parts.height, parts.photograph), (SIZE[0], SIZE[1], SIZE));
+    assert!(small.validation_messages().is_empty(), "{:?}", small.validation_messages());
+}
+
+#[test]
+fn a_part_is_larger_than_nothing() {
+    let [i1, i2] = pair(SIZE, Similarity::IDENTITY, slanted(SIZE[0]), 0.0, 3);
+    let tiny = Engine::new(&EngineOptions { memory: Some(1 << 20), ..options() }).unwrap();
+    let solved = Scope::default().solve(&tiny, &mut None, [&i1, &i2], &Settings::default(), &mut |_| ());
+    assert!(matches!(solved, Err(Error::TooLarge { .. })), "{:?}", solved.map(|s| s.findings));
+}
