@@ -19,10 +19,12 @@ use serde_json::json;
 use super::failure::{Failure, plain};
 use super::headings::OUTPUT;
 use super::help;
+use super::on_done::OnDone;
 use super::options::SolveOptions;
 use super::pairs::Group;
 use super::request::Request;
 use super::run::RunArguments;
+use super::shard::Shard;
 use super::sweep_work::{self, SweepFrames, SweepJob};
 use super::tally::{INDEX, Outcome, REPORT, Row, SUMMARY, Tally};
 use super::work::{self, Job, Photographs};
@@ -43,6 +45,12 @@ pub(super) struct Arguments {
     /// Leave out pairs whose results are there, whole, and of the same photographs and options
     #[arg(long, help_heading = OUTPUT)]
     resume: bool,
+    /// Solve the I-th of N shares, I from 1, for N processes or machines over one folder of results
+    ///
+    /// The first pair is of share 1, the second of share 2, and so on. The summary is batch-I-of-N.json; when all are done, the same batch with --resume and
+    /// without --shard solves what is missing and writes batch.json and index.html.
+    #[arg(long, value_name = "I/N", help_heading = OUTPUT)]
+    shard: Option<Shard>,
 }
 
 fn after_help() -> String {
@@ -55,17 +63,19 @@ fn after_help() -> String {
 }
 
 /// What is the same for all pairs.
-struct Shared {
-    request: Request,
-    resume: bool,
+pub(super) struct Shared {
+    pub(super) request: Request,
+    pub(super) resume: bool,
     /// What all are solved on.
-    device: DeviceInfo,
+    pub(super) device: DeviceInfo,
     /// Set by Ctrl-C.
-    stop: Arc<AtomicBool>,
+    pub(super) stop: Arc<AtomicBool>,
+    /// What is run of each that was solved.
+    pub(super) on_done: Option<OnDone>,
 }
 
 /// A pair or a sweep, and what its results are called.
-struct Named {
+pub(super) struct Named {
     name: String,
     task: Task,
 }
@@ -96,35 +106,39 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let started = Instant::now();
     let (source, out) = (&arguments.source, &arguments.output);
     let request = arguments.options.request()?;
+    let shard = arguments.shard.unwrap_or(Shard::WHOLE);
+    let summary = arguments.shard.map_or_else(|| SUMMARY.to_string(), Shard::summary);
     output::check_folder(out)?;
-    request.force.to(out).check_named(FileKind::Batch, &[SUMMARY])?;
-    if request.page {
+    request.force.to(out).check_named(FileKind::Batch, &[&summary])?;
+    let has_page = request.page && arguments.shard.is_none();
+    if has_page {
         request.force.to(out).check_named(FileKind::BatchPage, &[INDEX])?;
     }
     let found = pairs::find(source, out, arguments.options.raw())?;
-    let jobs: Vec<Named> = found.groups.into_iter().map(|group| Named::new(out, group)).collect();
-    jobs.iter().try_for_each(|named| named.task.check(&request))?;
+    let jobs: Vec<Named> = shard.of(found.groups).map(|group| Named::new(out, group)).collect();
+    jobs.iter().try_for_each(|named| named.check(&request))?;
     let stop = on_interrupt();
-    let engine = request.run.open_engine()?;
-    let shared = Shared { request, resume: arguments.resume, device: engine.info().clone(), stop };
+    let mut bench = Bench::new(request.run.open_engine()?);
+    let (resume, device) = (arguments.resume, bench.engine.info().clone());
+    let shared = Shared { request, resume, device, stop, on_done: None };
     let Request { run, force, .. } = &shared.request;
     let bar = Bar::new(jobs.len(), run);
-    let (rows, ended) = work_off(engine, &jobs, &shared, &bar)?;
+    let (rows, ended) = work_off(&mut bench, &jobs, &shared, &bar)?;
     drop(bar);
     let interrupted = shared.stop.load(Ordering::Relaxed);
     let tally = Tally::new(source, rows, found.left_over, interrupted, started.elapsed());
     let json = tally.to_json()?;
-    write_named(force.to(out), SUMMARY, FileKind::Batch, format!("{json}\n").as_bytes())?;
-    if shared.request.page {
+    write_named(force.to(out), &summary, FileKind::Batch, format!("{json}\n").as_bytes())?;
+    if has_page {
         write_named(force.to(out), INDEX, FileKind::BatchPage, tally.page(out).as_bytes())?;
     }
-    run.told.tell(&tally.table(out), || Ok(json))?;
+    run.told.tell(&tally.table(&out.join(&summary)), || Ok(json))?;
     ended?;
     tally.check(run.strict)
 }
 
 impl Named {
-    fn new(out: &Path, Group { name, files }: Group) -> Self {
+    pub(super) fn new(out: &Path, Group { name, files }: Group) -> Self {
         let out = out.join(&name);
         let task = match <[PathBuf; 2]>::try_from(files) {
             Ok(files) => Task::Pair(Job { files, out }),
@@ -133,8 +147,16 @@ impl Named {
         Self { name, task }
     }
 
-    fn row(&self, outcome: Outcome) -> Row {
+    pub(super) fn row(&self, outcome: Outcome) -> Row {
         Row::new(&self.name, self.task.files(), self.task.out(), outcome)
+    }
+
+    /// Refuses what cannot be done, before any work.
+    pub(super) fn check(&self, request: &Request) -> Result<(), Failure> {
+        match &self.task {
+            Task::Pair(job) => work::check(request, job),
+            Task::Sweep(job) => sweep_work::check(request, job),
+        }
     }
 }
 
@@ -150,14 +172,6 @@ impl Task {
         match self {
             Self::Pair(job) => &job.out,
             Self::Sweep(job) => &job.out,
-        }
-    }
-
-    /// Refuses what cannot be done, before any work.
-    fn check(&self, request: &Request) -> Result<(), Failure> {
-        match self {
-            Self::Pair(job) => work::check(request, job),
-            Self::Sweep(job) => sweep_work::check(request, job),
         }
     }
 
@@ -212,7 +226,7 @@ impl Task {
 }
 
 /// A flag that the first Ctrl-C or SIGTERM sets; the second removes what is half written and ends the program.
-fn on_interrupt() -> Arc<AtomicBool> {
+pub(super) fn on_interrupt() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     ending::listen(move |status| {
@@ -226,11 +240,11 @@ fn on_interrupt() -> Arc<AtomicBool> {
 }
 
 /// What came of each pair, and whether the device held out to the end.
-type Worked = (Vec<Row>, Result<(), Failure>);
+pub(super) type Worked = (Vec<Row>, Result<(), Failure>);
 
 /// Three threads in a row, each at most one pair ahead of the next: what is read and not yet solved stays small. Where there
 /// are not so many threads, one does the work of the other.
-fn work_off(engine: Engine, jobs: &[Named], shared: &Shared, bar: &Bar) -> Result<Worked, Failure> {
+pub(super) fn work_off(bench: &mut Bench, jobs: &[Named], shared: &Shared, bar: &Bar) -> Result<Worked, Failure> {
     thread::scope(|scope| {
         let (to_solver, from_reader) = sync_channel(1);
         let read = all_read(jobs, shared);
@@ -247,13 +261,13 @@ fn work_off(engine: Engine, jobs: &[Named], shared: &Shared, bar: &Bar) -> Resul
         });
         let Ok(writer) = writer else {
             let mut rows = not_done(jobs);
-            let solved = solve_all(engine, jobs, shared, read, |index, solved| {
+            let solved = solve_all(bench, jobs, shared, read, |index, solved| {
                 write(jobs, shared, bar, &mut rows, index, solved);
                 true
             });
             return Ok((rows, solved));
         };
-        let solved = solve_all(engine, jobs, shared, read, |index, solved| to_writer.send((index, solved)).is_ok());
+        let solved = solve_all(bench, jobs, shared, read, |index, solved| to_writer.send((index, solved)).is_ok());
         drop(to_writer);
         let rows =
             writer.join().map_err(|_| Failure::Failed("the thread that writes results has stopped".to_string()))?;
@@ -286,13 +300,13 @@ fn send_all(read: impl Iterator<Item = (usize, Read)>, to_solver: &SyncSender<(u
 
 /// Hands each pair on as it is solved, for as long as that `goes_on`.
 fn solve_all(
-    engine: Engine,
+    bench: &mut Bench,
     jobs: &[Named],
     shared: &Shared,
     read: impl Iterator<Item = (usize, Read)>,
     mut goes_on: impl FnMut(usize, Solved) -> bool,
 ) -> Result<(), Failure> {
-    let (mut bench, mut broken) = (Bench { engine, kept: None }, false);
+    let mut broken = false;
     for (index, read) in read {
         if shared.stop.load(Ordering::Relaxed) {
             break;
@@ -316,19 +330,23 @@ fn solve_all(
         }
         if std::mem::take(&mut broken) {
             // The engine is of no more use, and the pairs to come need one.
-            bench = Bench { engine: run.open_engine()?, kept: None };
+            *bench = Bench::new(run.open_engine()?);
         }
     }
     super::check_validation(&bench.engine)
 }
 
 /// The device, and a solver for pairs like the last one.
-struct Bench {
-    engine: Engine,
+pub(super) struct Bench {
+    pub(super) engine: Engine,
     kept: Option<Kept>,
 }
 
 impl Bench {
+    pub(super) fn new(engine: Engine) -> Self {
+        Self { engine, kept: None }
+    }
+
     fn solve(&mut self, Photographs { scope, frames, settings, .. }: &Photographs) -> Result<Solution, Error> {
         scope.solve(&self.engine, &mut self.kept, frames.each_ref(), settings, &mut |_| ())
     }
@@ -344,18 +362,28 @@ fn write(jobs: &[Named], shared: &Shared, bar: &Bar, rows: &mut [Row], index: us
     let outcome = written.unwrap_or_else(|failure| Outcome::Failed { error: failure.message() });
     rows[index] = jobs[index].row(outcome);
     bar.show(index, &rows[index]);
+    if let Some(on_done) = &shared.on_done {
+        on_done.run(&rows[index]);
+    }
 }
 
 /// Progress over the pairs: a bar on a terminal, elsewhere a line a pair.
-struct Bar {
+pub(super) struct Bar {
     bar: ProgressBar,
     lines: bool,
     /// Whether a program is told, a line of JSON a pair.
     json: bool,
+    /// In all; 0 where nobody knows.
     pairs: usize,
 }
 
 impl Bar {
+    /// A line a pair, of which nobody knows how many there will be.
+    pub(super) fn endless(run: &RunArguments) -> Self {
+        let (quiet, json) = (run.told.is_quiet(), run.tells_programs());
+        Self { bar: ProgressBar::hidden(), lines: !quiet && !json, json, pairs: 0 }
+    }
+
     fn new(pairs: usize, run: &RunArguments) -> Self {
         let (quiet, json) = (run.told.is_quiet() || run.tells_programs(), run.tells_programs());
         let terminal = io::stderr().is_terminal();
@@ -376,7 +404,7 @@ impl Bar {
         Self { bar, lines: !terminal && !quiet, json, pairs }
     }
 
-    fn show(&self, index: usize, row: &Row) {
+    pub(super) fn show(&self, index: usize, row: &Row) {
         if matches!(row.outcome(), Outcome::Kept(_)) {
             // What is left out took no time and says nothing about the rest.
             self.bar.dec_length(1);
@@ -386,11 +414,17 @@ impl Bar {
         self.bar.set_message(plain(row.name()));
         if self.json {
             let (done, name) = (index + 1, row.name());
-            let line = json!({ "done": done, "of": self.pairs, "name": name, "status": row.outcome().status() });
+            let mut line = json!({ "name": name, "status": row.outcome().status() });
+            if self.pairs > 0 {
+                (line["done"], line["of"]) = (done.into(), self.pairs.into());
+            }
             let _ = writeln!(io::stderr(), "{line}");
             return;
         }
-        let line = format!("{}/{} {}", index + 1, self.pairs, row.line());
+        let line = match self.pairs {
+            0 => row.line(),
+            pairs => format!("{}/{pairs} {}", index + 1, row.line()),
+        };
         if self.lines {
             let _ = writeln!(io::stderr(), "{line}");
         } else if matches!(row.outcome(), Outcome::Failed { .. }) {

@@ -18,7 +18,7 @@ Environment:
 
 /// The subcommands, by what they are for.
 const GROUPS: [(&str, &[&str]); 5] = [
-    ("Photographs in, depth out", &["solve", "batch", "stack"]),
+    ("Photographs in, depth out", &["solve", "batch", "watch", "stack"]),
     ("Registration alone", &["register", "apply"]),
     ("What to do with a solve", &["open", "view", "depth", "measure", "inspect", "compare", "calibrate"]),
     ("Laboratory", &["simulate", "evaluate", "bench"]),

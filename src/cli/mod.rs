@@ -24,6 +24,7 @@ mod lens;
 mod manifest;
 mod measure;
 mod models;
+mod on_done;
 mod open;
 mod options;
 mod output;
@@ -37,6 +38,7 @@ mod request;
 mod run;
 mod scope;
 mod settings;
+mod shard;
 mod shell;
 mod shown;
 mod simulate;
@@ -49,6 +51,7 @@ mod tally;
 mod told;
 mod tuning;
 mod view;
+mod watch;
 mod work;
 
 use std::fs;
@@ -74,6 +77,7 @@ struct Cli {
 enum Command {
     Solve(Box<solve::Arguments>),
     Batch(Box<batch::Arguments>),
+    Watch(Box<watch::Arguments>),
     Stack(Box<stack::Arguments>),
     Simulate(Box<simulate::Arguments>),
     Depth(depth::Arguments),
@@ -112,8 +116,8 @@ fn command() -> clap::Command {
 }
 
 fn run(command: Command) -> Result<(), Failure> {
-    // A batch finishes the pair at hand.
-    if !matches!(command, Command::Batch(_)) {
+    // These finish the pair at hand.
+    if !matches!(command, Command::Batch(_) | Command::Watch(_)) {
         ending::listen(|status| {
             parfocal::export::abandon();
             std::process::exit(status);
@@ -122,6 +126,7 @@ fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Batch(arguments) => batch::run(&arguments),
+        Command::Watch(arguments) => watch::run(&arguments),
         Command::Stack(arguments) => stack::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Depth(arguments) => depth::run(&arguments),

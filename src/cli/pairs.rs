@@ -42,6 +42,14 @@ sweep. Its paths are relative to its own folder.";
 /// The most bytes of a manifest that are read, 64 MiB.
 const MAX_BYTES: u64 = 64 << 20;
 
+/// What a folder holds so far, which may be nothing.
+pub(super) fn so_far(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
+    let Grouped { groups, left_over } = of_folder(folder, out, raw)?;
+    let candidates = groups.into_iter().map(Candidate::of_folder).collect();
+    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", folder.display()));
+    Ok(Grouped { groups: settled(candidates, raw).map_err(failed)?, left_over })
+}
+
 /// The pairs of a folder or a manifest; results in `out` are not taken for photographs.
 pub(super) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", source.display()));
@@ -61,11 +69,16 @@ pub(super) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<
         let left_over = left_over.iter().map(|problem| format!("; {problem}"));
         return Err(failed(left_over.fold(problem.to_string(), |all, one| all + &one)));
     }
-    let mut groups = named_apart(pairs).map_err(failed)?;
+    Ok(Grouped { groups: settled(pairs, raw).map_err(failed)?, left_over })
+}
+
+/// Each with a name of its own, and its files as they are to be read.
+fn settled(pairs: Vec<Candidate>, raw: Option<RawFormat>) -> Result<Vec<Group>, String> {
+    let mut groups = named_apart(pairs)?;
     for file in groups.iter_mut().flat_map(|group| &mut group.files) {
         *file = frames::named(std::mem::take(file), raw);
     }
-    Ok(Grouped { groups, left_over })
+    Ok(groups)
 }
 
 fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {

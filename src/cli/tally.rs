@@ -133,6 +133,11 @@ impl Row {
         &self.name
     }
 
+    /// The folder of results.
+    pub(super) fn output(&self) -> &str {
+        &self.output
+    }
+
     pub(super) fn outcome(&self) -> &Outcome {
         &self.outcome
     }
@@ -242,6 +247,10 @@ impl Tally {
         }
     }
 
+    pub(super) fn into_rows(self) -> Vec<Row> {
+        self.pairs
+    }
+
     /// The text of batch.json, without a newline at its end.
     pub(super) fn to_json(&self) -> Result<String, Failure> {
         serde_json::to_string_pretty(self).map_err(|e| Failure::Failed(e.to_string()))
@@ -266,8 +275,8 @@ impl Tally {
         batch_page(&self.source, &sentence, entries)
     }
 
-    /// The table, the warnings, the failures and a line that sums up, without a newline at the end.
-    pub(super) fn table(&self, out: &Path) -> String {
+    /// The table, the warnings, the failures and a line that sums up and names the file of it, without a newline at the end.
+    pub(super) fn table(&self, file: &Path) -> String {
         let head = ["name", "", "", "median", "valid", "time"].map(String::from);
         let rows: Vec<[String; 6]> = std::iter::once(head).chain(self.pairs.iter().map(Row::cells)).collect();
         let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
@@ -290,7 +299,6 @@ impl Tally {
             }
         }
         lines.extend(self.left_over.iter().map(|problem| format!("left over: {}", plain(problem))));
-        let file = out.join(SUMMARY);
         lines.push(format!(
             "{} solved, {} kept, {} failed, {} not done in {:.1} s; {}",
             self.solved,

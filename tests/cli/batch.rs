@@ -226,3 +226,81 @@ fn folders_of_a_folder_may_be_sweeps_and_one_that_fails_takes_none_with_it() {
         assert!(!output.status.success() && told.contains(words), "{told}");
     }
 }
+
+#[test]
+fn shards_together_are_the_batch() {
+    let desk = Desk::new(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"], ["c_1.png", "c_2.png"]]);
+    for (shard, names) in [("1/2", &["a solved", "c solved"][..]), ("2/2", &["b solved"]), ("5/5", &[])] {
+        let output = desk.batch("shots", &["--shard", shard]);
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        let summary = desk.path(&format!("out/batch-{}.json", shard.replace('/', "-of-")));
+        let written: Value = serde_json::from_slice(&fs::read(summary).unwrap()).unwrap();
+        assert_eq!(statuses(&written), names);
+    }
+    assert!(!desk.path("out/batch.json").exists() && !desk.path("out/index.html").exists());
+    assert_eq!(statuses(&desk.tally("shots", &["--resume"], 0)), ["a kept", "b kept", "c kept"]);
+    assert!(desk.path("out/index.html").is_file());
+    let output = desk.batch("shots", &["--shard", "3/2"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && stderr.contains("the I-th of N shares"), "{stderr}");
+}
+
+#[cfg(unix)]
+#[test]
+fn pairs_are_solved_as_they_arrive() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let desk = Desk::new(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"]]);
+    let whole = fs::read(desk.path("shots/b_2.png")).unwrap();
+    fs::write(desk.path("shots/b_2.png"), &whole[..whole.len() / 2]).unwrap();
+    fs::copy(desk.path("shots/a_1.png"), desk.path("shots/c_1.png")).unwrap();
+    // The first time that a pair fails, its file is brought whole, and the pair that lacks one gets it.
+    let script = "#!/bin/sh\necho \"$PARFOCAL_NAME $PARFOCAL_STATUS $1\" >> told\nif [ $PARFOCAL_STATUS = failed ]; then cp whole.png shots/b_2.png; \
+                  cp whole.png shots/c_2.png; fi\n";
+    fs::write(desk.path("whole.png"), whole).unwrap();
+    fs::write(desk.path("done.sh"), script).unwrap();
+    fs::set_permissions(desk.path("done.sh"), fs::Permissions::from_mode(0o755)).unwrap();
+    let mut command = desk.command();
+    command.args([
+        "watch",
+        "shots",
+        "-o",
+        "out",
+        "--outer-iterations",
+        "6",
+        "--settle",
+        "0.1",
+        "--until-idle",
+        "2",
+        "--no-html",
+    ]);
+    let output = command.args(["--on-done", "./done.sh", "--json"]).output().unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
+    let tally: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let mut found = statuses(&tally);
+    found.sort();
+    assert_eq!(found, ["a solved", "b solved", "c solved"], "{stderr}");
+    let mut told: Vec<String> = fs::read_to_string(desk.path("told")).unwrap().lines().map(String::from).collect();
+    told.sort();
+    assert_eq!(told, ["a solved out/a", "b failed out/b", "b solved out/b", "c solved out/c"]);
+    // What is there is kept, and nothing is told of it.
+    let mut command = desk.command();
+    command.args([
+        "watch",
+        "shots",
+        "-o",
+        "out",
+        "--outer-iterations",
+        "6",
+        "--settle",
+        "0",
+        "--until-idle",
+        "0.2",
+        "--no-html",
+    ]);
+    let output = command.args(["--on-done", "./done.sh", "--json"]).output().unwrap();
+    let tally: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(statuses(&tally).iter().all(|row| row.ends_with(" kept")), "{tally}");
+    assert_eq!(fs::read_to_string(desk.path("told")).unwrap().lines().count(), 4);
+}
