@@ -1,6 +1,7 @@
 """Plain arrays and dictionaries; the package around it is what to use."""
 
 from collections.abc import Sequence
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ class Engine:
 
 def devices() -> list[tuple[str, str | None]]: ...
 def setting_names() -> list[str]: ...
+def read(path: str | PathLike[str]) -> NDArray[Any]: ...
 def apply(
     of: NDArray[Any],
     transform: NDArray[np.float64],
