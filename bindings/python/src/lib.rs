@@ -41,7 +41,7 @@ mod _native {
     use super::{
         DeviceError, Engine,
         engine::{apply, depth, devices},
-        files::read,
+        files::{read, unpack},
         measure::{level, profile, step},
         settings::setting_names,
     };

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from ._native import DeviceError, Engine, __version__, devices
 from ._results import Brightness, Depth, Lens, Level, Registration, Result, Sweep
-from ._solves import apply, read, register, solve, stack
+from ._solves import apply, read, register, solve, stack, unpack
 from . import measure
 
 __all__ = [
@@ -35,4 +35,5 @@ __all__ = [
     "register",
     "solve",
     "stack",
+    "unpack",
 ]

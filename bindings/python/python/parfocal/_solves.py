@@ -126,6 +126,15 @@ def read(path: str | PathLike[str]) -> NDArray[Any]:
     return _native.read(path)
 
 
+def unpack(data: bytes | bytearray | memoryview, format: str, size: tuple[int, int]) -> NDArray[Any]:
+    """A frame as cameras hand it over, by GenICam's name of its format, and its width and height: Mono8, Mono10, Mono12, Mono14, Mono16,
+    Mono10p, Mono12p, Mono10Packed, Mono12Packed. More than 8 bits become uint16, their greatest 65535.
+
+    Raises ValueError for another format, or bytes that are not as many as they should be.
+    """
+    return _native.unpack(bytes(data), f"{format}:{size[0]}x{size[1]}")
+
+
 def solve(
     i1: ArrayLike,
     i2: ArrayLike,
