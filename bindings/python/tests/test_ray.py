@@ -6,15 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import ray
 import xarray
 from pyarrow import parquet
 
+# Nothing leaves this machine: no statistics, and as on a Mac, where Ray makes no clusters, the loopback address alone. Ray reads
+# this as it is imported.
+os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
+import ray
+
 import parfocal.ray
 from test_parfocal import FAR, NEAR, ROOT, SIZE, as_kind, photograph, write
-
-# Nothing leaves this machine: no statistics, and as on a Mac, where Ray makes no clusters, the loopback address alone.
-os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
 
 SETTINGS = {"max_relative_blur": 9, "outer_iterations": 20}
 

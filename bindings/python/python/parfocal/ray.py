@@ -143,7 +143,7 @@ def _rows(
     # Now, and not once an input.
     check_settings({name: value for name, value in plan.arguments.items() if name not in _OF_CALLS})
     if not ray.is_initialized():
-        ray.init()
+        ray.init(include_dashboard=False)
     there = ray.cluster_resources().get("GPU", 0)
     each = min(there, 1) if num_gpus is None else num_gpus
     count = actors or max(1, int(there / each) if each else 1)
