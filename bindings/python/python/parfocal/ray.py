@@ -84,13 +84,13 @@ def map(
     finish, in any order, and draws inputs as workers are free.
 
     A row is a dictionary: `input`, counted from 0; `frames`, their paths; `error`, why there is nothing else, or None; `converged`,
-    of pairs; `transforms`, 3x3 each; `region`; `warnings`; `median` of depth or what there is instead, in `unit`;
+    of pairs; `transforms`, 9 numbers each, row by row; `region`; `warnings`; `median` of depth or what there is instead, in `unit`;
     `valid_fraction`; `mean_confidence` and `saturated_fraction` of pairs; `path` of the fields; `device`, `host` and `process`.
 
     fields: what to keep of each pixel, by the names of `to_xarray`, with a lens also `depth` and `deviation`, in Zarr groups
     `into`/fields/NNNNNNNN.zarr. actors: as many as the cluster's GPUs allow, or one. num_gpus: of each actor, 1 where there are any;
-    with 0.5 one reads while another solves. retries: of an input whose worker died, whose device failed or whose file could not be
-    had; after these, and at once for what is no photograph, the row tells the error.
+    with 0.5 one reads while another solves. retries: of an input whose worker died, whose device failed or whose URL could not be
+    read; after these, and at once for what is no photograph, the row tells the error. Raises FileExistsError where there are fields.
     """
     plan = _Plan(fields, None if into is None else _absolute(into), lens, arguments)
     return _rows(enumerate(inputs), plan, actors, num_gpus, retries)
@@ -111,7 +111,7 @@ def write(
     """As `map`, to files: rows as `into`/rows/NNNNNN.parquet, of inputs whose fields are whole. How many rows were
     written that are `solved`, `not_converged`, `error`.
 
-    resume: goes on with the same inputs where there are rows, as after a driver that died; without it these are a
+    resume: goes on with the same inputs where there are rows or fields, as after a driver that died; without it these are a
     FileExistsError, and with other inputs a ValueError.
     """
     store = _Store(_absolute(into))
@@ -127,7 +127,7 @@ def write(
                 raise ValueError(f"{into} holds rows of other inputs: {number} was {done[number]}, and is {_paths(frames)}")
 
     counts = {"solved": 0, "not_converged": 0, "error": 0}
-    rows = _rows(missing(), _Plan(fields, _absolute(into), lens, arguments), actors, num_gpus, retries)
+    rows = _rows(missing(), _Plan(fields, _absolute(into), lens, arguments), actors, num_gpus, retries, resume)
     while part := list(itertools.islice(rows, _ROWS)):
         store.add(part)
         for row in part:
@@ -136,10 +136,19 @@ def write(
 
 
 def _rows(
-    inputs: Iterable[tuple[int, Frames]], plan: _Plan, actors: int | None, num_gpus: float | None, retries: int
+    inputs: Iterable[tuple[int, Frames]],
+    plan: _Plan,
+    actors: int | None,
+    num_gpus: float | None,
+    retries: int,
+    resume: bool = False,
 ) -> Iterator[Row]:
     if plan.fields and plan.into is None:
         raise ValueError("fields need a place: into=, a folder or a URL")
+    if plan.fields and not resume:
+        place, folder = fsspec.core.url_to_fs(f"{plan.into}/fields")
+        if place.exists(folder):
+            raise FileExistsError(f"{folder} is there: write(..., resume=True) goes on with it; or take another place")
     # Now, and not once an input.
     check_settings({name: value for name, value in plan.arguments.items() if name not in _OF_CALLS})
     if not ray.is_initialized():
