@@ -3,6 +3,7 @@
 
 mod convert;
 mod engine;
+mod files;
 mod measure;
 mod settings;
 
@@ -40,6 +41,7 @@ mod _native {
     use super::{
         DeviceError, Engine,
         engine::{apply, depth, devices},
+        files::{read, unpack},
         measure::{level, profile, step},
         settings::setting_names,
     };

@@ -79,6 +79,14 @@ impl RawFormat {
         }
     }
 
+    /// The frame that these bytes are, as those of a camera's buffer; samples of more than 8 bits become 16, their greatest 65535.
+    ///
+    /// # Errors
+    /// Says how many bytes there should be.
+    pub fn frame(self, bytes: &[u8]) -> Result<Frame, String> {
+        Raw::open(bytes, self)?.decode()
+    }
+
     /// The formats in which a frame of this size takes so many bytes.
     fn fitting(&self, length: u64) -> Vec<&'static str> {
         let all = FORMATS.iter().map(|&(name, bits, packing)| Self { name, bits, packing, ..*self });
@@ -156,7 +164,7 @@ mod tests {
 
     fn samples(format: &str, bytes: &[u8]) -> Vec<u32> {
         let format: RawFormat = format.parse().unwrap();
-        let frame = Raw::open(bytes, format).unwrap().decode().unwrap();
+        let frame = format.frame(bytes).unwrap();
         let most = (1u32 << format.bits) - 1;
         match frame.samples() {
             Samples::U8(found) => found.iter().map(|&v| v.into()).collect(),

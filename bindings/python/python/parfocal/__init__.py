@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from ._native import DeviceError, Engine, __version__, devices
 from ._results import Brightness, Depth, Lens, Level, Registration, Result, Sweep
-from ._solves import apply, register, solve, stack
+from ._solves import apply, read, register, solve, stack, unpack
 from . import measure
 
 __all__ = [
@@ -31,7 +31,9 @@ __all__ = [
     "apply",
     "devices",
     "measure",
+    "read",
     "register",
     "solve",
     "stack",
+    "unpack",
 ]

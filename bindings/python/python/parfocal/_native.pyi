@@ -1,6 +1,7 @@
 """Plain arrays and dictionaries; the package around it is what to use."""
 
 from collections.abc import Sequence
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,9 @@ class Engine:
     ) -> dict[str, Any]: ...
 
 def devices() -> list[tuple[str, str | None]]: ...
+def unpack(data: bytes, format: str) -> NDArray[Any]: ...
 def setting_names() -> list[str]: ...
+def read(path: str | PathLike[str]) -> NDArray[Any]: ...
 def apply(
     of: NDArray[Any],
     transform: NDArray[np.float64],

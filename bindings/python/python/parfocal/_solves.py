@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import threading
 from collections.abc import Iterable, Sequence
+from os import PathLike
 from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
@@ -74,6 +75,11 @@ def _run(given: _native.Engine | None, call: str, *arguments: Any) -> dict[str, 
         raise
 
 
+def check_settings(settings: Settings) -> None:
+    """Raises as `solve` where there is no setting of a name."""
+    _named(settings)
+
+
 def _named(settings: Settings) -> dict[str, Any]:
     named: dict[str, Any] = dict(settings)
     for name in named.keys() - _NAMES:
@@ -109,6 +115,24 @@ def _brightness(found: dict[str, Any]) -> Brightness:
 
 def _tuples(found: dict[str, Any]) -> dict[str, Any]:
     return found | {name: tuple(found[name]) for name in ("region", "photograph")}
+
+
+def read(path: str | PathLike[str]) -> NDArray[Any]:
+    """A photograph in a file, as the program reads it: PNG, JPEG, TIFF, PNM, PFM, EXR, BMP, WebP, in their own depth, (height, width) or
+    (height, width, 3); page N of a TIFF as "FILE#N", what has no header as "FILE#Mono12p:2448x2048".
+
+    Raises ValueError, with the file and what to do, for what cannot be read.
+    """
+    return _native.read(path)
+
+
+def unpack(data: bytes | bytearray | memoryview, format: str, size: tuple[int, int]) -> NDArray[Any]:
+    """A frame as cameras hand it over, by GenICam's name of its format, and its width and height: Mono8, Mono10, Mono12, Mono14, Mono16,
+    Mono10p, Mono12p, Mono10Packed, Mono12Packed. More than 8 bits become uint16, their greatest 65535.
+
+    Raises ValueError for another format, or bytes that are not as many as they should be.
+    """
+    return _native.unpack(bytes(data), f"{format}:{size[0]}x{size[1]}")
 
 
 def solve(

@@ -1,0 +1,76 @@
+"""Cameras without a camera. Run by test_camera.py in the system's Python, to which aravis belongs: no pytest."""
+
+import itertools
+import sys
+
+import numpy as np
+
+import parfocal
+from parfocal.camera import Aravis, Camera, CameraError, cameras
+
+EXPOSURES = [1000.0, 5000.0, 10000.0]
+
+
+def raises(kind, words, call, *arguments, **named):
+    try:
+        call(*arguments, **named)
+    except kind as error:
+        assert words in str(error), error
+    else:
+        raise AssertionError(f"no {kind.__name__}: {words}")
+
+
+def stepped(name, **options):
+    """Two sweeps, of which each frame must be of its own exposure."""
+    small = {"Width": 64, "Height": 48, "PixelFormat": "Mono16"}
+    with Camera(name, focus="ExposureTimeAbs", positions=EXPOSURES, features=small, **options) as camera:
+        first, second = itertools.islice(camera, 2)
+        kept = [frame.copy() for frame in first]
+        camera.take()
+    for frames in (first, second):
+        assert [frame.shape for frame in frames] == [(48, 64)] * 3 and frames[0].dtype == np.uint16
+        # The picture is a ramp that moves; its slope is as the exposure.
+        slopes = [np.median(np.diff(frame.astype(int))) for frame in frames]
+        assert np.allclose(slopes, [0, 179, 256], atol=1), slopes
+    assert all(np.array_equal(*both) for both in zip(first, kept)), "the camera wrote into a frame that was handed over"
+
+
+def triggered():
+    """Of a camera by GigE Vision, on the loopback address."""
+    fake = Aravis.GvFakeCamera.new("127.0.0.1", "parfocal")
+    if not fake.is_running():
+        sys.exit("the port of GigE Vision is taken on 127.0.0.1: does another camera run there?")
+    stepped("127.0.0.1")
+
+
+def started():
+    """Of a camera without a trigger."""
+    stepped("Fake_1", settle=0.02)
+    assert "Fake_1" in cameras()
+
+
+def kinds():
+    moved = []
+    features = {"Width": 32, "Height": 16, "PixelFormat": "RGB8", "GainAuto": "Off", "GainRaw": 1}
+    with Camera("Fake_1", focus=moved.append, positions=["near", "far"], features=features) as camera:
+        near, far = camera.take()
+        assert near.shape == (16, 32, 3) and near.dtype == np.uint8 and moved == ["near", "far"]
+        raises(CameraError, "'Focus'", camera.set, "Focus", 3)
+    camera.close()
+    bayer = Camera("Fake_1", focus=moved.append, positions=[1], features={"PixelFormat": "BayerRG8"})
+    raises(ValueError, "Mono12", bayer.take)
+    bayer.close()
+    raises(CameraError, "not found", Camera, "nothing", focus="Gain", positions=[1])
+
+
+def guide(page):
+    blocks = open(page).read().split("```python\n")[1:]
+    names = {}
+    exec("".join(block.split("```")[0] for block in blocks), names)
+    assert isinstance(names["result"], parfocal.Result) and isinstance(names["sweep"], parfocal.Sweep)
+
+
+triggered()
+started()
+kinds()
+guide(sys.argv[1])
