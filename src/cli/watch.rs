@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::ffi::OsString;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::thread;
@@ -95,7 +96,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let bar = Bar::endless(&shared.request.run);
     let (mut watched, mut rows) = (Watched::new(arguments), Vec::new());
     while !shared.stop.load(Ordering::Relaxed) && !watched.is_idle() {
-        let arrived: Vec<Named> = watched.arrived()?.into_iter().map(|group| Named::new(out, group)).collect();
+        let arrived: Vec<Named> = watched.arrived().into_iter().map(|group| Named::new(out, group)).collect();
         if arrived.is_empty() {
             thread::sleep(EVERY.min(watched.settle.max(Duration::from_millis(10))));
             continue;
@@ -149,6 +150,8 @@ struct Watched<'a> {
     until_idle: Option<Duration>,
     seen: HashMap<String, Seen>,
     left_over: Vec<String>,
+    /// Why nothing could be found when it was last looked for.
+    problem: Option<String>,
     changed: Instant,
 }
 
@@ -162,6 +165,7 @@ impl<'a> Watched<'a> {
             until_idle: arguments.until_idle.map(Duration::from_secs_f64),
             seen: HashMap::new(),
             left_over: Vec::new(),
+            problem: None,
             changed: Instant::now(),
         }
     }
@@ -172,9 +176,15 @@ impl<'a> Watched<'a> {
         self.until_idle.is_some_and(|limit| !waits && self.changed.elapsed() >= limit)
     }
 
-    /// What has settled and was not taken yet.
-    fn arrived(&mut self) -> Result<Vec<Group>, Failure> {
-        let pairs::Grouped { groups, left_over } = pairs::so_far(self.folder, self.out, self.raw)?;
+    /// What has settled and was not taken yet. Where names contradict each other, or the folder cannot be listed, that is told once, and nothing is taken.
+    fn arrived(&mut self) -> Vec<Group> {
+        let found = pairs::so_far(self.folder, self.out, self.raw).map_err(|failure| failure.message());
+        let problem = found.as_ref().err().cloned();
+        if let Some(problem) = problem.as_ref().filter(|_| problem != self.problem) {
+            let _ = writeln!(io::stderr(), "warning: {problem}");
+        }
+        self.problem = problem;
+        let Ok(pairs::Grouped { groups, left_over }) = found else { return Vec::new() };
         self.left_over = left_over;
         self.seen.retain(|name, _| groups.iter().any(|group| group.name == *name));
         let mut arrived = Vec::new();
@@ -190,7 +200,7 @@ impl<'a> Watched<'a> {
                 arrived.push(group);
             }
         }
-        Ok(arrived)
+        arrived
     }
 
     /// Size and time of its files; `None` where one is gone.

@@ -2,7 +2,7 @@
 //! by part at full size, where they stay.
 
 use super::lane::Start;
-use super::parts::{self, Grid};
+use super::parts::{self, Grid, Part};
 use super::plan::Plan;
 use super::solution::{self, Counts, Solution};
 use super::{Engine, Progress, Solver};
@@ -61,19 +61,7 @@ pub(crate) fn solve(
         let cropped = |frame: &Frame, region| frame.cropped(region).map_err(Error::Region);
         let solved = solver.solve(&cropped(i1, part.solved)?, &cropped(i2, place)?)?;
         alpha += solved.regularization / all as f64;
-        whole.fused_channels = solved.fused_channels;
-        whole.timings.gpu_ms += solved.timings.gpu_ms;
-        whole.timings.total_ms += solved.timings.total_ms;
-        let width = size[0] as usize;
-        part.bring(&solved.relative_blur, &mut whole.relative_blur, width, 1);
-        part.bring(&solved.uncertainty, &mut whole.uncertainty, width, 1);
-        part.bring(&solved.confidence, &mut whole.confidence, width, 1);
-        part.bring(&solved.residual, &mut whole.residual, width, 1);
-        if settings.fused {
-            let channels = solved.fused_channels.count() as usize;
-            whole.fused.resize(channels * whole.relative_blur.len(), 0.0);
-            part.bring(&solved.fused, &mut whole.fused, width, channels);
-        }
+        take_over(&mut whole, &solved, part);
         let pixels = whole.relative_blur.len() as u64;
         progress(Progress {
             done: n as u32 + 1,
@@ -89,6 +77,23 @@ pub(crate) fn solve(
     whole.findings.tell(&counts);
     whole.findings.warnings.extend(whole.findings.saturation(settings.max_relative_blur));
     Ok(whole)
+}
+
+/// What is taken of a part.
+fn take_over(whole: &mut Solution, solved: &Solution, part: Part) {
+    let width = whole.width as usize;
+    part.bring(&solved.relative_blur, &mut whole.relative_blur, width, 1);
+    part.bring(&solved.uncertainty, &mut whole.uncertainty, width, 1);
+    part.bring(&solved.confidence, &mut whole.confidence, width, 1);
+    part.bring(&solved.residual, &mut whole.residual, width, 1);
+    whole.fused_channels = solved.fused_channels;
+    if !solved.fused.is_empty() {
+        let channels = solved.fused_channels.count() as usize;
+        whole.fused.resize(channels * whole.relative_blur.len(), 0.0);
+        part.bring(&solved.fused, &mut whole.fused, width, channels);
+    }
+    whole.timings.gpu_ms += solved.timings.gpu_ms;
+    whole.timings.total_ms += solved.timings.total_ms;
 }
 
 /// Why the device does not hold the whole.
