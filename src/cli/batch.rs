@@ -47,8 +47,9 @@ pub(super) struct Arguments {
     resume: bool,
     /// Solve the I-th of N shares, I from 1, for N processes or machines over one folder of results
     ///
-    /// The first pair is of share 1, the second of share 2, and so on. The summary is batch-I-of-N.json; when all are done, the same batch with --resume and
-    /// without --shard solves what is missing and writes batch.json and index.html.
+    /// The first pair is of share 1, the second of share 2, and so on. The summary is batch-I-of-N.json; when all are
+    /// done, the same batch with --resume and without --shard solves what is missing and writes batch.json and
+    /// index.html.
     #[arg(long, value_name = "I/N", help_heading = OUTPUT)]
     shard: Option<Shard>,
 }

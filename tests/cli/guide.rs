@@ -102,11 +102,14 @@ fn every_chapter_and_picture_has_its_place() {
         entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
     };
     let mut written = names(source());
-    for other in ["SUMMARY.md", "pictures"] {
+    for other in ["SUMMARY.md", "pictures", "examples"] {
         assert!(written.remove(other), "{other} is missing");
     }
     assert_eq!(written, listed, "the chapters, and those in SUMMARY.md");
     let all: String = listed.iter().map(|chapter| text(chapter)).collect();
+    for example in names(source().join("examples")) {
+        assert!(all.contains(&format!("](examples/{example})")), "no chapter leads to {example}");
+    }
     for picture in names(source().join("pictures")) {
         assert!(all.contains(&format!("](pictures/{picture})")), "no chapter shows {picture}");
         let bytes = fs::metadata(source().join("pictures").join(&picture)).unwrap().len();
