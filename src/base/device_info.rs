@@ -1,7 +1,7 @@
 //! What a user sees of a device.
 
 /// What is known of a Vulkan device before it is used.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct DeviceInfo {
     /// Position in the loader's list; what `--device` takes.
     pub index: usize,

@@ -20,7 +20,7 @@ pub(super) struct RunArguments {
     #[arg(long, value_name = "HOW", help_heading = OUTPUT, value_enum, default_value_t)]
     progress: ProgressName,
     #[command(flatten)]
-    engine: EngineArguments,
+    pub(super) engine: EngineArguments,
 }
 
 impl RunArguments {

@@ -11,15 +11,17 @@ use std::time::{Duration, Instant, SystemTime};
 use parfocal::export::{FileKind, write_named};
 use parfocal::image_io::RawFormat;
 
-use super::batch::{self, Bar, Bench, Named, Shared};
 use super::failure::Failure;
 use super::headings::{INPUT, OUTPUT};
 use super::on_done::OnDone;
 use super::options::SolveOptions;
 use super::pairs::{self, Group};
+use super::pairs_bar::PairsBar;
+use super::pipeline::{self, Bench};
 use super::request::Request;
 use super::tally::{INDEX, Outcome, Row, SUMMARY, Tally};
-use super::{help, output};
+use super::task::{Named, Shared};
+use super::{batch, help, output};
 
 /// Solve pairs and focus sweeps of a folder as they arrive.
 #[derive(clap::Args, Debug)]
@@ -90,10 +92,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         request.force.to(out).check_named(FileKind::BatchPage, &[INDEX])?;
     }
     let stop = batch::on_interrupt();
-    let mut bench = Bench::new(request.run.open_engine()?);
+    let (mut benches, device) = Bench::open(&request.run.engine)?;
     let on_done = arguments.on_done.clone().map(OnDone);
-    let shared = Shared { request, resume: true, device: bench.engine.info().clone(), stop, on_done };
-    let bar = Bar::endless(&shared.request.run);
+    let shared = Shared { request, resume: true, device, stop, on_done };
+    let bar = PairsBar::endless(&shared.request.run);
     let (mut watched, mut rows) = (Watched::new(arguments), Vec::new());
     while !shared.stop.load(Ordering::Relaxed) && !watched.is_idle() {
         let arrived: Vec<Named> = watched.arrived().into_iter().map(|group| Named::new(out, group)).collect();
@@ -108,8 +110,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
                 Err(failure) => new.push(named.row(Outcome::Failed { error: failure.message() })),
             }
         }
-        new.iter().for_each(|row| bar.show(0, row));
-        let (worked, ended) = batch::work_off(&mut bench, &able, &shared, &bar)?;
+        new.iter().for_each(|row| bar.show(row));
+        let (worked, ended) = pipeline::work_off(&mut benches, &able, &shared, &bar)?;
         new.extend(worked.into_iter().filter(|row| !matches!(row.outcome(), Outcome::NotDone)));
         rows.retain(|old: &Row| new.iter().all(|row| row.name() != old.name()));
         rows.extend(new);

@@ -245,6 +245,37 @@ fn shards_together_are_the_batch() {
     assert!(output.status.code() == Some(2) && stderr.contains("the I-th of N shares"), "{stderr}");
 }
 
+#[test]
+fn all_devices_share_a_batch() {
+    let desk = Desk::new(&[["a_1.png", "a_2.png"], ["b_1.png", "b_2.png"], ["c_1.png", "c_2.png"]]);
+    fs::write(desk.path("shots/b_2.png"), "not a picture").unwrap();
+    // One driver, installed twice, is two devices.
+    let drivers = std::env::var("VK_DRIVER_FILES").unwrap();
+    let manifest: Value = serde_json::from_slice(&fs::read(&drivers).unwrap()).unwrap();
+    fs::write(desk.path("again.json"), manifest.to_string()).unwrap();
+    let twice = format!("{drivers}:{}", desk.path("again.json").display());
+    let batch = |extra: &[&str]| {
+        let mut command = desk.command();
+        command.env("VK_DRIVER_FILES", &twice).env("VK_ICD_FILENAMES", &twice);
+        command.args(["batch", "shots", "-o", "out", "--outer-iterations", "6", "--json"]).args(extra);
+        command.output().unwrap()
+    };
+    let output = batch(&["--device", "all"]);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    let tally: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(statuses(&tally), ["a solved", "b failed", "c solved"], "{stderr}");
+    fs::copy(desk.path("shots/a_2.png"), desk.path("shots/b_2.png")).unwrap();
+    let resumed = batch(&["--resume", "--device", "1"]);
+    let tally: Value = serde_json::from_slice(&resumed.stdout).unwrap();
+    assert_eq!(statuses(&tally), ["a kept", "b solved", "c kept"]);
+    let mut solve = desk.command();
+    let refused =
+        solve.args(["solve", "scene/i1.png", "scene/i2.png", "-o", "one", "--device", "all"]).output().unwrap();
+    let stderr = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(2) && stderr.contains("--device all is for batch and watch"), "{stderr}");
+}
+
 #[cfg(unix)]
 #[test]
 fn pairs_are_solved_as_they_arrive() {
@@ -260,21 +291,12 @@ fn pairs_are_solved_as_they_arrive() {
     fs::write(desk.path("whole.png"), whole).unwrap();
     fs::write(desk.path("done.sh"), script).unwrap();
     fs::set_permissions(desk.path("done.sh"), fs::Permissions::from_mode(0o755)).unwrap();
-    let mut command = desk.command();
-    command.args([
-        "watch",
-        "shots",
-        "-o",
-        "out",
-        "--outer-iterations",
-        "6",
-        "--settle",
-        "0.1",
-        "--until-idle",
-        "2",
-        "--no-html",
-    ]);
-    let output = command.args(["--on-done", "./done.sh", "--json"]).output().unwrap();
+    let watch = |settle: &str, idle: &str| {
+        let mut command = desk.command();
+        command.args(["watch", "shots", "-o", "out", "--outer-iterations", "6", "--no-html", "--json"]);
+        command.args(["--settle", settle, "--until-idle", idle, "--on-done", "./done.sh"]).output().unwrap()
+    };
+    let output = watch("0.1", "2");
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{stderr}");
     let tally: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -285,21 +307,7 @@ fn pairs_are_solved_as_they_arrive() {
     told.sort();
     assert_eq!(told, ["a solved out/a", "b failed out/b", "b solved out/b", "c solved out/c"]);
     // What is there is kept, and nothing is told of it.
-    let mut command = desk.command();
-    command.args([
-        "watch",
-        "shots",
-        "-o",
-        "out",
-        "--outer-iterations",
-        "6",
-        "--settle",
-        "0",
-        "--until-idle",
-        "0.2",
-        "--no-html",
-    ]);
-    let output = command.args(["--on-done", "./done.sh", "--json"]).output().unwrap();
+    let output = watch("0", "0.2");
     let tally: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(statuses(&tally).iter().all(|row| row.ends_with(" kept")), "{tally}");
     assert_eq!(fs::read_to_string(desk.path("told")).unwrap().lines().count(), 4);
