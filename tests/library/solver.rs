@@ -259,7 +259,7 @@ fn a_listener_that_panics_leaves_nothing_in_use() {
 #[test]
 fn a_wait_that_times_out_poisons_the_engine() {
     let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(1), ..options() }).unwrap();
-    let [i1, i2] = pair([512, 512], Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
+    let [i1, i2] = pair([128, 128], Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
     // Preparing waits too, for the images to be made ready.
     let prepared = Solver::for_pair(&engine, &i1, &i2, &Settings::default());
     let timed_out = prepared.and_then(|mut solver| solver.solve(&i1, &i2));

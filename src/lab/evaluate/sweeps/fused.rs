@@ -15,7 +15,7 @@ use crate::lab::scene::{Preset, Scene, SweepScene};
 const FRAMES: usize = 11;
 const NOISE: f64 = 0.003;
 /// Of a quick run.
-const SMALL: [u32; 2] = [256, 192];
+const SMALL: [u32; 2] = [160, 128];
 /// Within the data; the frames' numbers run in fives.
 const HEAT_SINK: &str = "heatsink";
 const NUMBERS: [u32; 7] = [10, 15, 20, 25, 30, 35, 40];
