@@ -9,7 +9,8 @@ layout(binding = 0, std430) readonly buffer Partials { float partials[]; };
 layout(binding = 1, std430) buffer StateBuffer { State state; };
 layout(binding = 2, std430) writeonly buffer Energies { float energies[]; };
 layout(binding = 3, std430) writeonly buffer Arguments { uint arguments[]; };
-layout(binding = 4, std430) readonly buffer AllArguments { uint all_arguments[]; };
+// The last word the host may write meanwhile: not zero once it has given the solve up.
+layout(binding = 4, std430) readonly volatile buffer AllArguments { uint all_arguments[]; };
 layout(push_constant) uniform Constants {
     int rows;                        // of partial sums
     int level;
@@ -65,7 +66,7 @@ void add_up() {
     barrier();
 }
 
-shared bool settled, warps;
+shared bool settled, warps, given_up;
 
 float normal(int i, int j) {
     float sum = 0.0;
@@ -199,11 +200,24 @@ void step_once() {
     if (warps) state.levels[level].warps |= 1u << findMSB(state.levels[level].iterations);
 }
 
+// This level and all that are finer do nothing any more.
+void give_up() {
+    for (int l = 0; l <= level; l++) state.levels[l].settled = 1;
+    settled = true;
+    warps = false;
+}
+
 void main() {
+    // Asked for first, since it may be far away.
+    if (gl_LocalInvocationIndex == 0) given_up = all_arguments[all_arguments.length() - 1] != 0;
     add_up();
-    if (gl_LocalInvocationIndex == 0) step_once();
+    if (gl_LocalInvocationIndex == 0) {
+        step_once();
+        if (given_up) give_up();
+    }
     barrier();
     int n = int(gl_LocalInvocationIndex), count = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
-    for (int i = n; settled && i < argument_count; i += count) arguments[argument_place + i] = 0;
+    int first = given_up ? 0 : argument_place;
+    for (int i = first + n; settled && i < argument_place + argument_count; i += count) arguments[i] = 0;
     for (int i = warp_place + n; i < warp_place + warp_count; i += count) arguments[i] = warps ? all_arguments[i] : 0;
 }

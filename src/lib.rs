@@ -53,13 +53,13 @@ mod guide {}
 
 pub use around::{FieldCurvature, Kept, Scope, focus_stack, resample};
 pub use base::{
-    Aperture, Brightness, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format, Frame, Homography, Inverse,
-    Kernel, Lens, Mask, Method, Motion, Photometric, Region, RegistrationStep, Samples, Settings, Shading, Similarity,
-    centre,
+    Aperture, Brightness, Cancel, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format, Frame, Homography,
+    Inverse, Kernel, Lens, Mask, Method, Motion, Photometric, PixelFormat, Region, RegistrationStep, Samples, Settings,
+    Shading, Similarity, centre,
 };
 pub use engine::{
-    Engine, EngineOptions, Findings, KeyPoints, LevelHistory, OtherMotion, Progress, Registered, Solution, Solver,
-    Ticket, Timings, View, foreign, reference, stages,
+    Engine, EngineOptions, Findings, HostMemory, KeyPoints, LevelHistory, OtherMotion, Progress, Registered,
+    SharedMemory, Solution, Solver, Source, Ticket, Timings, View, foreign, reference, stages,
 };
 #[cfg(feature = "files")]
 pub use files::{export, image_io, model, regular};

@@ -1,7 +1,7 @@
 //! What of a pair is solved, and what is done to it before and after.
 
 use crate::around::FieldCurvature;
-use crate::base::{Error, Format, Frame, Mask, Region, Settings, centre};
+use crate::base::{Cancel, Error, Format, Frame, Mask, Region, Settings, centre};
 use crate::engine::{Engine, Progress, Solution, Solver, large, same_size};
 
 /// A part of the frame, a mask, and what is known of the lens; nothing of it by default.
@@ -15,6 +15,8 @@ pub struct Scope {
     pub flat: Option<FieldCurvature>,
     /// Whether results are cropped to the largest rectangle in which V is valid everywhere.
     pub crop_valid: bool,
+    /// What calls the solve off.
+    pub cancel: Cancel,
 }
 
 /// A solver that is kept for pairs like the last one.
@@ -64,14 +66,14 @@ impl Scope {
         let size = [i1.width(), i1.height()];
         self.check(size)?;
         let mut solution = match self.region {
-            None => solve(engine, kept, [i1, i2], settings, self.mask.clone(), progress)?,
+            None => self.solve_all(engine, kept, [i1, i2], settings, self.mask.clone(), progress)?,
             Some(region) => {
                 let part = region.grown(margin(size, settings), size);
                 let [a, b] = [i1.cropped(part).map_err(Error::Region)?, i2.cropped(part).map_err(Error::Region)?];
                 let start = settings.start.about(centre(size[0], size[1]), part.centre());
                 let settings = Settings { start, ..settings.clone() };
                 let mask = self.mask.as_ref().map(|mask| mask.cropped(part));
-                let mut solution = solve(engine, kept, [&a, &b], &settings, mask, progress)?;
+                let mut solution = self.solve_all(engine, kept, [&a, &b], &settings, mask, progress)?;
                 solution.place_in(part, size);
                 solution.crop(Region { x: region.x - part.x, y: region.y - part.y, ..region })?;
                 solution
@@ -90,34 +92,37 @@ impl Scope {
         }
         Ok(solution)
     }
+
+    /// Solves photographs of which all counts but for the mask.
+    fn solve_all(
+        &self,
+        engine: &Engine,
+        kept: &mut Option<Kept>,
+        [i1, i2]: [&Frame; 2],
+        settings: &Settings,
+        mask: Option<Mask>,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<Solution, Error> {
+        let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
+        if engine.needs_parts(size, formats, settings)? {
+            // What is kept would take of the memory that parts are made for.
+            *kept = None;
+            return large::solve(engine, [i1, i2], settings, mask.as_ref(), &self.cancel, progress);
+        }
+        let fits = |kept: &Kept| kept.size == size && kept.formats == formats && kept.settings == *settings;
+        let solver = match kept.take().filter(fits) {
+            Some(kept) => kept.solver,
+            None => Solver::for_pair(engine, i1, i2, settings)?,
+        };
+        let Kept { solver, .. } = kept.insert(Kept { size, formats, settings: settings.clone(), solver });
+        solver.set_mask(mask)?;
+        solver.set_cancel(self.cancel.clone());
+        solver.solve_with(i1, i2, progress)
+    }
 }
 
 /// What is solved around a region, so that V is valid up to its borders: the widest blur window, and two hundredths of
 /// the frame for the displacement.
 pub(super) fn margin([width, height]: [u32; 2], settings: &Settings) -> u32 {
     (3.0 * settings.max_relative_blur.sqrt() + 0.02 * f64::from(width.max(height))).ceil() as u32
-}
-
-fn solve(
-    engine: &Engine,
-    kept: &mut Option<Kept>,
-    [i1, i2]: [&Frame; 2],
-    settings: &Settings,
-    mask: Option<Mask>,
-    progress: &mut dyn FnMut(Progress),
-) -> Result<Solution, Error> {
-    let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
-    if engine.needs_parts(size, formats, settings)? {
-        // What is kept would take of the memory that parts are made for.
-        *kept = None;
-        return large::solve(engine, [i1, i2], settings, mask.as_ref(), progress);
-    }
-    let fits = |kept: &Kept| kept.size == size && kept.formats == formats && kept.settings == *settings;
-    let solver = match kept.take().filter(fits) {
-        Some(kept) => kept.solver,
-        None => Solver::for_pair(engine, i1, i2, settings)?,
-    };
-    let Kept { solver, .. } = kept.insert(Kept { size, formats, settings: settings.clone(), solver });
-    solver.set_mask(mask)?;
-    solver.solve_with(i1, i2, progress)
 }

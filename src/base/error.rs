@@ -44,6 +44,9 @@ pub enum Error {
         /// The limit that it ran into.
         seconds: u64,
     },
+    /// It was called off.
+    #[error("the solve was cancelled")]
+    Cancelled,
     /// An earlier wait timed out or failed, so the device may still be using this engine's memory.
     #[error("an earlier wait for this engine's device failed, and it may still be at work: make a new Engine")]
     Poisoned,

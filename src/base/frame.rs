@@ -100,7 +100,7 @@ impl Frame {
             ));
         }
         if let Samples::F32(s) = &samples
-            && let Some(i) = s.iter().position(|v| !v.is_finite() || v.abs() > LARGEST)
+            && let Some(i) = s.iter().position(|&v| !Self::may_hold(v))
         {
             let pixel = i / channels.count() as usize;
             let (x, y) = (pixel % width as usize, pixel / width as usize);
@@ -110,6 +110,11 @@ impl Frame {
             ));
         }
         Ok(Self { width, height, channels, samples })
+    }
+
+    /// Whether a float sample is finite, and at most 1e6 in size.
+    pub(crate) fn may_hold(sample: f32) -> bool {
+        sample.is_finite() && sample.abs() <= LARGEST
     }
 
     /// A grey float frame, values in [0, 1].

@@ -2,6 +2,7 @@
 
 pub(crate) mod aperture;
 mod brightness;
+mod cancel;
 pub(crate) mod color;
 mod device_info;
 mod error;
@@ -10,6 +11,8 @@ mod homography;
 mod kernel;
 mod lens;
 mod mask;
+mod mosaic;
+mod pixel_format;
 pub(crate) mod random;
 mod region;
 mod settings;
@@ -23,6 +26,8 @@ pub(crate) mod workers;
 
 pub use aperture::Aperture;
 pub use brightness::Brightness;
+pub use cancel::Cancel;
+pub(crate) use cancel::Signal;
 pub use color::Decode;
 pub use device_info::DeviceInfo;
 pub use error::Error;
@@ -31,6 +36,8 @@ pub use homography::Homography;
 pub use kernel::Kernel;
 pub use lens::{Inverse, Lens};
 pub use mask::Mask;
+pub(crate) use pixel_format::Order;
+pub use pixel_format::PixelFormat;
 pub use region::Region;
 pub use settings::{Method, Motion, Photometric, RegistrationStep, Settings};
 pub use shading::Shading;

@@ -79,7 +79,7 @@ impl Part {
         let mask = self.mask.as_ref().map(|file| image_io::read(file)).transpose()?;
         let flat = self.flat.as_ref().map(|folder| flat_reference(folder)).transpose()?;
         let mask = mask.as_ref().map(Mask::of_picture);
-        Ok(Scope { region: self.region, mask, flat, crop_valid: self.crop_valid })
+        Ok(Scope { region: self.region, mask, flat, crop_valid: self.crop_valid, ..Scope::default() })
     }
 
     /// Reads it, and refuses what does not fit photographs of this size.

@@ -5,6 +5,9 @@
 //! and along y and of one workgroup, then three for each pass that warps anew. Before a solve they stand as [`at_the_start`] has them.
 //! [`step`](super::stages::step) writes zero into a level's words when it settles, and before an iteration that may warp
 //! fills in those of the warping passes, or writes zero. What was recorded then runs over no workgroups.
+//!
+//! One word more stands behind those of all levels, in what the host wrote before the solve: [`GO_ON`], or [`GIVEN_UP`] once the host wants no
+//! result any more. `step` then ends its level and all that are finer at once.
 
 use super::stages::state::{LevelState, MAX_LEVELS};
 
@@ -16,6 +19,16 @@ const GRID_WORDS: usize = 3 * (GRIDS + 1);
 const WARP_WORDS: usize = 3 * 48;
 /// Words a level.
 pub(crate) const WORDS: usize = GRID_WORDS + WARP_WORDS;
+
+/// The last word while a solve is wanted.
+pub(crate) const GO_ON: u32 = 0;
+/// The last word once it is not.
+pub(crate) const GIVEN_UP: u32 = 1;
+
+/// Bytes of the words of so many levels, and of the last.
+pub(crate) fn bytes(levels: usize) -> u64 {
+    4 * (levels * WORDS + 1) as u64
+}
 
 /// What a dispatch of a level covers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,7 +75,7 @@ impl Over {
 }
 
 /// The words of all levels before a solve, finest first: the workgroups over each of [`Over::GRIDS`], and those of each level's
-/// passes that warp anew.
+/// passes that warp anew; then [`GO_ON`].
 pub(crate) fn at_the_start(levels: &[[[u32; 3]; GRIDS]], warps: &[Vec<[u32; 3]>]) -> Vec<u32> {
     let words = levels.iter().zip(warps).flat_map(|(grids, warps)| {
         let mut words = [grids.as_flattened(), &[1, 1, 1], warps.as_flattened()].concat();
@@ -70,7 +83,7 @@ pub(crate) fn at_the_start(levels: &[[[u32; 3]; GRIDS]], warps: &[Vec<[u32; 3]>]
         words.resize(WORDS, 0);
         words
     });
-    words.collect()
+    words.chain([GO_ON]).collect()
 }
 
 /// Which words `step` zeroes once a level has settled, and which it fills in or zeroes before the next iteration.

@@ -1,14 +1,14 @@
 //! One pair on its way through a solver: mapped memory of its own, and recordings that use it. What only the device sees is shared by all.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use super::OtherMotion;
 use super::motion::Form;
 use super::plan::Plan;
 use super::profile::{Phases, Profile, Ran, Reading, SUBMIT_WAIT};
 use super::progress::Progress;
-use super::record::record;
+use super::record::{record, write};
 use super::registered::Registered;
 use super::script::{Dispatch, Script, compose};
 use super::slot::Slot;
@@ -17,9 +17,10 @@ use super::stages::Pipelines;
 use super::stages::state::{Registration, State};
 use super::stages::sums::{Layout, Sums};
 use super::view::View;
-use super::vulkan::{Buffer, Device, OnDevice, Recording};
+use super::vulkan::{Buffer, Clock, Commands, Device, Fetch, OnDevice, Recorder, Recording, Wait};
 use super::workspace::Workspace;
-use crate::base::{Error, Homography, Kernel, Mask, Photometric, Region, Shading};
+use super::{OtherMotion, arguments};
+use crate::base::{Cancel, Error, Homography, Kernel, Mask, Photometric, Region, Shading, Signal};
 
 /// A script, and its recording.
 struct Prepared {
@@ -56,10 +57,18 @@ pub(super) struct Lane {
     other: Option<Prepared>,
     started: Instant,
     phases: Phases,
+    /// What has the device fetch photographs of the latest pair.
+    fetching: Option<Recording>,
+    /// What was recorded into a command buffer of someone else's for it.
+    encoded: Option<Recording>,
     /// What the timeline of the latest recording reaches when the pair that was submitted is solved.
     under_way: Option<u64>,
     /// Pairs so far.
     pairs: u64,
+    /// Whether the latest is wanted no more.
+    is_cancelled: Arc<AtomicBool>,
+    /// Calls it off.
+    signal: Arc<Signal>,
 }
 
 impl Lane {
@@ -69,8 +78,24 @@ impl Lane {
         let other = if is_masked.is_none() { Some(prepared(true)?) } else { None };
         let is_masked = is_masked.unwrap_or(false);
         let latest = prepared(is_masked)?;
-        let (started, phases) = (Instant::now(), Phases::default());
-        Ok(Self { common, workspace, latest, is_masked, other, started, phases, under_way: None, pairs: 0 })
+        let (started, phases, is_cancelled) = (Instant::now(), Phases::default(), Arc::<AtomicBool>::default());
+        let signal = signal(&common.plan, workspace.buffer(Slot::StartArguments).clone(), is_cancelled.clone());
+        let (under_way, pairs) = (None, 0);
+        Ok(Self {
+            common,
+            workspace,
+            latest,
+            is_masked,
+            other,
+            started,
+            phases,
+            fetching: None,
+            encoded: None,
+            under_way,
+            pairs,
+            is_cancelled,
+            signal,
+        })
     }
 
     /// Which pair the latest is, counted from 1.
@@ -78,8 +103,22 @@ impl Lane {
         self.pairs
     }
 
-    /// A new pair comes: what was under way is waited for.
-    pub(super) fn begin(&mut self) -> Result<(), Error> {
+    /// A new pair comes, which may be called off: what was under way is waited for.
+    pub(super) fn begin(&mut self, cancel: &Cancel) -> Result<(), Error> {
+        self.rest()?;
+        self.is_cancelled.store(false, Ordering::SeqCst);
+        self.workspace.buffer(Slot::StartArguments).signal(last_argument(&self.common.plan), arguments::GO_ON)?;
+        cancel.tells(&self.signal);
+        cancel.check()
+    }
+
+    /// Calls the latest pair off.
+    pub(super) fn cancel(&self) {
+        (self.signal)();
+    }
+
+    /// Waits for what is under way.
+    pub(super) fn rest(&mut self) -> Result<(), Error> {
         let limit = self.common.device.timeout();
         if !self.wait(limit)? {
             return Err(Error::Timeout { device: self.common.device.info().name.clone(), seconds: limit.as_secs() });
@@ -87,13 +126,20 @@ impl Lane {
         if self.common.device.is_poisoned() {
             return Err(Error::Poisoned);
         }
+        self.is_taken(limit)?;
+        (self.fetching, self.encoded) = (None, None);
         (self.started, self.phases) = (Instant::now(), Phases::default());
         Ok(())
     }
 
+    /// Where a photograph is brought to.
+    pub(super) fn entry(&self, image: usize) -> &Arc<Buffer> {
+        self.workspace.buffer(self.common.plan.entry(image))
+    }
+
     /// Has a photograph written where the device reads it; nothing may be under way.
     pub(super) fn fill(&self, image: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
-        self.workspace.buffer(Slot::Photograph { image }).fill(write)
+        self.entry(image).fill(write)
     }
 
     /// A byte a pixel, of all lanes.
@@ -120,19 +166,55 @@ impl Lane {
         Ok(())
     }
 
+    /// Has the device fetch photographs, once what is waited for has happened; before the pair is handed over.
+    pub(super) fn fetch(&mut self, fetches: &[(usize, Fetch)], waits: &[Wait]) -> Result<(), Error> {
+        let mut recorder = Recorder::new(&self.common.device, Clock::Never)?;
+        for (image, fetch) in fetches {
+            recorder.fetch(fetch, self.entry(*image));
+        }
+        self.fetching.insert(recorder.finish()?).start(1, waits)?;
+        Ok(())
+    }
+
     /// Hands it to the device, and does not wait for it; on a device that has to be asked while it works, does.
-    pub(super) fn submit(&mut self) -> Result<(), Error> {
+    pub(super) fn submit(&mut self, waits: &[Wait]) -> Result<(), Error> {
         let parts = self.latest.script.parts.len();
         if self.latest.recording.is_asked() {
+            // What is waited for begins a submission of its own.
+            if !waits.is_empty() {
+                self.fetch(&[], waits)?;
+            }
             return self.run(|script| script.parts.len(), &mut |_| ());
         }
-        self.under_way = Some(self.latest.recording.start(parts)?);
+        self.under_way = Some(self.latest.recording.start(parts, waits)?);
+        Ok(())
+    }
+
+    /// Records it, with what fetches its photographs, into a command buffer of someone else's.
+    pub(super) fn encode(&mut self, commands: Commands, fetches: &[(usize, Fetch)]) -> Result<(), Error> {
+        let mut recorder = Recorder::into(&self.common.device, commands);
+        for (image, fetch) in fetches {
+            recorder.fetch(fetch, self.entry(*image));
+        }
+        recorder.barrier();
+        self.encoded = Some(write(recorder, &self.common.pipelines, &self.workspace, &self.latest.script)?);
         Ok(())
     }
 
     /// Where the results of the latest pair will be.
     pub(super) fn on_device(&self) -> OnDevice {
-        OnDevice::of(self.workspace.buffer(Slot::EndMaps), &self.latest.recording)
+        OnDevice::of(self.workspace.buffer(Slot::EndMaps), &self.latest.recording, self.fetching.as_ref())
+    }
+
+    /// Waits so long at most; whether the device has fetched what it fetches of the latest pair.
+    pub(super) fn is_taken(&mut self, limit: Duration) -> Result<bool, Error> {
+        let Some(fetching) = &mut self.fetching else { return Ok(true) };
+        fetching.reached(fetching.signal().1, limit)
+    }
+
+    /// [`Error::Cancelled`] where the latest pair was called off, and its results are half-way ones.
+    fn check_wanted(&self) -> Result<(), Error> {
+        if self.is_cancelled.load(Ordering::SeqCst) { Err(Error::Cancelled) } else { Ok(()) }
     }
 
     /// Waits so long at most; whether the pair is solved.
@@ -193,6 +275,7 @@ impl Lane {
 
     /// The results where they are.
     pub(super) fn view(&mut self, mask: Option<&Mask>) -> Result<View<'_>, Error> {
+        self.check_wanted()?;
         let [width, height] = self.common.plan.size;
         let state = self.state(Slot::EndState)?;
         let mut findings = Findings {
@@ -234,6 +317,7 @@ impl Lane {
 
     /// The registration, out of mapped memory.
     pub(super) fn registered(&self) -> Result<Registered, Error> {
+        self.check_wanted()?;
         let (plan, state) = (&self.common.plan, self.state(Slot::RegisteredState)?);
         let mut registered = Registered {
             width: plan.size[0],
@@ -289,6 +373,21 @@ impl Lane {
         });
         Ok(levels.collect())
     }
+}
+
+/// Where the word lies by which a solve is given up, bytes.
+fn last_argument(plan: &Plan) -> u64 {
+    arguments::bytes(plan.solved) - 4
+}
+
+/// Calls a pair off where the device looks.
+fn signal(plan: &Plan, words: Arc<Buffer>, is_cancelled: Arc<AtomicBool>) -> Arc<Signal> {
+    let place = last_argument(plan);
+    Arc::new(move || {
+        is_cancelled.store(true, Ordering::SeqCst);
+        // Where it cannot be told, the device only goes on to the end.
+        let _ = words.signal(place, arguments::GIVEN_UP);
+    })
 }
 
 fn prepared(common: &Common, workspace: &Workspace, masked: bool) -> Result<Prepared, Error> {

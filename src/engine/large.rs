@@ -7,7 +7,7 @@ use super::plan::Plan;
 use super::solution::{self, Counts, Solution};
 use super::{Engine, Progress, Solver};
 use crate::base::color::srgb_to_linear;
-use crate::base::{Decode, Error, Format, Frame, Mask, Method, Photometric, Region, Settings};
+use crate::base::{Cancel, Decode, Error, Format, Frame, Mask, Method, Photometric, Region, Settings};
 
 /// The largest pair that is solved in parts: its results and photographs take some 8 GiB of the host.
 pub(crate) const MOST_PIXELS: u64 = 1 << 28;
@@ -38,17 +38,19 @@ pub(crate) fn solve(
     [i1, i2]: [&Frame; 2],
     settings: &Settings,
     mask: Option<&Mask>,
+    cancel: &Cancel,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Solution, Error> {
     let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
     let grid = grid(engine, size, formats, settings)?;
-    let mut whole = at_half_size(engine, [i1, i2], settings, mask).map_err(|error| match error {
+    let mut whole = at_half_size(engine, [i1, i2], settings, mask, cancel).map_err(|error| match error {
         // Too long and too narrow to be halved: what the device said of the whole.
         Error::TooSmall { .. } => refusal(engine, size, formats, settings).unwrap_or(error),
         other => other,
     })?;
     let own = Settings { method: Method::Aligned, photometric: false, ..settings.clone() };
     let mut solver = Solver::with_slots(1, engine, grid.side(), formats, &own)?;
+    solver.set_cancel(cancel.clone());
     empty(&mut whole, size);
     let (all, mut alpha) = (grid.count(), 0.0);
     for (n, part) in grid.parts().enumerate() {
@@ -125,6 +127,7 @@ fn at_half_size(
     frames: [&Frame; 2],
     settings: &Settings,
     mask: Option<&Mask>,
+    cancel: &Cancel,
 ) -> Result<Solution, Error> {
     let depth = frames[0].format().depth;
     let mut settings = Settings { fused: false, levels: None, ..settings.clone() };
@@ -144,6 +147,7 @@ fn at_half_size(
         halves = Some(small);
     };
     let mut solver = Solver::for_pair(engine, &i1, &i2, &settings)?;
+    solver.set_cancel(cancel.clone());
     solver.set_mask(mask.map(|mask| mask.every(1 << sizes.len())))?;
     let mut found = solver.solve(&i1, &i2)?;
     // What is at the limit of |V| at half the size need not be.

@@ -19,10 +19,12 @@ mod shaders;
 pub(crate) mod slot;
 pub(crate) mod solution;
 mod solver;
+mod source;
 pub mod stages;
 mod sweep;
 #[cfg(test)]
 pub(crate) mod testing;
+mod tickets;
 pub(crate) mod tiles;
 mod view;
 #[allow(unsafe_code, reason = "the one room that talks to Vulkan")]
@@ -36,19 +38,24 @@ use std::time::Duration;
 pub mod foreign {
     pub use ash;
 
-    pub use super::vulkan::{ForeignDevice, LIKED_EXTENSIONS, OnDevice, QueueLock, REQUIRED_VERSION, require};
+    pub use super::vulkan::{
+        Commands, DeviceSource, ForeignDevice, LIKED_EXTENSIONS, OnDevice, QueueLock, REQUIRED_VERSION, Wait, require,
+    };
 }
 
 pub use motion::OtherMotion;
 pub use progress::Progress;
 pub use registered::Registered;
 pub use solution::{Findings, LevelHistory, Solution, Timings};
+pub use solver::Solver;
 pub(crate) use solver::same_size;
-pub use solver::{Solver, Ticket};
+pub use source::Source;
 pub(crate) use sweep::{Asked, Focus, RegisteredFrames, SweepSolver};
+pub use tickets::Ticket;
 pub use view::View;
+pub use vulkan::{HostMemory, SharedMemory};
 
-use crate::base::{Decode, DeviceInfo, Error, Format, Frame, Mask, Settings, Similarity};
+use crate::base::{Decode, DeviceInfo, Error, Frame, Mask, PixelFormat, Settings, Similarity};
 use crate::engine::plan::Plan;
 use crate::engine::stages::Pipelines;
 use crate::engine::vulkan::{Device, ForeignDevice, Instance};
@@ -140,10 +147,16 @@ impl Engine {
     pub fn check_size(
         device: &DeviceInfo,
         [width, height]: [u32; 2],
-        formats: [Format; 2],
+        formats: [impl Into<PixelFormat>; 2],
         settings: &Settings,
     ) -> Result<(), Error> {
         Plan::new(width, height, formats, settings)?.check_described(device)
+    }
+
+    /// Shares memory of the embedding program, a camera's ring for one, with the device: pairs are then fetched from where they are, by
+    /// [`Source::Shared`]. Where the device cannot (VK_EXT_external_memory_host), the host copies.
+    pub fn share(&self, memory: HostMemory) -> Arc<SharedMemory> {
+        SharedMemory::new(&self.device, memory)
     }
 
     /// What validation has said so far; empty without [`EngineOptions::validation`].

@@ -26,7 +26,16 @@ pub(crate) fn record(
         Reading::Passes => Clock::Passes(dispatches),
         Reading::Dispatches => Clock::Dispatches(dispatches),
     };
-    let mut recorder = Recorder::new(device, clock)?;
+    write(Recorder::new(device, clock)?, pipelines, workspace, script)
+}
+
+/// Writes a script's parts.
+pub(crate) fn write(
+    mut recorder: Recorder,
+    pipelines: &Pipelines,
+    workspace: &Workspace,
+    script: &Script,
+) -> Result<Recording, Error> {
     for (n, part) in script.parts.iter().enumerate() {
         match part.goes_on {
             Some(level) => {

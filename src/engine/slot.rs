@@ -50,8 +50,10 @@ pub(crate) enum Slot {
     EndPartials,
     /// Indirect arguments.
     Arguments,
-    /// The photographs, mapped.
+    /// The photographs; mapped unless they are unpacked on the device.
     Photograph { image: usize },
+    /// The photographs as a camera packs them, mapped.
+    Packed { image: usize },
     /// A byte a pixel of I1, mapped: 0 where it does not count.
     Mask,
     /// State and arguments before a solve, mapped.
@@ -78,6 +80,7 @@ impl Slot {
         matches!(
             self,
             Self::Photograph { .. }
+                | Self::Packed { .. }
                 | Self::StartState
                 | Self::StartArguments
                 | Self::Progress
@@ -155,6 +158,8 @@ quantities! {
     StartArguments: Buffer;
     /// Samples of a photograph.
     Samples: Buffer;
+    /// A photograph as a camera packs it.
+    Packed: Buffer;
     /// A byte a pixel of I1.
     MaskBytes: Buffer;
 }
@@ -247,6 +252,10 @@ pub(crate) fn filters(bank: usize) -> Handle<Filters> {
 
 pub(crate) fn samples(image: usize) -> Handle<Samples> {
     Handle::new(Slot::Photograph { image })
+}
+
+pub(crate) fn packed(image: usize) -> Handle<Packed> {
+    Handle::new(Slot::Packed { image })
 }
 
 /// A field of a pass's bindings: a slot of a stated quantity, and what the pass does to it.

@@ -1,23 +1,15 @@
-//! Submit and wait: what an embedding program holds.
+//! What an embedding program holds: a size and settings, prepared, and what solves one pair at a time.
 
 use std::sync::Arc;
-use std::time::Duration;
 
-use crate::base::{Error, Format, Frame, Mask, Method, Settings, Shading};
+use crate::base::{Cancel, Error, Frame, Mask, Method, PixelFormat, Settings, Shading};
 use crate::engine::lane::{Common, Lane, Start};
 use crate::engine::plan::Plan;
 use crate::engine::profile::{Profile, Reading};
 use crate::engine::slot::Slot;
-use crate::engine::vulkan::{Clock, OnDevice, Recorder};
+use crate::engine::vulkan::{Clock, Recorder};
 use crate::engine::workspace::Workspace;
 use crate::engine::{Engine, KeyPoints, Progress, Registered, Solution, View};
-
-/// A pair that was [submitted](Solver::submit).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Ticket {
-    slot: usize,
-    pair: u64,
-}
 
 /// A size and settings, prepared once and used for any number of pairs.
 ///
@@ -51,16 +43,18 @@ pub struct Ticket {
 /// # }
 /// ```
 pub struct Solver {
-    common: Arc<Common>,
-    lanes: Vec<Lane>,
-    mask: Option<Mask>,
+    pub(super) common: Arc<Common>,
+    pub(super) lanes: Vec<Lane>,
+    pub(super) mask: Option<Mask>,
+    /// What calls pairs off.
+    pub(super) cancel: Cancel,
     /// Where pairs start, if not as the settings say.
     start: Option<Start>,
     key_points: Option<KeyPoints>,
 }
 
 impl Solver {
-    /// Prepares for pairs of `width` x `height` pixels, I1 and I2 in the given formats; with clipped or masked pixels, and without: no pair
+    /// Prepares for pairs of `width` x `height` pixels, I1 and I2 in the given formats, of frames or as cameras pack them; with clipped or masked pixels, and without: no pair
     /// compiles anything.
     ///
     /// # Errors
@@ -69,7 +63,7 @@ impl Solver {
         engine: &Engine,
         width: u32,
         height: u32,
-        formats: [Format; 2],
+        formats: [impl Into<PixelFormat>; 2],
         settings: &Settings,
     ) -> Result<Self, Error> {
         Self::with_slots(1, engine, [width, height], formats, settings)
@@ -83,7 +77,7 @@ impl Solver {
         slots: usize,
         engine: &Engine,
         size: [u32; 2],
-        formats: [Format; 2],
+        formats: [impl Into<PixelFormat>; 2],
         settings: &Settings,
     ) -> Result<Self, Error> {
         Self::prepare(slots, engine, size, formats, settings, None, Self::reading(engine))
@@ -94,7 +88,7 @@ impl Solver {
         slots: usize,
         engine: &Engine,
         [width, height]: [u32; 2],
-        formats: [Format; 2],
+        formats: [impl Into<PixelFormat>; 2],
         settings: &Settings,
         is_masked: Option<bool>,
         reading: Reading,
@@ -116,7 +110,8 @@ impl Solver {
         let lanes = workspaces
             .map(|workspace| Lane::new(common.clone(), workspace, is_masked))
             .collect::<Result<_, Error>>()?;
-        Ok(Self { common, lanes, mask: None, start: None, key_points: engine.key_points })
+        let (cancel, key_points) = (Cancel::default(), engine.key_points);
+        Ok(Self { common, lanes, mask: None, cancel, start: None, key_points })
     }
 
     /// Leaves out pixels of I1 in the solves to come; `None`: none. Waits for what is under way.
@@ -131,11 +126,16 @@ impl Solver {
         }
         // Of pairs without a mask, the usual, nothing need go up.
         if self.mask != mask {
-            self.lanes.iter_mut().try_for_each(Lane::begin)?;
+            self.lanes.iter_mut().try_for_each(Lane::rest)?;
             self.lanes[0].mask().write(&mask_bytes(plan, mask.as_ref()))?;
             self.mask = mask;
         }
         Ok(())
+    }
+
+    /// What calls the solves to come off. Those that begin after it has are [`Error::Cancelled`] at once.
+    pub fn set_cancel(&mut self, cancel: Cancel) {
+        self.cancel = cancel;
     }
 
     /// Where the pairs to come start.
@@ -144,7 +144,7 @@ impl Solver {
     }
 
     /// As was said, or as the settings say; with the method SIFT T starts where key-points put it.
-    fn start(&self, frames: Option<[&Frame; 2]>) -> Result<Start, Error> {
+    pub(super) fn start(&self, frames: Option<[&Frame; 2]>) -> Result<Start, Error> {
         if let Some(start) = self.start {
             return Ok(start);
         }
@@ -191,7 +191,7 @@ impl Solver {
         i2: &Frame,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Solution, Error> {
-        self.bring_up(0, [i1, i2])?;
+        self.bring_frames(i1, i2)?;
         self.lanes[0].run(|script| script.parts.len(), progress)?;
         Ok(self.lanes[0].view(self.mask.as_ref())?.to_owned())
     }
@@ -201,7 +201,7 @@ impl Solver {
     /// # Errors
     /// As [`Solver::solve`].
     pub fn solve_in_place(&mut self, i1: &Frame, i2: &Frame) -> Result<View<'_>, Error> {
-        self.bring_up(0, [i1, i2])?;
+        self.bring_frames(i1, i2)?;
         self.lanes[0].run(|script| script.parts.len(), &mut |_| ())?;
         self.lanes[0].view(self.mask.as_ref())
     }
@@ -225,94 +225,9 @@ impl Solver {
         i2: &Frame,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Registered, Error> {
-        self.bring_up(0, [i1, i2])?;
+        self.bring_frames(i1, i2)?;
         self.lanes[0].run(|script| script.registered, progress)?;
         self.lanes[0].registered()
-    }
-
-    /// Hands a pair to the device in a slot, counted from 0, whose earlier pair is waited for, and comes back while the device works. (A device
-    /// that cannot leave commands out by itself, VK_EXT_conditional_rendering, has to be asked in between: it is waited for.)
-    ///
-    /// # Errors
-    /// As [`Solver::solve`]; [`Error::Mismatch`] where there is no such slot.
-    pub fn submit(&mut self, slot: usize, i1: &Frame, i2: &Frame) -> Result<Ticket, Error> {
-        self.check_slot(slot)?;
-        self.bring_up(slot, [i1, i2])?;
-        self.hand_over(slot)
-    }
-
-    /// The same of a pair that `write` writes where the device reads it: it is told which image, 0 or 1, and given its bytes, rows one after the
-    /// other without padding, samples as the solver's formats say. Whether pixels are clipped is looked for on the device.
-    ///
-    /// # Errors
-    /// As [`Solver::submit`]; [`Error::NoKeyPoints`] with the method SIFT, which takes frames.
-    pub fn submit_written(&mut self, slot: usize, write: &mut dyn FnMut(usize, &mut [u8])) -> Result<Ticket, Error> {
-        self.check_slot(slot)?;
-        let start = self.start(None)?;
-        self.lanes[slot].begin()?;
-        for image in [0, 1] {
-            self.lanes[slot].fill(image, &mut |bytes| write(image, bytes))?;
-        }
-        self.lanes[slot].take(&start, true)?;
-        self.hand_over(slot)
-    }
-
-    fn hand_over(&mut self, slot: usize) -> Result<Ticket, Error> {
-        self.lanes[slot].submit()?;
-        Ok(Ticket { slot, pair: self.lanes[slot].pairs() })
-    }
-
-    /// Waits so long at most for a pair, and lends its results; `None` where it is not solved by then.
-    ///
-    /// # Errors
-    /// [`Error::Mismatch`] where another pair has taken the slot since; [`Error::Poisoned`], [`Error::Vulkan`].
-    pub fn wait(&mut self, ticket: &Ticket, limit: Duration) -> Result<Option<View<'_>>, Error> {
-        self.check_ticket(ticket)?;
-        let lane = &mut self.lanes[ticket.slot];
-        if !lane.wait(limit)? {
-            return Ok(None);
-        }
-        lane.view(self.mask.as_ref()).map(Some)
-    }
-
-    /// Where on the device the results of a pair will be, and what says that they are there: for programs that go on with them on the same
-    /// device ([`Engine::from_vulkan`]), without the host in between.
-    ///
-    /// # Errors
-    /// [`Error::Mismatch`] where another pair has taken the slot since.
-    pub fn on_device(&self, ticket: &Ticket) -> Result<OnDevice, Error> {
-        self.check_ticket(ticket)?;
-        Ok(self.lanes[ticket.slot].on_device())
-    }
-
-    fn check_ticket(&self, ticket: &Ticket) -> Result<(), Error> {
-        self.check_slot(ticket.slot)?;
-        if self.lanes[ticket.slot].pairs() == ticket.pair {
-            return Ok(());
-        }
-        Err(Error::Mismatch(format!("another pair has taken slot {} since", ticket.slot)))
-    }
-
-    fn check_slot(&self, slot: usize) -> Result<(), Error> {
-        let count = self.lanes.len();
-        if slot < count {
-            return Ok(());
-        }
-        Err(Error::Mismatch(format!("there is no slot {slot}: the solver has {count}, counted from 0")))
-    }
-
-    /// Brings a pair up into a slot.
-    fn bring_up(&mut self, slot: usize, frames: [&Frame; 2]) -> Result<(), Error> {
-        self.check_frames(frames)?;
-        self.lanes[slot].begin()?;
-        let settings = &self.common.plan.settings;
-        let mut is_masked = self.mask.is_some();
-        for (image, frame) in frames.into_iter().enumerate() {
-            let levels = settings.clipped(frame.format().depth);
-            self.lanes[slot].fill(image, &mut |bytes| is_masked |= frame.bring(bytes, levels))?;
-        }
-        let start = self.start(Some(frames))?;
-        self.lanes[slot].take(&start, is_masked)
     }
 
     /// Everything about the solves that does not depend on the pixels.
@@ -323,24 +238,6 @@ impl Solver {
     /// What the latest solve did, dispatch by dispatch.
     pub(crate) fn profile(&self) -> Result<Profile, Error> {
         self.lanes[0].profile()
-    }
-
-    fn check_frames(&self, frames: [&Frame; 2]) -> Result<(), Error> {
-        same_size(frames)?;
-        let plan = &self.common.plan;
-        let [width, height] = plan.size;
-        for (frame, format) in frames.iter().zip(plan.formats) {
-            let found = [frame.width(), frame.height()];
-            if found != plan.size || frame.format() != format {
-                return Err(Error::Mismatch(format!(
-                    "this solver was prepared for {width}x{height} {format:?}, not {}x{} {:?}: prepare another",
-                    found[0],
-                    found[1],
-                    frame.format()
-                )));
-            }
-        }
-        Ok(())
     }
 }
 

@@ -30,7 +30,9 @@ impl Workspace {
         let mut wanted = shared_buffers(plan);
         wanted.extend(buffers_of_pairs(plan));
         let (images, mut buffers) = (self.images.clone(), self.buffers.clone());
-        for (slot, bytes, make) in wanted.into_iter().filter(|(slot, ..)| slot.is_of_one_pair()) {
+        let unpacked = |slot| [0, 1].iter().any(|&image| slot == Slot::Photograph { image } && plan.unpacks(image));
+        let own = |slot: Slot| slot.is_of_one_pair() && !unpacked(slot);
+        for (slot, bytes, make) in wanted.into_iter().filter(|(slot, ..)| own(*slot)) {
             buffers.insert(slot, make(device, &format!("{slot:?}"), bytes)?);
         }
         Ok(Self { images, buffers })
@@ -125,29 +127,34 @@ const UP: Make = Buffer::for_upload;
 const DOWN: Make = Buffer::for_readback;
 
 fn shared_buffers(plan: &Plan) -> Vec<(Slot, u64, Make)> {
-    let mut wanted = vec![
-        (Slot::State, size_of::<State>() as u64, ON_DEVICE),
-        (Slot::Photograph { image: 0 }, plan.frame_bytes(0), UP),
-    ];
+    let mut wanted = vec![(Slot::State, size_of::<State>() as u64, ON_DEVICE), photograph(plan, 0)];
     let bytes = 4 * convolve::WEIGHTS as u64;
     wanted.extend((0..plan.weights.banks.len()).map(|bank| (Slot::Filters { bank }, bytes, UP)));
     wanted
 }
 
+/// Mapped, unless another is and it is unpacked from there.
+fn photograph(plan: &Plan, image: usize) -> (Slot, u64, Make) {
+    (Slot::Photograph { image }, plan.frame_bytes(image), if plan.unpacks(image) { ON_DEVICE } else { UP })
+}
+
 fn buffers_of_pairs(plan: &Plan) -> Vec<(Slot, u64, Make)> {
     let partial_rows = plan.pyramid.iter().map(|l| l.tiles()[0] * l.tiles()[1]).max().unwrap_or(1);
     let energies = 4 * plan.solved as u64 * u64::from(plan.settings.outer_iterations);
-    let arguments = (4 * arguments::WORDS * plan.solved) as u64;
+    let arguments = arguments::bytes(plan.solved);
     let state = size_of::<State>() as u64;
     let row = 4 * Layout::of(true).length as u64;
     let partials = (row * u64::from(partial_rows)).max(4 * shape_windows::FLOATS);
-    vec![
+    let packed = [0, 1].into_iter().filter(|&image| plan.unpacks(image));
+    let mut wanted: Vec<(Slot, u64, Make)> =
+        packed.map(|image| (Slot::Packed { image }, plan.packed_bytes(image), UP)).collect();
+    wanted.extend([
         (Slot::Partials, partials, ON_DEVICE),
         (Slot::Energies, energies, ON_DEVICE),
         (Slot::Arguments, arguments, ON_DEVICE),
         (Slot::StartState, state, UP),
         (Slot::StartArguments, arguments, UP),
-        (Slot::Photograph { image: 1 }, plan.frame_bytes(1), UP),
+        photograph(plan, 1),
         (Slot::Mask, plan.mask_bytes(), UP),
         // Pairs list none.
         (Slot::Tiles, 4, UP),
@@ -158,7 +165,8 @@ fn buffers_of_pairs(plan: &Plan) -> Vec<(Slot, u64, Make)> {
         (Slot::EndEnergies, energies, DOWN),
         (Slot::RegisteredState, state, DOWN),
         (Slot::RegisteredEnergies, energies, DOWN),
-    ]
+    ]);
+    wanted
 }
 
 fn buffers_of_sweeps(plan: &Plan, frames: u32) -> Vec<(Slot, u64, Make)> {

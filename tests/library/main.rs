@@ -4,6 +4,8 @@
 mod common;
 
 mod baseline;
+mod cancel;
+mod foreign;
 #[cfg(target_os = "linux")]
 mod fuzz;
 mod large;
@@ -16,4 +18,5 @@ mod scope;
 mod slots;
 mod soak;
 mod solver;
+mod sources;
 mod sweep;

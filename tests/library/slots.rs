@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use parfocal::{Error, Frame, Mask, Region, Samples, Settings, Similarity, Solution, Solver, View};
+use parfocal::{Error, Frame, Mask, Region, Settings, Similarity, Solution, Solver, Source, View};
 
 use crate::common::TestEngine;
 use crate::common::scene::pair;
@@ -87,13 +87,12 @@ fn a_pair_may_be_written_where_the_device_reads_it() {
     let settings = Settings { white_level: Some(0.75), ..Settings::default() };
     let mut solver = Solver::for_pair(&engine, i1, i2, &settings).unwrap();
     let expected = solver.solve(i1, i2).unwrap();
-    let write = &mut |image: usize, bytes: &mut [u8]| {
-        let Samples::F32(values) = [i1, i2][image].samples() else { unreachable!() };
-        for (bytes, value) in bytes.chunks_exact_mut(4).zip(values) {
-            bytes.copy_from_slice(&value.to_ne_bytes());
-        }
-    };
-    let ticket = solver.submit_written(0, write).unwrap();
+    for (image, frame) in [i1, i2].into_iter().enumerate() {
+        solver.input(0, image).unwrap().copy_from_slice(frame.bytes());
+    }
+    assert!(solver.input(0, 2).is_err() && solver.input(1, 0).is_err());
+    let ticket = solver.submit_sources(0, [Source::Written; 2], &[]).unwrap();
+    assert_eq!(ticket.is_fetched(), [false; 2]);
     assert_same(&solver.wait(&ticket, Duration::MAX).unwrap().unwrap(), &expected);
 }
 

@@ -87,7 +87,8 @@ impl Engine {
     ) -> PyResult<Bound<'py, PyDict>> {
         let (i1, i2) = (frame(i1, "i1")?, frame(i2, "i2")?);
         let settings = settings(named, &[&i1, &i2])?;
-        let scope = Scope { region: part.map(region), mask: counts.map(mask).transpose()?, crop_valid, flat: None };
+        let scope =
+            Scope { region: part.map(region), mask: counts.map(mask).transpose()?, crop_valid, ..Scope::default() };
         let solved =
             self.with(py, |inner| scope.solve(&inner.engine, &mut inner.kept, [&i1, &i2], &settings, &mut |_| ()))?;
         of_solution(py, solved, &settings)

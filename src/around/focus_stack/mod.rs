@@ -160,7 +160,9 @@ fn solve_whole(
 /// Prepares for these frames.
 fn solver(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<SweepSolver, Error> {
     let size = [frames[0].width(), frames[0].height()];
-    SweepSolver::new(engine, size, frames[0].format(), frames.len(), &options.settings)
+    let mut solver = SweepSolver::new(engine, size, frames[0].format(), frames.len(), &options.settings)?;
+    solver.set_cancel(&options.scope.cancel);
+    Ok(solver)
 }
 
 /// What the frames of a sweep are focused at as it is solved: constants of the solve are for settings a step apart.

@@ -66,7 +66,8 @@ pub(super) fn cut(
     let cut = frames.iter().map(|frame| frame.cropped(part).map_err(Error::Region));
     let cut = cut.collect::<Result<Vec<Frame>, Error>>()?;
     let mask = scope.mask.as_ref().map(|mask| mask.cropped(part));
-    let within = SweepOptions { scope: Scope { mask, ..Scope::default() }, ..options.clone() };
+    let scope = Scope { mask, cancel: scope.cancel.clone(), ..Scope::default() };
+    let within = SweepOptions { scope, ..options.clone() };
     Ok(Some((part, cut, within)))
 }
 

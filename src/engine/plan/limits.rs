@@ -6,7 +6,12 @@ use crate::engine::stages::{self, evidence, half_pair, linearise};
 use crate::engine::vulkan::{Device, MIB, image_limits};
 
 impl Plan {
-    /// Bytes that a frame takes on its way up.
+    /// Bytes of a frame as it is brought up.
+    pub(crate) fn packed_bytes(&self, frame: usize) -> u64 {
+        self.packed[frame].bytes(self.size)
+    }
+
+    /// Bytes of a frame once it is unpacked.
     pub(crate) fn frame_bytes(&self, frame: usize) -> u64 {
         let format = self.formats[frame];
         pixels(self.size) * u64::from(format.channels.count() * format.depth.bytes())
@@ -33,8 +38,9 @@ impl Plan {
         let equations = u64::from(linearise::LAYERS);
         // Of either colour: right sides, four weights of half a float, dV.
         let floats = evidence + 4 * pyramid + solved + (2 + stacks + equations) * full + 2 * (1 + 2 + 1) * half;
-        let host = self.frame_bytes(0) + self.frame_bytes(1) + self.mask_bytes() + self.result_bytes();
-        (4 * floats, host)
+        let brought = self.packed_bytes(0) + self.packed_bytes(1);
+        let unpacked: u64 = [0, 1].into_iter().filter(|&n| self.unpacks(n)).map(|n| self.frame_bytes(n)).sum();
+        (4 * floats + unpacked, brought + self.mask_bytes() + self.result_bytes())
     }
 
     /// Bytes of which frames of a sweep do not count where, a bit each.
@@ -111,7 +117,8 @@ impl Plan {
             let limit = format!("{} px", info.max_image_size);
             return Err(self.too_large(info, "the longer side", format!("{longest} px"), limit));
         }
-        let upload = self.frame_bytes(0).max(self.frame_bytes(1));
+        let upload = [0, 1].map(|n| self.frame_bytes(n).max(self.packed_bytes(n)));
+        let upload = upload[0].max(upload[1]);
         if upload > info.max_storage_buffer {
             let limit = format!("{} for a buffer", mib(info.max_storage_buffer));
             return Err(self.too_large(info, "one photograph", mib(upload), limit));

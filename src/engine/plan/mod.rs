@@ -1,7 +1,8 @@
 //! Sizes before anything is allocated: levels, images, bytes, limits, and what each iteration is told.
 
-use crate::base::{Channels, Error, Format, Kernel, Method, Motion, Settings};
+use crate::base::{Channels, Error, Format, Kernel, Method, Motion, PixelFormat, Settings};
 use crate::engine::filter::{self, Filter};
+use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::{self, Adopt};
 use crate::engine::stages::stack::{self, Slopes};
 use crate::engine::stages::state::MAX_LEVELS;
@@ -45,6 +46,9 @@ const FINDING: usize = 2;
 #[derive(Clone, Debug)]
 pub(crate) struct Plan {
     pub(crate) size: [u32; 2],
+    /// How cameras pack the photographs.
+    pub(crate) packed: [PixelFormat; 2],
+    /// What they are once they are unpacked.
     pub(crate) formats: [Format; 2],
     pub(crate) settings: Settings,
     /// The pyramid, finest first: the levels solved.
@@ -64,7 +68,13 @@ pub(crate) struct Plan {
 
 impl Plan {
     /// Checks settings and size, and lays out the levels.
-    pub(crate) fn new(width: u32, height: u32, formats: [Format; 2], settings: &Settings) -> Result<Self, Error> {
+    pub(crate) fn new(
+        width: u32,
+        height: u32,
+        packed: [impl Into<PixelFormat>; 2],
+        settings: &Settings,
+    ) -> Result<Self, Error> {
+        let packed = packed.map(Into::into);
         settings.check()?;
         if width < LEAST_SIZE || height < LEAST_SIZE {
             return Err(Error::TooSmall { width, height, least: LEAST_SIZE });
@@ -81,7 +91,8 @@ impl Plan {
         let layers = layers.collect();
         Ok(Self {
             size: [width, height],
-            formats,
+            packed,
+            formats: packed.map(PixelFormat::format),
             settings: settings.clone(),
             solved,
             halve: weights.add(&halving_filter()),
@@ -219,6 +230,16 @@ impl Plan {
     /// Layers of a level's stacks.
     pub(crate) fn layers_of(&self, level: &Level) -> u32 {
         (level.nodes * self.slopes().layers()) as u32
+    }
+
+    /// Whether a photograph is unpacked on the device.
+    pub(crate) fn unpacks(&self, image: usize) -> bool {
+        !self.packed[image].is_plain()
+    }
+
+    /// Where a photograph is brought to.
+    pub(crate) fn entry(&self, image: usize) -> Slot {
+        if self.unpacks(image) { Slot::Packed { image } } else { Slot::Photograph { image } }
     }
 
     /// How a stack's slopes are known.

@@ -7,7 +7,7 @@ use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::{
     appearance, even, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual,
-    shape_windows, sides, step, system, uncertainty, update, warp,
+    shape_windows, sides, step, system, uncertainty, unpack, update, warp,
 };
 
 /// Outer iterations of a level after which its steps of V and T are damped: a level that settles by whole steps mostly has by
@@ -32,6 +32,11 @@ const FLAT: f32 = 1e-5;
 const FLAT_ENOUGH: f32 = 1e-4;
 
 impl Plan {
+    /// What `unpack` is told of a photograph.
+    pub(crate) fn unpack(&self, image: usize) -> unpack::Constants {
+        unpack::Constants::new(self.size, self.packed[image])
+    }
+
     /// What `ingest` is told of a photograph, with the weights of its channels.
     pub(crate) fn ingest(&self, image: usize, weights: [f32; 3]) -> ingest::Constants {
         let ([width, height], format) = (self.size, self.formats[image]);

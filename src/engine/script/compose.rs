@@ -12,7 +12,7 @@ use crate::engine::slot::{self, Slot};
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{
-    NO_VARIANT, appearance, convolve, ingest, linearise, mask, prolong, relax, step, sums, update,
+    NO_VARIANT, appearance, convolve, ingest, linearise, mask, prolong, relax, step, sums, unpack, update,
 };
 use crate::engine::tiles::Wanted;
 use crate::engine::vulkan::Variant;
@@ -33,6 +33,9 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     s.reset();
     for image in BOTH {
         s.place = Place::level(0);
+        if plan.unpacks(image) {
+            s.unpack(image);
+        }
         s.ingest(image, LUMINANCE);
         if masked {
             s.mask(image);
@@ -317,6 +320,13 @@ impl<'a> Composer<'a> {
     fn reset_levels(&mut self) {
         self.push(Action::Copy { from: Slot::StartState, to: Slot::State, levels: true });
         self.copy(Slot::StartArguments, Slot::Arguments);
+    }
+
+    /// A photograph as a camera packs it to its samples.
+    fn unpack(&mut self, image: usize) {
+        let bindings = unpack::Bindings { packed: slot::packed(image).read(), samples: slot::samples(image).write() };
+        let constants = self.plan.unpack(image);
+        self.over(constants.invocations(), bindings, &constants, NO_VARIANT);
     }
 
     /// One channel of a photograph, or its luminance, onto the finest level.

@@ -39,6 +39,7 @@ pub mod subdivide;
 pub mod sums;
 pub mod system;
 pub mod uncertainty;
+pub mod unpack;
 pub mod update;
 pub mod warp;
 
@@ -98,7 +99,7 @@ mod tests {
     use super::*;
     use crate::engine::vulkan::{Access, Kind};
 
-    const STAGES: [&Stage; 26] = [
+    const STAGES: [&Stage; 27] = [
         &align::STAGE,
         &appearance::STAGE,
         &convolve::STAGE,
@@ -123,6 +124,7 @@ mod tests {
         &subdivide::STAGE,
         &system::STAGE,
         &uncertainty::STAGE,
+        &unpack::STAGE,
         &update::STAGE,
         &warp::STAGE,
     ];

@@ -11,6 +11,7 @@ use super::pass::{Pass, bindings};
 use super::state::Registration;
 use super::sums::{Layout, Sums, UNKNOWNS};
 use crate::base::{Homography, Shading};
+use crate::engine::arguments;
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -65,7 +66,7 @@ bindings! {
     energies: Writes<Energies>,
     /// Indirect arguments.
     arguments: Writes<Arguments>,
-    /// The same as they are before a solve.
+    /// The same as they are before a solve; behind them whether the host has given it up.
     start_arguments: Reads<StartArguments>,
 }
 
@@ -80,6 +81,7 @@ impl Pass for Bindings {
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let sums = memory.sums(self.partials).clone();
+        let start = memory.words(self.start_arguments).to_vec();
         let state = memory.state_mut(self.state);
         let level = c.level as usize;
         let step = twin(c, &sums, &mut state.registration, state.levels[level].energy);
@@ -91,15 +93,17 @@ impl Pass for Bindings {
         }
         let follows =
             !moved_away(c, &state.warped, &state.registration) && shading_stays(&state.shading, &state.evened);
-        let anew = c.warp_count > 0 && !step.settled && !follows;
+        let given_up = start.last().is_some_and(|&last| last != arguments::GO_ON);
+        let ends = step.settled || given_up;
+        let anew = c.warp_count > 0 && !ends && !follows;
         state.levels[level].energy = step.energy;
         state.levels[level].iterations += 1;
         let energies = memory.numbers_mut(self.energies, c.energy_place as usize + 1);
         energies[c.energy_place as usize] = step.energy;
-        let start = memory.words(self.start_arguments).to_vec();
         let words = memory.words_mut(self.arguments);
-        if step.settled {
-            words[range(c.argument_place, c.argument_count)].fill(0);
+        if ends {
+            let own = range(c.argument_place, c.argument_count);
+            words[if given_up { 0..own.end } else { own }].fill(0);
         }
         for i in range(c.warp_place, c.warp_count) {
             words[i] = if anew { start[i] } else { 0 };
@@ -280,7 +284,7 @@ mod tests {
             rig.upload(bytemuck::bytes_of(&state)),
             rig.upload(&[0; 32]),
             rig.upload(bytemuck::cast_slice(&[7u32; 12])),
-            rig.upload(bytemuck::cast_slice(&[9u32; 12])),
+            rig.upload(bytemuck::cast_slice(&[[9; 12].as_slice(), &[arguments::GO_ON]].concat())),
         ];
         rig.run_variant(&STAGE, variant, &buffers.each_ref().map(Resource::Buffer), &c, [1, 1, 1]);
         let found: State = rig.value(&buffers[1]);
@@ -366,6 +370,24 @@ mod tests {
         assert_eq!(arguments, [7, 7, 7, 7, 7, 7, 7, 7, 9, 9, 9, 9]);
         let none = Constants { warp_count: 0, ..held };
         assert_eq!(check_warped(none, &partials, 0.1, [1.0, -2.045], NO_VARIANT).1, [7; 12]);
+    }
+
+    #[test]
+    fn what_the_host_gave_up_ends_with_all_finer_levels() {
+        let partials = partials(8, 40, Layout::of(false));
+        let (rig, start) = (Rig::new(), Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY));
+        let buffers = [
+            rig.upload(bytemuck::cast_slice(&partials)),
+            rig.upload(bytemuck::bytes_of(&State::new(&start))),
+            rig.upload(&[0; 32]),
+            rig.upload(bytemuck::cast_slice(&[7u32; 16])),
+            rig.upload(bytemuck::cast_slice(&[[9; 16].as_slice(), &[arguments::GIVEN_UP]].concat())),
+        ];
+        let c = Constants { may_settle: 0, warp_place: 6, warp_count: 2, ..constants(8) };
+        rig.run_groups(&STAGE, &buffers.each_ref().map(Resource::Buffer), &c, [1, 1, 1]);
+        let state: State = rig.value(&buffers[1]);
+        assert_eq!(state.levels.map(|level| level.settled)[..3], [1, 1, 0]);
+        assert_eq!(rig.words(&buffers[3]), [[0; 8], [7; 8]].concat());
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::graph::{self, Link};
 use super::hidden::{self, Hidden};
 use super::start::{Frames, GRAIN, Grid};
 use super::{Asked, pairs, shown, spacing, start};
-use crate::base::{Error, Frame, Homography, Photometric, Settings, Shading};
+use crate::base::{Cancel, Error, Frame, Homography, Photometric, Settings, Shading};
 use crate::engine::Engine;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::profile::Reading;
@@ -69,6 +69,7 @@ pub(super) struct Joint {
     counting: f64,
     device: Arc<Device>,
     pipelines: Arc<Pipelines>,
+    pub(super) cancel: Cancel,
 }
 
 impl Joint {
@@ -86,7 +87,8 @@ impl Joint {
         let mut first = Recorder::new(&device, Clock::Never)?;
         first.prepare(&workspace.images());
         first.finish()?.run()?;
-        Ok(Self { plan, workspace, frames, hidden: 0, counting: 0.0, device, pipelines: engine.pipelines().clone() })
+        let (pipelines, cancel) = (engine.pipelines().clone(), Cancel::default());
+        Ok(Self { plan, workspace, frames, hidden: 0, counting: 0.0, device, pipelines, cancel })
     }
 
     /// The finest level.
@@ -414,6 +416,7 @@ impl Joint {
     }
 
     fn run(&self, script: &Script) -> Result<(), Error> {
+        self.cancel.check()?;
         self.workspace.buffer(Slot::Tiles).write(bytemuck::cast_slice(&script.tiles))?;
         record(&self.device, &self.pipelines, &self.workspace, script, Reading::Never)?.run()
     }

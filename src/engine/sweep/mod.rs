@@ -22,7 +22,9 @@ use self::common::Common;
 use self::hidden::Hidden;
 use self::joint::{Joint, LIMIT, SWEEPS};
 use self::parts::Parts;
-use crate::base::{Brightness, Channels, Decode, Depth, Error, Format, Frame, Homography, Mask, Photometric, Settings};
+use crate::base::{
+    Brightness, Cancel, Channels, Decode, Depth, Error, Format, Frame, Homography, Mask, Photometric, Settings,
+};
 use crate::engine::Engine;
 use crate::engine::plan::Plan;
 
@@ -129,10 +131,18 @@ impl SweepSolver {
         Ok(Self { settings, size, joint: Joint::new(engine, plan, frames)?, parts: Some(parts) })
     }
 
+    /// What calls the solves to come off.
+    pub fn set_cancel(&mut self, cancel: &Cancel) {
+        self.joint.cancel = cancel.clone();
+        if let Some(parts) = &mut self.parts {
+            parts.set_cancel(cancel);
+        }
+    }
+
     /// Solves a sweep; `say` is told how many of its levels and parts are done.
     ///
     /// # Errors
-    /// [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].
+    /// [`Error::Cancelled`], [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].
     pub fn solve(
         &mut self,
         frames: &[Frame],

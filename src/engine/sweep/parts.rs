@@ -4,7 +4,7 @@
 use super::common::Common;
 use super::hidden::Hidden;
 use super::joint::Joint;
-use crate::base::{Error, Frame, Mask, Region, Settings};
+use crate::base::{Cancel, Error, Frame, Mask, Region, Settings};
 use crate::engine::Engine;
 use crate::engine::parts::{self, Grid};
 use crate::engine::plan::Plan;
@@ -39,6 +39,10 @@ impl Parts {
         let [width, height] = grid.side();
         let part = Plan::new(width, height, plan.formats, &settings)?;
         Ok(Self { joint: Joint::new(engine, part, frames)?, size: plan.size, grid })
+    }
+
+    pub(super) fn set_cancel(&mut self, cancel: &Cancel) {
+        self.joint.cancel = cancel.clone();
     }
 
     /// Parts in all.

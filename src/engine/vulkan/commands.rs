@@ -1,26 +1,19 @@
 //! Recording passes, copies and barriers. What waits for what is the caller's to know.
 
 use std::any::Any;
-use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
 
 use ash::vk;
 
+use super::descriptors::{Descriptors, Resource};
 use super::device::Device;
+use super::foreign::Commands;
 use super::memory::{Buffer, Image};
-use super::pipeline::{Kind, Pipeline};
+use super::pipeline::Pipeline;
 use super::recording::{CommandBuffer, Recording};
 use super::timestamps::{Clock, Timestamps};
 use crate::base::Error;
-
-/// What a pass binds, in the order of its stage's bindings.
-#[derive(Clone, Copy)]
-pub(crate) enum Resource<'a> {
-    Image(&'a Arc<Image>),
-    Buffer(&'a Arc<Buffer>),
-    Uniform(&'a Arc<Buffer>),
-}
 
 /// How many workgroups a pass runs.
 #[derive(Clone, Copy)]
@@ -30,45 +23,53 @@ pub(crate) enum Groups<'a> {
     Indirect(&'a Arc<Buffer>, u64),
 }
 
-/// Descriptor sets that one pool holds; another is made when it is full.
-const SETS_PER_POOL: u32 = 128;
-
 /// Writes passes into command buffers.
 pub(crate) struct Recorder {
     device: Arc<Device>,
     pool: vk::CommandPool,
     parts: Vec<CommandBuffer>,
-    descriptor_pools: Vec<vk::DescriptorPool>,
-    sets_left: u32,
-    sets: HashMap<(vk::Pipeline, Vec<u64>), vk::DescriptorSet>,
+    descriptors: Descriptors,
     keep: Vec<Arc<dyn Any + Send + Sync>>,
     timestamps: Timestamps,
     /// Whether the part under way is left out by the device itself.
     in_condition: bool,
+    /// Whether all goes into a command buffer of someone else's, who began it and ends it.
+    is_foreign: bool,
 }
 
 impl Recorder {
     /// Starts a recording of one part.
     pub(crate) fn new(device: &Arc<Device>, clock: Clock) -> Result<Self, Error> {
-        let timestamps = Timestamps::new(device, clock)?;
+        let mut recorder = Self::onto(device, Timestamps::new(device, clock)?);
         let create = vk::CommandPoolCreateInfo::default().queue_family_index(device.physical.queue_family);
         // SAFETY: the family is the device's own.
         let pool = unsafe { device.handle.create_command_pool(&create, None) };
-        let pool = device.check("vkCreateCommandPool", pool)?;
-        let mut recorder = Self {
-            device: device.clone(),
-            pool,
-            parts: Vec::new(),
-            descriptor_pools: Vec::new(),
-            sets_left: 0,
-            sets: HashMap::new(),
-            keep: Vec::new(),
-            timestamps,
-            in_condition: false,
-        };
+        recorder.pool = device.check("vkCreateCommandPool", pool)?;
         recorder.begin_part(false)?;
         recorder.timestamps.reset(recorder.part());
         Ok(recorder)
+    }
+
+    /// Goes on in a command buffer of someone else's, all parts one behind the other.
+    pub(crate) fn into(device: &Arc<Device>, commands: Commands) -> Self {
+        let mut recorder = Self::onto(device, Timestamps::default());
+        recorder.is_foreign = true;
+        recorder.parts.push(CommandBuffer { commands: commands.0, optional: false });
+        recorder.barrier();
+        recorder
+    }
+
+    fn onto(device: &Arc<Device>, timestamps: Timestamps) -> Self {
+        Self {
+            device: device.clone(),
+            pool: vk::CommandPool::null(),
+            parts: Vec::new(),
+            descriptors: Descriptors::new(device),
+            keep: Vec::new(),
+            timestamps,
+            in_condition: false,
+            is_foreign: false,
+        }
     }
 
     /// Goes on in a new command buffer, submitted with the others and waited for by itself: it sees all that came before it,
@@ -107,6 +108,10 @@ impl Recorder {
     }
 
     fn begin_part(&mut self, optional: bool) -> Result<(), Error> {
+        if self.is_foreign {
+            self.barrier();
+            return Ok(());
+        }
         let create = vk::CommandBufferAllocateInfo::default()
             .command_pool(self.pool)
             .level(vk::CommandBufferLevel::PRIMARY)
@@ -130,14 +135,26 @@ impl Recorder {
             unsafe { (conditional.fp().cmd_end_conditional_rendering_ext)(self.part()) };
         }
         self.host_barrier();
+        if self.is_foreign {
+            return Ok(());
+        }
         self.timestamps.end_part(self.part());
         // SAFETY: the last part is being recorded.
         let ended = unsafe { self.device.handle.end_command_buffer(self.part()) };
         self.device.check("vkEndCommandBuffer", ended)
     }
 
-    fn part(&self) -> vk::CommandBuffer {
+    pub(super) fn part(&self) -> vk::CommandBuffer {
         self.parts.last().map(|part| part.commands).unwrap_or_default()
+    }
+
+    pub(super) fn device(&self) -> &ash::Device {
+        &self.device.handle
+    }
+
+    /// Keeps what is recorded alive for as long as the recording.
+    pub(super) fn keep(&mut self, used: Arc<dyn Any + Send + Sync>) {
+        self.keep.push(used);
     }
 
     /// Makes new images ready for passes; their contents stay undefined.
@@ -177,7 +194,7 @@ impl Recorder {
         groups: Groups<'_>,
     ) -> Result<(), Error> {
         assert_eq!(constants.len(), pipeline.constant_bytes, "push constants of {}", pipeline.name);
-        let set = self.descriptor_set(pipeline, resources)?;
+        let set = self.descriptors.set(pipeline, resources)?;
         let part = self.part();
         self.timestamps.before(part, pipeline.name);
         let device = &self.device.handle;
@@ -212,7 +229,7 @@ impl Recorder {
         self.memory_barrier((work, writes), (work | vk::PipelineStageFlags2::DRAW_INDIRECT, reads | writes));
     }
 
-    fn memory_barrier(
+    pub(super) fn memory_barrier(
         &self,
         (from_stage, from_access): (vk::PipelineStageFlags2, vk::AccessFlags2),
         (to_stage, to_access): (vk::PipelineStageFlags2, vk::AccessFlags2),
@@ -320,92 +337,10 @@ impl Recorder {
             &self.device,
             std::mem::take(&mut self.pool),
             std::mem::take(&mut self.parts),
-            std::mem::take(&mut self.descriptor_pools),
+            std::mem::replace(&mut self.descriptors, Descriptors::new(&self.device)),
             std::mem::take(&mut self.keep),
             timestamps,
         )
-    }
-
-    fn descriptor_set(
-        &mut self,
-        pipeline: &Arc<Pipeline>,
-        resources: &[Resource<'_>],
-    ) -> Result<vk::DescriptorSet, Error> {
-        let kinds: Vec<_> = resources.iter().map(|r| r.kind()).collect();
-        let expected: Vec<_> = pipeline.bindings.iter().map(|b| b.kind).collect();
-        assert_eq!(kinds, expected, "resources of {}", pipeline.name);
-        let key = (pipeline.handle, resources.iter().map(|r| r.id()).collect::<Vec<_>>());
-        if let Some(&set) = self.sets.get(&key) {
-            return Ok(set);
-        }
-        let set = self.allocate_set(pipeline)?;
-        for (index, resource) in (0..).zip(resources) {
-            self.write_descriptor(set, index, *resource);
-        }
-        self.sets.insert(key, set);
-        Ok(set)
-    }
-
-    fn allocate_set(&mut self, pipeline: &Pipeline) -> Result<vk::DescriptorSet, Error> {
-        if self.sets_left == 0 {
-            // No stage binds more than twelve resources of a kind.
-            let sizes = [Kind::Image, Kind::Buffer, Kind::Uniform].map(|kind| vk::DescriptorPoolSize {
-                ty: kind.descriptor_type(),
-                descriptor_count: 12 * SETS_PER_POOL,
-            });
-            let create = vk::DescriptorPoolCreateInfo::default().max_sets(SETS_PER_POOL).pool_sizes(&sizes);
-            // SAFETY: the device is alive.
-            let pool = unsafe { self.device.handle.create_descriptor_pool(&create, None) };
-            self.descriptor_pools.push(self.device.check("vkCreateDescriptorPool", pool)?);
-            self.sets_left = SETS_PER_POOL;
-        }
-        self.sets_left -= 1;
-        let layouts = [pipeline.set_layout];
-        let pool = self.descriptor_pools.last().copied().unwrap_or_default();
-        let create = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool).set_layouts(&layouts);
-        // SAFETY: the pool has room for the set.
-        let sets = unsafe { self.device.handle.allocate_descriptor_sets(&create) };
-        Ok(self.device.check("vkAllocateDescriptorSets", sets)?[0])
-    }
-
-    fn write_descriptor(&mut self, set: vk::DescriptorSet, index: u32, resource: Resource<'_>) {
-        let write = vk::WriteDescriptorSet::default()
-            .dst_set(set)
-            .dst_binding(index)
-            .descriptor_type(resource.kind().descriptor_type());
-        match resource {
-            Resource::Image(image) => {
-                let info =
-                    [vk::DescriptorImageInfo::default().image_view(image.view).image_layout(vk::ImageLayout::GENERAL)];
-                // SAFETY: the set is new and used by no submission; the view is kept alive.
-                unsafe { self.device.handle.update_descriptor_sets(&[write.image_info(&info)], &[]) };
-                self.keep.push(image.clone());
-            }
-            Resource::Buffer(buffer) | Resource::Uniform(buffer) => {
-                let info = [vk::DescriptorBufferInfo { buffer: buffer.handle, offset: 0, range: vk::WHOLE_SIZE }];
-                // SAFETY: the set is new and used by no submission; the buffer is kept alive.
-                unsafe { self.device.handle.update_descriptor_sets(&[write.buffer_info(&info)], &[]) };
-                self.keep.push(buffer.clone());
-            }
-        }
-    }
-}
-
-impl Resource<'_> {
-    fn kind(&self) -> Kind {
-        match self {
-            Resource::Image(_) => Kind::Image,
-            Resource::Buffer(_) => Kind::Buffer,
-            Resource::Uniform(_) => Kind::Uniform,
-        }
-    }
-
-    fn id(&self) -> u64 {
-        use ash::vk::Handle;
-        match self {
-            Resource::Image(image) => image.handle.as_raw(),
-            Resource::Buffer(buffer) | Resource::Uniform(buffer) => buffer.handle.as_raw(),
-        }
     }
 }
 
@@ -414,9 +349,6 @@ impl Drop for Recorder {
         // Empty after `finish`; otherwise recording failed, and nothing was submitted.
         // SAFETY: nothing recorded here is in use; destroying a null pool does nothing.
         unsafe {
-            for &pool in &self.descriptor_pools {
-                self.device.handle.destroy_descriptor_pool(pool, None);
-            }
             self.device.handle.destroy_command_pool(self.pool, None);
         }
     }

@@ -1,6 +1,6 @@
 //! The logical device: its queue, its allocator, its clock.
 
-use std::ffi::{CStr, c_char};
+use std::ffi::c_char;
 use std::mem::ManuallyDrop;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -33,6 +33,8 @@ pub(crate) struct Device {
     names: Option<ext::debug_utils::Device>,
     /// Where the device can leave commands out by itself.
     pub(super) conditional: Option<ext::conditional_rendering::Device>,
+    /// Where the device can read memory of the host where it is.
+    pub(super) external_host: Option<ext::external_memory_host::Device>,
     poisoned: AtomicBool,
     /// Runs that were given up and may still be at work.
     abandoned: AtomicUsize,
@@ -55,11 +57,11 @@ impl Device {
         foreign::require(&mut v12, &mut v13);
         let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default().conditional_rendering(true);
         let is_conditional = physical.is_conditional;
-        let liked = foreign::LIKED_EXTENSIONS.map(CStr::as_ptr);
-        let extensions: &[*const c_char] = if is_conditional { &liked } else { &[] };
+        let liked = foreign::LIKED_EXTENSIONS.iter().zip([is_conditional, physical.shares_host]);
+        let extensions: Vec<*const c_char> = liked.filter(|(_, has)| *has).map(|(name, _)| name.as_ptr()).collect();
         let mut create = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
-            .enabled_extension_names(extensions)
+            .enabled_extension_names(&extensions)
             .push_next(&mut v12)
             .push_next(&mut v13);
         if is_conditional {
@@ -78,6 +80,7 @@ impl Device {
         let instance = Instance::foreign(of.instance);
         let mut physical = instance.described(of.physical, of.queue_family)?;
         physical.is_conditional &= of.is_conditional;
+        physical.shares_host &= of.shares_host;
         Self::around(instance, physical, (of.device, of.queue, of.lock), false, timeout)
     }
 
@@ -116,6 +119,8 @@ impl Device {
         };
         let names = instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.handle, &handle));
         let conditional = is_conditional.then(|| ext::conditional_rendering::Device::new(&instance.handle, &handle));
+        let external_host =
+            physical.shares_host.then(|| ext::external_memory_host::Device::new(&instance.handle, &handle));
         let mut device = Self {
             handle,
             physical,
@@ -127,6 +132,7 @@ impl Device {
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
             names,
             conditional,
+            external_host,
             poisoned: AtomicBool::new(false),
             abandoned: AtomicUsize::new(0),
             instance,
@@ -168,6 +174,15 @@ impl Device {
         // SAFETY: the physical device belongs to this instance, and a 1.3 device fills both structures.
         unsafe { self.instance.handle.get_physical_device_properties2(self.physical.handle, &mut properties) };
         (v11.max_memory_allocation_size, v13.max_buffer_size)
+    }
+
+    /// What memory of the host that the device reads is whole pages of, bytes.
+    pub(super) fn host_alignment(&self) -> u64 {
+        let mut host = vk::PhysicalDeviceExternalMemoryHostPropertiesEXT::default();
+        let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut host);
+        // SAFETY: the physical device belongs to this instance, and one with the extension fills the structure.
+        unsafe { self.instance.handle.get_physical_device_properties2(self.physical.handle, &mut properties) };
+        host.min_imported_host_pointer_alignment.max(1)
     }
 
     /// An earlier wait timed out or failed: the device is not to be relied on.

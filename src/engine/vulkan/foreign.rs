@@ -1,4 +1,4 @@
-//! Someone else's instance, device and queue: what an engine needs of them, and whose turn it is at the queue.
+//! Someone else's instance, device and queue: what an engine needs of them, whose turn it is at the queue, what to wait for there.
 
 use std::ffi::CStr;
 use std::fmt;
@@ -10,8 +10,9 @@ use ash::{ext, vk};
 pub const REQUIRED_VERSION: u32 = vk::API_VERSION_1_3;
 
 /// Device extensions that an engine makes use of where they are enabled, with their features: the device leaves out by itself what
-/// has settled, and a solve is one submission (`VkPhysicalDeviceConditionalRenderingFeaturesEXT`). None is required.
-pub const LIKED_EXTENSIONS: [&CStr; 1] = [ext::conditional_rendering::NAME];
+/// has settled, and a solve is one submission (`VkPhysicalDeviceConditionalRenderingFeaturesEXT`); it reads memory of the host where that is
+/// ([`Engine::share`](crate::Engine::share)). None is required.
+pub const LIKED_EXTENSIONS: [&CStr; 2] = [ext::conditional_rendering::NAME, ext::external_memory_host::NAME];
 
 /// Switches on the features that an engine requires of a device, in what the device will be made with: timeline semaphores,
 /// synchronization2, maintenance4. Others stay as they are.
@@ -40,6 +41,7 @@ pub struct ForeignDevice {
     /// Shared by all engines that are made of this.
     pub(super) queue: Arc<Mutex<vk::Queue>>,
     pub(super) is_conditional: bool,
+    pub(super) shares_host: bool,
     pub(super) lock: Option<Arc<dyn QueueLock>>,
 }
 
@@ -61,7 +63,7 @@ impl ForeignDevice {
         queue: vk::Queue,
     ) -> Self {
         let queue = Arc::new(Mutex::new(queue));
-        Self { instance, physical, device, queue_family, queue, is_conditional: false, lock: None }
+        Self { instance, physical, device, queue_family, queue, is_conditional: false, shares_host: false, lock: None }
     }
 
     /// The queue is shared: it is used by turns. Who has the turn solves nothing before giving it back: the engine would wait for it forever.
@@ -79,12 +81,61 @@ impl ForeignDevice {
     pub unsafe fn with_conditional_rendering(self) -> Self {
         Self { is_conditional: true, ..self }
     }
+
+    /// Memory of the host may be shared.
+    ///
+    /// # Safety
+    /// The device was made with `VK_EXT_external_memory_host`.
+    pub unsafe fn with_host_memory(self) -> Self {
+        Self { shares_host: true, ..self }
+    }
 }
 
 impl fmt::Debug for ForeignDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { physical, queue_family, is_conditional, .. } = self;
         write!(f, "ForeignDevice {{ {physical:?}, family {queue_family}, conditional: {is_conditional} }}")
+    }
+}
+
+/// What the device waits for before it reads a photograph.
+#[derive(Clone, Copy, Debug)]
+pub struct Wait {
+    pub(super) semaphore: vk::Semaphore,
+    pub(super) value: u64,
+}
+
+impl Wait {
+    /// For a timeline semaphore to reach a value; or for a binary one, of which the value says nothing.
+    ///
+    /// # Safety
+    /// The semaphore is of the engine's device, lives until the pair is solved, and if it is binary, its signal has been submitted.
+    pub unsafe fn new(semaphore: vk::Semaphore, value: u64) -> Self {
+        Self { semaphore, value }
+    }
+
+    pub(super) fn info(&self) -> vk::SemaphoreSubmitInfo<'static> {
+        vk::SemaphoreSubmitInfo::default()
+            .semaphore(self.semaphore)
+            .value(self.value)
+            .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+    }
+}
+
+/// A command buffer of the embedding program's, into which a solve is [recorded](crate::Solver::encode).
+#[derive(Clone, Copy, Debug)]
+pub struct Commands(pub(super) vk::CommandBuffer);
+
+impl Commands {
+    /// A primary command buffer that is being recorded, outside of a render pass.
+    ///
+    /// # Safety
+    /// - It is of the engine's device, of a family that computes, and of one thread meanwhile.
+    /// - It is executed only while nothing else of the solver is, since all pairs of a solver share memory of the device.
+    /// - Before the results are asked for, and before the slot takes another pair or the solver goes, it has been executed and nothing of it is
+    ///   pending; after the slot has taken another pair, it is executed no more.
+    pub unsafe fn new(commands: vk::CommandBuffer) -> Self {
+        Self(commands)
     }
 }
 

@@ -35,6 +35,8 @@ pub(crate) struct PhysicalDevice {
     pub(super) timestamp_bits: u32,
     /// Whether it can leave commands out by itself.
     pub(super) is_conditional: bool,
+    /// Whether it can read memory of the host where it is.
+    pub(super) shares_host: bool,
 }
 
 impl Instance {
@@ -201,12 +203,16 @@ impl Instance {
             max_storage_buffer: u64::from(basic.limits.max_storage_buffer_range),
             unusable,
         };
-        let queue_family = queue_family.unwrap_or(0);
+        let (queue_family, usable) = (queue_family.unwrap_or(0), info.unusable.is_none());
+        // SAFETY: `handle` came from this instance.
+        let extensions = unsafe { self.handle.enumerate_device_extension_properties(handle) }.unwrap_or_default();
+        let has = |name: &CStr| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));
         PhysicalDevice {
             handle,
             queue_family,
             timestamp_bits: families.get(queue_family as usize).map_or(0, |f| f.timestamp_valid_bits),
-            is_conditional: info.unusable.is_none() && self.is_conditional(handle),
+            is_conditional: usable && has(ext::conditional_rendering::NAME) && self.is_conditional(handle),
+            shares_host: usable && has(ext::external_memory_host::NAME),
             info,
             limits: basic.limits,
             driver_version: basic.driver_version,
@@ -214,20 +220,15 @@ impl Instance {
         }
     }
 
-    /// Whether a device can leave commands out by what stands in a buffer.
+    /// Whether a device with conditional rendering can leave commands out by what stands in a buffer.
     fn is_conditional(&self, handle: vk::PhysicalDevice) -> bool {
         #[cfg(test)]
         if unconditional::IS.get() {
             return false;
         }
-        // SAFETY: `handle` came from this instance.
-        let extensions = unsafe { self.handle.enumerate_device_extension_properties(handle) }.unwrap_or_default();
-        if !extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(ext::conditional_rendering::NAME)) {
-            return false;
-        }
         let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default();
         let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut conditional);
-        // SAFETY: as above, and a device with the extension fills the structure.
+        // SAFETY: `handle` came from this instance, and a device with the extension fills the structure.
         unsafe { self.handle.get_physical_device_features2(handle, &mut features) };
         conditional.conditional_rendering == vk::TRUE
     }

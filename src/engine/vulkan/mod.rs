@@ -2,6 +2,7 @@
 
 mod cache;
 mod commands;
+mod descriptors;
 mod device;
 mod failure;
 #[cfg(test)]
@@ -12,11 +13,14 @@ mod memory;
 mod on_device;
 mod pipeline;
 mod recording;
+mod shared;
+mod source;
 mod timestamps;
 
-pub(crate) use commands::{Groups, Recorder, Resource};
+pub(crate) use commands::{Groups, Recorder};
+pub(crate) use descriptors::Resource;
 pub(crate) use device::{Device, MIB};
-pub use foreign::{ForeignDevice, LIKED_EXTENSIONS, QueueLock, REQUIRED_VERSION, require};
+pub use foreign::{Commands, ForeignDevice, LIKED_EXTENSIONS, QueueLock, REQUIRED_VERSION, Wait, require};
 pub(crate) use instance::Instance;
 #[cfg(test)]
 pub(crate) use instance::unconditional;
@@ -24,4 +28,7 @@ pub(crate) use memory::{Buffer, Image, Texel, image_limits};
 pub use on_device::OnDevice;
 pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Stage, Variant};
 pub(crate) use recording::Recording;
+pub use shared::{HostMemory, SharedMemory};
+pub use source::DeviceSource;
+pub(crate) use source::{Fetch, Place};
 pub(crate) use timestamps::Clock;

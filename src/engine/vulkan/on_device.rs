@@ -20,12 +20,14 @@ pub struct OnDevice {
     pub semaphore: vk::Semaphore,
     /// What that reaches when the results are there.
     pub value: u64,
+    /// Where the device itself fetches a photograph: a timeline, and what that reaches when all are fetched, and may be overwritten.
+    pub taken: Option<(vk::Semaphore, u64)>,
 }
 
 impl OnDevice {
-    /// What a recording leaves in a buffer.
-    pub(crate) fn of(buffer: &Buffer, recording: &Recording) -> Self {
+    /// What a recording leaves in a buffer, after what fetches its photographs.
+    pub(crate) fn of(buffer: &Buffer, recording: &Recording, fetching: Option<&Recording>) -> Self {
         let (semaphore, value) = recording.signal();
-        Self { buffer: buffer.handle, bytes: buffer.size(), semaphore, value }
+        Self { buffer: buffer.handle, bytes: buffer.size(), semaphore, value, taken: fetching.map(Recording::signal) }
     }
 }

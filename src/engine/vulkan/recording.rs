@@ -7,8 +7,10 @@ use std::time::{Duration, Instant};
 
 use ash::vk;
 
+use super::descriptors::Descriptors;
 use super::device::Device;
 use super::failure::failure;
+use super::foreign::Wait;
 use super::timestamps::{DeviceTimes, Timestamps};
 use crate::base::Error;
 
@@ -28,7 +30,7 @@ pub(crate) struct Recording {
     device: Arc<Device>,
     pool: vk::CommandPool,
     parts: Vec<CommandBuffer>,
-    descriptor_pools: Vec<vk::DescriptorPool>,
+    _descriptors: Descriptors,
     timestamps: Timestamps,
     /// A timeline that counts the parts done, over all replays.
     timeline: vk::Semaphore,
@@ -48,7 +50,7 @@ impl Recording {
         device: &Arc<Device>,
         pool: vk::CommandPool,
         parts: Vec<CommandBuffer>,
-        descriptor_pools: Vec<vk::DescriptorPool>,
+        descriptors: Descriptors,
         keep: Vec<Arc<dyn Any + Send + Sync>>,
         timestamps: Timestamps,
     ) -> Result<Self, Error> {
@@ -60,7 +62,7 @@ impl Recording {
             device: device.clone(),
             pool,
             parts,
-            descriptor_pools,
+            _descriptors: descriptors,
             timestamps,
             timeline: vk::Semaphore::null(),
             done: AtomicU64::new(0),
@@ -106,7 +108,7 @@ impl Recording {
             }
             let end = (next + 1..parts).find(|&part| self.parts[part].optional).unwrap_or(parts);
             let pending = Pending { recording: self, last: self.done() + (end - next) as u64 };
-            pending.recording.submit(&pending.recording.parts[next..end])?;
+            pending.recording.submit(&pending.recording.parts[next..end], &[])?;
             for part in next + 1..=end {
                 pending.wait(pending.recording.done() + (part - next) as u64, deadline)?;
                 after(part);
@@ -123,7 +125,7 @@ impl Recording {
     }
 
     /// The timeline, and what it reaches when the latest run is done.
-    pub(super) fn signal(&self) -> (vk::Semaphore, u64) {
+    pub(crate) fn signal(&self) -> (vk::Semaphore, u64) {
         (self.timeline, self.done())
     }
 
@@ -133,12 +135,12 @@ impl Recording {
     }
 
     /// Submits the first parts, of which a run asks for none, and does not wait; what it submitted before must be done. Gives what the
-    /// timeline reaches when they are.
-    pub(crate) fn start(&mut self, parts: usize) -> Result<u64, Error> {
+    /// timeline reaches when they are. They begin when what is waited for has happened.
+    pub(crate) fn start(&mut self, parts: usize, waits: &[Wait]) -> Result<u64, Error> {
         if self.device.is_poisoned() {
             return Err(Error::Poisoned);
         }
-        self.submit(&self.parts[..parts])?;
+        self.submit(&self.parts[..parts], waits)?;
         self.is_pending = true;
         *self.done.get_mut() += parts as u64;
         self.latest.clear();
@@ -161,7 +163,8 @@ impl Recording {
         }
     }
 
-    fn submit(&self, parts: &[CommandBuffer]) -> Result<(), Error> {
+    fn submit(&self, parts: &[CommandBuffer], waits: &[Wait]) -> Result<(), Error> {
+        let waits: Vec<_> = waits.iter().map(Wait::info).collect();
         let commands: Vec<_> =
             parts.iter().map(|part| [vk::CommandBufferSubmitInfo::default().command_buffer(part.commands)]).collect();
         let signals: Vec<_> = (1..=parts.len() as u64)
@@ -172,13 +175,16 @@ impl Recording {
                     .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)]
             })
             .collect();
-        let submits: Vec<_> = commands
+        let mut submits: Vec<_> = commands
             .iter()
             .zip(&signals)
             .map(|(command, signal)| {
                 vk::SubmitInfo2::default().command_buffer_infos(command).signal_semaphore_infos(signal)
             })
             .collect();
+        if let Some(first) = submits.first_mut() {
+            *first = first.wait_semaphore_infos(&waits);
+        }
         let submitted = self.device.submit(&submits);
         if submitted == Err(vk::Result::ERROR_DEVICE_LOST) {
             // A device that is lost is at work on nothing.
@@ -259,9 +265,6 @@ impl Drop for Recording {
         // SAFETY: every run was waited for, so nothing here is pending; destroying null handles does nothing.
         unsafe {
             self.device.handle.destroy_semaphore(self.timeline, None);
-            for &pool in &self.descriptor_pools {
-                self.device.handle.destroy_descriptor_pool(pool, None);
-            }
             self.device.handle.destroy_command_pool(self.pool, None);
         }
     }

@@ -88,7 +88,7 @@ impl<'a> Source<'a> {
             Self::Raster(s) => s.bits_and_channels(),
             Self::Tiff(s) => s.bits_and_channels(),
             Self::Pfm(s) => (32, s.channels().count()),
-            Self::Raw(s) => (s.bits(), 1),
+            Self::Raw(s) => s.bits_and_channels(),
             Self::Exr(s) => s.bits_and_channels(),
         }
     }
@@ -98,7 +98,8 @@ impl<'a> Source<'a> {
         match self {
             Self::Raster(s) => s.has_alpha(),
             Self::Tiff(s) => s.has_alpha(),
-            Self::Pfm(_) | Self::Raw(_) => false,
+            Self::Raw(s) => s.has_alpha(),
+            Self::Pfm(_) => false,
             Self::Exr(s) => s.has_alpha(),
         }
     }

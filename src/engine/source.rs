@@ -1,0 +1,159 @@
+//! Where photographs are taken from.
+
+use std::any::Any;
+use std::sync::Arc;
+
+use super::plan::Plan;
+use super::vulkan::{Device, DeviceSource, Fetch, SharedMemory};
+use crate::base::{Depth, Error, Frame, workers};
+
+/// Where a photograph of a pair is taken from, in the solver's [format](crate::PixelFormat). Unless it is a frame, the device looks itself for
+/// pixels that are clipped.
+#[derive(Clone, Copy, Debug)]
+pub enum Source<'a> {
+    /// Copied before `submit` returns.
+    Frame(&'a Frame),
+    /// Rows of the caller's memory, the start of one `pitch` bytes from that of the next, 0 where they follow one another without a gap;
+    /// copied before `submit` returns.
+    Rows {
+        /// From the first row on.
+        bytes: &'a [u8],
+        /// Bytes.
+        pitch: usize,
+    },
+    /// What was written to where [`Solver::input`](crate::Solver::input) lends.
+    Written,
+    /// On the engine's device, which fetches it.
+    OnDevice(DeviceSource),
+    /// Rows of memory that was [shared](crate::Engine::share): the device fetches them, or where it cannot, they are copied before `submit` returns.
+    Shared {
+        /// Of the same engine.
+        memory: &'a Arc<SharedMemory>,
+        /// Of the first row, bytes.
+        offset: usize,
+        /// As of [`Source::Rows`].
+        pitch: usize,
+    },
+}
+
+/// How a photograph comes.
+pub(super) enum Way<'a> {
+    /// It is there.
+    There,
+    /// The host copies it.
+    Frame(&'a Frame),
+    /// The host copies its rows.
+    Rows(Rows<'a>),
+    /// The device copies it.
+    Fetch(Fetch),
+}
+
+/// Rows of a photograph in memory of the host.
+pub(super) struct Rows<'a> {
+    bytes: &'a [u8],
+    pitch: usize,
+    row_bytes: usize,
+    are_floats: bool,
+}
+
+impl<'a> Source<'a> {
+    /// How it comes to a solver, if it fits that.
+    pub(super) fn way(self, plan: &Plan, image: usize, device: &Arc<Device>) -> Result<Way<'a>, Error> {
+        match self {
+            Self::Frame(frame) => check_frame(plan, image, frame).map(|()| Way::Frame(frame)),
+            Self::Written => Ok(Way::There),
+            Self::Rows { bytes, pitch } => Rows::new(plan, image, bytes, pitch).map(Way::Rows),
+            Self::OnDevice(source) => fetch(plan, image, source.place(), None).map(Way::Fetch),
+            Self::Shared { memory, offset, pitch } => {
+                memory.check(device)?;
+                let bytes = memory.host().get(offset..).unwrap_or_default();
+                let rows = Rows::new(plan, image, bytes, pitch)?;
+                match memory.place(offset as u64, pitch as u64) {
+                    Some(place) => fetch(plan, image, place, Some(memory.clone() as Arc<_>)).map(Way::Fetch),
+                    None => Ok(Way::Rows(rows)),
+                }
+            }
+        }
+    }
+}
+
+/// A frame of the size and format that a solver was prepared for.
+fn check_frame(plan: &Plan, image: usize, frame: &Frame) -> Result<(), Error> {
+    let ([width, height], packed) = (plan.size, plan.packed[image]);
+    if [frame.width(), frame.height()] == plan.size && frame.format() == plan.formats[image] && packed.is_plain() {
+        return Ok(());
+    }
+    Err(Error::Mismatch(format!(
+        "this solver was prepared for {width}x{height} {packed}, not {}x{} {:?}: prepare another",
+        frame.width(),
+        frame.height(),
+        frame.format()
+    )))
+}
+
+/// What the device copies.
+fn fetch(
+    plan: &Plan,
+    image: usize,
+    place: super::vulkan::Place,
+    keep: Option<Arc<dyn Any + Send + Sync>>,
+) -> Result<Fetch, Error> {
+    let pitch = place.pitch();
+    let row_bytes = row_bytes(plan, image, pitch as usize)? as u64;
+    Ok(Fetch { place, size: plan.size, row_bytes, bytes: plan.packed_bytes(image), keep })
+}
+
+/// Bytes of a row that is followed by the next so many bytes from its start.
+fn row_bytes(plan: &Plan, image: usize, pitch: usize) -> Result<usize, Error> {
+    let (packed, width) = (plan.packed[image], plan.size[0]);
+    let Some(bytes) = packed.row_bytes(width).map(|bytes| bytes as usize) else {
+        if pitch == 0 {
+            return Ok(0);
+        }
+        return Err(Error::Mismatch(format!(
+            "a row of {width} px of {packed} ends within a byte: give rows without gaps, a pitch of 0, or an even width"
+        )));
+    };
+    if pitch != 0 && pitch < bytes {
+        return Err(Error::Mismatch(format!(
+            "rows of {width} px of {packed} take {bytes} bytes, and the pitch is {pitch}: give bytes, 0 where there is no gap"
+        )));
+    }
+    Ok(bytes)
+}
+
+impl<'a> Rows<'a> {
+    fn new(plan: &Plan, image: usize, bytes: &'a [u8], pitch: usize) -> Result<Self, Error> {
+        let row_bytes = row_bytes(plan, image, pitch)?;
+        let ([width, height], packed) = (plan.size, plan.packed[image]);
+        let is_whole = pitch == 0 || pitch == row_bytes;
+        let needed = match is_whole {
+            true => plan.packed_bytes(image) as usize,
+            false => pitch.saturating_mul(height as usize - 1).saturating_add(row_bytes),
+        };
+        let Some(bytes) = bytes.get(..needed) else {
+            return Err(Error::Mismatch(format!(
+                "{width}x{height} of {packed} take {needed} bytes, and there are {}",
+                bytes.len()
+            )));
+        };
+        let (pitch, row_bytes) = if is_whole { (needed, needed) } else { (pitch, row_bytes) };
+        Ok(Self { bytes, pitch, row_bytes, are_floats: plan.formats[image].depth == Depth::F32 })
+    }
+
+    /// Writes them without gaps, by all threads; whether they are numbers that frames may hold.
+    pub(super) fn bring(&self, to: &mut [u8]) -> bool {
+        // A piece is some 256 KiB: a thread's start is next to nothing beside it.
+        let rows = ((1 << 18) / self.row_bytes).max(1);
+        let rows_of = self.bytes.chunks(self.pitch * rows).zip(to.chunks_mut(self.row_bytes * rows));
+        workers::each(rows_of, |(from, to)| {
+            for (from, to) in from.chunks(self.pitch).zip(to.chunks_mut(self.row_bytes)) {
+                to[..self.row_bytes].copy_from_slice(&from[..self.row_bytes]);
+            }
+        });
+        !self.are_floats || {
+            let floats = self.bytes.chunks(self.pitch).flat_map(|row| row[..self.row_bytes].chunks_exact(4));
+            floats.map(bytemuck::pod_read_unaligned::<f32>).all(Frame::may_hold)
+        }
+    }
+}

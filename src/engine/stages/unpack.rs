@@ -1,0 +1,127 @@
+//! A frame as a camera packs it to samples one behind the other, of grey or of red, green and blue.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::memory::Memory;
+use super::pass::{Pass, bindings};
+use super::pixels;
+use crate::base::{Frame, Order, PixelFormat};
+use crate::engine::vulkan::{Stage, Variant};
+
+/// Words of the samples that a row of invocations writes: of 2^28 pixels of colours of two bytes there are 10^5 rows, in workgroups of four.
+const ROW: u32 = 4096;
+
+/// Push constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Constants {
+    /// Pixels a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Of a packed sample.
+    pub bits: u32,
+    /// 0: in bytes of their own, 1: bit behind bit, 2: two in three bytes.
+    pub packing: u32,
+    /// Packed samples a pixel.
+    pub count: u32,
+    /// 1: blue comes first.
+    pub reversed: u32,
+    /// 1: a sample is of a colour by its place.
+    pub is_mosaic: u32,
+    /// Where red is among two by two pixels.
+    pub red: [u32; 2],
+    /// Words of the samples that a row of invocations writes.
+    pub row: u32,
+}
+
+impl Constants {
+    /// Of frames of a size and a format that is not plain.
+    pub fn new([width, height]: [u32; 2], format: PixelFormat) -> Self {
+        let reversed = matches!(format.order, Order::Colors { reversed: true, .. });
+        let red = if let Order::Mosaic(mosaic) = format.order { Some(mosaic.0) } else { None };
+        Self {
+            width,
+            height,
+            bits: format.bits,
+            packing: format.packing as u32,
+            count: format.samples_a_pixel(),
+            reversed: reversed.into(),
+            is_mosaic: red.is_some().into(),
+            red: red.unwrap_or_default(),
+            row: ROW,
+        }
+    }
+
+    fn channels(&self) -> u32 {
+        if self.count == 1 && self.is_mosaic == 0 { 1 } else { 3 }
+    }
+
+    /// Invocations along x and y: one a word of the samples.
+    pub fn invocations(&self) -> [u32; 2] {
+        let a_word = if self.bits == 8 { 4 } else { 2 };
+        let words = (pixels(self.width, self.height) * u64::from(self.channels())).div_ceil(a_word);
+        [ROW, words.div_ceil(ROW.into()) as u32]
+    }
+}
+
+bindings! {
+    UNPACK:
+    /// As the camera packs them.
+    packed: Reads<Packed>,
+    /// Of the photograph.
+    samples: Writes<Samples>,
+}
+
+impl Pass for Bindings {
+    type Constants = Constants;
+    const STAGE: &'static Stage = &STAGE;
+
+    /// Bytes that must move: every packed sample read, every sample written.
+    fn bytes(c: &Constants, _variant: Variant) -> u64 {
+        let written = c.channels() * if c.bits == 8 { 1 } else { 2 };
+        pixels(c.width, c.height) * u64::from(c.count * c.bits + 8 * written) / 8
+    }
+
+    /// The twins' memory is given frames, which are unpacked.
+    fn run(&self, _c: &Constants, _variant: Variant, _memory: &mut Memory) {}
+}
+
+/// The frame, by [`PixelFormat::frame`].
+///
+/// # Errors
+/// As that.
+pub fn twin(size: [u32; 2], format: PixelFormat, packed: &[u8]) -> Result<Frame, String> {
+    format.frame(size, packed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::harness::{Rig, random};
+    use super::*;
+    use crate::engine::vulkan::Resource;
+
+    #[test]
+    fn every_format_agrees_with_the_twin_to_the_bit() {
+        let rig = Rig::new();
+        for size in [[37, 19], [16, 16], [33, 8], [301, 41]] {
+            for format in PixelFormat::all().filter(|format| !format.is_plain()) {
+                let count = format.bytes(size) as usize;
+                let packed: Vec<u8> = random(count, 5).iter().map(|v| (256.0 * v) as u8).collect();
+                let expected = twin(size, format, &packed).unwrap();
+                // One word more, which stays as it is.
+                let mut found = expected.bytes().to_vec();
+                let length = found.len().next_multiple_of(4) + 4;
+                found.fill(0);
+                found.resize(length, 0xaa);
+                let (packed, samples) = (rig.upload(&packed), rig.upload(&found));
+                let constants = Constants::new(size, format);
+                let resources = [Resource::Buffer(&packed), Resource::Buffer(&samples)];
+                rig.run(&STAGE, &resources, &constants, constants.invocations());
+                found[..expected.bytes().len()].copy_from_slice(expected.bytes());
+                found[expected.bytes().len()..length - 4].fill(0);
+                assert_eq!(bytemuck::cast_slice::<u32, u8>(&rig.words(&samples)), found, "{format} {size:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! Photographs from anywhere: as cameras pack them, in memory of the caller's, in memory that the device reads where it is.
+#![allow(unsafe_code, reason = "who shares memory vouches for it")]
+
+use std::ptr::NonNull;
+use std::time::Duration;
+
+use parfocal::{Depth, Error, Frame, HostMemory, PixelFormat, Samples, Settings, Similarity, Solver, Source, Ticket};
+
+use crate::common::TestEngine;
+use crate::common::scene::pair;
+
+/// Of rows that end with a byte in any format.
+const SIZE: [u32; 2] = [96, 80];
+
+fn frames() -> [Frame; 2] {
+    pair(SIZE, Similarity::new(0.4, -0.3, 0.05, 1.0), |x| [1.0, 1.5 + 0.02 * x[0]], 0.0, 3)
+}
+
+/// What a camera makes of a grey scene.
+fn packed(frame: &Frame, format: PixelFormat) -> Vec<u8> {
+    let Samples::F32(values) = frame.samples() else { unreachable!() };
+    let name = format.to_string();
+    let bits = if name.contains("10") {
+        10
+    } else if name.contains("12") {
+        12
+    } else if name.contains("16") {
+        16
+    } else {
+        8
+    };
+    let value = |v: &f32| (f64::from(*v) * f64::from((1u32 << bits) - 1)).round() as u16;
+    let samples = values.iter().map(value);
+    if name.ends_with('p') {
+        // Four samples of 10 bits in five bytes, or of 12 bits in six.
+        let words: Vec<u16> = samples.collect();
+        let word = |four: &[u16]| four.iter().rev().fold(0u64, |all, &v| all << bits | u64::from(v));
+        return words.chunks(4).flat_map(|four| word(four).to_le_bytes()[..bits / 2].to_vec()).collect();
+    }
+    if name.ends_with("Packed") {
+        let words: Vec<u16> = samples.collect();
+        let (low, mask) = (bits - 8, (1u16 << (bits - 8)) - 1);
+        let pair = |two: &[u16]| [two[0] >> low, two[0] & mask | (two[1] & mask) << 4, two[1] >> low].map(|b| b as u8);
+        return words.chunks(2).flat_map(pair).collect();
+    }
+    let times = match name.as_str() {
+        "RGB8" | "BGR8" => 3,
+        "RGBa8" | "BGRa8" => 4,
+        _ => 1,
+    };
+    let bytes = |v: u16| if bits == 8 { vec![v as u8; times] } else { v.to_le_bytes().to_vec() };
+    samples.flat_map(bytes).collect()
+}
+
+/// The same rows, each followed by bytes that are none of the photograph.
+fn with_gaps(bytes: &[u8], pitch: usize) -> Vec<u8> {
+    let row = bytes.len() / SIZE[1] as usize;
+    bytes.chunks(row).flat_map(|row| [row, &vec![0xa5; pitch - row.len()]].concat()).collect()
+}
+
+fn formats() -> impl Iterator<Item = PixelFormat> {
+    ["Mono8", "Mono12", "Mono10p", "Mono12p", "Mono12Packed", "BGR8", "BGRa8", "BayerGB8", "BayerRG12p"]
+        .into_iter()
+        .map(|name| name.parse().unwrap())
+}
+
+fn bits(solver: &mut Solver, ticket: &Ticket) -> Vec<u32> {
+    let view = solver.wait(ticket, Duration::MAX).unwrap().unwrap();
+    assert!(view.converged, "{:?}", view.warnings);
+    let fused = (0..view.fused_channels.count() as usize).filter_map(|n| view.fused(n)).flatten();
+    view.relative_blur().iter().chain(view.uncertainty()).chain(fused).map(|v| v.to_bits()).collect()
+}
+
+#[test]
+fn every_way_in_gives_what_unpacked_frames_give() {
+    let (engine, frames) = (TestEngine::new(), frames());
+    for format in formats() {
+        // Some pixels are clipped, so that frames take the passes that others take always.
+        let white = if format.format().depth == Depth::U8 { 255.0 } else { 65535.0 };
+        let settings = Settings { white_level: Some(0.75 * white), ..Settings::default() };
+        let photographs = frames.each_ref().map(|frame| packed(frame, format));
+        let [i1, i2] = photographs.each_ref().map(|bytes| format.frame(SIZE, bytes).unwrap());
+        let expected = engine.solve([&i1, &i2], &settings);
+        let mut solver = Solver::with_slots(2, &engine, SIZE, [format; 2], &settings).unwrap();
+        let pitch = photographs[0].len() / SIZE[1] as usize + 7;
+        let [a, b] = photographs.each_ref().map(|bytes| with_gaps(bytes, pitch));
+        solver.input(1, 0).unwrap().copy_from_slice(&photographs[0]);
+        // SAFETY: they outlive the solver's pairs, and are not written.
+        let [near, far] =
+            [&photographs[0], &b].map(|of| unsafe { HostMemory::new(NonNull::from(of.as_slice()).cast(), of.len()) });
+        let (near, far) = (engine.share(near), engine.share(far));
+        let tickets = [
+            solver.submit_sources(
+                0,
+                [Source::Rows { bytes: &a, pitch }, Source::Rows { bytes: &photographs[1], pitch: 0 }],
+                &[],
+            ),
+            solver.submit_sources(1, [Source::Written, Source::Rows { bytes: &b, pitch }], &[]),
+        ];
+        let mut found = tickets.map(|ticket| bits(&mut solver, &ticket.unwrap())).to_vec();
+        let shared = [(&near, 0), (&far, pitch)].map(|(memory, pitch)| Source::Shared { memory, offset: 0, pitch });
+        let ticket = solver.submit_sources(0, shared, &[]).unwrap();
+        assert_eq!(ticket.is_fetched(), [!near.is_staged(), !far.is_staged()]);
+        assert!(solver.wait_taken(&ticket, Duration::MAX).unwrap());
+        found.push(bits(&mut solver, &ticket));
+        let fused = expected.fused.chunks(expected.fused_channels.count() as usize);
+        let planes: Vec<f32> = (0..expected.fused_channels.count() as usize)
+            .flat_map(|n| fused.clone().map(move |pixel| pixel[n]))
+            .collect();
+        let all = expected.relative_blur.iter().chain(&expected.uncertainty).chain(&planes);
+        let expected: Vec<u32> = all.map(|v| v.to_bits()).collect();
+        assert!(found.iter().all(|found| *found == expected), "{format}");
+    }
+}
+
+#[test]
+fn memory_that_is_shared_may_be_written_anew_once_it_is_taken() {
+    let (engine, [i1, i2]) = (TestEngine::new(), frames());
+    let format = PixelFormat::from(i1.format());
+    let mut ring = [i1.bytes().to_vec(), i2.bytes().to_vec()].concat();
+    // An odd place, which is in no page's first byte.
+    ring.insert(0, 0);
+    // SAFETY: the ring outlives what is made of it, and is written only when its pairs are taken.
+    let memory = engine.share(unsafe { HostMemory::new(NonNull::from(ring.as_mut_slice()).cast(), ring.len()) });
+    assert_eq!(memory.bytes(), ring.len());
+    let mut solver = Solver::with_slots(1, &engine, SIZE, [format; 2], &Settings::default()).unwrap();
+    let places = [1, 1 + i1.bytes().len()];
+    let sources = places.map(|offset| Source::Shared { memory: &memory, offset, pitch: 0 });
+    let mut solve = |ring: &mut Vec<u8>| {
+        let ticket = solver.submit_sources(0, sources, &[]).unwrap();
+        assert!(solver.wait_taken(&ticket, Duration::MAX).unwrap());
+        // The device works on what it has.
+        ring.fill(0);
+        bits(&mut solver, &ticket)
+    };
+    let first = solve(&mut ring);
+    for (place, frame) in places.into_iter().zip([&i1, &i2]) {
+        ring[place..place + frame.bytes().len()].copy_from_slice(frame.bytes());
+    }
+    assert_eq!(solve(&mut ring), first);
+}
+
+#[test]
+fn what_does_not_fit_is_refused_and_nothing_of_it_is_read() {
+    let (engine, [i1, i2]) = (TestEngine::new(), frames());
+    let settings = Settings::default();
+    let told = |solver: &mut Solver, sources: [Source<'_>; 2]| match solver.submit_sources(0, sources, &[]) {
+        Err(Error::Mismatch(problem)) => problem,
+        other => panic!("{other:?}"),
+    };
+    let mut gray = Solver::for_pair(&engine, &i1, &i2, &settings).unwrap();
+    let (frame, mut bytes) = (Source::Frame(&i1), i2.bytes().to_vec());
+    let short = Source::Rows { bytes: &bytes[1..], pitch: 0 };
+    assert!(told(&mut gray, [frame, short]).contains("take 30720 bytes, and there are 30719"));
+    let narrow = Source::Rows { bytes: &bytes, pitch: 383 };
+    assert!(told(&mut gray, [narrow, frame]).contains("the pitch is 383"));
+    let last = bytes.len() - 4;
+    bytes[last..].copy_from_slice(&f32::NAN.to_ne_bytes());
+    let infinite = Source::Rows { bytes: &bytes, pitch: 0 };
+    assert!(told(&mut gray, [frame, infinite]).contains("photograph 2: a sample is not finite"));
+    let format: PixelFormat = "Mono12p".parse().unwrap();
+    let mut odd = Solver::with_slots(1, &engine, [97, 80], [format; 2], &settings).unwrap();
+    let rows = Source::Rows { bytes: &[0; 12000], pitch: 148 };
+    assert!(told(&mut odd, [rows, rows]).contains("ends within a byte"));
+    assert!(told(&mut odd, [frame, rows]).contains("prepared for 97x80 Mono12p, not 96x80"));
+    let other = TestEngine::alone();
+    // SAFETY: the bytes outlive it, and are not written.
+    let memory = other.share(unsafe { HostMemory::new(NonNull::from(bytes.as_slice()).cast(), bytes.len()) });
+    let shared = |offset| Source::Shared { memory: &memory, offset, pitch: 0 };
+    assert!(told(&mut gray, [frame, shared(0)]).contains("of the engine that it was shared with"));
+    let mut its_own = Solver::for_pair(&other, &i1, &i2, &settings).unwrap();
+    assert!(told(&mut its_own, [frame, shared(4)]).contains("there are 30716"));
+    assert!(told(&mut its_own, [frame, shared(usize::MAX)]).contains("there are 0"));
+}
