@@ -36,7 +36,9 @@ use std::time::Duration;
 pub mod foreign {
     pub use ash;
 
-    pub use super::vulkan::{ForeignDevice, LIKED_EXTENSIONS, OnDevice, QueueLock, REQUIRED_VERSION, require};
+    pub use super::vulkan::{
+        ForeignDevice, LIKED_EXTENSIONS, OnDevice, QueueLock, REQUIRED_VERSION, Turn, Turns, Wanted, require,
+    };
 }
 
 pub use motion::OtherMotion;

@@ -11,8 +11,9 @@ use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
 use super::cache;
 use super::failure::failure;
-use super::foreign::{self, ForeignDevice, QueueLock, Turn};
+use super::foreign::{ForeignDevice, QueueLock, Turn};
 use super::instance::{Instance, PhysicalDevice};
+use super::wanted;
 use crate::base::{DeviceInfo, Error};
 
 /// Bytes in a mebibyte.
@@ -52,10 +53,10 @@ impl Device {
             .queue_family_index(physical.queue_family)
             .queue_priorities(&priorities)];
         let (mut v12, mut v13) = Default::default();
-        foreign::require(&mut v12, &mut v13);
+        wanted::require(&mut v12, &mut v13);
         let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default().conditional_rendering(true);
         let is_conditional = physical.is_conditional;
-        let liked = foreign::LIKED_EXTENSIONS.map(CStr::as_ptr);
+        let liked = wanted::LIKED_EXTENSIONS.map(CStr::as_ptr);
         let extensions: &[*const c_char] = if is_conditional { &liked } else { &[] };
         let mut create = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)

@@ -1,28 +1,14 @@
 //! Someone else's instance, device and queue: what an engine needs of them, and whose turn it is at the queue.
 
-use std::ffi::CStr;
 use std::fmt;
 use std::sync::{Arc, Mutex};
 
-use ash::{ext, vk};
+use ash::vk;
 
-/// The Vulkan version that instance and device must have been made for, at least.
-pub const REQUIRED_VERSION: u32 = vk::API_VERSION_1_3;
+use super::wanted::Wanted;
 
-/// Device extensions that an engine makes use of where they are enabled, with their features: the device leaves out by itself what
-/// has settled, and a solve is one submission (`VkPhysicalDeviceConditionalRenderingFeaturesEXT`). None is required.
-pub const LIKED_EXTENSIONS: [&CStr; 1] = [ext::conditional_rendering::NAME];
-
-/// Switches on the features that an engine requires of a device, in what the device will be made with: timeline semaphores,
-/// synchronization2, maintenance4. Others stay as they are.
-pub fn require(v12: &mut vk::PhysicalDeviceVulkan12Features<'_>, v13: &mut vk::PhysicalDeviceVulkan13Features<'_>) {
-    v12.timeline_semaphore = vk::TRUE;
-    v13.synchronization2 = vk::TRUE;
-    v13.maintenance4 = vk::TRUE;
-}
-
-/// Turns at a queue that others submit to as well. Each [`lock`](Self::lock) is followed by one [`unlock`](Self::unlock), by the same thread,
-/// after a single submission.
+/// Turns at a queue that others submit to as well; [`Turns`](super::Turns) where there is no such lock yet. Each [`lock`](Self::lock) is followed
+/// by one [`unlock`](Self::unlock), by the same thread, after a single submission.
 pub trait QueueLock: Send + Sync {
     /// Waits until nobody else uses the queue, and keeps others from it.
     fn lock(&self);
@@ -44,15 +30,16 @@ pub struct ForeignDevice {
 }
 
 impl ForeignDevice {
-    /// A device and a queue of it, of a family that computes. What holds raw handles gets ash's from `ash::Instance::load` and
-    /// `ash::Device::load`.
+    /// A device and a queue of it, of a family that computes.
     ///
     /// # Safety
     /// - `physical` is of `instance`, `device` was made of `physical`, and `queue` is of `queue_family` of `device`.
-    /// - Instance and device were made for [`REQUIRED_VERSION`] or later, the device with what [`require`] switches on.
+    /// - Instance and device were made for [`REQUIRED_VERSION`](super::REQUIRED_VERSION) or later, the device with what
+    ///   [`require`](super::require) or [`Wanted`] switches on.
     /// - Until the last engine, solver and view made of this is gone, none of them is destroyed; and where a solve has timed out, not before the
     ///   device is idle.
-    /// - Nobody else uses `queue` meanwhile, unless all do by the turns of [`ForeignDevice::locked_by`].
+    /// - Nobody else uses `queue` meanwhile, unless all do by the turns of [`ForeignDevice::locked_by`]. To wait for the device to be idle is to use all
+    ///   its queues. A queue that the device synchronises itself needs no turns, nor does one of several of a family that only the engine has.
     pub unsafe fn new(
         instance: ash::Instance,
         physical: vk::PhysicalDevice,
@@ -64,12 +51,40 @@ impl ForeignDevice {
         Self { instance, physical, device, queue_family, queue, is_conditional: false, lock: None }
     }
 
+    /// The same of raw handles, from another language or another version of ash; `entry` is the `vkGetInstanceProcAddr` that `instance` came by.
+    ///
+    /// # Safety
+    /// As of [`ForeignDevice::new`].
+    pub unsafe fn from_handles(
+        entry: vk::PFN_vkGetInstanceProcAddr,
+        instance: vk::Instance,
+        physical: vk::PhysicalDevice,
+        device: vk::Device,
+        queue_family: u32,
+        queue: vk::Queue,
+    ) -> Self {
+        // SAFETY: the handles are valid, and `entry` knows them.
+        unsafe {
+            let instance = ash::Instance::load(&ash::StaticFn { get_instance_proc_addr: entry }, instance);
+            let device = ash::Device::load(instance.fp_v1_0(), device);
+            Self::new(instance, physical, device, queue_family, queue)
+        }
+    }
+
     /// The queue is shared: it is used by turns. Who has the turn solves nothing before giving it back: the engine would wait for it forever.
     ///
     /// # Safety
     /// Between `lock` and `unlock` nobody else uses the queue.
     pub unsafe fn locked_by(self, lock: Arc<dyn QueueLock>) -> Self {
         Self { lock: Some(lock), ..self }
+    }
+
+    /// The device has what was wanted, and of that conditional rendering may be used.
+    ///
+    /// # Safety
+    /// The device was made with the [extensions](Wanted::extensions) and as [`Wanted::switch_on`] says, on the same physical device.
+    pub unsafe fn made_with(self, wanted: &Wanted) -> Self {
+        Self { is_conditional: wanted.is_conditional(), ..self }
     }
 
     /// Conditional rendering may be used.
@@ -89,7 +104,7 @@ impl fmt::Debug for ForeignDevice {
 }
 
 /// A turn at a queue, given back when it is dropped.
-pub(super) struct Turn<'a>(Option<&'a dyn QueueLock>);
+pub struct Turn<'a>(Option<&'a dyn QueueLock>);
 
 impl<'a> Turn<'a> {
     pub(super) fn take(lock: Option<&'a dyn QueueLock>) -> Self {
@@ -110,12 +125,13 @@ impl Drop for Turn<'_> {
 
 #[cfg(test)]
 mod tests {
+    use std::ffi::CStr;
     use std::sync::atomic::{AtomicUsize, Ordering};
     use std::time::Duration;
 
     use super::*;
     use crate::base::{Error, Frame, Settings};
-    use crate::engine::vulkan::{Instance, OnDevice};
+    use crate::engine::vulkan::{Instance, LIKED_EXTENSIONS, OnDevice, require};
     use crate::engine::{Engine, EngineOptions, Solver, testing};
 
     /// Counts turns, and sees that there is one at a time.
@@ -224,6 +240,20 @@ mod tests {
             assert!(turns.taken.load(Ordering::SeqCst) > 0);
             assert_eq!(turns.taken.load(Ordering::SeqCst), turns.given_back.load(Ordering::SeqCst));
         }
+    }
+
+    #[test]
+    fn handles_will_do() {
+        let program = Program::new(false);
+        // SAFETY: as the engine's own instance has loaded it.
+        let loader = unsafe { ash::Entry::load() }.unwrap();
+        let (entry, instance) = (loader.static_fn().get_instance_proc_addr, program.instance.handle.handle());
+        let (physical, device) = (program.physical, program.device.handle());
+        // SAFETY: all are of this program, which outlives the engine and does nothing else with the queue.
+        let foreign =
+            unsafe { ForeignDevice::from_handles(entry, instance, physical, device, program.family, program.queue) };
+        let engine = Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap();
+        assert_eq!(bits(&engine), bits(&Engine::new(&testing::options()).unwrap()));
     }
 
     impl Program {

@@ -215,7 +215,7 @@ impl Instance {
     }
 
     /// Whether a device can leave commands out by what stands in a buffer.
-    fn is_conditional(&self, handle: vk::PhysicalDevice) -> bool {
+    pub(super) fn is_conditional(&self, handle: vk::PhysicalDevice) -> bool {
         #[cfg(test)]
         if unconditional::IS.get() {
             return false;

@@ -13,10 +13,12 @@ mod on_device;
 mod pipeline;
 mod recording;
 mod timestamps;
+mod turns;
+mod wanted;
 
 pub(crate) use commands::{Groups, Recorder, Resource};
 pub(crate) use device::{Device, MIB};
-pub use foreign::{ForeignDevice, LIKED_EXTENSIONS, QueueLock, REQUIRED_VERSION, require};
+pub use foreign::{ForeignDevice, QueueLock, Turn};
 pub(crate) use instance::Instance;
 #[cfg(test)]
 pub(crate) use instance::unconditional;
@@ -25,3 +27,5 @@ pub use on_device::OnDevice;
 pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Stage, Variant};
 pub(crate) use recording::Recording;
 pub(crate) use timestamps::Clock;
+pub use turns::Turns;
+pub use wanted::{LIKED_EXTENSIONS, REQUIRED_VERSION, Wanted, require};
