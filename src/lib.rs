@@ -57,6 +57,8 @@ pub use base::{
     Inverse, Kernel, Lens, Mask, Method, Motion, Photometric, PixelFormat, Region, RegistrationStep, Samples, Settings,
     Shading, Similarity, centre,
 };
+#[cfg(target_os = "linux")]
+pub use engine::DmaBuf;
 pub use engine::{
     Engine, EngineOptions, Findings, HostMemory, KeyPoints, LevelHistory, OtherMotion, Progress, Registered,
     SharedMemory, Solution, Solver, Source, Ticket, Timings, View, foreign, reference, stages,

@@ -39,7 +39,8 @@ pub mod foreign {
     pub use ash;
 
     pub use super::vulkan::{
-        Commands, DeviceSource, ForeignDevice, LIKED_EXTENSIONS, OnDevice, QueueLock, REQUIRED_VERSION, Wait, require,
+        Commands, DeviceSource, ForeignDevice, LIKED_EXTENSIONS, OnDevice, QueueLock, REQUIRED_VERSION, Turn, Turns,
+        Wait, Wanted, require,
     };
 }
 
@@ -53,6 +54,8 @@ pub use source::Source;
 pub(crate) use sweep::{Asked, Focus, RegisteredFrames, SweepSolver};
 pub use tickets::Ticket;
 pub use view::View;
+#[cfg(target_os = "linux")]
+pub use vulkan::dma_buf::DmaBuf;
 pub use vulkan::{HostMemory, SharedMemory};
 
 use crate::base::{Decode, DeviceInfo, Error, Frame, Mask, PixelFormat, Settings, Similarity};
@@ -157,6 +160,15 @@ impl Engine {
     /// [`Source::Shared`]. Where the device cannot (VK_EXT_external_memory_host), the host copies.
     pub fn share(&self, memory: HostMemory) -> Arc<SharedMemory> {
         SharedMemory::new(&self.device, memory)
+    }
+
+    /// The same of memory that Linux hands over by a descriptor, a capture card's for one (VK_EXT_external_memory_dma_buf).
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] where it is shorter than stated, or can be neither imported nor read.
+    #[cfg(target_os = "linux")]
+    pub fn share_dma_buf(&self, memory: DmaBuf) -> Result<Arc<SharedMemory>, Error> {
+        vulkan::dma_buf::share(&self.device, memory)
     }
 
     /// What validation has said so far; empty without [`EngineOptions::validation`].

@@ -50,10 +50,34 @@ pub(super) enum Way<'a> {
 
 /// Rows of a photograph in memory of the host.
 pub(super) struct Rows<'a> {
-    bytes: &'a [u8],
+    from: From<'a>,
+    /// Bytes from the first row to the end of the last.
+    length: usize,
     pitch: usize,
     row_bytes: usize,
     are_floats: bool,
+}
+
+enum From<'a> {
+    Bytes(&'a [u8]),
+    /// From a byte on.
+    Shared(&'a SharedMemory, usize),
+}
+
+impl From<'_> {
+    fn length(&self) -> usize {
+        match self {
+            Self::Bytes(bytes) => bytes.len(),
+            Self::Shared(memory, offset) => memory.bytes().saturating_sub(*offset),
+        }
+    }
+
+    fn read<T>(&self, read: impl FnOnce(&[u8]) -> T) -> T {
+        match self {
+            Self::Bytes(bytes) => read(bytes),
+            Self::Shared(memory, offset) => memory.read(|bytes| read(&bytes[*offset..])),
+        }
+    }
 }
 
 impl<'a> Source<'a> {
@@ -62,12 +86,11 @@ impl<'a> Source<'a> {
         match self {
             Self::Frame(frame) => check_frame(plan, image, frame).map(|()| Way::Frame(frame)),
             Self::Written => Ok(Way::There),
-            Self::Rows { bytes, pitch } => Rows::new(plan, image, bytes, pitch).map(Way::Rows),
+            Self::Rows { bytes, pitch } => Rows::new(plan, image, From::Bytes(bytes), pitch).map(Way::Rows),
             Self::OnDevice(source) => fetch(plan, image, source.place(), None).map(Way::Fetch),
             Self::Shared { memory, offset, pitch } => {
                 memory.check(device)?;
-                let bytes = memory.host().get(offset..).unwrap_or_default();
-                let rows = Rows::new(plan, image, bytes, pitch)?;
+                let rows = Rows::new(plan, image, From::Shared(memory, offset), pitch)?;
                 match memory.place(offset as u64, pitch as u64) {
                     Some(place) => fetch(plan, image, place, Some(memory.clone() as Arc<_>)).map(Way::Fetch),
                     None => Ok(Way::Rows(rows)),
@@ -123,7 +146,7 @@ fn row_bytes(plan: &Plan, image: usize, pitch: usize) -> Result<usize, Error> {
 }
 
 impl<'a> Rows<'a> {
-    fn new(plan: &Plan, image: usize, bytes: &'a [u8], pitch: usize) -> Result<Self, Error> {
+    fn new(plan: &Plan, image: usize, from: From<'a>, pitch: usize) -> Result<Self, Error> {
         let row_bytes = row_bytes(plan, image, pitch)?;
         let ([width, height], packed) = (plan.size, plan.packed[image]);
         let is_whole = pitch == 0 || pitch == row_bytes;
@@ -131,28 +154,32 @@ impl<'a> Rows<'a> {
             true => plan.packed_bytes(image) as usize,
             false => pitch.saturating_mul(height as usize - 1).saturating_add(row_bytes),
         };
-        let Some(bytes) = bytes.get(..needed) else {
+        if from.length() < needed {
             return Err(Error::Mismatch(format!(
                 "{width}x{height} of {packed} take {needed} bytes, and there are {}",
-                bytes.len()
+                from.length()
             )));
-        };
+        }
         let (pitch, row_bytes) = if is_whole { (needed, needed) } else { (pitch, row_bytes) };
-        Ok(Self { bytes, pitch, row_bytes, are_floats: plan.formats[image].depth == Depth::F32 })
+        Ok(Self { from, length: needed, pitch, row_bytes, are_floats: plan.formats[image].depth == Depth::F32 })
     }
 
     /// Writes them without gaps, by all threads; whether they are numbers that frames may hold.
     pub(super) fn bring(&self, to: &mut [u8]) -> bool {
+        self.from.read(|bytes| self.bring_from(&bytes[..self.length], to))
+    }
+
+    fn bring_from(&self, bytes: &[u8], to: &mut [u8]) -> bool {
         // A piece is some 256 KiB: a thread's start is next to nothing beside it.
         let rows = ((1 << 18) / self.row_bytes).max(1);
-        let rows_of = self.bytes.chunks(self.pitch * rows).zip(to.chunks_mut(self.row_bytes * rows));
+        let rows_of = bytes.chunks(self.pitch * rows).zip(to.chunks_mut(self.row_bytes * rows));
         workers::each(rows_of, |(from, to)| {
             for (from, to) in from.chunks(self.pitch).zip(to.chunks_mut(self.row_bytes)) {
                 to[..self.row_bytes].copy_from_slice(&from[..self.row_bytes]);
             }
         });
         !self.are_floats || {
-            let floats = self.bytes.chunks(self.pitch).flat_map(|row| row[..self.row_bytes].chunks_exact(4));
+            let floats = bytes.chunks(self.pitch).flat_map(|row| row[..self.row_bytes].chunks_exact(4));
             floats.map(bytemuck::pod_read_unaligned::<f32>).all(Frame::may_hold)
         }
     }

@@ -2,7 +2,7 @@
 
 use image::{Rgb, RgbImage};
 
-use super::figure::{Align, Area, BLACK, Canvas, Color, GRAY, text};
+use super::figure::{Align, Area, BLACK, Canvas, Color, GRAY, WHITE, text};
 use crate::base::Frame;
 use crate::files::preview;
 use crate::metric::inspect::{Deviation, Inspection};
@@ -15,6 +15,8 @@ const TEXT: f32 = 0.02;
 const LEAST_TEXT: f32 = 11.0;
 /// Regions that have their number written beside them; of more it would hide the picture.
 const MOST_NUMBERS: usize = 99;
+/// A number stands within a region that is so many times as wide and as high.
+const ROOM: f32 = 3.0;
 /// Stripes over what could not be judged: one in so many pixels.
 const STRIPES: u32 = 6;
 
@@ -36,9 +38,7 @@ pub fn draw(part: &Frame, inspection: &Inspection, unit: &str, verdict: &str) ->
     let mut canvas = Canvas::new(width.max((widest + 3.0 * size).ceil() as u32), height + below.ceil() as u32);
     canvas.image(&picture, (0, 0));
     for (n, region) in inspection.regions.iter().take(MOST_NUMBERS).enumerate() {
-        let bounds = region.bounds_px;
-        let place = ((bounds.x + bounds.width) as f32 + 2.0, bounds.y as f32 + size);
-        canvas.text(&(n + 1).to_string(), place, size, Align::Left, color(region));
+        number(&mut canvas, n + 1, region, size, width as f32);
     }
     for (n, (color, words)) in keys.iter().enumerate() {
         let y = height as f32 + (n + 1) as f32 * line;
@@ -49,6 +49,20 @@ pub fn draw(part: &Frame, inspection: &Inspection, unit: &str, verdict: &str) ->
         canvas.text(words, (x, y), size, Align::Left, BLACK);
     }
     canvas.into_image()
+}
+
+/// At the centroid of a region, or beside one that it would hide; on white, since red on red cannot be read.
+fn number(canvas: &mut Canvas, n: usize, region: &Deviation, size: f32, picture_width: f32) {
+    let (words, bounds) = (n.to_string(), region.bounds_px);
+    let (width, height) = (text::width(&words, size) + 0.4 * size, 1.2 * size);
+    let hides = (bounds.width as f32) < ROOM * width || (bounds.height as f32) < ROOM * height;
+    let [x, y] = if hides {
+        [((bounds.x + bounds.width) as f32 + 2.0).min(picture_width - width), bounds.y as f32]
+    } else {
+        [region.centroid_px[0] as f32 - width / 2.0, region.centroid_px[1] as f32 - height / 2.0]
+    };
+    canvas.fill(Area { x, y, width, height }, WHITE);
+    canvas.text(&words, (x + 0.2 * size, y + size), size, Align::Left, color(region));
 }
 
 fn color(region: &Deviation) -> Color {

@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use std::time::Duration;
 
 use parfocal::foreign::ash::{self, ext, vk};
-use parfocal::foreign::{Commands, DeviceSource, ForeignDevice, LIKED_EXTENSIONS, Wait, require};
+use parfocal::foreign::{Commands, DeviceSource, ForeignDevice, Wait, Wanted};
 use parfocal::{Engine, EngineOptions, Frame, PixelFormat, Settings, Similarity, Solver};
 
 use crate::common::TestEngine;
@@ -33,6 +33,7 @@ struct Program {
     instance: ash::Instance,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     physical: vk::PhysicalDevice,
+    wanted: Wanted,
     device: ash::Device,
     queue: vk::Queue,
     pool: vk::CommandPool,
@@ -51,10 +52,6 @@ impl Program {
             create = create.enabled_layer_names(&layers).enabled_extension_names(&extensions).push_next(&mut features);
         }
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(0).queue_priorities(&[1.0])];
-        let (mut v12, mut v13) = Default::default();
-        require(&mut v12, &mut v13);
-        let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default().conditional_rendering(true);
-        let liked = LIKED_EXTENSIONS.map(CStr::as_ptr);
         // SAFETY: all that is pointed to outlives the calls; the first device of the machine has what is asked for, or validation says so.
         unsafe {
             let entry = ash::Entry::load().unwrap();
@@ -71,27 +68,24 @@ impl Program {
                 (utils, messenger)
             });
             let physical = instance.enumerate_physical_devices().unwrap()[0];
-            let create = vk::DeviceCreateInfo::default()
-                .queue_create_infos(&queues)
-                .enabled_extension_names(&liked)
-                .push_next(&mut v12)
-                .push_next(&mut v13)
-                .push_next(&mut conditional);
+            let mut wanted = Wanted::of(&instance, physical);
+            let liked: Vec<_> = wanted.extensions().into_iter().map(CStr::as_ptr).collect();
+            let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&liked);
+            let create = wanted.switch_on(create);
             let device = instance.create_device(physical, &create, None).unwrap();
             let queue = device.get_device_queue(0, 0);
             let create = vk::CommandPoolCreateInfo::default().queue_family_index(0);
             let pool = device.create_command_pool(&create, None).unwrap();
-            Self { _entry: entry, instance, messenger, physical, device, queue, pool }
+            Self { _entry: entry, instance, messenger, physical, wanted, device, queue, pool }
         }
     }
 
     fn engine(&self) -> Engine {
         // SAFETY: all are of this program, which outlives the engine and uses the queue from this thread alone, as it uses the engine; the device was
-        // made with both extensions.
+        // made with what is wanted.
         let foreign = unsafe {
             ForeignDevice::new(self.instance.clone(), self.physical, self.device.clone(), 0, self.queue)
-                .with_conditional_rendering()
-                .with_host_memory()
+                .made_with(&self.wanted)
         };
         Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap()
     }

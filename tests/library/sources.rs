@@ -4,6 +4,8 @@
 use std::ptr::NonNull;
 use std::time::Duration;
 
+#[cfg(target_os = "linux")]
+use parfocal::DmaBuf;
 use parfocal::{Depth, Error, Frame, HostMemory, PixelFormat, Samples, Settings, Similarity, Solver, Source, Ticket};
 
 use crate::common::TestEngine;
@@ -138,6 +140,32 @@ fn memory_that_is_shared_may_be_written_anew_once_it_is_taken() {
         ring[place..place + frame.bytes().len()].copy_from_slice(frame.bytes());
     }
     assert_eq!(solve(&mut ring), first);
+}
+
+/// A file in memory, which no device imports: as a dma-buf where the device cannot.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_a_device_cannot_import_the_host_copies_out_of() {
+    use std::io::Write;
+
+    let (engine, [i1, i2]) = (TestEngine::new(), frames());
+    let mut file = tempfile::tempfile_in("/dev/shm").unwrap();
+    file.write_all(&[i1.bytes(), i2.bytes()].concat()).unwrap();
+    let bytes = 2 * i1.bytes().len();
+    // SAFETY: the file stays as it is.
+    let short = unsafe { DmaBuf::new(file.try_clone().unwrap().into(), bytes + 1) };
+    assert!(engine.share_dma_buf(short).unwrap_err().to_string().contains(&format!("has {bytes} bytes, not")));
+    // SAFETY: likewise.
+    let memory = engine.share_dma_buf(unsafe { DmaBuf::new(file.into(), bytes) }).unwrap();
+    assert!(memory.is_staged());
+    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let sources = [0, bytes / 2].map(|offset| Source::Shared { memory: &memory, offset, pitch: 0 });
+    let ticket = solver.submit_sources(0, sources, &[]).unwrap();
+    assert_eq!(ticket.is_fetched(), [false; 2]);
+    let found = bits(&mut solver, &ticket);
+    let rows = [&i1, &i2].map(|frame| Source::Rows { bytes: frame.bytes(), pitch: 0 });
+    let ticket = solver.submit_sources(0, rows, &[]).unwrap();
+    assert_eq!(bits(&mut solver, &ticket), found);
 }
 
 #[test]

@@ -152,6 +152,10 @@ impl Recorder {
         &self.device.handle
     }
 
+    pub(super) fn family(&self) -> u32 {
+        self.device.physical.queue_family
+    }
+
     /// Keeps what is recorded alive for as long as the recording.
     pub(super) fn keep(&mut self, used: Arc<dyn Any + Send + Sync>) {
         self.keep.push(used);

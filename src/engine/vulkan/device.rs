@@ -1,6 +1,6 @@
 //! The logical device: its queue, its allocator, its clock.
 
-use std::ffi::c_char;
+use std::ffi::{CStr, c_char};
 use std::mem::ManuallyDrop;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -11,8 +11,9 @@ use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
 use super::cache;
 use super::failure::failure;
-use super::foreign::{self, ForeignDevice, QueueLock, Turn};
+use super::foreign::{ForeignDevice, QueueLock, Turn};
 use super::instance::{Instance, PhysicalDevice};
+use super::wanted;
 use crate::base::{DeviceInfo, Error};
 
 /// Bytes in a mebibyte.
@@ -54,11 +55,10 @@ impl Device {
             .queue_family_index(physical.queue_family)
             .queue_priorities(&priorities)];
         let (mut v12, mut v13) = Default::default();
-        foreign::require(&mut v12, &mut v13);
+        wanted::require(&mut v12, &mut v13);
         let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default().conditional_rendering(true);
-        let is_conditional = physical.is_conditional;
-        let liked = foreign::LIKED_EXTENSIONS.iter().zip([is_conditional, physical.shares_host]);
-        let extensions: Vec<*const c_char> = liked.filter(|(_, has)| *has).map(|(name, _)| name.as_ptr()).collect();
+        let is_conditional = physical.liked.conditional;
+        let extensions: Vec<*const c_char> = physical.liked.extensions().map(CStr::as_ptr).collect();
         let mut create = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
             .enabled_extension_names(&extensions)
@@ -79,8 +79,7 @@ impl Device {
     pub(crate) fn foreign(of: ForeignDevice, timeout: Duration) -> Result<Arc<Self>, Error> {
         let instance = Instance::foreign(of.instance);
         let mut physical = instance.described(of.physical, of.queue_family)?;
-        physical.is_conditional &= of.is_conditional;
-        physical.shares_host &= of.shares_host;
+        physical.liked = physical.liked.and(of.liked);
         Self::around(instance, physical, (of.device, of.queue, of.lock), false, timeout)
     }
 
@@ -92,7 +91,7 @@ impl Device {
         is_own: bool,
         timeout: Duration,
     ) -> Result<Arc<Self>, Error> {
-        let (name, is_conditional) = (physical.info.name.clone(), physical.is_conditional);
+        let (name, is_conditional) = (physical.info.name.clone(), physical.liked.conditional);
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: instance.handle.clone(),
             device: handle.clone(),
@@ -120,7 +119,7 @@ impl Device {
         let names = instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.handle, &handle));
         let conditional = is_conditional.then(|| ext::conditional_rendering::Device::new(&instance.handle, &handle));
         let external_host =
-            physical.shares_host.then(|| ext::external_memory_host::Device::new(&instance.handle, &handle));
+            physical.liked.host_memory.then(|| ext::external_memory_host::Device::new(&instance.handle, &handle));
         let mut device = Self {
             handle,
             physical,

@@ -1,29 +1,15 @@
 //! Someone else's instance, device and queue: what an engine needs of them, whose turn it is at the queue, what to wait for there.
 
-use std::ffi::CStr;
 use std::fmt;
 use std::sync::{Arc, Mutex};
 
-use ash::{ext, vk};
+use ash::vk;
 
-/// The Vulkan version that instance and device must have been made for, at least.
-pub const REQUIRED_VERSION: u32 = vk::API_VERSION_1_3;
+use super::liked::Liked;
+use super::wanted::Wanted;
 
-/// Device extensions that an engine makes use of where they are enabled, with their features: the device leaves out by itself what
-/// has settled, and a solve is one submission (`VkPhysicalDeviceConditionalRenderingFeaturesEXT`); it reads memory of the host where that is
-/// ([`Engine::share`](crate::Engine::share)). None is required.
-pub const LIKED_EXTENSIONS: [&CStr; 2] = [ext::conditional_rendering::NAME, ext::external_memory_host::NAME];
-
-/// Switches on the features that an engine requires of a device, in what the device will be made with: timeline semaphores,
-/// synchronization2, maintenance4. Others stay as they are.
-pub fn require(v12: &mut vk::PhysicalDeviceVulkan12Features<'_>, v13: &mut vk::PhysicalDeviceVulkan13Features<'_>) {
-    v12.timeline_semaphore = vk::TRUE;
-    v13.synchronization2 = vk::TRUE;
-    v13.maintenance4 = vk::TRUE;
-}
-
-/// Turns at a queue that others submit to as well. Each [`lock`](Self::lock) is followed by one [`unlock`](Self::unlock), by the same thread,
-/// after a single submission.
+/// Turns at a queue that others submit to as well; [`Turns`](super::Turns) where there is no such lock yet. Each [`lock`](Self::lock) is followed
+/// by one [`unlock`](Self::unlock), by the same thread, after a single submission.
 pub trait QueueLock: Send + Sync {
     /// Waits until nobody else uses the queue, and keeps others from it.
     fn lock(&self);
@@ -40,21 +26,21 @@ pub struct ForeignDevice {
     pub(super) queue_family: u32,
     /// Shared by all engines that are made of this.
     pub(super) queue: Arc<Mutex<vk::Queue>>,
-    pub(super) is_conditional: bool,
-    pub(super) shares_host: bool,
+    pub(super) liked: Liked,
     pub(super) lock: Option<Arc<dyn QueueLock>>,
 }
 
 impl ForeignDevice {
-    /// A device and a queue of it, of a family that computes. What holds raw handles gets ash's from `ash::Instance::load` and
-    /// `ash::Device::load`.
+    /// A device and a queue of it, of a family that computes.
     ///
     /// # Safety
     /// - `physical` is of `instance`, `device` was made of `physical`, and `queue` is of `queue_family` of `device`.
-    /// - Instance and device were made for [`REQUIRED_VERSION`] or later, the device with what [`require`] switches on.
+    /// - Instance and device were made for [`REQUIRED_VERSION`](super::REQUIRED_VERSION) or later, the device with what
+    ///   [`require`](super::require) or [`Wanted`] switches on.
     /// - Until the last engine, solver and view made of this is gone, none of them is destroyed; and where a solve has timed out, not before the
     ///   device is idle.
-    /// - Nobody else uses `queue` meanwhile, unless all do by the turns of [`ForeignDevice::locked_by`].
+    /// - Nobody else uses `queue` meanwhile, unless all do by the turns of [`ForeignDevice::locked_by`]. To wait for the device to be idle is to use all
+    ///   its queues. A queue that the device synchronises itself needs no turns, nor does one of several of a family that only the engine has.
     pub unsafe fn new(
         instance: ash::Instance,
         physical: vk::PhysicalDevice,
@@ -63,7 +49,27 @@ impl ForeignDevice {
         queue: vk::Queue,
     ) -> Self {
         let queue = Arc::new(Mutex::new(queue));
-        Self { instance, physical, device, queue_family, queue, is_conditional: false, shares_host: false, lock: None }
+        Self { instance, physical, device, queue_family, queue, liked: Liked::default(), lock: None }
+    }
+
+    /// The same of raw handles, from another language or another version of ash; `entry` is the `vkGetInstanceProcAddr` that `instance` came by.
+    ///
+    /// # Safety
+    /// As of [`ForeignDevice::new`].
+    pub unsafe fn from_handles(
+        entry: vk::PFN_vkGetInstanceProcAddr,
+        instance: vk::Instance,
+        physical: vk::PhysicalDevice,
+        device: vk::Device,
+        queue_family: u32,
+        queue: vk::Queue,
+    ) -> Self {
+        // SAFETY: the handles are valid, and `entry` knows them.
+        unsafe {
+            let instance = ash::Instance::load(&ash::StaticFn { get_instance_proc_addr: entry }, instance);
+            let device = ash::Device::load(instance.fp_v1_0(), device);
+            Self::new(instance, physical, device, queue_family, queue)
+        }
     }
 
     /// The queue is shared: it is used by turns. Who has the turn solves nothing before giving it back: the engine would wait for it forever.
@@ -74,12 +80,20 @@ impl ForeignDevice {
         Self { lock: Some(lock), ..self }
     }
 
+    /// The device has what was wanted, all of which may be used.
+    ///
+    /// # Safety
+    /// The device was made with the [extensions](Wanted::extensions) and as [`Wanted::switch_on`] says, on the same physical device.
+    pub unsafe fn made_with(self, wanted: &Wanted) -> Self {
+        Self { liked: wanted.liked(), ..self }
+    }
+
     /// Conditional rendering may be used.
     ///
     /// # Safety
     /// The device was made with `VK_EXT_conditional_rendering` and its feature `conditionalRendering`.
     pub unsafe fn with_conditional_rendering(self) -> Self {
-        Self { is_conditional: true, ..self }
+        Self { liked: Liked { conditional: true, ..self.liked }, ..self }
     }
 
     /// Memory of the host may be shared.
@@ -87,14 +101,14 @@ impl ForeignDevice {
     /// # Safety
     /// The device was made with `VK_EXT_external_memory_host`.
     pub unsafe fn with_host_memory(self) -> Self {
-        Self { shares_host: true, ..self }
+        Self { liked: Liked { host_memory: true, ..self.liked }, ..self }
     }
 }
 
 impl fmt::Debug for ForeignDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { physical, queue_family, is_conditional, .. } = self;
-        write!(f, "ForeignDevice {{ {physical:?}, family {queue_family}, conditional: {is_conditional} }}")
+        let Self { physical, queue_family, liked, .. } = self;
+        write!(f, "ForeignDevice {{ {physical:?}, family {queue_family}, {liked:?} }}")
     }
 }
 
@@ -140,7 +154,7 @@ impl Commands {
 }
 
 /// A turn at a queue, given back when it is dropped.
-pub(super) struct Turn<'a>(Option<&'a dyn QueueLock>);
+pub struct Turn<'a>(Option<&'a dyn QueueLock>);
 
 impl<'a> Turn<'a> {
     pub(super) fn take(lock: Option<&'a dyn QueueLock>) -> Self {
@@ -166,7 +180,7 @@ mod tests {
 
     use super::*;
     use crate::base::{Error, Frame, Settings};
-    use crate::engine::vulkan::{Instance, OnDevice};
+    use crate::engine::vulkan::{Instance, LIKED_EXTENSIONS, OnDevice, require};
     use crate::engine::{Engine, EngineOptions, Solver, testing};
 
     /// Counts turns, and sees that there is one at a time.
@@ -204,9 +218,9 @@ mod tests {
             let found = instance.physical_devices().unwrap().into_iter().find(|device| device.info.uuid == wanted);
             let first = found.unwrap();
             let family = first.queue_family;
-            let is_conditional = likes && first.is_conditional;
+            let is_conditional = likes && first.liked.conditional;
             let extensions: Vec<_> =
-                LIKED_EXTENSIONS.map(CStr::as_ptr).into_iter().filter(|_| is_conditional).collect();
+                LIKED_EXTENSIONS[..1].iter().map(|name| name.as_ptr()).filter(|_| is_conditional).collect();
             let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
             let (mut v12, mut v13) = Default::default();
             require(&mut v12, &mut v13);
@@ -275,6 +289,20 @@ mod tests {
             assert!(turns.taken.load(Ordering::SeqCst) > 0);
             assert_eq!(turns.taken.load(Ordering::SeqCst), turns.given_back.load(Ordering::SeqCst));
         }
+    }
+
+    #[test]
+    fn handles_will_do() {
+        let program = Program::new(false);
+        // SAFETY: as the engine's own instance has loaded it.
+        let loader = unsafe { ash::Entry::load() }.unwrap();
+        let (entry, instance) = (loader.static_fn().get_instance_proc_addr, program.instance.handle.handle());
+        let (physical, device) = (program.physical, program.device.handle());
+        // SAFETY: all are of this program, which outlives the engine and does nothing else with the queue.
+        let foreign =
+            unsafe { ForeignDevice::from_handles(entry, instance, physical, device, program.family, program.queue) };
+        let engine = Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap();
+        assert_eq!(bits(&engine), bits(&Engine::new(&testing::options()).unwrap()));
     }
 
     impl Program {

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use ash::{ext, vk};
 
 use super::failure::failure;
+use super::liked::Liked;
 use crate::base::{DeviceInfo, Error};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -33,10 +34,8 @@ pub(crate) struct PhysicalDevice {
     pub(super) driver_version: u32,
     pub(super) cache_uuid: [u8; vk::UUID_SIZE],
     pub(super) timestamp_bits: u32,
-    /// Whether it can leave commands out by itself.
-    pub(super) is_conditional: bool,
-    /// Whether it can read memory of the host where it is.
-    pub(super) shares_host: bool,
+    /// Of extensions that are liked.
+    pub(super) liked: Liked,
 }
 
 impl Instance {
@@ -204,15 +203,11 @@ impl Instance {
             unusable,
         };
         let (queue_family, usable) = (queue_family.unwrap_or(0), info.unusable.is_none());
-        // SAFETY: `handle` came from this instance.
-        let extensions = unsafe { self.handle.enumerate_device_extension_properties(handle) }.unwrap_or_default();
-        let has = |name: &CStr| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));
         PhysicalDevice {
             handle,
             queue_family,
             timestamp_bits: families.get(queue_family as usize).map_or(0, |f| f.timestamp_valid_bits),
-            is_conditional: usable && has(ext::conditional_rendering::NAME) && self.is_conditional(handle),
-            shares_host: usable && has(ext::external_memory_host::NAME),
+            liked: if usable { self.liked(handle) } else { Liked::default() },
             info,
             limits: basic.limits,
             driver_version: basic.driver_version,
@@ -220,17 +215,23 @@ impl Instance {
         }
     }
 
-    /// Whether a device with conditional rendering can leave commands out by what stands in a buffer.
-    fn is_conditional(&self, handle: vk::PhysicalDevice) -> bool {
+    /// What a device has of what is liked.
+    pub(super) fn liked(&self, handle: vk::PhysicalDevice) -> Liked {
+        // SAFETY: `handle` came from this instance.
+        let extensions = unsafe { self.handle.enumerate_device_extension_properties(handle) }.unwrap_or_default();
+        let mut liked = Liked::of(|name| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name)));
         #[cfg(test)]
         if unconditional::IS.get() {
-            return false;
+            liked.conditional = false;
         }
-        let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default();
-        let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut conditional);
-        // SAFETY: `handle` came from this instance, and a device with the extension fills the structure.
-        unsafe { self.handle.get_physical_device_features2(handle, &mut features) };
-        conditional.conditional_rendering == vk::TRUE
+        if liked.conditional {
+            let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default();
+            let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut conditional);
+            // SAFETY: `handle` came from this instance, and a device with the extension fills the structure.
+            unsafe { self.handle.get_physical_device_features2(handle, &mut features) };
+            liked.conditional = conditional.conditional_rendering == vk::TRUE;
+        }
+        liked
     }
 
     /// What a 1.3 device lacks that the passes need.

@@ -186,7 +186,7 @@ impl Buffer {
 
     /// Writes one word of a mapped buffer, at a byte offset, which the device may be reading: it sees this word or the one before.
     pub(crate) fn signal(&self, offset: u64, word: u32) -> Result<(), Error> {
-        assert!(!self.is_lent && offset % 4 == 0 && offset + 4 <= self.size, "a word of what the host writes");
+        assert!(!self.is_lent && offset.is_multiple_of(4) && offset + 4 <= self.size, "a word of what the host writes");
         let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
         let _alone = self.filling.lock().unwrap_or_else(PoisonError::into_inner);
         // SAFETY: the word lies within the mapping and is aligned, since mappings are to more than a word; whoever fills it as bytes holds the

@@ -1,4 +1,4 @@
-//! Memory of the host that the device reads where it is: VK_EXT_external_memory_host.
+//! Memory of others that the device reads where it is: that of the host, VK_EXT_external_memory_host, and [dma-bufs](super::dma_buf).
 
 use std::fmt;
 use std::ptr::NonNull;
@@ -7,17 +7,10 @@ use std::sync::Arc;
 use ash::vk;
 
 use super::device::Device;
+#[cfg(target_os = "linux")]
+use super::mapping::Mapping;
 use super::source::Place;
 use crate::base::Error;
-
-/// [Memory](HostMemory) of the embedding program, a camera's ring for one, that the device reads where it is, if it can:
-/// [`Engine::share`](crate::Engine::share).
-pub struct SharedMemory {
-    start: NonNull<u8>,
-    bytes: usize,
-    imported: Option<Imported>,
-    device: Arc<Device>,
-}
 
 /// Memory of the embedding program that may be read where it is.
 #[derive(Clone, Copy, Debug)]
@@ -38,15 +31,42 @@ impl HostMemory {
     }
 }
 
-/// Whole pages around it as the device has them.
-struct Imported {
+/// [Memory](HostMemory) of the embedding program, a camera's ring for one, that the device reads where it is, if it can:
+/// [`Engine::share`](crate::Engine::share).
+pub struct SharedMemory {
+    bytes: usize,
+    holder: Holder,
+    imported: Option<Imported>,
+    device: Arc<Device>,
+}
+
+/// How the host has it.
+pub(super) enum Holder {
+    Host(NonNull<u8>),
+    #[cfg(target_os = "linux")]
+    Mapped(Mapping),
+    /// Not at all.
+    #[cfg(target_os = "linux")]
+    Device,
+}
+
+/// How the device has it.
+pub(super) struct Imported {
     memory: vk::DeviceMemory,
     buffer: vk::Buffer,
     /// Of the first byte.
     offset: u64,
+    /// Whether another device writes it.
+    is_foreign: bool,
 }
 
-// SAFETY: it is only read, and nobody writes what is being read: that is the contract of `HostMemory`.
+/// What was not imported.
+pub(super) struct Refused {
+    /// Whether the device took the handle over, and has let it go.
+    pub(super) took_over: bool,
+}
+
+// SAFETY: it is only read, and nobody writes what is being read: that is the contract of `HostMemory` and of `DmaBuf`.
 unsafe impl Send for SharedMemory {}
 // SAFETY: likewise.
 unsafe impl Sync for SharedMemory {}
@@ -54,8 +74,11 @@ unsafe impl Sync for SharedMemory {}
 impl SharedMemory {
     /// Imports the pages around so many bytes; where the device cannot, the host copies.
     pub(crate) fn new(device: &Arc<Device>, HostMemory { start, bytes }: HostMemory) -> Arc<Self> {
-        let imported = import(device, start, bytes);
-        Arc::new(Self { start, bytes, imported, device: device.clone() })
+        Self::holding(device, bytes, Holder::Host(start), import(device, start, bytes))
+    }
+
+    pub(super) fn holding(device: &Arc<Device>, bytes: usize, holder: Holder, imported: Option<Imported>) -> Arc<Self> {
+        Arc::new(Self { bytes, holder, imported, device: device.clone() })
     }
 
     /// Whether the host copies out of it, since the device cannot read it.
@@ -70,13 +93,31 @@ impl SharedMemory {
 
     /// Rows from a byte on, where the device finds them.
     pub(crate) fn place(&self, offset: u64, pitch: u64) -> Option<Place> {
-        self.imported.as_ref().map(|of| Place::Buffer { buffer: of.buffer, offset: of.offset + offset, pitch })
+        self.imported.as_ref().map(|of| {
+            let (offset, is_foreign) = (of.offset + offset, of.is_foreign);
+            Place::Buffer { buffer: of.buffer, offset, pitch, is_foreign }
+        })
     }
 
-    /// The bytes, for the host.
-    pub(crate) fn host(&self) -> &[u8] {
+    /// Reads the bytes by the host, of memory that is staged; of other memory that it does not have, none.
+    pub(crate) fn read<T>(&self, read: impl FnOnce(&[u8]) -> T) -> T {
+        let start = match &self.holder {
+            Holder::Host(start) => start.as_ptr().cast_const(),
+            #[cfg(target_os = "linux")]
+            Holder::Mapped(mapping) => {
+                mapping.reads(false);
+                mapping.start()
+            }
+            #[cfg(target_os = "linux")]
+            Holder::Device => return read(&[]),
+        };
         // SAFETY: so many bytes are there while this is, and who submits them writes none until they are taken.
-        unsafe { std::slice::from_raw_parts(self.start.as_ptr(), self.bytes) }
+        let done = read(unsafe { std::slice::from_raw_parts(start, self.bytes) });
+        #[cfg(target_os = "linux")]
+        if let Holder::Mapped(mapping) = &self.holder {
+            mapping.reads(true);
+        }
+        done
     }
 
     /// Whether it is of a device.
@@ -90,67 +131,74 @@ impl SharedMemory {
     }
 }
 
+/// The pages around so many bytes of the host.
 fn import(device: &Arc<Device>, start: NonNull<u8>, bytes: usize) -> Option<Imported> {
     let host = device.external_host.as_ref()?;
     let page = device.host_alignment() as usize;
     let (address, pages) = (start.as_ptr() as usize, |from: usize| from & !(page - 1));
     let first = pages(address);
     let size = (address.checked_add(bytes)?.checked_add(page - 1).map(pages)? - first) as u64;
-    let offset = (address - first) as u64;
     let kind = vk::ExternalMemoryHandleTypeFlags::HOST_ALLOCATION_EXT;
-    // SAFETY: `offset` bytes before the start lie in the same page, which is mapped since the start is.
-    let pointer = unsafe { start.as_ptr().sub(offset as usize) }.cast::<std::ffi::c_void>();
-    let mut of_pointer = vk::MemoryHostPointerPropertiesEXT::default();
+    // SAFETY: the bytes before the start lie in the same page, which is mapped since the start is.
+    let pointer = unsafe { start.as_ptr().sub(address - first) }.cast::<std::ffi::c_void>();
+    let mut told = vk::MemoryHostPointerPropertiesEXT::default();
     // SAFETY: the pointer is to mapped memory of the host, and aligned as the device asks.
-    let told = unsafe {
-        (host.fp().get_memory_host_pointer_properties_ext)(device.handle.handle(), kind, pointer, &mut of_pointer)
-    };
-    told.result().ok()?;
+    let result =
+        unsafe { (host.fp().get_memory_host_pointer_properties_ext)(device.handle.handle(), kind, pointer, &mut told) };
+    result.result().ok()?;
+    let mut import = vk::ImportMemoryHostPointerInfoEXT::default().handle_type(kind).host_pointer(pointer);
+    bind(device, kind, (told.memory_type_bits, size), &mut import, (address - first) as u64).ok()
+}
+
+/// A buffer over memory that is imported, of one of these types, and so many bytes.
+pub(super) fn bind(
+    device: &Arc<Device>,
+    kind: vk::ExternalMemoryHandleTypeFlags,
+    (types, size): (u32, u64),
+    import: &mut impl vk::ExtendsMemoryAllocateInfo,
+    offset: u64,
+) -> Result<Imported, Refused> {
     let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(kind);
     let create =
         vk::BufferCreateInfo::default().size(size).usage(vk::BufferUsageFlags::TRANSFER_SRC).push_next(&mut external);
     // SAFETY: the device is alive and has the extension; the size is not zero.
-    let buffer = unsafe { device.handle.create_buffer(&create, None) }.ok()?;
+    let buffer = unsafe { device.handle.create_buffer(&create, None) }.map_err(|_| Refused { took_over: false })?;
     // SAFETY: the buffer is this device's.
     let needs = unsafe { device.handle.get_buffer_memory_requirements(buffer) };
-    let memory = bound(device, buffer, (of_pointer.memory_type_bits & needs.memory_type_bits, size), pointer);
-    if memory.is_none() || needs.size > size {
-        // SAFETY: the buffer was never used; freeing no memory does nothing.
-        unsafe {
-            device.handle.destroy_buffer(buffer, None);
-            device.handle.free_memory(memory.unwrap_or_default(), None);
-        }
-        return None;
+    let types = types & needs.memory_type_bits;
+    let memory = if types == 0 || needs.size > size {
+        None
+    } else {
+        let allocate =
+            vk::MemoryAllocateInfo::default().allocation_size(size).memory_type_index(types.trailing_zeros());
+        // SAFETY: what is imported is there for as long as this lives, by the contracts of `HostMemory` and `DmaBuf`; the type is one of its.
+        unsafe { device.handle.allocate_memory(&allocate.push_next(import), None) }.ok()
+    };
+    let Some(memory) = memory else {
+        // SAFETY: the buffer was never used.
+        unsafe { device.handle.destroy_buffer(buffer, None) };
+        return Err(Refused { took_over: false });
+    };
+    let imported = Imported { memory, buffer, offset, is_foreign: false };
+    // SAFETY: nothing is bound to the buffer yet, which the memory is as large as.
+    if unsafe { device.handle.bind_buffer_memory(buffer, memory, 0) }.is_err() {
+        imported.free(device);
+        return Err(Refused { took_over: true });
     }
-    memory.map(|memory| Imported { memory, buffer, offset })
+    Ok(imported)
 }
 
-/// Memory of one of these types over the pages, under the buffer.
-fn bound(
-    device: &Device,
-    buffer: vk::Buffer,
-    (types, size): (u32, u64),
-    pointer: *mut std::ffi::c_void,
-) -> Option<vk::DeviceMemory> {
-    if types == 0 {
-        return None;
+impl Imported {
+    #[cfg(target_os = "linux")]
+    pub(super) fn of_another_device(self) -> Self {
+        Self { is_foreign: true, ..self }
     }
-    let mut import = vk::ImportMemoryHostPointerInfoEXT::default()
-        .handle_type(vk::ExternalMemoryHandleTypeFlags::HOST_ALLOCATION_EXT)
-        .host_pointer(pointer);
-    let allocate = vk::MemoryAllocateInfo::default()
-        .allocation_size(size)
-        .memory_type_index(types.trailing_zeros())
-        .push_next(&mut import);
-    // SAFETY: the pages are mapped for as long as this lives, by the contract of `HostMemory`; the type is one of theirs.
-    let memory = unsafe { device.handle.allocate_memory(&allocate, None) }.ok()?;
-    // SAFETY: nothing is bound to the buffer yet.
-    match unsafe { device.handle.bind_buffer_memory(buffer, memory, 0) } {
-        Ok(()) => Some(memory),
-        Err(_) => {
-            // SAFETY: the memory was never used.
-            unsafe { device.handle.free_memory(memory, None) };
-            None
+
+    fn free(&self, device: &Device) {
+        // SAFETY: recordings keep what they use alive and are waited for, so the device no longer uses it.
+        unsafe {
+            device.handle.destroy_buffer(self.buffer, None);
+            device.handle.free_memory(self.memory, None);
         }
     }
 }
@@ -163,13 +211,8 @@ impl fmt::Debug for SharedMemory {
 
 impl Drop for SharedMemory {
     fn drop(&mut self) {
-        let Some(Imported { memory, buffer, .. }) = self.imported.take().filter(|_| !self.device.is_in_use()) else {
-            return;
-        };
-        // SAFETY: recordings keep what they use alive and are waited for, so the device no longer uses it.
-        unsafe {
-            self.device.handle.destroy_buffer(buffer, None);
-            self.device.handle.free_memory(memory, None);
+        if let Some(imported) = self.imported.take().filter(|_| !self.device.is_in_use()) {
+            imported.free(&self.device);
         }
     }
 }

@@ -15,7 +15,7 @@ pub struct DeviceSource(Place);
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Place {
-    Buffer { buffer: vk::Buffer, offset: u64, pitch: u64 },
+    Buffer { buffer: vk::Buffer, offset: u64, pitch: u64, is_foreign: bool },
     Image { image: vk::Image, layout: vk::ImageLayout, layer: u32 },
 }
 
@@ -34,7 +34,7 @@ impl DeviceSource {
     ///   engine's queue family or of all.
     /// - It lives until the pair is solved, and nobody writes those rows from when what is waited for has happened until they are taken.
     pub unsafe fn buffer(buffer: vk::Buffer, offset: u64, pitch: u64) -> Self {
-        Self(Place::Buffer { buffer, offset, pitch })
+        Self(Place::Buffer { buffer, offset, pitch, is_foreign: false })
     }
 
     /// A layer of a colour image of the solver's size, whose texels are as its format packs pixels (`Mono8`: `R8_UNORM`; `Mono16`: `R16_UNORM`; `Mono32f`:
@@ -72,13 +72,37 @@ impl Recorder {
         // Whoever wrote it did so on this queue before, or is waited for.
         self.memory_barrier((ANY, vk::AccessFlags2::MEMORY_WRITE), (COPY, vk::AccessFlags2::TRANSFER_READ));
         match fetch.place {
-            Place::Buffer { buffer, offset, pitch } => self.fetch_rows(fetch, buffer, offset, pitch, to),
+            Place::Buffer { buffer, offset, pitch, is_foreign } => {
+                let foreign = vk::QUEUE_FAMILY_FOREIGN_EXT;
+                if is_foreign {
+                    self.hand_over(buffer, foreign, self.family());
+                }
+                self.fetch_rows(fetch, buffer, offset, pitch, to);
+                if is_foreign {
+                    self.hand_over(buffer, self.family(), foreign);
+                }
+            }
             Place::Image { image, layout, layer } => self.fetch_layer(fetch, image, layout, layer, to),
         }
         self.keep(to.clone());
         if let Some(shared) = &fetch.keep {
             self.keep(shared.clone());
         }
+    }
+
+    /// A buffer goes from one family of queues to another, one of which is that of another device.
+    fn hand_over(&self, buffer: vk::Buffer, from: u32, to: u32) {
+        let barrier = [vk::BufferMemoryBarrier2::default()
+            .src_stage_mask(COPY)
+            .dst_stage_mask(COPY)
+            .dst_access_mask(vk::AccessFlags2::TRANSFER_READ)
+            .src_queue_family_index(from)
+            .dst_queue_family_index(to)
+            .buffer(buffer)
+            .size(vk::WHOLE_SIZE)];
+        let dependency = vk::DependencyInfo::default().buffer_memory_barriers(&barrier);
+        // SAFETY: the part is being recorded; the buffer is kept alive, and its other owner has let it go by the contract of `DmaBuf`.
+        unsafe { self.device().cmd_pipeline_barrier2(self.part(), &dependency) };
     }
 
     fn fetch_rows(&self, fetch: &Fetch, buffer: vk::Buffer, offset: u64, pitch: u64, to: &Arc<Buffer>) {

@@ -1,0 +1,117 @@
+//! How V is drawn: two shaders, and what they are told.
+
+use std::io::Cursor;
+
+use parfocal::foreign::ash::{self, util, vk};
+
+const SCREEN: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/screen.vert.spv"));
+const BLUR: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/blur.frag.spv"));
+
+/// Push constants: the width, and V that has the full colour.
+pub const CONSTANTS: u32 = 8;
+
+/// A pipeline that covers what it draws to, reads V from a storage buffer, and has one set of descriptors, for that.
+pub struct Pipeline {
+    pub handle: vk::Pipeline,
+    pub layout: vk::PipelineLayout,
+    pub set: vk::DescriptorSet,
+    set_layout: vk::DescriptorSetLayout,
+    pool: vk::DescriptorPool,
+}
+
+impl Pipeline {
+    pub fn new(device: &ash::Device, format: vk::Format) -> Result<Self, vk::Result> {
+        let kind = vk::DescriptorType::STORAGE_BUFFER;
+        let bindings = [vk::DescriptorSetLayoutBinding::default()
+            .descriptor_type(kind)
+            .descriptor_count(1)
+            .stage_flags(vk::ShaderStageFlags::FRAGMENT)];
+        let constants = [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::FRAGMENT).size(CONSTANTS)];
+        let sizes = [vk::DescriptorPoolSize::default().ty(kind).descriptor_count(1)];
+        // SAFETY: all is of this device, and what is pointed to is here.
+        unsafe {
+            let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+            let set_layout = device.create_descriptor_set_layout(&create, None)?;
+            let set_layouts = [set_layout];
+            let create =
+                vk::PipelineLayoutCreateInfo::default().set_layouts(&set_layouts).push_constant_ranges(&constants);
+            let layout = device.create_pipeline_layout(&create, None)?;
+            let create = vk::DescriptorPoolCreateInfo::default().max_sets(1).pool_sizes(&sizes);
+            let pool = device.create_descriptor_pool(&create, None)?;
+            let allocate = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool).set_layouts(&set_layouts);
+            let set = device.allocate_descriptor_sets(&allocate)?[0];
+            let handle = pipeline(device, layout, format)?;
+            Ok(Self { handle, layout, set, set_layout, pool })
+        }
+    }
+
+    /// V is in this buffer from now on.
+    ///
+    /// # Safety
+    /// The buffer is of this device; nothing that was drawn so far is under way.
+    pub unsafe fn read_from(&self, device: &ash::Device, buffer: vk::Buffer) {
+        let buffers = [vk::DescriptorBufferInfo::default().buffer(buffer).range(vk::WHOLE_SIZE)];
+        let write = vk::WriteDescriptorSet::default()
+            .dst_set(self.set)
+            .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+            .buffer_info(&buffers);
+        // SAFETY: by the caller.
+        unsafe { device.update_descriptor_sets(&[write], &[]) };
+    }
+
+    /// # Safety
+    /// Nothing that was drawn is under way, and nothing will be.
+    pub unsafe fn destroy(&self, device: &ash::Device) {
+        // SAFETY: by the caller.
+        unsafe {
+            device.destroy_pipeline(self.handle, None);
+            device.destroy_descriptor_pool(self.pool, None);
+            device.destroy_pipeline_layout(self.layout, None);
+            device.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}
+
+fn shader(device: &ash::Device, spirv: &[u8]) -> Result<vk::ShaderModule, vk::Result> {
+    let words = util::read_spv(&mut Cursor::new(spirv)).expect("SPIR-V");
+    // SAFETY: what shaderc has made is valid.
+    unsafe { device.create_shader_module(&vk::ShaderModuleCreateInfo::default().code(&words), None) }
+}
+
+/// For dynamic rendering: no render pass, no framebuffer.
+fn pipeline(device: &ash::Device, layout: vk::PipelineLayout, format: vk::Format) -> Result<vk::Pipeline, vk::Result> {
+    let modules = [shader(device, SCREEN)?, shader(device, BLUR)?];
+    let stages = [vk::ShaderStageFlags::VERTEX, vk::ShaderStageFlags::FRAGMENT];
+    let stage =
+        |n: usize| vk::PipelineShaderStageCreateInfo::default().stage(stages[n]).module(modules[n]).name(c"main");
+    let stages = [stage(0), stage(1)];
+    let vertices = vk::PipelineVertexInputStateCreateInfo::default();
+    let assembly = vk::PipelineInputAssemblyStateCreateInfo::default().topology(vk::PrimitiveTopology::TRIANGLE_LIST);
+    let viewports = vk::PipelineViewportStateCreateInfo::default().viewport_count(1).scissor_count(1);
+    let dynamic = [vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
+    let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
+    let raster = vk::PipelineRasterizationStateCreateInfo::default().line_width(1.0);
+    let samples = vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
+    let attachments =
+        [vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA)];
+    let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&attachments);
+    let formats = [format];
+    let mut rendering = vk::PipelineRenderingCreateInfo::default().color_attachment_formats(&formats);
+    let create = vk::GraphicsPipelineCreateInfo::default()
+        .stages(&stages)
+        .vertex_input_state(&vertices)
+        .input_assembly_state(&assembly)
+        .viewport_state(&viewports)
+        .dynamic_state(&dynamic)
+        .rasterization_state(&raster)
+        .multisample_state(&samples)
+        .color_blend_state(&blend)
+        .layout(layout)
+        .push_next(&mut rendering);
+    // SAFETY: all is of this device, and what is pointed to is here; the shaders fit the layout and the format.
+    unsafe {
+        let made = device.create_graphics_pipelines(vk::PipelineCache::null(), &[create], None);
+        modules.iter().for_each(|&module| device.destroy_shader_module(module, None));
+        made.map(|pipelines| pipelines[0]).map_err(|(_, result)| result)
+    }
+}

@@ -1,0 +1,79 @@
+//! A program on wgpu that lends wgpu's device to the engine, and draws V without the host touching it.
+//!
+//!     cargo run --package embedder-wgpu [PICTURE.ppm]
+//!
+//! `shared.rs` opens the device, `canvas.rs` draws; `messages.rs` knows nothing of the engine.
+
+mod canvas;
+mod messages;
+mod shared;
+
+use std::error::Error;
+use std::sync::{Arc, mpsc};
+use std::time::Duration;
+
+use embedder::{RANGE, SIZE, compare, pair, validate, write_ppm};
+use parfocal::foreign::Turns;
+use parfocal::{Engine, EngineOptions, Settings, Solver};
+
+use crate::canvas::Canvas;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    messages::listen();
+    let picture = draw()?;
+    assert!(messages::heard().is_empty(), "validation: {:#?}", messages::heard());
+    if let Some(path) = std::env::args().nth(1) {
+        write_ppm(&path, &picture)?;
+    }
+    Ok(())
+}
+
+fn draw() -> Result<Vec<u8>, Box<dyn Error>> {
+    let flags = wgpu::InstanceFlags::VALIDATION | wgpu::InstanceFlags::DEBUG;
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+        backends: wgpu::Backends::VULKAN,
+        flags: if validate() { flags } else { wgpu::InstanceFlags::empty() },
+        ..wgpu::InstanceDescriptor::new_without_display_handle()
+    });
+    let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))?;
+    let turns = Arc::<Turns>::default();
+    // SAFETY: all below takes turns at the queue; what is declared later goes earlier, the engine before the device.
+    let (device, queue, foreign) = unsafe { shared::open(&adapter, &turns) }?;
+    let engine = Engine::from_vulkan(foreign, &EngineOptions::default())?;
+    let [i1, i2] = pair(|x| x + 0.25);
+    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default())?;
+    let canvas = Canvas::new(&device, &queue, &turns, [SIZE; 2], RANGE);
+    let mut picture = Vec::new();
+    beside(&device, &queue, &turns, || {
+        for _frame in 0..2 {
+            let ticket = solver.submit(0, &i1, &i2)?;
+            // SAFETY: it is read before the slot takes the next pair.
+            unsafe { canvas.draw(&solver.on_device(&ticket)?) }?;
+            picture = canvas.read()?;
+            let view = solver.wait(&ticket, Duration::MAX)?.ok_or("solved, since it was drawn")?;
+            compare(&picture, view.relative_blur());
+        }
+        Ok::<_, Box<dyn Error>>(())
+    })?;
+    println!("{}: V drawn by wgpu where the engine left it", engine.info().name);
+    Ok(picture)
+}
+
+/// What is done while another thread has wgpu work, as programs that draw have.
+fn beside<T>(device: &wgpu::Device, queue: &wgpu::Queue, turns: &Turns, of: impl FnOnce() -> T) -> T {
+    let (usage, size) = (wgpu::BufferUsages::COPY_DST, 256);
+    let buffer = device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false });
+    let (end, ended) = mpsc::channel::<()>();
+    std::thread::scope(|scope| {
+        let _end = end; // goes with this, should `of` panic too
+        scope.spawn(move || {
+            while ended.recv_timeout(Duration::from_millis(1)) == Err(mpsc::RecvTimeoutError::Timeout) {
+                let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+                encoder.clear_buffer(&buffer, 0, None);
+                let _turn = turns.turn();
+                queue.submit([encoder.finish()]);
+            }
+        });
+        of()
+    })
+}

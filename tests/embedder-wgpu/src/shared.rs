@@ -1,0 +1,50 @@
+//! A device of wgpu's that an engine can use too.
+
+use std::error::Error;
+use std::sync::Arc;
+
+use parfocal::foreign::ash::vk;
+use parfocal::foreign::{ForeignDevice, Turns, Wanted};
+use wgpu::hal::api::Vulkan;
+
+/// The family from which wgpu takes its queue.
+const FAMILY: u32 = 0;
+
+/// wgpu's device and queue, and the device as an engine takes it. Instead of `Adapter::request_device`, which leaves off what an engine
+/// requires, and of `open_with_callback`, which cannot switch it on: wgpu's chain of features has maintenance4 in it already, off.
+///
+/// # Safety
+/// - Whoever has wgpu use its queue takes a turn for it: `Queue::submit`, `Queue::present`, `Surface::configure`,
+///   `Queue::on_submitted_work_done`, `Buffer::map_async` of a buffer written since the last submission, the drop of the last handle of a queue.
+/// - The engine, its solvers and their views are gone before wgpu's device is.
+pub unsafe fn open(
+    adapter: &wgpu::Adapter,
+    turns: &Arc<Turns>,
+) -> Result<(wgpu::Device, wgpu::Queue, ForeignDevice), Box<dyn Error>> {
+    let wants = wgpu::DeviceDescriptor { required_limits: adapter.limits(), ..Default::default() };
+    // SAFETY: nothing of it is destroyed here.
+    let hal = unsafe { adapter.as_hal::<Vulkan>() }.ok_or("wgpu is not on Vulkan")?;
+    let (instance, physical) = (hal.shared_instance().raw_instance(), hal.raw_physical_device());
+    // SAFETY: wgpu makes its instance for Vulkan 1.3, where the loader has that.
+    let mut wanted = unsafe { Wanted::of(instance, physical) };
+    let mut extensions = hal.required_device_extensions(wants.required_features);
+    extensions.extend(wanted.extensions());
+    let names: Vec<_> = extensions.iter().map(|name| name.as_ptr()).collect();
+    let mut features = hal.physical_device_features(&extensions, wants.required_features);
+    let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(FAMILY).queue_priorities(&[1.0])];
+    let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&names);
+    // SAFETY: wgpu's features are here, in a chain that is valid; the device is made as wgpu would, with what is wanted besides, and
+    // becomes wgpu's.
+    unsafe {
+        let create = wanted.switch_on(features.add_to_device_create(create));
+        let raw = instance.create_device(physical, &create, None)?;
+        let (limits, hints) = (&wants.required_limits, &wants.memory_hints);
+        let of_hal =
+            hal.device_from_raw(raw.clone(), None, &extensions, wants.required_features, limits, hints, FAMILY, 0)?;
+        let foreign = ForeignDevice::new(instance.clone(), physical, raw, FAMILY, of_hal.queue.as_raw())
+            .locked_by(turns.clone())
+            .made_with(&wanted);
+        let (device, queue) = adapter.create_device_from_hal::<Vulkan>(of_hal, &wants)?;
+        Ok((device, queue, foreign))
+    }
+}

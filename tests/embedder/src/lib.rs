@@ -1,0 +1,72 @@
+//! A pair from memory whose relative blur and registration are known, for programs that embed the engine; and V in colours, for those
+//! that draw it.
+
+use parfocal::Frame;
+
+pub const SIZE: u32 = 96;
+/// Of the blur of I1, px².
+pub const VARIANCE: f64 = 0.5;
+/// A place in I2 less the same in I1, px.
+pub const SHIFT: [f64; 2] = [0.8, -0.6];
+/// V that has the full colour, px².
+pub const RANGE: f32 = 1.5;
+
+/// Two photographs, where V at `x`, -1 on the left to 1 on the right, is `blur(x)`.
+pub fn pair(blur: fn(f64) -> f64) -> [Frame; 2] {
+    [photograph(|_| VARIANCE, [0.0; 2]), photograph(|x| VARIANCE + blur(x), SHIFT)]
+}
+
+/// Waves in all directions, seen through a Gaussian of some variance, which it dims as its transfer function says.
+fn photograph(variance: impl Fn(f64) -> f64, [dx, dy]: [f64; 2]) -> Frame {
+    let waves: Vec<[f64; 3]> = (0..64)
+        .map(|n| f64::from(n) * 2.4)
+        .map(|n| [(0.2 + 0.006 * n) * n.cos(), (0.2 + 0.006 * n) * n.sin(), n * n])
+        .collect();
+    let value = |x: f64, y: f64| {
+        let variance = variance(2.0 * x / f64::from(SIZE) - 1.0);
+        let wave = |[u, v, phase]: &[f64; 3]| (-variance * (u * u + v * v) / 2.0).exp() * (u * x + v * y + phase).cos();
+        (0.5 + 0.04 * waves.iter().map(wave).sum::<f64>()) as f32
+    };
+    let places = (0..SIZE * SIZE).map(|i| (f64::from(i % SIZE) - dx, f64::from(i / SIZE) - dy));
+    Frame::gray(SIZE, SIZE, places.map(|(x, y)| value(x, y)).collect()).expect("a frame")
+}
+
+/// Whether the tests want validation.
+pub fn validate() -> bool {
+    std::env::var_os("PARFOCAL_VALIDATE").is_some_and(|value| value == "1")
+}
+
+/// What the shaders make of V: blue where I1 is the softer, orange where it is the sharper, white between, black where nothing is known.
+pub fn colour(blur: f32) -> [f32; 3] {
+    if blur.is_nan() {
+        return [0.0; 3];
+    }
+    let part = (blur / RANGE).clamp(-1.0, 1.0);
+    let end = if part < 0.0 { [0.1, 0.3, 0.8] } else { [0.9, 0.5, 0.1] };
+    end.map(|channel: f32| 1.0 + part.abs() * (channel - 1.0))
+}
+
+/// A picture that was drawn of V, RGBA, is the one that the host would have drawn.
+///
+/// # Panics
+/// Where it is not.
+pub fn compare(picture: &[u8], relative_blur: &[f32]) {
+    assert_eq!(picture.len(), 4 * relative_blur.len());
+    for (i, (drawn, &blur)) in picture.chunks_exact(4).zip(relative_blur).enumerate() {
+        let near = |(&drawn, wanted): (&u8, f32)| (f32::from(drawn) - 255.0 * wanted).abs() < 1.0;
+        assert!(drawn.iter().zip(colour(blur)).all(near), "pixel {i}: V is {blur} px², drawn as {drawn:?}");
+    }
+    let known: Vec<f32> = relative_blur.iter().copied().filter(|blur| !blur.is_nan()).collect();
+    let [least, most] = [f32::min, f32::max].map(|of| known.iter().copied().reduce(of).expect("V somewhere"));
+    assert!(least < 0.5 && most > 1.0, "no slope to be seen: {least} to {most} px²");
+}
+
+/// RGBA as a file that any viewer opens.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_ppm(path: &str, picture: &[u8]) -> std::io::Result<()> {
+    let mut file = format!("P6 {SIZE} {SIZE} 255\n").into_bytes();
+    file.extend(picture.chunks_exact(4).flat_map(|pixel| &pixel[..3]));
+    std::fs::write(path, file)
+}
