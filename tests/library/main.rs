@@ -16,4 +16,5 @@ mod scope;
 mod slots;
 mod soak;
 mod solver;
+mod stream;
 mod sweep;
