@@ -51,7 +51,7 @@ mod page;
 #[doc = include_str!("../docs/guide/src/embedding.md")]
 mod guide {}
 
-pub use around::{FieldCurvature, Kept, Scope, focus_stack, resample};
+pub use around::{FieldCurvature, Full, Kept, Scope, Stream, focus_stack, resample};
 pub use base::{
     Aperture, Brightness, Cancel, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format, Frame, Homography,
     Inverse, Kernel, Lens, Mask, Method, Motion, Photometric, PixelFormat, Region, RegistrationStep, Samples, Settings,

@@ -83,6 +83,14 @@ pub enum Error {
         "the method sift needs key-points: make the Engine with EngineOptions::key_points, or use the method unified"
     )]
     NoKeyPoints,
+    /// The system gives no thread for a device's work.
+    #[error("no thread for {device}: {problem}; there are too many, or too little memory")]
+    NoThread {
+        /// The device's name.
+        device: String,
+        /// What the system says.
+        problem: String,
+    },
     /// A frame is not of the size or format that the solver was prepared for.
     #[error("{0}")]
     Mismatch(String),

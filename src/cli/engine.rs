@@ -1,6 +1,5 @@
 //! The device that a subcommand runs on, or, of a batch, all of them.
 
-use std::collections::HashSet;
 use std::time::Duration;
 
 use parfocal::{DeviceInfo, Engine, EngineOptions, Error, baseline};
@@ -13,9 +12,6 @@ const DEFAULT: &str = "PARFOCAL_DEVICE";
 
 /// What stands for every device.
 const ALL: &str = "all";
-
-/// What Vulkan calls a device that is none beside the processor.
-const PROCESSOR: &str = "CPU";
 
 /// Which device, and for how long it is waited.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -56,10 +52,11 @@ impl EngineArguments {
         if !is_all(&self.options()) {
             return Ok(vec![self.clone()]);
         }
-        let found = every(&Engine::devices()?);
+        let devices = Engine::devices()?;
+        let found = DeviceInfo::every(&devices);
         // Without any, the error says why.
-        let named = |device: String| Self { device: Some(device), ..self.clone() };
-        Ok(if found.is_empty() { vec![named("0".to_string())] } else { found.into_iter().map(named).collect() })
+        let named = |index: usize| Self { device: Some(index.to_string()), ..self.clone() };
+        Ok(if found.is_empty() { vec![named(0)] } else { found.iter().map(|device| named(device.index)).collect() })
     }
 
     /// How it is opened.
@@ -77,40 +74,4 @@ impl EngineArguments {
 
 fn is_all(options: &EngineOptions) -> bool {
     options.device.as_deref() == Some(ALL)
-}
-
-/// Indices of the devices that work as one: the usable ones, each once though two drivers list it; those that are the
-/// processor, which reads and writes meanwhile, only where there is no other.
-fn every(devices: &[DeviceInfo]) -> Vec<String> {
-    let usable = || devices.iter().filter(|device| device.unusable.is_none());
-    let mut seen = HashSet::new();
-    let beside: Vec<&DeviceInfo> =
-        usable().filter(|device| device.kind != PROCESSOR && seen.insert(&device.uuid)).collect();
-    let all = if beside.is_empty() { usable().collect() } else { beside };
-    all.into_iter().map(|device| device.index.to_string()).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn all_devices_are_those_beside_the_processor_each_once() {
-        let device = |index: usize, uuid: &str, kind, unusable: Option<&str>| DeviceInfo {
-            index,
-            uuid: uuid.to_string(),
-            kind,
-            unusable: unusable.map(str::to_string),
-            ..DeviceInfo::default()
-        };
-        let mut devices = vec![device(0, "l", PROCESSOR, None), device(1, "l", PROCESSOR, None)];
-        assert_eq!(every(&devices), ["0", "1"]);
-        devices.extend([
-            device(2, "a", "discrete GPU", None),
-            device(3, "a", "discrete GPU", None),
-            device(4, "b", "discrete GPU", None),
-            device(5, "c", "integrated GPU", Some("it lacks Vulkan 1.3")),
-        ]);
-        assert_eq!(every(&devices), ["2", "4"]);
-    }
 }

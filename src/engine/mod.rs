@@ -186,6 +186,11 @@ impl Engine {
         self.memory.min(self.info().memory_bytes)
     }
 
+    /// The longest wait for one solve.
+    pub(crate) fn timeout(&self) -> Duration {
+        self.device.timeout()
+    }
+
     pub(crate) fn device(&self) -> &Arc<Device> {
         &self.device
     }

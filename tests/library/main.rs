@@ -19,4 +19,5 @@ mod slots;
 mod soak;
 mod solver;
 mod sources;
+mod stream;
 mod sweep;

@@ -7,9 +7,8 @@ use std::time::Duration;
 use crate::common::scene::{pair, slanted};
 use crate::common::{options, trust};
 use parfocal::image_io::Photograph;
-use parfocal::{Engine, EngineOptions, Error, Frame, Settings, Similarity, Solution, Solver};
+use parfocal::{Engine, EngineOptions, Error, Frame, Settings, Similarity, Solution, Solver, Stream};
 
-const TEST: &str = "soak::many_pairs_by_one_engine_leave_nothing_behind";
 const CHILD: &str = "PARFOCAL_SOAK_CHILD";
 /// One in so many is broken.
 const BROKEN: usize = 20;
@@ -116,16 +115,48 @@ fn soak(pairs: usize) {
     assert!(after.threads <= before.threads && after.files <= before.files, "{before:?}, {after:?}");
 }
 
-/// In a process of its own: what is counted is the process's.
-#[test]
-fn many_pairs_by_one_engine_leave_nothing_behind() {
-    let pairs = if trust::is_long() { 10_000 } else { 140 };
-    let pairs = std::env::var("PARFOCAL_SOAK").map_or(pairs, |pairs| pairs.parse().unwrap());
+/// Runs a test in a process of its own, since what is counted is the process's; whether this is that process.
+fn is_alone(test: &str) -> bool {
     if std::env::var_os(CHILD).is_some() {
-        return soak(pairs);
+        return true;
     }
     let mut child = Command::new(std::env::current_exe().unwrap());
     // An arena for each thread grows by itself.
-    let child = child.args([TEST, "--exact", "--nocapture"]).env(CHILD, "1").env("MALLOC_ARENA_MAX", "1");
+    let child = child.args([test, "--exact", "--nocapture"]).env(CHILD, "1").env("MALLOC_ARENA_MAX", "1");
     assert!(child.status().unwrap().success());
+    false
+}
+
+#[test]
+fn many_pairs_by_one_engine_leave_nothing_behind() {
+    if is_alone("soak::many_pairs_by_one_engine_leave_nothing_behind") {
+        let pairs = if trust::is_long() { 10_000 } else { 140 };
+        soak(std::env::var("PARFOCAL_SOAK").map_or(pairs, |pairs| pairs.parse().unwrap()));
+    }
+}
+
+/// PARFOCAL_PAIRS_OF_MEMORY says how many; 48 without.
+#[test]
+fn a_stream_takes_no_more_memory_for_more_pairs() {
+    if !is_alone("soak::a_stream_takes_no_more_memory_for_more_pairs") {
+        return;
+    }
+    let pairs: usize = std::env::var("PARFOCAL_PAIRS_OF_MEMORY").map_or(48, |pairs| pairs.parse().unwrap());
+    let engine = Engine::new(&open()).unwrap();
+    let settings = Settings { outer_iterations: 6, ..Settings::default() };
+    let some: Vec<[Frame; 2]> =
+        (0..4).map(|seed| pair([64, 48], Similarity::IDENTITY, slanted(64), 0.0, seed)).collect();
+    let mut stream = Stream::new(&[&engine], 3, [64, 48], [some[0][0].format(); 2], &settings).unwrap();
+    let mut before = None;
+    for (n, solution) in stream.map(some.iter().cycle().take(pairs).cloned()).enumerate() {
+        solution.unwrap();
+        // Every slot and place has been filled, and all there is to be kept is there.
+        if n == 23 {
+            before = Some(Held::now());
+        }
+    }
+    let (before, after) = (before.unwrap(), Held::now());
+    println!("{pairs} pairs through a stream: {} KiB after 24, {} KiB at the end", before.memory, after.memory);
+    assert!(after.memory <= before.memory + SLACK, "{before:?}, {after:?}");
+    assert!(after.threads <= before.threads && after.files <= before.files, "{before:?}, {after:?}");
 }

@@ -1,4 +1,4 @@
-// A pair, its registration and a focus sweep, from C++.
+// A pair, its registration, many pairs one after the other and a focus sweep, from C++.
 #include <cmath>
 #include <cstdlib>
 #include <iostream>
@@ -45,6 +45,16 @@ int main() try {
   std::cout << "T " << registered->transform[2] << ' ' << registered->transform[5] << " px\n";
   const auto moved = registered.apply<float>(image(far));
   std::cout << "I2 on I1 in the middle " << moved[middle] << ", I1 " << near[middle] << '\n';
+
+  // The next pair goes up while the device solves; where there is no room for it, a solution is read first.
+  parfocal::Stream stream(engine, image(near), image(far), settings);
+  int same = 0;
+  const auto use = [&](const parfocal::Solution &found) { same += found->relative_blur[middle] == solution->relative_blur[middle]; };
+  for (int n = 0; n < 9; n++)
+    while (!stream.push(image(near), image(far))) use(*stream.next());
+  stream.finish();
+  while (const auto found = stream.next()) use(*found);
+  std::cout << same << " of 9 pairs of a stream as the first\n";
 
   // Of five frames, the third has the scene in focus.
   std::vector<std::vector<float>> sweep;

@@ -4,7 +4,7 @@
  *
  * What may fail returns a parfocal_status; parfocal_last_error() then says in words what to do. Structs begin with their size:
  * set it to sizeof, and fields that a later version adds keep their defaults. Handles may move between threads, and one
- * handle is used by one thread at a time; an engine may be used by several. NULL where there must be a handle is an error,
+ * handle is used by one thread at a time; an engine and a stream may be used by several. NULL where there must be a handle is an error,
  * never a crash; freeing NULL does nothing. Images are read in the call alone. */
 
 #ifndef PARFOCAL_H
@@ -41,6 +41,8 @@ typedef enum {
   PARFOCAL_PANIC = 11,
   // Anything else.
   PARFOCAL_OTHER = 12,
+  // A stream had no room for the pair in time, which was not taken: read a result first.
+  PARFOCAL_FULL = 13,
 } parfocal_status;
 
 // How a sample is stored.
@@ -123,6 +125,10 @@ typedef struct parfocal_solution parfocal_solution;
 
 // Settings, and what is kept from one pair for the next: memory and the recorded work of pairs of one size and format.
 typedef struct parfocal_solver parfocal_solver;
+
+// Many pairs of one size and kind in, their solutions out in the same order: on each device several are under way, so that the next goes up
+// and the one before comes down while it solves. One thread may push while another reads.
+typedef struct parfocal_stream parfocal_stream;
 
 // What was found of a focus sweep.
 typedef struct parfocal_sweep parfocal_sweep;
@@ -432,6 +438,43 @@ parfocal_status parfocal_solution_apply(const parfocal_solution *solution,
 
 // Frees a solution, and the fields with it.
 void parfocal_solution_free(parfocal_solution *solution);
+
+// Prepares devices, count of them, with so many slots each (three keep a device busy), for pairs like i1 and i2, of which no pixel is read;
+// settings may be NULL. Each pair goes to whichever device is free; what a device that fails had the others solve.
+parfocal_status parfocal_stream_new(const parfocal_engine *const *engines,
+                                    size_t count,
+                                    uint32_t slots,
+                                    const parfocal_image *i1,
+                                    const parfocal_image *i2,
+                                    const parfocal_settings *settings,
+                                    parfocal_stream **stream);
+
+// Copies a pair and hands it over, once there is room for it, for which it waits so many seconds at most: 0 does not wait, INFINITY for ever,
+// which is of use where another thread reads. PARFOCAL_FULL where there was no room: read a solution first. What is wrong with
+// a pair, another size say, is told where its solution is read.
+parfocal_status parfocal_stream_push(const parfocal_stream *stream,
+                                     const parfocal_image *i1,
+                                     const parfocal_image *i2,
+                                     double seconds);
+
+// The solution of the oldest pair that has not been read, for which it waits so many seconds at most, as parfocal_stream_push. NULL
+// where it is not there by then, and after parfocal_stream_finish at once where all have been read. Fails of what that pair failed of; those
+// behind it go on.
+parfocal_status parfocal_stream_next(const parfocal_stream *stream,
+                                     double seconds,
+                                     parfocal_solution **solution);
+
+// Says that no more pairs come, so that who reads waits for the last and no longer. Another push takes it back.
+parfocal_status parfocal_stream_finish(const parfocal_stream *stream);
+
+// How many pairs may be pushed and not yet read, two for each slot: only reading makes room; 0 of NULL.
+size_t parfocal_stream_capacity(const parfocal_stream *stream);
+
+// How many pairs were pushed and not yet read; 0 of NULL.
+size_t parfocal_stream_length(const parfocal_stream *stream);
+
+// Frees a stream, once the devices have solved what they have; what waits is forgotten. Its solutions live on.
+void parfocal_stream_free(parfocal_stream *stream);
 
 // Solves a focus sweep of three or more frames of one size and format, in the order of their focus; settings, options and scope
 // may be NULL.

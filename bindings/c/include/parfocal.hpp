@@ -5,10 +5,13 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "parfocal.h"
@@ -35,6 +38,7 @@ struct Free {
   void operator()(parfocal_engine *handle) const noexcept { parfocal_engine_free(handle); }
   void operator()(parfocal_solver *handle) const noexcept { parfocal_solver_free(handle); }
   void operator()(parfocal_solution *handle) const noexcept { parfocal_solution_free(handle); }
+  void operator()(parfocal_stream *handle) const noexcept { parfocal_stream_free(handle); }
   void operator()(parfocal_sweep *handle) const noexcept { parfocal_sweep_free(handle); }
 };
 
@@ -172,6 +176,49 @@ class Solver {
 
  private:
   detail::Handle<parfocal_solver> handle_;
+};
+
+/// Many pairs of one size and kind in, their solutions out in the same order. One thread may push while another reads.
+class Stream {
+ public:
+  /// Waits for ever, where another thread pushes or reads.
+  static constexpr double forever = std::numeric_limits<double>::infinity();
+
+  /// For pairs like these two, of which no pixel is read; three slots keep a device busy.
+  Stream(const std::vector<const Engine *> &engines, const Image &i1, const Image &i2, const Settings &settings = Settings(),
+         std::uint32_t slots = 3) {
+    std::vector<const parfocal_engine *> handles;
+    for (const auto *engine : engines) handles.push_back(engine->get());
+    parfocal_stream *made = nullptr;
+    const parfocal_engine *none = nullptr;
+    detail::check(parfocal_stream_new(handles.empty() ? &none : handles.data(), handles.size(), slots, &i1, &i2, &settings, &made));
+    handle_.reset(made);
+  }
+  Stream(const Engine &engine, const Image &i1, const Image &i2, const Settings &settings = Settings(), std::uint32_t slots = 3)
+      : Stream(std::vector<const Engine *>{&engine}, i1, i2, settings, slots) {}
+
+  /// Copies a pair and hands it over; false where there is no room for it within so many seconds: read a solution first.
+  bool push(const Image &i1, const Image &i2, double seconds = 0) {
+    const auto status = parfocal_stream_push(handle_.get(), &i1, &i2, seconds);
+    if (status != PARFOCAL_FULL) detail::check(status);
+    return status == PARFOCAL_OK;
+  }
+  /// The solution of the oldest pair that has not been read; none where it is not there within so many seconds, and after finish() where
+  /// all have been read. Throws what that pair failed of; those behind it go on.
+  std::optional<Solution> next(double seconds = forever) {
+    parfocal_solution *made = nullptr;
+    detail::check(parfocal_stream_next(handle_.get(), seconds, &made));
+    return made ? std::optional<Solution>(std::in_place, made) : std::nullopt;
+  }
+  /// Says that no more pairs come; another push takes it back.
+  void finish() { detail::check(parfocal_stream_finish(handle_.get())); }
+  /// How many pairs may be pushed and not yet read: only reading makes room.
+  std::size_t capacity() const noexcept { return parfocal_stream_capacity(handle_.get()); }
+  /// How many were pushed and not yet read.
+  std::size_t size() const noexcept { return parfocal_stream_length(handle_.get()); }
+
+ private:
+  detail::Handle<parfocal_stream> handle_;
 };
 
 /// What was found of a focus sweep; `*` and `->` are to its numbers and fields, which live as long as it does.

@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::ffi::{CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use parfocal::Error;
+use parfocal::{Error, Full};
 
 /// How a call ended.
 #[repr(C)]
@@ -37,6 +37,8 @@ pub enum parfocal_status {
     PARFOCAL_PANIC = 11,
     /// Anything else.
     PARFOCAL_OTHER = 12,
+    /// A stream had no room for the pair in time, which was not taken: read a result first.
+    PARFOCAL_FULL = 13,
 }
 
 use parfocal_status::*;
@@ -69,6 +71,12 @@ impl From<Error> for Fault {
             _ => PARFOCAL_OTHER,
         };
         Self { status, message: error.to_string() }
+    }
+}
+
+impl From<Full> for Fault {
+    fn from(full: Full) -> Self {
+        Self { status: PARFOCAL_FULL, message: full.to_string() }
     }
 }
 

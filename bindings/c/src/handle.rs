@@ -7,14 +7,27 @@ use crate::fault::{Fault, value};
 /// # Safety
 /// `out` is NULL, or a pointer may be written to it.
 pub(crate) unsafe fn give<T>(out: *mut *mut T, make: impl FnOnce() -> Result<T, Fault>) -> Result<(), Fault> {
+    // SAFETY: the contract is the same.
+    unsafe { give_any(out, || make().map(Some)) }
+}
+
+/// The same of what there may be: NULL where there is none.
+///
+/// # Safety
+/// As [`give`].
+pub(crate) unsafe fn give_any<T>(
+    out: *mut *mut T,
+    make: impl FnOnce() -> Result<Option<T>, Fault>,
+) -> Result<(), Fault> {
     if out.is_null() {
         return Err(Fault::argument("the place for the new handle is NULL"));
     }
     // SAFETY: not NULL, so writable.
     unsafe { out.write(std::ptr::null_mut()) };
-    let made = Box::into_raw(Box::new(make()?));
-    // SAFETY: as before.
-    unsafe { out.write(made) };
+    if let Some(made) = make()? {
+        // SAFETY: as before.
+        unsafe { out.write(Box::into_raw(Box::new(made))) };
+    }
     Ok(())
 }
 

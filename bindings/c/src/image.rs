@@ -2,10 +2,11 @@
 
 use std::ffi::c_void;
 
-use parfocal::{Channels, Depth, Frame, Samples};
+use parfocal::{Channels, Depth, Format, Frame, Samples};
 
 use crate::fault::Fault;
 use crate::handle::slice;
+use crate::settings::one_of;
 use crate::sized::{Versioned, read};
 
 /// How a sample is stored.
@@ -50,6 +51,26 @@ unsafe impl Versioned for parfocal_image {
     }
 }
 
+/// The width and height of photographs such as this, and what their samples are; pixels are not read.
+///
+/// # Safety
+/// `image` is NULL, or as the header describes it.
+pub(crate) unsafe fn kind(image: *const parfocal_image, name: &str) -> Result<([u32; 2], Format), Fault> {
+    // SAFETY: the contract is the same.
+    let image = unsafe { read(image) }?;
+    let channels = channels(&image, name)?;
+    let depth = one_of(&format!("{name}.depth"), image.depth, &[Depth::U8, Depth::U16, Depth::F32])?;
+    Ok(([image.width, image.height], Format { channels, depth }))
+}
+
+fn channels(image: &parfocal_image, name: &str) -> Result<Channels, Fault> {
+    match image.channels {
+        1 => Ok(Channels::Gray),
+        3 => Ok(Channels::Rgb),
+        n => Err(Fault::argument(format!("{name} has {n} channels: parfocal takes 1 or 3"))),
+    }
+}
+
 /// Copies a photograph.
 ///
 /// # Safety
@@ -57,11 +78,7 @@ unsafe impl Versioned for parfocal_image {
 pub(crate) unsafe fn frame(image: *const parfocal_image, name: &str) -> Result<Frame, Fault> {
     // SAFETY: the contract is the same.
     let image = unsafe { read(image) }?;
-    let channels = match image.channels {
-        1 => Channels::Gray,
-        3 => Channels::Rgb,
-        n => return Err(Fault::argument(format!("{name} has {n} channels: parfocal takes 1 or 3"))),
-    };
+    let channels = channels(&image, name)?;
     // SAFETY: the header asks for rows of such samples.
     let samples = unsafe {
         match image.depth {

@@ -3,7 +3,7 @@
 //! Every function checks its pointers, returns a status, and stops panics. All that is `unsafe` here is what C hands over.
 //! The contract of every exported function, which its documentation does not repeat: each pointer is NULL, or what the
 //! header says that it is, and lives through the call; a handle was given out by this library, is not freed, and no other
-//! thread uses it meanwhile, an engine and what is only read excepted.
+//! thread uses it meanwhile, an engine, a stream and what is only read excepted.
 
 #![allow(non_camel_case_types, reason = "the names are those of the header")]
 #![allow(clippy::missing_safety_doc, reason = "it is above, once")]
@@ -17,6 +17,7 @@ mod settings;
 mod sized;
 mod solution;
 mod solver;
+mod stream;
 mod sweep;
 
 pub use engine::*;
@@ -26,4 +27,5 @@ pub use measure::*;
 pub use settings::*;
 pub use solution::*;
 pub use solver::*;
+pub use stream::*;
 pub use sweep::*;

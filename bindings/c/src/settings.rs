@@ -191,8 +191,13 @@ impl Told {
 
     /// For frames such as these.
     pub(crate) fn of(&self, frames: &[&Frame]) -> Settings {
+        self.of_depths(frames.iter().map(|frame| frame.format().depth))
+    }
+
+    /// For frames of such samples.
+    pub(crate) fn of_depths(&self, mut depths: impl Iterator<Item = Depth>) -> Settings {
         let mut settings = self.settings.clone();
-        if self.decode_auto && frames.iter().any(|frame| frame.format().depth == Depth::U8) {
+        if self.decode_auto && depths.any(|depth| depth == Depth::U8) {
             settings.decode = Decode::Srgb;
         }
         settings

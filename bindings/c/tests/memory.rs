@@ -5,7 +5,7 @@
 use std::fs;
 use std::ptr::{null, null_mut};
 
-use parfocal_c::parfocal_status::PARFOCAL_OK;
+use parfocal_c::parfocal_status::{PARFOCAL_FULL, PARFOCAL_OK};
 use parfocal_c::*;
 
 const SIZE: [u32; 2] = [96, 80];
@@ -21,6 +21,21 @@ fn resident() -> u64 {
     4096 * counts.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok()).expect("a count of pages")
 }
 
+fn count() -> u32 {
+    std::env::var("PARFOCAL_PAIRS_OF_MEMORY").ok().and_then(|count| count.parse().ok()).unwrap_or(20)
+}
+
+/// Fails where so many pairs take more memory than the first ones, which `some` solves too.
+fn assert_flat(what: &str, mut some: impl FnMut(u32)) {
+    some(12);
+    let before = resident();
+    some(count());
+    let grown = resident().saturating_sub(before);
+    println!("{} pairs {what}: {} KiB after 12, {} KiB more", count(), before >> 10, grown >> 10);
+    assert!(grown < 8 << 20, "{grown} bytes more after {} pairs {what}", count());
+}
+
+/// In one test, since both look at all of the process.
 #[test]
 fn pairs_one_after_the_other_take_no_more_memory() {
     let samples = [photograph(0.4), photograph(0.3)];
@@ -33,27 +48,62 @@ fn pairs_one_after_the_other_take_no_more_memory() {
         depth: parfocal_depth::PARFOCAL_F32 as u32,
         row_bytes: 0,
     });
-    let count = std::env::var("PARFOCAL_PAIRS_OF_MEMORY").ok().and_then(|count| count.parse().ok()).unwrap_or(20);
+    let [i1, i2] = [&raw const i1, &raw const i2];
+    let mut engine = null_mut();
     // SAFETY: images state their samples, handles are used before they are freed.
     unsafe {
-        let (mut engine, mut solver) = (null_mut(), null_mut());
         assert_eq!(parfocal_engine_new(null(), &raw mut engine), PARFOCAL_OK);
-        assert_eq!(parfocal_solver_new(engine, null(), &raw mut solver), PARFOCAL_OK);
-        let some = |count: u32| {
-            for _ in 0..count {
-                let mut solution = null_mut();
-                let solved = parfocal_solver_solve(solver, &raw const i1, &raw const i2, null(), &raw mut solution);
-                assert_eq!(solved, PARFOCAL_OK);
-                parfocal_solution_free(solution);
-            }
-        };
-        some(5);
-        let before = resident();
-        some(count);
-        let grown = resident().saturating_sub(before);
-        println!("{count} pairs: {grown} bytes more");
-        assert!(grown < 8 << 20, "{grown} bytes more after {count} pairs");
-        parfocal_solver_free(solver);
+        by_a_solver(engine, [i1, i2]);
+        through_a_stream(engine, [i1, i2]);
         parfocal_engine_free(engine);
     }
+}
+
+/// # Safety
+/// An engine, and images that state their samples.
+unsafe fn by_a_solver(engine: *const parfocal_engine, [i1, i2]: [*const parfocal_image; 2]) {
+    let mut solver = null_mut();
+    // SAFETY: the contract is the same.
+    assert_eq!(unsafe { parfocal_solver_new(engine, null(), &raw mut solver) }, PARFOCAL_OK);
+    assert_flat("by a solver", |count| {
+        for _ in 0..count {
+            let mut solution = null_mut();
+            // SAFETY: as before.
+            unsafe {
+                assert_eq!(parfocal_solver_solve(solver, i1, i2, null(), &raw mut solution), PARFOCAL_OK);
+                parfocal_solution_free(solution);
+            }
+        }
+    });
+    // SAFETY: it is used no more.
+    unsafe { parfocal_solver_free(solver) };
+}
+
+/// # Safety
+/// As [`by_a_solver`].
+unsafe fn through_a_stream(engine: *const parfocal_engine, [i1, i2]: [*const parfocal_image; 2]) {
+    let mut stream = null_mut();
+    // SAFETY: the contract is the same.
+    let made = unsafe { parfocal_stream_new(&raw const engine, 1, 3, i1, i2, null(), &raw mut stream) };
+    assert_eq!(made, PARFOCAL_OK);
+    // SAFETY: as before.
+    let read = || unsafe {
+        let mut solution = null_mut();
+        assert_eq!(parfocal_stream_next(stream, f64::INFINITY, &raw mut solution), PARFOCAL_OK);
+        parfocal_solution_free(solution);
+        !solution.is_null()
+    };
+    assert_flat("through a stream", |count| {
+        for _ in 0..count {
+            // SAFETY: as before.
+            while unsafe { parfocal_stream_push(stream, i1, i2, 0.0) } == PARFOCAL_FULL {
+                read();
+            }
+        }
+        // SAFETY: as before.
+        assert_eq!(unsafe { parfocal_stream_finish(stream) }, PARFOCAL_OK);
+        while read() {}
+    });
+    // SAFETY: it is used no more.
+    unsafe { parfocal_stream_free(stream) };
 }

@@ -24,10 +24,13 @@ fn null_is_an_error_or_nothing() {
         parfocal_solver_free(null_mut());
         parfocal_solution_free(null_mut());
         parfocal_sweep_free(null_mut());
+        parfocal_stream_free(null_mut());
+        assert_eq!(parfocal_stream_capacity(null()) + parfocal_stream_length(null()), 0);
         assert_eq!(CStr::from_ptr(parfocal_engine_device(null())), c"");
         assert_eq!(CStr::from_ptr(parfocal_engine_messages(null())), c"");
         assert!(parfocal_solution_warning(null(), 0).is_null() && parfocal_sweep_warning(null(), 0).is_null());
         let (mut solver, mut solution, mut sweep) = (null_mut(), null_mut(), null_mut());
+        let (mut stream, nothing) = (null_mut(), null());
         let region = parfocal_region { x: 0, y: 0, width: 1, height: 1 };
         for status in [
             parfocal_engine_new(null(), null_mut()),
@@ -39,6 +42,12 @@ fn null_is_an_error_or_nothing() {
             parfocal_solution_get(null(), null_mut()),
             parfocal_solution_depth(null(), null(), null_mut(), null_mut(), 0),
             parfocal_solution_apply(null(), null(), 0, null_mut(), 0),
+            parfocal_stream_new(null(), 1, 3, null(), null(), null(), &raw mut stream),
+            parfocal_stream_new(&raw const nothing, 1, 3, null(), null(), null(), &raw mut stream),
+            parfocal_stream_push(null(), null(), null(), 0.0),
+            parfocal_stream_next(null(), 0.0, &raw mut solution),
+            parfocal_stream_next(null(), 0.0, null_mut()),
+            parfocal_stream_finish(null()),
             parfocal_stack(null(), null(), 0, null(), null(), null(), &raw mut sweep),
             parfocal_sweep_get(null(), null_mut()),
             parfocal_sweep_transform(null(), 0, null_mut()),
@@ -49,7 +58,7 @@ fn null_is_an_error_or_nothing() {
             assert_eq!(status, PARFOCAL_INVALID_ARGUMENT);
             assert!(said().contains("NULL"), "{}", said());
         }
-        assert!(solver.is_null() && solution.is_null() && sweep.is_null());
+        assert!(solver.is_null() && solution.is_null() && sweep.is_null() && stream.is_null());
     }
     assert_eq!(parfocal_profile_length(0.0, 0.0, f64::NAN, 1.0), 0);
 }

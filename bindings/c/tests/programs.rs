@@ -73,7 +73,7 @@ fn c_solves_a_pair() {
 }
 
 #[test]
-fn cpp_solves_registers_and_stacks() {
+fn cpp_solves_registers_streams_and_stacks() {
     let said = done(&Command::new(compile("c++", "solve.cpp", &["-std=c++17"])).output().expect("the program"));
     let parts = [
         "V in the middle 1.00",
@@ -81,6 +81,7 @@ fn cpp_solves_registers_and_stacks() {
         "line of 57",
         "24x16 px from 32, 40",
         "T 0.799",
+        "9 of 9 pairs",
         "at 1.99",
         "px to the right",
     ];

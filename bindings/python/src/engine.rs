@@ -48,9 +48,7 @@ impl Engine {
     #[new]
     #[pyo3(signature = (device=None, *, timeout=600.0, validation=false))]
     fn new(py: Python<'_>, device: Option<String>, timeout: f64, validation: bool) -> PyResult<Self> {
-        let timeout = Duration::try_from_secs_f64(timeout).ok().filter(|timeout| !timeout.is_zero());
-        let timeout = timeout.ok_or_else(|| PyValueError::new_err("timeout: give seconds, more than 0"))?;
-        let options = EngineOptions { device, validation, timeout, ..EngineOptions::default() };
+        let options = EngineOptions { device, validation, timeout: patience(timeout)?, ..EngineOptions::default() };
         let engine = py.detach(|| parfocal::Engine::new(&options)).map_err(raised)?;
         let name = engine.info().name.clone();
         let inner = Some(Mutex::new(Inner { engine, kept: None, registering: None }));
@@ -149,12 +147,7 @@ impl Engine {
         py: Python<'_>,
         run: impl FnOnce(&mut Inner) -> Result<T, parfocal::Error> + Send,
     ) -> PyResult<T> {
-        let Some(inner) = self.inner.as_ref().filter(|_| self.process == process::id()) else {
-            return Err(DeviceError::new_err(
-                "this process was forked after the engine was opened, and the device is not in it: use multiprocessing's start \
-                 method 'spawn' or 'forkserver', or open the first engine in the child",
-            ));
-        };
+        let inner = self.inner.as_ref().filter(|_| self.process == process::id()).ok_or_else(forked)?;
         py.detach(|| run(&mut inner.lock().unwrap_or_else(PoisonError::into_inner))).map_err(raised)
     }
 }
@@ -171,6 +164,20 @@ impl Inner {
         self.registering = Some((size, formats, settings.clone(), solver));
         Ok(registered)
     }
+}
+
+/// The longest wait for one solve.
+pub(crate) fn patience(seconds: f64) -> PyResult<Duration> {
+    let timeout = Duration::try_from_secs_f64(seconds).ok().filter(|timeout| !timeout.is_zero());
+    timeout.ok_or_else(|| PyValueError::new_err("timeout: give seconds, more than 0"))
+}
+
+/// What is said in a process that was forked.
+pub(crate) fn forked() -> PyErr {
+    DeviceError::new_err(
+        "this process was forked after the engine was opened, and the device is not in it: use multiprocessing's start \
+         method 'spawn' or 'forkserver', or open the first engine in the child",
+    )
 }
 
 /// The names of the devices, and why those that will not do will not.
@@ -260,7 +267,7 @@ fn brightness<'py>(py: Python<'py>, of: &Brightness, into: &Bound<'py, PyDict>) 
     into.set_item("shading_region", <[u32; 4]>::from(of.part))
 }
 
-fn of_solution<'py>(py: Python<'py>, s: Solution, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
+pub(crate) fn of_solution<'py>(py: Python<'py>, s: Solution, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
     let (found, size, channels) = (PyDict::new(py), [s.width, s.height], s.fused_channels);
     found.set_item("relative_blur", field(py, s.relative_blur, size)?)?;
     found.set_item("uncertainty", field(py, s.uncertainty, size)?)?;

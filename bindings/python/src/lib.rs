@@ -6,6 +6,7 @@ mod engine;
 mod files;
 mod measure;
 mod settings;
+mod stream;
 
 use pyo3::prelude::*;
 
@@ -44,6 +45,7 @@ mod _native {
         files::{read, unpack},
         measure::{level, profile, step},
         settings::setting_names,
+        stream::Stream,
     };
 
     #[pymodule_init]

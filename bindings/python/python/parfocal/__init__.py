@@ -15,6 +15,7 @@ from __future__ import annotations
 from ._native import DeviceError, Engine, __version__, devices
 from ._results import Brightness, Depth, Lens, Level, Registration, Result, Sweep
 from ._solves import apply, read, register, solve, stack, unpack
+from ._stream import Stream
 from . import measure
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "Level",
     "Registration",
     "Result",
+    "Stream",
     "Sweep",
     "__version__",
     "apply",

@@ -1,0 +1,238 @@
+//! What is pushed into a stream, taken by workers and read again: each result in its place, and never more than there is room for.
+
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// What a worker takes, and where in the order it stands.
+pub(super) struct Job<P> {
+    number: u64,
+    pub(super) pair: P,
+}
+
+/// Pairs in, results out.
+pub(super) struct Queue<P, R> {
+    state: Mutex<State<P, R>>,
+    /// Anything has: it happens a few times a pair, and few threads wait.
+    changed: Condvar,
+    /// How many may be pushed and not yet read.
+    capacity: usize,
+    /// What comes of a pair that no worker is left for.
+    lost: fn() -> R,
+}
+
+struct State<P, R> {
+    /// What came of each pair that was pushed and not yet read, in order.
+    places: VecDeque<Option<R>>,
+    /// The number of the first of these.
+    first: u64,
+    /// Taken by no worker, in order.
+    waiting: VecDeque<Job<P>>,
+    workers: usize,
+    /// Readers need wait for no more pairs.
+    is_finished: bool,
+    /// Workers need wait for no more pairs.
+    is_closed: bool,
+}
+
+impl<P, R> State<P, R> {
+    /// Each number has one result: the place of one that has been read is not found.
+    fn put(&mut self, number: u64, result: R) {
+        let place = number.checked_sub(self.first).and_then(|n| usize::try_from(n).ok());
+        if let Some(place) = place.and_then(|n| self.places.get_mut(n)) {
+            *place = Some(result);
+        }
+    }
+
+    fn is_next_there(&self) -> bool {
+        matches!(self.places.front(), Some(Some(_)))
+    }
+}
+
+impl<P, R> Queue<P, R> {
+    pub(super) fn new(workers: usize, capacity: usize, lost: fn() -> R) -> Self {
+        let (places, waiting) = (VecDeque::new(), VecDeque::new());
+        let state = State { places, first: 0, waiting, workers, is_finished: false, is_closed: false };
+        Self { state: Mutex::new(state), changed: Condvar::new(), capacity, lost }
+    }
+
+    pub(super) fn capacity(&self) -> usize {
+        self.capacity
+    }
+
+    /// Pairs that were pushed and not yet read.
+    pub(super) fn len(&self) -> usize {
+        self.lock().places.len()
+    }
+
+    /// Whether the next result can be read at once.
+    pub(super) fn is_next_there(&self) -> bool {
+        self.lock().is_next_there()
+    }
+
+    /// Gives the pair back where there is no room for it by then.
+    pub(super) fn push(&self, pair: P, limit: Duration) -> Result<(), P> {
+        let mut state = self.once(limit, |state| state.places.len() < self.capacity);
+        if state.places.len() >= self.capacity {
+            return Err(pair);
+        }
+        let number = state.first + state.places.len() as u64;
+        state.is_finished = false;
+        if state.workers == 0 {
+            state.places.push_back(Some((self.lost)()));
+        } else {
+            state.places.push_back(None);
+            state.waiting.push_back(Job { number, pair });
+        }
+        self.changed.notify_all();
+        Ok(())
+    }
+
+    /// The next result; `None` where it is not there by then, or all are read and no more pairs come.
+    pub(super) fn next(&self, limit: Duration) -> Option<R> {
+        let ended = |state: &State<P, R>| state.is_finished && state.places.is_empty();
+        let mut state = self.once(limit, |state| state.is_next_there() || ended(state));
+        if !state.is_next_there() {
+            return None;
+        }
+        state.first += 1;
+        let result = state.places.pop_front().flatten();
+        self.changed.notify_all();
+        result
+    }
+
+    /// No more pairs come, until one does.
+    pub(super) fn finish(&self) {
+        self.lock().is_finished = true;
+        self.changed.notify_all();
+    }
+
+    /// Sends the workers home, once they have done what they have taken.
+    pub(super) fn close(&self) {
+        let mut state = self.lock();
+        state.is_closed = true;
+        state.waiting.clear();
+        self.changed.notify_all();
+    }
+
+    /// The next pair for a worker, which may wait until there is one; then `None` says to go home.
+    pub(super) fn take(&self, waits: bool) -> Option<Job<P>> {
+        let limit = if waits { Duration::MAX } else { Duration::ZERO };
+        self.once(limit, |state| state.is_closed || !state.waiting.is_empty()).waiting.pop_front()
+    }
+
+    pub(super) fn done(&self, job: &Job<P>, result: R) {
+        self.lock().put(job.number, result);
+        self.changed.notify_all();
+    }
+
+    /// A worker is of no more use: the others do what it had taken. Where there are none, the oldest pair comes out as `fault`, the
+    /// others as lost.
+    pub(super) fn retire(&self, taken: impl IntoIterator<Item = Job<P>>, fault: Option<R>) {
+        let mut state = self.lock();
+        state.workers -= 1;
+        state.waiting.extend(taken);
+        state.waiting.make_contiguous().sort_by_key(|job| job.number);
+        if state.workers == 0 {
+            let left = std::mem::take(&mut state.waiting);
+            let results = fault.into_iter().chain(std::iter::repeat_with(self.lost));
+            left.iter().zip(results).for_each(|(job, result)| state.put(job.number, result));
+        }
+        self.changed.notify_all();
+    }
+
+    /// The state once it is as it should be, or when the time is over.
+    fn once(&self, limit: Duration, ready: impl Fn(&State<P, R>) -> bool) -> MutexGuard<'_, State<P, R>> {
+        let waited = self.changed.wait_timeout_while(self.lock(), limit, |state| !ready(state));
+        waited.unwrap_or_else(PoisonError::into_inner).0
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State<P, R>> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::thread;
+
+    use super::*;
+
+    const NOW: Duration = Duration::ZERO;
+
+    fn queue(workers: usize, pushed: u32) -> Queue<u32, String> {
+        let queue = Queue::new(workers, 4, || "lost".to_string());
+        (0..pushed).for_each(|pair| assert_eq!(queue.push(pair, NOW), Ok(())));
+        queue
+    }
+
+    fn read(queue: &Queue<u32, String>) -> Vec<String> {
+        std::iter::from_fn(|| queue.next(NOW)).collect()
+    }
+
+    #[test]
+    fn results_are_in_order_and_count_until_they_are_read() {
+        let queue = queue(1, 4);
+        let [first, second] = [0, 1].map(|_| queue.take(false).unwrap());
+        queue.done(&second, "1".to_string());
+        assert!(queue.next(NOW).is_none() && !queue.is_next_there(), "the first is not done");
+        queue.done(&first, "0".to_string());
+        assert_eq!(queue.push(4, NOW), Err(4), "what is done and not read takes room");
+        assert_eq!(read(&queue), ["0", "1"]);
+        assert_eq!((queue.push(4, NOW), queue.len()), (Ok(()), 3));
+    }
+
+    #[test]
+    fn what_a_worker_leaves_others_do_in_its_place() {
+        let queue = queue(2, 4);
+        let [a, b, c] = [0, 1, 2].map(|_| queue.take(false).unwrap());
+        queue.done(&b, "1".to_string());
+        queue.retire([a, c], Some("broken".to_string()));
+        for expected in [0, 2, 3] {
+            let job = queue.take(false).unwrap();
+            assert_eq!(job.pair, expected);
+            queue.done(&job, job.pair.to_string());
+        }
+        assert_eq!(read(&queue), ["0", "1", "2", "3"]);
+    }
+
+    #[test]
+    fn without_workers_every_pair_has_an_error() {
+        let queue = queue(1, 3);
+        let first = queue.take(false).unwrap();
+        queue.retire([first], Some("broken".to_string()));
+        assert_eq!(queue.push(3, NOW), Ok(()));
+        assert_eq!(read(&queue), ["broken", "lost", "lost", "lost"]);
+    }
+
+    #[test]
+    fn who_waits_is_told_of_the_end() {
+        let queue = queue(1, 0);
+        thread::scope(|scope| {
+            let reader = scope.spawn(|| queue.next(Duration::MAX));
+            let worker = scope.spawn(|| queue.take(true).map(|job| job.pair));
+            queue.finish();
+            assert_eq!(reader.join().unwrap(), None);
+            queue.close();
+            assert_eq!(worker.join().unwrap(), None);
+        });
+        // Another pair opens it again.
+        assert_eq!(queue.push(0, NOW), Ok(()));
+        thread::scope(|scope| {
+            let reader = scope.spawn(|| queue.next(Duration::MAX));
+            queue.done(&queue.take(true).unwrap(), "0".to_string());
+            assert_eq!(reader.join().unwrap().as_deref(), Some("0"));
+        });
+    }
+
+    #[test]
+    fn who_pushes_waits_for_room() {
+        let queue = queue(1, 4);
+        thread::scope(|scope| {
+            let pushing = scope.spawn(|| queue.push(4, Duration::MAX));
+            queue.done(&queue.take(false).unwrap(), "0".to_string());
+            assert_eq!(queue.next(Duration::MAX).as_deref(), Some("0"));
+            assert_eq!(pushing.join().unwrap(), Ok(()));
+        });
+    }
+}

@@ -1,0 +1,222 @@
+//! Many pairs through a stream: each result in its place and with the bits of a solve by itself, whatever happens to the pairs beside it.
+
+use std::iter;
+use std::sync::LazyLock;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use parfocal::{Engine, EngineOptions, Error, Format, Frame, Full, Settings, Similarity, Solution, Solver, Stream};
+
+use crate::common::scene::{pair, slanted};
+use crate::common::{TestEngine, options};
+
+const SIZE: [u32; 2] = [72, 64];
+
+/// Pairs that differ, and what each is solved to by itself.
+static SOLVED: LazyLock<Vec<([Frame; 2], Solution)>> = LazyLock::new(|| {
+    let engine = TestEngine::new();
+    let of = |n: u64| pair(SIZE, Similarity::new(0.3 * n as f64, -0.3, 0.05, 1.0), slanted(SIZE[0]), 0.0, 3 + n);
+    let pairs = (0..4).map(of);
+    let mut solver = Solver::new(&engine, SIZE[0], SIZE[1], formats(), &settings()).unwrap();
+    pairs.map(|pair| (pair.clone(), solver.solve(&pair[0], &pair[1]).unwrap())).collect()
+});
+
+fn settings() -> Settings {
+    Settings { outer_iterations: 8, ..Settings::default() }
+}
+
+fn formats() -> [Format; 2] {
+    [Frame::gray(1, 1, vec![0.0]).unwrap().format(); 2]
+}
+
+fn stream(engines: &[&Engine], slots: usize) -> Stream {
+    Stream::new(engines, slots, SIZE, formats(), &settings()).unwrap()
+}
+
+/// The pair of a number, and what must come of it.
+fn solved(n: usize) -> &'static ([Frame; 2], Solution) {
+    &SOLVED[n % SOLVED.len()]
+}
+
+fn pairs(count: usize) -> impl Iterator<Item = [Frame; 2]> {
+    (0..count).map(|n| solved(n).0.clone())
+}
+
+fn assert_is(found: &Solution, n: usize) {
+    let (expected, bits) = (&solved(n).1, |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>());
+    assert_eq!(found.transform, expected.transform, "pair {n}");
+    assert_eq!(bits(&found.relative_blur), bits(&expected.relative_blur), "pair {n}");
+    assert_eq!(bits(&found.uncertainty), bits(&expected.uncertainty), "pair {n}");
+    assert_eq!(bits(&found.residual), bits(&expected.residual), "pair {n}");
+    assert_eq!(bits(&found.fused), bits(&expected.fused), "pair {n}");
+}
+
+/// Of another size.
+fn other() -> [Frame; 2] {
+    pair([64, 48], Similarity::new(0.0, 0.0, 0.0, 1.0), slanted(64), 0.0, 1)
+}
+
+#[test]
+fn results_are_in_order_and_those_of_one_by_one() {
+    let engines = [TestEngine::new(), TestEngine::alone()];
+    for (engines, slots) in [(&engines[..1], 1), (&engines[..1], 3), (&engines[..], 2)] {
+        let engines: Vec<&Engine> = engines.iter().map(|engine| &**engine).collect();
+        let mut stream = stream(&engines, slots);
+        let found: Vec<Solution> = stream.map(pairs(11)).map(Result::unwrap).collect();
+        found.iter().enumerate().for_each(|(n, found)| assert_is(found, n));
+        assert_eq!((found.len(), stream.len(), stream.map([]).count()), (11, 0, 0));
+    }
+}
+
+#[test]
+fn one_thread_pushes_and_another_reads() {
+    let engine = TestEngine::new();
+    let stream = stream(&[&engine], 2);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            pairs(9).for_each(|pair| stream.push(pair, Duration::MAX).unwrap());
+            stream.finish();
+        });
+        let count = stream.results().enumerate().map(|(n, found)| assert_is(&found.unwrap(), n)).count();
+        assert_eq!(count, 9);
+    });
+    // What was said to be all is not, once there is another.
+    stream.push(solved(2).0.clone(), Duration::ZERO).unwrap();
+    assert_is(&stream.next(Duration::MAX).unwrap().unwrap(), 2);
+}
+
+#[test]
+fn a_full_stream_gives_the_pair_back() {
+    let engine = TestEngine::new();
+    let stream = stream(&[&engine], 1);
+    assert_eq!((stream.capacity(), stream.is_empty()), (2, true));
+    assert!(stream.next(Duration::ZERO).unwrap().is_none(), "nothing is pushed");
+    pairs(2).for_each(|pair| stream.push(pair, Duration::ZERO).unwrap());
+    let before = Instant::now();
+    let Full(back) = stream.push(solved(2).0.clone(), Duration::from_millis(30)).unwrap_err();
+    assert!(back == solved(2).0 && before.elapsed() >= Duration::from_millis(30));
+    assert_is(&stream.next(Duration::MAX).unwrap().unwrap(), 0);
+    stream.push(back, Duration::ZERO).unwrap();
+    for n in [1, 2] {
+        assert_is(&stream.next(Duration::MAX).unwrap().unwrap(), n);
+    }
+}
+
+#[test]
+fn a_pair_that_fails_does_so_in_its_place() {
+    let engine = TestEngine::new();
+    let mut stream = stream(&[&engine], 2);
+    let some = pairs(2).chain([other()]).chain(pairs(2)).chain([other(), other()]);
+    let found: Vec<_> = stream.map(some).collect();
+    assert_eq!(found.len(), 7);
+    for (n, found) in found.iter().enumerate() {
+        match n {
+            2 | 5 | 6 => assert!(matches!(found, Err(Error::Mismatch(_))), "pair {n}"),
+            _ => assert_is(found.as_ref().unwrap(), if n < 2 { n } else { n - 3 }),
+        }
+    }
+}
+
+#[test]
+fn a_stream_that_is_dropped_leaves_the_engine_as_it_was() {
+    let engine = TestEngine::alone();
+    let before = Instant::now();
+    for pushed in [0, 1, 6] {
+        let mut stream = stream(&[&engine], 3);
+        pairs(pushed).for_each(|pair| stream.push(pair, Duration::ZERO).unwrap());
+        // Of a map that is dropped, what was taken stays in order.
+        let first = stream.map(pairs(9).skip(pushed)).next().unwrap().unwrap();
+        assert_is(&first, 0);
+        assert_is(&stream.next(Duration::MAX).unwrap().unwrap(), 1);
+    }
+    assert!(before.elapsed() < Duration::from_secs(300));
+    assert_is(&engine.solve(solved(1).0.each_ref(), &settings()), 1);
+}
+
+#[test]
+fn what_cannot_be_prepared_is_told_at_once() {
+    let engine = TestEngine::new();
+    let wrong = |size, settings: &Settings| Stream::new(&[&engine], 3, size, formats(), settings).map(drop);
+    assert!(matches!(wrong([4, 4], &settings()), Err(Error::TooSmall { .. })));
+    assert!(matches!(wrong([60_000; 2], &settings()), Err(Error::TooLarge { .. })));
+    assert!(matches!(wrong(SIZE, &Settings { levels: Some(99), ..settings() }), Err(Error::Setting { .. })));
+    assert!(matches!(Stream::new(&[], 3, SIZE, formats(), &settings()).map(drop), Err(Error::NoDevice(_))));
+}
+
+/// A pair that takes long, and how.
+fn long() -> ([Frame; 2], Settings) {
+    let settings = Settings { levels: Some(1), outer_iterations: 1000, continuation: 1.0, ..Settings::default() };
+    (pair([256, 256], Similarity::new(3.0, 2.0, 0.5, 1.01), slanted(256), 0.2, 5), settings)
+}
+
+#[test]
+fn what_a_device_had_that_failed_the_others_solve() {
+    let (pair, settings) = long();
+    let sound = TestEngine::new();
+    let before = Instant::now();
+    let expected = sound.solve(pair.each_ref(), &settings);
+    println!("{:?}", before.elapsed());
+    // Long enough to be prepared, and no more.
+    let hurried = Engine::new(&EngineOptions { timeout: Duration::from_millis(150), ..options() }).unwrap();
+    let solve = |engines: &[&Engine], count: usize| {
+        let mut stream = Stream::new(engines, 2, [256, 256], formats(), &settings).unwrap();
+        stream.map(iter::repeat_n(pair.clone(), count)).collect::<Vec<_>>()
+    };
+    for found in solve(&[&hurried, &sound], 3) {
+        let found = found.unwrap();
+        assert!(found.relative_blur.iter().zip(&expected.relative_blur).all(|(a, b)| a.to_bits() == b.to_bits()));
+    }
+    // Of the last one the error comes out.
+    let found = solve(&[&hurried], 6);
+    assert!(matches!(found[0], Err(Error::Timeout { .. })), "{:?}", found[0].as_ref().map(drop));
+    assert!(found.len() == 6 && found[1..].iter().all(|found| matches!(found, Err(Error::Poisoned))));
+    assert!(hurried.validation_messages().is_empty(), "{:?}", hurried.validation_messages());
+}
+
+#[test]
+fn it_may_be_shared() {
+    fn may<T: Send + Sync>() {}
+    may::<Stream>();
+}
+
+/// On lavapipe what a stream overlaps shares the processor with the device: little can be won there. For figures:
+/// `cargo test --release --test library how_much_a_stream_saves -- --ignored --nocapture`
+#[test]
+#[ignore = "it measures"]
+fn how_much_a_stream_saves() {
+    let (size, settings) = ([512, 384], Settings::default());
+    let engine = Engine::new(&EngineOptions { validation: false, timed: false, ..options() }).unwrap();
+    let pair = pair(size, Similarity::new(1.0, -0.5, 0.1, 1.001), slanted(size[0]), 0.002, 7);
+    let mut solver = Solver::new(&engine, size[0], size[1], formats(), &settings).unwrap();
+    let mut stream = Stream::new(&[&engine], 3, size, formats(), &settings).unwrap();
+    let pairs = || iter::repeat_n(pair.clone(), 20);
+    let mut one_by_one = || pairs().for_each(|[i1, i2]| drop(solver.solve(&i1, &i2).unwrap()));
+    let mut streamed = || stream.map(pairs()).for_each(|solution| drop(solution.unwrap()));
+    let seconds = |run: &mut dyn FnMut()| {
+        let before = Instant::now();
+        run();
+        before.elapsed().as_secs_f64()
+    };
+    seconds(&mut streamed);
+    // One beside the other, first the one and then the other, so that what else the machine does meets both.
+    let mut ratios: Vec<f64> = Vec::new();
+    for round in 0..7 {
+        let (blocking, overlapping) = match round % 2 {
+            0 => (seconds(&mut one_by_one), seconds(&mut streamed)),
+            _ => {
+                let overlapping = seconds(&mut streamed);
+                (seconds(&mut one_by_one), overlapping)
+            }
+        };
+        println!("20 pairs: one by one {blocking:.3} s, stream {overlapping:.3} s");
+        ratios.push(overlapping / blocking);
+    }
+    ratios.sort_by(f64::total_cmp);
+    println!(
+        "stream / one by one on {}: {:.3} in the median, {:.3} to {:.3}",
+        engine.info().name,
+        ratios[3],
+        ratios[0],
+        ratios[6]
+    );
+}
