@@ -136,8 +136,8 @@ impl PixelFormat {
         self.bytes_of(u64::from(width) * u64::from(height))
     }
 
-    /// Bytes of a row, of one that ends with a byte.
-    pub(crate) fn row_bytes(self, width: u32) -> Option<u64> {
+    /// Bytes of a row, of one that ends with a byte; only such rows can have gaps between them.
+    pub fn row_bytes(self, width: u32) -> Option<u64> {
         let bytes = self.bytes_of(width.into());
         (2 * bytes == self.bytes_of(2 * u64::from(width))).then_some(bytes)
     }

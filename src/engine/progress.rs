@@ -16,3 +16,10 @@ pub struct Progress {
     /// Height of the level just done, pixels.
     pub height: u32,
 }
+
+impl Progress {
+    /// Which share is done, 0 to 1, by pixels.
+    pub fn share(&self) -> f64 {
+        self.pixels_done as f64 / self.pixels.max(1) as f64
+    }
+}

@@ -17,8 +17,14 @@
 
 static float samples[2][PAIR_PIXELS];
 
+/* What is not 0 calls the solve off; so does parfocal_cancel_now, from another thread. */
+static int32_t progress(void *context, double done) {
+  *(double *)context = done;
+  return 0;
+}
+
 static parfocal_image image(const float *data) {
-  parfocal_image image = {sizeof(parfocal_image), NULL, PAIR_SIZE, PAIR_SIZE, 1, PARFOCAL_F32, 0};
+  parfocal_image image = {.size = sizeof image, .width = PAIR_SIZE, .height = PAIR_SIZE, .channels = 1, .depth = PARFOCAL_F32};
   image.data = data;
   return image;
 }
@@ -33,6 +39,8 @@ int main(void) {
   parfocal_settings settings = {.size = sizeof settings};
   parfocal_found found = {.size = sizeof found};
   parfocal_image i1 = image(samples[0]), i2 = image(samples[1]);
+  double done = 0;
+  parfocal_scope scope = {.size = sizeof scope, .progress = progress, .context = &done};
 
   /* I2 is blurred by 1 px² more, and lies 0.8 px to the right and 0.6 px up. */
   pair_photograph(0.5, 0, 0, samples[0]);
@@ -42,10 +50,10 @@ int main(void) {
   TRY(parfocal_settings_init(&settings));
   settings.max_relative_blur = 36;
   TRY(parfocal_solver_new(engine, &settings, &solver));
-  TRY(parfocal_solver_solve(solver, &i1, &i2, NULL, &solution));
+  TRY(parfocal_solver_solve(solver, &i1, &i2, &scope, &solution));
   TRY(parfocal_solution_get(solution, &found));
 
-  printf("%s: V in the middle %.3f px², T %.3f %.3f px, %s\n", parfocal_engine_device(engine),
+  printf("%s, %.0f %% done: V in the middle %.3f px², T %.3f %.3f px, %s\n", parfocal_engine_device(engine), 100 * done,
          found.relative_blur[found.width * (found.height / 2) + found.width / 2], found.transform[2], found.transform[5],
          found.converged ? "converged" : "not converged");
   for (unsigned i = 0; i < found.warnings; i++)

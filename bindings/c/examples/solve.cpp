@@ -41,6 +41,34 @@ int main() try {
   const auto part = solver.solve(image(near), image(far), scope);
   std::cout << "a part of " << part->width << 'x' << part->height << " px from " << part->origin[0] << ", " << part->origin[1] << '\n';
 
+  // What is called off ends soon, and the solver is good for the next pair.
+  const parfocal::Cancel cancel;
+  parfocal::Scope called_off;
+  called_off.cancel = cancel.get();
+  called_off.context = const_cast<parfocal::Cancel *>(&cancel);
+  called_off.progress = [](void *context, double) {
+    static_cast<const parfocal::Cancel *>(context)->now();
+    return std::int32_t{0};
+  };
+  try {
+    solver.solve(image(near), image(far), called_off);
+  } catch (const parfocal::Error &error) {
+    std::cout << error.what() << (error.status() == PARFOCAL_CANCELLED ? "\n" : ", and not by this program\n");
+  }
+
+  // As a camera packs them: here two pixels in three bytes.
+  std::vector<std::uint8_t> packed[2];
+  for (int n = 0; n < 2; n++) {
+    const auto &values = n ? far : near;
+    for (std::size_t i = 0; i + 1 < values.size(); i += 2) {
+      const auto a = static_cast<unsigned>(values[i] * 4095 + 0.5), b = static_cast<unsigned>(values[i + 1] * 4095 + 0.5);
+      for (const auto byte : {a & 255, a >> 8 | (b & 15) << 4, b >> 4}) packed[n].push_back(static_cast<std::uint8_t>(byte));
+    }
+  }
+  const auto of_camera = solver.solve(parfocal::Image::packed(packed[0].data(), "Mono12p", PAIR_SIZE, PAIR_SIZE),
+                                      parfocal::Image::packed(packed[1].data(), "Mono12p", PAIR_SIZE, PAIR_SIZE));
+  std::cout << "of 12 bits, V in the middle " << of_camera->relative_blur[middle] << " px²\n";
+
   const auto registered = solver.register_pair(image(near), image(far));
   std::cout << "T " << registered->transform[2] << ' ' << registered->transform[5] << " px\n";
   const auto moved = registered.apply<float>(image(far));

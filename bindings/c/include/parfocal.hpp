@@ -40,6 +40,7 @@ struct Free {
   void operator()(parfocal_solution *handle) const noexcept { parfocal_solution_free(handle); }
   void operator()(parfocal_stream *handle) const noexcept { parfocal_stream_free(handle); }
   void operator()(parfocal_sweep *handle) const noexcept { parfocal_sweep_free(handle); }
+  void operator()(parfocal_cancel *handle) const noexcept { parfocal_cancel_free(handle); }
 };
 
 template <class T>
@@ -59,8 +60,30 @@ struct Image : parfocal_image {
   template <class T>
   Image(const T *samples, std::uint32_t columns, std::uint32_t rows, std::uint32_t channel_count = 1,
         std::size_t bytes_a_row = 0)
-      : parfocal_image{sizeof(parfocal_image), samples,      columns, rows, channel_count,
-                       detail::depth_of<T>(),  bytes_a_row} {}
+      : parfocal_image{sizeof(parfocal_image), samples,     columns, rows, channel_count,
+                       detail::depth_of<T>(),  bytes_a_row, nullptr} {}
+  /// As a camera packs it, by GenICam's name of the format, such as "Mono12p", which is kept by pointer.
+  static Image packed(const void *bytes, const char *format_name, std::uint32_t columns, std::uint32_t rows,
+                      std::size_t bytes_a_row = 0) {
+    Image image(static_cast<const std::uint8_t *>(bytes), columns, rows, 1, bytes_a_row);
+    image.format = format_name;
+    return image;
+  }
+};
+
+/// Calls solves off, from any thread: give it to their Scope.
+class Cancel {
+ public:
+  Cancel() {
+    parfocal_cancel *made = nullptr;
+    detail::check(parfocal_cancel_new(&made));
+    handle_.reset(made);
+  }
+  void now() const { detail::check(parfocal_cancel_now(handle_.get())); }
+  const parfocal_cancel *get() const noexcept { return handle_.get(); }
+
+ private:
+  detail::Handle<parfocal_cancel> handle_;
 };
 
 /// The settings, with their defaults.
@@ -71,7 +94,7 @@ struct Settings : parfocal_settings {
   }
 };
 
-/// What of a pair or a sweep is solved; all of it by default.
+/// What of a pair or a sweep is solved, all of it by default; who is told, and what calls it off.
 struct Scope : parfocal_scope {
   Scope() : parfocal_scope() { size = sizeof(parfocal_scope); }
 };

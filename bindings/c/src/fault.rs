@@ -39,6 +39,8 @@ pub enum parfocal_status {
     PARFOCAL_OTHER = 12,
     /// A stream had no room for the pair in time, which was not taken: read a result first.
     PARFOCAL_FULL = 13,
+    /// The call was called off.
+    PARFOCAL_CANCELLED = 14,
 }
 
 use parfocal_status::*;
@@ -68,6 +70,7 @@ impl From<Error> for Fault {
             Error::Mismatch(_) => PARFOCAL_MISMATCH,
             Error::Setting { .. } | Error::Kernel { .. } => PARFOCAL_SETTING,
             Error::Region(_) => PARFOCAL_REGION,
+            Error::Cancelled => PARFOCAL_CANCELLED,
             _ => PARFOCAL_OTHER,
         };
         Self { status, message: error.to_string() }

@@ -1,8 +1,8 @@
 //! Photographs in the caller's memory.
 
-use std::ffi::c_void;
+use std::ffi::{CStr, c_char, c_void};
 
-use parfocal::{Channels, Depth, Format, Frame, Samples};
+use parfocal::{Channels, Depth, Format, Frame, PixelFormat, Samples};
 
 use crate::fault::Fault;
 use crate::handle::slice;
@@ -39,6 +39,9 @@ pub struct parfocal_image {
     pub depth: u32,
     /// From the start of a row to that of the next, a multiple of a sample; 0 where rows follow one another without a gap.
     pub row_bytes: usize,
+    /// How a camera packs pixels, by GenICam's name, such as "Mono12p" or "BayerRG8": then channels and depth say nothing, data needs not
+    /// be aligned, and rows that are not whole bytes have no gaps. NULL: as channels and depth say.
+    pub format: *const c_char,
 }
 
 // SAFETY: integers and a pointer, the size first.
@@ -46,8 +49,8 @@ unsafe impl Versioned for parfocal_image {
     const NAME: &'static str = "parfocal_image";
 
     fn start() -> Self {
-        let (size, data) = (size_of::<Self>(), std::ptr::null());
-        Self { size, data, width: 0, height: 0, channels: 1, depth: 0, row_bytes: 0 }
+        let (size, data, format) = (size_of::<Self>(), std::ptr::null(), std::ptr::null());
+        Self { size, data, width: 0, height: 0, channels: 1, depth: 0, row_bytes: 0, format }
     }
 }
 
@@ -58,6 +61,10 @@ unsafe impl Versioned for parfocal_image {
 pub(crate) unsafe fn kind(image: *const parfocal_image, name: &str) -> Result<([u32; 2], Format), Fault> {
     // SAFETY: the contract is the same.
     let image = unsafe { read(image) }?;
+    // SAFETY: the contract is the same.
+    if let Some(packed) = unsafe { packed(&image, name) }? {
+        return Ok(([image.width, image.height], packed.format()));
+    }
     let channels = channels(&image, name)?;
     let depth = one_of(&format!("{name}.depth"), image.depth, &[Depth::U8, Depth::U16, Depth::F32])?;
     Ok(([image.width, image.height], Format { channels, depth }))
@@ -78,6 +85,11 @@ fn channels(image: &parfocal_image, name: &str) -> Result<Channels, Fault> {
 pub(crate) unsafe fn frame(image: *const parfocal_image, name: &str) -> Result<Frame, Fault> {
     // SAFETY: the contract is the same.
     let image = unsafe { read(image) }?;
+    // SAFETY: the contract is the same.
+    if let Some(packed) = unsafe { packed(&image, name) }? {
+        // SAFETY: the header asks for rows of such pixels.
+        return unsafe { unpacked(&image, packed, name) };
+    }
     let channels = channels(&image, name)?;
     // SAFETY: the header asks for rows of such samples.
     let samples = unsafe {
@@ -89,6 +101,49 @@ pub(crate) unsafe fn frame(image: *const parfocal_image, name: &str) -> Result<F
         }
     };
     Frame::new(image.width, image.height, channels, samples).map_err(|e| Fault::argument(format!("{name}: {e}")))
+}
+
+/// How a camera packs its pixels, if that is said.
+///
+/// # Safety
+/// `image.format` is NULL or a string.
+unsafe fn packed(image: &parfocal_image, name: &str) -> Result<Option<PixelFormat>, Fault> {
+    if image.format.is_null() {
+        return Ok(None);
+    }
+    // SAFETY: the contract is the same.
+    let format = unsafe { CStr::from_ptr(image.format) }.to_string_lossy();
+    format.parse().map(Some).map_err(|problem| Fault::argument(format!("{name}.format: {problem}")))
+}
+
+/// The frame that a camera packed.
+///
+/// # Safety
+/// `image.data` is NULL, or begins rows of pixels of this format as `image` says.
+unsafe fn unpacked(image: &parfocal_image, format: PixelFormat, name: &str) -> Result<Frame, Fault> {
+    let wrong = |problem: String| Fault::argument(format!("{name}: {problem}"));
+    let size = [image.width, image.height];
+    if size.contains(&0) {
+        return Err(wrong("it has no pixels".to_string()));
+    }
+    let (row, pitch) = (format.row_bytes(image.width), image.row_bytes);
+    let bytes = match (row, pitch) {
+        (_, 0) => format.bytes(size),
+        (Some(row), pitch) if row <= pitch as u64 => u64::from(image.height - 1).saturating_mul(pitch as u64) + row,
+        (Some(row), _) => return Err(wrong(format!("row_bytes is {pitch}: give {row} at least, or 0"))),
+        (None, _) => {
+            return Err(wrong(format!("a row of {} px of {format} ends within a byte: give row_bytes 0", image.width)));
+        }
+    };
+    let length = usize::try_from(bytes).map_err(|_| wrong(format!("{}x{} pixels are too many", size[0], size[1])))?;
+    // SAFETY: so many bytes the caller has, from the first of the first row to the last of the last.
+    let all = unsafe { slice(image.data.cast::<u8>(), length, &format!("{name}.data")) }?;
+    let found = match row {
+        Some(row) if pitch != 0 => format
+            .frame(size, &all.chunks(pitch).flat_map(|chunk| &chunk[..row as usize]).copied().collect::<Vec<u8>>()),
+        _ => format.frame(size, all),
+    };
+    found.map_err(wrong)
 }
 
 /// Its samples.
@@ -141,6 +196,26 @@ mod tests {
     }
 
     #[test]
+    fn what_a_camera_packs_is_unpacked() {
+        // Two rows of 0x123 0x456, and a gap of a byte.
+        let data = [0x23u8, 0x61, 0x45, 0xff, 0x23, 0x61, 0x45];
+        let mono = parfocal_image {
+            data: data.as_ptr().cast(),
+            width: 2,
+            height: 2,
+            row_bytes: 4,
+            format: c"Mono12p".as_ptr(),
+            channels: 0,
+            ..parfocal_image::start()
+        };
+        let widened = |v: u32| ((v * 65535 + 2047) / 4095) as u16;
+        assert_eq!(read_back(mono), Some([0x123, 0x456, 0x123, 0x456].map(widened).to_vec()));
+        // SAFETY: the image is as it says.
+        let kind = unsafe { kind(&raw const mono, "i1") }.ok();
+        assert_eq!(kind, Some(([2, 2], Format { channels: Channels::Gray, depth: Depth::U16 })));
+    }
+
+    #[test]
     fn gaps_between_rows_are_left_out_and_what_is_no_image_is_refused() {
         let data: Vec<u16> = (0..12).collect();
         assert_eq!(read_back(image(&data, 4, 3, 0)), Some(data.clone()));
@@ -156,6 +231,11 @@ mod tests {
             parfocal_image { data: data.as_ptr().cast::<u8>().wrapping_add(1).cast(), ..image(&data, 1, 1, 0) },
             parfocal_image { channels: 2, ..image(&data, 4, 3, 0) },
             parfocal_image { depth: 3, ..image(&data, 4, 3, 0) },
+            parfocal_image { format: c"Mono13".as_ptr(), ..image(&data, 4, 3, 0) },
+            parfocal_image { format: c"Mono12p".as_ptr(), ..image(&data, 3, 3, 6) },
+            parfocal_image { format: c"Mono12p".as_ptr(), ..image(&data, 4, 3, 5) },
+            parfocal_image { format: c"RGB8".as_ptr(), ..image(&data, 0, 3, 0) },
+            parfocal_image { format: c"RGB8".as_ptr(), ..image(&data, u32::MAX, u32::MAX, usize::MAX) },
         ] {
             assert_eq!(read_back(bad), None, "{bad:?}");
         }

@@ -3,11 +3,12 @@
 //! Every function checks its pointers, returns a status, and stops panics. All that is `unsafe` here is what C hands over.
 //! The contract of every exported function, which its documentation does not repeat: each pointer is NULL, or what the
 //! header says that it is, and lives through the call; a handle was given out by this library, is not freed, and no other
-//! thread uses it meanwhile, an engine, a stream and what is only read excepted.
+//! thread uses it meanwhile, an engine, a stream, a parfocal_cancel and what is only read excepted.
 
 #![allow(non_camel_case_types, reason = "the names are those of the header")]
 #![allow(clippy::missing_safety_doc, reason = "it is above, once")]
 
+mod cancel;
 mod engine;
 mod fault;
 mod handle;
@@ -20,6 +21,7 @@ mod solver;
 mod stream;
 mod sweep;
 
+pub use cancel::{parfocal_cancel, parfocal_cancel_free, parfocal_cancel_new, parfocal_cancel_now, parfocal_progress};
 pub use engine::*;
 pub use fault::{parfocal_last_error, parfocal_status};
 pub use image::{parfocal_depth, parfocal_image};

@@ -1,9 +1,13 @@
 //! Solves of pairs.
 
+use std::ffi::c_void;
 use std::sync::Arc;
 
-use parfocal::{Channels, Engine, Format, Frame, Kept, Kernel, Mask, Method, Region, Samples, Scope, Settings, Solver};
+use parfocal::{
+    Channels, Engine, Format, Frame, Kept, Kernel, Mask, Method, Progress, Region, Samples, Scope, Settings, Solver,
+};
 
+use crate::cancel::{Watch, parfocal_cancel, parfocal_progress};
 use crate::engine::parfocal_engine;
 use crate::fault::{Fault, call, parfocal_status};
 use crate::handle::{free, get, get_mut, give, slice};
@@ -52,6 +56,12 @@ pub struct parfocal_scope {
     pub mask: *const u8,
     /// Not 0 crops results to the largest rectangle in which V is valid everywhere.
     pub crop_valid: i32,
+    /// Is told how far the call is; NULL: nobody.
+    pub progress: parfocal_progress,
+    /// What that is called with.
+    pub context: *mut c_void,
+    /// What calls the call off, from another thread; NULL: nothing.
+    pub cancel: *const parfocal_cancel,
 }
 
 // SAFETY: integers and a pointer, the size first.
@@ -60,20 +70,20 @@ unsafe impl Versioned for parfocal_scope {
 
     fn start() -> Self {
         let region = parfocal_region { x: 0, y: 0, width: 0, height: 0 };
-        Self { size: size_of::<Self>(), region, mask: std::ptr::null(), crop_valid: 0 }
+        let (mask, context, cancel) = (std::ptr::null(), std::ptr::null_mut(), std::ptr::null());
+        Self { size: size_of::<Self>(), region, mask, crop_valid: 0, progress: None, context, cancel }
     }
 }
 
-/// What is to be solved of photographs such as this.
+/// What is to be solved of photographs such as this, and who is told of it.
 ///
 /// # Safety
 /// `from` is NULL, or as the header says, the mask of this photograph's size.
-pub(crate) unsafe fn scope(from: *const parfocal_scope, i1: &Frame) -> Result<Scope, Fault> {
-    if from.is_null() {
-        return Ok(Scope::default());
-    }
+pub(crate) unsafe fn scope(from: *const parfocal_scope, i1: &Frame) -> Result<(Scope, Watch), Fault> {
     // SAFETY: the contract is the same.
-    let asked = unsafe { read(from) }?;
+    let asked = if from.is_null() { parfocal_scope::start() } else { unsafe { read(from) }? };
+    // SAFETY: the header asks for a handle, and for what may be called.
+    let watch = unsafe { Watch::new(asked.progress, asked.context, asked.cancel) }?;
     let region = Some(asked.region).filter(|region| region.width != 0).map(Region::from);
     let mask = match asked.mask.is_null() {
         true => None,
@@ -86,7 +96,8 @@ pub(crate) unsafe fn scope(from: *const parfocal_scope, i1: &Frame) -> Result<Sc
             Some(Mask::of_picture(&picture.map_err(Fault::argument)?))
         }
     };
-    Ok(Scope { region, mask, crop_valid: asked.crop_valid != 0, ..Scope::default() })
+    let cancel = watch.cancel.clone();
+    Ok((Scope { region, mask, crop_valid: asked.crop_valid != 0, cancel, ..Scope::default() }, watch))
 }
 
 /// Prepares for pairs; settings may be NULL.
@@ -120,9 +131,10 @@ pub unsafe extern "C" fn parfocal_solver_solve(
         // SAFETY: the contract is the same.
         let (solver, i1, i2) = unsafe { (get_mut(solver, "solver")?, frame(i1, "i1")?, frame(i2, "i2")?) };
         // SAFETY: the contract is the same.
-        let scope = unsafe { self::scope(scope, &i1) }?;
+        let (scope, watch) = unsafe { self::scope(scope, &i1) }?;
         let settings = solver.told.of(&[&i1, &i2]);
-        let solved = scope.solve(&solver.engine, &mut solver.kept, [&i1, &i2], &settings, &mut |_| ())?;
+        let mut progress = |progress: Progress| watch.tell(progress.share());
+        let solved = scope.solve(&solver.engine, &mut solver.kept, [&i1, &i2], &settings, &mut progress)?;
         Ok(parfocal_solution::solved(solved, &settings))
     };
     // SAFETY: the contract is the same.

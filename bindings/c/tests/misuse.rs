@@ -13,7 +13,16 @@ fn said() -> String {
 
 fn image(samples: &[u8], width: u32, height: u32) -> parfocal_image {
     let size = size_of::<parfocal_image>();
-    parfocal_image { size, data: samples.as_ptr().cast(), width, height, channels: 1, depth: 0, row_bytes: 0 }
+    parfocal_image {
+        size,
+        data: samples.as_ptr().cast(),
+        width,
+        height,
+        channels: 1,
+        depth: 0,
+        row_bytes: 0,
+        format: null(),
+    }
 }
 
 #[test]

@@ -17,7 +17,7 @@ fn photograph(soft: f32) -> Vec<f32> {
 fn image(samples: &[f32], height: u32) -> parfocal_image {
     let (size, data, depth) =
         (size_of::<parfocal_image>(), samples.as_ptr().cast(), parfocal_depth::PARFOCAL_F32 as u32);
-    parfocal_image { size, data, width: SIZE[0], height, channels: 1, depth, row_bytes: 0 }
+    parfocal_image { size, data, width: SIZE[0], height, channels: 1, depth, row_bytes: 0, format: std::ptr::null() }
 }
 
 /// V of a solution, which is freed.

@@ -1,0 +1,75 @@
+//! Calls that are called off, and that say how far they are.
+
+use std::ffi::c_void;
+
+use parfocal::Cancel;
+
+use crate::fault::{Fault, call, parfocal_status};
+use crate::handle::{free, get, give};
+
+/// Calls solves off, from any thread: what is being solved with it ends soon, with PARFOCAL_CANCELLED, and so does all that begins with it
+/// afterwards. What was used is good for the next call.
+pub struct parfocal_cancel {
+    pub(crate) cancel: Cancel,
+}
+
+/// Makes one.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn parfocal_cancel_new(cancel: *mut *mut parfocal_cancel) -> parfocal_status {
+    // SAFETY: the contract is the same.
+    call(|| unsafe { give(cancel, || Ok(parfocal_cancel { cancel: Cancel::default() })) })
+}
+
+/// Calls off what is being solved with it.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn parfocal_cancel_now(cancel: *const parfocal_cancel) -> parfocal_status {
+    call(|| {
+        // SAFETY: the contract is the same.
+        unsafe { get(cancel, "cancel") }?.cancel.cancel();
+        Ok(())
+    })
+}
+
+/// Frees it; calls that have it go on.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn parfocal_cancel_free(cancel: *mut parfocal_cancel) {
+    // SAFETY: the contract is the same.
+    unsafe { free(cancel) };
+}
+
+/// Is told by the thread that solves which share of a solve is done, 0 to 1, after each level, and calls it off by what is not 0. It calls no
+/// function of parfocal with a handle of the same call.
+pub type parfocal_progress = Option<unsafe extern "C" fn(context: *mut c_void, done: f64) -> i32>;
+
+/// Who is told, and what calls off.
+pub(crate) struct Watch {
+    pub(crate) progress: parfocal_progress,
+    pub(crate) context: *mut c_void,
+    pub(crate) cancel: Cancel,
+}
+
+impl Watch {
+    /// # Safety
+    /// `cancel` is NULL or a handle; `progress` may be called with `context` for as long as this is.
+    pub(crate) unsafe fn new(
+        progress: parfocal_progress,
+        context: *mut c_void,
+        cancel: *const parfocal_cancel,
+    ) -> Result<Self, Fault> {
+        let cancel = match cancel.is_null() {
+            true => Cancel::default(),
+            // SAFETY: the contract is the same.
+            false => unsafe { get(cancel, "cancel") }?.cancel.clone(),
+        };
+        Ok(Self { progress, context, cancel })
+    }
+
+    /// Tells which share is done.
+    pub(crate) fn tell(&self, done: f64) {
+        let Some(progress) = self.progress else { return };
+        // SAFETY: it may be called so, by the contract of `new`.
+        if unsafe { progress(self.context, done) } != 0 {
+            self.cancel.cancel();
+        }
+    }
+}
