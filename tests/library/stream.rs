@@ -180,7 +180,7 @@ fn it_may_be_shared() {
 }
 
 /// On lavapipe what a stream overlaps shares the processor with the device: little can be won there. For figures:
-/// `cargo test --release --test library how_much_a_stream_saves -- --ignored --nocapture`
+/// `cargo test --test library how_much_a_stream_saves -- --ignored --nocapture`
 #[test]
 #[ignore = "it measures"]
 fn how_much_a_stream_saves() {
