@@ -123,11 +123,12 @@ impl PixelFormat {
 
     /// Bytes of so many pixels one behind the other.
     pub(crate) fn bytes_of(self, pixels: u64) -> u64 {
-        let samples = pixels * u64::from(self.samples_a_pixel());
+        // What is beyond any memory stays so.
+        let samples = pixels.saturating_mul(self.samples_a_pixel().into());
         match self.packing {
-            Packing::Whole => samples * u64::from(self.bits.div_ceil(8)),
-            Packing::Bits => (samples * u64::from(self.bits)).div_ceil(8),
-            Packing::Pairs => samples.div_ceil(2) * 3,
+            Packing::Whole => samples.saturating_mul(self.bits.div_ceil(8).into()),
+            Packing::Bits => samples.saturating_mul(self.bits.into()).div_ceil(8),
+            Packing::Pairs => samples.div_ceil(2).saturating_mul(3),
         }
     }
 

@@ -5,7 +5,7 @@
  * What may fail returns a parfocal_status; parfocal_last_error() then says in words what to do. Structs begin with their size:
  * set it to sizeof, and fields that a later version adds keep their defaults. Handles may move between threads, and one
  * handle is used by one thread at a time; an engine and a stream may be used by several. NULL where there must be a handle is an error,
- * never a crash; freeing NULL does nothing. Images are read in the call alone. */
+ * never a crash; freeing NULL does nothing. Images are read in the call alone. A parfocal_cancel may be used by several threads. */
 
 #ifndef PARFOCAL_H
 #define PARFOCAL_H
@@ -43,6 +43,8 @@ typedef enum {
   PARFOCAL_OTHER = 12,
   // A stream had no room for the pair in time, which was not taken: read a result first.
   PARFOCAL_FULL = 13,
+  // The call was called off.
+  PARFOCAL_CANCELLED = 14,
 } parfocal_status;
 
 // How a sample is stored.
@@ -116,6 +118,10 @@ typedef enum {
   // Where a stage puts the plane in focus, mm from any origin.
   PARFOCAL_STAGE = 2,
 } parfocal_positions;
+
+// Calls solves off, from any thread: what is being solved with it ends soon, with PARFOCAL_CANCELLED, and so does all that begins with it
+// afterwards. What was used is good for the next call.
+typedef struct parfocal_cancel parfocal_cancel;
 
 // A device. What is made of it keeps it, so that it may be freed first.
 typedef struct parfocal_engine parfocal_engine;
@@ -215,6 +221,9 @@ typedef struct {
   uint32_t depth;
   // From the start of a row to that of the next, a multiple of a sample; 0 where rows follow one another without a gap.
   size_t row_bytes;
+  // How a camera packs pixels, by GenICam's name, such as "Mono12p" or "BayerRG8": then channels and depth say nothing, data needs not
+  // be aligned, and rows that are not whole bytes have no gaps. NULL: as channels and depth say.
+  const char *format;
 } parfocal_image;
 
 // A rectangle of pixels.
@@ -229,6 +238,10 @@ typedef struct {
   uint32_t height;
 } parfocal_region;
 
+// Is told by the thread that solves which share of a solve is done, 0 to 1, after each level, and calls it off by what is not 0. It calls no
+// function of parfocal with a handle of the same call.
+typedef int32_t (*parfocal_progress)(void *context, double done);
+
 // What of a pair is solved.
 typedef struct {
   // sizeof(parfocal_scope).
@@ -239,6 +252,12 @@ typedef struct {
   const uint8_t *mask;
   // Not 0 crops results to the largest rectangle in which V is valid everywhere.
   int32_t crop_valid;
+  // Is told how far the call is; NULL: nobody.
+  parfocal_progress progress;
+  // What that is called with.
+  void *context;
+  // What calls the call off, from another thread; NULL: nothing.
+  const parfocal_cancel *cancel;
 } parfocal_scope;
 
 // What was found of a pair: fields are row by row without gaps, width x height, and live as long as the solution.
@@ -390,6 +409,15 @@ void parfocal_engine_free(parfocal_engine *engine);
 
 // Fills in the defaults; settings->size must be set.
 parfocal_status parfocal_settings_init(parfocal_settings *settings);
+
+// Makes one.
+parfocal_status parfocal_cancel_new(parfocal_cancel **cancel);
+
+// Calls off what is being solved with it.
+parfocal_status parfocal_cancel_now(const parfocal_cancel *cancel);
+
+// Frees it; calls that have it go on.
+void parfocal_cancel_free(parfocal_cancel *cancel);
 
 // Prepares for pairs; settings may be NULL.
 parfocal_status parfocal_solver_new(const parfocal_engine *engine,

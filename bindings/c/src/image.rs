@@ -129,7 +129,9 @@ unsafe fn unpacked(image: &parfocal_image, format: PixelFormat, name: &str) -> R
     let (row, pitch) = (format.row_bytes(image.width), image.row_bytes);
     let bytes = match (row, pitch) {
         (_, 0) => format.bytes(size),
-        (Some(row), pitch) if row <= pitch as u64 => u64::from(image.height - 1).saturating_mul(pitch as u64) + row,
+        (Some(row), pitch) if row <= pitch as u64 => {
+            u64::from(image.height - 1).saturating_mul(pitch as u64).saturating_add(row)
+        }
         (Some(row), _) => return Err(wrong(format!("row_bytes is {pitch}: give {row} at least, or 0"))),
         (None, _) => {
             return Err(wrong(format!("a row of {} px of {format} ends within a byte: give row_bytes 0", image.width)));

@@ -47,6 +47,7 @@ fn pairs_one_after_the_other_take_no_more_memory() {
         channels: 1,
         depth: parfocal_depth::PARFOCAL_F32 as u32,
         row_bytes: 0,
+        format: std::ptr::null(),
     });
     let [i1, i2] = [&raw const i1, &raw const i2];
     let mut engine = null_mut();

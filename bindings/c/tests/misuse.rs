@@ -34,6 +34,7 @@ fn null_is_an_error_or_nothing() {
         parfocal_solution_free(null_mut());
         parfocal_sweep_free(null_mut());
         parfocal_stream_free(null_mut());
+        parfocal_cancel_free(null_mut());
         assert_eq!(parfocal_stream_capacity(null()) + parfocal_stream_length(null()), 0);
         assert_eq!(CStr::from_ptr(parfocal_engine_device(null())), c"");
         assert_eq!(CStr::from_ptr(parfocal_engine_messages(null())), c"");
@@ -57,6 +58,8 @@ fn null_is_an_error_or_nothing() {
             parfocal_stream_next(null(), 0.0, &raw mut solution),
             parfocal_stream_next(null(), 0.0, null_mut()),
             parfocal_stream_finish(null()),
+            parfocal_cancel_new(null_mut()),
+            parfocal_cancel_now(null()),
             parfocal_stack(null(), null(), 0, null(), null(), null(), &raw mut sweep),
             parfocal_sweep_get(null(), null_mut()),
             parfocal_sweep_transform(null(), 0, null_mut()),
@@ -108,7 +111,8 @@ fn what_does_not_fit_is_told_and_an_engine_outlives_it() {
         assert_eq!(solve(&i1, &small, None), PARFOCAL_MISMATCH);
         assert_eq!(solve(&image(&samples, 4, 4), &image(&samples, 4, 4), None), PARFOCAL_TOO_SMALL);
         let region = parfocal_region { x: 60, y: 0, width: 10, height: 10 };
-        let scope = parfocal_scope { size: size_of::<parfocal_scope>(), region, mask: null(), crop_valid: 0 };
+        let (size, mask, context, cancel) = (size_of::<parfocal_scope>(), null(), null_mut(), null());
+        let scope = parfocal_scope { size, region, mask, crop_valid: 0, progress: None, context, cancel };
         assert_eq!(solve(&i1, &i1, Some(&scope)), PARFOCAL_REGION);
         assert_eq!(solve(&i1, &i1, None), PARFOCAL_OK);
         parfocal_engine_free(engine);

@@ -77,6 +77,8 @@ fn cpp_solves_registers_streams_and_stacks() {
     let said = done(&Command::new(compile("c++", "solve.cpp", &["-std=c++17"])).output().expect("the program"));
     let parts = [
         "V in the middle 1.00",
+        "the solve was cancelled\n",
+        "of 12 bits, V in the middle 1.0",
         "depth in the middle 30",
         "line of 57",
         "24x16 px from 32, 40",
