@@ -24,8 +24,9 @@ pub(super) struct SettingsArguments {
     decode: DecodeName,
     /// The photographs are frames without a header, of this format and size, as in Mono12p:2448x2048
     ///
-    /// Mono8, Mono10, Mono12, Mono14, Mono16, Mono10p, Mono12p, Mono10Packed, Mono12Packed, as GenICam and GigE Vision name
-    /// them. In a folder files that end with .raw or .bin are then taken.
+    /// Mono8, Mono10, Mono12, Mono14, Mono16, Mono10p, Mono12p, Mono10Packed, Mono12Packed, Mono32f, RGB8, BGR8, RGBa8, BGRa8, RGB16,
+    /// RGB32f, BayerRG8 and others of Bayer's patterns, as GenICam and GigE Vision name them. In a folder files that
+    /// end with .raw or .bin are then taken.
     #[arg(long, value_name = "FORMAT:WxH", help_heading = INPUT)]
     raw: Option<RawFormat>,
     #[command(flatten)]

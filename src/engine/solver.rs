@@ -176,7 +176,7 @@ impl Solver {
     ///
     /// # Errors
     /// [`Error::Mismatch`] where a frame is not of the size and format prepared for, [`Error::NoKeyPoints`] or what they failed of with the
-    /// method SIFT, [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].
+    /// method SIFT, [`Error::Cancelled`], [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].
     pub fn solve(&mut self, i1: &Frame, i2: &Frame) -> Result<Solution, Error> {
         self.solve_with(i1, i2, &mut |_| ())
     }

@@ -7,8 +7,8 @@ use super::plan::Plan;
 use super::vulkan::{Device, DeviceSource, Fetch, SharedMemory};
 use crate::base::{Depth, Error, Frame, workers};
 
-/// Where a photograph of a pair is taken from, in the solver's [format](crate::PixelFormat). Unless it is a frame, the device looks itself for
-/// pixels that are clipped.
+/// Where a photograph of a pair is taken from, in the solver's [format](crate::PixelFormat). Unless both are frames, the device looks itself for
+/// pixels that are clipped. Floats that it fetches are not looked at: they are finite and at most 1e6.
 #[derive(Clone, Copy, Debug)]
 pub enum Source<'a> {
     /// Copied before `submit` returns.

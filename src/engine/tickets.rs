@@ -53,7 +53,7 @@ impl Solver {
     /// other without gaps, as the solver's format packs them. What is written there is a [`Source::Written`] of the next pair.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] where there is no such slot or photograph; as [`Solver::wait`].
+    /// [`Error::Mismatch`] where there is no such slot or photograph; [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].
     pub fn input(&mut self, slot: usize, image: usize) -> Result<&mut [u8], Error> {
         self.check_slot(slot)?;
         if image > 1 {
@@ -66,7 +66,9 @@ impl Solver {
 
     /// Records a solve of photographs on the device into a command buffer of the embedding program's, which then executes it, once or as often as
     /// it fills them anew; the host is asked nothing in between. [`Solver::on_device`] names the buffer that the results are in for commands after a
-    /// barrier; what is not yet done of a pair that was called off or has settled runs over nothing. The contract is that of [`Commands::new`].
+    /// barrier; what is not yet done of a pair that was called off or has settled runs over nothing. When it is solved the program knows:
+    /// [`Solver::poll`], [`Solver::wait`] and [`Solver::wait_taken`] take it for done, and the semaphore of [`Solver::on_device`] says nothing of it. The
+    /// contract is that of [`Commands::new`].
     ///
     /// # Errors
     /// As [`Solver::submit_sources`].

@@ -144,7 +144,7 @@ impl Commands {
     /// A primary command buffer that is being recorded, outside of a render pass.
     ///
     /// # Safety
-    /// - It is of the engine's device, of a family that computes, and of one thread meanwhile.
+    /// - It is of the engine's device, of the engine's queue family, and of one thread meanwhile.
     /// - It is executed only while nothing else of the solver is, since all pairs of a solver share memory of the device.
     /// - Before the results are asked for, and before the slot takes another pair or the solver goes, it has been executed and nothing of it is
     ///   pending; after the slot has taken another pair, it is executed no more.

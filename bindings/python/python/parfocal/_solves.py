@@ -127,8 +127,11 @@ def read(path: str | PathLike[str]) -> NDArray[Any]:
 
 
 def unpack(data: bytes | bytearray | memoryview, format: str, size: tuple[int, int]) -> NDArray[Any]:
-    """A frame as cameras hand it over, by GenICam's name of its format, and its width and height: Mono8, Mono10, Mono12, Mono14, Mono16,
-    Mono10p, Mono12p, Mono10Packed, Mono12Packed. More than 8 bits become uint16, their greatest 65535.
+    """A frame as cameras hand it over, rows without gaps, by GenICam's name of its format, and its width and height.
+
+    Grey, (height, width): Mono8, Mono10, Mono12, Mono14, Mono16, Mono10p, Mono12p, Mono10Packed, Mono12Packed, Mono32f. Red, green and blue,
+    (height, width, 3): RGB8, BGR8, RGBa8, BGRa8, RGB16, RGB32f; and of Bayer patterns BayerRG8, likewise GR, GB, BG, and 10, 12, 16, 10p, 12p,
+    10Packed, 12Packed. More than 8 bits become uint16, their greatest 65535; floats stay float32.
 
     Raises ValueError for another format, or bytes that are not as many as they should be.
     """
