@@ -46,7 +46,7 @@ mod _native {
     use super::{
         Cancelled, DeviceError, Engine,
         engine::{apply, depth, devices},
-        files::{read, unpack},
+        files::{format_name, read, unpack},
         measure::{level, profile, step},
         settings::setting_names,
         stream::Stream,
