@@ -43,61 +43,77 @@ pub(crate) enum Order {
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct PixelFormat {
     name: &'static str,
+    /// In the convention, 0 where that has none.
+    code: u32,
     pub(crate) bits: u32,
     pub(crate) packing: Packing,
     pub(crate) order: Order,
 }
 
-const fn of(name: &'static str, bits: u32, packing: Packing, order: Order) -> PixelFormat {
-    PixelFormat { name, bits, packing, order }
+const fn of(name: &'static str, code: u32, bits: u32, packing: Packing, order: Order) -> PixelFormat {
+    PixelFormat { name, code, bits, packing, order }
 }
 
-const fn colors(name: &'static str, bits: u32, count: u32, reversed: bool) -> PixelFormat {
-    of(name, bits, Packing::Whole, Order::Colors { count, reversed })
+const fn gray(name: &'static str, code: u32, bits: u32, packing: Packing) -> PixelFormat {
+    of(name, code, bits, packing, Order::Gray)
+}
+
+const fn colors(name: &'static str, code: u32, bits: u32, count: u32, reversed: bool) -> PixelFormat {
+    of(name, code, bits, Packing::Whole, Order::Colors { count, reversed })
 }
 
 macro_rules! bayer {
-    ($($pattern:literal: $mosaic:expr),*) => {
+    ($($pattern:literal: $mosaic:expr, $codes:expr);*) => {
         [$([
-            of(concat!("Bayer", $pattern, "8"), 8, Packing::Whole, Order::Mosaic($mosaic)),
-            of(concat!("Bayer", $pattern, "10"), 10, Packing::Whole, Order::Mosaic($mosaic)),
-            of(concat!("Bayer", $pattern, "12"), 12, Packing::Whole, Order::Mosaic($mosaic)),
-            of(concat!("Bayer", $pattern, "16"), 16, Packing::Whole, Order::Mosaic($mosaic)),
-            of(concat!("Bayer", $pattern, "10p"), 10, Packing::Bits, Order::Mosaic($mosaic)),
-            of(concat!("Bayer", $pattern, "12p"), 12, Packing::Bits, Order::Mosaic($mosaic)),
-            of(concat!("Bayer", $pattern, "10Packed"), 10, Packing::Pairs, Order::Mosaic($mosaic)),
-            of(concat!("Bayer", $pattern, "12Packed"), 12, Packing::Pairs, Order::Mosaic($mosaic)),
+            of(concat!("Bayer", $pattern, "8"), $codes[0], 8, Packing::Whole, Order::Mosaic($mosaic)),
+            of(concat!("Bayer", $pattern, "10"), $codes[1], 10, Packing::Whole, Order::Mosaic($mosaic)),
+            of(concat!("Bayer", $pattern, "12"), $codes[2], 12, Packing::Whole, Order::Mosaic($mosaic)),
+            of(concat!("Bayer", $pattern, "16"), $codes[3], 16, Packing::Whole, Order::Mosaic($mosaic)),
+            of(concat!("Bayer", $pattern, "10p"), $codes[4], 10, Packing::Bits, Order::Mosaic($mosaic)),
+            of(concat!("Bayer", $pattern, "12p"), $codes[5], 12, Packing::Bits, Order::Mosaic($mosaic)),
+            of(concat!("Bayer", $pattern, "10Packed"), $codes[6], 10, Packing::Pairs, Order::Mosaic($mosaic)),
+            of(concat!("Bayer", $pattern, "12Packed"), $codes[7], 12, Packing::Pairs, Order::Mosaic($mosaic)),
         ]),*]
     };
 }
 
 const GRAY: [PixelFormat; 10] = [
-    of("Mono8", 8, Packing::Whole, Order::Gray),
-    of("Mono10", 10, Packing::Whole, Order::Gray),
-    of("Mono12", 12, Packing::Whole, Order::Gray),
-    of("Mono14", 14, Packing::Whole, Order::Gray),
-    of("Mono16", 16, Packing::Whole, Order::Gray),
-    of("Mono32f", 32, Packing::Whole, Order::Gray),
-    of("Mono10p", 10, Packing::Bits, Order::Gray),
-    of("Mono12p", 12, Packing::Bits, Order::Gray),
-    of("Mono10Packed", 10, Packing::Pairs, Order::Gray),
-    of("Mono12Packed", 12, Packing::Pairs, Order::Gray),
+    gray("Mono8", 0x0108_0001, 8, Packing::Whole),
+    gray("Mono10", 0x0110_0003, 10, Packing::Whole),
+    gray("Mono12", 0x0110_0005, 12, Packing::Whole),
+    gray("Mono14", 0x0110_0025, 14, Packing::Whole),
+    gray("Mono16", 0x0110_0007, 16, Packing::Whole),
+    gray("Mono32f", 0, 32, Packing::Whole),
+    gray("Mono10p", 0x010a_0046, 10, Packing::Bits),
+    gray("Mono12p", 0x010c_0047, 12, Packing::Bits),
+    gray("Mono10Packed", 0x010c_0004, 10, Packing::Pairs),
+    gray("Mono12Packed", 0x010c_0006, 12, Packing::Pairs),
 ];
 const COLORS: [PixelFormat; 6] = [
-    colors("RGB8", 8, 3, false),
-    colors("BGR8", 8, 3, true),
-    colors("RGBa8", 8, 4, false),
-    colors("BGRa8", 8, 4, true),
-    colors("RGB16", 16, 3, false),
-    colors("RGB32f", 32, 3, false),
+    colors("RGB8", 0x0218_0014, 8, 3, false),
+    colors("BGR8", 0x0218_0015, 8, 3, true),
+    colors("RGBa8", 0x0220_0016, 8, 4, false),
+    colors("BGRa8", 0x0220_0017, 8, 4, true),
+    colors("RGB16", 0x0230_0033, 16, 3, false),
+    colors("RGB32f", 0, 32, 3, false),
 ];
-const MOSAICS: [[PixelFormat; 8]; 4] =
-    bayer!("RG": Mosaic([0, 0]), "GR": Mosaic([1, 0]), "GB": Mosaic([0, 1]), "BG": Mosaic([1, 1]));
+#[rustfmt::skip]
+const MOSAICS: [[PixelFormat; 8]; 4] = bayer!(
+    "GR": Mosaic([1, 0]), [0x0108_0008, 0x0110_000c, 0x0110_0010, 0x0110_002e, 0x010a_0056, 0x010c_0057, 0x010c_0026, 0x010c_002a];
+    "RG": Mosaic([0, 0]), [0x0108_0009, 0x0110_000d, 0x0110_0011, 0x0110_002f, 0x010a_0058, 0x010c_0059, 0x010c_0027, 0x010c_002b];
+    "GB": Mosaic([0, 1]), [0x0108_000a, 0x0110_000e, 0x0110_0012, 0x0110_0030, 0x010a_0054, 0x010c_0055, 0x010c_0028, 0x010c_002c];
+    "BG": Mosaic([1, 1]), [0x0108_000b, 0x0110_000f, 0x0110_0013, 0x0110_0031, 0x010a_0052, 0x010c_0053, 0x010c_0029, 0x010c_002d]
+);
 
 impl PixelFormat {
     /// All of them.
     pub fn all() -> impl Iterator<Item = Self> {
         GRAY.into_iter().chain(COLORS).chain(MOSAICS.into_iter().flatten())
+    }
+
+    /// That of a number of the convention, as a camera states it.
+    pub fn of_code(code: u32) -> Option<Self> {
+        Self::all().find(|format| format.code == code && code != 0)
     }
 
     /// What its frames are once they are unpacked.
@@ -319,5 +335,13 @@ mod tests {
         assert_eq!([row("Mono12Packed", 5), row("BayerGB12", 5), row("BGRa8", 5)], [None, Some(10), Some(20)]);
         assert!("Mono13".parse::<PixelFormat>().unwrap_err().contains("Mono12Packed"));
         assert!(PixelFormat::all().all(|format| format.to_string().parse() == Ok(format)));
+        // A number states the bits of a pixel.
+        let coded = || PixelFormat::all().filter(|format| format.code != 0);
+        assert_eq!(coded().count(), PixelFormat::all().count() - 2);
+        for format in coded() {
+            assert_eq!(PixelFormat::of_code(format.code), Some(format));
+            assert_eq!(u64::from(format.code >> 16 & 0xff), format.bytes([8, 1]), "{format}");
+        }
+        assert_eq!(PixelFormat::of_code(0), None);
     }
 }

@@ -58,10 +58,11 @@ int main() try {
 
   // As a camera packs them: here two pixels in three bytes.
   std::vector<std::uint8_t> packed[2];
+  const auto sample = [](float value) { return static_cast<unsigned>((0.5 + 0.4 * (value - 0.5)) * 4095 + 0.5); };
   for (int n = 0; n < 2; n++) {
     const auto &values = n ? far : near;
     for (std::size_t i = 0; i + 1 < values.size(); i += 2) {
-      const auto a = static_cast<unsigned>(values[i] * 4095 + 0.5), b = static_cast<unsigned>(values[i + 1] * 4095 + 0.5);
+      const auto a = sample(values[i]), b = sample(values[i + 1]);
       for (const auto byte : {a & 255, a >> 8 | (b & 15) << 4, b >> 4}) packed[n].push_back(static_cast<std::uint8_t>(byte));
     }
   }

@@ -8,7 +8,7 @@ use numpy::PyReadonlyArray2;
 use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
 use parfocal::{
     Brightness, Decode, EngineOptions, Format, Frame, Kept, Kernel, Lens, LevelHistory, Method, MetricDepth,
-    Photometric, Registered, Scope, Settings, Shading, Solution, Solver, resample,
+    Photometric, Progress, Registered, Scope, Settings, Shading, Solution, Solver, resample,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -16,6 +16,7 @@ use pyo3::types::{PyDict, PyList};
 
 use crate::convert::{array_of, field, frame, homography, image, mask, matrix, region, row};
 use crate::settings::settings;
+use crate::watch::{Cancel, Watch};
 use crate::{DeviceError, raised};
 
 /// A Vulkan device. Calls of several threads wait for each other.
@@ -82,13 +83,18 @@ impl Engine {
         part: Option<[u32; 4]>,
         counts: Option<&Bound<'py, PyAny>>,
         crop_valid: bool,
+        progress: Option<Bound<'py, PyAny>>,
+        cancel: Option<PyRef<'_, Cancel>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (i1, i2) = (frame(i1, "i1")?, frame(i2, "i2")?);
         let settings = settings(named, &[&i1, &i2])?;
-        let scope =
-            Scope { region: part.map(region), mask: counts.map(mask).transpose()?, crop_valid, ..Scope::default() };
-        let solved =
-            self.with(py, |inner| scope.solve(&inner.engine, &mut inner.kept, [&i1, &i2], &settings, &mut |_| ()))?;
+        let watch = Watch::new(progress, cancel);
+        let (mask, cancel) = (counts.map(mask).transpose()?, watch.cancel.clone());
+        let scope = Scope { region: part.map(region), mask, crop_valid, cancel, ..Scope::default() };
+        let solved = self.watched(py, &watch, |inner, say| {
+            let mut progress = |progress: Progress| say(progress.share());
+            scope.solve(&inner.engine, &mut inner.kept, [&i1, &i2], &settings, &mut progress)
+        })?;
         of_solution(py, solved, &settings)
     }
 
@@ -99,6 +105,8 @@ impl Engine {
         i1: &Bound<'py, PyAny>,
         i2: &Bound<'py, PyAny>,
         named: &Bound<'py, PyDict>,
+        progress: Option<Bound<'py, PyAny>>,
+        cancel: Option<PyRef<'_, Cancel>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (i1, i2) = (frame(i1, "i1")?, frame(i2, "i2")?);
         let mut settings = settings(named, &[&i1, &i2])?;
@@ -106,7 +114,9 @@ impl Engine {
             // No blur is looked for: no memory for it.
             (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
         }
-        let registered = self.with(py, |inner| inner.register(&i1, &i2, &settings))?;
+        let watch = Watch::new(progress, cancel);
+        let registered =
+            self.watched(py, &watch, |inner, say| inner.register(&i1, &i2, &settings, &watch.cancel, say))?;
         of_registration(py, &registered, &settings)
     }
 
@@ -122,6 +132,8 @@ impl Engine {
         reference: Option<usize>,
         part: Option<[u32; 4]>,
         counts: Option<&Bound<'py, PyAny>>,
+        progress: Option<Bound<'py, PyAny>>,
+        cancel: Option<PyRef<'_, Cancel>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let frames: Vec<Frame> =
             frames.iter().enumerate().map(|(n, f)| frame(f, &format!("frames[{n}]"))).collect::<PyResult<_>>()?;
@@ -133,9 +145,14 @@ impl Engine {
             _ => return Err(PyValueError::new_err(format!("unit={unit:?}: give settings, distances or stage"))),
         };
         let settings = settings(named, &frames.iter().collect::<Vec<_>>())?;
-        let scope = Scope { region: part.map(region), mask: counts.map(mask).transpose()?, ..Scope::default() };
+        let watch = Watch::new(progress, cancel);
+        let (mask, cancel) = (counts.map(mask).transpose()?, watch.cancel.clone());
+        let scope = Scope { region: part.map(region), mask, cancel, ..Scope::default() };
         let options = SweepOptions { settings, positions, reference, scope };
-        let sweep = self.with(py, |inner| solve_sweep(&inner.engine, &frames, &options, &mut |_, _| ()))?;
+        let sweep = self.watched(py, &watch, |inner, say| {
+            let mut progress = |done: usize, all: usize| say(done as f64 / all.max(1) as f64);
+            solve_sweep(&inner.engine, &frames, &options, &mut progress)
+        })?;
         of_sweep(py, sweep)
     }
 }
@@ -150,17 +167,36 @@ impl Engine {
         let inner = self.inner.as_ref().filter(|_| self.process == process::id()).ok_or_else(forked)?;
         py.detach(|| run(&mut inner.lock().unwrap_or_else(PoisonError::into_inner))).map_err(raised)
     }
+
+    /// The same of what says how far it is, and may be called off.
+    fn watched<'py, T: Send>(
+        &self,
+        py: Python<'py>,
+        watch: &Watch<'py>,
+        run: impl FnOnce(&mut Inner, &mut dyn FnMut(f64)) -> Result<T, parfocal::Error> + Send,
+    ) -> PyResult<T> {
+        let inner = self.inner.as_ref().filter(|_| self.process == process::id()).ok_or_else(forked)?;
+        watch.over(py, |say| run(&mut inner.lock().unwrap_or_else(PoisonError::into_inner), say))
+    }
 }
 
 impl Inner {
-    fn register(&mut self, i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Registered, parfocal::Error> {
+    fn register(
+        &mut self,
+        i1: &Frame,
+        i2: &Frame,
+        settings: &Settings,
+        cancel: &parfocal::Cancel,
+        say: &mut dyn FnMut(f64),
+    ) -> Result<Registered, parfocal::Error> {
         let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
         let fits = self.registering.take().filter(|kept| (&kept.0, &kept.1, &kept.2) == (&size, &formats, settings));
         let mut solver = match fits {
             Some((.., solver)) => solver,
             None => Solver::for_pair(&self.engine, i1, i2, settings)?,
         };
-        let registered = solver.register(i1, i2)?;
+        solver.set_cancel(cancel.clone());
+        let registered = solver.register_with(i1, i2, &mut |progress| say(progress.share()))?;
         self.registering = Some((size, formats, settings.clone(), solver));
         Ok(registered)
     }

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use parfocal::PixelFormat;
 use parfocal::image_io::{self, RawFormat};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -21,4 +22,10 @@ pub(crate) fn read(py: Python<'_>, path: PathBuf) -> PyResult<Py<PyAny>> {
 pub(crate) fn unpack(py: Python<'_>, data: &[u8], format: &str) -> PyResult<Py<PyAny>> {
     let unpacked = py.detach(|| format.parse().and_then(|format: RawFormat| format.frame(data)));
     array_of(py, &unpacked.map_err(|problem| PyValueError::new_err(format!("the frame: {problem}")))?)
+}
+
+/// The name of a number of GenICam's Pixel Format Naming Convention.
+#[pyfunction]
+pub(crate) fn format_name(code: u32) -> Option<String> {
+    PixelFormat::of_code(code).map(|format| format.to_string())
 }

@@ -7,6 +7,7 @@ mod files;
 mod measure;
 mod settings;
 mod stream;
+mod watch;
 
 use pyo3::prelude::*;
 
@@ -19,6 +20,8 @@ pyo3::create_exception!(
     "No device will do, or it failed or took too long."
 );
 
+pyo3::create_exception!(parfocal, Cancelled, pyo3::exceptions::PyRuntimeError, "The call was called off.");
+
 /// What is wrong, as an exception: of the device, or of what was handed over.
 fn raised(error: parfocal::Error) -> PyErr {
     use parfocal::Error;
@@ -29,6 +32,7 @@ fn raised(error: parfocal::Error) -> PyErr {
         | Error::Vulkan { .. }
         | Error::Timeout { .. }
         | Error::Poisoned => DeviceError::new_err(error.to_string()),
+        Error::Cancelled => Cancelled::new_err(error.to_string()),
         _ => pyo3::exceptions::PyValueError::new_err(error.to_string()),
     }
 }
@@ -40,12 +44,13 @@ mod _native {
 
     #[pymodule_export]
     use super::{
-        DeviceError, Engine,
+        Cancelled, DeviceError, Engine,
         engine::{apply, depth, devices},
-        files::{read, unpack},
+        files::{format_name, read, unpack},
         measure::{level, profile, step},
         settings::setting_names,
         stream::Stream,
+        watch::Cancel,
     };
 
     #[pymodule_init]

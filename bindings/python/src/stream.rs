@@ -14,9 +14,7 @@ use crate::convert::frame;
 use crate::engine::{forked, of_solution, patience};
 use crate::raised;
 use crate::settings::settings;
-
-/// How long a wait lasts before Ctrl-C is asked for.
-const STEP: Duration = Duration::from_millis(50);
+use crate::watch::STEP;
 
 /// Devices, and a stream over them from the first pair on, which says of what size and format pairs are.
 #[pyclass(frozen, module = "parfocal")]

@@ -38,4 +38,4 @@ def test_frames_are_unpacked(format, data, expected):
     with pytest.raises(ValueError, match="the frame: is of 4 bytes|the frame: is of 2 bytes|the frame: is of 3 bytes"):
         parfocal.unpack(data, format, (3, 1))
     with pytest.raises(ValueError, match="give one of Mono8"):
-        parfocal.unpack(data, "BayerRG8", (2, 1))
+        parfocal.unpack(data, "YUV422", (2, 1))

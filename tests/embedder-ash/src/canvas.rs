@@ -239,3 +239,40 @@ unsafe fn allocate(
     // SAFETY: by the caller.
     unsafe { gpu.device.allocate_memory(&allocate, None) }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use embedder::{RANGE, SIZE, pair, validate};
+    use parfocal::{Engine, EngineOptions, Settings, Solver};
+
+    use super::*;
+
+    /// A device with one queue that works in order would show V without: the host has the last word here.
+    #[test]
+    fn nothing_is_drawn_before_the_semaphore_says_so() {
+        let gpu = Gpu::new(validate()).unwrap();
+        // SAFETY: the engine and the solver go before the device.
+        let engine = Engine::from_vulkan(unsafe { gpu.lent() }, &EngineOptions::default()).unwrap();
+        let [i1, i2] = pair(|x| x);
+        let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+        let ticket = solver.submit(0, &i1, &i2).unwrap();
+        solver.wait(&ticket, Duration::MAX).unwrap();
+        let mut canvas = Canvas::new(&gpu, [SIZE; 2]).unwrap();
+        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
+        let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
+        // SAFETY: all is of this device; the semaphore goes when what waits for it is done.
+        unsafe {
+            let semaphore = gpu.device.create_semaphore(&create, None).unwrap();
+            let held = OnDevice { semaphore, value: 1, ..solver.on_device(&ticket).unwrap() };
+            canvas.draw(&held, RANGE).unwrap();
+            std::thread::sleep(Duration::from_millis(100));
+            let early = gpu.device.get_fence_status(canvas.fence).unwrap();
+            gpu.device.signal_semaphore(&vk::SemaphoreSignalInfo::default().semaphore(semaphore).value(1)).unwrap();
+            canvas.read().unwrap();
+            gpu.device.destroy_semaphore(semaphore, None);
+            assert!(!early, "drawn before its time");
+        }
+    }
+}

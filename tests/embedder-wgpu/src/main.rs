@@ -28,14 +28,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn draw() -> Result<Vec<u8>, Box<dyn Error>> {
+fn adapter() -> Result<wgpu::Adapter, Box<dyn Error>> {
     let flags = wgpu::InstanceFlags::VALIDATION | wgpu::InstanceFlags::DEBUG;
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN,
         flags: if validate() { flags } else { wgpu::InstanceFlags::empty() },
         ..wgpu::InstanceDescriptor::new_without_display_handle()
     });
-    let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))?;
+    Ok(pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))?)
+}
+
+fn draw() -> Result<Vec<u8>, Box<dyn Error>> {
+    let adapter = adapter()?;
     let turns = Arc::<Turns>::default();
     // SAFETY: all below takes turns at the queue; what is declared later goes earlier, the engine before the device.
     let (device, queue, foreign) = unsafe { shared::open(&adapter, &turns) }?;
@@ -76,4 +80,41 @@ fn beside<T>(device: &wgpu::Device, queue: &wgpu::Queue, turns: &Turns, of: impl
         });
         of()
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use parfocal::foreign::OnDevice;
+    use parfocal::foreign::ash::vk;
+    use wgpu::hal::api::Vulkan;
+
+    use super::*;
+
+    /// A device with one queue that works in order would show V without: the host has the last word here.
+    #[test]
+    fn nothing_is_drawn_before_the_semaphore_says_so() {
+        let turns = Arc::<Turns>::default();
+        // SAFETY: nothing else uses the queue but by turns; the engine and the solver go before the device.
+        let (device, queue, foreign) = unsafe { shared::open(&adapter().unwrap(), &turns) }.unwrap();
+        let engine = Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap();
+        let [i1, i2] = pair(|x| x);
+        let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+        let ticket = solver.submit(0, &i1, &i2).unwrap();
+        solver.wait(&ticket, Duration::MAX).unwrap();
+        let canvas = Canvas::new(&device, &queue, &turns, [SIZE; 2], RANGE);
+        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
+        let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
+        // SAFETY: all is of this device; the semaphore goes when what waits for it is done.
+        unsafe {
+            let raw = device.as_hal::<Vulkan>().unwrap().raw_device().clone();
+            let semaphore = raw.create_semaphore(&create, None).unwrap();
+            canvas.draw(&OnDevice { semaphore, value: 1, ..solver.on_device(&ticket).unwrap() }).unwrap();
+            let limit = wgpu::PollType::Wait { submission_index: None, timeout: Some(Duration::from_millis(100)) };
+            let early = device.poll(limit);
+            raw.signal_semaphore(&vk::SemaphoreSignalInfo::default().semaphore(semaphore).value(1)).unwrap();
+            canvas.read().unwrap();
+            raw.destroy_semaphore(semaphore, None);
+            assert!(matches!(early, Err(wgpu::PollError::Timeout)), "drawn before its time: {early:?}");
+        }
+    }
 }

@@ -1,6 +1,6 @@
 """Plain arrays and dictionaries; the package around it is what to use."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from os import PathLike
 from typing import Any
 
@@ -11,6 +11,19 @@ __version__: str
 
 class DeviceError(RuntimeError):
     """No device will do, or it failed or took too long."""
+
+class Cancelled(RuntimeError):
+    """The call was called off."""
+
+class Cancel:
+    """Calls solves off, from any thread: those that have it raise Cancelled soon, and so do all that begin with it afterwards."""
+
+    def __init__(self) -> None: ...
+    def cancel(self) -> None:
+        """Calls off what is being solved with it."""
+    @property
+    def is_cancelled(self) -> bool:
+        """Whether it was called off."""
 
 class Engine:
     """A Vulkan device. Calls of several threads wait for each other."""
@@ -28,8 +41,17 @@ class Engine:
         part: Sequence[int] | None,
         counts: NDArray[np.uint8] | None,
         crop_valid: bool,
+        progress: Callable[[float], object] | None,
+        cancel: Cancel | None,
     ) -> dict[str, Any]: ...
-    def register(self, i1: NDArray[Any], i2: NDArray[Any], named: dict[str, Any]) -> dict[str, Any]: ...
+    def register(
+        self,
+        i1: NDArray[Any],
+        i2: NDArray[Any],
+        named: dict[str, Any],
+        progress: Callable[[float], object] | None,
+        cancel: Cancel | None,
+    ) -> dict[str, Any]: ...
     def stack(
         self,
         frames: list[NDArray[Any]],
@@ -39,6 +61,8 @@ class Engine:
         reference: int | None,
         part: Sequence[int] | None,
         counts: NDArray[np.uint8] | None,
+        progress: Callable[[float], object] | None,
+        cancel: Cancel | None,
     ) -> dict[str, Any]: ...
 
 class Stream:
@@ -59,6 +83,7 @@ class Stream:
 
 def devices() -> list[tuple[str, str | None]]: ...
 def unpack(data: bytes, format: str) -> NDArray[Any]: ...
+def format_name(code: int) -> str | None: ...
 def setting_names() -> list[str]: ...
 def read(path: str | PathLike[str]) -> NDArray[Any]: ...
 def apply(

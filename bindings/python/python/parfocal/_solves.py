@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -146,26 +146,35 @@ def solve(
     region: Sequence[int] | None = None,
     mask: ArrayLike | None = None,
     crop_valid: bool = False,
+    progress: Callable[[float], object] | None = None,
+    cancel: _native.Cancel | None = None,
     **settings: Unpack[Settings],
 ) -> Result:
     """Relative blur and registration of two photographs of one size; results are on the pixels of the first.
 
     region: x, y, width, height of the part of I1 that results are wanted of. mask: of I1's size, not 0 where a pixel counts.
     crop_valid: crops results to the largest rectangle in which V is valid everywhere. engine: without it, all calls share one,
-    on the most capable device.
+    on the most capable device. progress: is called after each level with the share that is done, 0 to 1; what it raises ends the solve. cancel:
+    calls it off from another thread, and the solve raises Cancelled; Ctrl-C does from the keyboard.
 
     The interpreter goes on in other threads meanwhile. A pair that can be read but not solved is no exception: see `converged` and
     `warnings`. Raises TypeError or ValueError for what is no photograph, no setting or out of range, DeviceError for the rest.
     """
     images, named = (_image(i1), _image(i2)), _named(settings)
-    return Result(**_found(_run(engine, "solve", *images, named, region, _mask(mask), crop_valid)))
+    return Result(**_found(_run(engine, "solve", *images, named, region, _mask(mask), crop_valid, progress, cancel)))
 
 
 def register(
-    i1: ArrayLike, i2: ArrayLike, *, engine: _native.Engine | None = None, **settings: Unpack[Settings]
+    i1: ArrayLike,
+    i2: ArrayLike,
+    *,
+    engine: _native.Engine | None = None,
+    progress: Callable[[float], object] | None = None,
+    cancel: _native.Cancel | None = None,
+    **settings: Unpack[Settings],
 ) -> Registration:
-    """How the second photograph lies on the first, and how they differ in brightness. Raises as `solve`."""
-    return Registration(**_found(_run(engine, "register", _image(i1), _image(i2), _named(settings))))
+    """How the second photograph lies on the first, and how they differ in brightness. progress, cancel, and what is raised: as `solve`."""
+    return Registration(**_found(_run(engine, "register", _image(i1), _image(i2), _named(settings), progress, cancel)))
 
 
 def stack(
@@ -177,17 +186,19 @@ def stack(
     reference: int | None = None,
     region: Sequence[int] | None = None,
     mask: ArrayLike | None = None,
+    progress: Callable[[float], object] | None = None,
+    cancel: _native.Cancel | None = None,
     **settings: Unpack[Settings],
 ) -> Sweep:
     """Where each pixel of a focus sweep is in focus: three or more frames of one size and kind, in the order of their focus.
 
     positions: what each frame is focused at, ascending or descending; counted from 0 without. unit: what these are: "settings"
     even in 1/distance, "distances" from the lens in mm, or "stage", where the plane in focus lies, mm. reference: the frame
-    on whose pixels results are, from 0; the middle one without. Raises as `solve`.
+    on whose pixels results are, from 0; the middle one without. progress, cancel, and what is raised: as `solve`.
     """
     images, named = [_image(frame) for frame in frames], _named(settings)
     stated = None if positions is None else [float(position) for position in positions]
-    found = _run(engine, "stack", images, named, stated, unit, reference, region, _mask(mask))
+    found = _run(engine, "stack", images, named, stated, unit, reference, region, _mask(mask), progress, cancel)
     found["brightness"] = [_brightness(one) for one in found["brightness"]]
     return Sweep(**_tuples(found))
 

@@ -13,9 +13,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
+from ._native import format_name
 from ._solves import unpack
 
 try:
@@ -31,20 +31,6 @@ except (ImportError, ValueError) as error:
 __all__ = ["Camera", "CameraError", "cameras"]
 
 Value = bool | int | float | str
-
-# By the numbers of GenICam's Pixel Format Naming Convention; cameras name them in several ways.
-_GREY = {
-    0x01080001: "Mono8",
-    0x01100003: "Mono10",
-    0x01100005: "Mono12",
-    0x01100025: "Mono14",
-    0x01100007: "Mono16",
-    0x010A0046: "Mono10p",
-    0x010C0047: "Mono12p",
-    0x010C0004: "Mono10Packed",
-    0x010C0006: "Mono12Packed",
-}
-_RGB = 0x02180014
 
 
 class CameraError(RuntimeError):
@@ -166,11 +152,9 @@ def _array(buffer: Any) -> NDArray[Any]:
     """A copy, as the camera writes into the buffer again."""
     width, height, kind = buffer.get_image_width(), buffer.get_image_height(), buffer.get_image_pixel_format()
     data: bytes = buffer.get_image_data()
-    if kind in _GREY:
-        return unpack(data, _GREY[kind], (width, height))
-    if kind == _RGB:
-        return np.frombuffer(data, np.uint8).reshape(height, width, 3)
-    raise ValueError(f"the camera sends pixel format 0x{kind:08x}: set PixelFormat to one of {', '.join(_GREY.values())}, RGB8")
+    if (name := format_name(kind)) is None:
+        raise ValueError(f"the camera sends pixel format 0x{kind:08x}: set PixelFormat to a Mono, RGB, BGR or Bayer format")
+    return unpack(data, name, (width, height))
 
 
 def _told(call: Callable[..., Any], *arguments: Any) -> Any:
