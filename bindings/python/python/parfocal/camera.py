@@ -52,7 +52,8 @@ class Camera:
     for a frame. tries: so many where one comes with holes, or not.
 
     Every frame is exposed after its focus was set: by a software trigger, or where the camera has none by a start of its own.
-    Frames are copies: uint8, uint16 whose white is 65535, or RGB of 8 bits. Raises CameraError, ValueError for other formats of pixels.
+    Frames are copies: uint8, or uint16 whose white is 65535, grey or RGB, which Bayer patterns become. Raises CameraError,
+    ValueError for other formats of pixels.
     """
 
     def __init__(
