@@ -191,6 +191,13 @@ impl Engine {
         self.device.timeout()
     }
 
+    /// Another of the same device, for another thread.
+    pub(crate) fn beside(&self) -> Self {
+        let Self { device, pipelines, memory, key_points, timed } = self;
+        let (device, pipelines) = (device.clone(), pipelines.clone());
+        Self { device, pipelines, memory: *memory, key_points: *key_points, timed: *timed }
+    }
+
     pub(crate) fn device(&self) -> &Arc<Device> {
         &self.device
     }

@@ -72,10 +72,11 @@ impl From<'_> {
         }
     }
 
-    fn read<T>(&self, read: impl FnOnce(&[u8]) -> T) -> T {
+    /// Reads the first so many.
+    fn read<T>(&self, length: usize, read: impl FnOnce(&[u8]) -> T) -> T {
         match self {
-            Self::Bytes(bytes) => read(bytes),
-            Self::Shared(memory, offset) => memory.read(|bytes| read(&bytes[*offset..])),
+            Self::Bytes(bytes) => read(&bytes[..length]),
+            Self::Shared(memory, offset) => memory.read(*offset..offset + length, read),
         }
     }
 }
@@ -166,7 +167,7 @@ impl<'a> Rows<'a> {
 
     /// Writes them without gaps, by all threads; whether they are numbers that frames may hold.
     pub(super) fn bring(&self, to: &mut [u8]) -> bool {
-        self.from.read(|bytes| self.bring_from(&bytes[..self.length], to))
+        self.from.read(self.length, |bytes| self.bring_from(bytes, to))
     }
 
     fn bring_from(&self, bytes: &[u8], to: &mut [u8]) -> bool {

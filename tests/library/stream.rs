@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use parfocal::focus_stack::{SweepOptions, solve_sweep};
 use parfocal::{Engine, EngineOptions, Error, Format, Frame, Full, Settings, Similarity, Solution, Solver, Stream};
 
 use crate::common::scene::{pair, slanted};
@@ -219,4 +220,23 @@ fn how_much_a_stream_saves() {
         ratios[0],
         ratios[6]
     );
+}
+
+#[test]
+fn sweeps_come_out_in_order_as_one_by_one_and_what_is_wrong_in_its_place() {
+    let engine = TestEngine::new();
+    let frame = |v: f64, seed: u64| pair(SIZE, Similarity::IDENTITY, move |_| [v, v], 0.0, seed)[0].clone();
+    let sweep = |seed: u64| [1.3, 0.3, 1.3, 4.3].map(|v| frame(v, seed)).to_vec();
+    let mut sweeps = [5, 6, 7].map(sweep).to_vec();
+    let expected = sweeps.iter().map(|frames| solve_sweep(&engine, frames, &SweepOptions::default(), &mut |_, _| ()));
+    let expected: Vec<_> = expected.map(|sweep| sweep.unwrap().focus).collect();
+    sweeps.insert(1, vec![frame(1.0, 8); 2]);
+    let mut stream = Stream::of_sweeps(&[&engine], 2, &SweepOptions::default()).unwrap();
+    assert_eq!(stream.capacity(), 4);
+    let mut found: Vec<_> = stream.map(sweeps).collect();
+    assert!(matches!(found.remove(1), Err(Error::Mismatch(_))), "two frames are no sweep");
+    let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    for (found, expected) in found.into_iter().zip(expected) {
+        assert_eq!(bits(&found.unwrap().focus), bits(&expected));
+    }
 }

@@ -242,7 +242,7 @@ typedef struct {
 // function of parfocal with a handle of the same call.
 typedef int32_t (*parfocal_progress)(void *context, double done);
 
-// What of a pair is solved.
+// What of a pair is solved, who is told how far it is, and what calls it off.
 typedef struct {
   // sizeof(parfocal_scope).
   size_t size;

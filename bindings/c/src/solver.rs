@@ -44,7 +44,7 @@ impl From<parfocal_region> for Region {
     }
 }
 
-/// What of a pair is solved.
+/// What of a pair is solved, who is told how far it is, and what calls it off.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct parfocal_scope {

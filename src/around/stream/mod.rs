@@ -1,6 +1,7 @@
-//! Many pairs of one size, one after the other, on one device or several.
+//! Many pairs of one size, or many focus sweeps, one after the other, on one device or several.
 
 mod queue;
+mod sweeps;
 mod worker;
 
 use std::fmt;
@@ -9,8 +10,10 @@ use std::sync::Arc;
 use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
-use worker::{Queue, Worker};
+use queue::Queue;
+use worker::Worker;
 
+use crate::around::focus_stack::{Sweep, SweepOptions};
 use crate::base::{Error, Format, Frame, Settings};
 use crate::engine::{Engine, Solution};
 
@@ -76,28 +79,30 @@ use crate::engine::{Engine, Solution};
 /// error comes out, and then [`Error::Poisoned`] for every pair.
 ///
 /// Dropping a stream forgets what waits, and ends when the devices have solved what they have.
-pub struct Stream {
-    queue: Arc<Queue>,
+///
+/// [`Stream::of_sweeps`] does the same of focus sweeps.
+pub struct Stream<P = [Frame; 2], R = Solution> {
+    queue: Arc<Queue<P, Result<R, Error>>>,
     workers: Vec<JoinHandle<()>>,
 }
 
-/// There is no room in a stream by the time stated: the pair comes back.
-pub struct Full(pub [Frame; 2]);
+/// There is no room in a stream by the time stated: the pair, or sweep, comes back.
+pub struct Full<P = [Frame; 2]>(pub P);
 
-impl fmt::Display for Full {
+impl<P> fmt::Display for Full<P> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("the stream is full: read a result before the next pair, or wait longer while another thread reads")
     }
 }
 
-impl fmt::Debug for Full {
+impl<P> fmt::Debug for Full<P> {
     /// Without the pixels.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Full")
     }
 }
 
-impl std::error::Error for Full {}
+impl<P> std::error::Error for Full<P> {}
 
 impl Stream {
     /// Prepares each device, with so many slots (at least one; three keep it busy), for pairs of a width and height in px and of the formats of I1
@@ -113,23 +118,74 @@ impl Stream {
         formats: [Format; 2],
         settings: &Settings,
     ) -> Result<Self, Error> {
+        let mut stream = Self::without_workers(engines, slots, engines.len())?;
+        for engine in engines {
+            let worker = Worker::new(&stream.queue, engine, slots.max(1), size, formats, settings)?;
+            stream.begin(engine, || worker.run())?;
+        }
+        Ok(stream)
+    }
+}
+
+impl Stream<Vec<Frame>, Sweep> {
+    /// A stream of focus sweeps, each of three or more frames of one size and format, of any from sweep to sweep: on each device so many threads (at
+    /// least one) solve one each. Two keep a device busy, since much of a sweep is the host's; each takes the memory of a sweep.
+    ///
+    /// ```
+    /// # use parfocal::focus_stack::SweepOptions;
+    /// # use parfocal::{Engine, EngineOptions, Error, Frame, Stream};
+    /// # fn frame(soft: f32) -> Frame {
+    /// #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
+    /// #     Frame::gray(64, 64, (0..64 * 64).map(value).collect()).unwrap()
+    /// # }
+    /// # fn main() -> Result<(), Error> {
+    /// # let sweeps = vec![[0.2, 0.4, 0.3].map(frame).to_vec(), [0.1, 0.3, 0.2].map(frame).to_vec()];
+    /// let engine = Engine::new(&EngineOptions::default())?;
+    /// let mut stream = Stream::of_sweeps(&[&engine], 2, &SweepOptions::default())?;
+    /// for sweep in stream.map(sweeps) {
+    ///     println!("in focus in the first pixel at {} of the frames", sweep?.focus[0]);
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::NoDevice`] without engines, [`Error::NoThread`]. What is wrong with a sweep is its result, as of
+    /// [`solve_sweep`](crate::focus_stack::solve_sweep).
+    pub fn of_sweeps(engines: &[&Engine], slots: usize, options: &SweepOptions) -> Result<Self, Error> {
+        let slots = slots.max(1);
+        let mut stream = Self::without_workers(engines, slots, slots.saturating_mul(engines.len()))?;
+        for engine in engines {
+            for _ in 0..slots {
+                let worker = sweeps::Worker::new(&stream.queue, engine, options);
+                stream.begin(engine, || worker.run())?;
+            }
+        }
+        Ok(stream)
+    }
+}
+
+impl<P, R> Stream<P, R> {
+    /// Where the workers are to come, so many in all.
+    fn without_workers(engines: &[&Engine], slots: usize, workers: usize) -> Result<Self, Error> {
         if engines.is_empty() {
             return Err(Error::NoDevice(String::new()));
         }
-        let slots = slots.max(1);
-        let capacity = slots.saturating_mul(engines.len()).saturating_mul(2);
-        let queue = Arc::new(Queue::new(engines.len(), capacity, || Err(Error::Poisoned)));
-        // Where one cannot be had, those before it are sent home.
-        let mut stream = Self { queue, workers: Vec::new() };
-        for engine in engines {
-            let worker = Worker::new(&stream.queue, engine, slots, size, formats, settings)?;
-            let thread = Builder::new().name("parfocal stream".to_string()).spawn(|| worker.run());
-            stream.workers.push(thread.map_err(|problem| Error::NoThread {
+        let capacity = slots.max(1).saturating_mul(engines.len()).saturating_mul(2);
+        let queue = Arc::new(Queue::new(workers, capacity, || Err(Error::Poisoned)));
+        Ok(Self { queue, workers: Vec::new() })
+    }
+
+    /// A worker begins; where there is no thread for it, those before it are sent home as the stream is dropped.
+    fn begin(&mut self, engine: &Engine, run: impl FnOnce() + Send + 'static) -> Result<(), Error> {
+        let thread = Builder::new().name("parfocal stream".to_string()).spawn(run);
+        self.workers.push(
+            thread.map_err(|problem| Error::NoThread {
                 device: engine.info().name.clone(),
                 problem: problem.to_string(),
-            })?);
-        }
-        Ok(stream)
+            })?,
+        );
+        Ok(())
     }
 
     /// Hands a pair over, once there is room for it, and waits so long at most for that: not at all by [`Duration::ZERO`], which is what is of
@@ -137,7 +193,7 @@ impl Stream {
     ///
     /// # Errors
     /// [`Full`], with the pair. What is wrong with the pair itself is its result.
-    pub fn push(&self, pair: [Frame; 2], limit: Duration) -> Result<(), Full> {
+    pub fn push(&self, pair: P, limit: Duration) -> Result<(), Full<P>> {
         self.queue.push(pair, limit).map_err(Full)
     }
 
@@ -146,7 +202,7 @@ impl Stream {
     ///
     /// # Errors
     /// What the pair failed of, as [`Solver::solve`](crate::Solver::solve): those after it go on.
-    pub fn next(&self, limit: Duration) -> Result<Option<Solution>, Error> {
+    pub fn next(&self, limit: Duration) -> Result<Option<R>, Error> {
         self.queue.next(limit).transpose()
     }
 
@@ -156,16 +212,13 @@ impl Stream {
     }
 
     /// Results as they come, until all have been read after [`Stream::finish`].
-    pub fn results(&self) -> impl Iterator<Item = Result<Solution, Error>> {
+    pub fn results(&self) -> impl Iterator<Item = Result<R, Error>> {
         iter::from_fn(|| self.queue.next(Duration::MAX))
     }
 
     /// The results of these pairs, which are taken as there is room for them; those of pairs that were pushed before come first. Of what is
     /// dropped before its end, the pairs that it has taken stay in the stream.
-    pub fn map(
-        &mut self,
-        pairs: impl IntoIterator<Item = [Frame; 2]>,
-    ) -> impl Iterator<Item = Result<Solution, Error>> {
+    pub fn map(&mut self, pairs: impl IntoIterator<Item = P>) -> impl Iterator<Item = Result<R, Error>> {
         let mut pairs = pairs.into_iter().fuse();
         iter::from_fn(move || {
             // One at least, or devices would have nothing to do while results are read that are there.
@@ -199,7 +252,7 @@ impl Stream {
     }
 }
 
-impl Drop for Stream {
+impl<P, R> Drop for Stream<P, R> {
     fn drop(&mut self) {
         self.queue.close();
         for worker in self.workers.drain(..) {

@@ -7,7 +7,7 @@ use std::time::Duration;
 /// What a worker takes, and where in the order it stands.
 pub(super) struct Job<P> {
     number: u64,
-    pub(super) pair: P,
+    pub(super) given: P,
 }
 
 /// Pairs in, results out.
@@ -82,7 +82,7 @@ impl<P, R> Queue<P, R> {
             state.places.push_back(Some((self.lost)()));
         } else {
             state.places.push_back(None);
-            state.waiting.push_back(Job { number, pair });
+            state.waiting.push_back(Job { number, given: pair });
         }
         self.changed.notify_all();
         Ok(())
@@ -190,8 +190,8 @@ mod tests {
         queue.retire([a, c], Some("broken".to_string()));
         for expected in [0, 2, 3] {
             let job = queue.take(false).unwrap();
-            assert_eq!(job.pair, expected);
-            queue.done(&job, job.pair.to_string());
+            assert_eq!(job.given, expected);
+            queue.done(&job, job.given.to_string());
         }
         assert_eq!(read(&queue), ["0", "1", "2", "3"]);
     }
@@ -210,7 +210,7 @@ mod tests {
         let queue = queue(1, 0);
         thread::scope(|scope| {
             let reader = scope.spawn(|| queue.next(Duration::MAX));
-            let worker = scope.spawn(|| queue.take(true).map(|job| job.pair));
+            let worker = scope.spawn(|| queue.take(true).map(|job| job.given));
             queue.finish();
             assert_eq!(reader.join().unwrap(), None);
             queue.close();

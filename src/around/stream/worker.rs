@@ -1,4 +1,4 @@
-//! A device at work on a stream.
+//! A device at work on a stream of pairs.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -79,7 +79,7 @@ impl Worker {
 
     fn submit(&mut self, job: Job) -> Result<(), Error> {
         self.taken.push_back(job);
-        let Some(Job { pair: [i1, i2], .. }) = self.taken.back() else { return Ok(()) };
+        let Some(Job { given: [i1, i2], .. }) = self.taken.back() else { return Ok(()) };
         match self.solver.submit(self.slot, i1, i2) {
             Ok(ticket) => {
                 if self.tickets.is_empty() {
@@ -130,6 +130,6 @@ impl Drop for Worker {
 }
 
 /// Whether the next pair would fail as well.
-fn is_of_device(error: &Error) -> bool {
+pub(super) fn is_of_device(error: &Error) -> bool {
     matches!(error, Error::Timeout { .. } | Error::Poisoned | Error::Vulkan { .. })
 }

@@ -96,6 +96,14 @@ impl ForeignDevice {
         Self { liked: Liked { conditional: true, ..self.liked }, ..self }
     }
 
+    /// dma-bufs may be shared.
+    ///
+    /// # Safety
+    /// The device was made with the last three of [`LIKED_EXTENSIONS`](super::LIKED_EXTENSIONS).
+    pub unsafe fn with_dma_bufs(self) -> Self {
+        Self { liked: Liked { dma_buf: true, ..self.liked }, ..self }
+    }
+
     /// Memory of the host may be shared.
     ///
     /// # Safety
@@ -141,7 +149,8 @@ impl Wait {
 pub struct Commands(pub(super) vk::CommandBuffer);
 
 impl Commands {
-    /// A primary command buffer that is being recorded, outside of a render pass.
+    /// A primary command buffer that is being recorded, outside of a render pass and of conditional rendering. What is bound for compute and pushed
+    /// as constants is another's afterwards. All of a solve is one submission: where a driver ends what takes seconds, that must be short.
     ///
     /// # Safety
     /// - It is of the engine's device, of the engine's queue family, and of one thread meanwhile.

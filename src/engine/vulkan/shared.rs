@@ -1,6 +1,7 @@
 //! Memory of others that the device reads where it is: that of the host, VK_EXT_external_memory_host, and [dma-bufs](super::dma_buf).
 
 use std::fmt;
+use std::ops::Range;
 use std::ptr::NonNull;
 use std::sync::Arc;
 
@@ -99,8 +100,9 @@ impl SharedMemory {
         })
     }
 
-    /// Reads the bytes by the host, of memory that is staged; of other memory that it does not have, none.
-    pub(crate) fn read<T>(&self, read: impl FnOnce(&[u8]) -> T) -> T {
+    /// Reads bytes by the host, and no others, which may be written meanwhile; of memory that it does not have, none.
+    pub(crate) fn read<T>(&self, bytes: Range<usize>, read: impl FnOnce(&[u8]) -> T) -> T {
+        assert!(bytes.start <= bytes.end && bytes.end <= self.bytes, "{bytes:?} of {} bytes", self.bytes);
         let start = match &self.holder {
             Holder::Host(start) => start.as_ptr().cast_const(),
             #[cfg(target_os = "linux")]
@@ -111,8 +113,8 @@ impl SharedMemory {
             #[cfg(target_os = "linux")]
             Holder::Device => return read(&[]),
         };
-        // SAFETY: so many bytes are there while this is, and who submits them writes none until they are taken.
-        let done = read(unsafe { std::slice::from_raw_parts(start, self.bytes) });
+        // SAFETY: these bytes are there while this is, and who submits them writes none of them until they are taken.
+        let done = read(unsafe { std::slice::from_raw_parts(start.add(bytes.start), bytes.len()) });
         #[cfg(target_os = "linux")]
         if let Holder::Mapped(mapping) = &self.holder {
             mapping.reads(true);
