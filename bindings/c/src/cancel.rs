@@ -38,7 +38,7 @@ pub unsafe extern "C" fn parfocal_cancel_free(cancel: *mut parfocal_cancel) {
 }
 
 /// Is told by the thread that solves which share of a solve is done, 0 to 1, after each level, and calls it off by what is not 0. It calls no
-/// function of parfocal with a handle of the same call.
+/// function of parfocal with a handle of the same call but parfocal_cancel_now, and returns: no exception or longjmp leaves it.
 pub type parfocal_progress = Option<unsafe extern "C" fn(context: *mut c_void, done: f64) -> i32>;
 
 /// Who is told, and what calls off.
