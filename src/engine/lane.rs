@@ -1,9 +1,10 @@
 //! One pair on its way through a solver: mapped memory of its own, and recordings that use it. What only the device sees is shared by all.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use super::OtherMotion;
+use super::call::Call;
 use super::motion::Form;
 use super::plan::Plan;
 use super::profile::{Phases, Profile, Ran, Reading, SUBMIT_WAIT};
@@ -19,7 +20,6 @@ use super::stages::sums::{Layout, Sums};
 use super::view::View;
 use super::vulkan::{Buffer, Clock, Commands, Device, Fetch, OnDevice, Recorder, Recording, Wait};
 use super::workspace::Workspace;
-use super::{OtherMotion, arguments};
 use crate::base::{Cancel, Error, Homography, Kernel, Mask, Photometric, Region, Shading, Signal};
 
 /// A script, and its recording.
@@ -65,10 +65,17 @@ pub(super) struct Lane {
     under_way: Option<u64>,
     /// Pairs so far.
     pairs: u64,
-    /// Whether the latest is wanted no more.
-    is_cancelled: Arc<AtomicBool>,
-    /// Calls it off.
+    /// Whether the latest is fetched by the device.
+    fetches: bool,
+    /// What calls the latest off, and is told to.
+    call: Arc<Call>,
     signal: Arc<Signal>,
+}
+
+impl Drop for Lane {
+    fn drop(&mut self) {
+        self.call.end();
+    }
 }
 
 impl Lane {
@@ -78,8 +85,9 @@ impl Lane {
         let other = if is_masked.is_none() { Some(prepared(true)?) } else { None };
         let is_masked = is_masked.unwrap_or(false);
         let latest = prepared(is_masked)?;
-        let (started, phases, is_cancelled) = (Instant::now(), Phases::default(), Arc::<AtomicBool>::default());
-        let signal = signal(&common.plan, workspace.buffer(Slot::StartArguments).clone(), is_cancelled.clone());
+        let (started, phases) = (Instant::now(), Phases::default());
+        let call = Call::of(workspace.buffer(Slot::StartArguments), &common.plan);
+        let signal = call.signal();
         let (under_way, pairs) = (None, 0);
         Ok(Self {
             common,
@@ -93,7 +101,8 @@ impl Lane {
             encoded: None,
             under_way,
             pairs,
-            is_cancelled,
+            fetches: false,
+            call,
             signal,
         })
     }
@@ -106,15 +115,21 @@ impl Lane {
     /// A new pair comes, which may be called off: what was under way is waited for.
     pub(super) fn begin(&mut self, cancel: &Cancel) -> Result<(), Error> {
         self.rest()?;
-        self.is_cancelled.store(false, Ordering::SeqCst);
-        self.workspace.buffer(Slot::StartArguments).signal(last_argument(&self.common.plan), arguments::GO_ON)?;
+        // Whatever comes of it, results of the one before are no more asked for.
+        self.pairs += 1;
+        self.fetches = false;
+        self.call.end();
+        let words = self.workspace.buffer(Slot::StartArguments);
+        self.call = Call::of(words, &self.common.plan);
+        self.signal = self.call.signal();
+        self.call.go_on(words)?;
         cancel.tells(&self.signal);
         cancel.check()
     }
 
     /// Calls the latest pair off.
     pub(super) fn cancel(&self) {
-        (self.signal)();
+        self.call.cancel();
     }
 
     /// Waits for what is under way.
@@ -127,7 +142,6 @@ impl Lane {
             return Err(Error::Poisoned);
         }
         self.is_taken(limit)?;
-        (self.fetching, self.encoded) = (None, None);
         (self.started, self.phases) = (Instant::now(), Phases::default());
         Ok(())
     }
@@ -161,7 +175,7 @@ impl Lane {
             self.other = Some(std::mem::replace(&mut self.latest, next));
             self.is_masked = is_masked;
         }
-        self.pairs += 1;
+        self.encoded = None;
         self.phases.end("start");
         Ok(())
     }
@@ -172,7 +186,11 @@ impl Lane {
         for (image, fetch) in fetches {
             recorder.fetch(fetch, self.entry(*image));
         }
-        self.fetching.insert(recorder.finish()?).start(1, waits)?;
+        let (recording, earlier) = (recorder.finish()?, self.fetching.take());
+        // What waits for the timeline may still be pending on another queue: it lives as long as the lane.
+        let recording = if let Some(earlier) = earlier { recording.after(earlier) } else { recording };
+        self.fetching.insert(recording).start(1, waits)?;
+        self.fetches = true;
         Ok(())
     }
 
@@ -203,18 +221,23 @@ impl Lane {
 
     /// Where the results of the latest pair will be.
     pub(super) fn on_device(&self) -> OnDevice {
-        OnDevice::of(self.workspace.buffer(Slot::EndMaps), &self.latest.recording, self.fetching.as_ref())
+        let fetching = self.fetching.as_ref().filter(|_| self.fetches);
+        OnDevice::of(self.workspace.buffer(Slot::EndMaps), &self.latest.recording, fetching)
     }
 
     /// Waits so long at most; whether the device has fetched what it fetches of the latest pair.
     pub(super) fn is_taken(&mut self, limit: Duration) -> Result<bool, Error> {
         let Some(fetching) = &mut self.fetching else { return Ok(true) };
-        fetching.reached(fetching.signal().1, limit)
+        let is_taken = fetching.reached(fetching.signal().1, limit)?;
+        if is_taken {
+            fetching.let_go();
+        }
+        Ok(is_taken)
     }
 
     /// [`Error::Cancelled`] where the latest pair was called off, and its results are half-way ones.
     fn check_wanted(&self) -> Result<(), Error> {
-        if self.is_cancelled.load(Ordering::SeqCst) { Err(Error::Cancelled) } else { Ok(()) }
+        if self.call.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
     }
 
     /// Waits so long at most; whether the pair is solved.
@@ -352,6 +375,10 @@ impl Lane {
 
     /// By the device's clock; where that is not read, from submitting to the last answer.
     fn timings(&self) -> Result<Timings, Error> {
+        if self.encoded.is_some() {
+            // By whom, and when, is the program's to know.
+            return Ok(Timings::default());
+        }
         let times = self.latest.recording.times()?;
         let gpu_ms = if times.passes_ms.is_empty() { self.phases.waited_ms() } else { times.total_ms };
         Ok(Timings { total_ms: 0.0, gpu_ms, passes_ms: times.passes_ms })
@@ -375,24 +402,11 @@ impl Lane {
     }
 }
 
-/// Where the word lies by which a solve is given up, bytes.
-fn last_argument(plan: &Plan) -> u64 {
-    arguments::bytes(plan.solved) - 4
-}
-
-/// Calls a pair off where the device looks.
-fn signal(plan: &Plan, words: Arc<Buffer>, is_cancelled: Arc<AtomicBool>) -> Arc<Signal> {
-    let place = last_argument(plan);
-    Arc::new(move || {
-        is_cancelled.store(true, Ordering::SeqCst);
-        // Where it cannot be told, the device only goes on to the end.
-        let _ = words.signal(place, arguments::GIVEN_UP);
-    })
-}
-
 fn prepared(common: &Common, workspace: &Workspace, masked: bool) -> Result<Prepared, Error> {
     let script = compose(&common.plan, masked);
     let recording = record(&common.device, &common.pipelines, workspace, &script, common.reading)?;
-    workspace.buffer(Slot::StartArguments).write(bytemuck::cast_slice(&script.arguments))?;
+    // All but the last word, by which the pair may have been called off meanwhile.
+    let words = &script.arguments[..script.arguments.len() - 1];
+    workspace.buffer(Slot::StartArguments).write(bytemuck::cast_slice(words))?;
     Ok(Prepared { script, recording })
 }

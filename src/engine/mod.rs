@@ -1,6 +1,7 @@
 //! Two photographs to relative blur and registration, on a Vulkan device: the engine that other programs embed.
 
 pub(crate) mod arguments;
+mod call;
 #[cfg(test)]
 mod faults;
 pub(crate) mod filter;

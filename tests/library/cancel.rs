@@ -1,12 +1,12 @@
 //! Solves that are called off: they end soon, and what they used is good for the next.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use parfocal::focus_stack::{SweepOptions, solve_sweep};
-use parfocal::{Cancel, Error, Frame, Scope, Settings, Similarity, Solver};
+use parfocal::{Cancel, Engine, EngineOptions, Error, Frame, Scope, Settings, Similarity, Solver, Source};
 
-use crate::common::TestEngine;
-use crate::common::scene::pair;
+use crate::common::scene::{pair, slanted};
+use crate::common::{TestEngine, options};
 
 const SIZE: [u32; 2] = [256, 192];
 
@@ -41,7 +41,7 @@ fn a_ticket_that_is_called_off_frees_its_slot() {
 }
 
 #[test]
-fn a_solve_is_called_off_from_another_thread_and_iterates_no_more() {
+fn a_solve_is_called_off_from_another_thread() {
     let (engine, [i1, i2]) = (TestEngine::new(), frames());
     let mut solver = Solver::for_pair(&engine, &i1, &i2, &long()).unwrap();
     let cancel = Cancel::default();
@@ -58,6 +58,35 @@ fn a_solve_is_called_off_from_another_thread_and_iterates_no_more() {
     assert!(matches!(solver.solve(&i1, &i2), Err(Error::Cancelled)), "all that begins with it");
     solver.set_cancel(Cancel::default());
     assert!(solver.register(&i1, &i2).is_ok());
+}
+
+#[test]
+fn what_called_an_earlier_pair_off_says_nothing_to_the_next_and_results_half_way_are_never_lent() {
+    let (engine, [i1, i2]) = (TestEngine::new(), frames());
+    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let earlier = Cancel::default();
+    solver.set_cancel(earlier.clone());
+    solver.solve(&i1, &i2).unwrap();
+    solver.set_cancel(Cancel::default());
+    let ticket = solver.submit(0, &i1, &i2).unwrap();
+    earlier.cancel();
+    assert!(solver.wait(&ticket, Duration::MAX).unwrap().unwrap().converged);
+    // Whatever comes after a pair that was called off, its results are not there.
+    let rows = vec![0xff; 4 * (SIZE[0] * SIZE[1]) as usize];
+    let no_numbers = Source::Rows { bytes: &rows, pitch: 0 };
+    for cancels_the_next in [false, true] {
+        let cancel = Cancel::default();
+        solver.set_cancel(cancel.clone());
+        let called_off = solver.submit(0, &i1, &i2).unwrap();
+        if cancels_the_next {
+            cancel.cancel();
+            assert!(matches!(solver.submit(0, &i1, &i2), Err(Error::Cancelled)));
+        } else {
+            solver.cancel(&called_off).unwrap();
+            assert!(matches!(solver.submit_sources(0, [no_numbers; 2], &[]), Err(Error::Mismatch(_))));
+        }
+        assert!(matches!(solver.wait(&called_off, Duration::MAX), Err(Error::Mismatch(_))));
+    }
 }
 
 #[test]
@@ -82,4 +111,29 @@ fn parts_of_the_frame_large_pairs_and_sweeps_are_called_off_by_who_is_told_how_f
         cancel.cancel();
     });
     assert!(matches!(solved, Err(Error::Cancelled)) && told == 1);
+}
+
+/// How soon a solve of 1 Mpx ends that is called off: for figures, `cargo test --test library how_soon_a_solve_ends -- --ignored --nocapture`
+#[test]
+#[ignore = "it measures"]
+fn how_soon_a_solve_ends() {
+    let engine = Engine::new(&EngineOptions { validation: false, timed: false, ..options() }).unwrap();
+    let size = [1024, 1024];
+    let [i1, i2] = pair(size, Similarity::new(0.4, -0.3, 0.05, 1.0), slanted(size[0]), 0.002, 3);
+    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let mut whole = 0.0;
+    for _ in 0..3 {
+        let began = Instant::now();
+        solver.solve(&i1, &i2).unwrap();
+        whole = began.elapsed().as_secs_f64();
+    }
+    println!("a solve takes {whole:.2} s");
+    for share in [0.05, 0.2, 0.4, 0.6, 0.8] {
+        let ticket = solver.submit(0, &i1, &i2).unwrap();
+        std::thread::sleep(Duration::from_secs_f64(share * whole));
+        let began = Instant::now();
+        solver.cancel(&ticket).unwrap();
+        assert!(matches!(solver.wait(&ticket, Duration::MAX), Err(Error::Cancelled)));
+        println!("called off after {share:.2} of it: ends {:.2} s later", began.elapsed().as_secs_f64());
+    }
 }

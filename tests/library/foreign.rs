@@ -2,12 +2,13 @@
 #![allow(unsafe_code, reason = "the program's own Vulkan")]
 
 use std::ffi::{CStr, c_void};
+use std::ptr::NonNull;
 use std::sync::Mutex;
 use std::time::Duration;
 
 use parfocal::foreign::ash::{self, ext, vk};
 use parfocal::foreign::{Commands, DeviceSource, ForeignDevice, Wait, Wanted};
-use parfocal::{Engine, EngineOptions, Frame, PixelFormat, Settings, Similarity, Solver};
+use parfocal::{Engine, EngineOptions, Frame, HostMemory, PixelFormat, Settings, Similarity, Solver};
 
 use crate::common::TestEngine;
 use crate::common::scene::pair;
@@ -118,6 +119,23 @@ impl Program {
         }
     }
 
+    /// Writes a mapped buffer anew.
+    fn fill(&self, (_, memory): (vk::Buffer, vk::DeviceMemory), bytes: &[u8]) {
+        // SAFETY: the memory is mapped, as long, and nothing of the device reads it now.
+        unsafe {
+            self.device.unmap_memory(memory);
+            let mapped = self.device.map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()).unwrap();
+            std::ptr::copy_nonoverlapping(bytes.as_ptr(), mapped.cast(), bytes.len());
+        }
+    }
+
+    fn timeline(&self) -> vk::Semaphore {
+        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
+        let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
+        // SAFETY: the device has timelines.
+        unsafe { self.device.create_semaphore(&create, None) }.unwrap()
+    }
+
     fn image(&self, format: vk::Format, [width, height]: [u32; 2]) -> (vk::Image, vk::DeviceMemory) {
         let create = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
@@ -156,19 +174,25 @@ impl Program {
         }
     }
 
-    /// Ends them and hands them over; they signal a semaphore.
-    fn submit(&self, commands: vk::CommandBuffer, signal: Option<(vk::Semaphore, u64)>) {
+    /// Ends them and hands them over; they begin once a semaphore has a value, and signal another.
+    fn submit(
+        &self,
+        commands: vk::CommandBuffer,
+        wait: Option<(vk::Semaphore, u64)>,
+        signal: Option<(vk::Semaphore, u64)>,
+    ) {
         let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
-        let signals: Vec<_> = signal
-            .into_iter()
-            .map(|(semaphore, value)| {
-                vk::SemaphoreSubmitInfo::default()
-                    .semaphore(semaphore)
-                    .value(value)
-                    .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
-            })
-            .collect();
-        let submit = vk::SubmitInfo2::default().command_buffer_infos(&buffers).signal_semaphore_infos(&signals);
+        let info = |(semaphore, value)| {
+            vk::SemaphoreSubmitInfo::default()
+                .semaphore(semaphore)
+                .value(value)
+                .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+        };
+        let [waits, signals] = [wait, signal].map(|of| of.into_iter().map(info).collect::<Vec<_>>());
+        let submit = vk::SubmitInfo2::default()
+            .wait_semaphore_infos(&waits)
+            .command_buffer_infos(&buffers)
+            .signal_semaphore_infos(&signals);
         // SAFETY: the queue is used by this thread alone.
         unsafe {
             self.device.end_command_buffer(commands).unwrap();
@@ -241,53 +265,63 @@ fn found(solver: &mut Solver, ticket: &parfocal::Ticket) -> Vec<u32> {
     view.relative_blur().iter().map(|v| v.to_bits()).collect()
 }
 
-#[test]
-fn photographs_are_taken_from_buffers_and_images_of_the_program_once_they_are_there() {
-    let (program, frames) = (Program::new(), frames(3));
-    let engine = program.engine();
-    let expected = expected(&frames, &settings(1.0));
-    let mut solver = Solver::for_pair(&engine, &frames[0], &frames[1], &settings(1.0)).unwrap();
-    // I1 in a buffer, in rows with gaps, from an odd word on; I2 in the second layer of an image as a renderer leaves it.
-    let pitch = 4 * SIZE[0] as usize + 12;
-    let row = |row: &[u8]| [row, &[0xa5; 12]].concat();
-    let rows: Vec<u8> = frames[0].bytes().chunks(4 * SIZE[0] as usize).flat_map(row).collect();
-    let near = program.buffer(&[[0; 4].as_slice(), &rows].concat());
-    let upload = program.buffer(frames[1].bytes());
-    let (image, memory) = program.image(vk::Format::R32_SFLOAT, SIZE);
-    let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
-    let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
-    // SAFETY: the device has timelines.
-    let semaphore = unsafe { program.device.create_semaphore(&create, None) }.unwrap();
-    let as_drawn = vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL;
-    for value in 1..=2 {
-        let commands = program.commands();
-        program.change(commands, image, vk::ImageLayout::UNDEFINED, vk::ImageLayout::TRANSFER_DST_OPTIMAL);
+const DRAWN: vk::ImageLayout = vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL;
+
+impl Program {
+    /// What a renderer does: draws into the second layer of an image.
+    fn draw(&self, from: vk::Buffer, image: vk::Image) -> vk::CommandBuffer {
+        let (commands, to) = (self.commands(), vk::ImageLayout::TRANSFER_DST_OPTIMAL);
+        self.change(commands, image, vk::ImageLayout::UNDEFINED, to);
         let layer = vk::ImageSubresourceLayers::default()
             .aspect_mask(vk::ImageAspectFlags::COLOR)
             .base_array_layer(1)
             .layer_count(1);
-        let region = [vk::BufferImageCopy::default().image_subresource(layer).image_extent(vk::Extent3D {
-            width: SIZE[0],
-            height: SIZE[1],
-            depth: 1,
-        })];
+        let [width, height] = SIZE;
+        let extent = vk::Extent3D { width, height, depth: 1 };
+        let region = [vk::BufferImageCopy::default().image_subresource(layer).image_extent(extent)];
         // SAFETY: the buffer holds the image.
-        unsafe {
-            let to = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
-            program.device.cmd_copy_buffer_to_image(commands, upload.0, image, to, &region);
-        }
-        program.change(commands, image, vk::ImageLayout::TRANSFER_DST_OPTIMAL, as_drawn);
-        program.submit(commands, Some((semaphore, value)));
+        unsafe { self.device.cmd_copy_buffer_to_image(commands, from, image, to, &region) };
+        self.change(commands, image, to, DRAWN);
+        commands
+    }
+}
+
+#[test]
+fn photographs_are_taken_from_buffers_and_images_of_the_program_once_they_are_there() {
+    let (program, pairs) = (Program::new(), [frames(3), frames(5), frames(6)]);
+    let engine = program.engine();
+    let mut solver = Solver::for_pair(&engine, &pairs[0][0], &pairs[0][1], &settings(1.0)).unwrap();
+    // I1 in a buffer, in rows with gaps, from an odd word on; I2 in the second layer of an image as a renderer leaves it.
+    let pitch = 4 * SIZE[0] as usize + 12;
+    let row = |row: &[u8]| [row, &[0xa5; 12]].concat();
+    let rows = |frame: &Frame| {
+        let rows: Vec<u8> = frame.bytes().chunks(4 * SIZE[0] as usize).flat_map(row).collect();
+        [[0; 4].as_slice(), &rows].concat()
+    };
+    let (near, upload) = (program.buffer(&rows(&pairs[0][0])), program.buffer(pairs[0][1].bytes()));
+    let (image, memory) = program.image(vk::Format::R32_SFLOAT, SIZE);
+    let (drawn, written) = (program.timeline(), program.timeline());
+    let mut taken = None;
+    for (value, pair) in (1..).zip(&pairs) {
+        // Drawing waits for the pair before to be taken, on the device, and is perhaps not yet done as the slot takes this one.
+        program.fill(upload, pair[1].bytes());
+        program.submit(program.draw(upload.0, image), taken, Some((drawn, value)));
         // SAFETY: both are of this device, outlive the pair, and are written again only once they are taken.
-        let (sources, wait) = unsafe {
-            let sources = [DeviceSource::buffer(near.0, 4, pitch as u64), DeviceSource::image(image, as_drawn, 1)];
-            (sources.map(parfocal::Source::OnDevice), Wait::new(semaphore, value))
+        let (sources, waits) = unsafe {
+            let sources = [DeviceSource::buffer(near.0, 4, pitch as u64), DeviceSource::image(image, DRAWN, 1)];
+            (sources.map(parfocal::Source::OnDevice), [Wait::new(drawn, value), Wait::new(written, value)])
         };
-        let ticket = solver.submit_sources(0, sources, &[wait]).unwrap();
+        let ticket = solver.submit_sources(0, sources, &waits).unwrap();
         assert_eq!(ticket.is_fetched(), [true; 2]);
-        assert!(solver.on_device(&ticket).unwrap().taken.is_some());
+        taken = solver.on_device(&ticket).unwrap().taken;
+        assert!(!solver.wait_taken(&ticket, Duration::from_millis(30)).unwrap() && !solver.poll(&ticket).unwrap());
+        // I1 is written by the host only now.
+        program.fill(near, &rows(&pair[0]));
+        let signal = vk::SemaphoreSignalInfo::default().semaphore(written).value(value);
+        // SAFETY: the value is the next of this timeline.
+        unsafe { program.device.signal_semaphore(&signal) }.unwrap();
         assert!(solver.wait_taken(&ticket, Duration::MAX).unwrap());
-        assert!(found(&mut solver, &ticket) == expected);
+        assert!(found(&mut solver, &ticket) == expected(pair, &settings(1.0)), "pair {value}");
     }
     drop((solver, engine));
     program.idle();
@@ -296,8 +330,18 @@ fn photographs_are_taken_from_buffers_and_images_of_the_program_once_they_are_th
     unsafe {
         program.device.destroy_image(image, None);
         program.device.free_memory(memory, None);
-        program.device.destroy_semaphore(semaphore, None);
+        [drawn, written].into_iter().for_each(|timeline| program.device.destroy_semaphore(timeline, None));
     }
+}
+
+#[test]
+fn memory_of_the_host_is_imported_where_the_device_can() {
+    let program = Program::new();
+    let (engine, bytes) = (program.engine(), vec![0u8; 10_000]);
+    let can = program.wanted.extensions().contains(&ext::external_memory_host::NAME);
+    // SAFETY: the bytes outlive it, and are not written.
+    let memory = engine.share(unsafe { HostMemory::new(NonNull::from(&bytes[3]), bytes.len() - 3) });
+    assert_eq!(memory.is_staged(), !can);
 }
 
 #[test]
@@ -321,15 +365,7 @@ fn a_solve_is_recorded_into_a_command_buffer_of_the_programs_and_executed_again(
     // SAFETY: the commands are ended once.
     unsafe { program.device.end_command_buffer(commands) }.unwrap();
     for pair in &pairs {
-        for ((_, memory), bytes) in sources.iter().zip(pair) {
-            // SAFETY: the memory is mapped, as long, and nothing of the device reads it now.
-            unsafe {
-                program.device.unmap_memory(*memory);
-                let mapped =
-                    program.device.map_memory(*memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()).unwrap();
-                std::ptr::copy_nonoverlapping(bytes.as_ptr(), mapped.cast(), bytes.len());
-            }
-        }
+        sources.iter().zip(pair).for_each(|(&buffer, bytes)| program.fill(buffer, bytes));
         let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
         let submit = vk::SubmitInfo2::default().command_buffer_infos(&buffers);
         // SAFETY: the queue is this thread's alone.

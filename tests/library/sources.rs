@@ -2,14 +2,17 @@
 #![allow(unsafe_code, reason = "who shares memory vouches for it")]
 
 use std::ptr::NonNull;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 #[cfg(target_os = "linux")]
 use parfocal::DmaBuf;
-use parfocal::{Depth, Error, Frame, HostMemory, PixelFormat, Samples, Settings, Similarity, Solver, Source, Ticket};
+use parfocal::{
+    Depth, Engine, EngineOptions, Error, Frame, HostMemory, PixelFormat, Samples, Settings, Similarity, Solver, Source,
+    Ticket,
+};
 
-use crate::common::TestEngine;
 use crate::common::scene::pair;
+use crate::common::{TestEngine, options};
 
 /// Of rows that end with a byte in any format.
 const SIZE: [u32; 2] = [96, 80];
@@ -199,4 +202,50 @@ fn what_does_not_fit_is_refused_and_nothing_of_it_is_read() {
     let mut its_own = Solver::for_pair(&other, &i1, &i2, &settings).unwrap();
     assert!(told(&mut its_own, [frame, shared(4)]).contains("there are 30716"));
     assert!(told(&mut its_own, [frame, shared(usize::MAX)]).contains("there are 0"));
+}
+
+/// How long the host is held until `submit_sources` returns, and the pair until it is solved: for figures,
+/// `cargo test --test library how_long_frames_of_a_camera_take -- --ignored --nocapture`
+#[test]
+#[ignore = "it measures"]
+fn how_long_frames_of_a_camera_take() {
+    let engine = Engine::new(&EngineOptions { validation: false, timed: false, ..options() }).unwrap();
+    let size = [2448, 2048];
+    for name in ["Mono12p", "BayerRG8"] {
+        let format: PixelFormat = name.parse().unwrap();
+        let bytes: Vec<u8> = (0..format.bytes(size)).map(|i| (i * i / 7 + i / 97) as u8).collect();
+        let settings = Settings { levels: Some(1), outer_iterations: 1, fused: false, ..Settings::default() };
+        let [plain, unpacked] = [PixelFormat::from(format.format()), format];
+        let mut by_host = Solver::with_slots(1, &engine, size, [plain; 2], &settings).unwrap();
+        let mut by_device = Solver::with_slots(1, &engine, size, [unpacked; 2], &settings).unwrap();
+        // SAFETY: the bytes outlive it, and are not written.
+        let memory = engine.share(unsafe { HostMemory::new(NonNull::from(bytes.as_slice()).cast(), bytes.len()) });
+        let mut rounds = [(); 3].map(|()| Vec::new());
+        for _ in 0..6 {
+            let mut note = |n: usize, solver: &mut Solver, submit: &dyn Fn(&mut Solver) -> Ticket| {
+                let began = Instant::now();
+                let ticket = submit(solver);
+                let held = began.elapsed();
+                drop(solver.wait(&ticket, Duration::MAX).unwrap());
+                rounds[n].push((held.as_secs_f64() * 1e3, began.elapsed().as_secs_f64() * 1e3));
+            };
+            note(0, &mut by_host, &|solver| {
+                let frame = format.frame(size, &bytes).unwrap();
+                solver.submit(0, &frame, &frame).unwrap()
+            });
+            let rows = Source::Rows { bytes: &bytes, pitch: 0 };
+            note(1, &mut by_device, &|solver| solver.submit_sources(0, [rows; 2], &[]).unwrap());
+            let shared = Source::Shared { memory: &memory, offset: 0, pitch: 0 };
+            note(2, &mut by_device, &|solver| solver.submit_sources(0, [shared; 2], &[]).unwrap());
+        }
+        for (way, mut times) in ["unpacked by the host", "rows", "shared"].into_iter().zip(rounds) {
+            // The first compiles.
+            times.remove(0);
+            times.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let (least, [held, whole], most) = (times[0].0, [times[2].0, times[2].1], times[4].0);
+            println!(
+                "{name}, {way}: host held {held:.1} ms ({least:.1} to {most:.1}), one iteration there after {whole:.0} ms"
+            );
+        }
+    }
 }

@@ -239,7 +239,7 @@ typedef struct {
 } parfocal_region;
 
 // Is told by the thread that solves which share of a solve is done, 0 to 1, after each level, and calls it off by what is not 0. It calls no
-// function of parfocal with a handle of the same call.
+// function of parfocal with a handle of the same call but parfocal_cancel_now, and returns: no exception or longjmp leaves it.
 typedef int32_t (*parfocal_progress)(void *context, double done);
 
 // What of a pair is solved, who is told how far it is, and what calls it off.

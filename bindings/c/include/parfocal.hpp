@@ -5,6 +5,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -62,11 +63,16 @@ struct Image : parfocal_image {
         std::size_t bytes_a_row = 0)
       : parfocal_image{sizeof(parfocal_image), samples,     columns, rows, channel_count,
                        detail::depth_of<T>(),  bytes_a_row, nullptr} {}
-  /// As a camera packs it, by GenICam's name of the format, such as "Mono12p", which is kept by pointer.
+  /// As a camera packs it, by GenICam's name of the format, such as "Mono12p", which is kept by pointer; channels and depth are what it is unpacked to.
   static Image packed(const void *bytes, const char *format_name, std::uint32_t columns, std::uint32_t rows,
                       std::size_t bytes_a_row = 0) {
     Image image(static_cast<const std::uint8_t *>(bytes), columns, rows, 1, bytes_a_row);
     image.format = format_name;
+    const std::string name(format_name);
+    const auto digits = name.find_first_of("0123456789");
+    const int bits = digits == std::string::npos ? 8 : std::atoi(name.c_str() + digits);
+    image.channels = name.compare(0, 4, "Mono") == 0 ? 1 : 3;
+    image.depth = bits == 8 ? PARFOCAL_U8 : bits == 32 ? PARFOCAL_F32 : PARFOCAL_U16;
     return image;
   }
 };

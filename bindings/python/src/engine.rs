@@ -1,7 +1,8 @@
 //! A device, and what is done on it without the interpreter's lock.
 
 use std::process;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError, TryLockError};
+use std::thread;
 use std::time::Duration;
 
 use numpy::PyReadonlyArray2;
@@ -18,6 +19,9 @@ use crate::convert::{array_of, field, frame, homography, image, mask, matrix, re
 use crate::settings::settings;
 use crate::watch::{Cancel, Watch};
 use crate::{DeviceError, raised};
+
+/// How often a call looks whether it is its turn.
+const TURN: Duration = Duration::from_millis(1);
 
 /// A Vulkan device. Calls of several threads wait for each other.
 ///
@@ -176,7 +180,19 @@ impl Engine {
         run: impl FnOnce(&mut Inner, &mut dyn FnMut(f64)) -> Result<T, parfocal::Error> + Send,
     ) -> PyResult<T> {
         let inner = self.inner.as_ref().filter(|_| self.process == process::id()).ok_or_else(forked)?;
-        watch.over(py, |say| run(&mut inner.lock().unwrap_or_else(PoisonError::into_inner), say))
+        let cancel = watch.cancel.clone();
+        watch.over(py, |say| {
+            let mut inner = loop {
+                match inner.try_lock() {
+                    Ok(inner) => break inner,
+                    Err(TryLockError::Poisoned(inner)) => break inner.into_inner(),
+                    // Another thread solves, for which this one may be called off.
+                    Err(TryLockError::WouldBlock) if cancel.is_cancelled() => return Err(parfocal::Error::Cancelled),
+                    Err(TryLockError::WouldBlock) => thread::sleep(TURN),
+                }
+            };
+            run(&mut inner, say)
+        })
     }
 }
 

@@ -88,7 +88,7 @@ impl Stream {
     /// How many pairs may be pushed and not yet read.
     #[getter]
     fn capacity(&self) -> PyResult<usize> {
-        Ok(2 * self.slots * self.inner()?.engines.len())
+        Ok(self.slots.saturating_mul(2).saturating_mul(self.inner()?.engines.len()))
     }
 
     fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
@@ -110,14 +110,26 @@ impl Stream {
         let prepared = py.detach(|| inner.prepare(self.slots, &pair, settings)).map_err(raised)?;
         let prepared = prepared.ok_or_else(|| PyValueError::new_err("the stream is closed"))?;
         let mut pair = Some(pair);
-        let push = |step| match prepared.stream.push(pair.take()?, step) {
-            Ok(()) => Some(()),
-            Err(Full(back)) => {
-                pair = Some(back);
-                None
+        let push = |step| {
+            if inner.lock().is_closed {
+                return Some(false);
+            }
+            match prepared.stream.push(pair.take()?, step) {
+                Ok(()) => Some(true),
+                Err(Full(back)) => {
+                    pair = Some(back);
+                    None
+                }
             }
         };
-        Ok(in_steps(py, timeout, push)?.is_some())
+        match in_steps(py, timeout, push)? {
+            Some(false) => Err(PyValueError::new_err("the stream is closed")),
+            Some(true) => {
+                py.detach(|| inner.lock().is_finished = false);
+                Ok(true)
+            }
+            None => Ok(false),
+        }
     }
 
     /// The next result, by name, if it is there by then.
@@ -172,7 +184,6 @@ impl Inner {
         if state.is_closed {
             return Ok(None);
         }
-        state.is_finished = false;
         if state.prepared.is_none() {
             let engines: Vec<&parfocal::Engine> = self.engines.iter().collect();
             let (size, formats) = ([pair[0].width(), pair[0].height()], pair.each_ref().map(Frame::format));

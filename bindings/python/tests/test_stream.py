@@ -192,3 +192,22 @@ def test_more_pairs_take_no_more_memory():
         grown = resident() - before
     print(f"{count} pairs through a stream: {before >> 10} KiB after 24, {grown >> 10} KiB more at the end")
     assert grown < 8 << 20
+
+
+def test_who_waits_to_push_is_told_that_it_is_closed(opened):
+    stream = opened(slots=1)
+    for pair in some(stream.capacity):
+        stream.push(*pair)
+    threading.Timer(0.2, stream.close).start()
+    with pytest.raises(ValueError, match="closed"):
+        stream.push(*PAIRS[0], timeout=None)
+
+
+def test_a_push_that_found_no_room_takes_no_finish_back(opened):
+    stream = opened(slots=1)
+    for pair in some(stream.capacity):
+        stream.push(*pair)
+    stream.finish()
+    with pytest.raises(queue.Full):
+        stream.push(*PAIRS[0], timeout=0)
+    assert len(list(stream)) == stream.capacity

@@ -130,7 +130,8 @@ impl Plan {
     fn check_memory(&self, info: &DeviceInfo, memory: u64, slots: u64) -> Result<(), Error> {
         let (on_device, host) = self.bytes();
         // A discrete GPU keeps what the host sees in the host's memory; the others have one memory for both.
-        let needed = if info.kind == "discrete GPU" { on_device } else { on_device + slots * host };
+        let needed =
+            if info.kind == "discrete GPU" { on_device } else { on_device.saturating_add(slots.saturating_mul(host)) };
         let limit = memory.min(info.memory_bytes);
         if needed > limit {
             return Err(self.too_large(info, "the solve", mib(needed), format!("{} in all", mib(limit))));

@@ -24,8 +24,8 @@ impl DmaBuf {
     ///
     /// # Safety
     /// - It is a dma-buf, or a file in memory that stays as long as it is, so that no page of it goes while it is mapped.
-    /// - From when a pair that takes rows of it is submitted until they are taken ([`Solver::wait_taken`](crate::Solver::wait_taken)), nobody writes those
-    ///   rows.
+    /// - From when a pair that takes rows of it is submitted until they are taken ([`Solver::wait_taken`](crate::Solver::wait_taken)), nobody writes
+    ///   from the first of those rows to the end of the last.
     pub unsafe fn new(fd: OwnedFd, bytes: usize) -> Self {
         Self { fd, bytes }
     }
@@ -38,7 +38,7 @@ pub(crate) fn share(device: &Arc<Device>, DmaBuf { fd, bytes }: DmaBuf) -> Resul
     if bytes == 0 || bytes as u64 > size {
         return Err(Error::Mismatch(format!("the dma-buf has {size} bytes, not {bytes}")));
     }
-    if let Some(imported) = import(device, &fd, bytes as u64) {
+    if let Some(imported) = import(device, &fd, size) {
         return Ok(SharedMemory::holding(device, bytes, Holder::Device, Some(imported)));
     }
     // SAFETY: the pages stay by the contract of `DmaBuf`.
@@ -46,7 +46,8 @@ pub(crate) fn share(device: &Arc<Device>, DmaBuf { fd, bytes }: DmaBuf) -> Resul
     Ok(SharedMemory::holding(device, bytes, Holder::Mapped(mapping), None))
 }
 
-fn import(device: &Arc<Device>, fd: &OwnedFd, bytes: u64) -> Option<Imported> {
+/// All of it: drivers ask for whole pages.
+fn import(device: &Arc<Device>, fd: &OwnedFd, size: u64) -> Option<Imported> {
     if !device.physical.liked.dma_buf {
         return None;
     }
@@ -58,7 +59,7 @@ fn import(device: &Arc<Device>, fd: &OwnedFd, bytes: u64) -> Option<Imported> {
     // Vulkan takes the descriptor over where it imports it.
     let own = fd.try_clone().ok()?.into_raw_fd();
     let mut import = vk::ImportMemoryFdInfoKHR::default().handle_type(kind).fd(own);
-    match bind(device, kind, (told.memory_type_bits, bytes), &mut import, 0) {
+    match bind(device, kind, (told.memory_type_bits, size), &mut import, 0) {
         Ok(imported) => Some(imported.of_another_device()),
         Err(Refused { took_over }) => {
             if !took_over {

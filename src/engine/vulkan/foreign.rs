@@ -155,8 +155,9 @@ impl Commands {
     /// # Safety
     /// - It is of the engine's device, of the engine's queue family, and of one thread meanwhile.
     /// - It is executed only while nothing else of the solver is, since all pairs of a solver share memory of the device.
-    /// - Before the results are asked for, and before the slot takes another pair or the solver goes, it has been executed and nothing of it is
-    ///   pending; after the slot has taken another pair, it is executed no more.
+    /// - It is executed while no results of the slot are lent, and nothing of it is pending while results are asked for, while the solver is told
+    ///   another mask, lends its memory or takes another pair, and when the solver goes. After the slot has taken another pair it is executed no more.
+    /// - Where recording fails, it is reset.
     pub unsafe fn new(commands: vk::CommandBuffer) -> Self {
         Self(commands)
     }

@@ -9,7 +9,7 @@ use super::recording::Recording;
 /// padding: V, its standard deviation, the residual, the channels of the fused image, as of a [`View`](crate::View).
 ///
 /// A submission to the engine's queue, or to another of its family, that waits for `semaphore` to reach `value` may read `buffer`, as a source of copies
-/// and as a storage buffer. It must be over before the slot takes another pair, and before the solver is gone.
+/// and as a storage buffer. It must be over before the slot takes another pair, and like what waits for `taken` before the solver is gone.
 #[derive(Clone, Copy, Debug)]
 pub struct OnDevice {
     /// Of the device of the engine; mapped memory, which the host reads as well.

@@ -39,7 +39,7 @@ pub(crate) struct Recording {
     is_pending: bool,
     /// Which parts the latest run ran.
     latest: Vec<bool>,
-    _keep: Vec<Arc<dyn Any + Send + Sync>>,
+    keep: Vec<Arc<dyn Any + Send + Sync>>,
 }
 
 /// How long a run that is given up is waited for, so that it leaves nothing behind.
@@ -68,7 +68,7 @@ impl Recording {
             done: AtomicU64::new(0),
             is_pending: false,
             latest: Vec::new(),
-            _keep: keep,
+            keep,
         };
         recording.timeline = device.check("vkCreateSemaphore", timeline)?;
         Ok(recording)
@@ -118,6 +118,18 @@ impl Recording {
             self.latest.resize(end, true);
         }
         Ok(())
+    }
+
+    /// Goes on with the timeline of an earlier one, which is done.
+    pub(crate) fn after(mut self, mut earlier: Self) -> Self {
+        std::mem::swap(&mut self.timeline, &mut earlier.timeline);
+        *self.done.get_mut() = earlier.done();
+        self
+    }
+
+    /// Keeps nothing alive any more, and is run no more.
+    pub(crate) fn let_go(&mut self) {
+        self.keep.clear();
     }
 
     fn done(&self) -> u64 {

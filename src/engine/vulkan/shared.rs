@@ -25,8 +25,8 @@ impl HostMemory {
     ///
     /// # Safety
     /// - They stay mapped, where they are, for as long as what [`Engine::share`](crate::Engine::share) makes of them lives.
-    /// - From when a pair that takes rows of them is submitted until they are taken ([`Solver::wait_taken`](crate::Solver::wait_taken)), nobody writes those
-    ///   rows.
+    /// - From when a pair that takes rows of them is submitted until they are taken ([`Solver::wait_taken`](crate::Solver::wait_taken)), nobody writes
+    ///   from the first of those rows to the end of the last.
     pub unsafe fn new(start: NonNull<u8>, bytes: usize) -> Self {
         Self { start, bytes }
     }
@@ -141,8 +141,8 @@ fn import(device: &Arc<Device>, start: NonNull<u8>, bytes: usize) -> Option<Impo
     let first = pages(address);
     let size = (address.checked_add(bytes)?.checked_add(page - 1).map(pages)? - first) as u64;
     let kind = vk::ExternalMemoryHandleTypeFlags::HOST_ALLOCATION_EXT;
-    // SAFETY: the bytes before the start lie in the same page, which is mapped since the start is.
-    let pointer = unsafe { start.as_ptr().sub(address - first) }.cast::<std::ffi::c_void>();
+    // The bytes before the start lie in the same page, which is mapped since the start is.
+    let pointer = start.as_ptr().wrapping_sub(address - first).cast::<std::ffi::c_void>();
     let mut told = vk::MemoryHostPointerPropertiesEXT::default();
     // SAFETY: the pointer is to mapped memory of the host, and aligned as the device asks.
     let result =
@@ -160,22 +160,24 @@ pub(super) fn bind(
     import: &mut impl vk::ExtendsMemoryAllocateInfo,
     offset: u64,
 ) -> Result<Imported, Refused> {
+    let usage = vk::BufferUsageFlags::TRANSFER_SRC;
+    let Some(is_alone) = importable(device, kind, usage) else { return Err(Refused { took_over: false }) };
     let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(kind);
-    let create =
-        vk::BufferCreateInfo::default().size(size).usage(vk::BufferUsageFlags::TRANSFER_SRC).push_next(&mut external);
+    let create = vk::BufferCreateInfo::default().size(size).usage(usage).push_next(&mut external);
     // SAFETY: the device is alive and has the extension; the size is not zero.
     let buffer = unsafe { device.handle.create_buffer(&create, None) }.map_err(|_| Refused { took_over: false })?;
     // SAFETY: the buffer is this device's.
     let needs = unsafe { device.handle.get_buffer_memory_requirements(buffer) };
-    let types = types & needs.memory_type_bits;
-    let memory = if types == 0 || needs.size > size {
-        None
-    } else {
-        let allocate =
-            vk::MemoryAllocateInfo::default().allocation_size(size).memory_type_index(types.trailing_zeros());
+    let fitting = memory_type(device, types & needs.memory_type_bits, kind).filter(|_| needs.size <= size);
+    let memory = fitting.and_then(|memory_type| {
+        let mut alone = vk::MemoryDedicatedAllocateInfo::default().buffer(buffer);
+        let mut allocate = vk::MemoryAllocateInfo::default().allocation_size(size).memory_type_index(memory_type);
+        if is_alone {
+            allocate = allocate.push_next(&mut alone);
+        }
         // SAFETY: what is imported is there for as long as this lives, by the contracts of `HostMemory` and `DmaBuf`; the type is one of its.
         unsafe { device.handle.allocate_memory(&allocate.push_next(import), None) }.ok()
-    };
+    });
     let Some(memory) = memory else {
         // SAFETY: the buffer was never used.
         unsafe { device.handle.destroy_buffer(buffer, None) };
@@ -188,6 +190,32 @@ pub(super) fn bind(
         return Err(Refused { took_over: true });
     }
     Ok(imported)
+}
+
+/// Whether such buffers can be imported, and only into memory of their own.
+fn importable(device: &Device, kind: vk::ExternalMemoryHandleTypeFlags, usage: vk::BufferUsageFlags) -> Option<bool> {
+    let (instance, physical) = (&device.instance.handle, device.physical.handle);
+    let asked = vk::PhysicalDeviceExternalBufferInfo::default().usage(usage).handle_type(kind);
+    let mut told = vk::ExternalBufferProperties::default();
+    // SAFETY: the physical device is of this instance.
+    unsafe { instance.get_physical_device_external_buffer_properties(physical, &asked, &mut told) };
+    let features = told.external_memory_properties.external_memory_features;
+    let is_alone = features.contains(vk::ExternalMemoryFeatureFlags::DEDICATED_ONLY);
+    features.contains(vk::ExternalMemoryFeatureFlags::IMPORTABLE).then_some(is_alone)
+}
+
+/// One of these types of memory; of the host's one that needs no flushing, since nobody flushes what a camera writes.
+fn memory_type(device: &Device, types: u32, kind: vk::ExternalMemoryHandleTypeFlags) -> Option<u32> {
+    // SAFETY: the physical device is of this instance.
+    let all = unsafe { device.instance.handle.get_physical_device_memory_properties(device.physical.handle) };
+    let is_host = kind == vk::ExternalMemoryHandleTypeFlags::HOST_ALLOCATION_EXT;
+    let wanted = if is_host { vk::MemoryPropertyFlags::HOST_COHERENT } else { vk::MemoryPropertyFlags::empty() };
+    // Memory that is coherent for debugging takes a feature that is not switched on.
+    let beside = vk::MemoryPropertyFlags::DEVICE_COHERENT_AMD;
+    (0..all.memory_type_count).find(|&n| {
+        let flags = all.memory_types[n as usize].property_flags;
+        types >> n & 1 == 1 && flags.contains(wanted) && !flags.intersects(beside)
+    })
 }
 
 impl Imported {

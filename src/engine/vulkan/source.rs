@@ -69,8 +69,9 @@ const COPY: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::COPY;
 impl Recorder {
     /// Copies a photograph to where it is brought, and leaves it as it is for who comes after.
     pub(crate) fn fetch(&mut self, fetch: &Fetch, to: &Arc<Buffer>) {
-        // Whoever wrote it did so on this queue before, or is waited for.
-        self.memory_barrier((ANY, vk::AccessFlags2::MEMORY_WRITE), (COPY, vk::AccessFlags2::TRANSFER_READ));
+        // Whoever wrote it did so on this queue before, or is waited for; the host too, which may signal after the submission.
+        let writes = vk::AccessFlags2::MEMORY_WRITE | vk::AccessFlags2::HOST_WRITE;
+        self.memory_barrier((ANY | vk::PipelineStageFlags2::HOST, writes), (COPY, vk::AccessFlags2::TRANSFER_READ));
         match fetch.place {
             Place::Buffer { buffer, offset, pitch, is_foreign } => {
                 let foreign = vk::QUEUE_FAMILY_FOREIGN_EXT;

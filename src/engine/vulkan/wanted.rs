@@ -62,6 +62,11 @@ impl Wanted {
     /// # Safety
     /// The chain is valid, and what is in it may be written, as what was chained by `push_next` may.
     pub unsafe fn switch_on<'a>(&'a mut self, mut create: vk::DeviceCreateInfo<'a>) -> vk::DeviceCreateInfo<'a> {
+        // What an earlier call has chained.
+        self.timeline_semaphore.p_next = std::ptr::null_mut();
+        self.synchronization2.p_next = std::ptr::null_mut();
+        self.maintenance4.p_next = std::ptr::null_mut();
+        self.conditional.iter_mut().for_each(|conditional| conditional.p_next = std::ptr::null_mut());
         let mut found = [false; 4];
         let mut next = create.p_next.cast_mut().cast::<vk::BaseOutStructure<'_>>();
         while !next.is_null() {

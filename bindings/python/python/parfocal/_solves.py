@@ -155,7 +155,7 @@ def solve(
     region: x, y, width, height of the part of I1 that results are wanted of. mask: of I1's size, not 0 where a pixel counts.
     crop_valid: crops results to the largest rectangle in which V is valid everywhere. engine: without it, all calls share one,
     on the most capable device. progress: is called after each level with the share that is done, 0 to 1; what it raises ends the solve. cancel:
-    calls it off from another thread, and the solve raises Cancelled; Ctrl-C does from the keyboard.
+    calls it off from another thread, and the solve raises Cancelled; Ctrl-C does from the keyboard. Both of these, and what progress raises, leave `cancel` cancelled.
 
     The interpreter goes on in other threads meanwhile. A pair that can be read but not solved is no exception: see `converged` and
     `warnings`. Raises TypeError or ValueError for what is no photograph, no setting or out of range, DeviceError for the rest.

@@ -29,7 +29,7 @@ class Stream:
     longest wait for one solve, seconds. Settings are those of `solve`; the first pair says of what size and kind all are.
 
     At most `capacity` pairs, two for each slot, are pushed and not yet read: only reading makes room. One thread may push while another reads;
-    Ctrl-C ends every wait. A pair that fails raises in its place, as `solve` would, and the next ones go on; what a device that fails
+    Ctrl-C ends every wait but that of `close` and of the first push, which prepares. A pair that fails raises in its place, as `solve` would, and the next ones go on; what a device that fails
     had the others solve. `close`, or the end of `with`, waits for what the devices have and forgets the rest.
     """
 
