@@ -2,47 +2,45 @@
 // A frame as a camera packs it to samples one behind the other, of grey or of red, green and blue. Twin: src/engine/stages/unpack.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
+// Constants, since a software device takes both sides of a branch.
+layout(constant_id = 2) const bool BITS = false;    // bit behind bit
+layout(constant_id = 3) const bool PAIRS = false;   // two samples in three bytes
+layout(constant_id = 4) const bool MOSAIC = false;  // a sample is of a colour by its place
+layout(constant_id = 5) const bool WIDE = false;    // samples have more than 8 bits, and become 16
 layout(binding = 0, std430) readonly buffer Packed { uint packed_words[]; };
 layout(binding = 1, std430) writeonly buffer Samples { uint samples[]; };
 layout(push_constant) uniform Constants {
     uint width, height;
     uint bits;                       // of a packed sample
-    uint packing;                    // 0: in bytes of their own, 1: bit behind bit, 2: two in three bytes
     uint count;                      // packed samples a pixel
     uint reversed;                   // 1: blue comes first
-    uint is_mosaic;                  // 1: a sample is of a colour by its place
     uint red_x, red_y;               // where red is among two by two pixels
-    uint row;                        // words of the samples that a row of invocations writes
+    uint row;                        // fours of pixels that a row of invocations writes
+    uint steps, rest;                // of 65535 in the greatest packed sample, and what is left
 };
 
 uint packed_byte(uint at) {
     return packed_words[at >> 2] >> 8 * (at & 3) & 0xffu;
 }
 
-uint bits_of(uint i) {
-    uint first = i * bits, word = first >> 5, shift = first & 31;
-    uint low = packed_words[word] >> shift;
-    return shift + bits > 32 ? low | packed_words[word + 1] << 32 - shift : low;
-}
-
-uint half_of_pair(uint i) {
-    uint at = i / 2 * 3, low_bits = bits - 8;
-    bool is_first = (i & 1) == 0;
-    uint high = packed_byte(is_first ? at : at + 2), low = packed_byte(at + 1) >> (is_first ? 0 : 4);
-    return high << low_bits | low & (1u << low_bits) - 1;
-}
-
-uint packed_sample(uint i) {
-    if (packing == 1) return bits_of(i);
-    if (packing == 2) return half_of_pair(i);
-    return bits == 8 ? packed_byte(i) : packed_words[i >> 1] >> 16 * (i & 1) & 0xffffu;
-}
-
 // Packed sample i, of 8 bits or widened to 16.
 uint widened(uint i) {
-    uint most = (1u << bits) - 1;
-    uint value = packed_sample(i) & most;
-    return bits == 8 ? value : (value * 65535 + most / 2) / most;
+    uint most = (1u << bits) - 1, value;
+    if (BITS) {
+        uint first = i * bits, word = first >> 5, shift = first & 31;
+        uint low = packed_words[word] >> shift;
+        value = shift + bits > 32 ? low | packed_words[word + 1] << 32 - shift : low;
+    } else if (PAIRS) {
+        uint at = i / 2 * 3, low_bits = bits - 8, second = i & 1;
+        uint high = packed_byte(at + 2 * second), low = packed_byte(at + 1) >> 4 * second;
+        value = high << low_bits | low & (1u << low_bits) - 1;
+    } else {
+        value = WIDE ? packed_words[i >> 1] >> 16 * (i & 1) : packed_byte(i);
+    }
+    value &= most;
+    if (!WIDE) return value;
+    // (65535 v + m/2) / m: what is left of v's steps is small enough for single precision, and never half-way, m being odd.
+    return value * steps + uint(float(value * rest) / float(most) + 0.5);
 }
 
 int mosaic_sample(ivec2 x) {
@@ -51,53 +49,57 @@ int mosaic_sample(ivec2 x) {
     return int(widened(uint(x.y) * width + uint(x.x)));
 }
 
-int across(ivec2 x, int d) {
-    return mosaic_sample(x + ivec2(-d, 0)) + mosaic_sample(x + ivec2(d, 0));
+// The colours of a pixel, by the linear filters of Malvar, He and Cutler, ICASSP 2004, in sixteenths.
+uvec3 mosaic_colors(ivec2 x) {
+    int here = mosaic_sample(x);
+    int across = mosaic_sample(x + ivec2(-1, 0)) + mosaic_sample(x + ivec2(1, 0));
+    int along = mosaic_sample(x + ivec2(0, -1)) + mosaic_sample(x + ivec2(0, 1));
+    int corners = mosaic_sample(x + ivec2(-1, -1)) + mosaic_sample(x + ivec2(1, -1))
+                + mosaic_sample(x + ivec2(-1, 1)) + mosaic_sample(x + ivec2(1, 1));
+    int across_two = mosaic_sample(x + ivec2(-2, 0)) + mosaic_sample(x + ivec2(2, 0));
+    int along_two = mosaic_sample(x + ivec2(0, -2)) + mosaic_sample(x + ivec2(0, 2));
+    bool in_row = (x.y & 1) == red_y, is_green = ((x.x & 1) == red_x) != in_row;
+    int in_its_row = 10 * here + 8 * across - 2 * corners - 2 * across_two + along_two;
+    int in_its_column = 10 * here + 8 * along - 2 * corners - 2 * along_two + across_two;
+    int opposite = 12 * here + 4 * corners - 3 * (across_two + along_two);
+    // Of red's rows at red, or of blue's at blue; and the other of the two.
+    int near = is_green ? in_its_row : 16 * here, far = is_green ? in_its_column : opposite;
+    int green = is_green ? 16 * here : 8 * here + 4 * (across + along) - 2 * (across_two + along_two);
+    ivec3 sums = in_row ? ivec3(near, green, far) : ivec3(far, green, near);
+    return uvec3(clamp((sums + 8) >> 4, 0, WIDE ? 65535 : 255));
 }
 
-int along(ivec2 x, int d) {
-    return mosaic_sample(x + ivec2(0, -d)) + mosaic_sample(x + ivec2(0, d));
+uvec3 colors(uint pixel) {
+    if (MOSAIC) return mosaic_colors(ivec2(pixel % width, pixel / width));
+    uint first = pixel * count;
+    return uvec3(widened(first + 2 * reversed), widened(first + 1), widened(first + 2 - 2 * reversed));
 }
 
-int corners(ivec2 x) {
-    return across(x + ivec2(0, -1), 1) + across(x + ivec2(0, 1), 1);
-}
-
-// A colour of a pixel, by the linear filters of Malvar, He and Cutler, ICASSP 2004, in sixteenths.
-uint mosaic_color(ivec2 x, uint channel) {
-    bool in_row = (x.y & 1) == red_y, is_green = ((x.x & 1) == red_x) != in_row, is_near = in_row == (channel == 0);
-    int here = mosaic_sample(x), sum;
-    if (channel == 1) {
-        sum = is_green ? 16 * here : 8 * here + 4 * (across(x, 1) + along(x, 1)) - 2 * (across(x, 2) + along(x, 2));
-    } else if (is_green) {
-        int between = is_near ? 8 * across(x, 1) - 2 * across(x, 2) + along(x, 2)
-                              : 8 * along(x, 1) - 2 * along(x, 2) + across(x, 2);
-        sum = 10 * here - 2 * corners(x) + between;
-    } else {
-        sum = is_near ? 16 * here : 12 * here + 4 * corners(x) - 3 * (across(x, 2) + along(x, 2));
-    }
-    return uint(clamp((sum + 8) >> 4, 0, bits == 8 ? 255 : 65535));
-}
-
-// Sample i of what is written.
-uint sample_value(uint i) {
-    if (is_mosaic == 1) {
-        uint pixel = i / 3;
-        return mosaic_color(ivec2(pixel % width, pixel / width), i % 3);
-    }
-    if (count == 1) return widened(i);
-    uint channel = i % 3;
-    return widened(i / 3 * count + (reversed == 1 ? 2 - channel : channel));
-}
-
-// An invocation writes a word, four samples or two.
+// An invocation writes four pixels, in whole words; what there is of the last four, zeros behind it.
 void main() {
-    uint word = gl_GlobalInvocationID.y * row + gl_GlobalInvocationID.x;
-    uint a_word = bits == 8 ? 4 : 2, all = width * height * (count == 1 && is_mosaic == 0 ? 1 : 3);
-    if (gl_GlobalInvocationID.x >= row || word * a_word >= all) return;
-    uint value = 0;
-    for (uint n = 0; n < a_word && word * a_word + n < all; n++) {
-        value |= sample_value(word * a_word + n) << n * (32 / a_word);
+    uint four = gl_GlobalInvocationID.y * row + gl_GlobalInvocationID.x, first = 4 * four, all = width * height;
+    if (gl_GlobalInvocationID.x >= row || first >= all) return;
+    if (count == 1 && !MOSAIC) {
+        uint values[4];
+        for (uint n = 0; n < 4; n++) values[n] = first + n < all ? widened(first + n) : 0;
+        if (WIDE) {
+            samples[2 * four] = values[0] | values[1] << 16;
+            if (first + 2 < all) samples[2 * four + 1] = values[2] | values[3] << 16;
+        } else {
+            samples[four] = values[0] | values[1] << 8 | values[2] << 16 | values[3] << 24;
+        }
+        return;
     }
-    samples[word] = value;
+    uvec3 c[4];
+    for (uint n = 0; n < 4; n++) c[n] = first + n < all ? colors(first + n) : uvec3(0);
+    uint there = 3 * min(all - first, 4);
+    if (WIDE) {
+        uint words[6] = {c[0].x | c[0].y << 16, c[0].z | c[1].x << 16, c[1].y | c[1].z << 16,
+                         c[2].x | c[2].y << 16, c[2].z | c[3].x << 16, c[3].y | c[3].z << 16};
+        for (uint n = 0; n < 6; n++) if (2 * n < there) samples[6 * four + n] = words[n];
+    } else {
+        uint words[3] = {c[0].x | c[0].y << 8 | c[0].z << 16 | c[1].x << 24, c[1].y | c[1].z << 8 | c[2].x << 16 | c[2].y << 24,
+                         c[2].z | c[3].x << 8 | c[3].y << 16 | c[3].z << 24};
+        for (uint n = 0; n < 3; n++) if (4 * n < there) samples[3 * four + n] = words[n];
+    }
 }

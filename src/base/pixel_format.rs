@@ -13,11 +13,11 @@ use super::{Channels, Depth, Format, Frame, Samples};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Packing {
     /// In bytes of their own.
-    Whole = 0,
+    Whole,
     /// In bits one after the other, the low ones first, without padding: `p`.
-    Bits = 1,
+    Bits,
     /// Two in three bytes: the high bits of the first, the low ones of both, the high bits of the second: `Packed`.
-    Pairs = 2,
+    Pairs,
 }
 
 /// What the samples of a pixel are.

@@ -37,7 +37,8 @@ pub(crate) fn write(
     script: &Script,
 ) -> Result<Recording, Error> {
     for (n, part) in script.parts.iter().enumerate() {
-        match part.goes_on {
+        let begins = part.begins.filter(|_| recorder.is_conditional());
+        match part.goes_on.or(begins) {
             Some(level) => {
                 recorder.next_part_unless((workspace.buffer(Slot::State), State::settled_at(level) as u64))?
             }

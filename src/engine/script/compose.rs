@@ -43,7 +43,7 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
         s.pyramid(image);
     }
     for level in plan.appearance_levels() {
-        s.next_part();
+        s.begin_level(level);
         s.register_level(level);
     }
     let mut registered = 0;
@@ -59,7 +59,7 @@ pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
         registered = s.parts.len();
     }
     for level in plan.coarse_to_fine() {
-        s.next_part();
+        s.begin_level(level);
         s.solve_level(level);
     }
     s.next_part();
@@ -239,6 +239,12 @@ impl<'a> Composer<'a> {
         self.hazards.begin_part();
     }
 
+    /// What comes before a level's iterations goes into another part.
+    fn begin_level(&mut self, level: &Level) {
+        self.next_part();
+        self.part().begins = Some(level.index);
+    }
+
     /// Iteration k of a level: into another part, if the host is to be asked whether it is wanted or the part at hand is full.
     fn begin_iteration(&mut self, level: &Level, k: u32, may_settle: impl Fn(u32) -> bool) {
         if Plan::asks_before(k, may_settle) {
@@ -283,7 +289,7 @@ impl<'a> Composer<'a> {
         for (image, layer) in BOTH.iter().flat_map(|&image| (0..plan.layers_of(level)).map(move |n| (image, n))) {
             passed += self.stack_layer(level, image, layer) * level.pixels();
             if passed > FILTERS_AN_ITERATION * PART_BUDGET {
-                self.next_part();
+                self.begin_level(level);
                 passed = 0;
             }
         }
@@ -326,7 +332,7 @@ impl<'a> Composer<'a> {
     fn unpack(&mut self, image: usize) {
         let bindings = unpack::Bindings { packed: slot::packed(image).read(), samples: slot::samples(image).write() };
         let constants = self.plan.unpack(image);
-        self.over(constants.invocations(), bindings, &constants, NO_VARIANT);
+        self.over(constants.invocations(), bindings, &constants, unpack::variant(self.plan.packed[image]));
     }
 
     /// One channel of a photograph, or its luminance, onto the finest level.

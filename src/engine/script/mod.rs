@@ -41,6 +41,9 @@ pub(crate) struct Part {
     pub(crate) level_done: Option<usize>,
     /// The level whose iterations it goes on with: not wanted once that has settled.
     pub(crate) goes_on: Option<usize>,
+    /// The level that it begins: where the device leaves parts out by itself, it leaves that out once it has settled, as all do in a solve that is
+    /// called off.
+    pub(crate) begins: Option<usize>,
 }
 
 /// One thing to do.

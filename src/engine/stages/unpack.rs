@@ -5,10 +5,10 @@ use bytemuck::{Pod, Zeroable};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::pixels;
-use crate::base::{Frame, Order, PixelFormat};
+use crate::base::{Frame, Order, Packing, PixelFormat};
 use crate::engine::vulkan::{Stage, Variant};
 
-/// Words of the samples that a row of invocations writes: of 2^28 pixels of colours of two bytes there are 10^5 rows, in workgroups of four.
+/// Fours of pixels that a row of invocations writes: of 2^28 pixels there are 2^14 rows, in workgroups of four.
 const ROW: u32 = 4096;
 
 /// Push constants.
@@ -21,48 +21,48 @@ pub struct Constants {
     pub height: u32,
     /// Of a packed sample.
     pub bits: u32,
-    /// 0: in bytes of their own, 1: bit behind bit, 2: two in three bytes.
-    pub packing: u32,
     /// Packed samples a pixel.
     pub count: u32,
     /// 1: blue comes first.
     pub reversed: u32,
-    /// 1: a sample is of a colour by its place.
-    pub is_mosaic: u32,
     /// Where red is among two by two pixels.
     pub red: [u32; 2],
-    /// Words of the samples that a row of invocations writes.
+    /// Fours of pixels that a row of invocations writes.
     pub row: u32,
+    /// Of 65535 in the greatest packed sample, and what is left.
+    pub steps: [u32; 2],
 }
 
 impl Constants {
     /// Of frames of a size and a format that is not plain.
     pub fn new([width, height]: [u32; 2], format: PixelFormat) -> Self {
+        let most = (1 << format.bits) - 1;
         let reversed = matches!(format.order, Order::Colors { reversed: true, .. });
         let red = if let Order::Mosaic(mosaic) = format.order { Some(mosaic.0) } else { None };
         Self {
             width,
             height,
             bits: format.bits,
-            packing: format.packing as u32,
             count: format.samples_a_pixel(),
             reversed: reversed.into(),
-            is_mosaic: red.is_some().into(),
             red: red.unwrap_or_default(),
             row: ROW,
+            steps: [65535 / most, 65535 % most],
         }
     }
 
-    fn channels(&self) -> u32 {
-        if self.count == 1 && self.is_mosaic == 0 { 1 } else { 3 }
-    }
-
-    /// Invocations along x and y: one a word of the samples.
+    /// Invocations along x and y: one for four pixels.
     pub fn invocations(&self) -> [u32; 2] {
-        let a_word = if self.bits == 8 { 4 } else { 2 };
-        let words = (pixels(self.width, self.height) * u64::from(self.channels())).div_ceil(a_word);
-        [ROW, words.div_ceil(ROW.into()) as u32]
+        let fours = pixels(self.width, self.height).div_ceil(4);
+        [ROW, fours.div_ceil(ROW.into()) as u32]
     }
+}
+
+/// Bit behind bit, or two samples in three bytes; of a mosaic; of more than 8 bits: a software device takes both sides of a branch, so these are
+/// constants.
+pub(crate) fn variant(format: PixelFormat) -> Variant {
+    let is_mosaic = matches!(format.order, Order::Mosaic(_));
+    [format.packing == Packing::Bits, format.packing == Packing::Pairs, is_mosaic, format.bits > 8]
 }
 
 bindings! {
@@ -78,8 +78,8 @@ impl Pass for Bindings {
     const STAGE: &'static Stage = &STAGE;
 
     /// Bytes that must move: every packed sample read, every sample written.
-    fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        let written = c.channels() * if c.bits == 8 { 1 } else { 2 };
+    fn bytes(c: &Constants, [_, _, is_mosaic, is_wide]: Variant) -> u64 {
+        let written = if c.count == 1 && !is_mosaic { 1 } else { 3 } * if is_wide { 2 } else { 1 };
         pixels(c.width, c.height) * u64::from(c.count * c.bits + 8 * written) / 8
     }
 
@@ -117,7 +117,8 @@ mod tests {
                 let (packed, samples) = (rig.upload(&packed), rig.upload(&found));
                 let constants = Constants::new(size, format);
                 let resources = [Resource::Buffer(&packed), Resource::Buffer(&samples)];
-                rig.run(&STAGE, &resources, &constants, constants.invocations());
+                let groups = STAGE.groups(constants.invocations());
+                rig.run_variant(&STAGE, variant(format), &resources, &constants, groups);
                 found[..expected.bytes().len()].copy_from_slice(expected.bytes());
                 found[expected.bytes().len()..length - 4].fill(0);
                 assert_eq!(bytemuck::cast_slice::<u32, u8>(&rig.words(&samples)), found, "{format} {size:?}");

@@ -107,6 +107,11 @@ impl Recorder {
         Ok(())
     }
 
+    /// Whether the device leaves parts out by itself.
+    pub(crate) fn is_conditional(&self) -> bool {
+        self.device.conditional.is_some()
+    }
+
     fn begin_part(&mut self, optional: bool) -> Result<(), Error> {
         if self.is_foreign {
             self.barrier();
