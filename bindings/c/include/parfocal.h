@@ -151,6 +151,34 @@ typedef struct {
   int32_t validation;
 } parfocal_engine_options;
 
+// An instance and a device of the program's, both made for Vulkan 1.3 or later, the device with the features timelineSemaphore, synchronization2
+// and maintenance4. They are not destroyed before the last engine, solver, stream and solution of them is freed.
+typedef struct {
+  // sizeof(parfocal_vulkan).
+  size_t size;
+  // The vkGetInstanceProcAddr that the instance came by.
+  const void *get_instance_proc_addr;
+  // The VkInstance.
+  const void *instance;
+  // The VkPhysicalDevice.
+  const void *physical_device;
+  // The VkDevice.
+  const void *device;
+  // A VkQueue of it that computes, which nobody else uses, unless all do between lock and unlock.
+  const void *queue;
+  // Its family.
+  uint32_t queue_family;
+  // Not 0 where the device was made with VK_EXT_conditional_rendering and its feature conditionalRendering: a solve is then one submission.
+  int32_t conditional_rendering;
+  // Waits until nobody else uses the queue, and keeps others from it until unlock is called, by the same thread, after one submission;
+  // NULL: nobody else uses it.
+  void (*lock)(void *context);
+  // Lets others have the queue.
+  void (*unlock)(void *context);
+  // What both are called with, from any thread.
+  void *context;
+} parfocal_vulkan;
+
 // The settings; docs/method.md, section 8, says what each does. parfocal_settings_init fills in the defaults.
 typedef struct {
   // sizeof(parfocal_settings).
@@ -406,6 +434,11 @@ const char *parfocal_engine_messages(const parfocal_engine *engine);
 
 // Frees an engine; what was made of it lives on.
 void parfocal_engine_free(parfocal_engine *engine);
+
+// An engine on a device of the program's, which keeps it; of the options, which may be NULL, timeout_s counts alone.
+parfocal_status parfocal_engine_from_vulkan(const parfocal_vulkan *vulkan,
+                                            const parfocal_engine_options *options,
+                                            parfocal_engine **engine);
 
 // Fills in the defaults; settings->size must be set.
 parfocal_status parfocal_settings_init(parfocal_settings *settings);

@@ -134,6 +134,15 @@ class Engine {
     detail::check(parfocal_engine_new(&options, &made));
     handle_.reset(made);
   }
+  /// On a Vulkan device of the program's, which keeps it.
+  explicit Engine(const parfocal_vulkan &vulkan, double timeout_s = 0) {
+    parfocal_engine_options options{};
+    options.size = sizeof options;
+    options.timeout_s = timeout_s;
+    parfocal_engine *made = nullptr;
+    detail::check(parfocal_engine_from_vulkan(&vulkan, &options, &made));
+    handle_.reset(made);
+  }
   std::string device() const { return parfocal_engine_device(handle_.get()); }
   /// What validation has said so far.
   std::string messages() const { return parfocal_engine_messages(handle_.get()); }

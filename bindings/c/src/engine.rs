@@ -66,6 +66,16 @@ unsafe fn open(options: *const parfocal_engine_options) -> Result<parfocal_engin
         // SAFETY: the contract is the same.
         false => unsafe { read(options) }?,
     };
+    // SAFETY: the contract is the same.
+    let options = unsafe { told(&asked) }?;
+    Ok(parfocal_engine::of(Engine::new(&options)?))
+}
+
+/// What is asked of an engine.
+///
+/// # Safety
+/// `asked.device` is NULL or a string.
+pub(crate) unsafe fn told(asked: &parfocal_engine_options) -> Result<EngineOptions, Fault> {
     let mut options = EngineOptions { validation: asked.validation != 0, ..EngineOptions::default() };
     if asked.timeout_s != 0.0 {
         let timeout = Duration::try_from_secs_f64(asked.timeout_s).ok().filter(|timeout| !timeout.is_zero());
@@ -77,9 +87,14 @@ unsafe fn open(options: *const parfocal_engine_options) -> Result<parfocal_engin
         let device = unsafe { CStr::from_ptr(asked.device) }.to_str();
         options.device = Some(device.map_err(|_| Fault::argument("device is not UTF-8"))?.to_string());
     }
-    let engine = Engine::new(&options)?;
-    let device = text(&engine.info().name);
-    Ok(parfocal_engine { engine: Arc::new(engine), device, messages: Mutex::default() })
+    Ok(options)
+}
+
+impl parfocal_engine {
+    pub(crate) fn of(engine: Engine) -> Self {
+        let device = text(&engine.info().name);
+        Self { engine: Arc::new(engine), device, messages: Mutex::default() }
+    }
 }
 
 /// The name of the device; "" of NULL. Valid until the engine is freed.

@@ -20,6 +20,7 @@ mod solution;
 mod solver;
 mod stream;
 mod sweep;
+mod vulkan;
 
 pub use cancel::{parfocal_cancel, parfocal_cancel_free, parfocal_cancel_new, parfocal_cancel_now, parfocal_progress};
 pub use engine::*;
@@ -31,3 +32,4 @@ pub use solution::*;
 pub use solver::*;
 pub use stream::*;
 pub use sweep::*;
+pub use vulkan::{parfocal_engine_from_vulkan, parfocal_vulkan};

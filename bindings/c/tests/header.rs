@@ -9,8 +9,9 @@ fn the_header_is_of_these_sources() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let file = here.join("include/parfocal.h");
     let config = cbindgen::Config::from_file(here.join("cbindgen.toml")).expect("cbindgen.toml");
-    let sources =
-        ["fault", "image", "engine", "settings", "cancel", "solver", "solution", "stream", "sweep", "measure"];
+    let sources = [
+        "fault", "image", "engine", "vulkan", "settings", "cancel", "solver", "solution", "stream", "sweep", "measure",
+    ];
     let builder = sources.iter().fold(cbindgen::Builder::new().with_config(config), |builder, name| {
         builder.with_src(here.join(format!("src/{name}.rs")))
     });

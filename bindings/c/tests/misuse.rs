@@ -44,6 +44,7 @@ fn null_is_an_error_or_nothing() {
         let region = parfocal_region { x: 0, y: 0, width: 1, height: 1 };
         for status in [
             parfocal_engine_new(null(), null_mut()),
+            parfocal_engine_from_vulkan(null(), null(), null_mut()),
             parfocal_settings_init(null_mut()),
             parfocal_solver_new(null(), null(), &raw mut solver),
             parfocal_solver_new(null(), null(), null_mut()),
