@@ -13,7 +13,7 @@ pub(crate) type Signal = dyn Fn() + Send + Sync;
 /// [`Error::Cancelled`], and what it used is good for the next. For another call, make another.
 ///
 /// ```
-/// # use parfocal::{Cancel, Engine, EngineOptions, Error, Frame, Scope, Settings};
+/// # use parfocal::{CancellationToken, Engine, EngineOptions, Error, Frame, SolveOptions, Settings};
 /// # fn photograph(soft: f32) -> Frame {
 /// #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
 /// #     Frame::gray(64, 48, (0..64 * 48).map(value).collect()).unwrap()
@@ -21,8 +21,8 @@ pub(crate) type Signal = dyn Fn() + Send + Sync;
 /// # fn main() -> Result<(), Error> {
 /// # let (i1, i2) = (photograph(0.4), photograph(0.3));
 /// let engine = Engine::new(&EngineOptions::default())?;
-/// let cancel = Cancel::default();
-/// let scope = Scope { cancel: cancel.clone(), ..Scope::default() };
+/// let cancel = CancellationToken::default();
+/// let scope = SolveOptions { cancel: cancel.clone(), ..SolveOptions::default() };
 /// // Whoever is told how far the solve has come may call it off; so may another thread.
 /// let mut progress = |_| cancel.cancel();
 /// let solved = scope.solve(&engine, &mut None, [&i1, &i2], &Settings::default(), &mut progress);
@@ -31,7 +31,7 @@ pub(crate) type Signal = dyn Fn() + Send + Sync;
 /// # }
 /// ```
 #[derive(Clone, Default)]
-pub struct Cancel(Arc<Inner>);
+pub struct CancellationToken(Arc<Inner>);
 
 #[derive(Default)]
 struct Inner {
@@ -39,7 +39,7 @@ struct Inner {
     under_way: Mutex<Vec<Weak<Signal>>>,
 }
 
-impl Cancel {
+impl CancellationToken {
     /// Calls off what is under way, and all that begins with a clone of this.
     pub fn cancel(&self) {
         self.0.is_cancelled.store(true, Ordering::SeqCst);
@@ -66,9 +66,9 @@ impl Cancel {
     }
 }
 
-impl fmt::Debug for Cancel {
+impl fmt::Debug for CancellationToken {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Cancel {{ is_cancelled: {} }}", self.is_cancelled())
+        write!(f, "CancellationToken {{ is_cancelled: {} }}", self.is_cancelled())
     }
 }
 
@@ -80,7 +80,7 @@ mod tests {
 
     #[test]
     fn tells_each_that_lives_once() {
-        let (cancel, told) = (Cancel::default(), Arc::new(AtomicUsize::new(0)));
+        let (cancel, told) = (CancellationToken::default(), Arc::new(AtomicUsize::new(0)));
         let signal = || {
             let told = told.clone();
             Arc::new(move || {

@@ -26,7 +26,7 @@ pub(crate) mod workers;
 
 pub use aperture::Aperture;
 pub use brightness::Brightness;
-pub use cancel::Cancel;
+pub use cancel::CancellationToken;
 pub(crate) use cancel::Signal;
 pub use color::Decode;
 pub use device_info::DeviceInfo;

@@ -102,7 +102,7 @@ impl Default for Photometric {
     }
 }
 
-/// The settings of a [`Solver`](crate::Solver).
+/// The settings of a [`PairSolver`](crate::PairSolver).
 ///
 /// The defaults and what each does: the table in `docs/method.md`. Intensities are in [0, 1], blur in px².
 #[derive(Clone, Debug, PartialEq)]

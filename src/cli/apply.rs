@@ -9,8 +9,8 @@ use parfocal::{Brightness, Depth, Frame, image_io, resample};
 use super::failure::Failure;
 use super::frames;
 use super::output::{self, ForceArgument};
+use super::output_options::ToldArguments;
 use super::settings::registration;
-use super::told::ToldArguments;
 
 /// Bring other photographs of I2's camera, or all frames of a sweep, onto the pixels of the reference.
 ///

@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use parfocal::export::{FileKind, abandon, write_named};
 
+use super::batch_summary::{INDEX, SUMMARY, Tally};
 use super::failure::Failure;
 use super::headings::OUTPUT;
 use super::options::SolveOptions;
@@ -15,9 +16,8 @@ use super::pairs_bar::PairsBar;
 use super::pipeline::{self, Bench};
 use super::request::Request;
 use super::shard::Shard;
-use super::tally::{INDEX, SUMMARY, Tally};
 use super::task::{Named, Shared};
-use super::{ending, help, output, pairs};
+use super::{help, output, pairs, signals};
 
 /// Solve many pairs and focus sweeps: those of a folder, or of a list.
 #[derive(clap::Args, Debug)]
@@ -91,7 +91,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 pub(super) fn on_interrupt() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
-    ending::listen(move |status| {
+    signals::listen(move |status| {
         if flag.swap(true, Ordering::Relaxed) {
             abandon();
             std::process::exit(status);

@@ -12,8 +12,8 @@ use super::engine::EngineArguments;
 use super::failure::{Failure, print};
 use super::options::MethodName;
 use super::output::{self, ForceArgument};
+use super::output_options::QuietArgument;
 use super::settings::KernelChoice;
-use super::told::QuietArgument;
 
 /// Measure how fast pairs are solved: end to end, on the device, and pass by pass beside the bandwidth of a copy.
 #[derive(clap::Args, Debug)]

@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use parfocal::Region;
 use parfocal::export::{self, FileKind, Solved};
 use parfocal::measure::Values;
-use parfocal::{Calibration, Error, Target, Unknown, calibrate, regular};
+use parfocal::{Calibration, Error, LensParameter, Target, bounded_read, calibrate};
 use serde::Deserialize;
 
 use super::depth::decimals;
@@ -62,7 +62,7 @@ enum UnknownName {
     Focus2,
 }
 
-impl From<UnknownName> for Unknown {
+impl From<UnknownName> for LensParameter {
     fn from(name: UnknownName) -> Self {
         match name {
             UnknownName::Kappa => Self::Kappa,
@@ -130,7 +130,7 @@ fn with_turned_corners(error: Error, target: &Target, fits: impl Fn(&Target) -> 
     ))
 }
 
-fn unknowns(names: &[UnknownName]) -> Result<Vec<Unknown>, Failure> {
+fn unknowns(names: &[UnknownName]) -> Result<Vec<LensParameter>, Failure> {
     let twice = names.iter().enumerate().any(|(i, name)| names[..i].contains(name));
     if twice {
         return Err(Failure::Usage("--fit names one unknown twice".to_string()));
@@ -155,7 +155,8 @@ const MAX_BYTES: u64 = 1 << 20;
 fn read_steps(file: &Path) -> Result<Vec<(Region, f64)>, Failure> {
     const SHAPE: &str = r#"give [{"region": [X, Y, W, H], "depth_mm": Z}, ...]"#;
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
-    let text = regular::text(file, MAX_BYTES).map_err(|e| failed(format!("cannot be read ({e}); check the path")))?;
+    let text =
+        bounded_read::text(file, MAX_BYTES).map_err(|e| failed(format!("cannot be read ({e}); check the path")))?;
     let steps: Vec<StepOfFile> =
         serde_json::from_str(&text).map_err(|e| failed(format!("holds no steps ({e}); {SHAPE}")))?;
     let step = |StepOfFile { region: [x, y, width, height], depth_mm }| (Region { x, y, width, height }, depth_mm);
@@ -179,9 +180,9 @@ fn check_output(arguments: &Arguments) -> Result<(), Failure> {
 
 fn summary(found: &Calibration, file: Option<&Path>) -> String {
     let name = |unknown| match unknown {
-        Unknown::Kappa => ("kappa", ""),
-        Unknown::Focus1 => ("focus of I1", " mm"),
-        Unknown::Focus2 => ("focus of I2", " mm"),
+        LensParameter::Kappa => ("kappa", ""),
+        LensParameter::Focus1 => ("focus of I1", " mm"),
+        LensParameter::Focus2 => ("focus of I2", " mm"),
     };
     let mut lines: Vec<String> = Vec::new();
     for item in &found.found {

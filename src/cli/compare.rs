@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::depth::decimals;
 use super::failure::Failure;
 use super::output::{self, ForceArgument};
-use super::told::ToldArguments;
+use super::output_options::ToldArguments;
 
 /// Compare two results of one scene: settings, numbers, and where they differ, in units of their standard deviation.
 #[derive(clap::Args, Debug)]

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use clap::error::{ContextKind, ContextValue};
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command};
-use parfocal::regular;
+use parfocal::bounded_read;
 use toml::{Spanned, Value};
 
 use super::failure::{self, Failure, nearest};
@@ -124,7 +124,7 @@ fn asked(command: &Command, arguments: &[OsString]) -> Option<(ArgMatches, Strin
 
 fn read(file: &Path) -> Result<Vec<Entry>, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
-    let text = regular::text(file, MAX_BYTES).map_err(|e| match e.kind() {
+    let text = bounded_read::text(file, MAX_BYTES).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => failed("is too long for a configuration; `parfocal config` prints one".to_string()),
         _ => failed(format!("cannot be read as a configuration ({e}){}", failure::did_you_mean(file))),
     })?;

@@ -6,17 +6,17 @@ use parfocal::export::{DEPTH_FILE, DepthReport, RangeReport, Solved, SolvedSweep
 use parfocal::figure::PEN;
 
 use super::colors::ColorsArgument;
+use super::derived_outputs::Shown;
 use super::failure::Failure;
+use super::focus_positions::{self, PlacesArguments};
 use super::headings::INPUT;
 use super::lens::LensArguments;
 use super::output;
-use super::places::{self, PlacesArguments};
 use super::settings::one_or_two;
-use super::shown::Shown;
 use super::solved::SolvedArguments;
 use super::view::VIEW;
 
-/// Turn what was found into depth in mm, once the lens, or what a sweep was focused at, is known.
+/// QueueGuard what was found into depth in mm, once the lens, or what a sweep was focused at, is known.
 ///
 /// Nothing is solved again.
 #[derive(clap::Args, Debug)]
@@ -100,7 +100,7 @@ fn of_sweep(arguments: &Arguments) -> Result<(), Failure> {
         let problem = "holds a focus sweep; give --focus-at, and no lens";
         return Err(Failure::Usage(format!("{}: {problem}", results.display())));
     };
-    let nearer = places::nearer(arguments.nearer, &places)?;
+    let nearer = focus_positions::nearer(arguments.nearer, &places)?;
     let solved = SolvedSweep::read(results)?;
     output::check_folder(results)?;
     solved.check_depth(force)?;

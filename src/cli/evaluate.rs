@@ -8,7 +8,7 @@ use parfocal::evaluate::{self, Evaluation, Options};
 use super::engine::EngineArguments;
 use super::failure::Failure;
 use super::output::{self, ForceArgument};
-use super::told::ToldArguments;
+use super::output_options::ToldArguments;
 
 /// Run the paper's experiments with all systems, on scenes and photographs, and measure what is demanded of the default
 /// settings and of focus sweeps; write tables and figures.

@@ -10,7 +10,7 @@ use parfocal::{Brightness, Decode, Frame, Similarity, baseline, inspection, resa
 
 use super::failure::Failure;
 use super::output::{self, ForceArgument};
-use super::told::ToldArguments;
+use super::output_options::ToldArguments;
 
 /// Inspect a part against a golden one: go, or no-go where its heights deviate by more than they may.
 #[derive(clap::Args, Debug)]

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use parfocal::export::{Nearer, Solved};
 use parfocal::image_io::{Exif, Input};
-use parfocal::{Lens, regular};
+use parfocal::{Lens, bounded_read};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -215,7 +215,7 @@ pub(super) fn nearer(stated: Option<u8>, lens: Option<&Lens>) -> Result<Nearer, 
 /// Reads a lens, or what holds one as `lens` or `depth.lens`.
 fn read(path: &Path) -> Result<PartOfLens, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", path.display()));
-    let text = regular::text(path, MAX_BYTES)
+    let text = bounded_read::text(path, MAX_BYTES)
         .map_err(|e| failed(format!("cannot be read as a lens ({e}); check the path")))?;
     let value: Value = serde_json::from_str(&text).map_err(|e| failed(format!("is not JSON ({e})")))?;
     let lens = value.get("lens").or_else(|| value.get("depth")?.get("lens")).unwrap_or(&value);

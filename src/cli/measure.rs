@@ -5,11 +5,11 @@ use parfocal::export::{Measurements, Solved, SolvedSweep, StepReport, Wanted, ho
 use parfocal::figure::PEN;
 
 use super::depth::decimals;
+use super::derived_outputs::Shown;
 use super::failure::Failure;
 use super::headings::MEASUREMENTS;
 use super::output;
 use super::region::{LineArgument, RegionArgument};
-use super::shown::Shown;
 use super::solved::SolvedArguments;
 
 /// Measure step heights and profiles in the results of a solve or a sweep.

@@ -2,6 +2,7 @@
 
 mod apply;
 mod batch;
+mod batch_summary;
 mod bench;
 mod calibrate;
 mod colors;
@@ -9,11 +10,12 @@ mod compare;
 mod config;
 mod defaults;
 mod depth;
+mod derived_outputs;
 mod devices;
-mod ending;
 mod engine;
 mod evaluate;
 mod failure;
+mod focus_positions;
 mod frames;
 #[cfg(all(test, target_os = "linux"))]
 mod fuzz;
@@ -28,11 +30,11 @@ mod on_done;
 mod open;
 mod options;
 mod output;
+mod output_options;
 mod pair;
 mod pairs;
 mod pairs_bar;
 mod pipeline;
-mod places;
 mod progress;
 mod region;
 mod register;
@@ -42,16 +44,14 @@ mod scope;
 mod settings;
 mod shard;
 mod shell;
-mod shown;
+mod signals;
 mod simulate;
 mod solve;
 mod solved;
 mod stack;
 mod summary;
 mod sweep_work;
-mod tally;
 mod task;
-mod told;
 mod tuning;
 mod view;
 mod watch;
@@ -121,7 +121,7 @@ fn command() -> clap::Command {
 fn run(command: Command) -> Result<(), Failure> {
     // These finish the pair at hand.
     if !matches!(command, Command::Batch(_) | Command::Watch(_)) {
-        ending::listen(|status| {
+        signals::listen(|status| {
             parfocal::export::abandon();
             std::process::exit(status);
         });

@@ -4,8 +4,8 @@ use std::ffi::OsString;
 use std::io::{self, Write};
 use std::process::{Command, Stdio};
 
+use super::batch_summary::{Outcome, Row};
 use super::failure::plain;
-use super::tally::{Outcome, Row};
 
 /// A program, which is given the folder of results; nothing goes through a shell.
 #[derive(Debug)]

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use parfocal::export::PAGE_FILE;
 
+use super::batch_summary::{INDEX, SUMMARY};
 use super::failure::{Failure, print};
-use super::tally::{INDEX, SUMMARY};
 
 /// Open the page of results in a browser: report.html, or the index of a batch.
 #[derive(clap::Args, Debug)]

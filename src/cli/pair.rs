@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::image_io::{Input, Photograph};
-use parfocal::{DeviceInfo, Engine, Scope, Settings};
+use parfocal::{DeviceInfo, Engine, Settings, SolveOptions};
 
 use super::failure::Failure;
 
@@ -43,7 +43,7 @@ pub(super) fn check_size(
     device: impl FnOnce() -> Result<DeviceInfo, Failure>,
 ) -> Result<(), Failure> {
     let (width, height) = photographs[0].size();
-    if u64::from(width) * u64::from(height) <= if in_parts { Scope::MOST_PIXELS } else { LARGE } {
+    if u64::from(width) * u64::from(height) <= if in_parts { SolveOptions::MOST_PIXELS } else { LARGE } {
         return Ok(());
     }
     let formats = photographs.map(Photograph::format);

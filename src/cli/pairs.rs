@@ -4,13 +4,13 @@ use std::collections::{BTreeMap, HashMap};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use parfocal::bounded_read;
 use parfocal::image_io::RawFormat;
-use parfocal::regular;
 
+use super::batch_summary::SUMMARY;
 use super::failure::Failure;
 use super::frames::{self, list, shown, stem};
 use super::manifest;
-use super::tally::SUMMARY;
 
 /// Photographs that belong together, two or those of a sweep in order, and the name of the folder that their results go to.
 #[derive(Clone, Debug, PartialEq)]
@@ -182,7 +182,7 @@ const ENDS: &str = "names of a pair differ only in a number, near and far, or a 
 
 fn of_manifest(file: &Path, raw: Option<RawFormat>) -> Result<Vec<Candidate>, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
-    let text = regular::text(file, MAX_BYTES).map_err(|e| match e.kind() {
+    let text = bounded_read::text(file, MAX_BYTES).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => failed("is too long for a manifest; split it".to_string()),
         _ => failed(format!("cannot be read as a manifest ({e}); give a folder, CSV or JSON lines")),
     })?;

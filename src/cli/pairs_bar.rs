@@ -6,9 +6,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 
+use super::batch_summary::{Outcome, Row};
 use super::failure::plain;
 use super::run::RunArguments;
-use super::tally::{Outcome, Row};
 
 /// Progress over the pairs: a bar on a terminal, elsewhere a line a pair.
 pub(super) struct PairsBar {

@@ -6,20 +6,20 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 
-use parfocal::{DeviceInfo, Engine, Error, Kept, Solution};
+use parfocal::{DeviceInfo, Engine, Error, Solution, SolverCache};
 
+use super::batch_summary::{Outcome, Row};
 use super::engine::EngineArguments;
 use super::failure::Failure;
 use super::pairs_bar::PairsBar;
 use super::sweep_work;
-use super::tally::{Outcome, Row};
 use super::task::{Named, Read, Shared, Solved};
 use super::work::Photographs;
 
 /// A device, and a solver for pairs like the last one.
 pub(super) struct Bench {
     engine: Engine,
-    kept: Option<Kept>,
+    kept: Option<SolverCache>,
     /// How it is opened again, if need be.
     arguments: EngineArguments,
 }

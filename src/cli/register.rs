@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use parfocal::export::{self, FileKind, RegistrationReport, SweepFrame, SweepRegistration};
 use parfocal::focus_stack::SweepOptions;
 use parfocal::image_io::Photograph;
-use parfocal::{Kernel, Method, Settings, Solver};
+use parfocal::{Kernel, Method, PairSolver, Settings};
 
 use super::failure::Failure;
 use super::frames;
@@ -84,7 +84,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let [i1, i2] = Photograph::decode_pair(photographs)?;
     let engine = run.engine(engine)?;
     let bar = run.bar();
-    let registered = Solver::for_pair(&engine, &i1, &i2, &settings)
+    let registered = PairSolver::for_pair(&engine, &i1, &i2, &settings)
         .and_then(|mut solver| solver.register_with(&i1, &i2, &mut |progress| bar.show(progress)))
         .map_err(|e| Failure::of_solve(e, &files[0]))?;
     drop(bar);

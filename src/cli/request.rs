@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use parfocal::export::{Nearer, Palette, Wanted};
 use parfocal::image_io::Input;
-use parfocal::{Lens, Settings, regular};
+use parfocal::{Lens, Settings, bounded_read};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
@@ -72,7 +72,7 @@ impl Request {
     /// names; and of what is `more` than a pair has.
     pub(super) fn digest(&self, more: &[u8]) -> Result<String, Failure> {
         let request = serde_json::to_vec(self).map_err(|e| Failure::Failed(e.to_string()))?;
-        let files = self.part.files().into_iter().map(|file| regular::read(&file, MAX_BYTES).unwrap_or_default());
+        let files = self.part.files().into_iter().map(|file| bounded_read::read(&file, MAX_BYTES).unwrap_or_default());
         let mut digest = Sha256::new();
         let more = (!more.is_empty()).then(|| more.to_vec());
         for part in [env!("CARGO_PKG_VERSION").into(), request].into_iter().chain(files).chain(more) {

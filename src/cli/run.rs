@@ -5,8 +5,8 @@ use parfocal::{DeviceInfo, Engine};
 use super::engine::EngineArguments;
 use super::failure::Failure;
 use super::headings::OUTPUT;
+use super::output_options::ToldArguments;
 use super::progress::{Bar, ProgressName};
-use super::told::ToldArguments;
 
 /// None of it decides the results.
 #[derive(clap::Args, Clone, Debug, Default)]

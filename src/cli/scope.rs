@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::Solved;
-use parfocal::{FieldCurvature, Mask, Region, Scope, image_io};
+use parfocal::{FieldCurvature, Mask, Region, SolveOptions, image_io};
 use serde::Serialize;
 
 use super::failure::Failure;
@@ -75,15 +75,15 @@ pub(super) struct Part {
 
 impl Part {
     /// Reads what is named.
-    fn scope(&self) -> Result<Scope, Failure> {
+    fn scope(&self) -> Result<SolveOptions, Failure> {
         let mask = self.mask.as_ref().map(|file| image_io::read(file)).transpose()?;
         let flat = self.flat.as_ref().map(|folder| flat_reference(folder)).transpose()?;
         let mask = mask.as_ref().map(Mask::of_picture);
-        Ok(Scope { region: self.region, mask, flat, crop_valid: self.crop_valid, ..Scope::default() })
+        Ok(SolveOptions { region: self.region, mask, flat, crop_valid: self.crop_valid, ..SolveOptions::default() })
     }
 
     /// Reads it, and refuses what does not fit photographs of this size.
-    pub(super) fn fitting(&self, size: [u32; 2]) -> Result<Scope, Failure> {
+    pub(super) fn fitting(&self, size: [u32; 2]) -> Result<SolveOptions, Failure> {
         let scope = self.scope()?;
         let [width, height] = size;
         let of_size = |path: &Option<PathBuf>, found: Option<[u32; 2]>| match (path, found) {

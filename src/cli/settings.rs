@@ -10,10 +10,10 @@ use parfocal::image_io::{Input, RawFormat, Values};
 use parfocal::{Decode, Kernel, Method, Motion, Photometric, RegistrationStep, Settings, export, image_io};
 use serde::Serialize;
 
+use super::batch_summary::REPORT;
 use super::config::ConfigArgument;
 use super::failure::Failure;
 use super::headings::{BLUR, INPUT, REGISTRATION};
-use super::tally::REPORT;
 use super::tuning::TuningArguments;
 
 /// The settings.

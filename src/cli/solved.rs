@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::failure::Failure;
 use super::output::ForceArgument;
-use super::told::ToldArguments;
+use super::output_options::ToldArguments;
 
 /// The results of a solve, and where to say what came of them.
 #[derive(clap::Args, Debug)]

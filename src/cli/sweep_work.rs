@@ -17,7 +17,7 @@ use super::failure::Failure;
 use super::request::Request;
 use super::run::RunArguments;
 use super::settings::Decoding;
-use super::{output, pair, places};
+use super::{focus_positions, output, pair};
 
 /// What says what was solved, and lists the files.
 const REPORT: &str = SWEEP_FILES[4];
@@ -46,7 +46,7 @@ pub(super) struct SweepFrames {
 impl SweepJob {
     /// How it is solved, but for the part of the frames.
     fn options(&self, request: &Request, settings: Settings) -> SweepOptions {
-        let scope = parfocal::Scope { crop_valid: request.part.crop_valid, ..parfocal::Scope::default() };
+        let scope = parfocal::SolveOptions { crop_valid: request.part.crop_valid, ..parfocal::SolveOptions::default() };
         SweepOptions { settings, positions: self.positions.clone(), reference: self.reference, scope }
     }
 
@@ -65,7 +65,7 @@ pub(super) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
     }
     let fits = job.options(request, request.settings.clone()).check(job.files.len());
     fits.map_err(|e| Failure::Usage(e.to_string()))?;
-    places::nearer(request.nearer, &job.positions)?;
+    focus_positions::nearer(request.nearer, &job.positions)?;
     request.models.check_labels(job.files.len())?;
     let inputs: Vec<&PathBuf> = job.files.iter().chain(&request.files).collect();
     let profiles = export::profiles_in(&job.out);
@@ -168,7 +168,7 @@ pub(super) fn write(
     read: &SweepFrames,
     (sweep, total_ms): &(Sweep, f64),
 ) -> Result<SweepReport, Failure> {
-    let nearer = places::nearer(request.nearer, &job.positions)?;
+    let nearer = focus_positions::nearer(request.nearer, &job.positions)?;
     let (decode, format) = (read.values.decode, read.frames[0].format());
     let look = Look { nearer, decode, formats: [format; 2], palette: request.palette, pen: Some(PEN) };
     let mut report = report(job, nearer, device, read, (sweep, *total_ms));

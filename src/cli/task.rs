@@ -9,12 +9,12 @@ use parfocal::focus_stack::{Positions, Sweep};
 use parfocal::image_io::Input;
 use parfocal::{DeviceInfo, Solution};
 
+use super::batch_summary::{Outcome, REPORT, Row};
 use super::failure::Failure;
 use super::on_done::OnDone;
 use super::pairs::Group;
 use super::request::Request;
 use super::sweep_work::{self, SweepFrames, SweepJob};
-use super::tally::{Outcome, REPORT, Row};
 use super::work::{self, Job, Photographs};
 
 /// What is the same for all pairs.

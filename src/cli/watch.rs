@@ -11,6 +11,7 @@ use std::time::{Duration, Instant, SystemTime};
 use parfocal::export::{FileKind, write_named};
 use parfocal::image_io::RawFormat;
 
+use super::batch_summary::{INDEX, Outcome, Row, SUMMARY, Tally};
 use super::failure::Failure;
 use super::headings::{INPUT, OUTPUT};
 use super::on_done::OnDone;
@@ -19,7 +20,6 @@ use super::pairs::{self, Group};
 use super::pairs_bar::PairsBar;
 use super::pipeline::{self, Bench};
 use super::request::Request;
-use super::tally::{INDEX, Outcome, Row, SUMMARY, Tally};
 use super::task::{Named, Shared};
 use super::{batch, help, output};
 

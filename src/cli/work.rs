@@ -9,7 +9,7 @@ use parfocal::export::{
 use parfocal::figure::PEN;
 use parfocal::image_io::{Input, Photograph, Values};
 use parfocal::report_html::{Page, residual};
-use parfocal::{Decode, Depth, DeviceInfo, Frame, Lens, MetricDepth, Scope, Settings, Solution};
+use parfocal::{Decode, Depth, DeviceInfo, Frame, Lens, MetricDepth, Settings, Solution, SolveOptions};
 
 use super::failure::Failure;
 use super::models::SurfaceOf;
@@ -30,7 +30,7 @@ pub(super) struct Job {
 pub(super) struct Photographs {
     pub(super) frames: [Frame; 2],
     pub(super) inputs: Vec<Input>,
-    pub(super) scope: Scope,
+    pub(super) scope: SolveOptions,
     /// With values decoded as the files say, unless that is stated.
     pub(super) settings: Settings,
     values: Values,

@@ -8,7 +8,7 @@ use ash::vk;
 
 use crate::base::{Error, Frame, Settings};
 use crate::engine::vulkan::faults::{self, Call, Seen, Strike};
-use crate::engine::{Engine, Solution, Solver, testing};
+use crate::engine::{Engine, PairSolver, Solution, testing};
 
 /// What these tests count is of the program: they run one at a time.
 static ALONE: Mutex<()> = Mutex::new(());
@@ -26,7 +26,7 @@ fn pair() -> [Frame; 2] {
 fn solve(pair: &[Frame; 2]) -> Result<Solution, Error> {
     let engine = Engine::new(&testing::options())?;
     let settings = Settings { outer_iterations: 8, ..Settings::default() };
-    Solver::for_pair(&engine, &pair[0], &pair[1], &settings)?.solve(&pair[0], &pair[1])
+    PairSolver::for_pair(&engine, &pair[0], &pair[1], &settings)?.solve(&pair[0], &pair[1])
 }
 
 /// Solves, and closes the engine, while a call or an allocation fails.

@@ -1,13 +1,13 @@
 //! A pair too large for one solve: T, gain, offset and shading are found at half its size, or a quarter, where all of the frame is seen, and V part
 //! by part at full size, where they stay.
 
-use super::lane::Start;
+use super::frame_in_flight::Start;
 use super::parts::{self, Grid, Part};
 use super::plan::Plan;
 use super::solution::{self, Counts, Solution};
-use super::{Engine, Progress, Solver};
+use super::{Engine, PairSolver, Progress};
 use crate::base::color::srgb_to_linear;
-use crate::base::{Cancel, Decode, Error, Format, Frame, Mask, Method, Photometric, Region, Settings};
+use crate::base::{CancellationToken, Decode, Error, Format, Frame, Mask, Method, Photometric, Region, Settings};
 
 /// The largest pair that is solved in parts: its results and photographs take some 8 GiB of the host.
 pub(crate) const MOST_PIXELS: u64 = 1 << 28;
@@ -32,13 +32,13 @@ impl Engine {
 /// Solves a pair in parts.
 ///
 /// # Errors
-/// As [`Solver::solve`]; [`Error::TooLarge`] where the device does not hold a part either.
+/// As [`PairSolver::solve`]; [`Error::TooLarge`] where the device does not hold a part either.
 pub(crate) fn solve(
     engine: &Engine,
     [i1, i2]: [&Frame; 2],
     settings: &Settings,
     mask: Option<&Mask>,
-    cancel: &Cancel,
+    cancel: &CancellationToken,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Solution, Error> {
     let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
@@ -49,7 +49,7 @@ pub(crate) fn solve(
         other => other,
     })?;
     let own = Settings { method: Method::Aligned, photometric: false, ..settings.clone() };
-    let mut solver = Solver::with_slots(1, engine, grid.side(), formats, &own)?;
+    let mut solver = PairSolver::with_slots(1, engine, grid.side(), formats, &own)?;
     solver.set_cancel(cancel.clone());
     empty(&mut whole, size);
     let (all, mut alpha) = (grid.count(), 0.0);
@@ -127,7 +127,7 @@ fn at_half_size(
     frames: [&Frame; 2],
     settings: &Settings,
     mask: Option<&Mask>,
-    cancel: &Cancel,
+    cancel: &CancellationToken,
 ) -> Result<Solution, Error> {
     let depth = frames[0].format().depth;
     let mut settings = Settings { fused: false, levels: None, ..settings.clone() };
@@ -146,7 +146,7 @@ fn at_half_size(
         }
         halves = Some(small);
     };
-    let mut solver = Solver::for_pair(engine, &i1, &i2, &settings)?;
+    let mut solver = PairSolver::for_pair(engine, &i1, &i2, &settings)?;
     solver.set_cancel(cancel.clone());
     solver.set_mask(mask.map(|mask| mask.every(1 << sizes.len())))?;
     let mut found = solver.solve(&i1, &i2)?;

@@ -1,11 +1,11 @@
 //! Two photographs to relative blur and registration, on a Vulkan device: the engine that other programs embed.
 
 pub(crate) mod arguments;
-mod call;
+mod cancel_flag;
 #[cfg(test)]
 mod faults;
 pub(crate) mod filter;
-mod lane;
+mod frame_in_flight;
 pub(crate) mod large;
 mod motion;
 mod parts;
@@ -19,15 +19,15 @@ mod script;
 mod shaders;
 pub(crate) mod slot;
 pub(crate) mod solution;
+mod solution_ref;
 mod solver;
 mod source;
 pub mod stages;
+mod submissions;
 mod sweep;
 #[cfg(test)]
 pub(crate) mod testing;
-mod tickets;
 pub(crate) mod tiles;
-mod view;
 #[allow(unsafe_code, reason = "the one room that talks to Vulkan")]
 pub(crate) mod vulkan;
 mod workspace;
@@ -36,12 +36,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// An engine on a Vulkan device that belongs to the embedding program: [`Engine::from_vulkan`].
-pub mod foreign {
+pub mod interop {
     pub use ash;
 
     pub use super::vulkan::{
-        Commands, DeviceSource, ForeignDevice, LIKED_EXTENSIONS, OnDevice, QueueLock, REQUIRED_VERSION, Turn, Turns,
-        Wait, Wanted, require,
+        Commands, DeviceRequirements, DeviceSource, ExternalDevice, OPTIONAL_EXTENSIONS, OnDevice, QueueGuard,
+        QueueLock, REQUIRED_VERSION, SharedQueue, Wait, require,
     };
 }
 
@@ -49,12 +49,12 @@ pub use motion::OtherMotion;
 pub use progress::Progress;
 pub use registered::Registered;
 pub use solution::{Findings, LevelHistory, Solution, Timings};
-pub use solver::Solver;
+pub use solution_ref::SolutionRef;
+pub use solver::PairSolver;
 pub(crate) use solver::same_size;
 pub use source::Source;
+pub use submissions::Ticket;
 pub(crate) use sweep::{Asked, Focus, RegisteredFrames, SweepSolver};
-pub use tickets::Ticket;
-pub use view::View;
 #[cfg(target_os = "linux")]
 pub use vulkan::dma_buf::DmaBuf;
 pub use vulkan::{HostMemory, SharedMemory};
@@ -62,19 +62,19 @@ pub use vulkan::{HostMemory, SharedMemory};
 use crate::base::{Decode, DeviceInfo, Error, Frame, Mask, PixelFormat, Settings, Similarity};
 use crate::engine::plan::Plan;
 use crate::engine::stages::Pipelines;
-use crate::engine::vulkan::{Device, ForeignDevice, Instance};
+use crate::engine::vulkan::{Device, ExternalDevice, Instance};
 
 /// How an [`Engine`] is made.
 #[derive(Clone, Debug)]
 pub struct EngineOptions {
     /// Index, part of the name (case ignored), or UUID of the device; `None` takes the most capable.
     pub device: Option<String>,
-    /// Turns core and synchronization validation on; needs the Khronos validation layer.
+    /// SharedQueue core and synchronization validation on; needs the Khronos validation layer.
     pub validation: bool,
     /// The longest wait for one solve.
     pub timeout: Duration,
     /// Bytes of the device that a pair may take; `None`: what the device has. Larger photographs are solved in parts by a
-    /// [`Scope`](crate::Scope), and refused by a [`Solver`].
+    /// [`SolveOptions`](crate::SolveOptions), and refused by a [`PairSolver`].
     pub memory: Option<u64>,
     /// How [`Method::Sift`](crate::base::Method::Sift) finds where T starts; `baseline::key_points` does. `None`: that method is refused.
     pub key_points: Option<KeyPoints>,
@@ -121,7 +121,7 @@ impl Engine {
     ///
     /// # Errors
     /// [`Error::NoDevice`] where the device lacks what the passes need, or its queue does not compute; [`Error::Vulkan`].
-    pub fn from_vulkan(device: ForeignDevice, options: &EngineOptions) -> Result<Self, Error> {
+    pub fn from_vulkan(device: ExternalDevice, options: &EngineOptions) -> Result<Self, Error> {
         Ok(Self::on(Device::foreign(device, options.timeout)?, options))
     }
 
@@ -307,7 +307,7 @@ mod tests {
             Frame::gray(160, 160, (0..160 * 160).map(value).collect()).unwrap()
         };
         let (i1, i2) = (frame(0), frame(1));
-        let solved = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).and_then(|mut s| s.solve(&i1, &i2));
+        let solved = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).and_then(|mut s| s.solve(&i1, &i2));
         assert!(matches!(solved, Err(Error::Timeout { .. })), "{:?}", solved.map(|s| s.findings.timings));
         assert!(engine.device.is_poisoned());
         drop(engine);
@@ -325,7 +325,7 @@ mod tests {
         let pairs = [0.75, 2.0].map(|highest| [frame(0, highest), frame(1, highest)]);
         let counts = pairs.each_ref().map(|[i1, i2]| {
             let engine = Engine::new(&testing::options()).unwrap();
-            let mut solver = Solver::for_pair(&engine, i1, i2, &Settings::default()).unwrap();
+            let mut solver = PairSolver::for_pair(&engine, i1, i2, &Settings::default()).unwrap();
             let prepared = engine.pipelines().count();
             solver.solve(i1, i2).unwrap();
             assert_eq!(engine.pipelines().count(), prepared, "a pair like the one prepared for");
@@ -333,7 +333,7 @@ mod tests {
         });
         let engine = Engine::new(&testing::options()).unwrap();
         let formats = [pairs[0][0].format(); 2];
-        let mut solver = Solver::with_slots(1, &engine, [64, 64], formats, &Settings::default()).unwrap();
+        let mut solver = PairSolver::with_slots(1, &engine, [64, 64], formats, &Settings::default()).unwrap();
         let prepared = engine.pipelines().count();
         assert!(counts.iter().all(|&one| one < prepared), "{counts:?} of {prepared}");
         for [i1, i2] in &pairs {
@@ -351,7 +351,8 @@ mod tests {
         let (i1, i2) = (frame(0), frame(1));
         let solve = || {
             let engine = Engine::new(&testing::options()).unwrap();
-            let solution = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap().solve(&i1, &i2).unwrap();
+            let solution =
+                PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap().solve(&i1, &i2).unwrap();
             assert!(engine.validation_messages().is_empty(), "{:?}", engine.validation_messages());
             let bits: Vec<u32> = solution.relative_blur.iter().map(|v| v.to_bits()).collect();
             (engine.device.is_conditional(), bits, solution.findings.levels)

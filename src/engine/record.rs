@@ -120,8 +120,8 @@ mod tests {
     /// comes before do to a slot: `docs/reliability.md` argues each.
     const UNSEEN: [&str; 7] = [
         "convolve: Stacks Write Update",
-        "even: Stacks Update Write",
-        "even: Stacks Write Write",
+        "apply_shading: Stacks Update Write",
+        "apply_shading: Stacks Write Write",
         "convolve: Arguments Write Read",
         "residual: Evidence Write Write",
         "shape: Stacks Update Update",

@@ -5,7 +5,7 @@ use crate::engine::OtherMotion;
 use crate::engine::solution::{self, LevelHistory, Timings};
 use crate::engine::stages::state::State;
 
-/// The result of one [`Solver::register`](crate::Solver::register).
+/// The result of one [`PairSolver::register`](crate::PairSolver::register).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Registered {
     /// Pixels a row of the images.

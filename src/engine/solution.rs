@@ -50,7 +50,7 @@ pub struct Findings {
     pub timings: Timings,
 }
 
-/// The result of one [`Solver::solve`](crate::Solver::solve).
+/// The result of one [`PairSolver::solve`](crate::PairSolver::solve).
 #[derive(Clone, Debug)]
 pub struct Solution {
     /// V, px² of I1, row-major; positive where I2 is the more blurred. NaN outside the valid region.

@@ -2,23 +2,23 @@
 
 use std::sync::Arc;
 
-use crate::base::{Cancel, Error, Frame, Mask, Method, PixelFormat, Settings, Shading};
-use crate::engine::lane::{Common, Lane, Start};
+use crate::base::{CancellationToken, Error, Frame, Mask, Method, PixelFormat, Settings, Shading};
+use crate::engine::frame_in_flight::{Common, FrameInFlight, Start};
 use crate::engine::plan::Plan;
 use crate::engine::profile::{Profile, Reading};
 use crate::engine::slot::Slot;
 use crate::engine::vulkan::{Clock, Recorder};
 use crate::engine::workspace::Workspace;
-use crate::engine::{Engine, KeyPoints, Progress, Registered, Solution, View};
+use crate::engine::{Engine, KeyPoints, Progress, Registered, Solution, SolutionRef};
 
 /// A size and settings, prepared once and used for any number of pairs.
 ///
-/// A solver has one slot, or [as many as are asked for](Solver::with_slots): mapped memory for a pair and its results. While the device solves
+/// A solver has one slot, or [as many as are asked for](PairSolver::with_slots): mapped memory for a pair and its results. While the device solves
 /// the pair of one, the next is brought up into another, and the results of a third are read:
 ///
 /// ```
 /// # use std::time::Duration;
-/// # use parfocal::{Engine, EngineOptions, Error, Frame, Settings, Solver, Ticket};
+/// # use parfocal::{Engine, EngineOptions, Error, Frame, Settings, PairSolver, Ticket};
 /// # fn photograph(soft: f32) -> Frame {
 /// #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
 /// #     Frame::gray(64, 48, (0..64 * 48).map(value).collect()).unwrap()
@@ -29,7 +29,7 @@ use crate::engine::{Engine, KeyPoints, Progress, Registered, Solution, View};
 /// let engine = Engine::new(&EngineOptions::default())?;
 /// let [i1, i2] = &pairs[0];
 /// let formats = [i1.format(), i2.format()];
-/// let mut solver = Solver::with_slots(2, &engine, [i1.width(), i1.height()], formats, &Settings::default())?;
+/// let mut solver = PairSolver::with_slots(2, &engine, [i1.width(), i1.height()], formats, &Settings::default())?;
 /// let mut last: Option<Ticket> = None;
 /// for (n, [i1, i2]) in pairs.iter().enumerate() {
 ///     let ticket = solver.submit(n % 2, i1, i2)?;
@@ -42,18 +42,18 @@ use crate::engine::{Engine, KeyPoints, Progress, Registered, Solution, View};
 /// # Ok(())
 /// # }
 /// ```
-pub struct Solver {
+pub struct PairSolver {
     pub(super) common: Arc<Common>,
-    pub(super) lanes: Vec<Lane>,
+    pub(super) lanes: Vec<FrameInFlight>,
     pub(super) mask: Option<Mask>,
     /// What calls pairs off.
-    pub(super) cancel: Cancel,
+    pub(super) cancel: CancellationToken,
     /// Where pairs start, if not as the settings say.
     start: Option<Start>,
     key_points: Option<KeyPoints>,
 }
 
-impl Solver {
+impl PairSolver {
     /// Prepares for pairs of `width` x `height` pixels, I1 and I2 in the given formats, of frames or as cameras pack them; with clipped or masked pixels, and without: no pair
     /// compiles anything.
     ///
@@ -72,7 +72,7 @@ impl Solver {
     /// The same, with so many slots, at least one.
     ///
     /// # Errors
-    /// As [`Solver::new`].
+    /// As [`PairSolver::new`].
     pub fn with_slots(
         slots: usize,
         engine: &Engine,
@@ -108,9 +108,9 @@ impl Solver {
         let common = Arc::new(Common { plan, device, pipelines: engine.pipelines().clone(), reading });
         let workspaces = [first].into_iter().chain(others);
         let lanes = workspaces
-            .map(|workspace| Lane::new(common.clone(), workspace, is_masked))
+            .map(|workspace| FrameInFlight::new(common.clone(), workspace, is_masked))
             .collect::<Result<_, Error>>()?;
-        let (cancel, key_points) = (Cancel::default(), engine.key_points);
+        let (cancel, key_points) = (CancellationToken::default(), engine.key_points);
         Ok(Self { common, lanes, mask: None, cancel, start: None, key_points })
     }
 
@@ -126,7 +126,7 @@ impl Solver {
         }
         // Of pairs without a mask, the usual, nothing need go up.
         if self.mask != mask {
-            self.lanes.iter_mut().try_for_each(Lane::rest)?;
+            self.lanes.iter_mut().try_for_each(FrameInFlight::rest)?;
             self.lanes[0].mask().write(&mask_bytes(plan, mask.as_ref()))?;
             self.mask = mask;
         }
@@ -134,7 +134,7 @@ impl Solver {
     }
 
     /// What calls the solves to come off. Those that begin after it has are [`Error::Cancelled`] at once.
-    pub fn set_cancel(&mut self, cancel: Cancel) {
+    pub fn set_cancel(&mut self, cancel: CancellationToken) {
         self.cancel = cancel;
     }
 
@@ -160,7 +160,7 @@ impl Solver {
     /// Prepares for pairs like this one: if it has clipped pixels, for pairs that have some. The first of the other kind compiles what it takes.
     ///
     /// # Errors
-    /// As [`Solver::new`], and [`Error::Mismatch`] where the sizes differ.
+    /// As [`PairSolver::new`], and [`Error::Mismatch`] where the sizes differ.
     pub fn for_pair(engine: &Engine, i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Self, Error> {
         same_size([i1, i2])?;
         let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
@@ -184,7 +184,7 @@ impl Solver {
     /// Solves one pair and tells after each level how far it has come.
     ///
     /// # Errors
-    /// As [`Solver::solve`].
+    /// As [`PairSolver::solve`].
     pub fn solve_with(
         &mut self,
         i1: &Frame,
@@ -199,8 +199,8 @@ impl Solver {
     /// Solves one pair, and lends the results.
     ///
     /// # Errors
-    /// As [`Solver::solve`].
-    pub fn solve_in_place(&mut self, i1: &Frame, i2: &Frame) -> Result<View<'_>, Error> {
+    /// As [`PairSolver::solve`].
+    pub fn solve_in_place(&mut self, i1: &Frame, i2: &Frame) -> Result<SolutionRef<'_>, Error> {
         self.bring_frames(i1, i2)?;
         self.lanes[0].run(|script| script.parts.len(), &mut |_| ())?;
         self.lanes[0].view(self.mask.as_ref())
@@ -210,7 +210,7 @@ impl Solver {
     /// and aligned only exposure and correlation are measured on the device.
     ///
     /// # Errors
-    /// As [`Solver::solve`].
+    /// As [`PairSolver::solve`].
     pub fn register(&mut self, i1: &Frame, i2: &Frame) -> Result<Registered, Error> {
         self.register_with(i1, i2, &mut |_| ())
     }
@@ -218,7 +218,7 @@ impl Solver {
     /// Registers one pair and tells after each level how far it has come.
     ///
     /// # Errors
-    /// As [`Solver::solve`].
+    /// As [`PairSolver::solve`].
     pub fn register_with(
         &mut self,
         i1: &Frame,

@@ -21,7 +21,7 @@ pub enum Source<'a> {
         /// Bytes.
         pitch: usize,
     },
-    /// What was written to where [`Solver::input`](crate::Solver::input) lends.
+    /// What was written to where [`PairSolver::input`](crate::PairSolver::input) lends.
     Written,
     /// On the engine's device, which fetches it.
     OnDevice(DeviceSource),

@@ -37,20 +37,20 @@ impl Ranges {
     }
 
     /// The cells that hold something between the two.
-    pub(crate) fn between(&self, low: f64, high: f64) -> Wanted {
+    pub(crate) fn between(&self, low: f64, high: f64) -> DeviceRequirements {
         let holds = |[least, most]: &[f64; 2]| *most >= low && *least <= high;
-        Wanted { size: self.size, cells: self.cells.iter().map(holds).collect() }
+        DeviceRequirements { size: self.size, cells: self.cells.iter().map(holds).collect() }
     }
 }
 
 /// The cells of a level that are wanted.
 #[derive(Clone, Debug)]
-pub(crate) struct Wanted {
+pub(crate) struct DeviceRequirements {
     size: [usize; 2],
     cells: Vec<bool>,
 }
 
-impl Wanted {
+impl DeviceRequirements {
     /// The tiles of so many pixels that come within `margin` pixels of them, a word each: x, and y from bit 16 on.
     pub(crate) fn tiles(&self, tile: [u32; 2], margin: u32) -> Vec<u32> {
         let [columns, rows] = [0, 1].map(|axis| self.size[axis].div_ceil(tile[axis] as usize) as u32);

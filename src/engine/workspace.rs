@@ -8,7 +8,7 @@ use super::plan::Plan;
 use super::slot::Slot;
 use super::stages::state::State;
 use super::stages::sums::Layout;
-use super::stages::{convolve, evidence, half_pair, linearise, shape_windows, system};
+use super::stages::{convolve, half_pair, linearise, shape_windows, system, uncertainty_terms};
 use super::tiles;
 use super::vulkan::{Buffer, Device, Image, Texel};
 use crate::base::Error;
@@ -46,7 +46,7 @@ impl Workspace {
     fn of(device: &Arc<Device>, plan: &Plan, frames: Option<u32>) -> Result<Self, Error> {
         let mut wanted = shared_images(plan);
         wanted.extend(frames.map_or_else(|| images_of_pairs(plan), |frames| images_of_sweeps(plan, frames)));
-        let image = |(slot, size, layers, texel): Wanted| {
+        let image = |(slot, size, layers, texel): DeviceRequirements| {
             Ok::<_, Error>((slot, Image::new(device, &format!("{slot:?}"), size, layers, texel)?))
         };
         let images = wanted.into_iter().map(image).collect::<Result<_, _>>()?;
@@ -78,10 +78,10 @@ impl Workspace {
     }
 }
 
-type Wanted = (Slot, [u32; 2], u32, Texel);
+type DeviceRequirements = (Slot, [u32; 2], u32, Texel);
 type Make = fn(&Arc<Device>, &str, u64) -> Result<Arc<Buffer>, Error>;
 
-fn shared_images(plan: &Plan) -> Vec<Wanted> {
+fn shared_images(plan: &Plan) -> Vec<DeviceRequirements> {
     let half = plan.pyramid[0].half();
     let mut wanted = vec![
         (Slot::Spline2, plan.size, 1, Texel::One),
@@ -96,11 +96,11 @@ fn shared_images(plan: &Plan) -> Vec<Wanted> {
     wanted
 }
 
-fn images_of_pairs(plan: &Plan) -> Vec<Wanted> {
+fn images_of_pairs(plan: &Plan) -> Vec<DeviceRequirements> {
     let mut wanted = vec![
         (Slot::Stacks, plan.size, plan.stack_layers(), Texel::One),
         (Slot::NormalEquations, plan.size, linearise::LAYERS, Texel::One),
-        (Slot::Evidence, evidence::size(plan.size), evidence::LAYERS as u32, Texel::One),
+        (Slot::Evidence, uncertainty_terms::size(plan.size), uncertainty_terms::LAYERS as u32, Texel::One),
     ];
     for level in &plan.pyramid {
         let (size, level) = (level.size, level.index);
@@ -110,7 +110,7 @@ fn images_of_pairs(plan: &Plan) -> Vec<Wanted> {
     wanted
 }
 
-fn images_of_sweeps(plan: &Plan, frames: u32) -> Vec<Wanted> {
+fn images_of_sweeps(plan: &Plan, frames: u32) -> Vec<DeviceRequirements> {
     let mut wanted = vec![
         (Slot::Stacks, plan.size, plan.layers_of(&plan.pyramid[0]), Texel::One),
         (Slot::NormalEquations, plan.size, half_pair::LAYERS, Texel::One),

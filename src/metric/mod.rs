@@ -4,7 +4,7 @@ mod calibrate;
 pub mod inspect;
 pub mod measure;
 
-pub use calibrate::{Calibration, Found, Target, Unknown, calibrate};
+pub use calibrate::{CalibratedParameter, Calibration, LensParameter, Target, calibrate};
 
 use crate::base::Lens;
 

@@ -10,7 +10,7 @@ use std::ops::Deref;
 use std::path::PathBuf;
 use std::sync::{Arc, LazyLock};
 
-use parfocal::{Engine, EngineOptions, Frame, Homography, Settings, Solution, Solver, baseline, image_io};
+use parfocal::{Engine, EngineOptions, Frame, Homography, PairSolver, Settings, Solution, baseline, image_io};
 
 /// The engine of all tests of a program, each of which fails where it meets a validation message, its own or another's.
 pub struct TestEngine(Arc<Engine>);
@@ -36,7 +36,7 @@ impl TestEngine {
 
     /// Solves one pair.
     pub fn solve(&self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Solution {
-        Solver::for_pair(self, i1, i2, settings).unwrap().solve(i1, i2).unwrap()
+        PairSolver::for_pair(self, i1, i2, settings).unwrap().solve(i1, i2).unwrap()
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::common::scene::{exposed, pair, slanted};
 use crate::common::{TestEngine, assert_transform, blur_error, real_pair};
-use parfocal::{Channels, Error, Format, Frame, Method, Samples, Settings, Similarity, Solver, reference};
+use parfocal::{Channels, Error, Format, Frame, Method, PairSolver, Samples, Settings, Similarity, reference};
 
 fn by(method: Method) -> Settings {
     Settings { method, ..Settings::default() }
@@ -13,7 +13,7 @@ fn truth() -> Similarity {
 }
 
 fn register(engine: &TestEngine, [i1, i2]: [&Frame; 2], settings: &Settings) -> parfocal::Registered {
-    Solver::for_pair(engine, i1, i2, settings).unwrap().register(i1, i2).unwrap()
+    PairSolver::for_pair(engine, i1, i2, settings).unwrap().register(i1, i2).unwrap()
 }
 
 /// Every second pixel of every second row.
@@ -81,7 +81,7 @@ fn a_registration_is_that_of_the_solve_and_leaves_no_trace() {
     let [i1, i2] = pair([160, 128], truth(), slanted(160), 0.0, 2);
     for method in [Method::Unified, Method::Appearance, Method::Aligned] {
         let settings = by(method);
-        let mut solver = Solver::for_pair(&engine, &i1, &i2, &settings).unwrap();
+        let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &settings).unwrap();
         let mut seen = Vec::new();
         let registered = solver.register_with(&i1, &i2, &mut |p| seen.push((p.done, p.levels))).unwrap();
         let solution = solver.solve(&i1, &i2).unwrap();
@@ -143,7 +143,7 @@ fn too_few_key_points_are_a_failure_that_says_so() {
     let grey = Frame::gray(80, 60, vec![0.5; 80 * 60]).unwrap();
     let [textured, _] = pair([80, 60], Similarity::IDENTITY, |_| [0.3, 0.3], 0.0, 1);
     let failure = |i1: &Frame, i2: &Frame| {
-        let mut solver = Solver::for_pair(&engine, i1, i2, &by(Method::Sift)).unwrap();
+        let mut solver = PairSolver::for_pair(&engine, i1, i2, &by(Method::Sift)).unwrap();
         let message = solver.register(i1, i2).unwrap_err().to_string();
         assert!(matches!(solver.solve(i1, i2), Err(Error::TooFewKeyPoints { .. })));
         message

@@ -3,7 +3,9 @@
 use std::time::{Duration, Instant};
 
 use parfocal::focus_stack::{SweepOptions, solve_sweep};
-use parfocal::{Cancel, Engine, EngineOptions, Error, Frame, Scope, Settings, Similarity, Solver, Source};
+use parfocal::{
+    CancellationToken, Engine, EngineOptions, Error, Frame, PairSolver, Settings, Similarity, SolveOptions, Source,
+};
 
 use crate::common::scene::{pair, slanted};
 use crate::common::{TestEngine, options};
@@ -22,7 +24,7 @@ fn long() -> Settings {
 #[test]
 fn a_ticket_that_is_called_off_frees_its_slot() {
     let (engine, [i1, i2]) = (TestEngine::new(), frames());
-    let mut solver = Solver::with_slots(2, &engine, SIZE, [i1.format(); 2], &Settings::default()).unwrap();
+    let mut solver = PairSolver::with_slots(2, &engine, SIZE, [i1.format(); 2], &Settings::default()).unwrap();
     let expected = solver.solve(&i1, &i2).unwrap();
     let [called_off, goes_on] = [0, 1].map(|slot| solver.submit(slot, &i1, &i2).unwrap());
     solver.cancel(&called_off).unwrap();
@@ -43,8 +45,8 @@ fn a_ticket_that_is_called_off_frees_its_slot() {
 #[test]
 fn a_solve_is_called_off_from_another_thread() {
     let (engine, [i1, i2]) = (TestEngine::new(), frames());
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &long()).unwrap();
-    let cancel = Cancel::default();
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &long()).unwrap();
+    let cancel = CancellationToken::default();
     solver.set_cancel(cancel.clone());
     let mut levels = Vec::new();
     std::thread::scope(|scope| {
@@ -56,18 +58,18 @@ fn a_solve_is_called_off_from_another_thread() {
         assert!(matches!(solved, Err(Error::Cancelled)), "{:?}", solved.map(|s| s.levels.len()));
     });
     assert!(matches!(solver.solve(&i1, &i2), Err(Error::Cancelled)), "all that begins with it");
-    solver.set_cancel(Cancel::default());
+    solver.set_cancel(CancellationToken::default());
     assert!(solver.register(&i1, &i2).is_ok());
 }
 
 #[test]
 fn what_called_an_earlier_pair_off_says_nothing_to_the_next_and_results_half_way_are_never_lent() {
     let (engine, [i1, i2]) = (TestEngine::new(), frames());
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
-    let earlier = Cancel::default();
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let earlier = CancellationToken::default();
     solver.set_cancel(earlier.clone());
     solver.solve(&i1, &i2).unwrap();
-    solver.set_cancel(Cancel::default());
+    solver.set_cancel(CancellationToken::default());
     let ticket = solver.submit(0, &i1, &i2).unwrap();
     earlier.cancel();
     assert!(solver.wait(&ticket, Duration::MAX).unwrap().unwrap().converged);
@@ -75,7 +77,7 @@ fn what_called_an_earlier_pair_off_says_nothing_to_the_next_and_results_half_way
     let rows = vec![0xff; 4 * (SIZE[0] * SIZE[1]) as usize];
     let no_numbers = Source::Rows { bytes: &rows, pitch: 0 };
     for cancels_the_next in [false, true] {
-        let cancel = Cancel::default();
+        let cancel = CancellationToken::default();
         solver.set_cancel(cancel.clone());
         let called_off = solver.submit(0, &i1, &i2).unwrap();
         if cancels_the_next {
@@ -94,11 +96,11 @@ fn parts_of_the_frame_large_pairs_and_sweeps_are_called_off_by_who_is_told_how_f
     let (engine, frames) = (TestEngine::new(), frames());
     let [i1, i2] = &frames;
     for region in [None, Some(parfocal::Region { x: 20, y: 20, width: 100, height: 100 })] {
-        let scope = Scope { region, ..Scope::default() };
+        let scope = SolveOptions { region, ..SolveOptions::default() };
         let (cancel, mut kept) = (scope.cancel.clone(), None);
         let solved = scope.solve(&engine, &mut kept, [i1, i2], &Settings::default(), &mut |_| cancel.cancel());
         assert!(matches!(solved, Err(Error::Cancelled)));
-        let fresh = Scope { cancel: Cancel::default(), ..scope };
+        let fresh = SolveOptions { cancel: CancellationToken::default(), ..scope };
         assert!(fresh.solve(&engine, &mut kept, [i1, i2], &Settings::default(), &mut |_| ()).unwrap().converged);
     }
     let sweep: Vec<Frame> =
@@ -120,7 +122,7 @@ fn how_soon_a_solve_ends() {
     let engine = Engine::new(&EngineOptions { validation: false, timed: false, ..options() }).unwrap();
     let size = [1024, 1024];
     let [i1, i2] = pair(size, Similarity::new(0.4, -0.3, 0.05, 1.0), slanted(size[0]), 0.002, 3);
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
     let mut whole = 0.0;
     for _ in 0..3 {
         let began = Instant::now();

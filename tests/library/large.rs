@@ -2,12 +2,12 @@
 
 use crate::common::scene::{pair, slanted};
 use crate::common::{TestEngine, options};
-use parfocal::{Engine, EngineOptions, Error, Frame, Mask, Scope, Settings, Similarity, Solution, Solver};
+use parfocal::{Engine, EngineOptions, Error, Frame, Mask, PairSolver, Settings, Similarity, Solution, SolveOptions};
 
 const SIZE: [u32; 2] = [561, 402];
 
 fn solve(engine: &Engine, [i1, i2]: [&Frame; 2], mask: Option<Mask>, settings: &Settings) -> Solution {
-    let scope = Scope { mask, ..Scope::default() };
+    let scope = SolveOptions { mask, ..SolveOptions::default() };
     scope.solve(engine, &mut None, [i1, i2], settings, &mut |_| ()).unwrap()
 }
 
@@ -27,7 +27,7 @@ fn a_pair_solved_in_parts_is_the_same_as_one_solved_whole() {
     let settings = Settings { max_relative_blur: 16.0, ..Settings::default() };
     let whole = solve(&TestEngine::new(), [&i1, &i2], None, &settings);
     let small = Engine::new(&EngineOptions { memory: Some(20 << 20), ..options() }).unwrap();
-    assert!(matches!(Solver::for_pair(&small, &i1, &i2, &settings), Err(Error::TooLarge { .. })));
+    assert!(matches!(PairSolver::for_pair(&small, &i1, &i2, &settings), Err(Error::TooLarge { .. })));
     let mask: Vec<f32> = (0..SIZE[0] * SIZE[1]).map(|i| f32::from(u8::from(i % SIZE[0] >= 60))).collect();
     let mask = Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], mask).unwrap());
     let parts = solve(&small, [&i1, &i2], Some(mask), &settings);
@@ -58,6 +58,6 @@ fn a_pair_solved_in_parts_is_the_same_as_one_solved_whole() {
 fn a_part_is_larger_than_nothing() {
     let [i1, i2] = pair(SIZE, Similarity::IDENTITY, slanted(SIZE[0]), 0.0, 3);
     let tiny = Engine::new(&EngineOptions { memory: Some(1 << 20), ..options() }).unwrap();
-    let solved = Scope::default().solve(&tiny, &mut None, [&i1, &i2], &Settings::default(), &mut |_| ());
+    let solved = SolveOptions::default().solve(&tiny, &mut None, [&i1, &i2], &Settings::default(), &mut |_| ());
     assert!(matches!(solved, Err(Error::TooLarge { .. })), "{:?}", solved.map(|s| s.findings));
 }

@@ -5,9 +5,9 @@ mod common;
 
 mod baseline;
 mod cancel;
-mod foreign;
 #[cfg(target_os = "linux")]
 mod fuzz;
+mod interop;
 mod large;
 mod masks;
 mod motion;

@@ -2,7 +2,7 @@
 
 use crate::common::scene::{luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error};
-use parfocal::{Channels, Frame, Mask, Samples, Settings, Similarity, Solution, Solver, reference};
+use parfocal::{Channels, Frame, Mask, PairSolver, Samples, Settings, Similarity, Solution, reference};
 
 const SIZE: [u32; 2] = [160, 128];
 
@@ -94,7 +94,7 @@ fn what_a_mask_leaves_out_has_no_part_in_the_registration() {
     let picture = (0..SIZE[0] * SIZE[1]).map(|i| if left_out(i % SIZE[0], i / SIZE[0]) { 0.0 } else { 1.0 });
     let mask = Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], picture.collect()).unwrap());
     let engine = TestEngine::new();
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
     let whole = solver.solve(&i1, &i2).unwrap();
     solver.set_mask(Some(mask)).unwrap();
     let masked = solver.solve(&i1, &i2).unwrap();
@@ -122,7 +122,7 @@ fn a_small_mask_is_no_lack_of_overlap() {
     let picture = (0..SIZE[0] * SIZE[1]).map(|i| if inside(i) { 1.0 } else { 0.0 }).collect();
     let engine = TestEngine::new();
     let start = Settings { start: transform().into(), method: parfocal::Method::Aligned, ..Settings::default() };
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &start).unwrap();
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &start).unwrap();
     solver.set_mask(Some(Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], picture).unwrap()))).unwrap();
     let solution = solver.solve(&i1, &i2).unwrap();
     assert!(solution.valid_fraction > 0.0 && solution.valid_fraction < 0.01, "{}", solution.valid_fraction);
@@ -141,7 +141,7 @@ fn masks_agree_with_the_reference() {
     let mask = Mask::of_picture(&Frame::gray(size[0], size[1], picture).unwrap());
     let expected = reference::solve_masked(&i1, &i2, &settings, Some(&mask)).unwrap();
     let engine = TestEngine::new();
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &settings).unwrap();
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &settings).unwrap();
     solver.set_mask(Some(mask)).unwrap();
     let found = solver.solve(&i1, &i2).unwrap();
     let rms = |f: &[f32], e: &[f64]| {

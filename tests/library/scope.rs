@@ -2,7 +2,7 @@
 
 use crate::common::scene::{exposed, luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error};
-use parfocal::{FieldCurvature, Frame, Region, Scope, Settings, Similarity, Solution};
+use parfocal::{FieldCurvature, Frame, Region, Settings, Similarity, Solution, SolveOptions};
 
 const SIZE: [u32; 2] = [300, 280];
 
@@ -18,7 +18,7 @@ fn settings() -> Settings {
     Settings { max_relative_blur: 16.0, ..Settings::default() }
 }
 
-fn solve(scope: &Scope, [i1, i2]: [&Frame; 2], settings: &Settings) -> Solution {
+fn solve(scope: &SolveOptions, [i1, i2]: [&Frame; 2], settings: &Settings) -> Solution {
     scope.solve(&TestEngine::new(), &mut None, [i1, i2], settings, &mut |_| ()).unwrap()
 }
 
@@ -39,7 +39,7 @@ fn corner(solution: &Solution) -> f64 {
 fn a_region_is_solved_as_it_is_within_the_whole() {
     let [i1, i2] = clean_pair();
     let region = Region { x: 120, y: 90, width: 150, height: 110 };
-    let scope = Scope { region: Some(region), ..Scope::default() };
+    let scope = SolveOptions { region: Some(region), ..SolveOptions::default() };
     let solution = solve(&scope, [&i1, &i2], &settings());
     assert_eq!((solution.origin, solution.width, solution.height), ([120, 90], 150, 110));
     assert_eq!(solution.photograph, SIZE);
@@ -51,7 +51,7 @@ fn a_region_is_solved_as_it_is_within_the_whole() {
     assert!(at_corner < 0.05 && v < 0.05 && solution.valid_fraction == 1.0);
     let held = Settings { start: transform().into(), method: parfocal::Method::Aligned, ..settings() };
     assert!(corner(&solve(&scope, [&i1, &i2], &held)) < 1e-3, "a start is of the whole frame");
-    let outside = Scope { region: Some(Region { x: 200, ..region }), ..Scope::default() };
+    let outside = SolveOptions { region: Some(Region { x: 200, ..region }), ..SolveOptions::default() };
     let engine = TestEngine::new();
     let refused = outside.solve(&engine, &mut None, [&i1, &i2], &settings(), &mut |_| ()).unwrap_err();
     assert!(refused.to_string().contains("200,90,150,110"), "{refused}");
@@ -60,7 +60,7 @@ fn a_region_is_solved_as_it_is_within_the_whole() {
 #[test]
 fn the_valid_part_is_valid_everywhere() {
     let [i1, i2] = clean_pair();
-    let solution = solve(&Scope { crop_valid: true, ..Scope::default() }, [&i1, &i2], &settings());
+    let solution = solve(&SolveOptions { crop_valid: true, ..SolveOptions::default() }, [&i1, &i2], &settings());
     assert!(solution.relative_blur.iter().all(|v| v.is_finite()) && solution.valid_fraction == 1.0);
     assert!(solution.width > 260 && solution.height > 240, "{:?}", solution.region());
     assert!(v_rms(&solution) < 0.05 && corner(&solution) < 0.02);
@@ -77,7 +77,7 @@ fn shading_is_found_and_taken_out() {
         (v * darker(x.into(), y.into())) as f32
     });
     let i2 = Frame::gray(SIZE[0], SIZE[1], values.collect()).unwrap();
-    let found = solve(&Scope::default(), [&i1, &i2], &settings());
+    let found = solve(&SolveOptions::default(), [&i1, &i2], &settings());
     let [low, high] = found.shading.range();
     let (at_corner, v) = (corner(&found), v_rms(&found));
     println!("shading {low:.3} to {high:.3}; corner {at_corner:.4} px, V rms {v:.4}");
@@ -85,12 +85,12 @@ fn shading_is_found_and_taken_out() {
     assert!(at_corner < 0.05 && v < 0.08);
     assert!(found.converged && found.warnings.iter().any(|w| w.contains("% brighter")), "{:?}", found.warnings);
     // Equal photographs need none.
-    let even = solve(&Scope::default(), [&i1, &exposed(&i1, 0.8, 0.0)], &settings());
+    let even = solve(&SolveOptions::default(), [&i1, &exposed(&i1, 0.8, 0.0)], &settings());
     let [low, high] = even.shading.range();
     assert!(low > 0.99 && high < 1.01, "{low} to {high}");
     // Of a part it is stated over that part and what was solved around it.
     let region = Region { x: 120, y: 90, width: 150, height: 110 };
-    let part = solve(&Scope { region: Some(region), ..Scope::default() }, [&i1, &i2], &settings());
+    let part = solve(&SolveOptions { region: Some(region), ..SolveOptions::default() }, [&i1, &i2], &settings());
     for place in [[130.0, 100.0], [200.0, 150.0], [260.0, 190.0]] {
         let bright = |s: &Solution| s.brightness().of(0.5, place);
         assert!((bright(&part) / bright(&found) - 1.0).abs() < 0.02, "{place:?}");
@@ -100,10 +100,10 @@ fn shading_is_found_and_taken_out() {
 #[test]
 fn a_flat_reference_is_taken_off() {
     let [i1, i2] = clean_pair();
-    let plain = solve(&Scope::default(), [&i1, &i2], &settings());
+    let plain = solve(&SolveOptions::default(), [&i1, &i2], &settings());
     // The slanted plane as its own flat target: what is left is V in the middle.
     let flat = FieldCurvature::of_flat_target(SIZE, &plain.relative_blur, &plain.uncertainty).unwrap();
-    let scope = Scope { flat: Some(flat), crop_valid: true, ..Scope::default() };
+    let scope = SolveOptions { flat: Some(flat), crop_valid: true, ..SolveOptions::default() };
     let solution = solve(&scope, [&i1, &i2], &settings());
     let largest = solution.relative_blur.iter().fold(0.0f32, |m, v| m.max(v.abs()));
     println!("largest |V| {largest:.3} px²");
@@ -111,8 +111,8 @@ fn a_flat_reference_is_taken_off() {
     // Where |V| was at its limit it stays there, and V before it can be had again.
     let limited = Settings { max_relative_blur: 2.0, ..settings() };
     let flat = scope.flat.clone();
-    let bounded = solve(&Scope { flat: flat.clone(), ..Scope::default() }, [&i1, &i2], &limited);
-    let before = solve(&Scope::default(), [&i1, &i2], &limited);
+    let bounded = solve(&SolveOptions { flat: flat.clone(), ..SolveOptions::default() }, [&i1, &i2], &limited);
+    let before = solve(&SolveOptions::default(), [&i1, &i2], &limited);
     let at_limit = |s: &Solution| s.relative_blur.iter().filter(|v| v.abs() >= 1.998).count();
     assert!(at_limit(&before) > 1000 && at_limit(&bounded) == at_limit(&before));
     let restored = flat.unwrap().restored(&solution);
@@ -120,7 +120,12 @@ fn a_flat_reference_is_taken_off() {
     assert!((restored.relative_blur[center] - solution.relative_blur[center]).abs() > 2.0);
     let small = FieldCurvature::of_flat_target([30, 28], &vec![1.0; 840], &vec![0.1; 840]).unwrap();
     let engine = TestEngine::new();
-    let refused =
-        Scope { flat: Some(small), ..Scope::default() }.solve(&engine, &mut None, [&i1, &i2], &settings(), &mut |_| ());
+    let refused = SolveOptions { flat: Some(small), ..SolveOptions::default() }.solve(
+        &engine,
+        &mut None,
+        [&i1, &i2],
+        &settings(),
+        &mut |_| (),
+    );
     assert!(refused.unwrap_err().to_string().contains("30x28"));
 }

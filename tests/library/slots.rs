@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use parfocal::{Error, Frame, Mask, Region, Settings, Similarity, Solution, Solver, Source, View};
+use parfocal::{Error, Frame, Mask, PairSolver, Region, Settings, Similarity, Solution, SolutionRef, Source};
 
 use crate::common::TestEngine;
 use crate::common::scene::pair;
@@ -21,7 +21,7 @@ fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|value| value.to_bits()).collect()
 }
 
-fn assert_same(found: &View<'_>, expected: &Solution) {
+fn assert_same(found: &SolutionRef<'_>, expected: &Solution) {
     assert_eq!(found.transform, expected.transform);
     assert_eq!(found.valid_fraction, expected.valid_fraction);
     for (found, expected) in [
@@ -41,7 +41,7 @@ fn without_the_fused_image_the_rest_is_the_same() {
     let [i1, i2] = &pairs()[0];
     let solve = |fused| {
         let settings = Settings { fused, ..Settings::default() };
-        Solver::for_pair(&engine, i1, i2, &settings).unwrap().solve(i1, i2).unwrap()
+        PairSolver::for_pair(&engine, i1, i2, &settings).unwrap().solve(i1, i2).unwrap()
     };
     let (whole, mut found) = (solve(true), solve(false));
     assert_eq!(bits(&found.relative_blur), bits(&whole.relative_blur));
@@ -58,10 +58,10 @@ fn pairs_under_way_side_by_side_come_out_as_one_by_one() {
     let (pairs, settings) = (pairs(), Settings::default());
     let formats = [pairs[0][0].format(), pairs[0][1].format()];
     let one_by_one: Vec<Solution> = {
-        let mut solver = Solver::new(&engine, SIZE[0], SIZE[1], formats, &settings).unwrap();
+        let mut solver = PairSolver::new(&engine, SIZE[0], SIZE[1], formats, &settings).unwrap();
         pairs.iter().map(|[i1, i2]| solver.solve(i1, i2).unwrap()).collect()
     };
-    let mut solver = Solver::with_slots(3, &engine, SIZE, formats, &settings).unwrap();
+    let mut solver = PairSolver::with_slots(3, &engine, SIZE, formats, &settings).unwrap();
     let mut tickets = Vec::new();
     for (n, [i1, i2]) in pairs.iter().enumerate() {
         tickets.push(solver.submit(n % 3, i1, i2).unwrap());
@@ -85,7 +85,7 @@ fn a_pair_may_be_written_where_the_device_reads_it() {
     let engine = TestEngine::new();
     let [i1, i2] = &pairs()[2];
     let settings = Settings { white_level: Some(0.75), ..Settings::default() };
-    let mut solver = Solver::for_pair(&engine, i1, i2, &settings).unwrap();
+    let mut solver = PairSolver::for_pair(&engine, i1, i2, &settings).unwrap();
     let expected = solver.solve(i1, i2).unwrap();
     for (image, frame) in [i1, i2].into_iter().enumerate() {
         solver.input(0, image).unwrap().copy_from_slice(frame.bytes());
@@ -102,7 +102,7 @@ fn what_a_mask_leaves_out_is_nothing_in_what_is_lent() {
     let [i1, i2] = &pairs()[1];
     let left_out = |i: usize| (30..60).contains(&(i % 96)) && i / 96 > 40;
     let picture = (0..96 * 80).map(|i| if left_out(i) { 0.0 } else { 1.0 }).collect();
-    let mut solver = Solver::for_pair(&engine, i1, i2, &Settings::default()).unwrap();
+    let mut solver = PairSolver::for_pair(&engine, i1, i2, &Settings::default()).unwrap();
     solver.set_mask(Some(Mask::of_picture(&Frame::gray(96, 80, picture).unwrap()))).unwrap();
     let view = solver.solve_in_place(i1, i2).unwrap();
     let known = view.relative_blur().iter().filter(|v| !v.is_nan()).count();

@@ -5,8 +5,8 @@ use std::time::Duration;
 use crate::common::scene::{Random, luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error, options};
 use parfocal::{
-    Channels, Depth, Engine, EngineOptions, Error, Format, Frame, Method, Photometric, Samples, Settings, Similarity,
-    Solver, reference,
+    Channels, Depth, Engine, EngineOptions, Error, Format, Frame, Method, PairSolver, Photometric, Samples, Settings,
+    Similarity, reference,
 };
 
 fn small_pair() -> [Frame; 2] {
@@ -56,7 +56,7 @@ fn the_same_pair_gives_the_same_bits() {
     let [i1, i2] = small_pair();
     let engine = TestEngine::new();
     let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
     let first = solver.solve(&i1, &i2).unwrap();
     // Another pair between must leave no trace.
     solver.solve(&i2, &i1).unwrap();
@@ -176,18 +176,18 @@ fn extreme_values_give_numbers() {
 fn sizes_and_formats_that_do_not_fit_are_refused() {
     let engine = TestEngine::new();
     let gray = Format { channels: Channels::Gray, depth: Depth::U8 };
-    let prepare = |w, h| Solver::new(&engine, w, h, [gray; 2], &Settings::default()).map(|_| ());
+    let prepare = |w, h| PairSolver::new(&engine, w, h, [gray; 2], &Settings::default()).map(|_| ());
     assert!(matches!(prepare(1, 1), Err(Error::TooSmall { .. })));
     assert!(matches!(prepare(8, 8), Err(Error::TooSmall { .. })));
     assert!(matches!(prepare(1 << 20, 16), Err(Error::TooLarge { .. })));
     assert!(matches!(prepare(16384, 16384), Err(Error::TooLarge { .. })));
     assert!(matches!(prepare(u32::MAX, u32::MAX), Err(Error::TooLarge { .. })));
     let [i1, i2] = small_pair();
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
     let other = Frame::gray(75, 97, vec![0.5; 97 * 75]).unwrap();
     assert!(matches!(solver.solve(&i1, &other), Err(Error::Mismatch(_))));
     assert!(matches!(solver.solve(&other, &other), Err(Error::Mismatch(_))));
-    assert!(matches!(Solver::for_pair(&engine, &i1, &other, &Settings::default()), Err(Error::Mismatch(_))));
+    assert!(matches!(PairSolver::for_pair(&engine, &i1, &other, &Settings::default()), Err(Error::Mismatch(_))));
 }
 
 #[test]
@@ -206,7 +206,7 @@ fn engines_and_solvers_go_to_other_threads() {
     fn sync<T: Sync>() {}
     send::<Engine>();
     sync::<Engine>();
-    send::<Solver>();
+    send::<PairSolver>();
     let engine = TestEngine::new();
     let [i1, i2] = small_pair();
     let found: Vec<_> = std::thread::scope(|scope| {
@@ -222,7 +222,7 @@ fn progress_is_told_by_level() {
     let [i1, i2] = small_pair();
     let engine = TestEngine::new();
     let mut seen = Vec::new();
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
     solver.solve_with(&i1, &i2, &mut |p| seen.push((p.done, p.levels, p.width))).unwrap();
     assert_eq!(seen, [(1, 2, 49), (2, 2, 97)]);
 }
@@ -241,7 +241,7 @@ fn a_listener_that_panics_leaves_nothing_in_use() {
     let engine = TestEngine::alone();
     let [i1, i2] = small_pair();
     let panics = |settings: &Settings| {
-        let mut solver = Solver::for_pair(&engine, &i1, &i2, settings).unwrap();
+        let mut solver = PairSolver::for_pair(&engine, &i1, &i2, settings).unwrap();
         let solve = std::panic::AssertUnwindSafe(|| {
             let _ = solver.solve_with(&i1, &i2, &mut |_| panic!("on purpose"));
         });
@@ -261,9 +261,9 @@ fn a_wait_that_times_out_poisons_the_engine() {
     let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(1), ..options() }).unwrap();
     let [i1, i2] = pair([128, 128], Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
     // Preparing waits too, for the images to be made ready.
-    let prepared = Solver::for_pair(&engine, &i1, &i2, &Settings::default());
+    let prepared = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default());
     let timed_out = prepared.and_then(|mut solver| solver.solve(&i1, &i2));
     assert!(matches!(timed_out, Err(Error::Timeout { .. })), "{timed_out:?}");
-    let after = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).map(|_| ());
+    let after = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).map(|_| ());
     assert!(matches!(after, Err(Error::Poisoned)), "{after:?}");
 }

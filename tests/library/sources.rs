@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 #[cfg(target_os = "linux")]
 use parfocal::DmaBuf;
 use parfocal::{
-    Depth, Engine, EngineOptions, Error, Frame, HostMemory, PixelFormat, Samples, Settings, Similarity, Solver, Source,
-    Ticket,
+    Depth, Engine, EngineOptions, Error, Frame, HostMemory, PairSolver, PixelFormat, Samples, Settings, Similarity,
+    Source, Ticket,
 };
 
 use crate::common::scene::pair;
@@ -69,7 +69,7 @@ fn formats() -> impl Iterator<Item = PixelFormat> {
         .map(|name| name.parse().unwrap())
 }
 
-fn bits(solver: &mut Solver, ticket: &Ticket) -> Vec<u32> {
+fn bits(solver: &mut PairSolver, ticket: &Ticket) -> Vec<u32> {
     let view = solver.wait(ticket, Duration::MAX).unwrap().unwrap();
     assert!(view.converged, "{:?}", view.warnings);
     let fused = (0..view.fused_channels.count() as usize).filter_map(|n| view.fused(n)).flatten();
@@ -86,7 +86,7 @@ fn every_way_in_gives_what_unpacked_frames_give() {
         let photographs = frames.each_ref().map(|frame| packed(frame, format));
         let [i1, i2] = photographs.each_ref().map(|bytes| format.frame(SIZE, bytes).unwrap());
         let expected = engine.solve([&i1, &i2], &settings);
-        let mut solver = Solver::with_slots(2, &engine, SIZE, [format; 2], &settings).unwrap();
+        let mut solver = PairSolver::with_slots(2, &engine, SIZE, [format; 2], &settings).unwrap();
         let pitch = photographs[0].len() / SIZE[1] as usize + 7;
         let [a, b] = photographs.each_ref().map(|bytes| with_gaps(bytes, pitch));
         solver.input(1, 0).unwrap().copy_from_slice(&photographs[0]);
@@ -128,7 +128,7 @@ fn memory_that_is_shared_may_be_written_anew_once_it_is_taken() {
     // SAFETY: the ring outlives what is made of it, and is written only when its pairs are taken.
     let memory = engine.share(unsafe { HostMemory::new(NonNull::from(ring.as_mut_slice()).cast(), ring.len()) });
     assert_eq!(memory.bytes(), ring.len());
-    let mut solver = Solver::with_slots(1, &engine, SIZE, [format; 2], &Settings::default()).unwrap();
+    let mut solver = PairSolver::with_slots(1, &engine, SIZE, [format; 2], &Settings::default()).unwrap();
     let places = [1, 1 + i1.bytes().len()];
     let sources = places.map(|offset| Source::Shared { memory: &memory, offset, pitch: 0 });
     let mut solve = |ring: &mut Vec<u8>| {
@@ -161,7 +161,7 @@ fn what_a_device_cannot_import_the_host_copies_out_of() {
     // SAFETY: likewise.
     let memory = engine.share_dma_buf(unsafe { DmaBuf::new(file.into(), bytes) }).unwrap();
     assert!(memory.is_staged());
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
     let sources = [0, bytes / 2].map(|offset| Source::Shared { memory: &memory, offset, pitch: 0 });
     let ticket = solver.submit_sources(0, sources, &[]).unwrap();
     assert_eq!(ticket.is_fetched(), [false; 2]);
@@ -175,11 +175,11 @@ fn what_a_device_cannot_import_the_host_copies_out_of() {
 fn what_does_not_fit_is_refused_and_nothing_of_it_is_read() {
     let (engine, [i1, i2]) = (TestEngine::new(), frames());
     let settings = Settings::default();
-    let told = |solver: &mut Solver, sources: [Source<'_>; 2]| match solver.submit_sources(0, sources, &[]) {
+    let told = |solver: &mut PairSolver, sources: [Source<'_>; 2]| match solver.submit_sources(0, sources, &[]) {
         Err(Error::Mismatch(problem)) => problem,
         other => panic!("{other:?}"),
     };
-    let mut gray = Solver::for_pair(&engine, &i1, &i2, &settings).unwrap();
+    let mut gray = PairSolver::for_pair(&engine, &i1, &i2, &settings).unwrap();
     let (frame, mut bytes) = (Source::Frame(&i1), i2.bytes().to_vec());
     let short = Source::Rows { bytes: &bytes[1..], pitch: 0 };
     assert!(told(&mut gray, [frame, short]).contains("take 30720 bytes, and there are 30719"));
@@ -190,7 +190,7 @@ fn what_does_not_fit_is_refused_and_nothing_of_it_is_read() {
     let infinite = Source::Rows { bytes: &bytes, pitch: 0 };
     assert!(told(&mut gray, [frame, infinite]).contains("photograph 2: a sample is not finite"));
     let format: PixelFormat = "Mono12p".parse().unwrap();
-    let mut odd = Solver::with_slots(1, &engine, [97, 80], [format; 2], &settings).unwrap();
+    let mut odd = PairSolver::with_slots(1, &engine, [97, 80], [format; 2], &settings).unwrap();
     let rows = Source::Rows { bytes: &[0; 12000], pitch: 148 };
     assert!(told(&mut odd, [rows, rows]).contains("ends within a byte"));
     assert!(told(&mut odd, [frame, rows]).contains("prepared for 97x80 Mono12p, not 96x80"));
@@ -199,7 +199,7 @@ fn what_does_not_fit_is_refused_and_nothing_of_it_is_read() {
     let memory = other.share(unsafe { HostMemory::new(NonNull::from(bytes.as_slice()).cast(), bytes.len()) });
     let shared = |offset| Source::Shared { memory: &memory, offset, pitch: 0 };
     assert!(told(&mut gray, [frame, shared(0)]).contains("of the engine that it was shared with"));
-    let mut its_own = Solver::for_pair(&other, &i1, &i2, &settings).unwrap();
+    let mut its_own = PairSolver::for_pair(&other, &i1, &i2, &settings).unwrap();
     assert!(told(&mut its_own, [frame, shared(4)]).contains("there are 30716"));
     assert!(told(&mut its_own, [frame, shared(usize::MAX)]).contains("there are 0"));
 }
@@ -216,13 +216,13 @@ fn how_long_frames_of_a_camera_take() {
         let bytes: Vec<u8> = (0..format.bytes(size)).map(|i| (i * i / 7 + i / 97) as u8).collect();
         let settings = Settings { levels: Some(1), outer_iterations: 5, fused: false, ..Settings::default() };
         let [plain, unpacked] = [PixelFormat::from(format.format()), format];
-        let mut by_host = Solver::with_slots(1, &engine, size, [plain; 2], &settings).unwrap();
-        let mut by_device = Solver::with_slots(1, &engine, size, [unpacked; 2], &settings).unwrap();
+        let mut by_host = PairSolver::with_slots(1, &engine, size, [plain; 2], &settings).unwrap();
+        let mut by_device = PairSolver::with_slots(1, &engine, size, [unpacked; 2], &settings).unwrap();
         // SAFETY: the bytes outlive it, and are not written.
         let memory = engine.share(unsafe { HostMemory::new(NonNull::from(bytes.as_slice()).cast(), bytes.len()) });
         let mut rounds = [(); 3].map(|()| Vec::new());
         for _ in 0..6 {
-            let mut note = |n: usize, solver: &mut Solver, submit: &dyn Fn(&mut Solver) -> Ticket| {
+            let mut note = |n: usize, solver: &mut PairSolver, submit: &dyn Fn(&mut PairSolver) -> Ticket| {
                 let began = Instant::now();
                 let ticket = submit(solver);
                 let held = began.elapsed();

@@ -6,7 +6,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use parfocal::focus_stack::{SweepOptions, solve_sweep};
-use parfocal::{Engine, EngineOptions, Error, Format, Frame, Full, Settings, Similarity, Solution, Solver, Stream};
+use parfocal::{
+    Engine, EngineOptions, Error, Format, Frame, PairSolver, QueueFull, Settings, Similarity, Solution, Stream,
+};
 
 use crate::common::scene::{pair, slanted};
 use crate::common::{TestEngine, options};
@@ -18,7 +20,7 @@ static SOLVED: LazyLock<Vec<([Frame; 2], Solution)>> = LazyLock::new(|| {
     let engine = TestEngine::new();
     let of = |n: u64| pair(SIZE, Similarity::new(0.3 * n as f64, -0.3, 0.05, 1.0), slanted(SIZE[0]), 0.0, 3 + n);
     let pairs = (0..4).map(of);
-    let mut solver = Solver::new(&engine, SIZE[0], SIZE[1], formats(), &settings()).unwrap();
+    let mut solver = PairSolver::new(&engine, SIZE[0], SIZE[1], formats(), &settings()).unwrap();
     pairs.map(|pair| (pair.clone(), solver.solve(&pair[0], &pair[1]).unwrap())).collect()
 });
 
@@ -94,7 +96,7 @@ fn a_full_stream_gives_the_pair_back() {
     assert!(stream.next(Duration::ZERO).unwrap().is_none(), "nothing is pushed");
     pairs(2).for_each(|pair| stream.push(pair, Duration::ZERO).unwrap());
     let before = Instant::now();
-    let Full(back) = stream.push(solved(2).0.clone(), Duration::from_millis(30)).unwrap_err();
+    let QueueFull(back) = stream.push(solved(2).0.clone(), Duration::from_millis(30)).unwrap_err();
     assert!(back == solved(2).0 && before.elapsed() >= Duration::from_millis(30));
     assert_is(&stream.next(Duration::MAX).unwrap().unwrap(), 0);
     stream.push(back, Duration::ZERO).unwrap();
@@ -188,7 +190,7 @@ fn how_much_a_stream_saves() {
     let (size, settings) = ([512, 384], Settings::default());
     let engine = Engine::new(&EngineOptions { validation: false, timed: false, ..options() }).unwrap();
     let pair = pair(size, Similarity::new(1.0, -0.5, 0.1, 1.001), slanted(size[0]), 0.002, 7);
-    let mut solver = Solver::new(&engine, size[0], size[1], formats(), &settings).unwrap();
+    let mut solver = PairSolver::new(&engine, size[0], size[1], formats(), &settings).unwrap();
     let mut stream = Stream::new(&[&engine], 3, size, formats(), &settings).unwrap();
     let pairs = || iter::repeat_n(pair.clone(), 20);
     let mut one_by_one = || pairs().for_each(|[i1, i2]| drop(solver.solve(&i1, &i2).unwrap()));

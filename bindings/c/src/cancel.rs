@@ -2,7 +2,7 @@
 
 use std::ffi::c_void;
 
-use parfocal::Cancel;
+use parfocal::CancellationToken;
 
 use crate::fault::{Fault, call, parfocal_status};
 use crate::handle::{free, get, give};
@@ -10,14 +10,14 @@ use crate::handle::{free, get, give};
 /// Calls solves off, from any thread: what is being solved with it ends soon, with PARFOCAL_CANCELLED, and so does all that begins with it
 /// afterwards. What was used is good for the next call.
 pub struct parfocal_cancel {
-    pub(crate) cancel: Cancel,
+    pub(crate) cancel: CancellationToken,
 }
 
 /// Makes one.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_cancel_new(cancel: *mut *mut parfocal_cancel) -> parfocal_status {
     // SAFETY: the contract is the same.
-    call(|| unsafe { give(cancel, || Ok(parfocal_cancel { cancel: Cancel::default() })) })
+    call(|| unsafe { give(cancel, || Ok(parfocal_cancel { cancel: CancellationToken::default() })) })
 }
 
 /// Calls off what is being solved with it.
@@ -45,7 +45,7 @@ pub type parfocal_progress = Option<unsafe extern "C" fn(context: *mut c_void, d
 pub(crate) struct Watch {
     pub(crate) progress: parfocal_progress,
     pub(crate) context: *mut c_void,
-    pub(crate) cancel: Cancel,
+    pub(crate) cancel: CancellationToken,
 }
 
 impl Watch {
@@ -57,7 +57,7 @@ impl Watch {
         cancel: *const parfocal_cancel,
     ) -> Result<Self, Fault> {
         let cancel = match cancel.is_null() {
-            true => Cancel::default(),
+            true => CancellationToken::default(),
             // SAFETY: the contract is the same.
             false => unsafe { get(cancel, "cancel") }?.cancel.clone(),
         };

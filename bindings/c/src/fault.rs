@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::ffi::{CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use parfocal::{Error, Full};
+use parfocal::{Error, QueueFull};
 
 /// How a call ended.
 #[repr(C)]
@@ -77,8 +77,8 @@ impl From<Error> for Fault {
     }
 }
 
-impl From<Full> for Fault {
-    fn from(full: Full) -> Self {
+impl From<QueueFull> for Fault {
+    fn from(full: QueueFull) -> Self {
         Self { status: PARFOCAL_FULL, message: full.to_string() }
     }
 }

@@ -4,7 +4,8 @@ use std::ffi::c_void;
 use std::sync::Arc;
 
 use parfocal::{
-    Channels, Engine, Format, Frame, Kept, Kernel, Mask, Method, Progress, Region, Samples, Scope, Settings, Solver,
+    Channels, Engine, Format, Frame, Kernel, Mask, Method, PairSolver, Progress, Region, Samples, Settings,
+    SolveOptions, SolverCache,
 };
 
 use crate::cancel::{Watch, parfocal_cancel, parfocal_progress};
@@ -20,8 +21,8 @@ use crate::solution::parfocal_solution;
 pub struct parfocal_solver {
     engine: Arc<Engine>,
     told: Told,
-    kept: Option<Kept>,
-    registering: Option<([u32; 2], [Format; 2], Settings, Solver)>,
+    kept: Option<SolverCache>,
+    registering: Option<([u32; 2], [Format; 2], Settings, PairSolver)>,
 }
 
 /// A rectangle of pixels.
@@ -79,7 +80,7 @@ unsafe impl Versioned for parfocal_scope {
 ///
 /// # Safety
 /// `from` is NULL, or as the header says, the mask of this photograph's size.
-pub(crate) unsafe fn scope(from: *const parfocal_scope, i1: &Frame) -> Result<(Scope, Watch), Fault> {
+pub(crate) unsafe fn scope(from: *const parfocal_scope, i1: &Frame) -> Result<(SolveOptions, Watch), Fault> {
     // SAFETY: the contract is the same.
     let asked = if from.is_null() { parfocal_scope::start() } else { unsafe { read(from) }? };
     // SAFETY: the header asks for a handle, and for what may be called.
@@ -97,7 +98,7 @@ pub(crate) unsafe fn scope(from: *const parfocal_scope, i1: &Frame) -> Result<(S
         }
     };
     let cancel = watch.cancel.clone();
-    Ok((Scope { region, mask, crop_valid: asked.crop_valid != 0, cancel, ..Scope::default() }, watch))
+    Ok((SolveOptions { region, mask, crop_valid: asked.crop_valid != 0, cancel, ..SolveOptions::default() }, watch))
 }
 
 /// Prepares for pairs; settings may be NULL.
@@ -169,7 +170,7 @@ impl parfocal_solver {
         let fits = self.registering.take().filter(|kept| (&kept.0, &kept.1, &kept.2) == (&size, &formats, &settings));
         let mut solver = match fits {
             Some((.., solver)) => solver,
-            None => Solver::for_pair(&self.engine, i1, i2, &settings)?,
+            None => PairSolver::for_pair(&self.engine, i1, i2, &settings)?,
         };
         let registered = solver.register(i1, i2)?;
         let found = parfocal_solution::registered(registered, &settings);

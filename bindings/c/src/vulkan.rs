@@ -5,8 +5,8 @@ use std::mem::transmute;
 use std::sync::Arc;
 
 use parfocal::Engine;
-use parfocal::foreign::ash::vk::{self, Handle};
-use parfocal::foreign::{ForeignDevice, QueueLock};
+use parfocal::interop::ash::vk::{self, Handle};
+use parfocal::interop::{ExternalDevice, QueueLock};
 
 use crate::engine::{parfocal_engine, parfocal_engine_options, told};
 use crate::fault::{Fault, call, parfocal_status};
@@ -112,7 +112,7 @@ pub unsafe extern "C" fn parfocal_engine_from_vulkan(
 
 /// # Safety
 /// The handles are NULL, or what the header says that they are.
-unsafe fn foreign(of: parfocal_vulkan) -> Result<ForeignDevice, Fault> {
+unsafe fn foreign(of: parfocal_vulkan) -> Result<ExternalDevice, Fault> {
     let handles = [
         ("get_instance_proc_addr", of.get_instance_proc_addr),
         ("instance", of.instance),
@@ -127,7 +127,7 @@ unsafe fn foreign(of: parfocal_vulkan) -> Result<ForeignDevice, Fault> {
     // SAFETY: not NULL, and that function, as the header says; the handles are valid, and the queue is used by turns.
     let device = unsafe {
         let entry = transmute::<*const c_void, vk::PFN_vkGetInstanceProcAddr>(of.get_instance_proc_addr);
-        ForeignDevice::from_handles(
+        ExternalDevice::from_handles(
             entry,
             vk::Instance::from_raw(raw(of.instance)),
             vk::PhysicalDevice::from_raw(raw(of.physical_device)),

@@ -4,8 +4,8 @@ use std::ffi::{CStr, c_void};
 use std::ptr::{null, null_mut};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use parfocal::foreign::ash::vk::{self, Handle};
-use parfocal::foreign::{Wanted, ash};
+use parfocal::interop::ash::vk::{self, Handle};
+use parfocal::interop::{DeviceRequirements, ash};
 use parfocal_c::parfocal_status::*;
 use parfocal_c::*;
 
@@ -73,7 +73,7 @@ fn it_solves_alike_by_turns_and_what_is_missing_is_named() {
         let create = vk::InstanceCreateInfo::default().application_info(&application);
         let instance = entry.create_instance(&create, None).unwrap();
         let physical = instance.enumerate_physical_devices().unwrap()[0];
-        let mut wanted = Wanted::of(&instance, physical);
+        let mut wanted = DeviceRequirements::of(&instance, physical);
         let extensions: Vec<_> = wanted.extensions().into_iter().map(CStr::as_ptr).collect();
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(0).queue_priorities(&[1.0])];
         let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&extensions);

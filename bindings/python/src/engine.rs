@@ -8,8 +8,8 @@ use std::time::Duration;
 use numpy::PyReadonlyArray2;
 use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
 use parfocal::{
-    Brightness, Decode, EngineOptions, Format, Frame, Kept, Kernel, Lens, LevelHistory, Method, MetricDepth,
-    Photometric, Progress, Registered, Scope, Settings, Shading, Solution, Solver, resample,
+    Brightness, Decode, EngineOptions, Format, Frame, Kernel, Lens, LevelHistory, Method, MetricDepth, PairSolver,
+    Photometric, Progress, Registered, Settings, Shading, Solution, SolveOptions, SolverCache, resample,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -17,7 +17,7 @@ use pyo3::types::{PyDict, PyList};
 
 use crate::convert::{array_of, field, frame, homography, image, mask, matrix, region, row};
 use crate::settings::settings;
-use crate::watch::{Cancel, Watch};
+use crate::watch::{CancellationToken, Watch};
 use crate::{DeviceError, raised};
 
 /// How often a call looks whether it is its turn.
@@ -36,8 +36,8 @@ pub(crate) struct Engine {
 
 struct Inner {
     engine: parfocal::Engine,
-    kept: Option<Kept>,
-    registering: Option<([u32; 2], [Format; 2], Settings, Solver)>,
+    kept: Option<SolverCache>,
+    registering: Option<([u32; 2], [Format; 2], Settings, PairSolver)>,
 }
 
 impl Drop for Engine {
@@ -88,13 +88,13 @@ impl Engine {
         counts: Option<&Bound<'py, PyAny>>,
         crop_valid: bool,
         progress: Option<Bound<'py, PyAny>>,
-        cancel: Option<PyRef<'_, Cancel>>,
+        cancel: Option<PyRef<'_, CancellationToken>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (i1, i2) = (frame(i1, "i1")?, frame(i2, "i2")?);
         let settings = settings(named, &[&i1, &i2])?;
         let watch = Watch::new(progress, cancel);
         let (mask, cancel) = (counts.map(mask).transpose()?, watch.cancel.clone());
-        let scope = Scope { region: part.map(region), mask, crop_valid, cancel, ..Scope::default() };
+        let scope = SolveOptions { region: part.map(region), mask, crop_valid, cancel, ..SolveOptions::default() };
         let solved = self.watched(py, &watch, |inner, say| {
             let mut progress = |progress: Progress| say(progress.share());
             scope.solve(&inner.engine, &mut inner.kept, [&i1, &i2], &settings, &mut progress)
@@ -110,7 +110,7 @@ impl Engine {
         i2: &Bound<'py, PyAny>,
         named: &Bound<'py, PyDict>,
         progress: Option<Bound<'py, PyAny>>,
-        cancel: Option<PyRef<'_, Cancel>>,
+        cancel: Option<PyRef<'_, CancellationToken>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (i1, i2) = (frame(i1, "i1")?, frame(i2, "i2")?);
         let mut settings = settings(named, &[&i1, &i2])?;
@@ -137,7 +137,7 @@ impl Engine {
         part: Option<[u32; 4]>,
         counts: Option<&Bound<'py, PyAny>>,
         progress: Option<Bound<'py, PyAny>>,
-        cancel: Option<PyRef<'_, Cancel>>,
+        cancel: Option<PyRef<'_, CancellationToken>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let frames: Vec<Frame> =
             frames.iter().enumerate().map(|(n, f)| frame(f, &format!("frames[{n}]"))).collect::<PyResult<_>>()?;
@@ -151,7 +151,7 @@ impl Engine {
         let settings = settings(named, &frames.iter().collect::<Vec<_>>())?;
         let watch = Watch::new(progress, cancel);
         let (mask, cancel) = (counts.map(mask).transpose()?, watch.cancel.clone());
-        let scope = Scope { region: part.map(region), mask, cancel, ..Scope::default() };
+        let scope = SolveOptions { region: part.map(region), mask, cancel, ..SolveOptions::default() };
         let options = SweepOptions { settings, positions, reference, scope };
         let sweep = self.watched(py, &watch, |inner, say| {
             let mut progress = |done: usize, all: usize| say(done as f64 / all.max(1) as f64);
@@ -202,14 +202,14 @@ impl Inner {
         i1: &Frame,
         i2: &Frame,
         settings: &Settings,
-        cancel: &parfocal::Cancel,
+        cancel: &parfocal::CancellationToken,
         say: &mut dyn FnMut(f64),
     ) -> Result<Registered, parfocal::Error> {
         let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
         let fits = self.registering.take().filter(|kept| (&kept.0, &kept.1, &kept.2) == (&size, &formats, settings));
         let mut solver = match fits {
             Some((.., solver)) => solver,
-            None => Solver::for_pair(&self.engine, i1, i2, settings)?,
+            None => PairSolver::for_pair(&self.engine, i1, i2, settings)?,
         };
         solver.set_cancel(cancel.clone());
         let registered = solver.register_with(i1, i2, &mut |progress| say(progress.share()))?;

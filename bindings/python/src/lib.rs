@@ -50,7 +50,7 @@ mod _native {
         measure::{level, profile, step},
         settings::setting_names,
         stream::Stream,
-        watch::Cancel,
+        watch::CancellationToken,
     };
 
     #[pymodule_init]

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use parfocal::{DeviceInfo, EngineOptions, Error, Frame, Full, Settings, Solution};
+use parfocal::{DeviceInfo, EngineOptions, Error, Frame, QueueFull, Settings, Solution};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -116,7 +116,7 @@ impl Stream {
             }
             match prepared.stream.push(pair.take()?, step) {
                 Ok(()) => Some(true),
-                Err(Full(back)) => {
+                Err(QueueFull(back)) => {
                     pair = Some(back);
                     None
                 }

@@ -15,12 +15,12 @@ pub(crate) const STEP: Duration = Duration::from_millis(50);
 /// Calls solves off, from any thread: those that have it raise Cancelled soon, and so do all that begin with it afterwards.
 #[pyclass(frozen, module = "parfocal")]
 #[derive(Default)]
-pub(crate) struct Cancel {
-    pub(crate) cancel: parfocal::Cancel,
+pub(crate) struct CancellationToken {
+    pub(crate) cancel: parfocal::CancellationToken,
 }
 
 #[pymethods]
-impl Cancel {
+impl CancellationToken {
     #[new]
     fn new() -> Self {
         Self::default()
@@ -41,11 +41,11 @@ impl Cancel {
 /// Who is told which share is done, if anyone, and what calls off.
 pub(crate) struct Watch<'py> {
     pub(crate) progress: Option<Bound<'py, PyAny>>,
-    pub(crate) cancel: parfocal::Cancel,
+    pub(crate) cancel: parfocal::CancellationToken,
 }
 
 impl<'py> Watch<'py> {
-    pub(crate) fn new(progress: Option<Bound<'py, PyAny>>, cancel: Option<PyRef<'_, Cancel>>) -> Self {
+    pub(crate) fn new(progress: Option<Bound<'py, PyAny>>, cancel: Option<PyRef<'_, CancellationToken>>) -> Self {
         Self { progress, cancel: cancel.map(|cancel| cancel.cancel.clone()).unwrap_or_default() }
     }
 

@@ -48,7 +48,7 @@ def test_what_progress_raises_ends_the_call(engine):
 
 def test_another_thread_calls_off_and_the_engine_goes_on(engine):
     before = parfocal.solve(NEAR, FAR, engine=engine)
-    cancel = parfocal.Cancel()
+    cancel = parfocal.CancellationToken()
     threading.Timer(0.3, cancel.cancel).start()
     with pytest.raises(parfocal.Cancelled, match="cancelled"):
         parfocal.solve(*LARGE, engine=engine, cancel=cancel, **LONG)

@@ -15,7 +15,7 @@ use self::sweep::SweepArguments;
 use super::failure::Failure;
 use super::lens::{LensArguments, PartOfLens};
 use super::output::{self, ForceArgument};
-use super::told::ToldArguments;
+use super::output_options::ToldArguments;
 
 /// Render a synthetic pair of images of which relative blur, depth and registration are known; with --frames, a focus sweep.
 ///

@@ -7,7 +7,7 @@ use parfocal::scene::{Scene, SweepScene, SweepTruth, simulated_sweep_files, writ
 
 use crate::cli::failure::Failure;
 use crate::cli::output;
-use crate::cli::told::ToldArguments;
+use crate::cli::output_options::ToldArguments;
 
 /// What a sweep is told that a pair is not.
 #[derive(clap::Args, Debug)]

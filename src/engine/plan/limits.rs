@@ -2,7 +2,7 @@
 
 use super::Plan;
 use crate::base::{DeviceInfo, Error};
-use crate::engine::stages::{self, evidence, half_pair, linearise};
+use crate::engine::stages::{self, half_pair, linearise, uncertainty_terms};
 use crate::engine::vulkan::{Device, MIB, image_limits};
 
 impl Plan {
@@ -34,7 +34,7 @@ impl Plan {
         let full = pixels(self.size);
         let half = pixels([self.size[0].div_ceil(2), self.size[1]]);
         let stacks = u64::from(self.stack_layers());
-        let evidence = evidence::LAYERS as u64 * pixels(evidence::size(self.size));
+        let evidence = uncertainty_terms::LAYERS as u64 * pixels(uncertainty_terms::size(self.size));
         let equations = u64::from(linearise::LAYERS);
         // Of either colour: right sides, four weights of half a float, dV.
         let floats = evidence + 4 * pyramid + solved + (2 + stacks + equations) * full + 2 * (1 + 2 + 1) * half;

@@ -6,11 +6,11 @@ use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::{self, Adopt};
 use crate::engine::stages::stack::{self, Slopes};
 use crate::engine::stages::state::MAX_LEVELS;
-use crate::engine::stages::{evidence, shape_windows};
+use crate::engine::stages::{shape_windows, uncertainty_terms};
 
 mod level;
 mod limits;
-mod told;
+mod push_constants;
 mod weights;
 
 pub(crate) use level::Level;
@@ -97,7 +97,7 @@ impl Plan {
             solved,
             halve: weights.add(&halving_filter()),
             prefilter: weights.add(&filter::spline_prefilter()),
-            window: weights.add(&evidence::window()),
+            window: weights.add(&uncertainty_terms::window()),
             layers,
             band: band().map(|filter| weights.add(&filter)),
             pyramid,

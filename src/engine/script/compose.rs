@@ -12,9 +12,9 @@ use crate::engine::slot::{self, Slot};
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{
-    NO_VARIANT, appearance, convolve, ingest, linearise, mask, prolong, relax, step, sums, unpack, update,
+    NO_VARIANT, appearance, convolve, ingest, linearise, mask, prolong, relax, sums, unpack, update, update_transform,
 };
-use crate::engine::tiles::Wanted;
+use crate::engine::tiles::DeviceRequirements;
 use crate::engine::vulkan::Variant;
 
 /// Which photograph.
@@ -120,7 +120,7 @@ pub(super) struct Composer<'a> {
     /// Where the next pass stands.
     pub(super) place: Place,
     /// What passes are wanted for, where not for everything.
-    wanted: Option<Wanted>,
+    wanted: Option<DeviceRequirements>,
     /// The lists of its tiles, by their size and margin: where they begin, and how many they are.
     listed: BTreeMap<([u32; 2], u32), [u32; 2]>,
     /// All lists so far.
@@ -195,7 +195,7 @@ impl<'a> Composer<'a> {
     }
 
     /// What the passes to come are wanted for.
-    pub(super) fn want(&mut self, wanted: Wanted) {
+    pub(super) fn want(&mut self, wanted: DeviceRequirements) {
         self.wanted = Some(wanted);
         self.listed.clear();
     }
@@ -392,8 +392,8 @@ impl<'a> Composer<'a> {
     }
 
     /// T; settled?
-    fn step(&mut self, level: &Level, constants: &step::Constants) {
-        let bindings = step::Bindings {
+    fn step(&mut self, level: &Level, constants: &update_transform::Constants) {
+        let bindings = update_transform::Bindings {
             partials: slot::PARTIALS.read(),
             state: slot::STATE.update(),
             energies: slot::ENERGIES.write(),

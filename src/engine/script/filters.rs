@@ -5,7 +5,7 @@ use crate::engine::arguments::{Grid, Over, Place};
 use crate::engine::plan::{FilterRange, Level, StackLayer};
 use crate::engine::slot::{self, Handle, Plane};
 use crate::engine::stages::stack::Sampling;
-use crate::engine::stages::{NO_VARIANT, convolve, even, subdivide, warp};
+use crate::engine::stages::{NO_VARIANT, apply_shading, convolve, subdivide, warp};
 
 /// An image of one float a pixel, and which of its layers.
 pub(super) type Layer = (Handle<Plane>, u32);
@@ -78,8 +78,11 @@ impl Composer<'_> {
 
     /// I2 evened out, into a layer.
     fn even(&mut self, level: &Level, to: Layer) -> Layer {
-        let bindings =
-            even::Bindings { from: slot::i2(level.index).read(), to: to.0.write(), state: slot::STATE.update() };
+        let bindings = apply_shading::Bindings {
+            from: slot::i2(level.index).read(),
+            to: to.0.write(),
+            state: slot::STATE.update(),
+        };
         self.over(level.size, bindings, &self.plan.even(level, to.1), NO_VARIANT);
         to
     }

@@ -131,7 +131,7 @@ mod tests {
         let script = script(Method::Unified, false);
         let first: Vec<&Entry> = script.parts[0].entries.iter().filter(|entry| name(entry) == "ingest").collect();
         assert!(!first[0].waits, "nothing came before it");
-        let iteration = |entry: &&Entry| ["linearise", "step", "relax", "update"].contains(&name(entry));
+        let iteration = |entry: &&Entry| ["linearise", "update_transform", "relax", "update"].contains(&name(entry));
         for part in &script.parts {
             // The first of a part waits by being so.
             assert!(part.entries.iter().skip(1).filter(iteration).all(|entry| entry.waits));

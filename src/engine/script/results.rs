@@ -2,13 +2,13 @@
 
 use super::compose::{BOTH, Composer};
 use crate::engine::slot;
-use crate::engine::stages::{NO_VARIANT, evidence, fuse, linearise, residual, uncertainty};
+use crate::engine::stages::{NO_VARIANT, fuse, linearise, residual, uncertainty, uncertainty_terms};
 
 impl Composer<'_> {
     /// What decided V and what nothing explains, averaged over a window around each pixel.
     pub(super) fn evidence(&mut self) {
-        let size = evidence::size(self.plan.size);
-        let bindings = evidence::Bindings {
+        let size = uncertainty_terms::size(self.plan.size);
+        let bindings = uncertainty_terms::Bindings {
             v: slot::relative_blur(0).read(),
             equations: slot::NORMAL_EQUATIONS.read(),
             evidence: slot::EVIDENCE.write(),
@@ -23,7 +23,7 @@ impl Composer<'_> {
         };
         let variant = linearise::variant(self.plan.slopes(), self.plan.warps(&self.plan.pyramid[0]), false, false);
         self.over(size, bindings, &self.plan.residual(), variant);
-        for layer in 0..evidence::LAYERS as u32 {
+        for layer in 0..uncertainty_terms::LAYERS as u32 {
             self.smooth((slot::EVIDENCE.plane(), layer), size);
         }
     }

@@ -6,7 +6,7 @@ use crate::base::color::LUMINANCE;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::{self, Slot};
 use crate::engine::stages::{NO_VARIANT, align, copy, half_pair, prolong, system, update};
-use crate::engine::tiles::Wanted;
+use crate::engine::tiles::DeviceRequirements;
 
 fn script(plan: &Plan, fill: impl FnOnce(&mut Composer)) -> Script {
     let mut composer = Composer::new(plan, false);
@@ -59,7 +59,7 @@ pub(crate) struct Beside {
     pub(crate) frame: u32,
     pub(crate) others: Vec<half_pair::Constants>,
     /// Where it is to be the sharper.
-    pub(crate) wanted: Wanted,
+    pub(crate) wanted: DeviceRequirements,
 }
 
 /// What pairs say, by the sharper frame of each: one stack at a time.

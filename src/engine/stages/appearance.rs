@@ -101,8 +101,8 @@ mod tests {
     use super::super::harness::{Rig, random_field, smooth_field};
     use super::super::linearise::{rows, tiles};
     use super::super::state::State;
-    use super::super::step;
     use super::super::sums::UNKNOWNS;
+    use super::super::update_transform;
     use super::*;
     use crate::base::{Homography, Kernel, Photometric, Similarity};
     use crate::engine::stages::harness::build_stack;
@@ -193,7 +193,7 @@ mod tests {
         let moved = |i: usize, by: f64| {
             let mut x = [0.0; UNKNOWNS];
             x[i] = by;
-            let r = start.after(&step::displacing(f64::from(c.length), 1.0, x));
+            let r = start.after(&update_transform::displacing(f64::from(c.length), 1.0, x));
             twin(&c, &r, &i1, &spline[0], None).energy
         };
         for (i, found) in gradient.iter().enumerate() {

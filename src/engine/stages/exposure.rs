@@ -11,9 +11,9 @@
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{DMatrix, DVector};
 
+use super::blur_matched_pair::LAYERS;
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::sides::LAYERS;
 use super::state::{DoubleState, from_centre};
 use super::{Field, pixels};
 use crate::base::{Shading, shading};

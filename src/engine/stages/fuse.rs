@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::seen::heaviside;
+use super::resample_pair::heaviside;
 use super::state::{Registration, from_centre, inside};
 use super::{Field, pixels, spline};
 use crate::base::Shading;

@@ -23,7 +23,7 @@ use super::mask::{self, Masks};
 use super::memory::Memory;
 use super::noise::{self, Noise};
 use super::pass::{Pass, bindings};
-use super::seen::{Seen, heaviside, see};
+use super::resample_pair::{Seen, heaviside, see};
 use super::stack::Slopes;
 use super::state::{Registration, inside};
 use super::sums::{Layout, Sums};

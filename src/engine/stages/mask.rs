@@ -3,7 +3,7 @@
 //! A clipped pixel, one channel of which is white or all of which are black, says only that the light was at least, or at
 //! most, so much; a pixel that the mask leaves out is none of the scene. Neither has a data term or a part in the
 //! registration. Nor have the pixels close around: blurred, an image shows there what is not the scene's. So the mask is
-//! averaged over the [window](super::evidence::window()) of every pixel, σ 2 px of the finest level, then filtered and
+//! averaged over the [window](super::uncertainty_terms::window()) of every pixel, σ 2 px of the finest level, then filtered and
 //! halved as the images are; and a pixel counts for `1 - 25 (1 - m)`, at least 0, of that mean m. A single clipped pixel
 //! takes 0.04 from the m of its own: it counts for nothing and its neighbours for little; of a large clipped area nothing
 //! counts up to 3.5 px around.

@@ -5,11 +5,11 @@
 
 pub mod align;
 pub mod appearance;
+pub mod apply_shading;
 pub mod blur;
+pub mod blur_matched_pair;
 pub mod convolve;
 pub mod copy;
-pub mod even;
-pub mod evidence;
 pub mod exposure;
 pub mod field;
 pub mod fuse;
@@ -25,22 +25,22 @@ pub(crate) mod pass;
 pub mod prolong;
 pub mod relax;
 pub mod relax_level;
+pub(crate) mod resample_pair;
 pub mod residual;
-pub(crate) mod seen;
 pub mod shape;
 pub mod shape_median;
 pub mod shape_windows;
-pub mod sides;
 pub mod spline;
 pub mod stack;
 pub mod state;
-pub mod step;
 pub mod subdivide;
 pub mod sums;
 pub mod system;
 pub mod uncertainty;
+pub mod uncertainty_terms;
 pub mod unpack;
 pub mod update;
+pub mod update_transform;
 pub mod warp;
 
 use std::collections::HashMap;
@@ -104,8 +104,8 @@ mod tests {
         &appearance::STAGE,
         &convolve::STAGE,
         &copy::STAGE,
-        &even::STAGE,
-        &evidence::STAGE,
+        &apply_shading::STAGE,
+        &uncertainty_terms::STAGE,
         &exposure::STAGE,
         &fuse::STAGE,
         &half_pair::STAGE,
@@ -119,8 +119,8 @@ mod tests {
         &shape::STAGE,
         &shape_median::STAGE,
         &shape_windows::STAGE,
-        &sides::STAGE,
-        &step::STAGE,
+        &blur_matched_pair::STAGE,
+        &update_transform::STAGE,
         &subdivide::STAGE,
         &system::STAGE,
         &uncertainty::STAGE,

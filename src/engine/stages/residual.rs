@@ -1,7 +1,7 @@
 //! What neither blur nor T explains, on every other pixel: H S1² + (1 - H) S2², with the residuals of
 //! [`linearise`](mod@super::linearise).
 //!
-//! Averaged over the [window](super::evidence::window()) its root is a map of what moved between the photographs, shone
+//! Averaged over the [window](super::uncertainty_terms::window()) its root is a map of what moved between the photographs, shone
 //! differently, or is nearer than what it hides.
 
 use bytemuck::{Pod, Zeroable};
@@ -9,9 +9,9 @@ use bytemuck::{Pod, Zeroable};
 use super::blur::Stacks;
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::seen::{heaviside, see};
+use super::resample_pair::{heaviside, see};
 use super::state::{Registration, inside};
-use super::{Field, evidence, pixels};
+use super::{Field, pixels, uncertainty_terms};
 use crate::engine::vulkan::{Stage, Variant};
 
 /// Push constants.
@@ -56,7 +56,7 @@ impl Pass for Bindings {
 
     /// Bytes that must move: on every fourth pixel V, I1, J and two nodes read, one value written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        let [width, height] = evidence::size([c.width, c.height]);
+        let [width, height] = uncertainty_terms::size([c.width, c.height]);
         24 * pixels(width, height)
     }
 
@@ -79,7 +79,7 @@ pub fn twin(
     v: &Field,
     stacks: &Stacks,
 ) -> Field {
-    let [width, height] = evidence::size([c.width, c.height]);
+    let [width, height] = uncertainty_terms::size([c.width, c.height]);
     Field::from_fn(width as usize, height as usize, |x, y| {
         let (x, v) = ([2 * x, 2 * y], v.get(2 * x, 2 * y));
         let d = r.displacement(x[0], x[1], 1.0, c.centre.map(f64::from));
@@ -131,7 +131,7 @@ mod tests {
 
         let rig = Rig::new();
         let images = [rig.image(&[i1]), rig.image(&[v]), rig.image(&stacks.concat())];
-        let size = evidence::size([c.width, c.height]);
+        let size = uncertainty_terms::size([c.width, c.height]);
         let (found, state) = (rig.empty(size, 2), rig.upload(bytemuck::bytes_of(&state)));
         let mut resources: Vec<_> = images.iter().chain([&found]).map(Resource::Image).collect();
         resources.push(Resource::Buffer(&state));

@@ -16,10 +16,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::evidence::{self, WINDOW};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
 use super::state::{Registration, inside};
+use super::uncertainty_terms::{self, WINDOW};
 use super::{Field, pixels};
 use crate::engine::vulkan::{Stage, Variant};
 
@@ -84,8 +84,8 @@ impl Pass for Bindings {
 
     /// Bytes that must move: V and on every fourth pixel the evidence read, three results written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        let [width, height] = evidence::size([c.width, c.height]);
-        16 * pixels(c.width, c.height) + 4 * evidence::LAYERS as u64 * pixels(width, height)
+        let [width, height] = uncertainty_terms::size([c.width, c.height]);
+        16 * pixels(c.width, c.height) + 4 * uncertainty_terms::LAYERS as u64 * pixels(width, height)
     }
 
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
@@ -103,7 +103,7 @@ pub fn twin(
     c: &Constants,
     r: &Registration,
     v: &Field,
-    evidence: &[Field; evidence::LAYERS],
+    evidence: &[Field; uncertainty_terms::LAYERS],
     mask: Option<&[u8]>,
 ) -> [Field; 3] {
     let size = [v.width, v.height];
@@ -128,7 +128,7 @@ pub fn twin(
     let or_none = |value: &dyn Fn(usize, usize) -> f64| {
         Field::from_fn(v.width, v.height, |x, y| if valid(x, y) { value(x, y) } else { f64::NAN })
     };
-    let residual = or_none(&|x, y| mean(&evidence[evidence::RESIDUAL], x, y).max(0.0).sqrt());
+    let residual = or_none(&|x, y| mean(&evidence[uncertainty_terms::RESIDUAL], x, y).max(0.0).sqrt());
     [or_none(&|x, y| v.get(x, y)), deviation, residual]
 }
 
@@ -144,8 +144,8 @@ mod tests {
     fn agrees_with_the_twin() {
         for (width, height) in [(37usize, 21usize), (64, 16)] {
             let v = random_field(width, height, 1);
-            let half = evidence::size([width as u32, height as u32]);
-            let mut evidence: [Field; evidence::LAYERS] =
+            let half = uncertainty_terms::size([width as u32, height as u32]);
+            let mut evidence: [Field; uncertainty_terms::LAYERS] =
                 std::array::from_fn(|i| random_field(half[0] as usize, half[1] as usize, 2 + i as u64));
             // Nothing to go by in a corner.
             for y in 4..8 {

@@ -9,7 +9,7 @@ use super::graph::{self, Link};
 use super::hidden::{self, Hidden};
 use super::start::{Frames, GRAIN, Grid};
 use super::{Asked, pairs, shown, spacing, start};
-use crate::base::{Cancel, Error, Frame, Homography, Photometric, Settings, Shading};
+use crate::base::{CancellationToken, Error, Frame, Homography, Photometric, Settings, Shading};
 use crate::engine::Engine;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::profile::Reading;
@@ -17,8 +17,8 @@ use crate::engine::record::record;
 use crate::engine::script::{Script, sweep};
 use crate::engine::slot::Slot;
 use crate::engine::stages::state::Registration;
-use crate::engine::stages::step::displacing;
 use crate::engine::stages::sums::{Layout, Sums, UNKNOWNS};
+use crate::engine::stages::update_transform::displacing;
 use crate::engine::stages::{Field, Pipelines, align, half_pair, system, update};
 use crate::engine::tiles::Ranges;
 use crate::engine::vulkan::{Buffer, Clock, Device, Recorder};
@@ -69,7 +69,7 @@ pub(super) struct Joint {
     counting: f64,
     device: Arc<Device>,
     pipelines: Arc<Pipelines>,
-    pub(super) cancel: Cancel,
+    pub(super) cancel: CancellationToken,
 }
 
 impl Joint {
@@ -87,7 +87,7 @@ impl Joint {
         let mut first = Recorder::new(&device, Clock::Never)?;
         first.prepare(&workspace.images());
         first.finish()?.run()?;
-        let (pipelines, cancel) = (engine.pipelines().clone(), Cancel::default());
+        let (pipelines, cancel) = (engine.pipelines().clone(), CancellationToken::default());
         Ok(Self { plan, workspace, frames, hidden: 0, counting: 0.0, device, pipelines, cancel })
     }
 

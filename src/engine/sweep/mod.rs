@@ -23,7 +23,8 @@ use self::hidden::Hidden;
 use self::joint::{Joint, LIMIT, SWEEPS};
 use self::parts::Parts;
 use crate::base::{
-    Brightness, Cancel, Channels, Decode, Depth, Error, Format, Frame, Homography, Mask, Photometric, Settings,
+    Brightness, CancellationToken, Channels, Decode, Depth, Error, Format, Frame, Homography, Mask, Photometric,
+    Settings,
 };
 use crate::engine::Engine;
 use crate::engine::plan::Plan;
@@ -88,7 +89,7 @@ impl SweepSolver {
     /// Prepares for sweeps of so many frames of `width` x `height` pixels.
     ///
     /// # Errors
-    /// As [`Solver::new`](crate::Solver::new); [`Error::Mismatch`] for a kernel that is not symmetric.
+    /// As [`PairSolver::new`](crate::PairSolver::new); [`Error::Mismatch`] for a kernel that is not symmetric.
     pub fn new(
         engine: &Engine,
         size: [u32; 2],
@@ -132,7 +133,7 @@ impl SweepSolver {
     }
 
     /// What calls the solves to come off.
-    pub fn set_cancel(&mut self, cancel: &Cancel) {
+    pub fn set_cancel(&mut self, cancel: &CancellationToken) {
         self.joint.cancel = cancel.clone();
         if let Some(parts) = &mut self.parts {
             parts.set_cancel(cancel);

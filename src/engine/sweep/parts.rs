@@ -4,7 +4,7 @@
 use super::common::Common;
 use super::hidden::Hidden;
 use super::joint::Joint;
-use crate::base::{Cancel, Error, Frame, Mask, Region, Settings};
+use crate::base::{CancellationToken, Error, Frame, Mask, Region, Settings};
 use crate::engine::Engine;
 use crate::engine::parts::{self, Grid};
 use crate::engine::plan::Plan;
@@ -41,7 +41,7 @@ impl Parts {
         Ok(Self { joint: Joint::new(engine, part, frames)?, size: plan.size, grid })
     }
 
-    pub(super) fn set_cancel(&mut self, cancel: &Cancel) {
+    pub(super) fn set_cancel(&mut self, cancel: &CancellationToken) {
         self.joint.cancel = cancel.clone();
     }
 

@@ -10,8 +10,8 @@ use crate::base::{Homography, Shading, shading, workers};
 use crate::engine::filter::{self, Filter};
 use crate::engine::plan::{LOW_PASS, band};
 use crate::engine::stages::state::from_centre;
-use crate::engine::stages::step::displacing;
 use crate::engine::stages::sums::{UNKNOWNS, displacements};
+use crate::engine::stages::update_transform::displacing;
 use crate::engine::stages::{Field, convolve, spline};
 
 /// A level as the start needs it.

@@ -8,7 +8,7 @@ use ash::vk;
 
 use super::descriptors::{Descriptors, Resource};
 use super::device::Device;
-use super::foreign::Commands;
+use super::interop::Commands;
 use super::memory::{Buffer, Image};
 use super::pipeline::Pipeline;
 use super::recording::{CommandBuffer, Recording};

@@ -10,10 +10,10 @@ use ash::{ext, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
 use super::cache;
+use super::device_requirements;
 use super::failure::failure;
-use super::foreign::{ForeignDevice, QueueLock, Turn};
 use super::instance::{Instance, PhysicalDevice};
-use super::wanted;
+use super::interop::{ExternalDevice, QueueGuard, QueueLock};
 use crate::base::{DeviceInfo, Error};
 
 /// Bytes in a mebibyte.
@@ -24,7 +24,7 @@ pub(crate) struct Device {
     pub(super) handle: ash::Device,
     pub(super) physical: PhysicalDevice,
     queue: Arc<Mutex<vk::Queue>>,
-    /// Turns at the queue, where others use it too.
+    /// SharedQueue at the queue, where others use it too.
     lock: Option<Arc<dyn QueueLock>>,
     /// Whether it was opened here, and goes with this.
     is_own: bool,
@@ -55,7 +55,7 @@ impl Device {
             .queue_family_index(physical.queue_family)
             .queue_priorities(&priorities)];
         let (mut v12, mut v13) = Default::default();
-        wanted::require(&mut v12, &mut v13);
+        device_requirements::require(&mut v12, &mut v13);
         let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default().conditional_rendering(true);
         let is_conditional = physical.liked.conditional;
         let extensions: Vec<*const c_char> = physical.liked.extensions().map(CStr::as_ptr).collect();
@@ -76,7 +76,7 @@ impl Device {
     }
 
     /// Takes a device that is someone else's.
-    pub(crate) fn foreign(of: ForeignDevice, timeout: Duration) -> Result<Arc<Self>, Error> {
+    pub(crate) fn foreign(of: ExternalDevice, timeout: Duration) -> Result<Arc<Self>, Error> {
         let instance = Instance::foreign(of.instance);
         let mut physical = instance.described(of.physical, of.queue_family)?;
         physical.liked = physical.liked.and(of.liked);
@@ -143,7 +143,7 @@ impl Device {
     /// Hands work to the queue, one thread at a time, and where others use it too, when it is this one's turn.
     pub(super) fn submit(&self, submits: &[vk::SubmitInfo2<'_>]) -> Result<(), vk::Result> {
         let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
-        let _turn = Turn::take(self.lock.as_deref());
+        let _turn = QueueGuard::take(self.lock.as_deref());
         // SAFETY: the queue is locked; the parts are recorded and not pending, since every run waits to the end; what they
         // use is kept alive.
         unsafe { self.handle.queue_submit2(*queue, submits, vk::Fence::null()) }
@@ -206,7 +206,7 @@ impl Device {
         self.allocator.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Turns a failed call into an error that names it and the device.
+    /// SharedQueue a failed call into an error that names it and the device.
     pub(super) fn check<T>(&self, call: &str, result: Result<T, vk::Result>) -> Result<T, Error> {
         result.map_err(|e| failure(call, &self.physical.info.name, e))
     }

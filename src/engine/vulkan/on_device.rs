@@ -5,8 +5,8 @@ use ash::vk;
 use super::memory::Buffer;
 use super::recording::Recording;
 
-/// Results of a pair where the device leaves them ([`Solver::on_device`](crate::Solver::on_device)): planes of f32, one after the other, rows without
-/// padding: V, its standard deviation, the residual, the channels of the fused image, as of a [`View`](crate::View).
+/// Results of a pair where the device leaves them ([`PairSolver::on_device`](crate::PairSolver::on_device)): planes of f32, one after the other, rows without
+/// padding: V, its standard deviation, the residual, the channels of the fused image, as of a [`SolutionRef`](crate::SolutionRef).
 ///
 /// A submission to the engine's queue, or to another of its family, that waits for `semaphore` to reach `value` may read `buffer`, as a source of copies
 /// and as a storage buffer. It must be over before the slot takes another pair, and like what waits for `taken` before the solver is gone.

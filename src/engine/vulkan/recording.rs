@@ -10,7 +10,7 @@ use ash::vk;
 use super::descriptors::Descriptors;
 use super::device::Device;
 use super::failure::failure;
-use super::foreign::Wait;
+use super::interop::Wait;
 use super::timestamps::{DeviceTimes, Timestamps};
 use crate::base::Error;
 
@@ -23,7 +23,7 @@ pub(super) struct CommandBuffer {
 }
 
 /// Whether a run wants an optional part.
-pub(crate) type Wanted<'a> = &'a mut dyn FnMut(usize) -> Result<bool, Error>;
+pub(crate) type DeviceRequirements<'a> = &'a mut dyn FnMut(usize) -> Result<bool, Error>;
 
 /// Command buffers that can be replayed any number of times.
 pub(crate) struct Recording {
@@ -90,7 +90,7 @@ impl Recording {
     pub(crate) fn run_first(
         &mut self,
         parts: usize,
-        wanted: Wanted<'_>,
+        wanted: DeviceRequirements<'_>,
         after: &mut dyn FnMut(usize),
     ) -> Result<(), Error> {
         if self.device.is_poisoned() {

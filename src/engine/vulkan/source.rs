@@ -9,7 +9,7 @@ use super::commands::Recorder;
 use super::memory::Buffer;
 
 /// A photograph in memory of the engine's device ([`Source::OnDevice`](crate::Source::OnDevice)): the device fetches it, and its owner may overwrite it
-/// once [`Solver::wait_taken`](crate::Solver::wait_taken) or [`OnDevice::taken`](super::OnDevice::taken) says so.
+/// once [`PairSolver::wait_taken`](crate::PairSolver::wait_taken) or [`OnDevice::taken`](super::OnDevice::taken) says so.
 #[derive(Clone, Copy, Debug)]
 pub struct DeviceSource(Place);
 

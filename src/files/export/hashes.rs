@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
-use crate::files::regular;
+use crate::files::bounded_read;
 
 /// The key of a report that holds [`Hashes`].
 pub(super) const HASHES: &str = "hashes";
@@ -46,7 +46,7 @@ impl Hash {
     /// Whether a file is so, as far as it can be read.
     fn is_of(&self, path: &Path) -> bool {
         // No more is read than there should be, and one byte.
-        regular::open(path).is_ok_and(|file| {
+        bounded_read::open(path).is_ok_and(|file| {
             let is_long = file.metadata().is_ok_and(|found| found.len() == self.bytes);
             is_long && Self::of(file.take(self.bytes + 1)).is_ok_and(|found| found == *self)
         })

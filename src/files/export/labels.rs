@@ -7,9 +7,9 @@ use png::ColorType;
 use super::meaning::Meaning;
 use super::picture::{self, Stored};
 use super::{Extra, Nearer, Palette};
-use crate::around::focus_stack::Sweep;
 use crate::base::Error;
 use crate::engine::Solution;
+use crate::solve::focus_stack::Sweep;
 
 const NAME: &str = "labels.png";
 

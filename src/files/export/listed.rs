@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::metric::DEPTH_FILE;
 use super::results::{MAX_BYTES, read_report};
 use super::{EXTRA_FILES, FILES, FUSED_FLOAT_FILE, INSPECT_FILES, PAGE_FILE, SWEEP_FILES};
-use crate::files::regular;
+use crate::files::bounded_read;
 
 /// The files of a synthetic pair; `depth.exr` only where the scene has a lens.
 pub const SIMULATED_FILES: [&str; 5] = ["i1.png", "i2.png", "relative_blur.exr", "depth.exr", "truth.json"];
@@ -37,7 +37,7 @@ impl Unfinished {
 
     /// The one that stands in the place of this report, if one does. What cannot be read may be one.
     pub(super) fn of(report: &Path) -> io::Result<Option<Self>> {
-        let text = match regular::text(report, MAX_BYTES) {
+        let text = match bounded_read::text(report, MAX_BYTES) {
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
             text => text?,
         };

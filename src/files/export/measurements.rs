@@ -11,10 +11,10 @@ use super::Pen;
 use super::meaning::PROFILE;
 use super::picture::{self, Stored};
 use super::staging::Staging;
-use crate::around::focus_stack::Sweep;
 use crate::base::{Error, Estimate, Region};
 use crate::metric::MetricDepth;
 use crate::metric::measure::{Line, Values};
+use crate::solve::focus_stack::Sweep;
 
 /// What was asked to be measured, and the numbers.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]

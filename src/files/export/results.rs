@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::{FILES, Nearer};
 use crate::base::{Error, Frame};
-use crate::files::{image_io, regular};
+use crate::files::{bounded_read, image_io};
 
 /// The most bytes of a report that are read, 16 MiB: one with every level and iteration at its limit takes under 1 MiB.
 pub(super) const MAX_BYTES: u64 = 16 << 20;
@@ -60,7 +60,7 @@ const SOLVE: &str = "solve the pair again, or give the folder of another solve";
 /// The whole of `report.json`.
 pub(super) fn read_report(path: &Path) -> Result<Value, Error> {
     let text =
-        regular::text(path, MAX_BYTES).map_err(|e| Error::file(path, format!("cannot be read ({e}); {SOLVE}")))?;
+        bounded_read::text(path, MAX_BYTES).map_err(|e| Error::file(path, format!("cannot be read ({e}); {SOLVE}")))?;
     serde_json::from_str(&text).map_err(|e| Error::file(path, format!("is not JSON ({e}); {SOLVE}")))
 }
 

@@ -13,10 +13,10 @@ use super::{
     DEPTH_FILE, Depth16Report, Destination, Extra, FUSED_FLOAT_FILE, Look, Measurements, Nearer, Palette, Pen, Scale,
     Staging, depth, field, fused, meaning, valid,
 };
-use crate::around::focus_stack::{Positions, RegisteredSweep, Sweep};
 use crate::base::{Decode, Depth, DeviceInfo, Error, Frame, Homography, Photometric, Region};
 use crate::files::image_io::{Input, Values};
 use crate::metric::MetricDepth;
+use crate::solve::focus_stack::{Positions, RegisteredSweep, Sweep};
 
 /// The files that [`write_sweep()`] makes.
 pub const SWEEP_FILES: [&str; 8] =

@@ -12,9 +12,9 @@ use super::measurements::{Measurable, Measurements, Wanted};
 use super::results::{nearer_of, read_report};
 use super::sweep::{SWEEP_FILES, SweepDepthReport, stage_depth};
 use super::{DEPTH_FILE, Extra, FUSED_FLOAT_FILE, Nearer, Palette, Pen, ShadingReport, SizeReport, beside};
-use crate::around::focus_stack::{Positions, Sweep};
 use crate::base::{Decode, Error, Frame, Homography, Photometric, Region};
 use crate::files::image_io;
+use crate::solve::focus_stack::{Positions, Sweep};
 
 /// A folder that `parfocal stack` wrote.
 #[derive(Clone, Debug)]

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::{ShadingReport, SizeReport};
 use crate::base::{Decode, Error, Homography, Photometric, Region, Settings};
-use crate::files::regular;
+use crate::files::bounded_read;
 
 /// The most bytes that are read, 16 MiB: a report with every level and iteration at its limit takes under 1 MiB.
 const MAX_BYTES: u64 = 16 << 20;
@@ -63,7 +63,7 @@ fn pair_of(text: &str) -> Result<PairOf, String> {
 }
 
 fn text(path: &Path) -> Result<String, String> {
-    regular::text(path, MAX_BYTES).map_err(|e| match e.kind() {
+    bounded_read::text(path, MAX_BYTES).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => format!("is too long for a transform; {SHAPE}"),
         _ => format!("cannot be read as a transform ({e}); check the path"),
     })

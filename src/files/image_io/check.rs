@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use super::MAX_PIXELS;
-use crate::files::regular;
+use crate::files::bounded_read;
 
 /// What every damaged file is told.
 pub(super) const DAMAGED: &str = "the file is damaged or incomplete; copy or save it again";
@@ -20,7 +20,7 @@ const MAX_BYTES: u64 = 1 << 32;
 
 /// Reads a regular file that is not empty, whole.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, String> {
-    let file = regular::open(path).map_err(|e| match e.kind() {
+    let file = bounded_read::open(path).map_err(|e| match e.kind() {
         ErrorKind::NotFound => match similar_file(path) {
             Some(other) => format!("there is no such file; did you mean '{}'?", other.display()),
             None => "there is no such file; check the path".to_string(),

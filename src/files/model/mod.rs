@@ -10,11 +10,11 @@ mod stl;
 #[cfg(test)]
 mod tests;
 
-use crate::around::focus_stack::Sweep;
 use crate::base::{Error, Frame, Region};
 use crate::files::export::{Extra, Nearer, Scale, focus_scale, larger_is};
 use crate::files::preview::photograph;
 use crate::metric::MetricDepth;
+use crate::solve::focus_stack::Sweep;
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

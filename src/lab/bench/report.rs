@@ -101,7 +101,7 @@ pub struct RunReport {
 /// What comes once.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cold {
-    /// [`Solver::new`](crate::Solver::new).
+    /// [`PairSolver::new`](crate::PairSolver::new).
     pub prepare_ms: f64,
     /// The first solve, end to end.
     pub first_ms: f64,

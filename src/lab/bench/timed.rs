@@ -6,7 +6,7 @@ use super::{Cold, Dispatches, LevelReport, Memory, Options, PassReport, Relaxati
 use crate::base::{Error, Frame, Settings};
 use crate::engine::arguments;
 use crate::engine::profile::{Profile, Reading};
-use crate::engine::{Engine, Solution, Solver};
+use crate::engine::{Engine, PairSolver, Solution};
 
 /// The passes that relax: by half-iterations, and small levels in one.
 const RELAX: [&str; 2] = ["relax", "relax_level"];
@@ -37,7 +37,8 @@ pub(super) fn run(
     settings: &Settings,
     pair: &mut Option<[Frame; 2]>,
 ) -> Result<(Timed, Profile), Error> {
-    let prepare = |reading| Solver::prepare(1, engine, size, options.input.formats(), settings, Some(false), reading);
+    let prepare =
+        |reading| PairSolver::prepare(1, engine, size, options.input.formats(), settings, Some(false), reading);
     let started = Instant::now();
     let mut solver = prepare(Reading::Never)?;
     let prepare_ms = milliseconds(started);

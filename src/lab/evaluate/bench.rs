@@ -1,7 +1,7 @@
 //! One engine for every experiment, and the solvers that were used last.
 
 use crate::base::{Error, Format, Frame, Homography, Kernel, Method, Settings};
-use crate::engine::{Engine, Registered, Solution, Solver};
+use crate::engine::{Engine, PairSolver, Registered, Solution};
 
 /// The systems that are compared, as the paper orders them.
 pub(super) const SYSTEMS: [Method; 3] = [Method::Appearance, Method::Sift, Method::Unified];
@@ -22,7 +22,7 @@ pub(super) struct Bench<'a> {
     engine: &'a Engine,
     pub(super) quick: bool,
     say: &'a mut dyn FnMut(&str),
-    solvers: Vec<(Key, Solver)>,
+    solvers: Vec<(Key, PairSolver)>,
 }
 
 impl<'a> Bench<'a> {
@@ -50,7 +50,7 @@ impl<'a> Bench<'a> {
         self.solver([i1, i2], settings).and_then(|solver| solver.register(i1, i2)).map_err(|e| e.to_string())
     }
 
-    fn solver(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<&mut Solver, Error> {
+    fn solver(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<&mut PairSolver, Error> {
         let key =
             Key { size: [i1.width(), i1.height()], formats: [i1.format(), i2.format()], settings: settings.clone() };
         if let Some(place) = self.solvers.iter().position(|(k, _)| *k == key) {
@@ -60,7 +60,7 @@ impl<'a> Bench<'a> {
             if self.solvers.len() == KEPT {
                 self.solvers.remove(0);
             }
-            let solver = Solver::for_pair(self.engine, i1, i2, settings)?;
+            let solver = PairSolver::for_pair(self.engine, i1, i2, settings)?;
             self.solvers.push((key, solver));
         }
         // The one just found or made stands last.

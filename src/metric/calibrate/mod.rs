@@ -30,7 +30,7 @@ pub enum Target {
 /// What a calibration can find.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
-pub enum Unknown {
+pub enum LensParameter {
     /// κ.
     Kappa,
     /// The distance at which I1 is focused.
@@ -46,9 +46,9 @@ pub struct Calibration {
     /// The lens: what was found, and for the rest what was stated.
     pub lens: Lens,
     /// What was found, κ without unit and distances in mm. The standard errors allow for neighbouring pixels being alike.
-    pub found: Vec<Found>,
+    pub found: Vec<CalibratedParameter>,
     /// What the target does not determine beside `found`; it has its stated value.
-    pub undetermined: Vec<Unknown>,
+    pub undetermined: Vec<LensParameter>,
     /// Rms of V less that of the model over the pixels that belong, px².
     pub residual_rms_px2: f64,
     /// Rms of the depth by the lens less the known depth over these pixels, mm; null where none has a depth.
@@ -62,9 +62,9 @@ pub struct Calibration {
 /// An unknown that was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Found {
+pub struct CalibratedParameter {
     /// Which.
-    pub unknown: Unknown,
+    pub unknown: LensParameter,
     /// Value and standard error.
     #[cfg_attr(feature = "serde", serde(flatten))]
     pub estimate: Estimate,
@@ -94,7 +94,7 @@ pub fn calibrate(
     blur: &Values,
     confidence: &[f32],
     target: &Target,
-    unknowns: &[Unknown],
+    unknowns: &[LensParameter],
 ) -> Result<Calibration, Error> {
     start.check()?;
     let samples = Samples::new(start, blur, confidence, &target.depths(start, blur)?)?;
@@ -198,12 +198,12 @@ struct Fit<'a> {
     start: &'a Lens,
     scale: f64,
     samples: &'a Samples,
-    unknowns: &'a [Unknown],
+    unknowns: &'a [LensParameter],
 }
 
 impl Fit<'_> {
     /// The calibration, unless these unknowns are not determined.
-    fn run(&self, undetermined: &[Unknown]) -> Option<Calibration> {
+    fn run(&self, undetermined: &[LensParameter]) -> Option<Calibration> {
         let mut at = vec![0.0; self.unknowns.len()];
         self.descend(&mut at, |r| if r.abs() <= HUBER { 1.0 } else { HUBER / r.abs() });
         self.descend(&mut at, tukey);
@@ -214,16 +214,16 @@ impl Fit<'_> {
         let lens = self.lens(&at);
         let found = self.unknowns.iter().zip(errors).map(|(&unknown, error)| {
             let (value, unit) = match unknown {
-                Unknown::Kappa => (lens.kappa, lens.kappa),
-                Unknown::Focus1 => (lens.focus[0], self.between()),
-                Unknown::Focus2 => (lens.focus[1], self.between()),
+                LensParameter::Kappa => (lens.kappa, lens.kappa),
+                LensParameter::Focus1 => (lens.focus[0], self.between()),
+                LensParameter::Focus2 => (lens.focus[1], self.between()),
             };
-            Found { unknown, estimate: Estimate { value, standard_error: error * unit } }
+            CalibratedParameter { unknown, estimate: Estimate { value, standard_error: error * unit } }
         });
         Some(self.report(&lens, found.collect(), undetermined))
     }
 
-    fn report(&self, lens: &Lens, found: Vec<Found>, undetermined: &[Unknown]) -> Calibration {
+    fn report(&self, lens: &Lens, found: Vec<CalibratedParameter>, undetermined: &[LensParameter]) -> Calibration {
         let residuals = self.residuals(lens);
         let limit = TUKEY * deviation(&residuals);
         let used = self.samples.pixels.iter().zip(&residuals).filter(|(_, r)| r.abs() <= limit);
@@ -249,9 +249,9 @@ impl Fit<'_> {
         let mut lens = *self.start;
         for (unknown, value) in self.unknowns.iter().zip(at) {
             match unknown {
-                Unknown::Kappa => lens.kappa *= value.exp(),
-                Unknown::Focus1 => lens.focus[0] += value * self.between(),
-                Unknown::Focus2 => lens.focus[1] += value * self.between(),
+                LensParameter::Kappa => lens.kappa *= value.exp(),
+                LensParameter::Focus1 => lens.focus[0] += value * self.between(),
+                LensParameter::Focus2 => lens.focus[1] += value * self.between(),
             }
         }
         lens

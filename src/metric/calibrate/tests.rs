@@ -28,14 +28,14 @@ fn measured(lens: &Lens, scale: f64, target: &Target, noise: f64, seed: u64) -> 
     depths.iter().zip(noise).map(|(&z, n)| (lens.relative_blur(z, scale) + n) as f32).collect()
 }
 
-fn found(start: &Lens, scale: f64, blur: &[f32], target: &Target, unknowns: &[Unknown]) -> Calibration {
+fn found(start: &Lens, scale: f64, blur: &[f32], target: &Target, unknowns: &[LensParameter]) -> Calibration {
     let field = Values { width: SIZE[0] as u32, values: blur };
     let calibration = calibrate(start, scale, &field, &vec![0.05; blur.len()], target, unknowns).unwrap();
     println!("{calibration:?}");
     calibration
 }
 
-const TWO: [Unknown; 2] = [Unknown::Kappa, Unknown::Focus2];
+const TWO: [LensParameter; 2] = [LensParameter::Kappa, LensParameter::Focus2];
 
 #[test]
 fn a_tilted_plane_gives_kappa_and_a_focus_distance() {
@@ -75,12 +75,18 @@ fn what_a_target_cannot_tell_is_said_and_left_as_stated() {
     let start = Lens { kappa: 0.5, ..truth };
     // V over x is a line: two numbers.
     let blur = measured(&truth, 1.0, &plane(&truth), 0.02, 1);
-    let three = found(&start, 1.0, &blur, &plane(&truth), &[Unknown::Kappa, Unknown::Focus1, Unknown::Focus2]);
-    assert_eq!((&three.undetermined[..], three.lens.focus[1]), (&[Unknown::Focus2][..], 869.0));
+    let three = found(
+        &start,
+        1.0,
+        &blur,
+        &plane(&truth),
+        &[LensParameter::Kappa, LensParameter::Focus1, LensParameter::Focus2],
+    );
+    assert_eq!((&three.undetermined[..], three.lens.focus[1]), (&[LensParameter::Focus2][..], 869.0));
     // One depth: one number.
     let one = Target::Steps(vec![(region(0), 560.0)]);
     let single = found(&start, 1.0, &measured(&truth, 1.0, &one, 0.02, 2), &one, &TWO);
-    assert_eq!((&single.undetermined[..], single.lens.focus[1]), (&[Unknown::Focus2][..], 869.0));
+    assert_eq!((&single.undetermined[..], single.lens.focus[1]), (&[LensParameter::Focus2][..], 869.0));
     assert!((single.lens.kappa - 0.43).abs() < 0.01, "{single:?}");
     // Two depths: two.
     let two = Target::Steps(vec![(region(0), 560.0), (region(80), 800.0)]);
@@ -91,7 +97,7 @@ fn what_a_target_cannot_tell_is_said_and_left_as_stated() {
     let none = Target::Steps(vec![(region(0), z)]);
     let blur = measured(&truth, 1.0, &none, 0.02, 4);
     let field = Values { width: SIZE[0] as u32, values: &blur };
-    let result = calibrate(&start, 1.0, &field, &vec![0.05; blur.len()], &none, &[Unknown::Kappa]);
+    let result = calibrate(&start, 1.0, &field, &vec![0.05; blur.len()], &none, &[LensParameter::Kappa]);
     assert!(matches!(result, Err(Error::Region(m)) if m.contains("none of the unknowns")));
 }
 

@@ -8,8 +8,8 @@ use serde_json::{Value, json};
 use super::{
     COLORMAPS, Contents, Picture, Pixels, Readout, fields_of_pair, fields_of_sweep, residual, through_lens, to_scale,
 };
+use crate::files::bounded_read;
 use crate::files::export::{Extra, PAGE_FILE, Palette, Solved, SolvedSweep};
-use crate::files::regular;
 
 /// The most bytes of a page that are read, 256 MiB: one of 4 megapixels with a hundred frames has a fifth of them.
 const MAX_BYTES: u64 = 256 << 20;
@@ -36,7 +36,7 @@ struct Stated {
 impl EarlierPage {
     /// The page of a folder of results; `None` where there is none, or one of which the pictures cannot be had.
     pub fn read(folder: &Path) -> Option<Self> {
-        let text = regular::text(&folder.join(PAGE_FILE), MAX_BYTES).ok()?;
+        let text = bounded_read::text(&folder.join(PAGE_FILE), MAX_BYTES).ok()?;
         let mut rest = text.as_str();
         let stated: Stated = serde_json::from_str(element(&mut rest, "application/json", "data")?).ok()?;
         let pictures = (0..stated.pictures.len()).map(|i| {

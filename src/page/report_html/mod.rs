@@ -26,12 +26,12 @@ pub use self::readout::Readout;
 pub use self::sweep::SweepPage;
 use self::sweep::fields_of_sweep;
 use self::thinning::Thinning;
-use crate::around::resample::registered;
 use crate::base::{Brightness, Decode, Error, Frame, Homography, Region, workers};
 use crate::files::export::Palette;
 use crate::files::preview::photograph;
 use crate::metric::MetricDepth;
 use crate::page::view::{Surface, View, relief_to_scale};
+use crate::solve::resample::registered;
 
 /// Nodes of the surface along its longer side.
 const NODES: u32 = 512;

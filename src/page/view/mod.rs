@@ -30,11 +30,11 @@ mod turntable;
 
 use image::RgbImage;
 
-use crate::around::focus_stack::Sweep;
 use crate::base::{Error, Frame};
 use crate::files::export::{Destination, Nearer, Palette, Scale, depth_surface, sweep_surface};
 use crate::files::preview::photograph;
 use crate::metric::MetricDepth;
+use crate::solve::focus_stack::Sweep;
 
 /// What the surface of a pair shows.
 const OF_PAIR: [&str; 2] = ["Relative blur V", "V, px²"];

@@ -1,7 +1,7 @@
 //! An image of the renderer's own, into which V is drawn.
 
-use parfocal::foreign::OnDevice;
-use parfocal::foreign::ash::vk;
+use parfocal::interop::OnDevice;
+use parfocal::interop::ash::vk;
 
 use crate::gpu::Gpu;
 use crate::pipeline::Pipeline;
@@ -245,7 +245,7 @@ mod tests {
     use std::time::Duration;
 
     use embedder::{RANGE, SIZE, pair, validate};
-    use parfocal::{Engine, EngineOptions, Settings, Solver};
+    use parfocal::{Engine, EngineOptions, PairSolver, Settings};
 
     use super::*;
 
@@ -256,7 +256,7 @@ mod tests {
         // SAFETY: the engine and the solver go before the device.
         let engine = Engine::from_vulkan(unsafe { gpu.lent() }, &EngineOptions::default()).unwrap();
         let [i1, i2] = pair(|x| x);
-        let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+        let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
         let ticket = solver.submit(0, &i1, &i2).unwrap();
         solver.wait(&ticket, Duration::MAX).unwrap();
         let mut canvas = Canvas::new(&gpu, [SIZE; 2]).unwrap();

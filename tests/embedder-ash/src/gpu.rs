@@ -4,8 +4,8 @@ use std::error::Error;
 use std::ffi::CStr;
 use std::sync::Arc;
 
-use parfocal::foreign::ash::{self, ext, vk};
-use parfocal::foreign::{ForeignDevice, REQUIRED_VERSION, Turns, Wanted};
+use parfocal::interop::ash::{self, ext, vk};
+use parfocal::interop::{DeviceRequirements, ExternalDevice, REQUIRED_VERSION, SharedQueue};
 
 use crate::messages::Messages;
 
@@ -19,8 +19,8 @@ pub struct Gpu {
     pub family: u32,
     pub queue: vk::Queue,
     /// Whose turn it is at the queue, the renderer's or the engine's.
-    pub turns: Arc<Turns>,
-    wanted: Wanted,
+    pub turns: Arc<SharedQueue>,
+    wanted: DeviceRequirements,
     messages: Option<Messages>,
     // Holds the loader's library open.
     _entry: ash::Entry,
@@ -35,7 +35,7 @@ impl Gpu {
         let messages = validate.then(|| Messages::of(&entry, &instance)).transpose()?;
         let (physical, family) = choose(&instance)?.ok_or("no device of Vulkan 1.3 that draws and computes")?;
         // SAFETY: the device is of this instance, which is for Vulkan 1.3.
-        let mut wanted = unsafe { Wanted::of(&instance, physical) };
+        let mut wanted = unsafe { DeviceRequirements::of(&instance, physical) };
         let device = device(&instance, physical, family, &mut wanted)?;
         // SAFETY: the device was made with one queue of the family.
         let queue = unsafe { device.get_device_queue(family, 0) };
@@ -47,10 +47,10 @@ impl Gpu {
     ///
     /// # Safety
     /// The engine, its solvers and their views are gone before this is.
-    pub unsafe fn lent(&self) -> ForeignDevice {
+    pub unsafe fn lent(&self) -> ExternalDevice {
         // SAFETY: all are of this, which outlives the engine, by the caller; whoever uses the queue takes a turn.
         unsafe {
-            ForeignDevice::new(self.instance.clone(), self.physical, self.device.clone(), self.family, self.queue)
+            ExternalDevice::new(self.instance.clone(), self.physical, self.device.clone(), self.family, self.queue)
                 .locked_by(self.turns.clone())
                 .made_with(&self.wanted)
         }
@@ -104,7 +104,7 @@ fn device(
     instance: &ash::Instance,
     physical: vk::PhysicalDevice,
     family: u32,
-    wanted: &mut Wanted,
+    wanted: &mut DeviceRequirements,
 ) -> Result<ash::Device, vk::Result> {
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
     let extensions: Vec<_> = wanted.extensions().iter().map(|name| name.as_ptr()).collect();

@@ -13,7 +13,7 @@ use std::error::Error;
 use std::time::Duration;
 
 use embedder::{RANGE, SIZE, compare, pair, validate, write_ppm};
-use parfocal::{Engine, EngineOptions, Settings, Solver};
+use parfocal::{Engine, EngineOptions, PairSolver, Settings};
 
 use crate::canvas::Canvas;
 use crate::gpu::Gpu;
@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     // SAFETY: the engine, the solver and its views are declared after the device, and go before it.
     let engine = Engine::from_vulkan(unsafe { gpu.lent() }, &EngineOptions::default())?;
     let [i1, i2] = pair(|x| x + 0.25);
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default())?;
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default())?;
     let mut canvas = Canvas::new(&gpu, [SIZE; 2])?;
     let mut picture = Vec::new();
     for _frame in 0..2 {

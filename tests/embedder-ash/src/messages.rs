@@ -3,7 +3,7 @@
 use std::ffi::c_void;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use parfocal::foreign::ash::{self, ext, vk};
+use parfocal::interop::ash::{self, ext, vk};
 
 /// Validation messages, kept.
 pub struct Messages {

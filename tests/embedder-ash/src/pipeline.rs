@@ -2,7 +2,7 @@
 
 use std::io::Cursor;
 
-use parfocal::foreign::ash::{self, util, vk};
+use parfocal::interop::ash::{self, util, vk};
 
 const SCREEN: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/screen.vert.spv"));
 const BLUR: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/blur.frag.spv"));

@@ -2,8 +2,8 @@
 
 use std::error::Error;
 
-use parfocal::foreign::ash::vk;
-use parfocal::foreign::{OnDevice, Turns};
+use parfocal::interop::ash::vk;
+use parfocal::interop::{OnDevice, SharedQueue};
 use wgpu::hal::{api::Vulkan, vulkan};
 
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
@@ -12,7 +12,7 @@ const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 pub struct Canvas<'a> {
     device: &'a wgpu::Device,
     queue: &'a wgpu::Queue,
-    turns: &'a Turns,
+    turns: &'a SharedQueue,
     size: [u32; 2],
     pipeline: wgpu::RenderPipeline,
     texture: wgpu::Texture,
@@ -21,7 +21,13 @@ pub struct Canvas<'a> {
 }
 
 impl<'a> Canvas<'a> {
-    pub fn new(device: &'a wgpu::Device, queue: &'a wgpu::Queue, turns: &'a Turns, size: [u32; 2], range: f32) -> Self {
+    pub fn new(
+        device: &'a wgpu::Device,
+        queue: &'a wgpu::Queue,
+        turns: &'a SharedQueue,
+        size: [u32; 2],
+        range: f32,
+    ) -> Self {
         let [width, height] = size;
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: None,

@@ -13,8 +13,8 @@ use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
 use embedder::{RANGE, SIZE, compare, pair, validate, write_ppm};
-use parfocal::foreign::Turns;
-use parfocal::{Engine, EngineOptions, Settings, Solver};
+use parfocal::interop::SharedQueue;
+use parfocal::{Engine, EngineOptions, PairSolver, Settings};
 
 use crate::canvas::Canvas;
 
@@ -40,12 +40,12 @@ fn adapter() -> Result<wgpu::Adapter, Box<dyn Error>> {
 
 fn draw() -> Result<Vec<u8>, Box<dyn Error>> {
     let adapter = adapter()?;
-    let turns = Arc::<Turns>::default();
+    let turns = Arc::<SharedQueue>::default();
     // SAFETY: all below takes turns at the queue; what is declared later goes earlier, the engine before the device.
     let (device, queue, foreign) = unsafe { shared::open(&adapter, &turns) }?;
     let engine = Engine::from_vulkan(foreign, &EngineOptions::default())?;
     let [i1, i2] = pair(|x| x + 0.25);
-    let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default())?;
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default())?;
     let canvas = Canvas::new(&device, &queue, &turns, [SIZE; 2], RANGE);
     let mut picture = Vec::new();
     beside(&device, &queue, &turns, || {
@@ -64,7 +64,7 @@ fn draw() -> Result<Vec<u8>, Box<dyn Error>> {
 }
 
 /// What is done while another thread has wgpu work, as programs that draw have.
-fn beside<T>(device: &wgpu::Device, queue: &wgpu::Queue, turns: &Turns, of: impl FnOnce() -> T) -> T {
+fn beside<T>(device: &wgpu::Device, queue: &wgpu::Queue, turns: &SharedQueue, of: impl FnOnce() -> T) -> T {
     let (usage, size) = (wgpu::BufferUsages::COPY_DST, 256);
     let buffer = device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false });
     let (end, ended) = mpsc::channel::<()>();
@@ -84,8 +84,8 @@ fn beside<T>(device: &wgpu::Device, queue: &wgpu::Queue, turns: &Turns, of: impl
 
 #[cfg(test)]
 mod tests {
-    use parfocal::foreign::OnDevice;
-    use parfocal::foreign::ash::vk;
+    use parfocal::interop::OnDevice;
+    use parfocal::interop::ash::vk;
     use wgpu::hal::api::Vulkan;
 
     use super::*;
@@ -93,12 +93,12 @@ mod tests {
     /// A device with one queue that works in order would show V without: the host has the last word here.
     #[test]
     fn nothing_is_drawn_before_the_semaphore_says_so() {
-        let turns = Arc::<Turns>::default();
+        let turns = Arc::<SharedQueue>::default();
         // SAFETY: nothing else uses the queue but by turns; the engine and the solver go before the device.
         let (device, queue, foreign) = unsafe { shared::open(&adapter().unwrap(), &turns) }.unwrap();
         let engine = Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap();
         let [i1, i2] = pair(|x| x);
-        let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+        let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
         let ticket = solver.submit(0, &i1, &i2).unwrap();
         solver.wait(&ticket, Duration::MAX).unwrap();
         let canvas = Canvas::new(&device, &queue, &turns, [SIZE; 2], RANGE);

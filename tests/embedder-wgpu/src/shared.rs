@@ -3,8 +3,8 @@
 use std::error::Error;
 use std::sync::Arc;
 
-use parfocal::foreign::ash::vk;
-use parfocal::foreign::{ForeignDevice, Turns, Wanted};
+use parfocal::interop::ash::vk;
+use parfocal::interop::{DeviceRequirements, ExternalDevice, SharedQueue};
 use wgpu::hal::api::Vulkan;
 
 /// The family from which wgpu takes its queue.
@@ -19,14 +19,14 @@ const FAMILY: u32 = 0;
 /// - The engine, its solvers and their views are gone before wgpu's device is.
 pub unsafe fn open(
     adapter: &wgpu::Adapter,
-    turns: &Arc<Turns>,
-) -> Result<(wgpu::Device, wgpu::Queue, ForeignDevice), Box<dyn Error>> {
+    turns: &Arc<SharedQueue>,
+) -> Result<(wgpu::Device, wgpu::Queue, ExternalDevice), Box<dyn Error>> {
     let wants = wgpu::DeviceDescriptor { required_limits: adapter.limits(), ..Default::default() };
     // SAFETY: nothing of it is destroyed here.
     let hal = unsafe { adapter.as_hal::<Vulkan>() }.ok_or("wgpu is not on Vulkan")?;
     let (instance, physical) = (hal.shared_instance().raw_instance(), hal.raw_physical_device());
     // SAFETY: wgpu makes its instance for Vulkan 1.3, where the loader has that.
-    let mut wanted = unsafe { Wanted::of(instance, physical) };
+    let mut wanted = unsafe { DeviceRequirements::of(instance, physical) };
     let mut extensions = hal.required_device_extensions(wants.required_features);
     extensions.extend(wanted.extensions());
     let names: Vec<_> = extensions.iter().map(|name| name.as_ptr()).collect();
@@ -41,7 +41,7 @@ pub unsafe fn open(
         let (limits, hints) = (&wants.required_limits, &wants.memory_hints);
         let of_hal =
             hal.device_from_raw(raw.clone(), None, &extensions, wants.required_features, limits, hints, FAMILY, 0)?;
-        let foreign = ForeignDevice::new(instance.clone(), physical, raw, FAMILY, of_hal.queue.as_raw())
+        let foreign = ExternalDevice::new(instance.clone(), physical, raw, FAMILY, of_hal.queue.as_raw())
             .locked_by(turns.clone())
             .made_with(&wanted);
         let (device, queue) = adapter.create_device_from_hal::<Vulkan>(of_hal, &wants)?;

@@ -12,7 +12,7 @@ those of docs/method.md, section 8, by their names there, with the program's def
 
 from __future__ import annotations
 
-from ._native import Cancel, Cancelled, DeviceError, Engine, __version__, devices
+from ._native import CancellationToken, Cancelled, DeviceError, Engine, __version__, devices
 from ._results import Brightness, Depth, Lens, Level, Registration, Result, Sweep
 from ._solves import apply, read, register, solve, stack, unpack
 from ._stream import Stream
@@ -20,7 +20,7 @@ from . import measure
 
 __all__ = [
     "Brightness",
-    "Cancel",
+    "CancellationToken",
     "Cancelled",
     "Depth",
     "DeviceError",

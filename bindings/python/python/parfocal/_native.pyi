@@ -15,7 +15,7 @@ class DeviceError(RuntimeError):
 class Cancelled(RuntimeError):
     """The call was called off."""
 
-class Cancel:
+class CancellationToken:
     """Calls solves off, from any thread: those that have it raise Cancelled soon, and so do all that begin with it afterwards."""
 
     def __init__(self) -> None: ...
@@ -42,7 +42,7 @@ class Engine:
         counts: NDArray[np.uint8] | None,
         crop_valid: bool,
         progress: Callable[[float], object] | None,
-        cancel: Cancel | None,
+        cancel: CancellationToken | None,
     ) -> dict[str, Any]: ...
     def register(
         self,
@@ -50,7 +50,7 @@ class Engine:
         i2: NDArray[Any],
         named: dict[str, Any],
         progress: Callable[[float], object] | None,
-        cancel: Cancel | None,
+        cancel: CancellationToken | None,
     ) -> dict[str, Any]: ...
     def stack(
         self,
@@ -62,7 +62,7 @@ class Engine:
         part: Sequence[int] | None,
         counts: NDArray[np.uint8] | None,
         progress: Callable[[float], object] | None,
-        cancel: Cancel | None,
+        cancel: CancellationToken | None,
     ) -> dict[str, Any]: ...
 
 class Stream:

@@ -147,7 +147,7 @@ def solve(
     mask: ArrayLike | None = None,
     crop_valid: bool = False,
     progress: Callable[[float], object] | None = None,
-    cancel: _native.Cancel | None = None,
+    cancel: _native.CancellationToken | None = None,
     **settings: Unpack[Settings],
 ) -> Result:
     """Relative blur and registration of two photographs of one size; results are on the pixels of the first.
@@ -170,7 +170,7 @@ def register(
     *,
     engine: _native.Engine | None = None,
     progress: Callable[[float], object] | None = None,
-    cancel: _native.Cancel | None = None,
+    cancel: _native.CancellationToken | None = None,
     **settings: Unpack[Settings],
 ) -> Registration:
     """How the second photograph lies on the first, and how they differ in brightness. progress, cancel, and what is raised: as `solve`."""
@@ -187,7 +187,7 @@ def stack(
     region: Sequence[int] | None = None,
     mask: ArrayLike | None = None,
     progress: Callable[[float], object] | None = None,
-    cancel: _native.Cancel | None = None,
+    cancel: _native.CancellationToken | None = None,
     **settings: Unpack[Settings],
 ) -> Sweep:
     """Where each pixel of a focus sweep is in focus: three or more frames of one size and kind, in the order of their focus.

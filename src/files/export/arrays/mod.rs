@@ -13,8 +13,8 @@ use tiff::tags::Tag;
 
 use super::Extra;
 use super::meaning::SOFTWARE;
-use crate::around::focus_stack::Sweep;
 use crate::metric::MetricDepth;
+use crate::solve::focus_stack::Sweep;
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,12 +1,12 @@
 //! Whether a patch without texture is said to have a focus.
 
 use super::truth::solved;
-use crate::around::focus_stack::Sweep;
 use crate::base::random::Random;
 use crate::base::{Decode, Frame, centre};
 use crate::lab::evaluate::bench::Bench;
 use crate::lab::evaluate::section::{Case, Section};
 use crate::lab::scene::{Preset, SweepScene};
+use crate::solve::focus_stack::Sweep;
 
 const FRAMES: usize = 11;
 /// Deviations of the noise, white = 1; the middle one alone of a quick run.

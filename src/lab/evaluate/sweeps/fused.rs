@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use super::truth::solved;
-use crate::around::focus_stack::Sweep;
-use crate::around::resample::{brightened, luminance, onto};
 use crate::base::{Error, Frame};
 use crate::files::image_io;
 use crate::lab::evaluate::bench::Bench;
 use crate::lab::evaluate::section::{Case, Section};
 use crate::lab::scene::{Preset, Scene, SweepScene};
+use crate::solve::focus_stack::Sweep;
+use crate::solve::resample::{brightened, luminance, onto};
 
 /// Frames of a simulated sweep, and the deviation of their noise, white = 1.
 const FRAMES: usize = 11;

@@ -1,11 +1,11 @@
 //! A simulated sweep that breathes, drifts, turns, brightens and vignettes.
 
 use super::truth::{judged, solved};
-use crate::around::focus_stack::Sweep;
 use crate::lab::evaluate::bench::Bench;
 use crate::lab::evaluate::errors::{BORDER, inside};
 use crate::lab::evaluate::section::{Case, Section};
 use crate::lab::scene::{Preset, Scene, Shot, SimulatedSweep, SweepScene};
+use crate::solve::focus_stack::Sweep;
 
 const FRAMES: usize = 11;
 /// Deviation of the noise, white = 1.

@@ -1,11 +1,11 @@
 //! How far a sweep's focus is off.
 
-use crate::around::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
 use crate::base::{Decode, Frame, Settings};
 use crate::engine::Engine;
 use crate::lab::evaluate::errors::Spread;
 use crate::lab::evaluate::section::Case;
 use crate::lab::evaluate::sigma::Sigma;
+use crate::solve::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
 
 /// How far u is off, in frames; a pixel without an answer is off by more than any number.
 pub(super) struct Errors {

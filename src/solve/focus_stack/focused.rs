@@ -1,8 +1,8 @@
 //! A sweep of which it is known where its frames lie and where each pixel is in focus: what an image sharp all over is made of.
 
-use crate::around::resample::brightened;
 use crate::base::{Channels, Decode, Frame};
 use crate::engine::Focus;
+use crate::solve::resample::brightened;
 
 pub(super) struct Focused<'a> {
     pub(super) frames: &'a [Frame],

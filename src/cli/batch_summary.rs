@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use parfocal::batch_html::{Entry, batch_page};
+use parfocal::bounded_read;
 use parfocal::export::PAGE_FILE;
-use parfocal::regular;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -80,7 +80,7 @@ impl Outcome {
 
     /// The report in a folder of results, if there is one that can be read.
     pub(super) fn report(out: &Path) -> Option<Value> {
-        serde_json::from_slice(&regular::read(&out.join(REPORT), MAX_REPORT).ok()?).ok()
+        serde_json::from_slice(&bounded_read::read(&out.join(REPORT), MAX_REPORT).ok()?).ok()
     }
 
     pub(super) fn status(&self) -> &'static str {
@@ -341,7 +341,7 @@ impl Tally {
 
 /// A picture of results, which is transparent where there are none.
 fn on_white(path: &Path) -> Option<image::RgbImage> {
-    let picture = image::load_from_memory(&regular::read(path, MAX_PICTURE).ok()?).ok()?.into_rgba8();
+    let picture = image::load_from_memory(&bounded_read::read(path, MAX_PICTURE).ok()?).ok()?.into_rgba8();
     let over =
         |color: u8, alpha: u8| ((u32::from(color) * u32::from(alpha) + 255 * (255 - u32::from(alpha))) / 255) as u8;
     Some(image::RgbImage::from_fn(picture.width(), picture.height(), |x, y| {

@@ -13,11 +13,11 @@ use std::time::Duration;
 use queue::Queue;
 use worker::Worker;
 
-use crate::around::focus_stack::{Sweep, SweepOptions};
 use crate::base::{Error, Format, Frame, Settings};
 use crate::engine::{Engine, Solution};
+use crate::solve::focus_stack::{Sweep, SweepOptions};
 
-/// Many pairs of one size and format in, their results out in the same order: one thread a device keeps all slots of a [`Solver`](crate::Solver)
+/// Many pairs of one size and format in, their results out in the same order: one thread a device keeps all slots of a [`PairSolver`](crate::PairSolver)
 /// busy, so that the next pair goes up and the one before comes down while the device solves. Each pair goes to whichever device is free.
 ///
 /// In one thread, [`Stream::map`] is all it takes:
@@ -49,12 +49,12 @@ use crate::engine::{Engine, Solution};
 ///
 /// ```
 /// # use std::{thread, time::Duration};
-/// # use parfocal::{Error, Frame, Full, Stream};
+/// # use parfocal::{Error, Frame, QueueFull, Stream};
 /// # fn two(stream: &Stream, camera: impl Iterator<Item = [Frame; 2]> + Send) -> Result<(), Error> {
 /// thread::scope(|scope| {
 ///     scope.spawn(|| {
 ///         for pair in camera {
-///             if let Err(Full(_missed)) = stream.push(pair, Duration::from_millis(40)) {
+///             if let Err(QueueFull(_missed)) = stream.push(pair, Duration::from_millis(40)) {
 ///                 eprintln!("the devices are too slow for the camera: a pair was left out");
 ///             }
 ///         }
@@ -71,7 +71,7 @@ use crate::engine::{Engine, Solution};
 /// **Memory.** A stream holds [`Stream::capacity`] pairs, twice as many as its devices have slots: those under way, and as many that wait or are
 /// solved and not yet read. Only reading makes room.
 ///
-/// **Order.** Results come in the order in which pairs were pushed, one for each, and have the bits that [`Solver::solve`](crate::Solver::solve)
+/// **Order.** Results come in the order in which pairs were pushed, one for each, and have the bits that [`PairSolver::solve`](crate::PairSolver::solve)
 /// gives. So a device much slower than the others, which makes results wait for its own, is better left out.
 ///
 /// **Errors.** What is wrong with a pair, another size say, is the result in its place, and the others go on. Where a device fails or takes longer
@@ -87,29 +87,29 @@ pub struct Stream<P = [Frame; 2], R = Solution> {
 }
 
 /// There is no room in a stream by the time stated: the pair, or sweep, comes back.
-pub struct Full<P = [Frame; 2]>(pub P);
+pub struct QueueFull<P = [Frame; 2]>(pub P);
 
-impl<P> fmt::Display for Full<P> {
+impl<P> fmt::Display for QueueFull<P> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("the stream is full: read a result before the next pair, or wait longer while another thread reads")
     }
 }
 
-impl<P> fmt::Debug for Full<P> {
+impl<P> fmt::Debug for QueueFull<P> {
     /// Without the pixels.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Full")
+        f.write_str("QueueFull")
     }
 }
 
-impl<P> std::error::Error for Full<P> {}
+impl<P> std::error::Error for QueueFull<P> {}
 
 impl Stream {
     /// Prepares each device, with so many slots (at least one; three keep it busy), for pairs of a width and height in px and of the formats of I1
     /// and I2.
     ///
     /// # Errors
-    /// Those of [`Solver::with_slots`](crate::Solver::with_slots): a pair that a device does not hold is for a [`Scope`](crate::Scope).
+    /// Those of [`PairSolver::with_slots`](crate::PairSolver::with_slots): a pair that a device does not hold is for a [`SolveOptions`](crate::SolveOptions).
     /// [`Error::NoDevice`] without engines, [`Error::NoThread`].
     pub fn new(
         engines: &[&Engine],
@@ -192,16 +192,16 @@ impl<P, R> Stream<P, R> {
     /// use where no other thread reads.
     ///
     /// # Errors
-    /// [`Full`], with the pair. What is wrong with the pair itself is its result.
-    pub fn push(&self, pair: P, limit: Duration) -> Result<(), Full<P>> {
-        self.queue.push(pair, limit).map_err(Full)
+    /// [`QueueFull`], with the pair. What is wrong with the pair itself is its result.
+    pub fn push(&self, pair: P, limit: Duration) -> Result<(), QueueFull<P>> {
+        self.queue.push(pair, limit).map_err(QueueFull)
     }
 
     /// The result of the oldest pair that has not been read, for which it waits so long at most. `None`: it is not solved by then, or no pair was
     /// pushed; after [`Stream::finish`] at once where all have been read.
     ///
     /// # Errors
-    /// What the pair failed of, as [`Solver::solve`](crate::Solver::solve): those after it go on.
+    /// What the pair failed of, as [`PairSolver::solve`](crate::PairSolver::solve): those after it go on.
     pub fn next(&self, limit: Duration) -> Result<Option<R>, Error> {
         self.queue.next(limit).transpose()
     }

@@ -1,8 +1,8 @@
 //! A flat reference: V of a flat target shows the curvature of the field of focus, which is taken from V of other pairs.
 
-use crate::around::smooth_field::{Known, SmoothField, covers};
 use crate::base::Error;
 use crate::engine::Solution;
+use crate::solve::smooth_field::{Known, SmoothField, covers};
 
 /// Fewest pixels of the reference that tell of V.
 const LEAST_PIXELS: usize = 200;

@@ -17,9 +17,9 @@ mod restated;
 pub use self::part::solve_sweep;
 pub use self::position::{Positions, SweepDepth};
 pub use self::registered::{RegisteredSweep, register_sweep};
-use crate::around::Scope;
 use crate::base::{Brightness, Channels, Decode, Error, Frame, Homography, Region, Settings};
 use crate::engine::{Asked, Engine, Focus, SweepSolver};
+use crate::solve::SolveOptions;
 
 /// A pixel whose deviation is larger, steps, is not known.
 const UNKNOWN: f32 = 2.0;
@@ -37,7 +37,7 @@ pub struct SweepOptions {
     /// The frame on whose pixels the results are; `None` takes the middle one.
     pub reference: Option<usize>,
     /// The part of the reference that results are wanted of, and which of its pixels count; of pairs alone is a flat reference.
-    pub scope: Scope,
+    pub scope: SolveOptions,
 }
 
 impl SweepOptions {

@@ -2,10 +2,10 @@
 
 use super::order::{Order, judge};
 use super::{LEAST, Positions, Sweep, SweepOptions, check, position, solve_whole};
-use crate::around::Scope;
-use crate::around::scope::margin;
 use crate::base::{Brightness, Error, Frame, Homography, Mask, Region, centre};
 use crate::engine::Engine;
+use crate::solve::SolveOptions;
+use crate::solve::scope::margin;
 
 /// Solves a sweep, or the part of it that its scope names. Frames that stand in the wrong place or are there twice are put in order, as
 /// [`Sweep::order`] and a warning say, where that is certain and no positions are stated; `say` is told how many of its levels are done.
@@ -13,7 +13,7 @@ use crate::engine::Engine;
 /// # Errors
 /// [`Error::Mismatch`]: fewer than three frames, sizes or formats that differ, positions or a mask that do not fit.
 /// [`Error::Region`]: the part is not within the frames.
-/// Those of [`Solver::new`](crate::Solver::new) and [`Solver::solve`](crate::Solver::solve).
+/// Those of [`PairSolver::new`](crate::PairSolver::new) and [`PairSolver::solve`](crate::PairSolver::solve).
 pub fn solve_sweep(
     engine: &Engine,
     frames: &[Frame],
@@ -66,7 +66,7 @@ pub(super) fn cut(
     let cut = frames.iter().map(|frame| frame.cropped(part).map_err(Error::Region));
     let cut = cut.collect::<Result<Vec<Frame>, Error>>()?;
     let mask = scope.mask.as_ref().map(|mask| mask.cropped(part));
-    let scope = Scope { mask, cancel: scope.cancel.clone(), ..Scope::default() };
+    let scope = SolveOptions { mask, cancel: scope.cancel.clone(), ..SolveOptions::default() };
     let within = SweepOptions { scope, ..options.clone() };
     Ok(Some((part, cut, within)))
 }

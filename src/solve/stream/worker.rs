@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::queue;
 use crate::base::{Error, Format, Frame, Settings};
-use crate::engine::{Engine, Solution, Solver, Ticket};
+use crate::engine::{Engine, PairSolver, Solution, Ticket};
 
 pub(super) type Solved = Result<Solution, Error>;
 pub(super) type Queue = queue::Queue<[Frame; 2], Solved>;
@@ -18,7 +18,7 @@ const STEP: Duration = Duration::from_millis(1);
 /// One thread's: it brings pairs up and results down while the device solves.
 pub(super) struct Worker {
     queue: Arc<Queue>,
-    solver: Solver,
+    solver: PairSolver,
     device: String,
     /// The longest wait for one solve.
     patience: Duration,
@@ -43,7 +43,7 @@ impl Worker {
         formats: [Format; 2],
         settings: &Settings,
     ) -> Result<Self, Error> {
-        let solver = Solver::with_slots(slots, engine, size, formats, settings)?;
+        let solver = PairSolver::with_slots(slots, engine, size, formats, settings)?;
         Ok(Self {
             queue: queue.clone(),
             solver,

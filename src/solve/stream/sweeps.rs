@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use super::queue;
 use super::worker::is_of_device;
-use crate::around::focus_stack::{Sweep, SweepOptions, solve_sweep};
 use crate::base::{Error, Frame};
 use crate::engine::Engine;
+use crate::solve::focus_stack::{Sweep, SweepOptions, solve_sweep};
 
 pub(super) type Queue = queue::Queue<Vec<Frame>, Result<Sweep, Error>>;
 

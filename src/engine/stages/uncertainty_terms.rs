@@ -39,7 +39,7 @@ pub struct Constants {
 }
 
 bindings! {
-    EVIDENCE:
+    UNCERTAINTY_TERMS:
     /// V.
     v: Reads<RelativeBlur>,
     /// D, b.

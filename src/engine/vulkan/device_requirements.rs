@@ -5,24 +5,24 @@ use std::ffi::CStr;
 use ash::vk::{self, StructureType};
 
 use super::instance::Instance;
-use super::liked::Liked;
+use super::optional_extensions::Liked;
 
 /// The Vulkan version that instance and device must have been made for, at least.
 pub const REQUIRED_VERSION: u32 = vk::API_VERSION_1_3;
 
 /// Switches on the features that an engine requires of a device, in what the device will be made with: timeline semaphores,
-/// synchronization2, maintenance4. Others stay as they are. [`Wanted`] does it in any chain, and with the [`LIKED_EXTENSIONS`](super::LIKED_EXTENSIONS) that there are.
+/// synchronization2, maintenance4. Others stay as they are. [`DeviceRequirements`] does it in any chain, and with the [`OPTIONAL_EXTENSIONS`](super::OPTIONAL_EXTENSIONS) that there are.
 pub fn require(v12: &mut vk::PhysicalDeviceVulkan12Features<'_>, v13: &mut vk::PhysicalDeviceVulkan13Features<'_>) {
     v12.timeline_semaphore = vk::TRUE;
     v13.synchronization2 = vk::TRUE;
     v13.maintenance4 = vk::TRUE;
 }
 
-/// What a device is to be made with for an engine: the required features, and of the [`LIKED_EXTENSIONS`](super::LIKED_EXTENSIONS) those that there are.
+/// What a device is to be made with for an engine: the required features, and of the [`OPTIONAL_EXTENSIONS`](super::OPTIONAL_EXTENSIONS) those that there are.
 ///
 /// The structure of a feature may be in a chain once, and those of single features not beside that of the version which took them in. Who
 /// writes the chain himself may use [`require`]; this is for chains that others have begun.
-pub struct Wanted {
+pub struct DeviceRequirements {
     timeline_semaphore: vk::PhysicalDeviceTimelineSemaphoreFeatures<'static>,
     synchronization2: vk::PhysicalDeviceSynchronization2Features<'static>,
     maintenance4: vk::PhysicalDeviceMaintenance4Features<'static>,
@@ -30,7 +30,7 @@ pub struct Wanted {
     liked: Liked,
 }
 
-impl Wanted {
+impl DeviceRequirements {
     /// Of a physical device.
     ///
     /// # Safety
@@ -136,8 +136,8 @@ unsafe fn switched_on(structure: *mut vk::BaseOutStructure<'_>) -> [bool; 4] {
 mod tests {
     use super::*;
 
-    fn wanted() -> Wanted {
-        Wanted {
+    fn wanted() -> DeviceRequirements {
+        DeviceRequirements {
             timeline_semaphore: vk::PhysicalDeviceTimelineSemaphoreFeatures::default().timeline_semaphore(true),
             synchronization2: vk::PhysicalDeviceSynchronization2Features::default().synchronization2(true),
             maintenance4: vk::PhysicalDeviceMaintenance4Features::default().maintenance4(true),

@@ -5,10 +5,10 @@ use std::sync::{Arc, Mutex};
 
 use ash::vk;
 
-use super::liked::Liked;
-use super::wanted::Wanted;
+use super::device_requirements::DeviceRequirements;
+use super::optional_extensions::Liked;
 
-/// Turns at a queue that others submit to as well; [`Turns`](super::Turns) where there is no such lock yet. Each [`lock`](Self::lock) is followed
+/// SharedQueue at a queue that others submit to as well; [`SharedQueue`](super::SharedQueue) where there is no such lock yet. Each [`lock`](Self::lock) is followed
 /// by one [`unlock`](Self::unlock), by the same thread, after a single submission.
 pub trait QueueLock: Send + Sync {
     /// Waits until nobody else uses the queue, and keeps others from it.
@@ -19,7 +19,7 @@ pub trait QueueLock: Send + Sync {
 
 /// A device that belongs to the embedding program, for [`Engine::from_vulkan`](crate::Engine::from_vulkan).
 #[derive(Clone)]
-pub struct ForeignDevice {
+pub struct ExternalDevice {
     pub(super) instance: ash::Instance,
     pub(super) physical: vk::PhysicalDevice,
     pub(super) device: ash::Device,
@@ -30,16 +30,16 @@ pub struct ForeignDevice {
     pub(super) lock: Option<Arc<dyn QueueLock>>,
 }
 
-impl ForeignDevice {
+impl ExternalDevice {
     /// A device and a queue of it, of a family that computes.
     ///
     /// # Safety
     /// - `physical` is of `instance`, `device` was made of `physical`, and `queue` is of `queue_family` of `device`.
     /// - Instance and device were made for [`REQUIRED_VERSION`](super::REQUIRED_VERSION) or later, the device with what
-    ///   [`require`](super::require) or [`Wanted`] switches on.
+    ///   [`require`](super::require) or [`DeviceRequirements`] switches on.
     /// - Until the last engine, solver and view made of this is gone, none of them is destroyed; and where a solve has timed out, not before the
     ///   device is idle.
-    /// - Nobody else uses `queue` meanwhile, unless all do by the turns of [`ForeignDevice::locked_by`]. To wait for the device to be idle is to use all
+    /// - Nobody else uses `queue` meanwhile, unless all do by the turns of [`ExternalDevice::locked_by`]. To wait for the device to be idle is to use all
     ///   its queues. A queue that the device synchronises itself needs no turns, nor does one of several of a family that only the engine has.
     pub unsafe fn new(
         instance: ash::Instance,
@@ -55,7 +55,7 @@ impl ForeignDevice {
     /// The same of raw handles, from another language or another version of ash; `entry` is the `vkGetInstanceProcAddr` that `instance` came by.
     ///
     /// # Safety
-    /// As of [`ForeignDevice::new`].
+    /// As of [`ExternalDevice::new`].
     pub unsafe fn from_handles(
         entry: vk::PFN_vkGetInstanceProcAddr,
         instance: vk::Instance,
@@ -83,8 +83,8 @@ impl ForeignDevice {
     /// The device has what was wanted, all of which may be used.
     ///
     /// # Safety
-    /// The device was made with the [extensions](Wanted::extensions) and as [`Wanted::switch_on`] says, on the same physical device.
-    pub unsafe fn made_with(self, wanted: &Wanted) -> Self {
+    /// The device was made with the [extensions](DeviceRequirements::extensions) and as [`DeviceRequirements::switch_on`] says, on the same physical device.
+    pub unsafe fn made_with(self, wanted: &DeviceRequirements) -> Self {
         Self { liked: wanted.liked(), ..self }
     }
 
@@ -99,7 +99,7 @@ impl ForeignDevice {
     /// dma-bufs may be shared.
     ///
     /// # Safety
-    /// The device was made with the last three of [`LIKED_EXTENSIONS`](super::LIKED_EXTENSIONS).
+    /// The device was made with the last three of [`OPTIONAL_EXTENSIONS`](super::OPTIONAL_EXTENSIONS).
     pub unsafe fn with_dma_bufs(self) -> Self {
         Self { liked: Liked { dma_buf: true, ..self.liked }, ..self }
     }
@@ -113,10 +113,10 @@ impl ForeignDevice {
     }
 }
 
-impl fmt::Debug for ForeignDevice {
+impl fmt::Debug for ExternalDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { physical, queue_family, liked, .. } = self;
-        write!(f, "ForeignDevice {{ {physical:?}, family {queue_family}, {liked:?} }}")
+        write!(f, "ExternalDevice {{ {physical:?}, family {queue_family}, {liked:?} }}")
     }
 }
 
@@ -144,7 +144,7 @@ impl Wait {
     }
 }
 
-/// A command buffer of the embedding program's, into which a solve is [recorded](crate::Solver::encode).
+/// A command buffer of the embedding program's, into which a solve is [recorded](crate::PairSolver::encode).
 #[derive(Clone, Copy, Debug)]
 pub struct Commands(pub(super) vk::CommandBuffer);
 
@@ -164,9 +164,9 @@ impl Commands {
 }
 
 /// A turn at a queue, given back when it is dropped.
-pub struct Turn<'a>(Option<&'a dyn QueueLock>);
+pub struct QueueGuard<'a>(Option<&'a dyn QueueLock>);
 
-impl<'a> Turn<'a> {
+impl<'a> QueueGuard<'a> {
     pub(super) fn take(lock: Option<&'a dyn QueueLock>) -> Self {
         if let Some(lock) = lock {
             lock.lock();
@@ -175,7 +175,7 @@ impl<'a> Turn<'a> {
     }
 }
 
-impl Drop for Turn<'_> {
+impl Drop for QueueGuard<'_> {
     fn drop(&mut self) {
         if let Some(lock) = self.0 {
             lock.unlock();
@@ -190,17 +190,17 @@ mod tests {
 
     use super::*;
     use crate::base::{Error, Frame, Settings};
-    use crate::engine::vulkan::{Instance, LIKED_EXTENSIONS, OnDevice, require};
-    use crate::engine::{Engine, EngineOptions, Solver, testing};
+    use crate::engine::vulkan::{Instance, OPTIONAL_EXTENSIONS, OnDevice, require};
+    use crate::engine::{Engine, EngineOptions, PairSolver, testing};
 
     /// Counts turns, and sees that there is one at a time.
     #[derive(Default)]
-    struct Turns {
+    struct SharedQueue {
         taken: AtomicUsize,
         given_back: AtomicUsize,
     }
 
-    impl QueueLock for Turns {
+    impl QueueLock for SharedQueue {
         fn lock(&self) {
             assert_eq!(self.taken.fetch_add(1, Ordering::SeqCst), self.given_back.load(Ordering::SeqCst));
         }
@@ -230,7 +230,7 @@ mod tests {
             let family = first.queue_family;
             let is_conditional = likes && first.liked.conditional;
             let extensions: Vec<_> =
-                LIKED_EXTENSIONS[..1].iter().map(|name| name.as_ptr()).filter(|_| is_conditional).collect();
+                OPTIONAL_EXTENSIONS[..1].iter().map(|name| name.as_ptr()).filter(|_| is_conditional).collect();
             let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
             let (mut v12, mut v13) = Default::default();
             require(&mut v12, &mut v13);
@@ -251,11 +251,11 @@ mod tests {
             Self { instance, physical: first.handle, device, family, queue, is_conditional }
         }
 
-        fn foreign(&self, turns: &Arc<Turns>) -> ForeignDevice {
+        fn foreign(&self, turns: &Arc<SharedQueue>) -> ExternalDevice {
             let handle = self.instance.handle.clone();
             // SAFETY: all are of this program, which outlives what is made of them; the queue is used by turns.
             let foreign =
-                unsafe { ForeignDevice::new(handle, self.physical, self.device.clone(), self.family, self.queue) };
+                unsafe { ExternalDevice::new(handle, self.physical, self.device.clone(), self.family, self.queue) };
             // SAFETY: nobody else uses the queue meanwhile.
             let foreign = unsafe { foreign.locked_by(turns.clone()) };
             // SAFETY: the device was made so.
@@ -283,7 +283,7 @@ mod tests {
 
     fn bits(engine: &Engine) -> Vec<u32> {
         let [i1, i2] = pair();
-        let solved = Solver::for_pair(engine, &i1, &i2, &Settings::default()).unwrap().solve(&i1, &i2).unwrap();
+        let solved = PairSolver::for_pair(engine, &i1, &i2, &Settings::default()).unwrap().solve(&i1, &i2).unwrap();
         solved.relative_blur.iter().map(|v| v.to_bits()).collect()
     }
 
@@ -291,7 +291,7 @@ mod tests {
     fn a_device_of_the_callers_solves_alike_and_stays_theirs() {
         let own = bits(&Engine::new(&testing::options()).unwrap());
         for likes in [true, false] {
-            let (program, turns) = (Program::new(likes), Arc::new(Turns::default()));
+            let (program, turns) = (Program::new(likes), Arc::new(SharedQueue::default()));
             let engine = Engine::from_vulkan(program.foreign(&turns), &EngineOptions::default()).unwrap();
             assert_eq!(engine.device().conditional.is_some(), program.is_conditional);
             assert_eq!(bits(&engine), own);
@@ -310,7 +310,7 @@ mod tests {
         let (physical, device) = (program.physical, program.device.handle());
         // SAFETY: all are of this program, which outlives the engine and does nothing else with the queue.
         let foreign =
-            unsafe { ForeignDevice::from_handles(entry, instance, physical, device, program.family, program.queue) };
+            unsafe { ExternalDevice::from_handles(entry, instance, physical, device, program.family, program.queue) };
         let engine = Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap();
         assert_eq!(bits(&engine), bits(&Engine::new(&testing::options()).unwrap()));
     }
@@ -368,10 +368,10 @@ mod tests {
 
     #[test]
     fn results_are_read_where_the_device_leaves_them() {
-        let (program, turns) = (Program::new(true), Arc::new(Turns::default()));
+        let (program, turns) = (Program::new(true), Arc::new(SharedQueue::default()));
         let engine = Engine::from_vulkan(program.foreign(&turns), &EngineOptions::default()).unwrap();
         let [i1, i2] = pair();
-        let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+        let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
         let ticket = solver.submit(0, &i1, &i2).unwrap();
         let found = program.copied(&solver.on_device(&ticket).unwrap());
         let view = solver.wait(&ticket, Duration::MAX).unwrap().unwrap();
@@ -384,7 +384,7 @@ mod tests {
     #[test]
     fn a_family_that_there_is_not_is_refused() {
         let program = Program::new(false);
-        let foreign = ForeignDevice { queue_family: 99, ..program.foreign(&Arc::default()) };
+        let foreign = ExternalDevice { queue_family: 99, ..program.foreign(&Arc::default()) };
         let refused = Engine::from_vulkan(foreign, &EngineOptions::default()).map(drop);
         assert!(matches!(&refused, Err(Error::NoDevice(why)) if why.contains("family 99")), "{refused:?}");
     }

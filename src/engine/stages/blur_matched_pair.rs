@@ -1,17 +1,17 @@
 //! Both images as V says they look alike, the sharper one blurred, for gain, offset and shading.
 //!
 //! Where V is right the two differ by their exposure and noise alone, whatever the blur, so that means and deviations tell of the
-//! exposure and take none of the blur for it. On every other pixel; the [window](super::evidence::window()) then takes the noise off.
+//! exposure and take none of the blur for it. On every other pixel; the [window](super::uncertainty_terms::window()) then takes the noise off.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::blur::Stacks;
-use super::evidence;
 use super::mask::{self, Masks};
 use super::memory::Memory;
 use super::pass::{Pass, bindings};
-use super::seen::see;
+use super::resample_pair::see;
 use super::state::{Registration, inside};
+use super::uncertainty_terms;
 use super::{Field, pixels, spline};
 use crate::engine::vulkan::{Stage, Variant};
 
@@ -39,7 +39,7 @@ pub struct Constants {
 }
 
 bindings! {
-    SIDES:
+    BLUR_MATCHED_PAIR:
     /// I1.
     i1: Reads<I1>,
     /// V.
@@ -61,7 +61,7 @@ impl Pass for Bindings {
     /// Bytes that must move: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image read, three
     /// values written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
-        let [width, height] = evidence::size([c.width, c.height]);
+        let [width, height] = uncertainty_terms::size([c.width, c.height]);
         32 * pixels(width, height)
     }
 
@@ -98,7 +98,7 @@ pub fn twin(
     images: &Images,
     masks: Option<&Masks>,
 ) -> [Field; LAYERS as usize] {
-    let [width, height] = evidence::size([c.width, c.height]).map(|side| side as usize);
+    let [width, height] = uncertainty_terms::size([c.width, c.height]).map(|side| side as usize);
     let at = |x: usize, y: usize| {
         let (x, v) = ([2 * x, 2 * y], v.get(2 * x, 2 * y));
         let d = r.displacement(x[0], x[1], c.factor.into(), c.centre.map(f64::from));
@@ -158,7 +158,7 @@ mod tests {
 
         let rig = Rig::new();
         let layers = if stacked { stacks.concat() } else { vec![stacks[1][0].clone()] };
-        let size = evidence::size([c.width, c.height]);
+        let size = uncertainty_terms::size([c.width, c.height]);
         let images = [rig.image(&[i1]), rig.image(&[v]), rig.image(&layers), rig.empty(size, LAYERS as usize)];
         let (buffer, masks) = (rig.upload(bytemuck::bytes_of(&state)), rig.image(&masks));
         let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();

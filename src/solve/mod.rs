@@ -9,5 +9,5 @@ mod smooth_field;
 mod stream;
 
 pub use field_curvature::FieldCurvature;
-pub use scope::{Kept, Scope};
-pub use stream::{Full, Stream};
+pub use scope::{SolveOptions, SolverCache};
+pub use stream::{QueueFull, Stream};

@@ -57,7 +57,7 @@ pub struct Constants {
 }
 
 bindings! {
-    STEP:
+    UPDATE_TRANSFORM:
     /// Rows of sums.
     partials: Reads<Partials>,
     /// State.

@@ -6,8 +6,8 @@ use crate::engine::arguments;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::noise::Noise;
 use crate::engine::stages::{
-    appearance, even, evidence, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level, residual,
-    shape_windows, sides, step, system, uncertainty, unpack, update, warp,
+    appearance, apply_shading, blur_matched_pair, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level,
+    residual, shape_windows, system, uncertainty, uncertainty_terms, unpack, update, update_transform, warp,
 };
 
 /// Outer iterations of a level after which its steps of V and T are damped: a level that settles by whole steps mostly has by
@@ -99,8 +99,8 @@ impl Plan {
     }
 
     /// What `sides` is told on a level: without stacks while V is zero.
-    pub(crate) fn sides(&self, level: &Level, stacked: bool) -> sides::Constants {
-        sides::Constants {
+    pub(crate) fn sides(&self, level: &Level, stacked: bool) -> blur_matched_pair::Constants {
+        blur_matched_pair::Constants {
             width: level.size[0],
             height: level.size[1],
             nodes: if stacked { level.nodes as u32 } else { 0 },
@@ -131,9 +131,9 @@ impl Plan {
     }
 
     /// What `even` is told on a level.
-    pub(crate) fn even(&self, level: &Level, layer: u32) -> even::Constants {
+    pub(crate) fn even(&self, level: &Level, layer: u32) -> apply_shading::Constants {
         let [width, height] = level.size;
-        even::Constants { width, height, layer, centre: level.centre.map(|c| c as f32) }
+        apply_shading::Constants { width, height, layer, centre: level.centre.map(|c| c as f32) }
     }
 
     fn descends(&self) -> bool {
@@ -171,9 +171,15 @@ impl Plan {
     }
 
     /// What `evidence` is told.
-    pub(crate) fn evidence(&self) -> evidence::Constants {
+    pub(crate) fn evidence(&self) -> uncertainty_terms::Constants {
         let ([width, height], s) = (self.size, &self.settings);
-        evidence::Constants { width, height, eta: s.data_eta as f32, noise: evidence::NOISE, least: evidence::LEAST }
+        uncertainty_terms::Constants {
+            width,
+            height,
+            eta: s.data_eta as f32,
+            noise: uncertainty_terms::NOISE,
+            least: uncertainty_terms::LEAST,
+        }
     }
 
     /// What `residual` is told.
@@ -182,7 +188,7 @@ impl Plan {
         residual::Constants {
             width,
             height,
-            layer: evidence::RESIDUAL as u32,
+            layer: uncertainty_terms::RESIDUAL as u32,
             nodes: finest.nodes as u32,
             second_stack: self.first_layer(1),
             centre: finest.centre.map(|c| c as f32),
@@ -214,8 +220,8 @@ impl Plan {
     }
 
     /// What `step` is told after `appearance`, in iteration k of a level.
-    pub(crate) fn appearance_step(&self, level: &Level, k: u32) -> step::Constants {
-        step::Constants {
+    pub(crate) fn appearance_step(&self, level: &Level, k: u32) -> update_transform::Constants {
+        update_transform::Constants {
             unknowns: self.unknowns(),
             may_settle: u32::from(k > 0),
             warp_count: 0,
@@ -224,10 +230,10 @@ impl Plan {
     }
 
     /// What `step` is told in iteration k of a level.
-    pub(crate) fn step(&self, level: &Level, k: u32) -> step::Constants {
+    pub(crate) fn step(&self, level: &Level, k: u32) -> update_transform::Constants {
         let [columns, rows, _] = level.tiles();
         let words = arguments::words(level.index, self.warps_anew(level, k + 1));
-        step::Constants {
+        update_transform::Constants {
             rows: columns * rows,
             level: level.index as u32,
             energy_place: level.index as u32 * self.settings.outer_iterations + k,

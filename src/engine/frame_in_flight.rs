@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::OtherMotion;
-use super::call::Call;
+use super::cancel_flag::CancelFlag;
 use super::motion::Form;
 use super::plan::Plan;
 use super::profile::{Phases, Profile, Ran, Reading, SUBMIT_WAIT};
@@ -14,13 +14,13 @@ use super::registered::Registered;
 use super::script::{Dispatch, Script, compose};
 use super::slot::Slot;
 use super::solution::{Counts, Findings, LevelHistory, Timings};
+use super::solution_ref::SolutionRef;
 use super::stages::Pipelines;
 use super::stages::state::{Registration, State};
 use super::stages::sums::{Layout, Sums};
-use super::view::View;
 use super::vulkan::{Buffer, Clock, Commands, Device, Fetch, OnDevice, Recorder, Recording, Wait};
 use super::workspace::Workspace;
-use crate::base::{Cancel, Error, Homography, Kernel, Mask, Photometric, Region, Shading, Signal};
+use crate::base::{CancellationToken, Error, Homography, Kernel, Mask, Photometric, Region, Shading, Signal};
 
 /// A script, and its recording.
 struct Prepared {
@@ -46,7 +46,7 @@ pub(super) struct Common {
 }
 
 /// One pair on its way.
-pub(super) struct Lane {
+pub(super) struct FrameInFlight {
     common: Arc<Common>,
     workspace: Workspace,
     /// What the latest pair takes.
@@ -68,17 +68,17 @@ pub(super) struct Lane {
     /// Whether the latest is fetched by the device.
     fetches: bool,
     /// What calls the latest off, and is told to.
-    call: Arc<Call>,
+    call: Arc<CancelFlag>,
     signal: Arc<Signal>,
 }
 
-impl Drop for Lane {
+impl Drop for FrameInFlight {
     fn drop(&mut self) {
         self.call.end();
     }
 }
 
-impl Lane {
+impl FrameInFlight {
     /// Prepared for pairs with masked or clipped pixels, or for those without; by `None` for both, and neither kind's first waits.
     pub(super) fn new(common: Arc<Common>, workspace: Workspace, is_masked: Option<bool>) -> Result<Self, Error> {
         let prepared = |is_masked| prepared(&common, &workspace, is_masked);
@@ -86,7 +86,7 @@ impl Lane {
         let is_masked = is_masked.unwrap_or(false);
         let latest = prepared(is_masked)?;
         let (started, phases) = (Instant::now(), Phases::default());
-        let call = Call::of(workspace.buffer(Slot::StartArguments), &common.plan);
+        let call = CancelFlag::of(workspace.buffer(Slot::StartArguments), &common.plan);
         let signal = call.signal();
         let (under_way, pairs) = (None, 0);
         Ok(Self {
@@ -113,14 +113,14 @@ impl Lane {
     }
 
     /// A new pair comes, which may be called off: what was under way is waited for.
-    pub(super) fn begin(&mut self, cancel: &Cancel) -> Result<(), Error> {
+    pub(super) fn begin(&mut self, cancel: &CancellationToken) -> Result<(), Error> {
         self.rest()?;
         // Whatever comes of it, results of the one before are no more asked for.
         self.pairs += 1;
         self.fetches = false;
         self.call.end();
         let words = self.workspace.buffer(Slot::StartArguments);
-        self.call = Call::of(words, &self.common.plan);
+        self.call = CancelFlag::of(words, &self.common.plan);
         self.signal = self.call.signal();
         self.call.go_on(words)?;
         cancel.tells(&self.signal);
@@ -297,7 +297,7 @@ impl Lane {
     }
 
     /// The results where they are.
-    pub(super) fn view(&mut self, mask: Option<&Mask>) -> Result<View<'_>, Error> {
+    pub(super) fn view(&mut self, mask: Option<&Mask>) -> Result<SolutionRef<'_>, Error> {
         self.check_wanted()?;
         let [width, height] = self.common.plan.size;
         let state = self.state(Slot::EndState)?;
@@ -335,7 +335,7 @@ impl Lane {
         }
         self.phases.end("collect");
         findings.timings.total_ms = self.started.elapsed().as_secs_f64() * 1e3;
-        Ok(View::new(findings, self.workspace.buffer(Slot::EndMaps).floats()?))
+        Ok(SolutionRef::new(findings, self.workspace.buffer(Slot::EndMaps).floats()?))
     }
 
     /// The registration, out of mapped memory.

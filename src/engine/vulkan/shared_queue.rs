@@ -2,25 +2,25 @@
 
 use std::sync::{Condvar, Mutex, PoisonError};
 
-use super::foreign::{QueueLock, Turn};
+use super::interop::{QueueGuard, QueueLock};
 
-/// Turns at a queue, for a program that has no lock of it yet: it takes one by [`turn`](Self::turn) for all that it does with the queue.
+/// SharedQueue at a queue, for a program that has no lock of it yet: it takes one by [`turn`](Self::turn) for all that it does with the queue.
 #[derive(Default)]
-pub struct Turns {
+pub struct SharedQueue {
     // A guard of the mutex itself could not be given back by another call.
     is_taken: Mutex<bool>,
     given_back: Condvar,
 }
 
-impl Turns {
+impl SharedQueue {
     /// Waits until nobody else uses the queue; others wait until what this returns is dropped.
     #[must_use = "the turn is over when this is dropped"]
-    pub fn turn(&self) -> Turn<'_> {
-        Turn::take(Some(self))
+    pub fn turn(&self) -> QueueGuard<'_> {
+        QueueGuard::take(Some(self))
     }
 }
 
-impl QueueLock for Turns {
+impl QueueLock for SharedQueue {
     fn lock(&self) {
         let is_taken = self.is_taken.lock().unwrap_or_else(PoisonError::into_inner);
         let free = self.given_back.wait_while(is_taken, |is_taken| *is_taken);
@@ -41,7 +41,7 @@ mod tests {
 
     #[test]
     fn one_has_the_turn_at_a_time() {
-        let (turns, inside) = (Turns::default(), AtomicUsize::new(0));
+        let (turns, inside) = (SharedQueue::default(), AtomicUsize::new(0));
         std::thread::scope(|scope| {
             for _ in 0..4 {
                 scope.spawn(|| {

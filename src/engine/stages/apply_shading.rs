@@ -27,7 +27,7 @@ pub struct Constants {
 }
 
 bindings! {
-    EVEN:
+    APPLY_SHADING:
     /// I2.
     from: Reads<I2>,
     /// Where it goes.

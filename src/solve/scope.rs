@@ -1,12 +1,12 @@
 //! What of a pair is solved, and what is done to it before and after.
 
-use crate::around::FieldCurvature;
-use crate::base::{Cancel, Error, Format, Frame, Mask, Region, Settings, centre};
-use crate::engine::{Engine, Progress, Solution, Solver, large, same_size};
+use crate::base::{CancellationToken, Error, Format, Frame, Mask, Region, Settings, centre};
+use crate::engine::{Engine, PairSolver, Progress, Solution, large, same_size};
+use crate::solve::FieldCurvature;
 
 /// A part of the frame, a mask, and what is known of the lens; nothing of it by default.
 #[derive(Clone, Debug, Default)]
-pub struct Scope {
+pub struct SolveOptions {
     /// The part of I1 that results are wanted of, px.
     pub region: Option<Region>,
     /// Which pixels of I1 count.
@@ -16,18 +16,18 @@ pub struct Scope {
     /// Whether results are cropped to the largest rectangle in which V is valid everywhere.
     pub crop_valid: bool,
     /// What calls the solve off.
-    pub cancel: Cancel,
+    pub cancel: CancellationToken,
 }
 
 /// A solver that is kept for pairs like the last one.
-pub struct Kept {
+pub struct SolverCache {
     size: [u32; 2],
     formats: [Format; 2],
     settings: Settings,
-    solver: Solver,
+    solver: PairSolver,
 }
 
-impl Scope {
+impl SolveOptions {
     /// The largest pair, px: of one that the device does not hold, results and photographs take some 8 GiB of the host.
     pub const MOST_PIXELS: u64 = large::MOST_PIXELS;
 
@@ -53,11 +53,11 @@ impl Scope {
     /// of.
     ///
     /// # Errors
-    /// As [`Scope::check`], [`Solver::for_pair`] and [`Solver::solve`].
+    /// As [`SolveOptions::check`], [`PairSolver::for_pair`] and [`PairSolver::solve`].
     pub fn solve(
         &self,
         engine: &Engine,
-        kept: &mut Option<Kept>,
+        kept: &mut Option<SolverCache>,
         [i1, i2]: [&Frame; 2],
         settings: &Settings,
         progress: &mut dyn FnMut(Progress),
@@ -97,7 +97,7 @@ impl Scope {
     fn solve_all(
         &self,
         engine: &Engine,
-        kept: &mut Option<Kept>,
+        kept: &mut Option<SolverCache>,
         [i1, i2]: [&Frame; 2],
         settings: &Settings,
         mask: Option<Mask>,
@@ -109,12 +109,12 @@ impl Scope {
             *kept = None;
             return large::solve(engine, [i1, i2], settings, mask.as_ref(), &self.cancel, progress);
         }
-        let fits = |kept: &Kept| kept.size == size && kept.formats == formats && kept.settings == *settings;
+        let fits = |kept: &SolverCache| kept.size == size && kept.formats == formats && kept.settings == *settings;
         let solver = match kept.take().filter(fits) {
             Some(kept) => kept.solver,
-            None => Solver::for_pair(engine, i1, i2, settings)?,
+            None => PairSolver::for_pair(engine, i1, i2, settings)?,
         };
-        let Kept { solver, .. } = kept.insert(Kept { size, formats, settings: settings.clone(), solver });
+        let SolverCache { solver, .. } = kept.insert(SolverCache { size, formats, settings: settings.clone(), solver });
         solver.set_mask(mask)?;
         solver.set_cancel(self.cancel.clone());
         solver.solve_with(i1, i2, progress)

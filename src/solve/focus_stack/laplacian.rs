@@ -1,6 +1,6 @@
 //! How sharp a frame is at each pixel.
 
-use crate::around::resample::in_rows;
+use crate::solve::resample::in_rows;
 
 /// The squared Laplacian at each pixel; border pixels go on beyond the border.
 pub(super) fn squared_laplacian(values: &[f32], [width, height]: [usize; 2]) -> Vec<f32> {

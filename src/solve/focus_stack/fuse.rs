@@ -2,8 +2,8 @@
 
 use super::choose::choose;
 use super::focused::Focused;
-use crate::around::resample::{Spline, in_rows};
 use crate::base::{Homography, centre};
+use crate::solve::resample::{Spline, in_rows};
 
 /// The all-in-focus image on the reference's pixels.
 pub(super) struct Fused {

@@ -5,8 +5,8 @@
 
 use super::focused::Focused;
 use super::laplacian::squared_laplacian;
-use crate::around::resample::{in_rows, luminance};
 use crate::base::{Homography, centre};
+use crate::solve::resample::{in_rows, luminance};
 
 /// Pixels of a cell along either side, of which one frame is chosen.
 const CELL: usize = 2;

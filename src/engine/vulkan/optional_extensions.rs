@@ -7,7 +7,7 @@ use ash::{ext, khr};
 /// Device extensions that an engine makes use of where they are enabled, with their features: the device leaves out by itself what
 /// has settled, and a solve is one submission (`VkPhysicalDeviceConditionalRenderingFeaturesEXT`); it reads memory of the host
 /// ([`Engine::share`](crate::Engine::share)), and, by the last three together, dma-bufs where they are. None is required.
-pub const LIKED_EXTENSIONS: [&CStr; 5] = [
+pub const OPTIONAL_EXTENSIONS: [&CStr; 5] = [
     ext::conditional_rendering::NAME,
     ext::external_memory_host::NAME,
     khr::external_memory_fd::NAME,
@@ -29,7 +29,7 @@ pub(crate) struct Liked {
 impl Liked {
     /// Of a device that has extensions by these names.
     pub(super) fn of(has: impl Fn(&CStr) -> bool) -> Self {
-        let [conditional, host_memory, rest @ ..] = LIKED_EXTENSIONS;
+        let [conditional, host_memory, rest @ ..] = OPTIONAL_EXTENSIONS;
         Self {
             conditional: has(conditional),
             host_memory: has(host_memory),
@@ -41,7 +41,7 @@ impl Liked {
     pub(super) fn extensions(self) -> impl Iterator<Item = &'static CStr> {
         let Self { conditional, host_memory, dma_buf } = self;
         let has = [conditional, host_memory, dma_buf, dma_buf, dma_buf];
-        LIKED_EXTENSIONS.into_iter().zip(has).filter(|(_, has)| *has).map(|(name, _)| name)
+        OPTIONAL_EXTENSIONS.into_iter().zip(has).filter(|(_, has)| *has).map(|(name, _)| name)
     }
 
     /// What both have.

@@ -8,7 +8,7 @@ use crate::base::workers;
 /// The results of a solve in the solver's own memory: nothing is copied, and they stand until its next pair is handed over.
 ///
 /// ```
-/// # use parfocal::{Engine, EngineOptions, Error, Frame, Settings, Solver};
+/// # use parfocal::{Engine, EngineOptions, Error, Frame, Settings, PairSolver};
 /// # fn photograph(soft: f32) -> Frame {
 /// #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
 /// #     Frame::gray(64, 48, (0..64 * 48).map(value).collect()).unwrap()
@@ -16,20 +16,20 @@ use crate::base::workers;
 /// # fn main() -> Result<(), Error> {
 /// # let (i1, i2) = (photograph(0.4), photograph(0.3));
 /// let engine = Engine::new(&EngineOptions::default())?;
-/// let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default())?;
+/// let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default())?;
 /// let view = solver.solve_in_place(&i1, &i2)?;
 /// println!("V {:.2} px², {:?}", view.relative_blur()[64 * 24], view.transform);
 /// # assert_eq!(view.to_owned().relative_blur.len(), view.relative_blur().len());
 /// # Ok(())
 /// # }
 /// ```
-pub struct View<'a> {
+pub struct SolutionRef<'a> {
     findings: Findings,
     /// V, its standard deviation, the residual, the fused channels, one after the other.
     maps: &'a [f32],
 }
 
-impl<'a> View<'a> {
+impl<'a> SolutionRef<'a> {
     pub(super) fn new(findings: Findings, maps: &'a [f32]) -> Self {
         Self { findings, maps }
     }
@@ -82,7 +82,7 @@ impl<'a> View<'a> {
     }
 }
 
-impl Deref for View<'_> {
+impl Deref for SolutionRef<'_> {
     type Target = Findings;
 
     fn deref(&self) -> &Findings {

@@ -5,9 +5,9 @@ use std::time::Duration;
 use crate::base::{Error, Frame};
 use crate::engine::source::{Source, Way};
 use crate::engine::vulkan::{Commands, DeviceSource, Fetch, OnDevice, Wait};
-use crate::engine::{Solver, View, same_size};
+use crate::engine::{PairSolver, SolutionRef, same_size};
 
-/// A pair that was [submitted](Solver::submit).
+/// A pair that was [submitted](PairSolver::submit).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ticket {
     slot: usize,
@@ -22,12 +22,12 @@ impl Ticket {
     }
 }
 
-impl Solver {
+impl PairSolver {
     /// Hands a pair to the device in a slot, counted from 0, whose earlier pair is waited for, and comes back while the device works. (A device
     /// that cannot leave commands out by itself, VK_EXT_conditional_rendering, has to be asked in between: it is waited for.)
     ///
     /// # Errors
-    /// As [`Solver::solve`]; [`Error::Mismatch`] where there is no such slot.
+    /// As [`PairSolver::solve`]; [`Error::Mismatch`] where there is no such slot.
     pub fn submit(&mut self, slot: usize, i1: &Frame, i2: &Frame) -> Result<Ticket, Error> {
         same_size([i1, i2])?;
         self.submit_sources(slot, [Source::Frame(i1), Source::Frame(i2)], &[])
@@ -36,7 +36,7 @@ impl Solver {
     /// The same of photographs from anywhere, which the device reads once what is waited for has happened.
     ///
     /// # Errors
-    /// As [`Solver::submit`]; [`Error::NoKeyPoints`] with the method SIFT, which takes frames.
+    /// As [`PairSolver::submit`]; [`Error::NoKeyPoints`] with the method SIFT, which takes frames.
     pub fn submit_sources(&mut self, slot: usize, sources: [Source<'_>; 2], waits: &[Wait]) -> Result<Ticket, Error> {
         let fetches = self.bring_up(slot, sources)?;
         let lane = &mut self.lanes[slot];
@@ -65,13 +65,13 @@ impl Solver {
     }
 
     /// Records a solve of photographs on the device into a command buffer of the embedding program's, which then executes it, once or as often as
-    /// it fills them anew; the host is asked nothing in between. [`Solver::on_device`] names the buffer that the results are in for commands after a
+    /// it fills them anew; the host is asked nothing in between. [`PairSolver::on_device`] names the buffer that the results are in for commands after a
     /// barrier; what is not yet done of a pair that was called off or has settled runs over nothing. When it is solved the program knows:
-    /// [`Solver::poll`], [`Solver::wait`] and [`Solver::wait_taken`] take it for done, and the semaphore of [`Solver::on_device`] says nothing of it. The
+    /// [`PairSolver::poll`], [`PairSolver::wait`] and [`PairSolver::wait_taken`] take it for done, and the semaphore of [`PairSolver::on_device`] says nothing of it. The
     /// contract is that of [`Commands::new`].
     ///
     /// # Errors
-    /// As [`Solver::submit_sources`].
+    /// As [`PairSolver::submit_sources`].
     pub fn encode(&mut self, slot: usize, commands: Commands, sources: [DeviceSource; 2]) -> Result<Ticket, Error> {
         let fetches = self.bring_up(slot, sources.map(Source::OnDevice))?;
         self.lanes[slot].encode(commands, &fetches)?;
@@ -87,7 +87,7 @@ impl Solver {
     ///
     /// # Errors
     /// [`Error::Mismatch`] where another pair has taken the slot since; [`Error::Cancelled`], [`Error::Poisoned`], [`Error::Vulkan`].
-    pub fn wait(&mut self, ticket: &Ticket, limit: Duration) -> Result<Option<View<'_>>, Error> {
+    pub fn wait(&mut self, ticket: &Ticket, limit: Duration) -> Result<Option<SolutionRef<'_>>, Error> {
         self.check_ticket(ticket)?;
         let lane = &mut self.lanes[ticket.slot];
         if !lane.wait(limit)? {
@@ -99,7 +99,7 @@ impl Solver {
     /// Waits so long at most for the device to have fetched what it fetches of a pair; whether it has: then it may be overwritten.
     ///
     /// # Errors
-    /// As [`Solver::wait`].
+    /// As [`PairSolver::wait`].
     pub fn wait_taken(&mut self, ticket: &Ticket, limit: Duration) -> Result<bool, Error> {
         self.check_ticket(ticket)?;
         self.lanes[ticket.slot].is_taken(limit)
@@ -108,7 +108,7 @@ impl Solver {
     /// Whether a pair is solved, or was called off and the device has left the rest of it out; waits for nothing.
     ///
     /// # Errors
-    /// As [`Solver::wait`].
+    /// As [`PairSolver::wait`].
     pub fn poll(&mut self, ticket: &Ticket) -> Result<bool, Error> {
         self.check_ticket(ticket)?;
         self.lanes[ticket.slot].wait(Duration::ZERO)

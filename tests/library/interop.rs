@@ -6,9 +6,9 @@ use std::ptr::NonNull;
 use std::sync::Mutex;
 use std::time::Duration;
 
-use parfocal::foreign::ash::{self, ext, vk};
-use parfocal::foreign::{Commands, DeviceSource, ForeignDevice, Wait, Wanted};
-use parfocal::{Engine, EngineOptions, Frame, HostMemory, PixelFormat, Settings, Similarity, Solver};
+use parfocal::interop::ash::{self, ext, vk};
+use parfocal::interop::{Commands, DeviceRequirements, DeviceSource, ExternalDevice, Wait};
+use parfocal::{Engine, EngineOptions, Frame, HostMemory, PairSolver, PixelFormat, Settings, Similarity};
 
 use crate::common::TestEngine;
 use crate::common::scene::pair;
@@ -34,7 +34,7 @@ struct Program {
     instance: ash::Instance,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     physical: vk::PhysicalDevice,
-    wanted: Wanted,
+    wanted: DeviceRequirements,
     device: ash::Device,
     queue: vk::Queue,
     pool: vk::CommandPool,
@@ -69,7 +69,7 @@ impl Program {
                 (utils, messenger)
             });
             let physical = instance.enumerate_physical_devices().unwrap()[0];
-            let mut wanted = Wanted::of(&instance, physical);
+            let mut wanted = DeviceRequirements::of(&instance, physical);
             let liked: Vec<_> = wanted.extensions().into_iter().map(CStr::as_ptr).collect();
             let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&liked);
             let create = wanted.switch_on(create);
@@ -85,7 +85,7 @@ impl Program {
         // SAFETY: all are of this program, which outlives the engine and uses the queue from this thread alone, as it uses the engine; the device was
         // made with what is wanted.
         let foreign = unsafe {
-            ForeignDevice::new(self.instance.clone(), self.physical, self.device.clone(), 0, self.queue)
+            ExternalDevice::new(self.instance.clone(), self.physical, self.device.clone(), 0, self.queue)
                 .made_with(&self.wanted)
         };
         Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap()
@@ -259,7 +259,7 @@ fn settings(white: f64) -> Settings {
     Settings { white_level: Some(0.75 * white), ..Settings::default() }
 }
 
-fn found(solver: &mut Solver, ticket: &parfocal::Ticket) -> Vec<u32> {
+fn found(solver: &mut PairSolver, ticket: &parfocal::Ticket) -> Vec<u32> {
     let view = solver.wait(ticket, Duration::MAX).unwrap().unwrap();
     assert!(view.converged, "{:?}", view.warnings);
     view.relative_blur().iter().map(|v| v.to_bits()).collect()
@@ -290,7 +290,7 @@ impl Program {
 fn photographs_are_taken_from_buffers_and_images_of_the_program_once_they_are_there() {
     let (program, pairs) = (Program::new(), [frames(3), frames(5), frames(6)]);
     let engine = program.engine();
-    let mut solver = Solver::for_pair(&engine, &pairs[0][0], &pairs[0][1], &settings(1.0)).unwrap();
+    let mut solver = PairSolver::for_pair(&engine, &pairs[0][0], &pairs[0][1], &settings(1.0)).unwrap();
     // I1 in a buffer, in rows with gaps, from an odd word on; I2 in the second layer of an image as a renderer leaves it.
     let pitch = 4 * SIZE[0] as usize + 12;
     let row = |row: &[u8]| [row, &[0xa5; 12]].concat();
@@ -354,7 +354,7 @@ fn a_solve_is_recorded_into_a_command_buffer_of_the_programs_and_executed_again(
         values.iter().flat_map(|v| [(255.0 * v) as u8; 4]).collect::<Vec<u8>>()
     };
     let pairs = [frames(3), frames(5)].map(|pair| pair.each_ref().map(pixels));
-    let mut solver = Solver::with_slots(2, &engine, SIZE, [format; 2], &settings(255.0)).unwrap();
+    let mut solver = PairSolver::with_slots(2, &engine, SIZE, [format; 2], &settings(255.0)).unwrap();
     let sources = pairs[0].each_ref().map(|bytes| program.buffer(bytes));
     let commands = program.commands();
     // SAFETY: the buffers outlive the solver; nothing else of it runs while the commands do, which are waited for.

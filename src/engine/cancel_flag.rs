@@ -9,7 +9,7 @@ use super::vulkan::Buffer;
 use crate::base::{Error, Signal};
 
 /// What calls one pair off, and does nothing once that has ended.
-pub(super) struct Call {
+pub(super) struct CancelFlag {
     /// The words that the device looks at, until then.
     words: Mutex<Option<Arc<Buffer>>>,
     /// Of the last of them, bytes.
@@ -17,7 +17,7 @@ pub(super) struct Call {
     is_cancelled: AtomicBool,
 }
 
-impl Call {
+impl CancelFlag {
     pub(super) fn of(words: &Arc<Buffer>, plan: &Plan) -> Arc<Self> {
         let place = arguments::bytes(plan.solved) - 4;
         Arc::new(Self { words: Mutex::new(Some(words.clone())), place, is_cancelled: AtomicBool::new(false) })
@@ -61,7 +61,7 @@ mod tests {
     use std::time::Duration;
 
     use crate::base::{Error, Frame, Settings};
-    use crate::engine::{Engine, Solver, testing};
+    use crate::engine::{Engine, PairSolver, testing};
 
     #[test]
     fn the_device_leaves_out_what_is_called_off() {
@@ -69,8 +69,8 @@ mod tests {
         let [i1, i2] =
             [0.4, 0.3].map(|soft| Frame::gray(96, 96, (0..96 * 96).map(|i| value(soft, i)).collect()).unwrap());
         let engine = Engine::new(&testing::options()).unwrap();
-        let mut solver = Solver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
-        let executed = |solver: &Solver| solver.profile().unwrap().dispatches.iter().filter(|d| d.executed).count();
+        let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+        let executed = |solver: &PairSolver| solver.profile().unwrap().dispatches.iter().filter(|d| d.executed).count();
         solver.solve(&i1, &i2).unwrap();
         let whole = executed(&solver);
         let ticket = solver.submit(0, &i1, &i2).unwrap();

@@ -4,8 +4,8 @@
 //! at most places; it is found as the frame whose move mends most of it. A sweep taken backwards is as good.
 
 use super::laplacian::squared_laplacian;
-use crate::around::resample::luminance;
 use crate::base::{Decode, Frame, workers};
+use crate::solve::resample::luminance;
 
 /// The frames to solve, as they are to stand, each by its number among those given; and what there is to say.
 pub(super) struct Order {
