@@ -26,7 +26,7 @@ const LEAST_COARSEST: u32 = 32;
 const LEAST_LEVEL: u32 = 8;
 /// Outer iterations in which α falls to its value, from the coarsest level on; the last holds for all that are finer. The
 /// coarsest starts from nothing, the others from a V that needs less of it: with 12 everywhere levels did 14 to 20
-/// iterations, with 2 on the finest 5 to 9, with 1 one less, and errors are the same (`docs/performance.md`).
+/// iterations, with 2 on the finest 5 to 9, with 1 one less, and errors are the same (`docs/experiments/iterations.md`).
 const CONTINUATION: [f64; 5] = [12.0, 8.0, 6.0, 6.0, 1.0];
 /// Where fewer iterations than these are allowed, the continuation is shorter in proportion, so that it ends before they do.
 const WHOLE_CONTINUATION: f64 = 20.0;
@@ -67,7 +67,7 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    /// Checks settings and size, and lays out the levels.
+    /// Checks settings and size, resolves [`Decode::Auto`](crate::base::Decode::Auto), and lays out the levels.
     pub(crate) fn new(
         width: u32,
         height: u32,
@@ -75,6 +75,7 @@ impl Plan {
         settings: &Settings,
     ) -> Result<Self, Error> {
         let packed = packed.map(Into::into);
+        let formats = packed.map(PixelFormat::format);
         settings.check()?;
         if width < LEAST_SIZE || height < LEAST_SIZE {
             return Err(Error::TooSmall { width, height, least: LEAST_SIZE });
@@ -92,8 +93,8 @@ impl Plan {
         Ok(Self {
             size: [width, height],
             packed,
-            formats: packed.map(PixelFormat::format),
-            settings: settings.clone(),
+            formats,
+            settings: Settings { decode: settings.decode.resolved(formats.map(|f| f.depth)), ..settings.clone() },
             solved,
             halve: weights.add(&halving_filter()),
             prefilter: weights.add(&filter::spline_prefilter()),
