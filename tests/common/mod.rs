@@ -10,7 +10,9 @@ use std::ops::Deref;
 use std::path::PathBuf;
 use std::sync::{Arc, LazyLock};
 
-use parfocal::{Engine, EngineOptions, Frame, Homography, PairSolver, Settings, Solution, baseline, image_io};
+use parfocal::{
+    Engine, EngineOptions, Frame, PairSolver, Settings, Solution, image_io, internals::baseline, transform::Homography,
+};
 
 /// The engine of all tests of a program, each of which fails where it meets a validation message, its own or another's.
 pub struct TestEngine(Arc<Engine>);

@@ -2,7 +2,13 @@
 
 use crate::common::scene::{exposed, pair, slanted};
 use crate::common::{TestEngine, assert_transform, blur_error, real_pair};
-use parfocal::{Channels, Decode, Error, Format, Frame, Method, PairSolver, Samples, Settings, Similarity, reference};
+use parfocal::{
+    Error, Frame, PairSolver, Settings,
+    frame::{Channels, Format, Samples},
+    internals::reference,
+    settings::{Decode, Method},
+    transform::Similarity,
+};
 
 fn by(method: Method) -> Settings {
     Settings { method, decode: Decode::None, ..Settings::default() }
@@ -12,7 +18,7 @@ fn truth() -> Similarity {
     Similarity::new(1.3, -0.9, 0.15, 1.01)
 }
 
-fn register(engine: &TestEngine, [i1, i2]: [&Frame; 2], settings: &Settings) -> parfocal::Registered {
+fn register(engine: &TestEngine, [i1, i2]: [&Frame; 2], settings: &Settings) -> parfocal::results::Registered {
     PairSolver::for_pair(engine, i1, i2, settings).unwrap().register(i1, i2).unwrap()
 }
 

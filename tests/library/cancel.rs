@@ -2,9 +2,10 @@
 
 use std::time::{Duration, Instant};
 
-use parfocal::focus_stack::{SweepOptions, solve_sweep};
+use parfocal::sweep::{SweepOptions, solve_sweep};
 use parfocal::{
-    CancellationToken, Engine, EngineOptions, Error, Frame, PairSolver, Settings, Similarity, SolveOptions, Source,
+    CancellationToken, Engine, EngineOptions, Error, Frame, PairSolver, Settings, SolveOptions, frame::Source,
+    transform::Similarity,
 };
 
 use crate::common::scene::{pair, slanted};

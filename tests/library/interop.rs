@@ -8,7 +8,10 @@ use std::time::Duration;
 
 use parfocal::interop::ash::{self, ext, vk};
 use parfocal::interop::{Commands, DeviceRequirements, DeviceSource, ExternalDevice, Wait};
-use parfocal::{Decode, Engine, EngineOptions, Frame, HostMemory, PairSolver, PixelFormat, Settings, Similarity};
+use parfocal::{
+    Engine, EngineOptions, Frame, PairSolver, PixelFormat, Settings, interop::HostMemory, settings::Decode,
+    transform::Similarity,
+};
 
 use crate::common::TestEngine;
 use crate::common::scene::pair;
@@ -309,7 +312,7 @@ fn photographs_are_taken_from_buffers_and_images_of_the_program_once_they_are_th
         // SAFETY: both are of this device, outlive the pair, and are written again only once they are taken.
         let (sources, waits) = unsafe {
             let sources = [DeviceSource::buffer(near.0, 4, pitch as u64), DeviceSource::image(image, DRAWN, 1)];
-            (sources.map(parfocal::Source::OnDevice), [Wait::new(drawn, value), Wait::new(written, value)])
+            (sources.map(parfocal::frame::Source::OnDevice), [Wait::new(drawn, value), Wait::new(written, value)])
         };
         let ticket = solver.submit_sources(0, sources, &waits).unwrap();
         assert_eq!(ticket.is_fetched(), [true; 2]);
@@ -350,7 +353,7 @@ fn a_solve_is_recorded_into_a_command_buffer_of_the_programs_and_executed_again(
     let engine = program.engine();
     let format: PixelFormat = "BGRa8".parse().unwrap();
     let pixels = |frame: &Frame| {
-        let parfocal::Samples::F32(values) = frame.samples() else { unreachable!() };
+        let parfocal::frame::Samples::F32(values) = frame.samples() else { unreachable!() };
         values.iter().flat_map(|v| [(255.0 * v) as u8; 4]).collect::<Vec<u8>>()
     };
     let pairs = [frames(3), frames(5)].map(|pair| pair.each_ref().map(pixels));
@@ -375,7 +378,7 @@ fn a_solve_is_recorded_into_a_command_buffer_of_the_programs_and_executed_again(
         assert!(found(&mut solver, &ticket) == expected(&frames, &settings(255.0)));
     }
     // The slots go on as they were.
-    let frames = pairs[1].each_ref().map(|bytes| parfocal::Source::Rows { bytes, pitch: 0 });
+    let frames = pairs[1].each_ref().map(|bytes| parfocal::frame::Source::Rows { bytes, pitch: 0 });
     let ticket = solver.submit_sources(1, frames, &[]).unwrap();
     let frames = pairs[1].each_ref().map(|bytes| format.frame(SIZE, bytes).unwrap());
     assert!(found(&mut solver, &ticket) == expected(&frames, &settings(255.0)));

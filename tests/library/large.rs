@@ -2,7 +2,9 @@
 
 use crate::common::scene::{pair, slanted};
 use crate::common::{TestEngine, options};
-use parfocal::{Engine, EngineOptions, Error, Frame, Mask, PairSolver, Settings, Similarity, Solution, SolveOptions};
+use parfocal::{
+    Engine, EngineOptions, Error, Frame, Mask, PairSolver, Settings, Solution, SolveOptions, transform::Similarity,
+};
 
 const SIZE: [u32; 2] = [561, 402];
 
@@ -13,7 +15,7 @@ fn solve(engine: &Engine, [i1, i2]: [&Frame; 2], mask: Option<Mask>, settings: &
 
 /// I2 brighter, and more so towards one corner.
 fn shone(frame: &Frame) -> Frame {
-    let parfocal::Samples::F32(values) = frame.samples() else { unreachable!() };
+    let parfocal::frame::Samples::F32(values) = frame.samples() else { unreachable!() };
     let at = |i: usize| [i % SIZE[0] as usize, i / SIZE[0] as usize].map(|n| n as f32 / 560.0);
     let brighter = |(i, v): (usize, &f32)| 0.04 + v * (1.05 + 0.06 * at(i)[0] * at(i)[1]);
     Frame::gray(SIZE[0], SIZE[1], values.iter().enumerate().map(brighter).collect()).unwrap()

@@ -2,7 +2,12 @@
 
 use crate::common::scene::{luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error};
-use parfocal::{Channels, Frame, Mask, PairSolver, Samples, Settings, Similarity, Solution, reference};
+use parfocal::{
+    Frame, Mask, PairSolver, Settings, Solution,
+    frame::{Channels, Samples},
+    internals::reference,
+    transform::Similarity,
+};
 
 const SIZE: [u32; 2] = [160, 128];
 
@@ -121,7 +126,8 @@ fn a_small_mask_is_no_lack_of_overlap() {
     let inside = |i: u32| (64..78).contains(&(i % SIZE[0])) && (60..74).contains(&(i / SIZE[0]));
     let picture = (0..SIZE[0] * SIZE[1]).map(|i| if inside(i) { 1.0 } else { 0.0 }).collect();
     let engine = TestEngine::new();
-    let start = Settings { start: transform().into(), method: parfocal::Method::Aligned, ..Settings::default() };
+    let start =
+        Settings { start: transform().into(), method: parfocal::settings::Method::Aligned, ..Settings::default() };
     let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &start).unwrap();
     solver.set_mask(Some(Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], picture).unwrap()))).unwrap();
     let solution = solver.solve(&i1, &i2).unwrap();

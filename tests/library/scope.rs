@@ -2,7 +2,7 @@
 
 use crate::common::scene::{exposed, luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error};
-use parfocal::{FieldCurvature, Frame, Region, Settings, Similarity, Solution, SolveOptions};
+use parfocal::{Frame, Region, Settings, Solution, SolveOptions, settings::FieldCurvature, transform::Similarity};
 
 const SIZE: [u32; 2] = [300, 280];
 
@@ -49,7 +49,7 @@ fn a_region_is_solved_as_it_is_within_the_whole() {
         solution.valid_fraction
     );
     assert!(at_corner < 0.05 && v < 0.05 && solution.valid_fraction == 1.0);
-    let held = Settings { start: transform().into(), method: parfocal::Method::Aligned, ..settings() };
+    let held = Settings { start: transform().into(), method: parfocal::settings::Method::Aligned, ..settings() };
     assert!(corner(&solve(&scope, [&i1, &i2], &held)) < 1e-3, "a start is of the whole frame");
     let outside = SolveOptions { region: Some(Region { x: 200, ..region }), ..SolveOptions::default() };
     let engine = TestEngine::new();

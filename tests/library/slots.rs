@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use parfocal::{Error, Frame, Mask, PairSolver, Region, Settings, Similarity, Solution, SolutionRef, Source};
+use parfocal::{
+    Error, Frame, Mask, PairSolver, Region, Settings, Solution, SolutionRef, frame::Source, transform::Similarity,
+};
 
 use crate::common::TestEngine;
 use crate::common::scene::pair;

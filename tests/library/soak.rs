@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::common::scene::{pair, slanted};
 use crate::common::{options, trust};
 use parfocal::image_io::Photograph;
-use parfocal::{Engine, EngineOptions, Error, Frame, PairSolver, Settings, Similarity, Solution, Stream};
+use parfocal::{Engine, EngineOptions, Error, Frame, PairSolver, Settings, Solution, Stream, transform::Similarity};
 
 const CHILD: &str = "PARFOCAL_SOAK_CHILD";
 /// One in so many is broken.

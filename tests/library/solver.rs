@@ -5,8 +5,11 @@ use std::time::Duration;
 use crate::common::scene::{Random, luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error, options};
 use parfocal::{
-    Channels, Decode, Depth, Engine, EngineOptions, Error, Format, Frame, Method, PairSolver, Photometric, Samples,
-    Settings, Similarity, reference,
+    Engine, EngineOptions, Error, Frame, PairSolver, Settings,
+    frame::{Channels, Depth, Format, Samples},
+    internals::reference,
+    settings::{Decode, Method, Photometric},
+    transform::Similarity,
 };
 
 fn small_pair() -> [Frame; 2] {

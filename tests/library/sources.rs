@@ -5,10 +5,13 @@ use std::ptr::NonNull;
 use std::time::{Duration, Instant};
 
 #[cfg(target_os = "linux")]
-use parfocal::DmaBuf;
+use parfocal::interop::DmaBuf;
 use parfocal::{
-    Decode, Depth, Engine, EngineOptions, Error, Frame, HostMemory, PairSolver, PixelFormat, Samples, Settings,
-    Similarity, Source, Ticket,
+    Engine, EngineOptions, Error, Frame, PairSolver, PixelFormat, Settings, Ticket,
+    frame::{Depth, Samples, Source},
+    interop::HostMemory,
+    settings::Decode,
+    transform::Similarity,
 };
 
 use crate::common::scene::pair;

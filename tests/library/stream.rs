@@ -5,9 +5,10 @@ use std::sync::LazyLock;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use parfocal::focus_stack::{SweepOptions, solve_sweep};
+use parfocal::sweep::{SweepOptions, solve_sweep};
 use parfocal::{
-    Engine, EngineOptions, Error, Format, Frame, PairSolver, QueueFull, Settings, Similarity, Solution, Stream,
+    Engine, EngineOptions, Error, Frame, PairSolver, QueueFull, Settings, Solution, Stream, frame::Format,
+    transform::Similarity,
 };
 
 use crate::common::scene::{pair, slanted};

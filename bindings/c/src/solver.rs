@@ -4,8 +4,9 @@ use std::ffi::c_void;
 use std::sync::Arc;
 
 use parfocal::{
-    Channels, Engine, Format, Frame, Kernel, Mask, Method, PairSolver, Progress, Region, Samples, Settings,
-    SolveOptions, SolverCache,
+    Engine, Frame, Mask, PairSolver, Progress, Region, Settings, SolveOptions, SolverCache,
+    frame::{Channels, Format, Samples},
+    settings::{Kernel, Method},
 };
 
 use crate::cancel::{Watch, parfocal_cancel, parfocal_progress};

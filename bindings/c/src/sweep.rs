@@ -3,7 +3,7 @@
 use std::ffi::{CString, c_char, c_void};
 
 use parfocal::Frame;
-use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
+use parfocal::sweep::{Positions, Sweep, SweepOptions, solve_sweep};
 
 use crate::engine::parfocal_engine;
 use crate::fault::{Fault, call, parfocal_status};

@@ -6,10 +6,15 @@ use std::thread;
 use std::time::Duration;
 
 use numpy::PyReadonlyArray2;
-use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
+use parfocal::sweep::{Positions, Sweep, SweepOptions, solve_sweep};
 use parfocal::{
-    Brightness, Decode, EngineOptions, Format, Frame, Kernel, Lens, LevelHistory, Method, MetricDepth, PairSolver,
-    Photometric, Progress, Registered, Settings, Shading, Solution, SolveOptions, SolverCache, resample,
+    EngineOptions, Frame, Lens, PairSolver, Progress, Settings, Solution, SolveOptions, SolverCache,
+    frame::Format,
+    metric::MetricDepth,
+    resample,
+    results::{LevelHistory, Registered},
+    settings::{Decode, Kernel, Method, Photometric},
+    transform::{Brightness, Shading},
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

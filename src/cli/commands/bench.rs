@@ -4,8 +4,8 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use parfocal::bench::{self, Input, Options, Report};
 use parfocal::export::FileKind;
+use parfocal::internals::bench::{self, Input, Options, Report};
 use parfocal::{Settings, export, image_io};
 
 use crate::cli::options::engine::EngineArguments;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::ValueEnum;
-use parfocal::evaluate::{self, Evaluation, Options};
+use parfocal::internals::evaluate::{self, Evaluation, Options};
 
 use crate::cli::options::engine::EngineArguments;
 use crate::cli::options::output_options::ToldArguments;

@@ -7,7 +7,10 @@ use std::str::FromStr;
 
 use clap::ValueEnum;
 use parfocal::image_io::RawFormat;
-use parfocal::{Decode, Kernel, Method, Motion, Photometric, RegistrationStep, Settings, export, image_io};
+use parfocal::{
+    Settings, export, image_io,
+    settings::{Decode, Kernel, Method, Motion, Photometric, RegistrationStep},
+};
 
 use crate::cli::batch::batch_summary::REPORT;
 use crate::cli::options::config_file::ConfigArgument;

@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use parfocal::image_io::RawFormat;
-use parfocal::{Method, Settings};
+use parfocal::{Settings, settings::Method};
 
 use crate::cli::commands::measure::MeasureArguments;
 use crate::cli::jobs::request::Request;
@@ -120,7 +120,7 @@ mod tests {
     use std::fs;
 
     use clap::Parser;
-    use parfocal::Photometric;
+    use parfocal::settings::Photometric;
 
     use super::*;
 

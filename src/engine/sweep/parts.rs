@@ -68,7 +68,7 @@ impl Parts {
         for part in self.grid.parts().collect::<Vec<_>>() {
             let solved = self.solve_part(part.solved, frames, mask, coarse, common)?;
             for (whole, solved) in whole.iter_mut().zip(solved) {
-                part.bring(&solved.data, &mut whole.data, width, 1);
+                part.copy_interior(&solved.data, &mut whole.data, width, 1);
             }
             say();
         }
@@ -106,18 +106,19 @@ fn prolonged(coarse: &Field, part: Region, limit: f64) -> Field {
 
 /// What is common to all pixels of a part, and where it is cut out of each frame: where its middle lies there.
 fn within(common: &Common, part: Region, size: [u32; 2]) -> (Common, Vec<Region>) {
-    let (places, transforms): (Vec<_>, Vec<_>) = common.transforms.iter().map(|t| parts::cut(t, part, size)).unzip();
+    let (places, transforms): (Vec<_>, Vec<_>) =
+        common.transforms.iter().map(|t| parts::matching_region(t, part, size)).unzip();
     let brightness = common.brightness.iter().zip(&places);
     let brightness =
-        brightness.map(|((gain, shading), place)| parts::shading_within(*gain, shading, *place, size)).collect();
+        brightness.map(|((gain, shading), place)| parts::shading_of_region(*gain, shading, *place, size)).collect();
     (Common { transforms, brightness, ..common.clone() }, places)
 }
 
 /// What is common to all pixels of photographs of twice the size.
 pub(super) fn doubled(common: &Common, size: [u32; 2]) -> Common {
-    let transforms = common.transforms.iter().map(|t| parts::doubled(t, size)).collect();
+    let transforms = common.transforms.iter().map(|t| parts::doubled_transform(t, size)).collect();
     let brightness =
-        common.brightness.iter().map(|(gain, shading)| parts::shading_doubled(*gain, shading, size)).collect();
+        common.brightness.iter().map(|(gain, shading)| parts::doubled_shading(*gain, shading, size)).collect();
     Common { rate: 4.0 * common.rate, transforms, brightness, ..common.clone() }
 }
 

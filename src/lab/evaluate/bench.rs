@@ -1,18 +1,11 @@
 //! One engine for every experiment, and the solvers that were used last.
 
-use crate::base::{Decode, Error, Format, Frame, Homography, Kernel, Method, Settings};
-use crate::engine::{Engine, PairSolver, Registered, Solution};
+use crate::base::{Decode, Error, Frame, Homography, Kernel, Method, Settings};
+use crate::engine::{Engine, Registered, Solution};
+use crate::solve::{PairSolver, SolveOptions};
 
 /// The systems that are compared, as the paper orders them.
 pub(super) const SYSTEMS: [Method; 3] = [Method::Appearance, Method::Sift, Method::Unified];
-
-/// What a solver was prepared for.
-#[derive(PartialEq)]
-struct Key {
-    size: [u32; 2],
-    formats: [Format; 2],
-    settings: Settings,
-}
 
 /// Solvers that are kept: one for each system.
 const KEPT: usize = SYSTEMS.len();
@@ -22,7 +15,7 @@ pub(super) struct Bench<'a> {
     engine: &'a Engine,
     pub(super) quick: bool,
     say: &'a mut dyn FnMut(&str),
-    solvers: Vec<(Key, PairSolver)>,
+    solvers: Vec<PairSolver>,
 }
 
 impl<'a> Bench<'a> {
@@ -42,30 +35,29 @@ impl<'a> Bench<'a> {
 
     /// Solves a pair; a failure is a sentence.
     pub(super) fn solve(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<Solution, String> {
-        self.solver([i1, i2], settings).and_then(|solver| solver.solve(i1, i2)).map_err(|e| e.to_string())
+        self.solver(settings)
+            .and_then(|solver| solver.solve([i1, i2], &SolveOptions::default()))
+            .map_err(|e| e.to_string())
     }
 
     /// Registers a pair and no more.
     pub(super) fn register(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<Registered, String> {
-        self.solver([i1, i2], settings).and_then(|solver| solver.register(i1, i2)).map_err(|e| e.to_string())
+        self.solver(settings)
+            .and_then(|solver| solver.register([i1, i2], &SolveOptions::default()))
+            .map_err(|e| e.to_string())
     }
 
-    fn solver(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<&mut PairSolver, Error> {
-        let key =
-            Key { size: [i1.width(), i1.height()], formats: [i1.format(), i2.format()], settings: settings.clone() };
-        if let Some(place) = self.solvers.iter().position(|(k, _)| *k == key) {
-            let found = self.solvers.remove(place);
-            self.solvers.push(found);
-        } else {
-            if self.solvers.len() == KEPT {
-                self.solvers.remove(0);
-            }
-            let solver = PairSolver::for_pair(self.engine, i1, i2, settings)?;
-            self.solvers.push((key, solver));
+    fn solver(&mut self, settings: &Settings) -> Result<&mut PairSolver, Error> {
+        let solver = match self.solvers.iter().position(|solver| solver.settings() == settings) {
+            Some(place) => self.solvers.remove(place),
+            None => PairSolver::new(self.engine, settings)?,
+        };
+        if self.solvers.len() == KEPT {
+            self.solvers.remove(0);
         }
-        // The one just found or made stands last.
+        self.solvers.push(solver);
         let last = self.solvers.len() - 1;
-        Ok(&mut self.solvers[last].1)
+        Ok(&mut self.solvers[last])
     }
 }
 

@@ -2,7 +2,7 @@
 //! the aims are met; and what is demanded of the default settings, of pairs and of focus sweeps, measured.
 //!
 //! ```no_run
-//! use parfocal::evaluate::{Evaluation, Options};
+//! use parfocal::internals::evaluate::{Evaluation, Options};
 //! use parfocal::{Engine, EngineOptions};
 //!
 //! let engine = Engine::new(&EngineOptions::default())?;

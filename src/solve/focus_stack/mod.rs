@@ -17,7 +17,7 @@ mod restated;
 pub use self::part::solve_sweep;
 pub use self::position::{Positions, SweepDepth};
 pub use self::registered::{RegisteredSweep, register_sweep};
-use crate::base::{Brightness, Channels, Decode, Error, Frame, Homography, Region, Settings};
+use crate::base::{Brightness, Channels, Decode, Error, Frame, Homography, Progress, Region, Settings};
 use crate::engine::{Asked, Engine, Focus, SweepSolver};
 use crate::solve::SolveOptions;
 
@@ -61,6 +61,11 @@ impl SweepOptions {
         }
         self.settings.check()?;
         self.positions.check(frames)
+    }
+
+    /// Reports the progress after a number of equal steps.
+    fn steps(&self) -> impl FnMut(usize, usize) {
+        |done, total| self.scope.report(Progress::of_steps(done, total))
     }
 }
 
@@ -113,16 +118,11 @@ pub struct Sweep {
 }
 
 /// Solves all of the frames, which fit the options.
-fn solve_whole(
-    engine: &Engine,
-    frames: &[Frame],
-    options: &SweepOptions,
-    say: &mut dyn FnMut(usize, usize),
-) -> Result<Sweep, Error> {
+fn solve_whole(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<Sweep, Error> {
     let counted = Counted::of(frames.len(), options);
     let (width, height) = (frames[0].width(), frames[0].height());
     let mut solver = solver(engine, frames, options)?;
-    let found = solver.solve(frames, &counted.asked(options), say)?;
+    let found = solver.solve(frames, &counted.asked(options), &mut options.steps())?;
     let (reference, first, step) = (counted.reference, counted.first, counted.step);
     let decode = options.settings.decode.resolved([frames[0].format().depth]);
     let focused = focused::Focused { frames, reference, positions: &found.settings, found: &found, decode };

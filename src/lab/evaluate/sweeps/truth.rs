@@ -47,7 +47,7 @@ const BEYOND: &str = "off by more than a frame, %";
 pub(super) fn solved(engine: &Engine, frames: &[Frame], positions: Vec<f64>) -> Result<Sweep, String> {
     let settings = Settings { decode: Decode::None, ..Settings::default() };
     let options = SweepOptions { settings, positions: Positions::Settings(positions), ..SweepOptions::default() };
-    solve_sweep(engine, frames, &options, &mut |_, _| {}).map_err(|e| e.to_string())
+    solve_sweep(engine, frames, &options).map_err(|e| e.to_string())
 }
 
 /// Errors and their σ of pixels of a sweep, of settings that count frames.
