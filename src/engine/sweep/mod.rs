@@ -119,7 +119,7 @@ impl SweepSolver {
         }
         let max_relative_blur = settings.max_relative_blur.min(LIMIT);
         let decode = settings.decode.resolved([format.depth]);
-        let settings = Settings { max_relative_blur, sweeps: SWEEPS, decode, ..settings.clone() };
+        let settings = Settings { max_relative_blur, relaxation_sweeps: SWEEPS, decode, ..settings.clone() };
         let plan = Plan::new(size[0], size[1], [format; 2], &settings)?;
         let is_small = plan.sweep_bytes(frames as u32) <= budget;
         if is_small && plan.check_sweep(engine.device(), frames as u32).is_ok() || plan.pyramid.len() == 1 {
