@@ -464,7 +464,9 @@ mod tests {
             assert_eq!(settings, Settings::default());
         }
         let mut settings = Settings::default();
-        assert!(settings.set("relaxation_sweeps", "7") && settings.set("levels", "3") && settings.set("motion", "affine"));
+        assert!(
+            settings.set("relaxation_sweeps", "7") && settings.set("levels", "3") && settings.set("motion", "affine")
+        );
         assert_eq!((settings.relaxation_sweeps, settings.levels, settings.motion), (7, Some(3), Motion::Affine));
         assert!(!settings.set("levels", "many") && !settings.set("sweeps", "7"));
     }

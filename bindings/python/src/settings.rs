@@ -59,7 +59,12 @@ fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
             let [gain, offset] = value.extract()?;
             s.start_photometric = Photometric { gain, offset };
         }
-        _ => return Err(PyTypeError::new_err(format!("there is no such setting; there are {}", setting_names().join(", ")))),
+        _ => {
+            return Err(PyTypeError::new_err(format!(
+                "there is no such setting; there are {}",
+                setting_names().join(", ")
+            )));
+        }
     }
     Ok(())
 }

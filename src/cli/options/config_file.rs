@@ -292,7 +292,10 @@ mod tests {
     #[test]
     fn what_is_wrong_is_named_with_its_line() {
         let cases = [
-            ("\n\nrelaxation-sweps = 5\n", ":3: there is no option 'relaxation-sweps'; did you mean 'relaxation-sweeps'?"),
+            (
+                "\n\nrelaxation-sweps = 5\n",
+                ":3: there is no option 'relaxation-sweps'; did you mean 'relaxation-sweeps'?",
+            ),
             ("zzz = 5\n", ":1: there is no option 'zzz'; `parfocal config`"),
             ("# one\nsweeps = 'few'\n", ":2: relaxation-sweeps must be a number, and is a string"),
             ("relaxation-sweeps = true\n", ":1: relaxation-sweeps must be a number, and is a boolean"),

@@ -3,6 +3,7 @@
 use std::convert::Infallible;
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::sync::LazyLock;
 
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use parfocal::image_io::RawFormat;
@@ -55,12 +56,18 @@ pub(crate) struct TableArguments<const IS_BENCH: bool = false>(pub(crate) Settin
 /// The settings that `bench` takes.
 const BENCH: [&str; 3] = ["max_relative_blur", "outer_iterations", "relaxation_sweeps"];
 
+/// The long option and the default of each row of the table.
+static TEXTS: LazyLock<Vec<[String; 2]>> = LazyLock::new(|| {
+    Settings::TABLE.iter().map(|setting| [setting.name.replace('_', "-"), (setting.default)()]).collect()
+});
+
 impl<const IS_BENCH: bool> TableArguments<IS_BENCH> {
-    fn rows() -> impl Iterator<Item = &'static Setting> {
-        Settings::TABLE.iter().filter(|setting| !IS_BENCH || BENCH.contains(&setting.name))
+    fn rows() -> impl Iterator<Item = (&'static Setting, &'static [String; 2])> {
+        let is_option = |setting: &Setting| setting.flag.is_some() && (!IS_BENCH || BENCH.contains(&setting.name));
+        Settings::TABLE.iter().zip(TEXTS.iter()).filter(move |(setting, _)| is_option(setting))
     }
 
-    fn option(setting: &'static Setting) -> Option<Arg> {
+    fn option((setting, [long, default]): (&'static Setting, &'static [String; 2])) -> Option<Arg> {
         let [heading, placeholder] = setting.flag?;
         let (first, details) = setting.doc.split_once('\n').unwrap_or((setting.doc, ""));
         let range = setting.range.map(|[low, high]| format!("{low} to {high}"));
@@ -68,17 +75,18 @@ impl<const IS_BENCH: bool> TableArguments<IS_BENCH> {
             Some(setting.unit.to_string()).filter(|unit| !unit.is_empty()).into_iter().chain(range).collect();
         let limits = if limits.is_empty() { String::new() } else { format!(" ({})", limits.join(", ")) };
         let help = format!("{}{limits}", first.trim().trim_end_matches('.'));
-        let long = (!details.is_empty()).then(|| format!("{help}\n\n{}", details.lines().map(str::trim).collect::<Vec<_>>().join(" ")));
+        let long_help = (!details.is_empty())
+            .then(|| format!("{help}\n\n{}", details.lines().map(str::trim).collect::<Vec<_>>().join(" ")));
         let option = Arg::new(setting.name)
-            .long(setting.name.replace('_', "-"))
+            .long(long.as_str())
             .value_name(placeholder)
             .help(help)
-            .default_value((setting.default)())
+            .default_value(default.as_str())
             .allow_negative_numbers(true)
             .value_parser((setting.parser)());
         let option = if IS_BENCH { option } else { option.help_heading(heading) };
-        Some(match long {
-            Some(long) => option.long_help(long),
+        Some(match long_help {
+            Some(text) => option.long_help(text),
             None => option,
         })
     }
@@ -97,7 +105,7 @@ impl<const IS_BENCH: bool> Args for TableArguments<IS_BENCH> {
 impl<const IS_BENCH: bool> FromArgMatches for TableArguments<IS_BENCH> {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
         let mut settings = Settings::default();
-        for setting in Self::rows().filter(|setting| setting.flag.is_some()) {
+        for (setting, _) in Self::rows() {
             // The parser of the option has accepted the text.
             if let Some(text) = matches.get_raw(setting.name).and_then(Iterator::last) {
                 settings.set(setting.name, &text.to_string_lossy());

@@ -1,7 +1,7 @@
 //! What may be asked of a solve, of one pair as of many: the options that `solve` and `batch` share.
 
-use parfocal::image_io::RawFormat;
 use parfocal::Method;
+use parfocal::image_io::RawFormat;
 
 use crate::cli::commands::measure::MeasureArguments;
 use crate::cli::jobs::request::Request;
