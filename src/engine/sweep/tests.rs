@@ -39,7 +39,18 @@ fn run(solver: &mut JointSolver, sweep: &SimulatedSweep, mask: Option<&Mask>) ->
 
 fn solve(sweep: &SimulatedSweep, memory: u64, settings: &Settings, mask: Option<&Mask>) -> JointSolution {
     let engine = Engine::new(&testing::options()).unwrap();
-    run(&mut solver(&engine, sweep, memory, settings), sweep, mask).unwrap()
+    let mut solver = solver(&engine, sweep, memory, settings);
+    let started = std::time::Instant::now();
+    let found = run(&mut solver, sweep, mask).unwrap();
+    let mut hash = 0xcbf29ce484222325u64;
+    let mut add = |bytes: &[u8]| for b in bytes { hash = (hash ^ u64::from(*b)).wrapping_mul(0x100000001b3) };
+    add(bytemuck::cast_slice(&found.focus));
+    add(bytemuck::cast_slice(&found.deviation));
+    for t in &found.registration.transforms { add(format!("{t:?}").as_bytes()) }
+    for t in &found.registration.brightness { add(format!("{t:?}").as_bytes()) }
+    add(format!("{:?} {:?}", found.registration.rate, found.registration.settings).as_bytes());
+    eprintln!("HASH {hash:016x} {:?}", started.elapsed());
+    found
 }
 
 fn bits(solution: &JointSolution) -> (Vec<u32>, Vec<u32>, &JointRegistration) {
