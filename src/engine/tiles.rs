@@ -60,7 +60,8 @@ impl NeededCells {
             first as usize / CELL..(end as usize).min(self.size[axis]).div_ceil(CELL)
         };
         let across = self.size[0].div_ceil(CELL);
-        let is_needed = |x: u32, y: u32| cells(1, y).any(|row| self.needed[row * across..][cells(0, x)].contains(&true));
+        let is_needed =
+            |x: u32, y: u32| cells(1, y).any(|row| self.needed[row * across..][cells(0, x)].contains(&true));
         let all = (0..rows).flat_map(|y| (0..columns).map(move |x| [x, y]));
         all.filter(|&[x, y]| is_needed(x, y)).map(|[x, y]| x | y << 16).collect()
     }

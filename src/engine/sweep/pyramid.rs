@@ -230,12 +230,7 @@ impl PyramidSolver {
     }
 
     /// Prepares for a level: every frame is to be resampled, and the excluded pixels are uploaded.
-    fn enter(
-        &mut self,
-        level: &Level,
-        shared: &mut SharedParameters,
-        excluded: &ExcludedPixels,
-    ) -> Result<(), Error> {
+    fn enter(&mut self, level: &Level, shared: &mut SharedParameters, excluded: &ExcludedPixels) -> Result<(), Error> {
         shared.resampled = vec![None; self.frames];
         let words = excluded.words(level, &shared.transforms);
         self.excluded_words = (words.len() as u64 / level.pixels()) as u32;
@@ -344,7 +339,8 @@ impl PyramidSolver {
         let mut moved = Vec::new();
         for n in 0..self.frames {
             let t = shared.transforms[n];
-            let is_near = |earlier: &Homography| earlier.corner_distance(t, width, height) < RESAMPLE_AFTER * level.factor;
+            let is_near =
+                |earlier: &Homography| earlier.corner_distance(t, width, height) < RESAMPLE_AFTER * level.factor;
             if shared.resampled[n].as_ref().is_some_and(is_near) {
                 continue;
             }

@@ -78,7 +78,8 @@ impl Estimate {
             let focus = stacks.focus(&estimate.settings, rate);
             for _ in 0..STEPS {
                 let settings = &estimate.settings;
-                let steps = Steps::from_bands(&Linearization { stacks: &stacks, settings, rate, focus: &focus }.bands());
+                let steps =
+                    Steps::from_bands(&Linearization { stacks: &stacks, settings, rate, focus: &focus }.bands());
                 estimate.errors = steps.errors;
                 step(&mut estimate.settings, &steps.change);
             }

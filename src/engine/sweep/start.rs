@@ -268,14 +268,7 @@ impl BlurStacks {
     }
 
     /// The energy at each candidate u, averaged over a window.
-    fn volume(
-        &self,
-        settings: &[f64],
-        pairs: &[[usize; 2]],
-        rate: f64,
-        candidates: &[f64],
-        window: f64,
-    ) -> Vec<Field> {
+    fn volume(&self, settings: &[f64], pairs: &[[usize; 2]], rate: f64, candidates: &[f64], window: f64) -> Vec<Field> {
         workers::collect(candidates.len(), |n| {
             let mut sum = vec![0.0; self.size[0] * self.size[1]];
             for &[i, j] in pairs {
@@ -285,7 +278,12 @@ impl BlurStacks {
                 }
                 // All pairs count at every candidate; otherwise candidates with few pairs would win.
                 let v = (other.1 - own.1).min(MAX_RELATIVE_BLUR);
-                self.add([own.0, other.0], v, (1.0 / (1.0 + NOISE_CORRELATION / (NOISE_CORRELATION + v))) as f32, &mut sum);
+                self.add(
+                    [own.0, other.0],
+                    v,
+                    (1.0 / (1.0 + NOISE_CORRELATION / (NOISE_CORRELATION + v))) as f32,
+                    &mut sum,
+                );
             }
             smoothed(&Field::from_f32(self.size[0], self.size[1], &sum), window)
         })

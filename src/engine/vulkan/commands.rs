@@ -397,7 +397,9 @@ impl Drop for Recorder {
         // Empty after `finish`; otherwise recording failed, and nothing was submitted.
         // SAFETY: nothing recorded here is in use; destroying null handles does nothing.
         unsafe {
-            self.device.handle.destroy_semaphore(self.timeline.take().map_or(vk::Semaphore::null(), |t| t.semaphore), None);
+            self.device
+                .handle
+                .destroy_semaphore(self.timeline.take().map_or(vk::Semaphore::null(), |t| t.semaphore), None);
             self.device.handle.destroy_command_pool(self.pool, None);
         }
     }

@@ -104,8 +104,7 @@ impl Recording {
             return Err(Error::Poisoned);
         }
         // SAFETY: every run was waited for, so no command buffer of the pool is pending.
-        let reset =
-            unsafe { self.device.handle.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) };
+        let reset = unsafe { self.device.handle.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) };
         self.device.check("vkResetCommandPool", reset)?;
         let (pool, parts) = (std::mem::take(&mut self.pool), std::mem::take(&mut self.parts));
         let descriptors = std::mem::replace(&mut self.descriptors, Descriptors::new(&self.device));

@@ -18,7 +18,7 @@ pub use self::part::solve_sweep;
 pub use self::position::{Positions, SweepDepth};
 pub use self::registered::{RegisteredSweep, register_sweep};
 use crate::base::{Brightness, Channels, Decode, Error, Frame, Homography, Region, Settings};
-use crate::engine::{Engine, Progress, JointSolution, JointSolver, SweepInput};
+use crate::engine::{Engine, JointSolution, JointSolver, Progress, SweepInput};
 use crate::solve::SolveOptions;
 
 /// A pixel whose deviation is larger, steps, is not known.
