@@ -91,6 +91,7 @@ pub mod results {
 /// For the program and the tests of this crate: no public API.
 #[doc(hidden)]
 pub mod internals {
+    pub use crate::base::Setting;
     pub use crate::engine::{reference, stages};
     #[cfg(feature = "files")]
     pub use crate::files::bounded_read;

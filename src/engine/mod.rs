@@ -47,7 +47,7 @@ pub use prepared_solver::{Encoded, Pending};
 pub(crate) use prepared_solver::{PairOptions, PreparedSolver, same_size};
 pub use solution::{Findings, LevelHistory, Registered, Solution, SolutionRef, Timings};
 pub use source::Source;
-pub(crate) use sweep::{Asked, Focus, RegisteredFrames, SweepSolver};
+pub(crate) use sweep::{JointRegistration, JointSolution, JointSolver, SweepInput};
 
 use crate::base::{Decode, DeviceInfo, Error, Frame, Mask, PixelFormat, Settings, Similarity};
 use crate::engine::plan::Plan;

@@ -49,7 +49,7 @@ fn solve(settings: &[f64], noise: f64) -> Sweep {
         reference: Some(REFERENCE),
         ..SweepOptions::default()
     };
-    solve_sweep(&TestEngine::new(), &frames, &options, &mut |_, _| ()).unwrap()
+    solve_sweep(&TestEngine::new(), &frames, &options).unwrap()
 }
 
 /// Median of |u - truth| in settings, and the shares within one and two deviations, 24 px inside the border.

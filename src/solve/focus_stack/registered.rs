@@ -3,7 +3,7 @@
 use super::part::{cut, in_order, restate};
 use super::{Counted, Positions, Sweep, SweepOptions, position, solver};
 use crate::base::{Brightness, Decode, Error, Frame, Homography};
-use crate::engine::{Engine, RegisteredFrames};
+use crate::engine::{Engine, JointRegistration};
 
 /// The registration of a sweep's frames; fields as those of [`Sweep`].
 #[derive(Clone, Debug)]
@@ -55,8 +55,9 @@ pub fn register_sweep(engine: &Engine, frames: &[Frame], options: &SweepOptions)
 fn register(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<RegisteredSweep, Error> {
     let counted = Counted::of(frames.len(), options);
     let mut solver = solver(engine, frames, options)?;
-    let RegisteredFrames { transforms, brightness, rate, settings } =
-        solver.register(frames, &counted.asked(options), &mut options.steps())?;
+    let mut report = |progress| options.scope.report(progress);
+    let JointRegistration { transforms, brightness, rate, settings } =
+        solver.register(frames, &counted.input(options), &options.scope.cancel, &mut report)?;
     Ok(RegisteredSweep {
         photograph: [frames[0].width(), frames[0].height()],
         reference: counted.reference,
