@@ -3,10 +3,12 @@
 
 #extension GL_EXT_control_flow_attributes : require // loops left as loops keep their arrays in memory
 
+const int VECTORS = 1024;            // of four weights: the 16 KiB that each device allows a uniform buffer
+
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray from;
 layout(binding = 1, r32f) uniform image2DArray to;
-layout(binding = 2, std140) uniform Filters { vec4 weights[1024]; };
+layout(binding = 2, std140) uniform Filters { vec4 weights[VECTORS]; };
 layout(binding = 3, std430) readonly buffer Tiles { uint tiles[]; };
 layout(constant_id = 2) const bool LONG = false;    // a filter of any number of blocks, or one that adds; else of one
 layout(push_constant) uniform Constants {

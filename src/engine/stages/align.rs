@@ -2,12 +2,11 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::{Registration, Single, from_centre};
 use super::{Field, pixels, spline};
 use crate::base::Shading;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -38,22 +37,19 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: every pixel read and written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         8 * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let aligned = twin(c, memory.layer(self.spline, 0));
+        let aligned = cpu_reference(c, memory.layer(self.spline, 0));
         memory.set_layer(self.aligned, c.layer as usize, aligned);
     }
 }
 
 /// The frame on the reference's pixels; what it does not show is that of its border.
-pub fn twin(c: &Constants, spline: &Field) -> Field {
+pub fn cpu_reference(c: &Constants, spline: &Field) -> Field {
     let (r, centre) = (Registration::from(c.registration), c.centre.map(f64::from));
     let shading = Shading { coefficients: c.shading.map(f64::from) };
     Field::from_fn(c.width as usize, c.height as usize, |x, y| {
@@ -72,7 +68,7 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37u32, 21u32), (64, 16), (5, 3)] {
             let spline = random_field(width as usize, height as usize, 1);
             let t = Similarity::new(1.3, -0.8, 1.0, 1.02);
@@ -91,7 +87,7 @@ mod tests {
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &c, [width, height]);
             // Single precision, of coefficients up to 1 and a factor of at most 4.
             let nothing = Field::zeros(width as usize, height as usize);
-            rig.assert_close(&to, &[nothing, twin(&c, &spline)], 2e-5);
+            rig.assert_close(&to, &[nothing, cpu_reference(&c, &spline)], 2e-5);
         }
     }
 }

@@ -10,12 +10,11 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::mask::{self, Masks};
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::{Registration, inside};
 use super::sums::{Layout, Sums};
 use super::{Field, linearise, pixels, spline};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -52,9 +51,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: I1 and the spline of I2 read, a row of sums a workgroup written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height], Layout::of_variant(variant))
@@ -63,13 +59,13 @@ impl Pass for Bindings {
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let r = memory.state(self.state).registration;
         let masks = mask::of(memory, self.masks, variant);
-        let sums = twin(c, &r, memory.layer(self.i1, 0), memory.layer(self.spline2, 0), masks);
+        let sums = cpu_reference(c, &r, memory.layer(self.i1, 0), memory.layer(self.spline2, 0), masks);
         memory.set_sums(self.partials, sums);
     }
 }
 
 /// One whole pass over a level; `spline2` holds the coefficients of I2, `masks` is where pixels are masked.
-pub fn twin(c: &Constants, r: &Registration, i1: &Field, spline2: &Field, masks: Option<&Masks>) -> Sums {
+pub fn cpu_reference(c: &Constants, r: &Registration, i1: &Field, spline2: &Field, masks: Option<&Masks>) -> Sums {
     let mut sums = Sums::default();
     for y in 0..i1.height {
         for x in 0..i1.width {
@@ -132,7 +128,7 @@ mod tests {
         let registration = Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 });
         let state = State::new(&registration);
         let spline = build_stack(i2, &Kernel::Gaussian, 1);
-        let expected = twin(&c, &state.registration(), i1, &spline[0], masks);
+        let expected = cpu_reference(&c, &state.registration(), i1, &spline[0], masks);
 
         let rig = Rig::new();
         let images = [i1, &spline[0]].map(|image| rig.image(std::slice::from_ref(image)));
@@ -165,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37, 21), (150, 40), (16, 16)] {
             let (i1, i2) = (smooth_field(width, height, 1), smooth_field(width, height, 2));
             for transform in [Similarity::IDENTITY, Similarity::new(3.3, -1.7, 2.0, 1.05)] {
@@ -188,13 +184,13 @@ mod tests {
             Homography::from_matrix([[0.9, -0.03, 0.4], [0.03, 0.9, -0.3], [0.0, 0.0, 1.0]]).unwrap(),
             &Photometric { gain: 1.1, offset: -0.05 },
         );
-        let gradient = twin(&c, &start, &i1, &spline[0], None).gradient;
+        let gradient = cpu_reference(&c, &start, &i1, &spline[0], None).gradient;
         let step = 1e-5;
         let moved = |i: usize, by: f64| {
             let mut x = [0.0; UNKNOWNS];
             x[i] = by;
             let r = start.after(&update_transform::displacing(f64::from(c.length), 1.0, x));
-            twin(&c, &r, &i1, &spline[0], None).energy
+            cpu_reference(&c, &r, &i1, &spline[0], None).energy
         };
         for (i, found) in gradient.iter().enumerate() {
             let expected = (moved(i, step) - moved(i, -step)) / (2.0 * step);

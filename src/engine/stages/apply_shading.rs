@@ -5,12 +5,11 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::from_centre;
 use super::{Field, pixels};
 use crate::base::Shading;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -37,9 +36,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: every pixel read and written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         8 * pixels(c.width, c.height)
@@ -47,14 +43,14 @@ impl Pass for Bindings {
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let shading = memory.state(self.state).shading;
-        let evened = twin(c, &shading, memory.layer(self.from, 0));
+        let evened = cpu_reference(c, &shading, memory.layer(self.from, 0));
         memory.set_layer(self.to, c.layer as usize, evened);
         memory.state_mut(self.state).evened = shading;
     }
 }
 
 /// I2 times the shading.
-pub fn twin(c: &Constants, shading: &Shading, i2: &Field) -> Field {
+pub fn cpu_reference(c: &Constants, shading: &Shading, i2: &Field) -> Field {
     let centre = c.centre.map(f64::from);
     let factor = |x: usize, y: usize| shading.at(from_centre([x as f64, y as f64], centre));
     Field::from_fn(i2.width, i2.height, |x, y| factor(x, y) * i2.get(x, y))
@@ -68,7 +64,7 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16), (2, 3)] {
             let i2 = random_field(width, height, 1);
             let mut state = State::new(&DoubleState::default().registration);
@@ -82,7 +78,7 @@ mod tests {
             rig.run(&STAGE, &resources, &c, [c.width, c.height]);
             let shading = Shading { coefficients: state.shading.map(f64::from) };
             // Single precision, of a factor of at most 4.
-            rig.assert_close(&to, &[Field::zeros(width, height), twin(&c, &shading, &i2)], 1e-5);
+            rig.assert_close(&to, &[Field::zeros(width, height), cpu_reference(&c, &shading, &i2)], 1e-5);
             assert_eq!(rig.value::<State>(&buffer).evened, state.shading);
         }
     }

@@ -5,11 +5,12 @@ use super::Field;
 use super::spline::{self, Jet};
 use super::stack::{self, Blurred, Slopes};
 use super::state::Registration;
+use crate::engine::shaders;
 
 /// Beyond V = 0 a blurred image goes on linearly for this many px².
-pub const NEAR: f64 = 0.5;
+pub const NEAR: f64 = shaders::blur::NEAR;
 /// Below this |V|, px², the kernel's mean moves linearly, so that its derivative stays finite.
-const LEAST_ROOT: f64 = 0.05;
+const LEAST_ROOT: f64 = shaders::blur::LEAST_ROOT;
 
 /// The stacks of I1 and I2.
 pub struct Stacks<'a> {
@@ -94,6 +95,41 @@ fn mean_at(mut mean: [f64; 2], r: &Registration, v: f64) -> ([f64; 2], [f64; 2])
     let root = v.abs().max(LEAST_ROOT).sqrt();
     let by_v = if v.abs() > LEAST_ROOT { 0.5 / root } else { 1.0 / root };
     (mean.map(|m| v / root * m), mean.map(|m| by_v * m))
+}
+
+/// Smooth Heaviside, equation 35.
+pub fn heaviside(v: f64, epsilon: f64) -> f64 {
+    0.5 + (v / epsilon).atan() / std::f64::consts::PI
+}
+
+/// Both images at a pixel: I1, J before gain and offset, Î1 and Î2. Gradients are per pixel of I1.
+pub(super) struct PairSample {
+    pub(super) i1: f64,
+    pub(super) i2: Jet,
+    pub(super) blurred: [Blurred; 2],
+}
+
+/// Samples both images at a pixel, on a level whose pixels are `factor` wide. `mean` is that of the kernel at V = 1.
+pub(super) fn sample_pair(
+    (mean, factor, centre): ([f32; 2], f32, [f32; 2]),
+    r: &Registration,
+    warped: Option<&Registration>,
+    [x, y]: [usize; 2],
+    i1: &Field,
+    v: f64,
+    stacks: &Stacks,
+) -> PairSample {
+    let (factor, centre) = (factor.into(), centre.map(f64::from));
+    if let Some(before) = warped {
+        let shift = r.moved_since(before).displacement(x, y, factor, centre);
+        let i1 = spline::near(&stacks.first[0], x, y, [0.0; 2]).value;
+        let (i2, blurred) = read_near(stacks, [x, y], shift, v);
+        return PairSample { i1, i2, blurred };
+    }
+    let (p, d) = ([x as f64, y as f64], r.displacement(x, y, factor, centre));
+    let mut i2 = spline::read(&stacks.second[0], p[0] + d[0], p[1] + d[1]);
+    [i2.dx, i2.dy] = r.in_first([i2.dx, i2.dy]);
+    PairSample { i1: i1.get(x, y), i2, blurred: read(stacks, r, mean.map(f64::from), p, d, v) }
 }
 
 #[cfg(test)]

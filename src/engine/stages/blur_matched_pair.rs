@@ -5,15 +5,13 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::blur::Stacks;
+use super::blur::{Stacks, sample_pair};
 use super::mask::{self, Masks};
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
-use super::resample_pair::see;
+use super::pass::{Memory, Pass, bindings};
 use super::state::{Registration, inside};
 use super::uncertainty_terms;
 use super::{Field, pixels, spline};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Layers: shares times I1, shares times I2, shares.
 pub const LAYERS: u32 = 3;
@@ -46,8 +44,8 @@ bindings! {
     v: Reads<RelativeBlur>,
     /// Stacks of I1 and I2, or the spline coefficients of I2.
     stacks: Reads<Plane>,
-    /// Both sides.
-    sides: Writes<Evidence>,
+    /// The blur-matched pair, with shares.
+    pair: Writes<UncertaintyTerms>,
     /// State.
     state: Reads<State>,
     /// Of I1, of I2.
@@ -55,9 +53,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image read, three
     /// values written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
@@ -76,8 +71,8 @@ impl Pass for Bindings {
             let stacks = Stacks::of(layers, c.second_stack, c.nodes, variant[0]);
             Images::Stacks(stacks, variant[1].then_some(&state.warped))
         };
-        let sides = twin(c, &state.registration, i1, v, &images, masks);
-        sides.into_iter().enumerate().for_each(|(n, side)| memory.set_layer(self.sides, n, side));
+        let pair = cpu_reference(c, &state.registration, i1, v, &images, masks);
+        pair.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.pair, n, field));
     }
 }
 
@@ -90,7 +85,7 @@ pub enum Images<'a> {
 }
 
 /// Shares times either side, and shares, on every other pixel.
-pub fn twin(
+pub fn cpu_reference(
     c: &Constants,
     r: &Registration,
     i1: &Field,
@@ -110,9 +105,9 @@ pub fn twin(
         let [first, second] = match images {
             Images::Spline(spline2) => [i1_here, spline::read(spline2, x[0] as f64 + d[0], x[1] as f64 + d[1]).value],
             Images::Stacks(stacks, warped) => {
-                let seen = see((c.mean, c.factor, c.centre), r, *warped, x, i1, v, stacks);
-                let [b1, b2] = seen.blurred;
-                if v >= 0.0 { [b1.value, seen.i2.value] } else { [i1_here, b2.value] }
+                let sample = sample_pair((c.mean, c.factor, c.centre), r, *warped, x, i1, v, stacks);
+                let [b1, b2] = sample.blurred;
+                if v >= 0.0 { [b1.value, sample.i2.value] } else { [i1_here, b2.value] }
             }
         };
         [share * first, share * second, share]
@@ -154,7 +149,7 @@ mod tests {
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
         let from =
             if stacked { Images::Stacks(read, warped.then_some(&before)) } else { Images::Spline(&stacks[1][0]) };
-        let expected = twin(&c, &state.registration(), &i1, &v, &from, masked.then_some(&masks));
+        let expected = cpu_reference(&c, &state.registration(), &i1, &v, &from, masked.then_some(&masks));
 
         let rig = Rig::new();
         let layers = if stacked { stacks.concat() } else { vec![stacks[1][0].clone()] };
@@ -171,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(67, 43), (32, 33), (17, 40)] {
             let smooth = || [1, 2].map(|seed| smooth_field(width, height, seed));
             let random = || [5, 6].map(|seed| random_field(width, height, seed));

@@ -7,11 +7,11 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::field::{Field, fold};
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{WORKGROUP, pixels};
 use crate::base::weighted;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -44,15 +44,15 @@ pub struct Constants {
 }
 
 /// Neighbouring results an invocation: each weight and each value is loaded once for all of them.
-pub const SPAN: u32 = 8;
+pub const SPAN: u32 = shaders::convolve::SPAN;
 
 /// Weights are taken in blocks of so many, and a filter of one block has a pipeline of its own, without a loop: all that
 /// a Gaussian's stack has on every pixel are. Software devices load a weight whose place they know beforehand once for
 /// all invocations of a subgroup, and keep arrays in registers.
-pub const BLOCK: u32 = 20;
+pub const BLOCK: u32 = shaders::convolve::BLOCK;
 
 /// Weights of all filters at most: the 16 KiB that every device allows a uniform buffer.
-pub const WEIGHTS: usize = 4096;
+pub const WEIGHTS: usize = 4 * shaders::convolve::VECTORS as usize;
 
 /// Workgroups of a filter along x, or along y, over so many pixels along it and across it.
 pub(crate) fn groups([length, breadth]: [u32; 2], vertical: bool) -> [u32; 3] {
@@ -84,9 +84,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: every value read, every result written, and read first where it is added to.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let touched = if c.add == 1 { 2 } else { 1 };
@@ -97,7 +94,7 @@ impl Pass for Bindings {
         let first = 4 * c.offset as usize;
         let filter = &memory.numbers(self.filters)[first..first + 2 * c.radius as usize + 1];
         let input = memory.layer(self.from, c.from_layer as usize);
-        let mut found = twin_mirrored(input, filter, c.stride as usize, c.vertical == 1, c.period as usize);
+        let mut found = cpu_reference_mirrored(input, filter, c.stride as usize, c.vertical == 1, c.period as usize);
         let to = memory.layer_mut(self.to, c.to_layer as usize);
         if c.add == 1 {
             found.data.iter_mut().zip(&to.data).for_each(|(sum, before)| *sum += before);
@@ -107,13 +104,13 @@ impl Pass for Bindings {
 }
 
 /// `out(i) = Σ_n filter(n) input(stride i + n)` along x, or along y; mirrored about the border pixels.
-pub fn twin(input: &Field, filter: &[f64], stride: usize, vertical: bool) -> Field {
+pub fn cpu_reference(input: &Field, filter: &[f64], stride: usize, vertical: bool) -> Field {
     let period = 2 * (if vertical { input.height } else { input.width } - 1);
-    twin_mirrored(input, filter, stride, vertical, period)
+    cpu_reference_mirrored(input, filter, stride, vertical, period)
 }
 
 /// The same, mirrored about the first pixel and half a period from it.
-pub fn twin_mirrored(input: &Field, filter: &[f64], stride: usize, vertical: bool, period: usize) -> Field {
+pub fn cpu_reference_mirrored(input: &Field, filter: &[f64], stride: usize, vertical: bool, period: usize) -> Field {
     if vertical { along_y(input, filter, stride, period) } else { along_x(input, filter, stride, period) }
 }
 
@@ -154,7 +151,7 @@ mod tests {
     fn check(input: &Field, filter: &[f64], stride: usize, vertical: bool, odd_period: bool) {
         let length = if vertical { input.height } else { input.width };
         let period = 2 * (length - 1) + usize::from(odd_period);
-        let expected = twin_mirrored(input, filter, stride, vertical, period);
+        let expected = cpu_reference_mirrored(input, filter, stride, vertical, period);
         let rig = Rig::new();
         let size = [expected.width as u32, expected.height as u32];
         // From layer 1 into layer 2, so that layers are seen to be heeded.
@@ -211,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin_on_odd_sizes_and_filters_wider_than_the_image() {
+    fn matches_the_cpu_reference_on_odd_sizes_and_filters_wider_than_the_image() {
         for (width, height) in [(37, 21), (150, 80), (64, 9), (2, 1)] {
             let input = random_field(width, height, 7);
             for filter in [filter::gaussian(1.0), filter::spline_prefilter(), filter::gaussian(17.5)] {
@@ -232,7 +229,7 @@ mod tests {
             })
         };
         let filter = filter::gaussian(3.0);
-        let blurred = twin(&twin(&blob(4.0), &filter, 1, false), &filter, 1, true);
+        let blurred = cpu_reference(&cpu_reference(&blob(4.0), &filter, 1, false), &filter, 1, true);
         for (found, expected) in blurred.data.iter().zip(blob(7.0).data) {
             assert!((found - expected).abs() < 1e-5, "{found} {expected}");
         }

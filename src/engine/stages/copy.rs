@@ -3,10 +3,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, pixels};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -29,22 +28,19 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: every pixel read, every pixel written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         8 * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let copied = twin(memory.layer(self.from, 0));
+        let copied = cpu_reference(memory.layer(self.from, 0));
         memory.set_layer(self.to, c.layer as usize, copied);
     }
 }
 
 /// The same field.
-pub fn twin(from: &Field) -> Field {
+pub fn cpu_reference(from: &Field) -> Field {
     from.clone()
 }
 
@@ -57,7 +53,7 @@ mod tests {
     use crate::engine::vulkan::{Clock, Groups, Pipeline, Recorder, Resource};
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37, 21), (64, 4), (1, 1)] {
             let rig = Rig::new();
             let field = random_field(width, height, 5);
@@ -66,7 +62,7 @@ mod tests {
             let constants = Constants { width: size[0], height: size[1], layer: 0 };
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, size);
             // 1e-7: the field in single precision.
-            rig.assert_close(&to, &[twin(&field)], 1e-7);
+            rig.assert_close(&to, &[cpu_reference(&field)], 1e-7);
         }
     }
 

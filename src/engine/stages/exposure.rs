@@ -12,12 +12,12 @@ use bytemuck::{Pod, Zeroable};
 use nalgebra::{DMatrix, DVector};
 
 use super::blur_matched_pair::LAYERS;
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::{DoubleState, from_centre};
 use super::{Field, pixels};
 use crate::base::{Shading, shading};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -84,16 +84,13 @@ pub(crate) fn shows_shading([width, height]: [u32; 2]) -> bool {
 
 bindings! {
     EXPOSURE:
-    /// Both sides, smoothed.
-    sides: Reads<Evidence>,
+    /// The blur-matched pair, smoothed.
+    pair: Reads<UncertaintyTerms>,
     /// State.
     state: Updates<State>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: the samples, once.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         4 * u64::from(LAYERS) * pixels(c.width, c.height) / (4 * u64::from(c.every).pow(2))
@@ -101,7 +98,7 @@ impl Pass for Bindings {
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let mut state = memory.state(self.state).clone();
-        twin(c, &mut state, std::array::from_fn(|n| memory.layer(self.sides, n)));
+        cpu_reference(c, &mut state, std::array::from_fn(|n| memory.layer(self.pair, n)));
         *memory.state_mut(self.state) = state;
     }
 }
@@ -115,7 +112,7 @@ struct Sample {
 }
 
 /// Matches gain, offset and shading in place, and measures the correlation.
-pub fn twin(c: &Constants, state: &mut DoubleState, sides: [&Field; LAYERS as usize]) {
+pub fn cpu_reference(c: &Constants, state: &mut DoubleState, sides: [&Field; LAYERS as usize]) {
     let samples = samples(c, state, sides);
     match_moments(c, state, &samples);
     if c.adopt == Adopt::Shading as u32 && state.correlation > 0.5 {
@@ -159,7 +156,7 @@ fn match_moments(c: &Constants, state: &mut DoubleState, samples: &[Sample]) {
 }
 
 /// Rounds of least squares.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = shaders::exposure::ROUNDS as usize;
 
 fn match_shading(c: &Constants, state: &mut DoubleState, samples: &[Sample]) {
     // I2 before it was evened out, and what its polynomial is to give.
@@ -214,7 +211,7 @@ mod tests {
     use crate::base::{Homography, Photometric, Similarity};
     use crate::engine::vulkan::Resource;
 
-    /// Sides of a level twice as wide and high, as `exposure` sees them, and what it makes of them on the device, like the twin.
+    /// Sides of a level twice as wide and high, as `exposure` sees them, and what it makes of them on the device, like the CPU reference.
     fn check(sides: [&Field; 2], transform: impl Into<Homography>, evened: Shading, adopt: Adopt) -> DoubleState {
         let (width, height) = (sides[0].width, sides[0].height);
         let share = Field::from_fn(width, height, |x, y| if x < 3 { 0.0 } else { 0.8 + 0.2 * (y as f64).sin().abs() });
@@ -226,7 +223,7 @@ mod tests {
         state.evened = evened.coefficients.map(|c| c as f32);
         let centre = [width as f64 - 0.5, height as f64 - 0.7];
         let c = Constants::new([2 * width as u32 - 1, 2 * height as u32], 4.0, centre, adopt);
-        twin(&c, &mut expected, layers.each_ref());
+        cpu_reference(&c, &mut expected, layers.each_ref());
         let rig = Rig::new();
         let (image, buffer) = (rig.image(&layers), rig.upload(bytemuck::bytes_of(&state)));
         rig.run_groups(&STAGE, &[Resource::Image(&image), Resource::Buffer(&buffer)], &c, [1, 1, 1]);
@@ -245,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin_and_finds_a_known_exposure() {
+    fn matches_the_cpu_reference_and_finds_a_known_exposure() {
         for (width, height) in [(41, 23), (16, 9), (160, 120)] {
             let i1 = smooth_field(width, height, 1);
             let i2 = Field::from_fn(width, height, |x, y| (i1.get(x, y) - 0.05) / 0.8);

@@ -4,13 +4,12 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
-use super::resample_pair::heaviside;
+use super::blur::heaviside;
+use super::pass::{Memory, Pass, bindings};
 use super::state::{Registration, from_centre, inside};
 use super::{Field, pixels, spline};
 use crate::base::Shading;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -43,9 +42,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: both channels and V read, the fused channel written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         16 * pixels(c.width, c.height)
@@ -54,7 +50,7 @@ impl Pass for Bindings {
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let state = memory.state(self.state);
         let channel1 = memory.layer(self.channel1, 0);
-        let fused = twin(
+        let fused = cpu_reference(
             c,
             (&state.registration, &state.evened),
             channel1,
@@ -66,7 +62,7 @@ impl Pass for Bindings {
 }
 
 /// The fused channel.
-pub fn twin(
+pub fn cpu_reference(
     c: &Constants,
     (r, shading): (&Registration, &Shading),
     channel1: &Field,
@@ -97,7 +93,7 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16)] {
             let fields = [1, 2, 3].map(|seed| random_field(width, height, seed));
             let registration =
@@ -118,7 +114,7 @@ mod tests {
             let buffer = rig.upload(bytemuck::bytes_of(&state));
             let images = [&inputs[0], &inputs[1], &inputs[2], &result].map(Resource::Image);
             rig.run(&STAGE, &[&images[..], &[Resource::Buffer(&buffer)]].concat(), &c, [width as u32, height as u32]);
-            let expected = twin(&c, (&state.registration(), &shading), &fields[0], &fields[1], &fields[2]);
+            let expected = cpu_reference(&c, (&state.registration(), &shading), &fields[0], &fields[1], &fields[2]);
             rig.assert_close(&result, &[Field::zeros(width, height), expected], 2e-5);
         }
     }

@@ -15,12 +15,12 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::stack::{self, Slopes};
 use super::sums::Sums;
 use super::{Field, WORKGROUP, pixels};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -70,9 +70,9 @@ pub(crate) fn variant(slopes: Slopes, stays: bool, projective: bool) -> Variant 
 }
 
 /// Lines an invocation goes down.
-const ROWS: u32 = 8;
+const ROWS: u32 = shaders::half_pair::ROWS;
 /// Pixels along the border that the low pass and the high pass of the frames reach over.
-const FILTERED: f64 = 4.0;
+const FILTERED: f64 = shaders::half_pair::FILTERED;
 /// Layers of the system: D, b, q; where T and c stay, D, b, and what noise makes of D, by two accounts.
 pub const LAYERS: u32 = 4;
 
@@ -103,9 +103,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: u, two nodes and the other frame read, the system read and written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         40 * pixels(c.width, c.height)
@@ -115,7 +112,7 @@ impl Pass for Bindings {
         let nodes = &memory.layers(self.stacks)[..c.nodes as usize * slopes(variant).layers()];
         let other = memory.layer(self.aligned, c.other as usize);
         let hidden = memory.words(self.hidden);
-        let Said { system, sums } = twin(c, variant, memory.layer(self.focus, 0), nodes, other, hidden);
+        let Said { system, sums } = cpu_reference(c, variant, memory.layer(self.focus, 0), nodes, other, hidden);
         for (layer, said) in system.into_iter().enumerate() {
             let sum = memory.layer_mut(self.equations, layer);
             if sum.data.is_empty() {
@@ -141,7 +138,14 @@ fn slopes(variant: Variant) -> Slopes {
 }
 
 /// What the pair says of every pixel.
-pub fn twin(c: &Constants, variant: Variant, focus: &Field, stack: &[Field], other: &Field, hidden: &[u32]) -> Said {
+pub fn cpu_reference(
+    c: &Constants,
+    variant: Variant,
+    focus: &Field,
+    stack: &[Field],
+    other: &Field,
+    hidden: &[u32],
+) -> Said {
     let (width, height) = (c.width as usize, c.height as usize);
     let mut said = Said { system: std::array::from_fn(|_| Field::zeros(width, height)), sums: Sums::default() };
     let [left, top, right, bottom] = c.shown.map(f64::from);
@@ -238,7 +242,7 @@ mod tests {
                 }
             })
             .collect();
-        let Said { system, sums } = twin(&c, variant, focus, &stack, other, &hidden);
+        let Said { system, sums } = cpu_reference(&c, variant, focus, &stack, other, &hidden);
         let rig = Rig::new();
         let before: Vec<Field> = (0..u64::from(LAYERS)).map(|n| random_field(width, height, 20 + n)).collect();
         let images = [
@@ -278,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         let plain = variant(Slopes::Laplacian, false, false);
         for (width, height) in [(67, 43), (64, 32), (40, 35)] {
             let mut focus = smooth_field(width, height, 3);

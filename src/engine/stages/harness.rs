@@ -185,20 +185,22 @@ impl Drop for Rig {
 /// script does.
 pub(crate) fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<Field> {
     let prefilter = filter::spline_prefilter();
-    let mut stack = vec![convolve::twin(&convolve::twin(image, &prefilter, 1, false), &prefilter, 1, true)];
+    let mut stack =
+        vec![convolve::cpu_reference(&convolve::cpu_reference(image, &prefilter, 1, false), &prefilter, 1, true)];
     // The last of the layers made on every other pixel, as it was there.
     let mut half: Option<Field> = None;
     for n in 1..nodes * Slopes::of(kernel).layers() {
         let Layer { from, sampling, terms } = layer(kernel, n);
         if sampling != Sampling::Every {
             let made = on_half(half.as_ref().unwrap_or(&stack[from]), &terms[0], sampling, image);
-            stack.push(subdivide::twin([image.width, image.height], &made));
+            stack.push(subdivide::cpu_reference([image.width, image.height], &made));
             half = Some(made);
             continue;
         }
         let mut sum = Field::zeros(image.width, image.height);
         for [along_x, along_y] in &terms {
-            let term = convolve::twin(&convolve::twin(&stack[from], along_x, 1, false), along_y, 1, true);
+            let term =
+                convolve::cpu_reference(&convolve::cpu_reference(&stack[from], along_x, 1, false), along_y, 1, true);
             sum.data.iter_mut().zip(term.data).for_each(|(sum, t)| *sum += t);
         }
         stack.push(sum);
@@ -209,10 +211,10 @@ pub(crate) fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<F
 /// A layer on every other pixel of the image.
 fn on_half(from: &Field, [along_x, along_y]: &[filter::Filter; 2], sampling: Sampling, image: &Field) -> Field {
     if sampling == Sampling::Halving {
-        return convolve::twin(&convolve::twin(from, along_x, 2, false), along_y, 2, true);
+        return convolve::cpu_reference(&convolve::cpu_reference(from, along_x, 2, false), along_y, 2, true);
     }
-    let rows = convolve::twin_mirrored(from, along_x, 1, false, image.width - 1);
-    convolve::twin_mirrored(&rows, along_y, 1, true, image.height - 1)
+    let rows = convolve::cpu_reference_mirrored(from, along_x, 1, false, image.width - 1);
+    convolve::cpu_reference_mirrored(&rows, along_y, 1, true, image.height - 1)
 }
 
 /// Numbers in [0, 1), the same for the same seed (splitmix64).
@@ -238,7 +240,8 @@ pub(crate) fn random_field(width: usize, height: usize, seed: u64) -> Field {
 pub(crate) fn smooth_field(width: usize, height: usize, seed: u64) -> Field {
     let filter = filter::gaussian(4.0);
     let noise = random_field(width, height, seed);
-    let mut field = super::convolve::twin(&super::convolve::twin(&noise, &filter, 1, false), &filter, 1, true);
+    let mut field =
+        super::convolve::cpu_reference(&super::convolve::cpu_reference(&noise, &filter, 1, false), &filter, 1, true);
     field.data.iter_mut().for_each(|v| *v = 0.5 + 3.0 * (*v - 0.5));
     field
 }

@@ -18,17 +18,17 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::blur::{NEAR, Stacks};
+use super::blur::{NEAR, PairSample, Stacks, heaviside, sample_pair};
 use super::mask::{self, Masks};
-use super::memory::Memory;
 use super::noise::{self, Noise};
-use super::pass::{Pass, bindings};
-use super::resample_pair::{Seen, heaviside, see};
+use super::pass::{Memory, Pass, bindings};
+
 use super::stack::Slopes;
 use super::state::{Registration, inside};
 use super::sums::{Layout, Sums};
 use super::{Field, WORKGROUP, pixels};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// Lines of two pixels that an invocation goes down, at most: what a line shares with the next is loaded once,
 /// and the sums of a workgroup are reduced once for all of them.
@@ -45,10 +45,10 @@ pub(crate) fn rows([width, height]: [u32; 2]) -> u32 {
 pub const LAYERS: u32 = 2;
 /// Within so many spreads, σ of noise, residuals count for T by their squares: of Gaussian noise least squares find T best. For V, of which each
 /// place has but few pixels, η stays.
-pub const BROAD: f64 = 4.0;
+pub const BROAD: f64 = shaders::linearise::BROAD;
 /// The spread s is an M-estimate of scale of x = ΔS/√2 from a pixel to the one beside (noise differs so, and little of what the model lacks), half
 /// of which may be outliers: the mean of x²/(x² + `BOUND`² s²) is a half, as of Gaussian x of deviation s.
-pub const BOUND: f64 = 0.612;
+pub const BOUND: f64 = shaders::linearise::BOUND;
 /// λ.
 pub const ELIMINATION: f32 = 0.25;
 
@@ -117,9 +117,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: I1, V, of the stacks the two nodes about V and what is read of the other image, all once a
     /// pixel; D and b written, and a row of sums a workgroup.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
@@ -135,7 +132,7 @@ impl Pass for Bindings {
         let masks = mask::of(memory, self.masks, variant);
         let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
         let Linearised { equations, sums } =
-            twin(c, (&state.registration, state.alpha, state.spread), warped, i1, v, &stacks, masks);
+            cpu_reference(c, (&state.registration, state.alpha, state.spread), warped, i1, v, &stacks, masks);
         equations.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.equations, n, field));
         memory.set_sums(self.partials, sums);
     }
@@ -165,7 +162,7 @@ struct Residual {
 
 /// One whole pass over a level, by T, α and the spread of the iteration before. `warped` is T when the stack of I2 was
 /// brought onto I1's pixels, if it was; `masks` where pixels are masked.
-pub fn twin(
+pub fn cpu_reference(
     c: &Constants,
     (r, alpha, spread): (&Registration, f64, f64),
     warped: Option<&Registration>,
@@ -186,9 +183,9 @@ pub fn twin(
                 continue;
             }
             let (smoothness, pull) = smoothness_term(c, alpha, v, [x, y]);
-            let seen = see((c.mean, c.factor, c.centre), r, warped, [x, y], i1, v.get(x, y), stacks);
+            let sample = sample_pair((c.mean, c.factor, c.centre), r, warped, [x, y], i1, v.get(x, y), stacks);
             let share = mask::counts(masks, [x, y], d);
-            let (mut residuals, psi, signed) = data_term(c, r, v.get(x, y), seen, d);
+            let (mut residuals, psi, signed) = data_term(c, r, v.get(x, y), sample, d);
             residuals.iter_mut().for_each(|t| t.weight *= share);
             let diagonal: f64 = residuals.iter().map(|t| t.weight * t.by_v * t.by_v).sum();
             let b = -residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
@@ -242,7 +239,7 @@ fn data_term(
     c: &Constants,
     r: &Registration,
     v: f64,
-    Seen { i1, i2, blurred: [b1, b2] }: Seen,
+    PairSample { i1, i2, blurred: [b1, b2] }: PairSample,
     d: [f64; 2],
 ) -> ([Residual; 2], f64, f64) {
     let (s1, s2) = (b1.value - (r.gain * i2.value + r.offset), r.gain * b2.value + r.offset - i1);
@@ -361,7 +358,7 @@ mod tests {
         }
         let warped = Registration::from(state.warped);
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
-        let expected = twin(
+        let expected = cpu_reference(
             &c,
             (&state.registration(), state.alpha.into(), state.spread.into()),
             moved.map(|_| &warped),
@@ -402,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(67usize, 43usize), (33, 32), (40, 17)] {
             let smooth = |seed| super::super::harness::smooth_field(width, height, seed);
             let mut v = smooth(3);

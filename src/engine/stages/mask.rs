@@ -10,12 +10,11 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, ingest, pixels};
 use crate::base::Frame;
 use crate::engine::slot::{self, Reads};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// The share of pixels that count around each of I1 and of I2 on one level.
 pub type Masks = [Field; 2];
@@ -49,9 +48,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: every sample and the mask read, a number a pixel written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         u64::from(c.channels * c.bytes + 4 + (1 - c.second)) * pixels(c.width, c.height)
@@ -59,13 +55,13 @@ impl Pass for Bindings {
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let mask = memory.mask_bytes().filter(|_| c.second == 0);
-        let counts = twin(memory.photograph(self.samples), c.clipped, mask);
+        let counts = cpu_reference(memory.photograph(self.samples), c.clipped, mask);
         memory.set_layer(self.masks, c.second as usize, counts);
     }
 }
 
 /// Which pixels of a frame count, on the finest level; the mask has a byte a pixel, 0 where it is left out.
-pub fn twin(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Field {
+pub fn cpu_reference(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Field {
     let channels = frame.format().channels.count() as usize;
     let width = frame.width() as usize;
     Field::from_fn(width, frame.height() as usize, |x, y| {
@@ -81,7 +77,7 @@ pub(super) fn of<'a>(memory: &'a Memory, masks: Reads<slot::Masks>, variant: Var
     variant[2].then(|| memory.layers(masks).first_chunk()).flatten()
 }
 
-/// What pixel x, which T displaces by d, counts for: the twin of `glsl/include/mask.glsl`. 1 where nothing is masked.
+/// What pixel x, which T displaces by d, counts for: the CPU reference of `glsl/include/mask.glsl`. 1 where nothing is masked.
 pub fn counts(masks: Option<&Masks>, [x, y]: [usize; 2], d: [f64; 2]) -> f64 {
     let Some([first, second]) = masks else { return 1.0 };
     let place = |x: usize, d: f64, size: usize| (x as f64 + d).clamp(0.0, size as f64 - 1.0);
@@ -125,13 +121,13 @@ mod tests {
             let constants = Constants { width: size[0], height: size[1], channels, bytes, second, clipped };
             rig.run(&STAGE, &resources, &constants, size);
         }
-        let expected = [twin(frame, clipped, Some(&mask)), twin(frame, clipped, None)];
+        let expected = [cpu_reference(frame, clipped, Some(&mask)), cpu_reference(frame, clipped, None)];
         assert!(expected[1].data.contains(&0.0) == clipped[1].is_finite());
         rig.assert_close(&masks, &expected, 0.0);
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37, 19), (16, 16), (33, 8)] {
             for channels in [Channels::Gray, Channels::Rgb] {
                 let values = random((width * height * channels.count()) as usize, 3);

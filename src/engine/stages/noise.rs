@@ -1,4 +1,4 @@
-//! What a blur leaves of the noise of an image, so that V does not follow it: the twin of `glsl/include/noise.glsl`.
+//! What a blur leaves of the noise of an image, so that V does not follow it: the CPU reference of `glsl/include/noise.glsl`.
 //!
 //! S1 = h(V) * I1 - J holds noise of both images, and the more I1 is blurred the less of its own: least squares then take the blur
 //! that leaves the least noise for the one that fits (errors in variables), and where an image goes on through V = 0 it is sharpened

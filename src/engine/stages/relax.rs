@@ -4,10 +4,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, WORKGROUP, pixels};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -49,9 +48,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: right side, four weights and dV of both colours read, dV of one written. The first sweep reads only
     /// right sides of red, and of black neither its dV.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
@@ -71,13 +67,13 @@ impl Pass for Bindings {
         let other = if first && c.color == 0 { zeros() } else { memory.layer(self.other, 0).clone() };
         let colors = if c.color == 0 { [&own, &other] } else { [&other, &own] };
         let mut change = both(colors);
-        twin(c, &system, &mut change);
+        cpu_reference(c, &system, &mut change);
         memory.set_layer(self.own, 0, change);
     }
 }
 
 /// Relaxes the pixels of one colour of dV in place.
-pub fn twin(c: &Constants, system: &[&Field; 5], change: &mut Field) {
+pub fn cpu_reference(c: &Constants, system: &[&Field; 5], change: &mut Field) {
     let (width, height) = (change.width, change.height);
     let omega = f64::from(c.over_relaxation);
     for y in 0..height {
@@ -157,7 +153,7 @@ pub(crate) mod tests {
                 rows: ROWS,
                 over_relaxation: 1.8,
             };
-            twin(&c, &system.each_ref(), &mut change);
+            cpu_reference(&c, &system.each_ref(), &mut change);
             let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
             rig.run_variant(&STAGE, [true, false, false, false], &resources, &c, tiles([c.width, c.height]));
         }
@@ -167,7 +163,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16), (17, 18), (2, 2)] {
             let (system, mut change) = (system(width, height), random_field(width, height, 4));
             let rig = Rig::new();
@@ -183,7 +179,7 @@ pub(crate) mod tests {
                     rows: ROWS,
                     over_relaxation: 1.8,
                 };
-                twin(&constants, &system.each_ref(), &mut change);
+                cpu_reference(&constants, &system.each_ref(), &mut change);
                 let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
                 rig.run_groups(&STAGE, &resources, &constants, tiles(size));
             }
@@ -221,7 +217,7 @@ pub(crate) mod tests {
         let mut found = Field::zeros(n, n);
         for _ in 0..200 {
             for color in [0, 1] {
-                twin(
+                cpu_reference(
                     &Constants { width: n as u32, height: n as u32, color, rows: ROWS, over_relaxation: 1.8 },
                     &system.each_ref(),
                     &mut found,

@@ -3,10 +3,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, pixels, relax};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// The most pixels of a level that one workgroup takes. On lavapipe ten passes over 64 x 64 pixels take 1 ms, one
 /// workgroup on its one core 0.3 ms; over four times as many pixels they are even.
@@ -39,16 +38,13 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: the system read and dV written, once.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         24 * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let change = twin(c, &memory.system(self.right_sides, self.weights));
+        let change = cpu_reference(c, &memory.system(self.right_sides, self.weights));
         memory.set_layer(self.red, 0, change.clone());
         memory.set_layer(self.black, 0, change);
     }
@@ -60,12 +56,12 @@ pub(crate) fn takes([width, height]: [u32; 2]) -> bool {
 }
 
 /// dV from zero.
-pub fn twin(c: &Constants, system: &[&Field; 5]) -> Field {
+pub fn cpu_reference(c: &Constants, system: &[&Field; 5]) -> Field {
     let mut change = Field::zeros(c.width as usize, c.height as usize);
     for _ in 0..c.sweeps {
         for color in [0, 1] {
             let Constants { width, height, over_relaxation, .. } = *c;
-            relax::twin(
+            relax::cpu_reference(
                 &relax::Constants { width, height, color, rows: relax::ROWS, over_relaxation },
                 system,
                 &mut change,
@@ -83,7 +79,7 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin_whatever_was_there() {
+    fn matches_the_cpu_reference_whatever_was_there() {
         for (width, height) in [(37usize, 21usize), (64, 16), (17, 18), (2, 2), (200, 40)] {
             let system = system(width, height);
             let c = Constants { width: width as u32, height: height as u32, sweeps: 3, over_relaxation: 1.8 };
@@ -94,7 +90,7 @@ mod tests {
             let changes = [0, 1].map(|_| rig.image(std::slice::from_ref(&nothing)));
             let resources = [&right_sides, &weights, &changes[0], &changes[1]].map(Resource::Image);
             rig.run_groups(&STAGE, &resources, &c, [1, 1, 1]);
-            let expected = twin(&c, &system.each_ref());
+            let expected = cpu_reference(&c, &system.each_ref());
             for color in [0, 1] {
                 rig.assert_close(&changes[color], &[half(&expected, color)], 1e-4);
             }

@@ -6,10 +6,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, pixels, stack};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -34,9 +33,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: every node read, every one but the sharp image written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         4 * u64::from(2 * c.nodes - 1) * pixels(c.width, c.height)
@@ -46,14 +42,14 @@ impl Pass for Bindings {
         let shape = memory.state(self.state).kernel_shape;
         if shape != 0.0 {
             let first = c.first as usize;
-            let shaped = twin(shape, &memory.layers(self.stacks)[first..first + c.nodes as usize]);
+            let shaped = cpu_reference(shape, &memory.layers(self.stacks)[first..first + c.nodes as usize]);
             shaped.into_iter().enumerate().for_each(|(k, node)| memory.set_layer(self.stacks, first + k, node));
         }
     }
 }
 
 /// The nodes of a kernel so much like a disk, of a Gaussian's.
-pub fn twin(shape: f64, nodes: &[Field]) -> Vec<Field> {
+pub fn cpu_reference(shape: f64, nodes: &[Field]) -> Vec<Field> {
     let node = |k: usize| {
         let departs = |n: usize| stack::departure_of(k, nodes.len(), |at| nodes[at].data[n]);
         let data = nodes[k].data.iter().enumerate().map(|(n, value)| value + shape * departs(n));
@@ -72,7 +68,7 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(67, 21), (32, 17), (3, 2)] {
             for shape in [0.0, 0.7, 1.3] {
                 let images = [random_field(width, height, 1), Field::from_fn(width, height, |_, _| 0.5)];
@@ -85,7 +81,7 @@ mod tests {
                 let rig = Rig::new();
                 let (image, buffer) = (rig.image(&stacks), rig.upload(bytemuck::bytes_of(&state)));
                 rig.run(&STAGE, &[Resource::Image(&image), Resource::Buffer(&buffer)], &c, [width, height]);
-                let expected = [&twin(shape.into(), &stacks[..count]), &stacks[count..]].concat();
+                let expected = [&cpu_reference(shape.into(), &stacks[..count]), &stacks[count..]].concat();
                 // Coefficients of a few, single precision, differences times 4 at most.
                 rig.assert_close(&image, &expected, 2e-5);
             }
@@ -99,7 +95,7 @@ mod tests {
             let k = std::f64::consts::PI * periods / (n - 1) as f64;
             let wave = Field::from_fn(n, 3, |x, _| (k * x as f64).cos());
             let gaussian = build_stack(&wave, &Kernel::Gaussian, node_count(36.0));
-            let disk = twin(1.0, &gaussian);
+            let disk = cpu_reference(1.0, &gaussian);
             for v in [1.0, 2.2, 4.0, 7.0, 12.0, 20.0] {
                 let w = k * f64::sqrt(v);
                 if w > 1.6 {

@@ -12,15 +12,15 @@ use bytemuck::{Pod, Zeroable};
 
 use super::blur::{self, Stacks};
 use super::mask::{self, Masks};
-use super::memory::Memory;
 use super::noise::Noise;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::{DoubleState, inside};
 use super::{Field, spline, stack};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// Of a window, pixels: wide beside the widest blur of most pairs, narrow beside what is in focus at one distance.
-const SIDE: usize = 24;
+const SIDE: usize = shaders::shape_windows::SIDE as usize;
 /// Windows along a side of the level, at most: together a seventh of 1 Mpx.
 const MOST_ALONG: u32 = 16;
 
@@ -53,6 +53,7 @@ pub(crate) fn grid(size: [u32; 2]) -> [u32; 2] {
 
 /// Floats that all windows of a level leave, at most.
 pub(crate) const FLOATS: u64 = 2 * (MOST_ALONG * MOST_ALONG) as u64;
+const _: () = assert!(MOST_ALONG * MOST_ALONG == shaders::shape_median::MOST_WINDOWS);
 
 /// Whether a level holds a window.
 pub(crate) fn fits([width, height]: [u32; 2]) -> bool {
@@ -83,9 +84,6 @@ pub struct Window {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: V, the sharp images and four nodes of the windows' pixels.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         4 * 7 * u64::from(c.grid[0] * c.grid[1]) * (SIDE * SIDE) as u64
@@ -94,7 +92,7 @@ impl Pass for Bindings {
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, false);
         let masks = mask::of(memory, self.masks, variant);
-        let windows = twin(c, memory.state(self.state), memory.layer(self.v, 0), &stacks, masks);
+        let windows = cpu_reference(c, memory.state(self.state), memory.layer(self.v, 0), &stacks, masks);
         let numbers = memory.numbers_mut(self.windows, FLOATS as usize);
         for (n, window) in windows.iter().enumerate() {
             [numbers[2 * n], numbers[2 * n + 1]] = [window.shape, window.weight];
@@ -103,14 +101,20 @@ impl Pass for Bindings {
 }
 
 /// What S changes with: V, t_x, t_y, offset and gain, each the window's own; the kernel's shape; and S.
-const TERMS: usize = 7;
-const SHAPE: usize = 5;
-const LEFT: usize = 6;
+const TERMS: usize = shaders::shape_windows::TERMS_OF_S as usize;
+const SHAPE: usize = shaders::shape_windows::SHAPE as usize;
+const LEFT: usize = shaders::shape_windows::LEFT as usize;
 /// Ratio of neighbouring nodes' variances.
 const RATIO: f64 = 16.0 / 9.0;
 
 /// What each window says, row by row.
-pub fn twin(c: &Constants, state: &DoubleState, v: &Field, stacks: &Stacks, masks: Option<&Masks>) -> Vec<Window> {
+pub fn cpu_reference(
+    c: &Constants,
+    state: &DoubleState,
+    v: &Field,
+    stacks: &Stacks,
+    masks: Option<&Masks>,
+) -> Vec<Window> {
     let [columns, rows] = c.grid.map(|n| n as usize);
     let size = [c.width, c.height].map(|side| side as usize);
     let corner = |n: usize, of: usize, side: usize| (2 * n + 1) * side / (2 * of) - SIDE / 2;
@@ -228,7 +232,7 @@ mod tests {
         };
         let read = Stacks::of(&stacks.concat(), nodes as u32, nodes as u32, false).slopes;
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes: read };
-        let expected = twin(&c, &double, v, &read, masks);
+        let expected = cpu_reference(&c, &double, v, &read, masks);
 
         let rig = Rig::new();
         let none = [Field::zeros(width, height), Field::zeros(width, height)];
@@ -257,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(67, 43), (24, 33), (90, 51)] {
             let images = [1, 2].map(|seed| smooth_field(width, height, seed));
             let mut v = smooth_field(width, height, 3);
@@ -274,8 +278,9 @@ mod tests {
     fn found(kernel: &Kernel, noise: f64) -> f64 {
         let (size, nodes, v) = (220, stack::node_count(9.0), 4.0);
         let sharp = smooth_field(size, size, 7);
-        let along =
-            |f: &Field, [x, y]: &[filter::Filter; 2]| convolve::twin(&convolve::twin(f, x, 1, false), y, 1, true);
+        let along = |f: &Field, [x, y]: &[filter::Filter; 2]| {
+            convolve::cpu_reference(&convolve::cpu_reference(f, x, 1, false), y, 1, true)
+        };
         let mut blurred = Field::zeros(size, size);
         for term in filter::centred(kernel, v) {
             blurred.data.iter_mut().zip(along(&sharp, &term).data).for_each(|(sum, t)| *sum += t);
@@ -290,8 +295,8 @@ mod tests {
         let c = Constants { factor: 1.0, noise: Noise::new(0), ..constants([size, size], nodes) };
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes: stack::Slopes::Laplacian };
         let v = Field::from_fn(size, size, |_, _| v + 0.2);
-        let windows = twin(&c, &DoubleState::default(), &v, &read, None);
-        super::super::shape_median::twin(0.0, &windows)
+        let windows = cpu_reference(&c, &DoubleState::default(), &v, &read, None);
+        super::super::shape_median::cpu_reference(0.0, &windows)
     }
 
     #[test]

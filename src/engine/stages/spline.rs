@@ -1,4 +1,4 @@
-//! Cubic B-splines: the twin of `glsl/include/spline.glsl`.
+//! Cubic B-splines: the CPU reference of `glsl/include/spline.glsl`.
 
 use super::field::{Field, mirror};
 

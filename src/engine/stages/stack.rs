@@ -1,4 +1,4 @@
-//! The stack of uniformly blurred images: the twin of `glsl/include/stack.glsl`.
+//! The stack of uniformly blurred images: the CPU reference of `glsl/include/stack.glsl`.
 //!
 //! The gather `Î(x; V)` is the uniformly V-blurred image read at x. Between two nodes of the stack it is a cubic in V,
 //! whose slopes at the nodes are known: for a Gaussian dÎ/dV is half the Laplacian (the heat equation), for any other
@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn nodes_made_on_every_other_pixel_are_those_made_on_every_pixel() {
-        let along = |f: &Field, filter: &[f64], vertical| convolve::twin(f, filter, 1, vertical);
+        let along = |f: &Field, filter: &[f64], vertical| convolve::cpu_reference(f, filter, 1, vertical);
         for (width, height) in [(90, 71), (77, 64)] {
             let texture = random_field(width, height, 4);
             let stack = build_stack(&texture, &Kernel::Gaussian, node_count(150.0));

@@ -1,11 +1,13 @@
-//! What the device knows of a solve, and where T puts a pixel: the twin of `glsl/include/state.glsl`.
+//! What the device knows of a solve, and where T puts a pixel: the CPU reference of `glsl/include/state.glsl`.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::base::{Homography, Photometric, Shading};
+use crate::engine::shaders;
 
 /// Most levels of a pyramid; a short side of 32 px on the twelfth would be 65536 px on the first.
-pub const MAX_LEVELS: usize = 12;
+pub const MAX_LEVELS: usize = shaders::state::MAX_LEVELS as usize;
+const _: () = assert!(Shading::TERMS == shaders::shading::TERMS as usize);
 
 /// α that the coarsest level starts with, where it is to be found.
 pub const FIRST_ALPHA: f64 = 0.003;

@@ -8,10 +8,9 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::field::{Field, fold};
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::pixels;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -43,22 +42,19 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: a quarter of the pixels read, all written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let fine = twin([c.width as usize, c.height as usize], memory.layer(self.coarse, 0));
+        let fine = cpu_reference([c.width as usize, c.height as usize], memory.layer(self.coarse, 0));
         memory.set_layer(self.fine, c.layer as usize, fine);
     }
 }
 
 /// The fine image.
-pub fn twin([width, height]: [usize; 2], coarse: &Field) -> Field {
+pub fn cpu_reference([width, height]: [usize; 2], coarse: &Field) -> Field {
     // The coarse pixels, mirrored, and weights that make fine coefficient x.
     let taps = |x: usize, size: usize| {
         let i = (x / 2) as isize;
@@ -79,10 +75,10 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37u32, 22u32), (141, 25), (16, 8), (2, 3), (1, 1)] {
             let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
-            let expected = twin([width as usize, height as usize], &coarse);
+            let expected = cpu_reference([width as usize, height as usize], &coarse);
             let rig = Rig::new();
             let (from, to) = (rig.image(std::slice::from_ref(&coarse)), rig.empty([width, height], 2));
             let constants = Constants { width, height, layer: 1, listed: 1 };
@@ -104,7 +100,7 @@ mod tests {
     #[test]
     fn both_are_one_spline() {
         let coarse = random_field(20, 17, 6);
-        let fine = twin([39, 33], &coarse);
+        let fine = cpu_reference([39, 33], &coarse);
         for (x, y) in [(0.0, 0.0), (7.0, 12.0), (10.3, 3.7), (37.6, 31.2), (38.0, 32.0)] {
             let (one, other) = (spline::read(&coarse, x / 2.0, y / 2.0), spline::read(&fine, x, y));
             assert!((one.value - other.value).abs() < 1e-12, "({x}, {y}): {} {}", one.value, other.value);
@@ -117,7 +113,7 @@ mod tests {
         for size in [39, 40] {
             let coarse = random_field(20, 1, 8);
             let beyond = Field::from_fn(40, 1, |x, _| coarse.get(fold(x as isize, size - 1), 0));
-            let (fine, wide) = (twin([size, 1], &coarse), twin([79, 1], &beyond));
+            let (fine, wide) = (cpu_reference([size, 1], &coarse), cpu_reference([79, 1], &beyond));
             for x in 0..70 {
                 let (found, expected) = (fine.get(fold(x, 2 * (size - 1)), 0), wide.get(x as usize, 0));
                 assert!((found - expected).abs() < 1e-12, "{x} of {size}: {found} {expected}");

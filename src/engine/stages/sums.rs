@@ -1,4 +1,4 @@
-//! The registration integrals, and how a workgroup's row of them lies in memory: the twin of `glsl/include/sums.glsl`.
+//! The registration integrals, and how a workgroup's row of them lies in memory: the CPU reference of `glsl/include/sums.glsl`.
 //!
 //! ```text
 //! unknown        t_x     t_y     zoom    turn     stretch  shear   g_x          g_y

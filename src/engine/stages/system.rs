@@ -15,10 +15,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, WORKGROUP, pixels};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -38,7 +38,7 @@ pub struct Constants {
 
 /// Pixels over which the slope on either side of two neighbours is taken: over fewer, noise is taken for slope; over more, V's
 /// bends are straightened.
-const REACH: isize = 16;
+const REACH: isize = shaders::system::REACH as isize;
 
 /// The variant for a sweep.
 pub(crate) const SWEEP: Variant = [true, false, false, false];
@@ -65,7 +65,7 @@ bindings! {
 }
 
 /// Floats a workgroup leaves.
-pub(crate) const SUMS: usize = 2;
+pub(crate) const SUMS: usize = shaders::system::SUMS as usize;
 
 /// Workgroups that cover a level.
 pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
@@ -73,9 +73,6 @@ pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: the unknown and its equations read, right side and weights written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         (24 + 4 * u64::from(layers(variant))) * pixels(c.width, c.height)
@@ -84,7 +81,7 @@ impl Pass for Bindings {
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { memory.state(self.state).alpha };
         let equations = &memory.layers(self.equations)[..layers(variant) as usize];
-        let ([right_side, weights @ ..], sums) = twin(c, alpha, memory.layer(self.unknown, 0), equations);
+        let ([right_side, weights @ ..], sums) = cpu_reference(c, alpha, memory.layer(self.unknown, 0), equations);
         memory.set_layer(self.right_sides, 0, right_side);
         weights.into_iter().enumerate().for_each(|(n, weight)| memory.set_layer(self.weights, n, weight));
         if variant == SWEEP {
@@ -94,7 +91,7 @@ impl Pass for Bindings {
 }
 
 /// The system of D, b and, of a sweep, q: right side first, then the weights of the right, left, lower and upper neighbour; and the sums.
-pub fn twin(c: &Constants, alpha: f64, unknown: &Field, equations: &[Field]) -> ([Field; 5], [f64; SUMS]) {
+pub fn cpu_reference(c: &Constants, alpha: f64, unknown: &Field, equations: &[Field]) -> ([Field; 5], [f64; SUMS]) {
     let [rate, eta] = [c.rate, c.smoothness_eta].map(f64::from);
     let (width, height) = (unknown.width as isize, unknown.height as isize);
     let at = |x: isize, y: isize| unknown.clamped(x, y);
@@ -150,7 +147,7 @@ mod tests {
         let (width, height) = (width as u32, height as u32);
         let c = Constants { width, height, alpha: 0.05, rate: 0.7, smoothness_eta: 0.1 };
         let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { f64::from(state.alpha) };
-        let (expected, sums) = twin(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
+        let (expected, sums) = cpu_reference(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
         let rig = Rig::new();
         // What an odd width leaves out is written too.
         let before = |floats: u32| {
@@ -176,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(67, 43), (64, 4), (33, 18), (1, 2)] {
             check(width, height, SWEEP, false);
             check(width, height, [false; 4], false);
@@ -189,7 +186,7 @@ mod tests {
         let c = Constants { width: 121, height: 5, alpha: 1.0, rate: 1.0, smoothness_eta: 0.1 };
         let unknown = Field::from_fn(121, 5, |x, _| unknown(x as f64));
         let [ones, zeros] = [1.0, 0.0].map(|value| Field::from_fn(121, 5, |_, _| value));
-        twin(&c, 0.1, &unknown, &[ones, zeros]).0[0].data[2 * 121..3 * 121].to_vec()
+        cpu_reference(&c, 0.1, &unknown, &[ones, zeros]).0[0].data[2 * 121..3 * 121].to_vec()
     }
 
     #[test]
@@ -217,7 +214,7 @@ mod tests {
         for seed in 0..6 {
             let [mut v, d, b] = [1, 2, 3].map(|n| random_field(41, 30, 10 * seed + n));
             v.data.iter_mut().for_each(|v| *v = 12.0 * (*v - 0.5));
-            let ([_, weights @ ..], _) = twin(&c, 0.01, &v, &[d, b]);
+            let ([_, weights @ ..], _) = cpu_reference(&c, 0.01, &v, &[d, b]);
             for i in 0..v.data.len() {
                 let row = weights.each_ref().map(|weight| weight.data[i]);
                 assert!(row.iter().all(|w| *w >= 0.0) && row.iter().sum::<f64>() <= 1.0 + 1e-12, "{row:?} at {i}");

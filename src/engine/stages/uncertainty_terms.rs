@@ -5,11 +5,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, pixels};
 use crate::engine::filter::{self, Filter};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Layers: D, b², (∇²V)²; then the squared [residual](mod@super::residual).
 pub const LAYERS: usize = 4;
@@ -44,14 +43,11 @@ bindings! {
     v: Reads<RelativeBlur>,
     /// D, b.
     equations: Reads<Plane>,
-    /// Evidence, of that the first three layers.
-    evidence: Writes<Evidence>,
+    /// The first three layers of the terms.
+    terms: Writes<UncertaintyTerms>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: V read; on every fourth pixel D and b read, three values written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = size([c.width, c.height]);
@@ -60,8 +56,8 @@ impl Pass for Bindings {
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let [d, b] = [0, 1].map(|n| memory.layer(self.equations, n));
-        let found = twin(c, memory.layer(self.v, 0), [d, b]);
-        found.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.evidence, n, field));
+        let found = cpu_reference(c, memory.layer(self.v, 0), [d, b]);
+        found.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.terms, n, field));
     }
 }
 
@@ -77,7 +73,7 @@ pub fn window() -> Filter {
 
 /// D, b² (of residuals of `noise` at least) and (∇²V)² on every other pixel, the last by the divergence of central differences,
 /// which noise of single pixels does not lift.
-pub fn twin(c: &Constants, v: &Field, [d, b]: [&Field; 2]) -> [Field; 3] {
+pub fn cpu_reference(c: &Constants, v: &Field, [d, b]: [&Field; 2]) -> [Field; 3] {
     let [eta, noise, least] = [c.eta, c.noise, c.least].map(f64::from);
     let of = |x: usize, y: usize| {
         let beside = [(2, 0), (-2, 0), (0, 2), (0, -2)].map(|(i, j)| v.clamped(x as isize + i, y as isize + j));
@@ -101,14 +97,14 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16), (1, 2)] {
             let [v, d, b] = [1, 2, 3].map(|seed| random_field(width, height, seed));
             let rig = Rig::new();
             let found = rig.empty(size([width as u32, height as u32]), LAYERS);
             let images = [&rig.image(std::slice::from_ref(&v)), &rig.image(&[d.clone(), b.clone()]), &found];
             rig.run(&STAGE, &images.map(Resource::Image), &constants(&v), size([width as u32, height as u32]));
-            let mut expected = twin(&constants(&v), &v, [&d, &b]).to_vec();
+            let mut expected = cpu_reference(&constants(&v), &v, [&d, &b]).to_vec();
             expected.push(Field::zeros(expected[0].width, expected[0].height));
             rig.assert_close(&found, &expected, 1e-6);
         }
@@ -118,8 +114,8 @@ mod tests {
     fn a_parabola_bends_by_its_second_derivative() {
         let v = Field::from_fn(16, 16, |x, _| 0.3 * (x * x) as f64);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
-        assert_eq!(twin(&constants(&v), &v, [&flat(0.1), &flat(1.0)])[1].get(3, 3), 0.0, "of rounding");
-        let [d, b2, bend] = twin(&constants(&v), &v, [&flat(5.0), &flat(-0.2)]);
+        assert_eq!(cpu_reference(&constants(&v), &v, [&flat(0.1), &flat(1.0)])[1].get(3, 3), 0.0, "of rounding");
+        let [d, b2, bend] = cpu_reference(&constants(&v), &v, [&flat(5.0), &flat(-0.2)]);
         assert_eq!(d.get(3, 3), 5.0);
         // Residuals of 0.001, of weight 1/η, besides.
         assert!((b2.get(3, 3) - (0.04 + 5e-4)).abs() < 1e-9, "{}", b2.get(3, 3));

@@ -2,11 +2,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::pixels;
 use crate::base::{Frame, Order, Packing, PixelFormat};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Fours of pixels that a row of invocations writes: of 2^28 pixels there are 2^14 rows, in workgroups of four.
 const ROW: u32 = 4096;
@@ -74,9 +73,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: every packed sample read, every sample written.
     fn bytes(c: &Constants, [_, _, is_mosaic, is_wide]: Variant) -> u64 {
         let written = if c.count == 1 && !is_mosaic { 1 } else { 3 } * if is_wide { 2 } else { 1 };
@@ -91,7 +87,7 @@ impl Pass for Bindings {
 ///
 /// # Errors
 /// As that.
-pub fn twin(size: [u32; 2], format: PixelFormat, packed: &[u8]) -> Result<Frame, String> {
+pub fn cpu_reference(size: [u32; 2], format: PixelFormat, packed: &[u8]) -> Result<Frame, String> {
     format.frame(size, packed)
 }
 
@@ -102,13 +98,13 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn every_format_agrees_with_the_twin_to_the_bit() {
+    fn every_format_matches_the_cpu_reference_to_the_bit() {
         let rig = Rig::new();
         for size in [[37, 19], [16, 16], [33, 8], [301, 41]] {
             for format in PixelFormat::all().filter(|format| !format.is_plain()) {
                 let count = format.bytes(size) as usize;
                 let packed: Vec<u8> = random(count, 5).iter().map(|v| (256.0 * v) as u8).collect();
-                let expected = twin(size, format, &packed).unwrap();
+                let expected = cpu_reference(size, format, &packed).unwrap();
                 // One word more, which stays as it is.
                 let mut found = expected.bytes().to_vec();
                 let length = found.len().next_multiple_of(4) + 4;

@@ -6,13 +6,12 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::Registration;
 use super::sums::{Layout, Sums, UNKNOWNS};
 use crate::base::{Homography, Shading};
-use crate::engine::arguments;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
+use crate::engine::{arguments, shaders};
 
 /// Push constants.
 #[repr(C)]
@@ -71,9 +70,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: the partial sums.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         4 * Layout::of_variant(variant).length as u64 * u64::from(c.rows)
@@ -84,7 +80,7 @@ impl Pass for Bindings {
         let start = memory.words(self.start_arguments).to_vec();
         let state = memory.state_mut(self.state);
         let level = c.level as usize;
-        let step = twin(c, &sums, &mut state.registration, state.levels[level].energy);
+        let step = cpu_reference(c, &sums, &mut state.registration, state.levels[level].energy);
         if c.level == 0 && step.steady {
             state.spread = find_spread(c, &sums, state.spread);
         }
@@ -93,8 +89,8 @@ impl Pass for Bindings {
         }
         let follows =
             !moved_away(c, &state.warped, &state.registration) && shading_stays(&state.shading, &state.evened);
-        let given_up = start.last().is_some_and(|&last| last != arguments::GO_ON);
-        let ends = step.settled || given_up;
+        let cancelled = start.last().is_some_and(|&last| last != arguments::NOT_CANCELLED);
+        let ends = step.settled || cancelled;
         let anew = c.warp_count > 0 && !ends && !follows;
         state.levels[level].energy = step.energy;
         state.levels[level].iterations += 1;
@@ -103,7 +99,7 @@ impl Pass for Bindings {
         let words = memory.words_mut(self.arguments);
         if ends {
             let own = range(c.argument_place, c.argument_count);
-            words[if given_up { 0..own.end } else { own }].fill(0);
+            words[if cancelled { 0..own.end } else { own }].fill(0);
         }
         for i in range(c.warp_place, c.warp_count) {
             words[i] = if anew { start[i] } else { 0 };
@@ -130,7 +126,7 @@ pub struct Step {
 }
 
 /// Steps T in place. `before` is the energy of the iteration before.
-pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> Step {
+pub fn cpu_reference(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> Step {
     let factor = f64::from(c.factor);
     let step = displacing(c.length.into(), factor, solve(c, sums).map(|x| f64::from(c.share) * x));
     let moved = corner_moves(c, &step);
@@ -166,7 +162,7 @@ fn corner_moves(c: &Constants, step: &Homography) -> f64 {
 }
 
 /// Pixels of the level that a corner may move before I2 is brought onto I1's pixels anew.
-const FOLLOWED: f64 = 0.02;
+const FOLLOWED: f64 = shaders::update_transform::FOLLOWED;
 
 /// Whether T has moved so far since `before` that gradients on the pixels no longer follow it.
 pub(crate) fn moved_away(c: &Constants, before: &Registration, r: &Registration) -> bool {
@@ -174,7 +170,7 @@ pub(crate) fn moved_away(c: &Constants, before: &Registration, r: &Registration)
 }
 
 /// What the shading may change by before I2 is evened out anew: a thousandth of the contrast is 0.01 px² of V.
-const EVEN: f64 = 0.001;
+const EVEN: f64 = shaders::update_transform::EVEN;
 
 fn shading_stays(now: &Shading, evened: &Shading) -> bool {
     let pairs = now.coefficients.iter().zip(&evened.coefficients);
@@ -182,13 +178,13 @@ fn shading_stays(now: &Shading, evened: &Shading) -> bool {
 }
 
 /// Where α is looked for.
-const ALPHAS: [f64; 2] = [3.5e-4, 10.0];
+const ALPHAS: [f64; 2] = [shaders::update_transform::LEAST_ALPHA, shaders::update_transform::MOST_ALPHA];
 /// Steepness, px² a pixel, within which α follows it. Below V counts as flat, and a larger α would converge too slowly to gain
 /// anything; beyond, it is noise that is steep, and a smaller α would raise it.
-const STEEP: [f64; 2] = [0.007, 0.1];
+const STEEP: [f64; 2] = [shaders::update_transform::LEAST_STEEP, shaders::update_transform::MOST_STEEP];
 
 /// The most that the spread grows by in an iteration.
-const MOST_GROWTH: f64 = 8.0;
+const MOST_GROWTH: f64 = shaders::update_transform::MOST_GROWTH;
 
 /// The spread from how much of the [bounded squares](super::linearise::BOUND) is reached, a half where it is right: of Gaussian noise an error of it becomes a fifth.
 pub fn find_spread(c: &Constants, sums: &Sums, spread: f64) -> f64 {
@@ -284,13 +280,13 @@ mod tests {
             rig.upload(bytemuck::bytes_of(&state)),
             rig.upload(&[0; 32]),
             rig.upload(bytemuck::cast_slice(&[7u32; 12])),
-            rig.upload(bytemuck::cast_slice(&[[9; 12].as_slice(), &[arguments::GO_ON]].concat())),
+            rig.upload(bytemuck::cast_slice(&[[9; 12].as_slice(), &[arguments::NOT_CANCELLED]].concat())),
         ];
         rig.run_variant(&STAGE, variant, &buffers.each_ref().map(Resource::Buffer), &c, [1, 1, 1]);
         let found: State = rig.value(&buffers[1]);
         let sums = Sums::from_partials(partials, Layout::of_variant(variant));
         let mut expected = state.registration();
-        let step = twin(&c, &sums, &mut expected, before.into());
+        let step = cpu_reference(&c, &sums, &mut expected, before.into());
         let corner = found.registration().transform.corner_distance(expected.transform, 121, 81);
         // Single precision of sums of up to 4000 residuals.
         assert!(corner < 1e-4, "{corner} px: {found:?} {expected:?}");
@@ -311,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (rows, variant) in [(1, NO_VARIANT), (7, PROJECTIVE), (8, NO_VARIANT), (100, PROJECTIVE), (100, NO_VARIANT)]
         {
             let layout = Layout::of_variant(variant);
@@ -381,7 +377,7 @@ mod tests {
             rig.upload(bytemuck::bytes_of(&State::new(&start))),
             rig.upload(&[0; 32]),
             rig.upload(bytemuck::cast_slice(&[7u32; 16])),
-            rig.upload(bytemuck::cast_slice(&[[9; 16].as_slice(), &[arguments::GIVEN_UP]].concat())),
+            rig.upload(bytemuck::cast_slice(&[[9; 16].as_slice(), &[arguments::CANCELLED]].concat())),
         ];
         let c = Constants { may_settle: 0, warp_place: 6, warp_count: 2, ..constants(8) };
         rig.run_groups(&STAGE, &buffers.each_ref().map(Resource::Buffer), &c, [1, 1, 1]);

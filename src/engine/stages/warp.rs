@@ -5,12 +5,12 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::{Registration, from_centre};
 use super::{Field, pixels, spline};
 use crate::base::Shading;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -29,7 +29,7 @@ pub struct Constants {
 }
 
 /// Lines an invocation goes down.
-const ROWS: u32 = 8;
+const ROWS: u32 = shaders::warp::ROWS;
 
 /// Workgroups that cover a level.
 pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
@@ -47,9 +47,6 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
     /// Bytes that must move: the coefficients read, the samples written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         8 * pixels(c.width, c.height)
@@ -57,7 +54,7 @@ impl Pass for Bindings {
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let (r, shading) = (memory.state(self.state).registration, memory.state(self.state).shading);
-        let samples = twin(c, &r, &shading, memory.layer(self.spline2, 0));
+        let samples = cpu_reference(c, &r, &shading, memory.layer(self.spline2, 0));
         memory.set_layer(self.stacks, c.layer as usize, samples);
         let state = memory.state_mut(self.state);
         (state.warped, state.evened) = (r, shading);
@@ -65,7 +62,7 @@ impl Pass for Bindings {
 }
 
 /// Samples of I2 at T x, evened out; mirrored once where T leaves I2.
-pub fn twin(c: &Constants, r: &Registration, shading: &Shading, spline2: &Field) -> Field {
+pub fn cpu_reference(c: &Constants, r: &Registration, shading: &Shading, spline2: &Field) -> Field {
     let centre = c.centre.map(f64::from);
     let mirrored = |x: f64, size: usize| {
         let last = size as f64 - 1.0;
@@ -88,7 +85,7 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16), (16, 17)] {
             for transform in [
                 Similarity::new(2.2, -1.0, 0.5, 1.03),
@@ -107,7 +104,7 @@ mod tests {
                 let buffer = rig.upload(bytemuck::bytes_of(&state));
                 let resources = [Resource::Image(&image), Resource::Image(&stacks), Resource::Buffer(&buffer)];
                 rig.run(&STAGE, &resources, &c, [width as u32, height as u32]);
-                let expected = twin(&c, &state.registration(), &shading, &spline2);
+                let expected = cpu_reference(&c, &state.registration(), &shading, &spline2);
                 // Places are known to 2e-6 px here, and the noise rises by less than 1 a pixel.
                 rig.assert_close(&stacks, &[Field::zeros(width, height), expected], 1e-5);
                 let found: State = rig.value(&buffer);
@@ -125,7 +122,7 @@ mod tests {
         let spline2 = build_stack(&field, &crate::base::Kernel::Gaussian, 1).swap_remove(0);
         let r = Registration::new(Similarity::new(1.3, -0.7, 0.8, 1.02), &Photometric::IDENTITY);
         let c = Constants { width: 60, height: 40, layer: 0, factor: 1.0, centre: [29.5, 19.5] };
-        let found = twin(&c, &r, &Shading::NONE, &spline2);
+        let found = cpu_reference(&c, &r, &Shading::NONE, &spline2);
         for y in 15..25 {
             for x in 15..45 {
                 let d = r.displacement(x, y, 1.0, [29.5, 19.5]);

@@ -14,7 +14,7 @@ const COMMON: f64 = 1.0;
 
 fn mean(field: &Field, sigma: f64) -> Field {
     let filter = filter::gaussian(sigma * sigma);
-    convolve::twin(&convolve::twin(field, &filter, 1, false), &filter, 1, true)
+    convolve::cpu_reference(&convolve::cpu_reference(field, &filter, 1, false), &filter, 1, true)
 }
 
 /// What exceeds by less than this the D that noise makes may be noise too: the D of a flat region varies by a fifth, from window to window, and

@@ -75,7 +75,7 @@ impl Hidden {
         let of_frame = |n: usize| {
             let (frame, clipped) = (&frames[n], settings.clipped(frames[n].format().depth));
             let bits = || {
-                let counts = mask::twin(frame, clipped, None);
+                let counts = mask::cpu_reference(frame, clipped, None);
                 let set = counts.data.iter().map(|&counts| counts == 0.0).collect();
                 Bits { width: counts.width, height: counts.height, set }.levels(levels, [0; 2])
             };

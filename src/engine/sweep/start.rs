@@ -31,7 +31,7 @@ pub(super) struct Frames<'a> {
 pub(super) const GRAIN: f64 = LOW_PASS * LOW_PASS + 1.0 / (4.0 * PI);
 
 fn filtered(image: &Field, along_x: &Filter, along_y: &Filter) -> Field {
-    convolve::twin(&convolve::twin(image, along_x, 1, false), along_y, 1, true)
+    convolve::cpu_reference(&convolve::cpu_reference(image, along_x, 1, false), along_y, 1, true)
 }
 
 pub(super) fn smoothed(image: &Field, sigma: f64) -> Field {
