@@ -1,4 +1,4 @@
-//! A frame of a sweep on the reference's pixels, as bright as it.
+//! Resamples a frame of a sweep onto the reference's pixels and matches its brightness.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -12,19 +12,19 @@ use crate::engine::vulkan::Variant;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// The layer where it goes.
+    /// Target layer.
     pub layer: u32,
-    /// Pixels of the full-size image a pixel of this level.
+    /// Pixels of the full-size image per pixel of this level.
     pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
-    /// Where the reference's pixels lie in the frame, and what brings it to the reference's brightness.
+    /// Maps the reference's pixels into the frame, and the frame's brightness to the reference's.
     pub registration: Single,
-    /// How the gain varies over the frame.
+    /// Shading: how the gain varies over the frame.
     pub shading: [f32; Shading::TERMS],
 }
 
@@ -37,7 +37,7 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Bytes that must move: every pixel read and written.
+    /// Compulsory traffic: every pixel read and written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         8 * pixels(c.width, c.height)
     }
@@ -48,7 +48,7 @@ impl Pass for Bindings {
     }
 }
 
-/// The frame on the reference's pixels; what it does not show is that of its border.
+/// The frame on the reference's pixels. Beyond its border it repeats the border.
 pub fn cpu_reference(c: &Constants, spline: &Field) -> Field {
     let (r, centre) = (Registration::from(c.registration), c.centre.map(f64::from));
     let shading = Shading { coefficients: c.shading.map(f64::from) };
@@ -85,7 +85,7 @@ mod tests {
             let rig = Rig::new();
             let (from, to) = (rig.image(std::slice::from_ref(&spline)), rig.empty([width, height], 2));
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &c, [width, height]);
-            // Single precision, of coefficients up to 1 and a factor of at most 4.
+            // Single precision, with coefficients up to 1 and a factor of at most 4.
             let nothing = Field::zeros(width as usize, height as usize);
             rig.assert_close(&to, &[nothing, cpu_reference(&c, &spline)], 2e-5);
         }

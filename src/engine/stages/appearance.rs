@@ -1,11 +1,12 @@
-//! Dense registration without a blur model, equation 36 of the paper: what the registration step sums for it.
+//! Dense registration without a blur model, equation 36 of the paper: the sums of the registration step.
 //!
 //! ```text
 //! E(T) = ∫ ψ(S²) dx,  S = I1 - J,  J = g I2(T x) + o
 //! N = Σ w j jᵀ,  g = Σ w j S,  j = ∂S/∂ζ,  w = ψ'(S²)
 //! ```
 //!
-//! Over all pixels that T keeps inside I2. The [step](super::step) is that of the unified method.
+//! The sums run over all pixels that T maps into I2. [`update_transform`](super::update_transform) then steps T as in
+//! the unified method.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -20,17 +21,17 @@ use crate::engine::vulkan::Variant;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// What [`linearise`] takes: the workgroups are those of `linearise`.
+    /// Rows of blocks per workgroup; the workgroups are those of [`linearise`].
     pub rows: u32,
-    /// Pixels of the full-size image a pixel of this level.
+    /// Pixels of the full-size image per pixel of this level.
     pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
-    /// L, which places are stated over: a quarter of the diagonal.
+    /// L, the length that places are divided by: a quarter of the diagonal, pixels.
     pub length: f32,
     /// η, intensities.
     pub eta: f32,
@@ -44,14 +45,14 @@ bindings! {
     spline2: Reads<Spline2>,
     /// State.
     state: Reads<State>,
-    /// A row of sums for each workgroup of `linearise`.
+    /// A row of sums for each workgroup.
     partials: Writes<Partials>,
-    /// Of I1, of I2.
+    /// Masks of I1 and I2.
     masks: Reads<Masks>,
 }
 
 impl Pass for Bindings {
-    /// Bytes that must move: I1 and the spline of I2 read, a row of sums a workgroup written.
+    /// Compulsory traffic: I1 and the spline of I2 read, a row of sums a workgroup written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height], Layout::of_variant(variant))
     }
@@ -64,7 +65,7 @@ impl Pass for Bindings {
     }
 }
 
-/// One whole pass over a level; `spline2` holds the coefficients of I2, `masks` is where pixels are masked.
+/// One pass over a level. `spline2` holds the spline coefficients of I2.
 pub fn cpu_reference(c: &Constants, r: &Registration, i1: &Field, spline2: &Field, masks: Option<&Masks>) -> Sums {
     let mut sums = Sums::default();
     for y in 0..i1.height {
@@ -145,17 +146,17 @@ mod tests {
             Resource::Image(&masks),
         ];
         rig.run_variant(&STAGE, [false, false, masked, projective], &resources, &c, groups);
-        let found = Sums::from_partials(&rig.floats(&partials), layout);
+        let actual = Sums::from_partials(&rig.floats(&partials), layout);
 
         // 1e-4 of the diagonal: single precision over the pixels of a workgroup, which may cancel off the diagonal.
         let close = |f: f64, e: f64, scale: f64| assert!((f - e).abs() <= 1e-4 * scale + 1e-6, "{f}, not {e}");
-        close(found.energy, expected.energy, expected.energy);
-        close(found.valid, expected.valid, expected.valid);
+        close(actual.energy, expected.energy, expected.energy);
+        close(actual.valid, expected.valid, expected.valid);
         for i in 0..layout.unknowns {
             let diagonal = |j: usize| expected.normal[j][j];
-            close(found.gradient[i], expected.gradient[i], (diagonal(i) * expected.energy).sqrt());
+            close(actual.gradient[i], expected.gradient[i], (diagonal(i) * expected.energy).sqrt());
             for j in 0..layout.unknowns {
-                close(found.normal[i][j], expected.normal[i][j], (diagonal(i) * diagonal(j)).sqrt());
+                close(actual.normal[i][j], expected.normal[i][j], (diagonal(i) * diagonal(j)).sqrt());
             }
         }
     }
@@ -178,7 +179,7 @@ mod tests {
     fn the_gradient_is_that_of_the_energy() {
         let (i1, i2) = (smooth_field(60, 50, 1), smooth_field(60, 50, 2));
         let spline = build_stack(&i2, &Kernel::Gaussian, 1);
-        // Kept well inside, so that every pixel is valid on both sides of the difference.
+        // The transform is well inside the image, so that each pixel is valid on both sides of the difference.
         let c = Constants { factor: 1.0, ..constants(60, 50) };
         let start = Registration::new(
             Homography::from_matrix([[0.9, -0.03, 0.4], [0.03, 0.9, -0.3], [0.0, 0.0, 1.0]]).unwrap(),
@@ -192,9 +193,9 @@ mod tests {
             let r = start.after(&update_transform::displacing(f64::from(c.length), 1.0, x));
             cpu_reference(&c, &r, &i1, &spline[0], None).energy
         };
-        for (i, found) in gradient.iter().enumerate() {
+        for (i, actual) in gradient.iter().enumerate() {
             let expected = (moved(i, step) - moved(i, -step)) / (2.0 * step);
-            assert!((found - expected).abs() < 1e-4 * expected.abs().max(1.0), "{i}: {found}, not {expected}");
+            assert!((actual - expected).abs() < 1e-4 * expected.abs().max(1.0), "{i}: {actual}, not {expected}");
         }
     }
 }

@@ -1,7 +1,6 @@
-//! I2 as bright as I1 from place to place, but for gain and offset, where no pass after it brings I2 onto I1's pixels.
+//! Applies the shading to I2, on levels where I2 is not warped onto I1's pixels.
 //!
-//! Shading is smooth: over a blur it hardly changes, so that an image evened out and then blurred is one blurred and then evened
-//! out.
+//! Shading is smooth and hardly changes within a blur kernel, so that blur and shading may be applied in either order.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -15,11 +14,11 @@ use crate::engine::vulkan::Variant;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// The layer where it goes.
+    /// Target layer.
     pub layer: u32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
@@ -29,23 +28,23 @@ bindings! {
     APPLY_SHADING:
     /// I2.
     from: Reads<I2>,
-    /// Where it goes.
+    /// The shaded image.
     to: Writes<Plane>,
-    /// State, which keeps the shading that was used.
+    /// State, which stores the shading that was applied.
     state: Updates<State>,
 }
 
 impl Pass for Bindings {
-    /// Bytes that must move: every pixel read and written.
+    /// Compulsory traffic: every pixel read and written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         8 * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let shading = memory.state(self.state).shading;
-        let evened = cpu_reference(c, &shading, memory.layer(self.from, 0));
-        memory.set_layer(self.to, c.layer as usize, evened);
-        memory.state_mut(self.state).evened = shading;
+        let applied_shading = cpu_reference(c, &shading, memory.layer(self.from, 0));
+        memory.set_layer(self.to, c.layer as usize, applied_shading);
+        memory.state_mut(self.state).applied_shading = shading;
     }
 }
 
@@ -77,9 +76,9 @@ mod tests {
             let resources = [Resource::Image(&image), Resource::Image(&to), Resource::Buffer(&buffer)];
             rig.run(&STAGE, &resources, &c, [c.width, c.height]);
             let shading = Shading { coefficients: state.shading.map(f64::from) };
-            // Single precision, of a factor of at most 4.
+            // Single precision, with a factor of at most 4.
             rig.assert_close(&to, &[Field::zeros(width, height), cpu_reference(&c, &shading, &i2)], 1e-5);
-            assert_eq!(rig.value::<State>(&buffer).evened, state.shading);
+            assert_eq!(rig.value::<State>(&buffer).applied_shading, state.shading);
         }
     }
 }

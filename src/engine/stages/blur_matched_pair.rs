@@ -1,7 +1,8 @@
-//! Both images as V says they look alike, the sharper one blurred, for gain, offset and shading.
+//! Blurs the sharper image by V so that both look alike, for gain, offset and shading.
 //!
-//! Where V is right the two differ by their exposure and noise alone, whatever the blur, so that means and deviations tell of the
-//! exposure and take none of the blur for it. On every other pixel; the [window](super::uncertainty_terms::window()) then takes the noise off.
+//! Where V is right the two differ only by exposure and noise. Means and deviations then measure the exposure,
+//! unaffected by the blur. Every other pixel is computed; the [window](super::uncertainty_terms::window()) then
+//! averages the noise.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -13,22 +14,22 @@ use super::uncertainty_terms;
 use super::{Field, pixels, spline};
 use crate::engine::vulkan::Variant;
 
-/// Layers: shares times I1, shares times I2, shares.
+/// Layers: I1 and I2, each times the share, and the share.
 pub const LAYERS: u32 = 3;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// Nodes of the stacks; 0: there are none yet, only the spline of I2, and V is zero.
+    /// Nodes of the stacks; 0 before there are any: then V is zero and only the spline of I2 is read.
     pub nodes: u32,
     /// First layer of the stack of I2.
     pub second_stack: u32,
-    /// Pixels of the full-size image a pixel of this level.
+    /// Pixels of the full-size image per pixel of this level.
     pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
@@ -42,18 +43,18 @@ bindings! {
     i1: Reads<I1>,
     /// V.
     v: Reads<RelativeBlur>,
-    /// Stacks of I1 and I2, or the spline coefficients of I2.
+    /// Stacks of I1 and I2, or spline coefficients of I2.
     stacks: Reads<Plane>,
     /// The blur-matched pair, with shares.
     pair: Writes<UncertaintyTerms>,
     /// State.
     state: Reads<State>,
-    /// Of I1, of I2.
+    /// Masks of I1 and I2.
     masks: Reads<Masks>,
 }
 
 impl Pass for Bindings {
-    /// Bytes that must move: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image read, three
+    /// Compulsory traffic: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image read, three
     /// values written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = uncertainty_terms::size([c.width, c.height]);
@@ -76,15 +77,15 @@ impl Pass for Bindings {
     }
 }
 
-/// What I2 is read from.
+/// The source of I2.
 pub enum Images<'a> {
     /// Its spline coefficients; V is zero.
     Spline(&'a Field),
-    /// The stacks, and T when that of I2 was brought onto I1's pixels, if it was.
+    /// The stacks, and T when I2 was warped onto I1's pixels, if it was.
     Stacks(Stacks<'a>, Option<&'a Registration>),
 }
 
-/// Shares times either side, and shares, on every other pixel.
+/// I1 and I2, each times the share, and the share, on every other pixel.
 pub fn cpu_reference(
     c: &Constants,
     r: &Registration,
@@ -161,7 +162,7 @@ mod tests {
         let slopes = if stacked { slopes } else { Slopes::Laplacian };
         let variant = linearise::variant(slopes, warped, masked, false);
         rig.run_variant(&STAGE, variant, &resources, &c, STAGE.groups(size));
-        // Intensities of 0 to 1 read between pixels in single precision, from a kernel's stack.
+        // Intensities of 0 to 1 interpolated in single precision.
         rig.assert_close(&images[3], &expected, 2e-5);
     }
 

@@ -1,5 +1,4 @@
-//! A field as it is, from image to image. No part of the method: [`bench`](crate::bench) measures by it what the memory
-//! under the other passes does at most.
+//! Copies an image. No part of the method: [`bench`](crate::bench) measures the memory bandwidth with it.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -11,24 +10,24 @@ use crate::engine::vulkan::Variant;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
-    /// The layer where it goes.
+    /// Target layer.
     pub layer: u32,
 }
 
 bindings! {
     COPY:
-    /// From.
+    /// Source.
     from: Reads<Plane>,
-    /// To.
+    /// Target.
     to: Writes<Plane>,
 }
 
 impl Pass for Bindings {
-    /// Bytes that must move: every pixel read, every pixel written.
+    /// Compulsory traffic: every pixel read, every pixel written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         8 * pixels(c.width, c.height)
     }
@@ -69,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_that_are_not_wanted_are_left_out() {
+    fn skipped_parts_do_not_run() {
         let rig = Rig::new();
         let fields = [1, 2, 3].map(|seed| random_field(37, 21, seed));
         let sources = fields.each_ref().map(|field| rig.image(std::slice::from_ref(field)));
@@ -94,14 +93,14 @@ mod tests {
                 recording
                     .run_first(3, deadline, &mut |part| Ok(wanted[part - 1]), &mut |parts| ended.push(parts))
                     .unwrap();
-                assert_eq!(ended, [1, 2, 3], "whoever watches hears of every part");
+                assert_eq!(ended, [1, 2, 3], "the callback is called for each part");
                 rig.assert_close(&to, &[fields[last].clone()], 1e-7);
                 let times = recording.times().unwrap();
                 let spans = if matches!(clock, Clock::Never) { 0 } else { 3 };
                 assert_eq!(times.ends_ms.len(), spans);
                 assert!(times.ends_ms.is_sorted(), "{times:?}");
                 for part in (1..spans).filter(|&part| !wanted[part - 1]) {
-                    assert_eq!(times.ends_ms[part], times.ends_ms[part - 1], "what is left out takes no time");
+                    assert_eq!(times.ends_ms[part], times.ends_ms[part - 1], "a skipped part takes no time");
                 }
             }
         }

@@ -1,4 +1,4 @@
-//! Samples as the sensor gave them to one channel in [0, 1], Rec. 601 luminance or one of the colours.
+//! Converts samples of a photograph to one channel in [0, 1]: Rec. 601 luminance or one of the colors.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -12,31 +12,31 @@ use crate::engine::vulkan::Variant;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
     /// 1 or 3 interleaved channels.
     pub channels: u32,
-    /// 1, 2 or 4 bytes a sample.
+    /// 1, 2 or 4 bytes per sample.
     pub bytes: u32,
-    /// Of red, green and blue; unused for one channel.
+    /// Weights of red, green and blue; unused for one channel.
     pub weights: [f32; 3],
 }
 
-/// The variant that undoes the sRGB curve.
+/// The variant that decodes the sRGB curve.
 pub(crate) const SRGB: Variant = [true, false, false, false];
 
 bindings! {
     INGEST:
-    /// Of the photograph.
+    /// Samples of the photograph.
     samples: Reads<Samples>,
-    /// Luminance, or a channel.
+    /// Luminance or a channel.
     image: Writes<Plane>,
 }
 
 impl Pass for Bindings {
-    /// Bytes that must move: every sample read, every pixel written.
+    /// Compulsory traffic: every sample read, every pixel written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         u64::from(c.channels * c.bytes + 4) * pixels(c.width, c.height)
     }
@@ -48,7 +48,7 @@ impl Pass for Bindings {
     }
 }
 
-/// Sample i as it is stored, of integers white at 1: the CPU reference of `glsl/include/samples.glsl`.
+/// Sample i as stored; white of integers is 1. The CPU reference of `glsl/include/samples.glsl`.
 pub fn stored(frame: &Frame, i: usize) -> f64 {
     match frame.samples() {
         Samples::U8(s) => f64::from(s[i]) / 255.0,
@@ -94,7 +94,7 @@ mod tests {
         let groups = STAGE.groups(size);
         let resources = [Resource::Buffer(&samples), Resource::Image(&image)];
         rig.run_variant(&STAGE, [decode == Decode::Srgb, false, false, false], &resources, &constants, groups);
-        // 2e-6: single precision, and its pow.
+        // 2e-6: single precision, and the device's `pow`.
         rig.assert_close(&image, &[cpu_reference(frame, decode, weights)], 2e-6);
     }
 

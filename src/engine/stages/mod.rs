@@ -121,10 +121,10 @@ mod tests {
         for stage in STAGES {
             let name = stage.shader.name;
             let text = std::fs::read_to_string(format!("{}/glsl/{name}.comp", env!("CARGO_MANIFEST_DIR"))).unwrap();
-            let mut found: Vec<_> = text.lines().filter_map(declared).collect();
-            found.sort_by_key(|(number, ..)| *number);
+            let mut actual: Vec<_> = text.lines().filter_map(declared).collect();
+            actual.sort_by_key(|(number, ..)| *number);
             let bound = stage.bindings.iter().enumerate().map(|(n, binding)| (n, binding.kind, binding.access));
-            assert_eq!(found, bound.collect::<Vec<_>>(), "{name}");
+            assert_eq!(actual, bound.collect::<Vec<_>>(), "{name}");
         }
     }
 }

@@ -1,5 +1,5 @@
-//! V of a level from V of the next coarser one: read at x/2 (half-way between pixels: their mean), times four, since px²
-//! of the finer level are a quarter as large.
+//! V of a level from V of the next coarser one: read at x/2, the mean half-way between pixels, times four. A px² of the
+//! finer level is a quarter as large.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -11,13 +11,13 @@ use crate::engine::vulkan::Variant;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the fine level.
+    /// Width of the fine level, pixels.
     pub width: u32,
-    /// Rows of the fine level.
+    /// Height of the fine level, pixels.
     pub height: u32,
     /// Largest |V|, px² of the fine level.
     pub limit: f32,
-    /// 4 of V; of what does not change with the pixels 1.
+    /// 4 for V; 1 for values that do not depend on the size of pixels.
     pub gain: f32,
 }
 
@@ -30,7 +30,7 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Bytes that must move: coarse V read, fine V written.
+    /// Compulsory traffic: coarse V read, fine V written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
     }

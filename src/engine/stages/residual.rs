@@ -1,8 +1,8 @@
-//! What neither blur nor T explains, on every other pixel: H S1² + (1 - H) S2², with the residuals of
+//! The squared residual that neither blur nor T explains, on every other pixel: H S1² + (1 - H) S2², as in
 //! [`linearise`](mod@super::linearise).
 //!
-//! Averaged over the [window](super::uncertainty_terms::window()) its root is a map of what moved between the photographs, shone
-//! differently, or is nearer than what it hides.
+//! Averaged over the [window](super::uncertainty_terms::window()), its root shows where something moved between the
+//! photographs, reflects differently, or is occluded.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -16,11 +16,11 @@ use crate::engine::vulkan::Variant;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the image.
+    /// Width of the image, pixels.
     pub width: u32,
-    /// Rows of the image.
+    /// Height of the image, pixels.
     pub height: u32,
-    /// Of the evidence.
+    /// Target layer.
     pub layer: u32,
     /// Nodes of the stacks.
     pub nodes: u32,
@@ -42,14 +42,14 @@ bindings! {
     v: Reads<RelativeBlur>,
     /// Stacks of I1 and I2.
     stacks: Reads<Stacks>,
-    /// The last layer of the terms.
+    /// The last layer of the uncertainty terms.
     terms: Writes<UncertaintyTerms>,
     /// State.
     state: Reads<State>,
 }
 
 impl Pass for Bindings {
-    /// Bytes that must move: on every fourth pixel V, I1, J and two nodes read, one value written.
+    /// Compulsory traffic: on every fourth pixel V, I1, J and two nodes read, one value written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = uncertainty_terms::size([c.width, c.height]);
         24 * pixels(width, height)
@@ -65,7 +65,7 @@ impl Pass for Bindings {
     }
 }
 
-/// The squared residual on every other pixel. `warped` is T when the stack of I2 was brought onto I1's pixels, if it was.
+/// The squared residual on every other pixel. `warped` is T when I2 was warped onto I1's pixels, if it was.
 pub fn cpu_reference(
     c: &Constants,
     r: &Registration,
@@ -127,13 +127,13 @@ mod tests {
         let rig = Rig::new();
         let images = [rig.image(&[i1]), rig.image(&[v]), rig.image(&stacks.concat())];
         let size = uncertainty_terms::size([c.width, c.height]);
-        let (found, state) = (rig.empty(size, 2), rig.upload(bytemuck::bytes_of(&state)));
-        let mut resources: Vec<_> = images.iter().chain([&found]).map(Resource::Image).collect();
+        let (actual, state) = (rig.empty(size, 2), rig.upload(bytemuck::bytes_of(&state)));
+        let mut resources: Vec<_> = images.iter().chain([&actual]).map(Resource::Image).collect();
         resources.push(Resource::Buffer(&state));
         let groups = STAGE.groups(size);
         rig.run_variant(&STAGE, [slopes == Slopes::Layers, warped, false, false], &resources, &c, groups);
         // 2e-5: a residual of up to 1, squared in single precision.
-        rig.assert_close(&found, &[Field::zeros(expected.width, expected.height), expected], 2e-5);
+        rig.assert_close(&actual, &[Field::zeros(expected.width, expected.height), expected], 2e-5);
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! The nodes of a Gaussian's stack as those of the kernel found: [so much](super::shape_median) of a disk's
-//! [departure](super::stack::departure) from a Gaussian is added to each, in place.
+//! Applies the kernel's shape to the nodes of a Gaussian's blur stack, in place: adds the [estimated
+//! share](super::shape_median) of a disk's [departure](super::stack::departure) from a Gaussian.
 //!
-//! The slope at a node stays half the Laplacian, which is exact for a Gaussian alone: between nodes a disk's image is then off by a
-//! ninth of what tells it from a Gaussian's, less than the departure itself leaves.
+//! The slope at a node stays half the Laplacian, which is exact only for a Gaussian. Between nodes a disk's image is
+//! then off by a ninth of its difference from a Gaussian's, less than the departure itself leaves.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -14,9 +14,9 @@ use crate::engine::vulkan::Variant;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
     /// Nodes of the stack.
     pub nodes: u32,
@@ -33,7 +33,7 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Bytes that must move: every node read, every one but the sharp image written.
+    /// Compulsory traffic: every node read, every one but the sharp image written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         4 * u64::from(2 * c.nodes - 1) * pixels(c.width, c.height)
     }
@@ -48,7 +48,7 @@ impl Pass for Bindings {
     }
 }
 
-/// The nodes of a kernel so much like a disk, of a Gaussian's.
+/// The nodes with a share of a disk's departure added.
 pub fn cpu_reference(shape: f64, nodes: &[Field]) -> Vec<Field> {
     let node = |k: usize| {
         let departs = |n: usize| stack::departure_of(k, nodes.len(), |at| nodes[at].data[n]);
@@ -82,7 +82,7 @@ mod tests {
                 let (image, buffer) = (rig.image(&stacks), rig.upload(bytemuck::bytes_of(&state)));
                 rig.run(&STAGE, &[Resource::Image(&image), Resource::Buffer(&buffer)], &c, [width, height]);
                 let expected = [&cpu_reference(shape.into(), &stacks[..count]), &stacks[count..]].concat();
-                // Coefficients of a few, single precision, differences times 4 at most.
+                // Single precision, with coefficients of a few and differences times 4 at most.
                 rig.assert_close(&image, &expected, 2e-5);
             }
         }
@@ -90,7 +90,7 @@ mod tests {
 
     #[test]
     fn a_shape_of_one_is_a_disk() {
-        // Waves under a disk are damped by 2 J1(2 k √v)/(2 k √v).
+        // A disk damps waves by 2 J1(2 k √v)/(2 k √v).
         for (n, periods) in [(129, 8.0), (129, 14.0), (257, 20.0)] {
             let k = std::f64::consts::PI * periods / (n - 1) as f64;
             let wave = Field::from_fn(n, 3, |x, _| (k * x as f64).cos());
@@ -103,9 +103,9 @@ mod tests {
                 }
                 let at = |stack: &[Field]| stack::read(stack, Slopes::Laplacian, v, 64.0, 1.0).value / (k * 64.0).cos();
                 let expected = libm::j1(2.0 * w) / w;
-                let [found, before] = [at(&disk), at(&gaussian)].map(|value| (value - expected).abs());
-                println!("w {w:.2}: disk {found:.4}, Gaussian {before:.4}");
-                assert!(found < 0.02 + 0.5 * before, "v {v}, w {w}: {found} {before}");
+                let [actual, before] = [at(&disk), at(&gaussian)].map(|value| (value - expected).abs());
+                println!("w {w:.2}: disk {actual:.4}, Gaussian {before:.4}");
+                assert!(actual < 0.02 + 0.5 * before, "v {v}, w {w}: {actual} {before}");
             }
         }
     }

@@ -1,17 +1,20 @@
-//! The linear system for the step of the unknown, V of a [pair](super::linearise) or u of a sweep
-//! ([all its pairs](super::half_pair) added up): of what the photographs say, D and b, over a window, and of the smoothness of ρ, V or
-//! √c u, px of blur. Equations 26 to 28, sections 4 and 11 of `docs/method.md`; of a sweep also how c would step, u eliminated as a
-//! pair's registration eliminates dV.
+//! The linear system for the step of the unknown: V of a [pair](super::linearise), or u of a sweep ([summed over its
+//! pairs](super::half_pair)).
+//!
+//! It combines D and b of the photographs, averaged over a window, with the smoothness of ρ: V, or √c u in px of blur.
+//! For a sweep it also computes the step of c, with u eliminated as dV is from a pair's registration. Equations 26 to
+//! 28, sections 4 and 11 of `docs/method.md`.
 //!
 //! ```text
 //! (D + Σ a_n) du = b + Σ a_n (u_n - u - g_n) + Σ a_n du_n,  a_n = α c (φ + φ_n)/2,  φ = 1/sqrt(c |∇u|² + η²),  c of a pair 1
 //! ```
 //!
-//! g_n is what V rises on the way to that neighbour by its slope over `REACH` pixels on either side, so that smoothness does not
-//! flatten what slopes: their harmonic mean, the limiter of van Leer (Journal of Computational Physics 14, 1974), which at a jump
-//! takes nothing of it. Of a sweep it is 0.
+//! g_n is the rise of V to that neighbour by its slope over `REACH` pixels on either side, so that smoothness does not
+//! flatten slopes. It is their harmonic mean, the limiter of van Leer (Journal of Computational Physics 14, 1974),
+//! which is 0 at a jump. For a sweep it is 0.
 //!
-//! Stored divided by its diagonal, weights in half precision: where a step leads to, dV = 0, they do not count.
+//! The system is stored divided by its diagonal, with weights in half precision. At the solution, dV = 0, their
+//! rounding has no effect.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -24,56 +27,56 @@ use crate::engine::vulkan::Variant;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// α; of a pair how many times the state's.
+    /// α; for a pair the factor on the state's α.
     pub alpha: f32,
-    /// c, px² of the level by squared settings; of a pair 1.
+    /// c, px² of the level per squared setting; 1 for a pair.
     pub rate: f32,
-    /// η of the smoothness term, px of blur a pixel; of a pair px² a pixel.
+    /// η of the smoothness term, px of blur per pixel; for a pair px² per pixel.
     pub smoothness_eta: f32,
 }
 
-/// Pixels over which the slope on either side of two neighbours is taken: over fewer, noise is taken for slope; over more, V's
-/// bends are straightened.
+/// Pixels over which slopes on either side of two neighbours are computed. Over fewer, noise counts as slope; over
+/// more, bends of V are straightened.
 const REACH: isize = shaders::system::REACH as isize;
 
 /// The variant for a sweep.
 pub(crate) const SWEEP: Variant = [true, false, false, false];
 
-/// Layers of the equations that a variant reads: D, b, of a sweep q.
+/// Layers of the equations that a variant reads: D, b, and for a sweep q.
 pub(crate) fn layers(variant: Variant) -> u32 {
     if variant == SWEEP { 3 } else { 2 }
 }
 
 bindings! {
     SYSTEM:
-    /// V, or u.
+    /// V or u.
     unknown: Reads<RelativeBlur>,
-    /// D, b, of a sweep q, each the mean over a window.
+    /// D, b, and for a sweep q, each averaged over a window.
     equations: Reads<Plane>,
     /// Right sides.
     right_sides: Writes<RightSides>,
     /// Weights.
     weights: Writes<Weights>,
-    /// Of a sweep Σ q b/(D + Σa) and Σ q²/(D + Σa).
+    /// For a sweep Σ q b/(D + Σa) and Σ q²/(D + Σa).
     partials: Writes<Partials>,
-    /// State, of a pair with α.
+    /// State, with α of a pair.
     state: Reads<State>,
 }
 
-/// Floats a workgroup leaves.
+/// Floats per workgroup.
 pub(crate) const SUMS: usize = shaders::system::SUMS as usize;
 
-/// Workgroups that cover a level.
+/// Workgroups over a level.
 pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     [width.div_ceil(WORKGROUP[0]), height.div_ceil(WORKGROUP[1]), 1]
 }
 
 impl Pass for Bindings {
-    /// Bytes that must move: the unknown and its equations read, right side and weights written.
+    /// Compulsory traffic: the unknown and its equations read, right side and weights written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         (24 + 4 * u64::from(layers(variant))) * pixels(c.width, c.height)
     }
@@ -90,7 +93,8 @@ impl Pass for Bindings {
     }
 }
 
-/// The system of D, b and, of a sweep, q: right side first, then the weights of the right, left, lower and upper neighbour; and the sums.
+/// The system: right side, then the weights of the right, left, lower and upper neighbour; and the sums. `equations`
+/// holds D, b, and for a sweep q.
 pub fn cpu_reference(c: &Constants, alpha: f64, unknown: &Field, equations: &[Field]) -> ([Field; 5], [f64; SUMS]) {
     let [rate, eta] = [c.rate, c.smoothness_eta].map(f64::from);
     let (width, height) = (unknown.width as isize, unknown.height as isize);
@@ -149,7 +153,7 @@ mod tests {
         let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { f64::from(state.alpha) };
         let (expected, sums) = cpu_reference(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
         let rig = Rig::new();
-        // What an odd width leaves out is written too.
+        // The pixel beyond an odd width is written too.
         let before = |floats: u32| {
             let nothing = Field::from_fn((floats * width.div_ceil(2)) as usize, height as usize, |_, _| f64::NAN);
             [nothing.clone(), nothing]
@@ -165,9 +169,9 @@ mod tests {
         rig.assert_close(&images[2], &[0, 1].map(|color| half(&expected[0], color)), 1e-4);
         // Half precision, rounded either way.
         rig.assert_close(&images[3], &interleaved(&expected), 3e-4);
-        let found = rig.floats(&partials);
+        let actual = rig.floats(&partials);
         for (n, sum) in sums.iter().enumerate() {
-            let total: f64 = found.chunks(SUMS).map(|row| f64::from(row[n])).sum();
+            let total: f64 = actual.chunks(SUMS).map(|row| f64::from(row[n])).sum();
             assert!((total - sum).abs() <= 1e-4 * sum.abs(), "{n}: {total} {sum}");
         }
     }
@@ -181,7 +185,7 @@ mod tests {
         check(35, 20, [false; 4], true);
     }
 
-    /// The right sides of the middle row of 121 x 5 pixels whose unknown depends on x alone, D 1 and b 0.
+    /// The right sides of the middle row of 121 x 5 pixels. The unknown depends on x alone, D is 1 and b is 0.
     fn pulls(unknown: impl Fn(f64) -> f64) -> Vec<f64> {
         let c = Constants { width: 121, height: 5, alpha: 1.0, rate: 1.0, smoothness_eta: 0.1 };
         let unknown = Field::from_fn(121, 5, |x, _| unknown(x as f64));
@@ -190,24 +194,24 @@ mod tests {
     }
 
     #[test]
-    fn what_slopes_is_not_flattened() {
+    fn slopes_are_not_flattened() {
         let pulls = pulls(|x| 0.2 * x.min(80.0));
-        // Where both sides are on the slope.
+        // Both sides are on the slope.
         assert!(pulls[17..64].iter().all(|pull| pull.abs() < 1e-12), "{pulls:?}");
-        // Where it ends it is none.
+        // The end of the slope.
         assert!(pulls[80] < -1e-3, "{pulls:?}");
     }
 
     #[test]
-    fn a_jump_is_no_slope() {
-        // What pulls on either side of it is all of the jump: a = α φ, φ of a rise of 2 px² a pixel.
+    fn a_jump_does_not_count_as_slope() {
+        // The pull on either side is that of the whole jump: a = α φ, with φ of a rise of 2 px² per pixel.
         let pulls = pulls(|x| if x < 30.0 { 1.0 } else { 5.0 });
         let (a, flat) = (0.1 / (2.0f64.powi(2) + 0.01).sqrt(), 0.1 / 0.1);
         let expected = 4.0 * a / (1.0 + 3.0 * a + 0.5 * (flat + a));
         assert!((pulls[29] - expected).abs() < 1e-6 && (pulls[30] + expected).abs() < 1e-6, "{pulls:?} {expected}");
     }
 
-    /// Lemma 1 of the paper, from which it follows that relaxation converges, whatever the photographs show.
+    /// Lemma 1 of the paper, which implies that relaxation converges for all photographs.
     #[test]
     fn is_diagonally_dominant() {
         let c = Constants { width: 41, height: 30, alpha: 1.0, rate: 1.0, smoothness_eta: 0.1 };

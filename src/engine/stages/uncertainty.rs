@@ -1,18 +1,18 @@
-//! V where it is valid, NaN elsewhere, its standard deviation, section 7 of `docs/method.md`, and the residual: the root of
-//! its mean square over a window.
+//! V where it is valid and NaN elsewhere, its standard deviation and the residual, the root of its mean square over a
+//! window. Section 7 of `docs/method.md`.
 //!
-//! Over a window of N pixels, where V is one unknown, least squares give it the variance `Σb²/(ΣD)²`, b and D of the
-//! terms: what each residual pulls, misfit and noise alike, over what holds V. Where V bends, smoothness and an error in place
-//! change it in proportion. So, with means over the window,
+//! Over a window of N pixels, with V as one unknown, least squares give it the variance `Σb²/(ΣD)²`: the pull of each
+//! residual, by misfit and noise, over the weight of V. Where V bends, smoothness and displacement change it in
+//! proportion. With means over the window,
 //!
 //! ```text
 //! σ_V = κ sqrt(mean b² / (N (mean D)²) + β mean (∇²V)²)
 //! ```
 //!
-//! κ and β are those by which, of plane, relief, steps and cylinders at noise of 0 to 0.03 and of a card and blocks that hide what is behind
-//! them, most have 60 to 75 % of true errors within σ and 90 to 97 % within 2 σ. What pulls a window as a whole, (mean b)² in place of
-//! mean b², does as well and no better; with β 2.75 up to 4 % of errors are beyond 5 σ. A slope is no error: with |∇V|² in place of
-//! (∇²V)² σ of a plane without noise is five times its error.
+//! κ and β are such that 60 to 75 % of true errors are within σ and 90 to 97 % within 2 σ, for planes, reliefs, steps
+//! and cylinders at noise 0 to 0.03 and for occluding cards and blocks. (mean b)² instead of mean b² is no better; with
+//! β 2.75 up to 4 % of errors exceed 5 σ. A slope is no error: with |∇V|² instead of (∇²V)², σ of a noiseless plane is
+//! five times its error.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -28,16 +28,16 @@ pub const CALIBRATION: f32 = 1.8;
 pub const BENDING: f32 = 6.0;
 /// Pixels in a Gaussian window of σ px: 4π σ².
 pub const WINDOW_PIXELS: f32 = (4.0 * std::f64::consts::PI * WINDOW * WINDOW) as f32;
-/// Standard deviation where nothing holds V, px²: more than any |V|.
+/// Standard deviation where the photographs do not determine V, px²: more than any |V|.
 pub const LARGEST: f32 = 1e3;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
     /// The image centre, pixels.
     pub centre: [f32; 2],
@@ -47,12 +47,12 @@ pub struct Constants {
     pub calibration: f32,
     /// β, px⁴.
     pub bending: f32,
-    /// Standard deviation where nothing holds V, px².
+    /// Standard deviation where the photographs do not determine V, px².
     pub largest: f32,
 }
 
 impl Constants {
-    /// Of an image of this size.
+    /// The constants of an image.
     pub(crate) fn new([width, height]: [u32; 2], centre: [f64; 2]) -> Self {
         let centre = centre.map(|c| c as f32);
         let (calibration, bending) = (CALIBRATION, BENDING);
@@ -60,7 +60,7 @@ impl Constants {
     }
 }
 
-/// The variant for pairs with a mask.
+/// The variant for masked pixels.
 pub(crate) const MASKED: Variant = [false, false, true, false];
 
 bindings! {
@@ -73,12 +73,12 @@ bindings! {
     results: Writes<Results>,
     /// State.
     state: Reads<State>,
-    /// A byte a pixel: 0 where it has no results.
+    /// A byte per pixel: 0 where there are no results.
     mask: Reads<MaskBytes>,
 }
 
 impl Pass for Bindings {
-    /// Bytes that must move: V and on every fourth pixel the terms read, three results written.
+    /// Compulsory traffic: V and on every fourth pixel the terms read, three results written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = uncertainty_terms::size([c.width, c.height]);
         16 * pixels(c.width, c.height) + 4 * uncertainty_terms::LAYERS as u64 * pixels(width, height)
@@ -94,7 +94,8 @@ impl Pass for Bindings {
     }
 }
 
-/// V, its standard deviation and the residual, from the terms of all pixels around, where the mask, a byte a pixel, leaves any.
+/// V, its standard deviation and the residual, from the averaged terms. `mask` has a byte per pixel, 0 where there are
+/// no results.
 pub fn cpu_reference(
     c: &Constants,
     r: &Registration,
@@ -143,7 +144,7 @@ mod tests {
             let half = uncertainty_terms::size([width as u32, height as u32]);
             let mut terms: [Field; uncertainty_terms::LAYERS] =
                 std::array::from_fn(|i| random_field(half[0] as usize, half[1] as usize, 2 + i as u64));
-            // Nothing to go by in a corner.
+            // No data in a corner.
             for y in 4..8 {
                 (4..8).for_each(|x| terms[0].data[y * half[0] as usize + x] = 0.0);
             }
@@ -173,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn of_equal_pixels_the_deviation_is_that_of_their_mean() {
+    fn the_deviation_of_equal_pixels_is_that_of_their_mean() {
         // N pixels with residuals of deviation s, weight w and slope g: D = w g², b² = w² g² s², σ_V = s/(g sqrt(N)).
         let (s, g, w) = (0.02, 0.01, 40.0);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
@@ -181,9 +182,9 @@ mod tests {
         let c = Constants { calibration: 1.0, ..Constants::new([32, 32], [15.5; 2]) };
         let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
         let [_, deviation, residual] = cpu_reference(&c, &r, &Field::zeros(32, 32), &terms, None);
-        let found = deviation.get(16, 16);
+        let actual = deviation.get(16, 16);
         assert!((residual.get(16, 16) / s - 1.0).abs() < 1e-9);
         let expected = s / (g * f64::from(WINDOW_PIXELS).sqrt());
-        assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
+        assert!((actual / expected - 1.0).abs() < 1e-9, "{actual} {expected}");
     }
 }

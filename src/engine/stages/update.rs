@@ -10,15 +10,15 @@ use crate::engine::vulkan::Variant;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
     /// Largest |dV|, px² of the level.
     pub largest_step: f32,
     /// Largest |V|, px² of the level.
     pub limit: f32,
-    /// How much of dV is taken.
+    /// Share of dV that is added.
     pub share: f32,
 }
 
@@ -33,7 +33,7 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Bytes that must move: dV and V read, V written.
+    /// Compulsory traffic: dV and V read, V written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         12 * pixels(c.width, c.height)
     }
