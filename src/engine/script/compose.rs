@@ -10,7 +10,7 @@ use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::Adopt;
 use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{convolve, relax, update};
-use crate::engine::tiles::DeviceRequirements;
+use crate::engine::tiles::NeededCells;
 use crate::engine::vulkan::Variant;
 
 /// Both photographs.
@@ -117,7 +117,7 @@ pub(super) struct Composer<'a> {
     /// The place of the next pass in the method.
     pub(super) place: Place,
     /// The tiles that passes run over; `None` for all.
-    wanted: Option<DeviceRequirements>,
+    wanted: Option<NeededCells>,
     /// The first tile and the number of tiles of each list, by size of the tiles and margin.
     listed: BTreeMap<([u32; 2], u32), [u32; 2]>,
     /// All lists of tiles so far.
@@ -193,7 +193,7 @@ impl<'a> Composer<'a> {
     }
 
     /// Sets the tiles that the following passes run over.
-    pub(super) fn want(&mut self, wanted: DeviceRequirements) {
+    pub(super) fn want(&mut self, wanted: NeededCells) {
         self.wanted = Some(wanted);
         self.listed.clear();
     }

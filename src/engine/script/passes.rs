@@ -261,7 +261,7 @@ fn transform_step(plan: &Plan, level: &Level, k: u32) -> update_transform::Const
 }
 
 fn descends(plan: &Plan) -> bool {
-    plan.settings.registration == RegistrationStep::GradientDescent
+    plan.settings.registration_step == RegistrationStep::GradientDescent
 }
 
 /// V.
@@ -311,7 +311,7 @@ impl Composer<'_> {
         if relax_level::takes(level.size) {
             return self.relax_level(level);
         }
-        for sweep in 0..self.plan.settings.sweeps {
+        for sweep in 0..self.plan.settings.relaxation_sweeps {
             self.relax(level, RED, sweep);
             self.relax(level, BLACK, sweep);
         }
@@ -325,7 +325,7 @@ impl Composer<'_> {
             black: slot::change(BLACK).update(),
         };
         let ([width, height], settings) = (level.size, &self.plan.settings);
-        let (sweeps, over_relaxation) = (settings.sweeps, settings.over_relaxation as f32);
+        let (sweeps, over_relaxation) = (settings.relaxation_sweeps, settings.over_relaxation as f32);
         let constants = relax_level::Constants { width, height, sweeps, over_relaxation };
         self.within(level, Over::One, bindings, &constants, NO_VARIANT);
     }

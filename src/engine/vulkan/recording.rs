@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use ash::vk;
 
+use super::commands::Recorder;
 use super::descriptors::Descriptors;
 use super::device::Device;
 use super::failure::failure;
@@ -22,6 +23,22 @@ pub(super) struct CommandBuffer {
     pub(super) optional: bool,
 }
 
+/// A timeline semaphore, and the value that it has reached.
+pub(super) struct Timeline {
+    pub(super) semaphore: vk::Semaphore,
+    pub(super) value: u64,
+}
+
+impl Timeline {
+    fn new(device: &Device) -> Result<Self, Error> {
+        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
+        let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
+        // SAFETY: the device has timeline semaphores.
+        let semaphore = unsafe { device.handle.create_semaphore(&create, None) };
+        Ok(Self { semaphore: device.check("vkCreateSemaphore", semaphore)?, value: 0 })
+    }
+}
+
 /// Whether a run wants an optional part.
 pub(crate) type DeviceRequirements<'a> = &'a mut dyn FnMut(usize) -> Result<bool, Error>;
 
@@ -30,7 +47,7 @@ pub(crate) struct Recording {
     device: Arc<Device>,
     pool: vk::CommandPool,
     parts: Vec<CommandBuffer>,
-    _descriptors: Descriptors,
+    descriptors: Descriptors,
     timestamps: Timestamps,
     /// A timeline that counts the parts done, over all replays.
     timeline: vk::Semaphore,
@@ -46,6 +63,7 @@ pub(crate) struct Recording {
 const GRACE: Duration = Duration::from_secs(10);
 
 impl Recording {
+    /// A recording of finished command buffers; makes a timeline unless one is passed.
     pub(super) fn new(
         device: &Arc<Device>,
         pool: vk::CommandPool,
@@ -53,16 +71,13 @@ impl Recording {
         descriptors: Descriptors,
         keep: Vec<Arc<dyn Any + Send + Sync>>,
         timestamps: Timestamps,
+        timeline: Option<Timeline>,
     ) -> Result<Self, Error> {
-        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
-        let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
-        // SAFETY: the device has timeline semaphores.
-        let timeline = unsafe { device.handle.create_semaphore(&create, None) };
         let mut recording = Self {
             device: device.clone(),
             pool,
             parts,
-            _descriptors: descriptors,
+            descriptors,
             timestamps,
             timeline: vk::Semaphore::null(),
             done: AtomicU64::new(0),
@@ -70,8 +85,31 @@ impl Recording {
             latest: Vec::new(),
             keep,
         };
-        recording.timeline = device.check("vkCreateSemaphore", timeline)?;
+        let timeline = match timeline {
+            Some(timeline) => timeline,
+            None => Timeline::new(device)?,
+        };
+        recording.timeline = timeline.semaphore;
+        *recording.done.get_mut() = timeline.value;
         Ok(recording)
+    }
+
+    /// Starts another recording with the command pool, the descriptor sets and the timeline of this one, whose runs must
+    /// be done.
+    ///
+    /// # Errors
+    /// [`Error::Poisoned`], [`Error::Vulkan`].
+    pub(crate) fn record_again(mut self) -> Result<Recorder, Error> {
+        if self.device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        // SAFETY: every run was waited for, so no command buffer of the pool is pending.
+        let reset = unsafe { self.device.handle.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) };
+        self.device.check("vkResetCommandPool", reset)?;
+        let (pool, parts) = (std::mem::take(&mut self.pool), std::mem::take(&mut self.parts));
+        let descriptors = std::mem::replace(&mut self.descriptors, Descriptors::new(&self.device));
+        let timeline = Timeline { semaphore: std::mem::take(&mut self.timeline), value: self.done() };
+        Recorder::again(&self.device, pool, parts, descriptors, timeline)
     }
 
     /// Runs all parts, within the engine's time limit.
@@ -88,6 +126,22 @@ impl Recording {
     /// As [`run_first`](Self::run_first).
     pub(crate) fn run_within(&mut self, deadline: Deadline) -> Result<(), Error> {
         self.run_first(self.parts.len(), deadline, &mut |_| Ok(true), &mut |_| ())
+    }
+
+    /// Runs one part by itself, within the time limit of the solve that it belongs to.
+    ///
+    /// # Errors
+    /// As [`run_first`](Self::run_first).
+    pub(crate) fn run_part(&mut self, part: usize, deadline: Deadline) -> Result<(), Error> {
+        if self.device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        let run = Run { recording: self, last: self.done() + 1 };
+        run.recording.submit(&run.recording.parts[part..=part], &[])?;
+        run.wait(run.last, deadline)?;
+        drop(run);
+        *self.done.get_mut() += 1;
+        Ok(())
     }
 
     /// Runs the first parts but for the optional ones that are not wanted; calls `after` with the number of parts done as

@@ -116,7 +116,7 @@ fn floor(settings: &Settings) -> f64 {
 
 fn solve(bench: &mut Bench, scene: &Scene, registration: RegistrationStep, iterations: u32) -> Run {
     let settings = Settings {
-        registration,
+        registration_step: registration,
         outer_iterations: iterations,
         regularization: Some(ALPHA),
         ..settings(Method::Unified, &model(scene.kernel))
