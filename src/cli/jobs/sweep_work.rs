@@ -1,0 +1,249 @@
+//! What a request makes of one focus sweep, from its files to its results; `work` does a pair.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use parfocal::export::{
+    self, Arrays, DEPTH_FILE, Depth16, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Measurable, Nearer,
+    PAGE_FILE, SWEEP_FILES, SweepRegistration, SweepReport, sweep_files,
+};
+use parfocal::figure::PEN;
+use parfocal::focus_stack::{Positions, Sweep, SweepOptions, register_sweep, solve_sweep};
+use parfocal::image_io::{self, Input, Photograph, Values};
+use parfocal::report_html::SweepPage;
+use parfocal::{Channels, Depth, DeviceInfo, Engine, Error, Format, Frame, Method, Settings};
+
+use crate::cli::jobs::request::Request;
+use crate::cli::options::focus_positions;
+use crate::cli::options::pair;
+use crate::cli::options::run::RunArguments;
+use crate::cli::options::settings::Decoding;
+use crate::cli::output::destination;
+use crate::cli::output::failure::Failure;
+
+/// What says what was solved, and lists the files.
+const REPORT: &str = SWEEP_FILES[4];
+
+/// A sweep, and the folder for its results.
+#[derive(Clone, Debug)]
+pub(crate) struct SweepJob {
+    pub(crate) files: Vec<PathBuf>,
+    pub(crate) positions: Positions,
+    /// From 0.
+    pub(crate) reference: Option<usize>,
+    pub(crate) out: PathBuf,
+}
+
+/// A sweep as its files hold it.
+pub(crate) struct SweepFrames {
+    frames: Vec<Frame>,
+    pub(crate) inputs: Vec<Input>,
+    /// With values decoded as the files say, unless that is stated.
+    options: SweepOptions,
+    values: Values,
+    /// What reading took.
+    read_ms: f64,
+}
+
+impl SweepJob {
+    /// How it is solved, but for the part of the frames.
+    fn options(&self, request: &Request, settings: Settings) -> SweepOptions {
+        let scope = parfocal::SolveOptions { crop_valid: request.part.crop_valid, ..parfocal::SolveOptions::default() };
+        SweepOptions { settings, positions: self.positions.clone(), reference: self.reference, scope }
+    }
+
+    /// What decides the results, besides the frames.
+    pub(crate) fn digest(&self, request: &Request) -> Result<String, Failure> {
+        request.digest(format!("{:?} {:?}", self.positions, self.reference).as_bytes())
+    }
+}
+
+/// Refuses what is asked only of pairs, what does not fit the sweep, an output folder that cannot be written, or whose
+/// results would replace an input.
+pub(crate) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
+    if request.lens.is_some() || request.part.flat.is_some() || request.settings.method != Method::Unified {
+        let problem = "is of a focus sweep, which takes no lens, --flat or --method; leave them out, or solve it with parfocal stack";
+        return Err(Failure::Usage(format!("{}: {problem}", job.out.display())));
+    }
+    let fits = job.options(request, request.settings.clone()).check(job.files.len());
+    fits.map_err(|e| Failure::Usage(e.to_string()))?;
+    focus_positions::nearer(request.nearer, &job.positions)?;
+    request.models.check_labels(job.files.len())?;
+    let inputs: Vec<&PathBuf> = job.files.iter().chain(&request.files).collect();
+    let profiles = export::profiles_in(&job.out);
+    let profiles: Vec<&str> = profiles.iter().map(String::as_str).collect();
+    let possible = [&SWEEP_FILES[..], &FILES, &EXTRA_FILES, &[DEPTH_FILE], &profiles].concat();
+    destination::check(&job.out, REPORT, &possible, &inputs)?;
+    check_places(request, job, false)
+}
+
+/// Refuses an output folder in which results would take the places of files that are not ours; whether there are results in
+/// floats.
+fn check_places(request: &Request, job: &SweepJob, in_floats: bool) -> Result<(), Failure> {
+    let in_mm = job.positions.millimetres().map(|_| DEPTH_FILE);
+    let more = request.page.then_some(PAGE_FILE).into_iter().chain(in_mm).chain(in_floats.then_some(FUSED_FLOAT_FILE));
+    let profiles = request.wanted.files();
+    let mut names: Vec<&str> = SWEEP_FILES.into_iter().chain(request.models.names()).chain(more).collect();
+    names.extend(profiles.iter().map(String::as_str));
+    Ok(request.force.to(&job.out).check_results(REPORT, &names)?)
+}
+
+/// Reads the frames, unless what the files are says that the sweep is `settled` already.
+pub(crate) fn read(
+    request: &Request,
+    job: &SweepJob,
+    settled: impl FnOnce(&[Input]) -> Result<bool, Failure>,
+    device: impl FnOnce() -> Result<DeviceInfo, Failure>,
+) -> Result<Option<SweepFrames>, Failure> {
+    let started = Instant::now();
+    let (frames, inputs) = decode(&job.files, |first| match request.part.is_whole() {
+        true => pair::check_size([first; 2], &request.settings, false, device),
+        false => Ok(()),
+    })?;
+    if settled(&inputs)? {
+        return Ok(None);
+    }
+    check_alike(&job.files, &frames)?;
+    let values = request.decode.of(&inputs)?;
+    let settings = Settings { decode: values.decode, ..request.settings.clone() };
+    check_places(request, job, frames[0].format().depth == Depth::F32)?;
+    let size = [frames[0].width(), frames[0].height()];
+    let scope = request.part.fitting(size)?;
+    if let Some([width, height]) = request.part.size(size) {
+        request.wanted.check((width, height))?;
+    }
+    let options = SweepOptions { scope, ..job.options(request, settings) };
+    let read_ms = started.elapsed().as_secs_f64() * 1e3;
+    Ok(Some(SweepFrames { frames, inputs, options, values, read_ms }))
+}
+
+/// The frames, once the first is found to `fit`.
+fn decode(
+    files: &[PathBuf],
+    fits: impl FnOnce(&Photograph) -> Result<(), Failure>,
+) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
+    let first = Photograph::open(&files[0])?;
+    fits(&first)?;
+    Ok(image_io::read_frames(first, &files[1..])?.into_iter().unzip())
+}
+
+/// Refuses frames that are not of one size and format, by their names.
+fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
+    let told = |frame: &Frame| {
+        let Format { channels, depth } = frame.format();
+        let channels = if channels == Channels::Gray { "grey" } else { "colour" };
+        let depth = match depth {
+            Depth::U8 => "8 bits",
+            Depth::U16 => "16 bits",
+            Depth::F32 => "floats",
+        };
+        format!("{}x{}, {channels}, {depth}", frame.width(), frame.height())
+    };
+    let kind = |frame: &Frame| (frame.width(), frame.height(), frame.format());
+    let Some(n) = frames.iter().position(|frame| kind(frame) != kind(&frames[0])) else { return Ok(()) };
+    Err(Failure::Failed(format!(
+        "{}: frame {} is {}, and {} is {}: frames of a sweep have one size and format; crop, resize or convert it, or take it out",
+        files[n].display(),
+        n + 1,
+        told(&frames[n]),
+        files[0].display(),
+        told(&frames[0])
+    )))
+}
+
+/// Solves it; also how long it took from the first frame, ms.
+pub(crate) fn solve(
+    engine: &Engine,
+    read: &SweepFrames,
+    say: &mut dyn FnMut(usize, usize),
+) -> Result<(Sweep, f64), Error> {
+    let started = Instant::now();
+    let sweep = solve_sweep(engine, &read.frames, &read.options, say)?;
+    Ok((sweep, read.read_ms + started.elapsed().as_secs_f64() * 1e3))
+}
+
+/// Writes the results; tells the report.
+pub(crate) fn write(
+    request: &Request,
+    job: &SweepJob,
+    device: &DeviceInfo,
+    read: &SweepFrames,
+    (sweep, total_ms): &(Sweep, f64),
+) -> Result<SweepReport, Failure> {
+    let nearer = focus_positions::nearer(request.nearer, &job.positions)?;
+    let (decode, format) = (read.values.decode, read.frames[0].format());
+    let look = Look { nearer, decode, formats: [format; 2], palette: request.palette, pen: Some(PEN) };
+    let mut report = report(job, nearer, device, read, (sweep, *total_ms));
+    report.nearer_by = match (job.positions.millimetres(), request.nearer) {
+        (_, Some(_)) => "stated",
+        (Some(_), None) => "distances",
+        (None, None) => "assumed",
+    };
+    report.request = job.digest(request)?;
+    let measured = request.wanted.measure(&Measurable::of_sweep(sweep))?;
+    report.measurements = (!request.wanted.is_empty()).then_some(measured);
+    let fused = export::sweep_fused(sweep, format.depth)?;
+    let depth16 = request.models.is_depth16().then(|| Depth16::of_sweep(sweep));
+    report.depth16 = depth16.as_ref().map(Depth16::report);
+    let points = request.models.points_of_sweep(sweep, &fused, nearer)?;
+    report.surface = request.models.report(points.as_ref());
+    let arrays = request.models.hold_arrays().then(|| Arrays::of_sweep(sweep));
+    let mut extras = request.models.files(points.as_ref(), &fused);
+    extras.extend(request.models.array_files(arrays.as_ref()));
+    extras.extend(depth16.iter().flat_map(Depth16::files));
+    extras.extend(request.models.labels_of_sweep(sweep, nearer, request.palette)?);
+    let written = sweep_files(sweep.depth.is_some(), &look, request.page).into_iter();
+    report.files =
+        written.chain(extras.iter().map(Extra::name)).map(String::from).chain(request.wanted.files()).collect();
+    if request.page {
+        let names = sweep.order.iter().map(|n| pair::name(&job.files[*n])).collect();
+        let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
+        let page = SweepPage { frames, names, decode, nearer, palette: look.palette, fields: Vec::new() };
+        extras.push(page.file(sweep, &report));
+    }
+    Ok(export::write_sweep(request.force.to(&job.out), sweep, &report, &look, extras)?)
+}
+
+/// The report, but for what depends on which files are written.
+fn report(
+    job: &SweepJob,
+    nearer: Nearer,
+    device: &DeviceInfo,
+    read: &SweepFrames,
+    (sweep, total_ms): (&Sweep, f64),
+) -> SweepReport {
+    let mut report = SweepReport::new(sweep, &names(&job.files), nearer, device, total_ms);
+    (report.values, report.validated, report.inputs) =
+        (read.values, crate::cli::validation_asked(), read.inputs.clone());
+    report
+}
+
+/// Where the frames of these files lie, by the settings.
+pub(crate) fn register(
+    run: &RunArguments,
+    settings: &Settings,
+    decoding: &Decoding,
+    files: &[PathBuf],
+    reference: Option<usize>,
+) -> Result<SweepRegistration, Failure> {
+    let (started, engine) = (Instant::now(), run.open_engine()?);
+    let fits = |first: &Photograph| pair::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
+    let (frames, inputs) = decode(files, fits)?;
+    check_alike(files, &frames)?;
+    let values = decoding.of(&inputs)?;
+    let settings = Settings { decode: values.decode, ..settings.clone() };
+    let options = SweepOptions { settings, reference, ..SweepOptions::default() };
+    let bar = run.bar();
+    let found = register_sweep(&engine, &frames, &options, &mut |done, levels| bar.show_levels(done, levels));
+    drop(bar);
+    let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
+    crate::cli::check_validation(&engine)?;
+    let mut report = SweepRegistration::new(&found, &names(files), started.elapsed().as_secs_f64() * 1e3);
+    (report.values, report.inputs) = (values, inputs);
+    Ok(report)
+}
+
+/// As they were given.
+fn names(files: &[PathBuf]) -> Vec<String> {
+    files.iter().map(|file| file.display().to_string()).collect()
+}
