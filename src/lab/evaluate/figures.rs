@@ -83,7 +83,13 @@ impl Collector {
         let methods = || ["I1", NONE].into_iter().chain(METHODS.map(Method::name));
         let known = "V of pairs whose registration is known (the paper's Figure 4).";
         let mut figures = Vec::from_iter(sheet(SCENES, known, 190, methods().chain([ALIGNED]), self.scenes));
-        figures.extend(sheet(PHOTOGRAPHS, "V of photographs (the paper's Figure 6).", 260, methods(), self.photographs));
+        figures.extend(sheet(
+            PHOTOGRAPHS,
+            "V of photographs (the paper's Figure 6).",
+            260,
+            methods(),
+            self.photographs,
+        ));
         figures.extend(self.surfaces);
         figures.push(curves(robustness));
         figures

@@ -127,7 +127,9 @@ impl Evaluation {
     /// The tables of the default settings and of focus sweeps, as Markdown; empty if they were not measured.
     pub fn summary(&self) -> String {
         let Report { defaults, sweeps, .. } = &self.report;
-        section::markdown(defaults::HEADING, defaults) + &section::markdown(sweeps::HEADING, sweeps)
+        let parts = [(defaults::HEADING, defaults), (sweeps::HEADING, sweeps)];
+        let parts = parts.map(|(heading, sections)| section::markdown(heading, sections));
+        parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n")
     }
 
     /// The text of `report.json`, without a newline at its end.
@@ -153,7 +155,8 @@ impl Evaluation {
             device.name, device.driver
         );
         let paper = section::markdown("The paper's experiments", &self.report.paper);
-        let figures = self.figures.iter().map(|figure| format!("![{}]({})\n", figure.caption, Figure::file(&figure.name)));
+        let figures =
+            self.figures.iter().map(|figure| format!("![{}]({})\n", figure.caption, Figure::file(&figure.name)));
         let parts = [head, paper].into_iter().chain(figures).chain([self.summary()]);
         parts.filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n")
     }

@@ -134,7 +134,8 @@ impl TablePair {
             }
             Self { name, source: Source::Scene(Box::new(scene)) }
         });
-        let cup = CUP.missing(data).is_empty().then(|| Self { name: "cup, displaced".to_string(), source: Source::Cup });
+        let cup =
+            CUP.missing(data).is_empty().then(|| Self { name: "cup, displaced".to_string(), source: Source::Cup });
         scenes.chain(cup).collect()
     }
 
@@ -148,7 +149,8 @@ impl TablePair {
             Source::Cup => {
                 let [i1, i2] = CUP.read(data, runner.quick)?;
                 // The small displacement of the photographs themselves is part of the truth.
-                let own = runner.solve([&i1, &i2], &settings(Method::Unified, &Kernel::Gaussian))?.transform.at_centre();
+                let own =
+                    runner.solve([&i1, &i2], &settings(Method::Unified, &Kernel::Gaussian))?.transform.at_centre();
                 let by = Similarity::new(1.8, 2.3, 0.2, 1.01);
                 let pair = |i2: Frame, transform| KnownPair {
                     images: [i1.clone(), i2],

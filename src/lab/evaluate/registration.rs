@@ -94,7 +94,10 @@ fn solve_known(runner: &mut Runner, pair: &TablePair, known: &[KnownPair; 2], fi
     solved.push((ALIGNED, reference));
     let captions = cases[1..].iter().map(|(_, case)| case.get(CORNER)).collect::<Vec<_>>();
     figures.scene(&pair.name, &displaced.images[0], &solved, &captions);
-    cases.into_iter().map(|(method, case)| Row { pair: pair.name.clone(), kind: Kind::of(pair), method, case }).collect()
+    cases
+        .into_iter()
+        .map(|(method, case)| Row { pair: pair.name.clone(), kind: Kind::of(pair), method, case })
+        .collect()
 }
 
 /// Solves a pair without registration and by each method.
@@ -202,7 +205,12 @@ fn judge(rows: &[Row]) -> Vec<Case> {
                 None if row.case.note.starts_with("SIFT cannot register") => Some(f64::INFINITY),
                 value => value.map(f64::abs),
             };
-            worst(target.name, target.value, target.bounds, judged.map(|row| (&row.case.name[..], value(row))).collect())
+            worst(
+                target.name,
+                target.value,
+                target.bounds,
+                judged.map(|row| (&row.case.name[..], value(row))).collect(),
+            )
         })
         .collect();
     let of = |pair: &str, method: &str| {
@@ -255,13 +263,15 @@ fn solve_photographs(
     images: [Frame; 2],
     figures: &mut Collector,
 ) -> Vec<Case> {
-    let known = KnownPair { images, transform: Similarity::IDENTITY, relative_blur: Vec::new(), kernel: Kernel::Gaussian };
+    let known =
+        KnownPair { images, transform: Similarity::IDENTITY, relative_blur: Vec::new(), kernel: Kernel::Gaussian };
     let solved = solve_all(runner, &known);
     figures.photographs(pair, known.images.each_ref(), &solved);
     let unified = solved.iter().find(|(name, _)| *name == Method::Unified.name()).and_then(|(_, s)| s.as_ref().ok());
     let case = |(method, solution): &Solved| {
         solution_case(&format!("{}: {method}", pair.name), *method == NONE, solution, |s, case| {
-            let case = transform(case, &s.transform.at_centre(), &Similarity::IDENTITY).value("gain", s.photometric.gain);
+            let case =
+                transform(case, &s.transform.at_centre(), &Similarity::IDENTITY).value("gain", s.photometric.gain);
             let corner = unified.map(|unified| s.transform.corner_distance(unified.transform, s.width, s.height));
             let case = case.value("corners from unified, px", corner);
             case.value("at the limit of V, %", 100.0 * s.saturated_fraction)

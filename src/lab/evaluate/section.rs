@@ -176,10 +176,7 @@ mod tests {
     fn a_bound_is_met_missed_or_absent() {
         let case = Case::new("a|b").at_most("x", 2.0, 2.0).at_most("y", f64::NAN, 1.0).within("z", -0.3, [-0.2, 0.2]);
         let case = case.value("w", 7.0).note("n");
-        assert_eq!(
-            case.values.iter().map(|f| f.met).collect::<Vec<_>>(),
-            [Some(true), Some(false), Some(false), None]
-        );
+        assert_eq!(case.values.iter().map(|f| f.met).collect::<Vec<_>>(), [Some(true), Some(false), Some(false), None]);
         assert_eq!((case.get("z"), case.get("y"), case.get("v")), (Some(-0.3), None, None));
         let section = Section::new("s", "What.", vec![case, Case::failed("b", "absent")]);
         assert_eq!(section.met(), [1, 4]);

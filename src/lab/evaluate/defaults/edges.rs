@@ -51,7 +51,8 @@ pub(super) fn run(runner: &mut Runner) -> (Section, Vec<Case>) {
 /// Adds errors of V away from jumps in depth, and close to them.
 fn away_and_close(case: Case, solution: &Solution, truth: &[f32]) -> Case {
     let close = close_to_jumps(truth, solution.width as usize);
-    let [[away, wrong_away], [near, wrong_near]] = [false, true].map(|side| errors(solution, truth, |i| close[i] == side));
+    let [[away, wrong_away], [near, wrong_near]] =
+        [false, true].map(|side| errors(solution, truth, |i| close[i] == side));
     let case = case.value("V rms away, px²", away).value("wrong away, %", wrong_away);
     case.value("V rms close, px²", near).value("wrong close, %", wrong_near)
 }
