@@ -43,12 +43,13 @@ impl KnownPair {
     }
 }
 
-/// The default settings for a pair of this kernel, which is stated only where it is asymmetric.
+/// The default settings for a pair of this kernel, which is stated only where it is asymmetric; samples as stored.
 pub(super) fn default_settings(kernel: &Kernel) -> Settings {
-    match kernel {
-        Kernel::Gaussian | Kernel::Pillbox => Settings::default(),
-        other => Settings { kernel: other.clone(), ..Settings::default() },
-    }
+    let kernel = match kernel {
+        Kernel::Gaussian | Kernel::Pillbox => Kernel::Auto,
+        other => other.clone(),
+    };
+    Settings { kernel, decode: Decode::None, ..Settings::default() }
 }
 
 /// Two photographs of a data set, in a folder of its name.

@@ -1,7 +1,7 @@
 //! One engine for all experiments, and the solvers used last.
 
 use super::section::Case;
-use crate::base::{Error, Format, Frame, Homography, Kernel, Method, Settings};
+use crate::base::{Decode, Error, Format, Frame, Homography, Kernel, Method, Settings};
 use crate::engine::{Engine, PairSolver, Registered, Solution};
 
 /// The methods that are compared, in the paper's order.
@@ -76,9 +76,9 @@ impl<'a> Runner<'a> {
     }
 }
 
-/// The default settings with a method and a kernel.
+/// The default settings with a method and a kernel, on samples as stored.
 pub(super) fn settings(method: Method, kernel: &Kernel) -> Settings {
-    Settings { method, kernel: kernel.clone(), ..Settings::default() }
+    Settings { method, kernel: kernel.clone(), decode: Decode::None, ..Settings::default() }
 }
 
 /// Settings that hold T at the identity.
