@@ -27,7 +27,7 @@ pub(crate) mod workers;
 pub use aperture::Aperture;
 pub use brightness::Brightness;
 pub use cancel::CancellationToken;
-pub(crate) use cancel::Signal;
+pub(crate) use cancel::{CancelSignal, Deadline};
 pub use color::Decode;
 pub use device_info::DeviceInfo;
 pub use error::Error;

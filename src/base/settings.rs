@@ -147,7 +147,7 @@ pub struct Settings {
     /// of a grey solve of 1 Mpx (`parfocal bench`, lavapipe); without it a quarter less comes down, in colour half. Default true.
     #[cfg_attr(feature = "serde", serde(default = "yes"))]
     pub fused: bool,
-    /// How stored values become intensities. Default as stored.
+    /// How stored values become intensities. Default auto, by the pixel formats of both photographs.
     pub decode: Decode,
     /// Stored value up to which a sample is clipped at black; `None` is 0 of integers, and nothing of floats. A pixel all of
     /// whose channels are has no weight. Default `None`.
@@ -181,7 +181,7 @@ impl Default for Settings {
             registration: RegistrationStep::GaussNewton,
             photometric: true,
             fused: true,
-            decode: Decode::None,
+            decode: Decode::Auto,
             black_level: None,
             white_level: None,
             start: Homography::IDENTITY,

@@ -166,11 +166,10 @@ pub unsafe extern "C" fn parfocal_settings_init(settings: *mut parfocal_settings
     call(|| unsafe { write(settings, parfocal_settings::start()) })
 }
 
-/// Settings, and whether values are decoded by what the frames are.
+/// The settings of a caller.
 #[derive(Clone)]
 pub(crate) struct Told {
     settings: Settings,
-    decode_auto: bool,
 }
 
 impl Told {
@@ -186,21 +185,17 @@ impl Told {
         };
         let settings = settings(&asked)?;
         settings.check()?;
-        Ok(Self { settings, decode_auto: asked.decode == 0 })
+        Ok(Self { settings })
     }
 
-    /// For frames such as these.
+    /// The settings for these frames, with [`Decode::Auto`] resolved.
     pub(crate) fn of(&self, frames: &[&Frame]) -> Settings {
         self.of_depths(frames.iter().map(|frame| frame.format().depth))
     }
 
-    /// For frames of such samples.
-    pub(crate) fn of_depths(&self, mut depths: impl Iterator<Item = Depth>) -> Settings {
-        let mut settings = self.settings.clone();
-        if self.decode_auto && depths.any(|depth| depth == Depth::U8) {
-            settings.decode = Decode::Srgb;
-        }
-        settings
+    /// The settings for frames of these samples, with [`Decode::Auto`] resolved.
+    pub(crate) fn of_depths(&self, depths: impl Iterator<Item = Depth>) -> Settings {
+        Settings { decode: self.settings.decode.resolved(depths), ..self.settings.clone() }
     }
 }
 
@@ -231,7 +226,7 @@ fn settings(asked: &parfocal_settings) -> Result<Settings, Fault> {
             &[RegistrationStep::GaussNewton, RegistrationStep::GradientDescent],
         )?,
         photometric: one_of("photometric", asked.photometric, &[false, true])?,
-        decode: one_of("decode", asked.decode, &[Decode::None, Decode::None, Decode::Srgb])?,
+        decode: one_of("decode", asked.decode, &Decode::ALL)?,
         black_level: level(asked.black_level),
         white_level: level(asked.white_level),
         start: homography(&asked.start)?,

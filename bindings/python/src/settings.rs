@@ -3,7 +3,7 @@
 use std::fmt::Display;
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
-use parfocal::{Aperture, Decode, Depth, Frame, Kernel, Method, Motion, Photometric, RegistrationStep, Settings};
+use parfocal::{Aperture, Decode, Frame, Kernel, Method, Motion, Photometric, RegistrationStep, Settings};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -44,22 +44,18 @@ pub(crate) fn setting_names() -> Vec<&'static str> {
 
 /// The settings that a call names, for these photographs.
 pub(crate) fn settings(named: &Bound<'_, PyDict>, frames: &[&Frame]) -> PyResult<Settings> {
-    let mut settings = Settings { decode: decode_by(frames), ..Settings::default() };
+    let mut settings = Settings::default();
     for (name, value) in named {
         let name: String = name.extract()?;
-        set(&mut settings, &name, &value, frames).map_err(|e| of_setting(&value, &name, e))?;
+        set(&mut settings, &name, &value).map_err(|e| of_setting(&value, &name, e))?;
     }
     settings.check().map_err(raised)?;
+    // Results state how values were read.
+    settings.decode = settings.decode.resolved(frames.iter().map(|frame| frame.format().depth));
     Ok(settings)
 }
 
-/// 8 bits are taken for sRGB, as the program takes files that say nothing of it.
-fn decode_by(frames: &[&Frame]) -> Decode {
-    let eight = frames.iter().any(|frame| frame.format().depth == Depth::U8);
-    if eight { Decode::Srgb } else { Decode::None }
-}
-
-fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>, frames: &[&Frame]) -> PyResult<()> {
+fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
     match name {
         "method" => s.method = one_of(value, &[Method::Unified, Method::Aligned, Method::Appearance], |m| m.name())?,
         "levels" => s.levels = auto(value)?,
@@ -85,8 +81,7 @@ fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>, frames: &[&Frame]
         "photometric" => s.photometric = value.extract()?,
         "fused" => s.fused = value.extract()?,
         "decode" => {
-            let ways = [("auto", decode_by(frames)), ("none", Decode::None), ("srgb", Decode::Srgb)];
-            s.decode = one_of(value, &ways, |way| way.0)?.1;
+            s.decode = one_of(value, &Decode::ALL, |decode| decode.name())?;
         }
         "black_level" => s.black_level = auto(value)?,
         "white_level" => s.white_level = auto(value)?,

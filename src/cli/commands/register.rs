@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 use parfocal::export::{self, FileKind, RegistrationReport, SweepFrame, SweepRegistration};
 use parfocal::focus_stack::SweepOptions;
-use parfocal::image_io::Photograph;
+use parfocal::image_io::{Photograph, Values};
 use parfocal::{Kernel, Method, PairSolver, Settings};
 
 use crate::cli::help::AFTER_HELP;
@@ -77,7 +77,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     check_output(arguments, &files)?;
     let (photographs, inputs) = pair::open(&files)?;
-    let values = arguments.settings.decoding().of(&inputs)?;
+    let values = Values::of(settings.decode, &inputs)?;
     settings.decode = values.decode;
     let mut engine = None;
     pair::check_size(photographs.each_ref(), &settings, false, || run.info(&mut engine))?;
@@ -109,8 +109,8 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     let fits = SweepOptions { reference, settings: settings.clone(), ..SweepOptions::default() }.check(files.len());
     fits.map_err(|e| Failure::Usage(e.to_string()))?;
     check_output(arguments, &files)?;
-    let (run, decoding) = (&arguments.run, arguments.settings.decoding());
-    let found = sweep_work::register(run, settings, &decoding, &files, reference)?;
+    let run = &arguments.run;
+    let found = sweep_work::register(run, settings, &files, reference)?;
     if let Some(file) = &arguments.output {
         export::write_sweep_registration(arguments.force.to(file), &found)?;
     }

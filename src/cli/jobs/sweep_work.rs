@@ -17,7 +17,6 @@ use crate::cli::jobs::request::Request;
 use crate::cli::options::focus_positions;
 use crate::cli::options::pair;
 use crate::cli::options::run::RunArguments;
-use crate::cli::options::settings::Decoding;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
@@ -104,7 +103,7 @@ pub(crate) fn read(
         return Ok(None);
     }
     check_alike(&job.files, &frames)?;
-    let values = request.decode.of(&inputs)?;
+    let values = Values::of(request.settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..request.settings.clone() };
     check_places(request, job, frames[0].format().depth == Depth::F32)?;
     let size = [frames[0].width(), frames[0].height()];
@@ -222,7 +221,6 @@ fn report(
 pub(crate) fn register(
     run: &RunArguments,
     settings: &Settings,
-    decoding: &Decoding,
     files: &[PathBuf],
     reference: Option<usize>,
 ) -> Result<SweepRegistration, Failure> {
@@ -230,7 +228,7 @@ pub(crate) fn register(
     let fits = |first: &Photograph| pair::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
     let (frames, inputs) = decode(files, fits)?;
     check_alike(files, &frames)?;
-    let values = decoding.of(&inputs)?;
+    let values = Values::of(settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..settings.clone() };
     let options = SweepOptions { settings, reference, ..SweepOptions::default() };
     let bar = run.bar();

@@ -79,7 +79,7 @@ pub(crate) fn read(
     }
     let lens = request.lens(&inputs)?;
     request.nearer(lens.as_ref())?;
-    let values = request.decode.of(&inputs)?;
+    let values = Values::of(request.settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..request.settings.clone() };
     let frames = Photograph::decode_pair(photographs)?;
     check_places(request, job, frames.iter().any(|frame| frame.format().depth == Depth::F32))?;

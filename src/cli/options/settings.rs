@@ -6,9 +6,8 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::ValueEnum;
-use parfocal::image_io::{Input, RawFormat, Values};
+use parfocal::image_io::RawFormat;
 use parfocal::{Decode, Kernel, Method, Motion, Photometric, RegistrationStep, Settings, export, image_io};
-use serde::Serialize;
 
 use crate::cli::batch::batch_summary::REPORT;
 use crate::cli::options::config_file::ConfigArgument;
@@ -20,8 +19,8 @@ use crate::cli::output::failure::Failure;
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct SettingsArguments {
     /// How stored values become intensities
-    #[arg(long, value_name = "HOW", help_heading = INPUT, value_enum, default_value_t = DecodeName::Auto)]
-    decode: DecodeName,
+    #[arg(long, value_name = "HOW", help_heading = INPUT, value_enum, default_value_t = Settings::default().decode)]
+    decode: Decode,
     /// The photographs are frames without a header, of this format and size, as in Mono12p:2448x2048
     ///
     /// Mono8, Mono10, Mono12, Mono14, Mono16, Mono10p, Mono12p, Mono10Packed, Mono12Packed, Mono32f, RGB8, BGR8, RGBa8, BGRa8, RGB16,
@@ -180,34 +179,6 @@ impl KernelChoice {
     }
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum DecodeName {
-    /// As stored
-    None,
-    /// With the sRGB curve undone, so that blur is linear in them
-    Srgb,
-    /// By what the files say, which must not contradict each other; where they say nothing, 8 bits are taken for sRGB, more for linear
-    Auto,
-}
-
-/// How the stored values of photographs become intensities.
-#[derive(Clone, Copy, Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum Decoding {
-    Stated(Decode),
-    AsFilesSay,
-}
-
-impl Decoding {
-    /// For photographs of which this is said.
-    pub(crate) fn of(self, files: &[Input]) -> Result<Values, Failure> {
-        match self {
-            Self::Stated(decode) => Ok(Values::stated(decode)),
-            Self::AsFilesSay => Ok(Values::of(files)?),
-        }
-    }
-}
-
 /// A number, or `auto`.
 #[derive(Clone, Copy, Debug)]
 struct Auto<T>(Option<T>);
@@ -249,8 +220,7 @@ impl SettingsArguments {
             },
             photometric: !self.no_photometric && self.exposure().is_none(),
             start_photometric: self.exposure().unwrap_or_default(),
-            // What files say is known once they are read.
-            decode: if let Decoding::Stated(decode) = self.decoding() { decode } else { Decode::None },
+            decode: self.decode,
             ..Settings::default()
         };
         if method == Method::Sift && self.motion != MotionName::Similarity {
@@ -266,15 +236,6 @@ impl SettingsArguments {
     /// What photographs without a header hold, if they are that.
     pub(crate) fn raw(&self) -> Option<RawFormat> {
         self.raw
-    }
-
-    /// How stored values become intensities.
-    pub(crate) fn decoding(&self) -> Decoding {
-        match self.decode {
-            DecodeName::None => Decoding::Stated(Decode::None),
-            DecodeName::Srgb => Decoding::Stated(Decode::Srgb),
-            DecodeName::Auto => Decoding::AsFilesSay,
-        }
     }
 
     /// The exposure that is held by flag.

@@ -99,7 +99,6 @@ impl SolveOptions {
         let request = Request {
             files: files.cloned().collect(),
             settings: self.settings.settings(self.method.into(), self.hold)?,
-            decode: self.settings.decoding(),
             raw: self.settings.raw().map(|raw| raw.to_string()),
             nearer: self.nearer,
             part,

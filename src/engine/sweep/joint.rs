@@ -9,7 +9,7 @@ use super::graph::{self, Link};
 use super::hidden::{self, Hidden};
 use super::start::{Frames, GRAIN, Grid};
 use super::{Asked, pairs, shown, spacing, start};
-use crate::base::{CancellationToken, Error, Frame, Homography, Photometric, Settings, Shading};
+use crate::base::{CancellationToken, Deadline, Error, Frame, Homography, Photometric, Settings, Shading};
 use crate::engine::Engine;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::profile::Reading;
@@ -70,6 +70,8 @@ pub(super) struct Joint {
     device: Arc<Device>,
     pipelines: Arc<Pipelines>,
     pub(super) cancel: CancellationToken,
+    /// When the sweep has taken too long: one limit for all of its scripts.
+    pub(super) deadline: Deadline,
 }
 
 impl Joint {
@@ -88,7 +90,8 @@ impl Joint {
         first.prepare(&workspace.images());
         first.finish()?.run()?;
         let (pipelines, cancel) = (engine.pipelines().clone(), CancellationToken::default());
-        Ok(Self { plan, workspace, frames, hidden: 0, counting: 0.0, device, pipelines, cancel })
+        let deadline = Deadline::after(device.timeout());
+        Ok(Self { plan, workspace, frames, hidden: 0, counting: 0.0, device, pipelines, cancel, deadline })
     }
 
     /// The finest level.
@@ -418,7 +421,7 @@ impl Joint {
     fn run(&self, script: &Script) -> Result<(), Error> {
         self.cancel.check()?;
         self.workspace.buffer(Slot::Tiles).write(bytemuck::cast_slice(&script.tiles))?;
-        record(&self.device, &self.pipelines, &self.workspace, script, Reading::Never)?.run()
+        record(&self.device, &self.pipelines, &self.workspace, script, Reading::Never)?.run_within(self.deadline)
     }
 
     /// The corner of an image that a level takes, of some layers.
@@ -428,7 +431,7 @@ impl Joint {
         let buffer = Buffer::for_readback(&self.device, "sweep", 4 * (pixels * layers.len()) as u64)?;
         let mut recorder = Recorder::new(&self.device, Clock::Never)?;
         recorder.download(image, layers.clone(), &buffer);
-        recorder.finish()?.run()?;
+        recorder.finish()?.run_within(self.deadline)?;
         let layer = |n: usize| {
             let values: Vec<f32> = buffer.read(4 * n * pixels, pixels)?;
             Ok(Field::corner(&values, image.width as usize, [width as usize, height as usize]))
@@ -442,6 +445,6 @@ impl Joint {
         buffer.write(bytemuck::cast_slice(&values))?;
         let mut recorder = Recorder::new(&self.device, Clock::Never)?;
         recorder.upload(&buffer, self.workspace.image(slot));
-        recorder.finish()?.run()
+        recorder.finish()?.run_within(self.deadline)
     }
 }

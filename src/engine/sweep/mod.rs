@@ -18,13 +18,15 @@ mod start;
 #[cfg(test)]
 mod tests;
 
+use std::time::Duration;
+
 use self::common::Common;
 use self::hidden::Hidden;
 use self::joint::{Joint, LIMIT, SWEEPS};
 use self::parts::Parts;
 use crate::base::{
-    Brightness, CancellationToken, Channels, Decode, Depth, Error, Format, Frame, Homography, Mask, Photometric,
-    Settings,
+    Brightness, CancellationToken, Channels, Deadline, Decode, Depth, Error, Format, Frame, Homography, Mask,
+    Photometric, Settings,
 };
 use crate::engine::Engine;
 use crate::engine::plan::Plan;
@@ -80,6 +82,7 @@ pub struct RegisteredFrames {
 pub struct SweepSolver {
     settings: Settings,
     size: [u32; 2],
+    timeout: Duration,
     /// Of the photographs; where there are parts, of half their size.
     joint: Joint,
     parts: Option<Parts>,
@@ -117,19 +120,20 @@ impl SweepSolver {
                  take a symmetric one"
             )));
         }
-        let max_relative_blur = settings.max_relative_blur.min(LIMIT);
-        let settings = Settings { max_relative_blur, sweeps: SWEEPS, ..settings.clone() };
+        let (timeout, max_relative_blur) = (engine.timeout(), settings.max_relative_blur.min(LIMIT));
+        let decode = settings.decode.resolved([format.depth]);
+        let settings = Settings { max_relative_blur, sweeps: SWEEPS, decode, ..settings.clone() };
         let plan = Plan::new(size[0], size[1], [format; 2], &settings)?;
         let is_small = plan.sweep_bytes(frames as u32) <= budget;
         if is_small && plan.check_sweep(engine.device(), frames as u32).is_ok() || plan.pyramid.len() == 1 {
-            return Ok(Self { settings, size, joint: Joint::new(engine, plan, frames)?, parts: None });
+            return Ok(Self { settings, size, timeout, joint: Joint::new(engine, plan, frames)?, parts: None });
         }
         let parts = Parts::new(engine, &plan, frames, budget / 2)?;
         let max_relative_blur = (max_relative_blur / 4.0).max(1.0);
         let half = Settings { max_relative_blur, decode: Decode::None, levels: None, ..settings.clone() };
         let format = Format { channels: Channels::Gray, depth: Depth::F32 };
         let plan = Plan::new(size[0].div_ceil(2), size[1].div_ceil(2), [format; 2], &half)?;
-        Ok(Self { settings, size, joint: Joint::new(engine, plan, frames)?, parts: Some(parts) })
+        Ok(Self { settings, size, timeout, joint: Joint::new(engine, plan, frames)?, parts: Some(parts) })
     }
 
     /// What calls the solves to come off.
@@ -208,6 +212,11 @@ impl SweepSolver {
         asked: &Asked<'_>,
         say: &mut dyn FnMut(),
     ) -> Result<(Common, Hidden), Error> {
+        // One limit for the whole solve, all parts included.
+        self.joint.deadline = Deadline::after(self.timeout);
+        if let Some(parts) = &mut self.parts {
+            parts.set_deadline(self.joint.deadline);
+        }
         let levels = self.joint.levels() + usize::from(self.parts.is_some());
         let hidden = Hidden::of(frames, asked.mask, &self.settings, levels);
         if self.parts.is_none() {

@@ -4,7 +4,7 @@
 use super::common::Common;
 use super::hidden::Hidden;
 use super::joint::Joint;
-use crate::base::{CancellationToken, Error, Frame, Mask, Region, Settings};
+use crate::base::{CancellationToken, Deadline, Error, Frame, Mask, Region, Settings};
 use crate::engine::Engine;
 use crate::engine::parts::{self, Grid};
 use crate::engine::plan::Plan;
@@ -43,6 +43,10 @@ impl Parts {
 
     pub(super) fn set_cancel(&mut self, cancel: &CancellationToken) {
         self.joint.cancel = cancel.clone();
+    }
+
+    pub(super) fn set_deadline(&mut self, deadline: Deadline) {
+        self.joint.deadline = deadline;
     }
 
     /// Parts in all.

@@ -1,6 +1,8 @@
+use std::time::Instant;
+
 use super::*;
 use crate::base::{Homography, Samples};
-use crate::engine::testing;
+use crate::engine::{EngineOptions, testing};
 use crate::lab::scene::{Preset, Scene, SimulatedSweep, SweepScene};
 
 const FRAMES: usize = 5;
@@ -74,6 +76,25 @@ fn registered_alone_it_is_the_same() {
     assert_eq!((&alone.transforms, alone.rate), (&solved.transforms, solved.rate));
     assert_eq!((alone.brightness, alone.settings), (solved.brightness, solved.settings));
     assert_eq!(said, [(1, 1)]);
+}
+
+#[test]
+fn a_sweep_has_one_time_limit() {
+    let sweep = sweep(168, 126);
+    let asked = Asked { settings: &[0.0, 1.0, 2.0, 3.0, 4.0], known: true, reference: sweep.reference, mask: None };
+    let solve = |options: &EngineOptions| {
+        let engine = Engine::new(options).unwrap();
+        let format = sweep.frames[0].format();
+        let mut solver = SweepSolver::new(&engine, [168, 126], format, FRAMES, &Settings::default()).unwrap();
+        let started = Instant::now();
+        let solved = solver.solve(&sweep.frames, &asked, &mut |_, _| ());
+        (solved.map(drop), started.elapsed())
+    };
+    let (solved, whole) = solve(&testing::options());
+    solved.unwrap();
+    // No script of a sweep takes as long as a third of it.
+    let (solved, _) = solve(&EngineOptions { timeout: whole / 3, ..testing::options() });
+    assert!(matches!(solved, Err(Error::Timeout { .. })), "{solved:?}");
 }
 
 #[test]

@@ -23,7 +23,7 @@ pub(super) fn write(writer: impl Write, solution: &Solution, look: &Look) -> Res
     let size = (solution.width, solution.height);
     let image = Image { size, channels: solution.fused_channels, values: &solution.fused };
     let bytes = look.formats.iter().all(|format| format.depth == Depth::U8);
-    write_image(writer, &image, look.decode, if bytes { Depth::U8 } else { Depth::U16 })
+    write_image(writer, &image, look.resolved_decode(), if bytes { Depth::U8 } else { Depth::U16 })
 }
 
 /// Writes an image as PNG: 8 bits for inputs of 8, else 16.
@@ -51,7 +51,7 @@ pub const FUSED_FLOAT_FILE: &str = "fused.exr";
 
 /// `fused.exr`, where I1 or I2 is in floats.
 pub fn fused_float<'a>(solution: &'a Solution, look: &Look) -> Option<Extra<'a>> {
-    let decode = look.decode;
+    let decode = look.resolved_decode();
     let size = (solution.width, solution.height);
     let image = Image { size, channels: solution.fused_channels, values: &solution.fused };
     let is_float = look.formats.iter().any(|format| format.depth == Depth::F32);
@@ -79,7 +79,14 @@ pub fn fused_as_stored(solution: &Solution, look: &Look) -> Result<Frame, Error>
         Image { size: (solution.width, solution.height), channels: solution.fused_channels, values: &solution.fused };
     let has = |depth| look.formats.iter().any(|format| format.depth == depth);
     let depth = [Depth::F32, Depth::U16].into_iter().find(|depth| has(*depth)).unwrap_or(Depth::U8);
-    image.as_stored(look.decode, depth)
+    image.as_stored(look.resolved_decode(), depth)
+}
+
+impl Look {
+    /// How values became intensities, with [`Decode::Auto`] resolved.
+    fn resolved_decode(&self) -> Decode {
+        self.decode.resolved(self.formats.map(|format| format.depth))
+    }
 }
 
 impl Image<'_> {

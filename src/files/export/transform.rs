@@ -58,7 +58,7 @@ fn pair_of(text: &str) -> Result<PairOf, String> {
     let size = file.get("photograph").or(file.get("size")).and_then(|size| SizeReport::deserialize(size).ok());
     let region = file.get("region").and_then(|region| Region::deserialize(region).ok());
     let decode = file.get("settings").and_then(|settings| settings.get("decode"));
-    let decode = decode.and_then(|decode| Decode::deserialize(decode).ok()).unwrap_or_default();
+    let decode = decode.and_then(|decode| Decode::deserialize(decode).ok()).unwrap_or(Decode::None);
     Ok(PairOf { size, region, shading, decode })
 }
 

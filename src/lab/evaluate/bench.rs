@@ -1,6 +1,6 @@
 //! One engine for every experiment, and the solvers that were used last.
 
-use crate::base::{Error, Format, Frame, Homography, Kernel, Method, Settings};
+use crate::base::{Decode, Error, Format, Frame, Homography, Kernel, Method, Settings};
 use crate::engine::{Engine, PairSolver, Registered, Solution};
 
 /// The systems that are compared, as the paper orders them.
@@ -71,7 +71,7 @@ impl<'a> Bench<'a> {
 
 /// The defaults with a method and a kernel.
 pub(super) fn settings(method: Method, kernel: &Kernel) -> Settings {
-    Settings { method, kernel: kernel.clone(), ..Settings::default() }
+    Settings { method, kernel: kernel.clone(), decode: Decode::None, ..Settings::default() }
 }
 
 /// No registration: T stays at identity.

@@ -124,7 +124,7 @@ fn solve_whole(
     let mut solver = solver(engine, frames, options)?;
     let found = solver.solve(frames, &counted.asked(options), say)?;
     let (reference, first, step) = (counted.reference, counted.first, counted.step);
-    let decode = options.settings.decode;
+    let decode = options.settings.decode.resolved([frames[0].format().depth]);
     let focused = focused::Focused { frames, reference, positions: &found.settings, found: &found, decode };
     let (fused, fused_channels) = (fuse::fuse(&focused), focused.channels());
     let counts = known(&found);

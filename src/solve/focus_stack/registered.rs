@@ -75,7 +75,7 @@ fn register(
         transforms,
         brightness,
         blur_rate: rate / counted.step.powi(2),
-        decode: options.settings.decode,
+        decode: options.settings.decode.resolved([frames[0].format().depth]),
         order: (0..frames.len()).collect(),
         warnings: Vec::new(),
     })

@@ -1,7 +1,7 @@
 //! Pairs of which T and V are known, and how far off a solution is.
 
 use crate::base::statistics::median;
-use crate::base::{Frame, Homography, Kernel, Settings};
+use crate::base::{Decode, Frame, Homography, Kernel, Settings};
 use crate::engine::Solution;
 use crate::lab::evaluate::bench::Bench;
 use crate::lab::evaluate::cases::model;
@@ -40,10 +40,11 @@ impl Known {
 
 /// The default settings. A symmetrical kernel is left to them; one that is not has to be stated, as by its owner.
 pub(super) fn by_itself(kernel: &Kernel) -> Settings {
-    match kernel {
-        Kernel::Gaussian | Kernel::Pillbox => Settings::default(),
-        other => Settings { kernel: other.clone(), ..Settings::default() },
-    }
+    let kernel = match kernel {
+        Kernel::Gaussian | Kernel::Pillbox => Kernel::Auto,
+        other => other.clone(),
+    };
+    Settings { kernel, decode: Decode::None, ..Settings::default() }
 }
 
 /// The same with this smoothness α.
