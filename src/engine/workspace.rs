@@ -122,7 +122,7 @@ fn images_of_sweeps(plan: &Plan, frames: u32) -> Vec<DeviceRequirements> {
     wanted
 }
 
-const ON_DEVICE: Make = Buffer::on_device;
+const ON_DEVICE: Make = Buffer::device_local;
 const UP: Make = Buffer::for_upload;
 const DOWN: Make = Buffer::for_readback;
 
@@ -158,7 +158,7 @@ fn buffers_of_pairs(plan: &Plan) -> Vec<(Slot, u64, Make)> {
         (Slot::Mask, plan.mask_bytes(), UP),
         // Pairs list none.
         (Slot::Tiles, 4, UP),
-        (Slot::EndMaps, plan.result_bytes(), Buffer::lent),
+        (Slot::EndMaps, plan.result_bytes(), Buffer::for_borrowed_readback),
         (Slot::Progress, state, DOWN),
         (Slot::EndPartials, partials, DOWN),
         (Slot::EndState, state, DOWN),

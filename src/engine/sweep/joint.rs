@@ -87,7 +87,7 @@ impl Joint {
         plan.check_sweep(&device, frames as u32)?;
         let workspace = Workspace::for_sweep(&device, &plan, frames as u32)?;
         let mut first = Recorder::new(&device, Clock::Never)?;
-        first.prepare(&workspace.images());
+        first.initialize(&workspace.images());
         first.finish()?.run()?;
         let (pipelines, cancel) = (engine.pipelines().clone(), CancellationToken::default());
         let deadline = Deadline::after(device.timeout());
@@ -430,7 +430,7 @@ impl Joint {
         let pixels = image.width as usize * image.height as usize;
         let buffer = Buffer::for_readback(&self.device, "sweep", 4 * (pixels * layers.len()) as u64)?;
         let mut recorder = Recorder::new(&self.device, Clock::Never)?;
-        recorder.download(image, layers.clone(), &buffer);
+        recorder.copy_image_to_buffer(image, layers.clone(), &buffer);
         recorder.finish()?.run_within(self.deadline)?;
         let layer = |n: usize| {
             let values: Vec<f32> = buffer.read(4 * n * pixels, pixels)?;
@@ -444,7 +444,7 @@ impl Joint {
         let buffer = Buffer::for_upload(&self.device, "sweep", 4 * values.len() as u64)?;
         buffer.write(bytemuck::cast_slice(&values))?;
         let mut recorder = Recorder::new(&self.device, Clock::Never)?;
-        recorder.upload(&buffer, self.workspace.image(slot));
+        recorder.copy_buffer_to_image(&buffer, self.workspace.image(slot));
         recorder.finish()?.run_within(self.deadline)
     }
 }

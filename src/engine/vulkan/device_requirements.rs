@@ -233,9 +233,9 @@ mod tests {
         let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
         let mut v13 = vk::PhysicalDeviceVulkan13Features::default();
         let create = vk::DeviceCreateInfo::default().push_next(&mut v12).push_next(&mut v13);
-        let mut requirements = requirements();
+        let mut chained = requirements();
         // SAFETY: both chained structures are local and alive.
-        let types = chained_types(&unsafe { requirements.enable_features(create) });
+        let types = chained_types(&unsafe { chained.enable_features(create) });
         let versions =
             [StructureType::PHYSICAL_DEVICE_VULKAN_1_2_FEATURES, StructureType::PHYSICAL_DEVICE_VULKAN_1_3_FEATURES];
         assert_eq!(types, [&versions[..], &each[..1]].concat());
@@ -243,9 +243,9 @@ mod tests {
 
         let mut maintenance4 = vk::PhysicalDeviceMaintenance4Features::default();
         let create = vk::DeviceCreateInfo::default().push_next(&mut maintenance4);
-        let mut requirements = requirements();
+        let mut chained = requirements();
         // SAFETY: the chained structure is local and alive.
-        assert_eq!(chained_types(&unsafe { requirements.enable_features(create) }), each);
+        assert_eq!(chained_types(&unsafe { chained.enable_features(create) }), each);
         assert_eq!(maintenance4.maintenance4, vk::TRUE);
     }
 }

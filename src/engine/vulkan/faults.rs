@@ -118,7 +118,10 @@ fn store(target: &AtomicPtr<c_void>, function: *mut c_void) {
     target.store(function, Ordering::Release);
 }
 
-unsafe extern "system" fn get_instance_proc_addr(instance: vk::Instance, name: *const c_char) -> vk::PFN_vkVoidFunction {
+unsafe extern "system" fn get_instance_proc_addr(
+    instance: vk::Instance,
+    name: *const c_char,
+) -> vk::PFN_vkVoidFunction {
     // SAFETY: `hook_entry` has stored the loader's function; the arguments are the caller's.
     let function = unsafe {
         let real: vk::PFN_vkGetInstanceProcAddr = transmute(GET_INSTANCE_PROC_ADDR.load(Ordering::Acquire));

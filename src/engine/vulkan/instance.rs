@@ -158,7 +158,11 @@ impl Instance {
     ///
     /// # Errors
     /// [`Error::NoDevice`] if the device lacks a required feature, or the family does not support compute.
-    pub(super) fn physical_device(&self, handle: vk::PhysicalDevice, queue_family: u32) -> Result<PhysicalDevice, Error> {
+    pub(super) fn physical_device(
+        &self,
+        handle: vk::PhysicalDevice,
+        queue_family: u32,
+    ) -> Result<PhysicalDevice, Error> {
         let mut described = self.describe(0, handle)?;
         if let Some(why) = &described.info.unusable {
             return Err(Error::NoDevice(format!(" ({}: {why})", described.info.name)));
@@ -327,7 +331,9 @@ fn no_driver(result: vk::Result) -> String {
         [] => "the manifests of drivers, in /usr/share/vulkan/icd.d and /etc/vulkan/icd.d".to_string(),
         set => format!("the files that {} names", set.join(" or ")),
     };
-    format!(", since no driver could be loaded ({result:?}; look at {place}, and at the output of VK_LOADER_DEBUG=error)")
+    format!(
+        ", since no driver could be loaded ({result:?}; look at {place}, and at the output of VK_LOADER_DEBUG=error)"
+    )
 }
 
 /// Chooses a queue family with compute support, preferably without graphics, since that is less busy.

@@ -135,7 +135,8 @@ impl Recorder {
     }
 
     fn end_part(&mut self) -> Result<(), Error> {
-        if let (true, Some(conditional)) = (std::mem::take(&mut self.in_condition), &self.device.conditional_rendering) {
+        if let (true, Some(conditional)) = (std::mem::take(&mut self.in_condition), &self.device.conditional_rendering)
+        {
             // SAFETY: the command buffer is recording, and conditional rendering is active in it.
             unsafe { (conditional.fp().cmd_end_conditional_rendering_ext)(self.commands()) };
         }

@@ -93,7 +93,9 @@ impl Timestamps {
         }
         self.span_passes.push(name);
         // SAFETY: the command buffer is recording; the query lies within the pool and is reset at the start of the recording.
-        unsafe { device.handle.cmd_write_timestamp2(commands, vk::PipelineStageFlags2::COMPUTE_SHADER, self.pool, index) };
+        unsafe {
+            device.handle.cmd_write_timestamp2(commands, vk::PipelineStageFlags2::COMPUTE_SHADER, self.pool, index)
+        };
     }
 
     /// Ends the current part.
