@@ -221,6 +221,7 @@ impl DescriptorSets {
         for (index, resource) in (0..).zip(resources) {
             self.write(set, index, *resource);
         }
+        self.retained.push(pipeline.clone());
         self.sets.insert(key, set);
         Ok(set)
     }

@@ -10,7 +10,7 @@ use super::device::Device;
 use super::interop::ExternalCommandBuffer;
 use super::memory::{Buffer, Image};
 use super::pipeline::{DescriptorSets, Pipeline, Resource};
-use super::recording::{Part, Recording};
+use super::recording::{Part, Recording, Timeline};
 use super::timestamps::{Clock, Timestamps};
 use crate::base::Error;
 
@@ -27,6 +27,10 @@ pub(crate) struct Recorder {
     device: Arc<Device>,
     pool: vk::CommandPool,
     parts: Vec<Part>,
+    /// Command buffers of the pool in the initial state.
+    unused: Vec<vk::CommandBuffer>,
+    /// The timeline of the recording, if it is not a new one.
+    timeline: Option<Timeline>,
     descriptors: DescriptorSets,
     /// The objects that the commands use.
     retained: Vec<Arc<dyn Any + Send + Sync>>,
@@ -59,11 +63,31 @@ impl Recorder {
         recorder
     }
 
+    /// Begins a recording with the objects of an earlier one: its pool, which has been reset, its command buffers, its
+    /// descriptor sets and its timeline.
+    pub(super) fn reusing(
+        device: &Arc<Device>,
+        pool: vk::CommandPool,
+        parts: Vec<Part>,
+        descriptors: DescriptorSets,
+        timeline: Timeline,
+    ) -> Result<Self, Error> {
+        let mut recorder = Self::empty(device, Timestamps::default());
+        recorder.pool = pool;
+        recorder.unused = parts.into_iter().map(|part| part.commands).collect();
+        recorder.descriptors = descriptors;
+        recorder.timeline = Some(timeline);
+        recorder.begin_part(false)?;
+        Ok(recorder)
+    }
+
     fn empty(device: &Arc<Device>, timestamps: Timestamps) -> Self {
         Self {
             device: device.clone(),
             pool: vk::CommandPool::null(),
             parts: Vec::new(),
+            unused: Vec::new(),
+            timeline: None,
             descriptors: DescriptorSets::new(device),
             retained: Vec::new(),
             timestamps,
@@ -117,14 +141,11 @@ impl Recorder {
             self.barrier();
             return Ok(());
         }
-        let create = vk::CommandBufferAllocateInfo::default()
-            .command_pool(self.pool)
-            .level(vk::CommandBufferLevel::PRIMARY)
-            .command_buffer_count(1);
-        // SAFETY: the pool belongs to this device, and only this recorder uses it.
-        let allocated = unsafe { self.device.handle.allocate_command_buffers(&create) };
-        let allocated = self.device.check("vkAllocateCommandBuffers", allocated)?;
-        self.parts.extend(allocated.into_iter().map(|commands| Part { commands, is_optional }));
+        let commands = match self.unused.pop() {
+            Some(commands) => commands,
+            None => self.allocate()?,
+        };
+        self.parts.push(Part { commands, is_optional });
         // SAFETY: the command buffer is in the initial state.
         let begun =
             unsafe { self.device.handle.begin_command_buffer(self.commands(), &vk::CommandBufferBeginInfo::default()) };
@@ -132,6 +153,16 @@ impl Recorder {
         // Orders the part after whichever parts precede it.
         self.barrier();
         Ok(())
+    }
+
+    fn allocate(&self) -> Result<vk::CommandBuffer, Error> {
+        let create = vk::CommandBufferAllocateInfo::default()
+            .command_pool(self.pool)
+            .level(vk::CommandBufferLevel::PRIMARY)
+            .command_buffer_count(1);
+        // SAFETY: the pool belongs to this device, and only this recorder uses it.
+        let allocated = unsafe { self.device.handle.allocate_command_buffers(&create) };
+        Ok(self.device.check("vkAllocateCommandBuffers", allocated)?[0])
     }
 
     fn end_part(&mut self) -> Result<(), Error> {
@@ -225,7 +256,6 @@ impl Recorder {
         if let Workgroups::Indirect(buffer, _) = workgroups {
             self.retain(buffer.clone());
         }
-        self.retain(pipeline.clone());
         Ok(())
     }
 
@@ -279,6 +309,14 @@ impl Recorder {
             );
         }
         self.retain(image.clone());
+    }
+
+    /// Sets the first `bytes` bytes of a buffer, a multiple of 4, to zero.
+    pub(crate) fn clear_buffer(&mut self, buffer: &Arc<Buffer>, bytes: u64) {
+        assert!(bytes.is_multiple_of(4) && bytes <= buffer.size(), "{bytes} bytes of a buffer of {}", buffer.size());
+        // SAFETY: the command buffer is recording; the range lies within the buffer, which is retained.
+        unsafe { self.device.handle.cmd_fill_buffer(self.commands(), buffer.handle, 0, bytes, 0) };
+        self.retain(buffer.clone());
     }
 
     /// Returns the copy region between layers of an image and the start of a buffer.
@@ -352,15 +390,18 @@ impl Recorder {
             std::mem::replace(&mut self.descriptors, DescriptorSets::new(&self.device)),
             std::mem::take(&mut self.retained),
             timestamps,
+            self.timeline.take(),
         )
     }
 }
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        // SAFETY: the pool is null after `finish`, for which the call has no effect. Otherwise its command buffers were never
-        // submitted.
+        let timeline = self.timeline.take().map_or(vk::Semaphore::null(), |timeline| timeline.semaphore);
+        // SAFETY: both handles are null after `finish`, for which the calls have no effect. Otherwise the command buffers
+        // were never submitted, and earlier uses of the semaphore are complete.
         unsafe {
+            self.device.handle.destroy_semaphore(timeline, None);
             self.device.handle.destroy_command_pool(self.pool, None);
         }
     }

@@ -11,6 +11,7 @@ use super::device::Device;
 use super::instance::vulkan_error;
 use super::interop::SemaphoreWait;
 use super::pipeline::DescriptorSets;
+use super::recorder::Recorder;
 use super::timestamps::{DeviceTimes, Timestamps};
 use crate::base::{Deadline, Error};
 
@@ -22,6 +23,22 @@ pub(super) struct Part {
     pub(super) is_optional: bool,
 }
 
+/// A timeline semaphore and its value.
+pub(super) struct Timeline {
+    pub(super) semaphore: vk::Semaphore,
+    pub(super) value: u64,
+}
+
+impl Timeline {
+    fn new(device: &Device) -> Result<Self, Error> {
+        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
+        let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
+        // SAFETY: the device has the feature of timeline semaphores.
+        let semaphore = unsafe { device.handle.create_semaphore(&create, None) };
+        Ok(Self { semaphore: device.check("vkCreateSemaphore", semaphore)?, value: 0 })
+    }
+}
+
 /// Decides whether an optional part is submitted.
 pub(crate) type PartCondition<'a> = &'a mut dyn FnMut(usize) -> Result<bool, Error>;
 
@@ -30,7 +47,7 @@ pub(crate) struct Recording {
     device: Arc<Device>,
     pool: vk::CommandPool,
     parts: Vec<Part>,
-    _descriptors: DescriptorSets,
+    descriptors: DescriptorSets,
     timestamps: Timestamps,
     /// A timeline semaphore that counts the submitted parts of all runs.
     timeline: vk::Semaphore,
@@ -48,6 +65,7 @@ pub(crate) struct Recording {
 const GRACE: Duration = Duration::from_secs(10);
 
 impl Recording {
+    /// A recording of executable command buffers. `None` creates a timeline.
     pub(super) fn new(
         device: &Arc<Device>,
         pool: vk::CommandPool,
@@ -55,16 +73,13 @@ impl Recording {
         descriptors: DescriptorSets,
         retained: Vec<Arc<dyn Any + Send + Sync>>,
         timestamps: Timestamps,
+        timeline: Option<Timeline>,
     ) -> Result<Self, Error> {
-        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
-        let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
-        // SAFETY: the device has the feature of timeline semaphores.
-        let timeline = unsafe { device.handle.create_semaphore(&create, None) };
         let mut recording = Self {
             device: device.clone(),
             pool,
             parts,
-            _descriptors: descriptors,
+            descriptors,
             timestamps,
             timeline: vk::Semaphore::null(),
             end_value: AtomicU64::new(0),
@@ -72,8 +87,31 @@ impl Recording {
             submitted: Vec::new(),
             retained,
         };
-        recording.timeline = device.check("vkCreateSemaphore", timeline)?;
+        let timeline = match timeline {
+            Some(timeline) => timeline,
+            None => Timeline::new(device)?,
+        };
+        recording.timeline = timeline.semaphore;
+        *recording.end_value.get_mut() = timeline.value;
         Ok(recording)
+    }
+
+    /// Begins another recording with the command pool, the descriptor sets and the timeline of this one, whose runs must
+    /// be complete.
+    ///
+    /// # Errors
+    /// [`Error::Poisoned`], [`Error::Vulkan`].
+    pub(crate) fn record_again(mut self) -> Result<Recorder, Error> {
+        if self.device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        // SAFETY: every run was waited for, so that no command buffer of the pool is pending.
+        let reset = unsafe { self.device.handle.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) };
+        self.device.check("vkResetCommandPool", reset)?;
+        let (pool, parts) = (std::mem::take(&mut self.pool), std::mem::take(&mut self.parts));
+        let descriptors = std::mem::replace(&mut self.descriptors, DescriptorSets::new(&self.device));
+        let timeline = Timeline { semaphore: std::mem::take(&mut self.timeline), value: self.end_value() };
+        Recorder::reusing(&self.device, pool, parts, descriptors, timeline)
     }
 
     /// Runs all parts, within the engine's time limit.
@@ -90,6 +128,22 @@ impl Recording {
     /// As [`run_parts`](Self::run_parts).
     pub(crate) fn run_within(&mut self, deadline: Deadline) -> Result<(), Error> {
         self.run_parts(self.parts.len(), deadline, &mut |_| Ok(true), &mut |_| ())
+    }
+
+    /// Runs one part, within the time limit of the solve that it belongs to.
+    ///
+    /// # Errors
+    /// As [`run_parts`](Self::run_parts).
+    pub(crate) fn run_part(&mut self, part: usize, deadline: Deadline) -> Result<(), Error> {
+        if self.device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        let run = Run { recording: self, last: self.end_value() + 1 };
+        run.recording.submit_parts(&run.recording.parts[part..=part], &[])?;
+        run.wait(run.last, deadline)?;
+        drop(run);
+        *self.end_value.get_mut() += 1;
+        Ok(())
     }
 
     /// Runs the first `parts` parts, and waits for them. An optional part is skipped if `is_wanted` is false for its index.
