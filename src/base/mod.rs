@@ -39,7 +39,7 @@ pub use mask::Mask;
 pub use pixel_format::PixelFormat;
 pub(crate) use pixel_format::{Order, Packing};
 pub use region::Region;
-pub use settings::{Method, Motion, Photometric, RegistrationStep, Settings};
+pub use settings::{Method, Motion, Photometric, RegistrationStep, Setting, Settings};
 pub use shading::Shading;
 pub use similarity::{Similarity, centre};
 pub use statistics::Estimate;

@@ -11,35 +11,10 @@ use pyo3::types::PyDict;
 use crate::convert::homography;
 use crate::raised;
 
-const NAMES: [&str; 22] = [
-    "method",
-    "levels",
-    "outer_iterations",
-    "sweeps",
-    "over_relaxation",
-    "regularization",
-    "continuation",
-    "data_eta",
-    "smoothness_eta",
-    "heaviside_epsilon",
-    "max_relative_blur",
-    "largest_step",
-    "kernel",
-    "motion",
-    "registration",
-    "photometric",
-    "fused",
-    "decode",
-    "black_level",
-    "white_level",
-    "start",
-    "start_photometric",
-];
-
 /// The names of the settings.
 #[pyfunction]
 pub(crate) fn setting_names() -> Vec<&'static str> {
-    NAMES.to_vec()
+    Settings::TABLE.iter().map(|setting| setting.name).collect()
 }
 
 /// The settings that a call names, for these photographs.
@@ -60,7 +35,7 @@ fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
         "method" => s.method = one_of(value, &[Method::Unified, Method::Aligned, Method::Appearance], |m| m.name())?,
         "levels" => s.levels = auto(value)?,
         "outer_iterations" => s.outer_iterations = value.extract()?,
-        "sweeps" => s.sweeps = value.extract()?,
+        "relaxation_sweeps" => s.relaxation_sweeps = value.extract()?,
         "over_relaxation" => s.over_relaxation = value.extract()?,
         "regularization" => s.regularization = auto(value)?,
         "continuation" => s.continuation = value.extract()?,
@@ -71,13 +46,7 @@ fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
         "largest_step" => s.largest_step = value.extract()?,
         "kernel" => s.kernel = kernel(value)?,
         "motion" => s.motion = one_of(value, &Motion::ALL, |m| m.name())?,
-        "registration" => {
-            let steps = [
-                ("gauss-newton", RegistrationStep::GaussNewton),
-                ("gradient-descent", RegistrationStep::GradientDescent),
-            ];
-            s.registration = one_of(value, &steps, |step| step.0)?.1;
-        }
+        "registration_step" => s.registration_step = one_of(value, &RegistrationStep::ALL, |step| step.name())?,
         "photometric" => s.photometric = value.extract()?,
         "fused" => s.fused = value.extract()?,
         "decode" => {
@@ -90,7 +59,12 @@ fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
             let [gain, offset] = value.extract()?;
             s.start_photometric = Photometric { gain, offset };
         }
-        _ => return Err(PyTypeError::new_err(format!("there is no such setting; there are {}", NAMES.join(", ")))),
+        _ => {
+            return Err(PyTypeError::new_err(format!(
+                "there is no such setting; there are {}",
+                setting_names().join(", ")
+            )));
+        }
     }
     Ok(())
 }
@@ -130,5 +104,5 @@ fn kernel(value: &Bound<'_, PyAny>) -> PyResult<Kernel> {
         let densities: Vec<f64> = grid.as_array().iter().copied().collect();
         return Aperture::new("array", width, height, &densities).map(Kernel::Measured).map_err(raised);
     }
-    one_of(value, &[Kernel::Auto, Kernel::Gaussian, Kernel::Pillbox, Kernel::HalfGaussian], |kernel| kernel.name())
+    one_of(value, &Kernel::NAMED, |kernel| kernel.name())
 }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use parfocal::export::{self, FileKind, RegistrationReport, SweepFrame, SweepRegistration};
 use parfocal::focus_stack::SweepOptions;
 use parfocal::image_io::{Photograph, Values};
@@ -32,8 +33,9 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     settings: SettingsArguments,
     /// How to register
-    #[arg(long, value_name = "NAME", help_heading = REGISTRATION, value_enum, default_value_t = MethodName::Unified)]
-    method: MethodName,
+    #[arg(long, value_name = "NAME", help_heading = REGISTRATION, value_parser = method_parser(),
+          default_value = "unified")]
+    method: Method,
     /// File for the registration, JSON that `solve --transform` reads; an earlier one is replaced
     #[arg(short, long, value_name = "FILE.json", help_heading = OUTPUT, display_order = 0)]
     output: Option<PathBuf>,
@@ -43,30 +45,17 @@ pub(crate) struct Arguments {
     run: RunArguments,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum MethodName {
-    /// Together with the blur
-    Unified,
-    /// By the difference of the images
-    Appearance,
-    /// By SIFT key-points
-    Sift,
-}
-
-impl From<MethodName> for Method {
-    fn from(name: MethodName) -> Self {
-        match name {
-            MethodName::Unified => Self::Unified,
-            MethodName::Appearance => Self::Appearance,
-            MethodName::Sift => Self::Sift,
-        }
-    }
+/// The methods that register, by their names.
+fn method_parser() -> impl TypedValueParser<Value = Method> {
+    let methods = Method::value_variants().iter().filter(|method| **method != Method::Aligned);
+    PossibleValuesParser::new(methods.filter_map(ValueEnum::to_possible_value))
+        .map(|name| Method::from_str(&name, false).unwrap_or_default())
 }
 
 /// Registers a pair, writes and prints the registration.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let run = &arguments.run;
-    let mut settings = arguments.settings.settings(arguments.method.into(), false)?;
+    let mut settings = arguments.settings.settings(arguments.method, false)?;
     if settings.method != Method::Unified {
         // No blur is looked for: no memory for it.
         (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);

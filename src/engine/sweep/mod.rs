@@ -113,7 +113,7 @@ impl JointSolver {
         }
         let (timeout, max_relative_blur) = (engine.timeout(), settings.max_relative_blur.min(MAX_RELATIVE_BLUR));
         let decode = settings.decode.resolved([format.depth]);
-        let settings = Settings { max_relative_blur, sweeps: RELAXATION_SWEEPS, decode, ..settings.clone() };
+        let settings = Settings { max_relative_blur, relaxation_sweeps: RELAXATION_SWEEPS, decode, ..settings.clone() };
         let plan = Plan::new(size[0], size[1], [format; 2], &settings)?;
         let is_small = plan.sweep_bytes(frames as u32) <= memory;
         if is_small && plan.check_sweep(engine.device(), frames as u32).is_ok() || plan.pyramid.len() == 1 {
