@@ -1,30 +1,30 @@
-//! `parfocal evaluate`: the paper's experiments, and bounds of the default settings and of sweeps, as tables and figures.
+//! `parfocal evaluate`: the experiments of the paper and the targets of the default settings and of sweeps.
 
 use std::path::PathBuf;
 
-use clap::ValueEnum;
-use parfocal::evaluate::{self, Evaluation, Options};
+use parfocal::evaluate::{Evaluation, Only, Options};
 
 use crate::cli::options::engine::EngineArguments;
 use crate::cli::options::output_options::ToldArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
-/// Run the paper's experiments with all systems, on scenes and photographs, and measure what is demanded of the default
-/// settings and of focus sweeps; write tables and figures.
+/// Run the experiments of the paper, and measure the default settings and focus sweeps against their targets
+///
+/// Writes tables and figures.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
     /// Folder for report.md, report.json and figures/; made if it is missing, earlier results in it replaced
     #[arg(short, long, value_name = "OUT", default_value = "out/evaluate")]
     output: PathBuf,
-    /// Folder with the pairs of photographs, each in a folder of its own; what is absent is named in the report
+    /// Folder with a folder for each pair of photographs; the report lists missing ones
     #[arg(long, value_name = "DIR", default_value_os_t = Options::default().data)]
     data: PathBuf,
-    /// Small scenes, few points, reduced photographs: shows in a minute that everything runs
+    /// Use small scenes, few points and reduced photographs: a check of one minute
     #[arg(long)]
     quick: bool,
-    /// One part alone
+    /// Run one part only
     #[arg(long, value_enum, value_name = "PART")]
     only: Option<Only>,
     #[command(flatten)]
@@ -35,42 +35,19 @@ pub(crate) struct Arguments {
     engine: EngineArguments,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Only {
-    /// The paper's experiments: some 15 minutes on two processor cores without a GPU
-    Paper,
-    /// What the default settings are to reach by themselves, each bound beside its figure, also on stderr: some 5
-    /// minutes. In DIR: part/57, dual-pixel
-    Itself,
-    /// What focus sweeps are to reach, likewise: generated stacks of 6 to 41 frames, beside shape from focus, and a simulated
-    /// sweep: some 5 minutes. In DIR: cou
-    Sweeps,
-}
-
-impl From<Only> for evaluate::Only {
-    fn from(only: Only) -> Self {
-        match only {
-            Only::Paper => Self::Paper,
-            Only::Itself => Self::Itself,
-            Only::Sweeps => Self::Sweeps,
-        }
-    }
-}
-
 const AFTER_HELP: &str = "\
 Example:
   parfocal evaluate --only itself --data DIR
 
-Exit status: 0 done (whether or not targets and bounds are met: see the report), 1 failed, 2 wrong usage.";
+Exit status: 0 done (also if targets are missed: see the report), 1 failed, 2 wrong usage.";
 
-/// Evaluates and writes. Cheap checks come before dear ones.
+/// Evaluates and writes the report.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let out = arguments.force.to(&arguments.output);
     destination::check_folder(&arguments.output)?;
     Evaluation::check(out)?;
     let engine = arguments.engine.open()?;
-    let options =
-        Options { data: arguments.data.clone(), quick: arguments.quick, only: arguments.only.map(Into::into) };
+    let options = Options { data: arguments.data.clone(), quick: arguments.quick, only: arguments.only };
     let evaluation = Evaluation::run(&engine, &options, &mut |line| arguments.told.say(line));
     crate::cli::check_validation(&engine)?;
     evaluation.write(out)?;

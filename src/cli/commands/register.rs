@@ -80,7 +80,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     crate::cli::check_validation(&engine)?;
     let mut report = RegistrationReport::new(&registered, &settings, engine.info());
     report.values = values;
-    report.of(inputs, crate::cli::validation_asked());
+    report.of(inputs, crate::cli::is_validation_requested());
     if let Some(file) = &arguments.output {
         export::write_registration(arguments.force.to(file), &report)?;
     }

@@ -213,7 +213,7 @@ fn report(
 ) -> SweepReport {
     let mut report = SweepReport::new(sweep, &names(&job.files), nearer, device, total_ms);
     (report.values, report.validated, report.inputs) =
-        (read.values, crate::cli::validation_asked(), read.inputs.clone());
+        (read.values, crate::cli::is_validation_requested(), read.inputs.clone());
     report
 }
 

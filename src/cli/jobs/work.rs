@@ -177,7 +177,7 @@ impl<'a> Found<'a> {
     fn report(&self, request: &Request, device: &DeviceInfo) -> Result<Report, Failure> {
         let mut report = Report::new(self.solution, &self.photographs.settings, device, self.nearer);
         report.values = self.photographs.values;
-        report.of(self.photographs.inputs.clone(), crate::cli::validation_asked());
+        report.of(self.photographs.inputs.clone(), crate::cli::is_validation_requested());
         report.texture = TextureReport::of(&self.texture);
         report.flattened = self.photographs.scope.flat.is_some();
         report.request = request.digest(&[])?;
