@@ -1,32 +1,31 @@
-//! `parfocal evaluate`: the experiments of the paper and the targets of the default settings and of sweeps.
+//! `parfocal evaluate`: experiments with bounds, as tables and figures.
 
 use std::path::PathBuf;
 
-use parfocal::evaluate::{Evaluation, Only, Options};
+use parfocal::evaluate::{Evaluation, Options, Part};
 
 use crate::cli::options::engine::EngineArguments;
 use crate::cli::options::output_options::ToldArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
-/// Run the experiments of the paper, and measure the default settings and focus sweeps against their targets
-///
-/// Writes tables and figures.
+/// Run the paper's experiments by all methods on scenes and photographs, measure the default settings and focus sweeps
+/// against their bounds, and write tables and figures.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
-    /// Folder for report.md, report.json and figures/; made if it is missing, earlier results in it replaced
+    /// Folder for report.md, report.json and the figures; created if missing, an earlier evaluation in it replaced
     #[arg(short, long, value_name = "OUT", default_value = "out/evaluate")]
     output: PathBuf,
-    /// Folder with a folder for each pair of photographs; the report lists missing ones
+    /// Folder of the photographs, each pair in a folder of its own; absent ones are named in the report
     #[arg(long, value_name = "DIR", default_value_os_t = Options::default().data)]
     data: PathBuf,
-    /// Use small scenes, few points and reduced photographs: a check of one minute
+    /// Small scenes, few cases, reduced photographs: shows in a minute that everything runs
     #[arg(long)]
     quick: bool,
-    /// Run one part only
+    /// The only part to run
     #[arg(long, value_enum, value_name = "PART")]
-    only: Option<Only>,
+    only: Option<Part>,
     #[command(flatten)]
     told: ToldArguments,
     #[command(flatten)]
@@ -37,11 +36,11 @@ pub(crate) struct Arguments {
 
 const AFTER_HELP: &str = "\
 Example:
-  parfocal evaluate --only itself --data DIR
+  parfocal evaluate --only defaults --data DIR
 
-Exit status: 0 done (also if targets are missed: see the report), 1 failed, 2 wrong usage.";
+Exit status: 0 done (whether or not the bounds are met: see the report), 1 failed, 2 wrong usage.";
 
-/// Evaluates and writes the report.
+/// Evaluates and writes. Checks of the outputs come first.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let out = arguments.force.to(&arguments.output);
     destination::check_folder(&arguments.output)?;
@@ -51,7 +50,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let evaluation = Evaluation::run(&engine, &options, &mut |line| arguments.told.say(line));
     crate::cli::check_validation(&engine)?;
     evaluation.write(out)?;
-    let summary = [evaluation.itself(), evaluation.sweeps(), format!("in {}", arguments.output.display())];
+    let summary = [evaluation.summary(), format!("in {}", arguments.output.display())];
     let summary = summary.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n");
     arguments.told.tell(&summary, || evaluation.to_json())
 }
