@@ -362,7 +362,7 @@ settings! {
     /// V is the difference of the blurs' variances, px² of the full-size image. At a limit of 36 px², a third of the
     /// heat sink's pixels and two thirds of the circuit board's were at the limit; at 144 px², 0 and 1 %.
     max_relative_blur: f64 = 144.0, 1 to 256 "px²", flag "Relative blur V" "PX2";
-    /// Weight α of the smoothness of V; less shows more relief and more noise.
+    /// Smoothness α of V; less shows more relief and noise.
     /// auto finds α on each level, from the evidence against V and its slope (docs/method.md, section 6). The report
     /// states what it found.
     regularization: Option<f64> = None, 1e-6 to 10, flag "Relative blur V" "A|auto";

@@ -18,9 +18,9 @@ pub(crate) struct Arguments {
 }
 
 const HEADER: &str = "\
-# Options of parfocal, for --config FILE. Keys are the long options. The command line overrides this file, and this file
-# overrides the defaults; --SWITCH=false turns a switch off. Keys of other subcommands are ignored, so that one file serves
-# solve, batch, watch, stack and register. Paths are relative to the working folder.";
+# Options of parfocal, for --config FILE. Keys are the long options. The command line overrides this file, and this
+# file overrides the defaults; --SWITCH=false turns a switch off. Keys of other subcommands are ignored, so that one
+# file serves solve, batch, watch, stack and register. Paths are relative to the working folder.";
 
 /// Columns of a comment.
 const WIDTH: usize = 110;
