@@ -44,7 +44,9 @@ use self::bench::Bench;
 use self::section::Section;
 use crate::base::Error;
 use crate::engine::Engine;
-use crate::files::export::{Destination, DeviceReport, Guard, Listed, Staging, write_drawing};
+use crate::files::export::{
+    Destination, DeviceReport, Guard, Header, Kind, ReportFiles, Staging, write_drawing, write_json_to,
+};
 
 /// What is evaluated.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,7 +86,10 @@ pub struct Evaluation {
 /// What `report.json` holds: fields may be added, not renamed.
 #[derive(Serialize)]
 struct Results {
+    #[serde(flatten)]
+    header: Header,
     version: &'static str,
+    files: [&'static str; 2],
     device: DeviceReport,
     quick: bool,
     targets: Vec<targets::Target>,
@@ -103,7 +108,9 @@ impl Results {
     /// Nothing yet.
     fn of(engine: &Engine, options: &Options) -> Self {
         Self {
+            header: Header::new(Kind::Evaluation),
             version: env!("CARGO_PKG_VERSION"),
+            files: [REPORT, TABLES],
             device: engine.info().into(),
             quick: options.quick,
             targets: Vec::new(),
@@ -197,13 +204,12 @@ impl Evaluation {
     /// [`Error::File`].
     pub fn write<'d>(&self, out: impl Into<Destination<'d>>) -> Result<(), Error> {
         let out = out.into();
-        let mut reports = Staging::beside(out, REPORT, Vec::new())?;
+        let mut reports = Staging::joining(out, REPORT, Vec::new())?;
         let mut figures = Staging::over(out.to(&out.path().join(FIGURES)), figures_in(out.path()))?;
         for figure in &self.figures {
             figures.add(format!("{}.png", figure.name), |writer| write_drawing(writer, &figure.picture))?;
         }
-        let json = self.to_json().map_err(|e| e.to_string());
-        reports.add(REPORT, |w| json.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))?;
+        reports.add(REPORT, |w| write_json_to(w, &self.results))?;
         reports.add(TABLES, |w| w.write_all(self.to_markdown().as_bytes()).map_err(|e| e.to_string()))?;
         figures.place()?;
         reports.place()
@@ -223,9 +229,9 @@ impl Evaluation {
 }
 
 /// The figures of the evaluation in a folder: those that its tables show.
-fn figures_in(out: &Path) -> Listed {
-    let is_ours = Listed::of(out, REPORT).holds(TABLES);
+fn figures_in(out: &Path) -> ReportFiles {
+    let is_ours = ReportFiles::of(out, REPORT).contains(TABLES);
     let text = is_ours.then(|| fs::read_to_string(out.join(TABLES)).ok()).flatten().unwrap_or_default();
     let link = format!("]({FIGURES}/");
-    Listed::of_names(text.split(&link).skip(1).filter_map(|rest| rest.split(')').next()))
+    ReportFiles::named(text.split(&link).skip(1).filter_map(|rest| rest.split(')').next()))
 }

@@ -10,7 +10,7 @@ use super::weight::best_weight;
 use crate::base::statistics::median;
 use crate::base::{Frame, Homography, Kernel, Settings};
 use crate::engine::Solution;
-use crate::files::export::read_transform;
+use crate::files::export::Registration;
 use crate::files::image_io;
 use crate::lab::evaluate::bench::Bench;
 use crate::lab::evaluate::errors::inside;
@@ -56,7 +56,8 @@ impl Part {
     fn read(folder: &Path) -> Result<Self, String> {
         let read = || {
             let (i1, i2) = image_io::read_pair(&folder.join("I1.png"), &folder.join("I2.png"))?;
-            let (transform, _) = read_transform(&folder.join("truth.json"))?;
+            let truth = Registration::read(&folder.join("truth.json"))?;
+            let transform = truth.second().map_or(Homography::IDENTITY, |frame| frame.transform);
             let (width, height, depth) = image_io::read_field(&folder.join("depth.exr"))?;
             Ok::<_, crate::base::Error>((Self { images: [i1, i2], transform, depth }, [width, height]))
         };
