@@ -43,11 +43,14 @@ Pair pair_at(int n, Registration r) {
 const int MOMENTS = 6;               // pixels, I1, I2, I1², I2², I1 I2; intensities less ½, for their digits
 shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][MOMENTS];
 
-// From mean and deviation of both.
-void match_moments() {
+// What invocation 0 finds and all read: barrier() orders shared memory, but not what is written to the state.
+shared float correlation, gain, offset;
+shared float shading[TERMS];
+
+// Gain and offset from mean and deviation of both images.
+void match_moments(Registration r) {
     float moments[MOMENTS] = float[](0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
-    Registration r = state.registration;
     for (int n = int(gl_LocalInvocationIndex); n < samples(); n += step) {
         Pair p = pair_at(n, r);
         float u = p.u - 0.5, v = p.v - 0.5;
@@ -71,12 +74,14 @@ void match_moments() {
         float covariance = m[5] / count - mean.x * mean.y;
         // 1e-6: a deviation of 0.001, below which differences of squares are rounding.
         bool contrast = min(variance.x, variance.y) > 1e-6;
-        state.correlation = contrast ? covariance / (sqrt(variance.x) * sqrt(variance.y)) : 0.0;
-        // Images that hardly correlate, still far apart say, tell nothing of the gain.
+        correlation = contrast ? covariance / (sqrt(variance.x) * sqrt(variance.y)) : 0.0;
+        state.correlation = correlation;
+        // Images that hardly correlate, for example because they are far apart, do not determine the gain.
         if (adopt > 0) {
-            float gain = state.correlation > 0.5 ? sqrt(variance.x / variance.y) : 1.0;
+            gain = correlation > 0.5 ? sqrt(variance.x / variance.y) : 1.0;
+            offset = mean.x + 0.5 - gain * (mean.y + 0.5);
             state.registration.gain = gain;
-            state.registration.offset = mean.x + 0.5 - gain * (mean.y + 0.5);
+            state.registration.offset = offset;
         }
     }
     barrier();
@@ -99,17 +104,16 @@ shared float scale;                  // of what is left, from where on a sample 
 
 // All sums over all samples: an invocation adds up its own in registers, then subgroups theirs, then these in order. A sum an
 // invocation, over samples in shared memory, took 20 times as long.
-void add_up(float constant, bool first) {
+void add_up(Registration r, float constant, bool first) {
     float sums[FITTED];
     [[unroll]] for (int n = 0; n < FITTED; n++) sums[n] = 0.0;
-    float shading[TERMS] = state.shading, evened[TERMS] = state.evened;
+    float evened[TERMS] = state.evened, before[TERMS] = shading;
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
-    Registration r = state.registration;
     for (int n = int(gl_LocalInvocationIndex); n < samples(); n += step) {
         Pair p = pair_at(n, r);
         // As it was before it was evened out.
-        float second = p.v / shading_at(evened, p.place), target = p.u - r.offset;
-        float left = target - constant * second * shading_at(shading, p.place), alone = target - constant * second;
+        float second = p.v / shading_at(evened, p.place), target = p.u - offset;
+        float left = target - constant * second * shading_at(before, p.place), alone = target - constant * second;
         float weight = first ? p.share : p.share / (1.0 + left * left / (scale * scale));
         float px[5], py[5], terms[ALL + 1];
         legendre(p.place.x, px);
@@ -169,16 +173,17 @@ void solve() {
     }
 }
 
-void match_shading() {
+void match_shading(Registration r) {
     int n = int(gl_LocalInvocationIndex);
-    if (n == 0) coefficients[0] = state.registration.gain;
+    if (n == 0) coefficients[0] = gain;
+    if (n < TERMS) shading[n] = state.shading[n];
     barrier();
     for (int round = 0; round <= ROUNDS; round++) {
-        add_up(coefficients[0], round == 0);
+        add_up(r, coefficients[0], round == 0);
         if (n == 0) {
             if (round < ROUNDS) {
                 solve();
-                for (int i = 0; i < TERMS; i++) state.shading[i] = coefficients[i + 1] / max(coefficients[0], 1e-3);
+                for (int i = 0; i < TERMS; i++) shading[i] = coefficients[i + 1] / max(coefficients[0], 1e-3);
             }
             // Twice the deviation that is left; of the first round that of the polynomial before.
             scale = 2.0 * sqrt(fitted[LEFT] / max(fitted[WEIGHT], 1.0)) + 1e-6;
@@ -189,10 +194,11 @@ void match_shading() {
     // James and Stein: what chance alone explains, by as many terms of as many independent samples, is taken off.
     float chance = fitted[LEFT] * float(TERMS) * dependent / max(fitted[WEIGHT], 1.0), explained = fitted[BEFORE] - fitted[LEFT];
     float kept = explained > chance ? 1.0 - chance / explained : 0.0;
-    for (int i = 0; i < TERMS; i++) state.shading[i] *= kept;
+    for (int i = 0; i < TERMS; i++) state.shading[i] = kept * shading[i];
 }
 
 void main() {
-    match_moments();
-    if (adopt == 2 && state.correlation > 0.5) match_shading();
+    Registration r = state.registration;
+    match_moments(r);
+    if (adopt == 2 && correlation > 0.5) match_shading(r);
 }

@@ -1,6 +1,9 @@
 //! For tests: files of options, lists, lenses and steps that are nearly right are read or refused, whatever they hold.
 
-use super::{calibrate, config, lens, pairs};
+use crate::cli::batch::pairs;
+use crate::cli::commands::calibrate;
+use crate::cli::options::config_file;
+use crate::cli::options::lens;
 use harness::{Share, Target};
 
 #[path = "../../tests/common/fuzz.rs"]
@@ -28,7 +31,7 @@ fn whatever_a_file_of_words_holds_it_is_read_or_refused() {
     ];
     let steps = [r#"[{"region": [10, 20, 30, 40], "depth_mm": 512.5}, {"region": [0, 0, 8, 8], "depth_mm": 7e2}]"#];
     let targets = [
-        target("config", "options.toml", &config, config::reads),
+        target("config", "options.toml", &config, config_file::reads),
         target("list", "list.csv", &list, pairs::reads),
         target("lens", "lens.json", &lens, lens::reads),
         target("steps", "steps.json", &steps, calibrate::reads),

@@ -4,10 +4,10 @@ use std::fmt::Write;
 
 use clap::Command;
 
-use super::config::takes_config;
+use crate::cli::options::config_file::takes_config;
 
 /// What stands below the long help of what runs on a device.
-pub(super) const AFTER_HELP: &str = "\
+pub(crate) const AFTER_HELP: &str = "\
 Exit status: 0 done (a solve that did not converge is done, with warnings, unless --strict), 1 failed, 2 wrong usage.
 
 Environment:
@@ -53,10 +53,10 @@ const NEEDED_MOST: [&str; 23] = [
 ];
 
 /// Columns of `--help`.
-pub(super) const WIDTH: usize = 100;
+pub(crate) const WIDTH: usize = 100;
 
 /// Hides from `-h` what few need, and breaks the lines of `--help`.
-pub(super) fn laid_out(command: Command) -> Command {
+pub(crate) fn laid_out(command: Command) -> Command {
     let has_many = takes_config(&command);
     command.mut_args(|option| {
         let is_rare = has_many && option.get_long().is_some_and(|long| !NEEDED_MOST.contains(&long));
@@ -71,7 +71,7 @@ pub(super) fn laid_out(command: Command) -> Command {
 }
 
 /// A text of which no line is longer than `width`, unless a word is; its paragraphs stay apart.
-pub(super) fn wrapped(text: &str, width: usize) -> String {
+pub(crate) fn wrapped(text: &str, width: usize) -> String {
     let mut lines: Vec<String> = Vec::new();
     for paragraph in text.lines() {
         lines.push(String::new());
@@ -87,7 +87,7 @@ pub(super) fn wrapped(text: &str, width: usize) -> String {
 }
 
 /// Gives the program's own help its subcommands in groups, which clap cannot.
-pub(super) fn with_groups(mut command: Command) -> Command {
+pub(crate) fn with_groups(mut command: Command) -> Command {
     command.build();
     let mut text = String::new();
     for (heading, names) in GROUPS {
@@ -111,8 +111,8 @@ mod tests {
     use clap::Arg;
 
     use super::*;
-    use crate::cli::config::is_bool;
-    use crate::cli::headings::{BLUR, DEVICE, INPUT, OUTPUT, REGION, REGISTRATION};
+    use crate::cli::options::config_file::is_bool;
+    use crate::cli::options::headings::{BLUR, DEVICE, INPUT, OUTPUT, REGION, REGISTRATION};
 
     fn program() -> Command {
         let mut command = crate::cli::command();

@@ -1,61 +1,14 @@
 //! What the program `parfocal` understands; one file for each subcommand.
 
-mod apply;
 mod batch;
-mod batch_summary;
-mod bench;
-mod calibrate;
-mod colors;
-mod compare;
-mod config;
-mod defaults;
-mod depth;
-mod derived_outputs;
-mod devices;
-mod engine;
-mod evaluate;
-mod failure;
-mod focus_positions;
-mod frames;
+mod commands;
 #[cfg(all(test, target_os = "linux"))]
 mod fuzz;
-mod headings;
 mod help;
-mod inspect;
-mod lens;
-mod manifest;
-mod measure;
-mod models;
-mod on_done;
-mod open;
+mod jobs;
 mod options;
 mod output;
-mod output_options;
-mod pair;
-mod pairs;
-mod pairs_bar;
-mod pipeline;
-mod progress;
-mod region;
-mod register;
-mod request;
-mod run;
-mod scope;
-mod settings;
-mod shard;
-mod shell;
 mod signals;
-mod simulate;
-mod solve;
-mod solved;
-mod stack;
-mod summary;
-mod sweep_work;
-mod task;
-mod tuning;
-mod view;
-mod watch;
-mod work;
 
 use std::fs;
 use std::path::Path;
@@ -63,7 +16,12 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
-use self::failure::Failure;
+use self::commands::{
+    apply, bench, calibrate, compare, config, depth, devices, evaluate, inspect, measure, open, register, shell,
+    simulate, solve, stack, view, watch,
+};
+use self::options::config_file;
+use self::output::failure::{self, Failure};
 
 /// Environment variable that turns the Vulkan validation layer on.
 const VALIDATE: &str = "PARFOCAL_VALIDATE";
@@ -79,7 +37,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Solve(Box<solve::Arguments>),
-    Batch(Box<batch::Arguments>),
+    Batch(Box<commands::batch::Arguments>),
     Watch(Box<watch::Arguments>),
     Stack(Box<stack::Arguments>),
     Simulate(Box<simulate::Arguments>),
@@ -95,14 +53,14 @@ enum Command {
     Evaluate(evaluate::Arguments),
     Bench(Box<bench::Arguments>),
     Devices(devices::Arguments),
-    Config(defaults::Arguments),
+    Config(config::Arguments),
     Completions(shell::Completions),
     Man(shell::Manual),
 }
 
 /// Runs the program.
 pub fn main() -> ExitCode {
-    match config::matches(&command(), std::env::args_os().collect()) {
+    match config_file::matches(&command(), std::env::args_os().collect()) {
         Err(failure) => failure.report(),
         Ok((matches, origin)) => {
             let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|e| failure::exit(e));
@@ -115,7 +73,7 @@ pub fn main() -> ExitCode {
 
 /// What clap is told: as derived, and switches that a configuration turns on can be turned off, and help is laid out.
 fn command() -> clap::Command {
-    help::with_groups(Cli::command().mut_subcommands(|c| help::laid_out(config::with_optional_switches(c))))
+    help::with_groups(Cli::command().mut_subcommands(|c| help::laid_out(config_file::with_optional_switches(c))))
 }
 
 fn run(command: Command) -> Result<(), Failure> {
@@ -128,7 +86,7 @@ fn run(command: Command) -> Result<(), Failure> {
     }
     match command {
         Command::Solve(arguments) => solve::run(&arguments),
-        Command::Batch(arguments) => batch::run(&arguments),
+        Command::Batch(arguments) => commands::batch::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Stack(arguments) => stack::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
@@ -144,7 +102,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Devices(arguments) => devices::run(&arguments),
-        Command::Config(arguments) => defaults::run(&arguments),
+        Command::Config(arguments) => config::run(&arguments),
         Command::Completions(arguments) => shell::completions(&arguments),
         Command::Man(arguments) => shell::manual(&arguments),
     }

@@ -3,13 +3,13 @@
 use std::thread;
 
 /// Status of a program that Ctrl-C ended.
-pub(super) const INTERRUPTED: i32 = 130;
+pub(crate) const INTERRUPTED: i32 = 130;
 /// Status of one that SIGTERM ended.
 const TERMINATED: i32 = 143;
 
 /// From now on `end` is called, with the status, whenever the program is told to end. Where there is no thread left to listen,
 /// it ends as programs do, and the next run removes what it leaves. SIGHUP is not listened to, for nohup's sake.
-pub(super) fn listen(end: impl Fn(i32) + Clone + Send + 'static) {
+pub(crate) fn listen(end: impl Fn(i32) + Clone + Send + 'static) {
     // The crate takes the signal away before it finds that it has no thread to wait for it.
     if thread::Builder::new().spawn(|| ()).is_err() {
         return;

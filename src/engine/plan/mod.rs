@@ -26,7 +26,7 @@ const LEAST_COARSEST: u32 = 32;
 const LEAST_LEVEL: u32 = 8;
 /// Outer iterations in which α falls to its value, from the coarsest level on; the last holds for all that are finer. The
 /// coarsest starts from nothing, the others from a V that needs less of it: with 12 everywhere levels did 14 to 20
-/// iterations, with 2 on the finest 5 to 9, with 1 one less, and errors are the same (`docs/performance.md`).
+/// iterations, with 2 on the finest 5 to 9, with 1 one less, and errors are the same (`docs/experiments/iterations.md`).
 const CONTINUATION: [f64; 5] = [12.0, 8.0, 6.0, 6.0, 1.0];
 /// Where fewer iterations than these are allowed, the continuation is shorter in proportion, so that it ends before they do.
 const WHOLE_CONTINUATION: f64 = 20.0;

@@ -45,7 +45,7 @@ const LARGEST_RATE_STEP: f64 = 0.3;
 pub(super) const SWEEPS: u32 = 10;
 /// Iterations on the level where it starts, on those between, and on the finest, where a second is as dear as all before it: of frames
 /// closer than pairs are wide; one of others. With two, 41 frames of three generated stacks err by 0.050, 0.032 and 0.041 of a frame instead
-/// of 0.057, 0.032 and 0.044, but 11 by 0.082 instead of 0.076 (`docs/performance.md`). T and c stay on the finest: frames far out of focus
+/// of 0.057, 0.032 and 0.044, but 11 by 0.082 instead of 0.076 (`docs/experiments/focus-sweeps.md`). T and c stay on the finest: frames far out of focus
 /// show little but noise there, and with steps of T a corner of the last of 11 simulated frames is off by 0.07 px, without by 0.008.
 const ITERATIONS: [usize; 3] = [4, 3, 2];
 /// Px of the level that a step moves a corner of a frame by at most: the coarser level has put it closer.

@@ -234,7 +234,7 @@ struct Told {
 }
 
 /// A step that is off the others by less than this is as they are. Of even sweeps, simulated, generated and photographed, steps were found
-/// 0.82 to 1.2 times the median; where one of their frames was left out 1.8 to 2.5 times (`docs/performance.md`).
+/// 0.82 to 1.2 times the median; where one of their frames was left out 1.8 to 2.5 times (`docs/experiments/focus-sweeps.md`).
 const TOLERANCE: f64 = 0.35;
 /// The largest standard error of a step, of the median step, at which anything is said.
 const CERTAIN: f64 = 0.1;

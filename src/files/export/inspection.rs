@@ -30,7 +30,7 @@ pub struct InspectReport {
     /// The folders of the golden parts; places are stated on the pixels of the first.
     pub golden: Vec<String>,
     /// The quantity that is compared: `depth`, `relative blur` or `focus`.
-    pub quantity: &'static str,
+    pub quantity: String,
     /// Its unit. Heights are in this unit and grow towards the camera.
     pub unit: &'static str,
     /// Tolerances.
@@ -72,7 +72,7 @@ impl InspectReport {
     /// Report of an inspection; part and golden parts are named by their folders.
     pub fn new(
         [part, golden]: [&[String]; 2],
-        [quantity, unit]: [&'static str; 2],
+        (quantity, unit): (&str, &'static str),
         (limits, transform): (Limits, Similarity),
         (inspection, size): (&Inspection, [u32; 2]),
     ) -> Self {
@@ -88,7 +88,7 @@ impl InspectReport {
             reasons: reasons(inspection, &limits, unit),
             part: part.concat(),
             golden: golden.to_vec(),
-            quantity,
+            quantity: quantity.to_string(),
             unit,
             limits,
             transform,

@@ -40,7 +40,7 @@ pub use labels::{MOST_LABELS, labels, sweep_labels};
 pub use measurements::{MeasurementRequest, Measurements, ProfileReport, StepReport, profiles_in};
 pub(crate) use png_file::write_drawing;
 pub use registration::{
-    FrameRegistration, Registration, registered_ending, registered_kind, write_json, write_registered,
+    FrameRegistration, Registration, registered_ending, registered_kind, write_json, write_registered, write_report,
 };
 pub use report::{
     DepthReport, DeviceReport, FieldReport, FrameReport, Header, Kind, LevelReport, NearerBy, NeverReport, REPORT_FILE,

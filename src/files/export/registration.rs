@@ -10,7 +10,7 @@ use super::description::{INTENSITY, PHOTOGRAPH};
 use super::destination::{Destination, FileKind};
 use super::fused::color_type;
 use super::png_file::{self, Pixels};
-use super::report::{ShadingReport, SizeReport, with_header, write_json_to};
+use super::report::{Report, ShadingReport, SizeReport, with_header, write_json_to};
 use super::results::MAX_BYTES;
 use super::single::write_file;
 use super::staging::Staging;
@@ -166,6 +166,14 @@ pub fn write_json<'d>(file: impl Into<Destination<'d>>, kind: FileKind, value: &
         Some(report) => write_json_to(w, &with_header(report, value)),
         None => write_json_to(w, value),
     })
+}
+
+/// Writes the report of a registration into a file; what is replaced is as for [`write_json`].
+///
+/// # Errors
+/// [`Error::File`].
+pub fn write_report<'d>(file: impl Into<Destination<'d>>, report: &Report) -> Result<(), Error> {
+    write_file(file.into(), FileKind::Registration, |w| write_json_to(w, report))
 }
 
 /// Ending of the file of a moved photograph: PNG for integers, EXR for floats.

@@ -95,6 +95,8 @@ pub struct Report {
     /// The files that hold a value for each pixel.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fields: Vec<FieldReport>,
+    /// Method of the solve.
+    pub method: Method,
     /// Settings of the solve.
     pub settings: Settings,
     /// How stored values became intensities.
@@ -499,6 +501,7 @@ impl Report {
             reference: 0,
             order: Vec::new(),
             fields: Vec::new(),
+            method: settings.method,
             settings: settings.clone(),
             values: Values::stated(settings.decode),
             size: photograph.into(),
@@ -626,11 +629,6 @@ impl Report {
             self.frames.iter_mut().zip([i1, i2]).for_each(|(frame, input)| frame.file.clone_from(&input.file));
         }
         (self.inputs, self.validated) = (inputs, validated);
-    }
-
-    /// The method of the solve.
-    pub fn method(&self) -> Method {
-        self.settings.method
     }
 
     /// Whether a file of this name belongs to the results.

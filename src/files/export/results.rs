@@ -35,7 +35,7 @@ pub(super) const UNITS: [&str; 3] = ["settings", "1/m", "mm"];
 type FieldFile = (&'static str, &'static str, &'static Description);
 
 /// Fields of a pair.
-const PAIR_FIELDS: [FieldFile; 5] = [
+static PAIR_FIELDS: [FieldFile; 5] = [
     ("relative_blur", "relative_blur.exr", &RELATIVE_BLUR),
     ("uncertainty", "uncertainty.exr", &UNCERTAINTY),
     ("confidence", "confidence.exr", &CONFIDENCE),
@@ -44,7 +44,7 @@ const PAIR_FIELDS: [FieldFile; 5] = [
 ];
 
 /// Fields of a sweep.
-const SWEEP_FIELDS: [FieldFile; 5] = [
+static SWEEP_FIELDS: [FieldFile; 5] = [
     ("focus", "focus.exr", &FOCUS),
     ("uncertainty", "uncertainty.exr", &FOCUS_UNCERTAINTY),
     ("valid", "valid.png", &VALID),

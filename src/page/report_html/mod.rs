@@ -167,7 +167,7 @@ impl Contents<'_> {
         workers::each(images.zip(&mut texts), |(image, text)| {
             *text = image.and_then(|image| match image {
                 Image::Encoded(text) => Ok(text.to_string()),
-                Image::Raw(image, quality) => encoding::picture(&image, quality),
+                Image::Raw(image, quality) => encoding::jpeg(&image, quality),
             });
         });
         let elements = texts.into_iter().enumerate();

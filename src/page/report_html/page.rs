@@ -10,7 +10,7 @@ use serde_json::json;
 use super::{COLORMAPS, Contents, Photographed, Picture, Pixels, Readout};
 use crate::base::{Decode, Frame, Region};
 use crate::files::bounded_read;
-use crate::files::export::{Extra, Kind, Nearer, PAGE_FILE, Palette, Results};
+use crate::files::export::{Extra, Kind, PAGE_FILE, Palette, Results};
 use crate::page::view::relief_to_scale;
 
 /// Most bytes of a page that are read, 256 MiB; a page of 4 megapixels with a hundred frames has a fifth of that.

@@ -1,0 +1,385 @@
+//! What came of each pair and sweep of a batch: a table for people, `batch.json` for programs.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use parfocal::batch_html::{Entry, batch_page};
+use parfocal::bounded_read;
+use parfocal::export::{Header, Kind, PAGE_FILE};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::cli::output::failure::{Failure, plain};
+
+/// The file of the summary, beside the folders of the pairs.
+pub(crate) const SUMMARY: &str = "batch.json";
+
+/// The page of the summary, beside it.
+pub(crate) const INDEX: &str = "index.html";
+
+/// The report of a pair or a sweep, in its folder.
+pub(crate) const REPORT: &str = "report.json";
+
+/// The most bytes of a report that are read, 16 MiB, as everywhere.
+const MAX_REPORT: u64 = 16 << 20;
+
+/// The most bytes of a picture of depth that are read, 1 GiB, for a small one.
+const MAX_PICTURE: u64 = 1 << 30;
+
+/// What a report says that belongs into a table.
+#[derive(Debug, Default, Deserialize, Serialize)]
+#[serde(default)]
+pub(crate) struct Found {
+    /// Of a pair.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    converged: Option<bool>,
+    warnings: Vec<String>,
+    /// Of a pair.
+    #[serde(skip_serializing_if = "Value::is_null")]
+    relative_blur: Value,
+    /// Of a sweep.
+    #[serde(skip_serializing_if = "Value::is_null")]
+    focus: Value,
+    valid_fraction: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mean_confidence: Option<f64>,
+    #[serde(skip_serializing_if = "Value::is_null")]
+    transform: Value,
+    #[serde(skip_serializing)]
+    frames: Vec<Value>,
+    #[serde(skip_serializing)]
+    timings_ms: Value,
+}
+
+impl Found {
+    /// The row of a report.
+    fn of(report: Value) -> Self {
+        let mut found: Self = serde_json::from_value(report).unwrap_or_default();
+        if let [_, second] = found.frames.as_mut_slice() {
+            found.transform = second["transform"].take();
+        }
+        found
+    }
+}
+
+/// What became of it.
+#[derive(Debug, Serialize)]
+#[serde(tag = "status", rename_all = "snake_case")]
+pub(crate) enum Outcome {
+    /// Solved and written.
+    Solved(Found),
+    /// Left out, for its results were there.
+    Kept(Found),
+    /// Not solved, and why not.
+    Failed { error: String },
+    /// The batch ended before.
+    NotDone,
+}
+
+impl Outcome {
+    /// Of a report just written.
+    pub(crate) fn solved(report: &impl Serialize) -> Self {
+        Self::Solved(serde_json::to_value(report).ok().map(Found::of).unwrap_or_default())
+    }
+
+    /// Of the results in a folder.
+    pub(crate) fn kept(out: &Path) -> Self {
+        Self::Kept(Self::report(out).map(Found::of).unwrap_or_default())
+    }
+
+    /// The report in a folder of results, if there is one that can be read.
+    pub(crate) fn report(out: &Path) -> Option<Value> {
+        serde_json::from_slice(&bounded_read::read(&out.join(REPORT), MAX_REPORT).ok()?).ok()
+    }
+
+    pub(crate) fn status(&self) -> &'static str {
+        match self {
+            Self::Solved(_) => "solved",
+            Self::Kept(_) => "kept",
+            Self::Failed { .. } => "failed",
+            Self::NotDone => "not done",
+        }
+    }
+
+    fn found(&self) -> Option<&Found> {
+        match self {
+            Self::Solved(found) | Self::Kept(found) => Some(found),
+            Self::Failed { .. } | Self::NotDone => None,
+        }
+    }
+}
+
+/// A pair or a sweep of the batch.
+#[derive(Debug, Serialize)]
+pub(crate) struct Row {
+    name: String,
+    #[serde(flatten)]
+    files: Files,
+    output: String,
+    #[serde(flatten)]
+    outcome: Outcome,
+}
+
+/// The photographs of a row.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+enum Files {
+    Pair { i1: String, i2: String },
+    Sweep { frames: Vec<String> },
+}
+
+impl Row {
+    pub(crate) fn new(name: &str, files: &[PathBuf], output: &Path, outcome: Outcome) -> Self {
+        let shown = |path: &PathBuf| path.display().to_string();
+        let files = match files {
+            [i1, i2] => Files::Pair { i1: shown(i1), i2: shown(i2) },
+            frames => Files::Sweep { frames: frames.iter().map(shown).collect() },
+        };
+        Self { name: name.to_string(), files, output: output.display().to_string(), outcome }
+    }
+
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The folder of results.
+    pub(crate) fn output(&self) -> &str {
+        &self.output
+    }
+
+    pub(crate) fn outcome(&self) -> &Outcome {
+        &self.outcome
+    }
+
+    /// How much speaks against it: a failure the most, then what has not converged, then warnings, and of those alike the fewer valid
+    /// pixels.
+    fn badness(&self) -> f64 {
+        let Some(found) = self.outcome.found() else { return 1000.0 };
+        let unsettled = if found.converged == Some(false) { 100.0 } else { 0.0 };
+        let doubt = unsettled + found.warnings.len() as f64;
+        if doubt > 0.0 { doubt + 1.0 - found.valid_fraction.unwrap_or(0.0) } else { 0.0 }
+    }
+
+    fn entry(&self, out: &Path) -> Entry {
+        let cells = self.cells();
+        let own = Path::new(&self.output);
+        let is_there = self.outcome.found().is_some();
+        let picture = is_there.then(|| on_white(&own.join("depth.png"))).flatten();
+        let page = own.strip_prefix(out).ok().filter(|_| is_there && own.join(PAGE_FILE).is_file());
+        let error = if let Outcome::Failed { error } = &self.outcome { Some(error.clone()) } else { None };
+        let warnings = self.outcome.found().map(|found| found.warnings.clone()).unwrap_or_default();
+        Entry {
+            name: self.name.clone(),
+            status: cells[1..3].iter().filter(|cell| !cell.is_empty()).cloned().collect::<Vec<_>>().join(", "),
+            facts: ["median", "valid", "time"]
+                .iter()
+                .zip(&cells[3..])
+                .map(|(name, cell)| format!("{name} {cell}"))
+                .collect(),
+            warnings: warnings.into_iter().chain(error).collect(),
+            badness: self.badness(),
+            page: page.map(|folder| link(&folder.join(PAGE_FILE))),
+            picture,
+        }
+    }
+
+    /// The row as one line.
+    pub(crate) fn line(&self) -> String {
+        match &self.outcome {
+            Outcome::Failed { error } => format!("{}: failed: {error}", plain(&self.name)),
+            _ => format!("{}: {}", plain(&self.name), self.cells()[1..].join("  ").trim_end()),
+        }
+    }
+
+    fn cells(&self) -> [String; 6] {
+        let found = self.outcome.found();
+        let number = |value: Option<f64>, digits: usize, unit: &str| {
+            value.map_or_else(String::new, |v| format!("{v:.digits$}{unit}"))
+        };
+        let converged = found.map_or("", |f| match f.converged {
+            None => "sweep",
+            Some(true) => "converged",
+            Some(false) => "not converged",
+        });
+        let of_sweep = found.and_then(|f| f.focus["median"].as_f64());
+        [
+            plain(&self.name),
+            self.outcome.status().to_string(),
+            converged.to_string(),
+            match of_sweep {
+                Some(_) => number(of_sweep, 2, " focus"),
+                None => number(found.and_then(|f| f.relative_blur["median"].as_f64()), 2, " px²"),
+            },
+            number(found.and_then(|f| f.valid_fraction).map(|f| 100.0 * f), 1, " %"),
+            number(found.and_then(|f| f.timings_ms["total"].as_f64()), 0, " ms"),
+        ]
+    }
+}
+
+/// What came of all pairs.
+#[derive(Debug, Serialize)]
+pub(crate) struct Tally {
+    #[serde(flatten)]
+    header: Header,
+    version: &'static str,
+    source: String,
+    solved: usize,
+    kept: usize,
+    failed: usize,
+    not_done: usize,
+    interrupted: bool,
+    seconds: f64,
+    /// Photographs of the folder that belong to no pair, and why.
+    left_over: Vec<String>,
+    pairs: Vec<Row>,
+}
+
+impl Tally {
+    pub(crate) fn new(
+        source: &Path,
+        pairs: Vec<Row>,
+        left_over: Vec<String>,
+        interrupted: bool,
+        took: Duration,
+    ) -> Self {
+        let count = |status: &str| pairs.iter().filter(|row| row.outcome.status() == status).count();
+        Self {
+            header: Header::new(Kind::Batch),
+            version: env!("CARGO_PKG_VERSION"),
+            source: source.display().to_string(),
+            solved: count("solved"),
+            kept: count("kept"),
+            failed: count("failed"),
+            not_done: count("not done"),
+            // A Ctrl-C after the last pair stopped nothing.
+            interrupted: interrupted && count("not done") > 0,
+            seconds: took.as_secs_f64(),
+            left_over,
+            pairs,
+        }
+    }
+
+    pub(crate) fn into_rows(self) -> Vec<Row> {
+        self.pairs
+    }
+
+    /// The text of batch.json, without a newline at its end.
+    pub(crate) fn to_json(&self) -> Result<String, Failure> {
+        serde_json::to_string_pretty(self).map_err(|e| Failure::Failed(e.to_string()))
+    }
+
+    /// The page, whose links lead from the folder `out`.
+    pub(crate) fn page(&self, out: &Path) -> String {
+        let entries = self.pairs.iter().map(|row| row.entry(out)).collect();
+        let (solved, failed) = (self.solved + self.kept, self.failed + self.not_done);
+        let doubtful = self.pairs.iter().filter(|row| row.badness() > 0.0 && row.outcome.found().is_some()).count();
+        let in_words = |count: usize| if count == 0 { "none".to_string() } else { count.to_string() };
+        let left = if self.left_over.is_empty() {
+            String::new()
+        } else {
+            format!("; left over: {}", self.left_over.join("; "))
+        };
+        let sentence = format!(
+            "{solved} solved, {} of them with warnings or not converged; {} failed or not done{left}.",
+            in_words(doubtful),
+            in_words(failed)
+        );
+        batch_page(&self.source, &sentence, entries)
+    }
+
+    /// The table, the warnings, the failures and a line that sums up and names the file of it, without a newline at the end.
+    pub(crate) fn table(&self, file: &Path) -> String {
+        let head = ["name", "", "", "median", "valid", "time"].map(String::from);
+        let rows: Vec<[String; 6]> = std::iter::once(head).chain(self.pairs.iter().map(Row::cells)).collect();
+        let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+        let widths: Vec<usize> = (0..6).map(width).collect();
+        let mut lines: Vec<String> = rows
+            .iter()
+            .map(|row| {
+                let cell = |(i, text): (usize, &String)| {
+                    // Text to the left, numbers to the right.
+                    if i < 3 { format!("{text:<w$}", w = widths[i]) } else { format!("{text:>w$}", w = widths[i]) }
+                };
+                row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_string()
+            })
+            .collect();
+        for row in &self.pairs {
+            let warnings = row.outcome.found().map_or(&[][..], |found| &found.warnings);
+            lines.extend(warnings.iter().map(|warning| format!("warning: {}: {}", plain(&row.name), plain(warning))));
+            if let Outcome::Failed { error } = &row.outcome {
+                lines.push(format!("failed: {}: {error}", plain(&row.name)));
+            }
+        }
+        lines.extend(self.left_over.iter().map(|problem| format!("left over: {}", plain(problem))));
+        lines.push(format!(
+            "{} solved, {} kept, {} failed, {} not done in {:.1} s; {}",
+            self.solved,
+            self.kept,
+            self.failed,
+            self.not_done,
+            self.seconds,
+            plain(&file.display().to_string())
+        ));
+        lines.join("\n")
+    }
+
+    /// Fails if the batch did, in whole or in part.
+    pub(crate) fn check(&self, strict: bool) -> Result<(), Failure> {
+        let all = self.pairs.len();
+        let doubtful =
+            |row: &&Row| row.outcome.found().is_some_and(|f| f.converged == Some(false) || !f.warnings.is_empty());
+        let doubts = self.pairs.iter().filter(doubtful).count();
+        if self.interrupted {
+            let done = all - self.not_done;
+            return Err(Failure::Interrupted(format!("interrupted after {done} of {all} pairs; --resume goes on")));
+        }
+        if self.failed > 0 {
+            let names: Vec<&str> =
+                self.pairs.iter().filter(|r| matches!(r.outcome, Outcome::Failed { .. })).map(Row::name).collect();
+            return Err(Failure::Failed(format!("{} of {all} pairs failed: {}", self.failed, names.join(", "))));
+        }
+        if strict && !self.left_over.is_empty() {
+            let problem = format!("--strict: photographs are left over: {}", self.left_over.join("; "));
+            return Err(Failure::Failed(problem));
+        }
+        if strict && doubts > 0 {
+            return Err(Failure::Failed(format!(
+                "--strict: {doubts} of {all} pairs did not converge or have warnings"
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// A picture of results, which is transparent where there are none.
+fn on_white(path: &Path) -> Option<image::RgbImage> {
+    let picture = image::load_from_memory(&bounded_read::read(path, MAX_PICTURE).ok()?).ok()?.into_rgba8();
+    let over =
+        |color: u8, alpha: u8| ((u32::from(color) * u32::from(alpha) + 255 * (255 - u32::from(alpha))) / 255) as u8;
+    Some(image::RgbImage::from_fn(picture.width(), picture.height(), |x, y| {
+        let [r, g, b, alpha] = picture.get_pixel(x, y).0;
+        image::Rgb([r, g, b].map(|color| over(color, alpha)))
+    }))
+}
+
+/// A path as a link from a page has it.
+fn link(path: &Path) -> String {
+    let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~/".contains(&byte);
+    let escaped = |byte: u8| if plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") };
+    path.to_string_lossy().bytes().map(escaped).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_transparent_is_white_and_a_link_is_plain() {
+        let file = tempfile::NamedTempFile::with_suffix(".png").unwrap();
+        let pixels = [[9, 8, 7, 255], [9, 8, 7, 0], [0, 0, 0, 51]];
+        image::RgbaImage::from_fn(3, 1, |x, _| image::Rgba(pixels[x as usize])).save(file.path()).unwrap();
+        assert_eq!(on_white(file.path()).unwrap().into_raw(), [9, 8, 7, 255, 255, 255, 204, 204, 204]);
+        assert_eq!(on_white(Path::new("/nowhere")), None);
+        assert_eq!(link(Path::new("a b/ü#1/report.html")), "a%20b/%C3%BC%231/report.html");
+    }
+}

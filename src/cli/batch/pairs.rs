@@ -1,0 +1,360 @@
+//! Which photographs belong together: a folder's, by their names, or a list's.
+
+use std::collections::{BTreeMap, HashMap};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use parfocal::bounded_read;
+use parfocal::image_io::RawFormat;
+
+use crate::cli::batch::batch_summary::SUMMARY;
+use crate::cli::batch::manifest;
+use crate::cli::jobs::frames::{self, list, shown, stem};
+use crate::cli::output::failure::Failure;
+
+/// Photographs that belong together, two or those of a sweep in order, and the name of the folder that their results go to.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Group {
+    pub(crate) name: String,
+    pub(crate) files: Vec<PathBuf>,
+}
+
+/// What there is to solve.
+#[derive(Debug, Default)]
+pub(crate) struct Grouped {
+    pub(crate) groups: Vec<Group>,
+    /// Photographs of a folder that belong to no other, and why, a line each.
+    pub(crate) left_over: Vec<String>,
+}
+
+/// The rule, as `--help` states it.
+pub(crate) const RULE: &str = "\
+Pairs of a folder: names that differ only in what they end with belong together, in its order. That is a number \
+(shot_1.png shot_2.png; IMG_0417.tif IMG_0418.tif IMG_0419.tif IMG_0420.tif are two pairs), _near and _far, or _a and \
+_b; the first is I1. A photograph that is left over is passed over, and told. Where the folder holds folders and no photographs, the \
+rule holds in each of them, but that one with three or more whose names differ in nothing but a number is a focus \
+sweep, in the order of the numbers.
+
+A manifest is CSV, lines of I1,I2 or I1,I2,NAME (or with semicolons; a header is allowed, # begins a comment), or JSON lines, \
+{\"i1\": FILE, \"i2\": FILE, \"name\": NAME}, the name optional; {\"sweep\": FOLDER} or {\"sweep\": [FILE, ...]} is a focus \
+sweep. Its paths are relative to its own folder.";
+
+/// The most bytes of a manifest that are read, 64 MiB.
+const MAX_BYTES: u64 = 64 << 20;
+
+/// What a folder holds so far, which may be nothing.
+pub(crate) fn so_far(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
+    let Grouped { groups, left_over } = of_folder(folder, out, raw)?;
+    let candidates = groups.into_iter().map(Candidate::of_folder).collect();
+    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", folder.display()));
+    Ok(Grouped { groups: settled(candidates, raw).map_err(failed)?, left_over })
+}
+
+/// The pairs of a folder or a manifest; results in `out` are not taken for photographs.
+pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
+    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", source.display()));
+    let mut left_over = Vec::new();
+    let pairs: Vec<Candidate> = if source.is_dir() {
+        let found = of_folder(source, out, raw)?;
+        left_over = found.left_over;
+        found.groups.into_iter().map(Candidate::of_folder).collect()
+    } else if source.exists() {
+        of_manifest(source, raw)?
+    } else {
+        let hint = crate::cli::output::failure::did_you_mean(source);
+        return Err(failed(format!("there is no such folder or manifest{hint}")));
+    };
+    if pairs.is_empty() {
+        let problem = "holds no pair of photographs; see `parfocal batch --help` for how they are named";
+        let left_over = left_over.iter().map(|problem| format!("; {problem}"));
+        return Err(failed(left_over.fold(problem.to_string(), |all, one| all + &one)));
+    }
+    Ok(Grouped { groups: settled(pairs, raw).map_err(failed)?, left_over })
+}
+
+/// Each with a name of its own, and its files as they are to be read.
+fn settled(pairs: Vec<Candidate>, raw: Option<RawFormat>) -> Result<Vec<Group>, String> {
+    let mut groups = named_apart(pairs)?;
+    for file in groups.iter_mut().flat_map(|group| &mut group.files) {
+        *file = frames::named(std::mem::take(file), raw);
+    }
+    Ok(groups)
+}
+
+fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
+    let (files, folders) = list(folder, raw)?;
+    let named = |folder: &Path, problem| Failure::Failed(format!("{}: {problem}", folder.display()));
+    if !files.is_empty() {
+        return by_name(&files).map_err(|problem| named(folder, problem));
+    }
+    let mut all = Grouped::default();
+    for inner in folders.iter().filter(|inner| !crate::cli::same_file(inner, out)) {
+        let folder_name = inner.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let files = list(inner, raw)?.0;
+        if let Some(files) = as_sweep(&files) {
+            all.groups.push(Group { name: folder_name, files });
+            continue;
+        }
+        let found = by_name(&files).map_err(|problem| named(inner, problem))?;
+        let only = found.groups.len() == 1;
+        all.groups.extend(found.groups.into_iter().map(|pair| {
+            let name = if only { folder_name.clone() } else { format!("{folder_name}-{}", pair.name) };
+            Group { name, ..pair }
+        }));
+        all.left_over.extend(found.left_over.into_iter().map(|problem| format!("{folder_name}: {problem}")));
+    }
+    Ok(all)
+}
+
+/// What the name of a photograph ends with, which orders it among those that share the rest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    Number,
+    NearFar,
+    Letter,
+}
+
+/// The part of a stem before its ending, and the ending; `None` where it has none.
+fn split(stem: &str) -> Option<(&str, Kind, u64)> {
+    let rest = stem.trim_end_matches(|c: char| c.is_ascii_digit());
+    if rest.len() < stem.len() {
+        // A number of more than 18 digits is a date or a hash; its last ones count.
+        let digits = &stem[rest.len()..];
+        let last = &digits[digits.len().saturating_sub(18)..];
+        return Some((rest, Kind::Number, last.parse().ok()?));
+    }
+    let lower = stem.to_ascii_lowercase();
+    let words = [("near", Kind::NearFar, 0), ("far", Kind::NearFar, 1), ("a", Kind::Letter, 0), ("b", Kind::Letter, 1)];
+    words.into_iter().find_map(|(word, kind, order)| {
+        let rest = &stem[..lower.strip_suffix(word)?.len()];
+        (rest.is_empty() || rest.ends_with(['_', '-', '.', ' '])).then_some((rest, kind, order))
+    })
+}
+
+/// The files of a folder in the order of their numbers, where they are those of a sweep.
+fn as_sweep(files: &[PathBuf]) -> Option<Vec<PathBuf>> {
+    let stems: Vec<String> = files.iter().map(|file| stem(file)).collect();
+    let numbered = stems.iter().zip(files).map(|(stem, file)| {
+        let (rest, kind, number) = split(stem)?;
+        (kind == Kind::Number).then_some((rest, number, file))
+    });
+    let mut frames = numbered.collect::<Option<Vec<_>>>()?;
+    let is_sweep = frames.len() > 2 && frames.iter().all(|frame| frame.0 == frames[0].0);
+    frames.sort_by_key(|frame| frame.1);
+    is_sweep.then(|| frames.into_iter().map(|frame| frame.2.clone()).collect())
+}
+
+/// Pairs of files by their names. What belongs to no pair is left over, and of an odd number in one series all are: which of
+/// them is astray nobody knows.
+fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
+    let mut series: BTreeMap<(String, Kind), BTreeMap<u64, &PathBuf>> = BTreeMap::new();
+    let mut found = Grouped::default();
+    for file in files {
+        let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+        let Some((rest, kind, order)) = split(&stem) else {
+            found.left_over.push(format!("{} belongs to no pair: {ENDS}", shown(file)));
+            continue;
+        };
+        if let Some(other) = series.entry((rest.to_string(), kind)).or_default().insert(order, file) {
+            return Err(format!("{} and {} have one place in their pair; move one away", shown(other), shown(file)));
+        }
+    }
+    for ((rest, _), members) in &series {
+        let members: Vec<&PathBuf> = members.values().copied().collect();
+        if let [.., last] = members[..]
+            && members.len() % 2 == 1
+        {
+            let of = if members.len() > 1 { format!(", of a series of {}", members.len()) } else { String::new() };
+            found.left_over.push(format!("{} is left over{of}: {ENDS}", shown(last)));
+            continue;
+        }
+        for two in members.chunks_exact(2) {
+            let trimmed = rest.trim_end_matches(['_', '-', '.', ' ']);
+            let name = if members.len() == 2 && !trimmed.is_empty() { trimmed.to_string() } else { stem(two[0]) };
+            found.groups.push(Group { name, files: two.iter().map(|file| (*file).clone()).collect() });
+        }
+    }
+    Ok(found)
+}
+
+const ENDS: &str = "names of a pair differ only in a number, near and far, or a and b at their end; rename it, move it \
+                    away, or give a manifest";
+
+fn of_manifest(file: &Path, raw: Option<RawFormat>) -> Result<Vec<Candidate>, Failure> {
+    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+    let text = bounded_read::text(file, MAX_BYTES).map_err(|e| match e.kind() {
+        ErrorKind::FileTooLarge => failed("is too long for a manifest; split it".to_string()),
+        _ => failed(format!("cannot be read as a manifest ({e}); give a folder, CSV or JSON lines")),
+    })?;
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let lines = manifest::lines(&text, folder);
+    let (mut pairs, mut given) = (Vec::new(), HashMap::new());
+    for (number, line) in lines.map_err(|(number, problem)| failed(format!("line {number}: {problem}")))? {
+        let name = line.name.clone().filter(|name| !name.is_empty());
+        if let Some(name) = name.as_ref().filter(|name| !is_folder_name(name) || name.contains(':')) {
+            return Err(failed(format!("line {number}: '{name}' cannot name a folder; give a name without slashes")));
+        }
+        if let Some(name) = &name
+            && let Some(other) = given.insert(name.to_lowercase(), number)
+        {
+            return Err(failed(format!("line {number}: '{name}' is the name in line {other} already; give another")));
+        }
+        let is_given = name.is_some();
+        let (files, otherwise) =
+            line.files(folder, raw).map_err(|problem| failed(format!("line {number}: {problem}")))?;
+        let pair = Group { name: name.unwrap_or(otherwise), files };
+        pairs.push(Candidate { pair, line: Some(number), is_given });
+    }
+    Ok(pairs)
+}
+
+/// Whether a name is that of a folder within the folder of results, which leads nowhere else and is not hidden there.
+/// For tests that feed it with anything.
+#[cfg(test)]
+pub(crate) fn reads(file: &Path) {
+    let _ = of_manifest(file, None);
+}
+
+fn is_folder_name(name: &str) -> bool {
+    let elsewhere = name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']);
+    let drive = cfg!(windows) && name.contains(':');
+    !elsewhere && !drive && !name.chars().any(char::is_control) && !name.eq_ignore_ascii_case(SUMMARY)
+}
+
+/// A pair whose name is not settled.
+struct Candidate {
+    pair: Group,
+    /// Of the manifest.
+    line: Option<usize>,
+    /// Whether the name is stated, and not that of a photograph.
+    is_given: bool,
+}
+
+impl Candidate {
+    fn of_folder(pair: Group) -> Self {
+        Self { pair, line: None, is_given: false }
+    }
+
+    /// Where it stands.
+    fn place(&self) -> String {
+        let i1 = self.pair.files[0].display();
+        self.line.map_or_else(|| i1.to_string(), |line| format!("line {line}, {i1}"))
+    }
+}
+
+/// Gives pairs of one name the name of the folder of I1 too, unless it is stated, and refuses what is then still alike, or
+/// names no folder.
+fn named_apart(mut pairs: Vec<Candidate>) -> Result<Vec<Group>, String> {
+    let mut count: HashMap<String, usize> = HashMap::new();
+    pairs.iter().for_each(|Candidate { pair, .. }| *count.entry(pair.name.to_lowercase()).or_default() += 1);
+    for Candidate { pair, .. } in pairs.iter_mut().filter(|c| !c.is_given && count[&c.pair.name.to_lowercase()] > 1) {
+        let folder = pair.files[0].parent().and_then(Path::file_name).map(|name| name.to_string_lossy().into_owned());
+        let folder = folder.filter(|name| is_folder_name(name)).map_or(String::new(), |name| format!("{name}-"));
+        pair.name = format!("{folder}{}", stem(&pair.files[0]));
+    }
+    let mut seen: HashMap<String, &Candidate> = HashMap::new();
+    for candidate in &pairs {
+        let (name, place) = (&candidate.pair.name, candidate.place());
+        let how = if candidate.line.is_some() { "give another name after I2" } else { "name them in a manifest" };
+        if !is_folder_name(name) {
+            return Err(format!("{place}: '{name}' cannot name a folder of results; {how}"));
+        }
+        if let Some(other) = seen.insert(name.to_lowercase(), candidate) {
+            return Err(format!("the pairs of {} and {place} are both called '{name}'; {how}", other.place()));
+        }
+    }
+    Ok(pairs.into_iter().map(|candidate| candidate.pair).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use tempfile::TempDir;
+
+    use super::*;
+
+    fn names(files: &[&str]) -> Result<Vec<String>, String> {
+        let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
+        let show = |p: Group| format!("{} {} {}", p.name, p.files[0].display(), p.files[1].display());
+        let found = by_name(&files)?;
+        if found.left_over.is_empty() {
+            return Ok(found.groups.into_iter().map(show).collect());
+        }
+        Err(format!("{}; {}", found.groups.len(), found.left_over.join("; ")))
+    }
+
+    #[test]
+    fn names_that_differ_at_their_end_belong_together() {
+        let found = names(&["b_far.tif", "b_near.tif", "a_1.png", "a_2.png", "x-A.jpg", "x-B.jpg"]).unwrap();
+        assert_eq!(found, ["a a_1.png a_2.png", "b b_near.tif b_far.tif", "x x-A.jpg x-B.jpg"]);
+        let found = names(&["IMG_9.png", "IMG_10.png", "IMG_11.png", "IMG_12.png"]).unwrap();
+        assert_eq!(found, ["IMG_9 IMG_9.png IMG_10.png", "IMG_11 IMG_11.png IMG_12.png"]);
+        assert_eq!(names(&["1.png", "2.png"]).unwrap(), ["1 1.png 2.png"]);
+        assert_eq!(names(&["far.png", "near.png"]).unwrap(), ["near near.png far.png"]);
+    }
+
+    #[test]
+    fn a_photograph_that_is_left_over_is_named() {
+        for (files, part) in [
+            (&["a_1.png", "a_2.png", "a_3.png"][..], "0; a_3.png is left over, of a series of 3"),
+            (&["a_1.png", "a_2.png", "b_7.png"], "1; b_7.png is left over:"),
+            (&["a_1.png", "a_2.png", "banana.png"], "1; banana.png belongs to no pair"),
+            (&["a_1.png", "a_1.jpg"], "a_1.png and a_1.jpg have one place"),
+        ] {
+            let problem = names(files).unwrap_err();
+            assert!(problem.contains(part), "{problem}");
+        }
+    }
+
+    fn manifest(text: &str) -> Result<Vec<Group>, String> {
+        let folder = TempDir::new().unwrap();
+        let file = folder.path().join("list");
+        fs::write(&file, text).unwrap();
+        match find(&file, Path::new("out"), None) {
+            Ok(found) => Ok(found.groups),
+            Err(Failure::Failed(message)) => Err(message.split_once("list: ").unwrap().1.to_string()),
+            Err(other) => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_manifest_is_csv_or_json_lines() {
+        for text in [
+            "# the first\nI1,I2,name\nx/a.png, x/b.png, one\ny/a.png,y/b.png\n",
+            "near;far;called\nx/a.png; x/b.png; one\ny/a.png;y/b.png\n",
+            "first\tsecond\nx/a.png\tx/b.png\tone\ny/a.png\ty/b.png\n",
+            "{\"i1\": \"x/a.png\", \"i2\": \"x/b.png\", \"name\": \"one\"}\n\n{\"i1\": \"y/a.png\", \"i2\": \"y/b.png\"}",
+        ] {
+            let pairs = manifest(text).unwrap();
+            assert_eq!(pairs.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["one", "a"]);
+            assert!(pairs[0].files[0].ends_with("x/a.png") && pairs[0].files[0].is_absolute());
+        }
+        let pairs = manifest("x/i1.png,x/i2.png\ny/i1.png,y/i2.png\n").unwrap();
+        assert_eq!(pairs.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["x-i1", "y-i1"]);
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_manifest_is_named_with_its_line() {
+        for (text, part) in [
+            ("a.png,b.png\nc.png\n", "line 2: is not I1,I2"),
+            ("a.png,b.png\n...png,b.png\n", "line 2, "),
+            ("...png,b.png\n", "'..' cannot name a folder of results"),
+            ("..,b.png\n", "'' cannot name a folder of results"),
+            ("x/..png,b.png\n", "'.' cannot name a folder of results"),
+            ("x/a\\b.png,b.png\n", "'a\\b' cannot name a folder of results"),
+            ("batch.json.png,b.png\n", "'batch.json' cannot name a folder of results"),
+            ("a.png,b.png,Batch.json\n", "line 1: 'Batch.json' cannot name a folder"),
+            ("{\"i1\": \"...png\", \"i2\": \"b\"}\n", "line 1, "),
+            ("x/a.png,b.png\ny/c.png,d.png,x-a\nz/A.png,e.png\n", "line 2, "),
+            ("a.png,b.png,../up\n", "line 1: '../up' cannot name a folder"),
+            ("{\"i1\": \"a\"}\n", "line 1: is not {\"i1\""),
+            ("a.png,b.png,x\nc.png,d.png,X\n", "line 2: 'X' is the name in line 1"),
+            ("a.png,b.png\na.png,c.png\n", "are both called '"),
+            ("", "holds no pair"),
+        ] {
+            let problem = manifest(text).unwrap_err();
+            assert!(problem.contains(part), "{problem}");
+        }
+    }
+}

@@ -1,0 +1,215 @@
+//! `parfocal bench`: how fast it is on a device.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use parfocal::bench::{self, Input, Options, Report};
+use parfocal::export::{FileKind, Registration};
+use parfocal::{Settings, image_io};
+
+use crate::cli::options::engine::EngineArguments;
+use crate::cli::options::output_options::QuietArgument;
+use crate::cli::options::settings::KernelChoice;
+use crate::cli::options::solve_options::MethodName;
+use crate::cli::output::destination::{self, ForceArgument};
+use crate::cli::output::failure::{Failure, print};
+
+/// Measure how fast pairs are solved: end to end, on the device, and pass by pass beside the bandwidth of a copy.
+#[derive(clap::Args, Debug)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct Arguments {
+    /// Sizes of synthetic pairs: WIDTHxHEIGHT, or NM for a square of N megapixels
+    #[arg(long, value_name = "SIZE,...", value_delimiter = ',', default_value = "512x512,1024x1024")]
+    sizes: Vec<Size>,
+    /// A pair of photographs instead of synthetic ones
+    #[arg(long, num_args = 2, value_names = ["I1", "I2"], conflicts_with = "sizes")]
+    pair: Vec<PathBuf>,
+    /// The registration that the method aligned holds on that pair, in a report.json or a truth.json; default: identity
+    #[arg(long, value_name = "FILE", requires = "pair")]
+    transform: Option<PathBuf>,
+    /// How the registration is found, as `solve --method`
+    #[arg(long, value_name = "METHOD,...", value_delimiter = ',', value_enum, default_value = "unified")]
+    methods: Vec<MethodName>,
+    /// Kernels: auto, gaussian, pillbox, half-gaussian, or pictures of kernels
+    #[arg(long, value_name = "KERNEL,...", value_delimiter = ',', default_value = "auto")]
+    kernels: Vec<KernelChoice>,
+    /// Solves that are measured, 1 to 1000
+    #[arg(long, value_name = "N", default_value_t = Options::default().repeats,
+          value_parser = clap::value_parser!(u32).range(1..=1000))]
+    repeats: u32,
+    /// Solves after the first, cold one that are not counted, 0 to 1000
+    #[arg(long, value_name = "N", default_value_t = Options::default().warmup,
+          value_parser = clap::value_parser!(u32).range(0..=1000))]
+    warmup: u32,
+    /// Largest |V|, px² of the full-size image, 1 to 256
+    #[arg(long, value_name = "PX2", allow_negative_numbers = true,
+          default_value_t = Settings::default().max_relative_blur)]
+    max_relative_blur: f64,
+    /// Outer iterations on each level at most, 5 to 1000
+    #[arg(long, value_name = "N", default_value_t = Settings::default().outer_iterations)]
+    outer_iterations: u32,
+    /// Relaxation sweeps in each outer iteration, 1 to 100
+    #[arg(long, value_name = "N", default_value_t = Settings::default().sweeps)]
+    sweeps: u32,
+    /// Leave the fused image out, as an embedder may who wants depth alone
+    #[arg(long)]
+    no_fused: bool,
+    /// Print the report as JSON
+    #[arg(long)]
+    json: bool,
+    /// Print a line for each run, comma-separated
+    #[arg(long, conflicts_with = "json")]
+    csv: bool,
+    /// File for the report, as JSON that --against and --compare read; an earlier one is replaced
+    #[arg(short, long, value_name = "FILE.json")]
+    output: Option<PathBuf>,
+    /// File for a trace of each run's last solve, which Perfetto and chrome://tracing open
+    #[arg(long, value_name = "FILE.json")]
+    trace: Option<PathBuf>,
+    /// Also print the ratios to an earlier report
+    #[arg(long, value_name = "BASE.json")]
+    against: Option<PathBuf>,
+    /// Measure nothing, and print the ratios of two reports
+    #[arg(long, num_args = 2, value_names = ["OLD.json", "NEW.json"], exclusive = true)]
+    compare: Vec<PathBuf>,
+    #[command(flatten)]
+    force: ForceArgument,
+    #[command(flatten)]
+    engine: EngineArguments,
+    #[command(flatten)]
+    quiet: QuietArgument,
+}
+
+const AFTER_HELP: &str = "\
+Ratios are new over old: above 1 is slower.
+
+Exit status: 0 done (whatever the ratios), 1 failed, or a size that the device cannot take, 2 wrong usage.";
+
+/// A width and a height.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Size([u32; 2]);
+
+impl FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let text = text.trim();
+        let size = match text.strip_suffix(['M', 'm']) {
+            Some(megapixels) => megapixels.parse().ok().filter(|n| (0.0..=1e6).contains(n)).map(square),
+            None => text.split_once(['x', 'X']).and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?])),
+        };
+        size.filter(|[width, height]| *width > 0 && *height > 0)
+            .map(Self)
+            .ok_or_else(|| "give WIDTHxHEIGHT, as 1920x1080, or megapixels of a square, as 16M".to_string())
+    }
+}
+
+fn square(megapixels: f64) -> [u32; 2] {
+    [(1e6 * megapixels).sqrt().round() as u32; 2]
+}
+
+/// Measures, or compares. Cheap checks come before dear ones.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let [old, new] = arguments.compare.as_slice() {
+        return print(&bench::compare(&Report::read(old)?, &Report::read(new)?));
+    }
+    let base = arguments.against.as_deref().map(Report::read).transpose()?;
+    check_outputs(arguments)?;
+    let options = options(arguments)?;
+    let (engine, engine_ms) = bench::open(&arguments.engine.options())?;
+    let measured = bench::run(&engine, engine_ms, &options, &mut |line| arguments.quiet.say(line))?;
+    crate::cli::check_validation(&engine)?;
+    let report = &measured.report;
+    if let Some(file) = &arguments.output {
+        report.write(arguments.force.to(file))?;
+    }
+    if let Some(file) = &arguments.trace {
+        measured.trace.write(arguments.force.to(file))?;
+    }
+    tell(report, base.as_ref(), arguments)?;
+    match report.refused.as_slice() {
+        [] => Ok(()),
+        refused => {
+            let why =
+                refused.iter().map(|r| format!("{}x{} {} {}: {}", r.width, r.height, r.method, r.kernel, r.error));
+            Err(Failure::Failed(why.collect::<Vec<_>>().join("; ")))
+        }
+    }
+}
+
+fn options(arguments: &Arguments) -> Result<Options, Failure> {
+    let settings = Settings {
+        max_relative_blur: arguments.max_relative_blur,
+        outer_iterations: arguments.outer_iterations,
+        sweeps: arguments.sweeps,
+        fused: !arguments.no_fused,
+        ..Settings::default()
+    };
+    settings.check()?;
+    let input = match arguments.pair.as_slice() {
+        [i1, i2] => Input::Pair(Box::new(image_io::read_pair(i1, i2)?.into())),
+        _ => Input::Synthetic(arguments.sizes.iter().map(|size| size.0).collect()),
+    };
+    let held = match &arguments.transform {
+        Some(file) => Registration::read(file)?.second().map_or(Options::default().held, |frame| frame.transform),
+        None => Options::default().held,
+    };
+    Ok(Options {
+        held,
+        input,
+        methods: arguments.methods.iter().map(|&name| name.into()).collect(),
+        kernels: arguments.kernels.iter().map(KernelChoice::read).collect::<Result<_, _>>()?,
+        settings,
+        warmup: arguments.warmup,
+        repeats: arguments.repeats,
+        traced: arguments.trace.is_some(),
+    })
+}
+
+/// Refuses files that cannot be ones, or that are inputs, before any work is done.
+fn check_outputs(arguments: &Arguments) -> Result<(), Failure> {
+    let inputs: Vec<&PathBuf> = arguments.pair.iter().chain(&arguments.transform).collect();
+    let outputs = [(&arguments.output, FileKind::Bench), (&arguments.trace, FileKind::Trace)];
+    for (file, kind) in outputs.iter().filter_map(|(file, kind)| Some((file.as_ref()?, *kind))) {
+        destination::check_file(arguments.force.to(file), kind, "", &inputs)?;
+    }
+    if arguments.output.is_some() && arguments.output == arguments.trace {
+        return Err(Failure::Usage("--output and --trace name one file; give two".to_string()));
+    }
+    Ok(())
+}
+
+/// The report on stdout; the ratios after it, on stderr where stdout is for a program.
+fn tell(report: &Report, base: Option<&Report>, arguments: &Arguments) -> Result<(), Failure> {
+    let for_program = arguments.json || arguments.csv;
+    if arguments.json {
+        print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
+    } else if arguments.csv {
+        print(&report.csv())?;
+    } else {
+        print(&report.table())?;
+    }
+    match base.map(|base| bench::compare(base, report)) {
+        Some(ratios) if for_program => drop(writeln!(io::stderr(), "{ratios}")),
+        Some(ratios) => print(&format!("\n{ratios}"))?,
+        None => {}
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_sides_or_megapixels() {
+        for (text, size) in [("640x480", [640, 480]), (" 64X48", [64, 48]), ("4M", [2000, 2000]), ("0.25m", [500, 500])]
+        {
+            assert_eq!(text.parse(), Ok(Size(size)));
+        }
+        for text in ["", "x", "640", "640x", "0x5", "-3M", "M", "nanM", "1e9M", "99999999999x1", "640x480x3"] {
+            assert!(text.parse::<Size>().unwrap_err().contains("WIDTHxHEIGHT"), "{text}");
+        }
+    }
+}

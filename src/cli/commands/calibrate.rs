@@ -1,0 +1,205 @@
+//! `parfocal calibrate`: the constants of a lens from a target of known depth.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use clap::ValueEnum;
+use parfocal::Region;
+use parfocal::export::{self, FileKind, Results};
+use parfocal::measure::Values;
+use parfocal::{Calibration, Error, LensParameter, Target, bounded_read, calibrate};
+use serde::Deserialize;
+
+use crate::cli::commands::depth::decimals;
+use crate::cli::options::lens::LensArguments;
+use crate::cli::options::region::RegionAtDepth;
+use crate::cli::options::results_folder::SolvedArguments;
+use crate::cli::output::destination;
+use crate::cli::output::failure::Failure;
+
+/// Find the blur constant kappa, and focus distances, from the solve of a pair of a known target.
+#[derive(clap::Args, Debug)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    of: SolvedArguments,
+    #[command(flatten)]
+    lens: LensArguments,
+    /// The target is a plane that fills the image: its depths in mm at the corners top left, top right, bottom left
+    #[arg(long, value_name = "Z00,Z10,Z01", required_unless_present_any = ["known", "known_from"],
+          conflicts_with_all = ["known", "known_from"])]
+    plane: Option<Corners>,
+    /// A region of the target and its depth in mm; may be repeated
+    #[arg(long, value_name = "X,Y,W,H=Z")]
+    known: Vec<RegionAtDepth>,
+    /// Such regions from a file, as JSON: [{"region": [X, Y, W, H], "depth_mm": Z}, ...]
+    #[arg(long, value_name = "FILE")]
+    known_from: Option<PathBuf>,
+    /// What to find; where the target does not determine all, the last is left as stated
+    #[arg(long, value_enum, value_name = "UNKNOWN,...", value_delimiter = ',', default_value = "kappa")]
+    fit: Vec<UnknownName>,
+    /// File for the result as JSON, which --lens reads; an earlier one is replaced
+    #[arg(short, long, value_name = "FILE.json")]
+    output: Option<PathBuf>,
+}
+
+const AFTER_HELP: &str = "\
+Example, a plane tilted from left to right:
+  parfocal solve near.png far.png -o target
+  parfocal calibrate target --focal-length 50 --f-number 5.6 --pixel-pitch 0.0075 --focus 226.5,233.5 \\
+    --plane 227,233,227 --fit kappa,focus2 -o lens.json
+  parfocal solve other-near.png other-far.png -o part --lens lens.json
+
+Exit status: 0 done, 1 failed (also where the target determines nothing), 2 wrong usage.";
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum UnknownName {
+    /// Deviation of the blur over its radius
+    Kappa,
+    /// Distance at which I1 is focused
+    Focus1,
+    /// Distance at which I2 is focused
+    Focus2,
+}
+
+impl From<UnknownName> for LensParameter {
+    fn from(name: UnknownName) -> Self {
+        match name {
+            UnknownName::Kappa => Self::Kappa,
+            UnknownName::Focus1 => Self::Focus1,
+            UnknownName::Focus2 => Self::Focus2,
+        }
+    }
+}
+
+/// Three depths, mm.
+#[derive(Clone, Copy, Debug)]
+struct Corners([f64; 3]);
+
+impl FromStr for Corners {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+        let corners = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+        corners.map(Self).ok_or_else(|| "give three depths in mm, as in 227,233,227".to_string())
+    }
+}
+
+/// An entry of --known-from.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StepOfFile {
+    region: [u32; 4],
+    depth_mm: f64,
+}
+
+/// Reads, fits, writes and prints.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    arguments.lens.stated()?;
+    let unknowns = unknowns(&arguments.fit)?;
+    let target = target(arguments)?;
+    check_output(arguments)?;
+    let solved = Results::read_pair(&arguments.of.results)?;
+    let lens = arguments.lens.required(&solved)?;
+    if matches!(target, Target::Plane(_)) && solved.report.size != solved.report.photograph {
+        let problem = "is of a part of the photographs, whose corners are not the plane's; solve it without --roi and --crop-valid";
+        return Err(Failure::Failed(format!("{}: {problem}", arguments.of.results.display())));
+    }
+    let blur = Values { width: solved.report.size.width, values: solved.values() };
+    let confidence = solved.field("confidence")?;
+    let fit =
+        |target: &Target| calibrate(&lens, solved.magnification(), &blur, &confidence, target, &unknowns);
+    let found = fit(&target).map_err(|e| with_turned_corners(e, &target, |target| fit(target).is_ok()))?;
+    if let Some(file) = &arguments.output {
+        export::write_json(arguments.of.force.to(file), FileKind::Lens, &found)?;
+    }
+    arguments.of.tell(&summary(&found, arguments.output.as_deref()), &found)
+}
+
+/// Asks, where a plane determines nothing, whether its corners were named in another order by which it does.
+fn with_turned_corners(error: Error, target: &Target, fits: impl Fn(&Target) -> bool) -> Failure {
+    let (Error::Region(problem), Target::Plane(corners)) = (&error, target) else { return error.into() };
+    let [a, b, c] = corners.map(|z| 1.0 / z);
+    let d = b + c - a;
+    let turned = [[b, a, d], [c, d, a], [d, c, b], [a, c, b]].map(|corners| corners.map(|q| 1.0 / q));
+    let Some([a, b, c]) = turned.into_iter().find(|corners| fits(&Target::Plane(*corners))) else {
+        return error.into();
+    };
+    Failure::Failed(format!(
+        "{problem}; or did you mean --plane {a:.3},{b:.3},{c:.3}? Its corners are top left, top right, bottom left, as the image is seen"
+    ))
+}
+
+fn unknowns(names: &[UnknownName]) -> Result<Vec<LensParameter>, Failure> {
+    let twice = names.iter().enumerate().any(|(i, name)| names[..i].contains(name));
+    if twice {
+        return Err(Failure::Usage("--fit names one unknown twice".to_string()));
+    }
+    Ok(names.iter().map(|&name| name.into()).collect())
+}
+
+fn target(arguments: &Arguments) -> Result<Target, Failure> {
+    if let Some(Corners(corners)) = arguments.plane {
+        return Ok(Target::Plane(corners));
+    }
+    let mut steps: Vec<(Region, f64)> = arguments.known.iter().map(|&RegionAtDepth(region, z)| (region, z)).collect();
+    if let Some(file) = &arguments.known_from {
+        steps.extend(read_steps(file)?);
+    }
+    Ok(Target::Steps(steps))
+}
+
+/// The most bytes of a file of steps that are read, 1 MiB: some ten thousand of them.
+const MAX_BYTES: u64 = 1 << 20;
+
+fn read_steps(file: &Path) -> Result<Vec<(Region, f64)>, Failure> {
+    const SHAPE: &str = r#"give [{"region": [X, Y, W, H], "depth_mm": Z}, ...]"#;
+    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+    let text =
+        bounded_read::text(file, MAX_BYTES).map_err(|e| failed(format!("cannot be read ({e}); check the path")))?;
+    let steps: Vec<StepOfFile> =
+        serde_json::from_str(&text).map_err(|e| failed(format!("holds no steps ({e}); {SHAPE}")))?;
+    let step = |StepOfFile { region: [x, y, width, height], depth_mm }| (Region { x, y, width, height }, depth_mm);
+    Ok(steps.into_iter().map(step).collect())
+}
+
+/// For tests that feed it with anything.
+#[cfg(test)]
+pub(crate) fn reads(file: &Path) {
+    let _ = read_steps(file);
+}
+
+/// Refuses a file that cannot be one, or that is an input; a calibrated lens may be replaced by a better one.
+fn check_output(arguments: &Arguments) -> Result<(), Failure> {
+    let Some(file) = &arguments.output else { return Ok(()) };
+    let results = export::result_files().map(|name| arguments.of.results.join(name));
+    let inputs: Vec<PathBuf> = results.chain(arguments.known_from.clone()).collect();
+    let inputs: Vec<&PathBuf> = inputs.iter().collect();
+    destination::check_file(arguments.of.force.to(file), FileKind::Lens, " for the lens", &inputs)
+}
+
+fn summary(found: &Calibration, file: Option<&Path>) -> String {
+    let name = |unknown| match unknown {
+        LensParameter::Kappa => ("kappa", ""),
+        LensParameter::Focus1 => ("focus of I1", " mm"),
+        LensParameter::Focus2 => ("focus of I2", " mm"),
+    };
+    let mut lines: Vec<String> = Vec::new();
+    for item in &found.found {
+        let ((label, unit), estimate) = (name(item.unknown), item.estimate);
+        let digits = decimals(estimate.standard_error);
+        lines.push(format!("{label:<14} {:.digits$} ± {:.digits$}{unit}", estimate.value, estimate.standard_error));
+    }
+    for &unknown in &found.undetermined {
+        lines.push(format!("{:<14} not determined by this target; left as stated", name(unknown).0));
+    }
+    let in_mm = found.residual_rms_mm.map_or(String::new(), |mm| format!(", {mm:.4} mm"));
+    let part = 100.0 * found.outliers as f64 / found.pixels as f64;
+    lines.push(format!(
+        "residual rms   {:.4} px²{in_mm}; {part:.1} % of {} pixels do not belong",
+        found.residual_rms_px2, found.pixels
+    ));
+    lines.extend(file.map(|file| format!("result         {}", file.display())));
+    lines.join("\n")
+}

@@ -1,0 +1,162 @@
+//! `parfocal config`: what `--config` reads, with every default.
+
+use std::fmt::Write;
+
+use clap::Arg;
+use clap::builder::PossibleValue;
+
+use crate::cli::help::wrapped;
+use crate::cli::options::config_file::{is_bool, is_key, is_number, takes_config};
+use crate::cli::output::failure::{Failure, nearest, print};
+
+/// Print the options of a subcommand with their defaults as TOML, for --config.
+#[derive(clap::Args, Debug)]
+pub(crate) struct Arguments {
+    /// The subcommand: solve, batch, stack or register
+    #[arg(value_name = "COMMAND", default_value = "solve")]
+    command: String,
+}
+
+const HEADER: &str = "\
+# Options of parfocal, for --config FILE: the keys are the long options. What the command line states goes before what
+# this file states, and that before the defaults; --SWITCH=false turns a switch off. A key that the subcommand at hand
+# lacks but another one has is left out, so that one file serves solve, batch, stack and register. Paths are relative to
+# the working folder.";
+
+/// Columns of a comment.
+const WIDTH: usize = 110;
+
+/// Prints the file.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let command = crate::cli::command();
+    let names: Vec<&str> = command.get_subcommands().filter(|c| takes_config(c)).map(clap::Command::get_name).collect();
+    let asked = arguments.command.as_str();
+    if names.contains(&asked) {
+        return print(&text(asked));
+    }
+    let hint =
+        nearest(asked, names.iter().copied()).map_or_else(String::new, |name| format!("; did you mean '{name}'?"));
+    Err(Failure::Usage(format!("{asked} takes no --config; {} do{hint}", names.join(", "))))
+}
+
+/// The file for a subcommand.
+fn text(subcommand: &str) -> String {
+    let mut command = crate::cli::command();
+    command.build();
+    let options = command.find_subcommand(subcommand).into_iter().flat_map(clap::Command::get_arguments);
+    let mut text = HEADER.to_string();
+    for option in options.filter(|option| is_key(option)) {
+        // Writing into a string does not fail.
+        let _ = write!(text, "\n\n{}{}", comment(option), line(option));
+    }
+    text
+}
+
+fn comment(option: &Arg) -> String {
+    let mut words = option.get_long_help().or(option.get_help()).map(ToString::to_string).unwrap_or_default();
+    let values: Vec<_> = option.get_possible_values().iter().map(in_words).collect();
+    if !values.is_empty() && !is_bool(option) {
+        words = format!("{words} ({})", values.join("; "));
+    }
+    let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
+    wrapped(&words, WIDTH).lines().map(|line| format!("# {line}\n")).collect()
+}
+
+/// What may be given, and what it means.
+fn in_words(value: &PossibleValue) -> String {
+    let name = value.get_name();
+    value.get_help().map_or_else(|| name.to_string(), |help| format!("{name}: {help}"))
+}
+
+/// The default; where there is none, a comment that says what could stand there.
+fn line(option: &Arg) -> String {
+    let key = option.get_long().unwrap_or_default();
+    let values: Vec<String> =
+        option.get_default_values().iter().map(|v| literal(option, &v.to_string_lossy())).collect();
+    match values.as_slice() {
+        [] => format!("# {key} = {}", literal(option, &placeholder(option))),
+        [value] => format!("{key} = {value}"),
+        _ => format!("{key} = [{}]", values.join(", ")),
+    }
+}
+
+fn placeholder(option: &Arg) -> String {
+    let name = option.get_value_names().and_then(|names| names.first()).map(ToString::to_string);
+    match (is_number(option), is_bool(option)) {
+        (true, _) => "0".to_string(),
+        (_, true) => "false".to_string(),
+        _ => name.unwrap_or_default(),
+    }
+}
+
+fn literal(option: &Arg, value: &str) -> String {
+    if is_number(option) || is_bool(option) { value.to_string() } else { toml::Value::from(value).to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::OsString;
+    use std::fs;
+
+    use clap::FromArgMatches;
+    use tempfile::TempDir;
+
+    use super::*;
+    use crate::cli::Cli;
+    use crate::cli::options::config_file;
+
+    fn parse(arguments: &[&str]) -> String {
+        let arguments = arguments.iter().map(OsString::from).collect();
+        let (matches, _) = config_file::matches(&crate::cli::command(), arguments).unwrap();
+        format!("{:?}", Cli::from_arg_matches(&matches).unwrap())
+    }
+
+    #[test]
+    fn the_defaults_fed_back_change_nothing() {
+        let folder = TempDir::new().unwrap();
+        let file = folder.path().join("defaults.toml");
+        let file = file.to_str().unwrap();
+        let cases = [
+            ("solve", &["parfocal", "solve", "a", "b", "-o", "out"][..]),
+            ("solve", &["parfocal", "register", "a", "b"]),
+            ("register", &["parfocal", "register", "a", "b"]),
+            ("batch", &["parfocal", "batch", "a", "-o", "out"]),
+            ("stack", &["parfocal", "stack", "a", "b", "c", "-o", "out"]),
+        ];
+        for (of, base) in cases {
+            fs::write(file, text(of)).unwrap();
+            let with = parse(&[base, &["--config", file]].concat());
+            let plain = parse(base).replace("config: None", &format!("config: Some({file:?})"));
+            assert_eq!(with, plain);
+        }
+    }
+
+    #[test]
+    fn every_option_stands_there_with_a_comment() {
+        assert!(text("stack").contains("\n# focus-at = 0\n"), "{}", text("stack"));
+        assert!(text("batch").contains("\nresume = false\n"), "{}", text("batch"));
+        let text = text("solve");
+        for part in [
+            "\nlevels = \"auto\"\n",
+            "\nregularization = \"auto\"\n",
+            "\nover-relaxation = 1.8\n",
+            "\nhold = false\n",
+            "\n# transform = \"FILE\"\n",
+            "(unified: Together with the blur; aligned: Not at all,",
+        ] {
+            assert!(text.contains(part), "{part:?} is missing in\n{text}");
+        }
+        assert!(text.lines().all(|line| line.len() <= 120), "{text}");
+    }
+
+    #[test]
+    fn every_commented_key_is_one_that_can_be_given() {
+        let given: String = text("solve")
+            .lines()
+            .filter_map(|line| line.strip_prefix("# "))
+            .filter(|l| l.contains(" = "))
+            .map(|l| format!("{l}\n"))
+            .collect();
+        assert!(toml::from_str::<toml::Table>(&given).is_ok(), "{given}");
+    }
+}

@@ -1,0 +1,107 @@
+//! `parfocal depth`: depth in mm for results.
+
+use std::path::PathBuf;
+
+use parfocal::export::{DEPTH_FILE, DEPTH_PICTURE_FILE, DepthReport, Kind, REPORT_FILE, Results};
+
+use crate::cli::commands::view::VIEW;
+use crate::cli::options::colors::ColorsArgument;
+use crate::cli::options::focus_positions::{self, PlacesArguments};
+use crate::cli::options::headings::INPUT;
+use crate::cli::options::lens::LensArguments;
+use crate::cli::options::results_folder::SolvedArguments;
+use crate::cli::options::settings::one_or_two;
+use crate::cli::output::derived_outputs::DerivedOutputs;
+use crate::cli::output::destination;
+use crate::cli::output::failure::Failure;
+
+/// Convert results to depth in mm, once the lens, or the focus positions of a sweep, are known.
+///
+/// Nothing is solved again.
+#[derive(clap::Args, Debug)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    of: SolvedArguments,
+    #[command(flatten)]
+    lens: LensArguments,
+    #[command(flatten)]
+    places: PlacesArguments,
+    /// Of a sweep: whether the first (1) or the last (2) frame is focused nearest [default: by --focus-at]
+    #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = one_or_two)]
+    nearer: Option<u8>,
+    #[command(flatten)]
+    colors: ColorsArgument,
+}
+
+const AFTER_HELP: &str = "\
+Results, in the same folder, all or none:
+  depth_mm.exr  channel Y: depth from the lens in mm, NaN where V is or where no depth in the range of the lens has it;
+                channel standard_deviation: of Y, mm
+  report.json   gains depth: its range in mm, the number of pixels out of range, the lens; near and far by the lens
+  depth.png     depth in mm, transparent where there is none
+  depth16.png, depth16.tiff
+                the same in 16 bits, where the solve has written them
+  report.html, surface.ply and the like
+                with the new depth, where the solve has written them; with a lens the surface is in mm
+
+Exit status: 0 done, 1 failed, 2 wrong usage.";
+
+/// Reads, derives depth, writes and prints.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let results = &arguments.of.results;
+    let usage = |problem: &str| Failure::Usage(format!("{}: {problem}", results.display()));
+    // Invalid flags are reported first.
+    arguments.lens.stated()?;
+    let mut solved = Results::read(results)?;
+    let doubt = if solved.report.kind == Kind::Sweep {
+        let places = arguments.places.places().filter(|_| !arguments.lens.is_given());
+        let places = places.ok_or_else(|| usage("holds a focus sweep; give --focus-at, and no lens"))?;
+        let nearer = focus_positions::nearer(arguments.nearer, &places)?;
+        solved.set_positions(&places, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
+        None
+    } else {
+        if arguments.places.places().is_some() || arguments.nearer.is_some() {
+            return Err(usage("holds a pair, to whose depth a lens leads; leave out --focus-at and --nearer"));
+        }
+        solved.set_lens(&arguments.lens.required(&solved)?)
+    };
+    let force = arguments.of.force.is_given();
+    // A report may state the lens: it is read before it is written again.
+    let inputs: Vec<&PathBuf> =
+        arguments.lens.file().into_iter().filter(|file| !file.ends_with(REPORT_FILE)).collect();
+    destination::check_folder(results)?;
+    destination::check_inputs(results, &[DEPTH_FILE, DEPTH_PICTURE_FILE, REPORT_FILE], &inputs)?;
+    solved.check_depth(force)?;
+    let derived = DerivedOutputs::new(&solved)?;
+    solved.report.surface = derived.surface().or(solved.report.surface.take());
+    let palette = Some(arguments.colors.palette());
+    solved.write_depth(&derived.drawing(palette), derived.files(palette), force)?;
+    let Some(report) = &solved.report.depth else { return Ok(()) };
+    let mut lines = vec![format!("depth          {}", summary(report))];
+    lines.extend(doubt.map(|doubt| format!("warning        {doubt}")));
+    lines.extend(derived.warning());
+    let view = results.join(VIEW);
+    lines.extend(view.is_file().then(|| {
+        format!("note           {} shows the earlier results; parfocal view draws it again", view.display())
+    }));
+    lines.push(format!("results        {}", results.display()));
+    arguments.of.tell(&lines.join("\n"), report)
+}
+
+/// The range of depth and the number of pixels beyond it.
+pub(crate) fn summary(report: &DepthReport) -> String {
+    let (range, out) = (&report.range, report.out_of_range);
+    let beyond = if report.lens.is_some() { "out of the range of the lens" } else { "beyond infinity" };
+    let (Some(min), Some(max), Some(median)) = (range.min, range.max, range.median) else {
+        return format!("of no pixel; {beyond}: {out} px");
+    };
+    let digits = decimals(f64::from(max - min) / 100.0);
+    format!("{min:.digits$} to {max:.digits$} mm, median {median:.digits$}; {beyond}: {out} px")
+}
+
+/// Decimals of a number with this error: two digits of the error.
+pub(crate) fn decimals(error: f64) -> usize {
+    // 0 and NaN have no digits; six decimals are enough.
+    if error > 0.0 { (1.0 - error.log10().floor()).clamp(0.0, 6.0) as usize } else { 6 }
+}

@@ -1,0 +1,207 @@
+//! `parfocal inspect`: a part against a golden one, go or no-go.
+
+use std::path::{Path, PathBuf};
+
+use parfocal::export::{
+    INSPECT_FILES, InspectReport, Nearer, REPORT_FILE, Results, listed_in, write_inspection,
+};
+use parfocal::inspect::{Heights, Limits, golden, inspect};
+use parfocal::{Brightness, Decode, Frame, Similarity, baseline, inspection, resample};
+
+use crate::cli::options::output_options::ToldArguments;
+use crate::cli::output::destination::{self, ForceArgument};
+use crate::cli::output::failure::Failure;
+
+/// Inspect a part against a golden one: go, or no-go where its heights deviate by more than they may.
+#[derive(clap::Args, Debug)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct Arguments {
+    /// Folder that `parfocal solve -o` or `stack -o` wrote of the part
+    part: PathBuf,
+    /// Folders of one golden part or of several, alike in size; places are stated on the pixels of the first
+    #[arg(long, required = true, num_args = 1.., value_name = "GOLDEN")]
+    golden: Vec<PathBuf>,
+    /// The difference of heights that is allowed: mm where all have depth in mm, else px² of V, or settings of a sweep
+    #[arg(long, value_name = "T", value_parser = from_zero)]
+    tolerance: f64,
+    /// Standard deviations that a difference must be larger than, too
+    #[arg(long, value_name = "K", default_value_t = Limits::new(0.0).sigmas, value_parser = from_zero)]
+    sigmas: f64,
+    /// Pixels of the smallest region that counts
+    #[arg(long, value_name = "COUNT", default_value_t = Limits::new(0.0).min_area_px)]
+    min_area: usize,
+    /// The share of the golden part's pixels that may be without a height of the part, 0 to 1
+    #[arg(long, value_name = "SHARE", default_value_t = Limits::new(0.0).max_unjudged, value_parser = share)]
+    max_unjudged: f64,
+    /// Take pictures as they lie, and do not register them: the fixture holds every part alike
+    #[arg(long)]
+    in_place: bool,
+    /// Folder for inspect.json and inspect.png; that of the part will do
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    told: ToldArguments,
+    #[command(flatten)]
+    force: ForceArgument,
+}
+
+const AFTER_HELP: &str = "\
+The part's picture is registered onto the golden one's by key-points (a similarity), its heights are brought along, and the plane
+that most of the difference lies in is taken out: how the part lies is no defect. A pixel deviates where what is left is more than
+the tolerance, and more than K standard deviations of both; of several golden parts, what they differ by at that pixel counts
+too. Pixels that touch are a region. Where the golden part has a height and the part has none, nothing is judged.
+
+Results, with -o, both or none:
+  inspect.json  verdict, reasons, registration, plane, and of each region area, mean, extreme, place
+  inspect.png   the part, on the golden one's pixels: red nearer to the camera, blue further away, striped not judged
+
+Example:
+  parfocal inspect part --golden good1 good2 good3 --tolerance 0.05 -o part
+
+Exit status: 0 go, 3 no-go, 1 failed, 2 wrong usage.";
+
+fn from_zero(text: &str) -> Result<f64, String> {
+    let good = |value: &f64| (0.0..=1e6).contains(value);
+    text.parse().ok().filter(good).ok_or_else(|| "give a number from 0 to 1e6".to_string())
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    let good = |value: &f64| (0.0..=1.0).contains(value);
+    text.parse().ok().filter(good).ok_or_else(|| "give a share from 0 to 1".to_string())
+}
+
+/// A part, from its folder.
+struct Part {
+    folder: PathBuf,
+    /// The image sharp all over, by which it is registered.
+    picture: Frame,
+    /// Quantities, the best one last: name, unit, heights towards the camera.
+    fields: Vec<(String, &'static str, Heights)>,
+}
+
+/// Reads, registers, inspects, writes, tells.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(out) = &arguments.output {
+        check_output(arguments, out)?;
+    }
+    let part = Part::read(&arguments.part)?;
+    let goldens = arguments.golden.iter().map(|folder| Part::read(folder)).collect::<Result<Vec<_>, _>>()?;
+    // One at least, as clap says.
+    let Some(first) = goldens.first() else { return Ok(()) };
+    let (quantity, unit) = common(&part, &goldens)?;
+    let on_first = |other: &Part| other.on(first, quantity, arguments.in_place);
+    let golden = {
+        let all = goldens[1..].iter().map(|other| on_first(other).map(|(heights, _)| heights));
+        let own = first.field(quantity, first)?.clone();
+        golden(&std::iter::once(Ok(own)).chain(all).collect::<Result<Vec<_>, Failure>>()?)?
+    };
+    let (heights, transform) = on_first(&part)?;
+    let limits = Limits {
+        tolerance: arguments.tolerance,
+        sigmas: arguments.sigmas,
+        min_area_px: arguments.min_area,
+        max_unjudged: arguments.max_unjudged,
+    };
+    let found = inspect(&heights, &golden, &limits).map_err(|e| part.failed(first, e))?;
+    let names = |folders: &[PathBuf]| folders.iter().map(|f| f.display().to_string()).collect::<Vec<_>>();
+    let (own, of) = (names(std::slice::from_ref(&arguments.part)), names(&arguments.golden));
+    let size = [golden.width, golden.height];
+    let report = InspectReport::new([&own, &of], (quantity, unit), (limits, transform), (&found, size));
+    let verdict = format!("{}: tolerance {} {unit}, {} σ", report.verdict, limits.tolerance, limits.sigmas);
+    if let Some(out) = &arguments.output {
+        let unchanged = Brightness::unchanged(size);
+        let moved = resample::registered(&part.picture, &transform.into(), &unchanged, Decode::None);
+        write_inspection(arguments.force.to(out), &report, &inspection::draw(&moved, &found, unit, &verdict))?;
+    }
+    arguments.told.tell(&summary(&report, arguments.output.as_deref()), || report.to_json())?;
+    if report.is_go() { Ok(()) } else { Err(Failure::NoGo) }
+}
+
+/// Refuses a folder that cannot be written, before any work.
+fn check_output(arguments: &Arguments, out: &Path) -> Result<(), Failure> {
+    destination::check_folder(out)?;
+    let results = arguments.golden.iter().chain([&arguments.part]);
+    let inputs: Vec<PathBuf> =
+        results.flat_map(|folder| listed_in(folder, REPORT_FILE).into_iter().map(|name| folder.join(name))).collect();
+    destination::check(out, INSPECT_FILES[0], &INSPECT_FILES, &inputs.iter().collect::<Vec<_>>())?;
+    Ok(arguments.force.to(out).check_results(INSPECT_FILES[0], &INSPECT_FILES)?)
+}
+
+/// The best quantity that all have, and its unit.
+fn common<'a>(part: &'a Part, goldens: &[Part]) -> Result<(&'a str, &'static str), Failure> {
+    let has = |other: &Part, name: &str, unit| other.fields.iter().any(|field| (field.0.as_str(), field.1) == (name, unit));
+    let best = part.fields.iter().rev().find(|(name, unit, _)| goldens.iter().all(|other| has(other, name, *unit)));
+    best.map(|(name, unit, _)| (name.as_str(), *unit)).ok_or_else(|| {
+        let problem = "has no quantity in common with the golden parts: pairs and sweeps cannot be compared, nor settings of two units";
+        Failure::Failed(format!("{}: {problem}", part.folder.display()))
+    })
+}
+
+impl Part {
+    fn read(folder: &Path) -> Result<Self, Failure> {
+        let results = Results::read(folder)?;
+        let fields = results.measured().into_iter().map(|quantity| {
+            let sign = if quantity.nearer == Nearer::First { 1.0 } else { -1.0 };
+            let towards: Vec<f32> = quantity.values.iter().map(|v| sign * v).collect();
+            let heights = Heights::new(results.report.size.into(), &towards, &quantity.deviation)?;
+            Ok((quantity.label(), quantity.unit, heights))
+        });
+        let fields = fields.collect::<Result<_, Failure>>()?;
+        Ok(Self { folder: folder.to_path_buf(), picture: results.fused()?, fields })
+    }
+
+    /// Its heights on the pixels of a golden part, and T, which takes those to its own.
+    fn on(&self, first: &Self, quantity: &str, in_place: bool) -> Result<(Heights, Similarity), Failure> {
+        let heights = self.field(quantity, first)?;
+        let transform = match in_place || self.folder == first.folder {
+            true => Similarity::IDENTITY,
+            false => baseline::key_points([&first.picture, &self.picture], Decode::None, None)
+                .map_err(|e| self.failed(first, format!("{e}; --in-place takes the pictures as they lie")))?,
+        };
+        Ok((heights.onto([heights.width, heights.height], &transform), transform))
+    }
+
+    /// The heights, which are of the size of a golden part's.
+    fn field(&self, quantity: &str, first: &Self) -> Result<&Heights, Failure> {
+        let size = |part: &Self| [part.picture.width(), part.picture.height()];
+        let ([w, h], [width, height]) = (size(self), size(first));
+        if [w, h] != [width, height] {
+            return Err(self.failed(first, format!("are of {w}x{h} and {width}x{height} pixels; solve the same part")));
+        }
+        let found = self.fields.iter().find(|field| field.0 == quantity).map(|field| &field.2);
+        found.ok_or_else(|| self.failed(first, format!("have no {quantity} in common")))
+    }
+
+    fn failed(&self, other: &Self, problem: impl std::fmt::Display) -> Failure {
+        Failure::Failed(format!("{} and {}: {problem}", self.folder.display(), other.folder.display()))
+    }
+}
+
+/// Lines for a person.
+fn summary(report: &InspectReport, out: Option<&Path>) -> String {
+    let (unit, t) = (report.unit, &report.transform);
+    let mut lines = vec![format!("verdict        {}", report.verdict)];
+    lines.extend(report.reasons.iter().map(|reason| format!("reason         {reason}")));
+    let (x, y, turn, scale) = (t.tx, t.ty, t.rotation_deg(), t.scale);
+    lines.push(format!("part lies      {x:+.2} {y:+.2} px, {turn:+.3}°, scale {scale:.4} off"));
+    let [right, down] = report.plane.slope;
+    lines.push(format!(
+        "plane          {:+.4} {unit}, {right:+.6} {down:+.6} {unit}/px right, down",
+        report.plane.offset
+    ));
+    lines.push(format!("judged         {} px, {:.1} % not judged", report.judged_px, 100.0 * report.unjudged));
+    for (n, region) in (1..=SHOWN).zip(&report.regions) {
+        let ([x, y], found) = (region.deviation.centroid_px, &region.deviation);
+        let (area, mean, extreme) = (found.area_px, found.mean, found.extreme);
+        lines.push(format!(
+            "region {n:<7} {area} px at {x:.1},{y:.1}, {mean:+.4} {unit} on average, {extreme:+.4} at most"
+        ));
+    }
+    let more = report.regions.len().saturating_sub(SHOWN);
+    lines.extend((more > 0).then(|| format!("regions        {more} more, smaller ones")));
+    lines.extend(out.map(|out| format!("results        {}", out.display())));
+    lines.join("\n")
+}
+
+/// Regions that a person is told of one by one.
+const SHOWN: usize = 10;

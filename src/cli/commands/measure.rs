@@ -1,0 +1,96 @@
+//! `parfocal measure`: step heights and profiles of results.
+
+use parfocal::Estimate;
+use parfocal::export::{MeasurementRequest, Measurements, Results, StepReport};
+
+use crate::cli::commands::depth::decimals;
+use crate::cli::options::headings::MEASUREMENTS;
+use crate::cli::options::region::{LineArgument, RegionArgument};
+use crate::cli::options::results_folder::SolvedArguments;
+use crate::cli::output::derived_outputs::DerivedOutputs;
+use crate::cli::output::destination;
+use crate::cli::output::failure::Failure;
+
+/// Measure step heights and profiles in the results of a solve or a sweep.
+#[derive(clap::Args, Debug)]
+#[command(after_help = AFTER_HELP)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    of: SolvedArguments,
+    #[command(flatten)]
+    measure: MeasureArguments,
+}
+
+/// Regions and lines to measure.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct MeasureArguments {
+    /// Step height from the first region to the second; may be repeated
+    ///
+    /// Rectangles in pixels of the results: the difference of their levels, medians without the tilt, in px², or settings of a
+    /// sweep, and, where the lens or its focus is known, in mm.
+    #[arg(long, value_names = ["X,Y,W,H", "X,Y,W,H"], num_args = 2, help_heading = MEASUREMENTS)]
+    step: Vec<RegionArgument>,
+    /// Profile from one pixel of the results to another; may be repeated
+    ///
+    /// The mean over WIDTH px across, 1 if not given.
+    #[arg(long, value_name = "X1,Y1,X2,Y2[,WIDTH]", help_heading = MEASUREMENTS)]
+    profile: Vec<LineArgument>,
+}
+
+impl MeasureArguments {
+    pub(crate) fn request(&self) -> MeasurementRequest {
+        MeasurementRequest {
+            // clap passes pairs.
+            steps: self.step.chunks_exact(2).map(|pair| [pair[0].0, pair[1].0]).collect(),
+            lines: self.profile.iter().map(|line| line.0).collect(),
+        }
+    }
+}
+
+const AFTER_HELP: &str = "\
+Results, in the same folder: profile_1.csv and profile_1.png for the first profile, and so on; the numbers also in
+report.json. Steps take the place of those measured before, profiles that of profiles.
+
+Standard errors come from the scatter within the regions, and allow for neighbouring pixels being alike. An error that
+regions have in common, of the lens or of the model of the blur, is not in them.
+
+Example:
+  parfocal measure out --step 40,60,32,32 200,60,32,32 --profile 10,80,300,80,9
+
+Exit status: 0 done, 1 failed, 2 wrong usage.";
+
+/// Reads, measures, writes and prints.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let request = arguments.measure.request();
+    if request.is_empty() {
+        return Err(Failure::Usage("nothing to measure: give --step or --profile".to_string()));
+    }
+    let results = &arguments.of.results;
+    let force = arguments.of.force.is_given();
+    let mut solved = Results::read(results)?;
+    destination::check_folder(results)?;
+    solved.check_measurements(&request, force)?;
+    let measured = request.measure(&solved)?;
+    let derived = DerivedOutputs::page(&solved);
+    solved.write_measurements(&measured, &derived.drawing(None), derived.files(None), force)?;
+    let rows = rows(&measured);
+    let lines: Vec<String> = rows.iter().map(|(label, text)| format!("{label:<14} {text}")).chain(derived.warning()).collect();
+    arguments.of.tell(&lines.join("\n"), &measured)
+}
+
+/// Labels and texts of the summary.
+pub(crate) fn rows(measured: &Measurements) -> Vec<(&'static str, String)> {
+    let steps = measured.steps.iter().map(|step| ("step", height(step)));
+    let profiles = measured.profiles.iter().map(|profile| ("profile", format!("{} {}", profile.csv, profile.png)));
+    steps.chain(profiles).collect()
+}
+
+fn height(step: &StepReport) -> String {
+    let number = |Estimate { value, standard_error }, unit: &str| {
+        let digits = decimals(standard_error);
+        format!("{value:+.digits$} ± {standard_error:.digits$} {unit}")
+    };
+    let unit = step.unit.as_str();
+    let blur = step.difference.map_or("too few valid pixels".to_string(), |estimate| number(estimate, unit));
+    step.depth_mm.map_or(blur.clone(), |estimate| format!("{}, {blur}", number(estimate, "mm")))
+}

@@ -1,0 +1,141 @@
+//! `parfocal register`: two photographs, or the frames of a sweep, in, registration alone out.
+
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+use parfocal::export::{self, FileKind, FrameReport, Report};
+use parfocal::focus_stack::SweepOptions;
+use parfocal::image_io::Photograph;
+use parfocal::{Kernel, Method, PairSolver, Settings};
+
+use crate::cli::help::AFTER_HELP;
+use crate::cli::jobs::frames;
+use crate::cli::jobs::sweep_work;
+use crate::cli::options::headings::{INPUT, OUTPUT, REGISTRATION};
+use crate::cli::options::pair;
+use crate::cli::options::run::RunArguments;
+use crate::cli::options::settings::SettingsArguments;
+use crate::cli::output::destination::{self, ForceArgument};
+use crate::cli::output::failure::Failure;
+use crate::cli::output::summary::registration_summary;
+
+/// Register two photographs of one scene, or a focus sweep: where pixels lie in each, and how they differ in exposure.
+#[derive(clap::Args, Debug)]
+#[command(after_long_help = AFTER_HELP)]
+pub(crate) struct Arguments {
+    /// I1, whose pixels count, and I2; or three or more frames of a sweep, in order; or their folder
+    #[arg(required = true, num_args = 1.., value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+    /// Of a sweep, the frame on whose pixels the others are brought, counted from 1; the middle one without it
+    #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
+    reference: Option<u32>,
+    #[command(flatten)]
+    settings: SettingsArguments,
+    /// How to register
+    #[arg(long, value_name = "NAME", help_heading = REGISTRATION, value_enum, default_value_t = MethodName::Unified)]
+    method: MethodName,
+    /// File for the registration, JSON that `solve --transform` reads; an earlier one is replaced
+    #[arg(short, long, value_name = "FILE.json", help_heading = OUTPUT, display_order = 0)]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: ForceArgument,
+    #[command(flatten)]
+    run: RunArguments,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum MethodName {
+    /// Together with the blur
+    Unified,
+    /// By the difference of the images
+    Appearance,
+    /// By SIFT key-points
+    Sift,
+}
+
+impl From<MethodName> for Method {
+    fn from(name: MethodName) -> Self {
+        match name {
+            MethodName::Unified => Self::Unified,
+            MethodName::Appearance => Self::Appearance,
+            MethodName::Sift => Self::Sift,
+        }
+    }
+}
+
+/// Registers a pair, writes and prints the registration.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let run = &arguments.run;
+    let mut settings = arguments.settings.settings(arguments.method.into(), false)?;
+    if settings.method != Method::Unified {
+        // No blur is looked for: no memory for it.
+        (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
+    }
+    let files = match <[PathBuf; 2]>::try_from(arguments.images.clone()) {
+        Ok(files) if arguments.reference.is_none() => files.map(|file| frames::named(file, arguments.settings.raw())),
+        _ => return of_sweep(arguments, &settings),
+    };
+    check_output(arguments, &files)?;
+    let (photographs, inputs) = pair::open(&files)?;
+    let values = arguments.settings.decoding().of(&inputs)?;
+    settings.decode = values.decode;
+    let mut engine = None;
+    pair::check_size(photographs.each_ref(), &settings, false, || run.info(&mut engine))?;
+    let [i1, i2] = Photograph::decode_pair(photographs)?;
+    let engine = run.engine(engine)?;
+    let bar = run.bar();
+    let registered = PairSolver::for_pair(&engine, &i1, &i2, &settings)
+        .and_then(|mut solver| solver.register_with(&i1, &i2, &mut |progress| bar.show(progress)))
+        .map_err(|e| Failure::of_solve(e, &files[0]))?;
+    drop(bar);
+    crate::cli::check_validation(&engine)?;
+    let mut report = Report::registration(&registered, &settings, engine.info());
+    report.values = values;
+    report.set_inputs(inputs, crate::cli::validation_asked());
+    if let Some(file) = &arguments.output {
+        export::write_report(arguments.force.to(file), &report)?;
+    }
+    run.told.tell(&registration_summary(&report, arguments.output.as_deref()), || report.to_json())?;
+    run.check_strict(report.converged == Some(true), &report.warnings)
+}
+
+/// The same of a sweep.
+fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
+    if settings.method != Method::Unified {
+        return Err(Failure::Usage("--method is of pairs; a sweep is registered together with the blur".to_string()));
+    }
+    let files = frames::of_sweep(&arguments.images, false, arguments.settings.raw())?;
+    let reference = arguments.reference.map(|n| n as usize - 1);
+    let fits = SweepOptions { reference, settings: settings.clone(), ..SweepOptions::default() }.check(files.len());
+    fits.map_err(|e| Failure::Usage(e.to_string()))?;
+    check_output(arguments, &files)?;
+    let (run, decoding) = (&arguments.run, arguments.settings.decoding());
+    let found = sweep_work::register(run, settings, &decoding, &files, reference)?;
+    if let Some(file) = &arguments.output {
+        export::write_report(arguments.force.to(file), &found)?;
+    }
+    run.told.tell(&sweep_summary(&found, arguments.output.as_deref()), || found.to_json())?;
+    run.check_strict(true, &found.warnings)
+}
+
+/// A line a frame, without a newline at the end.
+fn sweep_summary(found: &Report, file: Option<&Path>) -> String {
+    let frame = |(n, frame): (usize, &FrameReport)| {
+        let ([x, y], t) = (frame.transform.translation(), &frame.transform);
+        let (rotation, scale, gain) = (t.rotation_deg(), t.scale(), frame.photometric.gain);
+        let note = if n == found.reference { "  (reference)" } else { "" };
+        let name = pair::name(Path::new(&frame.file));
+        format!("{name}  {x:+.3} {y:+.3} px, {rotation:+.4}°, scale {scale:.5}, gain {gain:.4}{note}")
+    };
+    let mut lines: Vec<String> = found.frames.iter().enumerate().map(frame).collect();
+    lines.extend(found.warnings.iter().map(|warning| format!("warning    {warning}")));
+    lines.extend(file.map(|file| format!("results    {}", file.display())));
+    lines.join("\n")
+}
+
+/// Refuses a file that cannot be one, or that is an input, before any work is done.
+fn check_output(arguments: &Arguments, files: &[PathBuf]) -> Result<(), Failure> {
+    let Some(file) = &arguments.output else { return Ok(()) };
+    let inputs: Vec<&PathBuf> = files.iter().chain(arguments.settings.inputs()).collect();
+    destination::check_file(arguments.force.to(file), FileKind::Registration, " for the registration", &inputs)
+}

@@ -1,0 +1,108 @@
+//! `parfocal simulate --frames N`: a synthetic focus sweep.
+
+use std::path::{Path, PathBuf};
+
+use parfocal::export::{Destination, SIMULATED_FILES};
+use parfocal::scene::{Scene, SweepScene, SweepTruth, simulated_sweep_files, write_simulated_sweep};
+
+use crate::cli::options::output_options::ToldArguments;
+use crate::cli::output::destination;
+use crate::cli::output::failure::Failure;
+
+/// What a sweep is told that a pair is not.
+#[derive(clap::Args, Debug)]
+pub(crate) struct SweepArguments {
+    /// So many frames, 3 to 999, each focused a step further, instead of a pair; the scene lies between a tenth and nine
+    /// tenths of the settings, 0 to N - 1
+    #[arg(long, value_name = "N", help_heading = SWEEP)]
+    frames: Option<usize>,
+    /// c: what is in focus at u is blurred in frame k by c (k - u)², px² [default: 36/(N - 1)²: σ 6 px from end to end]
+    #[arg(long, value_name = "PX2", help_heading = SWEEP, requires = "frames", allow_negative_numbers = true)]
+    blur_rate: Option<f64>,
+    /// How much larger the last frame shows the scene than the first, -20 to 20 % [default: 1]
+    #[arg(long, value_name = "PERCENT", help_heading = SWEEP, requires = "frames", allow_negative_numbers = true)]
+    breathing: Option<f64>,
+    /// How far the frames move, from the first to the last on a smooth path, 0 to 1000 px [default: 2]
+    #[arg(long, value_name = "PX", help_heading = SWEEP, requires = "frames", allow_negative_numbers = true)]
+    drift: Option<f64>,
+    /// How far the gain drifts, evenly, to either side of the middle frame's, -50 to 50 % [default: 0]
+    #[arg(long, value_name = "PERCENT", help_heading = SWEEP, requires = "frames", allow_negative_numbers = true)]
+    gain_drift: Option<f64>,
+    /// By how much the corners of the last frame are darker than the middle frame's, and those of the first brighter, -50 to 50 % [default: 0]
+    #[arg(long, value_name = "PERCENT", help_heading = SWEEP, requires = "frames", allow_negative_numbers = true)]
+    vignetting: Option<f64>,
+}
+
+const SWEEP: &str = "Focus sweep";
+
+/// Rotation, degrees, where none is stated: that of a pair.
+const ROTATION: f64 = 0.15;
+
+impl SweepArguments {
+    /// Whether a sweep is asked for.
+    pub(crate) fn is_given(&self) -> bool {
+        self.frames.is_some()
+    }
+
+    /// The sweep that is asked for, if one is; `rotation` in degrees.
+    pub(crate) fn of(&self, scene: &Scene, rotation: Option<f64>) -> Option<SweepScene> {
+        let sweep = SweepScene::new(scene.clone(), self.frames?);
+        Some(SweepScene {
+            blur_rate: self.blur_rate.unwrap_or(sweep.blur_rate),
+            breathing: self.breathing.unwrap_or(1.0) / 100.0,
+            drift: self.drift.unwrap_or(2.0),
+            rotation: rotation.unwrap_or(ROTATION).to_radians(),
+            gain_drift: self.gain_drift.unwrap_or(0.0) / 100.0,
+            vignetting: self.vignetting.unwrap_or(0.0) / 100.0,
+            ..sweep
+        })
+    }
+}
+
+/// Renders a sweep and writes it.
+pub(crate) fn run(
+    sweep: &SweepScene,
+    out: Destination<'_>,
+    inputs: &[&PathBuf],
+    told: &ToldArguments,
+) -> Result<(), Failure> {
+    sweep.check()?;
+    let (json, files) = (SIMULATED_FILES[4], simulated_sweep_files(sweep.frames));
+    destination::check(out.path(), json, &files.iter().map(String::as_str).collect::<Vec<_>>(), inputs)?;
+    out.check_results(json, &files)?;
+    let simulated = sweep.render()?;
+    let truth = SweepTruth::new(sweep, &simulated);
+    write_simulated_sweep(out, &simulated, &truth)?;
+    told.tell(&summary(&truth, out.path()), || truth.to_json())
+}
+
+fn summary(truth: &SweepTruth, output: &Path) -> String {
+    let (first, last) = (&truth.frames[0], &truth.frames[truth.frames.len() - 1]);
+    let ends = [first, last].map(|frame| {
+        let t = &frame.transform;
+        let at = format!("({:.3}, {:.3}) px, {:.4}°, scale {:.5}", t.tx, t.ty, t.rotation_deg(), t.scale);
+        format!("{}: T {at}, gain {:.4}", frame.file, frame.exposure.gain)
+    });
+    let (size, focus) = (truth.size, &truth.focus);
+    let mut lines = vec![
+        format!(
+            "{}, {} frames of {}x{} px, seed {}",
+            truth.scene,
+            truth.frames.len(),
+            size.width,
+            size.height,
+            truth.seed
+        ),
+        format!("in focus: settings {:.3} to {:.3}", focus.min.unwrap_or(0.0), focus.max.unwrap_or(0.0)),
+        format!("blur: {:.4} px² a squared setting from the focus", truth.blur_rate_px2),
+    ];
+    lines.extend(ends);
+    if truth.clipped_samples > 0 {
+        lines.push(format!(
+            "warning: {} samples lay outside 0 to 1 and were clipped: lower --contrast, --gain-drift or --noise",
+            truth.clipped_samples
+        ));
+    }
+    lines.push(format!("in {}", output.display()));
+    lines.join("\n")
+}

@@ -1,0 +1,185 @@
+//! `parfocal stack`: a focus sweep in, one map of the focus and one sharp image out.
+
+use std::path::{Path, PathBuf};
+
+use parfocal::Method;
+use parfocal::export::{NearerBy, NeverReport, Palette, RangeReport, Report};
+use parfocal::focus_stack::Positions;
+use parfocal::image_io::Input;
+
+use crate::cli::commands::depth::decimals;
+use crate::cli::commands::measure::{MeasureArguments, rows};
+use crate::cli::help::AFTER_HELP;
+use crate::cli::jobs::frames;
+use crate::cli::jobs::request::Request;
+use crate::cli::jobs::sweep_work::{self, SweepJob};
+use crate::cli::options::colors::ColorsArgument;
+use crate::cli::options::focus_positions::PlacesArguments;
+use crate::cli::options::headings::{INPUT, OUTPUT};
+use crate::cli::options::models::ModelArguments;
+use crate::cli::options::run::RunArguments;
+use crate::cli::options::scope::PartArguments;
+use crate::cli::options::settings::{SettingsArguments, one_or_two};
+use crate::cli::output::destination::ForceArgument;
+use crate::cli::output::failure::Failure;
+use crate::cli::output::summary::values_in_words;
+
+/// Recover from a focus sweep where each pixel is in focus, and an image sharp all over.
+#[derive(clap::Args, Debug)]
+#[command(after_long_help = AFTER_HELP)]
+pub(crate) struct Arguments {
+    /// The frames, three or more of one size and format, in the order of their focus; or their folder
+    #[arg(required = true, num_args = 1.., value_name = "FRAME")]
+    frames: Vec<PathBuf>,
+    /// The focus setting of each frame; counted from 0 without it
+    ///
+    /// Ascending or descending, and even in 1/distance, as a lens' travel is. Without it steps are even unless the sweep itself says that
+    /// frames are missing, or steps uneven; a warning then tells what positions are taken.
+    #[arg(
+        long,
+        value_name = "P,P,...",
+        help_heading = INPUT,
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        conflicts_with = "focus_at"
+    )]
+    positions: Option<Vec<f64>>,
+    #[command(flatten)]
+    places: PlacesArguments,
+    /// The frame on whose pixels the results are, counted from 1; the middle one without it
+    #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
+    reference: Option<u32>,
+    /// Whether the first (1) or the last (2) is focused nearest [default: 1, or by --focus-at]
+    ///
+    /// It decides which end is near in pictures and page. Of what --focus-at states the larger is the farther.
+    #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = one_or_two)]
+    nearer: Option<u8>,
+    #[command(flatten)]
+    settings: SettingsArguments,
+    #[command(flatten)]
+    part: PartArguments,
+    #[command(flatten)]
+    measure: MeasureArguments,
+    #[command(flatten)]
+    colors: ColorsArgument,
+    /// Do not write report.html
+    #[arg(long, help_heading = OUTPUT)]
+    no_html: bool,
+    #[command(flatten)]
+    models: ModelArguments,
+    /// Folder for the results; made if it is missing, earlier results in it replaced
+    #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
+    output: PathBuf,
+    #[command(flatten)]
+    force: ForceArgument,
+    #[command(flatten)]
+    run: RunArguments,
+}
+
+/// Solves a sweep and writes the results. Cheap checks come before dear ones.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let places = arguments.places.places();
+    let stated = arguments.positions.is_some() || places.is_some();
+    let positions = places.or(arguments.positions.clone().map(Positions::Settings)).unwrap_or_default();
+    let job = SweepJob {
+        files: frames::of_sweep(&arguments.frames, stated, arguments.settings.raw())?,
+        positions,
+        reference: arguments.reference.map(|n| n as usize - 1),
+        out: arguments.output.clone(),
+    };
+    let request = request(arguments)?;
+    sweep_work::check(&request, &job)?;
+    let mut engine = None;
+    let read = sweep_work::read(&request, &job, |_| Ok(false), || request.run.info(&mut engine))?;
+    let Some(read) = read else { return Ok(()) };
+    let engine = request.run.engine(engine)?;
+    let bar = request.run.bar();
+    let mut say = |done, levels| bar.show_levels(done, levels);
+    let solved = sweep_work::solve(&engine, &read, &mut say).map_err(|e| Failure::of_solve(e, &job.files[0]))?;
+    drop(bar);
+    crate::cli::check_validation(&engine)?;
+    let report = sweep_work::write(&request, &job, engine.info(), &read, &solved)?;
+    let palette = arguments.colors.palette();
+    request.run.told.tell(&summary(&report, &read.inputs, palette, &job.out), || report.to_json())?;
+    request.run.check_strict(true, &report.warnings)
+}
+
+/// What the flags ask for, once it is found not to contradict itself.
+fn request(arguments: &Arguments) -> Result<Request, Failure> {
+    let part = arguments.part.part();
+    let request = Request {
+        files: arguments.settings.inputs().chain(part.mask()).cloned().collect(),
+        settings: arguments.settings.settings(Method::Unified, false)?,
+        decode: arguments.settings.decoding(),
+        raw: arguments.settings.raw().map(|raw| raw.to_string()),
+        nearer: arguments.nearer,
+        part,
+        lens: None,
+        wanted: arguments.measure.request(),
+        palette: arguments.colors.palette(),
+        page: !arguments.no_html,
+        models: arguments.models.models(),
+        force: arguments.force,
+        run: arguments.run.clone(),
+    };
+    request.check()?;
+    Ok(request)
+}
+
+/// The few lines of a sweep, without a newline at the end.
+fn summary(report: &Report, inputs: &[Input], palette: Palette, out: &Path) -> String {
+    let unit = report.focus_unit.as_deref().unwrap_or_default();
+    let focus = report.focus.as_ref().map_or_else(String::new, |focus| in_words(focus, unit));
+    let (valid, rate) = (report.valid_fraction.unwrap_or(0.0), report.blur_rate_px2.unwrap_or(0.0));
+    let mut lines = vec![
+        format!("values     {}", values_in_words(inputs, report.values)),
+        format!("focus      {focus}; {:.1} % of the frame", 100.0 * valid),
+        format!("blur       grows by {rate:.4} px² per squared distance from the focus ({unit})"),
+    ];
+    lines.extend(never_in_focus(report));
+    lines.extend(report.depth.as_ref().map(|depth| {
+        let range = in_words(&depth.range, "mm");
+        format!("depth      {range}; beyond infinity: {} px", depth.out_of_range)
+    }));
+    lines.push(format!("depth.png  {}", near_and_far(report, palette)));
+    lines.extend(report.measurements.iter().flat_map(rows).map(|(label, text)| format!("{label:<10} {text}")));
+    lines.extend(report.warnings.iter().map(|warning| format!("warning    {warning}")));
+    lines.push(format!("results    {}", out.display()));
+    lines.join("\n")
+}
+
+fn near_and_far(report: &Report, palette: Palette) -> String {
+    let [near, far] = palette.ends();
+    if report.depth.is_some() {
+        return format!("mm, {near} near, {far} far");
+    }
+    let (nearest, other) = if report.nearer == Some(1) { ("first", 2) } else { ("last", 1) };
+    let ends = format!("{near} near, {far} far, the {nearest} frame");
+    match report.nearer_by {
+        Some(NearerBy::Stated) => format!("{ends} focused nearest (stated)"),
+        Some(NearerBy::Distances) => format!("{ends} focused nearest (distances)"),
+        _ => format!("{ends} taken as focused nearest; --nearer {other} swaps them"),
+    }
+}
+
+/// How much of the frame no photograph has in focus, and on which side it lies; nothing where that is none.
+fn never_in_focus(report: &Report) -> Option<String> {
+    let pixels = f64::from(report.size.width) * f64::from(report.size.height);
+    let NeverReport { before_first_px, beyond_last_px } = report.never_in_focus?;
+    let share = |count: usize| 100.0 * count as f64 / pixels;
+    let told = format!(
+        "never      in focus: {:.1} % of the frame lies before the first frame, {:.1} % beyond the last",
+        share(before_first_px),
+        share(beyond_last_px)
+    );
+    (before_first_px + beyond_last_px > 0).then_some(told)
+}
+
+/// A range with the digits that tell its ends apart.
+fn in_words(range: &RangeReport, unit: &str) -> String {
+    let (Some(min), Some(max), Some(median)) = (range.min, range.max, range.median) else {
+        return "nowhere".to_string();
+    };
+    let digits = decimals(f64::from(max - min) / 100.0);
+    format!("{min:.digits$} to {max:.digits$} {unit}, median {median:.digits$}")
+}

@@ -1,0 +1,199 @@
+//! What a request makes of one focus sweep, from its files to its results; `work` does a pair.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use parfocal::export::{self, Kind, NearerBy, Report, Results};
+use parfocal::focus_stack::{Positions, Sweep, SweepOptions, register_sweep, solve_sweep};
+use parfocal::image_io::{self, Input, Photograph, Values};
+use parfocal::{Channels, Depth, DeviceInfo, Engine, Error, Format, Frame, Method, Settings};
+
+use crate::cli::jobs::request::Request;
+use crate::cli::jobs::work::{check_inputs, check_results, write_results};
+use crate::cli::options::focus_positions;
+use crate::cli::options::pair;
+use crate::cli::options::run::RunArguments;
+use crate::cli::options::settings::Decoding;
+use crate::cli::output::failure::Failure;
+
+/// A sweep, and the folder for its results.
+#[derive(Clone, Debug)]
+pub(crate) struct SweepJob {
+    pub(crate) files: Vec<PathBuf>,
+    pub(crate) positions: Positions,
+    /// From 0.
+    pub(crate) reference: Option<usize>,
+    pub(crate) out: PathBuf,
+}
+
+/// A sweep as its files hold it.
+pub(crate) struct SweepFrames {
+    frames: Vec<Frame>,
+    pub(crate) inputs: Vec<Input>,
+    /// With values decoded as the files say, unless that is stated.
+    options: SweepOptions,
+    values: Values,
+    /// What reading took.
+    read_ms: f64,
+}
+
+impl SweepJob {
+    /// How it is solved, but for the part of the frames.
+    fn options(&self, request: &Request, settings: Settings) -> SweepOptions {
+        let scope = parfocal::SolveOptions { crop_valid: request.part.crop_valid, ..parfocal::SolveOptions::default() };
+        SweepOptions { settings, positions: self.positions.clone(), reference: self.reference, scope }
+    }
+
+    /// What decides the results, besides the frames.
+    pub(crate) fn digest(&self, request: &Request) -> Result<String, Failure> {
+        request.digest(format!("{:?} {:?}", self.positions, self.reference).as_bytes())
+    }
+}
+
+/// Refuses what is asked only of pairs, what does not fit the sweep, an output folder that cannot be written, or whose
+/// results would replace an input.
+pub(crate) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
+    if request.lens.is_some() || request.part.flat.is_some() || request.settings.method != Method::Unified {
+        let problem = "is of a focus sweep, which takes no lens, --flat or --method; leave them out, or solve it with parfocal stack";
+        return Err(Failure::Usage(format!("{}: {problem}", job.out.display())));
+    }
+    let fits = job.options(request, request.settings.clone()).check(job.files.len());
+    fits.map_err(|e| Failure::Usage(e.to_string()))?;
+    focus_positions::nearer(request.nearer, &job.positions)?;
+    request.models.check_labels(job.files.len())?;
+    let inputs: Vec<&PathBuf> = job.files.iter().chain(&request.files).collect();
+    check_inputs(&job.out, &inputs)?;
+    check_results(request, Kind::Sweep, &job.out, job.positions.millimetres().is_some(), false)
+}
+
+/// Reads the frames, unless what the files are says that the sweep is `settled` already.
+pub(crate) fn read(
+    request: &Request,
+    job: &SweepJob,
+    settled: impl FnOnce(&[Input]) -> Result<bool, Failure>,
+    device: impl FnOnce() -> Result<DeviceInfo, Failure>,
+) -> Result<Option<SweepFrames>, Failure> {
+    let started = Instant::now();
+    let (frames, inputs) = decode(&job.files, |first| match request.part.is_whole() {
+        true => pair::check_size([first; 2], &request.settings, false, device),
+        false => Ok(()),
+    })?;
+    if settled(&inputs)? {
+        return Ok(None);
+    }
+    check_alike(&job.files, &frames)?;
+    let values = request.decode.of(&inputs)?;
+    let settings = Settings { decode: values.decode, ..request.settings.clone() };
+    let (in_mm, in_floats) = (job.positions.millimetres().is_some(), frames[0].format().depth == Depth::F32);
+    check_results(request, Kind::Sweep, &job.out, in_mm, in_floats)?;
+    let size = [frames[0].width(), frames[0].height()];
+    let scope = request.part.fitting(size)?;
+    if let Some([width, height]) = request.part.size(size) {
+        request.wanted.check((width, height))?;
+    }
+    let options = SweepOptions { scope, ..job.options(request, settings) };
+    let read_ms = started.elapsed().as_secs_f64() * 1e3;
+    Ok(Some(SweepFrames { frames, inputs, options, values, read_ms }))
+}
+
+/// The frames, once the first is found to `fit`.
+fn decode(
+    files: &[PathBuf],
+    fits: impl FnOnce(&Photograph) -> Result<(), Failure>,
+) -> Result<(Vec<Frame>, Vec<Input>), Failure> {
+    let first = Photograph::open(&files[0])?;
+    fits(&first)?;
+    Ok(image_io::read_frames(first, &files[1..])?.into_iter().unzip())
+}
+
+/// Refuses frames that are not of one size and format, by their names.
+fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
+    let told = |frame: &Frame| {
+        let Format { channels, depth } = frame.format();
+        let channels = if channels == Channels::Gray { "grey" } else { "colour" };
+        let depth = match depth {
+            Depth::U8 => "8 bits",
+            Depth::U16 => "16 bits",
+            Depth::F32 => "floats",
+        };
+        format!("{}x{}, {channels}, {depth}", frame.width(), frame.height())
+    };
+    let kind = |frame: &Frame| (frame.width(), frame.height(), frame.format());
+    let Some(n) = frames.iter().position(|frame| kind(frame) != kind(&frames[0])) else { return Ok(()) };
+    Err(Failure::Failed(format!(
+        "{}: frame {} is {}, and {} is {}: frames of a sweep have one size and format; crop, resize or convert it, or take it out",
+        files[n].display(),
+        n + 1,
+        told(&frames[n]),
+        files[0].display(),
+        told(&frames[0])
+    )))
+}
+
+/// Solves it; also how long it took from the first frame, ms.
+pub(crate) fn solve(
+    engine: &Engine,
+    read: &SweepFrames,
+    say: &mut dyn FnMut(usize, usize),
+) -> Result<(Sweep, f64), Error> {
+    let started = Instant::now();
+    let sweep = solve_sweep(engine, &read.frames, &read.options, say)?;
+    Ok((sweep, read.read_ms + started.elapsed().as_secs_f64() * 1e3))
+}
+
+/// Writes the results of a sweep; returns their report.
+pub(crate) fn write(
+    request: &Request,
+    job: &SweepJob,
+    device: &DeviceInfo,
+    read: &SweepFrames,
+    (sweep, total_ms): &(Sweep, f64),
+) -> Result<Report, Failure> {
+    let nearer = focus_positions::nearer(request.nearer, &job.positions)?;
+    let mut report = Report::sweep(sweep, &read.options.settings, &names(&job.files), device, nearer, *total_ms);
+    report.values = read.values;
+    report.set_inputs(read.inputs.clone(), crate::cli::validation_asked());
+    report.nearer_by = Some(match (job.positions.millimetres(), request.nearer) {
+        (_, Some(_)) => NearerBy::Stated,
+        (Some(_), None) => NearerBy::Distances,
+        (None, None) => NearerBy::Assumed,
+    });
+    report.request = job.digest(request)?;
+    let results = Results::of_sweep(sweep, report, read.frames[0].format().depth)?;
+    let labels = request.models.is_labels().then(|| export::sweep_labels(request.palette));
+    let names = sweep.order.iter().map(|n| pair::name(&job.files[*n])).collect();
+    let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
+    write_results(request, &job.out, results, frames, names, labels)
+}
+
+/// Where the frames of these files lie, by the settings.
+pub(crate) fn register(
+    run: &RunArguments,
+    settings: &Settings,
+    decoding: &Decoding,
+    files: &[PathBuf],
+    reference: Option<usize>,
+) -> Result<Report, Failure> {
+    let (started, engine) = (Instant::now(), run.open_engine()?);
+    let fits = |first: &Photograph| pair::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
+    let (frames, inputs) = decode(files, fits)?;
+    check_alike(files, &frames)?;
+    let values = decoding.of(&inputs)?;
+    let settings = Settings { decode: values.decode, ..settings.clone() };
+    let options = SweepOptions { settings, reference, ..SweepOptions::default() };
+    let bar = run.bar();
+    let found = register_sweep(&engine, &frames, &options, &mut |done, levels| bar.show_levels(done, levels));
+    drop(bar);
+    let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
+    crate::cli::check_validation(&engine)?;
+    let total_ms = started.elapsed().as_secs_f64() * 1e3;
+    let mut report = Report::sweep_registration(&found, &options.settings, &names(files), engine.info(), total_ms);
+    report.values = values;
+    report.set_inputs(inputs, crate::cli::validation_asked());
+    Ok(report)
+}
+
+/// As they were given.
+fn names(files: &[PathBuf]) -> Vec<String> {
+    files.iter().map(|file| file.display().to_string()).collect()
+}

@@ -1,0 +1,369 @@
+//! `--config FILE`: a TOML file whose keys are the long options without their dashes.
+//!
+//! What the file states and the command line does not is put before the user's own arguments, so that one parser checks
+//! both and every option, present or future, is a key.
+
+use std::any::TypeId;
+use std::collections::BTreeMap;
+use std::ffi::{OsStr, OsString};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use clap::error::{ContextKind, ContextValue};
+use clap::parser::ValueSource;
+use clap::{Arg, ArgAction, ArgMatches, Command};
+use parfocal::bounded_read;
+use toml::{Spanned, Value};
+
+use crate::cli::options::headings::INPUT;
+use crate::cli::output::failure::{self, Failure, nearest};
+
+/// The most bytes that are read, 1 MiB.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// What is built in now, and was an option of files that are still about.
+const BUILT_IN: [&str; 1] = ["vignetting"];
+
+/// `--config`, for the subcommands that take it.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub(crate) struct ConfigArgument {
+    /// Options from a TOML file, as `parfocal config` prints one; the command line overrides them
+    #[arg(long, value_name = "FILE.toml", help_heading = INPUT)]
+    config: Option<PathBuf>,
+}
+
+impl ConfigArgument {
+    /// The file, if one was given.
+    pub(crate) fn file(&self) -> Option<&PathBuf> {
+        self.config.as_ref()
+    }
+}
+
+/// Where the options of a file stand in it, so that what is refused later can be named.
+#[derive(Debug, Default)]
+pub(crate) struct Origin {
+    file: PathBuf,
+    /// Key and line of each option that was taken.
+    taken: Vec<(String, usize)>,
+}
+
+impl Origin {
+    /// A failure that begins with the name of an option from the file gets the file and the line.
+    pub(crate) fn locate(&self, failure: Failure) -> Failure {
+        let Failure::Usage(message) = failure else { return failure };
+        let begins = |key: &str| message.starts_with(&format!("{} is ", key.replace('-', " ")));
+        match self.taken.iter().find(|(key, _)| begins(key)) {
+            Some((_, line)) => Failure::Usage(format!("{}:{line}: {message}", self.file.display())),
+            None => Failure::Usage(message),
+        }
+    }
+}
+
+/// One line of the file.
+#[derive(Debug)]
+struct Entry {
+    key: String,
+    value: Value,
+    line: usize,
+}
+
+/// Parses the command line together with the file that its `--config` names. As `Command::get_matches_from`, it ends the
+/// program on an error in the arguments themselves.
+pub(crate) fn matches(command: &Command, arguments: Vec<OsString>) -> Result<(ArgMatches, Origin), Failure> {
+    let Some((given, name, file)) = asked(command, &arguments) else {
+        let matches = command.clone().try_get_matches_from(arguments);
+        return Ok((matches.unwrap_or_else(|error| failure::exit(error)), Origin::default()));
+    };
+    let wrap = |problem: String| Failure::Usage(problem);
+    let mut built = command.clone();
+    built.build();
+    let mut injected = Vec::new();
+    let mut origin = Origin { file: file.clone(), taken: Vec::new() };
+    for entry in read(&file)? {
+        let at = |problem: String| wrap(format!("{}:{}: {problem}", file.display(), entry.line));
+        let option = find(&built, &name, &entry.key).map_err(at)?;
+        let Some(option) = option else { continue };
+        if given.value_source(option.get_id().as_str()) == Some(ValueSource::CommandLine) {
+            continue;
+        }
+        injected.extend(as_arguments(option, &entry).map_err(at)?);
+        origin.taken.push((entry.key, entry.line));
+    }
+    let mut all = arguments;
+    let place = all.iter().position(|a| a == OsStr::new(&name)).map_or(all.len(), |i| i + 1);
+    all.splice(place..place, injected);
+    match command.clone().try_get_matches_from(all) {
+        Ok(matches) => Ok((matches, origin)),
+        Err(error) => Err(origin.blame(&error).unwrap_or_else(|| failure::exit(error))),
+    }
+}
+
+impl Origin {
+    /// The failure, if the argument that clap refuses is one of the file's.
+    fn blame(&self, error: &clap::Error) -> Option<Failure> {
+        let Some(ContextValue::String(argument)) = error.get(ContextKind::InvalidArg) else { return None };
+        let name = argument.trim_start_matches('-').split([' ', '=']).next()?;
+        let (_, line) = self.taken.iter().find(|(key, _)| key == name)?;
+        let text = error.render().to_string();
+        let lines =
+            text.lines().map(str::trim).take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For "));
+        let message = lines.filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ");
+        let message = message.trim_start_matches("error: ");
+        Some(Failure::Usage(format!("{}:{line}: {message}", self.file.display())))
+    }
+}
+
+/// The subcommand's arguments, its name, and the file, where one is asked for.
+fn asked(command: &Command, arguments: &[OsString]) -> Option<(ArgMatches, String, PathBuf)> {
+    // What is wrong with the rest is found once the file has been read.
+    let matches = command.clone().ignore_errors(true).try_get_matches_from(arguments).ok()?;
+    let (name, given) = matches.subcommand()?;
+    let file = given.try_get_one::<PathBuf>("config").ok()??.clone();
+    Some((given.clone(), name.to_string(), file))
+}
+
+fn read(file: &Path) -> Result<Vec<Entry>, Failure> {
+    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
+    let text = bounded_read::text(file, MAX_BYTES).map_err(|e| match e.kind() {
+        ErrorKind::FileTooLarge => failed("is too long for a configuration; `parfocal config` prints one".to_string()),
+        _ => failed(format!("cannot be read as a configuration ({e}){}", failure::did_you_mean(file))),
+    })?;
+    parse(&text).map_err(|(line, problem)| Failure::Usage(format!("{}:{line}: {problem}", file.display())))
+}
+
+/// For tests that feed it with anything.
+#[cfg(test)]
+pub(crate) fn reads(file: &Path) {
+    let _ = read(file);
+}
+
+fn parse(text: &str) -> Result<Vec<Entry>, (usize, String)> {
+    let line = |offset: usize| 1 + text[..offset.min(text.len())].matches('\n').count();
+    let entries: BTreeMap<Spanned<String>, Spanned<Value>> = toml::from_str(text)
+        .map_err(|e| (line(e.span().map_or(0, |s| s.start)), format!("is not TOML ({})", e.message())))?;
+    let mut entries: Vec<Entry> = entries
+        .into_iter()
+        .map(|(key, value)| {
+            let line = line(key.span().start);
+            Entry { key: key.into_inner().replace('_', "-"), value: value.into_inner(), line }
+        })
+        .collect();
+    entries.sort_by_key(|entry| entry.line);
+    Ok(entries)
+}
+
+/// Lets `--switch=false` stand on the command line of a subcommand that takes `--config`, against a file that turns it on.
+pub(crate) fn with_optional_switches(command: Command) -> Command {
+    if !takes_config(&command) {
+        return command;
+    }
+    command.mut_args(|option| match option.get_action() {
+        ArgAction::SetTrue if option.get_long().is_some() => option
+            .action(ArgAction::Set)
+            .value_parser(clap::value_parser!(bool))
+            .num_args(0..=1)
+            .require_equals(true)
+            .value_name("BOOL")
+            .default_value("false")
+            .default_missing_value("true")
+            .hide_default_value(true)
+            .hide_possible_values(true),
+        _ => option,
+    })
+}
+
+/// Whether a subcommand takes `--config`.
+pub(crate) fn takes_config(command: &Command) -> bool {
+    command.get_arguments().any(|option| option.get_long() == Some("config"))
+}
+
+/// Whether an option may stand in a file.
+pub(crate) fn is_key(option: &Arg) -> bool {
+    option.get_long().is_some_and(|long| !["config", "help", "version"].contains(&long))
+}
+
+/// Whether an option has this name, or had it once.
+fn is_called(option: &Arg, key: &str) -> bool {
+    option.get_long() == Some(key) || option.get_all_aliases().is_some_and(|old| old.contains(&key))
+}
+
+/// The option of a subcommand that a key names; `None` if it is another subcommand's, so that one file serves several, or
+/// built in by now.
+fn find<'a>(command: &'a Command, subcommand: &str, key: &str) -> Result<Option<&'a Arg>, String> {
+    let takers = || command.get_subcommands().filter(|c| takes_config(c));
+    let options = |c: &'a Command| c.get_arguments().filter(|a| is_key(a));
+    let own = takers().find(|c| c.get_name() == subcommand).into_iter().flat_map(options);
+    if let Some(option) = own.into_iter().find(|a| is_called(a, key)) {
+        return Ok(Some(option));
+    }
+    if BUILT_IN.contains(&key) || takers().flat_map(options).any(|a| is_called(a, key)) {
+        return Ok(None);
+    }
+    let names = takers().flat_map(options).filter_map(Arg::get_long);
+    let hint = nearest(key, names)
+        .map_or_else(|| "`parfocal config` prints all there are".to_string(), |name| format!("did you mean '{name}'?"));
+    Err(format!("there is no option '{key}'; {hint}"))
+}
+
+/// Whether an option takes a number, as far as its parser says.
+pub(crate) fn is_number(option: &Arg) -> bool {
+    let parsed = option.get_value_parser().type_id();
+    [TypeId::of::<f64>(), TypeId::of::<f32>(), TypeId::of::<u64>(), TypeId::of::<u32>(), TypeId::of::<u8>()]
+        .iter()
+        .any(|number| parsed == *number)
+        || parsed == TypeId::of::<usize>()
+}
+
+/// Whether an option takes true or false.
+pub(crate) fn is_bool(option: &Arg) -> bool {
+    option.get_value_parser().type_id() == TypeId::of::<bool>()
+}
+
+/// What stands on the command line for an entry.
+fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
+    let (key, value) = (&entry.key, &entry.value);
+    let found = value.type_str();
+    match value {
+        Value::Boolean(value) if is_bool(option) => return Ok(vec![format!("--{key}={value}").into()]),
+        _ if is_bool(option) => return Err(format!("{key} must be true or false, and is {}", article(found))),
+        _ => {}
+    }
+    let Value::Array(values) = value else {
+        return Ok(vec![format!("--{key}={}", scalar(option, key, value)?).into()]);
+    };
+    let each = option.get_num_args().map_or(1, |n| n.max_values());
+    let repeated = matches!(option.get_action(), ArgAction::Append);
+    if each == 1 && option.get_value_delimiter().is_none() && !repeated {
+        return Err(format!("{key} must be a single value, and is an array"));
+    }
+    let texts: Vec<String> = values.iter().map(|v| scalar(option, key, v)).collect::<Result<_, _>>()?;
+    if let Some(delimiter) = option.get_value_delimiter() {
+        let all = texts.join(&delimiter.to_string());
+        return Ok(if texts.is_empty() { Vec::new() } else { vec![format!("--{key}={all}").into()] });
+    }
+    // Several values an occurrence, as in --step FROM TO, may occur several times too.
+    let occurrence = |values: &[String]| match values {
+        [one] => vec![format!("--{key}={one}").into()],
+        several => [format!("--{key}")].iter().chain(several).map(OsString::from).collect(),
+    };
+    Ok(texts.chunks(each).flat_map(occurrence).collect())
+}
+
+fn scalar(option: &Arg, key: &str, value: &Value) -> Result<String, String> {
+    match value {
+        Value::Integer(n) => Ok(n.to_string()),
+        Value::Float(x) => Ok(x.to_string()),
+        Value::String(text) if !is_number(option) => Ok(text.clone()),
+        other => {
+            let wanted = if is_number(option) { "a number" } else { "a string or a number" };
+            Err(format!("{key} must be {wanted}, and is {}", article(other.type_str())))
+        }
+    }
+}
+
+fn article(kind: &str) -> String {
+    let article = if kind.starts_with(['a', 'i', 'o']) { "an" } else { "a" };
+    format!("{article} {kind}")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use tempfile::TempDir;
+
+    use super::*;
+
+    /// The options of `solve` with a file and further arguments.
+    fn solve(text: &str, extra: &[&str]) -> Result<ArgMatches, String> {
+        let folder = TempDir::new().unwrap();
+        let file = folder.path().join("c.toml");
+        fs::write(&file, text).unwrap();
+        let base = ["parfocal", "solve", "a.png", "b.png", "--config", file.to_str().unwrap()];
+        let arguments = base.iter().chain(extra).map(OsString::from).collect();
+        match matches(&crate::cli::command(), arguments) {
+            Ok((found, _)) => Ok(found.subcommand().unwrap().1.clone()),
+            Err(Failure::Usage(message)) => Err(message.rsplit_once("c.toml").unwrap().1.to_string()),
+            Err(other) => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn the_command_line_goes_before_the_file_and_that_before_the_defaults() {
+        let text = "output = 'out'\nsweeps = 7\nouter_iterations = 33\nno-photometric = true\nhold = false\n";
+        let found = solve(text, &["--sweeps", "9"]).unwrap();
+        assert_eq!(found.get_one::<u32>("sweeps"), Some(&9));
+        assert_eq!(found.get_one::<u32>("outer_iterations"), Some(&33));
+        assert_eq!(found.get_one::<f64>("over_relaxation"), Some(&1.8));
+        assert!(found.get_flag("no_photometric") && !found.get_flag("hold"));
+        assert!(solve("output = 'out'\nvignetting = true\n", &[]).is_ok(), "it is built in");
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_its_line() {
+        let cases = [
+            ("\n\nsweps = 5\n", ":3: there is no option 'sweps'; did you mean 'sweeps'?"),
+            ("zzz = 5\n", ":1: there is no option 'zzz'; `parfocal config`"),
+            ("# one\nsweeps = 'few'\n", ":2: sweeps must be a number, and is a string"),
+            ("sweeps = true\n", ":1: sweeps must be a number, and is a boolean"),
+            ("hold = 1\n", ":1: hold must be true or false, and is an integer"),
+            ("method = ['sift']\n", ":1: method must be a single value, and is an array"),
+            ("[optics]\nx = 1\n", ":1: there is no option 'optics'"),
+            ("\nsweeps = = 1\n", ":2: is not TOML"),
+            ("sweeps = 1\nsweeps = 2\n", ":2: is not TOML"),
+            ("\nmethod = 'magic'\n", ":2: invalid value 'magic' for '--method"),
+            ("sweeps = 1.5\n", ":1: invalid value '1.5' for '--sweeps"),
+        ];
+        for (text, expected) in cases {
+            let message = solve(text, &["-o", "out"]).unwrap_err();
+            assert!(message.starts_with(expected), "{text:?}: {message}");
+        }
+    }
+
+    #[test]
+    fn a_range_that_the_library_refuses_is_traced_to_the_file() {
+        let origin = Origin { file: "c.toml".into(), taken: vec![("outer-iterations".to_string(), 4)] };
+        let failure = Failure::Usage("outer iterations is 1, and must be 5 to 1000".to_string());
+        let Failure::Usage(message) = origin.locate(failure) else { panic!("another kind") };
+        assert_eq!(message, "c.toml:4: outer iterations is 1, and must be 5 to 1000");
+    }
+
+    #[test]
+    fn a_switch_that_the_file_turns_on_is_turned_off_on_the_command_line() {
+        let on = |extra: &[&str]| {
+            solve("output = 'out'\nno-photometric = true\n", extra).unwrap().get_flag("no_photometric")
+        };
+        assert!(on(&[]) && on(&["--no-photometric"]) && on(&["--no-photometric=true"]));
+        assert!(!on(&["--no-photometric=false"]));
+    }
+
+    #[test]
+    fn an_option_of_several_values_may_occur_several_times() {
+        let regions = |text: &str, extra: &[&str]| {
+            let found = solve(&format!("output = 'out'\n{text}"), extra);
+            found.map(|found| found.get_raw("step").map_or(0, Iterator::count))
+        };
+        assert_eq!(regions("step = ['0,0,9,9', '9,9,9,9']", &[]), Ok(2));
+        assert_eq!(regions("step = ['0,0,9,9', '9,9,9,9', '0,0,8,8', '8,8,8,8']", &[]), Ok(4));
+        assert_eq!(regions("step = ['0,0,9,9', '9,9,9,9']", &["--step", "1,1,2,2", "3,3,4,4"]), Ok(2));
+        assert!(regions("step = ['0,0,9,9', '9,9,9,9', '0,0,8,8']", &[]).unwrap_err().starts_with(":2: "));
+    }
+
+    #[test]
+    fn a_key_that_has_another_name_now_still_serves() {
+        let found = solve("output = 'out'\nregistration = 'gradient-descent'\n", &[]).unwrap();
+        assert_eq!(found.value_source("registration_step"), Some(ValueSource::CommandLine));
+    }
+
+    #[test]
+    fn an_option_of_another_subcommand_is_left_out() {
+        assert!(find(&built(), "register", "nearer").unwrap().is_none());
+        assert!(find(&built(), "solve", "nearer").unwrap().is_some());
+    }
+
+    fn built() -> Command {
+        let mut command = crate::cli::command();
+        command.build();
+        command
+    }
+}

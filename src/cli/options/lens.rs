@@ -1,0 +1,293 @@
+//! The lens, from a file and from flags.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use parfocal::export::{Nearer, Results};
+use parfocal::image_io::{Exif, Input};
+use parfocal::{Lens, bounded_read};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::cli::options::headings::LENS;
+use crate::cli::output::failure::Failure;
+
+/// The most bytes of a file with a lens that are read, 16 MiB, as of a report.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// The lens; flags override the file.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub(crate) struct LensArguments {
+    /// The lens, for depth in mm: JSON as calibrate writes it
+    ///
+    /// An object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa and telecentric, or a file that holds one
+    /// as lens: what calibrate writes, truth.json of simulate, report.json. Flags override it.
+    #[arg(long, value_name = "FILE", help_heading = LENS)]
+    lens: Option<PathBuf>,
+    /// Focal length
+    #[arg(long, value_name = "MM", help_heading = LENS, allow_negative_numbers = true)]
+    focal_length: Option<f64>,
+    /// f-number
+    #[arg(long, value_name = "N", help_heading = LENS, allow_negative_numbers = true)]
+    f_number: Option<f64>,
+    /// Distance of neighbouring pixels on the sensor
+    #[arg(long, value_name = "MM", help_heading = LENS, allow_negative_numbers = true)]
+    pixel_pitch: Option<f64>,
+    /// Distances from the lens at which I1 and I2 are focused
+    #[arg(long, value_name = "MM,MM", help_heading = LENS, allow_hyphen_values = true)]
+    focus: Option<Distances>,
+    /// Deviation of the blur over its radius [default: 0.5, a disk]; calibrate finds it
+    #[arg(long, value_name = "K", help_heading = LENS, allow_negative_numbers = true)]
+    kappa: Option<f64>,
+    /// The lens is telecentric on the image side: magnification does not change with focus
+    #[arg(long, value_name = "BOOL", help_heading = LENS, num_args = 0..=1, require_equals = true,
+          default_missing_value = "true")]
+    telecentric: Option<bool>,
+}
+
+/// Two distances, mm.
+#[derive(Clone, Copy, Debug)]
+struct Distances([f64; 2]);
+
+impl FromStr for Distances {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parsed = text.split_once(',').and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
+        parsed.map(Self).ok_or_else(|| "give two distances in mm, as in 529,869".to_string())
+    }
+}
+
+/// As much of a lens as is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PartOfLens {
+    #[serde(rename = "focal_length_mm")]
+    pub(crate) focal_length: Option<f64>,
+    pub(crate) f_number: Option<f64>,
+    #[serde(rename = "pixel_pitch_mm")]
+    pub(crate) pixel_pitch: Option<f64>,
+    #[serde(rename = "focus_mm")]
+    pub(crate) focus: Option<[f64; 2]>,
+    pub(crate) kappa: Option<f64>,
+    pub(crate) telecentric: Option<bool>,
+}
+
+impl From<Lens> for PartOfLens {
+    fn from(lens: Lens) -> Self {
+        Self {
+            focal_length: Some(lens.focal_length),
+            f_number: Some(lens.f_number),
+            pixel_pitch: Some(lens.pixel_pitch),
+            focus: Some(lens.focus),
+            kappa: Some(lens.kappa),
+            telecentric: Some(lens.telecentric),
+        }
+    }
+}
+
+impl PartOfLens {
+    /// What both photographs, or the only one that does, say of the lens that took them.
+    pub(crate) fn of_photographs(inputs: &[Input]) -> Self {
+        let agreed = |of: fn(&Exif) -> Option<f64>| {
+            let mut stated = inputs.iter().filter_map(|input| of(input.exif.as_ref()?));
+            let first = stated.next()?;
+            stated.all(|other| other == first).then_some(first)
+        };
+        let focus = |input: &Input| input.exif.as_ref()?.subject_distance_mm;
+        Self {
+            focal_length: agreed(|exif| exif.focal_length_mm),
+            f_number: agreed(|exif| exif.f_number),
+            pixel_pitch: agreed(|exif| exif.pixel_pitch_mm),
+            focus: inputs.first().and_then(focus).zip(inputs.get(1).and_then(focus)).map(|(a, b)| [a, b]),
+            ..Self::default()
+        }
+    }
+
+    /// Its own fields, and where it has none those of `other`.
+    pub(crate) fn or(self, other: Self) -> Self {
+        Self {
+            focal_length: self.focal_length.or(other.focal_length),
+            f_number: self.f_number.or(other.f_number),
+            pixel_pitch: self.pixel_pitch.or(other.pixel_pitch),
+            focus: self.focus.or(other.focus),
+            kappa: self.kappa.or(other.kappa),
+            telecentric: self.telecentric.or(other.telecentric),
+        }
+    }
+
+    /// The lens if nothing is missing: what can be said before any photograph is read.
+    pub(crate) fn if_whole(self) -> Result<Option<Lens>, Failure> {
+        let Self { focal_length, f_number, pixel_pitch, focus, .. } = self;
+        let is_whole = focal_length.is_some() && f_number.is_some() && pixel_pitch.is_some() && focus.is_some();
+        is_whole.then(|| self.whole()).transpose()
+    }
+
+    /// The whole lens, or the flags for what is missing.
+    pub(crate) fn whole(self) -> Result<Lens, Failure> {
+        let (Some(focal_length), Some(f_number), Some(pixel_pitch), Some(focus)) =
+            (self.focal_length, self.f_number, self.pixel_pitch, self.focus)
+        else {
+            let missing: Vec<&str> = [
+                (self.focal_length.is_none(), "--focal-length"),
+                (self.f_number.is_none(), "--f-number"),
+                (self.pixel_pitch.is_none(), "--pixel-pitch"),
+                (self.focus.is_none(), "--focus"),
+            ]
+            .iter()
+            .filter_map(|&(is_missing, flag)| is_missing.then_some(flag))
+            .collect();
+            let problem = format!("the lens is not whole: give {}, or --lens FILE with it", missing.join(", "));
+            return Err(Failure::Usage(problem));
+        };
+        let (kappa, telecentric) = (self.kappa.unwrap_or(Lens::DISK), self.telecentric.unwrap_or(false));
+        let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric };
+        lens.check()?;
+        Ok(lens)
+    }
+}
+
+impl LensArguments {
+    /// The lens, whole and checked; `None` where neither file nor flag states any of it. What neither states is taken from
+    /// `defaults`, which alone make no lens.
+    pub(crate) fn lens(&self, defaults: PartOfLens) -> Result<Option<Lens>, Failure> {
+        self.stated()?.map(|stated| stated.or(defaults).whole()).transpose()
+    }
+
+    /// What file and flags state; `None` where neither states any of it.
+    pub(crate) fn stated(&self) -> Result<Option<PartOfLens>, Failure> {
+        let file = self.lens.as_deref().map_or(Ok(PartOfLens::default()), read)?;
+        Ok(self.is_given().then(|| self.flags().or(file)))
+    }
+
+    /// As [`lens`](Self::lens), of a command that is nothing without one; what is not stated is as in the report of results that are
+    /// seen through one already.
+    pub(crate) fn required(&self, results: &Results<'_>) -> Result<Lens, Failure> {
+        let none =
+            || Failure::Usage("give the lens: --lens FILE, or --focal-length and the flags beside it".to_string());
+        let known = results.lens().copied().map(PartOfLens::from);
+        match (self.stated()?, known) {
+            (Some(stated), known) => stated.or(known.unwrap_or_default()).whole(),
+            (None, Some(known)) => known.whole(),
+            (None, None) => Err(none()),
+        }
+    }
+
+    /// Whether any of it is stated.
+    pub(crate) fn is_given(&self) -> bool {
+        self.lens.is_some() || self.flags() != PartOfLens::default()
+    }
+
+    /// The file, which no result may replace.
+    pub(crate) fn file(&self) -> Option<&PathBuf> {
+        self.lens.as_ref()
+    }
+
+    fn flags(&self) -> PartOfLens {
+        PartOfLens {
+            focal_length: self.focal_length,
+            f_number: self.f_number,
+            pixel_pitch: self.pixel_pitch,
+            focus: self.focus.map(|Distances(focus)| focus),
+            kappa: self.kappa,
+            telecentric: self.telecentric,
+        }
+    }
+}
+
+/// Which image is focused nearer, by `--nearer` and by the lens, which must agree.
+pub(crate) fn nearer(stated: Option<u8>, lens: Option<&Lens>) -> Result<Nearer, Failure> {
+    let stated = stated.map(|number| if number == 2 { Nearer::Second } else { Nearer::First });
+    let Some(lens) = lens else { return Ok(stated.unwrap_or_default()) };
+    let nearer = Nearer::of_lens(lens);
+    if let Some(other) = stated.filter(|&stated| stated != nearer) {
+        let [first, second] = lens.focus;
+        return Err(Failure::Usage(format!(
+            "--nearer {} contradicts the lens, by which I{} is focused nearer ({first} and {second} mm); leave --nearer out",
+            other.number(),
+            nearer.number()
+        )));
+    }
+    Ok(nearer)
+}
+
+/// Reads a lens, or what holds one as `lens` or `depth.lens`.
+fn read(path: &Path) -> Result<PartOfLens, Failure> {
+    let failed = |problem: String| Failure::Failed(format!("{}: {problem}", path.display()));
+    let text = bounded_read::text(path, MAX_BYTES)
+        .map_err(|e| failed(format!("cannot be read as a lens ({e}); check the path")))?;
+    let value: Value = serde_json::from_str(&text).map_err(|e| failed(format!("is not JSON ({e})")))?;
+    let lens = value.get("lens").or_else(|| value.get("depth")?.get("lens")).unwrap_or(&value);
+    PartOfLens::deserialize(lens).map_err(|e| failed(format!("holds no lens that can be used ({e})")))
+}
+
+/// For tests that feed it with anything.
+#[cfg(test)]
+pub(crate) fn reads(file: &Path) {
+    let _ = read(file);
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Only {
+        #[command(flatten)]
+        lens: LensArguments,
+    }
+
+    const CUP: &str = r#"{"focal_length_mm": 25, "f_number": 8.3, "pixel_pitch_mm": 0.01304, "focus_mm": [529, 869],
+        "telecentric": true}"#;
+
+    fn lens(json: Option<&str>, flags: &[&str]) -> Result<Option<Lens>, Failure> {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let mut arguments = vec!["only"];
+        if let Some(json) = json {
+            fs::write(file.path(), json).unwrap();
+            arguments.extend(["--lens", file.path().to_str().unwrap()]);
+        }
+        arguments.extend(flags);
+        Only::try_parse_from(arguments).unwrap().lens.lens(PartOfLens::default())
+    }
+
+    #[test]
+    fn a_file_flags_and_both_make_the_same_lens() {
+        let flags = ["--focal-length=25", "--f-number=8.3", "--pixel-pitch=0.01304", "--focus=529,869"];
+        let cup = lens(Some(CUP), &[]).unwrap().unwrap();
+        assert_eq!((cup.kappa, cup.telecentric, cup.focus), (Lens::DISK, true, [529.0, 869.0]));
+        assert_eq!(lens(None, &[&flags[..], &["--telecentric"]].concat()).unwrap(), Some(cup));
+        let other = lens(Some(CUP), &["--kappa=0.4", "--telecentric=false"]).unwrap().unwrap();
+        assert_eq!(other, Lens { kappa: 0.4, telecentric: false, ..cup });
+        for wrapped in [format!(r#"{{"lens": {CUP}, "more": 1}}"#), format!(r#"{{"depth": {{"lens": {CUP}}}}}"#)] {
+            assert_eq!(lens(Some(&wrapped), &[]).unwrap(), Some(cup));
+        }
+        assert_eq!(lens(None, &[]).unwrap(), None);
+        let part = Only::try_parse_from(["only", "--f-number=4"]).unwrap().lens;
+        assert_eq!(part.lens(cup.into()).unwrap(), Some(Lens { f_number: 4.0, ..cup }));
+    }
+
+    #[test]
+    fn what_is_missing_unknown_or_impossible_is_named() {
+        let message = |json, flags: &[&str]| lens(json, flags).unwrap_err().message();
+        assert!(message(None, &["--f-number=8"]).contains("--focal-length, --pixel-pitch, --focus"));
+        let unknown = message(Some(r#"{"fnumber": 8}"#), &[]);
+        assert!(unknown.contains("`fnumber`") && unknown.contains("`f_number`"), "{unknown}");
+        assert!(message(Some(CUP), &["--focus=20,869"]).contains("more than the focal length"));
+        assert!(message(Some("7"), &[]).contains("no lens"));
+    }
+
+    #[test]
+    fn nearer_and_the_lens_must_agree() {
+        let cup = lens(Some(CUP), &[]).unwrap().unwrap();
+        let turned = Lens { focus: [869.0, 529.0], ..cup };
+        assert_eq!(nearer(None, Some(&turned)).unwrap(), Nearer::Second);
+        assert_eq!(nearer(Some(1), Some(&cup)).unwrap(), Nearer::First);
+        assert_eq!(nearer(Some(2), None).unwrap(), Nearer::Second);
+        assert!(matches!(nearer(Some(2), Some(&cup)), Err(Failure::Usage(m)) if m.contains("--nearer 2")));
+    }
+}

@@ -1,0 +1,141 @@
+//! What of the photographs is solved, and what is known of the lens: masks, regions, references.
+
+use std::path::{Path, PathBuf};
+
+use parfocal::export::Results;
+use parfocal::{FieldCurvature, Mask, Region, SolveOptions, image_io};
+use serde::Serialize;
+
+use crate::cli::options::headings::REGION;
+use crate::cli::options::region::RegionArgument;
+use crate::cli::output::failure::Failure;
+
+/// Of which pixels there are to be results.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct PartArguments {
+    /// A picture of the photographs' size, white where pixels count; the rest is left out and NaN
+    #[arg(long, value_name = "FILE", help_heading = REGION)]
+    mask: Option<PathBuf>,
+    /// Results of a part of the frame only, px; a little around it is solved too
+    #[arg(long, value_name = "X,Y,W,H", help_heading = REGION)]
+    roi: Option<RegionArgument>,
+    /// Crop the results to the largest rectangle that is valid everywhere
+    #[arg(long, help_heading = REGION)]
+    crop_valid: bool,
+}
+
+/// The part, and the corrections.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct ScopeArguments {
+    #[command(flatten)]
+    part: PartArguments,
+    /// Folder of the solve of a flat target taken with the same optics: its field curvature is taken from V
+    #[arg(long, value_name = "DIR", help_heading = REGION)]
+    flat: Option<PathBuf>,
+    /// Standard deviation of V beyond which a pixel is marked as without texture, px²; default: half of V's range, and 1
+    /// at least
+    #[arg(long, value_name = "PX2", help_heading = REGION, value_parser = positive)]
+    max_uncertainty: Option<f32>,
+}
+
+fn positive(text: &str) -> Result<f32, String> {
+    let good = |value: &f32| (1e-6..=1e6).contains(value);
+    text.parse().ok().filter(good).ok_or_else(|| "give a number of px² from 1e-6 to 1e6".to_string())
+}
+
+impl PartArguments {
+    pub(crate) fn part(&self) -> Part {
+        Part {
+            mask: self.mask.clone(),
+            region: self.roi.map(|RegionArgument(region)| region),
+            crop_valid: self.crop_valid,
+            flat: None,
+            max_uncertainty: None,
+        }
+    }
+}
+
+impl ScopeArguments {
+    pub(crate) fn part(&self) -> Part {
+        Part { flat: self.flat.clone(), max_uncertainty: self.max_uncertainty, ..self.part.part() }
+    }
+}
+
+/// The part of the photographs that is solved, and what is known of the lens; files by their names.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Part {
+    mask: Option<PathBuf>,
+    region: Option<Region>,
+    pub(crate) crop_valid: bool,
+    /// The flat reference's folder, whose results must not be replaced.
+    pub(crate) flat: Option<PathBuf>,
+    /// Standard deviation of V beyond which a pixel is marked, px².
+    pub(crate) max_uncertainty: Option<f32>,
+}
+
+impl Part {
+    /// Reads what is named.
+    fn scope(&self) -> Result<SolveOptions, Failure> {
+        let mask = self.mask.as_ref().map(|file| image_io::read(file)).transpose()?;
+        let flat = self.flat.as_ref().map(|folder| flat_reference(folder)).transpose()?;
+        let mask = mask.as_ref().map(Mask::of_picture);
+        Ok(SolveOptions { region: self.region, mask, flat, crop_valid: self.crop_valid, ..SolveOptions::default() })
+    }
+
+    /// Reads it, and refuses what does not fit photographs of this size.
+    pub(crate) fn fitting(&self, size: [u32; 2]) -> Result<SolveOptions, Failure> {
+        let scope = self.scope()?;
+        let [width, height] = size;
+        let of_size = |path: &Option<PathBuf>, found: Option<[u32; 2]>| match (path, found) {
+            (Some(path), Some([w, h])) if [w, h] != size => Err(Failure::Failed(format!(
+                "{}: is of {w}x{h}, and the photographs are {width}x{height}; give one of their size",
+                path.display()
+            ))),
+            _ => Ok(()),
+        };
+        of_size(&self.mask, scope.mask.as_ref().map(Mask::size))?;
+        if let (Some(path), Some(mask)) = (&self.mask, &scope.mask)
+            && mask.bytes().iter().all(|counts| *counts == 0)
+        {
+            let problem = "leaves no pixel: it is nowhere at least half as bright as white; white is what counts";
+            return Err(Failure::Failed(format!("{}: {problem}", path.display())));
+        }
+        of_size(&self.flat, scope.flat.as_ref().map(FieldCurvature::size))?;
+        let outside = |e| Failure::Failed(format!("--roi: {e}"));
+        scope.check(size).map_err(outside)?;
+        Ok(scope)
+    }
+
+    /// The size of the results, where it is known before the solve.
+    pub(crate) fn size(&self, photograph: [u32; 2]) -> Option<[u32; 2]> {
+        let size = self.region.map_or(photograph, |region| [region.width, region.height]);
+        (!self.crop_valid).then_some(size)
+    }
+
+    /// Whether all of the photographs is solved at once.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.region.is_none()
+    }
+
+    /// The picture that no result may replace.
+    pub(crate) fn mask(&self) -> Option<&PathBuf> {
+        self.mask.as_ref()
+    }
+
+    /// The files whose contents decide the results.
+    pub(crate) fn files(&self) -> Vec<PathBuf> {
+        let of_flat = ["relative_blur.exr", "uncertainty.exr", "report.json"];
+        let flat = self.flat.iter().flat_map(|folder| of_flat.map(|name| folder.join(name)));
+        self.mask.iter().map(|file| image_io::split_page(file).0).chain(flat).collect()
+    }
+}
+
+fn flat_reference(folder: &Path) -> Result<FieldCurvature, Failure> {
+    let flat = Results::read_pair(folder)?;
+    if flat.report.size != flat.report.photograph {
+        let problem = "is of a part of the photographs; solve the flat target without --roi and --crop-valid";
+        return Err(Failure::Failed(format!("{}: {problem}", folder.display())));
+    }
+    FieldCurvature::of_flat_target(flat.report.photograph.into(), flat.values(), flat.uncertainty())
+        .map_err(|e| Failure::Failed(format!("{}: {e}", folder.display())))
+}

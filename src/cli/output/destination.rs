@@ -1,0 +1,82 @@
+//! Whether results can be written, found out before any work is done.
+
+use std::path::{Path, PathBuf};
+
+use parfocal::export::{self, Destination, FileKind};
+
+use crate::cli::options::headings::OUTPUT;
+use crate::cli::output::failure::Failure;
+
+/// What every subcommand that writes files is told.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub(crate) struct ForceArgument {
+    /// Overwrite files that parfocal did not write where they have the names of results; all others stay
+    #[arg(long, help_heading = OUTPUT)]
+    force: bool,
+}
+
+impl ForceArgument {
+    /// A folder or a file for results.
+    pub(crate) fn to<'a>(&self, path: &'a Path) -> Destination<'a> {
+        Destination::new(path, self.force)
+    }
+
+    /// Whether it was given.
+    pub(crate) fn is_given(&self) -> bool {
+        self.force
+    }
+}
+
+/// Refuses an output folder that cannot be one.
+pub(crate) fn check_folder(out: &Path) -> Result<(), Failure> {
+    if out == Path::new("-") {
+        let problem = "-: results are files in a folder; name one, and take the report from stdout by --json";
+        return Err(Failure::Usage(problem.to_string()));
+    }
+    if out.exists() && !out.is_dir() {
+        let folder = out.with_extension("");
+        let hint = if folder.exists() { String::new() } else { format!(", '{}' say", folder.display()) };
+        return Err(Failure::Failed(format!("{}: is a file; give a folder for the results{hint}", out.display())));
+    }
+    Ok(export::check_writable(out)?)
+}
+
+/// Refuses an output folder where one of `results` would replace one of `inputs`.
+pub(crate) fn check_inputs(out: &Path, results: &[&str], inputs: &[&PathBuf]) -> Result<(), Failure> {
+    for input in inputs {
+        if let Some(name) = results.iter().find(|name| crate::cli::same_file(&out.join(name), input)) {
+            let problem = format!("is an input, and the result {name} would replace it; give another folder");
+            return Err(Failure::Failed(format!("{}: {problem}", input.display())));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses an output folder that cannot be one, or where a result, which may be any of `possible`, or what an earlier
+/// report of this name lists, would replace one of `inputs`.
+pub(crate) fn check(out: &Path, report: &str, possible: &[&str], inputs: &[&PathBuf]) -> Result<(), Failure> {
+    check_folder(out)?;
+    let listed = export::listed_in(out, report);
+    let results: Vec<&str> = possible.iter().copied().chain(listed.iter().map(String::as_str)).collect();
+    check_inputs(out, &results, inputs)
+}
+
+/// Refuses a file that cannot be one, that is one of `inputs`, or that must not be replaced; `what` it is for.
+pub(crate) fn check_file(
+    file: Destination<'_>,
+    kind: FileKind,
+    what: &str,
+    inputs: &[&PathBuf],
+) -> Result<(), Failure> {
+    let failed = |problem: String| Err(Failure::Failed(format!("{}: {problem}", file.path().display())));
+    if file.path() == Path::new("-") {
+        return Err(Failure::Usage(format!("-: name a file{what}; /dev/stdout is one")));
+    }
+    if file.path().is_dir() {
+        return failed(format!("is a folder; give a file{what}"));
+    }
+    if inputs.iter().any(|input| crate::cli::same_file(file.path(), input)) {
+        return failed("is an input; give another file".to_string());
+    }
+    Ok(file.check_file(kind)?)
+}

@@ -1,0 +1,210 @@
+//! How the program fails: one line on stderr, which starts with "error: " as clap's own do, and a status.
+
+use std::error::Error as _;
+use std::io::{self, Write};
+use std::path::Path;
+use std::process::ExitCode;
+
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use parfocal::{Error, image_io};
+
+/// Why a subcommand failed.
+#[derive(Debug, PartialEq)]
+pub(crate) enum Failure {
+    /// The arguments cannot be carried out, status 2.
+    Usage(String),
+    /// Anything else, status 1.
+    Failed(String),
+    /// A part is not as it should be, status 3: what was asked is done, and told.
+    NoGo,
+    /// Ctrl-C ended it, status 130 as of any program that the signal ends.
+    Interrupted(String),
+}
+
+impl Failure {
+    /// The failure of a solve of `first`. The library knows sizes, not files: errors about size get the file's name.
+    pub(crate) fn of_solve(error: Error, first: &Path) -> Self {
+        match error {
+            Error::TooSmall { .. } | Error::TooLarge { .. } => Self::Failed(format!("{}: {error}", first.display())),
+            other => other.into(),
+        }
+    }
+
+    /// What is said of it, in one line.
+    pub(crate) fn message(&self) -> String {
+        match self {
+            Self::Usage(message) | Self::Failed(message) | Self::Interrupted(message) => one_line(message),
+            Self::NoGo => "no-go".to_string(),
+        }
+    }
+
+    /// Prints the line and gives the status.
+    pub(crate) fn report(self) -> ExitCode {
+        let status = match self {
+            Failure::Usage(_) => 2,
+            Failure::Failed(_) => 1,
+            // No error: it stands in the summary.
+            Failure::NoGo => return ExitCode::from(3),
+            Failure::Interrupted(_) => 130,
+        };
+        // Nobody is left to be told where stderr is closed.
+        let _ = writeln!(io::stderr(), "error: {}", self.message());
+        ExitCode::from(status)
+    }
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        let mut message = error.to_string();
+        let mut source = error.source();
+        while let Some(cause) = source {
+            message = format!("{message}: {cause}");
+            source = cause.source();
+        }
+        match error {
+            Error::Setting { .. } => Self::Usage(message),
+            _ => Self::Failed(message),
+        }
+    }
+}
+
+/// Ends the program as clap does: help on stdout, what is wrong with the arguments on stderr.
+pub(crate) fn exit(error: clap::Error) -> ! {
+    if error.use_stderr() {
+        let _ = io::stderr().write_all(in_lines(error).as_bytes());
+        std::process::exit(2);
+    }
+    error.exit()
+}
+
+/// What clap says of arguments, in its own lines: those that were typed break none.
+fn in_lines(mut error: clap::Error) -> String {
+    add_hints(&mut error);
+    let typed = error.context().filter_map(|(kind, value)| match value {
+        ContextValue::String(text) => Some((kind, ContextValue::String(plain(text)))),
+        ContextValue::StyledStrs(hints) => {
+            Some((kind, ContextValue::StyledStrs(hints.iter().map(|hint| plain(&hint.to_string()).into()).collect())))
+        }
+        _ => None,
+    });
+    for (kind, value) in typed.collect::<Vec<_>>() {
+        error.insert(kind, value);
+    }
+    // What a value's own parser and the usage quote.
+    error.render().to_string().split('\n').map(plain).collect::<Vec<_>>().join("\n")
+}
+
+/// Options by what people call them elsewhere.
+const MEANT: [(&str, &str); 14] = [
+    ("--max-blur", "--max-relative-blur"),
+    ("--blur", "--max-relative-blur"),
+    ("--smoothness", "--regularization"),
+    ("--smooth", "--regularization"),
+    ("--alpha", "--regularization"),
+    ("--iterations", "--outer-iterations"),
+    ("--gpu", "--device"),
+    ("--out", "--output"),
+    ("--gamma", "--decode"),
+    ("--aperture", "--f-number"),
+    ("--pixel-size", "--pixel-pitch"),
+    ("--crop", "--roi"),
+    ("--format", "--export"),
+    ("--verbose", "--json"),
+];
+
+/// What clap does not know: other names of options, and the decimal comma.
+fn add_hints(error: &mut clap::Error) {
+    fn text(error: &clap::Error, kind: ContextKind) -> Option<String> {
+        if let Some(ContextValue::String(text)) = error.get(kind) { Some(text.clone()) } else { None }
+    }
+    if error.kind() == ErrorKind::UnknownArgument {
+        let typed = text(error, ContextKind::InvalidArg).unwrap_or_default();
+        let name = typed.split('=').next().unwrap_or_default();
+        if let Some((_, meant)) = MEANT.iter().find(|(other, _)| *other == name) {
+            error.insert(ContextKind::SuggestedArg, ContextValue::String((*meant).to_string()));
+        }
+    }
+    let number = text(error, ContextKind::InvalidValue).filter(|value| value.matches(',').count() == 1);
+    let with_point = number.map(|value| value.replace(',', ".")).filter(|value| value.parse::<f64>().is_ok());
+    if let (ErrorKind::ValueValidation, Some(meant)) = (error.kind(), with_point) {
+        let hint = format!("did you mean {meant}? Decimals are written with a point");
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![hint.into()]));
+    }
+}
+
+/// Folds line breaks, which paths and decoders may bring along.
+fn one_line(message: &str) -> String {
+    let parts: Vec<&str> = message.split(['\n', '\r']).map(str::trim).filter(|part| !part.is_empty()).collect();
+    plain(&parts.join(" "))
+}
+
+/// What a terminal may be shown of text that others wrote, file names for one: what would command it, or turn its direction of
+/// writing, stands there in letters, line breaks too.
+pub(crate) fn plain(text: &str) -> String {
+    let is_harmful = |c: char| {
+        c.is_control() || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    let mut plain = String::with_capacity(text.len());
+    for c in text.chars() {
+        if is_harmful(c) { plain.extend(c.escape_default()) } else { plain.push(c) }
+    }
+    plain
+}
+
+/// Of the names, the one that a misspelt name is nearest to, if any is near.
+pub(crate) fn nearest<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let scored = names.map(|other| (strsim::jaro_winkler(name, other), other));
+    scored.filter(|(score, _)| *score > 0.8).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, other)| other)
+}
+
+/// "; did you mean 'x'?" where a file that is not there has a neighbour of nearly its name, else nothing.
+pub(crate) fn did_you_mean(file: &Path) -> String {
+    image_io::similar_file(file).map_or_else(String::new, |other| format!("; did you mean '{}'?", other.display()))
+}
+
+/// Writes text for scripts to stdout. A reader that has closed its end wants no more, which is no failure.
+pub(crate) fn print(text: &str) -> Result<(), Failure> {
+    print_bytes(format!("{text}\n").as_bytes())
+}
+
+/// Writes to stdout what need not be text.
+pub(crate) fn print_bytes(bytes: &[u8]) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    match out.write_all(bytes).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Failure::Failed(format!("stdout cannot be written ({e})")))
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_is_one_line() {
+        assert_eq!(one_line("a\n  b\r\n\nc"), "a b c");
+    }
+
+    #[test]
+    fn nothing_that_others_named_commands_the_terminal() {
+        assert_eq!(one_line("a\x1b[2J\u{9b}1m\tb\u{202e}"), "a\\u{1b}[2J\\u{9b}1m\\tb\\u{202e}");
+        assert_eq!(plain("größe µm\n"), "größe µm\\n");
+    }
+
+    #[test]
+    fn only_a_name_that_is_near_is_suggested() {
+        assert_eq!(nearest("sweps", ["levels", "sweeps"].into_iter()), Some("sweeps"));
+        assert_eq!(nearest("zzz", ["levels", "sweeps"].into_iter()), None);
+    }
+
+    #[test]
+    fn errors_about_size_name_the_file_and_settings_are_usage() {
+        let small = Error::TooSmall { width: 5, height: 5, least: 16 };
+        let Failure::Failed(message) = Failure::of_solve(small, Path::new("i1.png")) else { panic!("usage") };
+        assert!(message.starts_with("i1.png: 5x5"), "{message}");
+        let setting = Error::Setting { name: "levels", value: 99.0, range: "1 to 12".to_string() };
+        assert_eq!(Failure::from(setting), Failure::Usage("levels is 99, and must be 1 to 12".to_string()));
+    }
+}

@@ -1,0 +1,237 @@
+//! What a solve tells a person when it is done: a few lines.
+
+use std::path::Path;
+
+use parfocal::export::{FrameReport, Palette, Report};
+use parfocal::image_io::{Basis, Input, Values};
+use parfocal::{Decode, OtherMotion, Photometric};
+
+use crate::cli::commands::depth;
+use crate::cli::commands::measure;
+
+/// A label and what it says.
+type Row = (&'static str, String);
+
+/// The few lines of a solve, without a newline at the end.
+pub(crate) fn summary(report: &Report, palette: Palette, out: &Path) -> String {
+    let mut rows = found(report);
+    rows.extend(kernel(report.kernel_shape));
+    rows.extend(smoothness(report));
+    rows.extend([("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);
+    rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
+    rows.extend(report.measurements.iter().flat_map(measure::rows));
+    rows.extend(judged(report));
+    rows.push(("results", format!("{}: {}", out.display(), report.files.join(" "))));
+    lines(&rows)
+}
+
+/// The few lines of a registration, without a newline at the end.
+pub(crate) fn registration_summary(report: &Report, out: Option<&Path>) -> String {
+    let mut rows = found(report);
+    rows.extend(judged(report));
+    rows.extend(out.map(|file| ("result", file.display().to_string())));
+    lines(&rows)
+}
+
+fn lines(rows: &[Row]) -> String {
+    rows.iter().map(|(label, value)| format!("{label:<14} {value}")).collect::<Vec<_>>().join("\n")
+}
+
+/// Device, method, registration, motion and values.
+fn found(report: &Report) -> Vec<Row> {
+    let (device, levels) = (&report.device, report.levels.as_ref().map_or(0, Vec::len));
+    let mut rows = vec![
+        ("device", format!("{} ({})", device.name, device.driver)),
+        ("method", format!("{}, levels: {levels}", report.method.name())),
+    ];
+    rows.extend(report.frames.get(1).into_iter().flat_map(registration));
+    rows.extend(motion(report.other_motion));
+    rows.extend(values(&report.inputs, report.values));
+    rows
+}
+
+/// Transform and exposure of I2.
+fn registration(frame: &FrameReport) -> [Row; 2] {
+    let (t, Photometric { gain, offset }) = (&frame.transform, frame.photometric);
+    let [right, down] = t.translation();
+    let transform = format!(
+        "{right:+.3} px right, {down:+.3} px down, rotation {:+.4}°, scale {:.5}",
+        t.rotation_deg(),
+        t.scale()
+    );
+    let [low, high] = frame.shading.range.map(|factor| 100.0 * (factor - 1.0));
+    let shading = match frame.shading.is_significant() {
+        true => format!(", shading {low:+.0} to {high:+.0} %"),
+        false => String::new(),
+    };
+    [("transform", transform), ("exposure", format!("gain {gain:.4}, offset {offset:+.4}{shading}"))]
+}
+
+/// α, and whether it was found.
+fn smoothness(report: &Report) -> Option<Row> {
+    let by = if report.settings.regularization.is_some() { "as asked" } else { "found" };
+    report.regularization.map(|alpha| ("smoothness", format!("α {}, {by}", rounded(alpha))))
+}
+
+/// What the kernel was found to be.
+fn kernel(shape: Option<f64>) -> Option<Row> {
+    let told = |shape: f64| match shape {
+        0.0 => "a Gaussian, found".to_string(),
+        _ => format!("{shape:.2} of the way from a Gaussian to a disk, found"),
+    };
+    shape.map(|shape| ("blur", told(shape)))
+}
+
+/// To two figures.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.1e}").parse().unwrap_or(value)
+}
+
+/// What there is to say of the motion model.
+fn motion(other: Option<OtherMotion>) -> Option<Row> {
+    other.map(|other| ("motion", format!("{other} (--motion {})", other.motion.name())))
+}
+
+/// What the values of the files were taken for, and why.
+fn values(inputs: &[Input], values: Values) -> Option<Row> {
+    (!inputs.is_empty()).then(|| ("values", values_in_words(inputs, values)))
+}
+
+/// The same, without a label.
+pub(crate) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -> String {
+    let mut said: Vec<&str> = inputs.iter().filter_map(|input| input.encoding.as_deref()).collect();
+    said.sort_unstable();
+    said.dedup();
+    let files = match said.as_slice() {
+        [] => "the files do not say what they are".to_string(),
+        several => format!("the files say {}", several.join(" and ")),
+    };
+    let taken = match decode {
+        Decode::None => "as stored",
+        Decode::Srgb => "sRGB curve undone",
+    };
+    let why = match (by, decode) {
+        (Basis::Files, _) => files,
+        (Basis::Stated, _) => format!("as asked; {files}"),
+        (Basis::Assumed, Decode::Srgb) => {
+            "assumed where files do not say; --decode none if they are linear".to_string()
+        }
+        (Basis::Assumed, Decode::None) => {
+            "assumed linear, where files do not say; --decode srgb if they are not".to_string()
+        }
+    };
+    format!("{taken} ({why})")
+}
+
+fn judged(report: &Report) -> Vec<Row> {
+    let (time, converged) = (&report.timings_ms, report.converged == Some(true));
+    let mut rows = vec![("converged", if converged { "yes" } else { "no" }.to_string())];
+    rows.extend(report.warnings.iter().map(|warning| ("warning", warning.clone())));
+    rows.push(("time", format!("{:.0} ms, {:.0} ms of it on the device", time.total, time.gpu.unwrap_or(0.0))));
+    rows
+}
+
+fn near_and_far(report: &Report, palette: Palette) -> String {
+    let [near, far] = palette.ends();
+    let nearer = report.nearer().number();
+    if report.depth.is_some() {
+        return format!("mm, {near} near, {far} far; I{nearer} focused nearer by the lens");
+    }
+    let other = 3 - nearer;
+    format!("{near} near, {far} far, I{nearer} taken as focused nearer; --nearer {other} swaps them")
+}
+
+fn blur(report: &Report) -> String {
+    let range = report.relative_blur.map(|range| (range.min, range.max, range.median));
+    let Some((Some(min), Some(max), Some(median))) = range else {
+        return "no valid pixel".to_string();
+    };
+    format!(
+        "{min:+.2} to {max:+.2} px², median {median:+.2}; {:.1} % of the pixels valid, {:.1} % of those at the limit",
+        100.0 * report.valid_fraction.unwrap_or(0.0),
+        100.0 * report.saturated_fraction.unwrap_or(0.0)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use parfocal::export::{Nearer, Palette, Report};
+    use parfocal::{
+        Channels, DeviceInfo, Findings, LevelHistory, Photometric, Region, Settings, Shading, Similarity, Solution,
+        Timings,
+    };
+
+    use super::*;
+
+    fn report(blur: [f32; 2]) -> Report {
+        let device = DeviceInfo {
+            index: 0,
+            name: "a device".to_string(),
+            driver: "a driver".to_string(),
+            uuid: String::new(),
+            kind: "CPU",
+            api_version: String::new(),
+            subgroup_size: 8,
+            memory_bytes: 1,
+            max_image_size: 1,
+            max_storage_buffer: 1,
+            unusable: None,
+        };
+        let findings = Findings {
+            width: 2,
+            height: 1,
+            origin: [0, 0],
+            photograph: [2, 1],
+            fused_channels: Channels::Gray,
+            transform: Similarity::new(1.25, -0.5, 0.15, 1.01).into(),
+            other_motion: None,
+            photometric: Photometric { gain: 1.02, offset: -0.01 },
+            shading: Shading { coefficients: std::array::from_fn(|n| if n == 0 { -0.06 } else { 0.0 }) },
+            solved: Region { x: 0, y: 0, width: 2, height: 1 },
+            regularization: 0.00314,
+            kernel_shape: Some(0.74),
+            levels: vec![LevelHistory { width: 2, height: 1, energy: vec![0.5] }],
+            converged: false,
+            warnings: vec!["something to know".to_string()],
+            valid_fraction: 0.5,
+            mean_confidence: 0.5,
+            saturated_fraction: 0.25,
+            timings: Timings { total_ms: 9.0, gpu_ms: 7.0, passes_ms: vec![] },
+        };
+        let solution = Solution {
+            relative_blur: blur.to_vec(),
+            uncertainty: vec![f32::NAN; 2],
+            residual: Vec::new(),
+            confidence: vec![0.0; 2],
+            fused: vec![0.0; 2],
+            findings,
+        };
+        let mut report = Report::pair(&solution, &Settings::default(), &device, Nearer::First);
+        report.files = vec!["depth.png".to_string()];
+        report
+    }
+
+    #[test]
+    fn a_person_is_told_what_came_out_and_where_it_is() {
+        let text = summary(&report([-1.5, 4.0]), Palette::Viridis, Path::new("out"));
+        for part in [
+            "a device (a driver)",
+            "+1.250 px right",
+            "gain 1.0200, offset -0.0100, shading -6 to +6 %",
+            "α 0.0031, found",
+            "0.74 of the way from a Gaussian to a disk",
+            "-1.50 to +4.00 px²",
+            "50.0 %",
+            "out: depth.png",
+        ] {
+            assert!(text.contains(part), "{part} is missing in {text}");
+        }
+        assert!(text.contains("converged      no\nwarning        something to know"), "{text}");
+    }
+
+    #[test]
+    fn without_a_valid_pixel_no_range_is_made_up() {
+        let text = summary(&report([f32::NAN; 2]), Palette::Viridis, Path::new("out"));
+        assert!(text.contains("no valid pixel") && !text.contains("NaN"), "{text}");
+    }
+}
