@@ -51,6 +51,8 @@ mod solve;
 #[doc = include_str!("../docs/guide/src/embedding.md")]
 mod guide {}
 
+#[doc(hidden)]
+pub use base::Setting;
 pub use base::{
     Aperture, Brightness, CancellationToken, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format, Frame,
     Homography, Inverse, Kernel, Lens, Mask, Method, Motion, Photometric, PixelFormat, Region, RegistrationStep,

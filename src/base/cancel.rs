@@ -1,16 +1,19 @@
-//! Work that is called off while it goes on.
+//! Cancellation of solves in flight, and the time limit of a solve.
 
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::time::{Duration, Instant};
 
 use crate::base::Error;
 
-/// What tells work under way that it is called off.
-pub(crate) type Signal = dyn Fn() + Send + Sync;
+/// A callback that cancels one piece of work in flight.
+pub(crate) type CancelSignal = dyn Fn() + Send + Sync;
 
-/// Calls solves off, from any thread: of a pair or a sweep that is being solved with a clone of it the call ends soon, with
-/// [`Error::Cancelled`], and what it used is good for the next. For another call, make another.
+/// Cancels solves, from any thread.
+///
+/// A pair or a sweep that is being solved with a clone of the token ends soon with [`Error::Cancelled`], and so does every
+/// solve that begins with one later. Solver and engine stay usable. Make a new token for the next solve.
 ///
 /// ```
 /// # use parfocal::{CancellationToken, Engine, EngineOptions, Error, Frame, SolveOptions, Settings};
@@ -23,7 +26,7 @@ pub(crate) type Signal = dyn Fn() + Send + Sync;
 /// let engine = Engine::new(&EngineOptions::default())?;
 /// let cancel = CancellationToken::default();
 /// let scope = SolveOptions { cancel: cancel.clone(), ..SolveOptions::default() };
-/// // Whoever is told how far the solve has come may call it off; so may another thread.
+/// // The progress callback cancels here; another thread may do so as well.
 /// let mut progress = |_| cancel.cancel();
 /// let solved = scope.solve(&engine, &mut None, [&i1, &i2], &Settings::default(), &mut progress);
 /// assert!(matches!(solved, Err(Error::Cancelled)));
@@ -36,39 +39,64 @@ pub struct CancellationToken(Arc<Inner>);
 #[derive(Default)]
 struct Inner {
     is_cancelled: AtomicBool,
-    under_way: Mutex<Vec<Weak<Signal>>>,
+    in_flight: Mutex<Vec<Weak<CancelSignal>>>,
 }
 
 impl CancellationToken {
-    /// Calls off what is under way, and all that begins with a clone of this.
+    /// Cancels all solves in flight that use a clone of this token, and all that begin with one later.
     pub fn cancel(&self) {
         self.0.is_cancelled.store(true, Ordering::SeqCst);
-        let under_way = self.0.under_way.lock().unwrap_or_else(PoisonError::into_inner);
-        under_way.iter().filter_map(Weak::upgrade).for_each(|signal| signal());
+        let in_flight = self.0.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
+        in_flight.iter().filter_map(Weak::upgrade).for_each(|signal| signal());
     }
 
-    /// Whether it was called off.
+    /// Returns whether [`cancel`](Self::cancel) was called.
     pub fn is_cancelled(&self) -> bool {
         self.0.is_cancelled.load(Ordering::SeqCst)
     }
 
-    /// [`Error::Cancelled`] if it was.
+    /// Returns [`Error::Cancelled`] if the token is cancelled.
     pub(crate) fn check(&self) -> Result<(), Error> {
         if self.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
     }
 
-    /// Has something told for as long as it lives; after this, [`check`](Self::check) says whether it came too late.
-    pub(crate) fn tells(&self, signal: &Arc<Signal>) {
-        let mut under_way = self.0.under_way.lock().unwrap_or_else(PoisonError::into_inner);
+    /// Registers a callback for as long as it lives. [`check`](Self::check) afterwards: the token may be cancelled already.
+    pub(crate) fn register(&self, signal: &Arc<CancelSignal>) {
+        let mut in_flight = self.0.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
         let signal = Arc::downgrade(signal);
-        under_way.retain(|other| other.strong_count() > 0 && !other.ptr_eq(&signal));
-        under_way.push(signal);
+        in_flight.retain(|other| other.strong_count() > 0 && !other.ptr_eq(&signal));
+        in_flight.push(signal);
     }
 }
 
 impl fmt::Debug for CancellationToken {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "CancellationToken {{ is_cancelled: {} }}", self.is_cancelled())
+    }
+}
+
+/// The time limit of one solve, from its start on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Deadline {
+    limit: Duration,
+    /// `None`: later than the clock can state.
+    end: Option<Instant>,
+}
+
+impl Deadline {
+    /// A deadline that ends `limit` from now.
+    pub(crate) fn after(limit: Duration) -> Self {
+        Self { limit, end: Instant::now().checked_add(limit) }
+    }
+
+    /// The time left; zero once the deadline has passed.
+    pub(crate) fn left(&self) -> Duration {
+        self.end.map_or(Duration::MAX, |end| end.saturating_duration_since(Instant::now()))
+    }
+
+    /// The error of a solve on `device` that takes longer.
+    pub(crate) fn error(&self, device: &str) -> Error {
+        Error::Timeout { device: device.to_string(), seconds: self.limit.as_secs() }
     }
 }
 
@@ -79,20 +107,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tells_each_that_lives_once() {
-        let (cancel, told) = (CancellationToken::default(), Arc::new(AtomicUsize::new(0)));
+    fn a_token_calls_each_living_signal_once() {
+        let (cancel, calls) = (CancellationToken::default(), Arc::new(AtomicUsize::new(0)));
         let signal = || {
-            let told = told.clone();
+            let calls = calls.clone();
             Arc::new(move || {
-                told.fetch_add(1, Ordering::SeqCst);
-            }) as Arc<Signal>
+                calls.fetch_add(1, Ordering::SeqCst);
+            }) as Arc<CancelSignal>
         };
-        let (lives, dies) = (signal(), signal());
-        [&lives, &dies, &lives].iter().for_each(|signal| cancel.tells(signal));
-        drop(dies);
+        let (living, dropped) = (signal(), signal());
+        [&living, &dropped, &living].iter().for_each(|signal| cancel.register(signal));
+        drop(dropped);
         assert!(cancel.check().is_ok() && !cancel.is_cancelled());
         cancel.clone().cancel();
-        assert_eq!(told.load(Ordering::SeqCst), 1);
+        assert_eq!(calls.load(Ordering::SeqCst), 1);
         assert!(matches!(cancel.check(), Err(Error::Cancelled)));
+    }
+
+    #[test]
+    fn a_deadline_beyond_the_clock_never_passes() {
+        assert_eq!(Deadline::after(Duration::MAX).left(), Duration::MAX);
+        assert_eq!(Deadline::after(Duration::ZERO).left(), Duration::ZERO);
     }
 }

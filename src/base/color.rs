@@ -1,14 +1,45 @@
 //! What stored values mean: the sRGB curve both ways, and luminance.
 
+use crate::base::Depth;
+
 /// How stored values become intensities.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
 pub enum Decode {
-    /// As stored.
+    /// As the files state; without a statement sRGB for 8 bits, linear for more bits and for floats
     #[default]
+    Auto,
+    /// As stored
     None,
-    /// The sRGB curve is undone first, so that blur is linear in intensity.
+    /// By the inverse of the sRGB curve, so that blur is linear in the intensities
     Srgb,
+}
+
+impl Decode {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Auto, Self::None, Self::Srgb];
+
+    /// "auto", "none" or "srgb".
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::None => "none",
+            Self::Srgb => "srgb",
+        }
+    }
+
+    /// Replaces [`Decode::Auto`] by what the samples of all photographs of one scene imply.
+    ///
+    /// 8 bits are made to be looked at and follow the sRGB curve, as browsers assume too: so few bits of linear light would
+    /// show steps in the dark. More bits are a measurement, and linear. If any photograph has 8 bits, all are sRGB.
+    pub fn resolved(self, depths: impl IntoIterator<Item = Depth>) -> Self {
+        match self {
+            Self::Auto if depths.into_iter().any(|depth| depth == Depth::U8) => Self::Srgb,
+            Self::Auto => Self::None,
+            stated => stated,
+        }
+    }
 }
 
 /// Weights of red, green and blue in luminance (Rec. 601).
@@ -22,10 +53,7 @@ pub fn srgb_to_linear(value: f64) -> f64 {
 /// The value that a file stores for an intensity, in [0, 1].
 pub(crate) fn stored(intensity: f32, decode: Decode) -> f32 {
     let intensity = intensity.clamp(0.0, 1.0);
-    match decode {
-        Decode::None => intensity,
-        Decode::Srgb => linear_to_srgb(intensity),
-    }
+    if decode == Decode::Srgb { linear_to_srgb(intensity) } else { intensity }
 }
 
 /// The sRGB curve (IEC 61966-2-1).
@@ -36,6 +64,15 @@ pub(crate) fn linear_to_srgb(linear: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn auto_is_srgb_for_8_bits_and_linear_for_more() {
+        assert_eq!(Decode::default(), Decode::Auto);
+        assert_eq!(Decode::Auto.resolved([Depth::U8, Depth::U16]), Decode::Srgb);
+        assert_eq!(Decode::Auto.resolved([Depth::U16, Depth::F32]), Decode::None);
+        assert_eq!(Decode::None.resolved([Depth::U8]), Decode::None);
+        assert_eq!(Decode::Srgb.resolved([Depth::F32]), Decode::Srgb);
+    }
 
     #[test]
     fn srgb_middle_grey_is_a_fifth_of_the_light() {

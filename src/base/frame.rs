@@ -170,6 +170,7 @@ impl Frame {
 
     /// Intensities, interleaved, white at 1.
     pub(crate) fn intensities(&self, decode: Decode) -> Vec<f32> {
+        let decode = decode.resolved([self.format().depth]);
         let value = |stored: f64| if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored } as f32;
         // The curve takes a power, and integers have few values.
         let table = |white: u16| (0..=white).map(|v| value(f64::from(v) / f64::from(white))).collect::<Vec<f32>>();

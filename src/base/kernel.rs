@@ -27,6 +27,9 @@ pub enum Kernel {
 }
 
 impl Kernel {
+    /// Those that have a name of their own.
+    pub const NAMED: [Self; 4] = [Self::Auto, Self::Gaussian, Self::Pillbox, Self::HalfGaussian];
+
     /// "auto", "gaussian", "pillbox", "half-gaussian", or the name of the aperture.
     pub fn name(&self) -> &str {
         match self {

@@ -1,24 +1,30 @@
-//! Everything that a solve can be told, with defaults and checked ranges.
+//! The settings of a solve: one table of names, types, defaults, ranges and descriptions.
+
+use std::fmt::Display;
 
 use crate::base::color::Decode;
 use crate::base::{Depth, Error, Homography, Kernel};
 
-/// Which of the systems of the paper runs: registration and relative blur together, or one before the other.
+/// The system that is solved: registration and relative blur together, or one before the other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
 pub enum Method {
-    /// Relative blur and registration together, sections 2 to 4 of the paper.
+    /// Registration together with the blur: sections 2 to 4 of the paper
     #[default]
     Unified,
-    /// Relative blur alone: T is held at the start.
+    /// No registration: T is held at its start
     Aligned,
-    /// Registration first, by the difference of the images without a blur model (equation 36); then aligned.
+    /// Registration before the blur, by the difference of the images (equation 36 of the paper)
     Appearance,
-    /// Registration first, by SIFT key-points, which need no start; then aligned.
+    /// Registration before the blur, by SIFT key-points, which need no start
     Sift,
 }
 
 impl Method {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Unified, Self::Aligned, Self::Appearance, Self::Sift];
+
     /// "unified", "aligned", "appearance" or "sift".
     pub fn name(self) -> &'static str {
         match self {
@@ -30,18 +36,19 @@ impl Method {
     }
 }
 
-/// What T may be: each of these is a special case of the next.
+/// The motion model of T: each is a special case of the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
 pub enum Motion {
-    /// A shift along x and y.
+    /// Shift along x and y
     Translation,
-    /// Besides, rotation and scale: what refocusing and a hand or a stage do in the plane of the image.
+    /// Also rotation and scale: refocusing, and movement in the plane of the image
     #[default]
     Similarity,
-    /// Besides, stretch and shear.
+    /// Also stretch and shear
     Affine,
-    /// Besides, perspective: a camera that turned, or a plane that was tilted.
+    /// Also perspective: a camera that turned, or a flat scene that was tilted
     Homography,
 }
 
@@ -49,7 +56,7 @@ impl Motion {
     /// All of them, the simplest first.
     pub const ALL: [Self; 4] = [Motion::Translation, Motion::Similarity, Motion::Affine, Motion::Homography];
 
-    /// Its numbers.
+    /// The number of parameters.
     pub fn unknowns(self) -> usize {
         match self {
             Motion::Translation => 2,
@@ -70,15 +77,29 @@ impl Motion {
     }
 }
 
-/// How T steps once an outer iteration.
+/// How T is updated in each outer iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "kebab-case"))]
+#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
 pub enum RegistrationStep {
-    /// Gauss-Newton on the energy, each pixel's change of V eliminated.
+    /// Gauss-Newton on the energy, with each pixel's change of V eliminated
     #[default]
     GaussNewton,
-    /// Gradient descent beside a V that stands still: the paper's explicit scheme, to compare with.
+    /// Gradient descent at fixed V: the paper's explicit scheme, to compare with
     GradientDescent,
+}
+
+impl RegistrationStep {
+    /// Both of them.
+    pub const ALL: [Self; 2] = [Self::GaussNewton, Self::GradientDescent];
+
+    /// "gauss-newton" or "gradient-descent".
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::GaussNewton => "gauss-newton",
+            Self::GradientDescent => "gradient-descent",
+        }
+    }
 }
 
 /// Gain and offset that map I2 onto I1: `J = gain I2(T x) + offset`.
@@ -102,98 +123,287 @@ impl Default for Photometric {
     }
 }
 
-/// The settings of a [`PairSolver`](crate::PairSolver).
-///
-/// The defaults and what each does: the table in `docs/method.md`. Intensities are in [0, 1], blur in px².
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct Settings {
-    /// How registration and relative blur go together. Default unified.
-    pub method: Method,
-    /// Pyramid levels, 1 to 12; `None` halves while the short side stays at least 32 px. Default `None`.
-    pub levels: Option<u32>,
-    /// Outer iterations on each level at most, 5 to 1000; a level stops as soon as it has settled, after 5 to 20 as a rule.
-    /// Default 100.
-    pub outer_iterations: u32,
-    /// Red-black sweeps an outer iteration, 1 to 100. Default 5.
-    pub sweeps: u32,
-    /// Over-relaxation ω of a sweep, 0.01 to 1.99. Default 1.8.
-    pub over_relaxation: f64,
-    /// Smoothness α, equation 17; 1e-6 to 10. `None`: found on each level, by what the data say against V and how steep it is
-    /// (`docs/method.md`, section 6). Default `None`.
-    pub regularization: Option<f64>,
-    /// On each level α starts `1 + continuation` times too large; 0 to 1000. Default 10.
-    pub continuation: f64,
-    /// η of the data term's modified L1 norm, intensities; 1e-4 to 1. Default 0.01.
-    pub data_eta: f64,
-    /// η of the smoothness term's modified L1 norm, px² a pixel; 1e-4 to 100. Default 0.1.
-    pub smoothness_eta: f64,
-    /// ε of the smooth Heaviside, px²; 1e-3 to 10. Default 0.1.
-    pub heaviside_epsilon: f64,
-    /// Largest |V|, px² of the full-size image, 1 to 256. Default 144: at 36, a third of the heat sink's pixels and two
-    /// thirds of the circuit board's were at the limit; at 144, 0 and 1 %.
-    pub max_relative_blur: f64,
-    /// Largest change of V in one outer iteration, px² of the level, 0.01 to 100. Default 1.
-    pub largest_step: f64,
-    /// Shape of the blur. Default what the photographs say.
-    pub kernel: Kernel,
-    /// What T may be, beyond where it starts. SIFT finds a similarity at most. Default a similarity.
-    pub motion: Motion,
-    /// How T steps. Default Gauss-Newton.
-    pub registration: RegistrationStep,
-    /// Whether gain and offset are matched. Default true.
-    pub photometric: bool,
-    /// Whether the fused image of a pair is made too, of which depth and registration need nothing. Its pass takes a twentieth
-    /// of a grey solve of 1 Mpx (`parfocal bench`, lavapipe); without it a quarter less comes down, in colour half. Default true.
-    #[cfg_attr(feature = "serde", serde(default = "yes"))]
-    pub fused: bool,
-    /// How stored values become intensities. Default as stored.
-    pub decode: Decode,
-    /// Stored value up to which a sample is clipped at black; `None` is 0 of integers, and nothing of floats. A pixel all of
-    /// whose channels are has no weight. Default `None`.
-    pub black_level: Option<f64>,
-    /// Stored value from which on a sample is clipped at white; `None` is the greatest of integers, 255 or 65535, and
-    /// nothing of floats. A pixel one of whose channels is has no weight. Default `None`.
-    pub white_level: Option<f64>,
-    /// Where T starts (and stays, when the method is aligned).
-    pub start: Homography,
-    /// Where gain and offset start (and stay, when `photometric` is false).
-    pub start_photometric: Photometric,
+/// A row of the table of settings.
+#[derive(Clone, Copy, Debug)]
+pub struct Setting {
+    /// The field of [`Settings`], the key of a configuration file (with `-`), the keyword of Python, the field of C.
+    pub name: &'static str,
+    /// The unit, or "".
+    pub unit: &'static str,
+    /// The least and the largest value as text.
+    pub range: Option<[&'static str; 2]>,
+    /// The default as text.
+    pub default: fn() -> String,
+    /// What it is: the first line stands alone, the others add details.
+    pub doc: &'static str,
+    /// The section of the program's help and the placeholder of the value; `None`: the program has no flag of this name.
+    pub flag: Option<[&'static str; 2]>,
+    /// The parser of the flag's value.
+    #[cfg(feature = "program")]
+    pub parser: fn() -> clap::builder::ValueParser,
 }
 
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            method: Method::Unified,
-            levels: None,
-            outer_iterations: 100,
-            sweeps: 5,
-            over_relaxation: 1.8,
-            regularization: None,
-            continuation: 10.0,
-            data_eta: 0.01,
-            smoothness_eta: 0.1,
-            heaviside_epsilon: 0.1,
-            max_relative_blur: 144.0,
-            largest_step: 1.0,
-            kernel: Kernel::Auto,
-            motion: Motion::Similarity,
-            registration: RegistrationStep::GaussNewton,
-            photometric: true,
-            fused: true,
-            decode: Decode::None,
-            black_level: None,
-            white_level: None,
-            start: Homography::IDENTITY,
-            start_photometric: Photometric::IDENTITY,
-        }
+/// A type of settings: what the table needs to check, print and parse a value.
+trait Value: Sized {
+    /// The value that has a range.
+    fn number(&self) -> Option<f64> {
+        None
+    }
+
+    fn text(&self) -> String;
+
+    fn parse(text: &str) -> Option<Self>;
+
+    #[cfg(feature = "program")]
+    fn parser() -> clap::builder::ValueParser {
+        clap::builder::ValueParser::string()
     }
 }
 
-/// Of reports that were written before there was a choice.
-#[cfg(feature = "serde")]
-fn yes() -> bool {
-    true
+macro_rules! plain_values {
+    ($($type:ty: $number:expr;)*) => { $(
+        impl Value for $type {
+            fn number(&self) -> Option<f64> {
+                let number: fn($type) -> Option<f64> = $number;
+                number(*self)
+            }
+
+            fn text(&self) -> String {
+                self.to_string()
+            }
+
+            fn parse(text: &str) -> Option<Self> {
+                text.parse().ok()
+            }
+
+            #[cfg(feature = "program")]
+            fn parser() -> clap::builder::ValueParser {
+                clap::value_parser!($type).into()
+            }
+        }
+    )* };
+}
+
+plain_values! {
+    u32: |value| Some(value.into());
+    f64: Some;
+    bool: |_| None;
+}
+
+macro_rules! named_values {
+    ($($type:ty),*) => { $(
+        impl Value for $type {
+            fn text(&self) -> String {
+                self.name().to_string()
+            }
+
+            fn parse(text: &str) -> Option<Self> {
+                Self::ALL.into_iter().find(|value| value.name() == text)
+            }
+
+            #[cfg(feature = "program")]
+            fn parser() -> clap::builder::ValueParser {
+                clap::builder::EnumValueParser::<$type>::new().into()
+            }
+        }
+    )* };
+}
+
+named_values!(Method, Motion, RegistrationStep, Decode);
+
+/// `None` is "auto".
+impl<T: Value + Display> Value for Option<T> {
+    fn number(&self) -> Option<f64> {
+        self.as_ref().and_then(Value::number)
+    }
+
+    fn text(&self) -> String {
+        self.as_ref().map_or_else(|| "auto".to_string(), ToString::to_string)
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        if text == "auto" { Some(None) } else { T::parse(text).map(Some) }
+    }
+
+    #[cfg(feature = "program")]
+    fn parser() -> clap::builder::ValueParser {
+        let check = |text: &str| match Self::parse(text) {
+            Some(_) => Ok(text.to_string()),
+            None => Err("give a number or auto"),
+        };
+        clap::builder::ValueParser::new(check)
+    }
+}
+
+impl Value for Kernel {
+    fn text(&self) -> String {
+        self.name().to_string()
+    }
+
+    fn parse(text: &str) -> Option<Self> {
+        Self::NAMED.into_iter().find(|kernel| kernel.name() == text)
+    }
+}
+
+impl Value for Homography {
+    fn text(&self) -> String {
+        "identity".to_string()
+    }
+
+    fn parse(_: &str) -> Option<Self> {
+        None
+    }
+}
+
+impl Value for Photometric {
+    fn text(&self) -> String {
+        format!("gain {}, offset {}", self.gain, self.offset)
+    }
+
+    fn parse(_: &str) -> Option<Self> {
+        None
+    }
+}
+
+macro_rules! optional {
+    () => {
+        None
+    };
+    ($value:expr) => {
+        Some($value)
+    };
+}
+
+/// Makes [`Settings`], its defaults, range checks and table of one list of fields.
+macro_rules! settings {
+    ($($(#[doc = $doc:literal])+ $name:ident: $type:ty = $default:expr
+        $(, $low:literal to $high:literal $($unit:literal)?)? $(, flag $heading:literal $placeholder:literal)?;)*) => {
+        /// The settings of a solve.
+        ///
+        /// Intensities are in [0, 1], blur in px². `docs/method.md`, section 8, has the same table.
+        #[derive(Clone, Debug, PartialEq)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+        pub struct Settings { $(
+            $(#[doc = $doc])+
+            ///
+            #[doc = concat!("Default `", stringify!($default), "`" $(, ", range ", $low, " to ", $high $(, " ", $unit)?)?, ".")]
+            pub $name: $type,
+        )* }
+
+        impl Default for Settings {
+            fn default() -> Self {
+                Self { $($name: $default,)* }
+            }
+        }
+
+        impl Settings {
+            /// The table of the settings, a row a field.
+            #[doc(hidden)]
+            pub const TABLE: &[Setting] = &[$(Setting {
+                name: stringify!($name),
+                unit: concat!("" $($(, $unit)?)?),
+                range: optional!($([stringify!($low), stringify!($high)])?),
+                default: || <$type as Value>::text(&$default),
+                doc: concat!($($doc, "\n"),+).trim_ascii(),
+                flag: optional!($([$heading, $placeholder])?),
+                #[cfg(feature = "program")]
+                parser: <$type as Value>::parser,
+            }),*];
+
+            /// Sets a field by its name; false if there is no such field or the text is no value of it.
+            #[doc(hidden)]
+            pub fn set(&mut self, name: &str, text: &str) -> bool {
+                match name {
+                    $(stringify!($name) => <$type as Value>::parse(text).map(|value| self.$name = value).is_some(),)*
+                    _ => false,
+                }
+            }
+
+            /// A field as text.
+            #[doc(hidden)]
+            pub fn get(&self, name: &str) -> Option<String> {
+                match name {
+                    $(stringify!($name) => Some(self.$name.text()),)*
+                    _ => None,
+                }
+            }
+
+            /// Checks the range of each field that has one.
+            fn check_fields(&self) -> Result<(), Error> {
+                $($(if let Some(value) = self.$name.number() {
+                    in_range(stringify!($name), value, [f64::from($low), f64::from($high)], [stringify!($low), stringify!($high)])?;
+                })?)*
+                Ok(())
+            }
+        }
+    };
+}
+
+settings! {
+    /// How registration and relative blur are combined.
+    method: Method = Method::Unified;
+    /// How stored values become intensities.
+    decode: Decode = Decode::Auto, flag "Input" "HOW";
+    /// Motion model of T.
+    /// The summary says when a simpler model explains as much or a richer one more. SIFT finds a similarity at most.
+    motion: Motion = Motion::Similarity, flag "Registration" "MODEL";
+    /// How T is updated in each outer iteration.
+    registration_step: RegistrationStep = RegistrationStep::GaussNewton, flag "Registration" "STEP";
+    /// Whether gain, offset and shading of the two images are matched.
+    photometric: bool = true;
+    /// Where T starts; with the method aligned it stays there.
+    start: Homography = Homography::IDENTITY;
+    /// Where gain and offset start; without `photometric` they stay there.
+    start_photometric: Photometric = Photometric::IDENTITY;
+    /// Pyramid levels.
+    /// auto halves the images while the short side stays at least 32 px.
+    levels: Option<u32> = None, 1 to 12, flag "Blur" "N|auto";
+    /// Largest |V|; increase it if pixels are at the limit.
+    /// V is the difference of the blurs' variances, px² of the full-size image. At a limit of 36 px², a third of the
+    /// heat sink's pixels and two thirds of the circuit board's were at the limit; at 144 px², 0 and 1 %.
+    max_relative_blur: f64 = 144.0, 1 to 256 "px²", flag "Blur" "PX2";
+    /// Weight α of the smoothness of V; less shows more relief and more noise.
+    /// auto finds α on each level, from the evidence against V and its slope (docs/method.md, section 6). The report
+    /// states what it found.
+    regularization: Option<f64> = None, 1e-6 to 10, flag "Blur" "A|auto";
+    /// Outer iterations on each level, at most.
+    /// A level stops once it has settled, usually after 5 to 20.
+    outer_iterations: u32 = 100, 5 to 1000, flag "Blur" "N";
+    /// Red-black relaxation sweeps in each outer iteration.
+    relaxation_sweeps: u32 = 5, 1 to 100, flag "Blur" "N";
+    /// Shape of the blur.
+    /// auto finds where it lies between a Gaussian and a disk.
+    kernel: Kernel = Kernel::Auto;
+    /// Whether the fused image of a pair is computed; depth and registration do not need it.
+    /// Its pass takes a twentieth of the solve of 1 Mpx in grey (`parfocal bench`, lavapipe). Without it a quarter less is
+    /// read back, of colour half.
+    fused: bool = true;
+    /// Over-relaxation ω.
+    over_relaxation: f64 = 1.8, 0.01 to 1.99, flag "Fine-tuning" "W";
+    /// On each level α starts 1 + C times too large.
+    continuation: f64 = 10.0, 0 to 1000, flag "Fine-tuning" "C";
+    /// η of the data term's modified L1 norm.
+    data_eta: f64 = 0.01, 1e-4 to 1 "intensity", flag "Fine-tuning" "E";
+    /// η of the smoothness term's modified L1 norm.
+    smoothness_eta: f64 = 0.1, 1e-4 to 100 "px² per pixel", flag "Fine-tuning" "E";
+    /// ε of the smooth Heaviside function.
+    heaviside_epsilon: f64 = 0.1, 1e-3 to 10 "px²", flag "Fine-tuning" "E";
+    /// Largest change of V in one outer iteration, in px² of the level.
+    largest_step: f64 = 1.0, 0.01 to 100 "px²", flag "Fine-tuning" "PX2";
+    /// Stored value from which a sample is clipped at white.
+    /// auto is the greatest value of integers, 255 or 65535, and none for floats. A pixel has no weight if one of its
+    /// channels is clipped.
+    white_level: Option<f64> = None, -1e6 to 1e6, flag "Fine-tuning" "V|auto";
+    /// Stored value up to which a sample is clipped at black.
+    /// auto is 0 for integers and none for floats. A pixel has no weight if all its channels are clipped.
+    black_level: Option<f64> = None, -1e6 to 1e6, flag "Fine-tuning" "V|auto";
+}
+
+fn in_range(name: &'static str, value: f64, [low, high]: [f64; 2], text: [&str; 2]) -> Result<(), Error> {
+    if value >= low && value <= high {
+        return Ok(());
+    }
+    Err(Error::Setting { name, value, range: format!("{} to {}", text[0], text[1]) })
 }
 
 impl Settings {
@@ -218,40 +428,75 @@ impl Settings {
     /// # Errors
     /// [`Error::Setting`] with the name, the value and the range of the first setting that is out of range.
     pub fn check(&self) -> Result<(), Error> {
-        let range = |name, value: f64, low: f64, high: f64| {
-            if value >= low && value <= high {
-                Ok(())
-            } else {
-                Err(Error::Setting { name, value, range: format!("{low} to {high}") })
-            }
-        };
-        range("levels", f64::from(self.levels.unwrap_or(1)), 1.0, 12.0)?;
-        range("outer iterations", f64::from(self.outer_iterations), 5.0, 1000.0)?;
-        range("sweeps", f64::from(self.sweeps), 1.0, 100.0)?;
-        range(
-            "the product of outer iterations and sweeps",
-            f64::from(self.outer_iterations) * f64::from(self.sweeps),
-            1.0,
-            10000.0,
-        )?;
-        range("over-relaxation", self.over_relaxation, 0.01, 1.99)?;
-        range("regularization", self.regularization.unwrap_or(1.0), 1e-6, 10.0)?;
-        range("continuation", self.continuation, 0.0, 1000.0)?;
-        range("data eta", self.data_eta, 1e-4, 1.0)?;
-        range("smoothness eta", self.smoothness_eta, 1e-4, 100.0)?;
-        range("heaviside epsilon", self.heaviside_epsilon, 1e-3, 10.0)?;
-        range("max relative blur", self.max_relative_blur, 1.0, 256.0)?;
-        range("largest step", self.largest_step, 0.01, 100.0)?;
-        range("black level", self.black_level.unwrap_or(0.0), -1e6, 1e6)?;
-        range("white level", self.white_level.unwrap_or(0.0), -1e6, 1e6)?;
+        self.check_fields()?;
+        let sweeps = f64::from(self.outer_iterations) * f64::from(self.relaxation_sweeps);
+        in_range("the product of outer_iterations and relaxation_sweeps", sweeps, [1.0, 1e4], ["1", "10000"])?;
         let ([tx, ty], [gx, gy]) = (self.start.translation(), self.start.perspective());
-        range("start translation x", tx, -1e5, 1e5)?;
-        range("start translation y", ty, -1e5, 1e5)?;
-        range("start scale", self.start.scale(), 0.1, 10.0)?;
         // The horizon 10 px from the centre: what is meant are pixels, not shares of the image.
-        range("start perspective along x", gx, -0.1, 0.1)?;
-        range("start perspective along y", gy, -0.1, 0.1)?;
-        range("start gain", self.start_photometric.gain, 1e-3, 1e3)?;
-        range("start offset", self.start_photometric.offset, -1e3, 1e3)
+        let (far, tilted) = (([-1e5, 1e5], ["-1e5", "1e5"]), ([-0.1, 0.1], ["-0.1", "0.1"]));
+        let Photometric { gain, offset } = self.start_photometric;
+        for (name, value, (range, text)) in [
+            ("the x translation of start", tx, far),
+            ("the y translation of start", ty, far),
+            ("the scale of start", self.start.scale(), ([0.1, 10.0], ["0.1", "10"])),
+            ("the x perspective of start", gx, tilted),
+            ("the y perspective of start", gy, tilted),
+            ("the gain of start_photometric", gain, ([1e-3, 1e3], ["1e-3", "1e3"])),
+            ("the offset of start_photometric", offset, ([-1e3, 1e3], ["-1e3", "1e3"])),
+        ] {
+            in_range(name, value, range, text)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_default_that_is_set_from_its_text_stays_the_default() {
+        for setting in Settings::TABLE {
+            let (mut settings, default) = (Settings::default(), (setting.default)());
+            assert_eq!(settings.get(setting.name).as_ref(), Some(&default));
+            let is_text = !["start", "start_photometric"].contains(&setting.name);
+            assert_eq!(settings.set(setting.name, &default), is_text, "{}", setting.name);
+            assert_eq!(settings, Settings::default());
+        }
+        let mut settings = Settings::default();
+        assert!(
+            settings.set("relaxation_sweeps", "7") && settings.set("levels", "3") && settings.set("motion", "affine")
+        );
+        assert_eq!((settings.relaxation_sweeps, settings.levels, settings.motion), (7, Some(3), Motion::Affine));
+        assert!(!settings.set("levels", "many") && !settings.set("sweeps", "7"));
+    }
+
+    #[test]
+    fn a_value_beyond_its_range_is_refused_with_name_and_range() {
+        for setting in Settings::TABLE {
+            let Some([low, high]) = setting.range else { continue };
+            for (text, is_good) in [(low, true), ("-2e6", false), ("99999999", false), ("nan", false)] {
+                let mut settings = Settings { outer_iterations: 5, relaxation_sweeps: 1, ..Settings::default() };
+                if !settings.set(setting.name, text) {
+                    continue;
+                }
+                let problem = settings.check().err().map(|error| error.to_string());
+                assert_eq!(problem.is_none(), is_good, "{problem:?}");
+                let ends = format!("and must be {low} to {high}");
+                assert!(problem.is_none_or(|p| p.starts_with(setting.name) && p.ends_with(&ends)), "{}", setting.name);
+            }
+        }
+        let many = Settings { outer_iterations: 1000, relaxation_sweeps: 11, ..Settings::default() };
+        assert!(many.check().is_err());
+    }
+
+    #[test]
+    fn the_table_in_docs_method_md_states_name_default_and_range() {
+        let text = include_str!("../../docs/method.md");
+        for setting in Settings::TABLE {
+            let range = setting.range.map_or_else(String::new, |[low, high]| format!("{low} to {high}"));
+            let row = format!("| `{}` | {} | {range} |", setting.name, (setting.default)()).replace("  ", " ");
+            assert!(text.contains(&row), "docs/method.md, section 8, lacks the row {row}");
+        }
     }
 }

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use super::arguments;
 use super::plan::Plan;
 use super::vulkan::Buffer;
-use crate::base::{Error, Signal};
+use crate::base::{CancelSignal, Error};
 
 /// What calls one pair off, and does nothing once that has ended.
 pub(super) struct CancelFlag {
@@ -50,7 +50,7 @@ impl CancelFlag {
     }
 
     /// For who calls off.
-    pub(super) fn signal(self: &Arc<Self>) -> Arc<Signal> {
+    pub(super) fn signal(self: &Arc<Self>) -> Arc<CancelSignal> {
         let call = self.clone();
         Arc::new(move || call.cancel())
     }

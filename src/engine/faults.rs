@@ -3,6 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
 use ash::vk;
 
@@ -156,6 +157,22 @@ fn whatever_call_fails_is_told_of_and_the_next_engine_solves() {
         "calls that fail",
         &format!("{tried} failures, of {} calls of {} functions", usual.calls.len(), functions.len()),
     );
+}
+
+#[test]
+fn a_wait_for_a_hung_device_ends_and_poisons_the_engine() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let [i1, i2] = pair();
+    faults::begin(None, None);
+    let engine = Engine::new(&testing::options()).unwrap();
+    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let ticket = solver.submit(0, &i1, &i2).unwrap();
+    faults::hang();
+    let waited = solver.wait(&ticket, Duration::MAX).map(|view| view.is_some());
+    assert!(matches!(waited, Err(Error::Timeout { .. })), "{waited:?}");
+    assert!(engine.device.is_poisoned());
+    drop((solver, engine));
+    faults::end();
 }
 
 /// What the driver makes of it is the driver's: lavapipe 22.3.6 loses a command for which it has no memory and ends the recording as

@@ -20,7 +20,9 @@ use super::stages::state::{Registration, State};
 use super::stages::sums::{Layout, Sums};
 use super::vulkan::{Buffer, Clock, Commands, Device, Fetch, OnDevice, Recorder, Recording, Wait};
 use super::workspace::Workspace;
-use crate::base::{CancellationToken, Error, Homography, Kernel, Mask, Photometric, Region, Shading, Signal};
+use crate::base::{
+    CancelSignal, CancellationToken, Deadline, Error, Homography, Kernel, Mask, Photometric, Region, Shading,
+};
 
 /// A script, and its recording.
 struct Prepared {
@@ -56,6 +58,8 @@ pub(super) struct FrameInFlight {
     /// What pairs of the other kind take, once it is recorded.
     other: Option<Prepared>,
     started: Instant,
+    /// When the latest pair has taken too long.
+    deadline: Deadline,
     phases: Phases,
     /// What has the device fetch photographs of the latest pair.
     fetching: Option<Recording>,
@@ -69,7 +73,7 @@ pub(super) struct FrameInFlight {
     fetches: bool,
     /// What calls the latest off, and is told to.
     call: Arc<CancelFlag>,
-    signal: Arc<Signal>,
+    signal: Arc<CancelSignal>,
 }
 
 impl Drop for FrameInFlight {
@@ -89,6 +93,7 @@ impl FrameInFlight {
         let call = CancelFlag::of(workspace.buffer(Slot::StartArguments), &common.plan);
         let signal = call.signal();
         let (under_way, pairs) = (None, 0);
+        let deadline = Deadline::after(common.device.timeout());
         Ok(Self {
             common,
             workspace,
@@ -96,6 +101,7 @@ impl FrameInFlight {
             is_masked,
             other,
             started,
+            deadline,
             phases,
             fetching: None,
             encoded: None,
@@ -123,7 +129,7 @@ impl FrameInFlight {
         self.call = CancelFlag::of(words, &self.common.plan);
         self.signal = self.call.signal();
         self.call.go_on(words)?;
-        cancel.tells(&self.signal);
+        cancel.register(&self.signal);
         cancel.check()
     }
 
@@ -134,14 +140,12 @@ impl FrameInFlight {
 
     /// Waits for what is under way.
     pub(super) fn rest(&mut self) -> Result<(), Error> {
-        let limit = self.common.device.timeout();
-        if !self.wait(limit)? {
-            return Err(Error::Timeout { device: self.common.device.info().name.clone(), seconds: limit.as_secs() });
-        }
+        self.wait(Duration::MAX)?;
         if self.common.device.is_poisoned() {
             return Err(Error::Poisoned);
         }
-        self.is_taken(limit)?;
+        self.is_taken(Duration::MAX)?;
+        self.deadline = Deadline::after(self.common.device.timeout());
         (self.started, self.phases) = (Instant::now(), Phases::default());
         Ok(())
     }
@@ -228,7 +232,7 @@ impl FrameInFlight {
     /// Waits so long at most; whether the device has fetched what it fetches of the latest pair.
     pub(super) fn is_taken(&mut self, limit: Duration) -> Result<bool, Error> {
         let Some(fetching) = &mut self.fetching else { return Ok(true) };
-        let is_taken = fetching.reached(fetching.signal().1, limit)?;
+        let is_taken = fetching.reached(fetching.signal().1, limit, self.deadline)?;
         if is_taken {
             fetching.let_go();
         }
@@ -243,7 +247,7 @@ impl FrameInFlight {
     /// Waits so long at most; whether the pair is solved.
     pub(super) fn wait(&mut self, limit: Duration) -> Result<bool, Error> {
         let Some(value) = self.under_way else { return Ok(true) };
-        let is_done = self.latest.recording.reached(value, limit)?;
+        let is_done = self.latest.recording.reached(value, limit, self.deadline)?;
         if is_done {
             self.under_way = None;
             self.phases.end(SUBMIT_WAIT);
@@ -269,7 +273,7 @@ impl FrameInFlight {
             let state = on_the_way.read::<State>(0, 1)?[0];
             Ok(script.parts[part].goes_on.is_none_or(|level| state.levels[level].settled == 0))
         };
-        recording.run_first(parts, &mut wanted, &mut |part| {
+        recording.run_first(parts, self.deadline, &mut wanted, &mut |part| {
             if let Some(level) = script.parts[part - 1].level_done.map(|index| &plan.pyramid[index]) {
                 let [width, height] = level.size;
                 let (pixels_done, pixels) = (pixels(part), pixels(parts));

@@ -42,6 +42,7 @@ pub(crate) fn solve(
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Solution, Error> {
     let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
+    let settings = &Settings { decode: settings.decode.resolved(formats.map(|f| f.depth)), ..settings.clone() };
     let grid = grid(engine, size, formats, settings)?;
     let mut whole = at_half_size(engine, [i1, i2], settings, mask, cancel).map_err(|error| match error {
         // Too long and too narrow to be halved: what the device said of the whole.
@@ -163,10 +164,7 @@ fn at_half_size(
 
 /// Levels, on a scale from 0 to 1 as stored, at which pixels are clipped, as intensities. At half the size those that lie among others are told by them.
 fn intensities(levels: [f32; 2], decode: Decode) -> [Option<f64>; 2] {
-    let of = |level: f32| match decode {
-        Decode::None => f64::from(level),
-        Decode::Srgb => srgb_to_linear(level.into()),
-    };
+    let of = |level: f32| if decode == Decode::Srgb { srgb_to_linear(level.into()) } else { level.into() };
     levels.map(|level| level.is_finite().then(|| of(level)))
 }
 

@@ -54,7 +54,7 @@ pub use solver::PairSolver;
 pub(crate) use solver::same_size;
 pub use source::Source;
 pub use submissions::Ticket;
-pub(crate) use sweep::{Asked, Focus, RegisteredFrames, SweepSolver};
+pub(crate) use sweep::{JointRegistration, JointSolution, JointSolver, SweepInput};
 #[cfg(target_os = "linux")]
 pub use vulkan::dma_buf::DmaBuf;
 pub use vulkan::{HostMemory, SharedMemory};

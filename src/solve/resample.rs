@@ -113,12 +113,13 @@ pub(crate) fn onto(values: Vec<f32>, channels: usize, t: &Homography, size: [usi
 /// Its brightness is changed in intensities decoded so.
 pub fn registered(frame: &Frame, transform: &Homography, brightness: &Brightness, decode: Decode) -> Frame {
     let (width, height, channels) = (frame.width() as usize, frame.height() as usize, frame.format().channels);
+    let decode = decode.resolved([frame.format().depth]);
     let values = brightened(frame, brightness, decode);
     let mut moved = onto(values, channels.count() as usize, transform, [width, height]);
     let value = |value: f32| match decode {
         _ if value.is_nan() => 0.0,
-        Decode::None => value,
         Decode::Srgb => stored(value, decode),
+        _ => value,
     };
     in_rows(&mut moved, width * channels.count() as usize, |_, row| row.iter_mut().for_each(|v| *v = value(*v)));
     frame.with_intensities(&moved)

@@ -75,9 +75,9 @@ fn a_folder_is_solved_and_resumed_where_something_has_changed() {
     assert_eq!(statuses(&desk.tally("shots", &["--resume"], 0)), ["a kept", "b solved"]);
     fs::copy(desk.path("shots/b_far.png"), desk.path("shots/b_near.png")).unwrap();
     assert_eq!(statuses(&desk.tally("shots", &["--resume"], 0)), ["a kept", "b solved"]);
-    assert_eq!(statuses(&desk.tally("shots", &["--resume", "--sweeps", "6"], 0)), ["a solved", "b solved"]);
+    assert_eq!(statuses(&desk.tally("shots", &["--resume", "--relaxation-sweeps", "6"], 0)), ["a solved", "b solved"]);
     assert_eq!(
-        statuses(&desk.tally("shots", &["--resume", "--sweeps", "6", "--nearer", "2"], 0)),
+        statuses(&desk.tally("shots", &["--resume", "--relaxation-sweeps", "6", "--nearer", "2"], 0)),
         ["a solved", "b solved"]
     );
 }
@@ -130,7 +130,7 @@ fn what_cannot_be_paired_or_asked_is_refused_before_any_work() {
     for (source, extra, status, part) in [
         ("odd", &[][..], 1, "a_3.png is left over"),
         ("shot", &[], 1, "did you mean 'shots'?"),
-        ("shots", &["--sweeps", "0"], 2, "sweeps is 0"),
+        ("shots", &["--relaxation-sweeps", "0"], 2, "--relaxation-sweeps is 0"),
         ("cache", &[], 1, "cache"),
     ] {
         let output = desk.batch(source, extra);

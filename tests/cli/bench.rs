@@ -194,7 +194,7 @@ fn what_cannot_be_asked_is_refused_before_any_work() {
     fs::write(desk.path("no.json"), "{}").unwrap();
     refused(&desk.run(&["--sizes", "64"]), 2, &["'64'", "WIDTHxHEIGHT"]);
     refused(&desk.run(&["--kernels", "none"]), 2, &["none", "gaussian"]);
-    refused(&desk.run(&["--outer-iterations", "1"]), 2, &["outer iterations is 1"]);
+    refused(&desk.run(&["--outer-iterations", "1"]), 2, &["--outer-iterations is 1"]);
     refused(&desk.run(&["--compare", "no.json", "no.json"]), 1, &["no.json", "no report of a bench"]);
     refused(&desk.run(&["--against", "none.json"]), 1, &["none.json", "check the path"]);
     refused(&desk.run(&["--pair", "a.png", "b.png"]), 1, &["a.png"]);

@@ -99,7 +99,8 @@ fn frames_without_a_header_are_read_by_the_format_that_is_stated() {
     let desk = Desk::new();
     let size = format!("{}x{}", SIZE[0], SIZE[1]);
     let deep = desk.solve("pair/i1.png", "pair/i2.png", &[]);
-    let (raw, tx) = (format!("Mono12p:{size}"), |report: &Value| report["frames"][1]["transform"]["tx_px"].as_f64().unwrap());
+    let (raw, tx) =
+        (format!("Mono12p:{size}"), |report: &Value| report["frames"][1]["transform"]["tx_px"].as_f64().unwrap());
     for (samples, name) in desk.samples(12).iter().zip(["i1", "i2"]) {
         desk.write(&format!("raw/{name}.raw"), &packed(samples, 12));
         let words: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();

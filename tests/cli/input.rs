@@ -132,10 +132,10 @@ fn settings_out_of_range() {
     let desk = Desk::new();
     let cases = [
         (["--levels", "99"], "levels is 99, and must be 1 to 12"),
-        (["--max-relative-blur", "1e9"], "max relative blur"),
-        (["--regularization", "nan"], "regularization is NaN"),
-        (["--outer-iterations", "1"], "outer iterations"),
-        (["--sweeps", "0"], "sweeps"),
+        (["--max-relative-blur", "1e9"], "--max-relative-blur is"),
+        (["--regularization", "nan"], "--regularization is NaN"),
+        (["--outer-iterations", "1"], "--outer-iterations is"),
+        (["--relaxation-sweeps", "0"], "--relaxation-sweeps is"),
     ];
     for (extra, part) in cases {
         desk.refuses_with("good.png", "good.png", &extra, 2, &[part]);

@@ -4,9 +4,7 @@
 mod common;
 
 use parfocal::export::{Nearer, Report};
-use parfocal::{
-    Channels, DeviceInfo, Findings, Photometric, Region, Settings, Shading, Similarity, Solution, Timings,
-};
+use parfocal::{Channels, DeviceInfo, Findings, Photometric, Region, Settings, Shading, Similarity, Solution, Timings};
 
 mod again;
 mod apply;

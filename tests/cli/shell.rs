@@ -41,16 +41,16 @@ fn a_configuration_is_checked_with_file_and_line() {
     let solve = ["solve", "near.png", "far.png", "-o", "out", "--config", "c.toml"];
     for (text, part) in [
         ("\nregularisation = 0.1\n", "c.toml:2: there is no option 'regularisation'; did you mean 'regularization'?"),
-        ("sweeps = 'many'\n", "c.toml:1: sweeps must be a number, and is a string"),
-        ("\n\nsweeps = 0\n", "c.toml:3: sweeps is 0, and must be 1 to 100"),
+        ("relaxation-sweeps = 'many'\n", "c.toml:1: relaxation-sweeps must be a number, and is a string"),
+        ("\n\nrelaxation-sweeps = 0\n", "c.toml:3: --relaxation-sweeps is 0, and must be 1 to 100"),
         ("heaviside_epsilon = 99\n", "c.toml:1: heaviside epsilon is 99"),
         ("kernel = 'none.png'\n", "none.png"),
     ] {
         fs::write(desk.path("c.toml"), text).unwrap();
         desk.refuses(&solve, 2, part);
     }
-    fs::write(desk.path("c.toml"), "sweeps = 0\n").unwrap();
-    desk.refuses(&[&solve[..], &["--sweeps", "101"]].concat(), 2, "sweeps is 101");
+    fs::write(desk.path("c.toml"), "relaxation-sweeps = 0\n").unwrap();
+    desk.refuses(&[&solve[..], &["--relaxation-sweeps", "101"]].concat(), 2, "--relaxation-sweeps is 101");
     desk.refuses(&["register", "near.png", "far.png", "--config", "d.toml"], 1, "d.toml: ");
 }
 

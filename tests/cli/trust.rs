@@ -195,7 +195,7 @@ fn what_others_named_commands_no_terminal() {
     assert!(!told(&desk.run(&solve)).contains('\x1b'));
     // Nor what is no argument at all.
     let typed = "x\x1b[2J\nerror: y\u{9b}1m";
-    let [option, value] = [format!("--{typed}"), format!("--sweeps={typed}")];
+    let [option, value] = [format!("--{typed}"), format!("--relaxation-sweeps={typed}")];
     for arguments in
         [&[typed][..], &["solve", &option], &["solve", &value], &["--", typed], &["solve", "a", "b", typed]]
     {

@@ -121,7 +121,11 @@ fn results_that_are_missing_or_odd_name_the_file() {
     let desk = Desk::new();
     ImageBuffer::<Luma<u16>, _>::new(96, 63).save(desk.path("out/fused.png")).unwrap();
     refused(&desk.view(&[]), 1, &["fused.png", "96x63"]);
-    fs::write(desk.path("out/report.json"), crate::report_of_pair([96, 64], 1).to_string().replace("\"nearer\":1", "\"nearer\":3")).unwrap();
+    fs::write(
+        desk.path("out/report.json"),
+        crate::report_of_pair([96, 64], 1).to_string().replace("\"nearer\":1", "\"nearer\":3"),
+    )
+    .unwrap();
     refused(&desk.view(&[]), 1, &["report.json", "nearer"]);
     fs::remove_dir_all(desk.path("out")).unwrap();
     refused(&desk.view(&[]), 1, &["out: is no folder"]);

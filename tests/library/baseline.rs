@@ -2,10 +2,10 @@
 
 use crate::common::scene::{exposed, pair, slanted};
 use crate::common::{TestEngine, assert_transform, blur_error, real_pair};
-use parfocal::{Channels, Error, Format, Frame, Method, PairSolver, Samples, Settings, Similarity, reference};
+use parfocal::{Channels, Decode, Error, Format, Frame, Method, PairSolver, Samples, Settings, Similarity, reference};
 
 fn by(method: Method) -> Settings {
-    Settings { method, ..Settings::default() }
+    Settings { method, decode: Decode::None, ..Settings::default() }
 }
 
 fn truth() -> Similarity {

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use parfocal::interop::ash::{self, ext, vk};
 use parfocal::interop::{Commands, DeviceRequirements, DeviceSource, ExternalDevice, Wait};
-use parfocal::{Engine, EngineOptions, Frame, HostMemory, PairSolver, PixelFormat, Settings, Similarity};
+use parfocal::{Decode, Engine, EngineOptions, Frame, HostMemory, PairSolver, PixelFormat, Settings, Similarity};
 
 use crate::common::TestEngine;
 use crate::common::scene::pair;
@@ -256,7 +256,7 @@ fn expected([i1, i2]: &[Frame; 2], settings: &Settings) -> Vec<u32> {
 
 /// Some pixels are clipped, of frames whose white is this.
 fn settings(white: f64) -> Settings {
-    Settings { white_level: Some(0.75 * white), ..Settings::default() }
+    Settings { white_level: Some(0.75 * white), decode: Decode::None, ..Settings::default() }
 }
 
 fn found(solver: &mut PairSolver, ticket: &parfocal::Ticket) -> Vec<u32> {

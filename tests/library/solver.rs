@@ -5,8 +5,8 @@ use std::time::Duration;
 use crate::common::scene::{Random, luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error, options};
 use parfocal::{
-    Channels, Depth, Engine, EngineOptions, Error, Format, Frame, Method, PairSolver, Photometric, Samples, Settings,
-    Similarity, reference,
+    Channels, Decode, Depth, Engine, EngineOptions, Error, Format, Frame, Method, PairSolver, Photometric, Samples,
+    Settings, Similarity, reference,
 };
 
 fn small_pair() -> [Frame; 2] {
@@ -113,16 +113,42 @@ fn colours_and_bit_depths_mix() {
     };
     let grey = luminance(&i2).iter().map(|v| (v * 65535.0).round() as u16).collect();
     let grey = Frame::new(97, 75, Channels::Gray, Samples::U16(grey)).unwrap();
-    let solution = TestEngine::new().solve([&colour(&i1), &grey], &Settings::default());
+    let settings = Settings { decode: Decode::None, ..Settings::default() };
+    let solution = TestEngine::new().solve([&colour(&i1), &grey], &settings);
     assert_eq!(solution.fused_channels, Channels::Rgb);
     assert_eq!(solution.fused.len(), 97 * 75 * 3);
     assert!(
         (solution.transform.translation()[0] - 0.6).abs() < 0.05
             && (solution.transform.translation()[1] + 0.4).abs() < 0.05
     );
-    let both = TestEngine::new().solve([&colour(&i1), &colour(&i2)], &Settings::default());
+    let both = TestEngine::new().solve([&colour(&i1), &colour(&i2)], &settings);
     let [red, blue] = [0, 2].map(|c| both.fused.iter().skip(c).step_by(3).sum::<f32>());
     assert!((blue / red - 1.1 / 0.9).abs() < 0.01, "{}", blue / red);
+}
+
+#[test]
+fn samples_of_8_bits_are_read_as_srgb_by_default_and_of_more_as_linear() {
+    let (engine, frames) = (TestEngine::new(), small_pair());
+    let stored = |depth: Depth| {
+        frames.each_ref().map(|frame| {
+            let values = luminance(frame).into_iter().map(|v| v.clamp(0.0, 1.0));
+            let samples = match depth {
+                Depth::U8 => Samples::U8(values.map(|v| (v * 255.0).round() as u8).collect()),
+                _ => Samples::U16(values.map(|v| (v * 65535.0).round() as u16).collect()),
+            };
+            Frame::new(97, 75, Channels::Gray, samples).unwrap()
+        })
+    };
+    let blur = |[i1, i2]: &[Frame; 2], decode| {
+        let settings = Settings { decode, outer_iterations: 8, ..Settings::default() };
+        engine.solve([i1, i2], &settings).relative_blur.iter().map(|v| v.to_bits()).collect::<Vec<_>>()
+    };
+    let default = Settings::default().decode;
+    for (depth, is, is_not) in [(Depth::U8, Decode::Srgb, Decode::None), (Depth::U16, Decode::None, Decode::Srgb)] {
+        let pair = stored(depth);
+        let found = blur(&pair, default);
+        assert!(found == blur(&pair, is) && found != blur(&pair, is_not), "{depth:?}");
+    }
 }
 
 fn doubtful(i1: &Frame, i2: &Frame, settings: &Settings, word: &str) {

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 #[cfg(target_os = "linux")]
 use parfocal::DmaBuf;
 use parfocal::{
-    Depth, Engine, EngineOptions, Error, Frame, HostMemory, PairSolver, PixelFormat, Samples, Settings, Similarity,
-    Source, Ticket,
+    Decode, Depth, Engine, EngineOptions, Error, Frame, HostMemory, PairSolver, PixelFormat, Samples, Settings,
+    Similarity, Source, Ticket,
 };
 
 use crate::common::scene::pair;
@@ -82,7 +82,7 @@ fn every_way_in_gives_what_unpacked_frames_give() {
     for format in formats() {
         // Some pixels are clipped, so that frames take the passes that others take always.
         let white = if format.format().depth == Depth::U8 { 255.0 } else { 65535.0 };
-        let settings = Settings { white_level: Some(0.75 * white), ..Settings::default() };
+        let settings = Settings { white_level: Some(0.75 * white), decode: Decode::None, ..Settings::default() };
         let photographs = frames.each_ref().map(|frame| packed(frame, format));
         let [i1, i2] = photographs.each_ref().map(|bytes| format.frame(SIZE, bytes).unwrap());
         let expected = engine.solve([&i1, &i2], &settings);

@@ -190,7 +190,7 @@ typedef struct {
   // A parfocal_kernel.
   uint32_t kernel;
   // A parfocal_registration_step.
-  uint32_t registration;
+  uint32_t registration_step;
   // A parfocal_decode.
   uint32_t decode;
   // Whether gain, offset and shading are matched: 1 or 0.
@@ -199,9 +199,9 @@ typedef struct {
   uint32_t levels;
   // Iterations a level at most, 5 to 1000.
   uint32_t outer_iterations;
-  // Sweeps an iteration, 1 to 100.
-  uint32_t sweeps;
-  // Of a sweep, 0.01 to 1.99.
+  // Relaxation sweeps per outer iteration, 1 to 100.
+  uint32_t relaxation_sweeps;
+  // Over-relaxation, 0.01 to 1.99.
   double over_relaxation;
   // Smoothness, 1e-6 to 10; 0: found on each level.
   double regularization;

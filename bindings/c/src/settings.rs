@@ -80,7 +80,7 @@ pub struct parfocal_settings {
     /// A parfocal_kernel.
     pub kernel: u32,
     /// A parfocal_registration_step.
-    pub registration: u32,
+    pub registration_step: u32,
     /// A parfocal_decode.
     pub decode: u32,
     /// Whether gain, offset and shading are matched: 1 or 0.
@@ -89,9 +89,9 @@ pub struct parfocal_settings {
     pub levels: u32,
     /// Iterations a level at most, 5 to 1000.
     pub outer_iterations: u32,
-    /// Sweeps an iteration, 1 to 100.
-    pub sweeps: u32,
-    /// Of a sweep, 0.01 to 1.99.
+    /// Relaxation sweeps per outer iteration, 1 to 100.
+    pub relaxation_sweeps: u32,
+    /// Over-relaxation, 0.01 to 1.99.
     pub over_relaxation: f64,
     /// Smoothness, 1e-6 to 10; 0: found on each level.
     pub regularization: f64,
@@ -134,12 +134,12 @@ unsafe impl Versioned for parfocal_settings {
             method: parfocal_method::PARFOCAL_UNIFIED as u32,
             motion: s.motion as u32,
             kernel: parfocal_kernel::PARFOCAL_KERNEL_AUTO as u32,
-            registration: s.registration as u32,
+            registration_step: s.registration_step as u32,
             decode: parfocal_decode::PARFOCAL_DECODE_AUTO as u32,
             photometric: s.photometric.into(),
             levels: s.levels.unwrap_or(0),
             outer_iterations: s.outer_iterations,
-            sweeps: s.sweeps,
+            relaxation_sweeps: s.relaxation_sweeps,
             over_relaxation: s.over_relaxation,
             regularization: s.regularization.unwrap_or(0.0),
             continuation: s.continuation,
@@ -166,11 +166,10 @@ pub unsafe extern "C" fn parfocal_settings_init(settings: *mut parfocal_settings
     call(|| unsafe { write(settings, parfocal_settings::start()) })
 }
 
-/// Settings, and whether values are decoded by what the frames are.
+/// The settings of a caller.
 #[derive(Clone)]
 pub(crate) struct Told {
     settings: Settings,
-    decode_auto: bool,
 }
 
 impl Told {
@@ -186,21 +185,17 @@ impl Told {
         };
         let settings = settings(&asked)?;
         settings.check()?;
-        Ok(Self { settings, decode_auto: asked.decode == 0 })
+        Ok(Self { settings })
     }
 
-    /// For frames such as these.
+    /// The settings for these frames, with [`Decode::Auto`] resolved.
     pub(crate) fn of(&self, frames: &[&Frame]) -> Settings {
         self.of_depths(frames.iter().map(|frame| frame.format().depth))
     }
 
-    /// For frames of such samples.
-    pub(crate) fn of_depths(&self, mut depths: impl Iterator<Item = Depth>) -> Settings {
-        let mut settings = self.settings.clone();
-        if self.decode_auto && depths.any(|depth| depth == Depth::U8) {
-            settings.decode = Decode::Srgb;
-        }
-        settings
+    /// The settings for frames of these samples, with [`Decode::Auto`] resolved.
+    pub(crate) fn of_depths(&self, depths: impl Iterator<Item = Depth>) -> Settings {
+        Settings { decode: self.settings.decode.resolved(depths), ..self.settings.clone() }
     }
 }
 
@@ -210,7 +205,7 @@ fn settings(asked: &parfocal_settings) -> Result<Settings, Fault> {
         method: one_of("method", asked.method, &[Method::Unified, Method::Aligned, Method::Appearance])?,
         levels: Some(asked.levels).filter(|&levels| levels != 0),
         outer_iterations: asked.outer_iterations,
-        sweeps: asked.sweeps,
+        relaxation_sweeps: asked.relaxation_sweeps,
         over_relaxation: asked.over_relaxation,
         regularization: Some(asked.regularization).filter(|&alpha| alpha != 0.0),
         continuation: asked.continuation,
@@ -219,19 +214,11 @@ fn settings(asked: &parfocal_settings) -> Result<Settings, Fault> {
         heaviside_epsilon: asked.heaviside_epsilon,
         max_relative_blur: asked.max_relative_blur,
         largest_step: asked.largest_step,
-        kernel: one_of(
-            "kernel",
-            asked.kernel,
-            &[Kernel::Auto, Kernel::Gaussian, Kernel::Pillbox, Kernel::HalfGaussian],
-        )?,
+        kernel: one_of("kernel", asked.kernel, &Kernel::NAMED)?,
         motion: one_of("motion", asked.motion, &Motion::ALL)?,
-        registration: one_of(
-            "registration",
-            asked.registration,
-            &[RegistrationStep::GaussNewton, RegistrationStep::GradientDescent],
-        )?,
+        registration_step: one_of("registration_step", asked.registration_step, &RegistrationStep::ALL)?,
         photometric: one_of("photometric", asked.photometric, &[false, true])?,
-        decode: one_of("decode", asked.decode, &[Decode::None, Decode::None, Decode::Srgb])?,
+        decode: one_of("decode", asked.decode, &Decode::ALL)?,
         black_level: level(asked.black_level),
         white_level: level(asked.white_level),
         start: homography(&asked.start)?,

@@ -3,7 +3,7 @@
 use std::fmt::Display;
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
-use parfocal::{Aperture, Decode, Depth, Frame, Kernel, Method, Motion, Photometric, RegistrationStep, Settings};
+use parfocal::{Aperture, Decode, Frame, Kernel, Method, Motion, Photometric, RegistrationStep, Settings};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -11,60 +11,31 @@ use pyo3::types::PyDict;
 use crate::convert::homography;
 use crate::raised;
 
-const NAMES: [&str; 22] = [
-    "method",
-    "levels",
-    "outer_iterations",
-    "sweeps",
-    "over_relaxation",
-    "regularization",
-    "continuation",
-    "data_eta",
-    "smoothness_eta",
-    "heaviside_epsilon",
-    "max_relative_blur",
-    "largest_step",
-    "kernel",
-    "motion",
-    "registration",
-    "photometric",
-    "fused",
-    "decode",
-    "black_level",
-    "white_level",
-    "start",
-    "start_photometric",
-];
-
 /// The names of the settings.
 #[pyfunction]
 pub(crate) fn setting_names() -> Vec<&'static str> {
-    NAMES.to_vec()
+    Settings::TABLE.iter().map(|setting| setting.name).collect()
 }
 
 /// The settings that a call names, for these photographs.
 pub(crate) fn settings(named: &Bound<'_, PyDict>, frames: &[&Frame]) -> PyResult<Settings> {
-    let mut settings = Settings { decode: decode_by(frames), ..Settings::default() };
+    let mut settings = Settings::default();
     for (name, value) in named {
         let name: String = name.extract()?;
-        set(&mut settings, &name, &value, frames).map_err(|e| of_setting(&value, &name, e))?;
+        set(&mut settings, &name, &value).map_err(|e| of_setting(&value, &name, e))?;
     }
     settings.check().map_err(raised)?;
+    // Results state how values were read.
+    settings.decode = settings.decode.resolved(frames.iter().map(|frame| frame.format().depth));
     Ok(settings)
 }
 
-/// 8 bits are taken for sRGB, as the program takes files that say nothing of it.
-fn decode_by(frames: &[&Frame]) -> Decode {
-    let eight = frames.iter().any(|frame| frame.format().depth == Depth::U8);
-    if eight { Decode::Srgb } else { Decode::None }
-}
-
-fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>, frames: &[&Frame]) -> PyResult<()> {
+fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
     match name {
         "method" => s.method = one_of(value, &[Method::Unified, Method::Aligned, Method::Appearance], |m| m.name())?,
         "levels" => s.levels = auto(value)?,
         "outer_iterations" => s.outer_iterations = value.extract()?,
-        "sweeps" => s.sweeps = value.extract()?,
+        "relaxation_sweeps" => s.relaxation_sweeps = value.extract()?,
         "over_relaxation" => s.over_relaxation = value.extract()?,
         "regularization" => s.regularization = auto(value)?,
         "continuation" => s.continuation = value.extract()?,
@@ -75,18 +46,11 @@ fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>, frames: &[&Frame]
         "largest_step" => s.largest_step = value.extract()?,
         "kernel" => s.kernel = kernel(value)?,
         "motion" => s.motion = one_of(value, &Motion::ALL, |m| m.name())?,
-        "registration" => {
-            let steps = [
-                ("gauss-newton", RegistrationStep::GaussNewton),
-                ("gradient-descent", RegistrationStep::GradientDescent),
-            ];
-            s.registration = one_of(value, &steps, |step| step.0)?.1;
-        }
+        "registration_step" => s.registration_step = one_of(value, &RegistrationStep::ALL, |step| step.name())?,
         "photometric" => s.photometric = value.extract()?,
         "fused" => s.fused = value.extract()?,
         "decode" => {
-            let ways = [("auto", decode_by(frames)), ("none", Decode::None), ("srgb", Decode::Srgb)];
-            s.decode = one_of(value, &ways, |way| way.0)?.1;
+            s.decode = one_of(value, &Decode::ALL, |decode| decode.name())?;
         }
         "black_level" => s.black_level = auto(value)?,
         "white_level" => s.white_level = auto(value)?,
@@ -95,7 +59,12 @@ fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>, frames: &[&Frame]
             let [gain, offset] = value.extract()?;
             s.start_photometric = Photometric { gain, offset };
         }
-        _ => return Err(PyTypeError::new_err(format!("there is no such setting; there are {}", NAMES.join(", ")))),
+        _ => {
+            return Err(PyTypeError::new_err(format!(
+                "there is no such setting; there are {}",
+                setting_names().join(", ")
+            )));
+        }
     }
     Ok(())
 }
@@ -135,5 +104,5 @@ fn kernel(value: &Bound<'_, PyAny>) -> PyResult<Kernel> {
         let densities: Vec<f64> = grid.as_array().iter().copied().collect();
         return Aperture::new("array", width, height, &densities).map(Kernel::Measured).map_err(raised);
     }
-    one_of(value, &[Kernel::Auto, Kernel::Gaussian, Kernel::Pillbox, Kernel::HalfGaussian], |kernel| kernel.name())
+    one_of(value, &Kernel::NAMED, |kernel| kernel.name())
 }

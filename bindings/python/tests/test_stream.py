@@ -159,7 +159,7 @@ def test_what_is_wrong_is_told():
         with pytest.raises(error, match=words):
             parfocal.Stream(**arguments)
     with parfocal.Stream(max_relative_blur=1000) as stream:
-        with pytest.raises(ValueError, match="max relative blur is 1000"):
+        with pytest.raises(ValueError, match="max_relative_blur is 1000"):
             stream.push(*PAIRS[0])
         with pytest.raises(ValueError, match="timeout"):
             stream.next(-1)

@@ -8,7 +8,7 @@ use parfocal::{Brightness, Depth, Frame, image_io, resample};
 
 use crate::cli::jobs::frames;
 use crate::cli::options::output_options::ToldArguments;
-use crate::cli::options::settings::registration;
+use crate::cli::options::settings::registration_file;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
@@ -23,7 +23,7 @@ pub(crate) struct Arguments {
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
     /// The registration: a report.json of a pair or a sweep, what register wrote, or its transform object
-    #[arg(long, value_name = "FILE", value_parser = registration)]
+    #[arg(long, value_name = "FILE", value_parser = registration_file)]
     transform: PathBuf,
     /// Folder for the results, each of the name of its image; made if it is missing
     #[arg(short, long, value_name = "OUT")]

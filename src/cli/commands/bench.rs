@@ -6,12 +6,11 @@ use std::str::FromStr;
 
 use parfocal::bench::{self, Input, Options, Report};
 use parfocal::export::{FileKind, Registration};
-use parfocal::{Settings, image_io};
+use parfocal::{Method, Settings, image_io};
 
 use crate::cli::options::engine::EngineArguments;
 use crate::cli::options::output_options::QuietArgument;
-use crate::cli::options::settings::KernelChoice;
-use crate::cli::options::solve_options::MethodName;
+use crate::cli::options::settings::{KernelChoice, TableArguments};
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::{Failure, print};
 
@@ -30,7 +29,7 @@ pub(crate) struct Arguments {
     transform: Option<PathBuf>,
     /// How the registration is found, as `solve --method`
     #[arg(long, value_name = "METHOD,...", value_delimiter = ',', value_enum, default_value = "unified")]
-    methods: Vec<MethodName>,
+    methods: Vec<Method>,
     /// Kernels: auto, gaussian, pillbox, half-gaussian, or pictures of kernels
     #[arg(long, value_name = "KERNEL,...", value_delimiter = ',', default_value = "auto")]
     kernels: Vec<KernelChoice>,
@@ -42,16 +41,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = Options::default().warmup,
           value_parser = clap::value_parser!(u32).range(0..=1000))]
     warmup: u32,
-    /// Largest |V|, px² of the full-size image, 1 to 256
-    #[arg(long, value_name = "PX2", allow_negative_numbers = true,
-          default_value_t = Settings::default().max_relative_blur)]
-    max_relative_blur: f64,
-    /// Outer iterations on each level at most, 5 to 1000
-    #[arg(long, value_name = "N", default_value_t = Settings::default().outer_iterations)]
-    outer_iterations: u32,
-    /// Relaxation sweeps in each outer iteration, 1 to 100
-    #[arg(long, value_name = "N", default_value_t = Settings::default().sweeps)]
-    sweeps: u32,
+    #[command(flatten)]
+    settings: TableArguments<true>,
     /// Leave the fused image out, as an embedder may who wants depth alone
     #[arg(long)]
     no_fused: bool,
@@ -140,11 +131,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 fn options(arguments: &Arguments) -> Result<Options, Failure> {
     let settings = Settings {
-        max_relative_blur: arguments.max_relative_blur,
-        outer_iterations: arguments.outer_iterations,
-        sweeps: arguments.sweeps,
         fused: !arguments.no_fused,
-        ..Settings::default()
+        decode: Options::default().settings.decode,
+        ..arguments.settings.0.clone()
     };
     settings.check()?;
     let input = match arguments.pair.as_slice() {
@@ -158,7 +147,7 @@ fn options(arguments: &Arguments) -> Result<Options, Failure> {
     Ok(Options {
         held,
         input,
-        methods: arguments.methods.iter().map(|&name| name.into()).collect(),
+        methods: arguments.methods.clone(),
         kernels: arguments.kernels.iter().map(KernelChoice::read).collect::<Result<_, _>>()?,
         settings,
         warmup: arguments.warmup,

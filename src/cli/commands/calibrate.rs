@@ -108,8 +108,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let blur = Values { width: solved.report.size.width, values: solved.values() };
     let confidence = solved.field("confidence")?;
-    let fit =
-        |target: &Target| calibrate(&lens, solved.magnification(), &blur, &confidence, target, &unknowns);
+    let fit = |target: &Target| calibrate(&lens, solved.magnification(), &blur, &confidence, target, &unknowns);
     let found = fit(&target).map_err(|e| with_turned_corners(e, &target, |target| fit(target).is_ok()))?;
     if let Some(file) = &arguments.output {
         export::write_json(arguments.of.force.to(file), FileKind::Lens, &found)?;

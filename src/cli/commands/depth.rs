@@ -68,8 +68,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let force = arguments.of.force.is_given();
     // A report may state the lens: it is read before it is written again.
-    let inputs: Vec<&PathBuf> =
-        arguments.lens.file().into_iter().filter(|file| !file.ends_with(REPORT_FILE)).collect();
+    let inputs: Vec<&PathBuf> = arguments.lens.file().into_iter().filter(|file| !file.ends_with(REPORT_FILE)).collect();
     destination::check_folder(results)?;
     destination::check_inputs(results, &[DEPTH_FILE, DEPTH_PICTURE_FILE, REPORT_FILE], &inputs)?;
     solved.check_depth(force)?;
@@ -82,9 +81,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     lines.extend(doubt.map(|doubt| format!("warning        {doubt}")));
     lines.extend(derived.warning());
     let view = results.join(VIEW);
-    lines.extend(view.is_file().then(|| {
-        format!("note           {} shows the earlier results; parfocal view draws it again", view.display())
-    }));
+    lines.extend(
+        view.is_file().then(|| {
+            format!("note           {} shows the earlier results; parfocal view draws it again", view.display())
+        }),
+    );
     lines.push(format!("results        {}", results.display()));
     arguments.of.tell(&lines.join("\n"), report)
 }

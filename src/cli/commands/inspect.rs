@@ -2,9 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{
-    INSPECT_FILES, InspectReport, Nearer, REPORT_FILE, Results, listed_in, write_inspection,
-};
+use parfocal::export::{INSPECT_FILES, InspectReport, Nearer, REPORT_FILE, Results, listed_in, write_inspection};
 use parfocal::inspect::{Heights, Limits, golden, inspect};
 use parfocal::{Brightness, Decode, Frame, Similarity, baseline, inspection, resample};
 
@@ -129,7 +127,8 @@ fn check_output(arguments: &Arguments, out: &Path) -> Result<(), Failure> {
 
 /// The best quantity that all have, and its unit.
 fn common<'a>(part: &'a Part, goldens: &[Part]) -> Result<(&'a str, &'static str), Failure> {
-    let has = |other: &Part, name: &str, unit| other.fields.iter().any(|field| (field.0.as_str(), field.1) == (name, unit));
+    let has =
+        |other: &Part, name: &str, unit| other.fields.iter().any(|field| (field.0.as_str(), field.1) == (name, unit));
     let best = part.fields.iter().rev().find(|(name, unit, _)| goldens.iter().all(|other| has(other, name, *unit)));
     best.map(|(name, unit, _)| (name.as_str(), *unit)).ok_or_else(|| {
         let problem = "has no quantity in common with the golden parts: pairs and sweeps cannot be compared, nor settings of two units";

@@ -74,7 +74,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let derived = DerivedOutputs::page(&solved);
     solved.write_measurements(&measured, &derived.drawing(None), derived.files(None), force)?;
     let rows = rows(&measured);
-    let lines: Vec<String> = rows.iter().map(|(label, text)| format!("{label:<14} {text}")).chain(derived.warning()).collect();
+    let lines: Vec<String> =
+        rows.iter().map(|(label, text)| format!("{label:<14} {text}")).chain(derived.warning()).collect();
     arguments.of.tell(&lines.join("\n"), &measured)
 }
 

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use parfocal::export::{self, FileKind, FrameReport, Report};
 use parfocal::focus_stack::SweepOptions;
-use parfocal::image_io::Photograph;
+use parfocal::image_io::{Photograph, Values};
 use parfocal::{Kernel, Method, PairSolver, Settings};
 
 use crate::cli::help::AFTER_HELP;
@@ -32,8 +33,9 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     settings: SettingsArguments,
     /// How to register
-    #[arg(long, value_name = "NAME", help_heading = REGISTRATION, value_enum, default_value_t = MethodName::Unified)]
-    method: MethodName,
+    #[arg(long, value_name = "NAME", help_heading = REGISTRATION, value_parser = method_parser(),
+          default_value = "unified")]
+    method: Method,
     /// File for the registration, JSON that `solve --transform` reads; an earlier one is replaced
     #[arg(short, long, value_name = "FILE.json", help_heading = OUTPUT, display_order = 0)]
     output: Option<PathBuf>,
@@ -43,30 +45,17 @@ pub(crate) struct Arguments {
     run: RunArguments,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum MethodName {
-    /// Together with the blur
-    Unified,
-    /// By the difference of the images
-    Appearance,
-    /// By SIFT key-points
-    Sift,
-}
-
-impl From<MethodName> for Method {
-    fn from(name: MethodName) -> Self {
-        match name {
-            MethodName::Unified => Self::Unified,
-            MethodName::Appearance => Self::Appearance,
-            MethodName::Sift => Self::Sift,
-        }
-    }
+/// The methods that register, by their names.
+fn method_parser() -> impl TypedValueParser<Value = Method> {
+    let methods = Method::value_variants().iter().filter(|method| **method != Method::Aligned);
+    PossibleValuesParser::new(methods.filter_map(ValueEnum::to_possible_value))
+        .map(|name| Method::from_str(&name, false).unwrap_or_default())
 }
 
 /// Registers a pair, writes and prints the registration.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let run = &arguments.run;
-    let mut settings = arguments.settings.settings(arguments.method.into(), false)?;
+    let mut settings = arguments.settings.settings(arguments.method, false)?;
     if settings.method != Method::Unified {
         // No blur is looked for: no memory for it.
         (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
@@ -77,7 +66,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     check_output(arguments, &files)?;
     let (photographs, inputs) = pair::open(&files)?;
-    let values = arguments.settings.decoding().of(&inputs)?;
+    let values = Values::of(settings.decode, &inputs)?;
     settings.decode = values.decode;
     let mut engine = None;
     pair::check_size(photographs.each_ref(), &settings, false, || run.info(&mut engine))?;
@@ -109,8 +98,8 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     let fits = SweepOptions { reference, settings: settings.clone(), ..SweepOptions::default() }.check(files.len());
     fits.map_err(|e| Failure::Usage(e.to_string()))?;
     check_output(arguments, &files)?;
-    let (run, decoding) = (&arguments.run, arguments.settings.decoding());
-    let found = sweep_work::register(run, settings, &decoding, &files, reference)?;
+    let run = &arguments.run;
+    let found = sweep_work::register(run, settings, &files, reference)?;
     if let Some(file) = &arguments.output {
         export::write_report(arguments.force.to(file), &found)?;
     }

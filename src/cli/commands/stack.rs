@@ -110,7 +110,6 @@ fn request(arguments: &Arguments) -> Result<Request, Failure> {
     let request = Request {
         files: arguments.settings.inputs().chain(part.mask()).cloned().collect(),
         settings: arguments.settings.settings(Method::Unified, false)?,
-        decode: arguments.settings.decoding(),
         raw: arguments.settings.raw().map(|raw| raw.to_string()),
         nearer: arguments.nearer,
         part,

@@ -13,7 +13,6 @@ use crate::cli::options::lens::{self, PartOfLens};
 use crate::cli::options::models::Models;
 use crate::cli::options::run::RunArguments;
 use crate::cli::options::scope::Part;
-use crate::cli::options::settings::Decoding;
 use crate::cli::output::destination::ForceArgument;
 use crate::cli::output::failure::Failure;
 
@@ -23,9 +22,8 @@ const MAX_BYTES: u64 = 1 << 32;
 /// All that is asked of a pair. What decides the results is serialised, and nothing else.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Request {
-    /// With what the files named for kernel and registration hold; how values are decoded is up to `decode`.
+    /// The settings, with the contents of the files that are named for kernel and registration.
     pub(crate) settings: Settings,
-    pub(crate) decode: Decoding,
     /// What photographs without a header hold.
     pub(crate) raw: Option<String>,
     /// Which image is focused nearer, 1 or 2, where that is stated.

@@ -13,7 +13,6 @@ use crate::cli::jobs::work::{check_inputs, check_results, write_results};
 use crate::cli::options::focus_positions;
 use crate::cli::options::pair;
 use crate::cli::options::run::RunArguments;
-use crate::cli::options::settings::Decoding;
 use crate::cli::output::failure::Failure;
 
 /// A sweep, and the folder for its results.
@@ -82,7 +81,7 @@ pub(crate) fn read(
         return Ok(None);
     }
     check_alike(&job.files, &frames)?;
-    let values = request.decode.of(&inputs)?;
+    let values = Values::of(request.settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..request.settings.clone() };
     let (in_mm, in_floats) = (job.positions.millimetres().is_some(), frames[0].format().depth == Depth::F32);
     check_results(request, Kind::Sweep, &job.out, in_mm, in_floats)?;
@@ -170,7 +169,6 @@ pub(crate) fn write(
 pub(crate) fn register(
     run: &RunArguments,
     settings: &Settings,
-    decoding: &Decoding,
     files: &[PathBuf],
     reference: Option<usize>,
 ) -> Result<Report, Failure> {
@@ -178,7 +176,7 @@ pub(crate) fn register(
     let fits = |first: &Photograph| pair::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
     let (frames, inputs) = decode(files, fits)?;
     check_alike(files, &frames)?;
-    let values = decoding.of(&inputs)?;
+    let values = Values::of(settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..settings.clone() };
     let options = SweepOptions { settings, reference, ..SweepOptions::default() };
     let bar = run.bar();

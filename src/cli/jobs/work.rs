@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{
-    self, DEPTH_FILE, Depth16, Drawing, Extra, FUSED_FLOAT_FILE, Kind, NearerBy, PAGE_FILE, REPORT_FILE, Report, Results,
-    result_files,
+    self, DEPTH_FILE, Depth16, Drawing, Extra, FUSED_FLOAT_FILE, Kind, NearerBy, PAGE_FILE, REPORT_FILE, Report,
+    Results, result_files,
 };
 use parfocal::figure::PLOTTER;
 use parfocal::image_io::{Input, Photograph, Values};
@@ -86,7 +86,7 @@ pub(crate) fn read(
     }
     let lens = request.lens(&inputs)?;
     request.nearer(lens.as_ref())?;
-    let values = request.decode.of(&inputs)?;
+    let values = Values::of(request.settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..request.settings.clone() };
     let frames = Photograph::decode_pair(photographs)?;
     let in_floats = frames.iter().any(|frame| frame.format().depth == Depth::F32);
@@ -117,8 +117,7 @@ pub(crate) fn write(
         report.nearer_by = Some(NearerBy::Stated);
     }
     let depths = photographs.frames.each_ref().map(|frame| frame.format().depth);
-    let depth = [Depth::F32, Depth::U16].into_iter().find(|depth| depths.contains(depth)).unwrap_or(Depth::U8);
-    let mut results = Results::of_pair(solution, report, depth)?;
+    let mut results = Results::of_pair(solution, report, depths)?;
     if let Some(limit) = request.part.max_uncertainty {
         results.set_max_uncertainty(limit);
     }

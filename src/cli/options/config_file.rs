@@ -21,9 +21,6 @@ use crate::cli::output::failure::{self, Failure, nearest};
 /// The most bytes that are read, 1 MiB.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// What is built in now, and was an option of files that are still about.
-const BUILT_IN: [&str; 1] = ["vignetting"];
-
 /// `--config`, for the subcommands that take it.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(crate) struct ConfigArgument {
@@ -51,7 +48,7 @@ impl Origin {
     /// A failure that begins with the name of an option from the file gets the file and the line.
     pub(crate) fn locate(&self, failure: Failure) -> Failure {
         let Failure::Usage(message) = failure else { return failure };
-        let begins = |key: &str| message.starts_with(&format!("{} is ", key.replace('-', " ")));
+        let begins = |key: &str| message.starts_with(&format!("--{key} is "));
         match self.taken.iter().find(|(key, _)| begins(key)) {
             Some((_, line)) => Failure::Usage(format!("{}:{line}: {message}", self.file.display())),
             None => Failure::Usage(message),
@@ -182,21 +179,15 @@ pub(crate) fn is_key(option: &Arg) -> bool {
     option.get_long().is_some_and(|long| !["config", "help", "version"].contains(&long))
 }
 
-/// Whether an option has this name, or had it once.
-fn is_called(option: &Arg, key: &str) -> bool {
-    option.get_long() == Some(key) || option.get_all_aliases().is_some_and(|old| old.contains(&key))
-}
-
-/// The option of a subcommand that a key names; `None` if it is another subcommand's, so that one file serves several, or
-/// built in by now.
+/// The option of a subcommand that a key names; `None` if it is another subcommand's, so that one file serves several.
 fn find<'a>(command: &'a Command, subcommand: &str, key: &str) -> Result<Option<&'a Arg>, String> {
     let takers = || command.get_subcommands().filter(|c| takes_config(c));
     let options = |c: &'a Command| c.get_arguments().filter(|a| is_key(a));
     let own = takers().find(|c| c.get_name() == subcommand).into_iter().flat_map(options);
-    if let Some(option) = own.into_iter().find(|a| is_called(a, key)) {
+    if let Some(option) = own.into_iter().find(|a| a.get_long() == Some(key)) {
         return Ok(Some(option));
     }
-    if BUILT_IN.contains(&key) || takers().flat_map(options).any(|a| is_called(a, key)) {
+    if takers().flat_map(options).any(|a| a.get_long() == Some(key)) {
         return Ok(None);
     }
     let names = takers().flat_map(options).filter_map(Arg::get_long);
@@ -291,28 +282,30 @@ mod tests {
     #[test]
     fn the_command_line_goes_before_the_file_and_that_before_the_defaults() {
         let text = "output = 'out'\nsweeps = 7\nouter_iterations = 33\nno-photometric = true\nhold = false\n";
-        let found = solve(text, &["--sweeps", "9"]).unwrap();
-        assert_eq!(found.get_one::<u32>("sweeps"), Some(&9));
+        let found = solve(text, &["--relaxation-sweeps", "9"]).unwrap();
+        assert_eq!(found.get_one::<u32>("relaxation_sweeps"), Some(&9));
         assert_eq!(found.get_one::<u32>("outer_iterations"), Some(&33));
         assert_eq!(found.get_one::<f64>("over_relaxation"), Some(&1.8));
         assert!(found.get_flag("no_photometric") && !found.get_flag("hold"));
-        assert!(solve("output = 'out'\nvignetting = true\n", &[]).is_ok(), "it is built in");
     }
 
     #[test]
     fn what_is_wrong_is_named_with_its_line() {
         let cases = [
-            ("\n\nsweps = 5\n", ":3: there is no option 'sweps'; did you mean 'sweeps'?"),
+            (
+                "\n\nrelaxation-sweps = 5\n",
+                ":3: there is no option 'relaxation-sweps'; did you mean 'relaxation-sweeps'?",
+            ),
             ("zzz = 5\n", ":1: there is no option 'zzz'; `parfocal config`"),
-            ("# one\nsweeps = 'few'\n", ":2: sweeps must be a number, and is a string"),
-            ("sweeps = true\n", ":1: sweeps must be a number, and is a boolean"),
+            ("# one\nsweeps = 'few'\n", ":2: relaxation-sweeps must be a number, and is a string"),
+            ("relaxation-sweeps = true\n", ":1: relaxation-sweeps must be a number, and is a boolean"),
             ("hold = 1\n", ":1: hold must be true or false, and is an integer"),
             ("method = ['sift']\n", ":1: method must be a single value, and is an array"),
             ("[optics]\nx = 1\n", ":1: there is no option 'optics'"),
             ("\nsweeps = = 1\n", ":2: is not TOML"),
-            ("sweeps = 1\nsweeps = 2\n", ":2: is not TOML"),
+            ("relaxation-sweeps = 1\nsweeps = 2\n", ":2: is not TOML"),
             ("\nmethod = 'magic'\n", ":2: invalid value 'magic' for '--method"),
-            ("sweeps = 1.5\n", ":1: invalid value '1.5' for '--sweeps"),
+            ("relaxation-sweeps = 1.5\n", ":1: invalid value '1.5' for '--relaxation-sweeps"),
         ];
         for (text, expected) in cases {
             let message = solve(text, &["-o", "out"]).unwrap_err();
@@ -323,9 +316,9 @@ mod tests {
     #[test]
     fn a_range_that_the_library_refuses_is_traced_to_the_file() {
         let origin = Origin { file: "c.toml".into(), taken: vec![("outer-iterations".to_string(), 4)] };
-        let failure = Failure::Usage("outer iterations is 1, and must be 5 to 1000".to_string());
+        let failure = Failure::Usage("--outer-iterations is 1, and must be 5 to 1000".to_string());
         let Failure::Usage(message) = origin.locate(failure) else { panic!("another kind") };
-        assert_eq!(message, "c.toml:4: outer iterations is 1, and must be 5 to 1000");
+        assert_eq!(message, "c.toml:4: --outer-iterations is 1, and must be 5 to 1000");
     }
 
     #[test]
@@ -347,12 +340,6 @@ mod tests {
         assert_eq!(regions("step = ['0,0,9,9', '9,9,9,9', '0,0,8,8', '8,8,8,8']", &[]), Ok(4));
         assert_eq!(regions("step = ['0,0,9,9', '9,9,9,9']", &["--step", "1,1,2,2", "3,3,4,4"]), Ok(2));
         assert!(regions("step = ['0,0,9,9', '9,9,9,9', '0,0,8,8']", &[]).unwrap_err().starts_with(":2: "));
-    }
-
-    #[test]
-    fn a_key_that_has_another_name_now_still_serves() {
-        let found = solve("output = 'out'\nregistration = 'gradient-descent'\n", &[]).unwrap();
-        assert_eq!(found.value_source("registration_step"), Some(ValueSource::CommandLine));
     }
 
     #[test]

@@ -6,6 +6,5 @@ pub(crate) const BLUR: &str = "Relative blur V";
 pub(crate) const REGION: &str = "Region";
 pub(crate) const LENS: &str = "Lens";
 pub(crate) const MEASUREMENTS: &str = "Measurements";
-pub(crate) const FINE_TUNING: &str = "Fine tuning";
 pub(crate) const OUTPUT: &str = "Output";
 pub(crate) const DEVICE: &str = "Device";

@@ -15,4 +15,3 @@ pub(crate) mod run;
 pub(crate) mod scope;
 pub(crate) mod settings;
 pub(crate) mod solve_options;
-pub(crate) mod tuning;

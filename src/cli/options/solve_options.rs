@@ -1,8 +1,7 @@
 //! What may be asked of a solve, of one pair as of many: the options that `solve` and `batch` share.
 
-use clap::ValueEnum;
+use parfocal::Method;
 use parfocal::image_io::RawFormat;
-use parfocal::{Method, Settings};
 
 use crate::cli::commands::measure::MeasureArguments;
 use crate::cli::jobs::request::Request;
@@ -28,8 +27,8 @@ pub(crate) struct SolveOptions {
     settings: SettingsArguments,
     /// How to register
     #[arg(long, value_name = "NAME", help_heading = REGISTRATION, value_enum,
-          default_value_t = MethodName::from(Settings::default().method))]
-    method: MethodName,
+          default_value_t)]
+    method: Method,
     /// Keep what --transform states instead of starting from it; the method is then aligned
     #[arg(long, help_heading = REGISTRATION, requires_if("true", "transform"))]
     hold: bool,
@@ -52,40 +51,6 @@ pub(crate) struct SolveOptions {
     run: RunArguments,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum MethodName {
-    /// Together with the blur
-    Unified,
-    /// Not at all, which is depth only: T is held at identity or at --transform
-    Aligned,
-    /// Before the blur, by the difference of the images
-    Appearance,
-    /// Before the blur, by SIFT key-points
-    Sift,
-}
-
-impl From<Method> for MethodName {
-    fn from(method: Method) -> Self {
-        match method {
-            Method::Unified => Self::Unified,
-            Method::Aligned => Self::Aligned,
-            Method::Appearance => Self::Appearance,
-            Method::Sift => Self::Sift,
-        }
-    }
-}
-
-impl From<MethodName> for Method {
-    fn from(name: MethodName) -> Self {
-        match name {
-            MethodName::Unified => Self::Unified,
-            MethodName::Aligned => Self::Aligned,
-            MethodName::Appearance => Self::Appearance,
-            MethodName::Sift => Self::Sift,
-        }
-    }
-}
-
 impl SolveOptions {
     /// What photographs without a header hold, if they are that.
     pub(crate) fn raw(&self) -> Option<RawFormat> {
@@ -98,8 +63,7 @@ impl SolveOptions {
         let files = self.settings.inputs().chain(self.lens.file()).chain(part.mask());
         let request = Request {
             files: files.cloned().collect(),
-            settings: self.settings.settings(self.method.into(), self.hold)?,
-            decode: self.settings.decoding(),
+            settings: self.settings.settings(self.method, self.hold)?,
             raw: self.settings.raw().map(|raw| raw.to_string()),
             nearer: self.nearer,
             part,
@@ -121,7 +85,7 @@ mod tests {
     use std::fs;
 
     use clap::Parser;
-    use parfocal::Photometric;
+    use parfocal::{Photometric, Settings};
 
     use super::*;
 
@@ -194,7 +158,7 @@ mod tests {
         let plain = digest(&[]);
         assert_eq!(plain, digest(&["--device", "0", "--timeout", "9", "--json", "-q", "--strict", "--force"]));
         let other: &[&[&str]] = &[
-            &["--sweeps", "6"],
+            &["--relaxation-sweeps", "6"],
             &["--decode", "srgb"],
             &["--nearer", "1"],
             &["--roi", "0,0,9,9"],

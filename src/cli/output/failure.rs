@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use parfocal::{Error, image_io};
+use parfocal::{Error, Settings, image_io};
 
 /// Why a subcommand failed.
 #[derive(Debug, PartialEq)]
@@ -55,7 +55,10 @@ impl Failure {
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
-        let mut message = error.to_string();
+        let mut message = match &error {
+            Error::Setting { name, value, range } => format!("{} is {value}, and must be {range}", option_of(name)),
+            other => other.to_string(),
+        };
         let mut source = error.source();
         while let Some(cause) = source {
             message = format!("{message}: {cause}");
@@ -65,6 +68,16 @@ impl From<Error> for Failure {
             Error::Setting { .. } => Self::Usage(message),
             _ => Self::Failed(message),
         }
+    }
+}
+
+/// What the command line calls a setting.
+fn option_of(name: &str) -> String {
+    match name {
+        "the gain of start_photometric" => "--gain".to_string(),
+        "the offset of start_photometric" => "--offset".to_string(),
+        _ if Settings::TABLE.iter().any(|setting| setting.name == name) => format!("--{}", name.replace('_', "-")),
+        _ => name.to_string(),
     }
 }
 

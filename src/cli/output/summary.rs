@@ -54,11 +54,8 @@ fn found(report: &Report) -> Vec<Row> {
 fn registration(frame: &FrameReport) -> [Row; 2] {
     let (t, Photometric { gain, offset }) = (&frame.transform, frame.photometric);
     let [right, down] = t.translation();
-    let transform = format!(
-        "{right:+.3} px right, {down:+.3} px down, rotation {:+.4}°, scale {:.5}",
-        t.rotation_deg(),
-        t.scale()
-    );
+    let transform =
+        format!("{right:+.3} px right, {down:+.3} px down, rotation {:+.4}°, scale {:.5}", t.rotation_deg(), t.scale());
     let [low, high] = frame.shading.range.map(|factor| 100.0 * (factor - 1.0));
     let shading = match frame.shading.is_significant() {
         true => format!(", shading {low:+.0} to {high:+.0} %"),
@@ -106,19 +103,14 @@ pub(crate) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -
         [] => "the files do not say what they are".to_string(),
         several => format!("the files say {}", several.join(" and ")),
     };
-    let taken = match decode {
-        Decode::None => "as stored",
-        Decode::Srgb => "sRGB curve undone",
-    };
+    let taken = if decode == Decode::Srgb { "sRGB curve undone" } else { "as stored" };
     let why = match (by, decode) {
         (Basis::Files, _) => files,
         (Basis::Stated, _) => format!("as asked; {files}"),
         (Basis::Assumed, Decode::Srgb) => {
             "assumed where files do not say; --decode none if they are linear".to_string()
         }
-        (Basis::Assumed, Decode::None) => {
-            "assumed linear, where files do not say; --decode srgb if they are not".to_string()
-        }
+        (Basis::Assumed, _) => "assumed linear, where files do not say; --decode srgb if they are not".to_string(),
     };
     format!("{taken} ({why})")
 }

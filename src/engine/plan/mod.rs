@@ -67,7 +67,7 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
-    /// Checks settings and size, and lays out the levels.
+    /// Checks settings and size, resolves [`Decode::Auto`](crate::base::Decode::Auto), and lays out the levels.
     pub(crate) fn new(
         width: u32,
         height: u32,
@@ -75,6 +75,7 @@ impl Plan {
         settings: &Settings,
     ) -> Result<Self, Error> {
         let packed = packed.map(Into::into);
+        let formats = packed.map(PixelFormat::format);
         settings.check()?;
         if width < LEAST_SIZE || height < LEAST_SIZE {
             return Err(Error::TooSmall { width, height, least: LEAST_SIZE });
@@ -92,8 +93,8 @@ impl Plan {
         Ok(Self {
             size: [width, height],
             packed,
-            formats: packed.map(PixelFormat::format),
-            settings: settings.clone(),
+            formats,
+            settings: Settings { decode: settings.decode.resolved(formats.map(|f| f.depth)), ..settings.clone() },
             solved,
             halve: weights.add(&halving_filter()),
             prefilter: weights.add(&filter::spline_prefilter()),

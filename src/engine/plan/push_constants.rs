@@ -77,7 +77,7 @@ impl Plan {
     /// What `relax_level` is told.
     pub(crate) fn relax_level(&self, level: &Level) -> relax_level::Constants {
         let ([width, height], over_relaxation) = (level.size, self.settings.over_relaxation as f32);
-        relax_level::Constants { width, height, sweeps: self.settings.sweeps, over_relaxation }
+        relax_level::Constants { width, height, sweeps: self.settings.relaxation_sweeps, over_relaxation }
     }
 
     /// What `update` is told in iteration k of a level.
@@ -137,7 +137,7 @@ impl Plan {
     }
 
     fn descends(&self) -> bool {
-        self.settings.registration == RegistrationStep::GradientDescent
+        self.settings.registration_step == RegistrationStep::GradientDescent
     }
 
     /// What `linearise` is told in iteration k of a level.

@@ -14,7 +14,7 @@ use crate::engine::stages::pass::Pass;
 use crate::engine::stages::{
     NO_VARIANT, appearance, convolve, ingest, linearise, mask, prolong, relax, sums, unpack, update, update_transform,
 };
-use crate::engine::tiles::DeviceRequirements;
+use crate::engine::tiles::NeededCells;
 use crate::engine::vulkan::Variant;
 
 /// Which photograph.
@@ -120,7 +120,7 @@ pub(super) struct Composer<'a> {
     /// Where the next pass stands.
     pub(super) place: Place,
     /// What passes are wanted for, where not for everything.
-    wanted: Option<DeviceRequirements>,
+    wanted: Option<NeededCells>,
     /// The lists of its tiles, by their size and margin: where they begin, and how many they are.
     listed: BTreeMap<([u32; 2], u32), [u32; 2]>,
     /// All lists so far.
@@ -195,7 +195,7 @@ impl<'a> Composer<'a> {
     }
 
     /// What the passes to come are wanted for.
-    pub(super) fn want(&mut self, wanted: DeviceRequirements) {
+    pub(super) fn want(&mut self, wanted: NeededCells) {
         self.wanted = Some(wanted);
         self.listed.clear();
     }

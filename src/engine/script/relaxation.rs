@@ -34,7 +34,7 @@ impl Composer<'_> {
         if relax_level::takes(level.size) {
             return self.relax_level(level);
         }
-        for sweep in 0..self.plan.settings.sweeps {
+        for sweep in 0..self.plan.settings.relaxation_sweeps {
             self.relax(level, RED, sweep);
             self.relax(level, BLACK, sweep);
         }

@@ -1,4 +1,4 @@
-//! Focus sweeps: what is done on the device between two questions of the host.
+//! The scripts of a focus sweep: what the device does between two steps of the host.
 
 use super::Script;
 use super::compose::Composer;
@@ -6,7 +6,7 @@ use crate::base::color::LUMINANCE;
 use crate::engine::plan::{Level, Plan};
 use crate::engine::slot::{self, Slot};
 use crate::engine::stages::{NO_VARIANT, align, copy, half_pair, prolong, system, update};
-use crate::engine::tiles::DeviceRequirements;
+use crate::engine::tiles::NeededCells;
 
 fn script(plan: &Plan, fill: impl FnOnce(&mut Composer)) -> Script {
     let mut composer = Composer::new(plan, false);
@@ -15,21 +15,26 @@ fn script(plan: &Plan, fill: impl FnOnce(&mut Composer)) -> Script {
     composer.finish(0)
 }
 
-/// The photograph in the first buffer as frame n, on all levels.
-pub(crate) fn bring_up(plan: &Plan, n: u32) -> Script {
+/// The upload of `frames` frames, a part each: from the photograph in the buffer, all levels of a layer of the pyramid.
+pub(crate) fn upload(plan: &Plan, frames: u32) -> Script {
     script(plan, |s| {
-        s.ingest(0, LUMINANCE);
-        let [width, height] = plan.size;
-        let bindings = copy::Bindings { from: slot::luminance(0, 0).read(), to: slot::frames(0).write() };
-        s.over(plan.size, bindings, &copy::Constants { width, height, layer: n }, NO_VARIANT);
-        for (parent, level) in plan.pyramid.iter().zip(&plan.pyramid[1..]) {
-            let layers = [parent, level].map(|level| (slot::frames(level.index), n));
-            s.separable(layers, parent.size, [plan.halve; 2], 2, false);
+        for layer in 0..frames {
+            if layer > 0 {
+                s.next_part();
+            }
+            s.ingest(0, LUMINANCE);
+            let [width, height] = plan.size;
+            let bindings = copy::Bindings { from: slot::luminance(0, 0).read(), to: slot::frames(0).write() };
+            s.over(plan.size, bindings, &copy::Constants { width, height, layer }, NO_VARIANT);
+            for (parent, level) in plan.pyramid.iter().zip(&plan.pyramid[1..]) {
+                let layers = [parent, level].map(|level| (slot::frames(level.index), layer));
+                s.separable(layers, parent.size, [plan.halve; 2], 2, false);
+            }
         }
     })
 }
 
-/// Frames on the reference's pixels of a level, where the constants put them, filtered.
+/// Resamples frames onto the reference's pixels of a level, and band-passes them.
 pub(crate) fn align(plan: &Plan, level: &Level, frames: &[(u32, align::Constants)]) -> Script {
     script(plan, |s| {
         for (frame, constants) in frames {
@@ -44,7 +49,7 @@ pub(crate) fn align(plan: &Plan, level: &Level, frames: &[(u32, align::Constants
     })
 }
 
-/// u of a level from the coarser one.
+/// Prolongs u of the coarser level.
 pub(crate) fn prolong(plan: &Plan, level: &Level, limit: f32) -> Script {
     script(plan, |s| {
         let [width, height] = level.size;
@@ -54,26 +59,27 @@ pub(crate) fn prolong(plan: &Plan, level: &Level, limit: f32) -> Script {
     })
 }
 
-/// A frame of a sweep, and those that it is compared with.
-pub(crate) struct Beside {
-    pub(crate) frame: u32,
+/// The pairs in which one frame is the sharper.
+pub(crate) struct HalfPairs {
+    pub(crate) sharper: u32,
+    /// The other frames.
     pub(crate) others: Vec<half_pair::Constants>,
-    /// Where it is to be the sharper.
-    pub(crate) wanted: DeviceRequirements,
+    /// The cells where the frame can be the sharper.
+    pub(crate) needed: NeededCells,
 }
 
-/// What pairs say, by the sharper frame of each: one stack at a time.
-pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[Beside], stays: bool) -> Script {
+/// Sums the linear systems of all pairs, with one blur stack at a time. `hold`: T and c do not step.
+pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[HalfPairs], hold: bool) -> Script {
     script(plan, |s| {
         s.empty(Slot::NormalEquations, level.size);
-        // What lies beyond the tiles that are wanted is read, and hardly counts; but it must be a number, and the same each time.
+        // Pixels beyond the listed tiles are read with little weight, but must be numbers, and the same each time.
         s.empty(Slot::Stacks, plan.size);
         s.empty(Slot::Scratch, plan.size);
-        let variant = half_pair::variant(plan.slopes(), stays, plan.projective());
-        for Beside { frame, others, wanted } in frames {
-            s.want(wanted.clone());
+        let variant = half_pair::variant(plan.slopes(), hold, plan.projective());
+        for HalfPairs { sharper, others, needed } in frames {
+            s.want(needed.clone());
             let Some((listed, grid)) = s.list(half_pair::TILE, 0) else { continue };
-            s.spline(level, (slot::ALIGNED, *frame), (slot::STACKS.plane(), 0));
+            s.spline(level, (slot::ALIGNED, *sharper), (slot::STACKS.plane(), 0));
             for layer in 1..plan.layers_of(level) {
                 s.stack_layer(level, 0, layer);
             }
@@ -93,7 +99,7 @@ pub(crate) fn half_pairs(plan: &Plan, level: &Level, frames: &[Beside], stays: b
     })
 }
 
-/// A step of u, by what pairs say over a window.
+/// Steps u by the linear system of all pairs, averaged over a window.
 pub(crate) fn step(plan: &Plan, level: &Level, constants: &system::Constants, update: &update::Constants) -> Script {
     script(plan, |s| {
         s.system(level, constants, system::SWEEP);

@@ -51,9 +51,11 @@ pub fn twin(from: &Field) -> Field {
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
+    use std::time::Duration;
 
     use super::super::harness::{Rig, random_field};
     use super::*;
+    use crate::base::Deadline;
     use crate::engine::vulkan::{Clock, Groups, Pipeline, Recorder, Resource};
 
     #[test]
@@ -92,7 +94,10 @@ mod tests {
             let mut recording = recorder.finish().unwrap();
             for (wanted, last) in [([true, true], 2), ([true, false], 1), ([false, true], 2), ([false, false], 0)] {
                 let mut ended = Vec::new();
-                recording.run_first(3, &mut |part| Ok(wanted[part - 1]), &mut |parts| ended.push(parts)).unwrap();
+                let deadline = Deadline::after(Duration::MAX);
+                recording
+                    .run_first(3, deadline, &mut |part| Ok(wanted[part - 1]), &mut |parts| ended.push(parts))
+                    .unwrap();
                 assert_eq!(ended, [1, 2, 3], "whoever watches hears of every part");
                 rig.assert_close(&to, &[fields[last].clone()], 1e-7);
                 let times = recording.times().unwrap();

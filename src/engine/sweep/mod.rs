@@ -1,92 +1,87 @@
-//! A focus sweep as one solve: one unknown a pixel, the setting u at which it is in focus, by all pairs of frames that tell of it, and
-//! the registration of all frames, jointly. Section 11 of `docs/method.md`.
+//! The joint solve of a focus sweep: u of each pixel, the focus setting at which it is sharp, and the registration of all frames.
 //!
-//! The device holds the frames, one stack of blurred images at a time, and the system that all pairs add up to ([`joint`]). Between
-//! iterations the host steps what is [`common`] to all pixels: the registrations, by the [graph] of pairs, and c. Of large photographs
-//! the finest level is solved by [`parts`].
+//! Section 11 of `docs/method.md`. The device holds the frames, one blur stack at a time, and the linear system that all pairs of frames
+//! add to. Between iterations the host steps the parameters that all pixels share: T of each frame, and c. So nothing can be submitted
+//! ahead as it is for pairs, and a sweep has no `submit`.
 
-mod common;
-mod deviation;
-mod graph;
-mod hidden;
-mod joint;
+mod device;
 mod pairs;
 mod parts;
-mod shown;
+mod pyramid;
 mod spacing;
 mod start;
 #[cfg(test)]
 mod tests;
+mod uncertainty;
+mod validity;
 
-use self::common::Common;
-use self::hidden::Hidden;
-use self::joint::{Joint, LIMIT, SWEEPS};
-use self::parts::Parts;
+use std::time::Duration;
+
+use self::device::Limits;
+use self::pairs::MAX_RELATIVE_BLUR;
+use self::parts::PartSolver;
+use self::pyramid::{PyramidSolver, RELAXATION_SWEEPS, SharedParameters};
+use self::validity::ExcludedPixels;
 use crate::base::{
-    Brightness, CancellationToken, Channels, Decode, Depth, Error, Format, Frame, Homography, Mask, Photometric,
-    Settings,
+    Brightness, CancellationToken, Channels, Deadline, Decode, Depth, Error, Format, Frame, Homography, Mask,
+    Photometric, Settings,
 };
-use crate::engine::Engine;
 use crate::engine::plan::Plan;
+use crate::engine::{Engine, Progress};
 
-/// How far aside the mean of a kernel may lie, px at a variance of 1 px²: pictures of kernels have it somewhere.
-const ASIDE: f64 = 0.1;
-/// Bytes that a sweep takes of a device at most before its finest level is solved by parts.
-const BUDGET: u64 = 4 << 30;
+/// The largest distance of a kernel's mean from its origin, px at a variance of 1 px². Measured kernels are off by some of it.
+const MAX_KERNEL_MEAN: f64 = 0.1;
+/// Bytes of the device beyond which the finest level is solved in parts.
+const MEMORY: u64 = 4 << 30;
 
-/// What is asked of a sweep besides its frames.
-pub struct Asked<'a> {
-    /// What the frames are focused at, ascending, about a step apart.
+/// The focus settings, the reference and the mask of a sweep.
+pub struct SweepInput<'a> {
+    /// The focus settings of the frames, ascending, about one step apart.
     pub settings: &'a [f64],
-    /// Whether that is known. Else it is what the sweep itself says, where it says that the settings are others.
-    pub known: bool,
+    /// Whether the settings are known. If not, those that the sweep itself shows are used where it shows that they are uneven.
+    pub are_settings_known: bool,
     /// The frame on whose pixels the results are.
     pub reference: usize,
-    /// Which of its pixels count.
+    /// Which pixels of the reference count.
     pub mask: Option<&'a Mask>,
 }
 
-/// Where a scene is in focus, and where the frames lie.
+/// The registration of a sweep's frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointRegistration {
+    /// Maps the reference's pixels to those of each frame.
+    pub transforms: Vec<Homography>,
+    /// Maps the brightness of each frame to the reference's.
+    pub brightness: Vec<Brightness>,
+    /// c, px² of variance by squared settings.
+    pub rate: f64,
+    /// The focus settings of the frames, as stated or as found.
+    pub settings: Vec<f64>,
+}
+
+/// The result of a joint solve.
 #[derive(Clone, Debug)]
-pub struct Focus {
+pub struct JointSolution {
     /// u at each pixel of the reference, in settings.
     pub focus: Vec<f32>,
-    /// Its standard deviation, in settings; NaN where no pair tells.
+    /// The standard deviation of u, in settings; NaN where no pair contributes.
     pub deviation: Vec<f32>,
-    /// Where the reference's pixels lie in each frame.
-    pub transforms: Vec<Homography>,
-    /// What brings each frame to the reference's brightness.
-    pub brightness: Vec<Brightness>,
-    /// c: px² of variance by squared settings.
-    pub rate: f64,
-    /// What the frames are focused at: what was known or taken, or what the sweep says.
-    pub settings: Vec<f64>,
+    /// The registration of the frames.
+    pub registration: JointRegistration,
 }
 
-/// Where the frames of a sweep lie, as [`Focus`] has it.
-#[derive(Clone, Debug)]
-pub struct RegisteredFrames {
-    /// Where the reference's pixels lie in each frame.
-    pub transforms: Vec<Homography>,
-    /// What brings each frame to the reference's brightness.
-    pub brightness: Vec<Brightness>,
-    /// c: px² of variance by squared settings.
-    pub rate: f64,
-    /// What the frames are focused at: what was known or taken, or what the sweep says.
-    pub settings: Vec<f64>,
-}
-
-/// A size and a number of frames, prepared for sweeps.
-pub struct SweepSolver {
+/// A solver for sweeps of one size, format and number of frames, prepared once and used for any number of them.
+pub struct JointSolver {
     settings: Settings,
     size: [u32; 2],
-    /// Of the photographs; where there are parts, of half their size.
-    joint: Joint,
-    parts: Option<Parts>,
+    timeout: Duration,
+    /// Solves the photographs or, if there are parts, the photographs at half their size.
+    whole: PyramidSolver,
+    parts: Option<PartSolver>,
 }
 
-impl SweepSolver {
-    /// Prepares for sweeps of so many frames of `width` x `height` pixels.
+impl JointSolver {
+    /// Prepares for sweeps of `frames` frames.
     ///
     /// # Errors
     /// As [`PairSolver::new`](crate::PairSolver::new); [`Error::Mismatch`] for a kernel that is not symmetric.
@@ -97,12 +92,12 @@ impl SweepSolver {
         frames: usize,
         settings: &Settings,
     ) -> Result<Self, Error> {
-        Self::within(BUDGET, engine, size, format, frames, settings)
+        Self::within(MEMORY, engine, size, format, frames, settings)
     }
 
-    /// The same within so many bytes of the device.
+    /// The same within `memory` bytes of the device.
     fn within(
-        budget: u64,
+        memory: u64,
         engine: &Engine,
         size: [u32; 2],
         format: Format,
@@ -110,123 +105,136 @@ impl SweepSolver {
         settings: &Settings,
     ) -> Result<Self, Error> {
         let [right, down] = settings.kernel.mean();
-        if right.hypot(down) > ASIDE {
+        if right.hypot(down) > MAX_KERNEL_MEAN {
             let name = settings.kernel.name();
             return Err(Error::Mismatch(format!(
-                "the kernel {name} has its mean aside, and frames of a sweep are blurred to either side of their focus, where it lies mirrored; \
-                 take a symmetric one"
+                "the kernel {name} is not centred: behind the focus of a sweep it would lie mirrored; choose a symmetric kernel"
             )));
         }
-        let max_relative_blur = settings.max_relative_blur.min(LIMIT);
-        let settings = Settings { max_relative_blur, sweeps: SWEEPS, ..settings.clone() };
+        let (timeout, max_relative_blur) = (engine.timeout(), settings.max_relative_blur.min(MAX_RELATIVE_BLUR));
+        let decode = settings.decode.resolved([format.depth]);
+        let settings = Settings { max_relative_blur, relaxation_sweeps: RELAXATION_SWEEPS, decode, ..settings.clone() };
         let plan = Plan::new(size[0], size[1], [format; 2], &settings)?;
-        let is_small = plan.sweep_bytes(frames as u32) <= budget;
+        let is_small = plan.sweep_bytes(frames as u32) <= memory;
         if is_small && plan.check_sweep(engine.device(), frames as u32).is_ok() || plan.pyramid.len() == 1 {
-            return Ok(Self { settings, size, joint: Joint::new(engine, plan, frames)?, parts: None });
+            let whole = PyramidSolver::new(engine, plan, frames)?;
+            return Ok(Self { settings, size, timeout, whole, parts: None });
         }
-        let parts = Parts::new(engine, &plan, frames, budget / 2)?;
+        let parts = Some(PartSolver::new(engine, &plan, frames, memory / 2)?);
         let max_relative_blur = (max_relative_blur / 4.0).max(1.0);
         let half = Settings { max_relative_blur, decode: Decode::None, levels: None, ..settings.clone() };
         let format = Format { channels: Channels::Gray, depth: Depth::F32 };
         let plan = Plan::new(size[0].div_ceil(2), size[1].div_ceil(2), [format; 2], &half)?;
-        Ok(Self { settings, size, joint: Joint::new(engine, plan, frames)?, parts: Some(parts) })
+        Ok(Self { settings, size, timeout, whole: PyramidSolver::new(engine, plan, frames)?, parts })
     }
 
-    /// What calls the solves to come off.
-    pub fn set_cancel(&mut self, cancel: &CancellationToken) {
-        self.joint.cancel = cancel.clone();
-        if let Some(parts) = &mut self.parts {
-            parts.set_cancel(cancel);
-        }
-    }
-
-    /// Solves a sweep; `say` is told how many of its levels and parts are done.
+    /// Solves a sweep; `report` is called after each level and part.
     ///
     /// # Errors
     /// [`Error::Cancelled`], [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`].
     pub fn solve(
         &mut self,
         frames: &[Frame],
-        asked: &Asked<'_>,
-        say: &mut dyn FnMut(usize, usize),
-    ) -> Result<Focus, Error> {
-        let (mut done, all) = (0, self.joint.levels() + self.parts.as_ref().map_or(0, Parts::count));
-        let mut say = || {
-            done += 1;
-            say(done, all);
-        };
-        let (mut common, hidden) = self.descend(frames, asked, &mut say)?;
+        input: &SweepInput<'_>,
+        cancel: &CancellationToken,
+        report: &mut dyn FnMut(Progress),
+    ) -> Result<JointSolution, Error> {
+        let mut sizes: Vec<_> = self.whole.levels().iter().map(|level| level.size).collect();
+        sizes.extend(self.parts.iter().flat_map(PartSolver::sizes));
+        let mut done = counter(&sizes, report);
+        self.set_limits(cancel);
+        let (mut shared, excluded) = self.descend(frames, input, &mut done)?;
         let [focus, deviation] = match &mut self.parts {
             None => {
-                let found = self.joint.finish(&mut common, &hidden)?;
-                say();
-                found
+                let fields = self.whole.finish(&mut shared, &excluded)?;
+                done(self.size);
+                fields
             }
             Some(parts) => {
-                let coarse = self.joint.focus(self.joint.finest())?;
-                parts.solve(frames, asked.mask, &coarse, &common, &mut say)?
+                let finest = self.whole.finest().clone();
+                let coarse = self.whole.focus(&finest)?;
+                parts.solve(frames, input.mask, &coarse, &shared, &mut done)?
             }
         };
-        Ok(Focus {
-            focus: focus.data.iter().map(|u| (u + common.middle) as f32).collect(),
+        Ok(JointSolution {
+            focus: focus.data.iter().map(|u| (u + shared.middle) as f32).collect(),
             deviation: deviation.to_f32(),
-            brightness: self.brightness(&common),
-            transforms: common.transforms,
-            rate: common.rate,
-            settings: common.settings,
+            registration: self.registration(shared),
         })
     }
 
-    /// The registration of a sweep alone, the same as of [`solve`](Self::solve): T and c stay on the finest level, which is left out.
+    /// Registers a sweep, with the same result as [`solve`](Self::solve): T and c stay on the finest level, which is left out.
     ///
     /// # Errors
     /// As [`solve`](Self::solve).
     pub fn register(
         &mut self,
         frames: &[Frame],
-        asked: &Asked<'_>,
-        say: &mut dyn FnMut(usize, usize),
-    ) -> Result<RegisteredFrames, Error> {
-        let (mut done, all) = (0, self.joint.levels() - usize::from(self.parts.is_none()));
-        let mut say = || {
-            done += 1;
-            say(done, all);
-        };
-        let (common, _) = self.descend(frames, asked, &mut say)?;
-        Ok(RegisteredFrames {
-            brightness: self.brightness(&common),
-            transforms: common.transforms,
-            rate: common.rate,
-            settings: common.settings,
-        })
+        input: &SweepInput<'_>,
+        cancel: &CancellationToken,
+        report: &mut dyn FnMut(Progress),
+    ) -> Result<JointRegistration, Error> {
+        let skipped = usize::from(self.parts.is_none());
+        let sizes: Vec<_> = self.whole.levels()[skipped..].iter().map(|level| level.size).collect();
+        let mut done = counter(&sizes, report);
+        self.set_limits(cancel);
+        let (shared, _) = self.descend(frames, input, &mut done)?;
+        Ok(self.registration(shared))
     }
 
-    /// Goes down to the level above the finest, where u stays on the device; what does not count on the solver's levels.
+    /// Begins the time limit of a solve, which all its parts share.
+    fn set_limits(&mut self, cancel: &CancellationToken) {
+        let limits = Limits { cancel: cancel.clone(), deadline: Deadline::after(self.timeout) };
+        self.whole.set_limits(limits.clone());
+        if let Some(parts) = &mut self.parts {
+            parts.set_limits(limits);
+        }
+    }
+
+    /// Solves all levels but the finest of the photographs; u stays on the device.
     fn descend(
         &mut self,
         frames: &[Frame],
-        asked: &Asked<'_>,
-        say: &mut dyn FnMut(),
-    ) -> Result<(Common, Hidden), Error> {
-        let levels = self.joint.levels() + usize::from(self.parts.is_some());
-        let hidden = Hidden::of(frames, asked.mask, &self.settings, levels);
+        input: &SweepInput<'_>,
+        level_done: &mut dyn FnMut([u32; 2]),
+    ) -> Result<(SharedParameters, ExcludedPixels), Error> {
+        let levels = self.whole.levels().len() + usize::from(self.parts.is_some());
+        let excluded = ExcludedPixels::new(frames, input.mask, &self.settings, levels);
         if self.parts.is_none() {
-            self.joint.bring_up(frames.iter())?;
-            let common = self.joint.descend(asked, &hidden, 1, say)?;
-            return Ok((common, hidden));
+            self.whole.upload(frames.iter())?;
+            let shared = self.whole.descend(input, &excluded, 1, level_done)?;
+            return Ok((shared, excluded));
         }
-        let hidden = hidden.halved();
-        self.joint.bring_up(parts::halved(frames, &self.settings)?.iter())?;
-        let common = self.joint.descend(asked, &hidden, 0, say)?;
-        Ok((parts::doubled(&common, self.size), hidden))
+        let excluded = excluded.halved();
+        self.whole.upload(parts::halved(frames, &self.settings)?.iter())?;
+        let shared = self.whole.descend(input, &excluded, 0, level_done)?;
+        Ok((parts::doubled(&shared, self.size), excluded))
     }
 
-    fn brightness(&self, common: &Common) -> Vec<Brightness> {
+    fn registration(&self, shared: SharedParameters) -> JointRegistration {
         let of = |&(gain, shading): &_| Brightness {
             photometric: Photometric { gain, offset: 0.0 },
             shading,
             ..Brightness::unchanged(self.size)
         };
-        common.brightness.iter().map(of).collect()
+        JointRegistration {
+            brightness: shared.brightness.iter().map(of).collect(),
+            transforms: shared.transforms,
+            rate: shared.rate,
+            settings: shared.settings,
+        }
+    }
+}
+
+/// Reports the progress over levels and parts of these sizes, each time that it is called with the size of one that is done.
+fn counter<'a>(sizes: &[[u32; 2]], report: &'a mut dyn FnMut(Progress)) -> impl FnMut([u32; 2]) + use<'a> {
+    let pixels = |[width, height]: [u32; 2]| u64::from(width) * u64::from(height);
+    let (levels, all) = (sizes.len() as u32, sizes.iter().copied().map(pixels).sum());
+    let mut progress = Progress { done: 0, levels, pixels_done: 0, pixels: all, width: 0, height: 0 };
+    move |size| {
+        progress.done += 1;
+        progress.pixels_done += pixels(size);
+        [progress.width, progress.height] = size;
+        report(progress);
     }
 }

@@ -1,19 +1,26 @@
-//! Which frames of a sweep are compared.
+//! Which frames of a sweep are paired, and the registration of all frames from the sums of all pairs.
 
-/// Px of blur that the frames of a pair differ by at least, about: closer, noise outweighs what differs.
-const APART: f64 = 0.75;
+use nalgebra::{Cholesky, DMatrix, DVector};
 
-/// Frames from one to the next that is [`APART`].
+use crate::engine::stages::sums::{Sums, UNKNOWNS};
+
+/// The largest V of a pair that counts, px² of a level. Other pairs determine wider blur.
+pub(super) const MAX_RELATIVE_BLUR: f64 = 10.0;
+/// Distance of the frames of a pair, about, px of blur: if they are closer, noise outweighs the difference.
+const PAIR_BLUR: f64 = 0.75;
+
+/// The number of frames that are [`PAIR_BLUR`] together.
 pub(super) fn stride(settings: &[f64], rate: f64) -> f64 {
     let last = (settings.len() - 1) as f64;
     let mean = (settings[settings.len() - 1] - settings[0]) / last;
-    (APART / (rate.sqrt() * mean)).round().clamp(1.0, last)
+    (PAIR_BLUR / (rate.sqrt() * mean)).round().clamp(1.0, last)
 }
 
-/// Pairs of frames at ascending settings p: those about [`APART`] px of blur from each other, and those about twice as far, where c is
-/// `rate`. In strides of frames that are even: s and 2 s + 1 (2 if s is 1), which have no common divisor, so that the pairs link all
-/// frames; of uneven ones the frames that come nearest. What is still unlinked is linked by neighbours.
-pub(super) fn pairs(settings: &[f64], rate: f64) -> Vec<[usize; 2]> {
+/// Pairs of frames at ascending focus settings where c is `rate`: those about [`PAIR_BLUR`] apart, and those about twice as far.
+///
+/// For even settings these are strides s and 2 s + 1 (2 if s is 1). They have no common divisor, so the pairs link all frames. For
+/// uneven settings the nearest frames are taken, and neighbours link what is still unlinked.
+pub(super) fn choose(settings: &[f64], rate: f64) -> Vec<[usize; 2]> {
     let last = settings.len() - 1;
     let mean = (settings[last] - settings[0]) / last as f64;
     let stride = stride(settings, rate);
@@ -21,12 +28,12 @@ pub(super) fn pairs(settings: &[f64], rate: f64) -> Vec<[usize; 2]> {
     let mut pairs = Vec::new();
     for stride in [stride, wider] {
         for i in 0..last {
-            let wanted = settings[i] + stride * mean;
-            if wanted > settings[last] + 0.5 * mean {
+            let target = settings[i] + stride * mean;
+            if target > settings[last] + 0.5 * mean {
                 continue;
             }
-            let off = |j: &usize| (settings[*j] - wanted).abs();
-            pairs.extend((i + 1..=last).min_by(|a, b| off(a).total_cmp(&off(b))).map(|j| [i, j]));
+            let distance = |j: &usize| (settings[*j] - target).abs();
+            pairs.extend((i + 1..=last).min_by(|a, b| distance(a).total_cmp(&distance(b))).map(|j| [i, j]));
         }
     }
     pairs.sort_unstable();
@@ -51,6 +58,53 @@ fn link(pairs: &mut Vec<[usize; 2]>, frames: usize) {
     }
 }
 
+/// The sums of one pair by the displacement of its second frame; the first is the sharper one.
+pub(super) struct PairSums {
+    pub(super) frames: [usize; 2],
+    pub(super) sums: Sums,
+}
+
+/// Damping of each step, in shares of the median information about a T. Frames that the pairs hardly determine stay where coarser levels
+/// put them: one far out of focus, or determined in a corner only, would follow what the model does not explain. Without damping the second
+/// of the heat sink's seven frames came out 2.3 px off, and in a part of it the last one turned by 160°.
+const DAMPING: f64 = 0.05;
+
+/// The step of each frame's T by its first `unknowns` parameters, with the reference held; zero if the pairs do not determine it.
+///
+/// A pair determines how its two frames lie to each other, so the normal equations are the Laplacian of a graph whose nodes are frames.
+pub(super) fn registration_steps(
+    pairs: &[PairSums],
+    frames: usize,
+    reference: usize,
+    unknowns: usize,
+) -> Vec<[f64; UNKNOWNS]> {
+    let mut normal = DMatrix::<f64>::zeros(frames * unknowns, frames * unknowns);
+    let mut right = DVector::<f64>::zeros(frames * unknowns);
+    for PairSums { frames: [i, j], sums } in pairs {
+        for (a, b) in (0..unknowns).flat_map(|a| (0..unknowns).map(move |b| (a, b))) {
+            for (n, m, sign) in [(i, i, 1.0), (j, j, 1.0), (i, j, -1.0), (j, i, -1.0)] {
+                normal[(n * unknowns + a, m * unknowns + b)] += sign * sums.normal[a][b];
+            }
+        }
+        for a in 0..unknowns {
+            right[j * unknowns + a] -= sums.gradient[a];
+            right[i * unknowns + a] += sums.gradient[a];
+        }
+    }
+    for n in reference * unknowns..(reference + 1) * unknowns {
+        normal.row_mut(n).fill(0.0);
+        normal.column_mut(n).fill(0.0);
+        (normal[(n, n)], right[n]) = (1.0, 0.0);
+    }
+    let mut information: Vec<f64> = normal.diagonal().iter().copied().filter(|entry| *entry > 0.0).collect();
+    information.sort_by(f64::total_cmp);
+    let damping = DAMPING * information.get(information.len() / 2).copied().unwrap_or(1.0);
+    (0..frames * unknowns).for_each(|n| normal[(n, n)] += damping);
+    let solved = Cholesky::new(normal).map(|cholesky| cholesky.solve(&right));
+    let step = |frame: usize, a: usize| solved.as_ref().map_or(0.0, |x| x[frame * unknowns + a]);
+    (0..frames).map(|frame| std::array::from_fn(|a| if a < unknowns { step(frame, a) } else { 0.0 })).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -58,23 +112,50 @@ mod tests {
     #[test]
     fn strides_follow_the_blur_and_link_all_frames() {
         let even: Vec<f64> = (0..9).map(f64::from).collect();
-        // 0.25 px a step: 3 steps, and 7.
-        let found = pairs(&even, 0.0625);
-        assert!(found.contains(&[0, 3]) && found.contains(&[5, 8]) && found.contains(&[1, 8]), "{found:?}");
-        assert!(found.iter().all(|[i, j]| [1, 3, 7].contains(&(j - i))));
-        assert!(pairs(&even, 4.0).iter().all(|[i, j]| j - i <= 2));
+        // 0.25 px a step: strides of 3 and 7.
+        let pairs = choose(&even, 0.0625);
+        assert!(pairs.contains(&[0, 3]) && pairs.contains(&[5, 8]) && pairs.contains(&[1, 8]), "{pairs:?}");
+        assert!(pairs.iter().all(|[i, j]| [1, 3, 7].contains(&(j - i))));
+        assert!(choose(&even, 4.0).iter().all(|[i, j]| j - i <= 2));
         for settings in [even, vec![0.0, 0.1, 0.2, 5.0, 9.0], vec![0.0, 1.0]] {
             for rate in [1e-4, 0.03, 1.0, 50.0] {
                 let mut reached = vec![0];
-                let found = pairs(&settings, rate);
+                let pairs = choose(&settings, rate);
                 for _ in 0..settings.len() {
-                    let next = found.iter().flat_map(|&[i, j]| [(i, j), (j, i)]).filter(|(i, _)| reached.contains(i));
+                    let next = pairs.iter().flat_map(|&[i, j]| [(i, j), (j, i)]).filter(|(i, _)| reached.contains(i));
                     reached = next.map(|(_, j)| j).chain(reached.iter().copied()).collect();
                     reached.sort_unstable();
                     reached.dedup();
                 }
                 assert_eq!(reached.len(), settings.len(), "{settings:?} {rate}");
             }
+        }
+    }
+
+    #[test]
+    fn steps_lead_to_the_registration_that_the_pairs_state() {
+        let truth = [[0.5, -0.2], [0.0, 0.0], [-0.3, 0.8], [1.0, 0.1]];
+        let mut moved = [[0.0; 2]; 4];
+        let pair = |moved: &[[f64; 2]; 4], frames: [usize; 2], weight: f64| {
+            let mut sums = Sums::default();
+            let [own, other] = frames;
+            let error = [0, 1].map(|a| truth[other][a] - truth[own][a] - (moved[other][a] - moved[own][a]));
+            // w (d_j - d_i - error)², along x and along y.
+            for (a, error) in error.into_iter().enumerate() {
+                sums.normal[a][a] = weight;
+                sums.gradient[a] = -weight * error;
+            }
+            PairSums { frames, sums }
+        };
+        // Steps are damped, so it takes many.
+        for _ in 0..100 {
+            let weights = [([0, 2], 1.0), ([3, 0], 5.0), ([1, 3], 0.2), ([2, 1], 3.0)];
+            let pairs = weights.map(|(frames, weight)| pair(&moved, frames, weight));
+            let steps = registration_steps(&pairs, 4, 1, 2);
+            moved.iter_mut().zip(steps).for_each(|(moved, step)| (0..2).for_each(|a| moved[a] += step[a]));
+        }
+        for (moved, expected) in moved.iter().zip(truth) {
+            (0..2).for_each(|a| assert!((moved[a] - expected[a]).abs() < 1e-6, "{moved:?} {expected:?}"));
         }
     }
 }

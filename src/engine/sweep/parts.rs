@@ -1,72 +1,74 @@
-//! A sweep whose photographs are too large for one solve: T and c are found at half their size, where all of each frame is seen, and the
-//! finest level, on which they stay, is solved part by part.
+//! The finest level of photographs too large for one solve, part by part.
+//!
+//! T and c are found at half the size, where all of each frame is seen, and stay on the finest level.
 
-use super::common::Common;
-use super::hidden::Hidden;
-use super::joint::Joint;
-use crate::base::{CancellationToken, Error, Frame, Mask, Region, Settings};
+use super::device::Limits;
+use super::pyramid::{PyramidSolver, SharedParameters};
+use super::validity::ExcludedPixels;
+use crate::base::{Error, Frame, Mask, Region, Settings};
 use crate::engine::Engine;
 use crate::engine::parts::{self, Grid};
 use crate::engine::plan::Plan;
 use crate::engine::stages::{Field, prolong};
 
-/// Px that a part reaches beyond what is taken of it, at least: windows of σ 4 px and as many sweeps as an iteration has are felt less far.
-const HALO: u32 = 32;
-/// The same as a share of its side: frames that breathe, or turn, by a few per cent are cut where the part's middle lies in them.
-const HALO_SHARE: f64 = 0.03;
-/// The least side of a part, px: of smaller ones most is halo.
-const LEAST: u32 = 192;
+/// The least overlap of a part, px: windows of σ 4 px and the relaxation sweeps of an iteration do not reach farther.
+const OVERLAP: u32 = 32;
+/// The overlap as a share of a part's side. Frames that breathe or turn by a few per cent are cut where the part's middle lies in them.
+const OVERLAP_SHARE: f64 = 0.03;
+/// The least side of a part, px: smaller ones are mostly overlap.
+const MIN_SIDE: u32 = 192;
 
-/// The finest level of a size and a number of frames, prepared to be solved by parts.
-pub(super) struct Parts {
-    joint: Joint,
+/// A solver for the finest level of one size, format and number of frames.
+pub(super) struct PartSolver {
+    solver: PyramidSolver,
     size: [u32; 2],
     grid: Grid,
 }
 
-impl Parts {
-    /// Prepares for photographs as planned, in parts that take so many bytes at most.
+impl PartSolver {
+    /// Prepares for the planned photographs, in parts that take at most `bytes` each.
     ///
     /// # Errors
-    /// As [`Joint::new`].
+    /// As [`PyramidSolver::new`].
     pub(super) fn new(engine: &Engine, plan: &Plan, frames: usize, bytes: u64) -> Result<Self, Error> {
         let [width, height] = plan.size;
         let pixels = f64::from(width) * f64::from(height);
         let share = bytes as f64 / plan.sweep_bytes(frames as u32) as f64;
-        let most = ((share * pixels).sqrt() as u32).max(LEAST);
-        let grid = Grid::covering(plan.size, most, HALO + (HALO_SHARE * f64::from(most)) as u32);
+        let side = ((share * pixels).sqrt() as u32).max(MIN_SIDE);
+        let grid = Grid::covering(plan.size, side, OVERLAP + (OVERLAP_SHARE * f64::from(side)) as u32);
         let settings = Settings { levels: Some(1), ..plan.settings.clone() };
         let [width, height] = grid.side();
         let part = Plan::new(width, height, plan.formats, &settings)?;
-        Ok(Self { joint: Joint::new(engine, part, frames)?, size: plan.size, grid })
+        Ok(Self { solver: PyramidSolver::new(engine, part, frames)?, size: plan.size, grid })
     }
 
-    pub(super) fn set_cancel(&mut self, cancel: &CancellationToken) {
-        self.joint.cancel = cancel.clone();
+    pub(super) fn set_limits(&mut self, limits: Limits) {
+        self.solver.set_limits(limits);
     }
 
-    /// Parts in all.
-    pub(super) fn count(&self) -> usize {
-        self.grid.count()
+    /// The size of each part.
+    pub(super) fn sizes(&self) -> impl Iterator<Item = [u32; 2]> {
+        std::iter::repeat_n(self.grid.side(), self.grid.count())
     }
 
-    /// u less the middle setting, and its standard deviation, from u at half the size.
+    /// Solves all parts from u at half the size; returns u relative to the middle setting, and its standard deviation. `part_done` is
+    /// called after each part.
     pub(super) fn solve(
         &mut self,
         frames: &[Frame],
         mask: Option<&Mask>,
         coarse: &Field,
-        common: &Common,
-        say: &mut dyn FnMut(),
+        shared: &SharedParameters,
+        part_done: &mut dyn FnMut([u32; 2]),
     ) -> Result<[Field; 2], Error> {
         let [width, height] = self.size.map(|side| side as usize);
         let mut whole = [0, 1].map(|_| Field::zeros(width, height));
         for part in self.grid.parts().collect::<Vec<_>>() {
-            let solved = self.solve_part(part.solved, frames, mask, coarse, common)?;
+            let solved = self.solve_part(part.solved, frames, mask, coarse, shared)?;
             for (whole, solved) in whole.iter_mut().zip(solved) {
                 part.bring(&solved.data, &mut whole.data, width, 1);
             }
-            say();
+            part_done(self.grid.side());
         }
         Ok(whole)
     }
@@ -77,20 +79,20 @@ impl Parts {
         frames: &[Frame],
         mask: Option<&Mask>,
         coarse: &Field,
-        common: &Common,
+        shared: &SharedParameters,
     ) -> Result<[Field; 2], Error> {
-        let (mut common, places) = within(common, part, self.size);
+        let (mut shared, places) = shared_by_part(shared, part, self.size);
         let cut = frames.iter().zip(places).map(|(frame, place)| frame.cropped(place).map_err(Error::Region));
         let cut = cut.collect::<Result<Vec<Frame>, Error>>()?;
         let mask = mask.map(|mask| mask.cropped(part));
-        let hidden = Hidden::of(&cut, mask.as_ref(), self.joint.settings(), 1);
-        self.joint.bring_up(cut.iter())?;
-        let start = prolonged(coarse, part, common.limit(self.joint.finest()));
-        self.joint.finish_from(&start, &mut common, &hidden)
+        let excluded = ExcludedPixels::new(&cut, mask.as_ref(), self.solver.settings(), 1);
+        self.solver.upload(cut.iter())?;
+        let start = prolonged(coarse, part, shared.limit(self.solver.finest()));
+        self.solver.finish_from(&start, &mut shared, &excluded)
     }
 }
 
-/// u of a part from that at half the size.
+/// u of a part from u at half the size.
 fn prolonged(coarse: &Field, part: Region, limit: f64) -> Field {
     let [x, y] = [part.x / 2, part.y / 2];
     let [width, height] =
@@ -100,21 +102,21 @@ fn prolonged(coarse: &Field, part: Region, limit: f64) -> Field {
     prolong::twin(&constants, &Field { width: width as usize, height: height as usize, data })
 }
 
-/// What is common to all pixels of a part, and where it is cut out of each frame: where its middle lies there.
-fn within(common: &Common, part: Region, size: [u32; 2]) -> (Common, Vec<Region>) {
-    let (places, transforms): (Vec<_>, Vec<_>) = common.transforms.iter().map(|t| parts::cut(t, part, size)).unzip();
-    let brightness = common.brightness.iter().zip(&places);
+/// The shared parameters as a part sees them, and the region of each frame that it is cut to: where its middle lies there.
+fn shared_by_part(shared: &SharedParameters, part: Region, size: [u32; 2]) -> (SharedParameters, Vec<Region>) {
+    let (places, transforms): (Vec<_>, Vec<_>) = shared.transforms.iter().map(|t| parts::cut(t, part, size)).unzip();
+    let brightness = shared.brightness.iter().zip(&places);
     let brightness =
         brightness.map(|((gain, shading), place)| parts::shading_within(*gain, shading, *place, size)).collect();
-    (Common { transforms, brightness, ..common.clone() }, places)
+    (SharedParameters { transforms, brightness, ..shared.clone() }, places)
 }
 
-/// What is common to all pixels of photographs of twice the size.
-pub(super) fn doubled(common: &Common, size: [u32; 2]) -> Common {
-    let transforms = common.transforms.iter().map(|t| parts::doubled(t, size)).collect();
+/// The shared parameters of photographs of twice the size.
+pub(super) fn doubled(shared: &SharedParameters, size: [u32; 2]) -> SharedParameters {
+    let transforms = shared.transforms.iter().map(|t| parts::doubled(t, size)).collect();
     let brightness =
-        common.brightness.iter().map(|(gain, shading)| parts::shading_doubled(*gain, shading, size)).collect();
-    Common { rate: 4.0 * common.rate, transforms, brightness, ..common.clone() }
+        shared.brightness.iter().map(|(gain, shading)| parts::shading_doubled(*gain, shading, size)).collect();
+    SharedParameters { rate: 4.0 * shared.rate, transforms, brightness, ..shared.clone() }
 }
 
 /// Luminance of photographs at half their size, as a level of their pyramid would be.

@@ -1,11 +1,12 @@
-//! Where a sweep starts, from its frames on coarse levels, on the host: the registration by appearance, brightness, c by exhaustive
-//! search, and u by the least of a volume of energies.
+//! The start of a sweep, on the host, on a coarse level.
+//!
+//! The registration comes from appearance, c from an exhaustive search, and u from the minimum of a volume of energies.
 
 use std::f64::consts::PI;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::pairs::pairs;
+use super::pairs;
 use crate::base::{Homography, Shading, shading, workers};
 use crate::engine::filter::{self, Filter};
 use crate::engine::plan::{LOW_PASS, band};
@@ -14,47 +15,49 @@ use crate::engine::stages::sums::{UNKNOWNS, displacements};
 use crate::engine::stages::update_transform::displacing;
 use crate::engine::stages::{Field, convolve, spline};
 
-/// A level as the start needs it.
+/// The scale of a level and the image centre on it.
 #[derive(Clone, Copy)]
 pub(super) struct Grid {
     pub(super) factor: f64,
     pub(super) centre: [f64; 2],
 }
 
-/// A sweep's frames on one level.
+/// The frames of a sweep on one level.
 pub(super) struct Frames<'a> {
     pub(super) images: &'a [Field],
     pub(super) grid: Grid,
 }
 
-/// What correlates of noise in a pixel and the low pass, px².
-pub(super) const GRAIN: f64 = LOW_PASS * LOW_PASS + 1.0 / (4.0 * PI);
+/// f, the variance of the filter that correlates noise: a pixel and the low pass, px².
+pub(super) const NOISE_CORRELATION: f64 = LOW_PASS * LOW_PASS + 1.0 / (4.0 * PI);
 
 fn filtered(image: &Field, along_x: &Filter, along_y: &Filter) -> Field {
     convolve::twin(&convolve::twin(image, along_x, 1, false), along_y, 1, true)
 }
 
+/// The image under a Gaussian.
 pub(super) fn smoothed(image: &Field, sigma: f64) -> Field {
     let filter = filter::gaussian(sigma * sigma);
     filtered(image, &filter, &filter)
 }
 
-/// The low pass and the high pass of the device.
+/// The image after the low pass and the high pass that the device applies.
 pub(super) fn band_passed(image: &Field) -> Field {
     let [low, along_x, along_y] = band();
     let mut image = filtered(image, &low, &low);
-    let less = filtered(&image, &along_x, &along_y);
-    image.data.iter_mut().zip(less.data).for_each(|(value, less)| *value += less);
+    let high = filtered(&image, &along_x, &along_y);
+    image.data.iter_mut().zip(high.data).for_each(|(value, high)| *value += high);
     image
 }
 
+/// The coefficients of the spline through an image.
 fn coefficients(image: &Field) -> Field {
     let filter = filter::spline_prefilter();
     filtered(image, &filter, &filter)
 }
 
-/// The frames on the reference's pixels, as bright as it.
-pub(super) fn aligned(frames: &Frames, transforms: &[Homography], brightness: &[(f64, Shading)]) -> Vec<Field> {
+/// The frames on the reference's pixels, with its brightness.
+pub(super) fn resample(frames: &Frames, transforms: &[Homography], brightness: &[(f64, Shading)]) -> Vec<Field> {
     workers::collect(frames.images.len(), |n| {
         let (spline, (gain, shading)) = (coefficients(&frames.images[n]), brightness[n]);
         Field::from_fn(spline.width, spline.height, |x, y| {
@@ -65,13 +68,14 @@ pub(super) fn aligned(frames: &Frames, transforms: &[Homography], brightness: &[
 }
 
 /// A frame on the reference's pixels.
-fn moved_onto(spline: &Field, t: &Homography, grid: Grid) -> Field {
+fn resampled(spline: &Field, t: &Homography, grid: Grid) -> Field {
     Field::from_fn(spline.width, spline.height, |x, y| {
         let [px, py] = place(t, [x, y], grid);
         spline::read(spline, px, py).value
     })
 }
 
+/// Where T takes a pixel, both in pixels of the level.
 fn place(t: &Homography, [x, y]: [usize; 2], Grid { factor, centre }: Grid) -> [f64; 2] {
     let p = [factor * (x as f64 - centre[0]), factor * (y as f64 - centre[1])];
     let d = t.displacement(p);
@@ -79,40 +83,47 @@ fn place(t: &Homography, [x, y]: [usize; 2], Grid { factor, centre }: Grid) -> [
 }
 
 /// σ of the low pass under which neighbouring frames look alike whatever their blur, px of the level.
-const BLIND: f64 = 1.5;
-/// Steps of a frame's registration by appearance.
+const APPEARANCE_BLUR: f64 = 1.5;
+/// Gauss-Newton steps of a frame's registration by appearance.
 const STEPS: usize = 8;
 
-/// T of each frame by appearance, each by the one before it, counted from the reference.
+/// T of each frame by appearance, each from its neighbour's, starting at the reference.
 pub(super) fn register(frames: &Frames, reference: usize, unknowns: usize) -> Vec<Homography> {
-    let blind = workers::collect(frames.images.len(), |n| coefficients(&smoothed(&frames.images[n], BLIND)));
-    // The frames on either side of the reference know nothing of each other.
-    let sides: [Vec<usize>; 2] = [(reference + 1..blind.len()).collect(), (0..reference).rev().collect()];
-    let found = workers::collect(2, |n| follow_all(&blind, reference, &sides[n], frames.grid, unknowns));
-    let mut transforms = vec![Homography::IDENTITY; blind.len()];
-    for (n, t) in sides.iter().flatten().zip(found.into_iter().flatten()) {
+    let splines =
+        workers::collect(frames.images.len(), |n| coefficients(&smoothed(&frames.images[n], APPEARANCE_BLUR)));
+    // The two sides of the reference are independent.
+    let sides: [Vec<usize>; 2] = [(reference + 1..splines.len()).collect(), (0..reference).rev().collect()];
+    let registered = workers::collect(2, |n| register_side(&splines, reference, &sides[n], frames.grid, unknowns));
+    let mut transforms = vec![Homography::IDENTITY; splines.len()];
+    for (n, t) in sides.iter().flatten().zip(registered.into_iter().flatten()) {
         transforms[*n] = t;
     }
     transforms
 }
 
-/// T of these frames, each by the one before it, the first by the reference.
-fn follow_all(blind: &[Field], reference: usize, frames: &[usize], grid: Grid, unknowns: usize) -> Vec<Homography> {
+/// T of frames in order, each from the one before it, the first from the reference.
+fn register_side(
+    splines: &[Field],
+    reference: usize,
+    frames: &[usize],
+    grid: Grid,
+    unknowns: usize,
+) -> Vec<Homography> {
     let (mut before, mut t) = (reference, Homography::IDENTITY);
-    let follow_next = |&n: &usize| {
-        let target = moved_onto(&blind[before], &t, grid);
-        t = follow(&target, &blind[n], t, grid, unknowns);
+    let next = |&n: &usize| {
+        let target = resampled(&splines[before], &t, grid);
+        t = register_frame(&target, &splines[n], t, grid, unknowns);
         before = n;
         t
     };
-    frames.iter().map(follow_next).collect()
+    frames.iter().map(next).collect()
 }
 
-/// T from where it starts to where the frame looks like the target, by Gauss and Newton.
-fn follow(target: &Field, spline: &Field, mut t: Homography, grid: Grid, unknowns: usize) -> Homography {
+/// T of a frame that looks like the target, by Gauss-Newton steps from `t`.
+fn register_frame(target: &Field, spline: &Field, mut t: Homography, grid: Grid, unknowns: usize) -> Homography {
     let length = (target.width as f64).hypot(target.height as f64) / 4.0;
     for _ in 0..STEPS {
-        let moved = moved_onto(spline, &t, grid);
+        let moved = resampled(spline, &t, grid);
         let (mut normal, mut right) = (DMatrix::<f64>::zeros(unknowns + 2, unknowns + 2), DVector::zeros(unknowns + 2));
         for (y, x) in (1..target.height - 1).flat_map(|y| (1..target.width - 1).map(move |x| (y, x))) {
             let [px, py] = place(&t, [x, y], grid);
@@ -124,7 +135,7 @@ fn follow(target: &Field, spline: &Field, mut t: Homography, grid: Grid, unknown
                 [0.5 * (moved.get(x + 1, y) - moved.get(x - 1, y)), 0.5 * (moved.get(x, y + 1) - moved.get(x, y - 1))];
             let at = [(x as f64 - grid.centre[0]) / length, (y as f64 - grid.centre[1]) / length];
             let by = displacements(at);
-            // Brightness is its own: gain and offset besides.
+            // Gain and offset are the last two unknowns.
             let term = |a: usize| match a.checked_sub(unknowns) {
                 None => by[a][0] * gradient[0] + by[a][1] * gradient[1],
                 Some(0) => moved.get(x, y),
@@ -147,80 +158,80 @@ fn follow(target: &Field, spline: &Field, mut t: Homography, grid: Grid, unknown
     t
 }
 
-/// σ of the window over which mean brightness is compared: blur moves nothing across it.
-const WIDE: f64 = 4.0;
+/// σ of the window over which mean brightness is compared, px of the level: blur moves no light across it.
+const BRIGHTNESS_WINDOW: f64 = 4.0;
 
-/// What brings each frame to the reference's brightness: gain and shading.
+/// Gain and shading that map each frame to the reference's brightness.
 pub(super) fn brightness(frames: &Frames, transforms: &[Homography], reference: usize) -> Vec<(f64, Shading)> {
-    let wide: Vec<Field> = workers::collect(frames.images.len(), |n| smoothed(&frames.images[n], WIDE));
-    workers::collect(wide.len(), |n| {
+    let means: Vec<Field> = workers::collect(frames.images.len(), |n| smoothed(&frames.images[n], BRIGHTNESS_WINDOW));
+    workers::collect(means.len(), |n| {
         if n == reference {
             return (1.0, Shading::NONE);
         }
-        let spline = coefficients(&wide[n]);
-        let moved = moved_onto(&spline, &transforms[n], frames.grid);
+        let spline = coefficients(&means[n]);
+        let moved = resampled(&spline, &transforms[n], frames.grid);
         let places = (0..moved.height).step_by(2).flat_map(|y| (0..moved.width).step_by(2).map(move |x| [x, y]));
         let inside =
             |p: &[f64; 2]| p[0] >= 0.0 && p[1] >= 0.0 && p[0] < moved.width as f64 && p[1] < moved.height as f64;
         let samples = places.filter_map(|at| {
             let place = Some(place(&transforms[n], at, frames.grid)).filter(inside)?;
-            Some((from_centre(place, frames.grid.centre), moved.get(at[0], at[1]), wide[reference].get(at[0], at[1])))
+            Some((from_centre(place, frames.grid.centre), moved.get(at[0], at[1]), means[reference].get(at[0], at[1])))
         });
         fit_brightness(&samples.collect::<Vec<_>>())
     })
 }
 
-/// Gain times shading that map the second values onto the third, by least squares reweighted by Cauchy's function.
+/// Gain and shading that map the second values of the samples, at their places, to the third; least squares, reweighted by Cauchy's
+/// function.
 ///
-/// No offset: an offset and a gain are told apart by contrast, of which blur takes; means tell of a gain whatever the blur. What is off
-/// by an offset the high pass takes off.
+/// There is no offset: only contrast tells an offset from a gain, and blur changes contrast. The high pass removes an offset.
 fn fit_brightness(samples: &[([f64; 2], f64, f64)]) -> (f64, Shading) {
     const TERMS: usize = Shading::TERMS + 1;
-    let (mut found, mut scale) = (DVector::<f64>::zeros(TERMS), f64::INFINITY);
+    let (mut fitted, mut scale) = (DVector::<f64>::zeros(TERMS), f64::INFINITY);
     for _ in 0..3 {
         let (mut normal, mut right) = (DMatrix::<f64>::zeros(TERMS, TERMS), DVector::zeros(TERMS));
         let (mut squares, mut weights) = (0.0, 0.0);
         for (place, value, target) in samples {
             let terms = DVector::from_row_slice(&shading::terms(*place)) * *value;
-            let left = target - terms.dot(&found);
-            let w = 1.0 / (1.0 + (left / scale).powi(2));
-            squares += w * left * left;
+            let residual = target - terms.dot(&fitted);
+            let w = 1.0 / (1.0 + (residual / scale).powi(2));
+            squares += w * residual * residual;
             weights += w;
             normal.ger(w, &terms, &terms, 1.0);
             right.axpy(w * target, &terms, 1.0);
         }
-        // Terms that the samples hardly determine stay small.
+        // Keeps terms small that the samples hardly determine.
         let ridge = 1e-4 * normal[(0, 0)];
         (1..TERMS).for_each(|a| normal[(a, a)] += ridge);
         let Some(cholesky) = normal.cholesky() else { break };
         scale = if scale.is_finite() { 2.0 * (squares / weights.max(1.0)).sqrt() + 1e-6 } else { 0.1 };
-        found = cholesky.solve(&right);
+        fitted = cholesky.solve(&right);
     }
-    let gain = found[0];
+    let gain = fitted[0];
     if !(gain > 0.1 && gain < 10.0) {
         return (1.0, Shading::NONE);
     }
-    (gain, Shading { coefficients: std::array::from_fn(|n| found[n + 1] / gain) })
+    (gain, Shading { coefficients: std::array::from_fn(|n| fitted[n + 1] / gain) })
 }
 
-/// σ of the nodes between which blurred frames are interpolated linearly, steps of so many px.
+/// Distance of the nodes of a blur stack, px of σ. Between nodes it is interpolated linearly.
 const NODE_STEP: f64 = 0.35;
 
-/// Frames, band-passed, each blurred by all nodes.
-pub(super) struct Blurred {
+/// The blur stacks of band-passed frames.
+pub(super) struct BlurStacks {
     /// By frame and node.
     nodes: Vec<Vec<Vec<f32>>>,
     size: [usize; 2],
 }
 
-impl Blurred {
+impl BlurStacks {
     pub(super) fn new(frames: &[Field]) -> Self {
-        let count = (LIMIT.sqrt() / NODE_STEP).ceil() as usize + 1;
+        let count = (MAX_RELATIVE_BLUR.sqrt() / NODE_STEP).ceil() as usize + 1;
         let nodes = workers::collect(frames.len(), |n| {
             let mut nodes = vec![frames[n].clone()];
             for k in 1..count {
-                let more = NODE_STEP * NODE_STEP * ((k * k) as f64 - ((k - 1) * (k - 1)) as f64);
-                let filter = filter::gaussian(more);
+                let variance = NODE_STEP * NODE_STEP * ((k * k) as f64 - ((k - 1) * (k - 1)) as f64);
+                let filter = filter::gaussian(variance);
                 nodes.push(filtered(&nodes[k - 1], &filter, &filter));
             }
             nodes.iter().map(Field::to_f32).collect()
@@ -228,8 +239,8 @@ impl Blurred {
         Self { nodes, size: [frames[0].width, frames[0].height] }
     }
 
-    /// Adds the squared difference of a frame blurred by v and another, over `share`.
-    fn add(&self, [sharper, other]: [usize; 2], v: f64, share: f32, sum: &mut [f32]) {
+    /// Adds the squared difference of a frame blurred by v and another, times `weight`.
+    fn add(&self, [sharper, other]: [usize; 2], v: f64, weight: f32, sum: &mut [f32]) {
         let nodes = &self.nodes[sharper];
         let k = ((v.sqrt() / NODE_STEP) as usize).min(nodes.len() - 2);
         let at = |k: usize| (NODE_STEP * k as f64).powi(2);
@@ -237,16 +248,16 @@ impl Blurred {
         let pixels = nodes[k].iter().zip(&nodes[k + 1]).zip(&self.nodes[other][0]);
         for (sum, ((low, high), other)) in sum.iter_mut().zip(pixels) {
             let s = low + t * (high - low) - other;
-            *sum += share * s * s;
+            *sum += weight * s * s;
         }
     }
 
-    /// A pixel of a frame as it is.
+    /// A pixel of a frame.
     pub(super) fn sharp(&self, frame: usize, pixel: usize) -> f64 {
         f64::from(self.nodes[frame][0][pixel])
     }
 
-    /// A pixel of a frame blurred by v, and its slope by v.
+    /// A pixel of a frame blurred by v, and its derivative by v.
     pub(super) fn read(&self, frame: usize, v: f64, pixel: usize) -> (f64, f64) {
         let nodes = &self.nodes[frame];
         let k = ((v.sqrt() / NODE_STEP) as usize).min(nodes.len() - 2);
@@ -256,16 +267,8 @@ impl Blurred {
         (low + slope * (v.min(after) - before), slope)
     }
 
-    /// The energy at each candidate u, over a window.
-    fn volume(
-        &self,
-        settings: &[f64],
-        pairs: &[[usize; 2]],
-        rate: f64,
-        candidates: &[f64],
-        window: f64,
-        limit: f64,
-    ) -> Vec<Field> {
+    /// The energy at each candidate u, averaged over a window.
+    fn volume(&self, settings: &[f64], pairs: &[[usize; 2]], rate: f64, candidates: &[f64], window: f64) -> Vec<Field> {
         workers::collect(candidates.len(), |n| {
             let mut sum = vec![0.0; self.size[0] * self.size[1]];
             for &[i, j] in pairs {
@@ -273,41 +276,45 @@ impl Blurred {
                 if own.1 > other.1 {
                     (own, other) = (other, own);
                 }
-                // Every pair at every candidate: candidates that few pairs judge would win.
-                let v = (other.1 - own.1).min(limit);
-                self.add([own.0, other.0], v, (1.0 / (1.0 + GRAIN / (GRAIN + v))) as f32, &mut sum);
+                // All pairs count at every candidate; otherwise candidates with few pairs would win.
+                let v = (other.1 - own.1).min(MAX_RELATIVE_BLUR);
+                self.add(
+                    [own.0, other.0],
+                    v,
+                    (1.0 / (1.0 + NOISE_CORRELATION / (NOISE_CORRELATION + v))) as f32,
+                    &mut sum,
+                );
             }
             smoothed(&Field::from_f32(self.size[0], self.size[1], &sum), window)
         })
     }
 }
 
-/// Most V that the start looks at, px² of its level.
-const LIMIT: f64 = 36.0;
-/// σ of the windows, px: for c, and for u.
+/// The largest V of the start, px² of its level.
+const MAX_RELATIVE_BLUR: f64 = 36.0;
+/// σ of the windows for c and for u, px.
 pub(super) const WINDOWS: [f64; 2] = [3.0, 2.5];
-/// Frames that are enough for c.
-const ENOUGH: usize = 24;
+/// The largest number of frames that c is searched with.
+const MAX_FRAMES_FOR_RATE: usize = 24;
 
-/// c in px² of this level by squared settings, by exhaustive search in octaves: that of the least Σ_x min_u E, over pairs 1, 2, 4, 8 and 16
-/// frames apart.
+/// c in px² of this level by squared settings: the least Σ_x min_u E over octaves, from pairs 1, 2, 4, 8 and 16 frames apart.
 pub(super) fn rate(frames: &[Field], settings: &[f64]) -> f64 {
-    let every = frames.len().div_ceil(ENOUGH);
+    let every = frames.len().div_ceil(MAX_FRAMES_FOR_RATE);
     let chosen: Vec<usize> = (0..frames.len()).step_by(every).collect();
     let settings: Vec<f64> = chosen.iter().map(|&n| settings[n]).collect();
     let images = workers::collect(chosen.len(), |n| band_passed(&frames[chosen[n]]));
-    let (last, blurred) = (chosen.len() - 1, Blurred::new(&images));
+    let (last, stacks) = (chosen.len() - 1, BlurStacks::new(&images));
     let pairs: Vec<[usize; 2]> =
         [1, 2, 4, 8, 16].iter().flat_map(|s| (0..(last + 1).saturating_sub(*s)).map(move |i| [i, i + s])).collect();
     let range = settings[last] - settings[0];
     let count = (2 * last + 1).clamp(25, 41);
     let candidates: Vec<f64> = (0..count).map(|n| settings[0] + range * n as f64 / (count - 1) as f64).collect();
     let cost = |octave: f64| {
-        let volume = blurred.volume(&settings, &pairs, octave.exp2(), &candidates, WINDOWS[0], LIMIT);
+        let volume = stacks.volume(&settings, &pairs, octave.exp2(), &candidates, WINDOWS[0]);
         let least = |n: usize| volume.iter().map(|field| field.data[n]).fold(f64::INFINITY, f64::min);
         (0..volume[0].data.len()).map(least).sum::<f64>()
     };
-    // The sweep is 1 px of blur long; up to 32.
+    // From 1 px of blur over the sweep to 32.
     let first = -2.0 * range.log2();
     let best = |octaves: Vec<f64>| {
         let costs = octaves.into_iter().map(|octave| (octave, cost(octave)));
@@ -321,20 +328,20 @@ pub(super) fn rate(frames: &[Field], settings: &[f64]) -> f64 {
     (octave + beside).exp2()
 }
 
-/// u at every pixel.
+/// u at every pixel of frames on the reference's pixels.
 pub(super) fn focus(frames: &[Field], settings: &[f64], rate: f64) -> Field {
-    Blurred::new(&workers::collect(frames.len(), |n| band_passed(&frames[n]))).focus(settings, rate)
+    BlurStacks::new(&workers::collect(frames.len(), |n| band_passed(&frames[n]))).focus(settings, rate)
 }
 
-impl Blurred {
-    /// u at every pixel, by the least energy of candidates a fifth of a px of blur apart, between which a parabola decides.
+impl BlurStacks {
+    /// u at every pixel: the minimum of a parabola through the least energy of candidates 0.2 px of blur apart and its neighbours.
     pub(super) fn focus(&self, settings: &[f64], rate: f64) -> Field {
         let last = settings.len() - 1;
         let range = settings[last] - settings[0];
         let count = ((range * rate.sqrt() / 0.2).ceil() as usize + 1).clamp(13, 200);
         let step = range / (count - 1) as f64;
         let candidates: Vec<f64> = (0..count).map(|n| settings[0] + step * n as f64).collect();
-        let volume = self.volume(settings, &pairs(settings, rate), rate, &candidates, WINDOWS[1], LIMIT);
+        let volume = self.volume(settings, &pairs::choose(settings, rate), rate, &candidates, WINDOWS[1]);
         let [width, height] = self.size;
         Field::from_fn(width, height, |x, y| {
             let energy = |k: usize| volume[k].get(x, y);

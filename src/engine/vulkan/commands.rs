@@ -11,7 +11,7 @@ use super::device::Device;
 use super::interop::Commands;
 use super::memory::{Buffer, Image};
 use super::pipeline::Pipeline;
-use super::recording::{CommandBuffer, Recording};
+use super::recording::{CommandBuffer, Recording, Timeline};
 use super::timestamps::{Clock, Timestamps};
 use crate::base::Error;
 
@@ -28,6 +28,10 @@ pub(crate) struct Recorder {
     device: Arc<Device>,
     pool: vk::CommandPool,
     parts: Vec<CommandBuffer>,
+    /// Command buffers of the pool that are free.
+    free: Vec<vk::CommandBuffer>,
+    /// The timeline of the recording to come, if it is not a new one.
+    timeline: Option<Timeline>,
     descriptors: Descriptors,
     keep: Vec<Arc<dyn Any + Send + Sync>>,
     timestamps: Timestamps,
@@ -59,11 +63,31 @@ impl Recorder {
         recorder
     }
 
+    /// Starts a recording of one part with what an earlier one leaves: its pool, which was reset, its command buffers, its
+    /// descriptor sets and its timeline.
+    pub(super) fn again(
+        device: &Arc<Device>,
+        pool: vk::CommandPool,
+        parts: Vec<CommandBuffer>,
+        descriptors: Descriptors,
+        timeline: Timeline,
+    ) -> Result<Self, Error> {
+        let mut recorder = Self::onto(device, Timestamps::default());
+        recorder.pool = pool;
+        recorder.free = parts.into_iter().map(|part| part.commands).collect();
+        recorder.descriptors = descriptors;
+        recorder.timeline = Some(timeline);
+        recorder.begin_part(false)?;
+        Ok(recorder)
+    }
+
     fn onto(device: &Arc<Device>, timestamps: Timestamps) -> Self {
         Self {
             device: device.clone(),
             pool: vk::CommandPool::null(),
             parts: Vec::new(),
+            free: Vec::new(),
+            timeline: None,
             descriptors: Descriptors::new(device),
             keep: Vec::new(),
             timestamps,
@@ -117,21 +141,28 @@ impl Recorder {
             self.barrier();
             return Ok(());
         }
-        let create = vk::CommandBufferAllocateInfo::default()
-            .command_pool(self.pool)
-            .level(vk::CommandBufferLevel::PRIMARY)
-            .command_buffer_count(1);
-        // SAFETY: the pool belongs to this device and to this recorder alone.
-        let buffers = unsafe { self.device.handle.allocate_command_buffers(&create) };
-        let buffers = self.device.check("vkAllocateCommandBuffers", buffers)?;
-        self.parts.extend(buffers.into_iter().map(|commands| CommandBuffer { commands, optional }));
-        // SAFETY: the command buffer is new.
+        let commands = match self.free.pop() {
+            Some(commands) => commands,
+            None => self.allocate()?,
+        };
+        self.parts.push(CommandBuffer { commands, optional });
+        // SAFETY: the command buffer is new, or its pool was reset.
         let begun =
             unsafe { self.device.handle.begin_command_buffer(self.part(), &vk::CommandBufferBeginInfo::default()) };
         self.device.check("vkBeginCommandBuffer", begun)?;
         // Which parts came before, if any, is not known here.
         self.barrier();
         Ok(())
+    }
+
+    fn allocate(&self) -> Result<vk::CommandBuffer, Error> {
+        let create = vk::CommandBufferAllocateInfo::default()
+            .command_pool(self.pool)
+            .level(vk::CommandBufferLevel::PRIMARY)
+            .command_buffer_count(1);
+        // SAFETY: the pool belongs to this device and to this recorder alone.
+        let buffers = unsafe { self.device.handle.allocate_command_buffers(&create) };
+        Ok(self.device.check("vkAllocateCommandBuffers", buffers)?[0])
     }
 
     fn end_part(&mut self) -> Result<(), Error> {
@@ -207,7 +238,7 @@ impl Recorder {
         let part = self.part();
         self.timestamps.before(part, pipeline.name);
         let device = &self.device.handle;
-        // SAFETY: the part is being recorded; pipeline, set and buffers belong to this device and are kept alive by `keep`; the
+        // SAFETY: the part is being recorded; pipeline, set and buffers belong to this device and are kept alive by `descriptors` and `keep`; the
         // constants fill the layout's range exactly.
         unsafe {
             device.cmd_bind_pipeline(part, vk::PipelineBindPoint::COMPUTE, pipeline.handle);
@@ -223,7 +254,6 @@ impl Recorder {
         if let Groups::Indirect(buffer, _) = groups {
             self.keep.push(buffer.clone());
         }
-        self.keep.push(pipeline.clone());
         Ok(())
     }
 
@@ -277,6 +307,14 @@ impl Recorder {
             );
         }
         self.keep.push(image.clone());
+    }
+
+    /// Zero in the first bytes of a buffer, a multiple of 4.
+    pub(crate) fn zero(&mut self, buffer: &Arc<Buffer>, bytes: u64) {
+        assert!(bytes.is_multiple_of(4) && bytes <= buffer.size(), "{bytes} bytes of a buffer of {}", buffer.size());
+        // SAFETY: the part is being recorded; the range lies within the buffer, which is kept alive.
+        unsafe { self.device.handle.cmd_fill_buffer(self.part(), buffer.handle, 0, bytes, 0) };
+        self.keep.push(buffer.clone());
     }
 
     /// Layers of an image as they stand in a buffer.
@@ -349,6 +387,7 @@ impl Recorder {
             std::mem::replace(&mut self.descriptors, Descriptors::new(&self.device)),
             std::mem::take(&mut self.keep),
             timestamps,
+            self.timeline.take(),
         )
     }
 }
@@ -356,8 +395,11 @@ impl Recorder {
 impl Drop for Recorder {
     fn drop(&mut self) {
         // Empty after `finish`; otherwise recording failed, and nothing was submitted.
-        // SAFETY: nothing recorded here is in use; destroying a null pool does nothing.
+        // SAFETY: nothing recorded here is in use; destroying null handles does nothing.
         unsafe {
+            self.device
+                .handle
+                .destroy_semaphore(self.timeline.take().map_or(vk::Semaphore::null(), |t| t.semaphore), None);
             self.device.handle.destroy_command_pool(self.pool, None);
         }
     }

@@ -53,6 +53,7 @@ impl Descriptors {
         for (index, resource) in (0..).zip(resources) {
             self.write(set, index, *resource);
         }
+        self.keep.push(pipeline.clone());
         self.sets.insert(key, set);
         Ok(set)
     }

@@ -39,6 +39,7 @@ pub(crate) struct Call {
 #[derive(Default)]
 struct Told {
     strike: Option<Strike>,
+    hangs: bool,
     calls: Vec<Call>,
     struck: Vec<(Call, Code)>,
     heard: Vec<String>,
@@ -72,6 +73,11 @@ pub(crate) fn begin(strike: Option<Strike>, allocation: Option<usize>) {
     ALLOCATIONS.set(0);
     HELD.store(0, Ordering::Relaxed);
     TOLD.replace(Told { strike, ..Told::default() });
+}
+
+/// From now on, every wait of this thread for its hooked devices times out at once, as on a device that hangs.
+pub(crate) fn hang() {
+    TOLD.with_borrow_mut(|told| told.hangs = true);
 }
 
 /// Ends it, and says what happened.
@@ -158,6 +164,9 @@ fn strikes(index: usize) -> Option<Code> {
             return None;
         }
         told.calls.push(call);
+        if told.hangs && call.name == "vkWaitSemaphores" {
+            return Some(Code::TIMEOUT);
+        }
         let (strike, count) = (told.strike?, told.calls.len() - 1);
         let result = match told.struck.first() {
             None if count == strike.call => call.results[strike.result],

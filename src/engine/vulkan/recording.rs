@@ -3,16 +3,17 @@
 use std::any::Any;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ash::vk;
 
+use super::commands::Recorder;
 use super::descriptors::Descriptors;
 use super::device::Device;
 use super::failure::failure;
 use super::interop::Wait;
 use super::timestamps::{DeviceTimes, Timestamps};
-use crate::base::Error;
+use crate::base::{Deadline, Error};
 
 /// One part of a recording.
 #[derive(Clone, Copy)]
@@ -20,6 +21,22 @@ pub(super) struct CommandBuffer {
     pub(super) commands: vk::CommandBuffer,
     /// Whether a run asks if it is wanted, once all before it is done.
     pub(super) optional: bool,
+}
+
+/// A timeline semaphore, and the value that it has reached.
+pub(super) struct Timeline {
+    pub(super) semaphore: vk::Semaphore,
+    pub(super) value: u64,
+}
+
+impl Timeline {
+    fn new(device: &Device) -> Result<Self, Error> {
+        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
+        let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
+        // SAFETY: the device has timeline semaphores.
+        let semaphore = unsafe { device.handle.create_semaphore(&create, None) };
+        Ok(Self { semaphore: device.check("vkCreateSemaphore", semaphore)?, value: 0 })
+    }
 }
 
 /// Whether a run wants an optional part.
@@ -30,7 +47,7 @@ pub(crate) struct Recording {
     device: Arc<Device>,
     pool: vk::CommandPool,
     parts: Vec<CommandBuffer>,
-    _descriptors: Descriptors,
+    descriptors: Descriptors,
     timestamps: Timestamps,
     /// A timeline that counts the parts done, over all replays.
     timeline: vk::Semaphore,
@@ -42,10 +59,11 @@ pub(crate) struct Recording {
     keep: Vec<Arc<dyn Any + Send + Sync>>,
 }
 
-/// How long a run that is given up is waited for, so that it leaves nothing behind.
+/// How long a run that failed is waited for, so that what it uses can be freed.
 const GRACE: Duration = Duration::from_secs(10);
 
 impl Recording {
+    /// A recording of finished command buffers; makes a timeline unless one is passed.
     pub(super) fn new(
         device: &Arc<Device>,
         pool: vk::CommandPool,
@@ -53,16 +71,13 @@ impl Recording {
         descriptors: Descriptors,
         keep: Vec<Arc<dyn Any + Send + Sync>>,
         timestamps: Timestamps,
+        timeline: Option<Timeline>,
     ) -> Result<Self, Error> {
-        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
-        let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
-        // SAFETY: the device has timeline semaphores.
-        let timeline = unsafe { device.handle.create_semaphore(&create, None) };
         let mut recording = Self {
             device: device.clone(),
             pool,
             parts,
-            _descriptors: descriptors,
+            descriptors,
             timestamps,
             timeline: vk::Semaphore::null(),
             done: AtomicU64::new(0),
@@ -70,16 +85,63 @@ impl Recording {
             latest: Vec::new(),
             keep,
         };
-        recording.timeline = device.check("vkCreateSemaphore", timeline)?;
+        let timeline = match timeline {
+            Some(timeline) => timeline,
+            None => Timeline::new(device)?,
+        };
+        recording.timeline = timeline.semaphore;
+        *recording.done.get_mut() = timeline.value;
         Ok(recording)
     }
 
-    /// Runs all parts.
+    /// Starts another recording with the command pool, the descriptor sets and the timeline of this one, whose runs must
+    /// be done.
+    ///
+    /// # Errors
+    /// [`Error::Poisoned`], [`Error::Vulkan`].
+    pub(crate) fn record_again(mut self) -> Result<Recorder, Error> {
+        if self.device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        // SAFETY: every run was waited for, so no command buffer of the pool is pending.
+        let reset = unsafe { self.device.handle.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) };
+        self.device.check("vkResetCommandPool", reset)?;
+        let (pool, parts) = (std::mem::take(&mut self.pool), std::mem::take(&mut self.parts));
+        let descriptors = std::mem::replace(&mut self.descriptors, Descriptors::new(&self.device));
+        let timeline = Timeline { semaphore: std::mem::take(&mut self.timeline), value: self.done() };
+        Recorder::again(&self.device, pool, parts, descriptors, timeline)
+    }
+
+    /// Runs all parts, within the engine's time limit.
     ///
     /// # Errors
     /// As [`run_first`](Self::run_first).
     pub(crate) fn run(&mut self) -> Result<(), Error> {
-        self.run_first(self.parts.len(), &mut |_| Ok(true), &mut |_| ())
+        self.run_within(Deadline::after(self.device.timeout))
+    }
+
+    /// Runs all parts, within the time limit of the solve that they belong to.
+    ///
+    /// # Errors
+    /// As [`run_first`](Self::run_first).
+    pub(crate) fn run_within(&mut self, deadline: Deadline) -> Result<(), Error> {
+        self.run_first(self.parts.len(), deadline, &mut |_| Ok(true), &mut |_| ())
+    }
+
+    /// Runs one part by itself, within the time limit of the solve that it belongs to.
+    ///
+    /// # Errors
+    /// As [`run_first`](Self::run_first).
+    pub(crate) fn run_part(&mut self, part: usize, deadline: Deadline) -> Result<(), Error> {
+        if self.device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        let run = Run { recording: self, last: self.done() + 1 };
+        run.recording.submit(&run.recording.parts[part..=part], &[])?;
+        run.wait(run.last, deadline)?;
+        drop(run);
+        *self.done.get_mut() += 1;
+        Ok(())
     }
 
     /// Runs the first parts but for the optional ones that are not wanted; calls `after` with the number of parts done as
@@ -90,14 +152,13 @@ impl Recording {
     pub(crate) fn run_first(
         &mut self,
         parts: usize,
+        deadline: Deadline,
         wanted: DeviceRequirements<'_>,
         after: &mut dyn FnMut(usize),
     ) -> Result<(), Error> {
         if self.device.is_poisoned() {
             return Err(Error::Poisoned);
         }
-        // Past what a clock can hold, there is no deadline.
-        let deadline = Instant::now().checked_add(self.device.timeout);
         self.latest.clear();
         while self.latest.len() < parts {
             let next = self.latest.len();
@@ -107,13 +168,13 @@ impl Recording {
                 continue;
             }
             let end = (next + 1..parts).find(|&part| self.parts[part].optional).unwrap_or(parts);
-            let pending = Pending { recording: self, last: self.done() + (end - next) as u64 };
-            pending.recording.submit(&pending.recording.parts[next..end], &[])?;
+            let run = Run { recording: self, last: self.done() + (end - next) as u64 };
+            run.recording.submit(&run.recording.parts[next..end], &[])?;
             for part in next + 1..=end {
-                pending.wait(pending.recording.done() + (part - next) as u64, deadline)?;
+                run.wait(run.recording.done() + (part - next) as u64, deadline)?;
                 after(part);
             }
-            drop(pending);
+            drop(run);
             *self.done.get_mut() += (end - next) as u64;
             self.latest.resize(end, true);
         }
@@ -160,19 +221,32 @@ impl Recording {
         Ok(self.done())
     }
 
-    /// Waits so long at most; whether the timeline has reached a value.
-    pub(crate) fn reached(&mut self, value: u64, limit: Duration) -> Result<bool, Error> {
-        match self.reach(value, u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX)) {
+    /// Waits for the timeline to reach a value, for `limit` at most. Returns whether it has.
+    ///
+    /// # Errors
+    /// [`Error::Timeout`] past the deadline of the solve, which poisons the device as every failed wait does.
+    pub(crate) fn reached(&mut self, value: u64, limit: Duration, deadline: Deadline) -> Result<bool, Error> {
+        let left = deadline.left();
+        match self.reach(value, limit.min(left)) {
             Ok(()) => {
                 self.is_pending = false;
                 Ok(true)
             }
-            Err(vk::Result::TIMEOUT) => Ok(false),
-            Err(result) => {
-                self.device.poison(result == vk::Result::ERROR_DEVICE_LOST);
-                Err(failure("waiting for the device", &self.device.info().name, result))
-            }
+            Err(vk::Result::TIMEOUT) if limit < left => Ok(false),
+            Err(result) => Err(self.give_up(self.done(), result, deadline)),
         }
+    }
+
+    /// Poisons the device after a failed wait, and returns the error. What was submitted cannot be recalled, but a slow
+    /// device soon ends it and a lost one has: all can then be freed. What a hung device may use is never freed.
+    fn give_up(&self, last: u64, result: vk::Result, deadline: Deadline) -> Error {
+        let ended = self.reach(last, GRACE);
+        self.device.poison(matches!(ended, Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST)));
+        let name = &self.device.info().name;
+        if result == vk::Result::TIMEOUT {
+            return deadline.error(name);
+        }
+        failure("waiting for the device", name, result)
     }
 
     fn submit(&self, parts: &[CommandBuffer], waits: &[Wait]) -> Result<(), Error> {
@@ -205,8 +279,9 @@ impl Recording {
         self.device.check("vkQueueSubmit2", submitted)
     }
 
-    /// Waits for the timeline to reach a value.
-    fn reach(&self, value: u64, nanoseconds: u64) -> Result<(), vk::Result> {
+    /// Waits for the timeline to reach a value, for `limit` at most.
+    fn reach(&self, value: u64, limit: Duration) -> Result<(), vk::Result> {
+        let nanoseconds = u64::try_from(limit.as_nanos()).unwrap_or(u64::MAX);
         let (semaphores, values) = ([self.timeline], [value]);
         let wait = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
         // SAFETY: the semaphore is a timeline of this device.
@@ -219,45 +294,27 @@ impl Recording {
     }
 }
 
-/// A run under way. Should `after` unwind, the parts still pending may go on using the device's memory.
-struct Pending<'a> {
+/// A run in flight. If `after` unwinds, the pending parts may still use the device's memory.
+struct Run<'a> {
     recording: &'a Recording,
-    /// What the timeline reaches in the end.
+    /// The value of the timeline at the end.
     last: u64,
 }
 
-impl Pending<'_> {
-    fn wait(&self, value: u64, deadline: Option<Instant>) -> Result<(), Error> {
-        let left = deadline.map(|d| d.saturating_duration_since(Instant::now()).as_nanos());
-        let nanoseconds = left.and_then(|ns| u64::try_from(ns).ok()).unwrap_or(u64::MAX);
-        self.recording.reach(value, nanoseconds).map_err(|result| {
-            self.give_up();
-            let device = &self.recording.device;
-            let name = device.info().name.clone();
-            if result == vk::Result::TIMEOUT {
-                return Error::Timeout { device: name, seconds: device.timeout.as_secs() };
-            }
-            failure("waiting for the device", &name, result)
-        })
-    }
-
-    /// What was submitted cannot be called back, but a device that is only slow soon ends it, and one that is lost has: all
-    /// can then be freed. What hangs keeps what it uses.
-    fn give_up(&self) {
-        let ended = self.recording.reach(self.last, GRACE.as_nanos() as u64);
-        self.recording.device.poison(matches!(ended, Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST)));
+impl Run<'_> {
+    fn wait(&self, value: u64, deadline: Deadline) -> Result<(), Error> {
+        let reached = self.recording.reach(value, deadline.left());
+        reached.map_err(|result| self.recording.give_up(self.last, result, deadline))
     }
 }
 
-impl Drop for Pending<'_> {
+impl Drop for Run<'_> {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            // Nothing speaks against the device, which has all that is left of a solve before it.
-            let limit = u64::try_from(self.recording.device.timeout.as_nanos()).unwrap_or(u64::MAX);
-            if self.recording.reach(self.last, limit).is_ok() {
+            // The device is not at fault: it may take the engine's time limit for what is left of the solve.
+            let deadline = Deadline::after(self.recording.device.timeout);
+            if self.wait(self.last, deadline).is_ok() {
                 self.recording.done.store(self.last, Ordering::Relaxed);
-            } else {
-                self.give_up();
             }
         }
     }
@@ -266,10 +323,9 @@ impl Drop for Pending<'_> {
 impl Drop for Recording {
     fn drop(&mut self) {
         if self.is_pending && !self.device.is_in_use() {
-            let ended = self.reach(self.done(), GRACE.as_nanos() as u64);
-            if !matches!(ended, Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST)) {
-                self.device.poison(false);
-            }
+            let deadline = Deadline::after(self.device.timeout);
+            // A failed wait poisons the device, which tells later calls of it.
+            let _ = self.reached(self.done(), Duration::MAX, deadline);
         }
         if self.device.is_in_use() {
             return;

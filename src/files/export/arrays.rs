@@ -95,7 +95,8 @@ impl Arrays {
     /// arrays in square chunks, named `depth`, `relative_blur` or `focus`, and `standard_deviation`.
     fn write_zarr(&self, writer: &mut dyn Write) -> Result<(), String> {
         let mut zip = Zip::new(writer);
-        let text = |zip: &mut Zip<'_>, name: &str, value: serde_json::Value| zip.add(name, value.to_string().as_bytes());
+        let text =
+            |zip: &mut Zip<'_>, name: &str, value: serde_json::Value| zip.add(name, value.to_string().as_bytes());
         text(&mut zip, ".zgroup", json!({ "zarr_format": 2 }))?;
         text(&mut zip, ".zattrs", json!({ "software": SOFTWARE }))?;
         for (name, values, is_deviation) in

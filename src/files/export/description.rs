@@ -31,8 +31,10 @@ pub(crate) static UNCERTAINTY: Description = Description::new(
 );
 
 /// Confidence in V.
-pub(crate) static CONFIDENCE: Description =
-    Description::new("1", "1/(1 + s^2), s the standard deviation of V in px^2: 0.5 at 1 px^2; 0 outside the valid region");
+pub(crate) static CONFIDENCE: Description = Description::new(
+    "1",
+    "1/(1 + s^2), s the standard deviation of V in px^2: 0.5 at 1 px^2; 0 outside the valid region",
+);
 
 /// Residual.
 pub(crate) static RESIDUAL: Description = Description::new(
@@ -49,8 +51,10 @@ pub(crate) static FOCUS: Description = Description::new(
 );
 
 /// Frame of the fused image.
-pub(crate) static FRAMES: Description =
-    Description::new("label", "The frame of the sweep that each pixel of the fused image is taken from, counted from 1");
+pub(crate) static FRAMES: Description = Description::new(
+    "label",
+    "The frame of the sweep that each pixel of the fused image is taken from, counted from 1",
+);
 
 /// Pixels of a sweep that no frame has in focus.
 pub(crate) static BEYOND: Description = Description::new(
@@ -89,7 +93,8 @@ pub(crate) static FUSED_FLOAT: Description = Description::new(
 );
 
 /// True depth of a synthetic pair.
-pub(crate) static DEPTH: Description = Description::new("mm", "Depth in mm from the lens, at the pixels of the first image");
+pub(crate) static DEPTH: Description =
+    Description::new("mm", "Depth in mm from the lens, at the pixels of the first image");
 
 /// Depth of a pair with a lens, and its standard deviation.
 pub(crate) static METRIC_DEPTH: Description = Description::new(

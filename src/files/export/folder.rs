@@ -111,7 +111,6 @@ impl Drop for Folder {
     }
 }
 
-
 /// Random characters in the name of a temporary file.
 const RANDOM: usize = 6;
 

@@ -163,9 +163,8 @@ impl Measurements {
             let Some(plotter) = plotter else { continue };
             let picture = (plotter.profile)(profile);
             let pixels = Pixels::Bytes(&picture);
-            staging.add(&profile.png, |w| {
-                png_file::write(w, picture.dimensions(), ColorType::Rgb, &pixels, &PROFILE)
-            })?;
+            staging
+                .add(&profile.png, |w| png_file::write(w, picture.dimensions(), ColorType::Rgb, &pixels, &PROFILE))?;
         }
         Ok(())
     }

@@ -29,7 +29,6 @@ mod zip;
 pub use arrays::{ArrayKind, Depth16, Depth16Report};
 pub use depth_picture::Palette;
 pub(crate) use description::SOFTWARE;
-pub(crate) use destination::{Guard, ReportFiles};
 pub use destination::{Destination, FileKind, SIMULATED_FILES, check_writable, listed_in};
 pub use folder::abandon;
 pub(crate) use fused::color_type;

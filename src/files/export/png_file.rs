@@ -51,7 +51,9 @@ pub(crate) fn encoder<'a, W: Write>(
     description: &Description,
 ) -> Result<Encoder<'a, W>, String> {
     let mut encoder = Encoder::new(writer, width, height);
-    for (keyword, text) in [("Software", SOFTWARE), ("Description", &description.comments), ("Units", &description.units)] {
+    for (keyword, text) in
+        [("Software", SOFTWARE), ("Description", &description.comments), ("Units", &description.units)]
+    {
         add_text(&mut encoder, keyword, text)?;
     }
     Ok(encoder)

@@ -8,13 +8,13 @@ use serde_json::Value;
 
 use super::description::{INTENSITY, PHOTOGRAPH};
 use super::destination::{Destination, FileKind};
+use super::exr_file;
 use super::fused::color_type;
 use super::png_file::{self, Pixels};
 use super::report::{Report, ShadingReport, SizeReport, with_header, write_json_to};
 use super::results::MAX_BYTES;
 use super::single::write_file;
 use super::staging::Staging;
-use super::exr_file;
 use crate::base::{Brightness, Decode, Depth, Error, Frame, Homography, Photometric, Region, Samples, Settings};
 use crate::files::bounded_read;
 use crate::files::image_io::Values;
@@ -129,7 +129,7 @@ fn parse(text: &str) -> Result<Registration, String> {
     }
     let second = FrameRegistration::deserialize(file).map_err(unusable)?;
     let first = FrameRegistration { transform: Homography::IDENTITY, photometric: None, shading: None };
-    Ok(Registration { frames: vec![first, second], reference: 0, size: None, region: None, decode: Decode::default() })
+    Ok(Registration { frames: vec![first, second], reference: 0, size: None, region: None, decode: Decode::None })
 }
 
 impl Stated {
@@ -151,7 +151,7 @@ impl Stated {
             reference,
             size: self.photograph.or(self.size).map(Into::into),
             region: self.region,
-            decode: self.values.map_or_else(Decode::default, |values| values.decode),
+            decode: self.values.map_or(Decode::None, |values| values.decode),
         })
     }
 }
@@ -230,13 +230,16 @@ mod tests {
     fn a_transform_a_frame_and_a_report_are_read() {
         let found = second(T);
         assert_eq!((found.transform.translation(), found.photometric), ([1.5, -2.0], None));
-        assert!((found.transform.rotation_deg() - 90.0).abs() < 1e-12 && (found.transform.scale() - 1.07).abs() < 1e-12);
+        assert!(
+            (found.transform.rotation_deg() - 90.0).abs() < 1e-12 && (found.transform.scale() - 1.07).abs() < 1e-12
+        );
         assert_eq!(second(&format!(r#"{{"transform": {T}, "shading": null}}"#)), found);
         let bright = Some(Photometric { gain: 1.1, offset: -0.02 });
         let frame = format!(r#"{{"transform": {T}, "gain": 1.1, "offset": -0.02}}"#);
         assert_eq!(second(&frame), FrameRegistration { photometric: bright, ..found });
         assert_eq!(second(&T.replace('}', r#", "gain": 1.1, "offset": -0.02}"#)).photometric, bright);
-        let report = format!(r#"{{"frames": [{frame}, {{"transform": {T}}}, {frame}], "order": [2, 0, 1], "reference": 1}}"#);
+        let report =
+            format!(r#"{{"frames": [{frame}, {{"transform": {T}}}, {frame}], "order": [2, 0, 1], "reference": 1}}"#);
         let sweep = parse(&report).unwrap();
         assert_eq!((sweep.frames.len(), sweep.reference, sweep.second()), (3, 0, None));
         assert_eq!((sweep.frames[0].photometric, sweep.frames[2].photometric), (None, bright));

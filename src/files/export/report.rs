@@ -14,9 +14,7 @@ use super::hashes::Hash;
 use super::measurements::Measurements;
 use super::results::UNITS;
 use super::scale::{Nearer, Quantiles};
-use crate::base::{
-    Brightness, DeviceInfo, Error, Homography, Lens, Method, Photometric, Region, Settings, Shading,
-};
+use crate::base::{Brightness, DeviceInfo, Error, Homography, Lens, Method, Photometric, Region, Settings, Shading};
 use crate::engine::{LevelHistory, OtherMotion, Registered, Solution, Timings};
 use crate::files::image_io::{self, Input, Values};
 use crate::solve::focus_stack::{Positions, RegisteredSweep, Sweep, SweepDepth};
@@ -618,7 +616,14 @@ impl Report {
             order: found.order.clone(),
             warnings: found.warnings.clone(),
             values: Values::stated(found.decode),
-            ..Self::new(Kind::Registration, settings, device, found.photograph, FrameReport::sweep(found, files), timings)
+            ..Self::new(
+                Kind::Registration,
+                settings,
+                device,
+                found.photograph,
+                FrameReport::sweep(found, files),
+                timings,
+            )
         }
     }
 

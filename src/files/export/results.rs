@@ -102,11 +102,14 @@ pub struct Results<'a> {
 }
 
 impl<'a> Results<'a> {
-    /// Results of a pair, whose photographs have samples of this depth; the deeper one counts.
+    /// Results of a pair, whose photographs have samples of these depths.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if a field does not have the size that the solution states.
-    pub fn of_pair(solution: &'a Solution, report: Report, depth: Depth) -> Result<Self, Error> {
+    pub fn of_pair(solution: &'a Solution, mut report: Report, depths: [Depth; 2]) -> Result<Self, Error> {
+        report.values.decode = report.values.decode.resolved(depths);
+        let deepest = [Depth::F32, Depth::U16].into_iter().find(|depth| depths.contains(depth));
+        let depth = deepest.unwrap_or(Depth::U8);
         let fused = Fused::new(
             (solution.width, solution.height),
             (solution.fused_channels, &solution.fused),
@@ -126,7 +129,8 @@ impl<'a> Results<'a> {
     ///
     /// # Errors
     /// As for [`of_pair`](Self::of_pair).
-    pub fn of_sweep(sweep: &'a Sweep, report: Report, depth: Depth) -> Result<Self, Error> {
+    pub fn of_sweep(sweep: &'a Sweep, mut report: Report, depth: Depth) -> Result<Self, Error> {
+        report.values.decode = report.values.decode.resolved([depth]);
         let size = (sweep.width, sweep.height);
         let fused = Fused::new(size, (sweep.fused_channels, &sweep.fused), report.values.decode, depth)?;
         let fields = [("focus", &sweep.focus), ("uncertainty", &sweep.uncertainty)];
@@ -194,9 +198,7 @@ impl<'a> Results<'a> {
         let (report, nearer) = (&self.report, self.report.nearer());
         match report.focus_unit {
             None => Quantity::relative_blur(self.values(), self.uncertainty(), nearer),
-            Some(_) => {
-                Quantity::focus(self.values(), self.uncertainty(), self.focus_unit(), &self.positions(), nearer)
-            }
+            Some(_) => Quantity::focus(self.values(), self.uncertainty(), self.focus_unit(), &self.positions(), nearer),
         }
     }
 
@@ -347,7 +349,9 @@ impl<'a> Results<'a> {
     pub(super) fn field_reports(&self) -> Vec<FieldReport> {
         let fields = self.report.kind.fields().iter();
         let fields = fields.map(|(name, file, description)| FieldReport::new(name, file, description));
-        fields.chain(self.depth.as_ref().map(|_| FieldReport::new("depth", DEPTH_FILE, self.depth_description()))).collect()
+        fields
+            .chain(self.depth.as_ref().map(|_| FieldReport::new("depth", DEPTH_FILE, self.depth_description())))
+            .collect()
     }
 
     pub(super) fn depth_description(&self) -> &'static Description {
@@ -369,7 +373,10 @@ impl Results<'static> {
         }
         let path = folder.join(REPORT_FILE);
         if folder.join("batch.json").is_file() && !path.exists() {
-            return Err(Error::file(folder, "holds the results of a batch; give the folder of one pair or sweep in it"));
+            return Err(Error::file(
+                folder,
+                "holds the results of a batch; give the folder of one pair or sweep in it",
+            ));
         }
         let report = read_json(&path)?;
         let Some(kind @ (Kind::Pair | Kind::Sweep)) = Kind::of(&report) else {
@@ -418,8 +425,7 @@ impl Results<'static> {
     fn read_depth(&mut self) -> Result<(), Error> {
         let (width, limit) = (self.report.size.width, self.report.settings.max_relative_blur);
         if let Some(lens) = self.lens() {
-            let metric =
-                MetricDepth::new(lens, self.magnification(), limit, width, self.values(), self.uncertainty());
+            let metric = MetricDepth::new(lens, self.magnification(), limit, width, self.values(), self.uncertainty());
             self.depth = Some([metric.depth.into(), metric.deviation.into()]);
             return Ok(());
         }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
-use super::destination::{Destination, FileKind, Guard, ReportFiles};
+use super::destination::{Destination, FileKind, Guard};
 use super::folder::{Folder, OtherWriters, naming, temporary_file};
 use super::hashes::{Hash, Hashes};
 use super::journal::{Journal, Unfinished, metadata};
@@ -45,12 +45,6 @@ impl Staging {
     /// Starts results that join those that the report lists, of which the `stale` ones are removed.
     pub(crate) fn joining(out: Destination<'_>, report: &str, stale: Vec<String>) -> Result<Self, Error> {
         Self::of_report(out, report, Stale::Named(stale))
-    }
-
-    /// Starts results that may replace files that are listed elsewhere.
-    pub(crate) fn over(out: Destination<'_>, listed: ReportFiles) -> Result<Self, Error> {
-        let folder = Folder::make(out.path, OtherWriters::None)?;
-        Ok(Self::new(folder, Guard::by_list(out, listed), None, Stale::Named(Vec::new())))
     }
 
     /// Starts files that state themselves that parfocal wrote them.

@@ -68,7 +68,7 @@ fn report() -> Report {
 fn write(out: &Path, solution: &Solution, depth: Depth) -> Result<(), Error> {
     let mut report = report();
     report.values = Values::stated(Decode::None);
-    Results::of_pair(solution, report, depth)?.write(out, &Drawing::default(), Vec::new())
+    Results::of_pair(solution, report, [depth; 2])?.write(out, &Drawing::default(), Vec::new())
 }
 
 fn keys(value: &Value) -> Vec<&str> {

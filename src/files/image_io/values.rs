@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Input, encoding};
-use crate::base::{Decode, Error};
+use crate::base::{Decode, Depth, Error};
 
 /// How the values of photographs became intensities, and on whose word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -32,19 +32,23 @@ impl Values {
         Self { decode, by: Basis::Stated }
     }
 
-    /// By what the files of photographs of one scene say, which were made alike: what says nothing is taken for what the others
-    /// say. Where none says anything, 8 bits a sample are made to be looked at and follow the sRGB curve, as browsers take them
-    /// too: so few of linear light would show steps in the dark. More bits are a measurement, and linear. A file that names a
-    /// curve or colour space other than linear (Adobe RGB, gamma 1.8) is decoded by the sRGB curve, the nearest of the two.
+    /// Resolves [`Decode::Auto`] by what the files of one scene state, and without a statement by their bits
+    /// ([`Decode::resolved`]).
+    ///
+    /// A file without a statement is read as the others state. A file that names a curve or colour space other than linear
+    /// (Adobe RGB, gamma 1.8) is decoded by the sRGB curve, the nearer of the two.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] where two files contradict each other.
-    pub fn of(files: &[Input]) -> Result<Self, Error> {
+    /// [`Error::Mismatch`] if two files contradict each other.
+    pub fn of(decode: Decode, files: &[Input]) -> Result<Self, Error> {
+        if decode != Decode::Auto {
+            return Ok(Self::stated(decode));
+        }
         let said: Vec<(&Input, Decode)> = files.iter().filter_map(|file| Some((file, said(file)?))).collect();
         let by = if said.len() == files.len() { Basis::Files } else { Basis::Assumed };
         let Some(&(first, decode)) = said.first() else {
-            let decode = if files.iter().any(|file| file.bits <= 8) { Decode::Srgb } else { Decode::None };
-            return Ok(Self { decode, by });
+            let depths = files.iter().map(|file| if file.bits <= 8 { Depth::U8 } else { Depth::U16 });
+            return Ok(Self { decode: decode.resolved(depths), by });
         };
         match said.iter().find(|(_, other)| *other != decode) {
             None => Ok(Self { decode, by }),
@@ -106,8 +110,9 @@ mod tests {
 
     #[test]
     fn values_are_what_the_files_say_or_else_what_their_bits_imply() {
-        let of =
-            |files: &[Input]| Values::of(files).map(|Values { decode, by }| (decode, by)).map_err(|e| e.to_string());
+        let of = |files: &[Input]| {
+            Values::of(Decode::Auto, files).map(|Values { decode, by }| (decode, by)).map_err(|e| e.to_string())
+        };
         let (plain, deep) = (input("a", 8, None), input("d", 16, None));
         assert_eq!(of(std::slice::from_ref(&plain)), Ok((Decode::Srgb, Basis::Assumed)));
         assert_eq!(of(std::slice::from_ref(&deep)), Ok((Decode::None, Basis::Assumed)));

@@ -88,13 +88,7 @@ impl Points {
 
     /// Depth in mm through a lens; the origin is the middle of the lens, x and y follow the ray of each pixel, z = -depth; holes where depth is not
     /// finite. `part` is the part of the photographs that the depths cover. The middle of the photographs is taken as that of the lens.
-    fn of_depth(
-        depth: &[f32],
-        lens: &Lens,
-        part: Region,
-        photograph: [u32; 2],
-        fused: &Frame,
-    ) -> Result<Self, Error> {
+    fn of_depth(depth: &[f32], lens: &Lens, part: Region, photograph: [u32; 2], fused: &Frame) -> Result<Self, Error> {
         let comments = [
             "the lens' middle is the origin: x and y by the ray of each pixel of the first image, z = -depth",
             "metric",
@@ -113,12 +107,7 @@ impl Points {
     }
 
     /// Focus over the reference's pixels: z is the distance of the setting from the middle of the sweep, times `exaggeration` (px per setting).
-    fn of_focus(
-        focus: &Quantity<'_>,
-        positions: &[f64],
-        fused: &Frame,
-        exaggeration: f64,
-    ) -> Result<Self, Error> {
+    fn of_focus(focus: &Quantity<'_>, positions: &[f64], fused: &Frame, exaggeration: f64) -> Result<Self, Error> {
         let ends = [positions.first(), positions.last()].map(|end| end.copied().unwrap_or(0.0));
         let middle = 0.5 * (ends[0] + ends[1]);
         let factor = if focus.nearer == Nearer::First { exaggeration } else { -exaggeration };

@@ -21,9 +21,9 @@ pub fn compare(old: &Report, new: &Report) -> String {
         let [a, b] = [old, new].map(|r| format!("{} ({})", r.device.device.name, r.device.device.driver));
         lone.push(format!("the devices differ: {a}, then {b}"));
     }
-    let told = [old, new].map(|r| (&r.input, r.outer_iterations, r.sweeps));
+    let told = [old, new].map(|r| (&r.input, r.outer_iterations, r.relaxation_sweeps));
     if told[0] != told[1] {
-        lone.push("the reports differ in input, outer iterations or sweeps".to_string());
+        lone.push("the reports differ in input, outer iterations or relaxation sweeps".to_string());
     }
     std::iter::once(aligned(&rows)).chain(lone).collect::<Vec<_>>().join("\n")
 }
@@ -102,7 +102,7 @@ mod tests {
             warmup: 1,
             repeats: 3,
             outer_iterations: 20,
-            sweeps: 5,
+            relaxation_sweeps: 5,
             copy_gb_per_s: None,
             engine_ms: 1.0,
             runs,
@@ -133,7 +133,7 @@ mod tests {
         assert_eq!(cells(&text, "solve")[2..], ["1.00", "1.00", "1.00"]);
         assert_eq!(cells(&text, "relax"), ["0", "0", "-"]);
         let mut other = one.clone();
-        (other.device.device.name, other.sweeps) = ("e".to_string(), 6);
+        (other.device.device.name, other.relaxation_sweeps) = ("e".to_string(), 6);
         let text = compare(&one, &other);
         assert!(text.contains("the devices differ: d (v), then e (v)") && text.contains("sweeps"), "{text}");
     }

@@ -23,7 +23,7 @@ mod trace;
 
 use std::time::Instant;
 
-use crate::base::{Channels, Depth, Error, Format, Frame, Homography, Kernel, Method, Settings};
+use crate::base::{Channels, Decode, Depth, Error, Format, Frame, Homography, Kernel, Method, Settings};
 use crate::engine::{Engine, EngineOptions, same_size};
 
 pub use compare::compare;
@@ -69,7 +69,7 @@ impl Default for Options {
             input: Input::Synthetic(vec![[512, 512], [1024, 1024]]),
             methods: vec![Method::Unified],
             kernels: vec![Kernel::Auto],
-            settings: Settings::default(),
+            settings: Settings { decode: Decode::None, ..Settings::default() },
             held: Homography::IDENTITY,
             warmup: 1,
             repeats: 5,

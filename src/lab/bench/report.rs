@@ -28,8 +28,8 @@ pub struct Report {
     pub repeats: u32,
     /// Outer iterations on each level at most.
     pub outer_iterations: u32,
-    /// Relaxation sweeps an outer iteration.
-    pub sweeps: u32,
+    /// Relaxation sweeps per outer iteration.
+    pub relaxation_sweeps: u32,
     /// What a pass that only copies an image reads and writes in a second: the bandwidth that the other passes have.
     pub copy_gb_per_s: Option<Spread>,
     /// Opening the device, cold.
@@ -191,7 +191,7 @@ impl Report {
             warmup: options.warmup,
             repeats: options.repeats.max(1),
             outer_iterations: options.settings.outer_iterations,
-            sweeps: options.settings.sweeps,
+            relaxation_sweeps: options.settings.relaxation_sweeps,
             copy_gb_per_s,
             engine_ms,
             runs: Vec::new(),

@@ -152,7 +152,7 @@ impl Timed {
         }
         let swept = |level: &LevelReport| {
             let iterations = arguments::relaxed(level.iterations as u32);
-            f64::from(level.width) * f64::from(level.height) * f64::from(iterations * self.settings.sweeps)
+            f64::from(level.width) * f64::from(level.height) * f64::from(iterations * self.settings.relaxation_sweeps)
         };
         let megapixels = self.levels.iter().map(swept).sum::<f64>() * 1e-6;
         let share_of_copy = copy.map(|c| bytes as f64 / ms * 1e-6 / c);

@@ -9,7 +9,8 @@ use crate::base::{Error, Frame, Lens, Photometric, Samples, Similarity};
 use crate::files::export::description::{DEPTH, PHOTOGRAPH, RELATIVE_BLUR};
 use crate::files::export::png_file::{self, Pixels};
 use crate::files::export::{
-    Destination, Header, Kind, RangeReport, SIMULATED_FILES, SizeReport, Staging, color_type, exr_file, to_json, write_json_to,
+    Destination, Header, Kind, RangeReport, SIMULATED_FILES, SizeReport, Staging, color_type, exr_file, to_json,
+    write_json_to,
 };
 
 /// `truth.json`: what is true of a synthetic pair. `parfocal solve --transform` reads it.

@@ -54,9 +54,7 @@ pub use layers::Arrangement;
 pub use presets::Preset;
 pub use radiance::Radiance;
 pub use shape::Shape;
-pub use sweep::{
-    Shot, SimulatedSweep, SweepScene, SweepTruth, simulated_sweep_files, write_simulated_sweep,
-};
+pub use sweep::{Shot, SimulatedSweep, SweepScene, SweepTruth, simulated_sweep_files, write_simulated_sweep};
 
 use self::kernel::Rules;
 use self::layers::Layer;

@@ -103,7 +103,7 @@ struct Energies {
 
 impl Energies {
     fn of(sweep: &Focused<'_>, n: usize) -> Self {
-        let (size, transform) = (sweep.size(), sweep.found.transforms[n]);
+        let (size, transform) = (sweep.size(), sweep.found.registration.transforms[n]);
         let values = luminance(sweep.values(n), sweep.channels());
         let values = smoothed(&in_cells(&squared_laplacian(&values, size), size), cells(size));
         Self { values, size, transform, scale: transform.scale().powi(4) as f32 }

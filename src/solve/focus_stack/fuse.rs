@@ -19,7 +19,7 @@ pub(super) fn fuse(sweep: &Focused<'_>) -> Fused {
     let chosen = choose(sweep);
     let mut values = vec![0.0f32; width * height * count];
     for n in (0..sweep.frames.len()).filter(|n| chosen.has(*n)) {
-        let image = Moved::new(sweep.values(n), count, sweep.found.transforms[n], size);
+        let image = Moved::new(sweep.values(n), count, sweep.found.registration.transforms[n], size);
         in_rows(&mut values, width * count, |y, row| {
             let mut read = [0.0; 3];
             for (x, pixel) in row.chunks_exact_mut(count).enumerate() {
@@ -76,7 +76,7 @@ impl Moved {
 mod tests {
     use super::*;
     use crate::base::{Brightness, Decode, Frame};
-    use crate::engine::Focus;
+    use crate::engine::{JointRegistration, JointSolution};
 
     #[test]
     fn each_pixel_is_of_the_sharpest_frame_and_depth_decides_where_none_is() {
@@ -93,13 +93,15 @@ mod tests {
         };
         let frames = [frame(0), frame(1)];
         let pixels = (width * height) as usize;
-        let found = Focus {
+        let found = JointSolution {
             focus: (0..pixels).map(|i| if i / 48 < 20 { f32::NAN } else { 1.0 }).collect(),
             deviation: vec![0.1; pixels],
-            transforms: vec![Homography::IDENTITY; 2],
-            brightness: vec![Brightness::unchanged([width, height]); 2],
-            rate: 1.0,
-            settings: vec![0.0, 1.0],
+            registration: JointRegistration {
+                transforms: vec![Homography::IDENTITY; 2],
+                brightness: vec![Brightness::unchanged([width, height]); 2],
+                rate: 1.0,
+                settings: vec![0.0, 1.0],
+            },
         };
         let (frames, positions, decode) = (&frames, &[0.0, 1.0], Decode::None);
         let fused = fuse(&Focused { frames, reference: 0, positions, found: &found, decode });

@@ -18,7 +18,7 @@ pub use self::part::solve_sweep;
 pub use self::position::{Positions, SweepDepth};
 pub use self::registered::{RegisteredSweep, register_sweep};
 use crate::base::{Brightness, Channels, Decode, Error, Frame, Homography, Region, Settings};
-use crate::engine::{Asked, Engine, Focus, SweepSolver};
+use crate::engine::{Engine, JointSolution, JointSolver, Progress, SweepInput};
 use crate::solve::SolveOptions;
 
 /// A pixel whose deviation is larger, steps, is not known.
@@ -122,13 +122,15 @@ fn solve_whole(
     let counted = Counted::of(frames.len(), options);
     let (width, height) = (frames[0].width(), frames[0].height());
     let mut solver = solver(engine, frames, options)?;
-    let found = solver.solve(frames, &counted.asked(options), say)?;
+    let mut report = |progress: Progress| say(progress.done as usize, progress.levels as usize);
+    let found = solver.solve(frames, &counted.input(options), &options.scope.cancel, &mut report)?;
+    let registration = &found.registration;
     let (reference, first, step) = (counted.reference, counted.first, counted.step);
-    let decode = options.settings.decode;
-    let focused = focused::Focused { frames, reference, positions: &found.settings, found: &found, decode };
+    let decode = options.settings.decode.resolved([frames[0].format().depth]);
+    let focused = focused::Focused { frames, reference, positions: &registration.settings, found: &found, decode };
     let (fused, fused_channels) = (fuse::fuse(&focused), focused.channels());
     let counts = known(&found);
-    let beyond = beyond::sides(&counts, found.settings[frames.len() - 1], found.rate);
+    let beyond = beyond::sides(&counts, registration.settings[frames.len() - 1], registration.rate);
     let within = counts.iter().zip(&beyond).map(|(&u, &side)| if side == 0 { u } else { f32::NAN });
     let focus: Vec<f32> = within.map(|u| (first + step * f64::from(u)) as f32).collect();
     let uncertainty: Vec<f32> = found.deviation.iter().map(|&s| (step.abs() * f64::from(s)) as f32).collect();
@@ -145,12 +147,12 @@ fn solve_whole(
         fused: fused.values,
         frames: fused.frames.iter().map(|n| n + 1).collect(),
         reference,
-        positions: counted.positions(&found.settings),
+        positions: counted.positions(&registration.settings),
         unit: options.positions.unit(),
         stated: options.positions.clone(),
-        transforms: found.transforms,
-        brightness: found.brightness,
-        blur_rate: found.rate / (step * step),
+        blur_rate: registration.rate / (step * step),
+        transforms: found.registration.transforms,
+        brightness: found.registration.brightness,
         decode,
         order: (0..frames.len()).collect(),
         warnings: Vec::new(),
@@ -158,11 +160,9 @@ fn solve_whole(
 }
 
 /// Prepares for these frames.
-fn solver(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<SweepSolver, Error> {
+fn solver(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<JointSolver, Error> {
     let size = [frames[0].width(), frames[0].height()];
-    let mut solver = SweepSolver::new(engine, size, frames[0].format(), frames.len(), &options.settings)?;
-    solver.set_cancel(&options.scope.cancel);
-    Ok(solver)
+    JointSolver::new(engine, size, frames[0].format(), frames.len(), &options.settings)
 }
 
 /// What the frames of a sweep are focused at as it is solved: constants of the solve are for settings a step apart.
@@ -183,10 +183,10 @@ impl Counted {
         Self { reference: options.reference.unwrap_or(frames / 2), first, step, steps }
     }
 
-    fn asked<'a>(&'a self, options: &'a SweepOptions) -> Asked<'a> {
-        Asked {
+    fn input<'a>(&'a self, options: &'a SweepOptions) -> SweepInput<'a> {
+        SweepInput {
             settings: &self.steps,
-            known: options.positions != Positions::Counted,
+            are_settings_known: options.positions != Positions::Counted,
             reference: self.reference,
             mask: options.scope.mask.as_ref(),
         }
@@ -199,7 +199,7 @@ impl Counted {
 }
 
 /// u where it is known, steps; NaN elsewhere.
-fn known(found: &Focus) -> Vec<f32> {
+fn known(found: &JointSolution) -> Vec<f32> {
     let pixels = found.focus.iter().zip(&found.deviation);
     pixels.map(|(&u, &deviation)| if deviation < UNKNOWN { u } else { f32::NAN }).collect()
 }

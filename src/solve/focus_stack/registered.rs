@@ -3,7 +3,7 @@
 use super::part::{cut, in_order, restate};
 use super::{Counted, Positions, Sweep, SweepOptions, position, solver};
 use crate::base::{Brightness, Decode, Error, Frame, Homography};
-use crate::engine::{Engine, RegisteredFrames};
+use crate::engine::{Engine, JointRegistration, Progress};
 
 /// The registration of a sweep's frames; fields as those of [`Sweep`].
 #[derive(Clone, Debug)]
@@ -65,8 +65,9 @@ fn register(
 ) -> Result<RegisteredSweep, Error> {
     let counted = Counted::of(frames.len(), options);
     let mut solver = solver(engine, frames, options)?;
-    let RegisteredFrames { transforms, brightness, rate, settings } =
-        solver.register(frames, &counted.asked(options), say)?;
+    let mut report = |progress: Progress| say(progress.done as usize, progress.levels as usize);
+    let JointRegistration { transforms, brightness, rate, settings } =
+        solver.register(frames, &counted.input(options), &options.scope.cancel, &mut report)?;
     Ok(RegisteredSweep {
         photograph: [frames[0].width(), frames[0].height()],
         reference: counted.reference,
@@ -75,7 +76,7 @@ fn register(
         transforms,
         brightness,
         blur_rate: rate / counted.step.powi(2),
-        decode: options.settings.decode,
+        decode: options.settings.decode.resolved([frames[0].format().depth]),
         order: (0..frames.len()).collect(),
         warnings: Vec::new(),
     })

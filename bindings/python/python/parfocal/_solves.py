@@ -24,7 +24,7 @@ class Settings(TypedDict, total=False):
     method: str  # "unified", "aligned" or "appearance"
     levels: int | str | None
     outer_iterations: int
-    sweeps: int
+    relaxation_sweeps: int
     over_relaxation: float
     regularization: float | str | None
     continuation: float
@@ -35,7 +35,7 @@ class Settings(TypedDict, total=False):
     largest_step: float
     kernel: str | ArrayLike  # "auto", "gaussian", "pillbox", "half-gaussian", or its values on a grid
     motion: str  # "translation", "similarity", "affine" or "homography"
-    registration: str  # "gauss-newton" or "gradient-descent"
+    registration_step: str  # "gauss-newton" or "gradient-descent"
     photometric: bool
     fused: bool  # whether the fused image of a pair is made
     decode: str  # "auto": uint8 is taken for sRGB, all else for linear; "none"; "srgb"
