@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use parfocal::bench::{self, Input, Options, Report};
-use parfocal::export::FileKind;
-use parfocal::{Method, Settings, export, image_io};
+use parfocal::export::{FileKind, Registration};
+use parfocal::{Method, Settings, image_io};
 
 use crate::cli::options::engine::EngineArguments;
 use crate::cli::options::output_options::QuietArgument;
@@ -143,7 +143,7 @@ fn options(arguments: &Arguments) -> Result<Options, Failure> {
         _ => Input::Synthetic(arguments.sizes.iter().map(|size| size.0).collect()),
     };
     let held = match &arguments.transform {
-        Some(file) => export::read_transform(file)?.0,
+        Some(file) => Registration::read(file)?.second().map_or(Options::default().held, |frame| frame.transform),
         None => Options::default().held,
     };
     Ok(Options {

@@ -343,7 +343,7 @@ fn inputs(arguments: &Arguments) -> Vec<&PathBuf> {
 }
 
 fn summary(truth: &Truth, output: &Path) -> String {
-    let (t, v) = (&truth.transform, &truth.relative_blur);
+    let (t, v) = (&truth.frames[1].transform, &truth.relative_blur);
     let mut lines = vec![
         format!("{}, {}x{} px, seed {}", truth.scene, truth.size.width, truth.size.height, truth.seed),
         format!("T: ({}, {}) px, {:.6}°, scale {:.6}", t.tx, t.ty, t.rotation_deg(), t.scale),
