@@ -11,8 +11,8 @@ static PREFIX: LazyLock<TempDir> = LazyLock::new(|| {
     let prefix = TempDir::new().expect("a folder");
     let test = std::env::current_exe().expect("the path of this test");
     let built = test.parent().expect("the folder of this test");
-    let install = Command::new(here().join("install")).arg(prefix.path()).arg("dev").env("PARFOCAL_BUILT", built);
-    done(&install.output().expect("bash"));
+    let mut install = Command::new(here().join("install"));
+    done(&install.arg(prefix.path()).arg("dev").env("PARFOCAL_BUILT", built).output().expect("bash"));
     prefix
 });
 

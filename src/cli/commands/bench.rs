@@ -49,9 +49,6 @@ pub(crate) struct Arguments {
     /// Print the report as JSON
     #[arg(long)]
     json: bool,
-    /// Print a line for each run, comma-separated
-    #[arg(long, conflicts_with = "json")]
-    csv: bool,
     /// File for the report, as JSON that --against and --compare read; an earlier one is replaced
     #[arg(short, long, value_name = "FILE.json")]
     output: Option<PathBuf>,
@@ -171,16 +168,13 @@ fn check_outputs(arguments: &Arguments) -> Result<(), Failure> {
 
 /// The report on stdout; the ratios after it, on stderr where stdout is for a program.
 fn tell(report: &Report, base: Option<&Report>, arguments: &Arguments) -> Result<(), Failure> {
-    let for_program = arguments.json || arguments.csv;
     if arguments.json {
         print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
-    } else if arguments.csv {
-        print(&report.csv())?;
     } else {
         print(&report.table())?;
     }
     match base.map(|base| bench::compare(base, report)) {
-        Some(ratios) if for_program => drop(writeln!(io::stderr(), "{ratios}")),
+        Some(ratios) if arguments.json => drop(writeln!(io::stderr(), "{ratios}")),
         Some(ratios) => print(&format!("\n{ratios}"))?,
         None => {}
     }
