@@ -9,7 +9,7 @@ use super::motion::Form;
 use super::plan::Plan;
 use super::profile::{Phases, Profile, Ran, Reading, SUBMIT_WAIT};
 use super::progress::Progress;
-use super::record::{record, write};
+use super::record::{record, record_with};
 use super::registered::Registered;
 use super::script::{Dispatch, Script, compose};
 use super::slot::Slot;
@@ -219,7 +219,7 @@ impl FrameInFlight {
             recorder.fetch(fetch, self.entry(*image));
         }
         recorder.barrier();
-        self.encoded = Some(write(recorder, &self.common.pipelines, &self.workspace, &self.latest.script)?);
+        self.encoded = Some(record_with(recorder, &self.common.pipelines, &self.workspace, &self.latest.script)?);
         Ok(())
     }
 
@@ -271,7 +271,7 @@ impl FrameInFlight {
             |parts: usize| levels(parts).map(|index| plan.pyramid[index].size.map(u64::from)).map(|[w, h]| w * h).sum();
         let mut wanted = |part: usize| {
             let state = on_the_way.read::<State>(0, 1)?[0];
-            Ok(script.parts[part].goes_on.is_none_or(|level| state.levels[level].settled == 0))
+            Ok(script.parts[part].continues.is_none_or(|level| state.levels[level].settled == 0))
         };
         recording.run_first(parts, self.deadline, &mut wanted, &mut |part| {
             if let Some(level) = script.parts[part - 1].level_done.map(|index| &plan.pyramid[index]) {
@@ -313,7 +313,7 @@ impl FrameInFlight {
             fused_channels: self.common.plan.fused_channels(),
             transform: state.registration().transform,
             photometric: state.registration().photometric(),
-            shading: state.evened(),
+            shading: state.applied_shading(),
             solved: Region { x: 0, y: 0, width, height },
             regularization: state.alpha.into(),
             kernel_shape: (self.common.plan.settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
@@ -351,7 +351,7 @@ impl FrameInFlight {
             height: plan.size[1],
             transform: state.registration().transform,
             photometric: state.registration().photometric(),
-            shading: state.evened(),
+            shading: state.applied_shading(),
             other_motion: None,
             levels: self.levels(&state, Slot::RegisteredEnergies)?,
             converged: false,

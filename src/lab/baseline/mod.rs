@@ -24,7 +24,7 @@ const LEAST: usize = 6;
 /// # Errors
 /// [`Error::TooFewKeyPoints`].
 pub fn key_points([i1, i2]: [&Frame; 2], decode: Decode, mask: Option<&Mask>) -> Result<Similarity, Error> {
-    let [mut a, b] = [i1, i2].map(|frame| detect(&ingest::twin(frame, decode, LUMINANCE)));
+    let [mut a, b] = [i1, i2].map(|frame| detect(&ingest::cpu_reference(frame, decode, LUMINANCE)));
     if let Some(mask) = mask {
         a.retain(|[x, y]| mask.counts(x, y));
     }
@@ -88,7 +88,7 @@ fn detect(luminance: &Field) -> Features {
 fn reduced(mut image: Field) -> (Field, f64) {
     let (filter, mut factor) = (filter::gaussian(1.0), 1.0);
     while image.data.len() > MOST_PIXELS {
-        image = convolve::twin(&convolve::twin(&image, &filter, 2, false), &filter, 2, true);
+        image = convolve::cpu_reference(&convolve::cpu_reference(&image, &filter, 2, false), &filter, 2, true);
         factor *= 2.0;
     }
     (image, factor)
