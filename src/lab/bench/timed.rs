@@ -10,7 +10,7 @@ use crate::engine::profile::{Profile, Reading};
 use crate::engine::stages::NO_VARIANT;
 use crate::engine::stages::copy::{self, Constants};
 use crate::engine::stages::pass::Pass;
-use crate::engine::vulkan::{Clock, Groups, Image, Pipeline, Recorder, Resource, Texel};
+use crate::engine::vulkan::{Clock, Image, Pipeline, Recorder, Resource, Texel, Workgroups};
 use crate::engine::{Engine, PairSolver};
 
 /// The passes that relax: half-iterations, and small levels in one.
@@ -132,13 +132,13 @@ pub(super) fn copy_bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
     let copy = |recorder: &mut Recorder| {
         let resources = [Resource::Image(&from), Resource::Image(&to)];
         recorder.barrier();
-        let groups = Groups::Direct(copy::STAGE.groups(COPY_SIZE));
-        recorder.pass(&pipeline, &resources, bytemuck::bytes_of(&constants), groups)
+        let groups = Workgroups::Direct(copy::STAGE.groups(COPY_SIZE));
+        recorder.dispatch(&pipeline, &resources, bytemuck::bytes_of(&constants), groups)
     };
     // The first copy touches the pages.
     let mut first = Recorder::new(device, Clock::Never)?;
-    first.prepare(&[&from, &to]);
-    first.clear(&from);
+    first.initialize(&[&from, &to]);
+    first.clear_image(&from);
     copy(&mut first)?;
     first.finish()?.run()?;
     let mut recorder = Recorder::new(device, Clock::Dispatches(COPIES))?;
