@@ -1,31 +1,26 @@
 //! Resamples a frame of a sweep onto the reference's pixels and matches its brightness.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, Single, from_centre};
 use super::{Field, pixels, spline};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Target layer.
-    pub layer: u32,
+    layer: u32,
     /// Pixels of the full-size image per pixel of this level.
-    pub factor: f32,
+    factor: f32,
     /// The image centre in pixels of this level.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
     /// Maps the reference's pixels into the frame, and the frame's brightness to the reference's.
-    pub registration: Single,
+    registration: Single,
     /// Shading: how the gain varies over the frame.
-    pub shading: [f32; Shading::TERMS],
+    shading: [f32; Shading::TERMS],
 }
 
 bindings! {

@@ -2,26 +2,21 @@
 //!
 //! Shading is smooth and hardly changes within a blur kernel, so that blur and shading may be applied in either order.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::from_centre;
 use super::{Field, pixels};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Target layer.
-    pub layer: u32,
+    layer: u32,
     /// The image centre in pixels of this level.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
 }
 
 bindings! {

@@ -1,21 +1,16 @@
 //! Copies an image. No part of the method: [`bench`](crate::bench) measures the memory bandwidth with it.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels};
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width, pixels.
-    pub width: u32,
+    width: u32,
     /// Height, pixels.
-    pub height: u32,
+    height: u32,
     /// Target layer.
-    pub layer: u32,
+    layer: u32,
 }
 
 bindings! {

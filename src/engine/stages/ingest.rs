@@ -1,27 +1,22 @@
 //! Converts samples of a photograph to one channel in [0, 1]: Rec. 601 luminance or one of the colors.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels};
 use crate::base::color::srgb_to_linear;
 use crate::base::{Decode, Frame, Samples};
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width, pixels.
-    pub width: u32,
+    width: u32,
     /// Height, pixels.
-    pub height: u32,
+    height: u32,
     /// 1 or 3 interleaved channels.
-    pub channels: u32,
+    channels: u32,
     /// 1, 2 or 4 bytes per sample.
-    pub bytes: u32,
+    bytes: u32,
     /// Weights of red, green and blue; unused for one channel.
-    pub weights: [f32; 3],
+    weights: [f32; 3],
 }
 
 /// The variant that decodes the sRGB curve.

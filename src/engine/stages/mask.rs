@@ -9,9 +9,7 @@
 //! least 0. A single clipped pixel lowers its own m by 0.04: it counts by nothing and its neighbours by little. Around
 //! a large clipped area nothing counts within 3.5 px.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, ingest, pixels};
 use crate::base::Frame;
 use crate::engine::slot::{self, Reads};
@@ -20,22 +18,19 @@ use crate::engine::vulkan::Variant;
 /// The averaged masks of I1 and I2 on a level.
 pub type Masks = [Field; 2];
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width, pixels.
-    pub width: u32,
+    width: u32,
     /// Height, pixels.
-    pub height: u32,
+    height: u32,
     /// 1 or 3 interleaved channels.
-    pub channels: u32,
+    channels: u32,
     /// 1, 2 or 4 bytes per sample.
-    pub bytes: u32,
+    bytes: u32,
     /// 1 for I2, which has no mask of its own.
-    pub second: u32,
+    second: u32,
     /// Black and white: stored values at which a sample is clipped. White of integers is 1.
-    pub clipped: [f32; 2],
+    clipped: [f32; 2],
 }
 
 bindings! {

@@ -2,26 +2,21 @@
 //!
 //! The system is divided by its diagonal: `dV = r + Σ_n a_n dV_n`. Red pixels have x + y even.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// 0 red, 1 black.
-    pub color: u32,
+    color: u32,
     /// [`ROWS`].
-    pub rows: u32,
+    rows: u32,
     /// ω of successive over-relaxation.
-    pub over_relaxation: f32,
+    over_relaxation: f32,
 }
 
 /// Lines of one color per invocation.

@@ -5,25 +5,20 @@
 //! at pixel 2i. The image is mirrored about the border pixels of the *fine* grid: for an even size, half-way between
 //! the last pixel of the coarse grid and the next.
 
-use bytemuck::{Pod, Zeroable};
-
 use super::field::{Field, fold};
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::pixels;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the fine image, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the fine image, pixels.
-    pub height: u32,
+    height: u32,
     /// Target layer of the fine image.
-    pub layer: u32,
+    layer: u32,
     /// First entry of the list of tiles; only with the variant for lists.
-    pub listed: u32,
+    listed: u32,
 }
 
 /// The variant for listed tiles.

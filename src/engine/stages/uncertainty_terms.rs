@@ -4,9 +4,7 @@
 //! V depends on all pixels within reach of the smoothness, so that a single pixel says little. Averaged over a
 //! [window](fn@window), the terms give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels};
 use crate::engine::filter::{self, Filter};
 use crate::engine::vulkan::Variant;
@@ -23,20 +21,17 @@ pub const NOISE: f32 = 1e-3;
 /// 1e-6.
 pub const LEAST: f32 = 1e-8;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the image, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the image, pixels.
-    pub height: u32,
+    height: u32,
     /// η of the data term, intensities.
-    pub eta: f32,
+    eta: f32,
     /// Least standard deviation of a residual, intensities.
-    pub noise: f32,
+    noise: f32,
     /// D below which it is rounding; [`LEAST`].
-    pub least: f32,
+    least: f32,
 }
 
 bindings! {

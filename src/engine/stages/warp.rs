@@ -3,29 +3,24 @@
 //! The blur of a warped image is the warped blur, with a variance in I1's pixels. T may still move a little:
 //! [`linearise`](super::linearise) follows it by the gradient on each pixel.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, from_centre};
 use super::{Field, pixels, spline};
 use crate::base::Shading;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Target layer of the stacks.
-    pub layer: u32,
+    layer: u32,
     /// Pixels of the full-size image per pixel of this level.
-    pub factor: f32,
+    factor: f32,
     /// The image centre in pixels of this level.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
 }
 
 /// Lines per invocation.
