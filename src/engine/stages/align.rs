@@ -78,7 +78,7 @@ mod tests {
                 shading: std::array::from_fn(|n| 0.05 * (1.7 * n as f32).sin()),
             };
             let rig = Rig::new();
-            let (from, to) = (rig.image(std::slice::from_ref(&spline)), rig.empty([width, height], 2));
+            let (from, to) = (rig.field(&spline), rig.empty([width, height], 2));
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &c, [width, height]);
             // Single precision, with coefficients up to 1 and a factor of at most 4.
             let nothing = Field::zeros(width as usize, height as usize);

@@ -127,7 +127,7 @@ mod tests {
         let expected = cpu_reference(&c, &state.registration(), i1, &spline[0], masks);
 
         let rig = Rig::new();
-        let images = [i1, &spline[0]].map(|image| rig.image(std::slice::from_ref(image)));
+        let images = [i1, &spline[0]].map(|image| rig.field(image));
         let none = [i1.clone(), i1.clone()];
         let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
         let groups = tiles([c.width, c.height]);

@@ -66,7 +66,7 @@ mod tests {
             let centre = [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0];
             let c = Constants { width: width as u32, height: height as u32, layer: 1, centre };
             let rig = Rig::new();
-            let (image, to) = (rig.image(std::slice::from_ref(&i2)), rig.empty([c.width, c.height], 2));
+            let (image, to) = (rig.field(&i2), rig.empty([c.width, c.height], 2));
             let buffer = rig.upload(bytemuck::bytes_of(&state));
             let resources = [Resource::Image(&image), Resource::Image(&to), Resource::Buffer(&buffer)];
             rig.run(&STAGE, &resources, &c, [c.width, c.height]);

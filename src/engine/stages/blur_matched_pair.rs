@@ -49,8 +49,8 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image read, three
-    /// values written.
+    /// Compulsory traffic: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image
+    /// read, three values written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = uncertainty_terms::size([c.width, c.height]);
         32 * pixels(width, height)

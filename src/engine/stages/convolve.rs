@@ -88,12 +88,12 @@ impl Pass for Bindings {
         let first = 4 * c.offset as usize;
         let filter = &memory.numbers(self.filters)[first..first + 2 * c.radius as usize + 1];
         let input = memory.layer(self.from, c.from_layer as usize);
-        let mut found = cpu_reference_mirrored(input, filter, c.stride as usize, c.vertical == 1, c.period as usize);
+        let mut filtered = cpu_reference_mirrored(input, filter, c.stride as usize, c.vertical == 1, c.period as usize);
         let to = memory.layer_mut(self.to, c.to_layer as usize);
         if c.add == 1 {
-            found.data.iter_mut().zip(&to.data).for_each(|(sum, before)| *sum += before);
+            filtered.data.iter_mut().zip(&to.data).for_each(|(sum, before)| *sum += before);
         }
-        *to = found;
+        *to = filtered;
     }
 }
 

@@ -175,8 +175,8 @@ fn match_shading(c: &Constants, state: &mut DoubleState, samples: &[Sample]) {
                 known.iter().zip(&weights).map(|([second, target], w)| w * (target - constant * second).powi(2));
             let explained = alone.sum::<f64>() - squares;
             let chance = squares * Shading::TERMS as f64 * f64::from(c.dependent) / weight;
-            let kept = if explained > chance { 1.0 - chance / explained } else { 0.0 };
-            state.shading.coefficients.iter_mut().for_each(|c| *c *= kept);
+            let significant = if explained > chance { 1.0 - chance / explained } else { 0.0 };
+            state.shading.coefficients.iter_mut().for_each(|c| *c *= significant);
             return;
         }
         let coefficients = least_squares(samples, &known, &weights);

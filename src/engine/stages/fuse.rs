@@ -104,7 +104,7 @@ mod tests {
                 epsilon: 0.1,
             };
             let rig = Rig::new();
-            let inputs = fields.each_ref().map(|f| rig.image(std::slice::from_ref(f)));
+            let inputs = fields.each_ref().map(|f| rig.field(f));
             let result = rig.empty([width as u32, height as u32], 2);
             let buffer = rig.upload(bytemuck::bytes_of(&state));
             let images = [&inputs[0], &inputs[1], &inputs[2], &result].map(Resource::Image);

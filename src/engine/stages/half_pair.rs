@@ -248,12 +248,8 @@ mod tests {
         let Contribution { system, sums } = cpu_reference(&c, variant, focus, &stack, other, &hidden);
         let rig = Rig::new();
         let before: Vec<Field> = (0..u64::from(LAYERS)).map(|n| random_field(width, height, 20 + n)).collect();
-        let images = [
-            rig.image(std::slice::from_ref(focus)),
-            rig.image(&stack),
-            rig.image(&[other.clone(), other.clone()]),
-            rig.image(&before),
-        ];
+        let images =
+            [rig.field(focus), rig.image(&stack), rig.image(&[other.clone(), other.clone()]), rig.image(&before)];
         let (layout, groups) = (Layout::of(false), tiles([c.width, c.height]));
         let partials = rig.upload(&vec![0; 4 * layout.length * (2 + groups[0] * groups[1]) as usize]);
         let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();

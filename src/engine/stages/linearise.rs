@@ -367,8 +367,7 @@ mod tests {
         );
 
         let rig = Rig::new();
-        let inputs =
-            [rig.image(std::slice::from_ref(i1)), rig.image(std::slice::from_ref(v)), rig.image(&stacks.concat())];
+        let inputs = [rig.field(i1), rig.field(v), rig.image(&stacks.concat())];
         let equations = rig.empty([c.width, c.height], LAYERS as usize);
         let state = rig.upload(bytemuck::bytes_of(&state));
         let none = [Field::zeros(width, height), Field::zeros(width, height)];

@@ -44,9 +44,9 @@ macro_rules! push_constants {
 }
 pub(crate) use push_constants;
 
-/// Declares the stage of a shader and its bindings, in the shader's order. Each field is [`Reads`](crate::engine::slot::Reads),
-/// [`Writes`](crate::engine::slot::Writes) or [`Updates`](crate::engine::slot::Updates) of a quantity. A test compares order and
-/// accesses with the shader's text.
+/// Declares the stage of a shader and its bindings, in the shader's order. Each field is
+/// [`Reads`](crate::engine::slot::Reads), [`Writes`](crate::engine::slot::Writes) or
+/// [`Updates`](crate::engine::slot::Updates) of a quantity. A test compares order and accesses with the shader's text.
 macro_rules! bindings {
     ($shader:ident: $($(#[$doc:meta])* $field:ident: $access:ident<$quantity:ident>,)*) => {
         /// The bindings of the shader, in its order.
@@ -84,8 +84,8 @@ macro_rules! bindings {
 }
 pub(crate) use bindings;
 
-/// The contents of the slots, for the CPU references. A layer has the size of the field that was last written to it. Slots that were
-/// never written must not be read.
+/// The contents of the slots, for the CPU references. A layer has the size of the field that was last written to it.
+/// Slots that were never written must not be read.
 pub(crate) struct Memory<'a> {
     photographs: [&'a Frame; 2],
     mask: Option<&'a Mask>,

@@ -59,7 +59,7 @@ mod tests {
             let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
             let constants = Constants { width, height, limit: 3.0, gain: 4.0 };
             let rig = Rig::new();
-            let (from, to) = (rig.image(std::slice::from_ref(&coarse)), rig.empty([width, height], 1));
+            let (from, to) = (rig.field(&coarse), rig.empty([width, height], 1));
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, [width, height]);
             rig.assert_close(&to, &[cpu_reference(&constants, &coarse)], 1e-6);
         }

@@ -140,7 +140,7 @@ pub(crate) mod tests {
         let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
         let weights = rig.weights(&interleaved(&system));
         let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
-        let changes = [0, 1].map(|_| rig.image(std::slice::from_ref(&nothing)));
+        let changes = [0, 1].map(|_| rig.field(&nothing));
         for color in [0, 1] {
             let c = Constants {
                 width: width as u32,

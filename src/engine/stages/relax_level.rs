@@ -81,7 +81,7 @@ mod tests {
             let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
             let weights = rig.weights(&interleaved(&system));
             let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
-            let changes = [0, 1].map(|_| rig.image(std::slice::from_ref(&nothing)));
+            let changes = [0, 1].map(|_| rig.field(&nothing));
             let resources = [&right_sides, &weights, &changes[0], &changes[1]].map(Resource::Image);
             rig.run_groups(&STAGE, &resources, &c, [1, 1, 1]);
             let expected = cpu_reference(&c, &system.each_ref());

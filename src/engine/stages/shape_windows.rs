@@ -234,7 +234,7 @@ mod tests {
         let rig = Rig::new();
         let none = [Field::zeros(width, height), Field::zeros(width, height)];
         let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
-        let (v, stacks) = (rig.image(std::slice::from_ref(v)), rig.image(&stacks.concat()));
+        let (v, stacks) = (rig.field(v), rig.image(&stacks.concat()));
         let (state, windows) = (rig.upload(bytemuck::bytes_of(&state)), rig.upload(&vec![0; 8 * expected.len()]));
         let resources = [
             Resource::Image(&v),

@@ -75,7 +75,7 @@ mod tests {
             let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
             let expected = cpu_reference([width as usize, height as usize], &coarse);
             let rig = Rig::new();
-            let (from, to) = (rig.image(std::slice::from_ref(&coarse)), rig.empty([width, height], 2));
+            let (from, to) = (rig.field(&coarse), rig.empty([width, height], 2));
             let constants = Constants { width, height, layer: 1, listed: 1 };
             let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 | 1 << 16]));
             let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Buffer(&tiles)];

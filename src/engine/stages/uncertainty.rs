@@ -148,7 +148,7 @@ mod tests {
             let size = [width as u32, height as u32];
             let c = Constants::new(size, [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0]);
             let rig = Rig::new();
-            let images = [rig.image(std::slice::from_ref(&v)), rig.image(&terms), rig.empty(size, 3)];
+            let images = [rig.field(&v), rig.image(&terms), rig.empty(size, 3)];
             let buffer = rig.upload(bytemuck::bytes_of(&state));
             let mask: Vec<u8> = (0..width * height).map(|n| u8::from(n % 7 != 3)).collect();
             let bytes = rig.upload(&mask);

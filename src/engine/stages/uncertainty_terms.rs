@@ -53,8 +53,8 @@ impl Pass for Bindings {
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let [d, b] = [0, 1].map(|n| memory.layer(self.equations, n));
-        let found = cpu_reference(c, memory.layer(self.v, 0), [d, b]);
-        found.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.terms, n, field));
+        let terms = cpu_reference(c, memory.layer(self.v, 0), [d, b]);
+        terms.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.terms, n, field));
     }
 }
 
@@ -99,7 +99,7 @@ mod tests {
             let [v, d, b] = [1, 2, 3].map(|seed| random_field(width, height, seed));
             let rig = Rig::new();
             let actual = rig.empty(size([width as u32, height as u32]), LAYERS);
-            let images = [&rig.image(std::slice::from_ref(&v)), &rig.image(&[d.clone(), b.clone()]), &actual];
+            let images = [&rig.field(&v), &rig.image(&[d.clone(), b.clone()]), &actual];
             rig.run(&STAGE, &images.map(Resource::Image), &constants(&v), size([width as u32, height as u32]));
             let mut expected = cpu_reference(&constants(&v), &v, [&d, &b]).to_vec();
             expected.push(Field::zeros(expected[0].width, expected[0].height));

@@ -61,7 +61,7 @@ mod tests {
             let (width32, height32) = (width as u32, height as u32);
             let constants = Constants { width: width32, height: height32, largest_step: 0.4, limit: 0.9, share: 0.5 };
             let rig = Rig::new();
-            let images = [&half(&change, 0), &half(&change, 1), &v].map(|f| rig.image(std::slice::from_ref(f)));
+            let images = [&half(&change, 0), &half(&change, 1), &v].map(|f| rig.field(f));
             rig.run(&STAGE, &images.each_ref().map(Resource::Image), &constants, [width as u32, height as u32]);
             cpu_reference(&constants, &change, &mut v);
             rig.assert_close(&images[2], &[v], 1e-6);

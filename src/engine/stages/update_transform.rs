@@ -196,8 +196,8 @@ pub fn find_spread(c: &Constants, sums: &Sums, spread: f64) -> f64 {
 /// takes iterations.
 pub fn find_alpha(sums: &Sums, alpha: f64) -> f64 {
     let [root, steep] = sums.roughness.map(|sum| sum / sums.valid.max(1.0));
-    let found = (0.14 * root * root / steep.clamp(STEEP[0], STEEP[1])).clamp(ALPHAS[0], ALPHAS[1]);
-    if (found / alpha).ln().abs() > 0.1 { found } else { alpha }
+    let estimate = (0.14 * root * root / steep.clamp(STEEP[0], STEEP[1])).clamp(ALPHAS[0], ALPHAS[1]);
+    if (estimate / alpha).ln().abs() > 0.1 { estimate } else { alpha }
 }
 
 /// Solves for the free unknowns. If N is singular no unknown steps; the shader holds only the dependent ones.

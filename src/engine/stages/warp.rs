@@ -94,8 +94,7 @@ mod tests {
                 let centre = [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0];
                 let c = Constants { width: width as u32, height: height as u32, layer: 1, factor: 2.0, centre };
                 let rig = Rig::new();
-                let (image, stacks) =
-                    (rig.image(std::slice::from_ref(&spline2)), rig.empty([width as u32, height as u32], 2));
+                let (image, stacks) = (rig.field(&spline2), rig.empty([width as u32, height as u32], 2));
                 let buffer = rig.upload(bytemuck::bytes_of(&state));
                 let resources = [Resource::Image(&image), Resource::Image(&stacks), Resource::Buffer(&buffer)];
                 rig.run(&STAGE, &resources, &c, [width as u32, height as u32]);
