@@ -25,7 +25,7 @@ impl CancelFlag {
 
     /// Nobody has called it off yet: says so to the device.
     pub(super) fn go_on(&self, words: &Buffer) -> Result<(), Error> {
-        words.signal(self.place, arguments::NOT_CANCELLED)
+        words.store_word(self.place, arguments::NOT_CANCELLED)
     }
 
     pub(super) fn is_cancelled(&self) -> bool {
@@ -40,7 +40,7 @@ impl CancelFlag {
         if let Some(words) = &*self.words() {
             self.is_cancelled.store(true, Ordering::SeqCst);
             // Where it cannot be told, the device only goes on to the end.
-            let _ = words.signal(self.place, arguments::CANCELLED);
+            let _ = words.store_word(self.place, arguments::CANCELLED);
         }
     }
 

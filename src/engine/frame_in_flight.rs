@@ -18,7 +18,9 @@ use super::solution_ref::SolutionRef;
 use super::stages::Pipelines;
 use super::stages::state::{Registration, State};
 use super::stages::sums::{Layout, Sums};
-use super::vulkan::{Buffer, Clock, Commands, Device, Fetch, OnDevice, Recorder, Recording, Wait};
+use super::vulkan::{
+    Buffer, Clock, Device, DeviceSolution, ExternalCommandBuffer, Recorder, Recording, SemaphoreWait, SourceCopy,
+};
 use super::workspace::Workspace;
 use crate::base::{
     CancelSignal, CancellationToken, Deadline, Error, Homography, Kernel, Mask, Photometric, Region, Shading,
@@ -157,7 +159,7 @@ impl FrameInFlight {
 
     /// Has a photograph written where the device reads it; nothing may be under way.
     pub(super) fn fill(&self, image: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
-        self.entry(image).fill(write)
+        self.entry(image).write_with(write)
     }
 
     /// A byte a pixel, of all lanes.
@@ -185,38 +187,42 @@ impl FrameInFlight {
     }
 
     /// Has the device fetch photographs, once what is waited for has happened; before the pair is handed over.
-    pub(super) fn fetch(&mut self, fetches: &[(usize, Fetch)], waits: &[Wait]) -> Result<(), Error> {
+    pub(super) fn fetch(&mut self, fetches: &[(usize, SourceCopy)], waits: &[SemaphoreWait]) -> Result<(), Error> {
         let mut recorder = Recorder::new(&self.common.device, Clock::Never)?;
         for (image, fetch) in fetches {
-            recorder.fetch(fetch, self.entry(*image));
+            recorder.copy_source(fetch, self.entry(*image));
         }
         let (recording, earlier) = (recorder.finish()?, self.fetching.take());
         // What waits for the timeline may still be pending on another queue: it lives as long as the lane.
-        let recording = if let Some(earlier) = earlier { recording.after(earlier) } else { recording };
-        self.fetching.insert(recording).start(1, waits)?;
+        let recording = if let Some(earlier) = earlier { recording.with_timeline_of(earlier) } else { recording };
+        self.fetching.insert(recording).submit(1, waits)?;
         self.fetches = true;
         Ok(())
     }
 
     /// Hands it to the device, and does not wait for it; on a device that has to be asked while it works, does.
-    pub(super) fn submit(&mut self, waits: &[Wait]) -> Result<(), Error> {
+    pub(super) fn submit(&mut self, waits: &[SemaphoreWait]) -> Result<(), Error> {
         let parts = self.latest.script.parts.len();
-        if self.latest.recording.is_asked() {
+        if self.latest.recording.has_optional_parts() {
             // What is waited for begins a submission of its own.
             if !waits.is_empty() {
                 self.fetch(&[], waits)?;
             }
             return self.run(|script| script.parts.len(), &mut |_| ());
         }
-        self.under_way = Some(self.latest.recording.start(parts, waits)?);
+        self.under_way = Some(self.latest.recording.submit(parts, waits)?);
         Ok(())
     }
 
     /// Records it, with what fetches its photographs, into a command buffer of someone else's.
-    pub(super) fn encode(&mut self, commands: Commands, fetches: &[(usize, Fetch)]) -> Result<(), Error> {
-        let mut recorder = Recorder::into(&self.common.device, commands);
+    pub(super) fn encode(
+        &mut self,
+        commands: ExternalCommandBuffer,
+        fetches: &[(usize, SourceCopy)],
+    ) -> Result<(), Error> {
+        let mut recorder = Recorder::into_external(&self.common.device, commands);
         for (image, fetch) in fetches {
-            recorder.fetch(fetch, self.entry(*image));
+            recorder.copy_source(fetch, self.entry(*image));
         }
         recorder.barrier();
         self.encoded = Some(record_with(recorder, &self.common.pipelines, &self.workspace, &self.latest.script)?);
@@ -224,17 +230,17 @@ impl FrameInFlight {
     }
 
     /// Where the results of the latest pair will be.
-    pub(super) fn on_device(&self) -> OnDevice {
+    pub(super) fn on_device(&self) -> DeviceSolution {
         let fetching = self.fetching.as_ref().filter(|_| self.fetches);
-        OnDevice::of(self.workspace.buffer(Slot::EndMaps), &self.latest.recording, fetching)
+        DeviceSolution::new(self.workspace.buffer(Slot::EndMaps), &self.latest.recording, fetching)
     }
 
     /// Waits so long at most; whether the device has fetched what it fetches of the latest pair.
     pub(super) fn is_taken(&mut self, limit: Duration) -> Result<bool, Error> {
         let Some(fetching) = &mut self.fetching else { return Ok(true) };
-        let is_taken = fetching.reached(fetching.signal().1, limit, self.deadline)?;
+        let is_taken = fetching.wait(fetching.completion().1, limit, self.deadline)?;
         if is_taken {
-            fetching.let_go();
+            fetching.release();
         }
         Ok(is_taken)
     }
@@ -247,7 +253,7 @@ impl FrameInFlight {
     /// Waits so long at most; whether the pair is solved.
     pub(super) fn wait(&mut self, limit: Duration) -> Result<bool, Error> {
         let Some(value) = self.under_way else { return Ok(true) };
-        let is_done = self.latest.recording.reached(value, limit, self.deadline)?;
+        let is_done = self.latest.recording.wait(value, limit, self.deadline)?;
         if is_done {
             self.under_way = None;
             self.phases.end(SUBMIT_WAIT);
@@ -273,7 +279,7 @@ impl FrameInFlight {
             let state = on_the_way.read::<State>(0, 1)?[0];
             Ok(script.parts[part].continues.is_none_or(|level| state.levels[level].settled == 0))
         };
-        recording.run_first(parts, self.deadline, &mut wanted, &mut |part| {
+        recording.run_parts(parts, self.deadline, &mut wanted, &mut |part| {
             if let Some(level) = script.parts[part - 1].level_done.map(|index| &plan.pyramid[index]) {
                 let [width, height] = level.size;
                 let (pixels_done, pixels) = (pixels(part), pixels(parts));
@@ -327,7 +333,7 @@ impl FrameInFlight {
             timings: self.timings()?,
         };
         let settings = &self.common.plan.settings;
-        let maps = self.workspace.buffer(Slot::EndMaps).floats()?;
+        let maps = self.workspace.buffer(Slot::EndMaps).mapped_floats()?;
         let pixels = width as usize * height as usize;
         let counts = Counts::of(&maps[..pixels], &maps[pixels..2 * pixels], settings.max_relative_blur);
         findings.tell(&counts);
@@ -339,7 +345,7 @@ impl FrameInFlight {
         }
         self.phases.end("collect");
         findings.timings.total_ms = self.started.elapsed().as_secs_f64() * 1e3;
-        Ok(SolutionRef::new(findings, self.workspace.buffer(Slot::EndMaps).floats()?))
+        Ok(SolutionRef::new(findings, self.workspace.buffer(Slot::EndMaps).mapped_floats()?))
     }
 
     /// The registration, out of mapped memory.

@@ -40,8 +40,8 @@ pub mod interop {
     pub use ash;
 
     pub use super::vulkan::{
-        Commands, DeviceRequirements, DeviceSource, ExternalDevice, OPTIONAL_EXTENSIONS, OnDevice, QueueGuard,
-        QueueLock, REQUIRED_VERSION, SharedQueue, Wait, require,
+        DeviceRequirements, DeviceSolution, DeviceSource, ExternalCommandBuffer, ExternalDevice, OPTIONAL_EXTENSIONS,
+        QueueGuard, QueueLock, REQUIRED_VERSION, SemaphoreWait, SharedQueue, enable_required_features,
     };
 }
 
@@ -56,7 +56,7 @@ pub use source::Source;
 pub use submissions::Ticket;
 pub(crate) use sweep::{JointRegistration, JointSolution, JointSolver, SweepInput};
 #[cfg(target_os = "linux")]
-pub use vulkan::dma_buf::DmaBuf;
+pub use vulkan::external_memory::dma_buf::DmaBuf;
 pub use vulkan::{HostMemory, SharedMemory};
 
 use crate::base::{Decode, DeviceInfo, Error, Frame, Mask, PixelFormat, Settings, Similarity};
@@ -122,7 +122,7 @@ impl Engine {
     /// # Errors
     /// [`Error::NoDevice`] where the device lacks what the passes need, or its queue does not compute; [`Error::Vulkan`].
     pub fn from_vulkan(device: ExternalDevice, options: &EngineOptions) -> Result<Self, Error> {
-        Ok(Self::on(Device::foreign(device, options.timeout)?, options))
+        Ok(Self::on(Device::external(device, options.timeout)?, options))
     }
 
     fn on(device: Arc<Device>, options: &EngineOptions) -> Self {
@@ -169,7 +169,7 @@ impl Engine {
     /// [`Error::Mismatch`] where it is shorter than stated, or can be neither imported nor read.
     #[cfg(target_os = "linux")]
     pub fn share_dma_buf(&self, memory: DmaBuf) -> Result<Arc<SharedMemory>, Error> {
-        vulkan::dma_buf::share(&self.device, memory)
+        vulkan::external_memory::dma_buf::share(&self.device, memory)
     }
 
     /// What validation has said so far; empty without [`EngineOptions::validation`].
@@ -358,7 +358,7 @@ mod tests {
             (engine.device.is_conditional(), bits, solution.findings.levels)
         };
         let (is_conditional, bits, levels) = solve();
-        assert_eq!((false, bits, levels), vulkan::unconditional::during(solve));
+        assert_eq!((false, bits, levels), vulkan::no_conditional_rendering::run(solve));
         println!("the device leaves commands out by itself: {is_conditional}");
     }
 }

@@ -101,7 +101,7 @@ impl PairSolver {
         engine.admits(&plan, slots.max(1) as u64)?;
         let first = Workspace::new(&device, &plan)?;
         let mut recorder = Recorder::new(&device, Clock::Never)?;
-        recorder.prepare(&first.images());
+        recorder.initialize(&first.images());
         recorder.finish()?.run()?;
         first.buffer(Slot::Mask).write(&mask_bytes(&plan, None))?;
         let others = (1..slots).map(|_| first.beside(&device, &plan)).collect::<Result<Vec<_>, Error>>()?;

@@ -4,7 +4,7 @@ use std::any::Any;
 use std::sync::Arc;
 
 use super::plan::Plan;
-use super::vulkan::{Device, DeviceSource, Fetch, SharedMemory};
+use super::vulkan::{Device, DeviceSource, SharedMemory, SourceCopy};
 use crate::base::{Depth, Error, Frame, workers};
 
 /// Where a photograph of a pair is taken from, in the solver's [format](crate::PixelFormat). Unless both are frames, the device looks itself for
@@ -45,7 +45,7 @@ pub(super) enum Way<'a> {
     /// The host copies its rows.
     Rows(Rows<'a>),
     /// The device copies it.
-    Fetch(Fetch),
+    Fetch(SourceCopy),
 }
 
 /// Rows of a photograph in memory of the host.
@@ -88,11 +88,11 @@ impl<'a> Source<'a> {
             Self::Frame(frame) => check_frame(plan, image, frame).map(|()| Way::Frame(frame)),
             Self::Written => Ok(Way::There),
             Self::Rows { bytes, pitch } => Rows::new(plan, image, From::Bytes(bytes), pitch).map(Way::Rows),
-            Self::OnDevice(source) => fetch(plan, image, source.place(), None).map(Way::Fetch),
+            Self::OnDevice(source) => fetch(plan, image, source.location(), None).map(Way::Fetch),
             Self::Shared { memory, offset, pitch } => {
                 memory.check(device)?;
                 let rows = Rows::new(plan, image, From::Shared(memory, offset), pitch)?;
-                match memory.place(offset as u64, pitch as u64) {
+                match memory.location(offset as u64, pitch as u64) {
                     Some(place) => fetch(plan, image, place, Some(memory.clone() as Arc<_>)).map(Way::Fetch),
                     None => Ok(Way::Rows(rows)),
                 }
@@ -119,12 +119,12 @@ fn check_frame(plan: &Plan, image: usize, frame: &Frame) -> Result<(), Error> {
 fn fetch(
     plan: &Plan,
     image: usize,
-    place: super::vulkan::Place,
+    place: super::vulkan::SourceLocation,
     keep: Option<Arc<dyn Any + Send + Sync>>,
-) -> Result<Fetch, Error> {
+) -> Result<SourceCopy, Error> {
     let pitch = place.pitch();
     let row_bytes = row_bytes(plan, image, pitch as usize)? as u64;
-    Ok(Fetch { place, size: plan.size, row_bytes, bytes: plan.packed_bytes(image), keep })
+    Ok(SourceCopy { location: place, size: plan.size, row_bytes, bytes: plan.packed_bytes(image), owner: keep })
 }
 
 /// Bytes of a row that is followed by the next so many bytes from its start.

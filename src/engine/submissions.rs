@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::base::{Error, Frame};
 use crate::engine::source::{Source, Way};
-use crate::engine::vulkan::{Commands, DeviceSource, Fetch, OnDevice, Wait};
+use crate::engine::vulkan::{DeviceSolution, DeviceSource, ExternalCommandBuffer, SemaphoreWait, SourceCopy};
 use crate::engine::{PairSolver, SolutionRef, same_size};
 
 /// A pair that was [submitted](PairSolver::submit).
@@ -37,7 +37,12 @@ impl PairSolver {
     ///
     /// # Errors
     /// As [`PairSolver::submit`]; [`Error::NoKeyPoints`] with the method SIFT, which takes frames.
-    pub fn submit_sources(&mut self, slot: usize, sources: [Source<'_>; 2], waits: &[Wait]) -> Result<Ticket, Error> {
+    pub fn submit_sources(
+        &mut self,
+        slot: usize,
+        sources: [Source<'_>; 2],
+        waits: &[SemaphoreWait],
+    ) -> Result<Ticket, Error> {
         let fetches = self.bring_up(slot, sources)?;
         let lane = &mut self.lanes[slot];
         if fetches.is_empty() {
@@ -61,24 +66,29 @@ impl PairSolver {
         }
         let bytes = self.common.plan.packed_bytes(image) as usize;
         self.lanes[slot].rest()?;
-        Ok(&mut self.lanes[slot].entry(image).lend()?[..bytes])
+        Ok(&mut self.lanes[slot].entry(image).mapped_mut()?[..bytes])
     }
 
     /// Records a solve of photographs on the device into a command buffer of the embedding program's, which then executes it, once or as often as
     /// it fills them anew; the host is asked nothing in between. [`PairSolver::on_device`] names the buffer that the results are in for commands after a
     /// barrier; what is not yet done of a pair that was called off or has settled runs over nothing. When it is solved the program knows:
     /// [`PairSolver::poll`], [`PairSolver::wait`] and [`PairSolver::wait_taken`] take it for done, and the semaphore of [`PairSolver::on_device`] says nothing of it. The
-    /// contract is that of [`Commands::new`].
+    /// contract is that of [`ExternalCommandBuffer::new`].
     ///
     /// # Errors
     /// As [`PairSolver::submit_sources`].
-    pub fn encode(&mut self, slot: usize, commands: Commands, sources: [DeviceSource; 2]) -> Result<Ticket, Error> {
+    pub fn encode(
+        &mut self,
+        slot: usize,
+        commands: ExternalCommandBuffer,
+        sources: [DeviceSource; 2],
+    ) -> Result<Ticket, Error> {
         let fetches = self.bring_up(slot, sources.map(Source::OnDevice))?;
         self.lanes[slot].encode(commands, &fetches)?;
         Ok(self.ticket(slot, &fetches))
     }
 
-    fn ticket(&self, slot: usize, fetches: &[(usize, Fetch)]) -> Ticket {
+    fn ticket(&self, slot: usize, fetches: &[(usize, SourceCopy)]) -> Ticket {
         let fetched = [0, 1].map(|image| fetches.iter().any(|(of, _)| *of == image));
         Ticket { slot, pair: self.lanes[slot].pairs(), fetched }
     }
@@ -129,7 +139,7 @@ impl PairSolver {
     ///
     /// # Errors
     /// [`Error::Mismatch`] where another pair has taken the slot since.
-    pub fn on_device(&self, ticket: &Ticket) -> Result<OnDevice, Error> {
+    pub fn on_device(&self, ticket: &Ticket) -> Result<DeviceSolution, Error> {
         self.check_ticket(ticket)?;
         Ok(self.lanes[ticket.slot].on_device())
     }
@@ -157,7 +167,7 @@ impl PairSolver {
     }
 
     /// Brings a pair up into a slot, but for what the device is to fetch.
-    fn bring_up(&mut self, slot: usize, sources: [Source<'_>; 2]) -> Result<Vec<(usize, Fetch)>, Error> {
+    fn bring_up(&mut self, slot: usize, sources: [Source<'_>; 2]) -> Result<Vec<(usize, SourceCopy)>, Error> {
         self.check_slot(slot)?;
         let (common, lane) = (self.common.clone(), &mut self.lanes[slot]);
         let [first, second] = [0, 1].map(|image| sources[image].way(&common.plan, image, &common.device));

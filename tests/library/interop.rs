@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use std::time::Duration;
 
 use parfocal::interop::ash::{self, ext, vk};
-use parfocal::interop::{Commands, DeviceRequirements, DeviceSource, ExternalDevice, Wait};
+use parfocal::interop::{DeviceRequirements, DeviceSource, ExternalCommandBuffer, ExternalDevice, SemaphoreWait};
 use parfocal::{Decode, Engine, EngineOptions, Frame, HostMemory, PairSolver, PixelFormat, Settings, Similarity};
 
 use crate::common::TestEngine;
@@ -69,10 +69,10 @@ impl Program {
                 (utils, messenger)
             });
             let physical = instance.enumerate_physical_devices().unwrap()[0];
-            let mut wanted = DeviceRequirements::of(&instance, physical);
+            let mut wanted = DeviceRequirements::for_device(&instance, physical).unwrap();
             let liked: Vec<_> = wanted.extensions().into_iter().map(CStr::as_ptr).collect();
             let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&liked);
-            let create = wanted.switch_on(create);
+            let create = wanted.enable_features(create);
             let device = instance.create_device(physical, &create, None).unwrap();
             let queue = device.get_device_queue(0, 0);
             let create = vk::CommandPoolCreateInfo::default().queue_family_index(0);
@@ -86,7 +86,7 @@ impl Program {
         // made with what is wanted.
         let foreign = unsafe {
             ExternalDevice::new(self.instance.clone(), self.physical, self.device.clone(), 0, self.queue)
-                .made_with(&self.wanted)
+                .with_requirements(&self.wanted)
         };
         Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap()
     }
@@ -309,11 +309,14 @@ fn photographs_are_taken_from_buffers_and_images_of_the_program_once_they_are_th
         // SAFETY: both are of this device, outlive the pair, and are written again only once they are taken.
         let (sources, waits) = unsafe {
             let sources = [DeviceSource::buffer(near.0, 4, pitch as u64), DeviceSource::image(image, DRAWN, 1)];
-            (sources.map(parfocal::Source::OnDevice), [Wait::new(drawn, value), Wait::new(written, value)])
+            (
+                sources.map(parfocal::Source::OnDevice),
+                [SemaphoreWait::new(drawn, value), SemaphoreWait::new(written, value)],
+            )
         };
         let ticket = solver.submit_sources(0, sources, &waits).unwrap();
         assert_eq!(ticket.is_fetched(), [true; 2]);
-        taken = solver.on_device(&ticket).unwrap().taken;
+        taken = solver.on_device(&ticket).unwrap().inputs_read;
         assert!(!solver.wait_taken(&ticket, Duration::from_millis(30)).unwrap() && !solver.poll(&ticket).unwrap());
         // I1 is written by the host only now.
         program.fill(near, &rows(&pair[0]));
@@ -360,7 +363,7 @@ fn a_solve_is_recorded_into_a_command_buffer_of_the_programs_and_executed_again(
     // SAFETY: the buffers outlive the solver; nothing else of it runs while the commands do, which are waited for.
     let ticket = unsafe {
         let sources = sources.map(|(buffer, _)| DeviceSource::buffer(buffer, 0, 0));
-        solver.encode(0, Commands::new(commands), sources).unwrap()
+        solver.encode(0, ExternalCommandBuffer::new(commands), sources).unwrap()
     };
     // SAFETY: the commands are ended once.
     unsafe { program.device.end_command_buffer(commands) }.unwrap();
