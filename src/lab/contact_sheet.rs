@@ -7,23 +7,9 @@
 //! let (without, with) = (vec![0.0; 64 * 48], vec![1.5; 64 * 48]);
 //! let scale = Scale::common([&without[..], &with], Nearer::First);
 //! let field = |v: &[f32]| Panel::relative_blur(64, 48, v, &scale);
-<<<<<<< HEAD:src/lab/contact_sheet/mod.rs
-//! let sheet = Sheet::new("Relative blur").columns(["without registration", "SIFT", "ours"]).row(
-//!     Row::new("Cup").scale(scale).panels([
-//!         field(&raw).caption("t off by 2.9 px"),
-//!         Panel::missing("too few key-points"),
-//!         field(&ours).caption("0.001 px"),
-//!     ]),
-//! );
-//! # let folder = tempfile::TempDir::new().unwrap();
-//! # let sheet_png = folder.path().join("sheet.png");
-//! parfocal::page::figure::write_png(&sheet_png, &sheet.draw())?;
-//! # Ok::<(), parfocal::Error>(())
-=======
 //! let row = Row::new("Cup").scale(scale).panels([field(&without), Panel::missing("too few key-points"), field(&with)]);
 //! let sheet = Sheet::new("Relative blur").columns(["without registration", "SIFT", "unified"]).row(row);
 //! assert!(sheet.draw().width() > 3 * 260);
->>>>>>> main:src/lab/contact_sheet.rs
 //! ```
 //!
 //! V is red where near and blue where far, as in the paper, and grey where not valid. A panel that cannot be drawn says why.
