@@ -112,7 +112,6 @@ mod tests {
 
     use super::*;
     use crate::cli::options::config_file::is_bool;
-    use crate::cli::options::headings::{BLUR, DEVICE, INPUT, OUTPUT, REGION, REGISTRATION};
 
     fn program() -> Command {
         let mut command = crate::cli::command();
