@@ -10,8 +10,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use parfocal::export::is_whole;
 use parfocal::image_io::Input;
+use parfocal::settings::DeviceInfo;
 use parfocal::sweep::Positions;
-use parfocal::{DeviceInfo, Engine, Error, PairSolver, Solution, Stream};
+use parfocal::{Engine, Error, PairSolver, Solution, Stream};
 
 use crate::cli::batch::pairs::Group;
 use crate::cli::batch::summary::{Outcome, REPORT, Row};

@@ -26,7 +26,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     lens: LensArguments,
     #[command(flatten)]
-    places: FocusPositionArguments,
+    focus_at: FocusPositionArguments,
     /// Of a sweep: whether the first (1) or the last (2) frame is focused nearest [default: by --focus-at]
     #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = one_or_two)]
     nearer: Option<u8>,
@@ -55,13 +55,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.lens.stated()?;
     let mut solved = Results::read(results)?;
     let doubt = if solved.report.kind == Kind::Sweep {
-        let places = arguments.places.places().filter(|_| !arguments.lens.is_given());
+        let places = arguments.focus_at.positions().filter(|_| !arguments.lens.is_given());
         let places = places.ok_or_else(|| usage("holds a focus sweep; give --focus-at, and no lens"))?;
         let nearer = photographs::nearer_end(arguments.nearer, &places)?;
         solved.set_positions(&places, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
         None
     } else {
-        if arguments.places.places().is_some() || arguments.nearer.is_some() {
+        if arguments.focus_at.positions().is_some() || arguments.nearer.is_some() {
             return Err(usage("holds a pair, to whose depth a lens leads; leave out --focus-at and --nearer"));
         }
         solved.set_lens(&arguments.lens.required(&solved)?)

@@ -14,7 +14,6 @@ use crate::cli::help::{INPUT, OUTPUT, REGISTRATION};
 use crate::cli::jobs::sweep;
 use crate::cli::options::output::RunArguments;
 use crate::cli::options::photographs;
-use crate::cli::options::photographs;
 use crate::cli::options::settings::SettingsArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;

@@ -40,7 +40,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let engine = request.run.engine(engine)?;
     let frames = photographs.frames.each_ref();
     let bar = request.run.bar();
-    let options = parfocal::SolveArguments { progress: Some(bar.reporter()), ..photographs.scope.clone() };
+    let options = parfocal::SolveOptions { progress: Some(bar.reporter()), ..photographs.scope.clone() };
     let solution = PairSolver::new(&engine, &photographs.settings)
         .and_then(|mut solver| solver.solve(frames, &options))
         .map_err(|e| Failure::of_solve(e, &job.files[0]))?;

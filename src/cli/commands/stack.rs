@@ -45,7 +45,7 @@ pub(crate) struct Arguments {
     )]
     positions: Option<Vec<f64>>,
     #[command(flatten)]
-    places: FocusPositionArguments,
+    focus_at: FocusPositionArguments,
     /// The frame on whose pixels the results are, counted from 1; the middle one without it
     #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
     reference: Option<u32>,
@@ -78,7 +78,7 @@ pub(crate) struct Arguments {
 
 /// Solves a sweep and writes the results. Cheap checks come before dear ones.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let places = arguments.places.places();
+    let places = arguments.focus_at.positions();
     let stated = arguments.positions.is_some() || places.is_some();
     let positions = places.or(arguments.positions.clone().map(Positions::Settings)).unwrap_or_default();
     let job = SweepJob {

@@ -16,7 +16,6 @@ use parfocal::{
 use crate::cli::jobs::pair::{check_inputs, check_results, write_results};
 use crate::cli::options::output::RunArguments;
 use crate::cli::options::photographs;
-use crate::cli::options::photographs;
 use crate::cli::options::solve::Request;
 use crate::cli::output::failure::Failure;
 

@@ -74,7 +74,7 @@ pub(crate) fn run(
     let simulated = sweep.render()?;
     let truth = SweepTruth::new(sweep, &simulated);
     write_simulated_sweep(out, &simulated, &truth)?;
-    told.tell(&summary(&truth, out.path()), || truth.to_json())
+    report.print(&summary(&truth, out.path()), || truth.to_json())
 }
 
 fn summary(truth: &SweepTruth, output: &Path) -> String {
