@@ -185,9 +185,10 @@ pub(crate) fn register(
     let settings = Settings { decode: values.decode, ..settings.clone() };
     let bar = run.bar();
     let scope = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
-    let options = SweepOptions { settings, reference, scope, ..SweepOptions::default() };
+    let mut options = SweepOptions { settings, reference, scope, ..SweepOptions::default() };
     let found = register_sweep(&engine, &frames, &options);
-    drop((options, bar));
+    options.scope.progress = None;
+    drop(bar);
     let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
     crate::cli::check_validation(&engine)?;
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
