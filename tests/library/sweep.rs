@@ -1,4 +1,5 @@
-//! Focus sweeps in closed form: a slope that comes into focus from frame to frame, through a lens that breathes and drifts.
+//! Focus sweeps in closed form: a slope that comes into focus from frame to frame, through a lens that breathes and
+//! drifts.
 
 use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
 use parfocal::{Frame, Homography, Samples, Settings, Similarity};

@@ -19,8 +19,8 @@ use crate::engine::tiles::Ranges;
 
 /// The longest side of the level where a solve starts, px.
 const START_SIDE: u32 = 160;
-/// The largest blur of the sharper frame of a pair that counts, px² of a level, unless no frame is sharper. More blurred frames say little,
-/// and a blur stack is made only where one is needed.
+/// The largest blur of the sharper frame of a pair that counts, px² of a level, unless no frame is sharper. More
+/// blurred frames say little, and a blur stack is made only where one is needed.
 const MAX_SHARPER_BLUR: f64 = 1.0;
 /// α of one pair.
 const ALPHA: f64 = 0.005;
@@ -32,12 +32,14 @@ const SMOOTHNESS_ETA: f64 = 0.1;
 const MAX_STEP: f64 = 0.3;
 /// The largest step of ln c.
 const MAX_RATE_STEP: f64 = 0.3;
-/// Relaxation sweeps per step. Iterations are expensive, since each makes a blur stack of every frame; relaxation sweeps are not.
+/// Relaxation sweeps per step. Iterations are expensive, since each makes a blur stack of every frame; relaxation
+/// sweeps are not.
 pub(super) const RELAXATION_SWEEPS: u32 = 10;
-/// Iterations on the first level, on those between, and on the finest, where a second one takes as long as all before it. It is left out if
-/// frames are as far apart as pairs are wide. With two, 41 frames of three generated stacks err by 0.050, 0.032 and 0.041 of a frame instead
-/// of 0.057, 0.032 and 0.044, but 11 frames by 0.082 instead of 0.076. T and c stay on the finest level: frames far out of focus show
-/// little but noise there. With steps of T a corner of the last of 11 simulated frames is off by 0.07 px, without by 0.008.
+/// Iterations on the first level, on those between, and on the finest, where a second one takes as long as all before
+/// it. It is left out if frames are as far apart as pairs are wide. With two, 41 frames of three generated stacks err
+/// by 0.050, 0.032 and 0.041 of a frame instead of 0.057, 0.032 and 0.044, but 11 frames by 0.082 instead of 0.076. T
+/// and c stay on the finest level: frames far out of focus show little but noise there. With steps of T a corner of the
+/// last of 11 simulated frames is off by 0.07 px, without by 0.008.
 const ITERATIONS: [usize; 3] = [4, 3, 2];
 /// The largest move of a frame's corner in one step of T, px of the level: coarser levels have brought it closer.
 const MAX_CORNER_STEP: f64 = 0.5;
@@ -137,7 +139,8 @@ impl PyramidSolver {
         self.device.upload_frames(frames)
     }
 
-    /// Estimates the start, and solves from there down to level `last`, with steps of T and c. `level_done` is called after each level.
+    /// Estimates the start, and solves from there down to level `last`, with steps of T and c. `level_done` is called
+    /// after each level.
     pub(super) fn descend(
         &mut self,
         input: &SweepInput<'_>,
@@ -166,8 +169,8 @@ impl PyramidSolver {
         Ok(shared)
     }
 
-    /// Solves the finest level from the one above, with T and c held. Returns u relative to the middle setting, and its standard
-    /// deviation.
+    /// Solves the finest level from the one above, with T and c held. Returns u relative to the middle setting, and its
+    /// standard deviation.
     pub(super) fn finish(
         &mut self,
         shared: &mut SharedParameters,
@@ -242,7 +245,8 @@ impl PyramidSolver {
         Ok(())
     }
 
-    /// The start on a level: registration, brightness, settings if they are not known, c, and u relative to the middle setting.
+    /// The start on a level: registration, brightness, settings if they are not known, c, and u relative to the middle
+    /// setting.
     fn start(&mut self, first: usize, input: &SweepInput<'_>) -> Result<(SharedParameters, Field), Error> {
         let reference = input.reference;
         let level = &self.plan.pyramid[first];
@@ -310,8 +314,8 @@ impl PyramidSolver {
         Ok(())
     }
 
-    /// Sums the linear systems of all pairs on the device; returns the sums of their registrations, and c of the level. `hold`: T and c
-    /// do not step.
+    /// Sums the linear systems of all pairs on the device; returns the sums of their registrations, and c of the level.
+    /// `hold`: T and c do not step.
     fn sum_pairs(
         &mut self,
         level: &Level,

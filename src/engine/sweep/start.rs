@@ -181,10 +181,11 @@ pub(super) fn brightness(frames: &Frames, transforms: &[Homography], reference: 
     })
 }
 
-/// Gain and shading that map the second values of the samples, at their places, to the third; least squares, reweighted by Cauchy's
-/// function.
+/// Gain and shading that map the second values of the samples, at their places, to the third; least squares, reweighted
+/// by Cauchy's function.
 ///
-/// There is no offset: only contrast tells an offset from a gain, and blur changes contrast. The high pass removes an offset.
+/// There is no offset: only contrast tells an offset from a gain, and blur changes contrast. The high pass removes an
+/// offset.
 fn fit_brightness(samples: &[([f64; 2], f64, f64)]) -> (f64, Shading) {
     const TERMS: usize = Shading::TERMS + 1;
     let (mut fitted, mut scale) = (DVector::<f64>::zeros(TERMS), f64::INFINITY);
@@ -297,7 +298,8 @@ pub(super) const WINDOWS: [f64; 2] = [3.0, 2.5];
 /// The largest number of frames that c is searched with.
 const MAX_FRAMES_FOR_RATE: usize = 24;
 
-/// c in px² of this level by squared settings: the least Σ_x min_u E over octaves, from pairs 1, 2, 4, 8 and 16 frames apart.
+/// c in px² of this level by squared settings: the least Σ_x min_u E over octaves, from pairs 1, 2, 4, 8 and 16 frames
+/// apart.
 pub(super) fn rate(frames: &[Field], settings: &[f64]) -> f64 {
     let every = frames.len().div_ceil(MAX_FRAMES_FOR_RATE);
     let chosen: Vec<usize> = (0..frames.len()).step_by(every).collect();
@@ -334,7 +336,8 @@ pub(super) fn focus(frames: &[Field], settings: &[f64], rate: f64) -> Field {
 }
 
 impl BlurStacks {
-    /// u at every pixel: the minimum of a parabola through the least energy of candidates 0.2 px of blur apart and its neighbours.
+    /// u at every pixel: the minimum of a parabola through the least energy of candidates 0.2 px of blur apart and its
+    /// neighbours.
     pub(super) fn focus(&self, settings: &[f64], rate: f64) -> Field {
         let last = settings.len() - 1;
         let range = settings[last] - settings[0];

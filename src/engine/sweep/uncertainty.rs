@@ -11,8 +11,8 @@ const STEP_WINDOW: f64 = 2.0;
 const DEVIATION_WINDOW: f64 = 4.0;
 /// σ over which neighbours share errors of b, px.
 const SHARED_ERROR: f64 = 1.0;
-/// D counts beyond this multiple of the D that noise makes. The D of a flat region varies by a fifth from window to window, and so do both
-/// estimates of noise, of which the smaller counts.
+/// D counts beyond this multiple of the D that noise makes. The D of a flat region varies by a fifth from window to
+/// window, and so do both estimates of noise, of which the smaller counts.
 const NOISE_FACTOR: f64 = 2.0;
 
 /// The linear system of the last iteration.
@@ -35,13 +35,14 @@ impl FinalSystem {
         Some(Self { d, d_of_noise, d_of_residuals, b })
     }
 
-    /// `sqrt(4 <(G₁ b)²> 4π/(N <D>²) + 4 <(u - G₂ u)²>)`, means over σ 4 px, N = 4π [`STEP_WINDOW`]², D less what noise makes of it; NaN
-    /// where nothing is left.
+    /// `sqrt(4 <(G₁ b)²> 4π/(N <D>²) + 4 <(u - G₂ u)²>)`, means over σ 4 px, N = 4π [`STEP_WINDOW`]², D less what noise
+    /// makes of it; NaN where nothing is left.
     ///
-    /// b is added over pairs before it is squared, so that errors that pairs share count. The second term is what the window rounds off.
-    /// Noise is at most as large as the residuals, which also hold what the model does not explain. It is also at most as large as the frame
-    /// at the end of the sweep in which the pixel is farther out of focus: blur and the band pass leave least texture there. The smaller
-    /// counts. `ends`: both frames, and the pixels that they show. u is relative to the middle setting.
+    /// b is added over pairs before it is squared, so that errors that pairs share count. The second term is what the
+    /// window rounds off. Noise is at most as large as the residuals, which also hold what the model does not explain.
+    /// It is also at most as large as the frame at the end of the sweep in which the pixel is farther out of focus:
+    /// blur and the band pass leave least texture there. The smaller counts. `ends`: both frames, and the pixels that
+    /// they show. u is relative to the middle setting.
     pub(super) fn deviation(&self, focus: &Field, ends: &[(Field, Rectangle); 2]) -> Field {
         let map = |f: &(dyn Fn(usize) -> f64 + Sync)| Field { data: (0..focus.data.len()).map(f).collect(), ..*focus };
         let near = workers::collect(2, |n| if n == 0 { mean(&self.b, SHARED_ERROR) } else { mean(focus, STEP_WINDOW) });

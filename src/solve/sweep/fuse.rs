@@ -1,7 +1,8 @@
 //! The fused image: each cell of pixels from the frame that is sharpest around it, as far as the focus found agrees.
 //!
-//! A mean of the frames near the focus would be as sharp only where the focus is known to a tenth of a step. On the heat sink it had 0.95 of
-//! the sharpest frame's variance of the Laplacian in a third of the tiles of 32 px; one frame has it in more than 99 %.
+//! A mean of the frames near the focus would be as sharp only where the focus is known to a tenth of a step. On the
+//! heat sink it had 0.95 of the sharpest frame's variance of the Laplacian in a third of the tiles of 32 px; one frame
+//! has it in more than 99 %.
 
 use crate::base::{Channels, Decode, Frame, Homography, centre};
 use crate::engine::JointSolution;
@@ -13,15 +14,16 @@ const CELL: usize = 2;
 const WINDOW: f32 = 1.5;
 /// The least deviation of the focus that is assumed, steps: between two frames the sharper counts.
 const MIN_DEVIATION: f32 = 0.5;
-/// The largest deviation that is assumed: where the focus is not measured, frames next to the one that was filled in are as good.
+/// The largest deviation that is assumed: where the focus is not measured, frames next to the one that was filled in
+/// are as good.
 const MAX_DEVIATION: f32 = 3.0;
 /// The squared Laplacian of rounding to 256 values.
 const ROUNDING: f32 = 1.5e-5;
-/// A squared Laplacian counts beyond this multiple of the noise, that of the frame's smoothest 2 %. With 1, each cell of a flat region is from
-/// the noisiest frame there, and the variance of its noise a third too large.
+/// A squared Laplacian counts beyond this multiple of the noise, that of the frame's smoothest 2 %. With 1, each cell
+/// of a flat region is from the noisiest frame there, and the variance of its noise a third too large.
 const NOISE_FACTOR: f32 = 4.0;
-/// The pixels that a frame must show around a cell, for blending and for the spline; at the border of the reference half a px less than the
-/// reference itself.
+/// The pixels that a frame must show around a cell, for blending and for the spline; at the border of the reference
+/// half a px less than the reference itself.
 const MARGIN: f64 = 3.0;
 
 /// The frames of a sweep and its solution, from which the fused image is made.
@@ -72,13 +74,14 @@ impl FocusedFrames<'_> {
         [reference.width() as usize, reference.height() as usize]
     }
 
-    /// Frame n with the brightness of the reference. It is decoded for the choice and again for the fusion, which takes 5 ms per Mpx in colour.
-    /// Held frames would take 12 bytes per pixel, 1 GB for 41 frames of 2 Mpx.
+    /// Frame n with the brightness of the reference. It is decoded for the choice and again for the fusion, which takes
+    /// 5 ms per Mpx in colour. Held frames would take 12 bytes per pixel, 1 GB for 41 frames of 2 Mpx.
     fn values(&self, n: usize) -> Vec<f32> {
         brightened(&self.frames[n], &self.solution.registration.brightness[n], self.decode)
     }
 
-    /// Chooses for each cell the frame of the greatest `ln(e + g) - (p - u)²/2σ²`: e the mean squared Laplacian around it, g its floor.
+    /// Chooses for each cell the frame of the greatest `ln(e + g) - (p - u)²/2σ²`: e the mean squared Laplacian around
+    /// it, g its floor.
     fn choose(&self) -> Choice {
         let [columns, rows] = cells(self.size());
         // A byte per pixel and frame.
@@ -148,7 +151,8 @@ fn cells([width, height]: [usize; 2]) -> [usize; 2] {
     [width.div_ceil(CELL), height.div_ceil(CELL)]
 }
 
-/// The mean squared Laplacian around each cell of a frame, on its own pixels: resampling would reduce it, and takes longer.
+/// The mean squared Laplacian around each cell of a frame, on its own pixels: resampling would reduce it, and takes
+/// longer.
 struct Energies {
     values: Vec<f32>,
     size: [usize; 2],

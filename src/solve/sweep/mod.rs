@@ -1,7 +1,7 @@
 //! Focus sweeps: three or more photographs of one scene, each focused a little further.
 //!
-//! [`SweepSolver`] finds where every pixel is in focus, an image sharp everywhere, and the registration of all frames. All frames are
-//! solved together, on the pixels of one of them, the reference.
+//! [`SweepSolver`] finds where every pixel is in focus, an image sharp everywhere, and the registration of all frames.
+//! All frames are solved together, on the pixels of one of them, the reference.
 
 mod fuse;
 mod order;
@@ -54,10 +54,10 @@ impl SweepOptions {
 
 /// Solves focus sweeps by one choice of options.
 ///
-/// The first sweep of a size, format and number of frames prepares memory and recorded passes; later sweeps of the same kind reuse them.
-/// There is no `submit` as of a [`PairSolver`](crate::PairSolver): the host steps the registration of all frames between iterations, so
-/// the thread that solves takes part until the end. To overlap the host's work with the device's, use a
-/// [`Stream`](crate::Stream::of_sweeps).
+/// The first sweep of a size, format and number of frames prepares memory and recorded passes; later sweeps of the same
+/// kind reuse them. There is no `submit` as of a [`PairSolver`](crate::PairSolver): the host steps the registration of
+/// all frames between iterations, so the thread that solves takes part until the end. To overlap the host's work with
+/// the device's, use a [`Stream`](crate::Stream::of_sweeps).
 ///
 /// ```
 /// # use parfocal::{Engine, EngineOptions, Error, Frame, SolveOptions, SweepSolver};
@@ -103,8 +103,8 @@ impl SweepSolver {
     /// Makes a solver and prepares it for sweeps like this one.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] for fewer than three frames, sizes or formats that differ, or options that do not fit; [`Error::Setting`],
-    /// [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
+    /// [`Error::Mismatch`] for fewer than three frames, sizes or formats that differ, or options that do not fit;
+    /// [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
     pub fn for_frames(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<Self, Error> {
         let mut solver = Self::new(engine, options)?;
         check(frames, options)?;
@@ -127,12 +127,12 @@ impl SweepSolver {
         Ok(())
     }
 
-    /// Solves a sweep, or the region of it that the options name. If no positions are stated, frames that are certainly out of order are
-    /// put in order, and repeated ones left out; [`Sweep::order`] and a warning say so.
+    /// Solves a sweep, or the region of it that the options name. If no positions are stated, frames that are certainly
+    /// out of order are put in order, and repeated ones left out; [`Sweep::order`] and a warning say so.
     ///
     /// # Errors
-    /// Those of [`SweepSolver::for_frames`] and [`SolveOptions::check`]; [`Error::Mismatch`] for a flat reference, which pairs have;
-    /// [`Error::Cancelled`], [`Error::Timeout`].
+    /// Those of [`SweepSolver::for_frames`] and [`SolveOptions::check`]; [`Error::Mismatch`] for a flat reference,
+    /// which pairs have; [`Error::Cancelled`], [`Error::Timeout`].
     pub fn solve(&mut self, frames: &[Frame], options: &SolveOptions) -> Result<Sweep, Error> {
         let sweep_options = self.options.clone();
         let task = Task::new(frames, &sweep_options, options)?;
@@ -156,7 +156,8 @@ impl SweepSolver {
         Ok(sweep)
     }
 
-    /// Registers a sweep, with the same result as [`solve`](Self::solve). The finest level, on which the registration stays, is left out.
+    /// Registers a sweep, with the same result as [`solve`](Self::solve). The finest level, on which the registration
+    /// stays, is left out.
     ///
     /// # Errors
     /// Those of [`SweepSolver::solve`].

@@ -1,7 +1,8 @@
 //! Detects frames that are out of the order of their focus, and repeated frames.
 //!
-//! Through a sweep every place of the image becomes sharper up to one frame and less sharp after it. A frame out of order violates that at
-//! most places. It is found as the frame whose move repairs most of the violation. A reversed sweep is in order.
+//! Through a sweep every place of the image becomes sharper up to one frame and less sharp after it. A frame out of
+//! order violates that at most places. It is found as the frame whose move repairs most of the violation. A reversed
+//! sweep is in order.
 
 use super::fuse::squared_laplacian;
 use crate::base::{Decode, Frame, workers};
@@ -21,10 +22,11 @@ const PLACES: usize = 12;
 const OCTAVES: usize = 3;
 /// The least side, so that each place of the coarsest octave has some pixels.
 const SHORTEST: usize = 96;
-/// A move counts if the mean over places of what it repairs exceeds this number of its standard errors. Of 53 sweeps of 4 to 41 frames none
-/// that was in order had a move of 5.
+/// A move counts if the mean over places of what it repairs exceeds this number of its standard errors. Of 53 sweeps of
+/// 4 to 41 frames none that was in order had a move of 5.
 const MIN_SIGNIFICANCE: f64 = 6.0;
-/// An order is certain if its moves repair this share of the violation; of 349 swaps of neighbours in those sweeps, 345 were.
+/// An order is certain if its moves repair this share of the violation; of 349 swaps of neighbours in those sweeps, 345
+/// were.
 const CERTAIN_SHARE: f64 = 0.4;
 /// The violation is negligible below this share of the total change of sharpness.
 const NEGLIGIBLE_SHARE: f64 = 0.005;
@@ -131,7 +133,8 @@ fn logarithms(frames: &[Sharpness]) -> Vec<Vec<f32>> {
     frames.iter().map(of).collect()
 }
 
-/// The violation at each place, the mean over octaves: how much sharpness falls before the sharpest frame and rises after it.
+/// The violation at each place, the mean over octaves: how much sharpness falls before the sharpest frame and rises
+/// after it.
 fn violation(logarithms: &[Vec<f32>], order: &[usize]) -> Vec<f64> {
     let mut places = vec![0.0; PLACES * PLACES];
     (0..OCTAVES * PLACES * PLACES).for_each(|feature| {
@@ -149,7 +152,8 @@ fn violation(logarithms: &[Vec<f32>], order: &[usize]) -> Vec<f64> {
     places
 }
 
-/// Moves frames one by one, as long as a move repairs enough of the violation. Returns the order, and whether it is certain.
+/// Moves frames one by one, as long as a move repairs enough of the violation. Returns the order, and whether it is
+/// certain.
 fn in_order(logarithms: &[Vec<f32>]) -> (Vec<usize>, bool) {
     let given: Vec<usize> = (0..logarithms.len()).collect();
     let mut order = given.clone();
@@ -205,7 +209,8 @@ mod tests {
     use super::*;
     use crate::base::{Channels, Samples};
 
-    /// A slope that is in focus in frame 0 on the left and in the last on the right: waves of 6 px and more, blurred in closed form.
+    /// A slope that is in focus in frame 0 on the left and in the last on the right: waves of 6 px and more, blurred in
+    /// closed form.
     fn slope(count: u32) -> Vec<Frame> {
         let [width, height] = [192u32, 128];
         let frame = |n: u32| {

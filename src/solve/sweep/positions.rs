@@ -6,17 +6,17 @@ use crate::base::Error;
 /// The focus setting of each frame, ascending or descending.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Positions {
-    /// Not known: counted from 0 in even steps. If the sweep itself shows that frames are missing or steps are uneven, its settings are
-    /// used instead, and a warning says so ([`Sweep::positions`]).
+    /// Not known: counted from 0 in even steps. If the sweep itself shows that frames are missing or steps are uneven,
+    /// its settings are used instead, and a warning says so ([`Sweep::positions`]).
     #[default]
     Counted,
     /// In any unit that is even in 1/z.
     Settings(Vec<f64>),
-    /// For a lens that is refocused: the distances from the lens that are in focus, mm. The settings are their inverses in 1/m, in which
-    /// blur is linear (`docs/method.md`, section 11).
+    /// For a lens that is refocused: the distances from the lens that are in focus, mm. The settings are their inverses
+    /// in 1/m, in which blur is linear (`docs/method.md`, section 11).
     Distances(Vec<f64>),
-    /// For a stage that moves camera or scene, or a lens that is telecentric towards the scene: the places of the plane in focus along
-    /// the axis, mm from any origin. They are the settings.
+    /// For a stage that moves camera or scene, or a lens that is telecentric towards the scene: the places of the plane
+    /// in focus along the axis, mm from any origin. They are the settings.
     Stage(Vec<f64>),
 }
 
@@ -94,7 +94,8 @@ impl Positions {
         Some(SweepDepth { depth, deviation, out_of_range })
     }
 
-    /// The warning that settings which were not stated are uneven; `order` has the index of each frame among those passed.
+    /// The warning that settings which were not stated are uneven; `order` has the index of each frame among those
+    /// passed.
     pub(super) fn uneven_warning(&self, settings: &[f64], order: &[usize]) -> Option<String> {
         let steps = || settings.windows(2).map(|p| p[1] - p[0]);
         if *self != Self::Counted || steps().all(|step| step == 1.0) {
@@ -114,9 +115,9 @@ impl Positions {
     }
 }
 
-/// The distance in mm of a setting in 1/m, and its deviation, half of the difference between the distances one deviation to either side, as of
-/// [`Inverse::deviation`](crate::Inverse::deviation).
-/// NaN if the setting is not that of a distance.
+/// The distance in mm of a setting in 1/m, and its deviation, half of the difference between the distances one
+/// deviation to either side, as of [`Inverse::deviation`](crate::Inverse::deviation). NaN if the setting is not that of
+/// a distance.
 fn distance(u: f64, sigma: f64) -> (f32, f32) {
     let of = |u: f64| if u > 0.0 { PER_METRE / u } else { f64::INFINITY };
     if u.is_nan() || u <= 0.0 {
@@ -130,7 +131,8 @@ fn distance(u: f64, sigma: f64) -> (f32, f32) {
 pub struct SweepDepth {
     /// Depth, mm, from the lens, or along the axis of the stage from its origin; NaN where it is not measured.
     pub depth: Vec<f32>,
-    /// The standard deviation of depth, mm; infinite where infinity is within one deviation. Errors of the positions are not in it.
+    /// The standard deviation of depth, mm; infinite where infinity is within one deviation. Errors of the positions
+    /// are not in it.
     pub deviation: Vec<f32>,
     /// The number of pixels whose setting is beyond infinity; they have no depth.
     pub out_of_range: usize,
@@ -139,8 +141,8 @@ pub struct SweepDepth {
 impl Sweep {
     /// Depth if the frames are focused at these positions; `None` if they are not in mm.
     ///
-    /// A setting between two frames is interpolated linearly between the new settings of both: 1/mm for distances, mm for a stage. Beyond the
-    /// ends it is extrapolated.
+    /// A setting between two frames is interpolated linearly between the new settings of both: 1/mm for distances, mm
+    /// for a stage. Beyond the ends it is extrapolated.
     ///
     /// # Errors
     /// Those of [`Positions::check`].

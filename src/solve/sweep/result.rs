@@ -7,8 +7,9 @@ use crate::engine::JointSolution;
 
 /// The largest standard deviation of u at which a pixel has a result, steps.
 const MAX_DEVIATION: f32 = 2.0;
-/// How far outside the first or the last frame a pixel's focus must be to count as out of range, px of blur. The solve follows it for half
-/// a pixel. Near that limit it may be anywhere further out; nearer, the frame cannot be told from one in focus.
+/// How far outside the first or the last frame a pixel's focus must be to count as out of range, px of blur. The solve
+/// follows it for half a pixel. Near that limit it may be anywhere further out; nearer, the frame cannot be told from
+/// one in focus.
 const OUT_OF_RANGE: f64 = 0.4;
 
 /// The focus of every pixel of a sweep, an image sharp everywhere, and the registration.
@@ -22,7 +23,8 @@ pub struct Sweep {
     pub region: Region,
     /// Width and height of the photographs, about whose centre the transforms are stated.
     pub photograph: [u32; 2],
-    /// u, the focus setting at which each pixel of the reference is sharp; NaN where it is not measured or beyond the frames.
+    /// u, the focus setting at which each pixel of the reference is sharp; NaN where it is not measured or beyond the
+    /// frames.
     pub focus: Vec<f32>,
     /// The standard deviation of u, in settings; NaN where no pair contributes.
     pub uncertainty: Vec<f32>,
@@ -52,8 +54,8 @@ pub struct Sweep {
     pub blur_rate: f64,
     /// How stored values became intensities.
     pub decode: Decode,
-    /// The index of each frame among those passed. If no positions are stated, frames out of order are put in order, and repeated ones left
-    /// out.
+    /// The index of each frame among those passed. If no positions are stated, frames out of order are put in order,
+    /// and repeated ones left out.
     pub order: Vec<usize>,
     /// Conditions under which the result may be wrong, a sentence each.
     pub warnings: Vec<String>,
