@@ -1,4 +1,4 @@
-//! A sweep's memory on the device, and the command buffers in which its scripts are recorded one after the other.
+//! The device memory of a sweep, and the command buffers that its scripts are recorded in.
 
 use std::ops::Range;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! The joint solve of frames of one size on the device, from the coarsest level of their pyramid to the finest.
+//! The joint solve on the device, from a coarse level of the frames' pyramid to the finest.
 
 use super::device::{Limits, SweepDevice};
 use super::pairs::{self, MAX_RELATIVE_BLUR, PairSums};

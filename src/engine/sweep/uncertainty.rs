@@ -1,9 +1,9 @@
 //! The standard deviation of u.
 
+use super::start::smoothed;
 use super::validity::Rectangle;
 use crate::base::workers;
-use crate::engine::filter;
-use crate::engine::stages::{Field, convolve};
+use crate::engine::stages::Field;
 
 /// σ of the window over which a step averages D and b, px.
 const STEP_WINDOW: f64 = 2.0;
@@ -45,7 +45,7 @@ impl FinalSystem {
     /// they show. u is relative to the middle setting.
     pub(super) fn deviation(&self, focus: &Field, ends: &[(Field, Rectangle); 2]) -> Field {
         let map = |f: &(dyn Fn(usize) -> f64 + Sync)| Field { data: (0..focus.data.len()).map(f).collect(), ..*focus };
-        let near = workers::collect(2, |n| if n == 0 { mean(&self.b, SHARED_ERROR) } else { mean(focus, STEP_WINDOW) });
+        let near = workers::collect(2, |n| if n == 0 { smoothed(&self.b, SHARED_ERROR) } else { smoothed(focus, STEP_WINDOW) });
         let [errors, rounded] = [0, 1].map(|n| &near[n]);
         let shows = |n: &usize, i: usize| {
             let ([left, top, right, bottom], x, y) = (ends[*n].1, (i % focus.width) as f64, (i / focus.width) as f64);
@@ -65,7 +65,7 @@ impl FinalSystem {
                 4 => self.d_of_residuals.clone(),
                 _ => map(&|i| (focus.data[i] - rounded.data[i]).powi(2)),
             };
-            mean(&field, DEVIATION_WINDOW)
+            smoothed(&field, DEVIATION_WINDOW)
         });
         map(&|i| {
             let [errors, d, of_noise, noise, of_residuals, bend] = [0, 1, 2, 3, 4, 5].map(|n| means[n].data[i]);
@@ -78,10 +78,4 @@ impl FinalSystem {
             }
         })
     }
-}
-
-/// The mean under a Gaussian window.
-fn mean(field: &Field, sigma: f64) -> Field {
-    let filter = filter::gaussian(sigma * sigma);
-    convolve::twin(&convolve::twin(field, &filter, 1, false), &filter, 1, true)
 }

@@ -1,5 +1,4 @@
-//! Which pixels of a sweep's frames count: excluded are clipped ones, those that a mask excludes, and what a frame does
-//! not show.
+//! The pixels of a sweep's frames that count: neither clipped, nor masked, nor outside a frame.
 
 use crate::base::{Frame, Homography, Mask, Settings, workers};
 use crate::engine::plan::Level;

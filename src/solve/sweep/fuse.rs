@@ -1,4 +1,4 @@
-//! The fused image: each cell of pixels from the frame that is sharpest around it, as far as the focus found agrees.
+//! The fused image: each cell of pixels from the frame that is sharpest there, near its focus.
 //!
 //! A mean of the frames near the focus would be as sharp only where the focus is known to a tenth of a step. On the
 //! heat sink it had 0.95 of the sharpest frame's variance of the Laplacian in a third of the tiles of 32 px; one frame
