@@ -1,4 +1,4 @@
-//! `parfocal evaluate --quick` on a device: what it writes, and what it says of data that are absent.
+//! `parfocal evaluate --quick` on a device: its tables and figures, with and without data.
 
 use std::fs;
 use std::path::Path;
@@ -14,7 +14,7 @@ fn evaluate(folder: &Path, extra: &[&str]) -> Output {
     program.args(extra).output().unwrap()
 }
 
-/// A run of one part with data of this folder: its report, its tables, and what was said.
+/// Runs one part with a folder of data; returns report.json, report.md and stderr.
 fn evaluated(folder: &TempDir, part: &str, data: &str) -> (Value, String, String) {
     let output = evaluate(folder.path(), &["--only", part, "--data", data, "-o", "made/out"]);
     let stderr = String::from_utf8(output.stderr).unwrap();
@@ -24,70 +24,83 @@ fn evaluated(folder: &TempDir, part: &str, data: &str) -> (Value, String, String
     (report, fs::read_to_string(out.join("report.md")).unwrap(), stderr)
 }
 
+fn cases(section: &Value) -> &Vec<Value> {
+    section["cases"].as_array().unwrap()
+}
+
 #[test]
 fn the_paper_s_part_without_data_writes_tables_figures_and_verdicts() {
     let folder = TempDir::new().unwrap();
-    let (report, text, said) = evaluated(&folder, "paper", "pairs");
-    assert!(said.contains("table 1: plane") && said.contains("robustness"), "{said}");
-    assert_eq!(report["absent"].as_array().unwrap().len(), 6);
-    assert_eq!(report["registration"].as_array().unwrap().len(), 2);
-    for case in report["registration"].as_array().unwrap() {
-        let systems = case["systems"].as_array().unwrap();
-        assert_eq!(systems.len(), 5, "{case}");
-        let unified = systems.iter().find(|s| s["system"] == "unified").unwrap();
-        assert!(unified["error"]["corner_px"].as_f64().unwrap() < 0.25, "{unified}");
-        assert!(unified["v_rms_to_aligned"].is_f64() && unified["failure"].is_null());
+    let (report, text, log) = evaluated(&folder, "paper", "pairs");
+    assert!(log.contains("table 1: plane") && log.contains("robustness"), "{log}");
+    let sections = report["paper"].as_array().unwrap();
+    let names: Vec<&str> = sections.iter().map(|section| section["name"].as_str().unwrap()).collect();
+    assert_eq!(names[..3], ["Targets", "Table 1: registration errors", "Table 2: photographs"]);
+    assert!(names.len() == 8 && names[3..].iter().all(|name| name.starts_with("Robustness: ")), "{names:?}");
+    for target in cases(&sections[0]) {
+        assert!(
+            target["values"][0]["met"].is_boolean() && target["values"][1]["value"].as_f64() > Some(0.0),
+            "{target}"
+        );
     }
-    for target in report["targets"].as_array().unwrap() {
-        assert!(target["met"].is_boolean() && target["judged"].as_u64().unwrap() > 0, "{target}");
+    // Of two scenes the truth, the pair without registration, three methods and the aligned pair.
+    assert_eq!(cases(&sections[1]).len(), 2 * 6);
+    let unified: Vec<&Value> =
+        cases(&sections[1]).iter().filter(|c| c["name"].as_str().unwrap().ends_with("unified")).collect();
+    for case in &unified {
+        let value = |name: &str| {
+            case["values"].as_array().unwrap().iter().find(|v| v["name"] == name).unwrap()["value"].as_f64().unwrap()
+        };
+        assert!(value("corners, px") < 0.25 && value("V to aligned, px²") > 0.0, "{case}");
     }
-    assert_eq!(report["robustness"].as_array().unwrap().len(), 5);
-    assert_eq!(report["descent"].as_array().unwrap().len(), 3);
-    assert!(report["kernels"].as_array().unwrap().len() >= 4);
-    assert!(report["itself"].as_array().unwrap().is_empty() && report["sweeps"].as_array().unwrap().is_empty());
+    assert_eq!((unified.len(), cases(&sections[2]).len()), (2, 6));
+    assert!(report["defaults"].as_array().unwrap().is_empty() && report["sweeps"].as_array().unwrap().is_empty());
 
-    assert!(text.contains("Table 1") && !text.contains("## By itself") && !text.contains("## Sweeps"), "{text}");
-    assert!(text.contains("cup: absent: looked for pairs/cup/breakfast_near.png"), "{text}");
+    assert!(
+        text.contains("Table 1") && !text.contains("## Default settings") && !text.contains("## Focus sweeps"),
+        "{text}"
+    );
+    assert!(text.contains("absent: looked for pairs/cup/breakfast_near.png"), "{text}");
     let links: Vec<&str> = text.split("](").skip(1).filter_map(|rest| rest.split(')').next()).collect();
-    assert_eq!(links, ["figures/fig4-scenes.png", "figures/robustness.png", "figures/descent.png"]);
+    assert_eq!(links, ["fig4-scenes.png", "robustness.png"]);
     let out = folder.path().join("made/out");
     for link in links {
         assert!(image::open(out.join(link)).unwrap().width() > 500, "{link}");
     }
-    assert_eq!(fs::read_dir(&out).unwrap().count(), 3);
+    assert_eq!(fs::read_dir(&out).unwrap().count(), 4);
 }
 
 #[test]
-fn what_is_asked_of_defaults_is_measured_wherever_there_are_data() {
+fn bounds_of_the_default_settings_are_measured_wherever_there_are_data() {
     let folder = TempDir::new().unwrap();
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
-    let (report, text, said) = evaluated(&folder, "itself", data.to_str().unwrap());
-    let sections = report["itself"].as_array().unwrap();
+    let (report, text, log) = evaluated(&folder, "defaults", data.to_str().unwrap());
+    let sections = report["defaults"].as_array().unwrap();
     assert_eq!(sections.len(), 7);
     for section in sections {
-        let name = section["name"].as_str().unwrap();
-        for case in section["cases"].as_array().unwrap() {
-            // Only what data are absent for could not be measured.
+        for case in cases(section) {
+            // Only cases whose data are absent have no values.
             let absent = case["note"].as_str().unwrap().contains("no such file");
-            assert_eq!(case["figures"].as_array().unwrap().is_empty(), absent, "{name}: {case}");
+            assert_eq!(case["values"].as_array().unwrap().is_empty(), absent, "{}: {case}", section["name"]);
         }
     }
-    assert!(said.contains("| part 57 |") && said.contains("### Shading: "), "{said}");
-    assert!(!said.contains("part 57 | – |"), "the project's own part is there: {said}");
-    assert!(text.contains("## By itself") && !text.contains("Table 1"), "{text}");
+    assert!(log.contains("| part 57 |") && log.contains("### Shading: "), "{log}");
+    assert!(!log.contains("part 57 | – |"), "the project has the data of the part: {log}");
+    assert!(text.contains("## Default settings") && !text.contains("Table 1"), "{text}");
 }
 
 #[test]
-fn sweeps_that_are_absent_are_a_row_and_the_simulated_one_is_solved() {
+fn absent_sweeps_are_a_row_and_the_simulated_one_is_solved() {
     let folder = TempDir::new().unwrap();
-    let (report, text, said) = evaluated(&folder, "sweeps", "none");
-    assert!(said.contains("## Sweeps") && text.contains("### Simulated sweep: "), "{said}");
-    assert_eq!(report["sweeps"].as_array().unwrap().len(), 4);
-    let cases = |n: usize| report["sweeps"][n]["cases"].as_array().unwrap();
-    assert!(cases(0).len() == 1 && cases(0)[0]["note"].as_str().unwrap().contains("no such file"), "{report}");
-    assert!(cases(1).len() == 1 && !cases(1)[0]["figures"].as_array().unwrap().is_empty(), "{report}");
-    assert!(cases(2).len() == 1 && !cases(2)[0]["figures"].as_array().unwrap().is_empty(), "{report}");
-    assert!(report["itself"].as_array().unwrap().is_empty() && report["registration"].as_array().unwrap().is_empty());
+    let (report, text, log) = evaluated(&folder, "sweeps", "none");
+    assert!(log.contains("## Focus sweeps") && text.contains("### Simulated sweep: "), "{log}");
+    let sections = report["sweeps"].as_array().unwrap();
+    assert!(sections.len() == 4 && sections.iter().all(|section| cases(section).len() == 1), "{report}");
+    assert!(cases(&sections[0])[0]["note"].as_str().unwrap().contains("no such file"), "{report}");
+    for section in &sections[1..] {
+        assert!(!cases(section)[0]["values"].as_array().unwrap().is_empty(), "{report}");
+    }
+    assert!(report["paper"].as_array().unwrap().is_empty() && report["defaults"].as_array().unwrap().is_empty());
 }
 
 #[test]

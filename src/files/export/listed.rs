@@ -79,11 +79,6 @@ impl Listed {
         }
     }
 
-    /// Names from elsewhere; those that lead out of the folder are left out.
-    pub(crate) fn of_names<'a>(names: impl Iterator<Item = &'a str>) -> Self {
-        Self { files: names.filter(|name| is_plain(name)).map(String::from).collect(), implied: Vec::new() }
-    }
-
     /// Whether a file of this name may be replaced.
     pub(crate) fn holds(&self, name: &str) -> bool {
         self.files.contains(name) || self.implied.contains(&name)
@@ -113,8 +108,8 @@ fn implied(report: &Value) -> Option<Vec<&'static str>> {
         Some(SIMULATED_FILES.to_vec())
     } else if has(&["verdict", "tolerance", "regions"]) {
         Some(Vec::new())
-    } else if has(&["targets", "registration", "robustness"]) {
-        Some(vec!["report.md"])
+    } else if has(&["paper", "defaults", "sweeps"]) {
+        Some(Vec::new())
     } else {
         None
     }

@@ -12,7 +12,7 @@ use super::folder::{Folder, Writers};
 use super::hashes::{Hash, Hashes};
 use super::journal::{Journal, look};
 use super::kind::FileKind;
-use super::listed::{Listed, Unfinished};
+use super::listed::Unfinished;
 use super::temporary;
 use crate::base::Error;
 
@@ -48,12 +48,6 @@ impl Staging {
     /// Results that join those which the report lists; of these the `stale` go.
     pub(crate) fn beside(out: Destination<'_>, report: &str, stale: Vec<String>) -> Result<Self, Error> {
         Self::of_report(out, report, Stale::Named(stale))
-    }
-
-    /// Results that may replace what is listed elsewhere.
-    pub(crate) fn over(out: Destination<'_>, listed: Listed) -> Result<Self, Error> {
-        let folder = Folder::make(out.path, Writers::One)?;
-        Ok(Self::new(folder, Guard::by_list(out, listed), None, Stale::Named(Vec::new())))
     }
 
     /// Results that say themselves what wrote them.

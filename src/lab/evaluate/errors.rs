@@ -1,44 +1,23 @@
-//! How far apart two registrations, or two fields of V, are.
+//! How far a registration and V are off, and whether σ says so.
 
-use serde::Serialize;
-
-use crate::base::Similarity;
+use super::pairs::KnownPair;
+use super::runner::Runner;
+use super::section::Case;
+use crate::base::{Settings, statistics};
 use crate::engine::Solution;
+use crate::engine::stages::uncertainty::LARGEST;
 
-/// What was found less the truth.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(super) struct TransformError {
-    pub tx_px: f64,
-    pub ty_px: f64,
-    pub rotation_deg: f64,
-    pub scale_percent: f64,
-    /// The largest distance between where the two put a corner.
-    pub corner_px: f64,
-}
-
-impl TransformError {
-    pub(super) fn of(found: &Similarity, truth: &Similarity, [width, height]: [u32; 2]) -> Self {
-        Self {
-            tx_px: found.tx - truth.tx,
-            ty_px: found.ty - truth.ty,
-            rotation_deg: found.rotation_deg() - truth.rotation_deg(),
-            scale_percent: 100.0 * (found.scale - truth.scale),
-            corner_px: found.corner_distance(truth, width, height),
-        }
-    }
-}
-
-/// Pixels along the border that are left out of every rms.
+/// Pixels along the border that are left out of all errors of V.
 pub(super) const BORDER: usize = 16;
 
-/// The pixels of a frame that are so far from its border, by their index.
+/// The indices of the pixels that are at least `border` px inside the frame.
 pub(super) fn inside(width: u32, height: u32, border: usize) -> impl Iterator<Item = usize> {
     let (width, height) = (width as usize, height as usize);
     let rows = border..height.saturating_sub(border);
     rows.flat_map(move |y| (border..width.saturating_sub(border)).map(move |x| y * width + x))
 }
 
-/// Root mean square of a field, `BORDER` px inside the frame, over what is finite; `None` where nothing is.
+/// Root mean square of a field, [`BORDER`] px inside the frame, over its finite values; `None` if there is none.
 pub(super) fn rms(width: u32, height: u32, value: impl Fn(usize) -> f64) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0usize);
     for v in inside(width, height, BORDER).map(value).filter(|v| v.is_finite()) {
@@ -48,54 +27,105 @@ pub(super) fn rms(width: u32, height: u32, value: impl Fn(usize) -> f64) -> Opti
     (count > 0).then(|| (sum / count as f64).sqrt())
 }
 
-/// V of a solution less another field.
-pub(super) fn rms_error(solution: &Solution, truth: &[f32]) -> Option<f64> {
-    rms(solution.width, solution.height, |i| f64::from(solution.relative_blur[i]) - f64::from(truth[i]))
+/// Errors of a solution whose truth is known; V in px², [`BORDER`] px inside the frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Errors {
+    /// The largest distance of a corner from its true place, px.
+    pub corner: f64,
+    /// Root mean square of V less the true V.
+    pub rms: f64,
+    /// Mean of V less the true V.
+    pub bias: f64,
+    pub coverage: Coverage,
 }
 
-/// E of the finest level after its last iteration.
-pub(super) fn energy(solution: &Solution) -> Option<f64> {
-    solution.levels.last()?.energy.last().copied()
-}
-
-/// Median, least and greatest. What failed counts as worse than any number; infinity stands for it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(super) struct Spread {
-    /// `null` in JSON where more than half failed.
-    pub median: f64,
-    pub low: f64,
-    pub high: f64,
-}
-
-impl Spread {
-    pub(super) fn of(values: &[Option<f64>]) -> Self {
-        let mut sorted: Vec<f64> = values.iter().map(|v| v.unwrap_or(f64::INFINITY)).collect();
-        sorted.sort_by(f64::total_cmp);
-        let at = |i: usize| sorted.get(i).copied().unwrap_or(f64::INFINITY);
-        Self { median: at(sorted.len() / 2), low: at(0), high: at(sorted.len().saturating_sub(1)) }
+impl Errors {
+    pub(super) fn of(solution: &Solution, pair: &KnownPair) -> Self {
+        let error = |i: usize| f64::from(solution.relative_blur[i]) - f64::from(pair.relative_blur[i]);
+        let pixels = || inside(solution.width, solution.height, BORDER);
+        let errors: Vec<f64> = pixels().map(error).filter(|e| e.is_finite()).collect();
+        let mean = |f: fn(f64) -> f64| errors.iter().copied().map(f).sum::<f64>() / errors.len() as f64;
+        Self {
+            corner: solution.transform.corner_distance(pair.transform, solution.width, solution.height),
+            rms: mean(|e| e * e).sqrt(),
+            bias: mean(|e| e),
+            coverage: Coverage::of(pixels().map(|i| (error(i), f64::from(solution.uncertainty[i])))),
+        }
     }
+
+    /// Solves a pair.
+    pub(super) fn solve(runner: &mut Runner, pair: &KnownPair, settings: &Settings) -> Result<Self, String> {
+        Ok(Self::of(&pair.solve(runner, settings)?, pair))
+    }
+
+    /// The median of each error of several solutions.
+    pub(super) fn median(all: &[Self]) -> Option<Self> {
+        let of = |f: &dyn Fn(&Self) -> f64| statistics::median(all.iter().map(f));
+        let coverage = Coverage {
+            one: of(&|e| e.coverage.one)?,
+            two: of(&|e| e.coverage.two)?,
+            beyond_five: of(&|e| e.coverage.beyond_five)?,
+        };
+        Some(Self { corner: of(&|e| e.corner)?, rms: of(&|e| e.rms)?, bias: of(&|e| e.bias)?, coverage })
+    }
+}
+
+/// The shares of the pixels whose error is within a multiple of their σ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Coverage {
+    /// Within one σ: 0.68 of Gaussian errors.
+    pub one: f64,
+    /// Within two: 0.95.
+    pub two: f64,
+    /// Beyond five.
+    pub beyond_five: f64,
+}
+
+impl Coverage {
+    /// Of errors and their σ. A pixel of the largest σ states nothing and is left out.
+    pub(super) fn of(pixels: impl Iterator<Item = (f64, f64)>) -> Self {
+        let stated = pixels.filter(|(error, sigma)| error.is_finite() && *sigma < f64::from(LARGEST));
+        let ratios: Vec<f64> = stated.map(|(error, sigma)| error.abs() / sigma).collect();
+        let share = |f: &dyn Fn(f64) -> bool| ratios.iter().filter(|r| f(**r)).count() as f64 / ratios.len() as f64;
+        Self { one: share(&|r| r <= 1.0), two: share(&|r| r <= 2.0), beyond_five: share(&|r| r > 5.0) }
+    }
+
+    /// Adds the shares within one and two σ, and their bounds.
+    pub(super) fn within(self, case: Case) -> Case {
+        case.within("within 1 σ", self.one, [0.60, 0.75]).within("within 2 σ", self.two, [0.90, 0.97])
+    }
+
+    /// Adds all three shares and their bounds.
+    pub(super) fn all(self, case: Case) -> Case {
+        self.within(case).at_most("beyond 5 σ", self.beyond_five, 0.005)
+    }
+}
+
+/// Least, median and greatest. A failure counts as worse than any number: it is infinite.
+pub(super) fn spread(values: &[Option<f64>]) -> [f64; 3] {
+    let mut sorted: Vec<f64> = values.iter().map(|v| v.unwrap_or(f64::INFINITY)).collect();
+    sorted.sort_by(f64::total_cmp);
+    let at = |i: usize| sorted.get(i).copied().unwrap_or(f64::INFINITY);
+    [at(0), at(sorted.len() / 2), at(sorted.len().saturating_sub(1))]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::Similarity;
 
     #[test]
     fn the_corner_error_of_a_rotation_and_a_scale_is_in_closed_form() {
-        let truth = Similarity::IDENTITY;
         // Half the diagonal of 301 x 401 px is 250 px: corners are at (±150, ±200).
-        let size = [301, 401];
-        let turned = TransformError::of(&Similarity::new(0.0, 0.0, 2.0, 1.0), &truth, size);
-        assert!((turned.corner_px - 2.0 * 250.0 * 1f64.to_radians().sin()).abs() < 1e-9, "{turned:?}");
-        let scaled = TransformError::of(&Similarity::new(0.0, 0.0, 0.0, 1.01), &truth, size);
-        assert!((scaled.corner_px - 2.5).abs() < 1e-9 && (scaled.scale_percent - 1.0).abs() < 1e-9);
+        let corner = |t: Similarity| t.corner_distance(&Similarity::IDENTITY, 301, 401);
+        assert!((corner(Similarity::new(0.0, 0.0, 2.0, 1.0)) - 2.0 * 250.0 * 1f64.to_radians().sin()).abs() < 1e-9);
+        assert!((corner(Similarity::new(0.0, 0.0, 0.0, 1.01)) - 2.5).abs() < 1e-9);
         // The corner that both move the same way: 3 + 1.5 and 4 + 2.
-        let both = TransformError::of(&Similarity::new(3.0, 4.0, 0.0, 1.01), &truth, size);
-        assert!((both.corner_px - 7.5).abs() < 1e-9, "{both:?}");
+        assert!((corner(Similarity::new(3.0, 4.0, 0.0, 1.01)) - 7.5).abs() < 1e-9);
     }
 
     #[test]
-    fn rms_leaves_out_the_border_and_what_is_not_valid() {
+    fn rms_leaves_out_the_border_and_invalid_pixels() {
         let value = |i: usize| match (i % 40, i / 40) {
             (16, 16) => f64::NAN,
             (x, y) if (16..24).contains(&x) && (16..24).contains(&y) => 3.0,
@@ -107,10 +137,17 @@ mod tests {
     }
 
     #[test]
+    fn coverage_leaves_out_pixels_of_the_largest_sigma() {
+        let pixels = [(0.5, 1.0), (-1.5, 1.0), (-6.0, 1.0), (3.0, 1.0), (f64::NAN, 1.0), (0.0, f64::from(LARGEST))];
+        let coverage = Coverage::of(pixels.into_iter());
+        assert_eq!(coverage, Coverage { one: 0.25, two: 0.5, beyond_five: 0.25 });
+        assert_eq!(coverage.all(Case::new("x")).values.iter().filter(|v| v.met == Some(true)).count(), 0);
+    }
+
+    #[test]
     fn failures_are_worse_than_any_number() {
-        let spread = Spread::of(&[Some(2.0), None, Some(1.0)]);
-        assert_eq!((spread.low, spread.median, spread.high), (1.0, 2.0, f64::INFINITY));
-        assert_eq!(Spread::of(&[None, None, Some(1.0)]).median, f64::INFINITY);
-        assert_eq!(Spread::of(&[]).median, f64::INFINITY);
+        assert_eq!(spread(&[Some(2.0), None, Some(1.0)]), [1.0, 2.0, f64::INFINITY]);
+        assert_eq!(spread(&[None, None, Some(1.0)])[1], f64::INFINITY);
+        assert_eq!(spread(&[])[1], f64::INFINITY);
     }
 }

@@ -1,5 +1,4 @@
-//! The paper's experiments (Ben-Ari, TPAMI 2014, section 5) with parfocal's four systems: tables, figures, and which of
-//! the aims are met; and what is demanded of the default settings, of pairs and of focus sweeps, measured.
+//! Experiments with bounds: the paper's (Ben-Ari, TPAMI 2014, section 5), the default settings, and focus sweeps.
 //!
 //! ```no_run
 //! use parfocal::evaluate::{Evaluation, Options};
@@ -11,60 +10,50 @@
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
-//! A solve that fails is a line of the tables that says why; it ends nothing. Only writing can fail.
+//! A solve that fails is a row of a table that says why; the others go on. Only writing can fail.
 
-mod bench;
-mod calibration;
-mod cases;
-mod descent;
-mod displace;
+mod defaults;
 mod errors;
 mod figures;
-mod itself;
-mod kernels;
-mod real;
+mod pairs;
 mod registration;
-mod report;
 mod robustness;
+mod runner;
 mod section;
-mod sigma;
 mod sweeps;
-mod system;
-mod table;
-mod targets;
 
-use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use image::RgbImage;
 use serde::Serialize;
 
-use self::bench::Bench;
+use self::runner::Runner;
 use self::section::Section;
 use crate::base::Error;
 use crate::engine::Engine;
-use crate::files::export::{Destination, DeviceReport, Guard, Listed, Staging, write_drawing};
+use crate::files::export::{Destination, DeviceReport, Staging, write_drawing};
 
 /// What is evaluated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
-    /// Folder that holds the real pairs, each in a folder of its own; those that are absent are named in the report.
+    /// Folder of the photographs, each pair in a folder of its own. Absent ones are named in the report.
     pub data: PathBuf,
-    /// Small scenes, few points, reduced photographs: whether everything runs, not how good it is.
+    /// Small scenes, few cases, reduced photographs: shows that everything runs, not how exact it is.
     pub quick: bool,
-    /// One part alone.
-    pub only: Option<Only>,
+    /// The only part to run; `None` for all.
+    pub only: Option<Part>,
 }
 
 /// The parts of an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Only {
-    /// The paper's experiments, all systems.
+#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
+pub enum Part {
+    /// The paper's experiments by all methods: some 15 minutes on two processor cores without a GPU
     Paper,
-    /// What is demanded of the default settings.
-    Itself,
-    /// What is demanded of focus sweeps.
+    /// Bounds on the default settings: some 5 minutes. Reads part/57 and dual-pixel in DIR
+    Defaults,
+    /// Bounds on focus sweeps, beside shape from focus: some 5 minutes. Reads cou in DIR
     Sweeps,
 }
 
@@ -77,47 +66,22 @@ impl Default for Options {
 
 /// The results of all experiments.
 pub struct Evaluation {
-    results: Results,
+    report: Report,
     figures: Vec<Figure>,
 }
 
-/// What `report.json` holds: fields may be added, not renamed.
+/// The content of `report.json`: the sections of each part; none for a part that was not run.
 #[derive(Serialize)]
-struct Results {
+struct Report {
+    program: &'static str,
+    kind: &'static str,
     version: &'static str,
     device: DeviceReport,
     quick: bool,
-    targets: Vec<targets::Target>,
-    registration: Vec<registration::CaseResult>,
-    real: Vec<real::PairResult>,
-    absent: Vec<cases::Absent>,
-    robustness: Vec<robustness::Sweep>,
-    descent: Vec<descent::Race>,
-    kernels: Vec<kernels::KernelResult>,
-    calibration: Vec<calibration::Calibration>,
-    itself: Vec<Section>,
+    paper: Vec<Section>,
+    defaults: Vec<Section>,
     sweeps: Vec<Section>,
-}
-
-impl Results {
-    /// Nothing yet.
-    fn of(engine: &Engine, options: &Options) -> Self {
-        Self {
-            version: env!("CARGO_PKG_VERSION"),
-            device: engine.info().into(),
-            quick: options.quick,
-            targets: Vec::new(),
-            registration: Vec::new(),
-            real: Vec::new(),
-            absent: Vec::new(),
-            robustness: Vec::new(),
-            descent: Vec::new(),
-            kernels: Vec::new(),
-            calibration: Vec::new(),
-            itself: Vec::new(),
-            sweeps: Vec::new(),
-        }
-    }
+    files: Vec<String>,
 }
 
 /// A picture and the name of its file.
@@ -128,104 +92,109 @@ struct Figure {
     picture: RgbImage,
 }
 
-/// Where the figures go within the folder of the report.
-const FIGURES: &str = "figures";
+impl Figure {
+    fn file(name: &str) -> String {
+        format!("{name}.png")
+    }
+}
+
 const REPORT: &str = "report.json";
 const TABLES: &str = "report.md";
 
 impl Evaluation {
-    /// Runs what is asked for; `say` is told what is being done, a line at a time.
-    pub fn run(engine: &Engine, options: &Options, say: &mut dyn FnMut(&str)) -> Self {
-        let mut bench = Bench::new(engine, options.quick, say);
-        let mut evaluation = Self { results: Results::of(engine, options), figures: Vec::new() };
-        let wanted = |part: Only| options.only.is_none_or(|only| only == part);
-        if wanted(Only::Paper) {
-            evaluation.run_paper(&mut bench, &options.data);
-        }
-        if wanted(Only::Itself) {
-            evaluation.results.itself = itself::run(&mut bench, &options.data);
-        }
-        if wanted(Only::Sweeps) {
-            evaluation.results.sweeps = sweeps::run(&mut bench, &options.data);
-        }
-        evaluation
+    /// Runs the experiments; `log` is called with a line for each.
+    pub fn run(engine: &Engine, options: &Options, log: &mut dyn FnMut(&str)) -> Self {
+        let mut runner = Runner::new(engine, options.quick, log);
+        let (data, includes) = (&options.data, |part| options.only.is_none_or(|only| only == part));
+        let (paper, figures) = if includes(Part::Paper) { run_paper(&mut runner, data) } else { Default::default() };
+        let defaults = if includes(Part::Defaults) { defaults::run(&mut runner, data) } else { Vec::new() };
+        let sweeps = if includes(Part::Sweeps) { sweeps::run(&mut runner, data) } else { Vec::new() };
+        let files = figures.iter().map(|figure: &Figure| Figure::file(&figure.name));
+        let report = Report {
+            program: env!("CARGO_PKG_NAME"),
+            kind: "evaluation",
+            version: env!("CARGO_PKG_VERSION"),
+            device: engine.info().into(),
+            quick: options.quick,
+            paper,
+            defaults,
+            sweeps,
+            files: files.chain([TABLES, REPORT].map(String::from)).collect(),
+        };
+        Self { report, figures }
     }
 
-    fn run_paper(&mut self, bench: &mut Bench, data: &Path) {
-        let results = &mut self.results;
-        let (pairs, absent) = cases::real_pairs(data);
-        let mut figures = figures::Collector::default();
-        results.registration = registration::run(bench, cases::all(data, &pairs, bench.quick), &mut figures);
-        results.real = real::run(bench, data, &pairs, &mut figures);
-        results.absent = absent;
-        results.robustness = robustness::run(bench);
-        results.descent = descent::run(bench);
-        results.kernels = kernels::run(bench);
-        results.calibration = calibration::run(bench);
-        results.targets = targets::all(&results.registration);
-        self.figures = figures.finish(&results.robustness, &results.descent);
-    }
-
-    /// What is demanded of the default settings, as a table of each section; empty where it was not measured.
-    pub fn itself(&self) -> String {
-        section::markdown(itself::HEADING, &self.results.itself)
-    }
-
-    /// What is demanded of focus sweeps, likewise.
-    pub fn sweeps(&self) -> String {
-        section::markdown(sweeps::HEADING, &self.results.sweeps)
+    /// The tables of the default settings and of focus sweeps, as Markdown; empty if they were not measured.
+    pub fn summary(&self) -> String {
+        let Report { defaults, sweeps, .. } = &self.report;
+        let parts = [(defaults::HEADING, defaults), (sweeps::HEADING, sweeps)];
+        let parts = parts.map(|(heading, sections)| section::markdown(heading, sections));
+        parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n")
     }
 
     /// The text of `report.json`, without a newline at its end.
     ///
     /// # Errors
-    /// None is known; serde_json's signature allows one.
+    /// No input is known to cause one; serde_json's signature allows it.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        crate::files::export::to_json(&self.results)
+        crate::files::export::to_json(&self.report)
     }
 
     /// The text of `report.md`.
     pub fn to_markdown(&self) -> String {
-        report::markdown(&self.results, &self.figures)
+        let Report { version, device, quick, .. } = &self.report;
+        let quick = if *quick {
+            "\nThis was a quick run, on small scenes and reduced photographs: it shows that everything runs. The bounds are \
+             for the full run and need not be met.\n"
+        } else {
+            ""
+        };
+        let head = format!(
+            "# Evaluation\n\nparfocal {version} on {}, driver {}. Times are wall-clock times of whole solves on this device, \
+             beside its other work; on a software device they say little about a GPU.\n{quick}",
+            device.name, device.driver
+        );
+        let paper = section::markdown("The paper's experiments", &self.report.paper);
+        let figures =
+            self.figures.iter().map(|figure| format!("![{}]({})\n", figure.caption, Figure::file(&figure.name)));
+        let parts = [head, paper].into_iter().chain(figures).chain([self.summary()]);
+        parts.filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n")
     }
 
-    /// Writes `report.md`, `report.json` and `figures/*.png` into a folder, which is made if it is missing. All are
-    /// written under temporary names before the first gets its own; the report comes last. An earlier evaluation is
-    /// replaced, another file only where the [`Destination`] forces it.
+    /// Writes `report.md`, `report.json` and the figures into a folder, which is created if it is missing: all of them,
+    /// or none. The files of an earlier evaluation are replaced, others only if the [`Destination`] forces it.
     ///
     /// # Errors
     /// [`Error::File`].
     pub fn write<'d>(&self, out: impl Into<Destination<'d>>) -> Result<(), Error> {
-        let out = out.into();
-        let mut reports = Staging::beside(out, REPORT, Vec::new())?;
-        let mut figures = Staging::over(out.to(&out.path().join(FIGURES)), figures_in(out.path()))?;
+        let mut staging = Staging::anew(out.into(), REPORT)?;
         for figure in &self.figures {
-            figures.add(format!("{}.png", figure.name), |writer| write_drawing(writer, &figure.picture))?;
+            staging.add(Figure::file(&figure.name), |writer| write_drawing(writer, &figure.picture))?;
         }
+        staging.add(TABLES, |w| w.write_all(self.to_markdown().as_bytes()).map_err(|e| e.to_string()))?;
         let json = self.to_json().map_err(|e| e.to_string());
-        reports.add(REPORT, |w| json.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))?;
-        reports.add(TABLES, |w| w.write_all(self.to_markdown().as_bytes()).map_err(|e| e.to_string()))?;
-        figures.place()?;
-        reports.place()
+        staging.add(REPORT, |w| json.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))?;
+        staging.place()
     }
-    /// Refuses, before it is run, a folder that [`write`](Self::write) would refuse: files that no evaluation wrote have the
-    /// names of its results.
+
+    /// Refuses, before anything is run, a folder that [`write`](Self::write) would refuse: it has files of other
+    /// programs under the names of results.
     ///
     /// # Errors
     /// [`Error::File`].
     pub fn check<'d>(out: impl Into<Destination<'d>>) -> Result<(), Error> {
-        let out = out.into();
-        out.check_results(REPORT, &[REPORT, TABLES])?;
-        let folder = out.path().join(FIGURES);
-        let guard = Guard::by_list(out.to(&folder), figures_in(out.path()));
-        figures::names().try_for_each(|name| guard.check(&folder.join(format!("{name}.png"))))
+        let figures = figures::names().into_iter().map(|name| Figure::file(&name));
+        let names: Vec<String> = figures.chain([TABLES, REPORT].map(String::from)).collect();
+        out.into().check_results(REPORT, &names)
     }
 }
 
-/// The figures of the evaluation in a folder: those that its tables show.
-fn figures_in(out: &Path) -> Listed {
-    let is_ours = Listed::of(out, REPORT).holds(TABLES);
-    let text = is_ours.then(|| fs::read_to_string(out.join(TABLES)).ok()).flatten().unwrap_or_default();
-    let link = format!("]({FIGURES}/");
-    Listed::of_names(text.split(&link).skip(1).filter_map(|rest| rest.split(')').next()))
+/// The sections and figures of the paper's experiments.
+fn run_paper(runner: &mut Runner, data: &Path) -> (Vec<Section>, Vec<Figure>) {
+    let mut figures = figures::Collector::default();
+    let mut sections = Vec::from(registration::known(runner, data, &mut figures));
+    sections.push(registration::photographs(runner, data, &mut figures));
+    let robustness = robustness::run(runner);
+    sections.extend(robustness.iter().map(robustness::Curve::section));
+    (sections, figures.finish(&robustness))
 }

@@ -1,67 +1,40 @@
-//! How the registration fares as a scene gets harder, and where it ends.
+//! How well the methods register as a scene gets harder, and where they fail.
 
-use serde::Serialize;
-
-use super::bench::{Bench, SYSTEMS, settings};
-use super::errors::Spread;
-use crate::base::{Kernel, Method, Similarity};
+use super::errors::spread;
+use super::runner::{METHODS, Runner, settings};
+use super::section::{Case, Section, number};
+use crate::base::{Frame, Kernel, Method, Similarity};
 use crate::lab::scene::{Exposure, Preset, Scene, Shape};
 
 /// The paper's bound on translation, px: beyond it a registration counts as failed.
 pub(super) const PAPER_PX: f64 = 0.25;
 
-/// One property of the scene, from easy to hard.
-#[derive(Serialize)]
-pub(super) struct Sweep {
-    pub name: &'static str,
-    /// What is swept, and its unit.
-    pub quantity: &'static str,
-    /// What else is to be known of the scenes.
-    pub note: &'static str,
-    /// Whether the axis is logarithmic.
-    pub logarithmic: bool,
+/// Corner errors over one property of the scene.
+pub(super) struct Curve {
+    pub series: &'static Series,
     pub points: Vec<Point>,
-    pub edges: Vec<Edge>,
 }
 
-/// One value of the property.
-#[derive(Serialize)]
+/// Corner errors at one value of the property: least, median and greatest of the seeds for each method, px.
 pub(super) struct Point {
     pub value: f64,
-    pub systems: Vec<Samples>,
+    pub spreads: [[f64; 3]; METHODS.len()],
 }
 
-/// One system at one value, over the seeds.
-#[derive(Serialize)]
-pub(super) struct Samples {
-    pub system: &'static str,
-    /// The largest corner error of each seed, px; `null` where the system failed.
-    pub corner_px: Vec<Option<f64>>,
-    pub spread: Spread,
-}
-
-/// Where the working range of a system ends.
-#[derive(Debug, PartialEq, Serialize)]
-pub(super) struct Edge {
-    pub system: &'static str,
-    /// The hardest value up to which every median is at most 0.25 px at the corners.
-    pub holds_to: Option<f64>,
-    /// The next value, at which it is not; `null` where the sweep ends before.
-    pub fails_at: Option<f64>,
-}
-
-/// Describes a sweep: its scenes, from easy to hard.
-struct Plan {
-    name: &'static str,
-    quantity: &'static str,
+/// One property of the slanted plane, from easy to hard.
+pub(super) struct Series {
+    pub name: &'static str,
+    /// The property and its unit.
+    pub quantity: &'static str,
+    /// What else the scenes have.
     note: &'static str,
-    logarithmic: bool,
+    pub logarithmic: bool,
     values: &'static [f64],
     scene: fn(f64) -> Scene,
 }
 
-const PLANS: [Plan; 5] = [
-    Plan {
+static SERIES: [Series; 5] = [
+    Series {
         name: "noise",
         quantity: "noise σ, white = 1",
         note: "Noise in both images.",
@@ -69,7 +42,7 @@ const PLANS: [Plan; 5] = [
         values: &[0.0, 0.005, 0.01, 0.02, 0.05],
         scene: |noise| Scene { noise, ..plane() },
     },
-    Plan {
+    Series {
         name: "exposure",
         quantity: "I2 darker by, %",
         note: "I2 <- (1 - e) I2 + 0.05 e.",
@@ -80,7 +53,7 @@ const PLANS: [Plan; 5] = [
             Scene { exposure, ..plane() }
         },
     },
-    Plan {
+    Series {
         name: "misalignment",
         quantity: "translation, % of the width",
         note: "The length of the translation, along (4, -3)/5; rotation 0.15°, scale 1 %.",
@@ -92,11 +65,11 @@ const PLANS: [Plan; 5] = [
             Scene { transform: Similarity::new(0.8 * length, -0.6 * length, 0.15, 1.01), ..scene }
         },
     },
-    Plan {
+    Series {
         name: "blur",
         quantity: "largest σ of the blur, px",
-        note: "V from σ² to -σ². The plane is 256 px high and the wider the more blur there is, 256 to 1024 px: V is \
-               taken for constant within a window, which is the less true the steeper V is.",
+        note: "V from σ² to -σ². The plane is 256 px high, and 256 to 1024 px wide: the more blur, the wider. The method \
+               takes V for constant within a window, which is the less true the steeper V is.",
         logarithmic: false,
         values: &[1.0, 2.0, 4.0, 6.0, 8.0, 11.0],
         scene: |sigma| {
@@ -105,7 +78,7 @@ const PLANS: [Plan; 5] = [
             Scene { width, shape: Shape::Plane { limit }, ..plane() }
         },
     },
-    Plan {
+    Series {
         name: "contrast",
         quantity: "contrast, white less black",
         note: "Noise σ 0.003 in both images.",
@@ -122,59 +95,76 @@ fn plane() -> Scene {
 /// Seeds of texture and noise.
 const SEEDS: [u64; 3] = [1, 2, 3];
 
-/// Runs every sweep.
-pub(super) fn run(bench: &mut Bench) -> Vec<Sweep> {
-    PLANS.iter().map(|plan| sweep(bench, plan)).collect()
+/// Runs every series.
+pub(super) fn run(runner: &mut Runner) -> Vec<Curve> {
+    SERIES.iter().map(|series| curve(runner, series)).collect()
 }
 
-fn sweep(bench: &mut Bench, plan: &Plan) -> Sweep {
-    let values = if bench.quick { &plan.values[1..2] } else { plan.values };
+fn curve(runner: &mut Runner, series: &'static Series) -> Curve {
+    let values = if runner.quick { &series.values[1..2] } else { series.values };
     let mut points = Vec::new();
     for &value in values {
-        bench.say(&format!("robustness: {}, {value}", plan.name));
-        points.push(point(bench, plan, value));
+        runner.log(&format!("robustness: {}, {value}", series.name));
+        points.push(point(runner, series, value));
     }
-    let edges = SYSTEMS.map(|system| edge(&points, system.name())).into();
-    let Plan { name, quantity, note, logarithmic, .. } = *plan;
-    Sweep { name, quantity, note, logarithmic, points, edges }
+    Curve { series, points }
 }
 
-fn point(bench: &mut Bench, plan: &Plan, value: f64) -> Point {
-    let seeds = if bench.quick { &SEEDS[..1] } else { &SEEDS };
-    let mut corners = SYSTEMS.map(|_| Vec::new());
+fn point(runner: &mut Runner, series: &Series, value: f64) -> Point {
+    let seeds = if runner.quick { &SEEDS[..1] } else { &SEEDS };
+    let mut corners = METHODS.map(|_| Vec::new());
     for &seed in seeds {
-        let mut scene = Scene { seed, ..(plan.scene)(value) };
-        if bench.quick {
+        let mut scene = Scene { seed, ..(series.scene)(value) };
+        if runner.quick {
             (scene.width, scene.height) = (scene.width / 2, scene.height / 2);
         }
         let pair = scene.render();
-        for (system, corners) in SYSTEMS.iter().zip(&mut corners) {
+        for (method, corners) in METHODS.into_iter().zip(&mut corners) {
             let corner = pair.as_ref().ok().and_then(|pair| {
-                let found = register(bench, [&pair.i1, &pair.i2], *system)?;
+                let found = register(runner, [&pair.i1, &pair.i2], method)?;
                 Some(found.corner_distance(&pair.transform, scene.width, scene.height)).filter(|c| c.is_finite())
             });
             corners.push(corner);
         }
     }
-    let samples = SYSTEMS.iter().zip(corners).map(|(system, corner_px)| Samples {
-        system: system.name(),
-        spread: Spread::of(&corner_px),
-        corner_px,
-    });
-    Point { value, systems: samples.collect() }
+    Point { value, spreads: corners.map(|corners| spread(&corners)) }
 }
 
-/// Registration alone; `None` where the system fails.
-fn register(bench: &mut Bench, pair: [&crate::base::Frame; 2], system: Method) -> Option<Similarity> {
-    bench.register(pair, &settings(system, &Kernel::Gaussian)).ok().map(|registered| registered.transform.at_centre())
+/// Registration alone; `None` where the method fails.
+fn register(runner: &mut Runner, pair: [&Frame; 2], method: Method) -> Option<Similarity> {
+    runner.register(pair, &settings(method, &Kernel::Gaussian)).ok().map(|registered| registered.transform.at_centre())
 }
 
-fn edge(points: &[Point], system: &'static str) -> Edge {
-    let holds =
-        |point: &&Point| point.systems.iter().find(|s| s.system == system).is_some_and(|s| s.spread.median <= PAPER_PX);
-    let within = points.iter().take_while(holds).count();
-    let value = |i: usize| points.get(i).map(|point| point.value);
-    Edge { system, holds_to: within.checked_sub(1).and_then(value), fails_at: value(within) }
+impl Curve {
+    /// The medians as a table, and where each method fails.
+    pub(super) fn section(&self) -> Section {
+        let Series { name, quantity, note, .. } = self.series;
+        let row = |case: Case, value: &dyn Fn(usize) -> Option<f64>| {
+            METHODS.iter().enumerate().fold(case, |case, (m, method)| case.value(method.name(), value(m)))
+        };
+        let point = |point: &Point| {
+            let spreads = METHODS.iter().zip(&point.spreads);
+            let spreads = spreads.map(|(m, s)| format!("{} {} to {}", m.name(), number(s[0]), number(s[2])));
+            row(Case::new(point.value.to_string()), &|m| Some(point.spreads[m][1]))
+                .note(spreads.collect::<Vec<_>>().join(", "))
+        };
+        let mut cases: Vec<Case> = self.points.iter().map(point).collect();
+        cases.push(row(Case::new("holds to"), &|m| self.edge(m)[0]));
+        cases.push(row(Case::new("fails at"), &|m| self.edge(m)[1]));
+        let what = format!(
+            "{note} Corner error of the slanted plane, 256 x 256 px, V ±4 px², by {quantity}: median over the seeds, px \
+             (least to greatest in the note); registration alone. A method fails where its median first exceeds \
+             {PAPER_PX} px, the paper's bound."
+        );
+        Section::without_bounds(format!("Robustness: {name}"), what, cases)
+    }
+
+    /// The last value before a method's median first exceeds the paper's bound, and the value at which it does.
+    fn edge(&self, method: usize) -> [Option<f64>; 2] {
+        let within = self.points.iter().take_while(|point| point.spreads[method][1] <= PAPER_PX).count();
+        let value = |i: usize| self.points.get(i).map(|point| point.value);
+        [within.checked_sub(1).and_then(value), value(within)]
+    }
 }
 
 #[cfg(test)]
@@ -182,22 +172,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_edge_is_the_last_value_before_the_first_failure() {
-        let point = |value: f64, corner: Option<f64>| {
-            let corner_px = vec![corner];
-            Point { value, systems: vec![Samples { system: "sift", spread: Spread::of(&corner_px), corner_px }] }
+    fn a_method_fails_at_the_first_value_beyond_the_bound() {
+        let point = |value: f64, corner: Option<f64>| Point { value, spreads: [spread(&[corner]); METHODS.len()] };
+        let values = [(1.0, Some(0.1)), (2.0, Some(0.25)), (3.0, None), (4.0, Some(0.1))];
+        let edge = |values: &[(f64, Option<f64>)]| {
+            let points = values.iter().map(|(value, corner)| point(*value, *corner)).collect();
+            Curve { series: &SERIES[0], points }.edge(0)
         };
-        let points = [point(1.0, Some(0.1)), point(2.0, Some(0.25)), point(3.0, None), point(4.0, Some(0.1))];
-        assert_eq!(edge(&points, "sift"), Edge { system: "sift", holds_to: Some(2.0), fails_at: Some(3.0) });
-        assert_eq!(edge(&points[..2], "sift").fails_at, None);
-        assert_eq!(edge(&points[2..], "sift"), Edge { system: "sift", holds_to: None, fails_at: Some(3.0) });
+        assert_eq!(edge(&values), [Some(2.0), Some(3.0)]);
+        assert_eq!(edge(&values[..2]), [Some(2.0), None]);
+        assert_eq!(edge(&values[2..]), [None, Some(3.0)]);
     }
 
     #[test]
-    fn every_scene_of_every_sweep_can_be_rendered() {
-        for plan in PLANS {
-            for value in plan.values {
-                (plan.scene)(*value).check().unwrap();
+    fn every_scene_of_every_series_can_be_rendered() {
+        for series in &SERIES {
+            for value in series.values {
+                (series.scene)(*value).check().unwrap();
             }
         }
     }

@@ -1,15 +1,16 @@
-//! What is measured and what it must be: sections of cases, each with its figures.
+//! What is measured: sections of cases, each a row of values beside their bounds, as Markdown and JSON.
 
 use serde::Serialize;
-
-use super::table::{DASH, Table, number};
 
 /// Cases that are measured alike.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Section {
-    pub name: &'static str,
+    pub name: String,
     /// What is measured, on what; sentences.
     pub what: String,
+    /// Whether its values have bounds: a case that cannot be measured then misses one.
+    #[serde(skip)]
+    bounded: bool,
     pub cases: Vec<Case>,
 }
 
@@ -17,22 +18,23 @@ pub(super) struct Section {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(super) struct Case {
     pub name: String,
-    pub figures: Vec<Figure>,
-    /// What else is to be known; why there is no figure, where there is none.
+    pub values: Vec<Value>,
+    /// Remarks; the reason where there is no value.
     pub note: String,
 }
 
-/// One number, and what it must be.
+/// One number and its bounds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Figure {
+pub(super) struct Value {
     /// The quantity, with its unit.
     pub name: &'static str,
     /// `null` where there is no answer.
     pub value: Option<f64>,
-    /// The least and the greatest that will do; neither where the figure is told for its own sake.
+    /// The least value that meets the bound; `null` for none.
     pub least: Option<f64>,
+    /// The greatest value that meets the bound; `null` for none.
     pub most: Option<f64>,
-    /// `null` where nothing is demanded. No answer is a miss.
+    /// `null` for a value without bounds. No answer is a miss.
     pub met: Option<bool>,
 }
 
@@ -41,9 +43,9 @@ impl Case {
         Self { name: name.into(), ..Self::default() }
     }
 
-    /// A case that cannot be measured.
-    pub(super) fn failed(name: impl Into<String>, why: impl Into<String>) -> Self {
-        Self::new(name).note(why)
+    /// A case that cannot be measured, with the reason.
+    pub(super) fn failed(name: impl Into<String>, reason: impl Into<String>) -> Self {
+        Self::new(name).note(reason)
     }
 
     pub(super) fn note(mut self, note: impl Into<String>) -> Self {
@@ -51,30 +53,40 @@ impl Case {
         self
     }
 
-    /// A figure for its own sake.
-    pub(super) fn told(self, name: &'static str, value: impl Into<Option<f64>>) -> Self {
-        self.figure(name, value.into(), [None, None])
+    /// Adds a value without bounds.
+    pub(super) fn value(self, name: &'static str, value: impl Into<Option<f64>>) -> Self {
+        self.bounded(name, value, [None, None])
     }
 
     pub(super) fn at_most(self, name: &'static str, value: impl Into<Option<f64>>, most: f64) -> Self {
-        self.figure(name, value.into(), [None, Some(most)])
+        self.bounded(name, value, [None, Some(most)])
     }
 
     pub(super) fn within(self, name: &'static str, value: impl Into<Option<f64>>, [least, most]: [f64; 2]) -> Self {
-        self.figure(name, value.into(), [Some(least), Some(most)])
+        self.bounded(name, value, [Some(least), Some(most)])
     }
 
-    fn figure(mut self, name: &'static str, value: Option<f64>, [least, most]: [Option<f64>; 2]) -> Self {
-        let value = value.filter(|v| v.is_finite());
-        let keeps = |v: f64| least.is_none_or(|least| v >= least) && most.is_none_or(|most| v <= most);
-        let met = (least.is_some() || most.is_some()).then(|| value.is_some_and(keeps));
-        self.figures.push(Figure { name, value, least, most, met });
+    pub(super) fn bounded(
+        mut self,
+        name: &'static str,
+        value: impl Into<Option<f64>>,
+        [least, most]: [Option<f64>; 2],
+    ) -> Self {
+        let value = value.into().filter(|v| v.is_finite());
+        let meets = |v: f64| least.is_none_or(|least| v >= least) && most.is_none_or(|most| v <= most);
+        let met = (least.is_some() || most.is_some()).then(|| value.is_some_and(meets));
+        self.values.push(Value { name, value, least, most, met });
         self
+    }
+
+    /// The value of this name; `None` where there is none.
+    pub(super) fn get(&self, name: &str) -> Option<f64> {
+        self.values.iter().find(|value| value.name == name)?.value
     }
 }
 
-impl Figure {
-    /// The value beside its bound; in bold where it misses it.
+impl Value {
+    /// The value beside its bound, in bold where it misses it.
     fn cell(&self) -> String {
         let value = number(self.value);
         let bound = match (self.least, self.most) {
@@ -88,41 +100,72 @@ impl Figure {
 }
 
 impl Section {
-    /// How many of the demands are met, and how many there are; a case that could not be measured is one that is not.
-    fn met(&self) -> [usize; 2] {
-        let failed = self.cases.iter().filter(|case| case.figures.is_empty()).count();
-        let judged = || self.cases.iter().flat_map(|case| &case.figures).filter_map(|figure| figure.met);
-        [judged().filter(|met| *met).count(), judged().count() + failed]
+    pub(super) fn new(name: impl Into<String>, what: impl Into<String>, cases: Vec<Case>) -> Self {
+        Self { name: name.into(), what: what.into(), bounded: true, cases }
     }
 
-    /// A heading, what was measured, and a row a case.
+    pub(super) fn without_bounds(name: impl Into<String>, what: impl Into<String>, cases: Vec<Case>) -> Self {
+        Self { bounded: false, ..Self::new(name, what, cases) }
+    }
+
+    /// How many bounds are met, and how many there are. A case without values counts as one bound that is missed.
+    fn met(&self) -> [usize; 2] {
+        let failed = self.cases.iter().filter(|case| self.bounded && case.values.is_empty()).count();
+        let bounded = || self.cases.iter().flat_map(|case| &case.values).filter_map(|value| value.met);
+        [bounded().filter(|met| *met).count(), bounded().count() + failed]
+    }
+
+    /// A heading, what is measured, and a table with a row for each case and a column for each value.
     fn markdown(&self) -> String {
-        let mut names: Vec<&str> = Vec::new();
-        for figure in self.cases.iter().flat_map(|case| &case.figures) {
-            if !names.contains(&figure.name) {
-                names.push(figure.name);
+        let mut columns: Vec<&str> = Vec::new();
+        for value in self.cases.iter().flat_map(|case| &case.values) {
+            if !columns.contains(&value.name) {
+                columns.push(value.name);
             }
         }
-        let mut table = Table::new(["case"].into_iter().chain(names.iter().copied()).chain(["note"]));
+        let line = |cells: Vec<String>| {
+            let cells: Vec<String> = cells.iter().map(|cell| cell.replace('|', "\\|").replace('\n', " ")).collect();
+            format!("| {} |\n", cells.join(" | "))
+        };
+        let head = ["case"].into_iter().chain(columns.iter().copied()).chain(["note"]).map(String::from).collect();
+        let mut table = line(head) + &format!("|{}\n", " --- |".repeat(columns.len() + 2));
         for case in &self.cases {
-            let cell =
-                |name: &&str| case.figures.iter().find(|f| f.name == *name).map_or(DASH.to_string(), Figure::cell);
-            let cells = names.iter().map(cell);
-            table.row([case.name.clone()].into_iter().chain(cells).chain([case.note.clone()]));
+            let cell = |name: &&str| case.values.iter().find(|v| v.name == *name).map_or(DASH.into(), Value::cell);
+            let cells = columns.iter().map(cell);
+            table += &line([case.name.clone()].into_iter().chain(cells).chain([case.note.clone()]).collect());
         }
-        let [met, of] = self.met();
-        format!("### {}: {met} of {of} met\n\n{}\n\n{}", self.name, self.what, table.markdown())
+        let heading = match self.met() {
+            [_, 0] => self.name.clone(),
+            [met, of] => format!("{}: {met} of {of} met", self.name),
+        };
+        format!("### {heading}\n\n{}\n\n{table}", self.what)
     }
 }
 
-/// A part of the report under a heading; nothing where nothing was measured.
+/// A part of the report under a heading; empty without sections.
 pub(super) fn markdown(heading: &str, sections: &[Section]) -> String {
     if sections.is_empty() {
         return String::new();
     }
     let sum = |n: usize| sections.iter().map(|section| section.met()[n]).sum::<usize>();
     let text: Vec<String> = sections.iter().map(Section::markdown).collect();
-    format!("## {heading}\n\nDefault settings: {} of {} bounds are met.\n\n{}", sum(0), sum(1), text.join("\n"))
+    format!("## {heading}\n\n{} of {} bounds are met.\n\n{}", sum(0), sum(1), text.join("\n"))
+}
+
+/// Stands for a value that does not exist.
+const DASH: &str = "–";
+
+/// A number with three significant digits; a dash for none and for one that is not finite.
+pub(super) fn number(value: impl Into<Option<f64>>) -> String {
+    let Some(value) = value.into().filter(|v| v.is_finite()) else { return DASH.to_string() };
+    if value == 0.0 {
+        return "0".to_string();
+    }
+    let exponent = value.abs().log10().floor() as i32;
+    match exponent {
+        -7..=5 => format!("{value:.*}", (2 - exponent).max(0) as usize),
+        _ => format!("{value:.2e}"),
+    }
 }
 
 #[cfg(test)]
@@ -130,18 +173,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bound_is_met_missed_or_none() {
-        let case = Case::new("a").at_most("x", 2.0, 2.0).at_most("y", f64::NAN, 1.0).within("z", -0.3, [-0.2, 0.2]);
-        let case = case.told("w", 7.0).note("n");
-        assert_eq!(
-            case.figures.iter().map(|f| f.met).collect::<Vec<_>>(),
-            [Some(true), Some(false), Some(false), None]
-        );
-        let section = Section { name: "s", what: "What.".to_string(), cases: vec![case, Case::failed("b", "absent")] };
+    fn a_bound_is_met_missed_or_absent() {
+        let case = Case::new("a|b").at_most("x", 2.0, 2.0).at_most("y", f64::NAN, 1.0).within("z", -0.3, [-0.2, 0.2]);
+        let case = case.value("w", 7.0).note("n");
+        assert_eq!(case.values.iter().map(|f| f.met).collect::<Vec<_>>(), [Some(true), Some(false), Some(false), None]);
+        assert_eq!((case.get("z"), case.get("y"), case.get("v")), (Some(-0.3), None, None));
+        let section = Section::new("s", "What.", vec![case, Case::failed("b", "absent")]);
         assert_eq!(section.met(), [1, 4]);
         let text = "### s: 1 of 4 met\n\nWhat.\n\n| case | x | y | z | w | note |\n| --- | --- | --- | --- | --- | --- |\n\
-                    | a | 2.00 ≤ 2.00 | **–** not ≤ 1.00 | **-0.300** not in -0.200 to 0.200 | 7.00 | n |\n\
+                    | a\\|b | 2.00 ≤ 2.00 | **–** not ≤ 1.00 | **-0.300** not in -0.200 to 0.200 | 7.00 | n |\n\
                     | b | – | – | – | – | absent |\n";
         assert_eq!(section.markdown(), text);
+    }
+
+    #[test]
+    fn numbers_have_three_digits() {
+        let cases = [(0.0, "0"), (0.00123456, "0.00123"), (-12.345, "-12.3"), (1234.5, "1234"), (1e-9, "1.00e-9")];
+        for (value, text) in cases {
+            assert_eq!(number(value), text);
+        }
+        assert_eq!((number(None), number(f64::NAN)), (DASH.to_string(), DASH.to_string()));
     }
 }

@@ -1,75 +1,64 @@
-//! Whether the image sharp all over is as sharp as its sharpest frame everywhere.
+//! Whether the fused image is everywhere as sharp as the sharpest frame.
 
 use std::path::Path;
 
-use super::truth::solved;
+use super::super::runner::Runner;
+use super::super::section::{Case, Section};
+use super::{FRAMES, solve_counted};
 use crate::base::{Error, Frame};
 use crate::files::image_io;
-use crate::lab::evaluate::bench::Bench;
-use crate::lab::evaluate::section::{Case, Section};
 use crate::lab::scene::{Preset, Scene, SweepScene};
 use crate::solve::focus_stack::Sweep;
 use crate::solve::resample::{brightened, luminance, onto};
 
-/// Frames of a simulated sweep, and the deviation of their noise, white = 1.
-const FRAMES: usize = 11;
+/// Standard deviation of the noise of simulated sweeps, white = 1.
 const NOISE: f64 = 0.003;
-/// Of a quick run.
+/// Size of a quick run, px.
 const SMALL: [u32; 2] = [160, 128];
-/// Within the data; the frames' numbers run in fives.
+/// Folder within the data, and the numbers of the frames.
 const HEAT_SINK: &str = "heatsink";
 const NUMBERS: [u32; 7] = [10, 15, 20, 25, 30, 35, 40];
 /// Side of a tile, px.
 const TILE: usize = 32;
-/// A tile has texture where the variance of the Laplacian is so many times as large in one frame as in another: where it is not, focus
-/// makes no difference.
+/// A tile has texture where the variance of the Laplacian of one frame is at least this many times that of another: where
+/// it is not, focus makes no difference.
 const TEXTURED: f64 = 4.0;
 /// The share of the sharpest frame's variance that a tile must have, and the share of tiles that must, %.
 const SHARP: f64 = 0.95;
 const ENOUGH: f64 = 99.0;
 
 /// The heat sink, and simulated sweeps with edges that hide what is behind them.
-pub(super) fn section(bench: &mut Bench, data: &Path) -> Section {
+pub(super) fn section(runner: &mut Runner, data: &Path) -> Section {
     let presets = [Preset::Card, Preset::Blocks, Preset::Bars];
-    let presets = if bench.quick { &presets[..1] } else { &presets[..] };
-    let mut cases: Vec<Case> = presets.iter().map(|preset| simulated(bench, *preset)).collect();
-    if !bench.quick {
-        cases.push(heat_sink(bench, &data.join(HEAT_SINK)));
+    let presets = if runner.quick { &presets[..1] } else { &presets[..] };
+    let simulated = |preset: &Preset| {
+        let mut scene = Scene { noise: NOISE, ..preset.scene() };
+        if runner.quick {
+            [scene.width, scene.height] = SMALL;
+        }
+        runner.case("sweeps: fused image", scene.name.clone(), |runner, case| {
+            let frames = SweepScene::new(scene, FRAMES).render().map_err(|e| e.to_string())?.frames;
+            Ok(judge(case, &solve_counted(runner, &frames)?, &frames))
+        })
+    };
+    let mut cases: Vec<Case> = presets.iter().map(simulated).collect();
+    if !runner.quick {
+        cases.push(runner.case("sweeps: fused image", "heat sink", |runner, case| {
+            let read = NUMBERS.iter().map(|n| image_io::read(&data.join(HEAT_SINK).join(format!("frame_{n}.png"))));
+            let frames = read.collect::<Result<Vec<Frame>, Error>>().map_err(|e| e.to_string())?;
+            Ok(judge(case, &solve_counted(runner, &frames)?, &frames))
+        }));
     }
     let what = format!(
-        "Variance of the Laplacian in tiles of {TILE} px against that of the sharpest frame there, registered by a cubic spline: of tiles \
-         where one frame has {TEXTURED} times that of another, how many have {SHARP} of it; of the others, what the median tile has. \
-         Simulated sweeps of {FRAMES} frames, noise {NOISE}, and the seven frames of the heat sink, by default settings."
+        "Variance of the Laplacian in tiles of {TILE} px against that of the sharpest frame there, registered by a cubic \
+         spline. A tile has texture where one frame has {TEXTURED} times the variance of another: the share of these tiles \
+         with {SHARP} of the sharpest frame's; of the other tiles, the median share. Simulated sweeps of {FRAMES} frames, \
+         noise {NOISE}, and the seven frames of the heat sink, by default settings."
     );
-    Section { name: "Fused image", what, cases }
+    Section::new("Fused image", what, cases)
 }
 
-fn simulated(bench: &mut Bench, preset: Preset) -> Case {
-    let mut scene = Scene { noise: NOISE, ..preset.scene() };
-    if bench.quick {
-        [scene.width, scene.height] = SMALL;
-    }
-    let name = scene.name.to_string();
-    bench.say(&format!("sweeps: fused image of {name}"));
-    let rendered = SweepScene::new(scene, FRAMES).render().map_err(|e| e.to_string());
-    let found = rendered.and_then(|sweep| Ok((solved(bench.engine(), &sweep.frames, counted(FRAMES))?, sweep.frames)));
-    found.map_or_else(|e| Case::failed(name.clone(), e), |(sweep, frames)| judged(&sweep, &frames, name.clone()))
-}
-
-fn heat_sink(bench: &mut Bench, folder: &Path) -> Case {
-    let name = "heat sink";
-    bench.say("sweeps: fused image of the heat sink");
-    let read = NUMBERS.iter().map(|n| image_io::read(&folder.join(format!("frame_{n}.png"))));
-    let frames = read.collect::<Result<Vec<Frame>, Error>>().map_err(|e| e.to_string());
-    let found = frames.and_then(|frames| Ok((solved(bench.engine(), &frames, counted(frames.len()))?, frames)));
-    found.map_or_else(|e| Case::failed(name, e), |(sweep, frames)| judged(&sweep, &frames, name.to_string()))
-}
-
-fn counted(frames: usize) -> Vec<f64> {
-    (0..frames).map(|n| n as f64).collect()
-}
-
-fn judged(sweep: &Sweep, frames: &[Frame], name: String) -> Case {
+fn judge(case: Case, sweep: &Sweep, frames: &[Frame]) -> Case {
     let size = [sweep.width as usize, sweep.height as usize];
     let registered = |n: usize| {
         let values = luminance(brightened(&frames[n], &sweep.brightness[n], sweep.decode), frames[n].format().channels);
@@ -79,18 +68,18 @@ fn judged(sweep: &Sweep, frames: &[Frame], name: String) -> Case {
     let fused = variances(&luminance(sweep.fused.clone(), sweep.fused_channels), size);
     let (textured, flat) = shares(&frames, &fused);
     let sharp = 100.0 * textured.iter().filter(|share| **share >= SHARP).count() as f64 / textured.len() as f64;
-    let case = Case::new(name).within("as sharp as the sharpest frame, % of tiles", sharp, [ENOUGH, 100.0]);
-    let case = case.told("least share of a tile", textured.iter().copied().reduce(f64::min));
+    let case = case.within("as sharp as the sharpest frame, % of tiles", sharp, [ENOUGH, 100.0]);
+    let case = case.value("least share of a tile", textured.iter().copied().reduce(f64::min));
     let note = format!("{} tiles with texture, {} without", textured.len(), flat.len());
-    case.told("share of the median tile without texture", median(flat)).note(note)
+    case.value("share of the median tile without texture", median(flat)).note(note)
 }
 
-/// What tiles of the fused image have of the sharpest frame's variance: those with texture, and those without.
+/// Each tile's variance in the fused image over that in the sharpest frame: tiles with texture, and tiles without.
 fn shares(frames: &[Vec<f64>], fused: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let (mut textured, mut flat) = (Vec::new(), Vec::new());
     for (tile, fused) in fused.iter().enumerate() {
-        let shown = || frames.iter().map(|frame| frame[tile]).filter(|variance| variance.is_finite());
-        let (most, least) = (shown().fold(0.0, f64::max), shown().fold(f64::INFINITY, f64::min));
+        let variances = || frames.iter().map(|frame| frame[tile]).filter(|variance| variance.is_finite());
+        let (most, least) = (variances().fold(0.0, f64::max), variances().fold(f64::INFINITY, f64::min));
         if most > 0.0 {
             (if most >= TEXTURED * least { &mut textured } else { &mut flat }).push(fused / most);
         }
@@ -123,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tiles_are_judged_by_the_sharpest_frame_that_shows_them() {
+    fn tiles_are_compared_with_the_sharpest_frame_that_shows_them() {
         // Checks of ±a have a Laplacian of ±8a, whose variance is 64 a².
         let checks =
             |a: f32| (0..64 * 32).map(|i| if (i % 64 + i / 64) % 2 == 0 { a } else { -a }).collect::<Vec<f32>>();

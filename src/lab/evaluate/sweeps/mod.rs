@@ -1,20 +1,281 @@
-//! How well focus sweeps are solved: what is demanded of them, measured, by default settings and beside shape from focus; and how sharp the fused image is.
+//! How well focus sweeps are solved by default settings, beside shape from focus.
 
-mod flat;
 mod fused;
-mod generated;
-mod simulated;
-mod truth;
 
 use std::path::Path;
 
-use super::bench::Bench;
-use super::section::Section;
-
-/// Measures everything.
-pub(super) fn run(bench: &mut Bench, data: &Path) -> Vec<Section> {
-    vec![generated::section(bench, data), simulated::section(bench), flat::section(bench), fused::section(bench, data)]
-}
+use super::errors::{BORDER, Coverage, inside, spread};
+use super::runner::Runner;
+use super::section::{Case, Section};
+use crate::base::random::Random;
+use crate::base::{Decode, Error, Frame, Settings, centre};
+use crate::files::image_io;
+use crate::lab::baseline::shape_from_focus;
+use crate::lab::scene::{Preset, Scene, SimulatedSweep, SweepScene};
+use crate::solve::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
 
 /// The heading in the report.
-pub(super) const HEADING: &str = "Sweeps";
+pub(super) const HEADING: &str = "Focus sweeps";
+
+/// Measures everything.
+pub(super) fn run(runner: &mut Runner, data: &Path) -> Vec<Section> {
+    vec![generated(runner, data), simulated(runner), flat_patch(runner), fused::section(runner, data)]
+}
+
+const ERROR: &str = "MAD, frames";
+const BEYOND: &str = "off by more than a frame, %";
+
+/// Errors of the focus u, in frames. A pixel without an answer is off by more than any number.
+struct Errors {
+    /// Median of the absolute error.
+    median: f64,
+    /// Share of the pixels whose error is above a frame.
+    beyond: f64,
+    /// Share of the pixels without an answer.
+    unanswered: f64,
+}
+
+impl Errors {
+    /// Of u and the truth, where there is one.
+    fn of(pixels: impl Iterator<Item = (f32, f32)>) -> Self {
+        let known = pixels.filter(|(_, truth)| truth.is_finite());
+        let errors: Vec<f64> = known.map(|(u, truth)| f64::from(u - truth).abs()).collect();
+        let share = |f: &dyn Fn(f64) -> bool| errors.iter().filter(|e| f(**e)).count() as f64 / errors.len() as f64;
+        let (within, answered) = (share(&|e| e <= 1.0), share(&f64::is_finite));
+        let errors: Vec<Option<f64>> = errors.iter().map(|e| e.is_finite().then_some(*e)).collect();
+        Self { median: spread(&errors)[1], beyond: 1.0 - within, unanswered: 1.0 - answered }
+    }
+
+    /// Adds the errors, with a bound on the median.
+    fn bounded(&self, case: Case, most: f64) -> Case {
+        let case = case.at_most(ERROR, self.median, most).at_most(BEYOND, 100.0 * self.beyond, 0.2);
+        case.value("no answer, %", 100.0 * self.unanswered)
+    }
+}
+
+/// Solves a sweep by default settings, values as stored.
+fn solve(runner: &Runner, frames: &[Frame], positions: Vec<f64>) -> Result<Sweep, String> {
+    let settings = Settings { decode: Decode::None, ..Settings::default() };
+    let options = SweepOptions { settings, positions: Positions::Settings(positions), ..SweepOptions::default() };
+    solve_sweep(runner.engine, frames, &options, &mut |_, _| {}).map_err(|e| e.to_string())
+}
+
+/// Solves a sweep whose positions count its frames.
+fn solve_counted(runner: &Runner, frames: &[Frame]) -> Result<Sweep, String> {
+    solve(runner, frames, (0..frames.len()).map(|n| n as f64).collect())
+}
+
+/// Adds errors of u and whether σ covers them, over some pixels of a sweep whose positions count frames.
+fn judge(case: Case, sweep: &Sweep, truth: &[f32], pixels: &[usize], most: f64) -> Case {
+    let errors = Errors::of(pixels.iter().map(|&i| (sweep.focus[i], truth[i])));
+    let error = |&i: &usize| (f64::from(sweep.focus[i] - truth[i]), f64::from(sweep.uncertainty[i]));
+    Coverage::of(pixels.iter().map(error)).within(errors.bounded(case, most))
+}
+
+/// Folder of the generated stacks within the data.
+const GENERATED: &str = "cou";
+const STACKS: [&str; 3] = ["1", "2", "3"];
+/// Steps between the frames that are used, and the bound of the median error, frames.
+const STEPS: [(usize, f64); 4] = [(1, 0.045), (2, 0.055), (4, 0.09), (8, 0.12)];
+/// The steps of a quick run.
+const QUICK_STEPS: &[(usize, f64)] = STEPS.split_at(2).1;
+const MOST_FRAMES: usize = 999;
+
+/// Generated stacks of known focus, with all frames and with fewer.
+fn generated(runner: &mut Runner, data: &Path) -> Section {
+    let (stacks, steps) = if runner.quick { (&STACKS[..1], QUICK_STEPS) } else { (&STACKS[..], &STEPS[..]) };
+    let cases = stacks.iter().flat_map(|name| generated_stack(runner, &data.join(GENERATED), name, steps)).collect();
+    let what = "Corentin Cou's generated stacks, 41 frames of JPEG: all of them, and every 2nd, 4th and 8th, by default \
+                settings; below each, shape from focus (modified Laplacian, window of σ 4 px). A pixel without an answer \
+                counts as off by more than a frame.";
+    Section::new("Generated stacks", what, cases)
+}
+
+fn generated_stack(runner: &mut Runner, folder: &Path, name: &str, steps: &[(usize, f64)]) -> Vec<Case> {
+    let stack = match Stack::read(&folder.join(name)) {
+        Ok(stack) => stack,
+        Err(e) => return vec![Case::failed(format!("stack {name}"), e)],
+    };
+    let pixels: Vec<usize> = (0..stack.truth.len()).filter(|&i| stack.truth[i].is_finite()).collect();
+    let mut cases = Vec::new();
+    for (step, most) in steps {
+        let (frames, positions) = stack.every(*step);
+        let name = format!("stack {name}, {} frames", frames.len());
+        cases.push(runner.case("sweeps", name.clone(), |runner, case| {
+            let sweep = solve(runner, &frames, positions.clone())?;
+            Ok(judge(case, &sweep, &stack.truth, &pixels, *most))
+        }));
+        cases.push(runner.case("sweeps", format!("{name}: shape from focus"), |_, case| {
+            let focus = shape_from_focus(&frames, &positions, Decode::None).map_err(|e| e.to_string())?;
+            let errors = Errors::of(focus.into_iter().zip(stack.truth.iter().copied()));
+            Ok(case.value(ERROR, errors.median).value(BEYOND, 100.0 * errors.beyond))
+        }));
+    }
+    cases
+}
+
+/// A generated stack.
+struct Stack {
+    frames: Vec<Frame>,
+    /// The index of the frame in focus at each pixel; NaN where that is not known.
+    truth: Vec<f32>,
+}
+
+impl Stack {
+    /// Reads `image_1.jpg` and all that follow it, and `truth.exr`.
+    fn read(folder: &Path) -> Result<Self, String> {
+        let file = |n: usize| folder.join(format!("image_{n}.jpg"));
+        let count = (2..=MOST_FRAMES).find(|n| !file(*n).is_file()).unwrap_or(MOST_FRAMES + 1) - 1;
+        let read = || {
+            let (width, height, truth) = image_io::read_field(&folder.join("truth.exr"))?;
+            let frames = (1..=count).map(|n| image_io::read(&file(n))).collect::<Result<Vec<Frame>, Error>>()?;
+            Ok::<_, Error>((Self { frames, truth }, [width, height]))
+        };
+        let (stack, size) = read().map_err(|e| e.to_string())?;
+        let other = stack.frames.iter().position(|frame| [frame.width(), frame.height()] != size);
+        match other {
+            None => Ok(stack),
+            Some(n) => Err(format!("truth.exr is {size:?} px and image_{}.jpg is not", n + 1)),
+        }
+    }
+
+    /// Every `step`-th frame from the first on, and their indices.
+    fn every(&self, step: usize) -> (Vec<Frame>, Vec<f64>) {
+        let chosen = || (0..self.frames.len()).step_by(step);
+        (chosen().map(|k| self.frames[k].clone()).collect(), chosen().map(|k| k as f64).collect())
+    }
+}
+
+/// Frames of the sweeps that are rendered.
+const FRAMES: usize = 11;
+
+/// A rendered sweep that breathes, drifts, turns, brightens and vignettes.
+fn simulated(runner: &mut Runner) -> Section {
+    const NOISE: f64 = 0.005;
+    let mut scene = Scene { noise: NOISE, ..Preset::Relief.scene() };
+    if runner.quick {
+        [scene.width, scene.height] = [160, 120];
+    }
+    let scene = SweepScene {
+        breathing: 0.05,
+        drift: 10.0,
+        rotation: 0.3f64.to_radians(),
+        gain_drift: 0.05,
+        vignetting: 0.06,
+        ..SweepScene::new(scene, FRAMES)
+    };
+    let case = runner.case("sweeps", format!("{}, {FRAMES} frames", scene.scene.name), |runner, case| {
+        let SimulatedSweep { frames, shots, focus, .. } = scene.render().map_err(|e| e.to_string())?;
+        let sweep = solve(runner, &frames, shots.iter().map(|shot| shot.position).collect())?;
+        let pixels: Vec<usize> = inside(sweep.width, sweep.height, BORDER).collect();
+        let corners = sweep.transforms.iter().zip(&shots);
+        let corners = corners.map(|(t, shot)| t.corner_distance(shot.transform, sweep.width, sweep.height));
+        let case = judge(case, &sweep, &focus, &pixels, 0.1);
+        let case = case.at_most("worst corner, px", corners.fold(0.0, f64::max), 0.05);
+        Ok(case.note(format!("c {:.4} px², true {:.4}", sweep.blur_rate, scene.blur_rate)))
+    });
+    let what = format!(
+        "A rendered sweep that breathes by 5 %, drifts by 10 px, turns by 0.3°, brightens by ±5 % and vignettes by ±6 %, \
+         noise {NOISE}, by default settings: the worst corner of a frame, and the focus, {BORDER} px along the border left \
+         out."
+    );
+    Section::new("Simulated sweep", what, vec![case])
+}
+
+/// Standard deviations of the noise of the flat patch, white = 1. A quick run has the middle one.
+const PATCH_NOISES: [f64; 3] = [0.001, 0.005, 0.02];
+/// Half the side of the patch in the middle of 256 px, px.
+const HALF: f64 = 65.0;
+/// Distance from the patch's border at which texture is complete, px: so slow that blur hardly carries any into it.
+const FADES: f64 = 24.0;
+/// Pixels along the border of the patch that are not judged: there the window that judges a deviation, σ 4 px, has
+/// texture.
+const LEFT_OUT: f64 = 16.0;
+
+/// A patch without texture: the share of it that is said to have a focus.
+fn flat_patch(runner: &mut Runner) -> Section {
+    let noises = if runner.quick { &PATCH_NOISES[1..2] } else { &PATCH_NOISES[..] };
+    let rendered = SweepScene::new(Preset::Plane.scene(), FRAMES).render().map_err(|e| e.to_string());
+    let case = |&noise: &f64| {
+        runner.case("sweeps: flat patch", format!("noise {noise}"), |runner, case| {
+            let sweep = solve_counted(runner, &patched(&rendered.as_ref()?.frames, noise)?)?;
+            Ok(judge_patch(case, &sweep))
+        })
+    };
+    let cases = noises.iter().map(case).collect();
+    let what = format!(
+        "A slanted plane of 256 x 256 px in {FRAMES} frames, in its middle a patch of {0} x {0} px without texture: the \
+         share of the patch, and of what is around it, that has a focus, {LEFT_OUT} px along both borders left out; and \
+         the share of the whole patch.",
+        2.0 * HALF
+    );
+    Section::new("Flat patch", what, cases)
+}
+
+fn judge_patch(case: Case, sweep: &Sweep) -> Case {
+    let size = [sweep.width, sweep.height];
+    let valid = |counts: &dyn Fn(f64) -> bool| {
+        let all: Vec<bool> =
+            (0..sweep.focus.len()).filter(|i| counts(outside(*i, size))).map(|i| sweep.focus[i].is_finite()).collect();
+        100.0 * all.iter().filter(|valid| **valid).count() as f64 / all.len() as f64
+    };
+    let border = 0.5 * f64::from(size[0]) - HALF - LEFT_OUT;
+    let case = case.at_most("of the patch, %", valid(&|distance| distance < -LEFT_OUT), 1.0);
+    let case = case.value("of all of it, %", valid(&|distance| distance < 0.0));
+    case.within("around, %", valid(&|distance| distance > FADES && distance < border), [99.0, 100.0])
+}
+
+/// Frames under noise, whose texture is removed in the patch.
+fn patched(frames: &[Frame], noise: f64) -> Result<Vec<Frame>, String> {
+    let mut random = Random::new(1, 0);
+    let mut patch = |frame: &Frame| {
+        let size = [frame.width(), frame.height()];
+        let value = |(i, v): (usize, &f32)| {
+            let texture = (outside(i, size) / FADES).clamp(0.0, 1.0);
+            let smooth = texture * texture * (3.0 - 2.0 * texture);
+            (0.5 + smooth * (f64::from(*v) - 0.5) + noise * random.normal()) as f32
+        };
+        Frame::gray(size[0], size[1], frame.intensities(Decode::None).iter().enumerate().map(value).collect())
+    };
+    frames.iter().map(&mut patch).collect()
+}
+
+/// Distance of a pixel from the border of the patch, px; negative inside.
+fn outside(i: usize, [width, height]: [u32; 2]) -> f64 {
+    let [x, y] = centre(width, height);
+    let (column, row) = ((i % width as usize) as f64, (i / width as usize) as f64);
+    (column - x).abs().max((row - y).abs()) - HALF
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pixel_without_answer_is_off_and_one_without_truth_is_left_out() {
+        let nan = f32::NAN;
+        let pixels = [(1.0, 1.5), (nan, 1.0), (3.0, nan), (2.0, 2.0), (5.0, 3.0)];
+        let errors = Errors::of(pixels.into_iter());
+        assert_eq!((errors.median, errors.beyond, errors.unanswered), (2.0, 0.5, 0.25));
+        let met: Vec<_> = errors.bounded(Case::new("x"), 2.0).values.iter().map(|f| f.met).collect();
+        assert_eq!(met, [Some(true), Some(false), None]);
+        assert_eq!(Errors::of([].into_iter()).median, f64::INFINITY);
+    }
+
+    #[test]
+    fn an_absent_stack_is_named() {
+        let folder = tempfile::TempDir::new().unwrap();
+        let read = || Stack::read(folder.path()).err().unwrap();
+        assert!(read().contains("truth.exr") && read().contains("no such file"), "{}", read());
+    }
+
+    #[test]
+    fn frames_keep_their_indices_when_others_are_left_out() {
+        let frame = Frame::gray(16, 16, vec![0.5; 256]).unwrap();
+        let stack = Stack { frames: vec![frame; 41], truth: vec![f32::NAN, 3.0] };
+        for (step, count) in [(1, 41), (2, 21), (4, 11), (8, 6)] {
+            let (frames, positions) = stack.every(step);
+            assert_eq!((frames.len(), positions[count - 1]), (count, 40.0));
+        }
+    }
+}

@@ -1,0 +1,259 @@
+//! The pairs that are measured: scenes with their truth, a displaced photograph, and photographs.
+
+use std::f64::consts::PI;
+use std::path::{Path, PathBuf};
+
+use super::runner::{Runner, settings};
+use crate::base::color::LUMINANCE;
+use crate::base::{Channels, Decode, Frame, Kernel, Method, Samples, Settings, Similarity, centre};
+use crate::engine::Solution;
+use crate::engine::stages::{Field, ingest};
+use crate::files::export::Nearer;
+use crate::files::image_io;
+use crate::lab::scene::{self, Preset, Scene, Shape};
+
+/// A pair whose registration is known.
+pub(super) struct KnownPair {
+    pub images: [Frame; 2],
+    pub transform: Similarity,
+    /// V at each pixel of I1, px²; empty where it is not known.
+    pub relative_blur: Vec<f32>,
+    pub kernel: Kernel,
+}
+
+impl KnownPair {
+    pub(super) fn render(scene: &Scene) -> Result<Self, String> {
+        let pair = scene.render().map_err(|e| e.to_string())?;
+        let kernel = match scene.kernel {
+            scene::Kernel::Gaussian => Kernel::Gaussian,
+            scene::Kernel::Pillbox => Kernel::Pillbox,
+            scene::Kernel::HalfGaussian => Kernel::HalfGaussian,
+        };
+        let (images, transform) = ([pair.i1, pair.i2], pair.transform);
+        Ok(Self { images, transform, relative_blur: pair.relative_blur, kernel })
+    }
+
+    pub(super) fn solve(&self, runner: &mut Runner, settings: &Settings) -> Result<Solution, String> {
+        runner.solve(self.images.each_ref(), settings)
+    }
+
+    /// The default settings. An asymmetric kernel is stated, as a user would have to.
+    pub(super) fn default_settings(&self) -> Settings {
+        default_settings(&self.kernel)
+    }
+}
+
+/// The default settings for a pair of this kernel, which is stated only where it is asymmetric; samples as stored.
+pub(super) fn default_settings(kernel: &Kernel) -> Settings {
+    let kernel = match kernel {
+        Kernel::Gaussian | Kernel::Pillbox => Kernel::Auto,
+        other => other.clone(),
+    };
+    Settings { kernel, decode: Decode::None, ..Settings::default() }
+}
+
+/// Two photographs of a data set, in a folder of its name.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct PhotographedPair {
+    pub name: &'static str,
+    files: [&'static str; 2],
+    /// Which photograph is focused nearer. A lens that refocuses moves out for near objects and magnifies them: where
+    /// T has a scale above 1, I2 is the nearer.
+    pub nearer: Nearer,
+}
+
+const PAIRS: [PhotographedPair; 6] = [
+    PhotographedPair { name: "heatsink", files: ["frame_15.png", "frame_30.png"], nearer: Nearer::Second },
+    PhotographedPair { name: "pcb-header", files: ["pcb_003.jpg", "pcb_005.jpg"], nearer: Nearer::First },
+    PhotographedPair { name: "pcb-macro", files: ["pcb_003.JPG", "pcb_006.JPG"], nearer: Nearer::Second },
+    PhotographedPair { name: "dimple", files: ["image05.jpg", "image09.jpg"], nearer: Nearer::First },
+    PhotographedPair { name: "leaves", files: ["02sm.png", "04sm.png"], nearer: Nearer::First },
+    CUP,
+];
+
+/// The Watanabe and Nayar pair, which is telecentric and aligned: the paper displaces it.
+const CUP: PhotographedPair =
+    PhotographedPair { name: "cup", files: ["breakfast_near.png", "breakfast_far.png"], nearer: Nearer::First };
+
+/// Least width to which a quick run reduces photographs, px.
+const QUICK_WIDTH: u32 = 240;
+
+impl PhotographedPair {
+    pub(super) fn all() -> impl Iterator<Item = Self> {
+        PAIRS.into_iter()
+    }
+
+    /// The files of the pair that do not exist.
+    pub(super) fn missing(&self, data: &Path) -> Vec<PathBuf> {
+        self.paths(data).into_iter().filter(|path| !path.is_file()).collect()
+    }
+
+    fn paths(&self, data: &Path) -> [PathBuf; 2] {
+        self.files.map(|file| data.join(self.name).join(file))
+    }
+
+    /// Reads the photographs; a quick run reduces them.
+    pub(super) fn read(&self, data: &Path, quick: bool) -> Result<[Frame; 2], String> {
+        let [first, second] = self.paths(data);
+        let (i1, i2) = image_io::read_pair(&first, &second).map_err(|e| e.to_string())?;
+        let factor = if quick { (i1.width() / QUICK_WIDTH).max(1) } else { 1 };
+        if factor == 1 { Ok([i1, i2]) } else { Ok([reduced(&i1, factor)?, reduced(&i2, factor)?]) }
+    }
+}
+
+/// A pair of Table 1.
+pub(super) struct TablePair {
+    pub name: String,
+    pub source: Source,
+}
+
+/// Where a pair of Table 1 comes from.
+pub(super) enum Source {
+    Scene(Box<Scene>),
+    /// The Cup, whose I2 is displaced.
+    Cup,
+}
+
+impl TablePair {
+    /// The pairs of Table 1: scenes with symmetric blur, scenes with asymmetric blur, and the Cup if it exists.
+    pub(super) fn all(data: &Path, quick: bool) -> Vec<Self> {
+        let symmetric: &[Preset] =
+            if quick { &[Preset::Plane] } else { &[Preset::Plane, Preset::Relief, Preset::Steps, Preset::Cylinders] };
+        let sigmas: &[f64] = if quick { &[2.5] } else { &[1.0, 1.5, 2.5] };
+        let asymmetric: &[Preset] =
+            if quick { &[Preset::HalfGaussianDots] } else { &[Preset::HalfGaussianTexture, Preset::HalfGaussianDots] };
+        let symmetric = symmetric.iter().map(|preset| (preset.name().to_string(), preset.scene()));
+        let asymmetric = asymmetric.iter().flat_map(|preset| {
+            sigmas.iter().map(|sigma| {
+                let shape = Shape::Uniform { variance: sigma * sigma };
+                (format!("{}, σ {sigma}", preset.name()), Scene { shape, ..preset.scene() })
+            })
+        });
+        let scenes = symmetric.chain(asymmetric).map(|(name, mut scene)| {
+            if quick {
+                (scene.width, scene.height) = (128, 128);
+            }
+            Self { name, source: Source::Scene(Box::new(scene)) }
+        });
+        let cup =
+            CUP.missing(data).is_empty().then(|| Self { name: "cup, displaced".to_string(), source: Source::Cup });
+        scenes.chain(cup).collect()
+    }
+
+    /// The pair, and the same pair without displacement.
+    pub(super) fn prepare(&self, runner: &mut Runner, data: &Path) -> Result<[KnownPair; 2], String> {
+        match &self.source {
+            Source::Scene(scene) => {
+                let aligned = Scene { transform: Similarity::IDENTITY, ..(**scene).clone() };
+                Ok([KnownPair::render(scene)?, KnownPair::render(&aligned)?])
+            }
+            Source::Cup => {
+                let [i1, i2] = CUP.read(data, runner.quick)?;
+                // The small displacement of the photographs themselves is part of the truth.
+                let own =
+                    runner.solve([&i1, &i2], &settings(Method::Unified, &Kernel::Gaussian))?.transform.at_centre();
+                let by = Similarity::new(1.8, 2.3, 0.2, 1.01);
+                let pair = |i2: Frame, transform| KnownPair {
+                    images: [i1.clone(), i2],
+                    transform,
+                    relative_blur: Vec::new(),
+                    kernel: Kernel::Gaussian,
+                };
+                Ok([pair(displaced(&i2, &by)?, by.after(&own)), pair(i2, Similarity::IDENTITY)])
+            }
+        }
+    }
+}
+
+/// Neighbours on either side that the interpolation reads. Its response is flat to 0.8 of the Nyquist frequency.
+const RADIUS: isize = 12;
+
+/// The grey frame J with `J(T x) = frame(x)`, interpolated by a sinc under a squared cosine.
+fn displaced(frame: &Frame, transform: &Similarity) -> Result<Frame, String> {
+    let (width, height) = (frame.width(), frame.height());
+    let grey = ingest::twin(frame, Decode::None, LUMINANCE);
+    let (back, c) = (transform.inverse(), centre(width, height));
+    let places = (0..height).flat_map(|y| (0..width).map(move |x| [f64::from(x), f64::from(y)]));
+    Frame::gray(width, height, places.map(|place| read(&grey, back.apply(place, c)) as f32).collect())
+}
+
+/// The field at a place between its pixels, mirrored about its border.
+fn read(field: &Field, [x, y]: [f64; 2]) -> f64 {
+    let ((left, columns), (top, rows)) = (taps(x), taps(y));
+    let row = |j: isize| -> f64 { columns.iter().zip(left..).map(|(w, i)| w * field.mirrored(i, j)).sum() };
+    rows.iter().zip(top..).map(|(w, j)| w * row(j)).sum()
+}
+
+/// The first neighbour, and the weights from there on, whose sum is 1.
+fn taps(place: f64) -> (isize, [f64; 2 * RADIUS as usize]) {
+    let first = place.floor() as isize - RADIUS + 1;
+    let weight = |n: usize| {
+        let d = PI * (place - (first + n as isize) as f64);
+        let sinc = if d.abs() < 1e-9 { 1.0 } else { d.sin() / d };
+        sinc * (d / (2.0 * RADIUS as f64)).cos().powi(2)
+    };
+    let weights: [f64; 2 * RADIUS as usize] = std::array::from_fn(weight);
+    let sum: f64 = weights.iter().sum();
+    (first, weights.map(|w| w / sum))
+}
+
+/// The frame reduced by a factor: means of `factor` x `factor` pixels of each colour, as floats.
+fn reduced(frame: &Frame, factor: u32) -> Result<Frame, String> {
+    let (width, height) = (frame.width() / factor, frame.height() / factor);
+    let channels = frame.format().channels;
+    let planes: Vec<Field> = match channels {
+        Channels::Gray => vec![ingest::twin(frame, Decode::None, LUMINANCE)],
+        Channels::Rgb => {
+            let one = |c: usize| [0, 1, 2].map(|k| if k == c { 1.0 } else { 0.0 });
+            (0..3).map(|c| ingest::twin(frame, Decode::None, one(c))).collect()
+        }
+    };
+    let mean = |plane: &Field, x: u32, y: u32| {
+        let square = (0..factor).flat_map(|j| (0..factor).map(move |i| (x * factor + i, y * factor + j)));
+        square.map(|(x, y)| plane.get(x as usize, y as usize)).sum::<f64>() / f64::from(factor * factor)
+    };
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    let samples = pixels.flat_map(|(x, y)| planes.iter().map(move |plane| mean(plane, x, y) as f32)).collect();
+    Frame::new(width, height, channels, Samples::F32(samples))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_displaced_wave_is_the_wave_elsewhere() {
+        let wave = |[x, y]: [f64; 2]| 0.5 + 0.3 * (0.9 * x + 0.4 * y).cos() + 0.1 * (1.3 * y).sin();
+        let (width, height) = (80, 64);
+        let at = |i: u32| wave([f64::from(i % width), f64::from(i / width)]) as f32;
+        let frame = Frame::gray(width, height, (0..width * height).map(at).collect()).unwrap();
+        let t = Similarity::new(1.8, 2.3, 0.2, 1.01);
+        let moved = displaced(&frame, &t).unwrap();
+        let Samples::F32(values) = moved.samples() else { panic!("not floats") };
+        for y in 20..44 {
+            for x in 20..60 {
+                let expected = wave(t.inverse().apply([f64::from(x), f64::from(y)], centre(width, height)));
+                assert!((f64::from(values[(y * width + x) as usize]) - expected).abs() < 2e-3, "({x}, {y})");
+            }
+        }
+    }
+
+    #[test]
+    fn reducing_takes_means_of_each_colour() {
+        let samples = vec![0, 10, 20, 255, 30, 40, 0, 0, 0, 255, 0, 0];
+        let frame = Frame::new(2, 2, Channels::Rgb, Samples::U8(samples)).unwrap();
+        let Samples::F32(values) = reduced(&frame, 2).unwrap().samples().clone() else { panic!("not floats") };
+        for (found, expected) in values.iter().zip([127.5, 10.0, 15.0]) {
+            assert!((f64::from(*found) * 255.0 - expected).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn missing_files_of_a_pair_are_named() {
+        let empty = tempfile::TempDir::new().unwrap();
+        assert_eq!(CUP.missing(empty.path())[0], empty.path().join("cup/breakfast_near.png"));
+        assert!(TablePair::all(empty.path(), false).iter().all(|pair| !pair.name.contains("cup")));
+        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
+        assert!(PAIRS[0].missing(&data).is_empty());
+    }
+}
