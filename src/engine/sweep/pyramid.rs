@@ -2,7 +2,7 @@
 
 use super::device::{Limits, SweepDevice};
 use super::pairs::{self, MAX_RELATIVE_BLUR, PairSums};
-use super::start::{Frames, Grid, NOISE_CORRELATION};
+use super::start::{Frames, NOISE_CORRELATION};
 use super::uncertainty::FinalSystem;
 use super::validity::{self, ExcludedPixels, Rectangle};
 use super::{SweepInput, spacing, start};
@@ -249,20 +249,20 @@ impl PyramidSolver {
     /// setting.
     fn start(&mut self, first: usize, input: &SweepInput<'_>) -> Result<(SharedParameters, Field), Error> {
         let reference = input.reference;
-        let level = &self.plan.pyramid[first];
-        let images = self.device.read(Slot::Frames { level: first }, level.size, 0..self.frames as u32)?;
-        let frames = Frames { images: &images, grid: Grid { factor: level.factor, centre: level.centre } };
+        let frames = self.read_frames(first)?;
         let transforms = start::register(&frames, reference, self.plan.settings.motion.unknowns());
         let brightness = if self.plan.settings.photometric {
             start::brightness(&frames, &transforms, reference)
         } else {
             vec![(1.0, Shading::NONE); self.frames]
         };
-        let factor = level.factor;
         let resampled = start::resample(&frames, &transforms, &brightness);
         let (mut settings, mut rate) = (input.settings.to_vec(), start::rate(&resampled, input.settings));
         if !input.are_settings_known {
-            let finer = || self.resample_finer(first, &transforms, &brightness);
+            let finer = || {
+                let finer = first.checked_sub(1).map(|level| self.read_frames(level)).transpose()?;
+                Ok::<_, Error>(finer.map(|frames| start::resample(&frames, &transforms, &brightness)))
+            };
             if let Some(uneven) = spacing::uneven_settings(&resampled, &settings, rate, finer)? {
                 rate = start::rate(&resampled, &uneven);
                 settings = uneven;
@@ -275,7 +275,7 @@ impl PyramidSolver {
             settings,
             middle,
             reference,
-            rate: rate * factor * factor,
+            rate: rate * frames.level.factor * frames.level.factor,
             transforms,
             resampled: vec![None; self.frames],
             brightness,
@@ -284,18 +284,10 @@ impl PyramidSolver {
         Ok((shared, focus))
     }
 
-    /// The frames on the reference's pixels of the next finer level, if there is one.
-    fn resample_finer(
-        &mut self,
-        first: usize,
-        transforms: &[Homography],
-        brightness: &[(f64, Shading)],
-    ) -> Result<Option<Vec<Field>>, Error> {
-        let Some(index) = first.checked_sub(1) else { return Ok(None) };
-        let level = &self.plan.pyramid[index];
-        let images = self.device.read(Slot::Frames { level: index }, level.size, 0..self.frames as u32)?;
-        let frames = Frames { images: &images, grid: Grid { factor: level.factor, centre: level.centre } };
-        Ok(Some(start::resample(&frames, transforms, brightness)))
+    fn read_frames(&mut self, level: usize) -> Result<Frames, Error> {
+        let (slot, level) = (Slot::Frames { level }, self.plan.pyramid[level].clone());
+        let images = self.device.read(slot, level.size, 0..self.frames as u32)?;
+        Ok(Frames { images, level })
     }
 
     /// One iteration on a level: steps of u, T and c.

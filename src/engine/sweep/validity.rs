@@ -155,7 +155,7 @@ pub(super) fn intersection([a, b]: [Rectangle; 2]) -> Rectangle {
 }
 
 /// Where T takes a place, both in pixels of a level.
-fn mapped(t: &Homography, level: &Level, [x, y]: [f64; 2]) -> [f64; 2] {
+pub(super) fn mapped(t: &Homography, level: &Level, [x, y]: [f64; 2]) -> [f64; 2] {
     let d = t.displacement([level.factor * (x - level.centre[0]), level.factor * (y - level.centre[1])]);
     [x + d[0] / level.factor, y + d[1] / level.factor]
 }
