@@ -1,4 +1,4 @@
-//! What a solve did, dispatch by dispatch: for [`bench`](crate::bench).
+//! What a solve did, dispatch by dispatch: for [`bench`](crate::internals::bench).
 
 use std::time::Instant;
 

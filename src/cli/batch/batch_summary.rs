@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use parfocal::batch_html::{Entry, batch_page};
-use parfocal::bounded_read;
 use parfocal::export::PAGE_FILE;
+use parfocal::internals::bounded_read;
+use parfocal::page::batch_html::{Entry, batch_page};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{FileKind, Palette, Solved, SolvedSweep, holds_sweep};
-use parfocal::figure;
+use parfocal::page::figure;
 use serde::Serialize;
 use serde_json::Value;
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{DEPTH_FILE, DepthReport, RangeReport, Solved, SolvedSweep, SweepDepthReport, holds_sweep};
-use parfocal::figure::PEN;
+use parfocal::page::figure::PEN;
 
 use crate::cli::commands::view::VIEW;
 use crate::cli::options::colors::ColorsArgument;

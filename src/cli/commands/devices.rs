@@ -1,6 +1,6 @@
 //! `parfocal devices`: what there is to run on.
 
-use parfocal::{DeviceInfo, Engine, Error};
+use parfocal::{Engine, Error, settings::DeviceInfo};
 use serde::Serialize;
 
 use crate::cli::output::failure::{Failure, print};

@@ -1,8 +1,8 @@
 //! `parfocal measure`: step heights and profiles of a folder that has been solved.
 
-use parfocal::Estimate;
 use parfocal::export::{Measurements, Solved, SolvedSweep, StepReport, Wanted, holds_sweep};
-use parfocal::figure::PEN;
+use parfocal::metric::Estimate;
+use parfocal::page::figure::PEN;
 
 use crate::cli::commands::depth::decimals;
 use crate::cli::options::headings::MEASUREMENTS;

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use parfocal::export::{
     Destination, FILES, FileKind, Results, SWEEP_FILES, Solved, SolvedSweep, holds_sweep, states_a_lens,
 };
-use parfocal::figure;
-use parfocal::view::{Surface, View};
+use parfocal::page::figure;
+use parfocal::page::view::{Surface, View};
 
 use crate::cli::options::colors::ColorsArgument;
 use crate::cli::output::destination::{self, ForceArgument};

@@ -6,10 +6,15 @@ use parfocal::export::{
     self, Additions, Arrays, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look,
     Measurable, Measurements, Nearer, PAGE_FILE, Report, Texture, TextureReport,
 };
-use parfocal::figure::PEN;
 use parfocal::image_io::{Input, Photograph, Values};
-use parfocal::report_html::{Page, residual};
-use parfocal::{Decode, Depth, DeviceInfo, Frame, Lens, MetricDepth, Settings, Solution, SolveOptions};
+use parfocal::page::figure::PEN;
+use parfocal::page::report_html::{Page, residual};
+use parfocal::{
+    Frame, Lens, Settings, Solution, SolveOptions,
+    frame::Depth,
+    metric::MetricDepth,
+    settings::{Decode, DeviceInfo},
+};
 
 use crate::cli::jobs::request::Request;
 use crate::cli::options::models::SurfaceOf;

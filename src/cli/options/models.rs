@@ -2,9 +2,9 @@
 
 use clap::ValueEnum;
 use parfocal::export::{self, ArrayKind, Arrays, Depth16, Extra, Nearer, Palette, SurfaceReport};
-use parfocal::focus_stack::Sweep;
 use parfocal::model::{Model, Points};
-use parfocal::{Error, Frame, MetricDepth, Region, Solution};
+use parfocal::sweep::Sweep;
+use parfocal::{Error, Frame, Region, Solution, metric::MetricDepth};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 

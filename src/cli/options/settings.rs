@@ -7,7 +7,11 @@ use std::sync::LazyLock;
 
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use parfocal::image_io::RawFormat;
-use parfocal::{Kernel, Method, Motion, Photometric, Setting, Settings, export, image_io};
+use parfocal::{
+    Settings, export, image_io,
+    internals::Setting,
+    settings::{Kernel, Method, Motion, Photometric},
+};
 
 use crate::cli::batch::batch_summary::REPORT;
 use crate::cli::options::config_file::ConfigArgument;

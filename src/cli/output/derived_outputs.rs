@@ -2,8 +2,8 @@
 
 use parfocal::export::{Arrays, Extra, PAGE_FILE, Palette, Solved, SolvedSweep};
 use parfocal::model::Points;
-use parfocal::report_html::EarlierPage;
-use parfocal::{Frame, MetricDepth};
+use parfocal::page::report_html::EarlierPage;
+use parfocal::{Frame, metric::MetricDepth};
 use serde_json::Value;
 
 use crate::cli::options::models::{Models, SurfaceOf};

@@ -4,7 +4,11 @@ use std::path::Path;
 
 use parfocal::export::{DeviceReport, Palette, RegistrationReport, Report, ShadingReport, TimingsReport};
 use parfocal::image_io::{Basis, Input, Values};
-use parfocal::{Decode, Homography, Method, OtherMotion, Photometric};
+use parfocal::{
+    results::OtherMotion,
+    settings::{Decode, Method, Photometric},
+    transform::Homography,
+};
 
 use crate::cli::commands::depth;
 use crate::cli::commands::measure;
@@ -147,8 +151,11 @@ fn blur(report: &Report) -> String {
 mod tests {
     use parfocal::export::{Nearer, Palette, Report};
     use parfocal::{
-        Channels, DeviceInfo, Findings, LevelHistory, Photometric, Region, Settings, Shading, Similarity, Solution,
-        Timings,
+        Region, Settings, Solution,
+        frame::Channels,
+        results::{Findings, LevelHistory, Timings},
+        settings::{DeviceInfo, Photometric},
+        transform::{Shading, Similarity},
     };
 
     use super::*;

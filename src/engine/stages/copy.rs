@@ -1,4 +1,4 @@
-//! A field as it is, from image to image. No part of the method: [`bench`](crate::bench) measures by it what the memory
+//! A field as it is, from image to image. No part of the method: [`bench`](crate::internals::bench) measures by it what the memory
 //! under the other passes does at most.
 
 use bytemuck::{Pod, Zeroable};

@@ -37,8 +37,8 @@ pub(crate) struct Recorder {
     timestamps: Timestamps,
     /// Whether the part under way is left out by the device itself.
     in_condition: bool,
-    /// Whether all goes into a command buffer of someone else's, who began it and ends it.
-    is_foreign: bool,
+    /// For a command buffer of the embedding program, which begins and ends it: the word that says that it was executed to its end.
+    completion: Option<Arc<Buffer>>,
 }
 
 impl Recorder {
@@ -54,13 +54,26 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Goes on in a command buffer of someone else's, all parts one behind the other.
-    pub(crate) fn into(device: &Arc<Device>, commands: Commands) -> Self {
+    /// The completion word while commands have not been executed to their end.
+    pub(crate) const PENDING: u32 = 0;
+    /// The completion word afterwards.
+    pub(crate) const DONE: u32 = 1;
+
+    /// Records all parts into a command buffer of the embedding program. Each execution sets the completion word to
+    /// [`PENDING`](Self::PENDING) first and to [`DONE`](Self::DONE) last.
+    pub(crate) fn into(device: &Arc<Device>, commands: Commands, completion: &Arc<Buffer>) -> Self {
         let mut recorder = Self::onto(device, Timestamps::default());
-        recorder.is_foreign = true;
         recorder.parts.push(CommandBuffer { commands: commands.0, optional: false });
+        recorder.keep(completion.clone());
+        recorder.completion = Some(completion.clone());
         recorder.barrier();
+        recorder.set_completion(completion, Self::PENDING);
         recorder
+    }
+
+    fn set_completion(&self, completion: &Buffer, word: u32) {
+        // SAFETY: the part is being recorded; the word lies within the buffer, which is kept alive.
+        unsafe { self.device.handle.cmd_fill_buffer(self.part(), completion.handle, 0, 4, word) };
     }
 
     /// Starts a recording of one part with what an earlier one leaves: its pool, which was reset, its command buffers, its
@@ -92,7 +105,7 @@ impl Recorder {
             keep: Vec::new(),
             timestamps,
             in_condition: false,
-            is_foreign: false,
+            completion: None,
         }
     }
 
@@ -137,7 +150,7 @@ impl Recorder {
     }
 
     fn begin_part(&mut self, optional: bool) -> Result<(), Error> {
-        if self.is_foreign {
+        if self.completion.is_some() {
             self.barrier();
             return Ok(());
         }
@@ -171,7 +184,7 @@ impl Recorder {
             unsafe { (conditional.fp().cmd_end_conditional_rendering_ext)(self.part()) };
         }
         self.host_barrier();
-        if self.is_foreign {
+        if self.completion.is_some() {
             return Ok(());
         }
         self.timestamps.end_part(self.part());
@@ -379,6 +392,21 @@ impl Recorder {
     /// Ends the recording; what was written is visible to the host once it is done.
     pub(crate) fn finish(mut self) -> Result<Recording, Error> {
         self.end_part()?;
+        if let Some(completion) = self.completion.take() {
+            // After all that the host reads is visible to it.
+            self.memory_barrier(
+                (
+                    vk::PipelineStageFlags2::TRANSFER | vk::PipelineStageFlags2::COMPUTE_SHADER,
+                    vk::AccessFlags2::TRANSFER_WRITE | vk::AccessFlags2::SHADER_STORAGE_WRITE,
+                ),
+                (
+                    vk::PipelineStageFlags2::HOST | vk::PipelineStageFlags2::TRANSFER,
+                    vk::AccessFlags2::HOST_READ | vk::AccessFlags2::TRANSFER_WRITE,
+                ),
+            );
+            self.set_completion(&completion, Self::DONE);
+            self.host_barrier();
+        }
         let timestamps = std::mem::take(&mut self.timestamps);
         Recording::new(
             &self.device,

@@ -24,7 +24,7 @@ impl DmaBuf {
     ///
     /// # Safety
     /// - It is a dma-buf, or a file in memory that stays as long as it is, so that no page of it goes while it is mapped.
-    /// - From when a pair that takes rows of it is submitted until they are taken ([`PairSolver::wait_taken`](crate::PairSolver::wait_taken)), nobody writes
+    /// - From when a pair that takes rows of it is submitted until they are taken ([`Pending::wait_fetched`](crate::Pending::wait_fetched)), nobody writes
     ///   from the first of those rows to the end of the last.
     pub unsafe fn new(fd: OwnedFd, bytes: usize) -> Self {
         Self { fd, bytes }

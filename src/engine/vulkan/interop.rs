@@ -149,15 +149,16 @@ impl Wait {
 pub struct Commands(pub(super) vk::CommandBuffer);
 
 impl Commands {
-    /// A primary command buffer that is being recorded, outside of a render pass and of conditional rendering. What is bound for compute and pushed
-    /// as constants is another's afterwards. All of a solve is one submission: where a driver ends what takes seconds, that must be short.
+    /// Wraps a primary command buffer that is being recorded, outside of a render pass and of conditional rendering. Afterwards other
+    /// pipelines, descriptor sets and push constants are bound for compute. All of a solve is one submission: it must be short on
+    /// drivers that end submissions of some seconds.
     ///
     /// # Safety
-    /// - It is of the engine's device, of the engine's queue family, and of one thread meanwhile.
+    /// - It belongs to the engine's device and queue family, and is used by one thread meanwhile.
     /// - It is executed only while nothing else of the solver is, since all pairs of a solver share memory of the device.
-    /// - It is executed while no results of the slot are lent, and nothing of it is pending while results are asked for, while the solver is told
-    ///   another mask, lends its memory or takes another pair, and when the solver goes. After the slot has taken another pair it is executed no more.
-    /// - Where recording fails, it is reset.
+    /// - It is not pending while results of its [`Encoded`](crate::interop::Encoded) are borrowed or when that is dropped, and is not
+    ///   executed afterwards.
+    /// - If recording fails, it is reset.
     pub unsafe fn new(commands: vk::CommandBuffer) -> Self {
         Self(commands)
     }
@@ -186,12 +187,12 @@ impl Drop for QueueGuard<'_> {
 #[cfg(test)]
 mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
-    use std::time::Duration;
 
     use super::*;
     use crate::base::{Error, Frame, Settings};
     use crate::engine::vulkan::{Instance, OPTIONAL_EXTENSIONS, OnDevice, require};
-    use crate::engine::{Engine, EngineOptions, PairSolver, testing};
+    use crate::engine::{Engine, EngineOptions, testing};
+    use crate::solve::{PairSolver, SolveOptions};
 
     /// Counts turns, and sees that there is one at a time.
     #[derive(Default)]
@@ -283,7 +284,8 @@ mod tests {
 
     fn bits(engine: &Engine) -> Vec<u32> {
         let [i1, i2] = pair();
-        let solved = PairSolver::for_pair(engine, &i1, &i2, &Settings::default()).unwrap().solve(&i1, &i2).unwrap();
+        let solved =
+            PairSolver::new(engine, &Settings::default()).unwrap().solve([&i1, &i2], &SolveOptions::default()).unwrap();
         solved.relative_blur.iter().map(|v| v.to_bits()).collect()
     }
 
@@ -371,14 +373,12 @@ mod tests {
         let (program, turns) = (Program::new(true), Arc::new(SharedQueue::default()));
         let engine = Engine::from_vulkan(program.foreign(&turns), &EngineOptions::default()).unwrap();
         let [i1, i2] = pair();
-        let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
-        let ticket = solver.submit(0, &i1, &i2).unwrap();
-        let found = program.copied(&solver.on_device(&ticket).unwrap());
-        let view = solver.wait(&ticket, Duration::MAX).unwrap().unwrap();
+        let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
+        let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default()).unwrap();
+        let found = program.copied(&pending.on_device());
+        let view = pending.wait().unwrap();
         let planes = [view.relative_blur(), view.uncertainty(), view.residual(), view.fused(0).unwrap()].concat();
         assert_eq!(found, planes.iter().map(|v| v.to_bits()).collect::<Vec<_>>());
-        solver.submit(0, &i1, &i2).unwrap();
-        assert!(matches!(solver.on_device(&ticket), Err(Error::Mismatch(_))), "another pair has the slot");
     }
 
     #[test]

@@ -173,17 +173,6 @@ impl Buffer {
         Ok(())
     }
 
-    /// A mapped buffer, lent to be written.
-    ///
-    /// Of one that a lane of a solver has for itself, while it lends itself by `&mut`: nobody else then asks for its bytes.
-    #[allow(clippy::mut_from_ref, reason = "the lane that it is of is borrowed in its place")]
-    pub(crate) fn lend(&self) -> Result<&mut [u8], Error> {
-        assert!(!self.is_lent, "what is lent to be read is not written");
-        let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
-        // SAFETY: the mapping is as long as the buffer; the lane waited for what it had submitted, and is borrowed for as long as the bytes are.
-        Ok(unsafe { std::slice::from_raw_parts_mut(mapped.as_ptr().cast::<u8>(), self.size as usize) })
-    }
-
     /// Writes one word of a mapped buffer, at a byte offset, which the device may be reading: it sees this word or the one before.
     pub(crate) fn signal(&self, offset: u64, word: u32) -> Result<(), Error> {
         assert!(!self.is_lent && offset.is_multiple_of(4) && offset + 4 <= self.size, "a word of what the host writes");
@@ -194,6 +183,15 @@ impl Buffer {
         let place = unsafe { AtomicU32::from_ptr(mapped.as_ptr().cast::<u8>().add(offset as usize).cast::<u32>()) };
         place.store(word, Ordering::Release);
         Ok(())
+    }
+
+    /// Reads one word of a mapped buffer, at a byte offset, which the device may be writing.
+    pub(crate) fn load(&self, offset: u64) -> Result<u32, Error> {
+        assert!(offset.is_multiple_of(4) && offset + 4 <= self.size, "a word of the buffer");
+        let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
+        // SAFETY: the word lies within the mapping and is aligned, since mappings are to more than a word.
+        let word = unsafe { AtomicU32::from_ptr(mapped.as_ptr().cast::<u8>().add(offset as usize).cast::<u32>()) };
+        Ok(word.load(Ordering::Acquire))
     }
 
     /// A mapped buffer that the host reads, where it is.

@@ -33,7 +33,7 @@ pub(crate) use instance::Instance;
 pub(crate) use instance::unconditional;
 pub use interop::{Commands, ExternalDevice, QueueGuard, QueueLock, Wait};
 pub(crate) use memory::{Buffer, Image, Texel, image_limits};
-pub use on_device::OnDevice;
+pub use on_device::{OnDevice, ResultBuffer};
 pub use optional_extensions::OPTIONAL_EXTENSIONS;
 pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Stage, Variant};
 pub(crate) use recording::Recording;

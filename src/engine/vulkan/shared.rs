@@ -25,7 +25,7 @@ impl HostMemory {
     ///
     /// # Safety
     /// - They stay mapped, where they are, for as long as what [`Engine::share`](crate::Engine::share) makes of them lives.
-    /// - From when a pair that takes rows of them is submitted until they are taken ([`PairSolver::wait_taken`](crate::PairSolver::wait_taken)), nobody writes
+    /// - From when a pair that takes rows of them is submitted until they are taken ([`Pending::wait_fetched`](crate::Pending::wait_fetched)), nobody writes
     ///   from the first of those rows to the end of the last.
     pub unsafe fn new(start: NonNull<u8>, bytes: usize) -> Self {
         Self { start, bytes }

@@ -8,8 +8,8 @@ use ash::vk;
 use super::commands::Recorder;
 use super::memory::Buffer;
 
-/// A photograph in memory of the engine's device ([`Source::OnDevice`](crate::Source::OnDevice)): the device fetches it, and its owner may overwrite it
-/// once [`PairSolver::wait_taken`](crate::PairSolver::wait_taken) or [`OnDevice::taken`](super::OnDevice::taken) says so.
+/// A photograph in memory of the engine's device ([`Source::OnDevice`](crate::frame::Source::OnDevice)): the device fetches it, and its owner may overwrite it
+/// once [`Pending::wait_fetched`](crate::Pending::wait_fetched) or [`OnDevice::taken`](super::OnDevice::taken) says so.
 #[derive(Clone, Copy, Debug)]
 pub struct DeviceSource(Place);
 

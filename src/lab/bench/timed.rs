@@ -3,10 +3,10 @@
 use std::time::Instant;
 
 use super::{Cold, Dispatches, LevelReport, Memory, Options, PassReport, Relaxation, RunReport, Spread};
-use crate::base::{Error, Frame, Settings};
+use crate::base::{CancellationToken, Error, Frame, Settings};
 use crate::engine::arguments;
 use crate::engine::profile::{Profile, Reading};
-use crate::engine::{Engine, PairSolver, Solution};
+use crate::engine::{Engine, PairOptions, PreparedSolver, Solution};
 
 /// The passes that relax: by half-iterations, and small levels in one.
 const RELAX: [&str; 2] = ["relax", "relax_level"];
@@ -38,7 +38,7 @@ pub(super) fn run(
     pair: &mut Option<[Frame; 2]>,
 ) -> Result<(Timed, Profile), Error> {
     let prepare =
-        |reading| PairSolver::prepare(1, engine, size, options.input.formats(), settings, Some(false), reading);
+        |reading| PreparedSolver::new(engine, size, options.input.formats(), settings, 1, Some(false), reading);
     let started = Instant::now();
     let mut solver = prepare(Reading::Never)?;
     let prepare_ms = milliseconds(started);
@@ -46,9 +46,11 @@ pub(super) fn run(
         Some(pair) => pair,
         None => pair.insert(options.input.pair(size)?),
     };
+    let cancel = CancellationToken::default();
+    let pair_options = PairOptions::new(None, &cancel, &|_| ());
     let mut solve = || {
         let started = Instant::now();
-        let device_ms = solver.solve_in_place(i1, i2)?.timings.gpu_ms;
+        let device_ms = solver.solve([i1, i2], pair_options)?.wait()?.timings.gpu_ms;
         Ok::<_, Error>((milliseconds(started), device_ms))
     };
     let (first_ms, _) = solve()?;
@@ -59,8 +61,8 @@ pub(super) fn run(
     let (solve_ms, device_ms) = measured.into_iter().unzip();
     drop(solver);
     let mut solver = prepare(if options.traced { Reading::Dispatches } else { Reading::Passes })?;
-    let last = solver.solve(i1, i2)?;
-    let profile = solver.profile()?;
+    let mut solved = solver.solve([i1, i2], pair_options)?;
+    let (last, profile) = (solved.wait()?.to_owned(), solved.profile()?);
     let (device, host) = solver.plan().bytes();
     let pixels = f64::from(size[0]) * f64::from(size[1]);
     let timed = Timed {

@@ -1,7 +1,7 @@
 //! Contact sheets: labelled panels in rows and columns.
 //!
 //! ```
-//! use parfocal::contact_sheet::{Panel, Row, Sheet};
+//! use parfocal::internals::contact_sheet::{Panel, Row, Sheet};
 //! use parfocal::export::{Nearer, Scale};
 //!
 //! let (raw, ours) = (vec![0.0; 64 * 48], vec![1.5; 64 * 48]);
@@ -16,7 +16,7 @@
 //! );
 //! # let folder = tempfile::TempDir::new().unwrap();
 //! # let sheet_png = folder.path().join("sheet.png");
-//! parfocal::figure::write_png(&sheet_png, &sheet.draw())?;
+//! parfocal::page::figure::write_png(&sheet_png, &sheet.draw())?;
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
