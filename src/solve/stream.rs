@@ -10,7 +10,8 @@ use std::time::Duration;
 use super::queue::{Job, Queue};
 use crate::base::{CancellationToken, Error, Format, Frame, Settings};
 use crate::engine::{Engine, PairOptions, Pending, PreparedSolver, Solution, Source};
-use crate::solve::focus_stack::{Sweep, SweepOptions, solve_sweep};
+use crate::solve::SolveOptions;
+use crate::solve::sweep::{Sweep, SweepOptions, SweepSolver};
 
 /// Solves many pairs of one size and format and returns their results in the same order.
 ///
@@ -126,7 +127,8 @@ impl Stream {
 }
 
 impl Stream<Vec<Frame>, Sweep> {
-    /// Makes a stream of focus sweeps of three or more frames each; size and format may change from sweep to sweep. On each device
+    /// Makes a stream of focus sweeps of three or more frames each. Size, format and number of frames may change from sweep to sweep;
+    /// sweeps of one kind reuse a [`SweepSolver`]. On each device
     /// `threads` threads (at least 1) solve one sweep each. Two keep a device busy, since much of a sweep is computed on the host; each
     /// needs the memory of a sweep.
     ///
@@ -149,15 +151,15 @@ impl Stream<Vec<Frame>, Sweep> {
     /// ```
     ///
     /// # Errors
-    /// [`Error::NoDevice`] without engines, [`Error::NoThread`]. The error of a sweep is its result.
+    /// [`Error::Setting`], [`Error::NoDevice`] without engines, [`Error::NoThread`]. The error of a sweep is its result.
     pub fn of_sweeps(engines: &[&Engine], threads: usize, options: &SweepOptions) -> Result<Self, Error> {
         let threads = threads.max(1);
         let mut stream = Self::without_workers(engines, threads, threads.saturating_mul(engines.len()))?;
         for engine in engines {
             for _ in 0..threads {
-                let (queue, engine, options) = (stream.queue.clone(), (*engine).clone(), options.clone());
-                let worker = SweepWorker { queue, engine: engine.clone(), options, taken: None, fault: None };
-                stream.start(&engine, || worker.run())?;
+                let (queue, solver) = (stream.queue.clone(), SweepSolver::new(engine, options)?);
+                let worker = SweepWorker { queue, solver, taken: None, fault: None };
+                stream.start(engine, || worker.run())?;
             }
         }
         Ok(stream)
@@ -350,8 +352,7 @@ impl Drop for PairWorker {
 /// A thread that solves one sweep after the other. Its work on the host overlaps with the device's work for other threads.
 struct SweepWorker {
     queue: Arc<Queue<Vec<Frame>, Result<Sweep, Error>>>,
-    engine: Engine,
-    options: SweepOptions,
+    solver: SweepSolver,
     taken: Option<Job<Vec<Frame>>>,
     fault: Option<Error>,
 }
@@ -361,7 +362,7 @@ impl SweepWorker {
     fn run(mut self) {
         while let Some(job) = self.queue.take(true) {
             let job = self.taken.insert(job);
-            match solve_sweep(&self.engine, &job.input, &self.options) {
+            match self.solver.solve(&job.input, &SolveOptions::default()) {
                 Err(error) if is_device_fault(&error) => {
                     self.fault = Some(error);
                     return;

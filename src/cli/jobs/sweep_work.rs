@@ -11,9 +11,9 @@ use parfocal::export::{
 use parfocal::image_io::{self, Input, Photograph, Values};
 use parfocal::page::figure::PEN;
 use parfocal::page::report_html::SweepPage;
-use parfocal::sweep::{Positions, Sweep, SweepOptions, register_sweep, solve_sweep};
+use parfocal::sweep::{Positions, Sweep, SweepOptions};
 use parfocal::{
-    Engine, Error, Frame, Progress, Settings, SolveOptions,
+    Engine, Error, Frame, Progress, Settings, SolveOptions, SweepSolver,
     frame::{Channels, Depth, Format},
     settings::{DeviceInfo, Method},
 };
@@ -44,6 +44,8 @@ pub(crate) struct SweepFrames {
     pub(crate) inputs: Vec<Input>,
     /// With values decoded as the files say, unless that is stated.
     options: SweepOptions,
+    /// The part of the frames.
+    part: SolveOptions,
     values: Values,
     /// What reading took.
     read_ms: f64,
@@ -51,9 +53,8 @@ pub(crate) struct SweepFrames {
 
 impl SweepJob {
     /// How it is solved, but for the part of the frames.
-    fn options(&self, request: &Request, settings: Settings) -> SweepOptions {
-        let scope = SolveOptions { crop_valid: request.part.crop_valid, ..SolveOptions::default() };
-        SweepOptions { settings, positions: self.positions.clone(), reference: self.reference, scope }
+    fn options(&self, settings: Settings) -> SweepOptions {
+        SweepOptions { settings, positions: self.positions.clone(), reference: self.reference }
     }
 
     /// What decides the results, besides the frames.
@@ -69,7 +70,7 @@ pub(crate) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
         let problem = "is of a focus sweep, which takes no lens, --flat or --method; leave them out, or solve it with parfocal stack";
         return Err(Failure::Usage(format!("{}: {problem}", job.out.display())));
     }
-    let fits = job.options(request, request.settings.clone()).check(job.files.len());
+    let fits = job.options(request.settings.clone()).check(job.files.len());
     fits.map_err(|e| Failure::Usage(e.to_string()))?;
     focus_positions::nearer(request.nearer, &job.positions)?;
     request.models.check_labels(job.files.len())?;
@@ -112,13 +113,13 @@ pub(crate) fn read(
     let settings = Settings { decode: values.decode, ..request.settings.clone() };
     check_places(request, job, frames[0].format().depth == Depth::F32)?;
     let size = [frames[0].width(), frames[0].height()];
-    let scope = request.part.fitting(size)?;
+    let part = request.part.fitting(size)?;
     if let Some([width, height]) = request.part.size(size) {
         request.wanted.check((width, height))?;
     }
-    let options = SweepOptions { scope, ..job.options(request, settings) };
+    let options = job.options(settings);
     let read_ms = started.elapsed().as_secs_f64() * 1e3;
-    Ok(Some(SweepFrames { frames, inputs, options, values, read_ms }))
+    Ok(Some(SweepFrames { frames, inputs, options, part, values, read_ms }))
 }
 
 /// The frames, once the first is found to `fit`.
@@ -162,8 +163,8 @@ pub(crate) fn solve(
     progress: Option<Arc<dyn Fn(Progress) + Send + Sync>>,
 ) -> Result<(Sweep, f64), Error> {
     let started = Instant::now();
-    let scope = SolveOptions { progress, ..read.options.scope.clone() };
-    let sweep = solve_sweep(engine, &read.frames, &SweepOptions { scope, ..read.options.clone() })?;
+    let mut solver = SweepSolver::new(engine, &read.options)?;
+    let sweep = solver.solve(&read.frames, &SolveOptions { progress, ..read.part.clone() })?;
     Ok((sweep, read.read_ms + started.elapsed().as_secs_f64() * 1e3))
 }
 
@@ -237,13 +238,13 @@ pub(crate) fn register(
     let values = Values::of(settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..settings.clone() };
     let bar = run.bar();
-    let scope = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
-    let options = SweepOptions { settings, reference, scope, ..SweepOptions::default() };
-    let found = register_sweep(&engine, &frames, &options);
-    drop((options, bar));
-    let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
+    let options = SweepOptions { settings, reference, ..SweepOptions::default() };
+    let progress = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
+    let registered = SweepSolver::new(&engine, &options).and_then(|mut solver| solver.register(&frames, &progress));
+    drop((progress, bar));
+    let registered = registered.map_err(|e| Failure::of_solve(e, &files[0]))?;
     crate::cli::check_validation(&engine)?;
-    let mut report = SweepRegistration::new(&found, &names(files), started.elapsed().as_secs_f64() * 1e3);
+    let mut report = SweepRegistration::new(&registered, &names(files), started.elapsed().as_secs_f64() * 1e3);
     (report.values, report.inputs) = (values, inputs);
     Ok(report)
 }

@@ -233,11 +233,12 @@ impl JointSolver {
 /// Reports the progress over levels and parts of these sizes, each time that it is called with the size of one that is
 /// done.
 fn counter<'a>(sizes: &[[u32; 2]], report: &'a mut dyn FnMut(Progress)) -> impl FnMut([u32; 2]) + use<'a> {
-    let pixels = |[width, height]: [u32; 2]| u64::from(width) * u64::from(height);
-    let (total, all) = (sizes.len() as u32, sizes.iter().copied().map(pixels).sum::<u64>().max(1));
-    let (mut done, mut pixels_done) = (0, 0);
+    let pixels = |[width, height]: [u32; 2]| f64::from(width) * f64::from(height);
+    let (total, all): (_, f64) = (sizes.len() as u32, sizes.iter().copied().map(pixels).sum());
+    let (mut done, mut pixels_done) = (0, 0.0);
     move |size| {
-        (done, pixels_done) = (done + 1, pixels_done + pixels(size));
-        report(Progress { done, total, share: pixels_done as f64 / all as f64 });
+        done += 1;
+        pixels_done += pixels(size);
+        report(Progress { done, total, share: pixels_done / all });
     }
 }

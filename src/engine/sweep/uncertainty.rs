@@ -45,7 +45,11 @@ impl FinalSystem {
     /// they show. u is relative to the middle setting.
     pub(super) fn deviation(&self, focus: &Field, ends: &[(Field, Rectangle); 2]) -> Field {
         let map = |f: &(dyn Fn(usize) -> f64 + Sync)| Field { data: (0..focus.data.len()).map(f).collect(), ..*focus };
-        let near = workers::collect(2, |n| if n == 0 { smoothed(&self.b, SHARED_ERROR) } else { smoothed(focus, STEP_WINDOW) });
+        let near =
+            workers::collect(
+                2,
+                |n| if n == 0 { smoothed(&self.b, SHARED_ERROR) } else { smoothed(focus, STEP_WINDOW) },
+            );
         let [errors, rounded] = [0, 1].map(|n| &near[n]);
         let shows = |n: &usize, i: usize| {
             let ([left, top, right, bottom], x, y) = (ends[*n].1, (i % focus.width) as f64, (i / focus.width) as f64);

@@ -9,7 +9,7 @@ use super::meaning::Meaning;
 use super::picture::{self, Stored};
 use super::{Nearer, Palette, Pen, Scale};
 use crate::metric::MetricDepth;
-use crate::solve::focus_stack::Sweep;
+use crate::solve::sweep::Sweep;
 
 /// The least span of a scale in mm or in settings, as a part of the distance between the focus settings: less than that is
 /// noise, and must not look like relief.

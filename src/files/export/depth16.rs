@@ -12,7 +12,7 @@ use super::Extra;
 use super::meaning::{Meaning, SOFTWARE};
 use super::picture::{self, Stored};
 use crate::metric::MetricDepth;
-use crate::solve::focus_stack::Sweep;
+use crate::solve::sweep::Sweep;
 
 /// The names of the files.
 pub(super) const DEPTH16_FILES: [&str; 2] = ["depth16.png", "depth16.tiff"];

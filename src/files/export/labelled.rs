@@ -9,7 +9,7 @@ use super::meaning;
 use super::picture::{self, Stored};
 use crate::base::{Error, Samples};
 use crate::files::image_io;
-use crate::solve::focus_stack::Sweep;
+use crate::solve::sweep::Sweep;
 
 /// The frame that each pixel of the fused image is taken from, counted from 1: 8-bit grey, of more than 255 frames 16-bit.
 pub(super) fn write_frames(writer: impl Write, sweep: &Sweep) -> Result<(), String> {

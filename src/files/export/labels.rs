@@ -9,7 +9,7 @@ use super::picture::{self, Stored};
 use super::{Extra, Nearer, Palette};
 use crate::base::Error;
 use crate::engine::Solution;
-use crate::solve::focus_stack::Sweep;
+use crate::solve::sweep::Sweep;
 
 const NAME: &str = "labels.png";
 

@@ -14,7 +14,7 @@ use super::staging::Staging;
 use crate::base::{Error, Estimate, Region};
 use crate::metric::MetricDepth;
 use crate::metric::measure::{Line, Values};
-use crate::solve::focus_stack::Sweep;
+use crate::solve::sweep::Sweep;
 
 /// What was asked to be measured, and the numbers.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]

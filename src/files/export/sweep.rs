@@ -16,7 +16,7 @@ use super::{
 use crate::base::{Decode, Depth, DeviceInfo, Error, Frame, Homography, Photometric, Region};
 use crate::files::image_io::{Input, Values};
 use crate::metric::MetricDepth;
-use crate::solve::focus_stack::{Positions, RegisteredSweep, Sweep};
+use crate::solve::sweep::{Positions, RegisteredSweep, Sweep};
 
 /// The files that [`write_sweep()`] makes.
 pub const SWEEP_FILES: [&str; 8] =

@@ -10,7 +10,7 @@ use super::transform::startable;
 use super::{Destination, FileKind, ShadingReport, SizeReport, write_json};
 use crate::base::{Brightness, Decode, Error, Homography, Photometric, Region};
 use crate::files::image_io::{Input, Values};
-use crate::solve::focus_stack::RegisteredSweep;
+use crate::solve::sweep::RegisteredSweep;
 
 /// The registration of the frames of a sweep; fields named as in its [`SweepReport`](super::SweepReport).
 #[derive(Clone, Debug, Serialize)]

@@ -14,7 +14,7 @@ use super::sweep::{SWEEP_FILES, SweepDepthReport, stage_depth};
 use super::{DEPTH_FILE, Extra, FUSED_FLOAT_FILE, Nearer, Palette, Pen, ShadingReport, SizeReport, beside};
 use crate::base::{Decode, Error, Frame, Homography, Photometric, Region};
 use crate::files::image_io;
-use crate::solve::focus_stack::{Positions, Sweep};
+use crate::solve::sweep::{Positions, Sweep};
 
 /// A folder that `parfocal stack` wrote.
 #[derive(Clone, Debug)]

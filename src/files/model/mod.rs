@@ -14,7 +14,7 @@ use crate::base::{Error, Frame, Region};
 use crate::files::export::{Extra, Nearer, Scale, focus_scale, larger_is};
 use crate::files::preview::photograph;
 use crate::metric::MetricDepth;
-use crate::solve::focus_stack::Sweep;
+use crate::solve::sweep::Sweep;
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -9,7 +9,7 @@ use serde_json::json;
 use super::{Contents, Photographed, Picture, Readout, best_focus};
 use crate::base::{Decode, Frame};
 use crate::files::export::{Extra, Nearer, PAGE_FILE, Palette, fused_frame, larger_is};
-use crate::solve::focus_stack::Sweep;
+use crate::solve::sweep::Sweep;
 
 /// What `report.html` shows besides the sweep.
 #[derive(Clone, Debug)]

@@ -34,7 +34,7 @@ use crate::base::{Error, Frame};
 use crate::files::export::{Destination, Nearer, Palette, Scale, depth_surface, sweep_surface};
 use crate::files::preview::photograph;
 use crate::metric::MetricDepth;
-use crate::solve::focus_stack::Sweep;
+use crate::solve::sweep::Sweep;
 
 /// What the surface of a pair shows.
 const OF_PAIR: [&str; 2] = ["Relative blur V", "V, px²"];

@@ -14,7 +14,7 @@ use tiff::tags::Tag;
 use super::Extra;
 use super::meaning::SOFTWARE;
 use crate::metric::MetricDepth;
-use crate::solve::focus_stack::Sweep;
+use crate::solve::sweep::Sweep;
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
