@@ -1,5 +1,6 @@
 #version 460
-// A frame of a sweep on the reference's pixels, as bright as it. Twin: src/engine/stages/align.rs.
+// Resamples a frame of a sweep onto the reference's pixels and matches its brightness. CPU reference:
+// src/engine/stages/align.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 
@@ -10,8 +11,8 @@ layout(binding = 0, r32f) uniform readonly image2DArray spline;
 layout(binding = 1, r32f) uniform writeonly image2DArray aligned;
 layout(push_constant) uniform Constants {
     int width, height;
-    int layer;                       // where it goes
-    float factor;                    // pixels of the full-size image a pixel of this level
+    int layer;                       // target
+    float factor;                    // pixels of the full-size image per pixel of this level
     float centre_x, centre_y;
     Registration registration;
     float shading[TERMS];

@@ -1,6 +1,6 @@
 #version 460
-// Dense registration without a blur model, equation 36: the residual I1 - J at every pixel, its weight and its
-// derivatives, summed for the registration step. Twin: src/engine/stages/appearance.rs.
+// Dense registration without a blur model, equation 36: the residual I1 - J at each pixel, its weight and its
+// derivatives, summed for the registration step. CPU reference: src/engine/stages/appearance.rs.
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
@@ -18,10 +18,10 @@ layout(binding = 3, std430) writeonly buffer Partials { float partials[]; };
 layout(binding = 4, r32f) uniform readonly image2DArray masks;          // of I1, of I2
 layout(push_constant) uniform Constants {
     int width, height;
-    int rows;                        // pairs of pixels an invocation
-    float factor;                    // pixels of the full-size image a pixel of this level
+    int rows;                        // pairs of pixels per invocation
+    float factor;                    // pixels of the full-size image per pixel of this level
     float centre_x, centre_y;
-    float length;                    // that scales places, pixels
+    float length;                    // L, the length that places are divided by, pixels
     float eta;
 };
 

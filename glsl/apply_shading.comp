@@ -1,5 +1,5 @@
 #version 460
-// I2 as bright as I1 from place to place, but for gain and offset. Twin: src/engine/stages/even.rs.
+// Applies the shading to I2, without gain and offset. CPU reference: src/engine/stages/apply_shading.rs.
 
 #include "state.glsl"
 
@@ -9,14 +9,14 @@ layout(binding = 1, r32f) uniform writeonly image2DArray to;
 layout(binding = 2, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
-    int layer;                       // where it goes
+    int layer;                       // target
     float centre_x, centre_y;
 };
 
 void main() {
     ivec2 x = ivec2(gl_GlobalInvocationID.xy);
     if (x.x >= width || x.y >= height) return;
-    if (x == ivec2(0)) state.evened = state.shading;
+    if (x == ivec2(0)) state.applied_shading = state.shading;
     vec2 centre = vec2(centre_x, centre_y);
     float shading = shading_at(state.shading, (vec2(x) - centre) / centre);
     imageStore(to, ivec3(x, layer), vec4(shading * imageLoad(from, ivec3(x, 0)).r));

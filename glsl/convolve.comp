@@ -1,14 +1,17 @@
 #version 460
-// A filter along one axis, mirrored borders; with stride 2 it halves that axis. Twin: src/engine/stages/convolve.rs.
+// A filter along one axis with mirrored borders. With stride 2 it halves that axis. CPU reference:
+// src/engine/stages/convolve.rs.
 
-#extension GL_EXT_control_flow_attributes : require // loops left as loops keep their arrays in memory
+#extension GL_EXT_control_flow_attributes : require // arrays stay in registers only if loops are unrolled
+
+const int VECTORS = 1024;            // of four weights: the 16 KiB that each device allows a uniform buffer
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray from;
 layout(binding = 1, r32f) uniform image2DArray to;
-layout(binding = 2, std140) uniform Filters { vec4 weights[1024]; };
+layout(binding = 2, std140) uniform Filters { vec4 weights[VECTORS]; };
 layout(binding = 3, std430) readonly buffer Tiles { uint tiles[]; };
-layout(constant_id = 2) const bool LONG = false;    // a filter of any number of blocks, or one that adds; else of one
+layout(constant_id = 2) const bool LONG = false;    // a filter of several blocks, or one that adds; else of one block
 layout(push_constant) uniform Constants {
     int length, breadth;        // along the filtered axis and across it, before the filter
     int stride;
@@ -17,16 +20,16 @@ layout(push_constant) uniform Constants {
     int offset;                 // of the filter among the vectors of weights
     int blocks;                 // in it
     int radius;
-    int add;                    // to what is there
-    float period;               // after which the mirrored image repeats itself
-    int listed;                 // first of the tiles wanted
+    int add;                    // 1: adds to the target
+    float period;               // pixels after which the mirrored image repeats
+    int listed;                 // first entry of the list of tiles
 };
 
 #include "tiles.glsl"
 
-// Neighbouring results an invocation: each weight and each value is loaded once for all of them.
+// Adjacent results per invocation: each weight and each value is loaded once for all of them.
 const int SPAN = 8;
-// Weights a block.
+// Weights per block.
 const int BLOCK = 20;
 
 ivec3 place(int along, int across, int layer) {
@@ -34,7 +37,7 @@ ivec3 place(int along, int across, int layer) {
 }
 
 void main() {
-    // A workgroup along x covers 512 pixels of few lines; of listed ones it is narrower.
+    // A workgroup along x covers 512 pixels of a few lines; that of a listed tile is narrower.
     uvec2 shape = gl_WorkGroupSize.xy;
     if (LISTED && vertical == 0) shape = uvec2(shape.x >> 2, shape.y << 2);
     ivec2 id = invocation(tile_at(listed), shape);

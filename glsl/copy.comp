@@ -1,5 +1,5 @@
 #version 460
-// A field as it is: what the memory does at most. Twin: src/engine/stages/copy.rs.
+// Copies an image, to measure the memory bandwidth. CPU reference: src/engine/stages/copy.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray from;

@@ -1,5 +1,5 @@
 #version 460
-// Gain, offset and shading from both images, blurred alike as V says and smoothed. One workgroup. Twin:
+// Estimates gain, offset and shading from the blur-matched pair, smoothed. One workgroup. CPU reference:
 // src/engine/stages/exposure.rs.
 
 #extension GL_EXT_control_flow_attributes : require
@@ -8,19 +8,19 @@
 #include "state.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-layout(binding = 0, r32f) uniform readonly image2DArray sides;   // smoothed: shares times I1 and I2, shares
+layout(binding = 0, r32f) uniform readonly image2DArray pair;   // smoothed: I1 and I2 times the share, and the share
 layout(binding = 1, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;               // of the level
-    float factor;                    // pixels of the full-size image a pixel of this level
+    float factor;                    // pixels of the full-size image per pixel of this level
     float centre_x, centre_y;
-    int every;                       // pixels of the sides from sample to sample
+    int every;                       // pixels of the pair from sample to sample
     int adopt;                       // 0: measure the correlation only; 1: gain and offset; 2: shading too
-    float dependent;                 // samples that say as much as one that is independent
+    float dependent;                 // samples that are worth one independent sample
 };
 
-// What a sample shows of both images, what it counts for, and where on I2, -1 to 1 along either side.
-struct Pair {
+// A sample of both images, its share, and its place on I2, -1 to 1 along either side.
+struct Sample {
     float u, v;
     float share;
     vec2 place;
@@ -29,21 +29,21 @@ struct Pair {
 int columns() { return (width + 2 * every - 1) / (2 * every); }
 int samples() { return columns() * ((height + 2 * every - 1) / (2 * every)); }
 
-Pair pair_at(int n, Registration r) {
-    const Pair NONE = Pair(0.0, 0.0, 0.0, vec2(0.0));
+Sample sample_at(int n, Registration r) {
+    const Sample NONE = Sample(0.0, 0.0, 0.0, vec2(0.0));
     if (n >= samples()) return NONE;
     ivec2 h = every * ivec2(n % columns(), n / columns()), x = 2 * h;
-    float share = imageLoad(sides, ivec3(h, 2)).r;
+    float share = imageLoad(pair, ivec3(h, 2)).r;
     if (!(share > 0.5)) return NONE;
     vec2 centre = vec2(centre_x, centre_y);
     vec2 place = (vec2(x) + displacement(r, x, factor, centre) - centre) / centre;
-    return Pair(imageLoad(sides, ivec3(h, 0)).r / share, imageLoad(sides, ivec3(h, 1)).r / share, share, place);
+    return Sample(imageLoad(pair, ivec3(h, 0)).r / share, imageLoad(pair, ivec3(h, 1)).r / share, share, place);
 }
 
-const int MOMENTS = 6;               // pixels, I1, I2, I1², I2², I1 I2; intensities less ½, for their digits
+const int MOMENTS = 6;               // pixels, I1, I2, I1², I2², I1 I2; intensities minus ½, to keep digits
 shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][MOMENTS];
 
-// What invocation 0 finds and all read: barrier() orders shared memory, but not what is written to the state.
+// Written by invocation 0, read by all: barrier() orders shared memory, but not writes to the state.
 shared float correlation, gain, offset;
 shared float shading[TERMS];
 
@@ -52,7 +52,7 @@ void match_moments(Registration r) {
     float moments[MOMENTS] = float[](0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
     for (int n = int(gl_LocalInvocationIndex); n < samples(); n += step) {
-        Pair p = pair_at(n, r);
+        Sample p = sample_at(n, r);
         float u = p.u - 0.5, v = p.v - 0.5;
         float terms[MOMENTS] = float[](1.0, u, v, u * u, v * v, u * v);
         for (int i = 0; i < MOMENTS; i++) moments[i] += p.share * terms[i];
@@ -72,7 +72,7 @@ void match_moments(Registration r) {
         vec2 mean = vec2(m[1], m[2]) / count;
         vec2 variance = max(vec2(m[3], m[4]) / count - mean * mean, vec2(0.0));
         float covariance = m[5] / count - mean.x * mean.y;
-        // 1e-6: a deviation of 0.001, below which differences of squares are rounding.
+        // 1e-6: a deviation of 0.001, below which differences of squares are rounding errors.
         bool contrast = min(variance.x, variance.y) > 1e-6;
         correlation = contrast ? covariance / (sqrt(variance.x) * sqrt(variance.y)) : 0.0;
         state.correlation = correlation;
@@ -87,32 +87,32 @@ void match_moments(Registration r) {
     barrier();
 }
 
-// I1 less the offset is a polynomial of the place times I2: the normal equations of its coefficients, the upper triangle row by row
-// with the right side as a last column; then the weights, the squares that the polynomial before leaves, and those that its
-// constant term alone leaves.
+// I1 minus the offset is a polynomial of the place times I2. The sums are the upper triangle of the normal equations of
+// its coefficients, row by row, with the right side as last column; then the weights, the squares that the previous
+// polynomial leaves, and those that its constant term alone leaves.
 const int ALL = TERMS + 1;
 const int PAIRS = (ALL + 1) * (ALL + 2) / 2;
 const int WEIGHT = PAIRS, LEFT = WEIGHT + 1, BEFORE = WEIGHT + 2, FITTED = WEIGHT + 3;
 const int ROUNDS = 3;
-// Sums whose subgroups' shares stand in shared memory at a time.
+// Sums whose subgroups' shares are in shared memory at a time.
 const int BATCH = 16;
 shared float fitted[FITTED];
 shared float shares[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][BATCH];
 shared float root[ALL][ALL];
 shared float coefficients[ALL];
-shared float scale;                  // of what is left, from where on a sample is an outlier
+shared float scale;                  // of residuals, from which on a sample is an outlier
 
-// All sums over all samples: an invocation adds up its own in registers, then subgroups theirs, then these in order. A sum an
-// invocation, over samples in shared memory, took 20 times as long.
+// All sums over all samples: an invocation adds up its own in registers, then subgroups theirs, then these in order.
+// One sum per invocation, over samples in shared memory, took 20 times as long.
 void add_up(Registration r, float constant, bool first) {
     float sums[FITTED];
     [[unroll]] for (int n = 0; n < FITTED; n++) sums[n] = 0.0;
-    float evened[TERMS] = state.evened, before[TERMS] = shading;
+    float applied[TERMS] = state.applied_shading, before[TERMS] = shading;
     int step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
     for (int n = int(gl_LocalInvocationIndex); n < samples(); n += step) {
-        Pair p = pair_at(n, r);
-        // As it was before it was evened out.
-        float second = p.v / shading_at(evened, p.place), target = p.u - offset;
+        Sample p = sample_at(n, r);
+        // I2 without its shading.
+        float second = p.v / shading_at(applied, p.place), target = p.u - offset;
         float left = target - constant * second * shading_at(before, p.place), alone = target - constant * second;
         float weight = first ? p.share : p.share / (1.0 + left * left / (scale * scale));
         float px[5], py[5], terms[ALL + 1];
@@ -185,13 +185,13 @@ void match_shading(Registration r) {
                 solve();
                 for (int i = 0; i < TERMS; i++) shading[i] = coefficients[i + 1] / max(coefficients[0], 1e-3);
             }
-            // Twice the deviation that is left; of the first round that of the polynomial before.
+            // Twice the deviation of the residuals; in the first round those of the previous polynomial.
             scale = 2.0 * sqrt(fitted[LEFT] / max(fitted[WEIGHT], 1.0)) + 1e-6;
         }
         barrier();
     }
     if (n != 0) return;
-    // James and Stein: what chance alone explains, by as many terms of as many independent samples, is taken off.
+    // James and Stein: subtracts what chance explains with as many terms and independent samples.
     float chance = fitted[LEFT] * float(TERMS) * dependent / max(fitted[WEIGHT], 1.0), explained = fitted[BEFORE] - fitted[LEFT];
     float kept = explained > chance ? 1.0 - chance / explained : 0.0;
     for (int i = 0; i < TERMS; i++) state.shading[i] = kept * shading[i];

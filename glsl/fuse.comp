@@ -1,5 +1,6 @@
 #version 460
-// Pseudo-radiance of one channel, equation 37: of each pixel the sharper of I1 and J. Twin: src/engine/stages/fuse.rs.
+// One channel of the fused image, equation 37: the sharper of I1 and J at each pixel. CPU reference:
+// src/engine/stages/fuse.rs.
 
 #include "spline.glsl"
 #include "state.glsl"
@@ -12,7 +13,7 @@ layout(binding = 3, r32f) uniform writeonly image2DArray result;
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
-    int layer;                       // of the result
+    int layer;                       // target
     float centre_x, centre_y;
     float epsilon;
 };
@@ -29,7 +30,7 @@ void main() {
     float fused = imageLoad(channel1, ivec3(x, 0)).r;
     if (inside(x, d, size, 0.0, 1.0)) {
         place(x, d, size, i, f);
-        float shading = shading_at(state.evened, (vec2(x) + d - centre) / centre);
+        float shading = shading_at(state.applied_shading, (vec2(x) + d - centre) / centre);
         float j = r.gain * shading * spline_at(2, 0, size, i, f).value + r.offset;
         float v = imageLoad(relative_blur, ivec3(x, 0)).r;
         fused = mix(j, fused, clamp(0.5 + atan(v / epsilon) / 3.14159265358979, 0.0, 1.0));

@@ -1,6 +1,6 @@
 #version 460
-// What two frames of a sweep say of where each pixel is in focus, of pixels where the first is the sharper: the linear system for
-// du, and the sums of the registration between them. Twin: src/engine/stages/half_pair.rs.
+// Compares two frames of a sweep where the first is the sharper: the linear system for du, and the sums of their
+// registration. CPU reference: src/engine/stages/half_pair.rs.
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
@@ -15,32 +15,32 @@ layout(binding = 2, r32f) uniform readonly image2DArray aligned;        // all f
 layout(binding = 3, r32f) uniform image2DArray system;                  // D, b, q; or D, b and two of noise
 layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
 layout(binding = 5, std430) readonly buffer Tiles { uint tiles[]; };
-layout(binding = 6, std430) readonly buffer Hidden { uint hidden[]; };  // by pixel, a bit a frame that does not count there
+layout(binding = 6, std430) readonly buffer Hidden { uint hidden[]; };  // a bit per pixel and frame: set where the frame does not count
 layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
     uint other;                      // layer of the other frame
     int row;                         // first row of partial sums
-    int listed;                      // first of the tiles wanted
+    int listed;                      // first entry of the list of tiles
     uint own;                        // layer of the sharper frame
-    uint words;                      // of bits, a pixel; none where all pixels of all frames count
+    uint words;                      // of bits per pixel; 0 if all pixels of all frames count
     float own_setting, other_setting;
     float rate;                      // c, px² of the level
     float grain;                     // f, px²
     float eta;
     float limit;                     // of V, px²
-    float far;                       // blur of the sharper frame from which on it is left out, px²
-    float length;                    // that scales places, pixels
+    float far;                       // pixels where the sharper frame is blurred by more are left out, px²
+    float length;                    // L, the length that places are divided by, pixels
     float centre_x, centre_y;
-    float left, top, right, bottom;  // of what both frames show, pixels
+    float left, top, right, bottom;  // of the area that both frames show, pixels
 };
 
 #include "tiles.glsl"
 
-layout(constant_id = 3) const bool STAYS = false;   // T and c do: no sums, and in the place of q two of the D that noise makes
+layout(constant_id = 3) const bool STAYS = false;   // T and c are held: no sums, and two estimates of D made by noise instead of q
 
-const int ROWS = 8;                  // lines an invocation goes down
-const float FILTERED = 4.0;          // pixels along the border that the low pass and the high pass reach over
+const int ROWS = 8;                  // lines per invocation
+const float FILTERED = 4.0;          // pixels along the border that low pass and high pass reach
 
 bool is_hidden(ivec2 x, uint frame) {
     return (hidden[(x.y * width + x.x) * words + frame / 32u] >> frame % 32u & 1u) != 0u;
@@ -48,7 +48,7 @@ bool is_hidden(ivec2 x, uint frame) {
 
 float coefficient(int image, ivec3 place) { return imageLoad(stacks, place).r; }
 
-// D, b and q of a pixel; what it adds to the sums.
+// D, b and q of a pixel. Adds to the sums.
 vec4 pixel(ivec2 x, inout Sums sums) {
     float u = imageLoad(focus, ivec3(x, 0)).r;
     vec2 away = vec2(own_setting, other_setting) - u;

@@ -1,12 +1,12 @@
 #version 460
-// Samples as the sensor gave them to one channel in [0, 1]. Twin: src/engine/stages/ingest.rs.
+// Converts samples of a photograph to one channel in [0, 1]. CPU reference: src/engine/stages/ingest.rs.
 
 #include "samples.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) readonly buffer Samples { uint samples[]; };
 layout(binding = 1, r32f) uniform writeonly image2DArray image;
-layout(constant_id = 2) const bool SRGB = false;    // the sRGB curve is undone
+layout(constant_id = 2) const bool SRGB = false;    // decodes the sRGB curve
 layout(push_constant) uniform Constants {
     uint width, height, channels, bytes;
     float red, green, blue;
@@ -27,7 +27,7 @@ void main() {
     if (x.x >= width || x.y >= height) return;
     uint first = (x.y * width + x.x) * channels;
     float value = 0.0;
-    // A loop, since a software device takes both sides of a branch.
+    // A loop, since software devices execute both sides of a branch.
     for (uint c = 0; c < channels; c++) {
         float weight = channels == 1 ? 1.0 : c == 0 ? red : c == 1 ? green : blue;
         value += weight * sample_value(first + c);

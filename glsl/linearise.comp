@@ -1,15 +1,15 @@
 #version 460
-// The fused blur-and-derivative pass: V, I1, I2, T to S1, S2, their derivatives, the weights, D and b of each pixel, and
-// the registration integrals. Equations 22 to 32 and 23. Twin: src/engine/stages/linearise.rs.
+// Computes D and b of each pixel's equation for dV, and the registration integrals, from V, I1, I2 and T. Equations 22
+// to 32 and 23. CPU reference: src/engine/stages/linearise.rs.
 //
-// An invocation goes down two columns side by side, and keeps the lines around in
-// registers: V, its inverse gradient and the sharp coefficients are loaded once a line instead of once a pixel.
+// An invocation computes two adjacent columns and keeps the surrounding lines in registers: V, its inverse gradient and
+// the sharp coefficients are loaded once per line instead of once per pixel.
 
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-// The stack of I2 is of I2 as `warp` brought it onto I1's pixels, and of a Gaussian.
+// The stack of I2 is of I2 as warped onto I1's pixels, and of a Gaussian.
 layout(constant_id = 3) const bool WARPED = false;
 
 #include "blur.glsl"
@@ -28,11 +28,11 @@ layout(push_constant) uniform Constants {
     int width, height;
     int nodes;
     int second_stack;                // its first layer
-    int rows;                        // lines an invocation
-    float factor;                    // pixels of the full-size image a pixel of this level
+    int rows;                        // lines per invocation
+    float factor;                    // pixels of the full-size image per pixel of this level
     float centre_x, centre_y;
-    float length;                    // that scales places, pixels
-    float continuation;              // how many times too large α is
+    float length;                    // L, the length that places are divided by, pixels
+    float continuation;              // factor by which α is larger than its final value
     float eta, smoothness_eta, epsilon;
     float elimination;               // share of Σa that damps the elimination of dV
     float mean_x, mean_y;            // of the kernel at V = 1
@@ -51,14 +51,14 @@ float mask_at(int image, ivec2 x) {
     return imageLoad(masks, ivec3(x, image - 1)).r;
 }
 
-// A line of V, columns -2 to 3 from the left one of the two.
+// A line of V: columns -2 to 3 from the left one of the two.
 struct Line {
     float left;
     vec4 middle;
     float right;
 };
 
-// What the registers hold: V of the lines -1 to 2 from the one at hand, φ of -1 to 1, columns -1 to 2.
+// In registers: V of the lines -1 to 2 from the current one, φ of -1 to 1, columns -1 to 2.
 struct Around {
     Line above, here, below, next;
     vec4 phi_above, phi, phi_below;
@@ -127,14 +127,14 @@ struct Relative {
 
 struct Data {
     float s1, s2;                    // residuals
-    float d1, d2;                    // their derivatives by V, less what noise has of them
+    float d1, d2;                    // their derivatives by V, without the part of noise
     float w1, w2;                    // H ψ', (1-H) ψ'
     float psi;                       // H ψ(S1²) + (1-H) ψ(S2²)
     float s;                         // H S1 - (1-H) S2
     vec2 j1, j2;                     // of -S1, of S2, by T's displacement in I1's pixels
 };
 
-// What noise of both images adds to S1² and S2² at V, and the derivative of its logarithm, halved.
+// Half the derivative by V of the logarithm of the noise of both images in S1² and S2².
 vec2 noise_slopes(Registration r, float v, vec2 d) {
     float between = interpolated_power(d), square = r.gain * r.gain;
     Power n1, n2;
@@ -149,29 +149,30 @@ vec2 noise_slopes(Registration r, float v, vec2 d) {
     return sign * vec2(n1.slope / (n1.value + square * between), square * n2.slope / (square * n2.value + 1.0));
 }
 
-// `share` is what the pixel counts for, d its displacement by T.
-Data data_term(Registration r, float v, Seen seen, float share, vec2 d) {
-    float s1 = seen.b1.value - (r.gain * seen.j.value + r.offset);
-    float s2 = r.gain * seen.b2.value + r.offset - seen.i1;
+// `share` is the share by which the pixel counts, d its displacement by T.
+Data data_term(Registration r, float v, PairSample both, float share, vec2 d) {
+    float s1 = both.b1.value - (r.gain * both.j.value + r.offset);
+    float s2 = r.gain * both.b2.value + r.offset - both.i1;
     vec2 along_noise = noise_slopes(r, v, d);
     // Clamped, since a device's atan may overshoot and weights must not be negative.
     float heaviside = clamp(0.5 + atan(v / epsilon) / PI, 0.0, 1.0);
     float psi1 = sqrt(s1 * s1 + eta * eta), psi2 = sqrt(s2 * s2 + eta * eta);
     float first = share * heaviside, second = share - first;
-    return Data(s1, s2, seen.b1.slope - along_noise.x * s1, r.gain * seen.b2.slope - along_noise.y * s2, first / psi1, second / psi2,
-                heaviside * psi1 + (1.0 - heaviside) * psi2, heaviside * s1 - (1.0 - heaviside) * s2, r.gain * seen.j.gradient, r.gain * seen.b2.gradient);
+    return Data(s1, s2, both.b1.slope - along_noise.x * s1, r.gain * both.b2.slope - along_noise.y * s2, first / psi1, second / psi2,
+                heaviside * psi1 + (1.0 - heaviside) * psi2, heaviside * s1 - (1.0 - heaviside) * s2, r.gain * both.j.gradient, r.gain * both.b2.gradient);
 }
 
-// Noise by the iteration before; η of the weights at least.
+// The noise of the previous iteration, at least that of η.
 float spread() { return max(state.spread, eta / BROAD); }
 
-// What two pixels say of the spread: the bounded squares, whose mean is a half where it is right.
+// The contribution of two adjacent pixels to the spread: a bounded square, whose mean is a half where the spread is
+// right.
 float spreads(float difference) {
     float square = 0.5 * difference * difference;
     return 2.0 * square / (square + BOUND * BOUND * spread() * spread());
 }
 
-// D and b of the pixel, and what it adds to the sums, for which what holds V is its own smoothness.
+// D and b of the pixel. Adds it to the sums, with dV eliminated by the pixel's own smoothness.
 vec2 equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, Data t, inout Sums sums) {
     if (!valid) return vec2(0.0);
     bvec4 exists = bvec4(x.x + 1 < width, x.x > 0, x.y + 1 < height, x.y > 0);
@@ -183,7 +184,7 @@ vec2 equation(ivec2 x, vec2 p, Relative relative, bool valid, float share, Data 
     vec2 q = t.w2 * t.d2 * t.j2 - t.w1 * t.d1 * t.j1;
     vec3 n = product(t.w1, t.j1) + product(t.w2, t.j2) - product(over, q);
     vec2 g = t.w2 * t.s2 * t.j2 - t.w1 * t.s1 * t.j1 + right_side * over * q;
-    // For T as if η of the weights were BROAD times the spread.
+    // Weights of T's step, with η of BROAD spreads.
     float broad = BROAD * spread();
     float ratio = t.psi * inversesqrt(t.psi * t.psi - eta * eta + broad * broad);
     add_pixel(sums, ratio * n, ratio * g, share * (t.psi + state.alpha / relative.phi), p / length, share);
@@ -236,14 +237,14 @@ void main() {
             vec2 d = displacement(r, at, factor, centre);
             bool valid = all(lessThan(at, size)) && inside(at, d, size, relative.v, scale);
             float share = counts(min(at, size - 1), d, size);
-            Seen seen;
+            PairSample both;
             if (WARPED) {
-                seen = blur_near(blur, relative.v, displacement(moved, at, factor, centre), part(sharp1, k), part(sharp2, k),
+                both = blur_near(blur, relative.v, displacement(moved, at, factor, centre), part(sharp1, k), part(sharp2, k),
                                  k == 0 ? columns.xyz : columns.yzw, lines);
             } else {
-                seen = blur_apart(blur, r, at, relative.v, d, scale, imageLoad(image1, ivec3(min(at, size - 1), 0)).r);
+                both = blur_apart(blur, r, at, relative.v, d, scale, imageLoad(image1, ivec3(min(at, size - 1), 0)).r);
             }
-            Data t = data_term(r, relative.v, seen, share, d);
+            Data t = data_term(r, relative.v, both, share, d);
             vec2 found = equation(at, vec2(at) - centre, relative, valid, share, t, sums);
             if (k == 1 && valid) sums.spread += min(share_before, share) * spreads(t.s - s_before);
             s_before = t.s;

@@ -1,16 +1,16 @@
 #version 460
-// Which pixels of a photograph count: not those that its mask leaves out, nor those that are clipped. Twin:
+// Determines which pixels of a photograph count: neither masked nor clipped ones. CPU reference:
 // src/engine/stages/mask.rs.
 
 #include "samples.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, std430) readonly buffer Samples { uint samples[]; };
-layout(binding = 1, std430) readonly buffer Mask { uint mask[]; };  // a byte a pixel of I1: 0 where it does not count
+layout(binding = 1, std430) readonly buffer Mask { uint mask[]; };  // a byte per pixel of I1: 0 where it does not count
 layout(binding = 2, r32f) uniform writeonly image2DArray masks;     // of I1 and I2
 layout(push_constant) uniform Constants {
     uint width, height, channels, bytes;
-    uint second;                     // 1 of I2, which has no mask of its own
+    uint second;                     // 1 for I2, which has no mask of its own
     float black, white;              // stored values at which a sample is clipped
 };
 

@@ -1,5 +1,5 @@
 #version 460
-// V of a level from V of the next coarser one: read at x/2, times four. Twin: src/engine/stages/prolong.rs.
+// V of a level from V of the next coarser one: read at x/2, times four. CPU reference: src/engine/stages/prolong.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray coarse;
@@ -7,7 +7,7 @@ layout(binding = 1, r32f) uniform writeonly image2DArray fine;
 layout(push_constant) uniform Constants {
     int width, height;                   // of the fine level
     float limit;                         // of |V|, px² of the fine level
-    float gain;                          // 4 of V, whose px² are a quarter as large there
+    float gain;                          // 4 for V: a px² of the coarse level is four of the fine one
 };
 
 void main() {

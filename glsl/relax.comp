@@ -1,24 +1,25 @@
 #version 460
-// One red or black half-iteration on the linear system for dV. Twin: src/engine/stages/relax.rs.
+// Half a relaxation sweep on the linear system for dV: the red or the black pixels. CPU reference:
+// src/engine/stages/relax.rs.
 //
-// Red and black stand apart in half-width images, so that a missing barrier between two half-iterations can be seen. An
-// invocation goes down a column: of four neighbours two were loaded for the line before.
+// Red and black are in separate half-width images, so that validation reports a missing barrier. An invocation goes
+// down a column: two of four neighbours are loaded already.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray right_sides; // layer 0: red, layer 1: black
 layout(binding = 1, rgba16f) uniform readonly image2DArray weights;  // likewise; right, left, down, up
-layout(binding = 2, r32f) uniform readonly image2DArray other;  // dV of the other colour
-layout(binding = 3, r32f) uniform image2DArray own;             // dV of this colour
-layout(constant_id = 2) const bool FIRST = false;               // sweep: dV is zero, of black too while it is red's turn
+layout(binding = 2, r32f) uniform readonly image2DArray other;  // dV of the other color
+layout(binding = 3, r32f) uniform image2DArray own;             // dV of this color
+layout(constant_id = 2) const bool FIRST = false;               // first relaxation sweep: dV is zero, while red is relaxed that of black too
 layout(push_constant) uniform Constants {
     int width, height;
     int color;                                                  // 0 red: x + y even
-    int rows;                                                   // lines an invocation
+    int rows;                                                   // lines per invocation
     float over_relaxation;
 };
 
 float other_at(int h, int y) {
-    // Weights across the border are zero; the index has only to exist.
+    // Weights across the border are zero; the index only has to exist.
     return imageLoad(other, ivec3(clamp(h, 0, (width - 1) / 2), clamp(y, 0, height - 1), 0)).r;
 }
 
@@ -44,7 +45,7 @@ void main() {
             target += dot(imageLoad(weights, place), around);
         }
         float before = FIRST ? 0.0 : imageLoad(own, ivec3(place.xy, 0)).r;
-        // The pixel that an odd width leaves out too: its neighbour reads it, with a weight of zero.
+        // Also the pixel beyond an odd width: its neighbour reads it, with a weight of zero.
         if (h.y < height)
             imageStore(own, ivec3(h, 0), vec4(mix(before, target, over_relaxation)));
     }

@@ -1,6 +1,6 @@
 #version 460
-// All sweeps on the linear system for dV of a small level, by one workgroup: where a level has few pixels, a pass costs
-// more than its half-iteration. Twin: src/engine/stages/relax_level.rs.
+// All relaxation sweeps on a small level by one workgroup: there a dispatch takes longer than its work. CPU reference:
+// src/engine/stages/relax_level.rs.
 
 #extension GL_EXT_control_flow_attributes : require
 
@@ -16,7 +16,7 @@ layout(push_constant) uniform Constants {
 };
 
 float change_at(int color, int h, int y) {
-    // Weights across the border are zero; the index has only to exist.
+    // Weights across the border are zero; the index only has to exist.
     ivec3 place = ivec3(clamp(h, 0, (width - 1) / 2), clamp(y, 0, height - 1), 0);
     return color == 0 ? imageLoad(red, place).r : imageLoad(black, place).r;
 }
@@ -40,7 +40,7 @@ void main() {
     for (int sweep = 0; sweep < sweeps; sweep++) {
         [[unroll]] for (int color = 0; color < 2; color++) {
             for (int y = first.y; y < height; y += step.y)
-                // The pixel that an odd width leaves out too: its neighbour reads it, with a weight of zero.
+                // Also the pixel beyond an odd width: its neighbour reads it, with a weight of zero.
                 for (int h = first.x; 2 * h < width; h += step.x) relax(color, h, y, sweep == 0);
             memoryBarrierImage();
             barrier();

@@ -1,8 +1,9 @@
 #version 460
-// What neither blur nor T explains, on every other pixel along x and y: H S1² + (1 - H) S2². Twin: src/engine/stages/residual.rs.
+// The squared residual that neither blur nor T explains, on every other pixel: H S1² + (1 - H) S2². CPU reference:
+// src/engine/stages/residual.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-// The stack of I2 is of I2 as `warp` brought it onto I1's pixels, and of a Gaussian.
+// The stack of I2 is of I2 as warped onto I1's pixels, and of a Gaussian.
 layout(constant_id = 3) const bool WARPED = false;
 
 #include "blur.glsl"
@@ -10,11 +11,11 @@ layout(constant_id = 3) const bool WARPED = false;
 layout(binding = 0, r32f) uniform readonly image2DArray image1;
 layout(binding = 1, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 2, r32f) uniform readonly image2DArray stacks;         // of I1, then of I2
-layout(binding = 3, r32f) uniform writeonly image2DArray evidence;      // half as wide and high
+layout(binding = 3, r32f) uniform writeonly image2DArray terms;      // half as wide and high
 layout(binding = 4, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
-    int layer;                       // of the evidence
+    int layer;                       // target
     int nodes;
     int second_stack;                // its first layer
     float centre_x, centre_y;
@@ -26,7 +27,7 @@ float coefficient(int image, ivec3 place) {
     return imageLoad(stacks, place + ivec3(0, 0, image == 1 ? 0 : second_stack)).r;
 }
 
-Seen see(ivec2 x, vec2 d, float v) {
+PairSample sample_pair(ivec2 x, vec2 d, float v) {
     Registration r = state.registration;
     ivec2 size = ivec2(width, height);
     vec2 centre = vec2(centre_x, centre_y);
@@ -45,10 +46,10 @@ void main() {
     float v = imageLoad(relative_blur, ivec3(x, 0)).r, square = 0.0;
     vec2 d = displacement(r, x, 1.0, vec2(centre_x, centre_y));
     if (inside(x, d, size, v, scale_of(r))) {
-        Seen seen = see(x, d, v);
-        float s1 = seen.b1.value - (r.gain * seen.j.value + r.offset);
-        float s2 = r.gain * seen.b2.value + r.offset - seen.i1;
+        PairSample both = sample_pair(x, d, v);
+        float s1 = both.b1.value - (r.gain * both.j.value + r.offset);
+        float s2 = r.gain * both.b2.value + r.offset - both.i1;
         square = mix(s2 * s2, s1 * s1, clamp(0.5 + atan(v / epsilon) / 3.14159265358979, 0.0, 1.0));
     }
-    imageStore(evidence, ivec3(h, layer), vec4(square));
+    imageStore(terms, ivec3(h, layer), vec4(square));
 }

@@ -1,5 +1,6 @@
 #version 460
-// The nodes of a Gaussian's stack as those of the kernel found, in place. Twin: src/engine/stages/shape.rs.
+// Applies the kernel's shape to the nodes of a Gaussian's blur stack, in place. CPU reference:
+// src/engine/stages/shape.rs.
 
 #include "state.glsl"
 #include "nodes.glsl"

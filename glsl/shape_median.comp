@@ -1,5 +1,6 @@
 #version 460
-// The kernel's shape from what windows say of it: their weighted median. One workgroup. Twin: src/engine/stages/shape_median.rs.
+// The kernel's shape as the weighted median of its estimates in windows. One workgroup. CPU reference:
+// src/engine/stages/shape_median.rs.
 
 #include "state.glsl"
 
@@ -39,7 +40,7 @@ void main() {
     float independent = sum * sum / max(squares, 1e-30);
     if (first != 0 || independent < LEAST_WINDOWS) return;
     float shape = UNBIASED * (state.kernel_shape + quartiles[1]);
-    // Of a median, 1.25 times that of a mean; of quartiles, 1.35 deviations apart.
+    // The deviation of a median is 1.25 times that of a mean; quartiles are 1.35 deviations apart.
     float deviation = UNBIASED * 1.25 / 1.35 * (quartiles[2] - quartiles[0]) / sqrt(independent);
     state.kernel_shape = shape > max(LEAST_SHAPE, 2.0 * deviation) ? min(shape, MOST_SHAPE) : 0.0;
 }

@@ -1,5 +1,6 @@
 #version 460
-// What windows of the photographs say of the kernel's shape: one workgroup each. Twin: src/engine/stages/shape_windows.rs.
+// Estimates the kernel's shape in windows of the photographs, one workgroup each. CPU reference:
+// src/engine/stages/shape_windows.rs.
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
@@ -10,7 +11,7 @@ layout(local_size_x_id = 0, local_size_y_id = 1) in;
 #include "noise.glsl"
 
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 1, r32f) uniform readonly image2DArray stacks;         // of I1, then of I2 on I1's pixels; of a Gaussian
+layout(binding = 1, r32f) uniform readonly image2DArray stacks;         // of I1, then of the warped I2; of a Gaussian
 layout(binding = 2, std430) readonly buffer StateBuffer { State state; };
 layout(binding = 3, r32f) uniform readonly image2DArray masks;          // of I1, of I2
 layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
@@ -19,7 +20,7 @@ layout(push_constant) uniform Constants {
     int nodes;
     int second_stack;                // its first layer
     int columns, rows;               // of windows
-    float factor;                    // pixels of the full-size image a pixel of this level
+    float factor;                    // pixels of the full-size image per pixel of this level
     float centre_x, centre_y;
     Noise noise;
 };
@@ -33,7 +34,7 @@ float mask_at(int image, ivec2 x) {
 }
 
 const int SIDE = 24;                 // of a window, pixels
-// What S changes with: V, t_x, t_y, offset and gain, each the window's own; the kernel's shape; and S.
+// The terms of S: the window's own V, t_x, t_y, offset and gain; the kernel's shape; and S itself.
 const int TERMS_OF_S = 7;
 const int SHAPE = 5, LEFT = 6;
 const int PAIRS = TERMS_OF_S * (TERMS_OF_S + 1) / 2;
@@ -57,7 +58,7 @@ float departure_at(int image, float v, vec2 shift, ivec3 columns_at, ivec3 lines
     return mix(found[0], found[1], min((v - v0) / (v1 - v0), 1.0));
 }
 
-// S at a pixel, and what it changes with.
+// The terms at a pixel: derivatives of S, and S.
 void terms_at(ivec2 x, float v, float around, out float terms[TERMS_OF_S]) {
     Registration r = state.registration;
     ivec2 size = ivec2(width, height);
@@ -65,19 +66,19 @@ void terms_at(ivec2 x, float v, float around, out float terms[TERMS_OF_S]) {
     ivec3 lines = ivec3(reflect_once(ivec2(x.y - 1, x.y), size.yy), reflect_once(ivec2(x.y + 1), size.yy).x);
     vec2 shift = displacement(moved_since(state.warped, r), x, factor, vec2(centre_x, centre_y));
     Blur blur = Blur(size, nodes, vec2(0.0));
-    Seen seen = blur_near(blur, v, shift, stencil(1, 0, columns_at, lines), stencil(2, 0, columns_at, lines), columns_at, lines);
+    PairSample both = blur_near(blur, v, shift, stencil(1, 0, columns_at, lines), stencil(2, 0, columns_at, lines), columns_at, lines);
     bool first = v >= 0.0;
     float departs = departure_at(first ? 1 : 2, abs(v), first ? vec2(0.0) : shift, columns_at, lines);
-    Blurred second = first ? seen.j : seen.b2;
+    Blurred second = first ? both.j : both.b2;
     vec2 gradient = r.gain * second.gradient;
-    float s = (first ? seen.b1.value : seen.i1) - (r.gain * second.value + r.offset);
+    float s = (first ? both.b1.value : both.i1) - (r.gain * second.value + r.offset);
     departs *= first ? 1.0 : -r.gain;
-    terms = float[](first ? seen.b1.slope : -r.gain * seen.b2.slope, gradient.x, gradient.y, 1.0, second.value - around, departs,
+    terms = float[](first ? both.b1.slope : -r.gain * both.b2.slope, gradient.x, gradient.y, 1.0, second.value - around, departs,
                     s + state.kernel_shape * departs);
 }
 
-// The window's V, t, offset and gain eliminated, what is left of S against what is left of the shape: how much of a disk S
-// asks for beyond the shape so far, and the inverse of its variance.
+// Eliminates the window's V, t, offset and gain, and fits the rest of S by the rest of the departure: shape beyond the
+// current one, and the inverse of its variance.
 vec2 judge(float sums[SUMMED]) {
     float m[TERMS_OF_S][TERMS_OF_S], whole[TERMS_OF_S];
     for (int i = 0, n = 0; i < TERMS_OF_S; i++) {
@@ -85,22 +86,22 @@ vec2 judge(float sums[SUMMED]) {
         whole[i] = m[i][i];
     }
     for (int p = 0; p < SHAPE; p++) {
-        // What rounding leaves of a term that the others make up.
+        // A term that depends on the others is left with rounding errors.
         if (!(m[p][p] > 1e-5 * whole[p])) continue;
         for (int i = p + 1; i < TERMS_OF_S; i++) {
             for (int j = i; j < TERMS_OF_S; j++) m[i][j] -= m[p][i] * m[p][j] / m[p][p];
         }
     }
     float information = m[SHAPE][SHAPE];
-    // A window that is not whole, or whose shape the others make up.
+    // A window that is not complete, or whose shape depends on the other terms.
     if (sums[COUNT] < float(SIDE * SIDE) || !(information > 1e-4 * whole[SHAPE]) || !(information > 1e-9)) return vec2(0.0);
     float left = max(m[LEFT][LEFT] - m[SHAPE][LEFT] * m[SHAPE][LEFT] / information, 0.0) / float(SIDE * SIDE - TERMS_OF_S);
-    // Noise of the sharper image is in S and in the departure both.
+    // Noise of the sharper image is in both S and the departure.
     float v = max(sums[VARIANCE] / float(SIDE * SIDE), 0.1), q = 16.0 / 9.0;
     vec3 variances = vec3(v / q, v, v * q), powers;
     for (int n = 0; n < 3; n++) powers[n] = blurred_power(noise, 0.5 * (v + variances[n]), 1.0).value;
     float shared_noise = float(SIDE * SIDE) * left / (1.0 + powers[1]) * departure(v, variances, powers);
-    // 5e-4: rounding to 256 values, at least.
+    // 5e-4: at least that of rounding to 256 values.
     return vec2(-(m[SHAPE][LEFT] - shared_noise) / information, information / (left + 2.5e-7));
 }
 

@@ -1,5 +1,5 @@
 #version 460
-// Spline coefficients on every other pixel to those of the same spline on every pixel. Twin: src/engine/stages/subdivide.rs.
+// Refines a cubic B-spline on every other pixel to one on every pixel. CPU reference: src/engine/stages/subdivide.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray coarse;
@@ -8,7 +8,7 @@ layout(binding = 2, std430) readonly buffer Tiles { uint tiles[]; };
 layout(push_constant) uniform Constants {
     int width, height;   // of the fine image
     int layer;           // of the fine image
-    int listed;          // first of the tiles wanted
+    int listed;          // first entry of the list of tiles
 };
 
 #include "tiles.glsl"

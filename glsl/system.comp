@@ -1,6 +1,7 @@
 #version 460
-// The linear system for the step of the unknown, V of a pair or u of a sweep: of what the photographs say over a window, and of the
-// smoothness; and how c of a sweep would step. Equations 26 to 28. Twin: src/engine/stages/system.rs.
+// The linear system for the step of the unknown: V of a pair, or u of a sweep. Combines D and b, averaged over a
+// window, with the smoothness; for a sweep also the step of c. Equations 26 to 28. CPU reference:
+// src/engine/stages/system.rs.
 
 #extension GL_KHR_shader_subgroup_arithmetic : require
 
@@ -9,20 +10,20 @@
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 2) const bool SWEEP = false;
 layout(binding = 0, r32f) uniform readonly image2DArray unknown;
-layout(binding = 1, r32f) uniform readonly image2DArray normal_equations; // D, b; of a sweep q: over a window
+layout(binding = 1, r32f) uniform readonly image2DArray normal_equations; // D, b, and for a sweep q: averaged over a window
 layout(binding = 2, r32f) uniform writeonly image2DArray right_sides;     // layer 0: red, layer 1: black
 layout(binding = 3, rgba16f) uniform writeonly image2DArray weights;      // likewise; right, left, down, up
 layout(binding = 4, std430) writeonly buffer Partials { float partials[]; };
 layout(binding = 5, std430) readonly buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
-    float alpha;                     // of a pair, how many times the state's
-    float rate;                      // c, px² of the level; of a pair 1
+    float alpha;                     // for a pair the factor on the state's α
+    float rate;                      // c, px² of the level; 1 for a pair
     float smoothness_eta;
 };
 
-const int REACH = 16;                // pixels on either side that tell of V's slope
-const int SUMS = 2;                  // q b, q², over D and what the smoothness adds to it
+const int REACH = 16;                // pixels on either side for the slope of V
+const int SUMS = 2;                  // q b, q², divided by D plus the smoothness
 shared vec2 by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4];
 
 float at(ivec2 x) { return imageLoad(unknown, ivec3(clamp(x, ivec2(0), ivec2(width, height) - 1), 0)).r; }
@@ -31,14 +32,14 @@ float inverse_gradient(float rise_x, float rise_y) {
     return inversesqrt(0.25 * rate * (rise_x * rise_x + rise_y * rise_y) + smoothness_eta * smoothness_eta);
 }
 
-// How V slopes from a pixel to the next, by what it is there and REACH before and behind: the harmonic mean of either side, 0 where these
-// disagree.
+// The rise of V from a pixel to the next, by its slopes over REACH pixels before and behind: their harmonic mean, 0
+// where they differ in sign.
 float slope(float far_before, float here, float next, float far_behind) {
     float before = here - far_before, behind = far_behind - next;
     return before * behind > 0.0 ? 2.0 * before * behind / (float(REACH) * (before + behind)) : 0.0;
 }
 
-// What a pixel adds to the sums.
+// The right side and weights of a pixel. Returns what it adds to the sums.
 vec2 equation(ivec2 x) {
     const ivec2 R = ivec2(1, 0), D = ivec2(0, 1);
     float here = at(x), right = at(x + R), left = at(x - R), below = at(x + D), above = at(x - D);
@@ -63,7 +64,7 @@ vec2 equation(ivec2 x) {
     imageStore(right_sides, place, vec4((b + pull) * over));
     imageStore(weights, place, a * over);
     if (x.x + 1 == width && width % 2 == 1) {
-        // The pixel that an odd width leaves out is relaxed too; a weight of zero takes nothing of it, but for what is no number.
+        // The pixel beyond an odd width is relaxed too. A weight of zero cancels it unless it is NaN.
         ivec3 left_out = ivec3(place.xy, 1 - place.z);
         imageStore(right_sides, left_out, vec4(0.0));
         imageStore(weights, left_out, vec4(0.0));

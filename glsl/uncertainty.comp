@@ -1,27 +1,28 @@
 #version 460
-// V where it is valid, NaN elsewhere, its standard deviation, and the residual. Twin: src/engine/stages/uncertainty.rs.
+// V where it is valid and NaN elsewhere, its standard deviation, and the residual. CPU reference:
+// src/engine/stages/uncertainty.rs.
 
 #include "state.glsl"
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(constant_id = 4) const bool MASKED = false;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
-layout(binding = 1, r32f) uniform readonly image2DArray evidence;      // on every other pixel: means of D, b², (∇²V)², S²
+layout(binding = 1, r32f) uniform readonly image2DArray terms;      // on every other pixel: means of D, b², (∇²V)², S²
 layout(binding = 2, r32f) uniform writeonly image2DArray result;       // layers: V, its standard deviation, residual
 layout(binding = 3, std430) readonly buffer StateBuffer { State state; };
-layout(binding = 4, std430) readonly buffer Mask { uint mask[]; };     // a byte a pixel: 0 where it has no results
+layout(binding = 4, std430) readonly buffer Mask { uint mask[]; };     // a byte per pixel: 0 where there are no results
 layout(push_constant) uniform Constants {
     int width, height;
     float centre_x, centre_y;
-    float pixels;                    // that a window holds
+    float pixels;                    // pixels of a window
     float calibration;
-    float bending;                   // what (∇²V)² weighs beside the data's variance
+    float bending;                   // weight of (∇²V)² relative to the data's variance
     float largest;                   // standard deviation, px²
 };
 
-vec4 evidence_at(ivec2 h) {
-    return vec4(imageLoad(evidence, ivec3(h, 0)).r, imageLoad(evidence, ivec3(h, 1)).r, imageLoad(evidence, ivec3(h, 2)).r,
-                imageLoad(evidence, ivec3(h, 3)).r);
+vec4 terms_at(ivec2 h) {
+    return vec4(imageLoad(terms, ivec3(h, 0)).r, imageLoad(terms, ivec3(h, 1)).r, imageLoad(terms, ivec3(h, 2)).r,
+                imageLoad(terms, ivec3(h, 3)).r);
 }
 
 void main() {
@@ -33,8 +34,8 @@ void main() {
     uint pixel = x.y * width + x.x;
     if (MASKED) valid = valid && (mask[pixel / 4] >> 8 * (pixel & 3) & 0xffu) != 0u;
     ivec2 low = x / 2, high = min((x + 1) / 2, (size - 1) / 2);
-    vec4 mean = 0.25 * (evidence_at(low) + evidence_at(ivec2(high.x, low.y)) + evidence_at(ivec2(low.x, high.y))
-                        + evidence_at(high));
+    vec4 mean = 0.25 * (terms_at(low) + terms_at(ivec2(high.x, low.y)) + terms_at(ivec2(low.x, high.y))
+                        + terms_at(high));
     float data = mean.y / (pixels * mean.x * mean.x);
     float deviation = mean.x > 0.0 ? min(calibration * sqrt(data + bending * mean.z), largest) : largest;
     const float NONE = uintBitsToFloat(0x7fc00000u);

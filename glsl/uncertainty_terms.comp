@@ -1,15 +1,16 @@
 #version 460
-// What decided V, on every other pixel along x and y: D, b² and (∇²V)². Twin: src/engine/stages/evidence.rs.
+// The terms of the uncertainty, on every other pixel along x and y: D, b² and (∇²V)². CPU reference:
+// src/engine/stages/uncertainty_terms.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray relative_blur;
 layout(binding = 1, r32f) uniform readonly image2DArray normal_equations; // D, b
-layout(binding = 2, r32f) uniform writeonly image2DArray evidence;   // half as wide and high; layers: D, b², (∇²V)²
+layout(binding = 2, r32f) uniform writeonly image2DArray terms;   // half as wide and high; layers: D, b², (∇²V)²
 layout(push_constant) uniform Constants {
     int width, height;
     float eta;
     float noise;                     // least deviation of a residual, intensities
-    float least;                     // D below which it is of rounding
+    float least;                     // D below which it is rounding
 };
 
 float v_at(ivec2 x) {
@@ -20,11 +21,11 @@ void main() {
     ivec2 h = ivec2(gl_GlobalInvocationID.xy), x = 2 * h;
     if (x.x >= width || x.y >= height) return;
     float d = imageLoad(normal_equations, ivec3(x, 0)).r, b = imageLoad(normal_equations, ivec3(x, 1)).r;
-    bool told = d > least;
-    imageStore(evidence, ivec3(h, 0), vec4(told ? d : 0.0));
-    imageStore(evidence, ivec3(h, 1), vec4(told ? b * b + noise * noise / eta * d : 0.0));
-    // The divergence of central differences, two pixels apart, which noise of single pixels does not lift.
+    bool determined = d > least;
+    imageStore(terms, ivec3(h, 0), vec4(determined ? d : 0.0));
+    imageStore(terms, ivec3(h, 1), vec4(determined ? b * b + noise * noise / eta * d : 0.0));
+    // The divergence of central differences two pixels apart, which is insensitive to noise of single pixels.
     float around = v_at(x + ivec2(2, 0)) + v_at(x - ivec2(2, 0)) + v_at(x + ivec2(0, 2)) + v_at(x - ivec2(0, 2));
     float bend = 0.25 * around - v_at(x);
-    imageStore(evidence, ivec3(h, 2), vec4(bend * bend));
+    imageStore(terms, ivec3(h, 2), vec4(bend * bend));
 }

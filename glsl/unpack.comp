@@ -1,22 +1,23 @@
 #version 460
-// A frame as a camera packs it to samples one behind the other, of grey or of red, green and blue. Twin: src/engine/stages/unpack.rs.
+// Unpacks a frame from its camera's format to interleaved samples, grey or red, green and blue. CPU reference:
+// src/engine/stages/unpack.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
-// Constants, since a software device takes both sides of a branch.
-layout(constant_id = 2) const bool BITS = false;    // bit behind bit
+// Specialization constants, since software devices execute both sides of a branch.
+layout(constant_id = 2) const bool BITS = false;    // contiguous bits
 layout(constant_id = 3) const bool PAIRS = false;   // two samples in three bytes
-layout(constant_id = 4) const bool MOSAIC = false;  // a sample is of a colour by its place
+layout(constant_id = 4) const bool MOSAIC = false;  // the color of a sample depends on its place
 layout(constant_id = 5) const bool WIDE = false;    // samples have more than 8 bits, and become 16
 layout(binding = 0, std430) readonly buffer Packed { uint packed_words[]; };
 layout(binding = 1, std430) writeonly buffer Samples { uint samples[]; };
 layout(push_constant) uniform Constants {
     uint width, height;
     uint bits;                       // of a packed sample
-    uint count;                      // packed samples a pixel
-    uint reversed;                   // 1: blue comes first
-    uint red_x, red_y;               // where red is among two by two pixels
-    uint row;                        // fours of pixels that a row of invocations writes
-    uint steps, rest;                // of 65535 in the greatest packed sample, and what is left
+    uint count;                      // packed samples per pixel
+    uint reversed;                   // 1: the order is blue, green, red
+    uint red_x, red_y;               // place of red among two by two pixels
+    uint row;                        // groups of four pixels per row of invocations
+    uint steps, rest;                // quotient and remainder of 65535 by the greatest packed sample
 };
 
 uint packed_byte(uint at) {
@@ -39,7 +40,7 @@ uint widened(uint i) {
     }
     value &= most;
     if (!WIDE) return value;
-    // (65535 v + m/2) / m: what is left of v's steps is small enough for single precision, and never half-way, m being odd.
+    // (65535 v + m/2) / m: the remainder is small enough for single precision, and never half-way, since m is odd.
     return value * steps + uint(float(value * rest) / float(most) + 0.5);
 }
 
@@ -49,7 +50,7 @@ int mosaic_sample(ivec2 x) {
     return int(widened(uint(x.y) * width + uint(x.x)));
 }
 
-// The colours of a pixel, by the linear filters of Malvar, He and Cutler, ICASSP 2004, in sixteenths.
+// The colors of a pixel, by the linear filters of Malvar, He and Cutler, ICASSP 2004, in sixteenths.
 uvec3 mosaic_colors(ivec2 x) {
     int here = mosaic_sample(x);
     int across = mosaic_sample(x + ivec2(-1, 0)) + mosaic_sample(x + ivec2(1, 0));
@@ -62,7 +63,7 @@ uvec3 mosaic_colors(ivec2 x) {
     int in_its_row = 10 * here + 8 * across - 2 * corners - 2 * across_two + along_two;
     int in_its_column = 10 * here + 8 * along - 2 * corners - 2 * along_two + across_two;
     int opposite = 12 * here + 4 * corners - 3 * (across_two + along_two);
-    // Of red's rows at red, or of blue's at blue; and the other of the two.
+    // The color of the row (red's or blue's), and the other one.
     int near = is_green ? in_its_row : 16 * here, far = is_green ? in_its_column : opposite;
     int green = is_green ? 16 * here : 8 * here + 4 * (across + along) - 2 * (across_two + along_two);
     ivec3 sums = in_row ? ivec3(near, green, far) : ivec3(far, green, near);
@@ -75,7 +76,7 @@ uvec3 colors(uint pixel) {
     return uvec3(widened(first + 2 * reversed), widened(first + 1), widened(first + 2 - 2 * reversed));
 }
 
-// An invocation writes four pixels, in whole words; what there is of the last four, zeros behind it.
+// An invocation writes four pixels, in whole words. The last group is padded with zeros.
 void main() {
     uint four = gl_GlobalInvocationID.y * row + gl_GlobalInvocationID.x, first = 4 * four, all = width * height;
     if (gl_GlobalInvocationID.x >= row || first >= all) return;

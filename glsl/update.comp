@@ -1,5 +1,5 @@
 #version 460
-// V ← V + share clamp(dV). Twin: src/engine/stages/update.rs.
+// V ← V + share clamp(dV). CPU reference: src/engine/stages/update.rs.
 
 layout(local_size_x_id = 0, local_size_y_id = 1) in;
 layout(binding = 0, r32f) uniform readonly image2DArray red;
@@ -8,7 +8,7 @@ layout(binding = 2, r32f) uniform image2DArray relative_blur;
 layout(push_constant) uniform Constants {
     int width, height;
     float largest_step, limit;           // px² of the level
-    float share;                         // of dV that is taken
+    float share;                         // of dV that is added
 };
 
 void main() {

@@ -1,5 +1,6 @@
 #version 460
-// The registration step: sums the partial sums in a fixed order, solves N ζ = -g, updates T, and tests for convergence. One workgroup. Twin: src/engine/stages/step.rs.
+// Updates T: adds up the partial sums in a fixed order, solves N ζ = -g, and determines whether the level has settled.
+// One workgroup. CPU reference: src/engine/stages/update_transform.rs.
 
 #include "state.glsl"
 #include "sums.glsl"
@@ -9,32 +10,32 @@ layout(binding = 0, std430) readonly buffer Partials { float partials[]; };
 layout(binding = 1, std430) buffer StateBuffer { State state; };
 layout(binding = 2, std430) writeonly buffer Energies { float energies[]; };
 layout(binding = 3, std430) writeonly buffer Arguments { uint arguments[]; };
-// The last word the host may write meanwhile: not zero once it has given the solve up.
+// The host may write the last word at any time: not zero once the solve is cancelled.
 layout(binding = 4, std430) readonly volatile buffer AllArguments { uint all_arguments[]; };
 layout(push_constant) uniform Constants {
     int rows;                        // of partial sums
     int level;
     int energy_place;                // of this level and iteration
     int argument_place, argument_count; // indirect arguments of this level
-    int unknowns;                    // of T that are solved for, the first so many
-    int descend;                     // the gradient, instead of solving
+    int unknowns;                    // the number of unknowns of T to solve for
+    int descend;                     // 1: descends the gradient instead of solving
     int may_settle;                  // α has its final value
-    float still;                     // pixels of the level that no corner may move any more, for it to settle
-    int warp_place, warp_count;      // indirect arguments of what brings I2 onto I1's pixels anew; none: not before the next
-    float factor;                    // pixels of the full-size image a pixel of this level
-    float scale_length;              // that scales places, pixels
+    float still;                     // a level settles only if no corner moves by more, pixels of the level
+    int warp_place, warp_count;      // indirect arguments of the passes that warp I2 again; count 0: none before the next iteration
+    float factor;                    // pixels of the full-size image per pixel of this level
+    float scale_length;              // L, the length that places are divided by, pixels
     float half_width, half_height;   // from the centre to a corner, pixels
     int finds_alpha;
     float share;                     // of the step that is taken
-    float flatness;                  // share that the energy may change by, for the level to settle
-    float least_spread;              // noise of which η of the weights is enough
+    float flatness;                  // a level settles only if the energy changes by no more than this share
+    float least_spread;              // noise for which η of the weights is wide enough
 };
 
-// Pixels of the level that a corner may move before I2 is brought onto I1's pixels anew: following it by gradients looks
-// like a change of V by the shift squared, 0.0004 px².
+// I2 is warped again once a corner has moved by more, pixels of the level: following T by gradients changes V by the
+// shift squared, 0.0004 px².
 const float FOLLOWED = 0.02;
 
-// What the shading may change by before I2 is evened out anew: a thousandth of the contrast is 0.01 px² of V.
+// I2 is warped again once the shading has changed by more: a thousandth of the contrast is 0.01 px² of V.
 const float EVEN = 0.001;
 
 // The most that the spread grows by in an iteration.
@@ -42,9 +43,9 @@ const float MOST_GROWTH = 8.0;
 
 const float LEAST_ALPHA = 3.5e-4;
 const float MOST_ALPHA = 10.0;
-const float LEAST_STEEP = 0.007, MOST_STEEP = 0.1;   // px² a pixel
+const float LEAST_STEEP = 0.007, MOST_STEEP = 0.1;   // px² per pixel
 
-// Chains that add a share of the rows each, so that one workgroup is not one invocation: as many as fit into it.
+// Chains that add up a share of the rows each, so that many invocations work: as many as fit into the workgroup.
 const int MOST_CHAINS = 8;
 shared float chains[MOST_CHAINS][SUMS];
 shared float totals[SUMS];
@@ -66,7 +67,7 @@ void add_up() {
     barrier();
 }
 
-shared bool settled, warps, given_up;
+shared bool settled, warps, cancelled;
 
 float normal(int i, int j) {
     float sum = 0.0;
@@ -85,8 +86,8 @@ float gradient(int i) {
     return sum;
 }
 
-// Cholesky of N scaled to a unit diagonal, or a step down the gradient, over the sum of N's row; unknowns that are held or
-// undetermined take no step.
+// Cholesky of N scaled to a unit diagonal, or a step down the gradient divided by the sum of N's row. Unknowns that are
+// held or undetermined take no step.
 void solve(out float x[8]) {
     float m[8][8], scale[8];                 // the lower triangle of N
     bool held[8];
@@ -97,7 +98,7 @@ void solve(out float x[8]) {
         for (int j = 0; j <= i; j++) m[i][j] = normal(i, j);
         most = max(most, m[i][i]);
     }
-    // 1e-7: a gradient 3e-4 as steep as the others' is what rounding, and a turn by rounding, leave along stripes.
+    // 1e-7: stripes leave a gradient 3e-4 as steep as the others', by rounding.
     float least = max(1e-12 * totals[VALID], 1e-7 * most);
     for (int i = 0; i < UNKNOWNS; i++) {
         bool free = i < unknowns, unseen = !(m[i][i] > least);
@@ -139,15 +140,15 @@ void solve(out float x[8]) {
     state.degenerate = uint(degenerate);
 }
 
-// How far a displacement moves a corner at most, full-size pixels: by t, by the larger singular value of the linear part times
-// the distance of a corner from the centre, and by g times its square.
+// The most that a displacement moves a corner, full-size pixels: by t, by the larger singular value of the linear part
+// times the distance of the corner from the centre, and by g times its square.
 float corner_moves(Registration d) {
     float corner = factor * length(vec2(half_width, half_height));
     float linear = 0.5 * (length(vec2(d.xx + d.yy, d.yx - d.xy)) + length(vec2(d.xx - d.yy, d.xy + d.yx)));
     return length(vec2(d.tx, d.ty)) + (linear + length(vec2(d.gx, d.gy)) * corner) * corner;
 }
 
-// What the unknowns do, in full-size pixels.
+// The displacement by the unknowns, in full-size pixels.
 Registration step_of(float x[8]) {
     vec4 linear = vec4(x[2], x[3], x[4], x[5]) / scale_length;
     vec2 g = vec2(x[6], x[7]) / (factor * scale_length * scale_length);
@@ -157,11 +158,11 @@ Registration step_of(float x[8]) {
 
 float shading_changes() {
     float sum = 0.0;
-    for (int n = 0; n < TERMS; n++) sum += abs(state.shading[n] - state.evened[n]);
+    for (int n = 0; n < TERMS; n++) sum += abs(state.shading[n] - state.applied_shading[n]);
     return sum;
 }
 
-// α = 0.14 (mean √|b|)² / mean |∇V|, unless it is there within a tenth: each change takes iterations.
+// α = 0.14 (mean √|b|)² / mean |∇V|. It changes only by more than a tenth, since each change takes iterations.
 void find_alpha() {
     float count = max(totals[VALID], 1.0), root = totals[ROUGHNESS] / count, steep = totals[ROUGHNESS + 1] / count;
     float found = clamp(0.14 * root * root / clamp(steep, LEAST_STEEP, MOST_STEEP), LEAST_ALPHA, MOST_ALPHA);
@@ -189,10 +190,10 @@ void step_once() {
     state.levels[level].iterations += 1;
     energies[energy_place] = energy;
     state.levels[level].converged = uint(converged);
-    // A level goes on a little after it has converged: the energy is flat before V and T are.
+    // A level continues a little after it has converged: the energy is flat before V and T are.
     settled = may_settle == 1 && moved < still * factor && change <= flatness * before;
     state.levels[level].settled = uint(settled);
-    // While T moves, what it is off by would count as noise.
+    // While T moves, its errors would count as noise.
     if (level == 0 && moved <= FOLLOWED * factor) find_spread();
     if (finds_alpha == 1) find_alpha();
     bool follows = corner_moves(moved_since(state.warped, state.registration)) <= FOLLOWED * factor && shading_changes() <= EVEN;
@@ -200,24 +201,24 @@ void step_once() {
     if (warps) state.levels[level].warps |= 1u << findMSB(state.levels[level].iterations);
 }
 
-// This level and all that are finer do nothing any more.
-void give_up() {
+// Ends this level and all finer ones.
+void cancel() {
     for (int l = 0; l <= level; l++) state.levels[l].settled = 1;
     settled = true;
     warps = false;
 }
 
 void main() {
-    // Asked for first, since it may be far away.
-    if (gl_LocalInvocationIndex == 0) given_up = all_arguments[all_arguments.length() - 1] != 0;
+    // Loaded first, since the memory may be slow.
+    if (gl_LocalInvocationIndex == 0) cancelled = all_arguments[all_arguments.length() - 1] != 0;
     add_up();
     if (gl_LocalInvocationIndex == 0) {
         step_once();
-        if (given_up) give_up();
+        if (cancelled) cancel();
     }
     barrier();
     int n = int(gl_LocalInvocationIndex), count = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
-    int first = given_up ? 0 : argument_place;
+    int first = cancelled ? 0 : argument_place;
     for (int i = first + n; settled && i < argument_place + argument_count; i += count) arguments[i] = 0;
     for (int i = warp_place + n; i < warp_place + warp_count; i += count) arguments[i] = warps ? all_arguments[i] : 0;
 }

@@ -1,5 +1,5 @@
 #version 460
-// I2 on I1's pixels, evened out: its spline where T puts each pixel, times the shading. Twin: src/engine/stages/warp.rs.
+// Resamples I2 onto I1's pixels and applies the shading. CPU reference: src/engine/stages/warp.rs.
 
 #include "spline.glsl"
 #include "state.glsl"
@@ -10,8 +10,8 @@ layout(binding = 1, r32f) uniform writeonly image2DArray stacks;
 layout(binding = 2, std430) buffer StateBuffer { State state; };
 layout(push_constant) uniform Constants {
     int width, height;
-    int layer;                       // of the stacks, where the samples go
-    float factor;                    // pixels of the full-size image a pixel of this level
+    int layer;                       // target, of the stacks
+    float factor;                    // pixels of the full-size image per pixel of this level
     float centre_x, centre_y;
 };
 
@@ -19,7 +19,7 @@ float coefficient(int image, ivec3 place) {
     return imageLoad(spline2, place).r;
 }
 
-// Lines an invocation, for which T and the shading are loaded once.
+// Lines per invocation, for which T and the shading are loaded once.
 const int ROWS = 8;
 
 void main() {
@@ -29,7 +29,7 @@ void main() {
     float coefficients[TERMS] = state.shading;
     if (x == ivec2(0)) {
         state.warped = r;
-        state.evened = coefficients;
+        state.applied_shading = coefficients;
     }
     vec2 centre = vec2(centre_x, centre_y);
     for (int end = min(x.y + ROWS, height); x.y < end; x.y++) {

@@ -1,16 +1,16 @@
-// Accumulates residuals into Sums and adds up those of a workgroup, subgroups first, then theirs in order. Needs
-// GL_KHR_shader_subgroup_arithmetic.
+// Accumulates residuals into Sums, and adds up those of a workgroup: within subgroups first, then over subgroups in
+// order. Needs GL_KHR_shader_subgroup_arithmetic.
 
 #include "sums.glsl"
 
-// Vectors and no array: software devices keep arrays in memory.
+// Vectors instead of an array: software devices keep arrays in memory.
 struct Sums {
     vec3 n1, nx, ny, nxx, nxy, nyy;                     // w Jx², w Jx Jy, w Jy², times the monomial
     vec3 nxxx, nxxy, nxyy, nyyy, nxxxx, nxxxy, nxxyy, nxyyy, nyyyy;
     vec2 g1, gx, gy, gxx, gxy, gyy;                     // w J S, times the monomial
     float energy, valid;
     vec2 roughness;                                     // √|b|, |∇V|
-    float spread;                                       // how S differs from pixel to pixel, bounded squares
+    float spread;                                       // of bounded squares of differences of S between adjacent pixels
 };
 
 Sums no_sums() {
@@ -24,7 +24,8 @@ vec3 product(float w, vec2 j) {
     return w * vec3(j.x * j.x, j.x * j.y, j.y * j.y);
 }
 
-// Adds w J Jᵀ and w J S of a pixel at p from the centre, over the length that scales places; `share` is what it counts for.
+// Adds w J Jᵀ and w J S of a pixel. p is its place from the centre divided by L; `share` is the share by which it
+// counts.
 void add_pixel(inout Sums sums, vec3 n, vec2 g, float energy, vec2 p, float share) {
     vec3 nx = p.x * n, ny = p.y * n, nxx = p.x * nx, nxy = p.x * ny, nyy = p.y * ny;
     vec2 gx = p.x * g, gy = p.y * g;

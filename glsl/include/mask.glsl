@@ -1,18 +1,18 @@
-// What a pixel counts for: 1, 0 where it is masked or clipped in either image or has much of such pixels around. Twin:
-// src/engine/stages/mask.rs.
+// The share by which a pixel counts: 1; 0 where it is masked or clipped in either image, or close to many such pixels.
+// CPU reference: src/engine/stages/mask.rs.
 
-// Where this is false all pixels count.
+// If false, all pixels count.
 layout(constant_id = 4) const bool MASKED = false;
 
-// The share of pixels around pixel x of an image that count.
+// The averaged mask of an image at pixel x.
 float mask_at(int image, ivec2 x);
 
-// None where a 25th of those around do not: what a blurred image shows there is not the scene's.
+// 0 where a 25th of the surrounding pixels does not count: blur spreads what they show.
 float from_share(float share) {
     return clamp(25.0 * share - 24.0, 0.0, 1.0);
 }
 
-// Of the pixel x of I1, which T displaces by d.
+// The share of pixel x of I1, which T displaces by d.
 float counts(ivec2 x, vec2 d, ivec2 size) {
     if (!MASKED) return 1.0;
     vec2 y = clamp(d, vec2(-x), vec2(size - 1 - x)), f = fract(y);

@@ -1,9 +1,9 @@
-// Samples as the sensor gave them. Twin: src/engine/stages/ingest.rs.
+// Samples of a photograph. CPU reference: src/engine/stages/ingest.rs.
 
-// Word n of the buffer that holds them.
+// Word n of their buffer.
 uint sample_word(uint n);
 
-// Sample i, of so many bytes; of integers white is 1.
+// Sample i of `bytes` bytes; white of integers is 1.
 float stored(uint i, uint bytes) {
     uint word = sample_word(i * bytes >> 2);
     uint shift = 8 * (i * bytes & 3);

@@ -1,6 +1,6 @@
-// Cubic B-splines over the coefficients in one layer of an image. Twin: src/engine/stages/spline.rs.
+// Cubic B-splines over the coefficients in one layer of an image. CPU reference: src/engine/stages/spline.rs.
 
-// Each shader says which of its images a number means, since an image of a format cannot be an argument.
+// Each shader defines which image a number means, since images cannot be arguments.
 float coefficient(int image, ivec3 place);
 
 #include "border.glsl"
@@ -11,7 +11,7 @@ struct Jet {
     float laplacian;
 };
 
-// The spline at pixel i plus a fraction f of a pixel: kept apart, since their sum loses digits at large i.
+// The spline at pixel i plus a fraction f of a pixel, which are separate since their sum loses digits at large i.
 Jet spline_at(int image, int layer, ivec2 size, ivec2 i, vec2 f) {
     vec2 u = 1.0 - f;
     vec2 w[4] = vec2[](u * u * u / 6.0, 2.0 / 3.0 - f * f + 0.5 * f * f * f, 2.0 / 3.0 - u * u + 0.5 * u * u * u,
@@ -34,7 +34,7 @@ Jet spline_at(int image, int layer, ivec2 size, ivec2 i, vec2 f) {
     return jet;
 }
 
-// The nine coefficients around a pixel: all that the spline needs on the pixel itself.
+// The nine coefficients around a pixel, which determine the spline on the pixel itself.
 struct Stencil {
     vec3 above, here, below;         // from left to right
 };
@@ -49,8 +49,8 @@ Stencil stencil(int image, int layer, ivec3 columns, ivec3 lines) {
     return s;
 }
 
-// A shift of a fraction of a pixel from the pixel, to first order: a second one would take noise away with the shift, all
-// over the image alike, and T would follow it.
+// The spline at a small shift from the pixel, to first order. Second order would remove noise with the shift, all over
+// the image, and T would drift.
 Jet spline_near(Stencil s, vec2 shift) {
     vec3 sum = s.above + s.below;
     vec3 smoothed = (sum + 4.0 * s.here) / 6.0, rise = 0.5 * (s.below - s.above), bent = sum - 2.0 * s.here;

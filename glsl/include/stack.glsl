@@ -1,14 +1,15 @@
-// The stack of uniformly blurred images: one layer of spline coefficients a node, or two. Twin: src/engine/stages/stack.rs.
+// Blur stacks: uniformly blurred images, with one or two layers of spline coefficients per node. CPU reference:
+// src/engine/stages/stack.rs.
 
 #include "spline.glsl"
 #include "nodes.glsl"
 
-// Of any kernel but a Gaussian: layers 2k and 2k + 1 are node k and its slope, and the kernel may have a mean.
+// Any kernel but a Gaussian: layers 2k and 2k + 1 are node k and its slope, and the kernel may have a mean.
 layout(constant_id = 2) const bool ANY_KERNEL = false;
 
 struct Blurred {
     float value;
-    float slope;     // by the variance
+    float slope;     // derivative by the variance
     vec2 gradient;
 };
 
@@ -18,12 +19,12 @@ int node_below(float v, int count) {
     return min(int(k), count - 2);
 }
 
-// Cubic Hermite between two nodes.
+// Cubic Hermite interpolation between two nodes.
 Blurred between(int k, float v, Blurred p, Blurred q) {
     float v0 = node_variance(k);
     float h = node_variance(k + 1) - v0;
     float t = (v - v0) / h;
-    bool beyond = t > 1.0;           // of the top node: held there
+    bool beyond = t > 1.0;           // the last node, where the value is constant
     t = min(t, 1.0);
     float m = h * p.slope, n = h * q.slope;
     float rise = q.value - p.value;
@@ -44,7 +45,7 @@ Blurred stack_at(int image, int nodes, ivec2 size, float v, ivec2 i, vec2 f) {
     return between(k, v, node_at(image, k, size, i, f), node_at(image, k + 1, size, i, f));
 }
 
-// A Gaussian's node k a shift from the pixel.
+// A Gaussian's node k at a small shift from the pixel.
 Blurred node_on(int image, int k, ivec3 columns, ivec3 lines, vec2 shift) {
     Jet jet = spline_near(stencil(image, k, columns, lines), shift);
     return Blurred(jet.value, 0.5 * jet.laplacian, jet.gradient);

@@ -1,4 +1,4 @@
-// What the device knows of a solve, and where T puts a pixel. Twin: src/engine/stages/state.rs.
+// The state of a solve, and the displacement of a pixel by T. CPU reference: src/engine/stages/state.rs.
 
 #include "shading.glsl"
 
@@ -9,14 +9,14 @@ struct LevelState {
     uint converged;    // the latest iteration moved no corner by 0.01 px and the energy by less than 0.1 %
     float energy;      // of the latest iteration
     float valid;       // pixels
-    uint warps;        // bit n: I2 was brought onto I1's pixels anew before iteration 2^n
-    uint settled;      // the level does nothing any more
+    uint warps;        // bit n: I2 was warped again before iteration 2^n
+    uint settled;      // the level has no more iterations
 };
 
-// T p = (M p + t) / (1 + g·p), p from the image centre, in pixels of the full-size image; M less the identity, so that a T that
-// moves nothing is zeros.
+// T p = (M p + t) / (1 + g·p), with p from the image centre in pixels of the full-size image. M minus the identity is
+// stored, so that the identity is zeros.
 struct Registration {
-    float xx, xy, yx, yy;          // M - 1, by lines
+    float xx, xy, yx, yy;          // M - 1, by rows
     float tx, ty;
     float gx, gy;                  // 1/px
     float gain, offset;
@@ -24,22 +24,21 @@ struct Registration {
 
 struct State {
     Registration registration;
-    float correlation; // of the two images at low pass, when it was last measured
+    float correlation; // of the low-passed images, when it was last measured
     uint degenerate;   // the last step had unknowns that the images do not determine
-    float alpha;       // of the level at hand
+    float alpha;       // of the current level
     float kernel_shape; // 0: a Gaussian, 1: a disk
-    float spread;      // σ of noise in S, by pixels beside each other
-    Registration warped;   // when I2 was last brought onto I1's pixels
+    float spread;      // σ of noise in S, from adjacent pixels
+    Registration warped;   // T when I2 was last warped onto I1's pixels
     float shading[TERMS];
-    float evened[TERMS];   // the shading that I2 was last evened out by
+    float applied_shading[TERMS];   // the shading that I2 was last multiplied by
     LevelState levels[MAX_LEVELS];
 };
 
-// Beyond the horizon, where 1 + g·p falls to zero, T has no image. A pixel near it or beyond lands far outside.
+// Beyond the horizon, where 1 + g·p falls to zero, T has no image. A pixel near or beyond it is mapped far outside.
 const float HORIZON = 0.1;
 
-// T x - x on a level whose pixels are `factor` wide and whose centre is `centre`: T x itself has steps of 2.4e-4 px at
-// x = 4000 in single precision.
+// T x - x on a level whose pixels are `factor` wide. T x itself has steps of 2.4e-4 px at x = 4000 in single precision.
 vec2 displacement(Registration r, ivec2 x, float factor, vec2 centre) {
     vec2 p = vec2(x) - centre;
     float depth = factor * (r.gx * p.x + r.gy * p.y);
@@ -51,19 +50,19 @@ mat3 matrix(Registration r) {
     return mat3(1.0 + r.xx, r.yx, r.gx, r.xy, 1.0 + r.yy, r.gy, r.tx, r.ty, 1.0);
 }
 
-// T of a matrix less the identity.
+// T of a matrix minus the identity.
 Registration from_excess(mat3 e) {
     float k = e[2][2], over = 1.0 / (1.0 + k);
     return Registration(over * (e[0][0] - k), over * e[1][0], over * e[0][1], over * (e[1][1] - k),
                         over * e[2][0], over * e[2][1], over * e[0][2], over * e[1][2], 0.0, 0.0);
 }
 
-// A matrix less the identity.
+// A matrix minus the identity.
 mat3 excess(Registration r) {
     return mat3(r.xx, r.yx, r.gx, r.xy, r.yy, r.gy, r.tx, r.ty, 0.0);
 }
 
-// T after a small step, both of which keep their digits.
+// T after a small step. Both keep their digits.
 Registration after(Registration r, Registration step) {
     Registration both = from_excess(excess(r) + matrix(r) * excess(step));
     both.gain = r.gain;
@@ -71,22 +70,22 @@ Registration after(Registration r, Registration step) {
     return both;
 }
 
-// What T has done since an earlier T0: the registration whose displacement d has T x = T0 (x + d), in I1's pixels.
+// The motion of T since an earlier T0: the registration whose displacement d has T x = T0 (x + d), in I1's pixels.
 Registration moved_since(Registration before, Registration r) {
     return from_excess(inverse(matrix(before)) * (excess(r) - excess(before)));
 }
 
-// What T does to what is small, at the image centre: M - t gᵀ.
+// The Jacobian of T at the image centre: M - t gᵀ.
 mat2 jacobian(Registration r) {
     return mat2(1.0 + r.xx - r.tx * r.gx, r.yx - r.ty * r.gx, r.xy - r.tx * r.gy, 1.0 + r.yy - r.ty * r.gy);
 }
 
-// s, the root of what T does to areas at the centre.
+// s, the square root of T's area scale at the centre.
 float scale_of(Registration r) {
     return sqrt(abs(determinant(jacobian(r))));
 }
 
-// T x as a pixel and a fraction, not further out than a spline can be read.
+// T x as a pixel and a fraction, clamped to where a spline can be read.
 void place(ivec2 x, vec2 d, ivec2 size, out ivec2 i, out vec2 f) {
     d = clamp(d, vec2(-1 - x), vec2(size - x));
     vec2 whole = floor(d);

@@ -1,4 +1,4 @@
-//! How much brighter one photograph is than the other from place to place: the twin of `glsl/include/shading.glsl`.
+//! How much brighter one photograph is than the other from place to place: the CPU reference of `glsl/include/shading.glsl`.
 
 /// Sum of the degrees along x and y at most.
 const DEGREE: usize = 4;

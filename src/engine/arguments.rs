@@ -1,65 +1,64 @@
-//! The protocol of indirect dispatch: how a level that has settled stops costing, and how I2 is brought onto I1's pixels
-//! only where T has moved.
+//! The protocol of indirect dispatch, by which settled levels, warps that are not needed and cancelled solves run no workgroups.
 //!
-//! Each solved level has [`WORDS`] words of arguments: the grids of tiles, of one colour, of all pixels, of filters along x
-//! and along y and of one workgroup, then three for each pass that warps anew. Before a solve they stand as [`at_the_start`] has them.
-//! [`step`](super::stages::step) writes zero into a level's words when it settles, and before an iteration that may warp
-//! fills in those of the warping passes, or writes zero. What was recorded then runs over no workgroups.
+//! Each level has [`WORDS`] words of arguments: the grids of tiles, of one color, of all pixels, of filters along x and along y and of
+//! one workgroup; then three for each pass that warps I2 again. Before a solve they are the [`initial_words`].
+//! [`update_transform`](super::stages::update_transform) zeroes a level's words when it settles. Before an iteration that may warp it
+//! restores the words of the warping passes, or zeroes them. Recorded dispatches then have no workgroups.
 //!
-//! One word more stands behind those of all levels, in what the host wrote before the solve: [`GO_ON`], or [`GIVEN_UP`] once the host wants no
-//! result any more. `step` then ends its level and all that are finer at once.
+//! The last word, after those of all levels, is [`NOT_CANCELLED`]. The host sets it to [`CANCELLED`] at any time; `update_transform` then
+//! ends its level and all finer ones.
 
 use super::stages::state::{LevelState, MAX_LEVELS};
 
-/// Grids of a level that are not of one workgroup.
+/// Grids of a level with more than one workgroup.
 const GRIDS: usize = 5;
 /// Words of all grids of a level.
 const GRID_WORDS: usize = 3 * (GRIDS + 1);
-/// Words of the passes that warp anew, at most so many a level.
+/// The most words of the passes that warp I2 again, of a level.
 const WARP_WORDS: usize = 3 * 48;
-/// Words a level.
+/// Words of a level.
 pub(crate) const WORDS: usize = GRID_WORDS + WARP_WORDS;
 
-/// The last word while a solve is wanted.
-pub(crate) const GO_ON: u32 = 0;
-/// The last word once it is not.
-pub(crate) const GIVEN_UP: u32 = 1;
+/// The last word unless the solve is cancelled.
+pub(crate) const NOT_CANCELLED: u32 = 0;
+/// The last word of a cancelled solve.
+pub(crate) const CANCELLED: u32 = 1;
 
-/// Bytes of the words of so many levels, and of the last.
+/// Bytes of the words of `levels` levels, and of the last word.
 pub(crate) fn bytes(levels: usize) -> u64 {
     4 * (levels * WORDS + 1) as u64
 }
 
-/// What a dispatch of a level covers.
+/// What a dispatch of a level runs over.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Over {
     /// Tiles of `linearise`.
     Tiles,
-    /// The pixels of one colour.
+    /// The pixels of one color.
     Half,
     /// All pixels.
     Pixels,
-    /// What a filter along x goes over.
+    /// The tiles of a filter along x.
     AlongX,
-    /// What a filter along y goes over.
+    /// The tiles of a filter along y.
     AlongY,
     /// One workgroup.
     One,
 }
 
-/// How many workgroups a dispatch runs.
+/// The workgroups of a dispatch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Grid {
-    /// So many.
+    /// A fixed number.
     Direct([u32; 3]),
-    /// What covers a level; none once that has settled.
+    /// Those over a level; none once it has settled.
     Level { level: usize, over: Over },
-    /// Of a level's passes that warp anew the n-th: none unless T has moved.
+    /// Those of the n-th of a level's passes that warp I2 again; none unless T or the shading has changed.
     IfMoved { level: usize, n: usize },
 }
 
 impl Grid {
-    /// The first of its three words, where the device looks them up.
+    /// The index of its first word, if the dispatch is indirect.
     pub(crate) fn word(self) -> Option<usize> {
         match self {
             Grid::Direct(_) => None,
@@ -70,36 +69,36 @@ impl Grid {
 }
 
 impl Over {
-    /// All but that of one workgroup, in the order of their words.
+    /// The grids with more than one workgroup, in the order of their words.
     pub(crate) const GRIDS: [Over; GRIDS] = [Over::Tiles, Over::Half, Over::Pixels, Over::AlongX, Over::AlongY];
 }
 
-/// The words of all levels before a solve, finest first: the workgroups over each of [`Over::GRIDS`], and those of each level's
-/// passes that warp anew; then [`GO_ON`].
-pub(crate) fn at_the_start(levels: &[[[u32; 3]; GRIDS]], warps: &[Vec<[u32; 3]>]) -> Vec<u32> {
+/// The words before a solve: for each level, finest first, the workgroups of [`Over::GRIDS`] and of the passes that warp I2 again; then
+/// [`NOT_CANCELLED`].
+pub(crate) fn initial_words(levels: &[[[u32; 3]; GRIDS]], warps: &[Vec<[u32; 3]>]) -> Vec<u32> {
     let words = levels.iter().zip(warps).flat_map(|(grids, warps)| {
         let mut words = [grids.as_flattened(), &[1, 1, 1], warps.as_flattened()].concat();
         assert!(words.len() <= WORDS, "{} warping passes on a level", warps.len());
         words.resize(WORDS, 0);
         words
     });
-    words.chain([GO_ON]).collect()
+    words.chain([NOT_CANCELLED]).collect()
 }
 
-/// Which words `step` zeroes once a level has settled, and which it fills in or zeroes before the next iteration.
+/// The words of a level that `update_transform` writes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Words {
     /// First word of the level.
     pub(crate) place: u32,
-    /// Words of it.
+    /// Number of words of the level.
     pub(crate) count: u32,
-    /// First word of its passes that warp anew.
+    /// First word of its passes that warp I2 again.
     pub(crate) warp_place: u32,
-    /// Words of them; none where no such passes come before the next iteration.
+    /// Number of their words; 0 if the next iteration has no such passes.
     pub(crate) warp_count: u32,
 }
 
-/// Those of a level.
+/// The words of a level.
 pub(crate) fn words(level: usize, may_warp: bool) -> Words {
     let first = level * WORDS;
     Words {
@@ -110,41 +109,41 @@ pub(crate) fn words(level: usize, may_warp: bool) -> Words {
     }
 }
 
-/// Where in the method a dispatch stands.
+/// The place of a dispatch in the method.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Place {
     /// 0 the finest.
     pub(crate) level: usize,
-    /// Outer iteration of the level, if it belongs to one.
+    /// Outer iteration of the level, if it is part of one.
     pub(crate) iteration: Option<u32>,
-    /// Whether it comes after the iteration's `step`, which ends a level that has settled.
+    /// Whether it comes after the iteration's `update_transform`.
     pub(crate) after_step: bool,
-    /// Whether it belongs to a registration that comes before V is solved for.
+    /// Whether it is part of a registration that comes before V.
     pub(crate) registering: bool,
 }
 
 impl Place {
-    /// On a level, before or after its iterations.
+    /// A place on a level, before or after its iterations.
     pub(crate) fn level(level: usize) -> Self {
         Self { level, ..Self::default() }
     }
 
-    /// On a level of a registration that comes first.
+    /// A place on a level of a registration that comes first.
     pub(crate) fn registering(level: usize) -> Self {
         Self { level, registering: true, ..Self::default() }
     }
 
-    /// In iteration k of the same level.
+    /// A place in iteration k of the same level.
     pub(crate) fn iteration(self, k: u32) -> Self {
         Self { iteration: Some(k), after_step: false, ..self }
     }
 
-    /// In the same iteration, after its step.
+    /// A place in the same iteration, after `update_transform`.
     pub(crate) fn after_step(self) -> Self {
         Self { after_step: true, ..self }
     }
 
-    /// Whether a dispatch here had any workgroups, by what each level did in the solve, and in the registration before it.
+    /// Whether a dispatch here had any workgroups, by the final state of the levels of the solve and of the registration before it.
     pub(crate) fn executed(self, grid: Grid, done: &[[LevelState; MAX_LEVELS]; 2]) -> bool {
         let level = done[usize::from(self.registering)][self.level];
         let done = level.iterations;
@@ -156,7 +155,7 @@ impl Place {
     }
 }
 
-/// The iterations of a level in which dV was relaxed: not its last.
+/// The iterations of a level in which dV was relaxed: all but its last.
 pub(crate) fn relaxed(done: u32) -> u32 {
     done.saturating_sub(1)
 }
@@ -168,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_settled_level_ends_after_its_step() {
+    fn a_settled_level_ends_after_its_transform_is_updated() {
         let mut done = [[LevelState::zeroed(); MAX_LEVELS]; 2];
         done[0][1].iterations = 3;
         done[0][1].warps = 0b10;
@@ -180,15 +179,15 @@ mod tests {
         assert_eq!(runs, [true, true, true, false, false]);
         let runs: Vec<bool> = (0..5).map(|k| place.iteration(k).after_step().executed(grid, &done)).collect();
         assert_eq!(runs, [true, true, false, false, false]);
-        assert!(Place::registering(1).iteration(4).executed(grid, &done), "a level that never settled");
-        let anew = Grid::IfMoved { level: 1, n: 0 };
-        let runs: Vec<bool> = [1, 2, 4].map(|k| place.iteration(k).executed(anew, &done)).to_vec();
+        assert!(Place::registering(1).iteration(4).executed(grid, &done), "a level that has not settled");
+        let warping = Grid::IfMoved { level: 1, n: 0 };
+        let runs: Vec<bool> = [1, 2, 4].map(|k| place.iteration(k).executed(warping, &done)).to_vec();
         assert_eq!(runs, [false, true, false]);
         assert_eq!([0, 3].map(relaxed), [0, 2]);
     }
 
     #[test]
-    fn grids_of_a_level_lie_one_after_the_other() {
+    fn the_grids_of_a_level_are_consecutive() {
         let word = |over| Grid::Level { level: 2, over }.word();
         let first = 2 * WORDS;
         assert_eq!(Over::GRIDS.map(word), [0, 3, 6, 9, 12].map(|n| Some(first + n)));

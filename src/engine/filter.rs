@@ -1,6 +1,7 @@
-//! Discrete filters: continuous kernels made discrete by their transfer function, never by sampling at integers.
+//! Discrete filters of continuous kernels, made by their transfer function instead of sampling.
 //!
-//! Sampled, a Gaussian of σ 0.25 has variance 0.0007 px² instead of 0.0625, and relative blur near zero comes out wrong.
+//! A sampled Gaussian of σ 0.25 px has variance 0.0007 px² instead of 0.0625, which makes relative blur near zero
+//! wrong.
 
 use std::f64::consts::PI;
 
@@ -9,12 +10,13 @@ use nalgebra::{DMatrix, Matrix6, Vector6};
 use crate::base::Kernel;
 use crate::base::aperture::Complex;
 
-/// A filter over `2 r + 1` neighbours in one direction; the weight of neighbour `n - r` stands at `n`.
+/// A filter over `2 r + 1` neighbours in one direction. The weight of neighbour `n - r` is at index `n`.
 pub type Filter = Vec<f64>;
 
-/// Cubic B-spline prefilter: turns samples into the coefficients whose spline goes through them.
+/// The cubic B-spline prefilter: maps samples to the coefficients of the spline through them.
 ///
-/// The inverse of `(1/6, 4/6, 1/6)` is `√3 z^|n|` with `z = √3 - 2` (Unser 1999); at radius 9 the tail left out is 1e-5.
+/// The inverse of `(1/6, 4/6, 1/6)` is `√3 z^|n|` with `z = √3 - 2` (Unser 1999). At radius 9 the truncated tail is
+/// 1e-5.
 pub fn spline_prefilter() -> Filter {
     let (z, radius) = (3f64.sqrt() - 2.0, 9i32);
     let weights: Vec<f64> = (-radius..=radius).map(|n| 3f64.sqrt() * z.powi(n.abs())).collect();
@@ -22,33 +24,35 @@ pub fn spline_prefilter() -> Filter {
     weights.into_iter().map(|w| w / sum).collect()
 }
 
-/// Gaussian of a variance in px², through its transfer function `exp(-v ω²/2)` up to the Nyquist frequency.
+/// A Gaussian of a variance in px², by its transfer function `exp(-v ω²/2)` up to the Nyquist frequency.
 pub fn gaussian(variance: f64) -> Filter {
-    // 4¼ σ leaves 2e-5 of the mass outside; more neighbours carry the ringing of the narrow ones.
+    // 4¼ σ leaves 2e-5 of the mass outside. Narrow Gaussians ring and need more neighbours.
     let reach = (4.25 * variance.sqrt()).ceil() as i32;
     let radius = if variance < 1.0 { (reach + 6).min(9) } else { reach };
     by_transfer(variance, radius, 4.0 * variance.sqrt() + 1.0, |w| (-variance * w * w / 2.0).exp())
 }
 
-/// The same from the coefficients of a cubic B-spline on every pixel to those of one on every other pixel: by the transfer
-/// function `exp(-v ω²/2) b(ω)/b(2ω)`, b(ω) = (2 + cos ω)/3 that of the spline's samples.
+/// A Gaussian from spline coefficients on every pixel to those on every other pixel. Its transfer function is `exp(-v
+/// ω²/2) b(ω)/b(2ω)`, with b(ω) = (2 + cos ω)/3 that of the spline's samples.
 ///
-/// What lies beyond a quarter of the sampling frequency folds back, `exp(-v π²/8)` at most of what the spline and this
-/// filter together blur by v; and a spline of twice the spacing follows a wave of frequency ω to some `(ω/π)⁴` of it.
+/// Aliasing from beyond a quarter of the sampling frequency is at most `exp(-v π²/8)`, with v the total blur of spline
+/// and filter. A spline of twice the spacing follows a wave of frequency ω to some `(ω/π)⁴` of it.
 pub fn gaussian_halving(variance: f64) -> Filter {
     let samples = |w: f64| (2.0 + w.cos()) / 3.0;
     let transfer = |w: f64| (-variance * w * w / 2.0).exp() * samples(w) / samples(2.0 * w);
-    // The wider spline brings 1 px² of variance with it, and is sharpened by it: a wider filter.
+    // The wider spline adds 1 px² of variance, which a wider filter compensates by sharpening.
     let radius = (4.25 * variance.sqrt()).ceil() as i32 + 6;
     by_transfer(variance - 1.0, radius, f64::from(radius), transfer)
 }
 
 /// The filter of a real and even transfer function up to the Nyquist frequency.
 ///
-/// A narrow Gaussian is cut off at Nyquist while still high, and rings; beyond `start` px the ringing is tapered, which
-/// bends the response only near Nyquist. Afterwards sum and variance are made exact, since the variance *is* the measurement.
+/// A narrow Gaussian is cut off at Nyquist while still high, and rings. Beyond `start` px the ringing is tapered, which
+/// changes the response only near Nyquist. Afterwards sum and variance are made exact, since the variance *is* the
+/// measurement.
 fn by_transfer(variance: f64, radius: i32, start: f64, transfer: impl Fn(f64) -> f64) -> Filter {
-    // 256 frequencies repeat the filter every 512; the widest is some 130, so its periodic images stay apart.
+    // With 256 frequencies the filter repeats after 512; the widest is some 130, so that its periodic images do not
+    // overlap.
     let steps = 256;
     let at = |n: i32| -> f64 {
         (0..steps)
@@ -65,7 +69,7 @@ fn by_transfer(variance: f64, radius: i32, start: f64, transfer: impl Fn(f64) ->
     let mut weights: Vec<f64> = (-radius..=radius).map(|n| at(n) * taper(n)).collect();
     let sum: f64 = weights.iter().sum();
     weights.iter_mut().for_each(|w| *w /= sum);
-    // (n² - m2) under a bell adds nothing to the sum and moves the variance, smoothly in frequency.
+    // (n² - m2) under a bell adds nothing to the sum and changes the variance, smoothly in frequency.
     let bell: Vec<f64> = (-radius..=radius).map(|n| (-f64::from(n * n) / (2.0 * variance + 1.0)).exp()).collect();
     let m2 = moment(&bell, 2) / moment(&bell, 0);
     let share = (variance - moment(&weights, 2)) / (moment(&bell, 4) - m2 * moment(&bell, 2));
@@ -81,10 +85,10 @@ fn moment(weights: &[f64], power: i32) -> f64 {
     weights.iter().zip(-radius..).map(|(w, n)| w * f64::from(n).powi(power)).sum()
 }
 
-/// A two-dimensional filter as the sum of products of one along x and one along y.
+/// A two-dimensional filter as a sum of separable filters, each along x and along y.
 pub type Terms = Vec<[Filter; 2]>;
 
-/// The share of a filter's norm that its terms may leave out. A disk of radius 26 px takes 20 terms, of 5 px 7.
+/// The share of a filter's norm that its terms may leave out. A disk of radius 26 px needs 20 terms, of 5 px 7.
 const LEFT_OUT: f64 = 5e-4;
 
 /// A centred kernel of scale v in px².
@@ -92,7 +96,7 @@ pub fn centred(kernel: &Kernel, v: f64) -> Terms {
     terms(kernel, v, |w| kernel.transfer(w, v), 1.0, kernel.covariance().map(|c| c * v))
 }
 
-/// Its derivative by v.
+/// The derivative of [`centred`] by v.
 pub fn centred_slope(kernel: &Kernel, v: f64) -> Terms {
     let covariance @ [xx, xy, yy] = kernel.covariance();
     let transfer = |w: &[f64]| -> Vec<Complex> {
@@ -106,8 +110,8 @@ pub fn centred_slope(kernel: &Kernel, v: f64) -> Terms {
     terms(kernel, v, transfer, 0.0, covariance)
 }
 
-/// Through the transfer function up to the Nyquist frequencies. What rings beyond the kernel's own reach is tapered, which
-/// bends the response near Nyquist alone; then sum, mean and second moments are made exact.
+/// The terms of a transfer function up to the Nyquist frequencies. Ringing beyond the kernel's own reach is tapered,
+/// which changes the response only near Nyquist. Then sum, mean and second moments are made exact.
 fn terms(
     kernel: &Kernel,
     v: f64,
@@ -129,8 +133,8 @@ fn terms(
     separate(filter)
 }
 
-/// The filter whose transfer function agrees with the given one, at frequencies so dense that it does not meet itself.
-/// A filter gives `Σ f(n) I(x + n)` and a kernel `Σ h(u) I(x - u)`: the filter is the kernel turned around.
+/// The filter of a transfer function, sampled so densely that its periodic images do not overlap. A filter gives `Σ
+/// f(n) I(x + n)` and a kernel `Σ h(u) I(x - u)`: the filter is the mirrored kernel.
 fn inverse_transform(transfer: &impl Fn(&[f64]) -> Vec<Complex>, radius: i32) -> DMatrix<f64> {
     let size = 2 * radius as usize + 1;
     let count = 2 * size;
@@ -146,7 +150,8 @@ fn inverse_transform(transfer: &impl Fn(&[f64]) -> Vec<Complex>, radius: i32) ->
     left_re * cos.transpose() + left_im * sin.transpose()
 }
 
-/// Adds the smallest polynomial of second degree, under a bell, that makes Σ, Σx, Σy, Σx², Σxy, Σy² the given ones.
+/// Adds the smallest polynomial of second degree, under a bell, that gives Σ, Σx, Σy, Σx², Σxy and Σy² the wanted
+/// values.
 fn correct_moments(filter: &mut DMatrix<f64>, radius: i32, v: f64, wanted: Vector6<f64>) {
     let size = filter.nrows();
     let powers = |n: usize, m: usize| {
@@ -166,7 +171,7 @@ fn correct_moments(filter: &mut DMatrix<f64>, radius: i32, v: f64, wanted: Vecto
     }
 }
 
-/// By singular values, the largest first.
+/// Separable terms by singular values, the largest first.
 fn separate(filter: DMatrix<f64>) -> Terms {
     let all = filter.norm_squared();
     let svd = filter.svd(true, true);

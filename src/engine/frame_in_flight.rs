@@ -8,7 +8,7 @@ use super::arguments;
 use super::motion::{Form, OtherMotion};
 use super::plan::Plan;
 use super::profile::{Phases, Profile, Ran, Reading, SUBMIT_WAIT};
-use super::record::{record, write};
+use super::record::{record, record_with};
 use super::script::{Dispatch, Script, compose};
 use super::slot::Slot;
 use super::solution::{Counts, Findings, LevelHistory, Registered, SolutionRef, Timings};
@@ -231,7 +231,7 @@ impl FrameInFlight {
             recorder.fetch(fetch, self.input(*image));
         }
         recorder.barrier();
-        self.encoded = Some(write(recorder, &self.shared.pipelines, &self.workspace, &self.current.script)?);
+        self.encoded = Some(record_with(recorder, &self.shared.pipelines, &self.workspace, &self.current.script)?);
         Ok(())
     }
 
@@ -284,7 +284,7 @@ impl FrameInFlight {
         let pixels = |parts: usize| levels(parts).map(|index| plan.pyramid[index].pixels()).sum::<u64>();
         let mut wanted = |part: usize| {
             let state = state_word.read::<State>(0, 1)?[0];
-            Ok(script.parts[part].goes_on.is_none_or(|level| state.levels[level].settled == 0))
+            Ok(script.parts[part].continues.is_none_or(|level| state.levels[level].settled == 0))
         };
         recording.run_first(parts, self.deadline, &mut wanted, &mut |part| {
             if script.parts[part - 1].level_done.is_some() {
@@ -328,7 +328,7 @@ impl FrameInFlight {
             fused_channels: self.shared.plan.fused_channels(),
             transform: state.registration().transform,
             photometric: state.registration().photometric(),
-            shading: state.evened(),
+            shading: state.applied_shading(),
             solved: Region { x: 0, y: 0, width, height },
             regularization: state.alpha.into(),
             kernel_shape: (settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
@@ -365,7 +365,7 @@ impl FrameInFlight {
             height: plan.size[1],
             transform: state.registration().transform,
             photometric: state.registration().photometric(),
-            shading: state.evened(),
+            shading: state.applied_shading(),
             other_motion: None,
             levels: self.levels(&state, Slot::RegisteredEnergies)?,
             converged: false,
@@ -444,7 +444,7 @@ impl CancelFlag {
 
     /// Tells the device that the pair is wanted.
     fn clear(&self, words: &Buffer) -> Result<(), Error> {
-        words.signal(self.offset, arguments::GO_ON)
+        words.signal(self.offset, arguments::NOT_CANCELLED)
     }
 
     /// [`Error::Cancelled`] if the pair was cancelled: its results are unfinished.
@@ -460,7 +460,7 @@ impl CancelFlag {
         if let Some(words) = &*self.words() {
             self.is_cancelled.store(true, Ordering::SeqCst);
             // If the word cannot be written, the device solves the pair to its end.
-            let _ = words.signal(self.offset, arguments::GIVEN_UP);
+            let _ = words.signal(self.offset, arguments::CANCELLED);
         }
     }
 

@@ -167,8 +167,8 @@ pub(super) fn halved(frame: &Frame, decode: Decode) -> Result<Frame, Error> {
         let first = (2 * rows.start).saturating_sub(reach) & !1;
         let end = (2 * rows.end + reach).min(height);
         let strip = Region { x: 0, y: first, width, height: end - first };
-        let luminance = ingest::twin(&frame.cropped(strip).map_err(Error::Region)?, decode, LUMINANCE);
-        let small = convolve::twin(&convolve::twin(&luminance, &filter, 2, false), &filter, 2, true);
+        let luminance = ingest::cpu_reference(&frame.cropped(strip).map_err(Error::Region)?, decode, LUMINANCE);
+        let small = convolve::cpu_reference(&convolve::cpu_reference(&luminance, &filter, 2, false), &filter, 2, true);
         let skipped = (rows.start - first / 2) as usize * small.width;
         Ok(small.data[skipped..][..rows.len() * small.width].iter().map(|&v| v as f32).collect::<Vec<f32>>())
     };
@@ -390,8 +390,8 @@ mod tests {
         let values = (0..width * height).map(|i| ((i * 7919) % 251) as f32 / 251.0).collect();
         let frame = Frame::gray(width, height, values).unwrap();
         let filter: Filter = halving_filter();
-        let luminance = ingest::twin(&frame, Decode::None, LUMINANCE);
-        let whole = convolve::twin(&convolve::twin(&luminance, &filter, 2, false), &filter, 2, true);
+        let luminance = ingest::cpu_reference(&frame, Decode::None, LUMINANCE);
+        let whole = convolve::cpu_reference(&convolve::cpu_reference(&luminance, &filter, 2, false), &filter, 2, true);
         let found = halved(&frame, Decode::None).unwrap();
         assert_eq!([found.width(), found.height()], [19, ROWS + 36]);
         let found = found.intensities(Decode::None);

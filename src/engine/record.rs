@@ -1,4 +1,4 @@
-//! A script on a device: command buffers that can be replayed for any number of pairs.
+//! Records a script into command buffers, which can be replayed for any number of pairs.
 
 use std::sync::Arc;
 
@@ -26,11 +26,11 @@ pub(crate) fn record(
         Reading::Passes => Clock::Passes(dispatches),
         Reading::Dispatches => Clock::Dispatches(dispatches),
     };
-    write(Recorder::new(device, clock)?, pipelines, workspace, script)
+    record_with(Recorder::new(device, clock)?, pipelines, workspace, script)
 }
 
-/// Writes a script's parts.
-pub(crate) fn write(
+/// Records a script with a given recorder.
+pub(crate) fn record_with(
     mut recorder: Recorder,
     pipelines: &Pipelines,
     workspace: &Workspace,
@@ -38,20 +38,20 @@ pub(crate) fn write(
 ) -> Result<Recording, Error> {
     for (n, part) in script.parts.iter().enumerate() {
         let begins = part.begins.filter(|_| recorder.is_conditional());
-        match part.goes_on.or(begins) {
+        match part.continues.or(begins) {
             Some(level) => {
                 recorder.next_part_unless((workspace.buffer(Slot::State), State::settled_at(level) as u64))?
             }
             None if n > 0 => recorder.next_part()?,
             None => {}
         }
-        enact(&mut recorder, pipelines, workspace, &part.entries)?;
+        record_entries(&mut recorder, pipelines, workspace, &part.entries)?;
     }
     recorder.finish()
 }
 
-/// What a part does, with a barrier before each entry that waits.
-fn enact(
+/// Records the entries of a part, with a barrier before each that waits.
+fn record_entries(
     recorder: &mut Recorder,
     pipelines: &Pipelines,
     workspace: &Workspace,
@@ -61,13 +61,18 @@ fn enact(
         if entry.waits {
             recorder.barrier();
         }
-        act(recorder, pipelines, workspace, &entry.action)
+        record_action(recorder, pipelines, workspace, &entry.action)
     })
 }
 
-fn act(recorder: &mut Recorder, pipelines: &Pipelines, workspace: &Workspace, action: &Action) -> Result<(), Error> {
+fn record_action(
+    recorder: &mut Recorder,
+    pipelines: &Pipelines,
+    workspace: &Workspace,
+    action: &Action,
+) -> Result<(), Error> {
     match action {
-        Action::Dispatch(dispatch) => return pass(recorder, pipelines, workspace, dispatch),
+        Action::Dispatch(dispatch) => return record_dispatch(recorder, pipelines, workspace, dispatch),
         Action::Copy { from, to, levels } => {
             let offset = if *levels { std::mem::offset_of!(State, levels) as u64 } else { 0 };
             recorder.copy(workspace.buffer(*from), workspace.buffer(*to), offset);
@@ -80,7 +85,7 @@ fn act(recorder: &mut Recorder, pipelines: &Pipelines, workspace: &Workspace, ac
     Ok(())
 }
 
-fn pass(
+fn record_dispatch(
     recorder: &mut Recorder,
     pipelines: &Pipelines,
     workspace: &Workspace,
@@ -116,19 +121,19 @@ mod tests {
     use crate::engine::vulkan::Access;
     use crate::engine::{open, testing};
 
-    /// Barriers whose absence synchronization validation (1.3.239) does not report, by what comes after them, and what that and what
-    /// comes before do to a slot: `docs/reliability.md` argues each.
-    const UNSEEN: [&str; 7] = [
+    /// Barriers whose absence synchronization validation (1.3.239) does not report: the pass after the barrier, the slot, and its
+    /// accesses before and after. `docs/reliability.md` says why each is needed.
+    const UNREPORTED: [&str; 7] = [
         "convolve: Stacks Write Update",
         "apply_shading: Stacks Update Write",
         "apply_shading: Stacks Write Write",
         "convolve: Arguments Write Read",
-        "residual: Evidence Write Write",
+        "residual: UncertaintyTerms Write Write",
         "shape: Stacks Update Update",
         "shape: Stacks Write Update",
     ];
 
-    /// What an entry does, by name.
+    /// The name of an action.
     fn name(action: &Action) -> String {
         match action {
             Action::Dispatch(dispatch) => dispatch.stage.shader.name.to_string(),
@@ -138,7 +143,7 @@ mod tests {
         }
     }
 
-    /// What an entry that waits has in common with those since the last that does, and how either touches it.
+    /// The slots that entry n shares with the entries since the last barrier, and both accesses.
     fn hazards(entries: &[Entry], n: usize) -> String {
         let since = entries[..n].iter().rposition(|entry| entry.waits).unwrap_or(0);
         let earlier: Vec<_> = entries[since..n].iter().flat_map(|entry| accesses(&entry.action)).collect();
@@ -154,19 +159,19 @@ mod tests {
         found.into_iter().collect::<Vec<_>>().join(", ")
     }
 
-    /// Each barrier of a solve is left out in turn: validation reports the hazard that it guards against.
+    /// Each barrier of a solve is left out in turn: validation reports the hazard.
     #[test]
-    fn a_missing_barrier_is_reported_whichever_it_is() {
+    fn validation_reports_each_missing_barrier() {
         if !testing::options().validation {
             return;
         }
         let device = open(&testing::options()).unwrap();
         let pipelines = Pipelines::new(&device);
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
-        let mut unseen = BTreeMap::<String, usize>::new();
-        let (mut seen, mut whole) = (0, 0);
+        let mut unreported = BTreeMap::<String, usize>::new();
+        let (mut reported_count, mut all) = (0, 0);
         for kernel in [Kernel::Auto, Kernel::HalfGaussian] {
-            // Two iterations a level are all that differ; three levels, of which the finest is warped.
+            // Later iterations repeat the first two; of three levels the finest is warped.
             let settings = Settings { outer_iterations: 6, kernel, ..Settings::default() };
             let plan = Plan::new(160, 136, [gray; 2], &settings).unwrap();
             let workspace = Workspace::new(&device, &plan).unwrap();
@@ -177,7 +182,7 @@ mod tests {
                 let mut script = compose(&plan, masked);
                 let reported = |entries: &[Entry]| {
                     let mut recorder = Recorder::new(&device, Clock::Never).unwrap();
-                    enact(&mut recorder, &pipelines, &workspace, entries).unwrap();
+                    record_entries(&mut recorder, &pipelines, &workspace, entries).unwrap();
                     recorder.finish().unwrap();
                     !device.instance.take_messages().is_empty()
                 };
@@ -185,31 +190,31 @@ mod tests {
                 for part in &mut script.parts {
                     assert!(!reported(&part.entries), "with every barrier");
                     for n in 0..part.entries.len() {
-                        // Iterations are alike: a barrier is the same where it stands between the same on the same level.
+                        // Iterations repeat: barriers between the same entries are the same.
                         let around = part.entries[n.saturating_sub(3)..=n].iter().map(|entry| name(&entry.action));
                         if !part.entries[n].waits || !known.insert(around.collect::<Vec<_>>()) {
                             continue;
                         }
-                        whole += 1;
+                        all += 1;
                         part.entries[n].waits = false;
                         if reported(&part.entries) {
-                            seen += 1;
+                            reported_count += 1;
                         } else {
                             let key = format!("{}: {}", name(&part.entries[n].action), hazards(&part.entries, n));
-                            *unseen.entry(key).or_default() += 1;
+                            *unreported.entry(key).or_default() += 1;
                         }
                         part.entries[n].waits = true;
                     }
                 }
             }
         }
-        println!("barriers left out: {whole}; reported: {seen}; unseen: {unseen:?}");
-        let count: usize = unseen.values().sum();
+        println!("barriers left out: {all}; reported: {reported_count}; not reported: {unreported:?}");
+        let count: usize = unreported.values().sum();
         testing::note(
             "barriers",
-            &format!("{whole} left out, {seen} reported, {count} not, of {} kinds", unseen.len()),
+            &format!("{all} left out, {reported_count} reported, {count} not, of {} kinds", unreported.len()),
         );
-        let unknown: Vec<_> = unseen.keys().filter(|kind| !UNSEEN.contains(&kind.as_str())).collect();
+        let unknown: Vec<_> = unreported.keys().filter(|kind| !UNREPORTED.contains(&kind.as_str())).collect();
         assert!(unknown.is_empty(), "validation misses {unknown:?}");
     }
 }

@@ -1,16 +1,17 @@
-//! The whole solver in plain Rust and double precision: the script that the device runs, run by the [`stages`](super::stages)'
-//! twins. Slow, for tests and for learning.
+//! The CPU reference of the solver: runs a script by the CPU references of its [`stages`](super::stages), in double precision.
+//!
+//! It is slow, and meant for tests and for learning.
 
 use super::plan::{MAP_LAYERS, Plan};
 use super::same_size;
 use super::script::{Action, Script, compose};
 use super::slot::Slot;
 use super::stages::Field;
-use super::stages::memory::Memory;
+use super::stages::pass::Memory;
 use super::stages::state::{DoubleState, Registration};
 use crate::base::{Error, Frame, Homography, Mask, Method, Photometric, Settings};
 
-/// What the reference finds.
+/// A solution of the CPU reference.
 pub struct Reference {
     /// V where it is valid, NaN elsewhere, px².
     pub relative_blur: Field,
@@ -18,7 +19,7 @@ pub struct Reference {
     pub uncertainty: Field,
     /// Root mean square residual, intensities, NaN where V is.
     pub residual: Field,
-    /// Pseudo-radiance, a field for each channel.
+    /// The fused image, a field for each channel.
     pub fused: Vec<Field>,
     /// T.
     pub transform: Homography,
@@ -50,13 +51,13 @@ pub fn solve_masked(i1: &Frame, i2: &Frame, settings: &Settings, mask: Option<&M
     let mut state = DoubleState::new(start);
     state.alpha = settings.regularization.unwrap_or(state.alpha);
     let mut memory = Memory::new([i1, i2], mask, state);
-    // With masks, so that clipped pixels are found without being looked for first.
+    // With masks, which also leave out clipped pixels.
     let script = compose(&plan, true);
     run(&script, &plan, &mut memory);
-    Ok(found(&plan, memory))
+    Ok(results(&plan, memory))
 }
 
-/// Runs a script by the stages' twins.
+/// Runs a script by the CPU references of its stages.
 fn run(script: &Script, plan: &Plan, memory: &mut Memory) {
     memory.upload_arguments(&script.arguments);
     for (bank, weights) in plan.weights.banks.iter().enumerate() {
@@ -66,19 +67,19 @@ fn run(script: &Script, plan: &Plan, memory: &mut Memory) {
         match &entry.action {
             Action::Dispatch(dispatch) => {
                 if dispatch.grid.word().is_none_or(|word| memory.runs(word)) {
-                    (dispatch.twin)(dispatch, memory);
+                    (dispatch.cpu_reference)(dispatch, memory);
                 }
             }
             Action::Copy { from, to, levels } => memory.copy(*from, *to, *levels),
             Action::Clear { image, size } => memory.clear(*image, *size),
-            // The results are read where they stand.
+            // The results are read from the stacks.
             Action::Download { .. } => {}
         }
     }
 }
 
-/// The results, out of their slots.
-fn found(plan: &Plan, mut memory: Memory) -> Reference {
+/// The results from their slots.
+fn results(plan: &Plan, mut memory: Memory) -> Reference {
     let state = memory.state_in(Slot::EndState).clone();
     let (energies, outer) = (memory.energies_in(Slot::EndEnergies), plan.settings.outer_iterations as usize);
     let energies = plan.coarse_to_fine().map(|level| {

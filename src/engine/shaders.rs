@@ -1,4 +1,7 @@
-//! The shaders of `glsl/`: a constant for each, named after its file, in a table that `build.rs` writes.
+//! The shaders of `glsl/` and their constants, in tables that `build.rs` writes.
+//!
+//! A shader is a constant in capitals, named after its file: `shaders::RELAX`. The literal constants of `glsl/NAME.comp` and
+//! `glsl/include/NAME.glsl` are in the module `shaders::NAME`, so that Rust does not repeat them.
 
 /// A compute shader.
 #[derive(Debug)]
@@ -9,7 +12,14 @@ pub struct Shader {
     pub spirv: &'static [u8],
 }
 
-include!(concat!(env!("OUT_DIR"), "/shaders.rs"));
+#[allow(dead_code, clippy::approx_constant, reason = "only some of the shaders' constants are used in Rust")]
+mod table {
+    use super::Shader;
+
+    include!(concat!(env!("OUT_DIR"), "/shaders.rs"));
+}
+
+pub use table::*;
 
 #[cfg(test)]
 mod tests {

@@ -1,66 +1,65 @@
-//! Where everything of a solve is kept: a slot for each image and buffer, and what it holds as a type, so that a pass that
-//! takes V cannot be given I1.
+//! The slots of a solve, one for each image and buffer, and typed handles to them: a pass that binds V cannot be given I1.
 
 use std::marker::PhantomData;
 
 use super::vulkan::{Access, Binding, Kind};
 
-/// An image or a buffer of a solve. Those that only live within a level are shared by all levels.
+/// An image or a buffer of a solve. Those that are used only within a level are shared by all levels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) enum Slot {
-    /// Luminance of I1 (0) or of I2 (1) on a level; at the end a channel of it.
+    /// Luminance of I1 (0) or of I2 (1) on a level; for the fused image one of its channels.
     Luminance { image: usize, level: usize },
     /// Which pixels of I1 (layer 0) and of I2 (layer 1) count on a level.
     Masks { level: usize },
     /// V of a level.
     RelativeBlur { level: usize },
-    /// Stacks of blurred images, as spline coefficients: of I1, then of I2. At the end the results stand in the first layers.
+    /// Blur stacks of I1, then of I2, as spline coefficients. At the end the first layers hold the results.
     Stacks,
     /// Spline coefficients of I2.
     Spline2,
-    /// Between the two directions of a separable filter.
+    /// The intermediate image of a separable filter.
     Scratch,
-    /// Linear system for dV: right sides of the red (layer 0) and of the black pixels (layer 1).
+    /// Right sides of the linear system for dV: of the red (layer 0) and of the black pixels (layer 1).
     RightSides,
-    /// Linear system for dV: weights of the right, left, lower and upper neighbour, likewise.
+    /// Weights of the linear system for dV, of the right, left, lower and upper neighbour, likewise.
     Weights,
     /// dV of the red (0) or of the black pixels (1).
     Change { color: usize },
-    /// What decided V, on every other pixel.
-    Evidence,
+    /// Terms of the uncertainty, on every other pixel; before the end the blur-matched pair.
+    UncertaintyTerms,
     /// Luminance of all frames of a sweep on a level, a layer each.
     Frames { level: usize },
-    /// All frames of a sweep on the reference's pixels, filtered, a layer each.
+    /// All frames of a sweep on the reference's pixels, band-passed, a layer each.
     Aligned,
-    /// What the photographs say of each pixel: D and b of its equation, of a sweep the sums of those of all pairs, and q.
+    /// Coefficients of each pixel's equation: D and b; of a sweep the sums over all pairs, and q.
     NormalEquations,
     /// A bank of filter weights.
     Filters { bank: usize },
-    /// Which tiles passes of a sweep are wanted for, mapped.
+    /// Lists of the tiles that passes of a sweep run over, mapped.
     Tiles,
-    /// By pixel, which frames of a sweep do not count there, mapped.
+    /// A bit per pixel and frame of a sweep: set where the frame does not count, mapped.
     Hidden,
-    /// T, gain and offset, and what the levels have done.
+    /// T, gain, offset, shading and the progress of the levels.
     State,
-    /// A row of sums for each workgroup.
+    /// Partial sums, a row for each workgroup.
     Partials,
-    /// By level and outer iteration.
+    /// Energies by level and outer iteration.
     Energies,
-    /// The rows of sums of the last iteration, mapped.
+    /// The partial sums of the last iteration, mapped.
     EndPartials,
     /// Indirect arguments.
     Arguments,
-    /// The photographs; mapped unless they are unpacked on the device.
+    /// Samples of a photograph; mapped unless the device unpacks them.
     Photograph { image: usize },
-    /// The photographs as a camera packs them, mapped.
+    /// A photograph in its camera's packed format, mapped.
     Packed { image: usize },
-    /// A byte a pixel of I1, mapped: 0 where it does not count.
+    /// A byte for each pixel of I1, mapped: 0 where it does not count.
     Mask,
     /// State and arguments before a solve, mapped.
     StartState,
     /// See [`StartState`](Self::StartState).
     StartArguments,
-    /// State while a level is under way, mapped.
+    /// State within a level, for progress, mapped.
     Progress,
     /// State and energies once the registration is known, mapped.
     RegisteredState,
@@ -75,7 +74,7 @@ pub(crate) enum Slot {
 }
 
 impl Slot {
-    /// Whether it is mapped memory that a pair comes in or its results go out by.
+    /// Whether each pair in flight has its own: input or output of one pair.
     pub(crate) fn is_of_one_pair(self) -> bool {
         matches!(
             self,
@@ -97,11 +96,11 @@ impl Slot {
 
 /// What a slot holds.
 pub(crate) trait Quantity: Copy {
-    /// How a shader binds it.
+    /// The kind of binding in a shader.
     const KIND: Kind;
 }
 
-/// A quantity that is an image of one float a pixel.
+/// A quantity that is an image with one float per pixel.
 pub(crate) trait Scalar: Quantity {}
 
 macro_rules! quantities {
@@ -121,15 +120,15 @@ quantities! {
     I1: Image;
     /// Luminance of I2.
     I2: Image;
-    /// Any image of one float a pixel.
+    /// Any image with one float per pixel.
     Plane: Image;
-    /// Shares of pixels that count.
+    /// The share by which each pixel counts.
     Masks: Image, Scalar;
     /// V.
     RelativeBlur: Image;
-    /// Stacks of blurred images.
+    /// Blur stacks.
     Stacks: Image, Scalar;
-    /// What stands in the first layers of the stacks at the end.
+    /// Results, in the first layers of the stacks.
     Results: Image;
     /// Spline coefficients of I2.
     Spline2: Image, Scalar;
@@ -139,17 +138,17 @@ quantities! {
     Weights: Image;
     /// dV of one colour.
     Change: Image;
-    /// What decided V.
-    Evidence: Image, Scalar;
+    /// Terms of the uncertainty, or a blur-matched pair.
+    UncertaintyTerms: Image, Scalar;
     /// Filter weights.
     Filters: Uniform;
-    /// T, gain, offset and levels.
+    /// T, gain, offset, shading and levels.
     State: Buffer;
-    /// Rows of sums.
+    /// Partial sums.
     Partials: Buffer;
     /// Lists of tiles.
     Tiles: Buffer;
-    /// A bit a frame that does not count at a pixel.
+    /// A bit per pixel and frame.
     Hidden: Buffer;
     /// Energies.
     Energies: Buffer;
@@ -159,13 +158,13 @@ quantities! {
     StartArguments: Buffer;
     /// Samples of a photograph.
     Samples: Buffer;
-    /// A photograph as a camera packs it.
+    /// A photograph in its camera's packed format.
     Packed: Buffer;
-    /// A byte a pixel of I1.
+    /// A byte per pixel of I1.
     MaskBytes: Buffer;
 }
 
-/// A slot, and what it holds.
+/// A slot that holds the quantity `Q`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Handle<Q> {
     slot: Slot,
@@ -182,19 +181,19 @@ impl<Q: Quantity> Handle<Q> {
         Reads(self)
     }
 
-    /// For a pass that writes all of what it is told to, and reads nothing.
+    /// For a pass that writes it without reading.
     pub(crate) fn write(self) -> Writes<Q> {
         Writes(self)
     }
 
-    /// For a pass that reads and writes.
+    /// For a pass that reads and writes it.
     pub(crate) fn update(self) -> Updates<Q> {
         Updates(self)
     }
 }
 
 impl<Q: Scalar> Handle<Q> {
-    /// For a pass that takes any image of one float a pixel.
+    /// For a pass that takes any image with one float per pixel.
     pub(crate) fn plane(self) -> Handle<Plane> {
         Handle::new(self.slot)
     }
@@ -206,7 +205,7 @@ pub(crate) const SPLINE2: Handle<Spline2> = Handle::new(Slot::Spline2);
 pub(crate) const SCRATCH: Handle<Plane> = Handle::new(Slot::Scratch);
 pub(crate) const RIGHT_SIDES: Handle<RightSides> = Handle::new(Slot::RightSides);
 pub(crate) const WEIGHTS: Handle<Weights> = Handle::new(Slot::Weights);
-pub(crate) const EVIDENCE: Handle<Evidence> = Handle::new(Slot::Evidence);
+pub(crate) const UNCERTAINTY_TERMS: Handle<UncertaintyTerms> = Handle::new(Slot::UncertaintyTerms);
 pub(crate) const ALIGNED: Handle<Plane> = Handle::new(Slot::Aligned);
 pub(crate) const NORMAL_EQUATIONS: Handle<Plane> = Handle::new(Slot::NormalEquations);
 pub(crate) const STATE: Handle<State> = Handle::new(Slot::State);
@@ -259,20 +258,20 @@ pub(crate) fn packed(image: usize) -> Handle<Packed> {
     Handle::new(Slot::Packed { image })
 }
 
-/// A field of a pass's bindings: a slot of a stated quantity, and what the pass does to it.
+/// A field of a pass's bindings: a slot with its quantity and how the pass accesses it.
 pub(crate) trait Bound: Copy {
-    /// For the pipeline's layout and for what a pass waits for.
+    /// Kind and access, for the pipeline's layout and for barriers.
     const BINDING: Binding;
     /// The slot.
     fn slot(self) -> Slot;
-    /// A slot taken for this.
+    /// A slot as this binding.
     fn of(slot: Slot) -> Self;
 }
 
-/// What a pass may read of, as `Q`.
+/// A binding that a pass may read as `Q`.
 pub(crate) trait Readable<Q>: Bound {}
 
-/// What a pass may write to, as `Q`.
+/// A binding that a pass may write as `Q`.
 pub(crate) trait Writable<Q>: Bound {}
 
 macro_rules! accesses {

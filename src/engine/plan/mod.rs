@@ -1,73 +1,69 @@
-//! Sizes before anything is allocated: levels, images, bytes, limits, and what each iteration is told.
+//! The plan of a solve, before anything is allocated: levels of the pyramid, filters and what each iteration does.
 
-use crate::base::{Channels, Error, Format, Kernel, Method, Motion, PixelFormat, Settings};
+use crate::base::{Channels, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
 use crate::engine::filter::{self, Filter};
 use crate::engine::slot::Slot;
 use crate::engine::stages::exposure::{self, Adopt};
-use crate::engine::stages::stack::{self, Slopes};
+use crate::engine::stages::stack::{self, Slopes, node_count};
 use crate::engine::stages::state::MAX_LEVELS;
-use crate::engine::stages::{shape_windows, uncertainty_terms};
+use crate::engine::stages::{self, convolve, linearise, shape_windows, uncertainty_terms};
 
-mod level;
-mod limits;
-mod push_constants;
-mod weights;
+mod layout;
 
-pub(crate) use level::Level;
-use level::half_size;
-use weights::Weights;
-pub(crate) use weights::{FilterRange, StackLayer};
+pub(crate) use layout::{Allocation, AllocationKind, HostAccess};
 
-/// The least width and height: below it no blur window fits into the image.
+/// The least width and height: no blur window fits into a smaller image.
 pub(crate) const LEAST_SIZE: u32 = 16;
-/// `auto` halves while the short side stays at least this.
+/// Without [`Settings::levels`], levels are added while the short side of the coarsest stays at least this long.
 const LEAST_COARSEST: u32 = 32;
-/// The least short side of a level that is asked for by number.
+/// The least short side of a level that [`Settings::levels`] may ask for.
 const LEAST_LEVEL: u32 = 8;
-/// Outer iterations in which α falls to its value, from the coarsest level on; the last holds for all that are finer. The
-/// coarsest starts from nothing, the others from a V that needs less of it: with 12 everywhere levels did 14 to 20
-/// iterations, with 2 on the finest 5 to 9, with 1 one less, and errors are the same (`docs/experiments/iterations.md`).
+/// Outer iterations in which α falls to its final value, from the coarsest level on. The last number holds for all finer levels.
+/// The coarsest level starts from V = 0. The others start from a coarser V and need fewer: with 12 everywhere levels took 14 to
+/// 20 iterations, with 2 on the finest 5 to 9, with 1 one less, at the same errors (`docs/experiments/iterations.md`).
 const CONTINUATION: [f64; 5] = [12.0, 8.0, 6.0, 6.0, 1.0];
-/// Where fewer iterations than these are allowed, the continuation is shorter in proportion, so that it ends before they do.
+/// With fewer outer iterations than these, the continuation is shortened in proportion, so that it ends before they do.
 const WHOLE_CONTINUATION: f64 = 20.0;
 /// Layers of results before the fused channels: V, its standard deviation, the residual.
 pub(crate) const MAP_LAYERS: u32 = 3;
-/// Layers that the results need at most: three colours besides.
+/// The most layers of results: three fused channels more.
 const RESULT_LAYERS: u32 = MAP_LAYERS + 3;
 
-/// A level that may have settled goes on for so many outer iterations before the host is asked: a question takes as long as
-/// some dispatches over nothing, of which an iteration has a dozen.
-const ITERATIONS_A_QUESTION: usize = 2;
-/// Coarsest levels, on which T is still being found: I2 is read where T takes each pixel. On finer ones I2 is brought onto
-/// I1's pixels first.
-const FINDING: usize = 2;
+/// Outer iterations between two checks whether a level has settled. A check takes as long as some empty dispatches, of which an
+/// iteration has a dozen.
+const ITERATIONS_A_CHECK: usize = 2;
+/// The number of coarsest levels on which T may still move far. I2 is read at T x there; on finer levels it is warped onto I1's
+/// pixels first.
+const UNWARPED_LEVELS: usize = 2;
+/// The stack of I2 is read at s² V: a fifth above the limit leaves room for s up to 1.095.
+const READ_BEYOND: f64 = 1.2;
 
 /// Everything about a solve that does not depend on the pixels.
 #[derive(Clone, Debug)]
 pub(crate) struct Plan {
     pub(crate) size: [u32; 2],
-    /// How cameras pack the photographs.
+    /// Pixel formats of the photographs as the caller passes them.
     pub(crate) packed: [PixelFormat; 2],
-    /// What they are once they are unpacked.
+    /// Formats once they are unpacked.
     pub(crate) formats: [Format; 2],
     pub(crate) settings: Settings,
-    /// The pyramid, finest first: the levels solved.
+    /// The levels of the pyramid, finest first.
     pub(crate) pyramid: Vec<Level>,
-    /// How many of them are solved.
+    /// The number of levels.
     pub(crate) solved: usize,
     pub(crate) weights: Weights,
     pub(crate) halve: FilterRange,
     pub(crate) prefilter: FilterRange,
-    /// Over which what decided V is averaged.
+    /// Averages over the window of the uncertainty.
     pub(crate) window: FilterRange,
     /// The layers of a stack after the first.
     pub(crate) layers: Vec<StackLayer>,
-    /// What the frames of a sweep are filtered by: a low pass; then along x and along y what a high pass adds.
+    /// Filters of the frames of a sweep: a low pass; then along x and along y the part that a high pass adds.
     pub(crate) band: [FilterRange; 3],
 }
 
 impl Plan {
-    /// Checks settings and size, resolves [`Decode::Auto`](crate::base::Decode::Auto), and lays out the levels.
+    /// Checks settings and size, resolves [`Decode::Auto`](crate::base::Decode::Auto), and computes levels and filters.
     pub(crate) fn new(
         width: u32,
         height: u32,
@@ -118,44 +114,46 @@ impl Plan {
         CONTINUATION[from_coarsest.min(CONTINUATION.len() - 1)] * allowed.min(1.0)
     }
 
-    /// How many times too large α is in a level's outer iteration k: it falls to its value.
+    /// The factor by which α is larger than its final value in outer iteration k of a level.
     pub(crate) fn continued(&self, level: &Level, k: u32) -> f64 {
         let share = f64::from(k) / self.continuation(level);
         1.0 + self.settings.continuation * (1.0 - share).max(0.0)
     }
 
-    /// Whether a level may settle in iteration k: it has done one at the final α, whose energy it can compare with.
+    /// Whether a level may settle in iteration k: an earlier iteration at the final α gives the energy to compare with.
     pub(crate) fn may_settle(&self, level: &Level, k: u32) -> bool {
         k > 0 && f64::from(k - 1) >= self.continuation(level)
     }
 
-    /// Whether α is found after iteration k of a level. V that comes from a coarser level tells of it at once, nearly as well as in the
-    /// end, so that changes of α, each of which takes iterations, fall together with the continuation; what is smoothed by that tells
-    /// of an α too large. Levels before the finest, which only hand on a start, look once more.
+    /// Whether α is estimated after iteration k of a level.
+    ///
+    /// V from a coarser level gives an estimate nearly as good as the last one. Each change of α takes iterations, which then
+    /// coincide with the continuation. During the continuation V is too smooth, and the estimate would be too large. All levels but
+    /// the finest, which provide a start only, estimate once more.
     pub(crate) fn finds_alpha(&self, level: &Level, k: u32) -> bool {
         let starts_well = level.index + 1 < self.solved;
         let once = starts_well && level.index > 0 && k > 0 && self.may_settle(level, k - 1);
         self.settings.regularization.is_none() && (k == 0 && starts_well || self.may_settle(level, k) && !once)
     }
 
-    /// Whether the host asks before iteration k if a level has settled, and leaves out what is recorded for it from there on
-    /// if it has; `may_settle` tells of iterations in which it can.
-    pub(crate) fn asks_before(k: u32, may_settle: impl Fn(u32) -> bool) -> bool {
+    /// Whether a part of the script begins before iteration k that is skipped once the level has settled. `may_settle` says in which
+    /// iterations it can settle.
+    pub(crate) fn checks_before(k: u32, may_settle: impl Fn(u32) -> bool) -> bool {
         let since_first = (0..k).rev().take_while(|&k| may_settle(k)).count();
-        since_first % ITERATIONS_A_QUESTION == 1
+        since_first % ITERATIONS_A_CHECK == 1
     }
 
-    /// Whether T is solved for together with V; otherwise it is known before V is.
+    /// Whether T is solved for together with V. Otherwise it is known before.
     pub(crate) fn solves_transform(&self) -> bool {
         self.settings.method == Method::Unified
     }
 
-    /// Whether T is solved for before V is, by appearance.
+    /// Whether T is solved for by appearance, before V.
     pub(crate) fn solves_appearance(&self) -> bool {
         self.settings.method == Method::Appearance
     }
 
-    /// The levels on which it is, coarsest first: all, or none.
+    /// The levels on which T is solved for by appearance, coarsest first: all or none.
     pub(crate) fn appearance_levels(&self) -> impl Iterator<Item = &Level> {
         self.coarse_to_fine().filter(|_| self.solves_appearance())
     }
@@ -165,50 +163,51 @@ impl Plan {
         self.settings.photometric
     }
 
-    /// Whether T's step takes sums that tell of homographies.
+    /// Whether T is a homography, whose step needs more sums.
     pub(crate) fn projective(&self) -> bool {
         self.settings.motion == Motion::Homography
     }
 
-    /// Whether sums of a level do where V is solved for: on the finest too, where T's motion model is judged by the last of them.
+    /// Whether a level computes the sums of a homography while it solves for V. The finest level does: the last of its sums rate the
+    /// motion models.
     pub(crate) fn sums_all(&self, level: &Level) -> bool {
         self.projective() || self.solves_transform() && level.index == 0
     }
 
-    /// Whether gain and offset are matched before iteration k of a level: often at first, and never once it may have settled.
+    /// Whether gain and offset are matched before iteration k of a level: before 0, 2, 4, 8 and so on, until it may have settled.
     pub(crate) fn matches_before(&self, level: &Level, k: u32) -> bool {
         self.matches_exposure() && (k == 0 || k > 1 && k.is_power_of_two() && !self.may_settle(level, k - 1))
     }
 
-    /// What is matched there: the shading only once a coarser level has found T.
+    /// What is matched on a level: the shading only where a coarser level has found T.
     pub(crate) fn adopts(&self, level: &Level) -> Adopt {
         let found = level.index + 1 < self.solved || self.solved == 1;
         if found && exposure::shows_shading(level.size) { Adopt::Shading } else { Adopt::Exposure }
     }
 
-    /// Whether a level reads I2 on I1's pixels, where `warp` has brought it; only a Gaussian's blur has no mean to follow.
+    /// Whether a level reads I2 as `warp` has resampled it onto I1's pixels. Only Gaussians allow it, since their mean is zero.
     pub(crate) fn warps(&self, level: &Level) -> bool {
-        self.slopes() == Slopes::Laplacian && level.index + FINDING < self.solved
+        self.slopes() == Slopes::Laplacian && level.index + UNWARPED_LEVELS < self.solved
     }
 
-    /// Whether I2 may be brought there anew before iteration k, where T or the shading has moved: seldom, since they move little
-    /// on the finer levels and even passes over nothing take time.
-    pub(crate) fn warps_anew(&self, level: &Level, k: u32) -> bool {
+    /// Whether I2 may be warped again before iteration k, where T or the shading has changed. Seldom: they change little on the finer
+    /// levels, and even empty dispatches take time.
+    pub(crate) fn warps_again(&self, level: &Level, k: u32) -> bool {
         let moves = self.solves_transform() || self.matches_exposure();
         self.warps(level) && moves && k.is_power_of_two()
     }
 
-    /// Whether the kernel's shape is sought on a level, before its first iteration: where T is known, and I2 on I1's pixels.
+    /// Whether the kernel's shape is estimated on a level, before its first iteration: where I2 is warped.
     pub(crate) fn finds_shape(&self, level: &Level) -> bool {
         self.settings.kernel == Kernel::Auto && self.warps(level) && shape_windows::fits(level.size)
     }
 
-    /// Layers of the results: V, its standard deviation, the residual; the channels of the fused image where one is made.
+    /// Layers of the results: V, its standard deviation, the residual, and the channels of the fused image if there is one.
     pub(crate) fn map_layers(&self) -> u32 {
         MAP_LAYERS + self.fused_count()
     }
 
-    /// Channels of the fused image that is made.
+    /// Channels of the fused image that is computed: none without [`Settings::fused`].
     pub(crate) fn fused_count(&self) -> u32 {
         if self.settings.fused { self.fused_channels().count() } else { 0 }
     }
@@ -218,17 +217,17 @@ impl Plan {
         if self.formats.iter().all(|f| f.channels == Channels::Gray) { Channels::Gray } else { Channels::Rgb }
     }
 
-    /// First layer of an image's stack. The layers of the stack of I1 hold the results at the end.
+    /// First layer of an image's blur stack. The layers of the stack of I1 hold the results at the end.
     pub(crate) fn first_layer(&self, image: usize) -> u32 {
         image as u32 * self.layers_of(&self.pyramid[0]).max(RESULT_LAYERS)
     }
 
-    /// Layers of both stacks.
+    /// Layers of both blur stacks.
     pub(crate) fn stack_layers(&self) -> u32 {
         self.first_layer(1) + self.layers_of(&self.pyramid[0])
     }
 
-    /// Layers of a level's stacks.
+    /// Layers of a blur stack on a level.
     pub(crate) fn layers_of(&self, level: &Level) -> u32 {
         (level.nodes * self.slopes().layers()) as u32
     }
@@ -238,30 +237,46 @@ impl Plan {
         !self.packed[image].is_plain()
     }
 
-    /// Where a photograph is brought to.
+    /// The slot that a photograph is uploaded to.
     pub(crate) fn entry(&self, image: usize) -> Slot {
         if self.unpacks(image) { Slot::Packed { image } } else { Slot::Photograph { image } }
     }
 
-    /// How a stack's slopes are known.
+    /// How the slopes of a blur stack are computed.
     pub(crate) fn slopes(&self) -> Slopes {
         Slopes::of(&self.settings.kernel)
     }
 }
 
-/// σ of the low pass of a sweep's frames, px: below it is noise, and JPEG's.
+/// Outer iterations of a level after which the steps of V and T are damped. Most levels settle before; the others alternate between
+/// two states.
+pub(crate) const UNDAMPED: f32 = 20.0;
+/// The share of a step that is taken after [`UNDAMPED`] iterations. From twice as many on it falls further: dots under a
+/// half-Gaussian, 32 px, had not settled after 100 iterations at a half, and after 67 with a falling share.
+///
+/// Half heat sink, finest level: alternated by 0.04 % of the energy after 300 whole steps, settled after 23 damped ones. Half
+/// pcb-macro, coarsest level: by 1 % after 300, settled after 29.
+const DAMPED: f32 = 0.5;
+
+/// The share of the steps of V and T that iteration k takes.
+pub(crate) fn step_share(k: u32) -> f32 {
+    let k = k as f32;
+    if k < UNDAMPED { 1.0 } else { DAMPED * (2.0 * UNDAMPED / k).min(1.0) }
+}
+
+/// σ of the low pass of a sweep's frames, px: finer detail is mostly noise and JPEG artifacts.
 pub(crate) const LOW_PASS: f64 = 0.5;
-/// σ of the high pass, px: what is wider, drifts of brightness for one, tells little of focus.
+/// σ of the high pass, px: wider structure, such as drifts of brightness, says little about focus.
 const HIGH_PASS: f64 = 2.0;
 
-/// The low pass; what the high pass adds, along x and along y.
+/// The low pass; then the part that the high pass adds, along x and along y.
 pub(crate) fn band() -> [Filter; 3] {
     let wide = filter::gaussian(HIGH_PASS * HIGH_PASS);
     let less = wide.iter().map(|w| -w).collect();
     [filter::gaussian(LOW_PASS * LOW_PASS), wide, less]
 }
 
-/// Of the pyramid: σ 1 px before every other pixel is taken.
+/// The filter of the pyramid: σ 1 px before every other pixel is taken.
 pub(crate) fn halving_filter() -> Filter {
     filter::gaussian(1.0)
 }
@@ -277,6 +292,104 @@ fn solved_levels(width: u32, height: u32, settings: &Settings) -> Result<usize, 
             value: levels.into(),
             range: format!("1 to {} for {width}x{height}", most(LEAST_LEVEL)),
         }),
+    }
+}
+
+/// One level of the pyramid; level 0 is the image itself.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Level {
+    /// Index, 0 the finest.
+    pub(crate) index: usize,
+    /// Width and height, pixels.
+    pub(crate) size: [u32; 2],
+    /// Pixels of the full-size image per pixel of this level.
+    pub(crate) factor: f64,
+    /// The image centre in pixels of this level. It differs from the middle of the level's own grid.
+    pub(crate) centre: [f64; 2],
+    /// L, the length that places are divided by: a quarter of the diagonal, pixels.
+    pub(crate) length: f64,
+    /// Largest |V|, px² of this level.
+    pub(crate) limit: f64,
+    /// Nodes of the stack of blurred images.
+    pub(crate) nodes: usize,
+}
+
+impl Level {
+    pub(crate) fn new(index: usize, width: u32, height: u32, max_relative_blur: f64) -> Self {
+        let factor = f64::from(1u32 << index);
+        let size = [half_size(width, index), half_size(height, index)];
+        // At least 1 px²: less blur is not visible on a coarse level, and V must be free to move.
+        let limit = (max_relative_blur / (factor * factor)).max(1.0);
+        Self {
+            index,
+            size,
+            factor,
+            centre: centre(width, height).map(|c| c / factor),
+            length: f64::from(size[0]).hypot(size[1].into()) / 4.0,
+            limit,
+            nodes: node_count(READ_BEYOND * limit),
+        }
+    }
+
+    /// Workgroups of `linearise`: a row of partial sums each.
+    pub(crate) fn tiles(&self) -> [u32; 3] {
+        linearise::tiles(self.size)
+    }
+
+    /// Pixels.
+    pub(crate) fn pixels(&self) -> u64 {
+        stages::pixels(self.size[0], self.size[1])
+    }
+
+    /// Width and height of an image that holds one color of a checkerboard.
+    pub(crate) fn half(&self) -> [u32; 2] {
+        [self.size[0].div_ceil(2), self.size[1]]
+    }
+}
+
+/// A side after `halvings` halvings. Pixel i of a level is at pixel 2i of the level below.
+fn half_size(side: u32, halvings: usize) -> u32 {
+    side.div_ceil(1 << halvings)
+}
+
+/// Where a filter is among the weights of all filters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct FilterRange {
+    pub(crate) bank: usize,
+    /// Of the first weight, in units of four weights.
+    pub(crate) offset: u32,
+    pub(crate) blocks: u32,
+    pub(crate) radius: u32,
+}
+
+/// How a layer of a blur stack is made: from which layer, and by the sum of which separable filters.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct StackLayer {
+    pub(crate) from: u32,
+    pub(crate) sampling: stack::Sampling,
+    pub(crate) terms: Vec<[FilterRange; 2]>,
+}
+
+/// The weights of all filters, in banks that fit into a uniform buffer each.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Weights {
+    pub(crate) banks: Vec<Vec<f64>>,
+}
+
+impl Weights {
+    fn add(&mut self, filter: &Filter) -> FilterRange {
+        let blocks = (filter.len() as u32).div_ceil(convolve::BLOCK);
+        let length = (blocks * convolve::BLOCK) as usize;
+        if self.banks.last().is_none_or(|bank| bank.len() + length > convolve::WEIGHTS) {
+            self.banks.push(Vec::new());
+        }
+        let bank = self.banks.len() - 1;
+        let weights = &mut self.banks[bank];
+        let (offset, radius) = (weights.len() as u32 / 4, (filter.len() / 2) as u32);
+        let end = weights.len() + length;
+        weights.extend(filter);
+        weights.resize(end, 0.0);
+        FilterRange { bank, offset, blocks, radius }
     }
 }
 
@@ -332,18 +445,17 @@ mod tests {
     }
 
     #[test]
-    fn a_level_that_goes_on_for_long_is_damped() {
-        let plan = plan(64, 64);
-        let share = |k| plan.update(&plan.pyramid[0], k).share;
-        assert_eq!([0, 19, 20, 40, 80].map(share), [1.0, 1.0, 0.5, 0.5, 0.25]);
+    fn a_level_with_many_iterations_is_damped() {
+        assert_eq!([0, 19, 20, 40, 80].map(step_share), [1.0, 1.0, 0.5, 0.5, 0.25]);
     }
 
     #[test]
-    fn the_host_asks_from_the_first_iteration_that_may_settle_on() {
-        let asks =
-            |may_settle: fn(u32) -> bool| (0..9).filter(move |&k| Plan::asks_before(k, may_settle)).collect::<Vec<_>>();
-        assert_eq!(asks(|k| k >= 3), [4, 6, 8]);
-        assert_eq!(asks(|k| k >= 8), [0; 0]);
+    fn settling_is_checked_from_the_first_iteration_that_may_settle_on() {
+        let checks = |may_settle: fn(u32) -> bool| {
+            (0..9).filter(move |&k| Plan::checks_before(k, may_settle)).collect::<Vec<_>>()
+        };
+        assert_eq!(checks(|k| k >= 3), [4, 6, 8]);
+        assert_eq!(checks(|k| k >= 8), [0; 0]);
     }
 
     #[test]

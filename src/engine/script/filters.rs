@@ -1,4 +1,4 @@
-//! The pyramid and the stacks of blurred images: the passes that filter.
+//! The passes that filter: the pyramid and the blur stacks.
 
 use super::compose::Composer;
 use crate::engine::arguments::{Grid, Over, Place};
@@ -7,30 +7,34 @@ use crate::engine::slot::{self, Handle, Plane};
 use crate::engine::stages::stack::Sampling;
 use crate::engine::stages::{NO_VARIANT, apply_shading, convolve, subdivide, warp};
 
-/// An image of one float a pixel, and which of its layers.
+/// A layer of an image.
 pub(super) type Layer = (Handle<Plane>, u32);
 
-/// Where a separable filter's first direction goes.
+/// The target of the first direction of a separable filter.
 const SCRATCH: Layer = (slot::SCRATCH, 0);
 
-/// Pixels around what is wanted of a stack for which it is made: 4½ σ of the widest blur that a sweep compares, so that what stands
-/// beyond counts by less than 1e-5.
+/// Pixels around the wanted tiles for which a blur stack is computed: 4½ σ of the widest blur that a sweep compares. Pixels beyond
+/// weigh less than 1e-5.
 const REACH: u32 = 16;
 
-/// What a filter goes along: pixels along the axis and across it, before the filter, the stride, after how many pixels
-/// the mirrored image repeats itself, and 1 for y.
+/// The axis of a filter.
 struct Axis {
+    /// Pixels along the axis, before the filter.
     length: u32,
+    /// Pixels across it.
     breadth: u32,
+    /// 1, or 2 to halve.
     stride: u32,
+    /// Pixels after which the mirrored image repeats.
     period: u32,
+    /// 0 along x, 1 along y.
     vertical: u32,
-    /// Pixels of the level from one of its pixels to the next, along the axis and across it.
+    /// Pixels of the level from one filtered pixel to the next, along the axis and across it.
     spacing: [u32; 2],
 }
 
 impl Composer<'_> {
-    /// Each level from its parent, both axes halved: an image, and which of its pixels count.
+    /// The pyramid of an image and of its mask: each level halves the one below.
     pub(super) fn pyramid(&mut self, image: usize) {
         let plan = self.plan;
         for (parent, level) in plan.pyramid.iter().zip(&plan.pyramid[1..]) {
@@ -44,8 +48,8 @@ impl Composer<'_> {
         }
     }
 
-    /// A layer of a level's stack: the spline coefficients of its image, or a filter of an earlier layer. Says how many
-    /// separable filters it took.
+    /// A layer of a level's blur stack: the spline coefficients of the image, or a filter of an earlier layer. Returns the number of
+    /// separable filters.
     pub(super) fn stack_layer(&mut self, level: &Level, image: usize, layer: u32) -> u64 {
         let plan = self.plan;
         let base = plan.first_layer(image);
@@ -56,7 +60,8 @@ impl Composer<'_> {
                 self.warp(level);
                 return 2;
             }
-            let from = if image == 1 { self.even(level, stack(0)) } else { (slot::luminance(image, level.index), 0) };
+            let from =
+                if image == 1 { self.apply_shading(level, stack(0)) } else { (slot::luminance(image, level.index), 0) };
             self.spline(level, from, stack(0));
             return 1;
         }
@@ -71,23 +76,24 @@ impl Composer<'_> {
         terms.len() as u64
     }
 
-    /// Coefficients of the spline through I2.
+    /// Spline coefficients of I2.
     pub(super) fn spline2(&mut self, level: &Level) {
         self.spline(level, (slot::luminance(1, level.index), 0), (slot::SPLINE2.plane(), 0));
     }
 
-    /// I2 evened out, into a layer.
-    fn even(&mut self, level: &Level, to: Layer) -> Layer {
+    /// I2 with its shading applied, into a layer.
+    fn apply_shading(&mut self, level: &Level, to: Layer) -> Layer {
         let bindings = apply_shading::Bindings {
             from: slot::i2(level.index).read(),
             to: to.0.write(),
             state: slot::STATE.update(),
         };
-        self.over(level.size, bindings, &self.plan.even(level, to.1), NO_VARIANT);
+        let ([width, height], centre) = (level.size, level.centre.map(|c| c as f32));
+        self.over(level.size, bindings, &apply_shading::Constants { width, height, layer: to.1, centre }, NO_VARIANT);
         to
     }
 
-    /// Coefficients of the spline through an image.
+    /// Spline coefficients of an image.
     pub(super) fn spline(&mut self, level: &Level, from: Layer, to: Layer) {
         self.separable([from, to], level.size, [self.plan.prefilter; 2], 1, false);
     }
@@ -97,19 +103,21 @@ impl Composer<'_> {
         self.separable([layer, layer], size, [self.plan.window; 2], 1, false);
     }
 
-    /// The first layer of I2's stack: I2 on I1's pixels. The samples stand in the second until it is made.
+    /// The first layer of I2's blur stack: I2 warped onto I1's pixels. The second layer holds its samples in between.
     fn warp(&mut self, level: &Level) {
         let base = self.plan.first_layer(1);
         let bindings =
             warp::Bindings { spline2: slot::SPLINE2.read(), stacks: slot::STACKS.write(), state: slot::STATE.update() };
         let grid = self.grid(warp::tiles(level.size));
-        self.dispatch(bindings, &self.plan.warp(level, base + 1), NO_VARIANT, grid);
+        let ([width, height], centre) = (level.size, level.centre.map(|c| c as f32));
+        let constants = warp::Constants { width, height, layer: base + 1, factor: level.factor as f32, centre };
+        self.dispatch(bindings, &constants, NO_VARIANT, grid);
         self.spline(level, (slot::STACKS.plane(), base + 1), (slot::STACKS.plane(), base));
     }
 
-    /// I2 on I1's pixels and its whole stack, if T has moved since.
-    pub(super) fn warp_anew(&mut self, level: &Level) {
-        self.anew = Some(level.index);
+    /// Warps I2 again and computes its blur stack, if T or the shading has changed.
+    pub(super) fn warp_again(&mut self, level: &Level) {
+        self.warping_again = Some(level.index);
         self.warps[level.index].clear();
         self.warp(level);
         for layer in 1..self.plan.layers_of(level) {
@@ -118,19 +126,21 @@ impl Composer<'_> {
         if self.plan.finds_shape(level) {
             self.shape(level, 1);
         }
-        self.anew = None;
+        self.warping_again = None;
     }
 
-    /// So many workgroups; if need be, only if T has moved.
+    /// A grid of workgroups; while I2 is warped again, one that has none unless T has moved.
     pub(super) fn grid(&mut self, groups: [u32; 3]) -> Grid {
-        let Some(level) = self.anew else { return Grid::Direct(groups) };
+        let Some(level) = self.warping_again else { return Grid::Direct(groups) };
         let warps = &mut self.warps[level];
         warps.push(groups);
         Grid::IfMoved { level, n: warps.len() - 1 }
     }
 
-    /// A layer on every other pixel, in the corner of the scratch image, where the one before it is unless this is the
-    /// first; then on every pixel in its place, which until then holds what is between the two directions.
+    /// A layer that is computed on every other pixel, then subdivided.
+    ///
+    /// The half-size layer is in the corner of the scratch image, which holds the layer before unless this is the first. The layer's
+    /// own place holds the result of the first direction in between.
     fn half_layer(
         &mut self,
         level: &Level,
@@ -158,8 +168,7 @@ impl Composer<'_> {
         self.dispatch(bindings, &constants, subdivide::variant(list.is_some()), grid);
     }
 
-    /// What a filter runs over: the tiles of so many pixels that come near what is wanted, and where their list begins; so many workgroups
-    /// if everything is.
+    /// The grid of a filter: over the listed tiles of a size, with the first entry of their list, or `groups` workgroups for all.
     fn extent(&mut self, tile: [u32; 2], groups: [u32; 3]) -> (Grid, Option<u32>) {
         match self.list(tile, REACH) {
             Some((first, grid)) => (grid, Some(first)),
@@ -167,7 +176,7 @@ impl Composer<'_> {
         }
     }
 
-    /// A filter along x into the scratch image, then one along y, from a layer of an image to one, in its place or added.
+    /// A filter along x into the scratch image, then one along y. The result replaces the target layer or is added to it.
     pub(super) fn separable(
         &mut self,
         [from, to]: [Layer; 2],

@@ -1,91 +1,85 @@
-//! A solve as data: every dispatch in order, with its stage, what it binds, its constants, its grid, and what it waits for.
+//! A solve as data: its dispatches and copies in order, and which of them wait for those before.
 //!
-//! [`compose`] writes the method down once. Two executors run what it wrote: [`record`](super::record) on a device,
-//! [`reference`](super::reference) by the stages' twins.
+//! [`compose`] composes the script of a pair. Two executors run it: [`record`](super::record) on a device, and
+//! [`reference`](super::reference) by the CPU references of the stages.
 
 mod compose;
-mod exposure;
 mod filters;
-mod hazards;
-mod relaxation;
-mod results;
-mod shape;
+mod passes;
 pub(crate) mod sweep;
+
+use std::collections::HashMap;
 
 use super::arguments::{Grid, Place};
 use super::slot::Slot;
-use super::stages::memory::Memory;
-use super::vulkan::{Stage, Variant};
+use super::stages::pass::Memory;
+use super::vulkan::{Access, Stage, Variant};
 
 pub(crate) use compose::compose;
-#[cfg(test)]
-pub(crate) use hazards::accesses;
 
 /// A solve.
 pub(crate) struct Script {
     pub(crate) parts: Vec<Part>,
-    /// How many of them it takes until the registration is known.
+    /// The number of parts until the registration is known.
     pub(crate) registered: usize,
-    /// The indirect arguments before the solve: of one plan the same, whether pixels are masked or not, since the scripts of
-    /// both keep them in one buffer.
+    /// The indirect arguments before the solve. Scripts with and without masks share their buffer, so that they are the same for a plan.
     pub(crate) arguments: Vec<u32>,
-    /// The lists of tiles that passes are wanted for, of sweeps alone.
+    /// The lists of tiles that passes of a sweep run over.
     pub(crate) tiles: Vec<u32>,
 }
 
-/// A command buffer of its own, which the host can wait for or leave out. It begins when all before it is done.
+/// A command buffer that the host can wait for or skip. It begins when all parts before are complete.
 #[derive(Debug, Default)]
 pub(crate) struct Part {
     pub(crate) entries: Vec<Entry>,
-    /// The level, 0 the finest, that is done when it ends.
+    /// The level, 0 the finest, that is complete when it ends.
     pub(crate) level_done: Option<usize>,
-    /// The level whose iterations it goes on with: not wanted once that has settled.
-    pub(crate) goes_on: Option<usize>,
-    /// The level that it begins: where the device leaves parts out by itself, it leaves that out once it has settled, as all do in a solve that is
-    /// called off.
+    /// The level whose iterations it continues. It is skipped once that level has settled.
+    pub(crate) continues: Option<usize>,
+    /// The level that it begins. Devices that skip parts by themselves skip it once that level has settled: all levels do in a solve that is
+    /// cancelled.
     pub(crate) begins: Option<usize>,
 }
 
-/// One thing to do.
+/// An action of a part.
 #[derive(Debug)]
 pub(crate) struct Entry {
     pub(crate) action: Action,
-    /// Whether all before it in its part must be done, and what that wrote visible: by the accesses that stages declare, it
-    /// touches what has been written, or writes what has been touched, since the last that waited.
+    /// Whether a barrier precedes it: it reads a slot that was written, or writes a slot that was accessed, since the last barrier.
     pub(crate) waits: bool,
 }
 
-/// What there is to do.
+/// What an entry does.
 #[derive(Debug)]
 pub(crate) enum Action {
-    /// A stage runs.
+    /// Runs a stage.
     Dispatch(Dispatch),
-    /// A buffer is copied, or of a state only what its levels have done.
+    /// Copies a buffer, or with `levels` only the state of the levels.
     Copy { from: Slot, to: Slot, levels: bool },
-    /// Zero in every pixel of an image of this size.
+    /// Sets all pixels of an image to zero.
     Clear { image: Slot, size: [u32; 2] },
-    /// The results come down: so many of the stacks' first layers.
+    /// Copies the first `layers` layers of the stacks, the results, into mapped memory.
     Download { layers: u32 },
 }
 
-/// A stage runs once.
+/// One run of a stage.
 #[derive(Clone, Debug)]
 pub(crate) struct Dispatch {
     pub(crate) stage: &'static Stage,
     pub(crate) variant: Variant,
-    /// What it binds, in the shader's order; how, the stage says.
+    /// The slots that it binds, in the shader's order.
     pub(crate) slots: Vec<Slot>,
     pub(crate) constants: Vec<u8>,
     pub(crate) grid: Grid,
     pub(crate) place: Place,
-    /// Compulsory traffic: every input element read once, every output element written once.
+    /// Compulsory traffic: each input element read once, each output element written once.
     pub(crate) bytes: u64,
-    /// The stage's twin at work on the same slots.
-    pub(crate) twin: fn(&Dispatch, &mut Memory),
+    /// Runs the stage's CPU reference on the same slots.
+    pub(crate) cpu_reference: fn(&Dispatch, &mut Memory),
 }
 
 impl Script {
-    /// Everything to do, in order.
+    /// All entries in order.
     pub(crate) fn entries(&self) -> impl Iterator<Item = &Entry> {
         self.parts.iter().flat_map(|part| &part.entries)
     }
@@ -99,11 +93,56 @@ impl Script {
     }
 }
 
+/// The slots that were accessed since the last barrier, and whether they were written.
+#[derive(Default)]
+struct Hazards {
+    accessed: HashMap<Slot, bool>,
+}
+
+impl Hazards {
+    /// Begins a part, which waits for all before it.
+    fn begin_part(&mut self) {
+        self.accessed.clear();
+    }
+
+    /// Whether an action needs a barrier: it reads a slot that was written, or writes one that was accessed.
+    fn waits(&mut self, action: &Action) -> bool {
+        let accesses = accesses(action);
+        let collides = |(slot, access): &(Slot, Access)| {
+            self.accessed.get(slot).is_some_and(|&written| written || *access != Access::Read)
+        };
+        let waits = accesses.iter().any(collides);
+        if waits {
+            self.accessed.clear();
+        }
+        for (slot, access) in accesses {
+            *self.accessed.entry(slot).or_default() |= access != Access::Read;
+        }
+        waits
+    }
+}
+
+/// The slots that an action accesses, and how.
+pub(crate) fn accesses(action: &Action) -> Vec<(Slot, Access)> {
+    match action {
+        Action::Dispatch(dispatch) => {
+            let declared = dispatch.slots.iter().zip(dispatch.stage.bindings);
+            let indirect = dispatch.grid.word().map(|_| (Slot::Arguments, Access::Read));
+            declared.map(|(slot, binding)| (*slot, binding.access)).chain(indirect).collect()
+        }
+        Action::Copy { from, to, .. } => vec![(*from, Access::Read), (*to, Access::Write)],
+        Action::Clear { image, .. } => vec![(*image, Access::Write)],
+        Action::Download { .. } => vec![(Slot::Stacks, Access::Read), (Slot::EndMaps, Access::Write)],
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::base::{Channels, Depth, Format, Method, Settings};
+    use crate::engine::arguments::Over;
     use crate::engine::plan::Plan;
+    use crate::engine::stages::{NO_VARIANT, update};
 
     fn script(method: Method, masked: bool) -> Script {
         let gray = Format { channels: Channels::Gray, depth: Depth::F32 };
@@ -127,22 +166,58 @@ mod tests {
     }
 
     #[test]
-    fn passes_wait_for_what_they_read_and_for_nothing_else() {
+    fn a_pass_waits_for_the_slots_that_it_reads_and_for_no_others() {
         let script = script(Method::Unified, false);
         let first: Vec<&Entry> = script.parts[0].entries.iter().filter(|entry| name(entry) == "ingest").collect();
-        assert!(!first[0].waits, "nothing came before it");
+        assert!(!first[0].waits, "it is the first");
         let iteration = |entry: &&Entry| ["linearise", "update_transform", "relax", "update"].contains(&name(entry));
         for part in &script.parts {
-            // The first of a part waits by being so.
+            // The first entry of a part needs no barrier.
             assert!(part.entries.iter().skip(1).filter(iteration).all(|entry| entry.waits));
         }
     }
 
     #[test]
-    fn only_masked_scripts_weigh_pixels_and_both_have_the_same_arguments() {
+    fn only_masked_scripts_weight_pixels_and_both_have_the_same_arguments() {
         let [plain, masked] = [false, true].map(|masked| script(Method::Unified, masked));
-        let weighs = |script: &Script| script.dispatches().any(|dispatch| dispatch.variant[2]);
-        assert!(!weighs(&plain) && weighs(&masked));
+        let weights = |script: &Script| script.dispatches().any(|dispatch| dispatch.variant[2]);
+        assert!(!weights(&plain) && weights(&masked));
         assert_eq!(plain.arguments, masked.arguments);
+    }
+
+    #[test]
+    fn a_read_waits_for_writes_and_a_write_for_both() {
+        let mut hazards = Hazards::default();
+        let copy = |from, to| Action::Copy { from, to, levels: false };
+        let (a, b, c) = (Slot::State, Slot::Progress, Slot::EndState);
+        assert!(!hazards.waits(&copy(a, b)));
+        assert!(!hazards.waits(&copy(a, c)), "two reads");
+        assert!(hazards.waits(&copy(b, Slot::RegisteredState)), "a read after a write");
+        assert!(hazards.waits(&copy(Slot::StartState, b)), "a write after a read");
+        assert!(!hazards.waits(&copy(Slot::Energies, c)), "no access since the last barrier");
+        hazards.begin_part();
+        assert!(!hazards.waits(&copy(b, a)), "a part waits for all before it");
+    }
+
+    #[test]
+    fn an_indirect_dispatch_waits_for_its_arguments() {
+        let dispatch = |grid| {
+            Action::Dispatch(Dispatch {
+                stage: &update::STAGE,
+                variant: NO_VARIANT,
+                slots: vec![Slot::Change { color: 0 }, Slot::Change { color: 1 }, Slot::RelativeBlur { level: 0 }],
+                constants: Vec::new(),
+                grid,
+                place: Place::default(),
+                bytes: 0,
+                cpu_reference: |_, _| (),
+            })
+        };
+        let arguments = Action::Copy { from: Slot::StartArguments, to: Slot::Arguments, levels: false };
+        for (grid, waits) in [(Grid::Level { level: 0, over: Over::Pixels }, true), (Grid::Direct([1; 3]), false)] {
+            let mut hazards = Hazards::default();
+            assert!(!hazards.waits(&arguments));
+            assert_eq!(hazards.waits(&dispatch(grid)), waits);
+        }
     }
 }

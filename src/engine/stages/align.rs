@@ -1,31 +1,30 @@
-//! A frame of a sweep on the reference's pixels, as bright as it.
+//! Resamples a frame of a sweep onto the reference's pixels and matches its brightness.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::{Registration, Single, from_centre};
 use super::{Field, pixels, spline};
 use crate::base::Shading;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// The layer where it goes.
+    /// Target layer.
     pub layer: u32,
-    /// Pixels of the full-size image a pixel of this level.
+    /// Pixels of the full-size image per pixel of this level.
     pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
-    /// Where the reference's pixels lie in the frame, and what brings it to the reference's brightness.
+    /// Maps the reference's pixels into the frame, and the frame's brightness to the reference's.
     pub registration: Single,
-    /// How the gain varies over the frame.
+    /// Shading: how the gain varies over the frame.
     pub shading: [f32; Shading::TERMS],
 }
 
@@ -38,22 +37,19 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: every pixel read and written.
+    /// Compulsory traffic: every pixel read and written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         8 * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let aligned = twin(c, memory.layer(self.spline, 0));
+        let aligned = cpu_reference(c, memory.layer(self.spline, 0));
         memory.set_layer(self.aligned, c.layer as usize, aligned);
     }
 }
 
-/// The frame on the reference's pixels; what it does not show is that of its border.
-pub fn twin(c: &Constants, spline: &Field) -> Field {
+/// The frame on the reference's pixels. Beyond its border it repeats the border.
+pub fn cpu_reference(c: &Constants, spline: &Field) -> Field {
     let (r, centre) = (Registration::from(c.registration), c.centre.map(f64::from));
     let shading = Shading { coefficients: c.shading.map(f64::from) };
     Field::from_fn(c.width as usize, c.height as usize, |x, y| {
@@ -72,7 +68,7 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37u32, 21u32), (64, 16), (5, 3)] {
             let spline = random_field(width as usize, height as usize, 1);
             let t = Similarity::new(1.3, -0.8, 1.0, 1.02);
@@ -89,9 +85,9 @@ mod tests {
             let rig = Rig::new();
             let (from, to) = (rig.image(std::slice::from_ref(&spline)), rig.empty([width, height], 2));
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &c, [width, height]);
-            // Single precision, of coefficients up to 1 and a factor of at most 4.
+            // Single precision, with coefficients up to 1 and a factor of at most 4.
             let nothing = Field::zeros(width as usize, height as usize);
-            rig.assert_close(&to, &[nothing, twin(&c, &spline)], 2e-5);
+            rig.assert_close(&to, &[nothing, cpu_reference(&c, &spline)], 2e-5);
         }
     }
 }

@@ -1,37 +1,37 @@
-//! Dense registration without a blur model, equation 36 of the paper: what the registration step sums for it.
+//! Dense registration without a blur model, equation 36 of the paper: the sums of the registration step.
 //!
 //! ```text
 //! E(T) = ∫ ψ(S²) dx,  S = I1 - J,  J = g I2(T x) + o
 //! N = Σ w j jᵀ,  g = Σ w j S,  j = ∂S/∂ζ,  w = ψ'(S²)
 //! ```
 //!
-//! Over all pixels that T keeps inside I2. The [step](super::step) is that of the unified method.
+//! The sums run over all pixels that T maps into I2. [`update_transform`](super::update_transform) then steps T as in
+//! the unified method.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::mask::{self, Masks};
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::{Registration, inside};
 use super::sums::{Layout, Sums};
 use super::{Field, linearise, pixels, spline};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// What [`linearise`] takes: the workgroups are those of `linearise`.
+    /// Rows of blocks per workgroup; the workgroups are those of [`linearise`].
     pub rows: u32,
-    /// Pixels of the full-size image a pixel of this level.
+    /// Pixels of the full-size image per pixel of this level.
     pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
-    /// L, which places are stated over: a quarter of the diagonal.
+    /// L, the length that places are divided by: a quarter of the diagonal, pixels.
     pub length: f32,
     /// η, intensities.
     pub eta: f32,
@@ -45,17 +45,14 @@ bindings! {
     spline2: Reads<Spline2>,
     /// State.
     state: Reads<State>,
-    /// A row of sums for each workgroup of `linearise`.
+    /// A row of sums for each workgroup.
     partials: Writes<Partials>,
-    /// Of I1, of I2.
+    /// Masks of I1 and I2.
     masks: Reads<Masks>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: I1 and the spline of I2 read, a row of sums a workgroup written.
+    /// Compulsory traffic: I1 and the spline of I2 read, a row of sums a workgroup written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         8 * pixels(c.width, c.height) + linearise::row_bytes([c.width, c.height], Layout::of_variant(variant))
     }
@@ -63,13 +60,13 @@ impl Pass for Bindings {
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let r = memory.state(self.state).registration;
         let masks = mask::of(memory, self.masks, variant);
-        let sums = twin(c, &r, memory.layer(self.i1, 0), memory.layer(self.spline2, 0), masks);
+        let sums = cpu_reference(c, &r, memory.layer(self.i1, 0), memory.layer(self.spline2, 0), masks);
         memory.set_sums(self.partials, sums);
     }
 }
 
-/// One whole pass over a level; `spline2` holds the coefficients of I2, `masks` is where pixels are masked.
-pub fn twin(c: &Constants, r: &Registration, i1: &Field, spline2: &Field, masks: Option<&Masks>) -> Sums {
+/// One pass over a level. `spline2` holds the spline coefficients of I2.
+pub fn cpu_reference(c: &Constants, r: &Registration, i1: &Field, spline2: &Field, masks: Option<&Masks>) -> Sums {
     let mut sums = Sums::default();
     for y in 0..i1.height {
         for x in 0..i1.width {
@@ -132,7 +129,7 @@ mod tests {
         let registration = Registration::new(transform, &Photometric { gain: 1.1, offset: -0.03 });
         let state = State::new(&registration);
         let spline = build_stack(i2, &Kernel::Gaussian, 1);
-        let expected = twin(&c, &state.registration(), i1, &spline[0], masks);
+        let expected = cpu_reference(&c, &state.registration(), i1, &spline[0], masks);
 
         let rig = Rig::new();
         let images = [i1, &spline[0]].map(|image| rig.image(std::slice::from_ref(image)));
@@ -149,23 +146,23 @@ mod tests {
             Resource::Image(&masks),
         ];
         rig.run_variant(&STAGE, [false, false, masked, projective], &resources, &c, groups);
-        let found = Sums::from_partials(&rig.floats(&partials), layout);
+        let actual = Sums::from_partials(&rig.floats(&partials), layout);
 
         // 1e-4 of the diagonal: single precision over the pixels of a workgroup, which may cancel off the diagonal.
         let close = |f: f64, e: f64, scale: f64| assert!((f - e).abs() <= 1e-4 * scale + 1e-6, "{f}, not {e}");
-        close(found.energy, expected.energy, expected.energy);
-        close(found.valid, expected.valid, expected.valid);
+        close(actual.energy, expected.energy, expected.energy);
+        close(actual.valid, expected.valid, expected.valid);
         for i in 0..layout.unknowns {
             let diagonal = |j: usize| expected.normal[j][j];
-            close(found.gradient[i], expected.gradient[i], (diagonal(i) * expected.energy).sqrt());
+            close(actual.gradient[i], expected.gradient[i], (diagonal(i) * expected.energy).sqrt());
             for j in 0..layout.unknowns {
-                close(found.normal[i][j], expected.normal[i][j], (diagonal(i) * diagonal(j)).sqrt());
+                close(actual.normal[i][j], expected.normal[i][j], (diagonal(i) * diagonal(j)).sqrt());
             }
         }
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37, 21), (150, 40), (16, 16)] {
             let (i1, i2) = (smooth_field(width, height, 1), smooth_field(width, height, 2));
             for transform in [Similarity::IDENTITY, Similarity::new(3.3, -1.7, 2.0, 1.05)] {
@@ -182,23 +179,23 @@ mod tests {
     fn the_gradient_is_that_of_the_energy() {
         let (i1, i2) = (smooth_field(60, 50, 1), smooth_field(60, 50, 2));
         let spline = build_stack(&i2, &Kernel::Gaussian, 1);
-        // Kept well inside, so that every pixel is valid on both sides of the difference.
+        // The transform is well inside the image, so that each pixel is valid on both sides of the difference.
         let c = Constants { factor: 1.0, ..constants(60, 50) };
         let start = Registration::new(
             Homography::from_matrix([[0.9, -0.03, 0.4], [0.03, 0.9, -0.3], [0.0, 0.0, 1.0]]).unwrap(),
             &Photometric { gain: 1.1, offset: -0.05 },
         );
-        let gradient = twin(&c, &start, &i1, &spline[0], None).gradient;
+        let gradient = cpu_reference(&c, &start, &i1, &spline[0], None).gradient;
         let step = 1e-5;
         let moved = |i: usize, by: f64| {
             let mut x = [0.0; UNKNOWNS];
             x[i] = by;
             let r = start.after(&update_transform::displacing(f64::from(c.length), 1.0, x));
-            twin(&c, &r, &i1, &spline[0], None).energy
+            cpu_reference(&c, &r, &i1, &spline[0], None).energy
         };
-        for (i, found) in gradient.iter().enumerate() {
+        for (i, actual) in gradient.iter().enumerate() {
             let expected = (moved(i, step) - moved(i, -step)) / (2.0 * step);
-            assert!((found - expected).abs() < 1e-4 * expected.abs().max(1.0), "{i}: {found}, not {expected}");
+            assert!((actual - expected).abs() < 1e-4 * expected.abs().max(1.0), "{i}: {actual}, not {expected}");
         }
     }
 }

@@ -1,26 +1,24 @@
-//! I2 as bright as I1 from place to place, but for gain and offset, where no pass after it brings I2 onto I1's pixels.
+//! Applies the shading to I2, on levels where I2 is not warped onto I1's pixels.
 //!
-//! Shading is smooth: over a blur it hardly changes, so that an image evened out and then blurred is one blurred and then evened
-//! out.
+//! Shading is smooth and hardly changes within a blur kernel, so that blur and shading may be applied in either order.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::from_centre;
 use super::{Field, pixels};
 use crate::base::Shading;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// The layer where it goes.
+    /// Target layer.
     pub layer: u32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
@@ -30,31 +28,28 @@ bindings! {
     APPLY_SHADING:
     /// I2.
     from: Reads<I2>,
-    /// Where it goes.
+    /// The shaded image.
     to: Writes<Plane>,
-    /// State, which keeps the shading that was used.
+    /// State, which stores the shading that was applied.
     state: Updates<State>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: every pixel read and written.
+    /// Compulsory traffic: every pixel read and written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         8 * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let shading = memory.state(self.state).shading;
-        let evened = twin(c, &shading, memory.layer(self.from, 0));
-        memory.set_layer(self.to, c.layer as usize, evened);
-        memory.state_mut(self.state).evened = shading;
+        let applied_shading = cpu_reference(c, &shading, memory.layer(self.from, 0));
+        memory.set_layer(self.to, c.layer as usize, applied_shading);
+        memory.state_mut(self.state).applied_shading = shading;
     }
 }
 
 /// I2 times the shading.
-pub fn twin(c: &Constants, shading: &Shading, i2: &Field) -> Field {
+pub fn cpu_reference(c: &Constants, shading: &Shading, i2: &Field) -> Field {
     let centre = c.centre.map(f64::from);
     let factor = |x: usize, y: usize| shading.at(from_centre([x as f64, y as f64], centre));
     Field::from_fn(i2.width, i2.height, |x, y| factor(x, y) * i2.get(x, y))
@@ -68,7 +63,7 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16), (2, 3)] {
             let i2 = random_field(width, height, 1);
             let mut state = State::new(&DoubleState::default().registration);
@@ -81,9 +76,9 @@ mod tests {
             let resources = [Resource::Image(&image), Resource::Image(&to), Resource::Buffer(&buffer)];
             rig.run(&STAGE, &resources, &c, [c.width, c.height]);
             let shading = Shading { coefficients: state.shading.map(f64::from) };
-            // Single precision, of a factor of at most 4.
-            rig.assert_close(&to, &[Field::zeros(width, height), twin(&c, &shading, &i2)], 1e-5);
-            assert_eq!(rig.value::<State>(&buffer).evened, state.shading);
+            // Single precision, with a factor of at most 4.
+            rig.assert_close(&to, &[Field::zeros(width, height), cpu_reference(&c, &shading, &i2)], 1e-5);
+            assert_eq!(rig.value::<State>(&buffer).applied_shading, state.shading);
         }
     }
 }

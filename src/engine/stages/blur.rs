@@ -1,28 +1,29 @@
-//! Î1 and Î2, both images as the kernel of variance V blurs them, and their derivatives by V: the twin of
+//! Î1 and Î2, both images blurred by the kernel of variance V, and their derivatives by V: the CPU reference of
 //! `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, section 3 of `docs/method.md`.
 
 use super::Field;
 use super::spline::{self, Jet};
 use super::stack::{self, Blurred, Slopes};
 use super::state::Registration;
+use crate::engine::shaders;
 
-/// Beyond V = 0 a blurred image goes on linearly for this many px².
-pub const NEAR: f64 = 0.5;
+/// Beyond V = 0 a blurred image is extrapolated linearly for this many px².
+pub const NEAR: f64 = shaders::blur::NEAR;
 /// Below this |V|, px², the kernel's mean moves linearly, so that its derivative stays finite.
-const LEAST_ROOT: f64 = 0.05;
+const LEAST_ROOT: f64 = shaders::blur::LEAST_ROOT;
 
-/// The stacks of I1 and I2.
+/// The blur stacks of I1 and I2.
 pub struct Stacks<'a> {
-    /// Of I1.
+    /// The stack of I1.
     pub first: &'a [Field],
-    /// Of I2.
+    /// The stack of I2.
     pub second: &'a [Field],
-    /// How both know their slopes.
+    /// How their slopes are computed.
     pub slopes: Slopes,
 }
 
 impl<'a> Stacks<'a> {
-    /// Of `nodes` nodes each in the layers of one image, that of I2 from layer `second` on.
+    /// Stacks of `nodes` nodes each in the layers of one image. That of I2 begins at layer `second`.
     pub(super) fn of(layers: &'a [Field], second: u32, nodes: u32, any_kernel: bool) -> Self {
         let slopes = if any_kernel { Slopes::Layers } else { Slopes::Laplacian };
         let (second, count) = (second as usize, nodes as usize * slopes.layers());
@@ -30,8 +31,9 @@ impl<'a> Stacks<'a> {
     }
 }
 
-/// At pixel (x, y), which T puts at (x, y) + d: Î1, and Î2 before gain and offset, both with their slopes by V. The centred
-/// kernel is read where its mean, given at V = 1, takes it. Gradients are by I1's pixels.
+/// Î1 and Î2 at pixel (x, y), which T maps to (x, y) + d, before gain and offset, with their derivatives by V. `mean`
+/// is that of the kernel at V = 1: the stacks hold centred kernels, and are read where the mean moves the pixel to.
+/// Gradients are per pixel of I1.
 pub fn read(
     &Stacks { first, second, slopes }: &Stacks,
     r: &Registration,
@@ -45,7 +47,7 @@ pub fn read(
     let (mean, by_v) = mean_at(mean, r, v);
     let ahead = [xx * mean[0] + xy * mean[1], yx * mean[0] + yy * mean[1]];
     let (p, q) = ([x - mean[0], y - mean[1]], [x + d[0] + ahead[0], y + d[1] + ahead[1]]);
-    // An image that is not blurred goes on linearly through V = 0.
+    // The image that is not blurred is extrapolated linearly through V = 0.
     let beyond = |stack: &[Field], [x, y]: [f64; 2], factor: f64| {
         let (jet, slope) = stack::node(stack, slopes, 0, x, y);
         let slope = factor * slope;
@@ -67,8 +69,8 @@ pub fn read(
     [b1, b2]
 }
 
-/// What a pixel sees where T has moved it by `shift` since the stack of I2 was brought onto I1's pixels, for a Gaussian: J
-/// before gain and offset, and Î1 and Î2 as [`read`] has them.
+/// J before gain and offset, and Î1 and Î2 as in [`read`], at a pixel that T has moved by `shift` since I2 was warped
+/// onto I1's pixels. For a Gaussian.
 pub fn read_near(stacks: &Stacks, [x, y]: [usize; 2], shift: [f64; 2], v: f64) -> (Jet, [Blurred; 2]) {
     let Stacks { first, second, .. } = stacks;
     let j = spline::near(&second[0], x, y, shift);
@@ -84,8 +86,8 @@ pub fn read_near(stacks: &Stacks, [x, y]: [usize; 2], shift: [f64; 2], v: f64) -
     (j, [beyond(&spline::near(&first[0], x, y, [0.0; 2]), 1.0), Blurred { slope: -b2.slope, ..b2 }])
 }
 
-/// Where the mean of the kernel lies at V, and its derivative by V, in I1's pixels. The kernel turns with the sensor that
-/// it blurs, which is I2's for V > 0: by the rotation nearest to T's Jacobian.
+/// The mean of the kernel at V, and its derivative by V, in I1's pixels. The kernel rotates with the sensor of the
+/// blurred image, which is I2 for V > 0: by the rotation nearest to T's Jacobian.
 fn mean_at(mut mean: [f64; 2], r: &Registration, v: f64) -> ([f64; 2], [f64; 2]) {
     if v > 0.0 {
         let (sin, cos) = r.transform.rotation().sin_cos();
@@ -94,6 +96,41 @@ fn mean_at(mut mean: [f64; 2], r: &Registration, v: f64) -> ([f64; 2], [f64; 2])
     let root = v.abs().max(LEAST_ROOT).sqrt();
     let by_v = if v.abs() > LEAST_ROOT { 0.5 / root } else { 1.0 / root };
     (mean.map(|m| v / root * m), mean.map(|m| by_v * m))
+}
+
+/// Smooth Heaviside, equation 35.
+pub fn heaviside(v: f64, epsilon: f64) -> f64 {
+    0.5 + (v / epsilon).atan() / std::f64::consts::PI
+}
+
+/// Both images at a pixel: I1, J before gain and offset, Î1 and Î2. Gradients are per pixel of I1.
+pub(super) struct PairSample {
+    pub(super) i1: f64,
+    pub(super) i2: Jet,
+    pub(super) blurred: [Blurred; 2],
+}
+
+/// Samples both images at a pixel, on a level whose pixels are `factor` wide. `mean` is that of the kernel at V = 1.
+pub(super) fn sample_pair(
+    (mean, factor, centre): ([f32; 2], f32, [f32; 2]),
+    r: &Registration,
+    warped: Option<&Registration>,
+    [x, y]: [usize; 2],
+    i1: &Field,
+    v: f64,
+    stacks: &Stacks,
+) -> PairSample {
+    let (factor, centre) = (factor.into(), centre.map(f64::from));
+    if let Some(before) = warped {
+        let shift = r.moved_since(before).displacement(x, y, factor, centre);
+        let i1 = spline::near(&stacks.first[0], x, y, [0.0; 2]).value;
+        let (i2, blurred) = read_near(stacks, [x, y], shift, v);
+        return PairSample { i1, i2, blurred };
+    }
+    let (p, d) = ([x as f64, y as f64], r.displacement(x, y, factor, centre));
+    let mut i2 = spline::read(&stacks.second[0], p[0] + d[0], p[1] + d[1]);
+    [i2.dx, i2.dy] = r.in_first([i2.dx, i2.dy]);
+    PairSample { i1: i1.get(x, y), i2, blurred: read(stacks, r, mean.map(f64::from), p, d, v) }
 }
 
 #[cfg(test)]
@@ -105,7 +142,7 @@ mod tests {
     use crate::base::{Kernel, Photometric, Similarity};
     use crate::engine::stages::harness::build_stack;
 
-    /// The wave cos(k x) under the half-Gaussian of variance v, by a midpoint rule over its density.
+    /// The wave cos(k x) blurred by the half-Gaussian of variance v, by the midpoint rule.
     fn blurred_wave(k: f64, v: f64, x: f64) -> f64 {
         let steps = 4000;
         let density = |u: f64| (2.0 / PI).sqrt() * (-u * u / 2.0).exp();
@@ -126,13 +163,13 @@ mod tests {
         let mean = Kernel::HalfGaussian.mean();
         let identity = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
         for v in [0.3, 1.0, 2.25, 6.25, 9.0] {
-            // Far enough from the borders, where the mirrored wave is another.
+            // Far from the borders, where the wave is mirrored.
             for x in [50.0, 57.0, 63.0] {
                 let [b1, _] = read(&stacks, &identity, mean, [x, 4.0], [0.0, 0.0], v);
                 let [_, b2] = read(&stacks, &identity, mean, [x, 4.0], [0.0, 0.0], -v);
                 let expected = blurred_wave(k, v, x);
                 let slope = (blurred_wave(k, v + 1e-3, x) - blurred_wave(k, v - 1e-3, x)) / 2e-3;
-                // 3e-3 of the contrast, as the cubic between the nodes has it.
+                // 3e-3 of the contrast: the error of the cubic between the nodes.
                 assert!((b1.value - expected).abs() < 3e-3, "v {v}, x {x}: {} {expected}", b1.value);
                 assert!((b2.value - expected).abs() < 3e-3, "v {v}, x {x}: {} {expected}", b2.value);
                 assert!((b1.slope - slope).abs() < 1e-2, "v {v}, x {x}: slope {} {slope}", b1.slope);

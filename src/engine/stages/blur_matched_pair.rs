@@ -1,36 +1,35 @@
-//! Both images as V says they look alike, the sharper one blurred, for gain, offset and shading.
+//! Blurs the sharper image by V so that both look alike, for gain, offset and shading.
 //!
-//! Where V is right the two differ by their exposure and noise alone, whatever the blur, so that means and deviations tell of the
-//! exposure and take none of the blur for it. On every other pixel; the [window](super::uncertainty_terms::window()) then takes the noise off.
+//! Where V is right the two differ only by exposure and noise. Means and deviations then measure the exposure,
+//! unaffected by the blur. Every other pixel is computed; the [window](super::uncertainty_terms::window()) then
+//! averages the noise.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::blur::Stacks;
+use super::blur::{Stacks, sample_pair};
 use super::mask::{self, Masks};
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
-use super::resample_pair::see;
+use super::pass::{Memory, Pass, bindings};
 use super::state::{Registration, inside};
 use super::uncertainty_terms;
 use super::{Field, pixels, spline};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
-/// Layers: shares times I1, shares times I2, shares.
+/// Layers: I1 and I2, each times the share, and the share.
 pub const LAYERS: u32 = 3;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// Nodes of the stacks; 0: there are none yet, only the spline of I2, and V is zero.
+    /// Nodes of the stacks; 0 before there are any: then V is zero and only the spline of I2 is read.
     pub nodes: u32,
     /// First layer of the stack of I2.
     pub second_stack: u32,
-    /// Pixels of the full-size image a pixel of this level.
+    /// Pixels of the full-size image per pixel of this level.
     pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
@@ -44,21 +43,18 @@ bindings! {
     i1: Reads<I1>,
     /// V.
     v: Reads<RelativeBlur>,
-    /// Stacks of I1 and I2, or the spline coefficients of I2.
+    /// Stacks of I1 and I2, or spline coefficients of I2.
     stacks: Reads<Plane>,
-    /// Both sides.
-    sides: Writes<Evidence>,
+    /// The blur-matched pair, with shares.
+    pair: Writes<UncertaintyTerms>,
     /// State.
     state: Reads<State>,
-    /// Of I1, of I2.
+    /// Masks of I1 and I2.
     masks: Reads<Masks>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image read, three
+    /// Compulsory traffic: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image read, three
     /// values written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = uncertainty_terms::size([c.width, c.height]);
@@ -76,21 +72,21 @@ impl Pass for Bindings {
             let stacks = Stacks::of(layers, c.second_stack, c.nodes, variant[0]);
             Images::Stacks(stacks, variant[1].then_some(&state.warped))
         };
-        let sides = twin(c, &state.registration, i1, v, &images, masks);
-        sides.into_iter().enumerate().for_each(|(n, side)| memory.set_layer(self.sides, n, side));
+        let pair = cpu_reference(c, &state.registration, i1, v, &images, masks);
+        pair.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.pair, n, field));
     }
 }
 
-/// What I2 is read from.
+/// The source of I2.
 pub enum Images<'a> {
     /// Its spline coefficients; V is zero.
     Spline(&'a Field),
-    /// The stacks, and T when that of I2 was brought onto I1's pixels, if it was.
+    /// The stacks, and T when I2 was warped onto I1's pixels, if it was.
     Stacks(Stacks<'a>, Option<&'a Registration>),
 }
 
-/// Shares times either side, and shares, on every other pixel.
-pub fn twin(
+/// I1 and I2, each times the share, and the share, on every other pixel.
+pub fn cpu_reference(
     c: &Constants,
     r: &Registration,
     i1: &Field,
@@ -110,9 +106,9 @@ pub fn twin(
         let [first, second] = match images {
             Images::Spline(spline2) => [i1_here, spline::read(spline2, x[0] as f64 + d[0], x[1] as f64 + d[1]).value],
             Images::Stacks(stacks, warped) => {
-                let seen = see((c.mean, c.factor, c.centre), r, *warped, x, i1, v, stacks);
-                let [b1, b2] = seen.blurred;
-                if v >= 0.0 { [b1.value, seen.i2.value] } else { [i1_here, b2.value] }
+                let sample = sample_pair((c.mean, c.factor, c.centre), r, *warped, x, i1, v, stacks);
+                let [b1, b2] = sample.blurred;
+                if v >= 0.0 { [b1.value, sample.i2.value] } else { [i1_here, b2.value] }
             }
         };
         [share * first, share * second, share]
@@ -154,7 +150,7 @@ mod tests {
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
         let from =
             if stacked { Images::Stacks(read, warped.then_some(&before)) } else { Images::Spline(&stacks[1][0]) };
-        let expected = twin(&c, &state.registration(), &i1, &v, &from, masked.then_some(&masks));
+        let expected = cpu_reference(&c, &state.registration(), &i1, &v, &from, masked.then_some(&masks));
 
         let rig = Rig::new();
         let layers = if stacked { stacks.concat() } else { vec![stacks[1][0].clone()] };
@@ -166,12 +162,12 @@ mod tests {
         let slopes = if stacked { slopes } else { Slopes::Laplacian };
         let variant = linearise::variant(slopes, warped, masked, false);
         rig.run_variant(&STAGE, variant, &resources, &c, STAGE.groups(size));
-        // Intensities of 0 to 1 read between pixels in single precision, from a kernel's stack.
+        // Intensities of 0 to 1 interpolated in single precision.
         rig.assert_close(&images[3], &expected, 2e-5);
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(67, 43), (32, 33), (17, 40)] {
             let smooth = || [1, 2].map(|seed| smooth_field(width, height, seed));
             let random = || [5, 6].map(|seed| random_field(width, height, seed));

@@ -1,17 +1,17 @@
-//! One-dimensional filter along one axis, mirrored borders; with a stride it also halves that axis.
+//! A one-dimensional filter along x or y with mirrored borders. With stride 2 it also halves that axis.
 //!
-//! Four filters of the method are this one: the Gaussian pyramid (σ 1 px, stride 2; pixel i of a level sits on pixel 2i
-//! of its parent), the cubic B-spline prefilter, the stack of uniformly blurred images, and means over a window. A variant takes filters of
-//! any length and can add to what is there: a filter that is not separable is a sum of some that are.
+//! It computes the Gaussian pyramid (σ 1 px, stride 2; pixel i of a level is at pixel 2i of the level below), the cubic
+//! B-spline prefilter, the blur stacks and the means over a window. A variant takes filters of any length and can add
+//! to the target: a filter that is not separable is a sum of separable ones.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::field::{Field, fold};
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{WORKGROUP, pixels};
 use crate::base::weighted;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
@@ -29,43 +29,42 @@ pub struct Constants {
     pub from_layer: u32,
     /// Layer written.
     pub to_layer: u32,
-    /// First weight of the filter, in fours.
+    /// First weight of the filter, in units of four weights.
     pub offset: u32,
-    /// [`BLOCK`]s of weights in the filter, the last filled up with zeros.
+    /// [`BLOCK`]s of weights of the filter, the last padded with zeros.
     pub blocks: u32,
     /// The filter has 2 radius + 1 weights.
     pub radius: u32,
-    /// 1: to what is there; the variant's alone.
+    /// 1: adds to the target; only with the variant for long filters.
     pub add: u32,
-    /// After which the mirrored image repeats itself, pixels, at least 1.
+    /// Pixels after which the mirrored image repeats, at least 1.
     pub period: f32,
-    /// First of the tiles wanted; the variant's alone.
+    /// First entry of the list of tiles; only with the variant for lists.
     pub listed: u32,
 }
 
-/// Neighbouring results an invocation: each weight and each value is loaded once for all of them.
-pub const SPAN: u32 = 8;
+/// Adjacent results per invocation: each weight and each value is loaded once for all of them.
+pub const SPAN: u32 = shaders::convolve::SPAN;
 
-/// Weights are taken in blocks of so many, and a filter of one block has a pipeline of its own, without a loop: all that
-/// a Gaussian's stack has on every pixel are. Software devices load a weight whose place they know beforehand once for
-/// all invocations of a subgroup, and keep arrays in registers.
-pub const BLOCK: u32 = 20;
+/// Weights per block. Filters of one block have a pipeline without a loop: all filters of a Gaussian's blur stack do.
+/// Software devices load a weight with a constant index once per subgroup, and keep arrays in registers.
+pub const BLOCK: u32 = shaders::convolve::BLOCK;
 
-/// Weights of all filters at most: the 16 KiB that every device allows a uniform buffer.
-pub const WEIGHTS: usize = 4096;
+/// The most weights of all filters: the 16 KiB that each device allows a uniform buffer.
+pub const WEIGHTS: usize = 4 * shaders::convolve::VECTORS as usize;
 
-/// Workgroups of a filter along x, or along y, over so many pixels along it and across it.
+/// Workgroups of a filter along x, or along y, over `length` pixels along it and `breadth` across it.
 pub(crate) fn groups([length, breadth]: [u32; 2], vertical: bool) -> [u32; 3] {
     let spans = length.div_ceil(SPAN);
     STAGE.groups(if vertical { [breadth, spans] } else { [spans, breadth] })
 }
 
-/// The variant for filters of more than one block, and for those that add; and where tiles are listed.
+/// The variant for filters of more than one block or that add, and for listed tiles.
 pub(crate) const fn variant(long: bool, listed: bool) -> Variant {
     [long, false, listed, false]
 }
 
-/// Width and height of a listed tile, pixels of what is filtered: a workgroup's along y; along x one of a quarter the width.
+/// Width and height of a listed tile, pixels before the filter. Along y it is a workgroup's; along x a quarter as wide.
 pub(crate) fn tile(vertical: bool) -> [u32; 2] {
     let [width, height] = WORKGROUP;
     if vertical { [width, SPAN * height] } else { [SPAN * width / 4, 4 * height] }
@@ -75,19 +74,16 @@ bindings! {
     CONVOLVE:
     /// Image that is filtered.
     from: Reads<Plane>,
-    /// Where the result goes, or is added to.
+    /// Target.
     to: Updates<Plane>,
     /// Weights.
     filters: Reads<Filters>,
-    /// Which tiles are wanted.
+    /// List of tiles.
     tiles: Reads<Tiles>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: every value read, every result written, and read first where it is added to.
+    /// Compulsory traffic: every value read, every result written, and read first where it is added to.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let touched = if c.add == 1 { 2 } else { 1 };
         4 * (pixels(c.length, c.breadth) + touched * pixels(c.length.div_ceil(c.stride), c.breadth))
@@ -97,7 +93,7 @@ impl Pass for Bindings {
         let first = 4 * c.offset as usize;
         let filter = &memory.numbers(self.filters)[first..first + 2 * c.radius as usize + 1];
         let input = memory.layer(self.from, c.from_layer as usize);
-        let mut found = twin_mirrored(input, filter, c.stride as usize, c.vertical == 1, c.period as usize);
+        let mut found = cpu_reference_mirrored(input, filter, c.stride as usize, c.vertical == 1, c.period as usize);
         let to = memory.layer_mut(self.to, c.to_layer as usize);
         if c.add == 1 {
             found.data.iter_mut().zip(&to.data).for_each(|(sum, before)| *sum += before);
@@ -106,14 +102,14 @@ impl Pass for Bindings {
     }
 }
 
-/// `out(i) = Σ_n filter(n) input(stride i + n)` along x, or along y; mirrored about the border pixels.
-pub fn twin(input: &Field, filter: &[f64], stride: usize, vertical: bool) -> Field {
+/// `out(i) = Σ_n filter(n) input(stride i + n)` along x or y, mirrored about the border pixels.
+pub fn cpu_reference(input: &Field, filter: &[f64], stride: usize, vertical: bool) -> Field {
     let period = 2 * (if vertical { input.height } else { input.width } - 1);
-    twin_mirrored(input, filter, stride, vertical, period)
+    cpu_reference_mirrored(input, filter, stride, vertical, period)
 }
 
-/// The same, mirrored about the first pixel and half a period from it.
-pub fn twin_mirrored(input: &Field, filter: &[f64], stride: usize, vertical: bool, period: usize) -> Field {
+/// As [`cpu_reference`], mirrored about the first pixel and half a period from it.
+pub fn cpu_reference_mirrored(input: &Field, filter: &[f64], stride: usize, vertical: bool, period: usize) -> Field {
     if vertical { along_y(input, filter, stride, period) } else { along_x(input, filter, stride, period) }
 }
 
@@ -154,10 +150,10 @@ mod tests {
     fn check(input: &Field, filter: &[f64], stride: usize, vertical: bool, odd_period: bool) {
         let length = if vertical { input.height } else { input.width };
         let period = 2 * (length - 1) + usize::from(odd_period);
-        let expected = twin_mirrored(input, filter, stride, vertical, period);
+        let expected = cpu_reference_mirrored(input, filter, stride, vertical, period);
         let rig = Rig::new();
         let size = [expected.width as u32, expected.height as u32];
-        // From layer 1 into layer 2, so that layers are seen to be heeded.
+        // From layer 1 into layer 2, to test that layers are respected.
         let from = rig.image(&[Field::zeros(input.width, input.height), input.clone()]);
         let to = rig.empty(size, 3);
         let weights = rig.upload(bytemuck::cast_slice(
@@ -193,7 +189,7 @@ mod tests {
             rig.assert_close(&to, &[zeros.clone(), zeros.clone(), expected.clone()], 1e-5);
         }
         rig.run_variant(&STAGE, variant(true, false), &resources, &constants, groups);
-        // 1e-5: up to 41 products of single precision, weights of the prefilter adding up to 3 in absolute value.
+        // 1e-5: up to 41 products of single precision, with weights of the prefilter that sum to 3 in absolute value.
         rig.assert_close(&to, &[zeros.clone(), zeros.clone(), expected.clone()], 1e-5);
         if stride == 2 {
             return;
@@ -201,7 +197,7 @@ mod tests {
         let twice = Field { data: expected.data.iter().map(|v| 2.0 * v).collect(), ..expected };
         rig.run_variant(&STAGE, variant(true, false), &resources, &Constants { add: 1, ..constants }, groups);
         rig.assert_close(&to, &[zeros.clone(), zeros.clone(), twice.clone()], 2e-5);
-        // Once more of the tiles at the left end of the first two rows of them.
+        // Adds once more to the tiles at the left end of the first two rows of tiles.
         let [right, below] = [tile(vertical)[0], 2 * tile(vertical)[1]].map(|side| side as usize);
         let thrice = Field::from_fn(size[0] as usize, size[1] as usize, |x, y| {
             twice.get(x, y) * if x < right && y < below { 1.5 } else { 1.0 }
@@ -211,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin_on_odd_sizes_and_filters_wider_than_the_image() {
+    fn matches_the_cpu_reference_on_odd_sizes_and_filters_wider_than_the_image() {
         for (width, height) in [(37, 21), (150, 80), (64, 9), (2, 1)] {
             let input = random_field(width, height, 7);
             for filter in [filter::gaussian(1.0), filter::spline_prefilter(), filter::gaussian(17.5)] {
@@ -232,9 +228,9 @@ mod tests {
             })
         };
         let filter = filter::gaussian(3.0);
-        let blurred = twin(&twin(&blob(4.0), &filter, 1, false), &filter, 1, true);
-        for (found, expected) in blurred.data.iter().zip(blob(7.0).data) {
-            assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        let blurred = cpu_reference(&cpu_reference(&blob(4.0), &filter, 1, false), &filter, 1, true);
+        for (actual, expected) in blurred.data.iter().zip(blob(7.0).data) {
+            assert!((actual - expected).abs() < 1e-5, "{actual} {expected}");
         }
     }
 }

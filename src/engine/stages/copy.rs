@@ -1,50 +1,45 @@
-//! A field as it is, from image to image. No part of the method: [`bench`](crate::internals::bench) measures by it what the memory
-//! under the other passes does at most.
+//! Copies an image. No part of the method: [`bench`](crate::internals::bench) measures the memory bandwidth with it.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, pixels};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
-    /// The layer where it goes.
+    /// Target layer.
     pub layer: u32,
 }
 
 bindings! {
     COPY:
-    /// From.
+    /// Source.
     from: Reads<Plane>,
-    /// To.
+    /// Target.
     to: Writes<Plane>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: every pixel read, every pixel written.
+    /// Compulsory traffic: every pixel read, every pixel written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         8 * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let copied = twin(memory.layer(self.from, 0));
+        let copied = cpu_reference(memory.layer(self.from, 0));
         memory.set_layer(self.to, c.layer as usize, copied);
     }
 }
 
 /// The same field.
-pub fn twin(from: &Field) -> Field {
+pub fn cpu_reference(from: &Field) -> Field {
     from.clone()
 }
 
@@ -59,7 +54,7 @@ mod tests {
     use crate::engine::vulkan::{Clock, Groups, Pipeline, Recorder, Resource};
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37, 21), (64, 4), (1, 1)] {
             let rig = Rig::new();
             let field = random_field(width, height, 5);
@@ -68,12 +63,12 @@ mod tests {
             let constants = Constants { width: size[0], height: size[1], layer: 0 };
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, size);
             // 1e-7: the field in single precision.
-            rig.assert_close(&to, &[twin(&field)], 1e-7);
+            rig.assert_close(&to, &[cpu_reference(&field)], 1e-7);
         }
     }
 
     #[test]
-    fn parts_that_are_not_wanted_are_left_out() {
+    fn skipped_parts_do_not_run() {
         let rig = Rig::new();
         let fields = [1, 2, 3].map(|seed| random_field(37, 21, seed));
         let sources = fields.each_ref().map(|field| rig.image(std::slice::from_ref(field)));
@@ -98,14 +93,14 @@ mod tests {
                 recording
                     .run_first(3, deadline, &mut |part| Ok(wanted[part - 1]), &mut |parts| ended.push(parts))
                     .unwrap();
-                assert_eq!(ended, [1, 2, 3], "whoever watches hears of every part");
+                assert_eq!(ended, [1, 2, 3], "the callback is called for each part");
                 rig.assert_close(&to, &[fields[last].clone()], 1e-7);
                 let times = recording.times().unwrap();
                 let spans = if matches!(clock, Clock::Never) { 0 } else { 3 };
                 assert_eq!(times.ends_ms.len(), spans);
                 assert!(times.ends_ms.is_sorted(), "{times:?}");
                 for part in (1..spans).filter(|&part| !wanted[part - 1]) {
-                    assert_eq!(times.ends_ms[part], times.ends_ms[part - 1], "what is left out takes no time");
+                    assert_eq!(times.ends_ms[part], times.ends_ms[part - 1], "a skipped part takes no time");
                 }
             }
         }

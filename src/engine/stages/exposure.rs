@@ -1,48 +1,49 @@
-//! Gain, offset and shading from both images, [blurred alike as V says](super::sides) and smoothed.
+//! Estimates gain, offset and shading from the [blur-matched pair](super::blur_matched_pair), smoothed.
 //!
-//! Gain and offset map mean and deviation of I2 onto those of I1. As an unknown of the energy the gain is bent by noise, which makes
-//! J less like anything and so lowers it (at noise of 0.03 to 0.93 of a true 1; V rises by 0.37 px²). After smoothing, noise is a
-//! hundredth of the contrast, and takes less than a thousandth from a ratio of deviations.
+//! Gain and offset map mean and deviation of I2 to those of I1. As an unknown of the energy, the gain would be biased
+//! by noise: it lowers the correlation of J and thereby the gain (at noise 0.03 to 0.93 instead of 1; V rises by 0.37
+//! px²). After smoothing, noise is a hundredth of the contrast, and lowers a ratio of deviations by less than a
+//! thousandth.
 //!
-//! The shading is fitted by least squares, reweighted by Cauchy's function so that outliers have little say: I1 less the offset is
-//! a polynomial times I2. Then what chance alone explains, by so many terms, is taken off it (James and Stein): photographs that
-//! need no shading get none.
+//! The shading is fitted by least squares, reweighted by Cauchy's function against outliers: I1 minus the offset is a
+//! polynomial times I2. Then the share that chance explains with as many terms is subtracted (James and Stein):
+//! photographs that need no shading get none.
 
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{DMatrix, DVector};
 
 use super::blur_matched_pair::LAYERS;
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::{DoubleState, from_centre};
 use super::{Field, pixels};
 use crate::base::{Shading, shading};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// Pixels of the full-size image a pixel of this level.
+    /// Pixels of the full-size image per pixel of this level.
     pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
-    /// Pixels of the sides from sample to sample.
+    /// Pixels of the pair from sample to sample.
     pub every: u32,
-    /// 0: only the correlation is measured; 1: gain and offset are taken over; 2: the shading too.
+    /// An [`Adopt`].
     pub adopt: u32,
-    /// Samples that say as much as one that is independent of the others.
+    /// The number of samples that are worth one independent sample.
     pub dependent: f32,
 }
 
-/// What is taken over of what the images say.
+/// Which estimates are adopted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Adopt {
-    /// Only the correlation is measured.
+    /// None: only the correlation is measured.
     Nothing = 0,
     /// Gain and offset.
     Exposure = 1,
@@ -50,17 +51,18 @@ pub(crate) enum Adopt {
     Shading = 2,
 }
 
-/// Most samples that are looked at, by one workgroup.
+/// The most samples, for one workgroup.
 const MOST_SAMPLES: f64 = 4096.0;
-/// Pixels of the sides from sample to sample at least, where so few are left: under the window those closer say the same again.
+/// The least distance of samples, pixels of the pair, if there are enough: under the window, closer samples are
+/// correlated.
 const LEAST_EVERY: f64 = 4.0;
-/// Samples that are looked at even so.
+/// Samples below which the distance is reduced further.
 const LEAST_SAMPLES: f64 = 128.0;
-/// Pixels of the sides that a window of σ 2 px there makes one of: 4π σ².
+/// Pixels of the pair that a window of σ 2 px averages: 4π σ².
 const WINDOW: f64 = 50.0;
 
 impl Constants {
-    /// Of a level of this size.
+    /// The constants of a level.
     pub(crate) fn new([width, height]: [u32; 2], factor: f64, centre: [f64; 2], adopt: Adopt) -> Self {
         let all = pixels(width, height) as f64 / 4.0;
         let least = (all / LEAST_SAMPLES).sqrt().floor().clamp(1.0, LEAST_EVERY);
@@ -77,36 +79,33 @@ impl Constants {
     }
 }
 
-/// Whether a level has so many pixels that what they say of 14 terms is not chance: 60 independent samples.
+/// Whether a level has enough pixels for 14 terms of shading: 60 independent samples.
 pub(crate) fn shows_shading([width, height]: [u32; 2]) -> bool {
     pixels(width, height) as f64 >= 4.0 * WINDOW * 60.0
 }
 
 bindings! {
     EXPOSURE:
-    /// Both sides, smoothed.
-    sides: Reads<Evidence>,
+    /// The blur-matched pair, smoothed.
+    pair: Reads<UncertaintyTerms>,
     /// State.
     state: Updates<State>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: the samples, once.
+    /// Compulsory traffic: the samples, once.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         4 * u64::from(LAYERS) * pixels(c.width, c.height) / (4 * u64::from(c.every).pow(2))
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let mut state = memory.state(self.state).clone();
-        twin(c, &mut state, std::array::from_fn(|n| memory.layer(self.sides, n)));
+        cpu_reference(c, &mut state, std::array::from_fn(|n| memory.layer(self.pair, n)));
         *memory.state_mut(self.state) = state;
     }
 }
 
-/// What a sample shows of both images, what it counts for, and where on I2, -1 to 1 along either side.
+/// A sample of both images, its share, and its place on I2, -1 to 1 along either side.
 struct Sample {
     u: f64,
     v: f64,
@@ -115,7 +114,7 @@ struct Sample {
 }
 
 /// Matches gain, offset and shading in place, and measures the correlation.
-pub fn twin(c: &Constants, state: &mut DoubleState, sides: [&Field; LAYERS as usize]) {
+pub fn cpu_reference(c: &Constants, state: &mut DoubleState, sides: [&Field; LAYERS as usize]) {
     let samples = samples(c, state, sides);
     match_moments(c, state, &samples);
     if c.adopt == Adopt::Shading as u32 && state.correlation > 0.5 {
@@ -139,7 +138,7 @@ fn samples(c: &Constants, state: &DoubleState, sides: [&Field; LAYERS as usize])
         .collect()
 }
 
-/// Gain and offset from mean and deviation of both.
+/// Gain and offset from mean and deviation of both images.
 fn match_moments(c: &Constants, state: &mut DoubleState, samples: &[Sample]) {
     let mean = |term: &dyn Fn(f64, f64) -> f64| {
         let sum: f64 = samples.iter().map(|s| s.share * term(s.u - 0.5, s.v - 0.5)).sum();
@@ -159,12 +158,12 @@ fn match_moments(c: &Constants, state: &mut DoubleState, samples: &[Sample]) {
 }
 
 /// Rounds of least squares.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = shaders::exposure::ROUNDS as usize;
 
 fn match_shading(c: &Constants, state: &mut DoubleState, samples: &[Sample]) {
-    // I2 before it was evened out, and what its polynomial is to give.
+    // I2 without its shading, and the target of its polynomial.
     let known: Vec<[f64; 2]> =
-        samples.iter().map(|s| [s.v / state.evened.at(s.place), s.u - state.registration.offset]).collect();
+        samples.iter().map(|s| [s.v / state.applied_shading.at(s.place), s.u - state.registration.offset]).collect();
     let (mut constant, mut scale) = (state.registration.gain, f64::INFINITY);
     for round in 0.. {
         let left = |(sample, [second, target]): (&Sample, &[f64; 2])| {
@@ -191,7 +190,7 @@ fn match_shading(c: &Constants, state: &mut DoubleState, samples: &[Sample]) {
     }
 }
 
-/// The coefficients of the polynomial, the constant one first, that times I2 gives I1 less the offset.
+/// The coefficients of the polynomial that maps I2 to I1 minus the offset, the constant one first.
 fn least_squares(samples: &[Sample], known: &[[f64; 2]], weights: &[f64]) -> DVector<f64> {
     const ALL: usize = Shading::TERMS + 1;
     let (mut normal, mut right) = (DMatrix::zeros(ALL, ALL), DVector::zeros(ALL));
@@ -214,63 +213,68 @@ mod tests {
     use crate::base::{Homography, Photometric, Similarity};
     use crate::engine::vulkan::Resource;
 
-    /// Sides of a level twice as wide and high, as `exposure` sees them, and what it makes of them on the device, like the twin.
-    fn check(sides: [&Field; 2], transform: impl Into<Homography>, evened: Shading, adopt: Adopt) -> DoubleState {
+    /// Runs `exposure` on a pair for a level twice as large, and compares it with the CPU reference.
+    fn check(
+        sides: [&Field; 2],
+        transform: impl Into<Homography>,
+        applied_shading: Shading,
+        adopt: Adopt,
+    ) -> DoubleState {
         let (width, height) = (sides[0].width, sides[0].height);
         let share = Field::from_fn(width, height, |x, y| if x < 3 { 0.0 } else { 0.8 + 0.2 * (y as f64).sin().abs() });
         let of = |side: &Field| Field::from_fn(width, height, |x, y| share.get(x, y) * side.get(x, y));
         let layers = [of(sides[0]), of(sides[1]), share];
         let mut expected = DoubleState::new(Registration::new(transform, &Photometric::IDENTITY));
-        expected.evened = evened;
+        expected.applied_shading = applied_shading;
         let mut state = State::new(&expected.registration);
-        state.evened = evened.coefficients.map(|c| c as f32);
+        state.applied_shading = applied_shading.coefficients.map(|c| c as f32);
         let centre = [width as f64 - 0.5, height as f64 - 0.7];
         let c = Constants::new([2 * width as u32 - 1, 2 * height as u32], 4.0, centre, adopt);
-        twin(&c, &mut expected, layers.each_ref());
+        cpu_reference(&c, &mut expected, layers.each_ref());
         let rig = Rig::new();
         let (image, buffer) = (rig.image(&layers), rig.upload(bytemuck::bytes_of(&state)));
         rig.run_groups(&STAGE, &[Resource::Image(&image), Resource::Buffer(&buffer)], &c, [1, 1, 1]);
-        let found: State = rig.value(&buffer);
+        let actual: State = rig.value(&buffer);
         let numbers = |s: &DoubleState| [s.registration.gain, s.registration.offset, s.correlation];
-        let single = [found.registration.gain, found.registration.offset, found.correlation];
-        for (found, expected) in single.into_iter().zip(numbers(&expected)) {
+        let single = [actual.registration.gain, actual.registration.offset, actual.correlation];
+        for (actual, expected) in single.into_iter().zip(numbers(&expected)) {
             // 1e-4: differences of squares in single precision.
-            assert!((f64::from(found) - expected).abs() < 1e-4, "{found} {expected}");
+            assert!((f64::from(actual) - expected).abs() < 1e-4, "{actual} {expected}");
         }
-        for (found, expected) in found.shading.into_iter().zip(expected.shading.coefficients) {
-            // 1e-3: least squares of 15 unknowns in single precision, and outliers weighed by what is left.
-            assert!((f64::from(found) - expected).abs() < 1e-3, "{found} {expected}");
+        for (actual, expected) in actual.shading.into_iter().zip(expected.shading.coefficients) {
+            // 1e-3: least squares of 15 unknowns in single precision, with outliers weighted by the residual.
+            assert!((f64::from(actual) - expected).abs() < 1e-3, "{actual} {expected}");
         }
         expected
     }
 
     #[test]
-    fn agrees_with_the_twin_and_finds_a_known_exposure() {
+    fn matches_the_cpu_reference_and_finds_a_known_exposure() {
         for (width, height) in [(41, 23), (16, 9), (160, 120)] {
             let i1 = smooth_field(width, height, 1);
             let i2 = Field::from_fn(width, height, |x, y| (i1.get(x, y) - 0.05) / 0.8);
-            let found = check([&i1, &i2], Similarity::IDENTITY, Shading::NONE, Adopt::Exposure).registration;
-            assert!((found.gain - 0.8).abs() < 1e-9 && (found.offset - 0.05).abs() < 1e-9, "{found:?}");
+            let actual = check([&i1, &i2], Similarity::IDENTITY, Shading::NONE, Adopt::Exposure).registration;
+            assert!((actual.gain - 0.8).abs() < 1e-9 && (actual.offset - 0.05).abs() < 1e-9, "{actual:?}");
             check([&i1, &i2], Similarity::new(20.0, -9.0, 2.0, 1.04), Shading::NONE, Adopt::Exposure);
             check([&i1, &smooth_field(width, height, 9)], Similarity::IDENTITY, Shading::NONE, Adopt::Nothing);
         }
     }
 
     #[test]
-    fn a_known_shading_is_found_whatever_i2_was_evened_out_by() {
+    fn a_known_shading_is_found_after_any_applied_shading() {
         let (width, height) = (90, 70);
         let i1 = smooth_field(width, height, 1);
         let truth = Shading { coefficients: std::array::from_fn(|n| 0.06 * (1.3 * n as f64).sin() / (1.0 + n as f64)) };
         let place = |x, y| from_centre([2.0 * x as f64, 2.0 * y as f64], [width as f64 - 0.5, height as f64 - 0.7]);
         let mut first = Shading::NONE;
         first.coefficients[1] = 0.05;
-        for evened in [Shading::NONE, first] {
-            let by = |x, y| evened.at(place(x, y)) / truth.at(place(x, y));
+        for applied_shading in [Shading::NONE, first] {
+            let by = |x, y| applied_shading.at(place(x, y)) / truth.at(place(x, y));
             let i2 = Field::from_fn(width, height, |x, y| by(x, y) * i1.get(x, y) / 1.1);
-            let found = check([&i1, &i2], Similarity::IDENTITY, evened, Adopt::Shading);
-            for (found, truth) in found.shading.coefficients.iter().zip(truth.coefficients) {
+            let actual = check([&i1, &i2], Similarity::IDENTITY, applied_shading, Adopt::Shading);
+            for (actual, truth) in actual.shading.coefficients.iter().zip(truth.coefficients) {
                 // The match of deviations before takes some of the shading for an offset.
-                assert!((found - truth).abs() < 0.01, "{found} {truth}");
+                assert!((actual - truth).abs() < 0.01, "{actual} {truth}");
             }
         }
     }
@@ -279,16 +283,16 @@ mod tests {
     fn images_without_shading_get_none() {
         let (i1, noise) = (smooth_field(120, 90, 1), smooth_field(120, 90, 7));
         let i2 = Field::from_fn(120, 90, |x, y| i1.get(x, y) + 0.01 * (noise.get(x, y) - 0.5));
-        let found = check([&i1, &i2], Similarity::IDENTITY, Shading::NONE, Adopt::Shading);
-        let [low, high] = found.shading.range();
+        let actual = check([&i1, &i2], Similarity::IDENTITY, Shading::NONE, Adopt::Shading);
+        let [low, high] = actual.shading.range();
         assert!(high - low < 0.01, "{low} {high}");
     }
 
     #[test]
     fn flat_images_match_in_the_mean() {
         let flat = |v| Field::from_fn(20, 10, |_, _| v);
-        let found = check([&flat(0.5), &flat(0.4)], Similarity::IDENTITY, Shading::NONE, Adopt::Shading).registration;
-        assert!((found.gain - 1.0).abs() < 1e-9 && (found.offset - 0.1).abs() < 1e-9, "{found:?}");
+        let actual = check([&flat(0.5), &flat(0.4)], Similarity::IDENTITY, Shading::NONE, Adopt::Shading).registration;
+        assert!((actual.gain - 1.0).abs() < 1e-9 && (actual.offset - 0.1).abs() < 1e-9, "{actual:?}");
         check([&flat(0.5), &flat(0.4)], Similarity::new(1e4, 0.0, 0.0, 1.0), Shading::NONE, Adopt::Nothing);
     }
 }

@@ -1,26 +1,25 @@
-//! Pseudo-radiance of one channel, equation 37: `r̃ = I1 H(V) + J (1 - H(V))`, of each pixel the sharper image.
+//! One channel of the fused image, equation 37: `r̃ = I1 H(V) + J (1 - H(V))`, the sharper image at each pixel.
 //!
-//! J with gain, offset and shading, or seams show. Where I2 does not reach, I1.
+//! J includes gain, offset and shading, which avoids seams. Where I2 does not reach, the result is I1.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
-use super::resample_pair::heaviside;
+use super::blur::heaviside;
+use super::pass::{Memory, Pass, bindings};
 use super::state::{Registration, from_centre, inside};
 use super::{Field, pixels, spline};
 use crate::base::Shading;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
-    /// Layer of the result.
+    /// Target layer.
     pub layer: u32,
     /// The image centre, pixels.
     pub centre: [f32; 2],
@@ -36,17 +35,14 @@ bindings! {
     spline2: Reads<Spline2>,
     /// V.
     v: Reads<RelativeBlur>,
-    /// Where the fused channel goes.
+    /// Target.
     results: Writes<Results>,
     /// State.
     state: Reads<State>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: both channels and V read, the fused channel written.
+    /// Compulsory traffic: both channels and V read, the fused channel written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         16 * pixels(c.width, c.height)
     }
@@ -54,9 +50,9 @@ impl Pass for Bindings {
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let state = memory.state(self.state);
         let channel1 = memory.layer(self.channel1, 0);
-        let fused = twin(
+        let fused = cpu_reference(
             c,
-            (&state.registration, &state.evened),
+            (&state.registration, &state.applied_shading),
             channel1,
             memory.layer(self.spline2, 0),
             memory.layer(self.v, 0),
@@ -66,7 +62,7 @@ impl Pass for Bindings {
 }
 
 /// The fused channel.
-pub fn twin(
+pub fn cpu_reference(
     c: &Constants,
     (r, shading): (&Registration, &Shading),
     channel1: &Field,
@@ -81,8 +77,8 @@ pub fn twin(
             return i1;
         }
         let at = [x as f64 + d[0], y as f64 + d[1]];
-        let evened = shading.at(from_centre(at, centre)) * spline::read(coefficients2, at[0], at[1]).value;
-        let j = r.gain * evened + r.offset;
+        let applied_shading = shading.at(from_centre(at, centre)) * spline::read(coefficients2, at[0], at[1]).value;
+        let j = r.gain * applied_shading + r.offset;
         let h = heaviside(v.get(x, y), c.epsilon.into());
         h * i1 + (1.0 - h) * j
     })
@@ -97,14 +93,14 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16)] {
             let fields = [1, 2, 3].map(|seed| random_field(width, height, seed));
             let registration =
                 Registration::new(Similarity::new(1.4, -0.8, 0.5, 1.01), &Photometric { gain: 0.9, offset: 0.02 });
             let mut state = State::new(&registration);
-            state.evened[0] = 0.1;
-            let shading = state.evened();
+            state.applied_shading[0] = 0.1;
+            let shading = state.applied_shading();
             let c = Constants {
                 width: width as u32,
                 height: height as u32,
@@ -118,7 +114,7 @@ mod tests {
             let buffer = rig.upload(bytemuck::bytes_of(&state));
             let images = [&inputs[0], &inputs[1], &inputs[2], &result].map(Resource::Image);
             rig.run(&STAGE, &[&images[..], &[Resource::Buffer(&buffer)]].concat(), &c, [width as u32, height as u32]);
-            let expected = twin(&c, (&state.registration(), &shading), &fields[0], &fields[1], &fields[2]);
+            let expected = cpu_reference(&c, (&state.registration(), &shading), &fields[0], &fields[1], &fields[2]);
             rig.assert_close(&result, &[Field::zeros(width, height), expected], 2e-5);
         }
     }

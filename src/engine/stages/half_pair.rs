@@ -1,34 +1,40 @@
-//! What two frames of a sweep say of where each pixel is in focus, of pixels where the first of them is the sharper.
+//! Compares two frames of a sweep where the first is the sharper: the linear system for du, and the sums of their
+//! registration.
 //!
-//! Frame k is focused at the setting p_k, and a point in focus at u is blurred there by `v_k = c (p_k - u)²`. Of a pair
+//! Frame k is focused at the setting p_k. A point that is in focus at u is blurred in it by `v_k = c (p_k - u)²`. For a
+//! pair
 //!
 //! ```text
 //! V = v_j - v_i = 2 c (p_j - p_i)(m - u),  m = (p_i + p_j)/2          affine in u
 //! S = (h(V) * I_i - I_j)/√n,  n = 1 + f/(f + V)                       of equal noise at every V
 //! ```
 //!
-//! so its linear system for du is that of a pair for dV times dV/du, and all pairs add up: D = Σ w S_u², b = -Σ w S S_u, and with S_c by
-//! the logarithm of c, q = Σ w S_u S_c, by which c answers to u. Where c stays, the D that noise makes stands in the place of
-//! q: of noise alone the variance of S_V is `½ f/(n (f + V)³)` times that of the noise, since S has as much as a frame at every V. Once for noise of
-//! variance 1, once for noise as large as S, of which the mean of `w S² (1 + ½ ln(1 + S²/η²))` is within a tenth that of w times that of S². f is what
-//! a pixel and the low pass of the frames leave of the correlation of noise, px². Section 11 of `docs/method.md`.
+//! The linear system for du is that of a pair for dV times dV/du, summed over all pairs: D = Σ w S_u², b = -Σ w S S_u.
+//! With S_c, the derivative by the logarithm of c, q = Σ w S_u S_c says how c depends on u.
+//!
+//! Where c is held, two estimates of the part of D that noise makes replace q. For noise alone, the variance of S_V is
+//! `½ f/(n (f + V)³)` times that of the noise, since S has the noise of one frame at every V. One estimate is for noise
+//! of variance 1. The other is for noise as large as S: the mean of `w S² (1 + ½ ln(1 + S²/η²))` is within a tenth of
+//! the mean of w times that of S².
+//!
+//! f, px², is the correlation of noise that pixel and low pass leave. Section 11 of `docs/method.md`.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::stack::{self, Slopes};
 use super::sums::Sums;
 use super::{Field, WORKGROUP, pixels};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
     /// Nodes of the stack.
     pub nodes: u32,
@@ -36,50 +42,50 @@ pub struct Constants {
     pub other: u32,
     /// First row of partial sums.
     pub row: u32,
-    /// First of the tiles wanted.
+    /// First entry of the list of tiles.
     pub listed: u32,
     /// Layer of the sharper frame.
     pub own: u32,
-    /// Words of bits a pixel; 0 where all pixels of all frames count.
+    /// Words of bits per pixel; 0 if all pixels of all frames count.
     pub words: u32,
-    /// Focus setting of the sharper frame, as u.
+    /// Focus setting of the sharper frame, in units of u.
     pub own_setting: f32,
-    /// Of the other.
+    /// Focus setting of the other frame.
     pub other_setting: f32,
-    /// c, px² of the level by squared settings.
+    /// c, px² of the level per squared setting.
     pub rate: f32,
     /// f, px² of the level.
     pub grain: f32,
     /// η of the data term.
     pub eta: f32,
-    /// Most V, px² of the level.
+    /// The largest V, px² of the level.
     pub limit: f32,
-    /// Blur of the sharper frame from which on it is left out, px² of the level.
+    /// Pixels where the sharper frame is blurred by more are left out, px² of the level.
     pub far: f32,
-    /// What scales places, pixels of the level.
+    /// L, the length that places are divided by, pixels of the level.
     pub length: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
-    /// Left, top, right and bottom of what both frames show, pixels of this level.
+    /// Left, top, right and bottom of the area that both frames show, pixels of this level.
     pub shown: [f32; 4],
 }
 
-/// The variant for a kernel's slopes; where T and c stay, so that their sums are left out; and for homographies.
+/// The variant for a kernel's slopes, for held T and c (no sums), and for homographies.
 pub(crate) fn variant(slopes: Slopes, stays: bool, projective: bool) -> Variant {
     [slopes == Slopes::Layers, stays, true, projective]
 }
 
-/// Lines an invocation goes down.
-const ROWS: u32 = 8;
-/// Pixels along the border that the low pass and the high pass of the frames reach over.
-const FILTERED: f64 = 4.0;
-/// Layers of the system: D, b, q; where T and c stay, D, b, and what noise makes of D, by two accounts.
+/// Lines per invocation.
+const ROWS: u32 = shaders::half_pair::ROWS;
+/// Pixels along the border that low pass and high pass reach.
+const FILTERED: f64 = shaders::half_pair::FILTERED;
+/// Layers of the system: D, b, q; for held T and c: D, b and two estimates of D made by noise.
 pub const LAYERS: u32 = 4;
 
 /// Width and height of a workgroup's pixels.
 pub(crate) const TILE: [u32; 2] = [WORKGROUP[0], WORKGROUP[1] * ROWS];
 
-/// Workgroups that cover a level: a row of partial sums each.
+/// Workgroups over a level: a row of partial sums each.
 pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     [width.div_ceil(TILE[0]), height.div_ceil(TILE[1]), 1]
 }
@@ -94,19 +100,16 @@ bindings! {
     aligned: Reads<Plane>,
     /// D, b, q.
     equations: Updates<Plane>,
-    /// The registration between the two; Σ w S_c² and Σ w S_c S stand in the place of the roughness, Σ g in that of the valid pixels.
+    /// Sums of the registration between the two. Σ w S_c² and Σ w S_c S replace the roughness.
     partials: Writes<Partials>,
-    /// Which tiles are wanted.
+    /// List of tiles.
     tiles: Reads<Tiles>,
-    /// By pixel, a bit a frame that does not count there.
+    /// A bit per pixel and frame: set where the frame does not count.
     hidden: Reads<Hidden>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: u, two nodes and the other frame read, the system read and written.
+    /// Compulsory traffic: u, two nodes and the other frame read, the system read and written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         40 * pixels(c.width, c.height)
     }
@@ -115,24 +118,25 @@ impl Pass for Bindings {
         let nodes = &memory.layers(self.stacks)[..c.nodes as usize * slopes(variant).layers()];
         let other = memory.layer(self.aligned, c.other as usize);
         let hidden = memory.words(self.hidden);
-        let Said { system, sums } = twin(c, variant, memory.layer(self.focus, 0), nodes, other, hidden);
-        for (layer, said) in system.into_iter().enumerate() {
+        let Contribution { system, sums } =
+            cpu_reference(c, variant, memory.layer(self.focus, 0), nodes, other, hidden);
+        for (layer, contribution) in system.into_iter().enumerate() {
             let sum = memory.layer_mut(self.equations, layer);
             if sum.data.is_empty() {
-                *sum = said;
+                *sum = contribution;
             } else {
-                sum.data.iter_mut().zip(said.data).for_each(|(sum, said)| *sum += said);
+                sum.data.iter_mut().zip(contribution.data).for_each(|(sum, contribution)| *sum += contribution);
             }
         }
         memory.set_sums(self.partials, sums);
     }
 }
 
-/// What the pair says.
-pub struct Said {
+/// The contribution of a pair.
+pub struct Contribution {
     /// D, b, q; or D, b and two of noise.
     pub system: [Field; LAYERS as usize],
-    /// As the partial sums.
+    /// The sums of its registration.
     pub sums: Sums,
 }
 
@@ -140,10 +144,18 @@ fn slopes(variant: Variant) -> Slopes {
     if variant[0] { Slopes::Layers } else { Slopes::Laplacian }
 }
 
-/// What the pair says of every pixel.
-pub fn twin(c: &Constants, variant: Variant, focus: &Field, stack: &[Field], other: &Field, hidden: &[u32]) -> Said {
+/// The contribution of each pixel.
+pub fn cpu_reference(
+    c: &Constants,
+    variant: Variant,
+    focus: &Field,
+    stack: &[Field],
+    other: &Field,
+    hidden: &[u32],
+) -> Contribution {
     let (width, height) = (c.width as usize, c.height as usize);
-    let mut said = Said { system: std::array::from_fn(|_| Field::zeros(width, height)), sums: Sums::default() };
+    let mut contribution =
+        Contribution { system: std::array::from_fn(|_| Field::zeros(width, height)), sums: Sums::default() };
     let [left, top, right, bottom] = c.shown.map(f64::from);
     let shows = |[x, y]: [usize; 2], reach: f64| {
         let (x, y) = (x as f64, y as f64);
@@ -170,27 +182,27 @@ pub fn twin(c: &Constants, variant: Variant, focus: &Field, stack: &[Field], oth
         let (s, by_v) = (root * left, root * (blurred.slope - 0.5 * left * slope / n));
         let v_by_u = -2.0 * rate * (settings[1] - settings[0]);
         let (by_u, by_rate) = (v_by_u * by_v, by_v * v);
-        // A frame that is itself far out of focus has little texture left, and what is left is noise.
+        // A frame that is far out of focus has little texture left: mostly noise.
         let share = 1.0 / (1.0 + 4.0 * (before - limit).max(0.0) / limit);
         let w = share / (s * s + eta * eta).sqrt();
         let [jx, jy] = [blurred.dx, blurred.dy].map(|d| -root * d);
         let place = [0, 1].map(|i| ([x, y][i] as f64 - f64::from(c.centre[i])) / f64::from(c.length));
-        said.sums.valid += share;
+        contribution.sums.valid += share;
         let rest = if variant[1] {
             let of_noise = 0.5 * grain / (n * (grain + v).powi(3)) * v_by_u.powi(2);
             [of_noise, of_noise * s * s * (1.0 + 0.5 * (s / eta).powi(2).ln_1p())]
         } else {
-            said.sums.add([w * jx * jx, w * jx * jy, w * jy * jy], [w * s * jx, w * s * jy], place);
-            said.sums.energy += w * s * s;
-            said.sums.roughness[0] += w * by_rate * by_rate;
-            said.sums.roughness[1] += w * by_rate * s;
+            contribution.sums.add([w * jx * jx, w * jx * jy, w * jy * jy], [w * s * jx, w * s * jy], place);
+            contribution.sums.energy += w * s * s;
+            contribution.sums.roughness[0] += w * by_rate * by_rate;
+            contribution.sums.roughness[1] += w * by_rate * s;
             [by_u * by_rate, 0.0]
         };
         for (layer, value) in [by_u * by_u, -by_u * s, rest[0], rest[1]].into_iter().enumerate() {
-            said.system[layer].data[y * width + x] = w * value;
+            contribution.system[layer].data[y * width + x] = w * value;
         }
     }
-    said
+    contribution
 }
 
 #[cfg(test)]
@@ -225,7 +237,7 @@ mod tests {
             centre: [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0],
             shown: [1.5, 0.0, width as f32 - 1.0, height as f32 - 3.25],
         };
-        // A fifth of the pixels of either frame.
+        // Hides a fifth of the pixels of either frame.
         let bits = random_field(width, height * 2, 40).data.into_iter();
         let hidden: Vec<u32> = bits
             .map(|v| {
@@ -238,7 +250,7 @@ mod tests {
                 }
             })
             .collect();
-        let Said { system, sums } = twin(&c, variant, focus, &stack, other, &hidden);
+        let Contribution { system, sums } = cpu_reference(&c, variant, focus, &stack, other, &hidden);
         let rig = Rig::new();
         let before: Vec<Field> = (0..u64::from(LAYERS)).map(|n| random_field(width, height, 20 + n)).collect();
         let images = [
@@ -251,34 +263,34 @@ mod tests {
         let partials = rig.upload(&vec![0; 4 * layout.length * (2 + groups[0] * groups[1]) as usize]);
         let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
         resources.push(Resource::Buffer(&partials));
-        // All tiles, by a list from the last to the first.
+        // All tiles, listed from the last to the first.
         let all = (0..groups[1]).rev().flat_map(|y| (0..groups[0]).rev().map(move |x| x | y << 16));
         let tiles = rig.upload(bytemuck::cast_slice(&[9].into_iter().chain(all).collect::<Vec<u32>>()));
         let hidden = rig.upload(bytemuck::cast_slice(&hidden));
         resources.extend([Resource::Buffer(&tiles), Resource::Buffer(&hidden)]);
         rig.run_variant(&STAGE, variant, &resources, &c, [groups[0] * groups[1], 1, 1]);
-        let add = |(said, before): (Field, &Field)| Field {
-            data: said.data.iter().zip(&before.data).map(|(s, b)| s + b).collect(),
-            ..said
+        let add = |(contribution, before): (Field, &Field)| Field {
+            data: contribution.data.iter().zip(&before.data).map(|(s, b)| s + b).collect(),
+            ..contribution
         };
         let most = system.iter().flat_map(|f| &f.data).fold(1.0, |most: f64, v| most.max(v.abs()));
         let expected: Vec<Field> = system.into_iter().zip(&before).map(add).collect();
         // Single precision, relative to the largest.
         rig.assert_close(&images[3], &expected, 1e-4 * most);
-        let found = Sums::from_partials(&rig.floats(&partials), layout);
+        let actual = Sums::from_partials(&rig.floats(&partials), layout);
         let size = sums.normal.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
         let close = |f: f64, e: f64, what: &str| assert!((f - e).abs() < 1e-4 * size, "{what}: {f}, not {e}");
         for i in 0..layout.unknowns {
-            close(found.gradient[i], sums.gradient[i], "g");
-            (0..layout.unknowns).for_each(|j| close(found.normal[i][j], sums.normal[i][j], "N"));
+            close(actual.gradient[i], sums.gradient[i], "g");
+            (0..layout.unknowns).for_each(|j| close(actual.normal[i][j], sums.normal[i][j], "N"));
         }
-        close(found.energy, sums.energy, "energy");
-        close(found.valid, sums.valid, "valid");
-        (0..2).for_each(|n| close(found.roughness[n], sums.roughness[n], "c"));
+        close(actual.energy, sums.energy, "energy");
+        close(actual.valid, sums.valid, "valid");
+        (0..2).for_each(|n| close(actual.roughness[n], sums.roughness[n], "c"));
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         let plain = variant(Slopes::Laplacian, false, false);
         for (width, height) in [(67, 43), (64, 32), (40, 35)] {
             let mut focus = smooth_field(width, height, 3);

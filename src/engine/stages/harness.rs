@@ -1,4 +1,4 @@
-//! For tests: one pass on a device under validation, fed and read by the twins' fields.
+//! A test rig: runs one pass on a device under validation, with fields of the CPU references as input and output.
 
 use std::sync::{Arc, LazyLock};
 
@@ -12,13 +12,12 @@ use crate::engine::vulkan::{
     Buffer, Clock, Device, Groups, Image, Pipeline, Recorder, Resource, Stage, Texel, Variant,
 };
 
-/// A device whose validation messages fail the test when it is dropped: the one of all tests of the program, each of which
-/// may meet the messages of another, or one of its own.
+/// A device that all tests share. Validation messages fail the test that drops the rig first.
 pub(crate) struct Rig {
     device: Arc<Device>,
 }
 
-/// Opening a device under validation takes as long as most tests.
+/// Opened once: opening a device under validation takes as long as most tests.
 static SHARED: LazyLock<Arc<Device>> = LazyLock::new(open);
 
 fn open() -> Arc<Device> {
@@ -30,7 +29,7 @@ impl Rig {
         Self { device: SHARED.clone() }
     }
 
-    /// For a test that provokes messages.
+    /// A rig with a device of its own, for a test that provokes messages.
     pub(crate) fn alone() -> Self {
         Self { device: open() }
     }
@@ -39,17 +38,17 @@ impl Rig {
         &self.device
     }
 
-    /// Whether validation is on.
+    /// Whether validation is enabled.
     pub(crate) fn validates(&self) -> bool {
         crate::engine::testing::options().validation
     }
 
-    /// The validation messages so far, which then no longer fail the test.
+    /// Takes the validation messages so far, which then no longer fail the test.
     pub(crate) fn take_messages(&self) -> Vec<String> {
         self.device().instance.take_messages()
     }
 
-    /// A buffer that both sides see, filled.
+    /// A mapped buffer with these bytes.
     pub(crate) fn upload(&self, bytes: &[u8]) -> Arc<Buffer> {
         let buffer = Buffer::for_readback(self.device(), "test buffer", bytes.len() as u64).unwrap();
         buffer.write(bytes).unwrap();
@@ -61,12 +60,12 @@ impl Rig {
         self.image(&vec![Field::zeros(width as usize, height as usize); layers])
     }
 
-    /// An image of these layers.
+    /// An image with these layers.
     pub(crate) fn image(&self, layers: &[Field]) -> Arc<Image> {
         self.image_of(layers, Texel::One)
     }
 
-    /// An image of four floats of half precision a pixel, which stand side by side in the fields.
+    /// An image with four half-precision floats per pixel, which are adjacent in the fields.
     pub(crate) fn weights(&self, layers: &[Field]) -> Arc<Image> {
         self.image_of(layers, Texel::FourHalf)
     }
@@ -87,14 +86,14 @@ impl Rig {
         image
     }
 
-    /// Records and runs.
+    /// Records and runs commands.
     pub(crate) fn record(&self, fill: impl FnOnce(&mut Recorder, &dyn Fn(&Stage) -> Arc<Pipeline>)) {
         let mut recorder = Recorder::new(self.device(), Clock::Never).unwrap();
         fill(&mut recorder, &|stage| Arc::new(Pipeline::new(self.device(), stage).unwrap()));
         recorder.finish().unwrap().run().unwrap();
     }
 
-    /// Runs one pass over `size` invocations.
+    /// Runs one pass with `size` invocations.
     pub(crate) fn run<C: bytemuck::Pod>(
         &self,
         stage: &Stage,
@@ -106,7 +105,7 @@ impl Rig {
         self.run_groups(stage, resources, constants, groups);
     }
 
-    /// Runs one pass of so many workgroups.
+    /// Runs one pass with `groups` workgroups.
     pub(crate) fn run_groups<C: bytemuck::Pod>(
         &self,
         stage: &Stage,
@@ -117,7 +116,7 @@ impl Rig {
         self.run_variant(stage, [false; 4], resources, constants, groups);
     }
 
-    /// Runs one pass of so many workgroups, of a variant of the stage.
+    /// Runs a variant of a pass with `groups` workgroups.
     pub(crate) fn run_variant<C: bytemuck::Pod>(
         &self,
         stage: &Stage,
@@ -159,7 +158,7 @@ impl Rig {
         buffer.read(0, 1).unwrap()[0]
     }
 
-    /// Fails unless every number of the image is within `tolerance` of the expected one, or both are NaN.
+    /// Asserts that each number of the image is within `tolerance` of the expected one, or both are NaN.
     #[track_caller]
     pub(crate) fn assert_close(&self, image: &Arc<Image>, expected: &[Field], tolerance: f64) {
         let found = self.layers(image);
@@ -181,24 +180,25 @@ impl Drop for Rig {
     }
 }
 
-/// Spline coefficients of an image, then of the other layers of its [`stack`](super::stack): by direct filters, whatever a
-/// script does.
+/// The layers of an image's [blur stack](super::stack), by direct filters: spline coefficients first.
 pub(crate) fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<Field> {
     let prefilter = filter::spline_prefilter();
-    let mut stack = vec![convolve::twin(&convolve::twin(image, &prefilter, 1, false), &prefilter, 1, true)];
-    // The last of the layers made on every other pixel, as it was there.
+    let mut stack =
+        vec![convolve::cpu_reference(&convolve::cpu_reference(image, &prefilter, 1, false), &prefilter, 1, true)];
+    // The last layer computed on every other pixel, before subdivision.
     let mut half: Option<Field> = None;
     for n in 1..nodes * Slopes::of(kernel).layers() {
         let Layer { from, sampling, terms } = layer(kernel, n);
         if sampling != Sampling::Every {
             let made = on_half(half.as_ref().unwrap_or(&stack[from]), &terms[0], sampling, image);
-            stack.push(subdivide::twin([image.width, image.height], &made));
+            stack.push(subdivide::cpu_reference([image.width, image.height], &made));
             half = Some(made);
             continue;
         }
         let mut sum = Field::zeros(image.width, image.height);
         for [along_x, along_y] in &terms {
-            let term = convolve::twin(&convolve::twin(&stack[from], along_x, 1, false), along_y, 1, true);
+            let term =
+                convolve::cpu_reference(&convolve::cpu_reference(&stack[from], along_x, 1, false), along_y, 1, true);
             sum.data.iter_mut().zip(term.data).for_each(|(sum, t)| *sum += t);
         }
         stack.push(sum);
@@ -209,13 +209,13 @@ pub(crate) fn build_stack(image: &Field, kernel: &Kernel, nodes: usize) -> Vec<F
 /// A layer on every other pixel of the image.
 fn on_half(from: &Field, [along_x, along_y]: &[filter::Filter; 2], sampling: Sampling, image: &Field) -> Field {
     if sampling == Sampling::Halving {
-        return convolve::twin(&convolve::twin(from, along_x, 2, false), along_y, 2, true);
+        return convolve::cpu_reference(&convolve::cpu_reference(from, along_x, 2, false), along_y, 2, true);
     }
-    let rows = convolve::twin_mirrored(from, along_x, 1, false, image.width - 1);
-    convolve::twin_mirrored(&rows, along_y, 1, true, image.height - 1)
+    let rows = convolve::cpu_reference_mirrored(from, along_x, 1, false, image.width - 1);
+    convolve::cpu_reference_mirrored(&rows, along_y, 1, true, image.height - 1)
 }
 
-/// Numbers in [0, 1), the same for the same seed (splitmix64).
+/// Numbers in [0, 1), reproducible by the seed (splitmix64).
 pub(crate) fn random(count: usize, seed: u64) -> Vec<f64> {
     let mut state = seed;
     std::iter::repeat_with(|| {
@@ -234,11 +234,12 @@ pub(crate) fn random_field(width: usize, height: usize, seed: u64) -> Field {
     Field { width, height, data: random(width * height, seed) }
 }
 
-/// Noise smoothed to σ 2 px, about ½.
+/// White noise smoothed to σ 2 px, around ½.
 pub(crate) fn smooth_field(width: usize, height: usize, seed: u64) -> Field {
     let filter = filter::gaussian(4.0);
     let noise = random_field(width, height, seed);
-    let mut field = super::convolve::twin(&super::convolve::twin(&noise, &filter, 1, false), &filter, 1, true);
+    let mut field =
+        super::convolve::cpu_reference(&super::convolve::cpu_reference(&noise, &filter, 1, false), &filter, 1, true);
     field.data.iter_mut().for_each(|v| *v = 0.5 + 3.0 * (*v - 0.5));
     field
 }

@@ -1,58 +1,54 @@
-//! Samples as the sensor gave them to one channel in [0, 1], Rec. 601 luminance or one of the colours.
+//! Converts samples of a photograph to one channel in [0, 1]: Rec. 601 luminance or one of the colors.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, pixels};
 use crate::base::color::srgb_to_linear;
 use crate::base::{Decode, Frame, Samples};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
     /// 1 or 3 interleaved channels.
     pub channels: u32,
-    /// 1, 2 or 4 bytes a sample.
+    /// 1, 2 or 4 bytes per sample.
     pub bytes: u32,
-    /// Of red, green and blue; unused for one channel.
+    /// Weights of red, green and blue; unused for one channel.
     pub weights: [f32; 3],
 }
 
-/// The variant that undoes the sRGB curve.
+/// The variant that decodes the sRGB curve.
 pub(crate) const SRGB: Variant = [true, false, false, false];
 
 bindings! {
     INGEST:
-    /// Of the photograph.
+    /// Samples of the photograph.
     samples: Reads<Samples>,
-    /// Luminance, or a channel.
+    /// Luminance or a channel.
     image: Writes<Plane>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: every sample read, every pixel written.
+    /// Compulsory traffic: every sample read, every pixel written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         u64::from(c.channels * c.bytes + 4) * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let decode = if variant == SRGB { Decode::Srgb } else { Decode::None };
-        let image = twin(memory.photograph(self.samples), decode, c.weights);
+        let image = cpu_reference(memory.photograph(self.samples), decode, c.weights);
         memory.set_layer(self.image, 0, image);
     }
 }
 
-/// Sample i as it is stored, of integers white at 1: the twin of `glsl/include/samples.glsl`.
+/// Sample i as stored; white of integers is 1. The CPU reference of `glsl/include/samples.glsl`.
 pub fn stored(frame: &Frame, i: usize) -> f64 {
     match frame.samples() {
         Samples::U8(s) => f64::from(s[i]) / 255.0,
@@ -62,7 +58,7 @@ pub fn stored(frame: &Frame, i: usize) -> f64 {
 }
 
 /// The weighted sum of a frame's channels.
-pub fn twin(frame: &Frame, decode: Decode, weights: [f32; 3]) -> Field {
+pub fn cpu_reference(frame: &Frame, decode: Decode, weights: [f32; 3]) -> Field {
     let value = |i: usize| {
         let stored = stored(frame, i);
         if decode == Decode::Srgb { srgb_to_linear(stored) } else { stored }
@@ -98,12 +94,12 @@ mod tests {
         let groups = STAGE.groups(size);
         let resources = [Resource::Buffer(&samples), Resource::Image(&image)];
         rig.run_variant(&STAGE, [decode == Decode::Srgb, false, false, false], &resources, &constants, groups);
-        // 2e-6: single precision, and its pow.
-        rig.assert_close(&image, &[twin(frame, decode, weights)], 2e-6);
+        // 2e-6: single precision, and the device's `pow`.
+        rig.assert_close(&image, &[cpu_reference(frame, decode, weights)], 2e-6);
     }
 
     #[test]
-    fn every_format_agrees_with_the_twin() {
+    fn every_format_matches_the_cpu_reference() {
         for (width, height) in [(37, 19), (16, 16), (33, 8)] {
             for channels in [Channels::Gray, Channels::Rgb] {
                 let n = (width * height * channels.count()) as usize;

@@ -1,5 +1,5 @@
-//! The fused blur-and-derivative pass: from V, I1, I2 and T to D and b of each pixel's equation for dV, of which
-//! [`system`](super::system) makes the linear system, and to the registration integrals.
+//! Computes D and b of each pixel's equation for dV, and the registration integrals, from V, I1, I2 and T.
+//! [`system`](super::system) makes the linear system of D and b.
 //!
 //! Equations 22 to 32 and 23 of the paper, sections 3 to 5 of `docs/method.md`:
 //!
@@ -11,44 +11,45 @@
 //! N = Σ w j jᵀ - q qᵀ/(D + λ Σa),  g = Σ w j S + q r/(D + λ Σa),  q = w1 Î1v j1 + w2 Î2v j2,  j = ∂S/∂ζ
 //! ```
 //!
-//! The terms in q eliminate each pixel's dV from the registration step (Schur complement), so that T
-//! steps as if V had already answered. A neighbourhood moves together and feels less of the smoothness than a pixel alone:
-//! λ = 0.25 stands for that. On the slanted plane in 15 iterations a level, in a CPU trial: V rms 0.032 px² without it,
-//! 0.026 with λ = 1, 0.007 with 0.1; but with 0.1 black and white dots under a half-Gaussian do not settle.
+//! The terms in q eliminate each pixel's dV from the registration step (Schur complement), so that T steps as if V had
+//! already responded. A neighbourhood moves together and is held less by the smoothness than a single pixel: λ = 0.25
+//! accounts for that. On the slanted plane with 15 iterations per level, V rms was 0.032 px² without elimination, 0.026
+//! with λ = 1 and 0.007 with 0.1; but with 0.1, black and white dots under a half-Gaussian do not settle.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::blur::{NEAR, Stacks};
+use super::blur::{NEAR, PairSample, Stacks, heaviside, sample_pair};
 use super::mask::{self, Masks};
-use super::memory::Memory;
 use super::noise::{self, Noise};
-use super::pass::{Pass, bindings};
-use super::resample_pair::{Seen, heaviside, see};
+use super::pass::{Memory, Pass, bindings};
+
 use super::stack::Slopes;
 use super::state::{Registration, inside};
 use super::sums::{Layout, Sums};
 use super::{Field, WORKGROUP, pixels};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
-/// Lines of two pixels that an invocation goes down, at most: what a line shares with the next is loaded once,
-/// and the sums of a workgroup are reduced once for all of them.
+/// The most lines of two pixels per invocation. Values that adjacent lines share are loaded once, and the sums of a
+/// workgroup are reduced once for all lines.
 const MOST_ROWS: u32 = 8;
-/// Pixels below which a level is spread over more workgroups, so that small levels do not leave most of a device idle.
+/// Levels with fewer pixels use more workgroups, so that small levels do not leave most of a device idle.
 const SPREAD: u64 = 1 << 15;
 
-/// Lines that an invocation goes down on a level of this size.
+/// Lines per invocation on a level.
 pub(crate) fn rows([width, height]: [u32; 2]) -> u32 {
     if pixels(width, height) < SPREAD { MOST_ROWS / 4 } else { MOST_ROWS }
 }
 
 /// Layers of the equations: D, b.
 pub const LAYERS: u32 = 2;
-/// Within so many spreads, σ of noise, residuals count for T by their squares: of Gaussian noise least squares find T best. For V, of which each
-/// place has but few pixels, η stays.
-pub const BROAD: f64 = 4.0;
-/// The spread s is an M-estimate of scale of x = ΔS/√2 from a pixel to the one beside (noise differs so, and little of what the model lacks), half
-/// of which may be outliers: the mean of x²/(x² + `BOUND`² s²) is a half, as of Gaussian x of deviation s.
-pub const BOUND: f64 = 0.612;
+/// In T's step, residuals within this many spreads (σ of noise) count by their squares: with Gaussian noise least
+/// squares are best. V, which depends on few pixels at each place, keeps η.
+pub const BROAD: f64 = shaders::linearise::BROAD;
+/// The spread s is an M-estimate of scale of x = ΔS/√2 between adjacent pixels. Such differences show the noise, and
+/// little of the model's errors; half of them may be outliers. The mean of x²/(x² + `BOUND`² s²) is a half, as for
+/// Gaussian x of deviation s.
+pub const BOUND: f64 = shaders::linearise::BOUND;
 /// λ.
 pub const ELIMINATION: f32 = 0.25;
 
@@ -56,27 +57,27 @@ pub const ELIMINATION: f32 = 0.25;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
     /// Nodes of the stacks.
     pub nodes: u32,
     /// First layer of the stack of I2.
     pub second_stack: u32,
-    /// Lines that an invocation goes down.
+    /// Lines per invocation.
     pub rows: u32,
-    /// Pixels of the full-size image a pixel of this level.
+    /// Pixels of the full-size image per pixel of this level.
     pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
-    /// L, which places are stated over: a quarter of the diagonal.
+    /// L, the length that places are divided by: a quarter of the diagonal, pixels.
     pub length: f32,
-    /// How many times too large α is in this iteration.
+    /// Factor by which α is larger than its final value.
     pub continuation: f32,
     /// η of the data term, intensities.
     pub eta: f32,
-    /// η of the smoothness term, px² a pixel.
+    /// η of the smoothness term, px² per pixel.
     pub smoothness_eta: f32,
     /// ε of the Heaviside, px².
     pub epsilon: f32,
@@ -84,16 +85,16 @@ pub struct Constants {
     pub elimination: f32,
     /// Mean of the kernel at V = 1, px.
     pub mean: [f32; 2],
-    /// Of either image.
+    /// Noise of either image.
     pub noise: Noise,
 }
 
-/// Workgroups that cover a level.
+/// Workgroups over a level.
 pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * rows([width, height])), 1]
 }
 
-/// The variant for a kernel, for a stack of I2 that was warped, for masked pixels, and for sums that homographies take.
+/// The variant for a kernel, for a warped I2, for masked pixels, and for the sums of homographies.
 pub(crate) fn variant(slopes: Slopes, warped: bool, masked: bool, projective: bool) -> Variant {
     [slopes == Slopes::Layers, warped, masked, projective]
 }
@@ -112,16 +113,13 @@ bindings! {
     state: Reads<State>,
     /// A row of sums for each workgroup.
     partials: Writes<Partials>,
-    /// Of I1, of I2.
+    /// Masks of I1 and I2.
     masks: Reads<Masks>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: I1, V, of the stacks the two nodes about V and what is read of the other image, all once a
-    /// pixel; D and b written, and a row of sums a workgroup.
+    /// Compulsory traffic: I1, V, the two nodes of the stacks about V and the other image, read once per pixel; D, b
+    /// and a row of sums per workgroup written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         let slopes = if variant[0] { Slopes::Layers } else { Slopes::Laplacian };
         let layers = 3 * slopes.layers() as u64;
@@ -135,7 +133,7 @@ impl Pass for Bindings {
         let masks = mask::of(memory, self.masks, variant);
         let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
         let Linearised { equations, sums } =
-            twin(c, (&state.registration, state.alpha, state.spread), warped, i1, v, &stacks, masks);
+            cpu_reference(c, (&state.registration, state.alpha, state.spread), warped, i1, v, &stacks, masks);
         equations.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.equations, n, field));
         memory.set_sums(self.partials, sums);
     }
@@ -147,7 +145,7 @@ pub(crate) fn row_bytes(size: [u32; 2], layout: Layout) -> u64 {
     4 * layout.length as u64 * pixels(columns, rows)
 }
 
-/// What the pass leaves.
+/// The results of the pass.
 pub struct Linearised {
     /// D, b.
     pub equations: [Field; LAYERS as usize],
@@ -155,7 +153,7 @@ pub struct Linearised {
     pub sums: Sums,
 }
 
-/// One residual: S, its derivative by V, its weight, and its derivatives by T's displacement in I1's pixels.
+/// A residual: S, its derivative by V, its weight, and its derivatives by T's displacement in I1's pixels.
 struct Residual {
     s: f64,
     by_v: f64,
@@ -163,9 +161,9 @@ struct Residual {
     by_place: [f64; 2],
 }
 
-/// One whole pass over a level, by T, α and the spread of the iteration before. `warped` is T when the stack of I2 was
-/// brought onto I1's pixels, if it was; `masks` where pixels are masked.
-pub fn twin(
+/// One pass over a level, with T, α and the spread of the previous iteration. `warped` is T when I2 was warped onto
+/// I1's pixels, if it was.
+pub fn cpu_reference(
     c: &Constants,
     (r, alpha, spread): (&Registration, f64, f64),
     warped: Option<&Registration>,
@@ -186,9 +184,9 @@ pub fn twin(
                 continue;
             }
             let (smoothness, pull) = smoothness_term(c, alpha, v, [x, y]);
-            let seen = see((c.mean, c.factor, c.centre), r, warped, [x, y], i1, v.get(x, y), stacks);
+            let sample = sample_pair((c.mean, c.factor, c.centre), r, warped, [x, y], i1, v.get(x, y), stacks);
             let share = mask::counts(masks, [x, y], d);
-            let (mut residuals, psi, signed) = data_term(c, r, v.get(x, y), seen, d);
+            let (mut residuals, psi, signed) = data_term(c, r, v.get(x, y), sample, d);
             residuals.iter_mut().for_each(|t| t.weight *= share);
             let diagonal: f64 = residuals.iter().map(|t| t.weight * t.by_v * t.by_v).sum();
             let b = -residuals.iter().map(|t| t.weight * t.s * t.by_v).sum::<f64>();
@@ -217,7 +215,7 @@ pub fn twin(
     Linearised { equations, sums }
 }
 
-/// φ = 1/sqrt(|∇V|² + η²), lagged.
+/// φ = 1/sqrt(|∇V|² + η²) of the previous iteration.
 fn inverse_gradient(c: &Constants, v: &Field, x: isize, y: isize) -> f64 {
     let dx = (v.clamped(x + 1, y) - v.clamped(x - 1, y)) / 2.0;
     let dy = (v.clamped(x, y + 1) - v.clamped(x, y - 1)) / 2.0;
@@ -237,12 +235,12 @@ fn smoothness_term(c: &Constants, alpha: f64, v: &Field, [x, y]: [usize; 2]) -> 
     (weights.iter().sum(), pull)
 }
 
-/// S1 and S2 at a pixel, the energy of its data term, and S with one sign for both.
+/// S1 and S2 at a pixel, the energy of the data term, and the signed residual H S1 - (1 - H) S2.
 fn data_term(
     c: &Constants,
     r: &Registration,
     v: f64,
-    Seen { i1, i2, blurred: [b1, b2] }: Seen,
+    PairSample { i1, i2, blurred: [b1, b2] }: PairSample,
     d: [f64; 2],
 ) -> ([Residual; 2], f64, f64) {
     let (s1, s2) = (b1.value - (r.gain * i2.value + r.offset), r.gain * b2.value + r.offset - i1);
@@ -263,7 +261,7 @@ fn data_term(
     (residuals, h * psi1 + (1.0 - h) * psi2, h * s1 - (1.0 - h) * s2)
 }
 
-/// Half of the derivative by V of the logarithm of what noise of both images adds to S1² and S2².
+/// Half the derivative by V of the logarithm of the noise of both images in S1² and S2².
 fn noise_slopes(c: &Constants, r: &Registration, v: f64, d: [f64; 2]) -> [f64; 2] {
     let (between, square) = (noise::interpolated(d), r.gain * r.gain);
     let (n1, n2) = if v >= 0.0 {
@@ -275,23 +273,24 @@ fn noise_slopes(c: &Constants, r: &Registration, v: f64, d: [f64; 2]) -> [f64; 2
     [n1.slope / (n1.value + square * between), square * n2.slope / (square * n2.value + 1.0)].map(|n| sign * n)
 }
 
-/// What a pixel counts for more or less in T's step than in V's, so that the weights of the one have an η of [`BROAD`] spreads.
+/// The factor on a pixel's weight in T's step that broadens η to [`BROAD`] spreads.
 fn broadened(c: &Constants, spread: f64, psi: f64) -> f64 {
     psi / (psi * psi - f64::from(c.eta).powi(2) + (BROAD * least_spread(c, spread)).powi(2)).sqrt()
 }
 
-/// The spread by the iteration before; by η of the weights at least.
+/// The spread of the previous iteration, at least that of η.
 fn least_spread(c: &Constants, spread: f64) -> f64 {
     spread.max(f64::from(c.eta) / BROAD)
 }
 
-/// What two pixels say of the spread: the bounded squares, whose mean is a half where it is right.
+/// The contribution of two adjacent pixels to the spread: a bounded square, whose mean is a half where the spread is
+/// right.
 fn spreads(c: &Constants, spread: f64, difference: f64) -> f64 {
     let square = 0.5 * difference * difference;
     2.0 * square / (square + (BOUND * least_spread(c, spread)).powi(2))
 }
 
-/// Adds a pixel to N and g, its own dV eliminated; `place` is from the centre over L.
+/// Adds a pixel to N and g, with its dV eliminated. `place` is from the centre, divided by L.
 fn accumulate(residuals: &[Residual; 2], (right_side, over): (f64, f64), ratio: f64, place: [f64; 2], sums: &mut Sums) {
     let sum = |term: &dyn Fn(&Residual) -> f64| residuals.iter().map(|t| t.weight * term(t)).sum::<f64>();
     let q = [0, 1].map(|i| sum(&|t| t.by_v * t.by_place[i]));
@@ -330,7 +329,7 @@ mod tests {
         }
     }
 
-    /// The last argument is how T has moved since I2 was brought onto I1's pixels, if it was.
+    /// Compares with the CPU reference. `moved` is how T has moved since I2 was warped, if it was.
     fn check(i1: &Field, i2: &Field, v: &Field, transform: Similarity, kernel: &Kernel, moved: Option<Similarity>) {
         let masks = [7, 8].map(|seed| mask::shares(v.width, v.height, seed));
         let (transform, moved) = (transform.into(), moved.map(Homography::from));
@@ -361,7 +360,7 @@ mod tests {
         }
         let warped = Registration::from(state.warped);
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
-        let expected = twin(
+        let expected = cpu_reference(
             &c,
             (&state.registration(), state.alpha.into(), state.spread.into()),
             moved.map(|_| &warped),
@@ -387,22 +386,22 @@ mod tests {
         // Single precision, relative to the largest.
         let most = expected.equations.iter().flat_map(|f| &f.data).fold(1.0, |most: f64, v| most.max(v.abs()));
         rig.assert_close(&equations, &expected.equations, 1e-4 * most);
-        let found = Sums::from_partials(&rig.floats(&partials), layout);
+        let actual = Sums::from_partials(&rig.floats(&partials), layout);
         let size = expected.sums.normal.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
         let close = |f: f64, e: f64, what: &str| assert!((f - e).abs() < 1e-4 * size, "{what}: {f}, not {e}");
         for i in 0..layout.unknowns {
-            close(found.gradient[i], expected.sums.gradient[i], "g");
+            close(actual.gradient[i], expected.sums.gradient[i], "g");
             for j in 0..layout.unknowns {
-                close(found.normal[i][j], expected.sums.normal[i][j], "N");
+                close(actual.normal[i][j], expected.sums.normal[i][j], "N");
             }
         }
-        close(found.energy, expected.sums.energy, "energy");
-        close(found.valid, expected.sums.valid, "valid");
-        close(found.spread, expected.sums.spread, "spread");
+        close(actual.energy, expected.sums.energy, "energy");
+        close(actual.valid, expected.sums.valid, "valid");
+        close(actual.spread, expected.sums.spread, "spread");
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(67usize, 43usize), (33, 32), (40, 17)] {
             let smooth = |seed| super::super::harness::smooth_field(width, height, seed);
             let mut v = smooth(3);

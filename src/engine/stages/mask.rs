@@ -1,71 +1,69 @@
-//! Which pixels count, and for how much.
+//! Determines which pixels count, and by what share.
 //!
-//! A clipped pixel, one channel of which is white or all of which are black, says only that the light was at least, or at
-//! most, so much; a pixel that the mask leaves out is none of the scene. Neither has a data term or a part in the
-//! registration. Nor have the pixels close around: blurred, an image shows there what is not the scene's. So the mask is
-//! averaged over the [window](super::uncertainty_terms::window()) of every pixel, σ 2 px of the finest level, then filtered and
-//! halved as the images are; and a pixel counts for `1 - 25 (1 - m)`, at least 0, of that mean m. A single clipped pixel
-//! takes 0.04 from the m of its own: it counts for nothing and its neighbours for little; of a large clipped area nothing
-//! counts up to 3.5 px around.
+//! A clipped pixel (one channel white, or all black) only bounds the light, and a masked pixel is not part of the
+//! scene. Neither has a data term or contributes to the registration. Nor do pixels close by, since blur spreads what
+//! clipped and masked pixels show.
+//!
+//! The mask is therefore averaged over the [window](super::uncertainty_terms::window()) of each pixel, σ 2 px of the
+//! finest level, then filtered and halved like the images. With the mean m, a pixel counts by `1 - 25 (1 - m)`, at
+//! least 0. A single clipped pixel lowers its own m by 0.04: it counts by nothing and its neighbours by little. Around
+//! a large clipped area nothing counts within 3.5 px.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, ingest, pixels};
 use crate::base::Frame;
 use crate::engine::slot::{self, Reads};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
-/// The share of pixels that count around each of I1 and of I2 on one level.
+/// The averaged masks of I1 and I2 on a level.
 pub type Masks = [Field; 2];
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
     /// 1 or 3 interleaved channels.
     pub channels: u32,
-    /// 1, 2 or 4 bytes a sample.
+    /// 1, 2 or 4 bytes per sample.
     pub bytes: u32,
-    /// 1 of I2, which has no mask of its own.
+    /// 1 for I2, which has no mask of its own.
     pub second: u32,
-    /// Stored values, white at 1 unless they are floats, at which a sample is clipped: black and white.
+    /// Black and white: stored values at which a sample is clipped. White of integers is 1.
     pub clipped: [f32; 2],
 }
 
 bindings! {
     MASK:
-    /// Of the photograph.
+    /// Samples of the photograph.
     samples: Reads<Samples>,
-    /// A byte a pixel of I1.
+    /// A byte per pixel of I1.
     mask: Reads<MaskBytes>,
-    /// Of I1 or I2.
+    /// Masks of I1 and I2.
     masks: Writes<Masks>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: every sample and the mask read, a number a pixel written.
+    /// Compulsory traffic: every sample and the mask read, a number a pixel written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         u64::from(c.channels * c.bytes + 4 + (1 - c.second)) * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let mask = memory.mask_bytes().filter(|_| c.second == 0);
-        let counts = twin(memory.photograph(self.samples), c.clipped, mask);
+        let counts = cpu_reference(memory.photograph(self.samples), c.clipped, mask);
         memory.set_layer(self.masks, c.second as usize, counts);
     }
 }
 
-/// Which pixels of a frame count, on the finest level; the mask has a byte a pixel, 0 where it is left out.
-pub fn twin(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Field {
+/// The mask of a frame on the finest level: 1 where a pixel counts. `mask` has a byte per pixel, 0 where it is left
+/// out.
+pub fn cpu_reference(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Field {
     let channels = frame.format().channels.count() as usize;
     let width = frame.width() as usize;
     Field::from_fn(width, frame.height() as usize, |x, y| {
@@ -76,12 +74,13 @@ pub fn twin(frame: &Frame, [black, white]: [f32; 2], mask: Option<&[u8]>) -> Fie
     })
 }
 
-/// The masks for a variant of a pass that weighs pixels: `None` where none is masked.
+/// The masks of a variant with masked pixels; `None` for other variants.
 pub(super) fn of<'a>(memory: &'a Memory, masks: Reads<slot::Masks>, variant: Variant) -> Option<&'a Masks> {
     variant[2].then(|| memory.layers(masks).first_chunk()).flatten()
 }
 
-/// What pixel x, which T displaces by d, counts for: the twin of `glsl/include/mask.glsl`. 1 where nothing is masked.
+/// The share by which pixel (x, y), which T displaces by d, counts; 1 without masks. The CPU reference of
+/// `glsl/include/mask.glsl`.
 pub fn counts(masks: Option<&Masks>, [x, y]: [usize; 2], d: [f64; 2]) -> f64 {
     let Some([first, second]) = masks else { return 1.0 };
     let place = |x: usize, d: f64, size: usize| (x as f64 + d).clamp(0.0, size as f64 - 1.0);
@@ -92,12 +91,12 @@ pub fn counts(masks: Option<&Masks>, [x, y]: [usize; 2], d: [f64; 2]) -> f64 {
     from_share(first.get(x, y)) * from_share((1.0 - fy) * above + fy * below)
 }
 
-/// What a pixel counts for around which this share of pixels does.
+/// The share of a pixel with this averaged mask.
 fn from_share(share: f64) -> f64 {
     (25.0 * share - 24.0).clamp(0.0, 1.0)
 }
 
-/// Shares for tests: from none to all of a pixel's weight.
+/// Averaged masks for tests, with shares from 0 to 1.
 #[cfg(test)]
 pub(super) fn shares(width: usize, height: usize, seed: u64) -> Field {
     let mut shares = super::harness::random_field(width, height, seed);
@@ -116,7 +115,7 @@ mod tests {
         let rig = Rig::new();
         let size = [frame.width(), frame.height()];
         let pixels = size[0] as usize * size[1] as usize;
-        // As the solver pads it.
+        // Padded like the solver's.
         let mask: Vec<u8> = (0..pixels.next_multiple_of(4)).map(|i| u8::from(i % 5 != 1)).collect();
         let (samples, buffer, masks) = (rig.upload(frame.bytes()), rig.upload(&mask), rig.empty(size, 2));
         let (channels, bytes) = (frame.format().channels.count(), frame.format().depth.bytes());
@@ -125,13 +124,13 @@ mod tests {
             let constants = Constants { width: size[0], height: size[1], channels, bytes, second, clipped };
             rig.run(&STAGE, &resources, &constants, size);
         }
-        let expected = [twin(frame, clipped, Some(&mask)), twin(frame, clipped, None)];
+        let expected = [cpu_reference(frame, clipped, Some(&mask)), cpu_reference(frame, clipped, None)];
         assert!(expected[1].data.contains(&0.0) == clipped[1].is_finite());
         rig.assert_close(&masks, &expected, 0.0);
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37, 19), (16, 16), (33, 8)] {
             for channels in [Channels::Gray, Channels::Rgb] {
                 let values = random((width * height * channels.count()) as usize, 3);

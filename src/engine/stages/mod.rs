@@ -1,7 +1,7 @@
-//! One shader, one file, one test: each pass of the method with its constants, what it binds, and its CPU twin.
+//! The passes of the method: for each shader its push constants, bindings, CPU reference and test.
 //!
-//! A twin is the shader in plain Rust and double precision, a pure function over [`Field`]s, for tests and for the
-//! [reference solver](crate::reference), never a fallback.
+//! A CPU reference is the shader in plain Rust and double precision, a pure function over [`Field`]s. Tests and the
+//! [reference solver](crate::reference) use it; solves never fall back to it.
 
 pub mod align;
 pub mod appearance;
@@ -19,13 +19,11 @@ pub(crate) mod harness;
 pub mod ingest;
 pub mod linearise;
 pub mod mask;
-pub(crate) mod memory;
 pub mod noise;
 pub(crate) mod pass;
 pub mod prolong;
 pub mod relax;
 pub mod relax_level;
-pub(crate) mod resample_pair;
 pub mod residual;
 pub mod shape;
 pub mod shape_median;
@@ -52,20 +50,20 @@ pub use field::Field;
 use crate::base::Error;
 use crate::engine::vulkan::{Device, Pipeline, Stage, Variant};
 
-/// Workgroup of the passes over pixels: wider than high, since rows are what memory keeps together, and a multiple of the
-/// subgroup wide, so that subgroups are full. Of 16x16, 32x8, 64x4 and 128x2, 64x4 was the fastest on lavapipe: the heat
-/// sink took 16.0, 12.3, 12.2 and 15.2 s, its relaxation 3.5, 2.6, 2.0 and 2.5 s.
+/// The workgroup of passes over pixels: wider than high, since rows are contiguous in memory, and a multiple of the subgroup wide,
+/// so that subgroups are full. On lavapipe with 16x16, 32x8, 64x4 and 128x2 the heat sink took 16.0, 12.3, 12.2 and 15.2 s, its
+/// relaxation 3.5, 2.6, 2.0 and 2.5 s.
 pub(crate) const WORKGROUP: [u32; 2] = [64, 4];
 
-/// No specialization constant is set.
+/// The variant with no specialization constant set.
 pub(crate) const NO_VARIANT: Variant = [false; 4];
 
-/// Pixels of a field.
+/// The number of pixels of an image.
 pub(crate) fn pixels(width: u32, height: u32) -> u64 {
     u64::from(width) * u64::from(height)
 }
 
-/// The compiled stages, each and each variant once, when it is first asked for: a sweep takes other ones than a pair.
+/// The pipelines of a device. Each variant of a stage is compiled when it is first used: sweeps use other ones than pairs.
 pub(crate) struct Pipelines {
     compiled: Mutex<HashMap<(&'static str, Variant), Arc<Pipeline>>>,
     device: Arc<Device>,
@@ -76,13 +74,13 @@ impl Pipelines {
         Self { compiled: Mutex::default(), device: device.clone() }
     }
 
-    /// How many were asked for so far.
+    /// The number of pipelines compiled so far.
     #[cfg(test)]
     pub(crate) fn count(&self) -> usize {
         self.compiled.lock().unwrap().len()
     }
 
-    /// A variant of a stage.
+    /// The pipeline of a variant of a stage.
     pub(crate) fn get(&self, stage: &Stage, variant: Variant) -> Result<Arc<Pipeline>, Error> {
         let mut compiled = self.compiled.lock().unwrap_or_else(PoisonError::into_inner);
         match compiled.entry((stage.shader.name, variant)) {
@@ -99,37 +97,9 @@ mod tests {
     use super::*;
     use crate::engine::vulkan::{Access, Kind};
 
-    const STAGES: [&Stage; 27] = [
-        &align::STAGE,
-        &appearance::STAGE,
-        &convolve::STAGE,
-        &copy::STAGE,
-        &apply_shading::STAGE,
-        &uncertainty_terms::STAGE,
-        &exposure::STAGE,
-        &fuse::STAGE,
-        &half_pair::STAGE,
-        &ingest::STAGE,
-        &linearise::STAGE,
-        &mask::STAGE,
-        &prolong::STAGE,
-        &relax::STAGE,
-        &relax_level::STAGE,
-        &residual::STAGE,
-        &shape::STAGE,
-        &shape_median::STAGE,
-        &shape_windows::STAGE,
-        &blur_matched_pair::STAGE,
-        &update_transform::STAGE,
-        &subdivide::STAGE,
-        &system::STAGE,
-        &uncertainty::STAGE,
-        &unpack::STAGE,
-        &update::STAGE,
-        &warp::STAGE,
-    ];
+    include!(concat!(env!("OUT_DIR"), "/stages.rs"));
 
-    /// What a line of a shader declares: a binding's number and how it is bound.
+    /// The binding that a line of a shader declares: number, kind and access.
     fn declared(line: &str) -> Option<(usize, Kind, Access)> {
         let (layout, rest) = line.strip_prefix("layout(binding = ")?.split_once(')')?;
         let number = layout.split(',').next()?.trim().parse().ok()?;
@@ -147,14 +117,14 @@ mod tests {
     }
 
     #[test]
-    fn stages_bind_what_their_shaders_declare_and_as_they_declare_it() {
+    fn bindings_of_stages_are_those_of_their_shaders() {
         for stage in STAGES {
             let name = stage.shader.name;
             let text = std::fs::read_to_string(format!("{}/glsl/{name}.comp", env!("CARGO_MANIFEST_DIR"))).unwrap();
-            let mut found: Vec<_> = text.lines().filter_map(declared).collect();
-            found.sort_by_key(|(number, ..)| *number);
+            let mut actual: Vec<_> = text.lines().filter_map(declared).collect();
+            actual.sort_by_key(|(number, ..)| *number);
             let bound = stage.bindings.iter().enumerate().map(|(n, binding)| (n, binding.kind, binding.access));
-            assert_eq!(found, bound.collect::<Vec<_>>(), "{name}");
+            assert_eq!(actual, bound.collect::<Vec<_>>(), "{name}");
         }
     }
 }

@@ -1,25 +1,27 @@
-//! What a blur leaves of the noise of an image, so that V does not follow it: the twin of `glsl/include/noise.glsl`.
+//! The noise that remains in an image after a blur: the CPU reference of `glsl/include/noise.glsl`.
 //!
-//! S1 = h(V) * I1 - J holds noise of both images, and the more I1 is blurred the less of its own: least squares then take the blur
-//! that leaves the least noise for the one that fits (errors in variables), and where an image goes on through V = 0 it is sharpened
-//! and noisier, so that V is drawn to zero. Total least squares divide S² by what noise of both images adds to it at that V, n(V):
-//! the derivative of S/√n is, but for the factor, `∂S/∂V - S n'/2n`, whose product with noise has a mean of zero. At noise of 0.03
-//! V of a plane between -0.8 and 0.8 px² came out as 0 without it (section 4 of `docs/method.md`).
+//! S1 = h(V) * I1 - J contains noise of both images, and the more I1 is blurred, the less of its own. Least squares
+//! would then prefer the blur with the least noise (errors in variables). An image that is extrapolated through V = 0
+//! is sharpened and noisier, which would draw V to zero.
 //!
-//! Noise that is white on the photograph falls as
+//! Total least squares divide S² by n(V), the noise of both images in it at that V. The derivative of S/√n is, but for
+//! a factor, `∂S/∂V - S n'/2n`, whose product with noise has zero mean. Without this, V of a plane between -0.8 and 0.8
+//! px² came out as 0 at noise 0.03 (section 4 of `docs/method.md`).
+//!
+//! Noise that is white on the photograph decreases as
 //!
 //! ```text
 //! N(v) = mean over frequencies k of exp(-v |k|²) ≈ 1/sqrt(1 + fall v + reach v²)
 //! ```
 //!
-//! to 1/(4πv) of any kernel whose variance is wide. The slope at v = 0 is that of the spline's Laplacian, λ(k) = 6 (1 - cos k)/(2 +
-//! cos k) along each axis, and N(1) is exact. On a level the noise was filtered by the pyramid.
+//! For wide kernels of any shape it approaches 1/(4πv). The slope at v = 0 is that of the spline's Laplacian, λ(k) = 6
+//! (1 - cos k)/(2 + cos k) along each axis, and N(1) is exact. On coarser levels the pyramid has filtered the noise.
 
 use std::f64::consts::PI;
 
 use bytemuck::{Pod, Zeroable};
 
-/// How the power of noise changes with V on a level.
+/// The power of noise as a function of V on a level.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Noise {
@@ -31,18 +33,18 @@ pub struct Noise {
     pub sharpened: f32,
 }
 
-/// Power over that of the image as it is, and its derivative by V.
+/// Power relative to that of the image itself, and its derivative by V.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Power {
     /// Power.
     pub value: f64,
-    /// By V.
+    /// Derivative by V.
     pub slope: f64,
 }
 
 impl Noise {
-    /// Of a level so many halvings from the photograph: each blurs by σ 1 px before it takes every other pixel, (1 - 4⁻ˡ)/3 px² of
-    /// the level in all.
+    /// The noise of a level. Each halving blurs by σ 1 px before it takes every other pixel: (1 - 4⁻ˡ)/3 px² of the
+    /// level in total.
     pub fn new(level: usize) -> Self {
         let before = (1.0 - 0.25f64.powi(level as i32)) / 3.0;
         // Means along one axis, by the midpoint rule.
@@ -62,14 +64,15 @@ impl Noise {
         }
     }
 
-    /// Under a blur of variance v >= 0 that comes on top of `before`.
+    /// The power after a blur of variance v >= 0 of an image whose power is `before`.
     pub fn blurred(&self, v: f64, before: f64) -> Power {
         let (fall, reach) = (f64::from(self.fall) / before, f64::from(self.reach));
         let value = 1.0 / (1.0 / (before * before) + (fall + reach * v) * v).sqrt();
         Power { value, slope: -(0.5 * fall + reach * v) * value.powi(3) }
     }
 
-    /// Of the image that goes on through V = 0 with the slope it has there, v >= 0 beyond; held from `most` on.
+    /// The power of an image that is extrapolated linearly through V = 0, at v >= 0 beyond. It is constant from `most`
+    /// on.
     pub fn beyond(&self, v: f64, before: f64, most: f64) -> Power {
         let rise = 0.5 * f64::from(self.fall) * before;
         let (bend, u) = (f64::from(self.sharpened) * rise * rise, v.min(most));
@@ -78,8 +81,8 @@ impl Noise {
     }
 }
 
-/// What reading an image at a displacement, between its pixels, leaves of white noise: by cubic splines three quarters half way
-/// along an axis, `1 - 0.244 (4 f (1 - f))²` to 0.013 at any fraction f.
+/// The power of white noise that remains after interpolation at a displacement. For cubic splines it is three quarters
+/// half way along an axis, and `1 - 0.244 (4 f (1 - f))²` to 0.013 at any fraction f.
 pub fn interpolated([dx, dy]: [f64; 2]) -> f64 {
     let along = |d: f64| {
         let f = d - d.floor();
@@ -112,18 +115,18 @@ mod tests {
             let stack = build_stack(&white, &kernel, node_count(9.0));
             let inner = || (30..270).flat_map(|y| (30..270).map(move |x| (x as f64, y as f64)));
             for v in [0.02, 0.1, 0.3, 0.6, 1.0, 3.0, 8.0] {
-                let found = variance(inner().map(|(x, y)| stack::read(&stack, slopes, v, x, y).value)) / whole;
+                let actual = variance(inner().map(|(x, y)| stack::read(&stack, slopes, v, x, y).value)) / whole;
                 let stated = noise.blurred(v, 1.0).value;
-                // A tenth, and where V is wide what a sample of so few independent pixels is off by.
-                assert!((found / stated - 1.0).abs() < 0.16, "{kernel:?} {v}: {found} {stated}");
+                // A tenth, and for wide V the error of a sample of few independent pixels.
+                assert!((actual / stated - 1.0).abs() < 0.16, "{kernel:?} {v}: {actual} {stated}");
             }
         }
         let spline = &build_stack(&white, &Kernel::Gaussian, 1)[0];
         for d in [[0.0, 0.0], [0.1, 0.5], [0.25, 0.7], [0.5, 0.5]] {
             let inner = (30..270).flat_map(|y| (30..270).map(move |x| (x, y)));
             let read = |(x, y)| spline::read(spline, f64::from(x) + d[0], f64::from(y) + d[1]).value;
-            let found = variance(inner.map(read)) / whole;
-            assert!((found - interpolated(d)).abs() < 0.03, "{d:?}: {found} {}", interpolated(d));
+            let actual = variance(inner.map(read)) / whole;
+            assert!((actual - interpolated(d)).abs() < 0.03, "{d:?}: {actual} {}", interpolated(d));
         }
     }
 

@@ -1,24 +1,23 @@
-//! V of a level from V of the next coarser one: read at x/2 (half-way between pixels: their mean), times four, since px²
-//! of the finer level are a quarter as large.
+//! V of a level from V of the next coarser one: read at x/2, the mean half-way between pixels, times four. A px² of the
+//! finer level is a quarter as large.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, pixels};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the fine level.
+    /// Width of the fine level, pixels.
     pub width: u32,
-    /// Rows of the fine level.
+    /// Height of the fine level, pixels.
     pub height: u32,
     /// Largest |V|, px² of the fine level.
     pub limit: f32,
-    /// 4 of V; of what does not change with the pixels 1.
+    /// 4 for V; 1 for values that do not depend on the size of pixels.
     pub gain: f32,
 }
 
@@ -31,22 +30,19 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: coarse V read, fine V written.
+    /// Compulsory traffic: coarse V read, fine V written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let fine = twin(c, memory.layer(self.coarse, 0));
+        let fine = cpu_reference(c, memory.layer(self.coarse, 0));
         memory.set_layer(self.fine, 0, fine);
     }
 }
 
 /// V of the fine level.
-pub fn twin(c: &Constants, coarse: &Field) -> Field {
+pub fn cpu_reference(c: &Constants, coarse: &Field) -> Field {
     let limit = f64::from(c.limit);
     Field::from_fn(c.width as usize, c.height as usize, |x, y| {
         let (right, down) = (x.div_ceil(2).min(coarse.width - 1), y.div_ceil(2).min(coarse.height - 1));
@@ -63,21 +59,21 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37u32, 21u32), (16, 8), (2, 3)] {
             let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
             let constants = Constants { width, height, limit: 3.0, gain: 4.0 };
             let rig = Rig::new();
             let (from, to) = (rig.image(std::slice::from_ref(&coarse)), rig.empty([width, height], 1));
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, [width, height]);
-            rig.assert_close(&to, &[twin(&constants, &coarse)], 1e-6);
+            rig.assert_close(&to, &[cpu_reference(&constants, &coarse)], 1e-6);
         }
     }
 
     #[test]
     fn a_plane_stays_the_same_plane() {
         let plane = Field::from_fn(9, 7, |x, y| 0.1 * x as f64 - 0.2 * y as f64);
-        let fine = twin(&Constants { width: 17, height: 13, limit: 100.0, gain: 4.0 }, &plane);
+        let fine = cpu_reference(&Constants { width: 17, height: 13, limit: 100.0, gain: 4.0 }, &plane);
         for y in 0..13 {
             for x in 0..17 {
                 let expected = 4.0 * (0.05 * x as f64 - 0.1 * y as f64);

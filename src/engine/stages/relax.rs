@@ -1,21 +1,20 @@
-//! Red-black relaxation of the linear system for dV, equation 28: one half-iteration.
+//! Half a relaxation sweep on the linear system for dV: one color of the red-black scheme, equation 28.
 //!
-//! The system comes divided by its diagonal: `dV = r + Σ_n a_n dV_n`. Red pixels have x + y even.
+//! The system is divided by its diagonal: `dV = r + Σ_n a_n dV_n`. Red pixels have x + y even.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, WORKGROUP, pixels};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
     /// 0 red, 1 black.
     pub color: u32,
@@ -25,15 +24,15 @@ pub struct Constants {
     pub over_relaxation: f32,
 }
 
-/// Lines of one colour that an invocation goes down.
+/// Lines of one color per invocation.
 pub const ROWS: u32 = 4;
 
-/// Workgroups that cover a level.
+/// Workgroups over a level.
 pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     [width.div_ceil(2 * WORKGROUP[0]), height.div_ceil(WORKGROUP[1] * ROWS), 1]
 }
 
-/// The variant for the first sweep, which takes dV for zero and does not read it.
+/// The variant for the first relaxation sweep, which starts from dV = 0 without reading it.
 pub(crate) const FIRST: Variant = [true, false, false, false];
 
 bindings! {
@@ -42,18 +41,15 @@ bindings! {
     right_sides: Reads<RightSides>,
     /// Weights.
     weights: Reads<Weights>,
-    /// dV of the other colour.
+    /// dV of the other color.
     other: Reads<Change>,
-    /// dV of this colour.
+    /// dV of this color.
     own: Updates<Change>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: right side, four weights and dV of both colours read, dV of one written. The first sweep reads only
-    /// right sides of red, and of black neither its dV.
+    /// Compulsory traffic: right side, four weights and dV of both colors read, dV of one written. The first relaxation
+    /// sweep reads no dV of its own color, and for red only right sides.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         let floats = match (variant == FIRST, c.color) {
             (true, 0) => 2,
@@ -71,13 +67,13 @@ impl Pass for Bindings {
         let other = if first && c.color == 0 { zeros() } else { memory.layer(self.other, 0).clone() };
         let colors = if c.color == 0 { [&own, &other] } else { [&other, &own] };
         let mut change = both(colors);
-        twin(c, &system, &mut change);
+        cpu_reference(c, &system, &mut change);
         memory.set_layer(self.own, 0, change);
     }
 }
 
-/// Relaxes the pixels of one colour of dV in place.
-pub fn twin(c: &Constants, system: &[&Field; 5], change: &mut Field) {
+/// Relaxes the pixels of one color of dV in place.
+pub fn cpu_reference(c: &Constants, system: &[&Field; 5], change: &mut Field) {
     let (width, height) = (change.width, change.height);
     let omega = f64::from(c.over_relaxation);
     for y in 0..height {
@@ -93,12 +89,13 @@ pub fn twin(c: &Constants, system: &[&Field; 5], change: &mut Field) {
     }
 }
 
-/// A field of the red pixels of one field and the black ones of another.
+/// A field with the red pixels of one field and the black pixels of another.
 pub(crate) fn both([red, black]: [&Field; 2]) -> Field {
     Field::from_fn(red.width, red.height, |x, y| if (x + y) % 2 == 0 { red.get(x, y) } else { black.get(x, y) })
 }
 
-/// The pixels of one colour as the device keeps them: column x/2 of a half-width field; 0 where a row has none left.
+/// The pixels of one color as the device stores them: column x/2 of a half-width field; 0 where a row has no pixel
+/// left.
 pub fn half(field: &Field, color: usize) -> Field {
     Field::from_fn(field.width.div_ceil(2), field.height, |h, y| {
         let x = 2 * h + ((y + color) & 1);
@@ -106,7 +103,7 @@ pub fn half(field: &Field, color: usize) -> Field {
     })
 }
 
-/// The weights of a system as the device keeps them: a field for each colour, four numbers a pixel side by side.
+/// The weights of a system as the device stores them: a field for each color, with four adjacent numbers per pixel.
 pub fn interleaved(system: &[Field; 5]) -> [Field; 2] {
     [0, 1].map(|color| {
         let weights: Vec<Field> = system[1..].iter().map(|f| half(f, color)).collect();
@@ -122,7 +119,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::engine::vulkan::Resource;
 
-    /// A system as `system` makes them: weights of half precision, across the border zero, their sum below one.
+    /// A random system like those of `system`: half-precision weights, zero across the border, with a sum below one.
     pub(crate) fn system(width: usize, height: usize) -> [Field; 5] {
         let mut system: [Field; 5] = std::array::from_fn(|i| {
             let mut f = random_field(width, height, 20 + i as u64);
@@ -141,7 +138,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_first_sweep_starts_from_zero_whatever_is_there() {
+    fn the_first_relaxation_sweep_starts_from_zero() {
         let (width, height) = (37usize, 21usize);
         let (system, mut change) = (system(width, height), Field::zeros(width, height));
         let rig = Rig::new();
@@ -157,7 +154,7 @@ pub(crate) mod tests {
                 rows: ROWS,
                 over_relaxation: 1.8,
             };
-            twin(&c, &system.each_ref(), &mut change);
+            cpu_reference(&c, &system.each_ref(), &mut change);
             let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
             rig.run_variant(&STAGE, [true, false, false, false], &resources, &c, tiles([c.width, c.height]));
         }
@@ -167,7 +164,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16), (17, 18), (2, 2)] {
             let (system, mut change) = (system(width, height), random_field(width, height, 4));
             let rig = Rig::new();
@@ -183,7 +180,7 @@ pub(crate) mod tests {
                     rows: ROWS,
                     over_relaxation: 1.8,
                 };
-                twin(&constants, &system.each_ref(), &mut change);
+                cpu_reference(&constants, &system.each_ref(), &mut change);
                 let resources = [&right_sides, &weights, &changes[1 - color], &changes[color]].map(Resource::Image);
                 rig.run_groups(&STAGE, &resources, &constants, tiles(size));
             }
@@ -195,7 +192,7 @@ pub(crate) mod tests {
 
     #[test]
     fn solves_a_membrane() {
-        // -Δu + u/100 = f with a known u: cos modes of the Neumann grid.
+        // -Δu + u/100 = f with a known u: cosine modes of the Neumann grid.
         let n = 24;
         let truth = Field::from_fn(n, n, |x, y| {
             let mode = |k: f64, i: usize| (std::f64::consts::PI * k * (i as f64 + 0.5) / n as f64).cos();
@@ -218,18 +215,18 @@ pub(crate) mod tests {
                 system[0].data[y * n + x] = f / diagonal;
             }
         }
-        let mut found = Field::zeros(n, n);
+        let mut actual = Field::zeros(n, n);
         for _ in 0..200 {
             for color in [0, 1] {
-                twin(
+                cpu_reference(
                     &Constants { width: n as u32, height: n as u32, color, rows: ROWS, over_relaxation: 1.8 },
                     &system.each_ref(),
-                    &mut found,
+                    &mut actual,
                 );
             }
         }
-        for (found, expected) in found.data.iter().zip(&truth.data) {
-            assert!((found - expected).abs() < 1e-8, "{found} {expected}");
+        for (actual, expected) in actual.data.iter().zip(&truth.data) {
+            assert!((actual - expected).abs() < 1e-8, "{actual} {expected}");
         }
     }
 

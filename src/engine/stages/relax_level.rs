@@ -1,26 +1,24 @@
-//! All sweeps of [`relax`] on a small level by one workgroup: where a level has few pixels, a pass costs more
-//! than its half-iteration.
+//! All relaxation sweeps on a small level by one workgroup: there a dispatch of [`relax`] takes longer than its work.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, pixels, relax};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
-/// The most pixels of a level that one workgroup takes. On lavapipe ten passes over 64 x 64 pixels take 1 ms, one
-/// workgroup on its one core 0.3 ms; over four times as many pixels they are even.
+/// The most pixels of a level for one workgroup. On lavapipe ten dispatches over 64 x 64 pixels take 1 ms, one
+/// workgroup on one core 0.3 ms. With four times as many pixels both take the same time.
 const MOST_PIXELS: u64 = 1 << 13;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// Red-black sweeps.
+    /// Relaxation sweeps.
     pub sweeps: u32,
     /// ω of successive over-relaxation.
     pub over_relaxation: f32,
@@ -39,16 +37,13 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: the system read and dV written, once.
+    /// Compulsory traffic: the system read and dV written, once.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         24 * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let change = twin(c, &memory.system(self.right_sides, self.weights));
+        let change = cpu_reference(c, &memory.system(self.right_sides, self.weights));
         memory.set_layer(self.red, 0, change.clone());
         memory.set_layer(self.black, 0, change);
     }
@@ -59,13 +54,13 @@ pub(crate) fn takes([width, height]: [u32; 2]) -> bool {
     pixels(width, height) <= MOST_PIXELS
 }
 
-/// dV from zero.
-pub fn twin(c: &Constants, system: &[&Field; 5]) -> Field {
+/// dV, from zero.
+pub fn cpu_reference(c: &Constants, system: &[&Field; 5]) -> Field {
     let mut change = Field::zeros(c.width as usize, c.height as usize);
     for _ in 0..c.sweeps {
         for color in [0, 1] {
             let Constants { width, height, over_relaxation, .. } = *c;
-            relax::twin(
+            relax::cpu_reference(
                 &relax::Constants { width, height, color, rows: relax::ROWS, over_relaxation },
                 system,
                 &mut change,
@@ -83,7 +78,7 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin_whatever_was_there() {
+    fn matches_the_cpu_reference_from_any_contents() {
         for (width, height) in [(37usize, 21usize), (64, 16), (17, 18), (2, 2), (200, 40)] {
             let system = system(width, height);
             let c = Constants { width: width as u32, height: height as u32, sweeps: 3, over_relaxation: 1.8 };
@@ -94,7 +89,7 @@ mod tests {
             let changes = [0, 1].map(|_| rig.image(std::slice::from_ref(&nothing)));
             let resources = [&right_sides, &weights, &changes[0], &changes[1]].map(Resource::Image);
             rig.run_groups(&STAGE, &resources, &c, [1, 1, 1]);
-            let expected = twin(&c, &system.each_ref());
+            let expected = cpu_reference(&c, &system.each_ref());
             for color in [0, 1] {
                 rig.assert_close(&changes[color], &[half(&expected, color)], 1e-4);
             }

@@ -1,28 +1,26 @@
-//! What neither blur nor T explains, on every other pixel: H S1² + (1 - H) S2², with the residuals of
+//! The squared residual that neither blur nor T explains, on every other pixel: H S1² + (1 - H) S2², as in
 //! [`linearise`](mod@super::linearise).
 //!
-//! Averaged over the [window](super::uncertainty_terms::window()) its root is a map of what moved between the photographs, shone
-//! differently, or is nearer than what it hides.
+//! Averaged over the [window](super::uncertainty_terms::window()), its root shows where something moved between the
+//! photographs, reflects differently, or is occluded.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::blur::Stacks;
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
-use super::resample_pair::{heaviside, see};
+use super::blur::{Stacks, heaviside, sample_pair};
+use super::pass::{Memory, Pass, bindings};
 use super::state::{Registration, inside};
 use super::{Field, pixels, uncertainty_terms};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the image.
+    /// Width of the image, pixels.
     pub width: u32,
-    /// Rows of the image.
+    /// Height of the image, pixels.
     pub height: u32,
-    /// Of the evidence.
+    /// Target layer.
     pub layer: u32,
     /// Nodes of the stacks.
     pub nodes: u32,
@@ -44,17 +42,14 @@ bindings! {
     v: Reads<RelativeBlur>,
     /// Stacks of I1 and I2.
     stacks: Reads<Stacks>,
-    /// Evidence, of that the last layer.
-    evidence: Writes<Evidence>,
+    /// The last layer of the uncertainty terms.
+    terms: Writes<UncertaintyTerms>,
     /// State.
     state: Reads<State>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: on every fourth pixel V, I1, J and two nodes read, one value written.
+    /// Compulsory traffic: on every fourth pixel V, I1, J and two nodes read, one value written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = uncertainty_terms::size([c.width, c.height]);
         24 * pixels(width, height)
@@ -65,13 +60,13 @@ impl Pass for Bindings {
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, variant[0]);
         let warped = variant[1].then_some(&state.warped);
         let [i1, v] = [memory.layer(self.i1, 0), memory.layer(self.v, 0)];
-        let squared = twin(c, &state.registration, warped, i1, v, &stacks);
-        memory.set_layer(self.evidence, c.layer as usize, squared);
+        let squared = cpu_reference(c, &state.registration, warped, i1, v, &stacks);
+        memory.set_layer(self.terms, c.layer as usize, squared);
     }
 }
 
-/// The squared residual on every other pixel. `warped` is T when the stack of I2 was brought onto I1's pixels, if it was.
-pub fn twin(
+/// The squared residual on every other pixel. `warped` is T when I2 was warped onto I1's pixels, if it was.
+pub fn cpu_reference(
     c: &Constants,
     r: &Registration,
     warped: Option<&Registration>,
@@ -86,9 +81,9 @@ pub fn twin(
         if !inside(x, d, [c.width as usize, c.height as usize], v, r.scale()) {
             return 0.0;
         }
-        let seen = see((c.mean, 1.0, c.centre), r, warped, x, i1, v, stacks);
-        let s1 = seen.blurred[0].value - (r.gain * seen.i2.value + r.offset);
-        let s2 = r.gain * seen.blurred[1].value + r.offset - seen.i1;
+        let sample = sample_pair((c.mean, 1.0, c.centre), r, warped, x, i1, v, stacks);
+        let s1 = sample.blurred[0].value - (r.gain * sample.i2.value + r.offset);
+        let s2 = r.gain * sample.blurred[1].value + r.offset - sample.i1;
         let h = heaviside(v, c.epsilon.into());
         h * s1 * s1 + (1.0 - h) * s2 * s2
     })
@@ -127,22 +122,22 @@ mod tests {
         let mut state = State::new(&r);
         state.warped = (&before).into();
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes };
-        let expected = twin(&c, &state.registration(), warped.then_some(&before), &i1, &v, &read);
+        let expected = cpu_reference(&c, &state.registration(), warped.then_some(&before), &i1, &v, &read);
 
         let rig = Rig::new();
         let images = [rig.image(&[i1]), rig.image(&[v]), rig.image(&stacks.concat())];
         let size = uncertainty_terms::size([c.width, c.height]);
-        let (found, state) = (rig.empty(size, 2), rig.upload(bytemuck::bytes_of(&state)));
-        let mut resources: Vec<_> = images.iter().chain([&found]).map(Resource::Image).collect();
+        let (actual, state) = (rig.empty(size, 2), rig.upload(bytemuck::bytes_of(&state)));
+        let mut resources: Vec<_> = images.iter().chain([&actual]).map(Resource::Image).collect();
         resources.push(Resource::Buffer(&state));
         let groups = STAGE.groups(size);
         rig.run_variant(&STAGE, [slopes == Slopes::Layers, warped, false, false], &resources, &c, groups);
         // 2e-5: a residual of up to 1, squared in single precision.
-        rig.assert_close(&found, &[Field::zeros(expected.width, expected.height), expected], 2e-5);
+        rig.assert_close(&actual, &[Field::zeros(expected.width, expected.height), expected], 2e-5);
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(67, 43), (32, 33), (17, 40)] {
             let smooth = || [1, 2].map(|seed| smooth_field(width, height, seed));
             for kernel in [Kernel::Gaussian, Kernel::HalfGaussian] {

@@ -1,23 +1,22 @@
-//! The nodes of a Gaussian's stack as those of the kernel found: [so much](super::shape_median) of a disk's
-//! [departure](super::stack::departure) from a Gaussian is added to each, in place.
+//! Applies the kernel's shape to the nodes of a Gaussian's blur stack, in place: adds the [estimated
+//! share](super::shape_median) of a disk's [departure](super::stack::departure) from a Gaussian.
 //!
-//! The slope at a node stays half the Laplacian, which is exact for a Gaussian alone: between nodes a disk's image is then off by a
-//! ninth of what tells it from a Gaussian's, less than the departure itself leaves.
+//! The slope at a node stays half the Laplacian, which is exact only for a Gaussian. Between nodes a disk's image is
+//! then off by a ninth of its difference from a Gaussian's, less than the departure itself leaves.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, pixels, stack};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
     /// Nodes of the stack.
     pub nodes: u32,
@@ -34,10 +33,7 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: every node read, every one but the sharp image written.
+    /// Compulsory traffic: every node read, every one but the sharp image written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         4 * u64::from(2 * c.nodes - 1) * pixels(c.width, c.height)
     }
@@ -46,14 +42,14 @@ impl Pass for Bindings {
         let shape = memory.state(self.state).kernel_shape;
         if shape != 0.0 {
             let first = c.first as usize;
-            let shaped = twin(shape, &memory.layers(self.stacks)[first..first + c.nodes as usize]);
+            let shaped = cpu_reference(shape, &memory.layers(self.stacks)[first..first + c.nodes as usize]);
             shaped.into_iter().enumerate().for_each(|(k, node)| memory.set_layer(self.stacks, first + k, node));
         }
     }
 }
 
-/// The nodes of a kernel so much like a disk, of a Gaussian's.
-pub fn twin(shape: f64, nodes: &[Field]) -> Vec<Field> {
+/// The nodes with a share of a disk's departure added.
+pub fn cpu_reference(shape: f64, nodes: &[Field]) -> Vec<Field> {
     let node = |k: usize| {
         let departs = |n: usize| stack::departure_of(k, nodes.len(), |at| nodes[at].data[n]);
         let data = nodes[k].data.iter().enumerate().map(|(n, value)| value + shape * departs(n));
@@ -72,7 +68,7 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(67, 21), (32, 17), (3, 2)] {
             for shape in [0.0, 0.7, 1.3] {
                 let images = [random_field(width, height, 1), Field::from_fn(width, height, |_, _| 0.5)];
@@ -85,8 +81,8 @@ mod tests {
                 let rig = Rig::new();
                 let (image, buffer) = (rig.image(&stacks), rig.upload(bytemuck::bytes_of(&state)));
                 rig.run(&STAGE, &[Resource::Image(&image), Resource::Buffer(&buffer)], &c, [width, height]);
-                let expected = [&twin(shape.into(), &stacks[..count]), &stacks[count..]].concat();
-                // Coefficients of a few, single precision, differences times 4 at most.
+                let expected = [&cpu_reference(shape.into(), &stacks[..count]), &stacks[count..]].concat();
+                // Single precision, with coefficients of a few and differences times 4 at most.
                 rig.assert_close(&image, &expected, 2e-5);
             }
         }
@@ -94,12 +90,12 @@ mod tests {
 
     #[test]
     fn a_shape_of_one_is_a_disk() {
-        // Waves under a disk are damped by 2 J1(2 k √v)/(2 k √v).
+        // A disk damps waves by 2 J1(2 k √v)/(2 k √v).
         for (n, periods) in [(129, 8.0), (129, 14.0), (257, 20.0)] {
             let k = std::f64::consts::PI * periods / (n - 1) as f64;
             let wave = Field::from_fn(n, 3, |x, _| (k * x as f64).cos());
             let gaussian = build_stack(&wave, &Kernel::Gaussian, node_count(36.0));
-            let disk = twin(1.0, &gaussian);
+            let disk = cpu_reference(1.0, &gaussian);
             for v in [1.0, 2.2, 4.0, 7.0, 12.0, 20.0] {
                 let w = k * f64::sqrt(v);
                 if w > 1.6 {
@@ -107,9 +103,9 @@ mod tests {
                 }
                 let at = |stack: &[Field]| stack::read(stack, Slopes::Laplacian, v, 64.0, 1.0).value / (k * 64.0).cos();
                 let expected = libm::j1(2.0 * w) / w;
-                let [found, before] = [at(&disk), at(&gaussian)].map(|value| (value - expected).abs());
-                println!("w {w:.2}: disk {found:.4}, Gaussian {before:.4}");
-                assert!(found < 0.02 + 0.5 * before, "v {v}, w {w}: {found} {before}");
+                let [actual, before] = [at(&disk), at(&gaussian)].map(|value| (value - expected).abs());
+                println!("w {w:.2}: disk {actual:.4}, Gaussian {before:.4}");
+                assert!(actual < 0.02 + 0.5 * before, "v {v}, w {w}: {actual} {before}");
             }
         }
     }

@@ -1,36 +1,38 @@
-//! What windows of the photographs say of the kernel's shape.
+//! Estimates the kernel's shape in windows of the photographs.
 //!
-//! With the V, T and brightness of the coarser level, S of a window of 24 x 24 px is fitted by what changes it: the window's own V,
-//! translation, offset and gain, and the [departure](super::stack::departure) of a disk from a Gaussian. What only the departure explains tells
-//! the shape. Without the window's own terms an error of V, of which there is a good deal where the shape was wrong so far, would be taken
-//! for shape. Of noise, that of the sharper image is in S and in the departure both; what it adds to their product is taken off.
+//! With V, T and brightness of the coarser level, S of a window of 24 x 24 px is fitted by six terms: the window's own
+//! V, translation, offset and gain, and the [departure](super::stack::departure) of a disk from a Gaussian. The part
+//! that only the departure explains determines the shape. Without the window's own terms, errors of V, which a wrong
+//! shape causes, would be taken for shape. Noise of the sharper image is in both S and the departure; its part of their
+//! product is subtracted.
 //!
-//! On renderings it comes out as 0.0 for Gaussians and 0.9 to 1.5 for disks, the more the blurrier the sharper image is itself; real
-//! lenses lie between: 0.6 (heat sink), 0.4 (pcb-header), 0.9 (dimple), 1.4 (leaves).
+//! On renderings the shape is 0.0 for Gaussians and 0.9 to 1.5 for disks, larger the blurrier the sharper image is.
+//! Real lenses lie between: 0.6 (heat sink), 0.4 (pcb-header), 0.9 (dimple), 1.4 (leaves).
 
 use bytemuck::{Pod, Zeroable};
 
 use super::blur::{self, Stacks};
 use super::mask::{self, Masks};
-use super::memory::Memory;
 use super::noise::Noise;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::{DoubleState, inside};
 use super::{Field, spline, stack};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
-/// Of a window, pixels: wide beside the widest blur of most pairs, narrow beside what is in focus at one distance.
-const SIDE: usize = 24;
-/// Windows along a side of the level, at most: together a seventh of 1 Mpx.
+/// Side of a window, pixels: wide compared with the blur of most pairs, narrow compared with areas in focus at one
+/// distance.
+const SIDE: usize = shaders::shape_windows::SIDE as usize;
+/// The most windows along a side of the level: together a seventh of 1 Mpx.
 const MOST_ALONG: u32 = 16;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
     /// Nodes of the stacks.
     pub nodes: u32,
@@ -38,11 +40,11 @@ pub struct Constants {
     pub second_stack: u32,
     /// Columns and rows of windows.
     pub grid: [u32; 2],
-    /// Pixels of the full-size image a pixel of this level.
+    /// Pixels of the full-size image per pixel of this level.
     pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
-    /// What a blur leaves of the noise.
+    /// Noise that remains after a blur.
     pub noise: Noise,
 }
 
@@ -51,10 +53,11 @@ pub(crate) fn grid(size: [u32; 2]) -> [u32; 2] {
     size.map(|side| (side / SIDE as u32).clamp(1, MOST_ALONG))
 }
 
-/// Floats that all windows of a level leave, at most.
+/// The most floats of all windows of a level.
 pub(crate) const FLOATS: u64 = 2 * (MOST_ALONG * MOST_ALONG) as u64;
+const _: () = assert!(MOST_ALONG * MOST_ALONG == shaders::shape_median::MOST_WINDOWS);
 
-/// Whether a level holds a window.
+/// Whether a level is large enough for a window.
 pub(crate) fn fits([width, height]: [u32; 2]) -> bool {
     width.min(height) >= SIDE as u32
 }
@@ -63,30 +66,27 @@ bindings! {
     SHAPE_WINDOWS:
     /// V.
     v: Reads<RelativeBlur>,
-    /// Stacks of I1, and of I2 on I1's pixels, of a Gaussian.
+    /// Stacks of I1 and of the warped I2, of a Gaussian.
     stacks: Reads<Stacks>,
     /// State.
     state: Reads<State>,
-    /// Of I1, of I2.
+    /// Masks of I1 and I2.
     masks: Reads<Masks>,
-    /// Shape and weight by each window.
+    /// Shape and weight of each window.
     windows: Writes<Partials>,
 }
 
-/// What a window says.
+/// The estimate of a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Window {
-    /// How much of a disk beyond the shape so far.
+    /// Shape beyond the current one, as a share of a disk's departure.
     pub shape: f64,
     /// The inverse of its variance.
     pub weight: f64,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: V, the sharp images and four nodes of the windows' pixels.
+    /// Compulsory traffic: V, the sharp images and four nodes of the windows' pixels.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         4 * 7 * u64::from(c.grid[0] * c.grid[1]) * (SIDE * SIDE) as u64
     }
@@ -94,7 +94,7 @@ impl Pass for Bindings {
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let stacks = Stacks::of(memory.layers(self.stacks), c.second_stack, c.nodes, false);
         let masks = mask::of(memory, self.masks, variant);
-        let windows = twin(c, memory.state(self.state), memory.layer(self.v, 0), &stacks, masks);
+        let windows = cpu_reference(c, memory.state(self.state), memory.layer(self.v, 0), &stacks, masks);
         let numbers = memory.numbers_mut(self.windows, FLOATS as usize);
         for (n, window) in windows.iter().enumerate() {
             [numbers[2 * n], numbers[2 * n + 1]] = [window.shape, window.weight];
@@ -102,20 +102,26 @@ impl Pass for Bindings {
     }
 }
 
-/// What S changes with: V, t_x, t_y, offset and gain, each the window's own; the kernel's shape; and S.
-const TERMS: usize = 7;
-const SHAPE: usize = 5;
-const LEFT: usize = 6;
-/// Ratio of neighbouring nodes' variances.
+/// The terms of S: the window's own V, t_x, t_y, offset and gain; the kernel's shape; and S itself.
+const TERMS: usize = shaders::shape_windows::TERMS_OF_S as usize;
+const SHAPE: usize = shaders::shape_windows::SHAPE as usize;
+const LEFT: usize = shaders::shape_windows::LEFT as usize;
+/// Ratio of the variances of neighbouring nodes.
 const RATIO: f64 = 16.0 / 9.0;
 
-/// What each window says, row by row.
-pub fn twin(c: &Constants, state: &DoubleState, v: &Field, stacks: &Stacks, masks: Option<&Masks>) -> Vec<Window> {
+/// The estimates of all windows, row by row.
+pub fn cpu_reference(
+    c: &Constants,
+    state: &DoubleState,
+    v: &Field,
+    stacks: &Stacks,
+    masks: Option<&Masks>,
+) -> Vec<Window> {
     let [columns, rows] = c.grid.map(|n| n as usize);
     let size = [c.width, c.height].map(|side| side as usize);
     let corner = |n: usize, of: usize, side: usize| (2 * n + 1) * side / (2 * of) - SIDE / 2;
     let windows = (0..rows).flat_map(|row| (0..columns).map(move |column| [column, row]));
-    let judged = windows.map(|[column, row]| {
+    let estimates = windows.map(|[column, row]| {
         let corner = [corner(column, columns, size[0]), corner(row, rows, size[1])];
         let (mut m, mut variance, mut count) = ([[0.0; TERMS]; TERMS], 0.0, 0);
         for (y, x) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (corner[1] + y, corner[0] + x))) {
@@ -129,12 +135,12 @@ pub fn twin(c: &Constants, state: &DoubleState, v: &Field, stacks: &Stacks, mask
             variance += v.abs() / (SIDE * SIDE) as f64;
             count += 1;
         }
-        if count < SIDE * SIDE { Window::default() } else { judge(m, variance, &c.noise) }
+        if count < SIDE * SIDE { Window::default() } else { estimate(m, variance, &c.noise) }
     });
-    judged.collect()
+    estimates.collect()
 }
 
-/// S at a pixel, and what it changes with.
+/// The terms at a pixel: derivatives of S, and S.
 fn terms(c: &Constants, state: &DoubleState, stacks: &Stacks, [x, y]: [usize; 2], v: f64) -> [f64; TERMS] {
     let r = &state.registration;
     let shift = r.moved_since(&state.warped).displacement(x, y, c.factor.into(), c.centre.map(f64::from));
@@ -164,8 +170,8 @@ fn departure(stack: &[Field], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> f6
     (1.0 - t) * at(k) + t * at(k + 1)
 }
 
-/// The window's own terms eliminated, what is left of S against what is left of the shape.
-fn judge(mut m: [[f64; TERMS]; TERMS], variance: f64, noise: &Noise) -> Window {
+/// Eliminates the window's own terms, and fits the rest of S by the rest of the departure.
+fn estimate(mut m: [[f64; TERMS]; TERMS], variance: f64, noise: &Noise) -> Window {
     let whole: [f64; TERMS] = std::array::from_fn(|i| m[i][i]);
     for p in 0..SHAPE {
         if m[p][p] > 1e-5 * whole[p] {
@@ -228,7 +234,7 @@ mod tests {
         };
         let read = Stacks::of(&stacks.concat(), nodes as u32, nodes as u32, false).slopes;
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes: read };
-        let expected = twin(&c, &double, v, &read, masks);
+        let expected = cpu_reference(&c, &double, v, &read, masks);
 
         let rig = Rig::new();
         let none = [Field::zeros(width, height), Field::zeros(width, height)];
@@ -243,10 +249,10 @@ mod tests {
             Resource::Buffer(&windows),
         ];
         rig.run_variant(&STAGE, [false, false, masked, false], &resources, &c, [c.grid[0], c.grid[1], 1]);
-        let found = rig.floats(&windows);
+        let actual = rig.floats(&windows);
         let most = expected.iter().fold(1.0, |most: f64, w| most.max(w.weight));
         for (n, expected) in expected.iter().enumerate() {
-            let (shape, weight) = (f64::from(found[2 * n]), f64::from(found[2 * n + 1]));
+            let (shape, weight) = (f64::from(actual[2 * n]), f64::from(actual[2 * n + 1]));
             // A thousandth: sums of 576 products in single precision, of which elimination leaves a hundredth.
             assert!((weight - expected.weight).abs() < 2e-3 * most, "{n}: {weight} {expected:?}");
             assert!(
@@ -257,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(67, 43), (24, 33), (90, 51)] {
             let images = [1, 2].map(|seed| smooth_field(width, height, seed));
             let mut v = smooth_field(width, height, 3);
@@ -270,12 +276,13 @@ mod tests {
         check([&flat, &flat], &Field::zeros(40, 30), None);
     }
 
-    /// The median of the windows' shapes of texture and itself under a kernel, at a V that is off.
-    fn found(kernel: &Kernel, noise: f64) -> f64 {
+    /// The median of the windows' shapes of a texture and its blurred copy, with V off by 0.2 px².
+    fn median_shape(kernel: &Kernel, noise: f64) -> f64 {
         let (size, nodes, v) = (220, stack::node_count(9.0), 4.0);
         let sharp = smooth_field(size, size, 7);
-        let along =
-            |f: &Field, [x, y]: &[filter::Filter; 2]| convolve::twin(&convolve::twin(f, x, 1, false), y, 1, true);
+        let along = |f: &Field, [x, y]: &[filter::Filter; 2]| {
+            convolve::cpu_reference(&convolve::cpu_reference(f, x, 1, false), y, 1, true)
+        };
         let mut blurred = Field::zeros(size, size);
         for term in filter::centred(kernel, v) {
             blurred.data.iter_mut().zip(along(&sharp, &term).data).for_each(|(sum, t)| *sum += t);
@@ -290,14 +297,14 @@ mod tests {
         let c = Constants { factor: 1.0, noise: Noise::new(0), ..constants([size, size], nodes) };
         let read = Stacks { first: &stacks[0], second: &stacks[1], slopes: stack::Slopes::Laplacian };
         let v = Field::from_fn(size, size, |_, _| v + 0.2);
-        let windows = twin(&c, &DoubleState::default(), &v, &read, None);
-        super::super::shape_median::twin(0.0, &windows)
+        let windows = cpu_reference(&c, &DoubleState::default(), &v, &read, None);
+        super::super::shape_median::cpu_reference(0.0, &windows)
     }
 
     #[test]
-    fn a_disk_is_told_from_a_gaussian() {
+    fn a_disk_is_distinguished_from_a_gaussian() {
         for noise in [0.0, 0.002] {
-            let [gaussian, disk] = [Kernel::Gaussian, Kernel::Pillbox].map(|kernel| found(&kernel, noise));
+            let [gaussian, disk] = [Kernel::Gaussian, Kernel::Pillbox].map(|kernel| median_shape(&kernel, noise));
             println!("noise {noise}: gaussian {gaussian:.2}, disk {disk:.2}");
             assert!(gaussian < 0.2 && (disk - 1.0).abs() < 0.35, "noise {noise}: {gaussian} {disk}");
         }

@@ -1,4 +1,4 @@
-//! Cubic B-splines: the twin of `glsl/include/spline.glsl`.
+//! Cubic B-splines: the CPU reference of `glsl/include/spline.glsl`.
 
 use super::field::{Field, mirror};
 
@@ -15,7 +15,7 @@ pub struct Jet {
     pub laplacian: f64,
 }
 
-/// Weights of the four coefficients around a place `t` of a pixel right of the second one, with first and second derivatives.
+/// Weights of four coefficients at a fraction `t` after the second, with their first and second derivatives.
 pub(crate) fn weights(t: f64) -> [[f64; 4]; 3] {
     let u = 1.0 - t;
     [
@@ -25,12 +25,12 @@ pub(crate) fn weights(t: f64) -> [[f64; 4]; 3] {
     ]
 }
 
-/// A shift of a fraction of a pixel from pixel (x, y), to first order. Without a shift it is the spline itself, and takes
-/// nine coefficients instead of sixteen.
+/// The spline at a small shift from pixel (x, y), to first order. Without a shift it is exact, from nine coefficients
+/// instead of sixteen.
 ///
-/// Not to second order: at frequency ω a cubic spline's second derivative on the pixels, `-6 (1 - cos ω)/(2 + cos ω)`,
-/// outweighs the square of its first, so noise falls with the shift, all over the image alike. T then moves away from
-/// wherever I2 was last warped: of the dimple pair, whose texture is weak, by 0.2 px.
+/// Not to second order: at frequency ω the second derivative of a cubic spline on the pixels, `-6 (1 - cos ω)/(2 + cos
+/// ω)`, outweighs the square of its first. Noise would then fall with the shift, all over the image, and T would drift
+/// from where I2 was last warped: by 0.2 px on the dimple pair, whose texture is weak.
 pub fn near(coefficients: &Field, x: usize, y: usize, [sx, sy]: [f64; 2]) -> Jet {
     let (x, y) = (x as isize, y as isize);
     let c: [[f64; 3]; 3] = std::array::from_fn(|j| {
@@ -48,9 +48,9 @@ pub fn near(coefficients: &Field, x: usize, y: usize, [sx, sy]: [f64; 2]) -> Jet
     Jet { value: apply(value, value) + dx * sx + dy * sy, dx, dy, laplacian }
 }
 
-/// The spline of these coefficients at (x, y), in pixels.
+/// The spline of these coefficients at (x, y), pixels.
 pub fn read(coefficients: &Field, x: f64, y: f64) -> Jet {
-    // Further out there is nothing to see, and an index must stay within an integer.
+    // Clamped, so that the index stays within an integer.
     let x = x.clamp(-1.0, coefficients.width as f64);
     let y = y.clamp(-1.0, coefficients.height as f64);
     let (column, row) = (x.floor(), y.floor());
@@ -81,20 +81,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn near_a_pixel_the_gradient_will_do() {
+    fn near_a_pixel_the_first_order_is_exact_enough() {
         let coefficients = smooth_field(24, 17, 1);
         for (x, y) in [(0, 0), (5, 7), (23, 16), (23, 3)] {
             let on = near(&coefficients, x, y, [0.0; 2]);
             let there = read(&coefficients, x as f64, y as f64);
-            for (found, expected) in
+            for (actual, expected) in
                 [(on.value, there.value), (on.dx, there.dx), (on.dy, there.dy), (on.laplacian, there.laplacian)]
             {
-                assert!((found - expected).abs() < 1e-12, "({x}, {y}): {found} {expected}");
+                assert!((actual - expected).abs() < 1e-12, "({x}, {y}): {actual} {expected}");
             }
-            // Second derivatives of up to 0.5 a pixel squared leave 0.5 · 0.02²/2.
-            let found = near(&coefficients, x, y, [0.02, -0.01]).value;
+            // Second derivatives of up to 0.5 per squared pixel leave 0.5 · 0.02²/2.
+            let actual = near(&coefficients, x, y, [0.02, -0.01]).value;
             let expected = read(&coefficients, x as f64 + 0.02, y as f64 - 0.01).value;
-            assert!((found - expected).abs() < 1e-4, "({x}, {y}): {found} {expected}");
+            assert!((actual - expected).abs() < 1e-4, "({x}, {y}): {actual} {expected}");
         }
     }
 }

@@ -1,15 +1,15 @@
-//! The stack of uniformly blurred images: the twin of `glsl/include/stack.glsl`.
+//! Blur stacks: uniformly blurred images as spline coefficients. The CPU reference of `glsl/include/stack.glsl`.
 //!
-//! The gather `Î(x; V)` is the uniformly V-blurred image read at x. Between two nodes of the stack it is a cubic in V,
-//! whose slopes at the nodes are known: for a Gaussian dÎ/dV is half the Laplacian (the heat equation), for any other
-//! kernel it is a layer of its own beside each node. Kernels are centred (`src/base/kernel.rs`): where to read is the caller's.
+//! `Î(x; V)` is the image blurred uniformly by V, read at x. Between two nodes of the stack it is a cubic in V with
+//! known slopes at the nodes. For a Gaussian dÎ/dV is half the Laplacian (heat equation); for any other kernel it is a
+//! layer beside each node. Kernels are centred (`src/base/kernel.rs`): the caller moves x by the kernel's mean.
 
 use super::field::Field;
 use super::spline::{self, Jet};
 use crate::base::Kernel;
 use crate::engine::filter::{self, Terms};
 
-/// How the slopes at the nodes are known.
+/// How the slopes at the nodes are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Slopes {
     /// Half the Laplacian: layer k is node k.
@@ -19,12 +19,12 @@ pub enum Slopes {
 }
 
 impl Slopes {
-    /// What a kernel needs.
+    /// The slopes of a kernel's stack.
     pub fn of(kernel: &Kernel) -> Self {
         if matches!(kernel, Kernel::Gaussian | Kernel::Auto) { Self::Laplacian } else { Self::Layers }
     }
 
-    /// Layers a node.
+    /// Layers per node.
     pub fn layers(self) -> usize {
         match self {
             Self::Laplacian => 1,
@@ -33,33 +33,32 @@ impl Slopes {
     }
 }
 
-/// The pixels on which a layer is made, from those of another.
+/// The pixels on which a layer is computed, and those of its source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sampling {
     /// Every pixel, from every pixel.
     Every,
     /// Every other pixel, from every pixel.
     Halving,
-    /// Every other pixel, from the layer before as it was there.
+    /// Every other pixel, from the layer before at the same resolution.
     Half,
 }
 
-/// How a layer other than the first is made. One made on every other pixel is [subdivided](super::subdivide) to every pixel.
+/// How a layer other than the first is computed. A layer on every other pixel is then [subdivided](super::subdivide).
 pub struct Layer {
-    /// The layer that is filtered.
+    /// The source layer.
     pub from: usize,
-    /// On which pixels.
+    /// The pixels of the layer and of its source.
     pub sampling: Sampling,
-    /// By the sum of these.
+    /// The filter, a sum of separable ones.
     pub terms: Terms,
 }
 
-/// The first node of a Gaussian's stack that is made on every other pixel: σ 3.56 px. So made, of white noise in [0, 1]
-/// it differs from the node made on every pixel by 5e-5 in the root mean square and 2.2e-4 at most, the next by a fifth
-/// of that.
+/// The first node of a Gaussian's stack that is computed on every other pixel: σ 3.56 px. For white noise in [0, 1] it
+/// differs from the node computed on every pixel by 5e-5 rms and at most 2.2e-4; the next node by a fifth of that.
 const FIRST_HALF: usize = 6;
 
-/// How layer n > 0 of a kernel's stack is made: a Gaussian's from the node before it, any other from the first.
+/// How layer n > 0 of a kernel's stack is computed: a Gaussian's from the node before it, any other from the first.
 pub fn layer(kernel: &Kernel, n: usize) -> Layer {
     if Slopes::of(kernel) == Slopes::Laplacian {
         let variance = node_sigma(n).powi(2) - node_sigma(n - 1).powi(2);
@@ -77,26 +76,26 @@ pub fn layer(kernel: &Kernel, n: usize) -> Layer {
 
 /// σ of a node in px: 0, ½, 1, 1½, then a third more from each to the next.
 ///
-/// From σ 1½ on the cubic's error is at most `0.012 (h/v)⁴`, 0.0045 of the contrast of the worst frequency, h the step in
-/// variance from the node at v; even steps of σ would waste nodes on wide blur. Even steps of ¼
-/// instead of ½ px moved V rms of the slanted plane by 0.0015 px² and T by 0.0001 px, in a trial on the CPU.
+/// From σ 1½ on the error of the cubic is at most `0.012 (h/v)⁴`, 0.0045 of the contrast at the worst frequency, with h
+/// the step in variance from the node at v. Equal steps of σ would waste nodes on wide blur. Steps of ¼ px instead of ½
+/// changed V rms of the slanted plane by 0.0015 px² and T by 0.0001 px.
 pub fn node_sigma(k: usize) -> f64 {
     if k <= 3 { 0.5 * k as f64 } else { 1.5 * (4.0f64 / 3.0).powi(k as i32 - 3) }
 }
 
-/// The disk of variance v less the Gaussian of the same, out of Gaussians of three variances about v: `-0.55 v²` times their second
-/// divided difference, which is to lowest order a fourth derivative of the image.
+/// The difference between the disk and the Gaussian of variance v, from Gaussians of three variances about v: `-0.55
+/// v²` times their second divided difference, to lowest order a fourth derivative of the image.
 ///
-/// By its fourth moments alone a disk would take `-1/3 v²`. At `-0.55 v²` V of a texture whose power falls as 1/f² comes out right
-/// under a disk, where a Gaussian makes it a quarter too wide (0.60 for 1/f, 0.52 for 1/f³; a third of the difference between Gaussian and
-/// disk is left). Being in proportion, it tells of anything between the two as well, and of two images that a disk has blurred both:
-/// their relative blur is flatter than a disk.
+/// The fourth moments of a disk alone would give `-1/3 v²`. With `-0.55 v²`, V of a texture whose power falls as 1/f²
+/// is right under a disk, where a Gaussian makes it a quarter too large (0.60 for 1/f, 0.52 for 1/f³; a third of the
+/// difference between Gaussian and disk remains). Multiples of it model kernels between the two, and two images that
+/// are both blurred by disks, whose relative blur is flatter than a disk.
 pub fn departure(v: f64, variances: [f64; 3], values: [f64; 3]) -> f64 {
     let rise = |n: usize| (values[n + 1] - values[n]) / (variances[n + 1] - variances[n]);
     -0.55 * v * v * (rise(1) - rise(0)) / (variances[2] - variances[0])
 }
 
-/// The departure of node k, of so many: out of it and its neighbours, or, for the last, out of the last three.
+/// The departure of node k of `count`: from the node and its neighbours, or for the last node from the last three.
 pub fn departure_of(k: usize, count: usize, node: impl Fn(usize) -> f64) -> f64 {
     if k == 0 {
         return 0.0;
@@ -105,7 +104,7 @@ pub fn departure_of(k: usize, count: usize, node: impl Fn(usize) -> f64) -> f64 
     departure(node_sigma(k).powi(2), three.map(|n| node_sigma(n).powi(2)), three.map(node))
 }
 
-/// Nodes needed to reach a variance in px².
+/// The number of nodes that reach a variance in px².
 pub fn node_count(limit: f64) -> usize {
     let mut count = 2;
     while node_sigma(count - 1).powi(2) < limit {
@@ -114,14 +113,14 @@ pub fn node_count(limit: f64) -> usize {
     count
 }
 
-/// The last node whose variance is at most v, and never the last of all.
+/// The last node whose variance is at most v, but not the last of all.
 pub(super) fn node_below(v: f64, count: usize) -> usize {
     let sigma = v.sqrt();
     let k = if sigma < 1.5 { (2.0 * sigma).floor() } else { 3.0 + ((sigma / 1.5).ln() / (4.0f64 / 3.0).ln()).floor() };
     (k as usize).min(count - 2)
 }
 
-/// An image blurred by one variance, read at one place.
+/// An image blurred by one variance, at one place.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Blurred {
     /// Value.
@@ -144,12 +143,12 @@ pub fn node(stack: &[Field], slopes: Slopes, k: usize, x: f64, y: f64) -> (Jet, 
     (jet, slope)
 }
 
-/// Reads a stack of spline coefficients at variance v in px² and place (x, y).
+/// The blur stack at variance v in px² and place (x, y).
 pub fn read(stack: &[Field], slopes: Slopes, v: f64, x: f64, y: f64) -> Blurred {
     between(v, stack.len() / slopes.layers(), |k| node(stack, slopes, k, x, y))
 }
 
-/// Reads a Gaussian's stack a shift from pixel (x, y), by its [gradient](spline::near) there.
+/// A Gaussian's blur stack at a small shift from pixel (x, y), to [first order](spline::near).
 pub fn read_near(stack: &[Field], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -> Blurred {
     between(v, stack.len(), |k| {
         let jet = spline::near(&stack[k], x, y, shift);
@@ -157,13 +156,13 @@ pub fn read_near(stack: &[Field], v: f64, [x, y]: [usize; 2], shift: [f64; 2]) -
     })
 }
 
-/// Cubic Hermite between the two nodes around v, of so many.
+/// Cubic Hermite interpolation between the two nodes around v.
 fn between(v: f64, count: usize, node: impl Fn(usize) -> (Jet, f64)) -> Blurred {
     let k = node_below(v, count);
     let (v0, v1) = (node_sigma(k).powi(2), node_sigma(k + 1).powi(2));
     let ((p, m), (q, n)) = (node(k), node(k + 1));
     let h = v1 - v0;
-    // Beyond the top node the value is held.
+    // Beyond the last node the value is constant.
     let (t, beyond) = (((v - v0) / h).min(1.0), v > v1);
     let (m, n) = (h * m, h * n);
     let (t2, t3) = (t * t, t * t * t);
@@ -187,9 +186,9 @@ mod tests {
     use crate::engine::stages::harness::build_stack;
 
     #[test]
-    fn the_gather_obeys_the_heat_equation() {
-        // Of a wave exp(-v k²/2) cos(k x) is left: value and slope between the nodes against the closed form. Waves are
-        // even about the border, so that the mirror is exact.
+    fn blurred_images_obey_the_heat_equation() {
+        // The wave exp(-v k²/2) cos(k x): value and slope between the nodes are compared with the closed form. Waves
+        // are even about the border, so that mirroring is exact.
         let (n, k) = (129, std::f64::consts::PI * 20.0 / 128.0);
         let wave = Field::from_fn(n, 9, |x, _| (k * x as f64).cos());
         let stack = build_stack(&wave, &Kernel::Gaussian, node_count(36.0));
@@ -197,19 +196,19 @@ mod tests {
             let v = 0.1 * f64::from(step);
             let decay = (-v * k * k / 2.0).exp();
             for x in [3.0, 40.37, 101.5] {
-                let found = read(&stack, Slopes::Laplacian, v, x, 4.0);
+                let actual = read(&stack, Slopes::Laplacian, v, x, 4.0);
                 let expected = decay * (k * x).cos();
                 // 2e-3 of the contrast, between the two widest nodes; see `node_sigma`.
-                assert!((found.value - expected).abs() < 2e-3, "v {v}: {} {expected}", found.value);
+                assert!((actual.value - expected).abs() < 2e-3, "v {v}: {} {expected}", actual.value);
                 let slope = -k * k / 2.0 * expected;
-                assert!((found.slope - slope).abs() < 4e-3, "v {v}: slope {} {slope}", found.slope);
+                assert!((actual.slope - slope).abs() < 4e-3, "v {v}: slope {} {slope}", actual.slope);
             }
         }
     }
 
     #[test]
-    fn nodes_made_on_every_other_pixel_are_those_made_on_every_pixel() {
-        let along = |f: &Field, filter: &[f64], vertical| convolve::twin(f, filter, 1, vertical);
+    fn nodes_computed_on_every_other_pixel_match_those_on_every_pixel() {
+        let along = |f: &Field, filter: &[f64], vertical| convolve::cpu_reference(f, filter, 1, vertical);
         for (width, height) in [(90, 71), (77, 64)] {
             let texture = random_field(width, height, 4);
             let stack = build_stack(&texture, &Kernel::Gaussian, node_count(150.0));

@@ -1,13 +1,16 @@
-//! What the device knows of a solve, and where T puts a pixel: the twin of `glsl/include/state.glsl`.
+//! The state of a solve on the device, and the displacement of a pixel by T: the CPU reference of
+//! `glsl/include/state.glsl`.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::base::{Homography, Photometric, Shading};
+use crate::engine::shaders;
 
-/// Most levels of a pyramid; a short side of 32 px on the twelfth would be 65536 px on the first.
-pub const MAX_LEVELS: usize = 12;
+/// The most levels of a pyramid: a short side of 32 px on the twelfth is 65536 px on the first.
+pub const MAX_LEVELS: usize = shaders::state::MAX_LEVELS as usize;
+const _: () = assert!(Shading::TERMS == shaders::shading::TERMS as usize);
 
-/// α that the coarsest level starts with, where it is to be found.
+/// α of the coarsest level before it is estimated.
 pub const FIRST_ALPHA: f64 = 0.003;
 
 /// The state buffer.
@@ -16,38 +19,38 @@ pub const FIRST_ALPHA: f64 = 0.003;
 pub struct State {
     /// T, gain and offset.
     pub registration: Single,
-    /// Correlation of the two images at low pass, when it was last measured: with brightness, or else at the end.
+    /// Correlation of the low-passed images when it was last measured: with the exposure, or else at the end.
     pub correlation: f32,
     /// 1 if the last step had unknowns that the images do not determine.
     pub degenerate: u32,
-    /// α of the level at hand.
+    /// α of the current level.
     pub alpha: f32,
-    /// What the kernel was found to be: 0 a Gaussian, 1 a disk.
+    /// Shape of the kernel: 0 a Gaussian, 1 a disk.
     pub kernel_shape: f32,
-    /// σ of noise in S, intensities, an M-estimate by pixels beside each other; 0 until T is steady on the finest level.
+    /// σ of noise in S, intensities, an M-estimate from adjacent pixels; 0 until T is steady on the finest level.
     pub spread: f32,
-    /// The same when I2 was last brought onto I1's pixels.
+    /// T when I2 was last warped onto I1's pixels.
     pub warped: Single,
     /// Coefficients of the shading.
     pub shading: [f32; Shading::TERMS],
-    /// Of that by which I2 was last evened out.
-    pub evened: [f32; Shading::TERMS],
+    /// The shading that I2 was last multiplied by.
+    pub applied_shading: [f32; Shading::TERMS],
     /// By level, finest first.
     pub levels: [LevelState; MAX_LEVELS],
 }
 
 impl State {
-    /// Bytes before the word that is 1 once a level does nothing any more.
+    /// Offset in bytes of the word that is 1 once a level has settled.
     pub(crate) fn settled_at(level: usize) -> usize {
         std::mem::offset_of!(Self, levels) + level * size_of::<LevelState>() + std::mem::offset_of!(LevelState, settled)
     }
 }
 
-/// T, gain and offset as the device keeps them.
+/// T, gain and offset in single precision, as on the device.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Single {
-    /// M less the identity, by rows: a T that moves nothing is zeros.
+    /// M minus the identity, by rows: zeros if T is the identity.
     pub linear: [f32; 4],
     /// t, pixels of the full-size image.
     pub t: [f32; 2],
@@ -59,7 +62,7 @@ pub struct Single {
     pub offset: f32,
 }
 
-/// What one level has done.
+/// The progress of a level.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct LevelState {
@@ -67,13 +70,13 @@ pub struct LevelState {
     pub iterations: u32,
     /// 1 if the latest iteration, at the final α, moved no corner by 0.01 px and the energy by less than 0.1 %.
     pub converged: u32,
-    /// Energy a valid pixel, of the latest iteration.
+    /// Energy per valid pixel of the latest iteration.
     pub energy: f32,
     /// Valid pixels.
     pub valid: f32,
-    /// Bit n: I2 was brought onto I1's pixels anew before iteration 2ⁿ.
+    /// Bit n: I2 was warped again before iteration 2ⁿ.
     pub warps: u32,
-    /// 1 once the level does nothing any more.
+    /// 1 once the level has settled.
     pub settled: u32,
 }
 
@@ -88,46 +91,46 @@ pub struct Registration {
     pub offset: f64,
 }
 
-/// The state as the twins keep it, in double precision.
+/// The state in double precision, for the CPU references.
 #[derive(Clone, Debug)]
 pub struct DoubleState {
     /// T, gain and offset.
     pub registration: Registration,
-    /// The same when I2 was last brought onto I1's pixels.
+    /// T when I2 was last warped onto I1's pixels.
     pub warped: Registration,
     /// The shading.
     pub shading: Shading,
-    /// That by which I2 was last evened out.
-    pub evened: Shading,
-    /// Correlation of the two images at low pass.
+    /// The shading that I2 was last multiplied by.
+    pub applied_shading: Shading,
+    /// Correlation of the low-passed images.
     pub correlation: f64,
-    /// α of the level at hand.
+    /// α of the current level.
     pub alpha: f64,
-    /// What the kernel was found to be: 0 a Gaussian, 1 a disk.
+    /// Shape of the kernel: 0 a Gaussian, 1 a disk.
     pub kernel_shape: f64,
-    /// σ of noise in S, intensities, an M-estimate by pixels beside each other; 0 until T is steady on the finest level.
+    /// σ of noise in S, intensities.
     pub spread: f64,
     /// By level, finest first.
     pub levels: [DoubleLevel; MAX_LEVELS],
 }
 
-/// What one level has done, in double precision.
+/// The progress of a level, in double precision.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct DoubleLevel {
     /// Outer iterations.
     pub iterations: u32,
-    /// Energy a valid pixel, of the latest iteration.
+    /// Energy per valid pixel of the latest iteration.
     pub energy: f64,
 }
 
 impl DoubleState {
-    /// The state before a solve that finds α.
+    /// The state before a solve that estimates α.
     pub fn new(start: Registration) -> Self {
         Self {
             registration: start,
             warped: start,
             shading: Shading::NONE,
-            evened: Shading::NONE,
+            applied_shading: Shading::NONE,
             correlation: 0.0,
             alpha: FIRST_ALPHA,
             kernel_shape: 0.0,
@@ -144,7 +147,7 @@ impl Default for DoubleState {
 }
 
 impl State {
-    /// The state before a solve that finds α.
+    /// The state before a solve that estimates α.
     pub fn new(start: &Registration) -> Self {
         Self { registration: start.into(), alpha: FIRST_ALPHA as f32, ..Self::zeroed() }
     }
@@ -154,9 +157,9 @@ impl State {
         self.registration.into()
     }
 
-    /// The shading by which I2 was last evened out.
-    pub fn evened(&self) -> Shading {
-        Shading { coefficients: self.evened.map(f64::from) }
+    /// The shading that I2 was last multiplied by.
+    pub fn applied_shading(&self) -> Shading {
+        Shading { coefficients: self.applied_shading.map(f64::from) }
     }
 }
 
@@ -174,7 +177,7 @@ impl From<&Registration> for Single {
 }
 
 impl From<Single> for Registration {
-    /// The identity in place of a T that is none, of which the solution warns.
+    /// An invalid T becomes the identity; the solution warns of it.
     fn from(single: Single) -> Self {
         let ([xx, xy, yx, yy], [tx, ty]) = (single.linear.map(f64::from), single.t.map(f64::from));
         let [gx, gy] = single.g.map(f64::from);
@@ -185,7 +188,7 @@ impl From<Single> for Registration {
 }
 
 impl Registration {
-    /// From T and the exposure.
+    /// From T and gain and offset.
     pub fn new(transform: impl Into<Homography>, photometric: &Photometric) -> Self {
         Self { transform: transform.into(), gain: photometric.gain, offset: photometric.offset }
     }
@@ -200,23 +203,23 @@ impl Registration {
         Self { transform: self.transform.after(step), ..*self }
     }
 
-    /// What T has done since an earlier T₀: the map whose displacement d has `T x = T₀ (x + d)`, in I1's pixels.
+    /// The motion of T since an earlier T₀: the map whose displacement d has `T x = T₀ (x + d)`, in I1's pixels.
     pub fn moved_since(&self, before: &Self) -> Self {
         Self { transform: before.transform.inverse().after(&self.transform), gain: 0.0, offset: 0.0 }
     }
 
-    /// s, the root of what T does to areas at the centre.
+    /// s, the square root of T's area scale at the centre.
     pub fn scale(&self) -> f64 {
         self.transform.scale()
     }
 
-    /// A gradient by I2's pixels as one by I1's, with T's Jacobian at the centre.
+    /// A gradient per pixel of I2 as one per pixel of I1, by T's Jacobian at the centre.
     pub fn in_first(&self, [dx, dy]: [f64; 2]) -> [f64; 2] {
         let [[xx, xy], [yx, yy]] = self.transform.jacobian();
         [xx * dx + yx * dy, xy * dx + yy * dy]
     }
 
-    /// `T x - x` on a level whose pixels are `factor` wide and whose centre is `centre`.
+    /// `T x - x` on a level whose pixels are `factor` wide.
     pub fn displacement(&self, x: usize, y: usize, factor: f64, centre: [f64; 2]) -> [f64; 2] {
         let p = [factor * (x as f64 - centre[0]), factor * (y as f64 - centre[1])];
         self.transform.displacement(p).map(|d| d / factor)
@@ -253,9 +256,9 @@ mod tests {
         let centre = [30.0, 20.0];
         for (x, y) in [(0usize, 0usize), (60, 10), (17, 40)] {
             let d = moved.displacement(x, y, 1.0, centre);
-            let found = before.transform.apply([x as f64 + d[0], y as f64 + d[1]], centre);
+            let actual = before.transform.apply([x as f64 + d[0], y as f64 + d[1]], centre);
             let expected = now.transform.apply([x as f64, y as f64], centre);
-            assert!((found[0] - expected[0]).abs() < 1e-12 && (found[1] - expected[1]).abs() < 1e-12);
+            assert!((actual[0] - expected[0]).abs() < 1e-12 && (actual[1] - expected[1]).abs() < 1e-12);
         }
     }
 }

@@ -1,65 +1,61 @@
-//! A cubic B-spline on every other pixel as one on every pixel: the same function, no approximation.
+//! Refines a cubic B-spline on every other pixel to one on every pixel: the same function, exactly.
 //!
-//! By the two-scale relation `β(x/2) = Σ h(k) β(x - k)`, h = (1 4 6 4 1)/8 (Unser 1999): a coefficient on a pixel of the
-//! coarse grid is (1 6 1)/8 of those around it, one between two pixels their mean. Pixel i of the coarse grid sits on
-//! pixel 2i, and the image is mirrored about the border pixels of the *fine* one: where that has an even number of
-//! pixels, half-way between the last pixel of the coarse grid and the next.
+//! The two-scale relation is `β(x/2) = Σ h(k) β(x - k)`, h = (1 4 6 4 1)/8 (Unser 1999). A coefficient on a pixel of
+//! the coarse grid is (1 6 1)/8 of those around it; one between two pixels is their mean. Pixel i of the coarse grid is
+//! at pixel 2i. The image is mirrored about the border pixels of the *fine* grid: for an even size, half-way between
+//! the last pixel of the coarse grid and the next.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::field::{Field, fold};
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::pixels;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the fine image.
+    /// Width of the fine image, pixels.
     pub width: u32,
-    /// Rows of the fine image.
+    /// Height of the fine image, pixels.
     pub height: u32,
-    /// Layer of the fine image that is written.
+    /// Target layer of the fine image.
     pub layer: u32,
-    /// First of the tiles wanted; the variant's alone.
+    /// First entry of the list of tiles; only with the variant for lists.
     pub listed: u32,
 }
 
-/// The variant where tiles are listed.
+/// The variant for listed tiles.
 pub(crate) fn variant(listed: bool) -> Variant {
     [false, false, listed, false]
 }
 
 bindings! {
     SUBDIVIDE:
-    /// On every other pixel, in its first layer.
+    /// Coefficients on every other pixel, in the first layer.
     coarse: Reads<Plane>,
-    /// On every pixel.
+    /// Coefficients on every pixel.
     fine: Writes<Stacks>,
-    /// Which tiles are wanted.
+    /// List of tiles.
     tiles: Reads<Tiles>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: a quarter of the pixels read, all written.
+    /// Compulsory traffic: a quarter of the pixels read, all written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         4 * (pixels(c.width.div_ceil(2), c.height.div_ceil(2)) + pixels(c.width, c.height))
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
-        let fine = twin([c.width as usize, c.height as usize], memory.layer(self.coarse, 0));
+        let fine = cpu_reference([c.width as usize, c.height as usize], memory.layer(self.coarse, 0));
         memory.set_layer(self.fine, c.layer as usize, fine);
     }
 }
 
 /// The fine image.
-pub fn twin([width, height]: [usize; 2], coarse: &Field) -> Field {
-    // The coarse pixels, mirrored, and weights that make fine coefficient x.
+pub fn cpu_reference([width, height]: [usize; 2], coarse: &Field) -> Field {
+    // The coarse pixels, mirrored, and their weights for fine coefficient x.
     let taps = |x: usize, size: usize| {
         let i = (x / 2) as isize;
         let weights = if x.is_multiple_of(2) { [0.125, 0.75, 0.125] } else { [0.0, 0.5, 0.5] };
@@ -79,17 +75,17 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37u32, 22u32), (141, 25), (16, 8), (2, 3), (1, 1)] {
             let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
-            let expected = twin([width as usize, height as usize], &coarse);
+            let expected = cpu_reference([width as usize, height as usize], &coarse);
             let rig = Rig::new();
             let (from, to) = (rig.image(std::slice::from_ref(&coarse)), rig.empty([width, height], 2));
             let constants = Constants { width, height, layer: 1, listed: 1 };
             let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 | 1 << 16]));
             let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Buffer(&tiles)];
             let zeros = Field::zeros(width as usize, height as usize);
-            // Of the first tile and of that below it to the right.
+            // The first tile, and the one below it to the right.
             rig.run_variant(&STAGE, variant(true), &resources, &constants, [2, 1, 1]);
             let some = Field::from_fn(width as usize, height as usize, |x, y| {
                 if (x / 128, y / 8) == (0, 0) || (x / 128, y / 8) == (1, 1) { expected.get(x, y) } else { 0.0 }
@@ -102,9 +98,9 @@ mod tests {
     }
 
     #[test]
-    fn both_are_one_spline() {
+    fn coarse_and_fine_are_the_same_spline() {
         let coarse = random_field(20, 17, 6);
-        let fine = twin([39, 33], &coarse);
+        let fine = cpu_reference([39, 33], &coarse);
         for (x, y) in [(0.0, 0.0), (7.0, 12.0), (10.3, 3.7), (37.6, 31.2), (38.0, 32.0)] {
             let (one, other) = (spline::read(&coarse, x / 2.0, y / 2.0), spline::read(&fine, x, y));
             assert!((one.value - other.value).abs() < 1e-12, "({x}, {y}): {} {}", one.value, other.value);
@@ -113,14 +109,14 @@ mod tests {
 
     #[test]
     fn even_sizes_are_mirrored_about_the_fine_border() {
-        // As if the mirrored image went on.
+        // As if the mirrored image continued.
         for size in [39, 40] {
             let coarse = random_field(20, 1, 8);
             let beyond = Field::from_fn(40, 1, |x, _| coarse.get(fold(x as isize, size - 1), 0));
-            let (fine, wide) = (twin([size, 1], &coarse), twin([79, 1], &beyond));
+            let (fine, wide) = (cpu_reference([size, 1], &coarse), cpu_reference([79, 1], &beyond));
             for x in 0..70 {
-                let (found, expected) = (fine.get(fold(x, 2 * (size - 1)), 0), wide.get(x as usize, 0));
-                assert!((found - expected).abs() < 1e-12, "{x} of {size}: {found} {expected}");
+                let (actual, expected) = (fine.get(fold(x, 2 * (size - 1)), 0), wide.get(x as usize, 0));
+                assert!((actual - expected).abs() < 1e-12, "{x} of {size}: {actual} {expected}");
             }
         }
     }

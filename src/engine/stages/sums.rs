@@ -1,26 +1,27 @@
-//! The registration integrals, and how a workgroup's row of them lies in memory: the twin of `glsl/include/sums.glsl`.
+//! The sums of the registration step, and the layout of a row of partial sums: the CPU reference of
+//! `glsl/include/sums.glsl`.
 //!
 //! ```text
 //! unknown        t_x     t_y     zoom    turn     stretch  shear   g_x          g_y
 //! displaces by   (1, 0)  (0, 1)  (x, y)  (-y, x)  (x, -y)  (y, x)  (-xx, -xy)   (-xy, -yy)
 //! ```
 //!
-//! with (x, y) from the centre over L. Motion models take the first 2, 4, 6 or 8 of them.
+//! (x, y) is from the centre, divided by L. Motion models use the first 2, 4, 6 or 8 unknowns.
 
 use crate::engine::vulkan::Variant;
 
-/// Unknowns of the registration step, pixels of the level each.
+/// Unknowns of the registration step, each in pixels of the level.
 pub const UNKNOWNS: usize = 8;
 
-/// The variant of stages that sum what homographies take: more monomials.
+/// The variant of stages that compute the sums of homographies: more monomials.
 pub(crate) const PROJECTIVE: Variant = [false, false, false, true];
 
-/// The displacement by one pixel of each unknown, at a place from the centre over L.
+/// The displacement by one pixel of each unknown, at a place from the centre divided by L.
 pub fn displacements([x, y]: [f64; 2]) -> [[f64; 2]; UNKNOWNS] {
     [[1.0, 0.0], [0.0, 1.0], [x, y], [-y, x], [x, -y], [y, x], [-x * x, -x * y], [-x * y, -y * y]]
 }
 
-/// What the registration step sums over the valid pixels.
+/// The sums of the registration step over the valid pixels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sums {
     /// N.
@@ -31,27 +32,27 @@ pub struct Sums {
     pub energy: f64,
     /// Valid pixels.
     pub valid: f64,
-    /// Of √|b|, of |∇V|.
+    /// Sums of √|b| and of |∇V|.
     pub roughness: [f64; 2],
-    /// Of the bounded squares of how S differs from a pixel to the one beside.
+    /// Sum of bounded squares of differences of S between adjacent pixels.
     pub spread: f64,
 }
 
-/// Where a row of partial sums keeps what.
+/// The layout of a row of partial sums.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
-    /// Unknowns that N can be made of.
+    /// Unknowns that N has sums for.
     pub unknowns: usize,
-    /// Where the sums of w ∇J S begin, after those of w ∇J ∇Jᵀ.
+    /// First of the sums of w ∇J S, after those of w ∇J ∇Jᵀ.
     pub gradient: usize,
-    /// The energy; the valid pixels come after it, then the sums of √|b|, of |∇V| and of how S differs.
+    /// Place of the energy. The valid pixels follow, then √|b|, |∇V| and the spread.
     pub energy: usize,
-    /// Floats in a row.
+    /// Floats per row.
     pub length: usize,
 }
 
 impl Layout {
-    /// Of affine maps, and of homographies.
+    /// The layout for affine maps or homographies.
     pub const fn of(projective: bool) -> Self {
         if projective {
             Self { unknowns: 8, gradient: 45, energy: 57, length: 64 }
@@ -60,13 +61,13 @@ impl Layout {
         }
     }
 
-    /// Of a variant of a stage.
+    /// The layout of a variant of a stage.
     pub(crate) fn of_variant(variant: Variant) -> Self {
         Self::of(variant[3])
     }
 }
 
-/// Which monomial of the place an unknown displaces by along each axis: its sign and the powers of x and y.
+/// The monomial that an unknown displaces by along one axis: its sign and its powers of x and y.
 type Along = (f64, [usize; 2]);
 
 const ALONG: [[Along; 2]; UNKNOWNS] = [
@@ -80,13 +81,13 @@ const ALONG: [[Along; 2]; UNKNOWNS] = [
     [(-1.0, [1, 1]), (-1.0, [0, 2])],
 ];
 
-/// Where a monomial stands among all.
+/// The index of a monomial.
 fn monomial([x, y]: [usize; 2]) -> usize {
     (x + y) * (x + y + 1) / 2 + y
 }
 
 impl Sums {
-    /// Adds a pixel at a place from the centre over L: w ∇J ∇Jᵀ (xx, xy, yy), and w ∇J S.
+    /// Adds a pixel at a place from the centre divided by L: w ∇J ∇Jᵀ (xx, xy, yy) and w ∇J S.
     pub fn add(&mut self, [xx, xy, yy]: [f64; 3], g: [f64; 2], place: [f64; 2]) {
         let by = displacements(place);
         for (i, a) in by.iter().enumerate() {
@@ -97,7 +98,7 @@ impl Sums {
         }
     }
 
-    /// From rows of partial sums as the device keeps them; what a row has nothing of is 0.
+    /// From rows of partial sums of the device. Sums that the layout lacks are 0.
     pub fn from_partials(partials: &[f32], layout: Layout) -> Self {
         let total = |n: usize| partials.chunks_exact(layout.length).map(|row| f64::from(row[n])).sum::<f64>();
         let row: Vec<f64> = (0..layout.length).map(total).collect();
@@ -124,7 +125,7 @@ impl Sums {
     }
 }
 
-/// A row of partial sums of residuals: ∇J, S and place of each, all of weight 1.
+/// A row of partial sums of residuals of weight 1: ∇J, S and place.
 #[cfg(test)]
 pub(crate) fn row(residuals: &[([f64; 2], f64, [f64; 2])], layout: Layout) -> Vec<f32> {
     let mut row = vec![0.0; layout.length];
@@ -165,12 +166,12 @@ mod tests {
         }
         for projective in [false, true] {
             let layout = Layout::of(projective);
-            let found = Sums::from_partials(&row(&residuals, layout), layout);
+            let actual = Sums::from_partials(&row(&residuals, layout), layout);
             for i in 0..layout.unknowns {
-                assert!((found.gradient[i] - expected.gradient[i]).abs() < 1e-4, "{i}");
+                assert!((actual.gradient[i] - expected.gradient[i]).abs() < 1e-4, "{i}");
                 for j in 0..layout.unknowns {
                     // Sums of 20 terms of up to 16, in single precision.
-                    assert!((found.normal[i][j] - expected.normal[i][j]).abs() < 1e-4, "{i} {j}");
+                    assert!((actual.normal[i][j] - expected.normal[i][j]).abs() < 1e-4, "{i} {j}");
                 }
             }
         }

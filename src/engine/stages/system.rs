@@ -1,82 +1,82 @@
-//! The linear system for the step of the unknown, V of a [pair](super::linearise) or u of a sweep
-//! ([all its pairs](super::half_pair) added up): of what the photographs say, D and b, over a window, and of the smoothness of ρ, V or
-//! √c u, px of blur. Equations 26 to 28, sections 4 and 11 of `docs/method.md`; of a sweep also how c would step, u eliminated as a
-//! pair's registration eliminates dV.
+//! The linear system for the step of the unknown: V of a [pair](super::linearise), or u of a sweep ([summed over its
+//! pairs](super::half_pair)).
+//!
+//! It combines D and b of the photographs, averaged over a window, with the smoothness of ρ: V, or √c u in px of blur.
+//! For a sweep it also computes the step of c, with u eliminated as dV is from a pair's registration. Equations 26 to
+//! 28, sections 4 and 11 of `docs/method.md`.
 //!
 //! ```text
 //! (D + Σ a_n) du = b + Σ a_n (u_n - u - g_n) + Σ a_n du_n,  a_n = α c (φ + φ_n)/2,  φ = 1/sqrt(c |∇u|² + η²),  c of a pair 1
 //! ```
 //!
-//! g_n is what V rises on the way to that neighbour by its slope over `REACH` pixels on either side, so that smoothness does not
-//! flatten what slopes: their harmonic mean, the limiter of van Leer (Journal of Computational Physics 14, 1974), which at a jump
-//! takes nothing of it. Of a sweep it is 0.
+//! g_n is the rise of V to that neighbour by its slope over `REACH` pixels on either side, so that smoothness does not
+//! flatten slopes. It is their harmonic mean, the limiter of van Leer (Journal of Computational Physics 14, 1974),
+//! which is 0 at a jump. For a sweep it is 0.
 //!
-//! Stored divided by its diagonal, weights in half precision: where a step leads to, dV = 0, they do not count.
+//! The system is stored divided by its diagonal, with weights in half precision. At the solution, dV = 0, their
+//! rounding has no effect.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, WORKGROUP, pixels};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// α; of a pair how many times the state's.
+    /// α; for a pair the factor on the state's α.
     pub alpha: f32,
-    /// c, px² of the level by squared settings; of a pair 1.
+    /// c, px² of the level per squared setting; 1 for a pair.
     pub rate: f32,
-    /// η of the smoothness term, px of blur a pixel; of a pair px² a pixel.
+    /// η of the smoothness term, px of blur per pixel; for a pair px² per pixel.
     pub smoothness_eta: f32,
 }
 
-/// Pixels over which the slope on either side of two neighbours is taken: over fewer, noise is taken for slope; over more, V's
-/// bends are straightened.
-const REACH: isize = 16;
+/// Pixels over which slopes on either side of two neighbours are computed. Over fewer, noise counts as slope; over
+/// more, bends of V are straightened.
+const REACH: isize = shaders::system::REACH as isize;
 
 /// The variant for a sweep.
 pub(crate) const SWEEP: Variant = [true, false, false, false];
 
-/// Layers of the equations that a variant reads: D, b, of a sweep q.
+/// Layers of the equations that a variant reads: D, b, and for a sweep q.
 pub(crate) fn layers(variant: Variant) -> u32 {
     if variant == SWEEP { 3 } else { 2 }
 }
 
 bindings! {
     SYSTEM:
-    /// V, or u.
+    /// V or u.
     unknown: Reads<RelativeBlur>,
-    /// D, b, of a sweep q, each the mean over a window.
+    /// D, b, and for a sweep q, each averaged over a window.
     equations: Reads<Plane>,
     /// Right sides.
     right_sides: Writes<RightSides>,
     /// Weights.
     weights: Writes<Weights>,
-    /// Of a sweep Σ q b/(D + Σa) and Σ q²/(D + Σa).
+    /// For a sweep Σ q b/(D + Σa) and Σ q²/(D + Σa).
     partials: Writes<Partials>,
-    /// State, of a pair with α.
+    /// State, with α of a pair.
     state: Reads<State>,
 }
 
-/// Floats a workgroup leaves.
-pub(crate) const SUMS: usize = 2;
+/// Floats per workgroup.
+pub(crate) const SUMS: usize = shaders::system::SUMS as usize;
 
-/// Workgroups that cover a level.
+/// Workgroups over a level.
 pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     [width.div_ceil(WORKGROUP[0]), height.div_ceil(WORKGROUP[1]), 1]
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: the unknown and its equations read, right side and weights written.
+    /// Compulsory traffic: the unknown and its equations read, right side and weights written.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         (24 + 4 * u64::from(layers(variant))) * pixels(c.width, c.height)
     }
@@ -84,7 +84,7 @@ impl Pass for Bindings {
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { memory.state(self.state).alpha };
         let equations = &memory.layers(self.equations)[..layers(variant) as usize];
-        let ([right_side, weights @ ..], sums) = twin(c, alpha, memory.layer(self.unknown, 0), equations);
+        let ([right_side, weights @ ..], sums) = cpu_reference(c, alpha, memory.layer(self.unknown, 0), equations);
         memory.set_layer(self.right_sides, 0, right_side);
         weights.into_iter().enumerate().for_each(|(n, weight)| memory.set_layer(self.weights, n, weight));
         if variant == SWEEP {
@@ -93,8 +93,9 @@ impl Pass for Bindings {
     }
 }
 
-/// The system of D, b and, of a sweep, q: right side first, then the weights of the right, left, lower and upper neighbour; and the sums.
-pub fn twin(c: &Constants, alpha: f64, unknown: &Field, equations: &[Field]) -> ([Field; 5], [f64; SUMS]) {
+/// The system: right side, then the weights of the right, left, lower and upper neighbour; and the sums. `equations`
+/// holds D, b, and for a sweep q.
+pub fn cpu_reference(c: &Constants, alpha: f64, unknown: &Field, equations: &[Field]) -> ([Field; 5], [f64; SUMS]) {
     let [rate, eta] = [c.rate, c.smoothness_eta].map(f64::from);
     let (width, height) = (unknown.width as isize, unknown.height as isize);
     let at = |x: isize, y: isize| unknown.clamped(x, y);
@@ -150,9 +151,9 @@ mod tests {
         let (width, height) = (width as u32, height as u32);
         let c = Constants { width, height, alpha: 0.05, rate: 0.7, smoothness_eta: 0.1 };
         let alpha = f64::from(c.alpha) * if variant == SWEEP { 1.0 } else { f64::from(state.alpha) };
-        let (expected, sums) = twin(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
+        let (expected, sums) = cpu_reference(&c, alpha, &fields[0], &fields[1..1 + layers(variant) as usize]);
         let rig = Rig::new();
-        // What an odd width leaves out is written too.
+        // The pixel beyond an odd width is written too.
         let before = |floats: u32| {
             let nothing = Field::from_fn((floats * width.div_ceil(2)) as usize, height as usize, |_, _| f64::NAN);
             [nothing.clone(), nothing]
@@ -168,15 +169,15 @@ mod tests {
         rig.assert_close(&images[2], &[0, 1].map(|color| half(&expected[0], color)), 1e-4);
         // Half precision, rounded either way.
         rig.assert_close(&images[3], &interleaved(&expected), 3e-4);
-        let found = rig.floats(&partials);
+        let actual = rig.floats(&partials);
         for (n, sum) in sums.iter().enumerate() {
-            let total: f64 = found.chunks(SUMS).map(|row| f64::from(row[n])).sum();
+            let total: f64 = actual.chunks(SUMS).map(|row| f64::from(row[n])).sum();
             assert!((total - sum).abs() <= 1e-4 * sum.abs(), "{n}: {total} {sum}");
         }
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(67, 43), (64, 4), (33, 18), (1, 2)] {
             check(width, height, SWEEP, false);
             check(width, height, [false; 4], false);
@@ -184,40 +185,40 @@ mod tests {
         check(35, 20, [false; 4], true);
     }
 
-    /// The right sides of the middle row of 121 x 5 pixels whose unknown depends on x alone, D 1 and b 0.
+    /// The right sides of the middle row of 121 x 5 pixels. The unknown depends on x alone, D is 1 and b is 0.
     fn pulls(unknown: impl Fn(f64) -> f64) -> Vec<f64> {
         let c = Constants { width: 121, height: 5, alpha: 1.0, rate: 1.0, smoothness_eta: 0.1 };
         let unknown = Field::from_fn(121, 5, |x, _| unknown(x as f64));
         let [ones, zeros] = [1.0, 0.0].map(|value| Field::from_fn(121, 5, |_, _| value));
-        twin(&c, 0.1, &unknown, &[ones, zeros]).0[0].data[2 * 121..3 * 121].to_vec()
+        cpu_reference(&c, 0.1, &unknown, &[ones, zeros]).0[0].data[2 * 121..3 * 121].to_vec()
     }
 
     #[test]
-    fn what_slopes_is_not_flattened() {
+    fn slopes_are_not_flattened() {
         let pulls = pulls(|x| 0.2 * x.min(80.0));
-        // Where both sides are on the slope.
+        // Both sides are on the slope.
         assert!(pulls[17..64].iter().all(|pull| pull.abs() < 1e-12), "{pulls:?}");
-        // Where it ends it is none.
+        // The end of the slope.
         assert!(pulls[80] < -1e-3, "{pulls:?}");
     }
 
     #[test]
-    fn a_jump_is_no_slope() {
-        // What pulls on either side of it is all of the jump: a = α φ, φ of a rise of 2 px² a pixel.
+    fn a_jump_does_not_count_as_slope() {
+        // The pull on either side is that of the whole jump: a = α φ, with φ of a rise of 2 px² per pixel.
         let pulls = pulls(|x| if x < 30.0 { 1.0 } else { 5.0 });
         let (a, flat) = (0.1 / (2.0f64.powi(2) + 0.01).sqrt(), 0.1 / 0.1);
         let expected = 4.0 * a / (1.0 + 3.0 * a + 0.5 * (flat + a));
         assert!((pulls[29] - expected).abs() < 1e-6 && (pulls[30] + expected).abs() < 1e-6, "{pulls:?} {expected}");
     }
 
-    /// Lemma 1 of the paper, from which it follows that relaxation converges, whatever the photographs show.
+    /// Lemma 1 of the paper, which implies that relaxation converges for all photographs.
     #[test]
     fn is_diagonally_dominant() {
         let c = Constants { width: 41, height: 30, alpha: 1.0, rate: 1.0, smoothness_eta: 0.1 };
         for seed in 0..6 {
             let [mut v, d, b] = [1, 2, 3].map(|n| random_field(41, 30, 10 * seed + n));
             v.data.iter_mut().for_each(|v| *v = 12.0 * (*v - 0.5));
-            let ([_, weights @ ..], _) = twin(&c, 0.01, &v, &[d, b]);
+            let ([_, weights @ ..], _) = cpu_reference(&c, 0.01, &v, &[d, b]);
             for i in 0..v.data.len() {
                 let row = weights.each_ref().map(|weight| weight.data[i]);
                 assert!(row.iter().all(|w| *w >= 0.0) && row.iter().sum::<f64>() <= 1.0 + 1e-12, "{row:?} at {i}");

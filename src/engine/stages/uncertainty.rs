@@ -1,27 +1,26 @@
-//! V where it is valid, NaN elsewhere, its standard deviation, section 7 of `docs/method.md`, and the residual: the root of
-//! its mean square over a window.
+//! V where it is valid and NaN elsewhere, its standard deviation and the residual, the root of its mean square over a
+//! window. Section 7 of `docs/method.md`.
 //!
-//! Over a window of N pixels, where V is one unknown, least squares give it the variance `Σb²/(ΣD)²`, b and D of the
-//! evidence: what each residual pulls, misfit and noise alike, over what holds V. Where V bends, smoothness and an error in place
-//! change it in proportion. So, with means over the window,
+//! Over a window of N pixels, with V as one unknown, least squares give it the variance `Σb²/(ΣD)²`: the pull of each
+//! residual, by misfit and noise, over the weight of V. Where V bends, smoothness and displacement change it in
+//! proportion. With means over the window,
 //!
 //! ```text
 //! σ_V = κ sqrt(mean b² / (N (mean D)²) + β mean (∇²V)²)
 //! ```
 //!
-//! κ and β are those by which, of plane, relief, steps and cylinders at noise of 0 to 0.03 and of a card and blocks that hide what is behind
-//! them, most have 60 to 75 % of true errors within σ and 90 to 97 % within 2 σ. What pulls a window as a whole, (mean b)² in place of
-//! mean b², does as well and no better; with β 2.75 up to 4 % of errors are beyond 5 σ. A slope is no error: with |∇V|² in place of
-//! (∇²V)² σ of a plane without noise is five times its error.
+//! κ and β are such that 60 to 75 % of true errors are within σ and 90 to 97 % within 2 σ, for planes, reliefs, steps
+//! and cylinders at noise 0 to 0.03 and for occluding cards and blocks. (mean b)² instead of mean b² is no better; with
+//! β 2.75 up to 4 % of errors exceed 5 σ. A slope is no error: with |∇V|² instead of (∇²V)², σ of a noiseless plane is
+//! five times its error.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::{Registration, inside};
 use super::uncertainty_terms::{self, WINDOW};
 use super::{Field, pixels};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// κ.
 pub const CALIBRATION: f32 = 1.8;
@@ -29,16 +28,16 @@ pub const CALIBRATION: f32 = 1.8;
 pub const BENDING: f32 = 6.0;
 /// Pixels in a Gaussian window of σ px: 4π σ².
 pub const WINDOW_PIXELS: f32 = (4.0 * std::f64::consts::PI * WINDOW * WINDOW) as f32;
-/// Standard deviation where nothing holds V, px²: more than any |V|.
+/// Standard deviation where the photographs do not determine V, px²: more than any |V|.
 pub const LARGEST: f32 = 1e3;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
     /// The image centre, pixels.
     pub centre: [f32; 2],
@@ -48,12 +47,12 @@ pub struct Constants {
     pub calibration: f32,
     /// β, px⁴.
     pub bending: f32,
-    /// Standard deviation where nothing holds V, px².
+    /// Standard deviation where the photographs do not determine V, px².
     pub largest: f32,
 }
 
 impl Constants {
-    /// Of an image of this size.
+    /// The constants of an image.
     pub(crate) fn new([width, height]: [u32; 2], centre: [f64; 2]) -> Self {
         let centre = centre.map(|c| c as f32);
         let (calibration, bending) = (CALIBRATION, BENDING);
@@ -61,7 +60,7 @@ impl Constants {
     }
 }
 
-/// The variant for pairs with a mask.
+/// The variant for masked pixels.
 pub(crate) const MASKED: Variant = [false, false, true, false];
 
 bindings! {
@@ -69,20 +68,17 @@ bindings! {
     /// V.
     v: Reads<RelativeBlur>,
     /// Means of D, b², (∇²V)² and of the squared residual.
-    evidence: Reads<Evidence>,
+    terms: Reads<UncertaintyTerms>,
     /// Layers: V, its standard deviation, the residual.
     results: Writes<Results>,
     /// State.
     state: Reads<State>,
-    /// A byte a pixel: 0 where it has no results.
+    /// A byte per pixel: 0 where there are no results.
     mask: Reads<MaskBytes>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: V and on every fourth pixel the evidence read, three results written.
+    /// Compulsory traffic: V and on every fourth pixel the terms read, three results written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = uncertainty_terms::size([c.width, c.height]);
         16 * pixels(c.width, c.height) + 4 * uncertainty_terms::LAYERS as u64 * pixels(width, height)
@@ -91,19 +87,20 @@ impl Pass for Bindings {
     fn run(&self, c: &Constants, variant: Variant, memory: &mut Memory) {
         let r = memory.state(self.state).registration;
         let mask = memory.mask_bytes().filter(|_| variant == MASKED);
-        if let Some(evidence) = memory.layers(self.evidence).first_chunk() {
-            let results = twin(c, &r, memory.layer(self.v, 0), evidence, mask);
+        if let Some(terms) = memory.layers(self.terms).first_chunk() {
+            let results = cpu_reference(c, &r, memory.layer(self.v, 0), terms, mask);
             results.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.results, n, field));
         }
     }
 }
 
-/// V, its standard deviation and the residual, from the evidence of all pixels around, where the mask, a byte a pixel, leaves any.
-pub fn twin(
+/// V, its standard deviation and the residual, from the averaged terms. `mask` has a byte per pixel, 0 where there are
+/// no results.
+pub fn cpu_reference(
     c: &Constants,
     r: &Registration,
     v: &Field,
-    evidence: &[Field; uncertainty_terms::LAYERS],
+    terms: &[Field; uncertainty_terms::LAYERS],
     mask: Option<&[u8]>,
 ) -> [Field; 3] {
     let size = [v.width, v.height];
@@ -116,7 +113,7 @@ pub fn twin(
         (f.get(x / 2, y / 2) + f.get(right, y / 2) + f.get(x / 2, below) + f.get(right, below)) / 4.0
     };
     let deviation = Field::from_fn(v.width, v.height, |x, y| {
-        let [d, b2, bend, _] = evidence.each_ref().map(|f| mean(f, x, y));
+        let [d, b2, bend, _] = terms.each_ref().map(|f| mean(f, x, y));
         let largest = f64::from(c.largest);
         let data = b2 / (f64::from(c.pixels) * d * d);
         match (valid(x, y), d > 0.0) {
@@ -128,7 +125,7 @@ pub fn twin(
     let or_none = |value: &dyn Fn(usize, usize) -> f64| {
         Field::from_fn(v.width, v.height, |x, y| if valid(x, y) { value(x, y) } else { f64::NAN })
     };
-    let residual = or_none(&|x, y| mean(&evidence[uncertainty_terms::RESIDUAL], x, y).max(0.0).sqrt());
+    let residual = or_none(&|x, y| mean(&terms[uncertainty_terms::RESIDUAL], x, y).max(0.0).sqrt());
     [or_none(&|x, y| v.get(x, y)), deviation, residual]
 }
 
@@ -141,22 +138,22 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16)] {
             let v = random_field(width, height, 1);
             let half = uncertainty_terms::size([width as u32, height as u32]);
-            let mut evidence: [Field; uncertainty_terms::LAYERS] =
+            let mut terms: [Field; uncertainty_terms::LAYERS] =
                 std::array::from_fn(|i| random_field(half[0] as usize, half[1] as usize, 2 + i as u64));
-            // Nothing to go by in a corner.
+            // No data in a corner.
             for y in 4..8 {
-                (4..8).for_each(|x| evidence[0].data[y * half[0] as usize + x] = 0.0);
+                (4..8).for_each(|x| terms[0].data[y * half[0] as usize + x] = 0.0);
             }
             let registration = Registration::new(Similarity::new(2.2, -1.0, 0.5, 1.03), &Photometric::IDENTITY);
             let state = State::new(&registration);
             let size = [width as u32, height as u32];
             let c = Constants::new(size, [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0]);
             let rig = Rig::new();
-            let images = [rig.image(std::slice::from_ref(&v)), rig.image(&evidence), rig.empty(size, 3)];
+            let images = [rig.image(std::slice::from_ref(&v)), rig.image(&terms), rig.empty(size, 3)];
             let buffer = rig.upload(bytemuck::bytes_of(&state));
             let mask: Vec<u8> = (0..width * height).map(|n| u8::from(n % 7 != 3)).collect();
             let bytes = rig.upload(&mask);
@@ -164,30 +161,30 @@ mod tests {
                 [&images.each_ref().map(Resource::Image)[..], &[Resource::Buffer(&buffer), Resource::Buffer(&bytes)]];
             let resources = images_then.concat();
             rig.run_variant(&STAGE, MASKED, &resources, &c, STAGE.groups(size));
-            let expected = twin(&c, &state.registration(), &v, &evidence, Some(&mask));
+            let expected = cpu_reference(&c, &state.registration(), &v, &terms, Some(&mask));
             // 1e-3 as below.
             rig.assert_close(&images[2], &expected, 1e-3);
             rig.run(&STAGE, &resources, &c, size);
-            let expected = twin(&c, &state.registration(), &v, &evidence, None);
+            let expected = cpu_reference(&c, &state.registration(), &v, &terms, None);
             assert!(expected[0].data.iter().any(|v| v.is_nan()) && expected[0].data.iter().any(|v| !v.is_nan()));
             assert!(expected[1].data.contains(&f64::from(LARGEST)));
-            // 1e-3 of up to 1000 px²: quotients by evidence near zero.
+            // 1e-3 of up to 1000 px²: quotients by terms near zero.
             rig.assert_close(&images[2], &expected, 1e-3);
         }
     }
 
     #[test]
-    fn of_equal_pixels_the_deviation_is_that_of_their_mean() {
+    fn the_deviation_of_equal_pixels_is_that_of_their_mean() {
         // N pixels with residuals of deviation s, weight w and slope g: D = w g², b² = w² g² s², σ_V = s/(g sqrt(N)).
         let (s, g, w) = (0.02, 0.01, 40.0);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
-        let evidence = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(s * s)];
+        let terms = [flat(w * g * g), flat(w * w * g * g * s * s), flat(0.0), flat(s * s)];
         let c = Constants { calibration: 1.0, ..Constants::new([32, 32], [15.5; 2]) };
         let r = Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY);
-        let [_, deviation, residual] = twin(&c, &r, &Field::zeros(32, 32), &evidence, None);
-        let found = deviation.get(16, 16);
+        let [_, deviation, residual] = cpu_reference(&c, &r, &Field::zeros(32, 32), &terms, None);
+        let actual = deviation.get(16, 16);
         assert!((residual.get(16, 16) / s - 1.0).abs() < 1e-9);
         let expected = s / (g * f64::from(WINDOW_PIXELS).sqrt());
-        assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
+        assert!((actual / expected - 1.0).abs() < 1e-9, "{actual} {expected}");
     }
 }

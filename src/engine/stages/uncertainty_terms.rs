@@ -1,40 +1,41 @@
-//! What decided V: D, b² and (∇²V)² where the last step has led, on every other pixel; section 7 of `docs/method.md`.
+//! The terms of the uncertainty, on every other pixel: D, b² and (∇²V)² after the last step. Section 7 of
+//! `docs/method.md`.
 //!
-//! V answers the pixels around as far as the smoothness reaches, so what one pixel says means little. Averaged over a
-//! [window](fn@window), they give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).
+//! V depends on all pixels within reach of the smoothness, so that a single pixel says little. Averaged over a
+//! [window](fn@window), the terms give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, pixels};
 use crate::engine::filter::{self, Filter};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Layers: D, b², (∇²V)²; then the squared [residual](mod@super::residual).
 pub const LAYERS: usize = 4;
-/// Which of them is the residual.
+/// The layer of the residual.
 pub const RESIDUAL: usize = 3;
 /// σ of the window in px of the image.
 pub const WINDOW: f64 = 4.0;
-/// Least standard deviation of a residual, intensities: values of 8 bits are rounded by 0.0011.
+/// Least standard deviation of a residual, intensities: rounding to 8 bits has 0.0011.
 pub const NOISE: f32 = 1e-3;
-/// D that rounding may make: derivatives of 1e-5 intensities a px², where single precision leaves some 1e-6.
+/// D below which it is rounding: derivatives of 1e-5 intensities per px², where single precision has errors of some
+/// 1e-6.
 pub const LEAST: f32 = 1e-8;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the image.
+    /// Width of the image, pixels.
     pub width: u32,
-    /// Rows of the image.
+    /// Height of the image, pixels.
     pub height: u32,
     /// η of the data term, intensities.
     pub eta: f32,
     /// Least standard deviation of a residual, intensities.
     pub noise: f32,
-    /// D at which it is of rounding; [`LEAST`].
+    /// D below which it is rounding; [`LEAST`].
     pub least: f32,
 }
 
@@ -44,15 +45,12 @@ bindings! {
     v: Reads<RelativeBlur>,
     /// D, b.
     equations: Reads<Plane>,
-    /// Evidence, of that the first three layers.
-    evidence: Writes<Evidence>,
+    /// The first three layers of the terms.
+    terms: Writes<UncertaintyTerms>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: V read; on every fourth pixel D and b read, three values written.
+    /// Compulsory traffic: V read; on every fourth pixel D and b read, three values written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = size([c.width, c.height]);
         4 * pixels(c.width, c.height) + 20 * pixels(width, height)
@@ -60,24 +58,24 @@ impl Pass for Bindings {
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let [d, b] = [0, 1].map(|n| memory.layer(self.equations, n));
-        let found = twin(c, memory.layer(self.v, 0), [d, b]);
-        found.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.evidence, n, field));
+        let found = cpu_reference(c, memory.layer(self.v, 0), [d, b]);
+        found.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.terms, n, field));
     }
 }
 
-/// The pixels of the evidence.
+/// Width and height of the terms.
 pub(crate) fn size([width, height]: [u32; 2]) -> [u32; 2] {
     [width.div_ceil(2), height.div_ceil(2)]
 }
 
-/// The filter along x and y that makes the window, on every other pixel.
+/// The filter along x and y of the window, on every other pixel.
 pub fn window() -> Filter {
     filter::gaussian((WINDOW / 2.0).powi(2))
 }
 
-/// D, b² (of residuals of `noise` at least) and (∇²V)² on every other pixel, the last by the divergence of central differences,
-/// which noise of single pixels does not lift.
-pub fn twin(c: &Constants, v: &Field, [d, b]: [&Field; 2]) -> [Field; 3] {
+/// D, b² (of residuals of at least `noise`) and (∇²V)² on every other pixel. The Laplacian is the divergence of central
+/// differences, which is insensitive to noise of single pixels.
+pub fn cpu_reference(c: &Constants, v: &Field, [d, b]: [&Field; 2]) -> [Field; 3] {
     let [eta, noise, least] = [c.eta, c.noise, c.least].map(f64::from);
     let of = |x: usize, y: usize| {
         let beside = [(2, 0), (-2, 0), (0, 2), (0, -2)].map(|(i, j)| v.clamped(x as isize + i, y as isize + j));
@@ -101,16 +99,16 @@ mod tests {
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16), (1, 2)] {
             let [v, d, b] = [1, 2, 3].map(|seed| random_field(width, height, seed));
             let rig = Rig::new();
-            let found = rig.empty(size([width as u32, height as u32]), LAYERS);
-            let images = [&rig.image(std::slice::from_ref(&v)), &rig.image(&[d.clone(), b.clone()]), &found];
+            let actual = rig.empty(size([width as u32, height as u32]), LAYERS);
+            let images = [&rig.image(std::slice::from_ref(&v)), &rig.image(&[d.clone(), b.clone()]), &actual];
             rig.run(&STAGE, &images.map(Resource::Image), &constants(&v), size([width as u32, height as u32]));
-            let mut expected = twin(&constants(&v), &v, [&d, &b]).to_vec();
+            let mut expected = cpu_reference(&constants(&v), &v, [&d, &b]).to_vec();
             expected.push(Field::zeros(expected[0].width, expected[0].height));
-            rig.assert_close(&found, &expected, 1e-6);
+            rig.assert_close(&actual, &expected, 1e-6);
         }
     }
 
@@ -118,10 +116,10 @@ mod tests {
     fn a_parabola_bends_by_its_second_derivative() {
         let v = Field::from_fn(16, 16, |x, _| 0.3 * (x * x) as f64);
         let flat = |value: f64| Field::from_fn(16, 16, |_, _| value);
-        assert_eq!(twin(&constants(&v), &v, [&flat(0.1), &flat(1.0)])[1].get(3, 3), 0.0, "of rounding");
-        let [d, b2, bend] = twin(&constants(&v), &v, [&flat(5.0), &flat(-0.2)]);
+        assert_eq!(cpu_reference(&constants(&v), &v, [&flat(0.1), &flat(1.0)])[1].get(3, 3), 0.0, "of rounding");
+        let [d, b2, bend] = cpu_reference(&constants(&v), &v, [&flat(5.0), &flat(-0.2)]);
         assert_eq!(d.get(3, 3), 5.0);
-        // Residuals of 0.001, of weight 1/η, besides.
+        // Residuals of 0.001 with weight 1/η are added.
         assert!((b2.get(3, 3) - (0.04 + 5e-4)).abs() < 1e-9, "{}", b2.get(3, 3));
         assert!((bend.get(3, 3) - 0.36).abs() < 1e-12, "{}", bend.get(3, 3));
     }

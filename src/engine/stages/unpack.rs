@@ -1,40 +1,39 @@
-//! A frame as a camera packs it to samples one behind the other, of grey or of red, green and blue.
+//! Unpacks a frame from its camera's format to interleaved samples, grey or red, green and blue.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::pixels;
 use crate::base::{Frame, Order, Packing, PixelFormat};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
-/// Fours of pixels that a row of invocations writes: of 2^28 pixels there are 2^14 rows, in workgroups of four.
+/// Groups of four pixels per row of invocations: 2^28 pixels have 2^14 rows, in workgroups of four.
 const ROW: u32 = 4096;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row.
+    /// Width, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height, pixels.
     pub height: u32,
-    /// Of a packed sample.
+    /// Bits of a packed sample.
     pub bits: u32,
-    /// Packed samples a pixel.
+    /// Packed samples per pixel.
     pub count: u32,
-    /// 1: blue comes first.
+    /// 1: the order is blue, green, red.
     pub reversed: u32,
-    /// Where red is among two by two pixels.
+    /// Place of red among two by two pixels of a mosaic.
     pub red: [u32; 2],
-    /// Fours of pixels that a row of invocations writes.
+    /// Groups of four pixels per row of invocations.
     pub row: u32,
-    /// Of 65535 in the greatest packed sample, and what is left.
+    /// Quotient and remainder of 65535 by the greatest packed sample.
     pub steps: [u32; 2],
 }
 
 impl Constants {
-    /// Of frames of a size and a format that is not plain.
+    /// The constants for frames of a size and a packed format.
     pub fn new([width, height]: [u32; 2], format: PixelFormat) -> Self {
         let most = (1 << format.bits) - 1;
         let reversed = matches!(format.order, Order::Colors { reversed: true, .. });
@@ -58,8 +57,8 @@ impl Constants {
     }
 }
 
-/// Bit behind bit, or two samples in three bytes; of a mosaic; of more than 8 bits: a software device takes both sides of a branch, so these are
-/// constants.
+/// The variant for contiguous bits, for two samples in three bytes, for a mosaic, and for more than 8 bits. Constants,
+/// since software devices execute both sides of a branch.
 pub(crate) fn variant(format: PixelFormat) -> Variant {
     let is_mosaic = matches!(format.order, Order::Mosaic(_));
     [format.packing == Packing::Bits, format.packing == Packing::Pairs, is_mosaic, format.bits > 8]
@@ -67,23 +66,20 @@ pub(crate) fn variant(format: PixelFormat) -> Variant {
 
 bindings! {
     UNPACK:
-    /// As the camera packs them.
+    /// The packed frame.
     packed: Reads<Packed>,
-    /// Of the photograph.
+    /// The samples.
     samples: Writes<Samples>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: every packed sample read, every sample written.
+    /// Compulsory traffic: every packed sample read, every sample written.
     fn bytes(c: &Constants, [_, _, is_mosaic, is_wide]: Variant) -> u64 {
         let written = if c.count == 1 && !is_mosaic { 1 } else { 3 } * if is_wide { 2 } else { 1 };
         pixels(c.width, c.height) * u64::from(c.count * c.bits + 8 * written) / 8
     }
 
-    /// The twins' memory is given frames, which are unpacked.
+    /// No-op: the memory of the CPU references is given unpacked frames.
     fn run(&self, _c: &Constants, _variant: Variant, _memory: &mut Memory) {}
 }
 
@@ -91,7 +87,7 @@ impl Pass for Bindings {
 ///
 /// # Errors
 /// As that.
-pub fn twin(size: [u32; 2], format: PixelFormat, packed: &[u8]) -> Result<Frame, String> {
+pub fn cpu_reference(size: [u32; 2], format: PixelFormat, packed: &[u8]) -> Result<Frame, String> {
     format.frame(size, packed)
 }
 
@@ -102,26 +98,26 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn every_format_agrees_with_the_twin_to_the_bit() {
+    fn every_format_matches_the_cpu_reference_to_the_bit() {
         let rig = Rig::new();
         for size in [[37, 19], [16, 16], [33, 8], [301, 41]] {
             for format in PixelFormat::all().filter(|format| !format.is_plain()) {
                 let count = format.bytes(size) as usize;
                 let packed: Vec<u8> = random(count, 5).iter().map(|v| (256.0 * v) as u8).collect();
-                let expected = twin(size, format, &packed).unwrap();
-                // One word more, which stays as it is.
-                let mut found = expected.bytes().to_vec();
-                let length = found.len().next_multiple_of(4) + 4;
-                found.fill(0);
-                found.resize(length, 0xaa);
-                let (packed, samples) = (rig.upload(&packed), rig.upload(&found));
+                let expected = cpu_reference(size, format, &packed).unwrap();
+                // One extra word, which must stay unchanged.
+                let mut actual = expected.bytes().to_vec();
+                let length = actual.len().next_multiple_of(4) + 4;
+                actual.fill(0);
+                actual.resize(length, 0xaa);
+                let (packed, samples) = (rig.upload(&packed), rig.upload(&actual));
                 let constants = Constants::new(size, format);
                 let resources = [Resource::Buffer(&packed), Resource::Buffer(&samples)];
                 let groups = STAGE.groups(constants.invocations());
                 rig.run_variant(&STAGE, variant(format), &resources, &constants, groups);
-                found[..expected.bytes().len()].copy_from_slice(expected.bytes());
-                found[expected.bytes().len()..length - 4].fill(0);
-                assert_eq!(bytemuck::cast_slice::<u32, u8>(&rig.words(&samples)), found, "{format} {size:?}");
+                actual[..expected.bytes().len()].copy_from_slice(expected.bytes());
+                actual[expected.bytes().len()..length - 4].fill(0);
+                assert_eq!(bytemuck::cast_slice::<u32, u8>(&rig.words(&samples)), actual, "{format} {size:?}");
             }
         }
     }

@@ -2,24 +2,23 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::{Field, pixels, relax};
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
     /// Largest |dV|, px² of the level.
     pub largest_step: f32,
     /// Largest |V|, px² of the level.
     pub limit: f32,
-    /// How much of dV is taken.
+    /// Share of dV that is added.
     pub share: f32,
 }
 
@@ -34,22 +33,19 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: dV and V read, V written.
+    /// Compulsory traffic: dV and V read, V written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         12 * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let change = relax::both([memory.layer(self.red, 0), memory.layer(self.black, 0)]);
-        twin(c, &change, memory.layer_mut(self.v, 0));
+        cpu_reference(c, &change, memory.layer_mut(self.v, 0));
     }
 }
 
 /// Adds dV to V.
-pub fn twin(c: &Constants, change: &Field, v: &mut Field) {
+pub fn cpu_reference(c: &Constants, change: &Field, v: &mut Field) {
     let (step, limit, share) = (f64::from(c.largest_step), f64::from(c.limit), f64::from(c.share));
     for (v, change) in v.data.iter_mut().zip(&change.data) {
         *v = (*v + share * change.clamp(-step, step)).clamp(-limit, limit);
@@ -64,7 +60,7 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (16, 16), (1, 2)] {
             let (mut v, change) = (random_field(width, height, 1), random_field(width, height, 2));
             let (width32, height32) = (width as u32, height as u32);
@@ -72,7 +68,7 @@ mod tests {
             let rig = Rig::new();
             let images = [&half(&change, 0), &half(&change, 1), &v].map(|f| rig.image(std::slice::from_ref(f)));
             rig.run(&STAGE, &images.each_ref().map(Resource::Image), &constants, [width as u32, height as u32]);
-            twin(&constants, &change, &mut v);
+            cpu_reference(&constants, &change, &mut v);
             rig.assert_close(&images[2], &[v], 1e-6);
         }
     }

@@ -1,80 +1,78 @@
-//! The registration step: `N ζ = -g` from the sums of [`linearise`](super::linearise), or a step down the gradient; the
-//! update of T; and the test for convergence. Section 5 of `docs/method.md`.
+//! Updates T by the registration step and determines whether a level has settled.
+//!
+//! It solves `N ζ = -g` with the sums of [`linearise`](super::linearise), or descends the gradient. Section 5 of
+//! `docs/method.md`.
 
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::Registration;
 use super::sums::{Layout, Sums, UNKNOWNS};
 use crate::base::{Homography, Shading};
-use crate::engine::arguments;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::vulkan::Variant;
+use crate::engine::{arguments, shaders};
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Rows of partial sums, one a workgroup of `linearise`.
+    /// Rows of partial sums, one per workgroup of `linearise`.
     pub rows: u32,
     /// Level, 0 the finest.
     pub level: u32,
-    /// Where the energy of this level and iteration goes.
+    /// Index of the energy of this level and iteration.
     pub energy_place: u32,
     /// First of the level's indirect arguments, in words.
     pub argument_place: u32,
-    /// Words of them, all zeroed once the level has settled.
+    /// Number of words, all zeroed once the level has settled.
     pub argument_count: u32,
-    /// Unknowns of T that are solved for, the first so many; 0: T is held.
+    /// The number of unknowns of T to solve for; 0 holds T.
     pub unknowns: u32,
     /// 1 to descend the gradient instead of solving.
     pub descend: u32,
-    /// 1 once an iteration at the final α is done; nothing may converge before.
+    /// 1 once an iteration at the final α is complete. A level cannot converge before.
     pub may_settle: u32,
-    /// Pixels of the level that no corner may move any more, for it to settle.
+    /// A level settles only if no corner moves by more, pixels of the level.
     pub still: f32,
-    /// First of the indirect arguments of the passes that bring I2 onto I1's pixels anew, in words.
+    /// First of the indirect arguments of the passes that warp I2 again, in words.
     pub warp_place: u32,
-    /// Words of them; zero where no such passes come before the next iteration.
+    /// Number of their words; 0 if the next iteration has no such passes.
     pub warp_count: u32,
-    /// Pixels of the full-size image a pixel of this level.
+    /// Pixels of the full-size image per pixel of this level.
     pub factor: f32,
-    /// L, which places are stated over, pixels of the level.
+    /// L, the length that places are divided by, pixels of the level.
     pub length: f32,
     /// From the centre to a corner, pixels of the level.
     pub half_size: [f32; 2],
-    /// 1: α is found.
+    /// 1: estimates α.
     pub finds_alpha: u32,
-    /// How much of the step is taken.
+    /// Share of the step that is taken.
     pub share: f32,
-    /// Share that the energy may change by, for the level to settle.
+    /// A level settles only if the energy changes by no more than this share.
     pub flatness: f32,
-    /// The noise of which η of the data term's weights is enough, intensities.
+    /// The noise for which η of the data term is wide enough, intensities.
     pub least_spread: f32,
 }
 
 bindings! {
     UPDATE_TRANSFORM:
-    /// Rows of sums.
+    /// Partial sums.
     partials: Reads<Partials>,
     /// State.
     state: Updates<State>,
-    /// By level and iteration.
+    /// Energies by level and iteration.
     energies: Writes<Energies>,
     /// Indirect arguments.
     arguments: Writes<Arguments>,
-    /// The same as they are before a solve; behind them whether the host has given it up.
+    /// Indirect arguments before the solve, followed by the word that cancels it.
     start_arguments: Reads<StartArguments>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: the partial sums.
+    /// Compulsory traffic: the partial sums.
     fn bytes(c: &Constants, variant: Variant) -> u64 {
         4 * Layout::of_variant(variant).length as u64 * u64::from(c.rows)
     }
@@ -84,7 +82,7 @@ impl Pass for Bindings {
         let start = memory.words(self.start_arguments).to_vec();
         let state = memory.state_mut(self.state);
         let level = c.level as usize;
-        let step = twin(c, &sums, &mut state.registration, state.levels[level].energy);
+        let step = cpu_reference(c, &sums, &mut state.registration, state.levels[level].energy);
         if c.level == 0 && step.steady {
             state.spread = find_spread(c, &sums, state.spread);
         }
@@ -92,10 +90,10 @@ impl Pass for Bindings {
             state.alpha = find_alpha(&sums, state.alpha);
         }
         let follows =
-            !moved_away(c, &state.warped, &state.registration) && shading_stays(&state.shading, &state.evened);
-        let given_up = start.last().is_some_and(|&last| last != arguments::GO_ON);
-        let ends = step.settled || given_up;
-        let anew = c.warp_count > 0 && !ends && !follows;
+            !moved_away(c, &state.warped, &state.registration) && shading_stays(&state.shading, &state.applied_shading);
+        let cancelled = start.last().is_some_and(|&last| last != arguments::NOT_CANCELLED);
+        let ends = step.settled || cancelled;
+        let warps = c.warp_count > 0 && !ends && !follows;
         state.levels[level].energy = step.energy;
         state.levels[level].iterations += 1;
         let energies = memory.numbers_mut(self.energies, c.energy_place as usize + 1);
@@ -103,10 +101,10 @@ impl Pass for Bindings {
         let words = memory.words_mut(self.arguments);
         if ends {
             let own = range(c.argument_place, c.argument_count);
-            words[if given_up { 0..own.end } else { own }].fill(0);
+            words[if cancelled { 0..own.end } else { own }].fill(0);
         }
         for i in range(c.warp_place, c.warp_count) {
-            words[i] = if anew { start[i] } else { 0 };
+            words[i] = if warps { start[i] } else { 0 };
         }
     }
 }
@@ -115,22 +113,23 @@ fn range(first: u32, count: u32) -> Range<usize> {
     first as usize..(first + count) as usize
 }
 
-/// What a step did.
+/// The result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
-    /// Energy a valid pixel, before the step.
+    /// Energy per valid pixel, before the step.
     pub energy: f64,
     /// No corner moved by 0.01 px and the energy changed by less than 0.1 %.
     pub converged: bool,
-    /// No corner moved by [`still`](Constants::still) pixels of the level, the energy changed by at most
-    /// [`flatness`](Constants::flatness), and the level stops. The energy is flat before V and T are, so the finest level goes on after it has converged.
+    /// No corner moved by [`still`](Constants::still) pixels of the level and the energy changed by at most
+    /// [`flatness`](Constants::flatness): the level stops. The energy is flat before V and T are, so that the finest
+    /// level continues after it has converged.
     pub settled: bool,
-    /// No corner moved by `FOLLOWED` pixels of the level: what T is off by no longer counts as noise.
+    /// No corner moved by `FOLLOWED` pixels of the level: errors of T no longer count as noise.
     pub steady: bool,
 }
 
-/// Steps T in place. `before` is the energy of the iteration before.
-pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> Step {
+/// Updates T. `before` is the energy of the previous iteration.
+pub fn cpu_reference(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> Step {
     let factor = f64::from(c.factor);
     let step = displacing(c.length.into(), factor, solve(c, sums).map(|x| f64::from(c.share) * x));
     let moved = corner_moves(c, &step);
@@ -142,7 +141,7 @@ pub fn twin(c: &Constants, sums: &Sums, r: &mut Registration, before: f64) -> St
     Step { energy, converged, settled, steady: moved <= FOLLOWED * factor }
 }
 
-/// The map that displaces by the unknowns, pixels of a level whose own are `factor` wide, places stated over `length`.
+/// The map with these displacements, in pixels of a level that are `factor` wide, with places divided by `length`.
 pub fn displacing(length: f64, factor: f64, x: [f64; UNKNOWNS]) -> Homography {
     let [tx, ty, zoom, turn, stretch, shear, gx, gy] = x;
     let over = 1.0 / (factor * length * length);
@@ -152,12 +151,12 @@ pub fn displacing(length: f64, factor: f64, x: [f64; UNKNOWNS]) -> Homography {
         [linear(turn + shear), 1.0 + linear(zoom - stretch), factor * ty],
         [gx * over, gy * over, 1.0],
     ];
-    // A step that mirrors the image is none.
+    // A step that mirrors the image becomes the identity.
     Homography::from_matrix(matrix).unwrap_or_default()
 }
 
-/// How far a displacement moves a corner at most, full-size pixels: by t, by the larger singular value of the linear part
-/// times the distance of a corner from the centre, and by g times its square.
+/// The most that a displacement moves a corner, full-size pixels: by t, by the larger singular value of the linear part
+/// times the distance of the corner from the centre, and by g times its square.
 fn corner_moves(c: &Constants, step: &Homography) -> f64 {
     let corner = f64::from(c.factor) * f64::from(c.half_size[0]).hypot(c.half_size[1].into());
     let [[xx, xy, tx], [yx, yy, ty], [gx, gy, _]] = step.matrix();
@@ -165,49 +164,50 @@ fn corner_moves(c: &Constants, step: &Homography) -> f64 {
     tx.hypot(ty) + (linear + gx.hypot(gy) * corner) * corner
 }
 
-/// Pixels of the level that a corner may move before I2 is brought onto I1's pixels anew.
-const FOLLOWED: f64 = 0.02;
+/// I2 is warped again once a corner has moved by more, pixels of the level.
+const FOLLOWED: f64 = shaders::update_transform::FOLLOWED;
 
-/// Whether T has moved so far since `before` that gradients on the pixels no longer follow it.
+/// Whether T has moved so far since `before` that gradients no longer follow it.
 pub(crate) fn moved_away(c: &Constants, before: &Registration, r: &Registration) -> bool {
     corner_moves(c, &r.moved_since(before).transform) > FOLLOWED * f64::from(c.factor)
 }
 
-/// What the shading may change by before I2 is evened out anew: a thousandth of the contrast is 0.01 px² of V.
-const EVEN: f64 = 0.001;
+/// I2 is warped again once the shading has changed by more: a thousandth of the contrast is 0.01 px² of V.
+const EVEN: f64 = shaders::update_transform::EVEN;
 
-fn shading_stays(now: &Shading, evened: &Shading) -> bool {
-    let pairs = now.coefficients.iter().zip(&evened.coefficients);
+fn shading_stays(now: &Shading, applied_shading: &Shading) -> bool {
+    let pairs = now.coefficients.iter().zip(&applied_shading.coefficients);
     pairs.map(|(now, before)| (now - before).abs()).sum::<f64>() <= EVEN
 }
 
-/// Where α is looked for.
-const ALPHAS: [f64; 2] = [3.5e-4, 10.0];
-/// Steepness, px² a pixel, within which α follows it. Below V counts as flat, and a larger α would converge too slowly to gain
-/// anything; beyond, it is noise that is steep, and a smaller α would raise it.
-const STEEP: [f64; 2] = [0.007, 0.1];
+/// Bounds of α.
+const ALPHAS: [f64; 2] = [shaders::update_transform::LEAST_ALPHA, shaders::update_transform::MOST_ALPHA];
+/// Bounds of the steepness of V for the estimate of α, px² per pixel. Flatter V counts as flat: a larger α would
+/// converge too slowly to help. Steeper V is noise, which a smaller α would increase.
+const STEEP: [f64; 2] = [shaders::update_transform::LEAST_STEEP, shaders::update_transform::MOST_STEEP];
 
 /// The most that the spread grows by in an iteration.
-const MOST_GROWTH: f64 = 8.0;
+const MOST_GROWTH: f64 = shaders::update_transform::MOST_GROWTH;
 
-/// The spread from how much of the [bounded squares](super::linearise::BOUND) is reached, a half where it is right: of Gaussian noise an error of it becomes a fifth.
+/// The spread, from the mean of the [bounded squares](super::linearise::BOUND), which is a half where it is right. For
+/// Gaussian noise an error falls to a fifth per iteration.
 pub fn find_spread(c: &Constants, sums: &Sums, spread: f64) -> f64 {
     let share = sums.spread / sums.valid.max(1.0);
     spread.max(c.least_spread.into()) * (share / (1.0 - share).max(1e-6)).min(MOST_GROWTH)
 }
 
-/// α from what the data say against V, mean √|b|, and how steep it is; as it was if that is within a tenth: each change takes
-/// iterations.
+/// α from the mean √|b| of the data and the steepness of V. It changes only by more than a tenth, since each change
+/// takes iterations.
 pub fn find_alpha(sums: &Sums, alpha: f64) -> f64 {
     let [root, steep] = sums.roughness.map(|sum| sum / sums.valid.max(1.0));
     let found = (0.14 * root * root / steep.clamp(STEEP[0], STEEP[1])).clamp(ALPHAS[0], ALPHAS[1]);
     if (found / alpha).ln().abs() > 0.1 { found } else { alpha }
 }
 
-/// Solves for the unknowns that are free; where N is singular nothing steps (the shader holds only the dependent unknowns).
+/// Solves for the free unknowns. If N is singular no unknown steps; the shader holds only the dependent ones.
 ///
-/// Down the gradient, each unknown steps by its gradient over `Σ_j |N_ij|`: the paper names no step length, and by
-/// Gershgorin's theorem these are the longest, one an unknown, that always descend while the weights are lagged.
+/// Gradient descent steps each unknown by its gradient over `Σ_j |N_ij|`. The paper states no step length; by
+/// Gershgorin's theorem these are the longest, one per unknown, that always descend while the weights are lagged.
 fn solve(c: &Constants, sums: &Sums) -> [f64; UNKNOWNS] {
     let mut n = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::from_fn(|i, j| sums.normal[i][j]);
     let least = f64::max(1e-12 * sums.valid, 1e-7 * n.diagonal().max());
@@ -258,7 +258,7 @@ mod tests {
         }
     }
 
-    /// Partial sums of a well-posed problem: each row a few random residuals.
+    /// Partial sums of a well-posed problem: a few random residuals per row.
     fn partials(rows: usize, pixels: usize, layout: Layout) -> Vec<f32> {
         let numbers = random(rows * pixels * 5, 11);
         let residuals: Vec<_> = numbers
@@ -272,7 +272,7 @@ mod tests {
         check_warped(c, partials, before, [0.0; 2], NO_VARIANT)
     }
 
-    /// `t` is T's translation when I2 was last warped, its other terms are those of the start.
+    /// `t` is T's translation when I2 was last warped; its other terms are those of the start.
     fn check_warped(c: Constants, partials: &[f32], before: f32, t: [f32; 2], variant: Variant) -> (State, Vec<u32>) {
         let start = Registration::new(Similarity::new(1.0, -2.0, 1.0, 1.05), &Photometric { gain: 0.9, offset: 0.1 });
         let mut state = State::new(&start);
@@ -284,34 +284,34 @@ mod tests {
             rig.upload(bytemuck::bytes_of(&state)),
             rig.upload(&[0; 32]),
             rig.upload(bytemuck::cast_slice(&[7u32; 12])),
-            rig.upload(bytemuck::cast_slice(&[[9; 12].as_slice(), &[arguments::GO_ON]].concat())),
+            rig.upload(bytemuck::cast_slice(&[[9; 12].as_slice(), &[arguments::NOT_CANCELLED]].concat())),
         ];
         rig.run_variant(&STAGE, variant, &buffers.each_ref().map(Resource::Buffer), &c, [1, 1, 1]);
-        let found: State = rig.value(&buffers[1]);
+        let actual: State = rig.value(&buffers[1]);
         let sums = Sums::from_partials(partials, Layout::of_variant(variant));
         let mut expected = state.registration();
-        let step = twin(&c, &sums, &mut expected, before.into());
-        let corner = found.registration().transform.corner_distance(expected.transform, 121, 81);
+        let step = cpu_reference(&c, &sums, &mut expected, before.into());
+        let corner = actual.registration().transform.corner_distance(expected.transform, 121, 81);
         // Single precision of sums of up to 4000 residuals.
-        assert!(corner < 1e-4, "{corner} px: {found:?} {expected:?}");
-        assert_eq!(found.registration().photometric(), state.registration().photometric());
+        assert!(corner < 1e-4, "{corner} px: {actual:?} {expected:?}");
+        assert_eq!(actual.registration().photometric(), state.registration().photometric());
         let close = |f: f64, e: f64| assert!((f - e).abs() < 1e-5, "{f}, not {e}");
-        close(found.levels[c.level as usize].energy.into(), step.energy);
+        close(actual.levels[c.level as usize].energy.into(), step.energy);
         let is_found = c.level == 0 && step.steady;
-        close(found.spread.into(), if is_found { find_spread(&c, &sums, state.spread.into()) } else { 0.0 });
+        close(actual.spread.into(), if is_found { find_spread(&c, &sums, state.spread.into()) } else { 0.0 });
         close(rig.floats(&buffers[2])[3].into(), step.energy);
-        assert_eq!(found.levels[c.level as usize].iterations, 1);
+        assert_eq!(actual.levels[c.level as usize].iterations, 1);
         close(
-            found.alpha.into(),
+            actual.alpha.into(),
             if c.finds_alpha == 1 { find_alpha(&sums, state.alpha.into()) } else { state.alpha.into() },
         );
-        assert_eq!(found.levels[c.level as usize].converged, u32::from(step.converged));
-        assert_eq!(found.levels[c.level as usize].settled, u32::from(step.settled));
-        (found, rig.words(&buffers[3]))
+        assert_eq!(actual.levels[c.level as usize].converged, u32::from(step.converged));
+        assert_eq!(actual.levels[c.level as usize].settled, u32::from(step.settled));
+        (actual, rig.words(&buffers[3]))
     }
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (rows, variant) in [(1, NO_VARIANT), (7, PROJECTIVE), (8, NO_VARIANT), (100, PROJECTIVE), (100, NO_VARIANT)]
         {
             let layout = Layout::of_variant(variant);
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn alpha_follows_what_the_data_say_against_v_and_how_steep_it_is() {
+    fn alpha_follows_the_data_and_the_steepness_of_v() {
         let layout = Layout::of_variant(NO_VARIANT);
         for (root, steep) in [(0.03, 0.03), (0.2, 1.0), (1e-4, 0.03), (0.06, 1e-6), (0.0294, 0.04)] {
             let mut partials = partials(8, 40, layout);
@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn warps_anew_where_t_has_moved() {
+    fn warps_again_where_t_has_moved() {
         let partials = partials(8, 40, Layout::of(false));
         let held = Constants { unknowns: 0, warp_count: 4, ..constants(8) };
         // The start is at (1, -2); 0.02 px of a level of factor 2 are 0.04 px.
@@ -373,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_host_gave_up_ends_with_all_finer_levels() {
+    fn a_cancelled_solve_ends_the_level_and_all_finer_levels() {
         let partials = partials(8, 40, Layout::of(false));
         let (rig, start) = (Rig::new(), Registration::new(Similarity::IDENTITY, &Photometric::IDENTITY));
         let buffers = [
@@ -381,7 +381,7 @@ mod tests {
             rig.upload(bytemuck::bytes_of(&State::new(&start))),
             rig.upload(&[0; 32]),
             rig.upload(bytemuck::cast_slice(&[7u32; 16])),
-            rig.upload(bytemuck::cast_slice(&[[9; 16].as_slice(), &[arguments::GIVEN_UP]].concat())),
+            rig.upload(bytemuck::cast_slice(&[[9; 16].as_slice(), &[arguments::CANCELLED]].concat())),
         ];
         let c = Constants { may_settle: 0, warp_place: 6, warp_count: 2, ..constants(8) };
         rig.run_groups(&STAGE, &buffers.each_ref().map(Resource::Buffer), &c, [1, 1, 1]);
@@ -391,10 +391,10 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_go_by_is_no_step() {
+    fn without_data_t_does_not_move() {
         let (state, _) = check(constants(3), &vec![0.0; 3 * 32], 0.0);
         assert_eq!(state.degenerate, 1);
-        // Of gradients along x at one place only, shift, zoom and turn cannot be told apart: only the first of them may step.
+        // With gradients along x at one place only, shift, zoom and turn cannot be separated: only the first may step.
         let sums = row(&[([0.5, 0.0], 0.025, [1.0, 0.0]); 16], Layout::of(false));
         let rig = Rig::new();
         let buffers = [

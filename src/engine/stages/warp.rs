@@ -1,37 +1,37 @@
-//! I2 on I1's pixels, evened out: its spline where T puts each pixel, times the shading, so that a stack of it can be read on the pixels themselves.
+//! Resamples I2 onto I1's pixels and applies the shading, so that a blur stack of it can be read on the pixels.
 //!
-//! The blur of a warped image is the warped blur, of a variance in I1's pixels; T may go on moving a little, since
+//! The blur of a warped image is the warped blur, with a variance in I1's pixels. T may still move a little:
 //! [`linearise`](super::linearise) follows it by the gradient on each pixel.
 
 use bytemuck::{Pod, Zeroable};
 
-use super::memory::Memory;
-use super::pass::{Pass, bindings};
+use super::pass::{Memory, Pass, bindings};
 use super::state::{Registration, from_centre};
 use super::{Field, pixels, spline};
 use crate::base::Shading;
-use crate::engine::vulkan::{Stage, Variant};
+use crate::engine::shaders;
+use crate::engine::vulkan::Variant;
 
 /// Push constants.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct Constants {
-    /// Pixels a row of the level.
+    /// Width of the level, pixels.
     pub width: u32,
-    /// Rows of the level.
+    /// Height of the level, pixels.
     pub height: u32,
-    /// Layer of the stacks where the samples go.
+    /// Target layer of the stacks.
     pub layer: u32,
-    /// Pixels of the full-size image a pixel of this level.
+    /// Pixels of the full-size image per pixel of this level.
     pub factor: f32,
     /// The image centre in pixels of this level.
     pub centre: [f32; 2],
 }
 
-/// Lines an invocation goes down.
-const ROWS: u32 = 8;
+/// Lines per invocation.
+const ROWS: u32 = shaders::warp::ROWS;
 
-/// Workgroups that cover a level.
+/// Workgroups over a level.
 pub(crate) fn tiles([width, height]: [u32; 2]) -> [u32; 3] {
     STAGE.groups([width, height.div_ceil(ROWS)])
 }
@@ -40,32 +40,29 @@ bindings! {
     WARP:
     /// Spline coefficients of I2.
     spline2: Reads<Spline2>,
-    /// Stacks, of those one layer.
+    /// Stacks, of which one layer is written.
     stacks: Writes<Stacks>,
-    /// State, which keeps T and the shading that were used.
+    /// State, which stores the T and the shading that were used.
     state: Updates<State>,
 }
 
 impl Pass for Bindings {
-    type Constants = Constants;
-    const STAGE: &'static Stage = &STAGE;
-
-    /// Bytes that must move: the coefficients read, the samples written.
+    /// Compulsory traffic: the coefficients read, the samples written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         8 * pixels(c.width, c.height)
     }
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let (r, shading) = (memory.state(self.state).registration, memory.state(self.state).shading);
-        let samples = twin(c, &r, &shading, memory.layer(self.spline2, 0));
+        let samples = cpu_reference(c, &r, &shading, memory.layer(self.spline2, 0));
         memory.set_layer(self.stacks, c.layer as usize, samples);
         let state = memory.state_mut(self.state);
-        (state.warped, state.evened) = (r, shading);
+        (state.warped, state.applied_shading) = (r, shading);
     }
 }
 
-/// Samples of I2 at T x, evened out; mirrored once where T leaves I2.
-pub fn twin(c: &Constants, r: &Registration, shading: &Shading, spline2: &Field) -> Field {
+/// Samples of I2 at T x times the shading, mirrored once where T leaves I2.
+pub fn cpu_reference(c: &Constants, r: &Registration, shading: &Shading, spline2: &Field) -> Field {
     let centre = c.centre.map(f64::from);
     let mirrored = |x: f64, size: usize| {
         let last = size as f64 - 1.0;
@@ -88,7 +85,7 @@ mod tests {
     use crate::engine::vulkan::Resource;
 
     #[test]
-    fn agrees_with_the_twin() {
+    fn matches_the_cpu_reference() {
         for (width, height) in [(37usize, 21usize), (64, 16), (16, 17)] {
             for transform in [
                 Similarity::new(2.2, -1.0, 0.5, 1.03),
@@ -107,11 +104,11 @@ mod tests {
                 let buffer = rig.upload(bytemuck::bytes_of(&state));
                 let resources = [Resource::Image(&image), Resource::Image(&stacks), Resource::Buffer(&buffer)];
                 rig.run(&STAGE, &resources, &c, [width as u32, height as u32]);
-                let expected = twin(&c, &state.registration(), &shading, &spline2);
-                // Places are known to 2e-6 px here, and the noise rises by less than 1 a pixel.
+                let expected = cpu_reference(&c, &state.registration(), &shading, &spline2);
+                // Places are known to 2e-6 px here, and the gradient of the noise is below 1 per pixel.
                 rig.assert_close(&stacks, &[Field::zeros(width, height), expected], 1e-5);
-                let found: State = rig.value(&buffer);
-                assert_eq!((found.warped, found.evened), (state.registration, state.shading));
+                let actual: State = rig.value(&buffer);
+                assert_eq!((actual.warped, actual.applied_shading), (state.registration, state.shading));
             }
         }
     }
@@ -125,13 +122,14 @@ mod tests {
         let spline2 = build_stack(&field, &crate::base::Kernel::Gaussian, 1).swap_remove(0);
         let r = Registration::new(Similarity::new(1.3, -0.7, 0.8, 1.02), &Photometric::IDENTITY);
         let c = Constants { width: 60, height: 40, layer: 0, factor: 1.0, centre: [29.5, 19.5] };
-        let found = twin(&c, &r, &Shading::NONE, &spline2);
+        let actual = cpu_reference(&c, &r, &Shading::NONE, &spline2);
         for y in 15..25 {
             for x in 15..45 {
                 let d = r.displacement(x, y, 1.0, [29.5, 19.5]);
                 let expected = wave(x as f64 + d[0], y as f64 + d[1]);
-                // A cubic spline reproduces a wave of 8.6 px to about (k/2π)⁴ = 2e-4 of its amplitude for each axis, at worst between the pixels.
-                assert!((found.get(x, y) - expected).abs() < 3e-4, "({x}, {y}): {} {expected}", found.get(x, y));
+                // A cubic spline reproduces a wave of 8.6 px to about (k/2π)⁴ = 2e-4 of its amplitude per axis, at
+                // worst between the pixels.
+                assert!((actual.get(x, y) - expected).abs() < 3e-4, "({x}, {y}): {} {expected}", actual.get(x, y));
             }
         }
     }

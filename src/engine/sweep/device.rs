@@ -7,7 +7,7 @@ use crate::base::{CancellationToken, Deadline, Error, Frame};
 use crate::engine::Engine;
 use crate::engine::plan::Plan;
 use crate::engine::profile::Reading;
-use crate::engine::record::{record, write};
+use crate::engine::record::{record, record_with};
 use crate::engine::script::{Script, sweep};
 use crate::engine::slot::Slot;
 use crate::engine::stages::{Field, Pipelines};
@@ -90,7 +90,7 @@ impl SweepDevice {
             recorder.zero(self.workspace.buffer(Slot::Partials), bytes);
             recorder.barrier();
         }
-        let commands = write(recorder, &self.pipelines, &self.workspace, script)?;
+        let commands = record_with(recorder, &self.pipelines, &self.workspace, script)?;
         self.execute(commands)
     }
 

@@ -100,7 +100,7 @@ fn prolonged(coarse: &Field, part: Region, limit: f64) -> Field {
         [(coarse.width as u32 - x).min(part.width / 2 + 1), (coarse.height as u32 - y).min(part.height / 2 + 1)];
     let data = Region { x, y, width, height }.of(&coarse.data, coarse.width, 1);
     let constants = prolong::Constants { width: part.width, height: part.height, limit: limit as f32, gain: 1.0 };
-    prolong::twin(&constants, &Field { width: width as usize, height: height as usize, data })
+    prolong::cpu_reference(&constants, &Field { width: width as usize, height: height as usize, data })
 }
 
 /// The shared parameters as a part sees them, and the region of each frame that it is cut to: where its middle lies

@@ -26,7 +26,7 @@ pub(super) struct Frames {
 pub(super) const NOISE_CORRELATION: f64 = LOW_PASS * LOW_PASS + 1.0 / (4.0 * PI);
 
 fn filtered(image: &Field, along_x: &Filter, along_y: &Filter) -> Field {
-    convolve::twin(&convolve::twin(image, along_x, 1, false), along_y, 1, true)
+    convolve::cpu_reference(&convolve::cpu_reference(image, along_x, 1, false), along_y, 1, true)
 }
 
 /// The image under a Gaussian.

@@ -89,7 +89,7 @@ pub fn read_kernel(path: &Path) -> Result<Kernel, Error> {
         return Err(Error::file(path, problem));
     }
     let picture = photograph.decode()?;
-    let densities = ingest::twin(&picture, Decode::None, LUMINANCE).data;
+    let densities = ingest::cpu_reference(&picture, Decode::None, LUMINANCE).data;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
     let aperture = Aperture::new(&name, picture.width() as usize, picture.height() as usize, &densities);
     aperture.map(Kernel::Measured).map_err(|e| match e {

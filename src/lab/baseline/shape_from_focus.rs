@@ -27,7 +27,7 @@ pub fn shape_from_focus(frames: &[Frame], positions: &[f64], decode: Decode) -> 
         let problem = "shape from focus takes three frames or more, of one size, and a position for each";
         return Err(Error::Mismatch(problem.to_string()));
     }
-    let details = frames.iter().map(|frame| detail(&ingest::twin(frame, decode, LUMINANCE).data, size(frame)));
+    let details = frames.iter().map(|frame| detail(&ingest::cpu_reference(frame, decode, LUMINANCE).data, size(frame)));
     let details: Vec<Vec<f64>> = details.collect();
     let setting = |i: usize| {
         let most = (0..details.len()).fold(0, |most, k| if details[k][i] > details[most][i] { k } else { most });

@@ -171,7 +171,7 @@ const RADIUS: isize = 12;
 /// The grey frame J with `J(T x) = frame(x)`, interpolated by a sinc under a squared cosine.
 fn displaced(frame: &Frame, transform: &Similarity) -> Result<Frame, String> {
     let (width, height) = (frame.width(), frame.height());
-    let grey = ingest::twin(frame, Decode::None, LUMINANCE);
+    let grey = ingest::cpu_reference(frame, Decode::None, LUMINANCE);
     let (back, c) = (transform.inverse(), centre(width, height));
     let places = (0..height).flat_map(|y| (0..width).map(move |x| [f64::from(x), f64::from(y)]));
     Frame::gray(width, height, places.map(|place| read(&grey, back.apply(place, c)) as f32).collect())
@@ -202,10 +202,10 @@ fn reduced(frame: &Frame, factor: u32) -> Result<Frame, String> {
     let (width, height) = (frame.width() / factor, frame.height() / factor);
     let channels = frame.format().channels;
     let planes: Vec<Field> = match channels {
-        Channels::Gray => vec![ingest::twin(frame, Decode::None, LUMINANCE)],
+        Channels::Gray => vec![ingest::cpu_reference(frame, Decode::None, LUMINANCE)],
         Channels::Rgb => {
             let one = |c: usize| [0, 1, 2].map(|k| if k == c { 1.0 } else { 0.0 });
-            (0..3).map(|c| ingest::twin(frame, Decode::None, one(c))).collect()
+            (0..3).map(|c| ingest::cpu_reference(frame, Decode::None, one(c))).collect()
         }
     };
     let mean = |plane: &Field, x: u32, y: u32| {

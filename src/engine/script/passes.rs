@@ -1,0 +1,436 @@
+//! The passes of the method: what each binds, its push constants and what it is dispatched over.
+
+use super::compose::{BOTH, Composer};
+use crate::base::{Decode, RegistrationStep};
+use crate::engine::arguments::{self, Grid, Over};
+use crate::engine::plan::{Level, MAP_LAYERS, Plan, UNDAMPED, step_share};
+use crate::engine::slot;
+use crate::engine::stages::exposure::Adopt;
+use crate::engine::stages::noise::Noise;
+use crate::engine::stages::stack::Slopes;
+use crate::engine::stages::{
+    NO_VARIANT, appearance, blur_matched_pair, exposure, fuse, ingest, linearise, mask, prolong, relax, relax_level,
+    residual, shape, shape_median, shape_windows, sums, system, uncertainty, uncertainty_terms, unpack, update,
+    update_transform,
+};
+use crate::engine::vulkan::Variant;
+
+const RED: usize = 0;
+const BLACK: usize = 1;
+
+/// The finest level settles once no corner moves by more than this in an iteration, pixels of the level. At 0.01, pairs under a
+/// half-Gaussian stop 0.004 px off instead of 0.002.
+const FINEST_STILL: f32 = 0.001;
+/// The same for the coarser levels, which provide a start only: at 0.001 they took up to 20 iterations, and no result was better.
+const COARSER_STILL: f32 = 0.01;
+/// The finest level settles once the energy changes by no more than this share in an iteration. At 1e-4, V of a plane at noise 0.03
+/// stops 0.06 px² too high; at 1e-5 within 0.03.
+const FINEST_FLAT: f32 = 1e-5;
+/// The same for the coarser levels, and where steps are damped: an alternating energy changes by less only by chance. The finest level
+/// of the heat sink took 21 to 100 iterations at 1e-5, depending on its start, and ended at an energy 0.1 % lower.
+const COARSER_FLAT: f32 = 1e-4;
+
+fn single(numbers: [f64; 2]) -> [f32; 2] {
+    numbers.map(|number| number as f32)
+}
+
+/// Images.
+impl Composer<'_> {
+    /// Unpacks a photograph from its camera's format.
+    pub(super) fn unpack(&mut self, image: usize) {
+        let bindings = unpack::Bindings { packed: slot::packed(image).read(), samples: slot::samples(image).write() };
+        let format = self.plan.packed[image];
+        let constants = unpack::Constants::new(self.plan.size, format);
+        self.over(constants.invocations(), bindings, &constants, unpack::variant(format));
+    }
+
+    /// Puts a weighted sum of the channels of a photograph onto the finest level.
+    pub(super) fn ingest(&mut self, image: usize, weights: [f32; 3]) {
+        let bindings =
+            ingest::Bindings { samples: slot::samples(image).read(), image: slot::luminance(image, 0).write() };
+        let ([width, height], format) = (self.plan.size, self.plan.formats[image]);
+        let (channels, bytes) = (format.channels.count(), format.depth.bytes());
+        let constants = ingest::Constants { width, height, channels, bytes, weights };
+        let variant = if self.plan.settings.decode == Decode::Srgb { ingest::SRGB } else { NO_VARIANT };
+        self.over(self.plan.size, bindings, &constants, variant);
+    }
+
+    /// Determines which pixels of a photograph count, on the finest level.
+    pub(super) fn mask(&mut self, image: usize) {
+        let masks = slot::masks(0);
+        let bindings =
+            mask::Bindings { samples: slot::samples(image).read(), mask: slot::MASK.read(), masks: masks.write() };
+        let ([width, height], format) = (self.plan.size, self.plan.formats[image]);
+        let constants = mask::Constants {
+            width,
+            height,
+            channels: format.channels.count(),
+            bytes: format.depth.bytes(),
+            second: image as u32,
+            clipped: self.plan.settings.clipped(format.depth),
+        };
+        self.over(self.plan.size, bindings, &constants, NO_VARIANT);
+        self.smooth((masks.plane(), image as u32), self.plan.size);
+    }
+
+    /// Matches gain, offset and shading, or measures the correlation alone. Without blur stacks V is zero, and I2 is read from its
+    /// spline.
+    pub(super) fn exposure(&mut self, level: &Level, adopt: Adopt, has_stacks: bool) {
+        let (plan, size) = (self.plan, uncertainty_terms::size(level.size));
+        let stacks = if has_stacks { slot::STACKS.plane() } else { slot::SPLINE2.plane() };
+        let bindings = blur_matched_pair::Bindings {
+            i1: slot::i1(level.index).read(),
+            v: slot::relative_blur(level.index).read(),
+            stacks: stacks.read(),
+            pair: slot::UNCERTAINTY_TERMS.write(),
+            state: slot::STATE.read(),
+            masks: slot::masks(level.index).read(),
+        };
+        let constants = blur_matched_pair::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            nodes: if has_stacks { level.nodes as u32 } else { 0 },
+            second_stack: if has_stacks { plan.first_layer(1) } else { 0 },
+            factor: level.factor as f32,
+            centre: single(level.centre),
+            mean: single(plan.settings.kernel.mean()),
+        };
+        let slopes = if has_stacks { plan.slopes() } else { Slopes::Laplacian };
+        let variant = linearise::variant(slopes, has_stacks && plan.warps(level), self.masked, false);
+        self.over(size, bindings, &constants, variant);
+        for layer in 0..blur_matched_pair::LAYERS {
+            self.smooth((slot::UNCERTAINTY_TERMS.plane(), layer), size);
+        }
+        let bindings = exposure::Bindings { pair: slot::UNCERTAINTY_TERMS.read(), state: slot::STATE.update() };
+        let constants = exposure::Constants::new(level.size, level.factor, level.centre, adopt);
+        self.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1, 1, 1]));
+    }
+
+    /// Estimates the kernel's shape from windows, and applies it to both blur stacks.
+    pub(super) fn find_shape(&mut self, level: &Level) {
+        let bindings = shape_windows::Bindings {
+            v: slot::relative_blur(level.index).read(),
+            stacks: slot::STACKS.read(),
+            state: slot::STATE.read(),
+            masks: slot::masks(level.index).read(),
+            windows: slot::PARTIALS.write(),
+        };
+        let grid @ [columns, rows] = shape_windows::grid(level.size);
+        let constants = shape_windows::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            nodes: level.nodes as u32,
+            second_stack: self.plan.first_layer(1),
+            grid,
+            factor: level.factor as f32,
+            centre: single(level.centre),
+            noise: Noise::new(level.index),
+        };
+        self.dispatch(bindings, &constants, [false, false, self.masked, false], Grid::Direct([columns, rows, 1]));
+        let bindings = shape_median::Bindings { windows: slot::PARTIALS.read(), state: slot::STATE.update() };
+        let constants = shape_median::Constants { windows: columns * rows };
+        self.dispatch(bindings, &constants, NO_VARIANT, Grid::Direct([1, 1, 1]));
+        for image in BOTH {
+            self.shape(level, image);
+        }
+    }
+
+    /// Applies the kernel's shape to the blur stack of an image.
+    pub(super) fn shape(&mut self, level: &Level, image: usize) {
+        let bindings = shape::Bindings { stacks: slot::STACKS.update(), state: slot::STATE.read() };
+        let [width, height] = level.size;
+        let (nodes, first) = (level.nodes as u32, self.plan.first_layer(image));
+        let grid = self.grid(shape::STAGE.groups(level.size));
+        self.dispatch(bindings, &shape::Constants { width, height, nodes, first }, NO_VARIANT, grid);
+    }
+}
+
+/// T.
+impl Composer<'_> {
+    /// The registration integrals without a blur model, equation 36.
+    pub(super) fn appearance(&mut self, level: &Level) {
+        let bindings = appearance::Bindings {
+            i1: slot::i1(level.index).read(),
+            spline2: slot::SPLINE2.read(),
+            state: slot::STATE.read(),
+            partials: slot::PARTIALS.write(),
+            masks: slot::masks(level.index).read(),
+        };
+        let constants = appearance::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            rows: linearise::rows(level.size),
+            factor: level.factor as f32,
+            centre: single(level.centre),
+            length: level.length as f32,
+            eta: self.plan.settings.data_eta as f32,
+        };
+        let variant = [false, false, self.masked, self.plan.projective()];
+        self.within(level, Over::Tiles, bindings, &constants, variant);
+    }
+
+    /// Residuals, D, b and the registration integrals, equations 22 to 32.
+    pub(super) fn linearise(&mut self, level: &Level, k: u32) {
+        let (plan, s) = (self.plan, &self.plan.settings);
+        let bindings = linearise::Bindings {
+            i1: slot::i1(level.index).read(),
+            v: slot::relative_blur(level.index).read(),
+            stacks: slot::STACKS.read(),
+            equations: slot::NORMAL_EQUATIONS.write(),
+            state: slot::STATE.read(),
+            partials: slot::PARTIALS.write(),
+            masks: slot::masks(level.index).read(),
+        };
+        let constants = linearise::Constants {
+            width: level.size[0],
+            height: level.size[1],
+            nodes: level.nodes as u32,
+            second_stack: plan.first_layer(1),
+            rows: linearise::rows(level.size),
+            factor: level.factor as f32,
+            centre: single(level.centre),
+            length: level.length as f32,
+            continuation: plan.continued(level, k) as f32,
+            eta: s.data_eta as f32,
+            smoothness_eta: s.smoothness_eta as f32,
+            epsilon: s.heaviside_epsilon as f32,
+            // With so much smoothness no pixel's V responds: gradient descent does not eliminate dV.
+            elimination: if descends(plan) { 1e20 } else { linearise::ELIMINATION },
+            mean: single(s.kernel.mean()),
+            noise: Noise::new(level.index),
+        };
+        let variant = linearise::variant(plan.slopes(), plan.warps(level), self.masked, plan.sums_all(level));
+        self.within(level, Over::Tiles, bindings, &constants, variant);
+    }
+
+    /// Updates T in iteration k of a level that solves for V, and determines whether the level has settled.
+    pub(super) fn update_transform(&mut self, level: &Level, k: u32) {
+        self.dispatch_update_transform(level, &transform_step(self.plan, level, k));
+    }
+
+    /// Updates T after `appearance`, in iteration k of a level.
+    pub(super) fn update_transform_by_appearance(&mut self, level: &Level, k: u32) {
+        let constants = update_transform::Constants {
+            unknowns: self.plan.settings.motion.unknowns() as u32,
+            may_settle: u32::from(k > 0),
+            warp_count: 0,
+            ..transform_step(self.plan, level, k)
+        };
+        self.dispatch_update_transform(level, &constants);
+    }
+
+    fn dispatch_update_transform(&mut self, level: &Level, constants: &update_transform::Constants) {
+        let bindings = update_transform::Bindings {
+            partials: slot::PARTIALS.read(),
+            state: slot::STATE.update(),
+            energies: slot::ENERGIES.write(),
+            arguments: slot::ARGUMENTS.write(),
+            start_arguments: slot::START_ARGUMENTS.read(),
+        };
+        let variant = if self.plan.sums_all(level) { sums::PROJECTIVE } else { NO_VARIANT };
+        self.within(level, Over::One, bindings, constants, variant);
+        self.place = self.place.after_step();
+    }
+}
+
+/// Push constants of `update_transform` in iteration k of a level that solves for V.
+fn transform_step(plan: &Plan, level: &Level, k: u32) -> update_transform::Constants {
+    let [columns, rows, _] = level.tiles();
+    let words = arguments::words(level.index, plan.warps_again(level, k + 1));
+    let (is_finest, is_damped) = (level.index == 0, k as f32 >= UNDAMPED);
+    update_transform::Constants {
+        rows: columns * rows,
+        level: level.index as u32,
+        energy_place: level.index as u32 * plan.settings.outer_iterations + k,
+        argument_place: words.place,
+        argument_count: words.count,
+        unknowns: if plan.solves_transform() { plan.settings.motion.unknowns() as u32 } else { 0 },
+        descend: u32::from(descends(plan)),
+        may_settle: u32::from(plan.may_settle(level, k)),
+        still: if is_finest { FINEST_STILL } else { COARSER_STILL },
+        warp_place: words.warp_place,
+        warp_count: words.warp_count,
+        factor: level.factor as f32,
+        length: level.length as f32,
+        half_size: single(level.centre),
+        finds_alpha: u32::from(plan.finds_alpha(level, k)),
+        share: step_share(k),
+        flatness: if is_finest && !is_damped { FINEST_FLAT } else { COARSER_FLAT },
+        least_spread: (plan.settings.data_eta / linearise::BROAD) as f32,
+    }
+}
+
+fn descends(plan: &Plan) -> bool {
+    plan.settings.registration_step == RegistrationStep::GradientDescent
+}
+
+/// V.
+impl Composer<'_> {
+    /// V of a level before its first iteration: zero, or that of the coarser level.
+    pub(super) fn start(&mut self, level: &Level) {
+        if level.index + 1 == self.plan.solved {
+            return self.clear(level);
+        }
+        let coarse = slot::relative_blur(level.index + 1).read();
+        let bindings = prolong::Bindings { coarse, fine: slot::relative_blur(level.index).write() };
+        let [width, height] = level.size;
+        let constants = prolong::Constants { width, height, limit: level.limit as f32, gain: 4.0 };
+        self.over(level.size, bindings, &constants, NO_VARIANT);
+    }
+
+    /// dV and V in iteration k of a level of a pair.
+    pub(super) fn step(&mut self, level: &Level, k: u32) {
+        let ([width, height], settings) = (level.size, &self.plan.settings);
+        let (alpha, smoothness_eta) = (self.plan.continued(level, k) as f32, settings.smoothness_eta as f32);
+        self.system(level, &system::Constants { width, height, alpha, rate: 1.0, smoothness_eta }, NO_VARIANT);
+        self.relaxation(level);
+        let (largest_step, limit, share) = (settings.largest_step as f32, level.limit as f32, step_share(k));
+        self.update(level, &update::Constants { width, height, largest_step, limit, share });
+    }
+
+    /// The linear system for the step of the unknown: V of a pair, u of a sweep.
+    pub(super) fn system(&mut self, level: &Level, constants: &system::Constants, variant: Variant) {
+        self.unsettled = self.settles.then_some(level.index);
+        for layer in 0..system::layers(variant) {
+            self.smooth((slot::NORMAL_EQUATIONS, layer), level.size);
+        }
+        self.unsettled = None;
+        let bindings = system::Bindings {
+            unknown: slot::relative_blur(level.index).read(),
+            equations: slot::NORMAL_EQUATIONS.read(),
+            right_sides: slot::RIGHT_SIDES.write(),
+            weights: slot::WEIGHTS.write(),
+            partials: slot::PARTIALS.write(),
+            state: slot::STATE.read(),
+        };
+        self.within(level, Over::Pixels, bindings, constants, variant);
+    }
+
+    /// All relaxation sweeps: two dispatches each, or one dispatch for all on a small level.
+    pub(super) fn relaxation(&mut self, level: &Level) {
+        if relax_level::takes(level.size) {
+            return self.relax_level(level);
+        }
+        for sweep in 0..self.plan.settings.relaxation_sweeps {
+            self.relax(level, RED, sweep);
+            self.relax(level, BLACK, sweep);
+        }
+    }
+
+    fn relax_level(&mut self, level: &Level) {
+        let bindings = relax_level::Bindings {
+            right_sides: slot::RIGHT_SIDES.read(),
+            weights: slot::WEIGHTS.read(),
+            red: slot::change(RED).update(),
+            black: slot::change(BLACK).update(),
+        };
+        let ([width, height], settings) = (level.size, &self.plan.settings);
+        let (sweeps, over_relaxation) = (settings.relaxation_sweeps, settings.over_relaxation as f32);
+        let constants = relax_level::Constants { width, height, sweeps, over_relaxation };
+        self.within(level, Over::One, bindings, &constants, NO_VARIANT);
+    }
+
+    /// Half a relaxation sweep: one color.
+    fn relax(&mut self, level: &Level, color: usize, sweep: u32) {
+        let bindings = relax::Bindings {
+            right_sides: slot::RIGHT_SIDES.read(),
+            weights: slot::WEIGHTS.read(),
+            other: slot::change(1 - color).read(),
+            own: slot::change(color).update(),
+        };
+        let ([width, height], over_relaxation) = (level.size, self.plan.settings.over_relaxation as f32);
+        let constants = relax::Constants { width, height, color: color as u32, rows: relax::ROWS, over_relaxation };
+        let variant = if sweep == 0 { relax::FIRST } else { NO_VARIANT };
+        self.within(level, Over::Half, bindings, &constants, variant);
+    }
+
+    /// V + clamp(dV).
+    pub(super) fn update(&mut self, level: &Level, constants: &update::Constants) {
+        let bindings = update::Bindings {
+            red: slot::change(RED).read(),
+            black: slot::change(BLACK).read(),
+            v: slot::relative_blur(level.index).update(),
+        };
+        self.within(level, Over::Pixels, bindings, constants, NO_VARIANT);
+    }
+}
+
+/// Results.
+impl Composer<'_> {
+    /// The terms of the uncertainty and the squared residual, averaged over a window around each pixel.
+    pub(super) fn uncertainty_terms(&mut self) {
+        let (plan, finest, s) = (self.plan, &self.plan.pyramid[0], &self.plan.settings);
+        let ([width, height], size) = (plan.size, uncertainty_terms::size(plan.size));
+        let bindings = uncertainty_terms::Bindings {
+            v: slot::relative_blur(0).read(),
+            equations: slot::NORMAL_EQUATIONS.read(),
+            terms: slot::UNCERTAINTY_TERMS.write(),
+        };
+        let (eta, noise, least) = (s.data_eta as f32, uncertainty_terms::NOISE, uncertainty_terms::LEAST);
+        let constants = uncertainty_terms::Constants { width, height, eta, noise, least };
+        self.over(size, bindings, &constants, NO_VARIANT);
+        let bindings = residual::Bindings {
+            i1: slot::i1(0).read(),
+            v: slot::relative_blur(0).read(),
+            stacks: slot::STACKS.read(),
+            terms: slot::UNCERTAINTY_TERMS.write(),
+            state: slot::STATE.read(),
+        };
+        let constants = residual::Constants {
+            width,
+            height,
+            layer: uncertainty_terms::RESIDUAL as u32,
+            nodes: finest.nodes as u32,
+            second_stack: plan.first_layer(1),
+            centre: single(finest.centre),
+            mean: single(s.kernel.mean()),
+            epsilon: s.heaviside_epsilon as f32,
+        };
+        let variant = linearise::variant(plan.slopes(), plan.warps(finest), false, false);
+        self.over(size, bindings, &constants, variant);
+        for layer in 0..uncertainty_terms::LAYERS as u32 {
+            self.smooth((slot::UNCERTAINTY_TERMS.plane(), layer), size);
+        }
+    }
+
+    /// V where it is valid, its standard deviation and the residual, into the first layers of the results.
+    pub(super) fn uncertainty(&mut self) {
+        let bindings = uncertainty::Bindings {
+            v: slot::relative_blur(0).read(),
+            terms: slot::UNCERTAINTY_TERMS.read(),
+            results: slot::RESULTS.write(),
+            state: slot::STATE.read(),
+            mask: slot::MASK.read(),
+        };
+        let variant = if self.masked { uncertainty::MASKED } else { NO_VARIANT };
+        let constants = uncertainty::Constants::new(self.plan.size, self.plan.pyramid[0].centre);
+        self.over(self.plan.size, bindings, &constants, variant);
+    }
+
+    /// One channel of the fused image, equation 37. Its photographs replace the luminance.
+    pub(super) fn fuse(&mut self, channel: u32) {
+        let (plan, finest) = (self.plan, &self.plan.pyramid[0]);
+        let mut weights = [0.0; 3];
+        weights[channel as usize] = 1.0;
+        for image in BOTH {
+            // A grey photograph beside a colored one uses its only channel for all three.
+            self.ingest(image, weights);
+        }
+        self.spline2(finest);
+        let bindings = fuse::Bindings {
+            channel1: slot::i1(0).read(),
+            spline2: slot::SPLINE2.read(),
+            v: slot::relative_blur(0).read(),
+            results: slot::RESULTS.write(),
+            state: slot::STATE.read(),
+        };
+        let constants = fuse::Constants {
+            width: plan.size[0],
+            height: plan.size[1],
+            layer: MAP_LAYERS + channel,
+            centre: single(finest.centre),
+            epsilon: plan.settings.heaviside_epsilon as f32,
+        };
+        self.over(plan.size, bindings, &constants, NO_VARIANT);
+    }
+}
