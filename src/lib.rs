@@ -80,7 +80,7 @@ pub mod transform {
 
 /// The options and results of a [`SweepSolver`].
 pub mod sweep {
-    pub use crate::solve::sweep::{Positions, RegisteredSweep, SweepDepth, SweepOptions};
+    pub use crate::solve::sweep::{Positions, RegisteredSweep, Sweep, SweepDepth, SweepOptions, SweepSolver};
 }
 
 /// The parts of a [`Solution`], and registrations.
