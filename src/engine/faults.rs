@@ -8,7 +8,7 @@ use std::time::Duration;
 use ash::vk;
 
 use crate::base::{Error, Frame, Settings};
-use crate::engine::vulkan::faults::{self, Call, Seen, Strike};
+use crate::engine::vulkan::faults::{self, Call, Fault, Log};
 use crate::engine::{Engine, Solution, testing};
 use crate::solve::{PairSolver, SolveOptions};
 
@@ -32,7 +32,7 @@ fn solve(pair: &[Frame; 2]) -> Result<Solution, Error> {
 }
 
 /// Solves, and closes the engine, while a call or an allocation fails.
-fn told(pair: &[Frame; 2], strike: Option<Strike>, allocation: Option<usize>) -> (Result<Solution, Error>, Seen) {
+fn told(pair: &[Frame; 2], strike: Option<Fault>, allocation: Option<usize>) -> (Result<Solution, Error>, Log) {
     faults::begin(strike, allocation);
     let solved = solve(pair);
     (solved, faults::end())
@@ -60,10 +60,10 @@ fn tells_of(error: &Error, call: &Call) -> bool {
 }
 
 /// What stays where the device may still be at work on it: nobody knows whether it is, once waits fail for good.
-fn may_keep(seen: &Seen) -> bool {
+fn may_keep(seen: &Log) -> bool {
     let fails =
         |(call, code): &&(Call, vk::Result)| call.name == "vkWaitSemaphores" && *code != vk::Result::ERROR_DEVICE_LOST;
-    seen.struck.iter().filter(fails).count() > 1
+    seen.failed.iter().filter(fails).count() > 1
 }
 
 /// Bytes that the loader and the layers keep in any case, as a solve without faults shows.
@@ -78,14 +78,14 @@ impl Usual {
     fn of(pair: &[Frame; 2]) -> Self {
         // The first solve finds the pipeline cache as it happens to be.
         told(pair, None, None).0.unwrap();
-        let (solved, Seen { calls, held, allocations, messages, .. }) = told(pair, None, None);
+        let (solved, Log { calls, leaked: held, allocations, messages, .. }) = told(pair, None, None);
         assert_eq!(messages, Vec::<String>::new());
         Self { bits: bits(&solved.unwrap()), held, calls, allocations }
     }
 
     #[track_caller]
-    fn judge(&self, what: &str, solved: Result<Solution, Error>, seen: &Seen) {
-        let strikes: Vec<_> = seen.struck.iter().filter(|(call, _)| !HELPS.contains(&call.name)).collect();
+    fn judge(&self, what: &str, solved: Result<Solution, Error>, seen: &Log) {
+        let strikes: Vec<_> = seen.failed.iter().filter(|(call, _)| !HELPS.contains(&call.name)).collect();
         match solved {
             Ok(solution) => {
                 assert!(strikes.is_empty(), "{what}: nothing was said");
@@ -97,7 +97,7 @@ impl Usual {
             }
         }
         assert_eq!(seen.messages, Vec::<String>::new(), "{what}");
-        assert!(seen.held <= self.held || may_keep(seen), "{what}: {} bytes are left", seen.held - self.held);
+        assert!(seen.leaked <= self.held || may_keep(seen), "{what}: {} bytes are left", seen.leaked - self.held);
     }
 
     /// A new engine solves as before.
@@ -106,24 +106,25 @@ impl Usual {
         let (solved, seen) = told(pair, None, None);
         assert_eq!(bits(&solved.unwrap()), self.bits, "{what}: the next solve has other results");
         // What an earlier device was still at work on may have been freed meanwhile.
-        assert!(seen.messages.is_empty() && seen.held <= self.held, "{what}: the next solve: {seen:?}");
+        assert!(seen.messages.is_empty() && seen.leaked <= self.held, "{what}: the next solve: {seen:?}");
     }
 }
 
 /// The strikes to try: all of them, or of each function one, in the middle, either once in its first way or for good in its last
 /// but one (the last is `VK_ERROR_UNKNOWN`).
-fn strikes(calls: &[Call]) -> Vec<Strike> {
+fn strikes(calls: &[Call]) -> Vec<Fault> {
     let mut places = BTreeMap::<&str, Vec<usize>>::new();
     calls.iter().enumerate().for_each(|(n, call)| places.entry(call.name).or_default().push(n));
     if !testing::is_long() {
         let of = |(n, places): (usize, &Vec<usize>)| {
-            let (call, for_good, ways) = (places[places.len() / 2], n % 2 == 1, calls[places[0]].results.len());
-            Strike { call, result: if for_good { ways - 2 } else { 0 }, for_good }
+            let (call, is_permanent, ways) = (places[places.len() / 2], n % 2 == 1, calls[places[0]].results.len());
+            Fault { call, result: if is_permanent { ways - 2 } else { 0 }, is_permanent }
         };
         return places.values().enumerate().map(of).collect();
     }
     let all = calls.iter().enumerate().flat_map(|(call, Call { results, .. })| {
-        (0..results.len()).flat_map(move |result| [false, true].map(|for_good| Strike { call, result, for_good }))
+        (0..results.len())
+            .flat_map(move |result| [false, true].map(|is_permanent| Fault { call, result, is_permanent }))
     });
     all.collect()
 }
@@ -137,18 +138,22 @@ fn whatever_call_fails_is_told_of_and_the_next_engine_solves() {
     for strike in strikes(&usual.calls) {
         let call = usual.calls[strike.call];
         let code = call.results[strike.result];
-        if strike.for_good && code == vk::Result::INCOMPLETE {
+        if strike.is_permanent && code == vk::Result::INCOMPLETE {
             // By which Vulkan asks to be asked again.
             continue;
         }
-        let what =
-            format!("{} ({}) {code:?}, {}", call.name, strike.call, if strike.for_good { "for good" } else { "once" });
+        let what = format!(
+            "{} ({}) {code:?}, {}",
+            call.name,
+            strike.call,
+            if strike.is_permanent { "for good" } else { "once" }
+        );
         let (solved, seen) = told(&pair, Some(strike), None);
-        assert!(!seen.struck.is_empty(), "{what}: it was not called");
+        assert!(!seen.failed.is_empty(), "{what}: it was not called");
         usual.judge(&what, solved, &seen);
         tried += 1;
         // The same way of failing leaves the same behind.
-        if ways.insert((call.name, strike.result, strike.for_good)) && testing::is_long() {
+        if ways.insert((call.name, strike.result, strike.is_permanent)) && testing::is_long() {
             usual.recovers(&pair, &what);
         }
     }

@@ -15,7 +15,10 @@ use super::solution::{Counts, Findings, LevelHistory, Registered, SolutionRef, T
 use super::stages::Pipelines;
 use super::stages::state::{Registration, State};
 use super::stages::sums::{Layout, Sums};
-use super::vulkan::{Buffer, Clock, Commands, Device, Fetch, OnDevice, Recorder, Recording, ResultBuffer, Wait};
+use super::vulkan::{
+    Buffer, Clock, Device, DeviceSolution, ExternalCommandBuffer, Recorder, Recording, SemaphoreWait, SolutionBuffer,
+    SourceCopy,
+};
 use super::workspace::Workspace;
 use crate::base::{
     CancelSignal, CancellationToken, Deadline, Error, Homography, Kernel, Mask, Photometric, Progress, Region, Shading,
@@ -172,7 +175,7 @@ impl FrameInFlight {
 
     /// Calls a function that writes a photograph into that buffer.
     pub(super) fn fill(&self, image: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
-        self.input(image).fill(write)
+        self.input(image).write_with(write)
     }
 
     /// Prepares the pair for submission, after its photographs were copied.
@@ -196,39 +199,43 @@ impl FrameInFlight {
     }
 
     /// Submits copies of photographs, which begin after `waits`. Called before [`submit`](Self::submit).
-    pub(super) fn fetch(&mut self, fetches: &[(usize, Fetch)], waits: &[Wait]) -> Result<(), Error> {
+    pub(super) fn fetch(&mut self, fetches: &[(usize, SourceCopy)], waits: &[SemaphoreWait]) -> Result<(), Error> {
         let mut recorder = Recorder::new(&self.shared.device, Clock::Never)?;
         for (image, fetch) in fetches {
-            recorder.fetch(fetch, self.input(*image));
+            recorder.copy_source(fetch, self.input(*image));
         }
         let (recording, earlier) = (recorder.finish()?, self.fetching.take());
         // Waits of another queue for the timeline may still be pending: it lives as long as this.
-        let recording = if let Some(earlier) = earlier { recording.after(earlier) } else { recording };
-        self.fetching.insert(recording).start(1, waits)?;
+        let recording = if let Some(earlier) = earlier { recording.with_timeline_of(earlier) } else { recording };
+        self.fetching.insert(recording).submit(1, waits)?;
         self.is_fetched = true;
         Ok(())
     }
 
     /// Submits the pair and returns. On devices without conditional rendering it blocks until the solve is done.
-    pub(super) fn submit(&mut self, waits: &[Wait]) -> Result<(), Error> {
+    pub(super) fn submit(&mut self, waits: &[SemaphoreWait]) -> Result<(), Error> {
         let parts = self.current.script.parts.len();
-        if self.current.recording.is_asked() {
+        if self.current.recording.has_optional_parts() {
             // The waits belong to a submission of their own.
             if !waits.is_empty() {
                 self.fetch(&[], waits)?;
             }
             return self.run(|script| script.parts.len(), &|_| ());
         }
-        self.in_flight = Some(self.current.recording.start(parts, waits)?);
+        self.in_flight = Some(self.current.recording.submit(parts, waits)?);
         Ok(())
     }
 
     /// Records the pair and its fetches into a command buffer of the embedding program.
-    pub(super) fn encode(&mut self, commands: Commands, fetches: &[(usize, Fetch)]) -> Result<(), Error> {
-        self.completion.signal(0, Recorder::PENDING)?;
-        let mut recorder = Recorder::into(&self.shared.device, commands, &self.completion);
+    pub(super) fn encode(
+        &mut self,
+        commands: ExternalCommandBuffer,
+        fetches: &[(usize, SourceCopy)],
+    ) -> Result<(), Error> {
+        self.completion.store_word(0, Recorder::PENDING)?;
+        let mut recorder = Recorder::into_external(&self.shared.device, commands, &self.completion);
         for (image, fetch) in fetches {
-            recorder.fetch(fetch, self.input(*image));
+            recorder.copy_source(fetch, self.input(*image));
         }
         recorder.barrier();
         self.encoded = Some(record_with(recorder, &self.shared.pipelines, &self.workspace, &self.current.script)?);
@@ -237,26 +244,26 @@ impl FrameInFlight {
 
     /// Returns whether the device has executed what was encoded to its end.
     pub(super) fn is_executed(&self) -> Result<bool, Error> {
-        Ok(self.completion.load(0)? == Recorder::DONE)
+        Ok(self.completion.load_word(0)? == Recorder::COMPLETE)
     }
 
     /// The results of the latest pair on the device, and the semaphores that say when they are there.
-    pub(super) fn on_device(&self) -> OnDevice {
+    pub(super) fn on_device(&self) -> DeviceSolution {
         let fetching = self.fetching.as_ref().filter(|_| self.is_fetched);
-        OnDevice::of(self.workspace.buffer(Slot::EndMaps), &self.current.recording, fetching)
+        DeviceSolution::new(self.workspace.buffer(Slot::EndMaps), &self.current.recording, fetching)
     }
 
     /// The buffer on the device that holds the results.
-    pub(super) fn result_buffer(&self) -> ResultBuffer {
-        ResultBuffer::of(self.workspace.buffer(Slot::EndMaps))
+    pub(super) fn result_buffer(&self) -> SolutionBuffer {
+        SolutionBuffer::new(self.workspace.buffer(Slot::EndMaps))
     }
 
     /// Waits until the device has fetched the photographs of the latest pair, for `limit` at most. Returns whether it has.
     pub(super) fn wait_fetched(&mut self, limit: Duration) -> Result<bool, Error> {
         let Some(fetching) = &mut self.fetching else { return Ok(true) };
-        let is_fetched = fetching.reached(fetching.signal().1, limit, self.deadline)?;
+        let is_fetched = fetching.wait(fetching.completion().1, limit, self.deadline)?;
         if is_fetched {
-            fetching.let_go();
+            fetching.release();
         }
         Ok(is_fetched)
     }
@@ -267,7 +274,7 @@ impl FrameInFlight {
         if self.shared.device.is_poisoned() {
             return Err(Error::Poisoned);
         }
-        if !self.current.recording.reached(value, limit, self.deadline)? {
+        if !self.current.recording.wait(value, limit, self.deadline)? {
             return Ok(false);
         }
         self.in_flight = None;
@@ -286,7 +293,7 @@ impl FrameInFlight {
             let state = state_word.read::<State>(0, 1)?[0];
             Ok(script.parts[part].continues.is_none_or(|level| state.levels[level].settled == 0))
         };
-        recording.run_first(parts, self.deadline, &mut wanted, &mut |part| {
+        recording.run_parts(parts, self.deadline, &mut wanted, &mut |part| {
             if script.parts[part - 1].level_done.is_some() {
                 progress(Progress {
                     done: levels(part).count() as u32,
@@ -341,7 +348,7 @@ impl FrameInFlight {
             saturated_fraction: 0.0,
             timings: self.timings()?,
         };
-        let maps = self.workspace.buffer(Slot::EndMaps).floats()?;
+        let maps = self.workspace.buffer(Slot::EndMaps).mapped_floats()?;
         let pixels = width as usize * height as usize;
         let counts = Counts::new(&maps[..pixels], &maps[pixels..2 * pixels], settings.max_relative_blur);
         findings.set_counts(&counts);
@@ -353,7 +360,7 @@ impl FrameInFlight {
         }
         self.phases.end("collect");
         findings.timings.total_ms = self.started.elapsed().as_secs_f64() * 1e3;
-        Ok(SolutionRef::new(findings, self.workspace.buffer(Slot::EndMaps).floats()?))
+        Ok(SolutionRef::new(findings, self.workspace.buffer(Slot::EndMaps).mapped_floats()?))
     }
 
     /// The registration, out of mapped memory. The device is done with the pair.
@@ -444,7 +451,7 @@ impl CancelFlag {
 
     /// Tells the device that the pair is wanted.
     fn clear(&self, words: &Buffer) -> Result<(), Error> {
-        words.signal(self.offset, arguments::NOT_CANCELLED)
+        words.store_word(self.offset, arguments::NOT_CANCELLED)
     }
 
     /// [`Error::Cancelled`] if the pair was cancelled: its results are unfinished.
@@ -460,7 +467,7 @@ impl CancelFlag {
         if let Some(words) = &*self.words() {
             self.is_cancelled.store(true, Ordering::SeqCst);
             // If the word cannot be written, the device solves the pair to its end.
-            let _ = words.signal(self.offset, arguments::CANCELLED);
+            let _ = words.store_word(self.offset, arguments::CANCELLED);
         }
     }
 

@@ -35,10 +35,11 @@ pub mod interop {
 
     pub use super::prepared_solver::Encoded;
     #[cfg(target_os = "linux")]
-    pub use super::vulkan::dma_buf::DmaBuf;
+    pub use super::vulkan::external_memory::dma_buf::DmaBuf;
     pub use super::vulkan::{
-        Commands, DeviceRequirements, DeviceSource, ExternalDevice, HostMemory, OPTIONAL_EXTENSIONS, OnDevice,
-        QueueGuard, QueueLock, REQUIRED_VERSION, ResultBuffer, SharedMemory, SharedQueue, Wait, require,
+        DeviceRequirements, DeviceSolution, DeviceSource, ExternalCommandBuffer, ExternalDevice, HostMemory,
+        OPTIONAL_EXTENSIONS, QueueGuard, QueueLock, REQUIRED_VERSION, SemaphoreWait, SharedMemory, SharedQueue,
+        SolutionBuffer, enable_required_features,
     };
 }
 
@@ -116,7 +117,7 @@ impl Engine {
     /// # Errors
     /// [`Error::NoDevice`] if the device lacks what the passes need, or its queue does not compute; [`Error::Vulkan`].
     pub fn from_vulkan(device: ExternalDevice, options: &EngineOptions) -> Result<Self, Error> {
-        Ok(Self::on(Device::foreign(device, options.timeout)?, options))
+        Ok(Self::on(Device::external(device, options.timeout)?, options))
     }
 
     fn on(device: Arc<Device>, options: &EngineOptions) -> Self {
@@ -162,8 +163,8 @@ impl Engine {
     /// # Errors
     /// [`Error::Mismatch`] if it is shorter than stated, or can be neither imported nor read.
     #[cfg(target_os = "linux")]
-    pub fn share_dma_buf(&self, memory: vulkan::dma_buf::DmaBuf) -> Result<Arc<SharedMemory>, Error> {
-        vulkan::dma_buf::share(&self.0.device, memory)
+    pub fn share_dma_buf(&self, memory: vulkan::external_memory::dma_buf::DmaBuf) -> Result<Arc<SharedMemory>, Error> {
+        vulkan::external_memory::dma_buf::share(&self.0.device, memory)
     }
 
     /// The messages of the validation layer so far; empty without [`EngineOptions::validation`].
@@ -358,7 +359,7 @@ mod tests {
             (engine.device().is_conditional(), bits, solution.findings.levels)
         };
         let (is_conditional, bits, levels) = solve();
-        assert_eq!((false, bits, levels), vulkan::unconditional::during(solve));
+        assert_eq!((false, bits, levels), vulkan::no_conditional_rendering::run(solve));
         println!("the device has conditional rendering: {is_conditional}");
     }
 }

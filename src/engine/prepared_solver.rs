@@ -9,7 +9,9 @@ use super::plan::Plan;
 use super::profile::{Profile, Reading};
 use super::solution::{Registered, SolutionRef};
 use super::source::{Source, Transfer};
-use super::vulkan::{Clock, Commands, DeviceSource, Fetch, OnDevice, Recorder, ResultBuffer, Wait};
+use super::vulkan::{
+    Clock, DeviceSolution, DeviceSource, ExternalCommandBuffer, Recorder, SemaphoreWait, SolutionBuffer, SourceCopy,
+};
 use super::workspace::Workspace;
 use super::{Engine, KeyPoints};
 use crate::base::{CancellationToken, Error, Frame, Mask, Method, PixelFormat, Progress, Settings, Shading};
@@ -59,7 +61,7 @@ impl PreparedSolver {
         engine.admits(&plan, count as u64)?;
         let first = Workspace::new(&device, &plan)?;
         let mut recorder = Recorder::new(&device, Clock::Never)?;
-        recorder.prepare(&first.images());
+        recorder.initialize(&first.images());
         recorder.finish()?.run()?;
         let others = (1..count).map(|_| first.beside(&device, &plan)).collect::<Result<Vec<_>, Error>>()?;
         let shared = Arc::new(Shared { plan, device, pipelines: engine.pipelines().clone(), reading });
@@ -107,7 +109,7 @@ impl PreparedSolver {
     pub(crate) fn submit(
         &mut self,
         sources: [Source<'_>; 2],
-        waits: &[Wait],
+        waits: &[SemaphoreWait],
         options: PairOptions<'_>,
     ) -> Result<Pending, Error> {
         let (mut frame, fetches) = self.upload(sources, options)?;
@@ -127,7 +129,7 @@ impl PreparedSolver {
     /// Those of [`PairSolver::submit`](crate::PairSolver::submit).
     pub(crate) fn encode(
         &mut self,
-        commands: Commands,
+        commands: ExternalCommandBuffer,
         sources: [DeviceSource; 2],
         options: PairOptions<'_>,
     ) -> Result<Encoded, Error> {
@@ -146,7 +148,7 @@ impl PreparedSolver {
         &mut self,
         sources: [Source<'_>; 2],
         options: PairOptions<'_>,
-    ) -> Result<(Lease, Vec<(usize, Fetch)>), Error> {
+    ) -> Result<(Lease, Vec<(usize, SourceCopy)>), Error> {
         let Shared { plan, device, .. } = &*self.shared;
         let mut frame = self.pool.take()?;
         let [first, second] = [0, 1].map(|image| sources[image].transfer(plan, image, device));
@@ -312,7 +314,7 @@ impl Pending {
 
     /// The buffer on the device that receives the results, and the semaphores that say when. For programs that use the results
     /// on the same device ([`Engine::from_vulkan`](crate::Engine::from_vulkan)) without a wait of the host.
-    pub fn on_device(&self) -> OnDevice {
+    pub fn on_device(&self) -> DeviceSolution {
         self.frame.on_device()
     }
 
@@ -345,7 +347,7 @@ impl Encoded {
     }
 
     /// The buffer on the device that receives the results.
-    pub fn on_device(&self) -> ResultBuffer {
+    pub fn on_device(&self) -> SolutionBuffer {
         self.0.result_buffer()
     }
 }

@@ -8,7 +8,7 @@ use super::script::{Action, Dispatch, Entry, Script};
 use super::slot::Slot;
 use super::stages::Pipelines;
 use super::stages::state::State;
-use super::vulkan::{Clock, Device, Groups, Kind, Recorder, Recording, Resource};
+use super::vulkan::{Clock, Device, Kind, Recorder, Recording, Resource, Workgroups};
 use super::workspace::Workspace;
 use crate::base::Error;
 
@@ -40,7 +40,7 @@ pub(crate) fn record_with(
         let begins = part.begins.filter(|_| recorder.is_conditional());
         match part.continues.or(begins) {
             Some(level) => {
-                recorder.next_part_unless((workspace.buffer(Slot::State), State::settled_at(level) as u64))?
+                recorder.next_part_unless_set((workspace.buffer(Slot::State), State::settled_at(level) as u64))?
             }
             None if n > 0 => recorder.next_part()?,
             None => {}
@@ -75,11 +75,11 @@ fn record_action(
         Action::Dispatch(dispatch) => return record_dispatch(recorder, pipelines, workspace, dispatch),
         Action::Copy { from, to, levels } => {
             let offset = if *levels { std::mem::offset_of!(State, levels) as u64 } else { 0 };
-            recorder.copy(workspace.buffer(*from), workspace.buffer(*to), offset);
+            recorder.copy_buffer(workspace.buffer(*from), workspace.buffer(*to), offset);
         }
-        Action::Clear { image, .. } => recorder.clear(workspace.image(*image)),
+        Action::Clear { image, .. } => recorder.clear_image(workspace.image(*image)),
         Action::Download { layers } => {
-            recorder.download(workspace.image(Slot::Stacks), 0..*layers, workspace.buffer(Slot::EndMaps));
+            recorder.copy_image_to_buffer(workspace.image(Slot::Stacks), 0..*layers, workspace.buffer(Slot::EndMaps));
         }
     }
     Ok(())
@@ -100,14 +100,14 @@ fn record_dispatch(
         })
         .collect();
     let groups = match dispatch.grid {
-        Grid::Direct(groups) => Groups::Direct(groups),
+        Grid::Direct(groups) => Workgroups::Direct(groups),
         Grid::Level { .. } | Grid::IfMoved { .. } => {
             let word = dispatch.grid.word().unwrap_or_default() as u64;
-            Groups::Indirect(workspace.buffer(Slot::Arguments), 4 * word)
+            Workgroups::Indirect(workspace.buffer(Slot::Arguments), 4 * word)
         }
     };
     let pipeline = pipelines.get(dispatch.stage, dispatch.variant)?;
-    recorder.pass(&pipeline, &resources, &dispatch.constants, groups)
+    recorder.dispatch(&pipeline, &resources, &dispatch.constants, groups)
 }
 
 #[cfg(test)]
@@ -176,7 +176,7 @@ mod tests {
             let plan = Plan::new(160, 136, [gray; 2], &settings).unwrap();
             let workspace = Workspace::new(&device, &plan).unwrap();
             let mut first = Recorder::new(&device, Clock::Never).unwrap();
-            first.prepare(&workspace.images());
+            first.initialize(&workspace.images());
             first.finish().unwrap().run().unwrap();
             for masked in [false, true] {
                 let mut script = compose(&plan, masked);

@@ -4,7 +4,7 @@ use std::any::Any;
 use std::sync::Arc;
 
 use super::plan::Plan;
-use super::vulkan::{Device, DeviceSource, Fetch, Place, SharedMemory};
+use super::vulkan::{Device, DeviceSource, SharedMemory, SourceCopy, SourceLocation};
 use crate::base::{Depth, Error, Frame, workers};
 
 /// Where a photograph of a pair is taken from, in the solver's [format](crate::PixelFormat).
@@ -53,7 +53,7 @@ pub(super) enum Transfer<'a> {
     /// The host copies rows.
     Rows(Rows<'a>),
     /// The device copies it.
-    Fetch(Fetch),
+    Fetch(SourceCopy),
 }
 
 impl<'a> Source<'a> {
@@ -63,12 +63,12 @@ impl<'a> Source<'a> {
             Self::Frame(frame) => check_frame(plan, image, frame).map(|()| Transfer::Frame(frame)),
             Self::Write(write) => Ok(Transfer::Write(write)),
             Self::Rows { bytes, pitch } => Rows::new(plan, image, Bytes::Slice(bytes), pitch).map(Transfer::Rows),
-            Self::OnDevice(source) => fetch(plan, image, source.place(), None).map(Transfer::Fetch),
+            Self::OnDevice(source) => fetch(plan, image, source.location(), None).map(Transfer::Fetch),
             Self::Shared { memory, offset, pitch } => {
                 memory.check(device)?;
                 let rows = Rows::new(plan, image, Bytes::Shared(memory, offset), pitch)?;
-                match memory.place(offset as u64, pitch as u64) {
-                    Some(place) => fetch(plan, image, place, Some(memory.clone() as Arc<_>)).map(Transfer::Fetch),
+                match memory.location(offset as u64, pitch as u64) {
+                    Some(location) => fetch(plan, image, location, Some(memory.clone() as Arc<_>)).map(Transfer::Fetch),
                     None => Ok(Transfer::Rows(rows)),
                 }
             }
@@ -89,9 +89,14 @@ fn check_frame(plan: &Plan, image: usize, frame: &Frame) -> Result<(), Error> {
     )))
 }
 
-fn fetch(plan: &Plan, image: usize, place: Place, keep: Option<Arc<dyn Any + Send + Sync>>) -> Result<Fetch, Error> {
-    let row_bytes = row_bytes(plan, image, place.pitch() as usize)? as u64;
-    Ok(Fetch { place, size: plan.size, row_bytes, bytes: plan.packed_bytes(image), keep })
+fn fetch(
+    plan: &Plan,
+    image: usize,
+    location: SourceLocation,
+    owner: Option<Arc<dyn Any + Send + Sync>>,
+) -> Result<SourceCopy, Error> {
+    let row_bytes = row_bytes(plan, image, location.pitch() as usize)? as u64;
+    Ok(SourceCopy { location, size: plan.size, row_bytes, bytes: plan.packed_bytes(image), owner })
 }
 
 /// Bytes of a row, checked against the pitch; 0 for rows without gaps that may end within a byte.

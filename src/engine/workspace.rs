@@ -54,10 +54,10 @@ impl Workspace {
             }
             AllocationKind::Buffer { bytes, host } => {
                 let allocate = match host {
-                    HostAccess::None => Buffer::on_device,
+                    HostAccess::None => Buffer::device_local,
                     HostAccess::Upload => Buffer::for_upload,
                     HostAccess::Readback => Buffer::for_readback,
-                    HostAccess::Results => Buffer::lent,
+                    HostAccess::Results => Buffer::for_borrowed_readback,
                 };
                 self.buffers.insert(slot, allocate(device, &name, bytes)?);
             }

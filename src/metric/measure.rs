@@ -103,7 +103,7 @@ impl Values<'_> {
 
 /// A line across an image, px; the centre of the first pixel is (0, 0).
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Line {
     /// Where it begins, px.
     pub from: [f64; 2],

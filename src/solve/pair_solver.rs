@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::base::{
     CancellationToken, Error, Frame, Kernel, Mask, Method, PixelFormat, Progress, Region, Settings, centre,
 };
-use crate::engine::interop::{Commands, DeviceSource, Wait};
+use crate::engine::interop::{DeviceSource, ExternalCommandBuffer, SemaphoreWait};
 use crate::engine::{
     Encoded, Engine, PairOptions, Pending, PreparedSolver, Registered, Solution, Source, parts, same_size,
 };
@@ -272,7 +272,7 @@ impl PairSolver {
     pub fn submit<'a>(
         &mut self,
         sources: [impl Into<Source<'a>>; 2],
-        waits: &[Wait],
+        waits: &[SemaphoreWait],
         options: &SolveOptions,
     ) -> Result<Pending, Error> {
         let (solver, pair) = self.prepare_pair(options)?;
@@ -280,7 +280,7 @@ impl PairSolver {
     }
 
     /// Records a solve of photographs on the device into a command buffer of the embedding program, which executes it once or again
-    /// after each change of the photographs. The contract is that of [`Commands::new`].
+    /// after each change of the photographs. The contract is that of [`ExternalCommandBuffer::new`].
     ///
     /// [`Encoded::on_device`] names the buffer of the results, for commands after a barrier.
     ///
@@ -288,7 +288,7 @@ impl PairSolver {
     /// Those of [`PairSolver::submit`].
     pub fn encode(
         &mut self,
-        commands: Commands,
+        commands: ExternalCommandBuffer,
         sources: [DeviceSource; 2],
         options: &SolveOptions,
     ) -> Result<Encoded, Error> {

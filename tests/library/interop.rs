@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use std::time::Duration;
 
 use parfocal::interop::ash::{self, ext, vk};
-use parfocal::interop::{Commands, DeviceRequirements, DeviceSource, ExternalDevice, Wait};
+use parfocal::interop::{DeviceRequirements, DeviceSource, ExternalCommandBuffer, ExternalDevice, SemaphoreWait};
 use parfocal::{
     Engine, EngineOptions, Frame, PairSolver, PixelFormat, Settings, SolutionRef, SolveOptions, interop::HostMemory,
     settings::Decode, transform::Similarity,
@@ -72,10 +72,10 @@ impl Program {
                 (utils, messenger)
             });
             let physical = instance.enumerate_physical_devices().unwrap()[0];
-            let mut wanted = DeviceRequirements::of(&instance, physical);
+            let mut wanted = DeviceRequirements::for_device(&instance, physical).unwrap();
             let liked: Vec<_> = wanted.extensions().into_iter().map(CStr::as_ptr).collect();
             let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&liked);
-            let create = wanted.switch_on(create);
+            let create = wanted.enable_features(create);
             let device = instance.create_device(physical, &create, None).unwrap();
             let queue = device.get_device_queue(0, 0);
             let create = vk::CommandPoolCreateInfo::default().queue_family_index(0);
@@ -89,7 +89,7 @@ impl Program {
         // made with what is wanted.
         let foreign = unsafe {
             ExternalDevice::new(self.instance.clone(), self.physical, self.device.clone(), 0, self.queue)
-                .made_with(&self.wanted)
+                .with_requirements(&self.wanted)
         };
         Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap()
     }
@@ -311,11 +311,14 @@ fn photographs_are_taken_from_buffers_and_images_of_the_program_once_they_are_th
         // SAFETY: both are of this device, outlive the pair, and are written again only once they are taken.
         let (sources, waits) = unsafe {
             let sources = [DeviceSource::buffer(near.0, 4, pitch as u64), DeviceSource::image(image, DRAWN, 1)];
-            (sources.map(parfocal::frame::Source::OnDevice), [Wait::new(drawn, value), Wait::new(written, value)])
+            (
+                sources.map(parfocal::frame::Source::OnDevice),
+                [SemaphoreWait::new(drawn, value), SemaphoreWait::new(written, value)],
+            )
         };
         let mut pending = solver.submit(sources, &waits, &SolveOptions::default()).unwrap();
         assert_eq!(pending.is_fetched(), [true; 2]);
-        taken = pending.on_device().taken;
+        taken = pending.on_device().inputs_read;
         assert!(!pending.wait_fetched(Duration::from_millis(30)).unwrap() && !pending.poll().unwrap());
         // I1 is written by the host only now.
         program.fill(near, &rows(&pair[0]));
@@ -362,7 +365,7 @@ fn a_solve_is_recorded_into_a_command_buffer_of_the_programs_and_executed_again(
     // SAFETY: the buffers outlive the solver; nothing else of it runs while the commands do, which are waited for.
     let mut encoded = unsafe {
         let sources = sources.map(|(buffer, _)| DeviceSource::buffer(buffer, 0, 0));
-        solver.encode(Commands::new(commands), sources, &SolveOptions::default()).unwrap()
+        solver.encode(ExternalCommandBuffer::new(commands), sources, &SolveOptions::default()).unwrap()
     };
     // SAFETY: the commands are ended once.
     unsafe { program.device.end_command_buffer(commands) }.unwrap();

@@ -143,7 +143,7 @@ unsafe fn foreign(of: parfocal_vulkan) -> Result<ExternalDevice, Fault> {
         (Some(lock), Some(unlock)) => {
             let lock = Arc::new(Lock { lock, unlock, context: of.context });
             // SAFETY: nobody else uses the queue in between.
-            Ok(unsafe { device.locked_by(lock) })
+            Ok(unsafe { device.with_queue_lock(lock) })
         }
         _ => Err(Fault::argument("parfocal_vulkan has one of lock and unlock: give both, or none")),
     }

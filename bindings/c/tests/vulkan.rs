@@ -73,11 +73,11 @@ fn it_solves_alike_by_turns_and_what_is_missing_is_named() {
         let create = vk::InstanceCreateInfo::default().application_info(&application);
         let instance = entry.create_instance(&create, None).unwrap();
         let physical = instance.enumerate_physical_devices().unwrap()[0];
-        let mut wanted = DeviceRequirements::of(&instance, physical);
+        let mut wanted = DeviceRequirements::for_device(&instance, physical).unwrap();
         let extensions: Vec<_> = wanted.extensions().into_iter().map(CStr::as_ptr).collect();
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(0).queue_priorities(&[1.0])];
         let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&extensions);
-        let device = instance.create_device(physical, &wanted.switch_on(create), None).unwrap();
+        let device = instance.create_device(physical, &wanted.enable_features(create), None).unwrap();
         let pointer = |raw: u64| raw as *const c_void;
         let vulkan = parfocal_vulkan {
             size: size_of::<parfocal_vulkan>(),

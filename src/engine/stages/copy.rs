@@ -51,7 +51,7 @@ mod tests {
     use super::super::harness::{Rig, random_field};
     use super::*;
     use crate::base::Deadline;
-    use crate::engine::vulkan::{Clock, Groups, Pipeline, Recorder, Resource};
+    use crate::engine::vulkan::{Clock, Pipeline, Recorder, Resource, Workgroups};
 
     #[test]
     fn matches_the_cpu_reference() {
@@ -79,19 +79,19 @@ mod tests {
             let mut recorder = Recorder::new(rig.device(), clock).unwrap();
             for (n, from) in sources.iter().enumerate() {
                 if n > 0 {
-                    recorder.next_part_if_wanted().unwrap();
+                    recorder.next_optional_part().unwrap();
                 }
                 let resources = [Resource::Image(from), Resource::Image(&to)];
-                let groups = Groups::Direct(STAGE.groups([37, 21]));
+                let groups = Workgroups::Direct(STAGE.groups([37, 21]));
                 recorder.barrier();
-                recorder.pass(&pipeline, &resources, bytemuck::bytes_of(&constants), groups).unwrap();
+                recorder.dispatch(&pipeline, &resources, bytemuck::bytes_of(&constants), groups).unwrap();
             }
             let mut recording = recorder.finish().unwrap();
             for (wanted, last) in [([true, true], 2), ([true, false], 1), ([false, true], 2), ([false, false], 0)] {
                 let mut ended = Vec::new();
                 let deadline = Deadline::after(Duration::MAX);
                 recording
-                    .run_first(3, deadline, &mut |part| Ok(wanted[part - 1]), &mut |parts| ended.push(parts))
+                    .run_parts(3, deadline, &mut |part| Ok(wanted[part - 1]), &mut |parts| ended.push(parts))
                     .unwrap();
                 assert_eq!(ended, [1, 2, 3], "the callback is called for each part");
                 rig.assert_close(&to, &[fields[last].clone()], 1e-7);

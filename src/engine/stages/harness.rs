@@ -9,7 +9,7 @@ use super::{Field, convolve, subdivide};
 use crate::base::Kernel;
 use crate::engine::filter;
 use crate::engine::vulkan::{
-    Buffer, Clock, Device, Groups, Image, Pipeline, Recorder, Resource, Stage, Texel, Variant,
+    Buffer, Clock, Device, Image, Pipeline, Recorder, Resource, Stage, Texel, Variant, Workgroups,
 };
 
 /// A device that all tests share. Validation messages fail the test that drops the rig first.
@@ -80,8 +80,8 @@ impl Rig {
         };
         let staging = self.upload(&bytes);
         self.record(|recorder, _| {
-            recorder.prepare(&[&image]);
-            recorder.upload(&staging, &image);
+            recorder.initialize(&[&image]);
+            recorder.copy_buffer_to_image(&staging, &image);
         });
         image
     }
@@ -127,7 +127,7 @@ impl Rig {
     ) {
         let pipeline = Arc::new(Pipeline::variant(self.device(), stage, variant).unwrap());
         self.record(|recorder, _| {
-            recorder.pass(&pipeline, resources, bytemuck::bytes_of(constants), Groups::Direct(groups)).unwrap();
+            recorder.dispatch(&pipeline, resources, bytemuck::bytes_of(constants), Workgroups::Direct(groups)).unwrap();
         });
     }
 
@@ -136,7 +136,7 @@ impl Rig {
         let (width, height) = (image.width as usize * image.texel.floats(), image.height as usize);
         let count = width * height * image.layers as usize;
         let staging = self.upload(&vec![0; count * if image.texel == Texel::One { 4 } else { 2 }]);
-        self.record(|recorder, _| recorder.download(image, 0..image.layers, &staging));
+        self.record(|recorder, _| recorder.copy_image_to_buffer(image, 0..image.layers, &staging));
         let values: Vec<f32> = match image.texel {
             Texel::One => self.floats(&staging),
             Texel::FourHalf => {

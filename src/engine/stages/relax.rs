@@ -260,9 +260,10 @@ pub(crate) mod tests {
                     if !(omit && color == 1) {
                         recorder.barrier();
                     }
-                    let groups = crate::engine::vulkan::Groups::Direct(STAGE.groups([width as u32 / 2, height as u32]));
+                    let groups =
+                        crate::engine::vulkan::Workgroups::Direct(STAGE.groups([width as u32 / 2, height as u32]));
                     recorder
-                        .pass(&pipeline, &resources.map(Resource::Image), bytemuck::bytes_of(&constants), groups)
+                        .dispatch(&pipeline, &resources.map(Resource::Image), bytemuck::bytes_of(&constants), groups)
                         .unwrap();
                 }
             });

@@ -53,7 +53,7 @@ impl SweepDevice {
         plan.check_sweep(&device, frames)?;
         let workspace = Workspace::for_sweep(&device, plan, frames)?;
         let mut recorder = Recorder::new(&device, Clock::Never)?;
-        recorder.prepare(&workspace.images());
+        recorder.initialize(&workspace.images());
         let mut commands = recorder.finish()?;
         commands.run()?;
         let upload = record(&device, &pipelines, &workspace, &sweep::upload(plan, frames), Reading::Never)?;
@@ -87,7 +87,7 @@ impl SweepDevice {
         self.buffer(Slot::Tiles).write(bytemuck::cast_slice(&script.tiles))?;
         let mut recorder = self.recorder()?;
         if bytes > 0 {
-            recorder.zero(self.workspace.buffer(Slot::Partials), bytes);
+            recorder.clear_buffer(self.workspace.buffer(Slot::Partials), bytes);
             recorder.barrier();
         }
         let commands = record_with(recorder, &self.pipelines, &self.workspace, script)?;
@@ -106,7 +106,7 @@ impl SweepDevice {
         let bytes = 4 * (pixels * layers.len()) as u64;
         let buffer = at_least(&mut self.readback, bytes, || Buffer::for_readback(&self.device, "readback", bytes))?;
         let mut recorder = self.recorder()?;
-        recorder.download(&image, layers.clone(), &buffer);
+        recorder.copy_image_to_buffer(&image, layers.clone(), &buffer);
         self.execute(recorder.finish()?)?;
         let layer = |n: usize| {
             let values: Vec<f32> = buffer.read(4 * n * pixels, pixels)?;
@@ -122,7 +122,7 @@ impl SweepDevice {
         let buffer = at_least(&mut self.staging, bytes, || Buffer::for_upload(&self.device, "staging", bytes))?;
         buffer.write(bytemuck::cast_slice(&values))?;
         let mut recorder = self.recorder()?;
-        recorder.upload(&buffer, self.workspace.image(slot));
+        recorder.copy_buffer_to_image(&buffer, self.workspace.image(slot));
         self.execute(recorder.finish()?)
     }
 

@@ -1,4 +1,4 @@
-//! The logical device: its queue, its allocator, its clock.
+//! The logical device, with its compute queue, memory allocator and pipeline cache.
 
 use std::ffi::{CStr, c_char};
 use std::mem::ManuallyDrop;
@@ -9,11 +9,10 @@ use std::time::Duration;
 use ash::{ext, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 
-use super::cache;
-use super::device_requirements;
-use super::failure::failure;
-use super::instance::{Instance, PhysicalDevice};
+use super::device_requirements::enable_required_features;
+use super::instance::{Instance, PhysicalDevice, vulkan_error};
 use super::interop::{ExternalDevice, QueueGuard, QueueLock};
+use super::pipeline_cache;
 use crate::base::{DeviceInfo, Error};
 
 /// Bytes in a mebibyte.
@@ -24,26 +23,28 @@ pub(crate) struct Device {
     pub(super) handle: ash::Device,
     pub(super) physical: PhysicalDevice,
     queue: Arc<Mutex<vk::Queue>>,
-    /// SharedQueue at the queue, where others use it too.
-    lock: Option<Arc<dyn QueueLock>>,
-    /// Whether it was opened here, and goes with this.
-    is_own: bool,
+    /// Set if the embedding program uses the queue as well.
+    queue_lock: Option<Arc<dyn QueueLock>>,
+    /// Whether this crate created the handle, and destroys it.
+    owns_handle: bool,
     pub(super) pipeline_cache: vk::PipelineCache,
     pub(super) timeout: Duration,
     allocator: ManuallyDrop<Mutex<Allocator>>,
-    names: Option<ext::debug_utils::Device>,
-    /// Where the device can leave commands out by itself.
-    pub(super) conditional: Option<ext::conditional_rendering::Device>,
-    /// Where the device can read memory of the host where it is.
-    pub(super) external_host: Option<ext::external_memory_host::Device>,
-    poisoned: AtomicBool,
-    /// Runs that were given up and may still be at work.
+    debug_utils: Option<ext::debug_utils::Device>,
+    pub(super) conditional_rendering: Option<ext::conditional_rendering::Device>,
+    pub(super) external_memory_host: Option<ext::external_memory_host::Device>,
+    /// Whether a wait has failed.
+    is_poisoned: AtomicBool,
+    /// The number of abandoned submissions that may still be pending.
     abandoned: AtomicUsize,
     pub(crate) instance: Arc<Instance>,
 }
 
 impl Device {
-    /// Opens a physical device.
+    /// Creates a device.
+    ///
+    /// # Errors
+    /// [`Error::Vulkan`].
     pub(crate) fn new(
         instance: Arc<Instance>,
         physical: PhysicalDevice,
@@ -55,10 +56,10 @@ impl Device {
             .queue_family_index(physical.queue_family)
             .queue_priorities(&priorities)];
         let (mut v12, mut v13) = Default::default();
-        device_requirements::require(&mut v12, &mut v13);
+        enable_required_features(&mut v12, &mut v13);
         let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default().conditional_rendering(true);
-        let is_conditional = physical.liked.conditional;
-        let extensions: Vec<*const c_char> = physical.liked.extensions().map(CStr::as_ptr).collect();
+        let is_conditional = physical.optional.conditional_rendering;
+        let extensions: Vec<*const c_char> = physical.optional.names().map(CStr::as_ptr).collect();
         let mut create = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
             .enabled_extension_names(&extensions)
@@ -67,31 +68,35 @@ impl Device {
         if is_conditional {
             create = create.push_next(&mut conditional);
         }
-        // SAFETY: the physical device came from this instance and has the features (`Instance::missing`).
+        // SAFETY: the physical device belongs to this instance and has the features (`Instance::missing_requirement`).
         let handle = unsafe { instance.handle.create_device(physical.handle, &create, None) }
-            .map_err(|e| failure("vkCreateDevice", &name, e))?;
-        // SAFETY: the family was asked for above, with one queue.
+            .map_err(|e| vulkan_error("vkCreateDevice", &name, e))?;
+        // SAFETY: the device was created with one queue of the family.
         let queue = unsafe { handle.get_device_queue(physical.queue_family, 0) };
-        Self::around(instance, physical, (handle, Arc::new(Mutex::new(queue)), None), true, timeout)
+        Self::from_handles(instance, physical, (handle, Arc::new(Mutex::new(queue)), None), true, timeout)
     }
 
-    /// Takes a device that is someone else's.
-    pub(crate) fn foreign(of: ExternalDevice, timeout: Duration) -> Result<Arc<Self>, Error> {
-        let instance = Instance::foreign(of.instance);
-        let mut physical = instance.described(of.physical, of.queue_family)?;
-        physical.liked = physical.liked.and(of.liked);
-        Self::around(instance, physical, (of.device, of.queue, of.lock), false, timeout)
+    /// Uses a device of the embedding program.
+    ///
+    /// # Errors
+    /// [`Error::NoDevice`] if the device or its queue family lacks a required feature, [`Error::Vulkan`].
+    pub(crate) fn external(external: ExternalDevice, timeout: Duration) -> Result<Arc<Self>, Error> {
+        let instance = Instance::external(external.instance);
+        let mut physical = instance.physical_device(external.physical, external.queue_family)?;
+        physical.optional = physical.optional.intersection(external.optional);
+        let handles = (external.device, external.queue, external.queue_lock);
+        Self::from_handles(instance, physical, handles, false, timeout)
     }
 
-    /// An allocator and a pipeline cache for an open device.
-    fn around(
+    /// Adds an allocator and a pipeline cache to a device.
+    fn from_handles(
         instance: Arc<Instance>,
         physical: PhysicalDevice,
-        (handle, queue, lock): (ash::Device, Arc<Mutex<vk::Queue>>, Option<Arc<dyn QueueLock>>),
-        is_own: bool,
+        (handle, queue, queue_lock): (ash::Device, Arc<Mutex<vk::Queue>>, Option<Arc<dyn QueueLock>>),
+        owns_handle: bool,
         timeout: Duration,
     ) -> Result<Arc<Self>, Error> {
-        let (name, is_conditional) = (physical.info.name.clone(), physical.liked.conditional);
+        let name = physical.info.name.clone();
         let allocator = Allocator::new(&AllocatorCreateDesc {
             instance: instance.handle.clone(),
             device: handle.clone(),
@@ -101,38 +106,40 @@ impl Device {
             allocation_sizes: gpu_allocator::AllocationSizes::default(),
         })
         .map_err(|e| Error::Vulkan {
-            call: "opening the allocator".into(),
-            device: name.clone(),
+            call: "creating the allocator".into(),
+            device: name,
             result: e.to_string(),
             advice: "",
         });
         let allocator = match allocator {
             Ok(allocator) => allocator,
             Err(error) => {
-                if is_own {
-                    // SAFETY: nothing was made from the device yet.
+                if owns_handle {
+                    // SAFETY: nothing was created from the device.
                     unsafe { handle.destroy_device(None) };
                 }
                 return Err(error);
             }
         };
-        let names = instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.handle, &handle));
-        let conditional = is_conditional.then(|| ext::conditional_rendering::Device::new(&instance.handle, &handle));
-        let external_host =
-            physical.liked.host_memory.then(|| ext::external_memory_host::Device::new(&instance.handle, &handle));
+        let (loader, optional) = (&instance.handle, physical.optional);
+        let debug_utils = instance.debug_utils.then(|| ext::debug_utils::Device::new(loader, &handle));
+        let conditional_rendering =
+            optional.conditional_rendering.then(|| ext::conditional_rendering::Device::new(loader, &handle));
+        let external_memory_host =
+            optional.host_memory.then(|| ext::external_memory_host::Device::new(loader, &handle));
         let mut device = Self {
             handle,
             physical,
             queue,
-            lock,
-            is_own,
+            queue_lock,
+            owns_handle,
             pipeline_cache: vk::PipelineCache::null(),
             timeout,
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
-            names,
-            conditional,
-            external_host,
-            poisoned: AtomicBool::new(false),
+            debug_utils,
+            conditional_rendering,
+            external_memory_host,
+            is_poisoned: AtomicBool::new(false),
             abandoned: AtomicUsize::new(0),
             instance,
         };
@@ -140,99 +147,98 @@ impl Device {
         Ok(Arc::new(device))
     }
 
-    /// Hands work to the queue, one thread at a time, and where others use it too, when it is this one's turn.
+    /// Submits to the queue, under the engine's lock and that of the embedding program.
     pub(super) fn submit(&self, submits: &[vk::SubmitInfo2<'_>]) -> Result<(), vk::Result> {
         let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
-        let _turn = QueueGuard::take(self.lock.as_deref());
-        // SAFETY: the queue is locked; the parts are recorded and not pending, since every run waits to the end; what they
-        // use is kept alive.
+        let _guard = QueueGuard::new(self.queue_lock.as_deref());
+        // SAFETY: the queue is locked; the command buffers are recorded and not pending, since every run waits for its end;
+        // their recording retains what they use.
         unsafe { self.handle.queue_submit2(*queue, submits, vk::Fence::null()) }
     }
 
-    /// What the device is.
+    /// Describes the device.
     pub(crate) fn info(&self) -> &DeviceInfo {
         &self.physical.info
     }
 
-    /// The longest wait for one solve.
+    /// Returns the time limit of one solve.
     pub(crate) fn timeout(&self) -> Duration {
         self.timeout
     }
 
-    /// Whether it leaves commands out by itself.
-    #[cfg(test)]
+    /// Whether the device skips commands by conditional rendering.
     pub(crate) fn is_conditional(&self) -> bool {
-        self.conditional.is_some()
+        self.conditional_rendering.is_some()
     }
 
-    /// Most bytes of one allocation and of one buffer.
+    /// Returns the largest size of an allocation and of a buffer, in bytes.
     pub(crate) fn allocation_limits(&self) -> (u64, u64) {
         let mut v11 = vk::PhysicalDeviceVulkan11Properties::default();
         let mut v13 = vk::PhysicalDeviceVulkan13Properties::default();
         let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut v11).push_next(&mut v13);
-        // SAFETY: the physical device belongs to this instance, and a 1.3 device fills both structures.
+        // SAFETY: the physical device belongs to this instance; a 1.3 device fills both structures.
         unsafe { self.instance.handle.get_physical_device_properties2(self.physical.handle, &mut properties) };
         (v11.max_memory_allocation_size, v13.max_buffer_size)
     }
 
-    /// What memory of the host that the device reads is whole pages of, bytes.
-    pub(super) fn host_alignment(&self) -> u64 {
+    /// Returns the alignment of imported host memory, in bytes.
+    pub(super) fn imported_host_alignment(&self) -> u64 {
         let mut host = vk::PhysicalDeviceExternalMemoryHostPropertiesEXT::default();
         let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut host);
-        // SAFETY: the physical device belongs to this instance, and one with the extension fills the structure.
+        // SAFETY: the physical device belongs to this instance; a device with the extension fills the structure.
         unsafe { self.instance.handle.get_physical_device_properties2(self.physical.handle, &mut properties) };
         host.min_imported_host_pointer_alignment.max(1)
     }
 
-    /// An earlier wait timed out or failed: the device is not to be relied on.
+    /// Whether an earlier wait timed out or failed, so that the engine refuses further work.
     pub(crate) fn is_poisoned(&self) -> bool {
-        self.poisoned.load(Ordering::Acquire)
+        self.is_poisoned.load(Ordering::Acquire)
     }
 
-    /// Some of what was made from it may still be at work: nothing of that may be freed.
+    /// Whether an abandoned submission may still be pending, so that nothing of the device may be destroyed.
     pub(super) fn is_in_use(&self) -> bool {
         self.abandoned.load(Ordering::Acquire) > 0
     }
 
-    /// Gives a run up, which has `ended` or not.
-    pub(super) fn poison(&self, ended: bool) {
-        if !ended {
+    /// Refuses further work after a failed wait. `is_complete`: the submission is no longer pending.
+    pub(super) fn poison(&self, is_complete: bool) {
+        if !is_complete {
             self.abandoned.fetch_add(1, Ordering::AcqRel);
         }
-        self.poisoned.store(true, Ordering::Release);
+        self.is_poisoned.store(true, Ordering::Release);
     }
 
     pub(super) fn allocator(&self) -> MutexGuard<'_, Allocator> {
         self.allocator.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// SharedQueue a failed call into an error that names it and the device.
+    /// Converts the result of a Vulkan call into one whose error names the call and the device.
     pub(super) fn check<T>(&self, call: &str, result: Result<T, vk::Result>) -> Result<T, Error> {
-        result.map_err(|e| failure(call, &self.physical.info.name, e))
+        result.map_err(|e| vulkan_error(call, &self.physical.info.name, e))
     }
 
-    /// Gives an object a name that validation and debuggers show.
+    /// Names an object in validation messages and debuggers.
     pub(super) fn name(&self, object: impl vk::Handle, name: &str) {
-        let (Some(names), Ok(name)) = (&self.names, std::ffi::CString::new(name)) else { return };
+        let (Some(names), Ok(name)) = (&self.debug_utils, std::ffi::CString::new(name)) else { return };
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
-        // SAFETY: the object belongs to this device and is used by this thread alone so far. A name is only a help: its
-        // failure changes nothing.
+        // SAFETY: the object belongs to this device, and only this thread uses it yet. A failure is ignored, since names are
+        // only diagnostics.
         let _ = unsafe { names.set_debug_utils_object_name(&info) };
     }
 
     fn open_pipeline_cache(&self) -> Result<vk::PipelineCache, Error> {
-        let data = cache::read(&self.physical).unwrap_or_default();
+        let data = pipeline_cache::read(&self.physical).unwrap_or_default();
         let create = vk::PipelineCacheCreateInfo::default().initial_data(&data);
-        // SAFETY: `data` outlives the call; it carries this driver's stamp and a checksum (`cache::read`).
-        let made = unsafe { self.handle.create_pipeline_cache(&create, None) };
-        self.check("vkCreatePipelineCache", made)
+        // SAFETY: `data` outlives the call; its header matches this driver, and its checksum is right (`pipeline_cache::read`).
+        let created = unsafe { self.handle.create_pipeline_cache(&create, None) };
+        self.check("vkCreatePipelineCache", created)
     }
 
-    /// Writes the pipeline cache where the next engine finds it; failing to is no error.
+    /// Writes the pipeline cache to disk for the next engine. Failures are ignored: the next engine then compiles again.
     pub(crate) fn save_pipeline_cache(&self) {
         // SAFETY: the cache belongs to this device.
         if let Ok(data) = unsafe { self.handle.get_pipeline_cache_data(self.pipeline_cache) } {
-            cache::write(&self.physical, &data);
+            pipeline_cache::write(&self.physical, &data);
         }
     }
 }
@@ -240,19 +246,20 @@ impl Device {
 impl Drop for Device {
     fn drop(&mut self) {
         if self.is_in_use() {
-            // What the device may still use is left alone, and so is the instance under it.
+            // What the device may still use is leaked, with its instance.
             std::mem::forget(self.instance.clone());
             return;
         }
-        // SAFETY: everything made from the device holds an Arc to it and is gone, and its runs were waited for; a device of our own is idle
-        // after this wait; the allocator frees its memory before the device goes, and is not touched again.
+        // SAFETY: everything created from the device held an Arc to it and is dropped, and its submissions are complete. The
+        // allocator frees its memory before the device is destroyed, and is not used again.
         unsafe {
-            if self.is_own {
+            if self.owns_handle {
+                // A failure, such as a lost device, does not prevent the destruction.
                 let _ = self.handle.device_wait_idle();
             }
             self.handle.destroy_pipeline_cache(self.pipeline_cache, None);
             ManuallyDrop::drop(&mut self.allocator);
-            if self.is_own {
+            if self.owns_handle {
                 self.handle.destroy_device(None);
             }
         }

@@ -1,81 +1,143 @@
-//! What an engine asks of a device that someone else makes, beside whatever else that is made with.
+//! Required features and optional extensions of a device that the embedding program creates for an engine.
 
 use std::ffi::CStr;
 
 use ash::vk::{self, StructureType};
+use ash::{ext, khr};
 
 use super::instance::Instance;
-use super::optional_extensions::Liked;
+use crate::base::Error;
 
-/// The Vulkan version that instance and device must have been made for, at least.
+/// The lowest Vulkan version that the instance and the device must be created for.
 pub const REQUIRED_VERSION: u32 = vk::API_VERSION_1_3;
 
-/// Switches on the features that an engine requires of a device, in what the device will be made with: timeline semaphores,
-/// synchronization2, maintenance4. Others stay as they are. [`DeviceRequirements`] does it in any chain, and with the [`OPTIONAL_EXTENSIONS`](super::OPTIONAL_EXTENSIONS) that there are.
-pub fn require(v12: &mut vk::PhysicalDeviceVulkan12Features<'_>, v13: &mut vk::PhysicalDeviceVulkan13Features<'_>) {
+/// Device extensions that an engine uses if they and their features are enabled. None is required.
+///
+/// - `VK_EXT_conditional_rendering`, with its feature `conditionalRendering`: the device skips levels that have settled,
+///   and a solve is one submission.
+/// - `VK_EXT_external_memory_host`: the device reads host memory in place ([`Engine::share`](crate::Engine::share)).
+/// - The last three together: the device reads dma-bufs in place.
+pub const OPTIONAL_EXTENSIONS: [&CStr; 5] = [
+    ext::conditional_rendering::NAME,
+    ext::external_memory_host::NAME,
+    khr::external_memory_fd::NAME,
+    ext::external_memory_dma_buf::NAME,
+    ext::queue_family_foreign::NAME,
+];
+
+/// Which of the [`OPTIONAL_EXTENSIONS`] a device has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct OptionalExtensions {
+    pub(crate) conditional_rendering: bool,
+    pub(crate) host_memory: bool,
+    /// All three extensions for dma-bufs.
+    pub(crate) dma_buf: bool,
+}
+
+impl OptionalExtensions {
+    /// Those of a device that supports the extensions for which `has` is true.
+    pub(super) fn supported(has: impl Fn(&CStr) -> bool) -> Self {
+        let [conditional_rendering, host_memory, dma_buf @ ..] = OPTIONAL_EXTENSIONS;
+        Self {
+            conditional_rendering: has(conditional_rendering),
+            host_memory: has(host_memory),
+            dma_buf: dma_buf.iter().all(|name| has(name)),
+        }
+    }
+
+    /// Returns the names of the extensions.
+    pub(super) fn names(self) -> impl Iterator<Item = &'static CStr> {
+        let Self { conditional_rendering, host_memory, dma_buf } = self;
+        let has = [conditional_rendering, host_memory, dma_buf, dma_buf, dma_buf];
+        OPTIONAL_EXTENSIONS.into_iter().zip(has).filter(|(_, has)| *has).map(|(name, _)| name)
+    }
+
+    /// Returns the extensions that both have.
+    pub(super) fn intersection(self, other: Self) -> Self {
+        Self {
+            conditional_rendering: self.conditional_rendering && other.conditional_rendering,
+            host_memory: self.host_memory && other.host_memory,
+            dma_buf: self.dma_buf && other.dma_buf,
+        }
+    }
+}
+
+/// Enables the features that an engine requires: timeline semaphores, synchronization2 and maintenance4. Other features
+/// keep their values. [`DeviceRequirements`] does the same in any `pNext` chain, with the optional extensions.
+pub fn enable_required_features(
+    v12: &mut vk::PhysicalDeviceVulkan12Features<'_>,
+    v13: &mut vk::PhysicalDeviceVulkan13Features<'_>,
+) {
     v12.timeline_semaphore = vk::TRUE;
     v13.synchronization2 = vk::TRUE;
     v13.maintenance4 = vk::TRUE;
 }
 
-/// What a device is to be made with for an engine: the required features, and of the [`OPTIONAL_EXTENSIONS`](super::OPTIONAL_EXTENSIONS) those that there are.
+/// The required features and the available [`OPTIONAL_EXTENSIONS`] of a physical device, for the creation of a device.
 ///
-/// The structure of a feature may be in a chain once, and those of single features not beside that of the version which took them in. Who
-/// writes the chain himself may use [`require`]; this is for chains that others have begun.
+/// A `pNext` chain may hold the structure of a feature once, and not beside that of the Vulkan version that promoted it.
+/// This type extends a chain that other code has begun. A program that writes the whole chain itself can use
+/// [`enable_required_features`].
 pub struct DeviceRequirements {
     timeline_semaphore: vk::PhysicalDeviceTimelineSemaphoreFeatures<'static>,
     synchronization2: vk::PhysicalDeviceSynchronization2Features<'static>,
     maintenance4: vk::PhysicalDeviceMaintenance4Features<'static>,
-    conditional: Option<vk::PhysicalDeviceConditionalRenderingFeaturesEXT<'static>>,
-    liked: Liked,
+    conditional_rendering: Option<vk::PhysicalDeviceConditionalRenderingFeaturesEXT<'static>>,
+    optional: OptionalExtensions,
 }
 
 impl DeviceRequirements {
-    /// Of a physical device.
+    /// Returns the requirements for a physical device.
+    ///
+    /// # Errors
+    /// [`Error::Vulkan`] if the extensions of the device cannot be enumerated.
     ///
     /// # Safety
-    /// `physical` is of `instance`, which was made for [`REQUIRED_VERSION`] or later.
-    pub unsafe fn of(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Self {
-        let liked = Instance::foreign(instance.clone()).liked(physical);
+    /// `physical` belongs to `instance`, which was created for [`REQUIRED_VERSION`] or later.
+    pub unsafe fn for_device(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Result<Self, Error> {
+        Instance::external(instance.clone()).optional_extensions(physical).map(Self::new)
+    }
+
+    fn new(optional: OptionalExtensions) -> Self {
         let conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default().conditional_rendering(true);
         Self {
             timeline_semaphore: vk::PhysicalDeviceTimelineSemaphoreFeatures::default().timeline_semaphore(true),
             synchronization2: vk::PhysicalDeviceSynchronization2Features::default().synchronization2(true),
             maintenance4: vk::PhysicalDeviceMaintenance4Features::default().maintenance4(true),
-            conditional: liked.conditional.then_some(conditional),
-            liked,
+            conditional_rendering: optional.conditional_rendering.then_some(conditional),
+            optional,
         }
     }
 
-    /// The extensions to enable, beside others.
+    /// Returns the names of the extensions to enable.
     pub fn extensions(&self) -> Vec<&'static CStr> {
-        self.liked.extensions().collect()
+        self.optional.names().collect()
     }
 
-    pub(super) fn liked(&self) -> Liked {
-        self.liked
+    pub(super) fn optional(&self) -> OptionalExtensions {
+        self.optional
     }
 
-    /// Switches the features on in the structures that are chained to `create`, and chains those that are not there; all else stays as it is. To
-    /// be called last: a structure that is chained later may then be there twice.
+    /// Enables the features in the structures that are chained to `create`, and chains the missing structures. Call it
+    /// last: a structure chained later may be a duplicate.
     ///
     /// # Safety
-    /// The chain is valid, and what is in it may be written, as what was chained by `push_next` may.
-    pub unsafe fn switch_on<'a>(&'a mut self, mut create: vk::DeviceCreateInfo<'a>) -> vk::DeviceCreateInfo<'a> {
-        // What an earlier call has chained.
+    /// The chain is valid and its structures may be written, as those chained by `push_next` may.
+    pub unsafe fn enable_features<'a>(&'a mut self, mut create: vk::DeviceCreateInfo<'a>) -> vk::DeviceCreateInfo<'a> {
+        // An earlier call may have chained them.
         self.timeline_semaphore.p_next = std::ptr::null_mut();
         self.synchronization2.p_next = std::ptr::null_mut();
         self.maintenance4.p_next = std::ptr::null_mut();
-        self.conditional.iter_mut().for_each(|conditional| conditional.p_next = std::ptr::null_mut());
-        let mut found = [false; 4];
+        self.conditional_rendering.iter_mut().for_each(|conditional| conditional.p_next = std::ptr::null_mut());
+        let mut is_enabled = [false; 4];
         let mut next = create.p_next.cast_mut().cast::<vk::BaseOutStructure<'_>>();
         while !next.is_null() {
-            // SAFETY: the chain is valid and may be written, by the caller.
-            let (here, after) = unsafe { (switched_on(next), (*next).p_next) };
-            (0..4).for_each(|n| found[n] |= here[n]);
-            next = after;
+            // SAFETY: the caller guarantees that the chain is valid and may be written.
+            let (enabled, following) = unsafe { (enable_features_in(next), (*next).p_next) };
+            (0..4).for_each(|n| is_enabled[n] |= enabled[n]);
+            next = following;
         }
-        let [timeline_semaphore, synchronization2, maintenance4, conditional] = found;
+        let [timeline_semaphore, synchronization2, maintenance4, conditional_rendering] = is_enabled;
         if !timeline_semaphore {
             create = create.push_next(&mut self.timeline_semaphore);
         }
@@ -85,20 +147,20 @@ impl DeviceRequirements {
         if !maintenance4 {
             create = create.push_next(&mut self.maintenance4);
         }
-        if let Some(features) = self.conditional.as_mut().filter(|_| !conditional) {
+        if let Some(features) = self.conditional_rendering.as_mut().filter(|_| !conditional_rendering) {
             create = create.push_next(features);
         }
         create
     }
 }
 
-/// Switches on what a structure has of timeline semaphores, synchronization2, maintenance4 and conditional rendering, and says which. The last
-/// stands in no chain whose device lacks it.
+/// Enables the features of a structure, and returns which of timeline semaphores, synchronization2, maintenance4 and
+/// conditional rendering it holds. The last is in no valid chain of a device without the extension.
 ///
 /// # Safety
-/// It is of a valid chain, and may be written.
-unsafe fn switched_on(structure: *mut vk::BaseOutStructure<'_>) -> [bool; 4] {
-    // SAFETY: what stands in a chain is what its type says.
+/// The structure belongs to a valid chain and may be written.
+unsafe fn enable_features_in(structure: *mut vk::BaseOutStructure<'_>) -> [bool; 4] {
+    // SAFETY: a structure in a valid chain has the type that its `s_type` states.
     unsafe {
         match (*structure).s_type {
             StructureType::PHYSICAL_DEVICE_VULKAN_1_2_FEATURES => {
@@ -136,22 +198,16 @@ unsafe fn switched_on(structure: *mut vk::BaseOutStructure<'_>) -> [bool; 4] {
 mod tests {
     use super::*;
 
-    fn wanted() -> DeviceRequirements {
-        DeviceRequirements {
-            timeline_semaphore: vk::PhysicalDeviceTimelineSemaphoreFeatures::default().timeline_semaphore(true),
-            synchronization2: vk::PhysicalDeviceSynchronization2Features::default().synchronization2(true),
-            maintenance4: vk::PhysicalDeviceMaintenance4Features::default().maintenance4(true),
-            conditional: Some(vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default().conditional_rendering(true)),
-            liked: Liked { conditional: true, ..Liked::default() },
-        }
+    fn requirements() -> DeviceRequirements {
+        DeviceRequirements::new(OptionalExtensions { conditional_rendering: true, ..OptionalExtensions::default() })
     }
 
-    /// What is chained, sorted.
-    fn chained(create: &vk::DeviceCreateInfo<'_>) -> Vec<StructureType> {
+    /// Returns the types of the chained structures, sorted.
+    fn chained_types(create: &vk::DeviceCreateInfo<'_>) -> Vec<StructureType> {
         let mut types = Vec::new();
         let mut next = create.p_next.cast::<vk::BaseInStructure<'_>>();
         while !next.is_null() {
-            // SAFETY: the tests chain what outlives this.
+            // SAFETY: the structures that the tests chain outlive this call.
             unsafe {
                 types.push((*next).s_type);
                 next = (*next).p_next;
@@ -162,24 +218,24 @@ mod tests {
     }
 
     #[test]
-    fn each_feature_is_switched_on_once_wherever_its_place_is() {
-        let mut alone = wanted();
-        // SAFETY: there is no chain.
-        let create = unsafe { alone.switch_on(vk::DeviceCreateInfo::default()) };
+    fn each_feature_is_enabled_in_exactly_one_structure() {
+        let mut empty = requirements();
+        // SAFETY: the chain is empty.
+        let create = unsafe { empty.enable_features(vk::DeviceCreateInfo::default()) };
         let each = [
             StructureType::PHYSICAL_DEVICE_CONDITIONAL_RENDERING_FEATURES_EXT,
             StructureType::PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES,
             StructureType::PHYSICAL_DEVICE_SYNCHRONIZATION_2_FEATURES,
             StructureType::PHYSICAL_DEVICE_MAINTENANCE_4_FEATURES,
         ];
-        assert_eq!(chained(&create), each);
+        assert_eq!(chained_types(&create), each);
 
         let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
         let mut v13 = vk::PhysicalDeviceVulkan13Features::default();
         let create = vk::DeviceCreateInfo::default().push_next(&mut v12).push_next(&mut v13);
-        let mut beside = wanted();
-        // SAFETY: both are here, and nobody else's.
-        let types = chained(&unsafe { beside.switch_on(create) });
+        let mut chained = requirements();
+        // SAFETY: both chained structures are local and alive.
+        let types = chained_types(&unsafe { chained.enable_features(create) });
         let versions =
             [StructureType::PHYSICAL_DEVICE_VULKAN_1_2_FEATURES, StructureType::PHYSICAL_DEVICE_VULKAN_1_3_FEATURES];
         assert_eq!(types, [&versions[..], &each[..1]].concat());
@@ -187,9 +243,9 @@ mod tests {
 
         let mut maintenance4 = vk::PhysicalDeviceMaintenance4Features::default();
         let create = vk::DeviceCreateInfo::default().push_next(&mut maintenance4);
-        let mut beside = wanted();
-        // SAFETY: as above.
-        assert_eq!(chained(&unsafe { beside.switch_on(create) }), each);
+        let mut chained = requirements();
+        // SAFETY: the chained structure is local and alive.
+        assert_eq!(chained_types(&unsafe { chained.enable_features(create) }), each);
         assert_eq!(maintenance4.maintenance4, vk::TRUE);
     }
 }

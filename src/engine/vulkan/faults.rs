@@ -1,9 +1,8 @@
-//! For tests: Vulkan calls that fail when they are told to, and host memory that runs out.
+//! Fault injection for tests: Vulkan calls that fail, and host allocations that fail.
 //!
-//! Every function of Vulkan is found by `vkGetInstanceProcAddr`, and so is the one that finds those of a device. An entry whose own
-//! puts a function of the same type in the place of each that returns a `VkResult` stands between this crate, the allocator
-//! included, and the loader: as a layer does, without a file. The same functions hand on allocation callbacks that count. What the
-//! thread has been told counts on that thread alone, so that tests beside it see nothing of it.
+//! A hooked `vkGetInstanceProcAddr` replaces functions that return a `VkResult` by hooks of the same type, as a layer does.
+//! It lies between the loader and this crate, including the allocator. The hooks also pass allocation callbacks that count
+//! host memory. Faults are set per thread, so that concurrent tests do not see them.
 
 use std::alloc::{self, Layout};
 use std::any::TypeId;
@@ -16,209 +15,216 @@ use std::sync::atomic::{AtomicIsize, AtomicPtr, Ordering};
 
 use ash::vk::{self, Result as Code};
 
-/// A call that fails.
+/// A call to fail.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Strike {
-    /// Which of the calls that may fail, counted from 0.
+pub(crate) struct Fault {
+    /// The index among the calls that can fail.
     pub(crate) call: usize,
-    /// How, as one of [`Call::results`].
+    /// The index of the result in [`Call::results`].
     pub(crate) result: usize,
-    /// Whether all later ones that may fail so do.
-    pub(crate) for_good: bool,
+    /// Whether all later calls that can return this result also fail.
+    pub(crate) is_permanent: bool,
 }
 
-/// A call that may fail.
+/// A call that can fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Call {
     pub(crate) name: &'static str,
-    /// How; what any call may return beside that, `VK_ERROR_UNKNOWN`, is the last.
+    /// The errors that it can return. The last is `VK_ERROR_UNKNOWN`, which every call can return.
     pub(crate) results: &'static [Code],
 }
 
-/// What a thread has been told, and what happened.
+/// The faults of a thread, and its log.
 #[derive(Default)]
-struct Told {
-    strike: Option<Strike>,
+struct State {
+    fault: Option<Fault>,
+    /// Whether every wait times out at once.
     hangs: bool,
     calls: Vec<Call>,
-    struck: Vec<(Call, Code)>,
-    heard: Vec<String>,
+    failed: Vec<(Call, Code)>,
+    messages: Vec<String>,
 }
 
 thread_local! {
-    static TOLD: RefCell<Told> = RefCell::default();
-    /// Host allocations to come until one fails.
+    static STATE: RefCell<State> = RefCell::default();
+    /// The number of host allocations until one fails.
     static ALLOCATIONS_LEFT: Cell<Option<usize>> = const { Cell::new(None) };
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-    /// Whether this thread's instances are hooked.
-    static HOOKED: Cell<bool> = const { Cell::new(false) };
+    /// Whether new instances of this thread are hooked.
+    static IS_HOOKED: Cell<bool> = const { Cell::new(false) };
 }
 
-/// What happened since [`begin`].
+/// The log of a thread since [`begin`].
 #[derive(Debug)]
-pub(crate) struct Seen {
+pub(crate) struct Log {
     pub(crate) calls: Vec<Call>,
-    /// The calls that failed, and how.
-    pub(crate) struck: Vec<(Call, Code)>,
+    /// The calls that failed, with their results.
+    pub(crate) failed: Vec<(Call, Code)>,
     pub(crate) allocations: usize,
-    /// Bytes of host memory taken and not given back.
-    pub(crate) held: isize,
+    /// Bytes of host memory that are still allocated.
+    pub(crate) leaked: isize,
     pub(crate) messages: Vec<String>,
 }
 
-/// From now on, this thread's new instances are hooked: this call fails, or the n-th allocation, once.
-pub(crate) fn begin(strike: Option<Strike>, allocation: Option<usize>) {
-    HOOKED.set(true);
+/// Hooks the new instances of this thread, and fails a call, or the n-th host allocation.
+pub(crate) fn begin(fault: Option<Fault>, allocation: Option<usize>) {
+    IS_HOOKED.set(true);
     ALLOCATIONS_LEFT.set(allocation);
     ALLOCATIONS.set(0);
-    HELD.store(0, Ordering::Relaxed);
-    TOLD.replace(Told { strike, ..Told::default() });
+    ALLOCATED.store(0, Ordering::Relaxed);
+    STATE.replace(State { fault, ..State::default() });
 }
 
-/// From now on, every wait of this thread for its hooked devices times out at once, as on a device that hangs.
+/// Makes every wait of this thread time out at once, as on a hung device.
 pub(crate) fn hang() {
-    TOLD.with_borrow_mut(|told| told.hangs = true);
+    STATE.with_borrow_mut(|state| state.hangs = true);
 }
 
-/// Ends it, and says what happened.
-pub(crate) fn end() -> Seen {
-    HOOKED.set(false);
+/// Ends the hooking, and returns the log.
+pub(crate) fn end() -> Log {
+    IS_HOOKED.set(false);
     ALLOCATIONS_LEFT.set(None);
-    let Told { calls, struck, heard, .. } = TOLD.take();
-    Seen { calls, struck, allocations: ALLOCATIONS.get(), held: HELD.load(Ordering::Relaxed), messages: heard }
+    let State { calls, failed, messages, .. } = STATE.take();
+    Log { calls, failed, allocations: ALLOCATIONS.get(), leaked: ALLOCATED.load(Ordering::Relaxed), messages }
 }
 
-/// Notes a validation message.
-pub(super) fn hear(message: &str) {
-    // The callback may come while the thread ends.
-    let _ = TOLD.try_with(|told| told.borrow_mut().heard.push(message.to_string()));
+/// Logs a validation message.
+pub(super) fn log_message(message: &str) {
+    // The state may be destroyed already when the callback runs at the end of the thread.
+    let _ = STATE.try_with(|state| state.borrow_mut().messages.push(message.to_string()));
 }
 
-/// The entry itself, or one whose calls fail as this thread is told.
-pub(super) fn hooked(entry: ash::Entry) -> ash::Entry {
-    if !HOOKED.get() {
+/// Returns the entry, hooked between [`begin`] and [`end`].
+pub(super) fn hook_entry(entry: ash::Entry) -> ash::Entry {
+    if !IS_HOOKED.get() {
         return entry;
     }
-    // The library stays loaded: what is found in it is kept in statics.
+    // The library stays loaded, since statics keep its functions.
     let entry = ENTRY.get_or_init(|| entry);
-    keep(&GET_INSTANCE, entry.static_fn().get_instance_proc_addr as *mut c_void);
-    // SAFETY: `find` hands on to the loader's function, kept above, or gives functions of the same types.
-    unsafe { ash::Entry::from_static_fn(ash::StaticFn { get_instance_proc_addr: find }) }
+    store(&GET_INSTANCE_PROC_ADDR, entry.static_fn().get_instance_proc_addr as *mut c_void);
+    // SAFETY: the hook returns the loader's functions or hooks of the same types.
+    unsafe { ash::Entry::from_static_fn(ash::StaticFn { get_instance_proc_addr }) }
 }
 
-/// Bytes of the host that hooked calls have taken and not given back, drivers' threads included: who tests them does so alone.
-static HELD: AtomicIsize = AtomicIsize::new(0);
+/// Bytes of host memory that hooked calls have allocated and not freed, on all threads, those of drivers included. Tests
+/// of it must not run concurrently.
+static ALLOCATED: AtomicIsize = AtomicIsize::new(0);
 
 static ENTRY: OnceLock<ash::Entry> = OnceLock::new();
-static GET_INSTANCE: AtomicPtr<c_void> = AtomicPtr::new(ptr::null_mut());
-static GET_DEVICE: AtomicPtr<c_void> = AtomicPtr::new(ptr::null_mut());
+static GET_INSTANCE_PROC_ADDR: AtomicPtr<c_void> = AtomicPtr::new(ptr::null_mut());
+static GET_DEVICE_PROC_ADDR: AtomicPtr<c_void> = AtomicPtr::new(ptr::null_mut());
 
-fn keep(place: &AtomicPtr<c_void>, function: *mut c_void) {
-    place.store(function, Ordering::Release);
+fn store(target: &AtomicPtr<c_void>, function: *mut c_void) {
+    target.store(function, Ordering::Release);
 }
 
-unsafe extern "system" fn find(instance: vk::Instance, name: *const c_char) -> vk::PFN_vkVoidFunction {
-    // SAFETY: `hooked` kept the loader's function there, before this could be called; the arguments are the caller's.
-    let found = unsafe {
-        let real: vk::PFN_vkGetInstanceProcAddr = transmute(GET_INSTANCE.load(Ordering::Acquire));
+unsafe extern "system" fn get_instance_proc_addr(
+    instance: vk::Instance,
+    name: *const c_char,
+) -> vk::PFN_vkVoidFunction {
+    // SAFETY: `hook_entry` has stored the loader's function; the arguments are the caller's.
+    let function = unsafe {
+        let real: vk::PFN_vkGetInstanceProcAddr = transmute(GET_INSTANCE_PROC_ADDR.load(Ordering::Acquire));
         real(instance, name)
     };
-    // SAFETY: Vulkan's names end in 0.
-    instead(unsafe { CStr::from_ptr(name) }, found)
+    // SAFETY: the caller passes a null-terminated name.
+    hook(unsafe { CStr::from_ptr(name) }, function)
 }
 
-unsafe extern "system" fn find_of_device(device: vk::Device, name: *const c_char) -> vk::PFN_vkVoidFunction {
-    // SAFETY: as in `find`; `instead` kept it.
-    let found = unsafe {
-        let real: vk::PFN_vkGetDeviceProcAddr = transmute(GET_DEVICE.load(Ordering::Acquire));
+unsafe extern "system" fn get_device_proc_addr(device: vk::Device, name: *const c_char) -> vk::PFN_vkVoidFunction {
+    // SAFETY: `hook` has stored the loader's function; the arguments are the caller's.
+    let function = unsafe {
+        let real: vk::PFN_vkGetDeviceProcAddr = transmute(GET_DEVICE_PROC_ADDR.load(Ordering::Acquire));
         real(device, name)
     };
-    // SAFETY: as in `find`.
-    instead(unsafe { CStr::from_ptr(name) }, found)
+    // SAFETY: the caller passes a null-terminated name.
+    hook(unsafe { CStr::from_ptr(name) }, function)
 }
 
-/// What stands in the place of a function that was found.
-fn instead(name: &CStr, found: vk::PFN_vkVoidFunction) -> vk::PFN_vkVoidFunction {
-    let function = found? as *mut c_void;
+/// Returns the hook of a function, or the function itself if there is none.
+fn hook(name: &CStr, function: vk::PFN_vkVoidFunction) -> vk::PFN_vkVoidFunction {
+    let pointer = function? as *mut c_void;
     if name == c"vkGetDeviceProcAddr" {
-        keep(&GET_DEVICE, function);
-        // SAFETY: any function pointer may be kept as this one; it is called as what its name says.
-        return Some(unsafe { transmute::<vk::PFN_vkGetDeviceProcAddr, unsafe extern "system" fn()>(find_of_device) });
+        store(&GET_DEVICE_PROC_ADDR, pointer);
+        // SAFETY: function pointers have one size, and the caller converts this one back to the type of its name.
+        return Some(unsafe {
+            transmute::<vk::PFN_vkGetDeviceProcAddr, unsafe extern "system" fn()>(get_device_proc_addr)
+        });
     }
     let Some((index, hook)) = CALLS.iter().enumerate().find(|(_, call)| call.0.name.as_bytes() == name.to_bytes())
     else {
-        return found;
+        return function;
     };
-    keep(&REAL[index], function);
+    store(&FUNCTIONS[index], pointer);
     Some(hook.1())
 }
 
-/// The functions behind the hooks. Those of one loader and one set of layers are the same for all instances.
-static REAL: [AtomicPtr<c_void>; COUNT] = [const { AtomicPtr::new(ptr::null_mut()) }; COUNT];
+/// The functions behind the hooks. With one loader and one set of layers they are the same for all instances.
+static FUNCTIONS: [AtomicPtr<c_void>; COUNT] = [const { AtomicPtr::new(ptr::null_mut()) }; COUNT];
 
-/// How this call is to fail, if it is.
-fn strikes(index: usize) -> Option<Code> {
+/// Logs a call, and returns the result of its fault, if it has one.
+fn injected_result(index: usize) -> Option<Code> {
     let call = CALLS[index].0;
-    TOLD.with_borrow_mut(|told| {
-        if call.results.is_empty() || !HOOKED.get() {
+    STATE.with_borrow_mut(|state| {
+        if call.results.is_empty() || !IS_HOOKED.get() {
             return None;
         }
-        told.calls.push(call);
-        if told.hangs && call.name == "vkWaitSemaphores" {
+        state.calls.push(call);
+        if state.hangs && call.name == "vkWaitSemaphores" {
             return Some(Code::TIMEOUT);
         }
-        let (strike, count) = (told.strike?, told.calls.len() - 1);
-        let result = match told.struck.first() {
-            None if count == strike.call => call.results[strike.result],
-            Some((_, result)) if strike.for_good && call.results.contains(result) => *result,
+        let (fault, index) = (state.fault?, state.calls.len() - 1);
+        let result = match state.failed.first() {
+            None if index == fault.call => call.results[fault.result],
+            Some((_, result)) if fault.is_permanent && call.results.contains(result) => *result,
             _ => return None,
         };
-        told.struck.push((call, result));
+        state.failed.push((call, result));
         Some(result)
     })
 }
 
-/// Counting callbacks in the place of none; other arguments as they are.
-fn counted<A: Copy + 'static>(argument: A) -> A {
+/// Replaces a pointer to allocation callbacks, which is null, by the counting callbacks. Returns other arguments unchanged.
+fn with_callbacks<A: Copy + 'static>(argument: A) -> A {
     if TypeId::of::<A>() != TypeId::of::<*const vk::AllocationCallbacks<'static>>() {
         return argument;
     }
     let callbacks: *const vk::AllocationCallbacks<'static> = &CALLBACKS;
-    // SAFETY: the types are the same, as was just seen.
+    // SAFETY: the type ids are equal.
     unsafe { transmute_copy(&callbacks) }
 }
 
-/// Functions of so many arguments, of any type, that stand in the place of those which `$find` takes.
+/// Modules with hooks for functions of a number of arguments, of any type.
 macro_rules! hooks {
     ($($module:ident: $($argument:ident)*;)*) => {$(
         mod $module {
             use super::*;
 
-            #[expect(non_snake_case, reason = "arguments are called as their types are")]
-            unsafe extern "system" fn hook<const INDEX: usize, $($argument: Copy + 'static,)* R: Outcome>(
+            #[expect(non_snake_case, reason = "arguments are named after their types")]
+            unsafe extern "system" fn hook<const INDEX: usize, $($argument: Copy + 'static,)* R: ReturnValue>(
                 $($argument: $argument),*
             ) -> R {
-                let struck = strikes(INDEX);
-                // A device that is lost is at work on nothing: what was submitted is waited for.
-                let waits = CALLS[INDEX].0.name == "vkWaitSemaphores" && struck == Some(Code::ERROR_DEVICE_LOST);
-                if let Some(code) = struck && !waits {
-                    return R::of(code);
+                let injected = injected_result(INDEX);
+                // A lost device has no pending work, so that the wait for the real device precedes the result.
+                let waits = CALLS[INDEX].0.name == "vkWaitSemaphores" && injected == Some(Code::ERROR_DEVICE_LOST);
+                if let Some(code) = injected && !waits {
+                    return R::from_code(code);
                 }
-                // SAFETY: `instead` kept there the function of this name, whose type this is; the arguments are the caller's,
-                // but for callbacks, which serve every call likewise.
-                let done = unsafe {
-                    let real: unsafe extern "system" fn($($argument),*) -> R = transmute(REAL[INDEX].load(Ordering::Acquire));
-                    real($(counted($argument)),*)
+                // SAFETY: `super::hook` has stored the function of this name, which has this type. The arguments are the
+                // caller's, except for callbacks, which are valid for every call.
+                let returned = unsafe {
+                    let function: unsafe extern "system" fn($($argument),*) -> R = transmute(FUNCTIONS[INDEX].load(Ordering::Acquire));
+                    function($(with_callbacks($argument)),*)
                 };
-                struck.map_or(done, R::of)
+                injected.map_or(returned, R::from_code)
             }
 
-            /// The hook for a function of this type.
-            pub(super) fn of<const INDEX: usize, $($argument: Copy + 'static,)* R: Outcome>(
-                _: Number<INDEX>,
+            /// Returns the hook for a function of this type.
+            pub(super) fn hook_for<const INDEX: usize, $($argument: Copy + 'static,)* R: ReturnValue>(
+                _: CallIndex<INDEX>,
                 _: Option<unsafe extern "system" fn($($argument),*) -> R>,
             ) -> unsafe extern "system" fn() {
-                // SAFETY: any function pointer may be kept as this one; it is called as what its name says.
+                // SAFETY: function pointers have one size, and the caller converts this one back to the type of its name.
                 unsafe {
                     transmute::<unsafe extern "system" fn($($argument),*) -> R, unsafe extern "system" fn()>(
                         hook::<INDEX, $($argument,)* R>,
@@ -239,19 +245,19 @@ hooks! {
     eight: A B C D E F G H;
 }
 
-/// What a call returns.
-trait Outcome: Copy + 'static {
-    fn of(code: Code) -> Self;
+/// The return type of a function.
+trait ReturnValue: Copy + 'static {
+    fn from_code(code: Code) -> Self;
 }
 
-impl Outcome for Code {
-    fn of(code: Code) -> Self {
+impl ReturnValue for Code {
+    fn from_code(code: Code) -> Self {
         code
     }
 }
 
-impl Outcome for () {
-    fn of(_: Code) {}
+impl ReturnValue for () {
+    fn from_code(_: Code) {}
 }
 
 const HOST: Code = Code::ERROR_OUT_OF_HOST_MEMORY;
@@ -261,22 +267,22 @@ const UNKNOWN: Code = Code::ERROR_UNKNOWN;
 
 type Hook = fn() -> unsafe extern "system" fn();
 
-/// A number that is a type.
+/// The index of a call as a type.
 #[derive(Clone, Copy)]
-struct Number<const INDEX: usize>;
+struct CallIndex<const INDEX: usize>;
 
-/// The table of hooks: the number of arguments, the type and so the name, and the failures that Vulkan's specification lists;
-/// without any it is there for its allocation callbacks alone.
+/// The table of hooks: the number of arguments, the function type, which gives the name, and the errors that the Vulkan
+/// specification lists. A call without errors is hooked for its allocation callbacks only.
 macro_rules! calls {
     ($($count:ident $pfn:ident $([$($result:expr),+])?;)*) => {
-        #[expect(non_camel_case_types, reason = "called as Vulkan's functions are")]
+        #[expect(non_camel_case_types, reason = "named after the functions of Vulkan")]
         enum Index { $($pfn),* }
 
         const COUNT: usize = [$(Index::$pfn as usize),*].len();
 
         static CALLS: [(Call, Hook); COUNT] = [$((
             Call { name: stringify!($pfn).split_at("PFN_".len()).1, results: &[$($($result,)+ UNKNOWN)?] },
-            || $count::of(Number::<{ Index::$pfn as usize }>, None::<vk::$pfn>),
+            || $count::hook_for(CallIndex::<{ Index::$pfn as usize }>, None::<vk::$pfn>),
         )),*];
     };
 }
@@ -288,6 +294,7 @@ calls! {
     four PFN_vkCreateDebugUtilsMessengerEXT [HOST];
     three PFN_vkDestroyDebugUtilsMessengerEXT;
     three PFN_vkEnumeratePhysicalDevices [HOST, DEVICE, Code::ERROR_INITIALIZATION_FAILED];
+    four PFN_vkEnumerateDeviceExtensionProperties [HOST, DEVICE];
     seven PFN_vkGetPhysicalDeviceImageFormatProperties [HOST, DEVICE, Code::ERROR_FORMAT_NOT_SUPPORTED];
     four PFN_vkCreateDevice [HOST, DEVICE, LOST, Code::ERROR_INITIALIZATION_FAILED, Code::ERROR_TOO_MANY_OBJECTS];
     two PFN_vkDestroyDevice;
@@ -332,7 +339,7 @@ calls! {
     one PFN_vkDeviceWaitIdle [HOST, DEVICE, LOST];
 }
 
-/// Callbacks that count, and that give nothing when told to.
+/// Allocation callbacks that count allocations, and fail one.
 static CALLBACKS: vk::AllocationCallbacks<'static> = vk::AllocationCallbacks {
     p_user_data: ptr::null_mut(),
     pfn_allocation: Some(allocate),
@@ -343,8 +350,8 @@ static CALLBACKS: vk::AllocationCallbacks<'static> = vk::AllocationCallbacks {
     _marker: std::marker::PhantomData,
 };
 
-/// Before what is given lies how much it is and how it is aligned.
-const BEFORE: usize = 2 * size_of::<usize>();
+/// The space before each allocation for its size and alignment.
+const HEADER_BYTES: usize = 2 * size_of::<usize>();
 
 unsafe extern "system" fn allocate(
     _: *mut c_void,
@@ -355,45 +362,45 @@ unsafe extern "system" fn allocate(
     ALLOCATIONS.set(ALLOCATIONS.get() + 1);
     let left = ALLOCATIONS_LEFT.get();
     ALLOCATIONS_LEFT.set(left.and_then(|left| left.checked_sub(1)));
-    let offset = BEFORE.next_multiple_of(alignment.max(1));
+    let offset = HEADER_BYTES.next_multiple_of(alignment.max(1));
     let layout = Layout::from_size_align(offset + size, alignment.max(align_of::<usize>()));
     let (Ok(layout), false) = (layout, left == Some(0)) else { return ptr::null_mut() };
-    // SAFETY: the layout is not empty; what is written lies before what is given, within the allocation, and is aligned, since
-    // the offset is a multiple of both alignments.
+    // SAFETY: the layout is not empty. The header lies within the allocation, before the returned pointer, and is aligned,
+    // since the offset is a multiple of both alignments.
     unsafe {
         let start = alloc::alloc(layout);
         if start.is_null() {
             return ptr::null_mut();
         }
-        let given = start.add(offset);
-        given.cast::<usize>().sub(1).write(layout.size());
-        given.cast::<usize>().sub(2).write(layout.align());
-        HELD.fetch_add(layout.size() as isize, Ordering::Relaxed);
-        given.cast()
+        let returned = start.add(offset);
+        returned.cast::<usize>().sub(1).write(layout.size());
+        returned.cast::<usize>().sub(2).write(layout.align());
+        ALLOCATED.fetch_add(layout.size() as isize, Ordering::Relaxed);
+        returned.cast()
     }
 }
 
-/// Where an allocation begins, how large and how aligned it is.
+/// Returns the start and the layout of an allocation.
 ///
 /// # Safety
-/// `given` came from [`allocate`].
-unsafe fn layout_of(given: *mut c_void) -> (*mut u8, Layout) {
-    // SAFETY: `allocate` wrote both there, of a layout that it had made.
+/// `pointer` came from [`allocate`].
+unsafe fn layout_of(pointer: *mut c_void) -> (*mut u8, Layout) {
+    // SAFETY: `allocate` has written the size and the alignment of a valid layout.
     unsafe {
-        let (size, align) = (given.cast::<usize>().sub(1).read(), given.cast::<usize>().sub(2).read());
-        // What was asked for may have been less than a word's alignment, for which the offset is the same.
-        (given.cast::<u8>().sub(BEFORE.next_multiple_of(align)), Layout::from_size_align_unchecked(size, align))
+        let (size, align) = (pointer.cast::<usize>().sub(1).read(), pointer.cast::<usize>().sub(2).read());
+        // An alignment below that of a word gives the same offset.
+        (pointer.cast::<u8>().sub(HEADER_BYTES.next_multiple_of(align)), Layout::from_size_align_unchecked(size, align))
     }
 }
 
-unsafe extern "system" fn free(_: *mut c_void, given: *mut c_void) {
-    if given.is_null() {
+unsafe extern "system" fn free(_: *mut c_void, pointer: *mut c_void) {
+    if pointer.is_null() {
         return;
     }
-    // SAFETY: Vulkan frees what it was given, once.
+    // SAFETY: Vulkan frees each pointer from `allocate` once.
     unsafe {
-        let (start, layout) = layout_of(given);
-        HELD.fetch_sub(layout.size() as isize, Ordering::Relaxed);
+        let (start, layout) = layout_of(pointer);
+        ALLOCATED.fetch_sub(layout.size() as isize, Ordering::Relaxed);
         alloc::dealloc(start, layout);
     }
 }
@@ -406,19 +413,19 @@ unsafe extern "system" fn reallocate(
     scope: vk::SystemAllocationScope,
 ) -> *mut c_void {
     if size == 0 {
-        // SAFETY: as handed on.
+        // SAFETY: the arguments are the caller's.
         unsafe { free(user, original) };
         return ptr::null_mut();
     }
-    // SAFETY: as handed on; what is copied is no longer than either.
+    // SAFETY: the arguments are the caller's; the copy is no longer than either allocation.
     unsafe {
-        let given = allocate(user, size, alignment, scope);
-        if !given.is_null() && !original.is_null() {
+        let returned = allocate(user, size, alignment, scope);
+        if !returned.is_null() && !original.is_null() {
             let (start, layout) = layout_of(original);
-            let had = layout.size() - (original as usize - start as usize);
-            ptr::copy_nonoverlapping(original.cast::<u8>(), given.cast::<u8>(), had.min(size));
+            let old_size = layout.size() - (original as usize - start as usize);
+            ptr::copy_nonoverlapping(original.cast::<u8>(), returned.cast::<u8>(), old_size.min(size));
             free(user, original);
         }
-        given
+        returned
     }
 }

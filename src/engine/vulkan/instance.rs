@@ -5,27 +5,42 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use ash::{ext, vk};
 
-use super::failure::failure;
-use super::optional_extensions::Liked;
+use super::device_requirements::OptionalExtensions;
 use crate::base::{DeviceInfo, Error};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// Validation messages so far.
+/// Validation messages, oldest first.
 type Messages = Mutex<Vec<String>>;
+
+/// The name of the loader in errors.
+const LOADER: &str = "the Vulkan loader";
+
+/// Returns the error of a failed Vulkan call, with advice if there is any.
+pub(super) fn vulkan_error(call: &str, device: &str, result: vk::Result) -> Error {
+    let advice = match result {
+        vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY => {
+            "; use smaller images, or free memory on the device"
+        }
+        vk::Result::ERROR_DEVICE_LOST => "; make a new Engine, and check for an update of the driver",
+        _ => "",
+    };
+    Error::Vulkan { call: call.into(), device: device.into(), result: format!("{result:?}"), advice }
+}
 
 /// A Vulkan 1.3 instance.
 pub(crate) struct Instance {
     pub(super) handle: ash::Instance,
-    /// Names of objects can be set.
+    /// Whether `VK_EXT_debug_utils` is enabled, so that objects can be named.
     pub(super) debug_utils: bool,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     messages: Arc<Messages>,
-    // Holds the loader's library open for as long as the instance lives; `None`: the instance is someone else's, and stays.
+    /// Keeps the loader's library open while the instance lives. `None`: the embedding program owns the instance, which is not
+    /// destroyed here.
     entry: Option<ash::Entry>,
 }
 
-/// A physical device and what was read of it.
+/// A physical device and its properties.
 pub(crate) struct PhysicalDevice {
     pub(super) handle: vk::PhysicalDevice,
     pub(super) queue_family: u32,
@@ -34,26 +49,28 @@ pub(crate) struct PhysicalDevice {
     pub(super) driver_version: u32,
     pub(super) cache_uuid: [u8; vk::UUID_SIZE],
     pub(super) timestamp_bits: u32,
-    /// Of extensions that are liked.
-    pub(super) liked: Liked,
+    pub(super) optional: OptionalExtensions,
 }
 
 impl Instance {
-    /// Opens the loader; with `validation`, core and synchronization validation are on and must be installed.
+    /// Loads the Vulkan loader and creates an instance. `validation` enables core and synchronization validation.
+    ///
+    /// # Errors
+    /// [`Error::NoLoader`], [`Error::NoDevice`] without a driver or the requested validation layer, [`Error::Vulkan`].
     pub(crate) fn new(validation: bool) -> Result<Arc<Self>, Error> {
-        // SAFETY: loading the system's Vulkan loader runs its initialisers; it is the library that this crate exists to use.
+        // SAFETY: loading the system's Vulkan loader runs its initializers, which are trusted.
         let entry = unsafe { ash::Entry::load() }.map_err(|e| Error::NoLoader(e.to_string()))?;
         #[cfg(test)]
-        let entry = super::faults::hooked(entry);
+        let entry = super::faults::hook_entry(entry);
         let failed = |call: &str, result: vk::Result| match result {
-            // What loaders say of a driver whose manifest is broken, or leads nowhere: so little of the host's memory is asked
-            // for here that it is never what is missing.
+            // Loaders return these for a driver whose manifest is broken or names a missing file. The call needs too little host
+            // memory for that to be the cause.
             vk::Result::ERROR_OUT_OF_HOST_MEMORY
             | vk::Result::ERROR_INITIALIZATION_FAILED
             | vk::Result::ERROR_INCOMPATIBLE_DRIVER => Error::NoDevice(no_driver(result)),
-            _ => failure(call, "the Vulkan loader", result),
+            _ => vulkan_error(call, LOADER, result),
         };
-        // SAFETY: the entry is loaded, and no layer is named.
+        // SAFETY: the entry is loaded, and no layer name is passed.
         let available = unsafe { entry.enumerate_instance_extension_properties(None) }
             .map_err(|e| failed("vkEnumerateInstanceExtensionProperties", e))?;
         let debug_utils =
@@ -90,17 +107,18 @@ impl Instance {
         let messages = Arc::<Messages>::default();
         let mut instance = Self { handle, debug_utils, messenger: None, messages, entry: Some(entry.clone()) };
         if validation {
-            instance.listen(&entry)?;
+            instance.create_messenger(&entry)?;
         }
         Ok(Arc::new(instance))
     }
 
-    /// Someone else's, whose validation is theirs.
-    pub(super) fn foreign(handle: ash::Instance) -> Arc<Self> {
+    /// Wraps an instance of the embedding program, without validation messages.
+    pub(super) fn external(handle: ash::Instance) -> Arc<Self> {
         Arc::new(Self { handle, debug_utils: false, messenger: None, messages: Arc::default(), entry: None })
     }
 
-    fn listen(&mut self, entry: &ash::Entry) -> Result<(), Error> {
+    /// Collects validation messages.
+    fn create_messenger(&mut self, entry: &ash::Entry) -> Result<(), Error> {
         let utils = ext::debug_utils::Instance::new(entry, &self.handle);
         let user_data = Arc::as_ptr(&self.messages);
         let create = vk::DebugUtilsMessengerCreateInfoEXT::default()
@@ -108,46 +126,53 @@ impl Instance {
                 vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
             )
             .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
-            .pfn_user_callback(Some(collect))
+            .pfn_user_callback(Some(collect_message))
             .user_data(user_data.cast_mut().cast());
-        // SAFETY: the messages that `user_data` points to are dropped after the messenger is destroyed.
+        // SAFETY: `user_data` points to the messages, which outlive the messenger (`Drop`).
         let messenger = unsafe { utils.create_debug_utils_messenger(&create, None) }
-            .map_err(|e| failure("vkCreateDebugUtilsMessengerEXT", "the Vulkan loader", e))?;
+            .map_err(|e| vulkan_error("vkCreateDebugUtilsMessengerEXT", LOADER, e))?;
         self.messenger = Some((utils, messenger));
         Ok(())
     }
 
-    /// The validation messages so far.
+    /// Returns the validation messages so far.
     pub(crate) fn messages(&self) -> Vec<String> {
         self.messages.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// The validation messages so far, and forgets them: for tests that mean to cause some.
+    /// Takes the validation messages, for tests that provoke some.
     #[cfg(test)]
     pub(crate) fn take_messages(&self) -> Vec<String> {
         std::mem::take(&mut self.messages.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// The devices in the loader's order.
+    /// Lists the physical devices in the loader's order.
     pub(crate) fn physical_devices(&self) -> Result<Vec<PhysicalDevice>, Error> {
-        // SAFETY: the instance is alive.
+        // SAFETY: the instance is not destroyed.
         let handles = unsafe { self.handle.enumerate_physical_devices() }
-            .map_err(|e| failure("vkEnumeratePhysicalDevices", "the Vulkan loader", e))?;
-        Ok(handles.into_iter().enumerate().map(|(index, handle)| self.describe(index, handle)).collect())
+            .map_err(|e| vulkan_error("vkEnumeratePhysicalDevices", LOADER, e))?;
+        handles.into_iter().enumerate().map(|(index, handle)| self.describe(index, handle)).collect()
     }
 
-    /// One of them, and a queue family of it that someone else has chosen.
-    pub(super) fn described(&self, handle: vk::PhysicalDevice, queue_family: u32) -> Result<PhysicalDevice, Error> {
-        let mut described = self.describe(0, handle);
+    /// Describes a physical device with a queue family chosen by the embedding program.
+    ///
+    /// # Errors
+    /// [`Error::NoDevice`] if the device lacks a required feature, or the family does not support compute.
+    pub(super) fn physical_device(
+        &self,
+        handle: vk::PhysicalDevice,
+        queue_family: u32,
+    ) -> Result<PhysicalDevice, Error> {
+        let mut described = self.describe(0, handle)?;
         if let Some(why) = &described.info.unusable {
             return Err(Error::NoDevice(format!(" ({}: {why})", described.info.name)));
         }
-        // SAFETY: `handle` is of this instance.
+        // SAFETY: `handle` belongs to this instance.
         let families = unsafe { self.handle.get_physical_device_queue_family_properties(handle) };
         let family = families.get(queue_family as usize).filter(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE));
         let Some(family) = family else {
             return Err(Error::NoDevice(format!(
-                " ({}: queue family {queue_family} does not compute)",
+                " ({}: queue family {queue_family} does not support compute)",
                 described.info.name
             )));
         };
@@ -155,29 +180,29 @@ impl Instance {
         Ok(described)
     }
 
-    fn describe(&self, index: usize, handle: vk::PhysicalDevice) -> PhysicalDevice {
+    fn describe(&self, index: usize, handle: vk::PhysicalDevice) -> Result<PhysicalDevice, Error> {
         let mut id = vk::PhysicalDeviceIDProperties::default();
         let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
         let mut driver = vk::PhysicalDeviceDriverProperties::default();
-        // Vulkan 1.0 devices know no properties2; asking for the version first keeps them listed.
-        // SAFETY: `handle` came from this instance.
+        // Vulkan 1.0 devices have no properties2. They are listed as unusable, so the version is queried first.
+        // SAFETY: `handle` belongs to this instance.
         let basic = unsafe { self.handle.get_physical_device_properties(handle) };
-        let recent = basic.api_version >= vk::API_VERSION_1_3;
-        if recent {
+        let is_supported_version = basic.api_version >= vk::API_VERSION_1_3;
+        if is_supported_version {
             let mut properties = vk::PhysicalDeviceProperties2::default()
                 .push_next(&mut id)
                 .push_next(&mut subgroup)
                 .push_next(&mut driver);
-            // SAFETY: `handle` came from this instance, and a 1.3 device fills all three structures.
+            // SAFETY: `handle` belongs to this instance; a 1.3 device fills the three chained structures.
             unsafe { self.handle.get_physical_device_properties2(handle, &mut properties) };
         }
-        // SAFETY: `handle` came from this instance.
+        // SAFETY: `handle` belongs to this instance.
         let memory = unsafe { self.handle.get_physical_device_memory_properties(handle) };
-        // SAFETY: `handle` came from this instance.
+        // SAFETY: `handle` belongs to this instance.
         let families = unsafe { self.handle.get_physical_device_queue_family_properties(handle) };
         let queue_family = compute_family(&families);
-        let unusable = if recent {
-            self.missing(handle, &basic.limits, &subgroup, queue_family)
+        let unusable = if is_supported_version {
+            self.missing_requirement(handle, &basic.limits, &subgroup, queue_family)
         } else {
             Some("it lacks Vulkan 1.3".into())
         };
@@ -202,40 +227,48 @@ impl Instance {
             max_storage_buffer: u64::from(basic.limits.max_storage_buffer_range),
             unusable,
         };
-        let (queue_family, usable) = (queue_family.unwrap_or(0), info.unusable.is_none());
-        PhysicalDevice {
+        let (queue_family, is_usable) = (queue_family.unwrap_or(0), info.unusable.is_none());
+        Ok(PhysicalDevice {
             handle,
             queue_family,
             timestamp_bits: families.get(queue_family as usize).map_or(0, |f| f.timestamp_valid_bits),
-            liked: if usable { self.liked(handle) } else { Liked::default() },
+            optional: if is_usable { self.optional_extensions(handle)? } else { OptionalExtensions::default() },
             info,
             limits: basic.limits,
             driver_version: basic.driver_version,
             cache_uuid: basic.pipeline_cache_uuid,
-        }
+        })
     }
 
-    /// What a device has of what is liked.
-    pub(super) fn liked(&self, handle: vk::PhysicalDevice) -> Liked {
-        // SAFETY: `handle` came from this instance.
-        let extensions = unsafe { self.handle.enumerate_device_extension_properties(handle) }.unwrap_or_default();
-        let mut liked = Liked::of(|name| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name)));
+    /// Enumerates the optional extensions of a usable device.
+    ///
+    /// # Errors
+    /// [`Error::Vulkan`].
+    pub(super) fn optional_extensions(&self, handle: vk::PhysicalDevice) -> Result<OptionalExtensions, Error> {
+        // SAFETY: `handle` belongs to this instance.
+        let extensions = unsafe { self.handle.enumerate_device_extension_properties(handle) }.map_err(|e| {
+            // SAFETY: `handle` belongs to this instance.
+            let properties = unsafe { self.handle.get_physical_device_properties(handle) };
+            vulkan_error("vkEnumerateDeviceExtensionProperties", &text(properties.device_name_as_c_str()), e)
+        })?;
+        let has = |name: &CStr| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));
+        let mut optional = OptionalExtensions::supported(has);
         #[cfg(test)]
-        if unconditional::IS.get() {
-            liked.conditional = false;
+        if no_conditional_rendering::IS_SET.get() {
+            optional.conditional_rendering = false;
         }
-        if liked.conditional {
+        if optional.conditional_rendering {
             let mut conditional = vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default();
             let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut conditional);
-            // SAFETY: `handle` came from this instance, and a device with the extension fills the structure.
+            // SAFETY: `handle` belongs to this instance; a device with the extension fills the structure.
             unsafe { self.handle.get_physical_device_features2(handle, &mut features) };
-            liked.conditional = conditional.conditional_rendering == vk::TRUE;
+            optional.conditional_rendering = conditional.conditional_rendering == vk::TRUE;
         }
-        liked
+        Ok(optional)
     }
 
-    /// What a 1.3 device lacks that the passes need.
-    fn missing(
+    /// Names the first requirement of the passes that a Vulkan 1.3 device does not meet.
+    fn missing_requirement(
         &self,
         handle: vk::PhysicalDevice,
         limits: &vk::PhysicalDeviceLimits,
@@ -245,11 +278,11 @@ impl Instance {
         let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
         let mut v13 = vk::PhysicalDeviceVulkan13Features::default();
         let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut v12).push_next(&mut v13);
-        // SAFETY: `handle` came from this instance, and a 1.3 device fills both structures.
+        // SAFETY: `handle` belongs to this instance; a 1.3 device fills both chained structures.
         unsafe { self.handle.get_physical_device_features2(handle, &mut features) };
         let mut sizes = vk::PhysicalDeviceVulkan13Properties::default();
         let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut sizes);
-        // SAFETY: as above.
+        // SAFETY: `handle` belongs to this instance; a 1.3 device fills the chained structure.
         unsafe { self.handle.get_physical_device_properties2(handle, &mut properties) };
         let operations = vk::SubgroupFeatureFlags::BASIC | vk::SubgroupFeatureFlags::ARITHMETIC;
         let what = if queue_family.is_none() {
@@ -263,9 +296,9 @@ impl Instance {
         } else if sizes.min_subgroup_size < 4 || sizes.max_subgroup_size > 128 {
             "subgroups of 4 to 128"
         } else if limits.max_per_stage_descriptor_storage_images < 8 {
-            "eight storage images a shader"
+            "eight storage images per shader"
         } else if limits.max_per_stage_descriptor_storage_buffers < 5 {
-            "five storage buffers a shader"
+            "five storage buffers per shader"
         } else if limits.max_compute_work_group_invocations < 256 {
             "workgroups of 256"
         } else {
@@ -282,33 +315,35 @@ impl Drop for Instance {
             unsafe { utils.destroy_debug_utils_messenger(*messenger, None) };
         }
         if self.entry.is_some() {
-            // SAFETY: devices keep the instance alive by an Arc, so none is left.
+            // SAFETY: devices keep the instance alive by an Arc, so that no device is left.
             unsafe { self.handle.destroy_instance(None) };
         }
     }
 }
 
-/// Variables by which drivers are chosen.
+/// Environment variables of the loader that choose drivers.
 const DRIVER_VARIABLES: [&str; 3] = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES", "VK_ADD_DRIVER_FILES"];
 
-/// Why the loader has no driver, as far as is known.
+/// Explains why the loader has no driver.
 fn no_driver(result: vk::Result) -> String {
     let set: Vec<&str> = DRIVER_VARIABLES.into_iter().filter(|name| std::env::var_os(name).is_some()).collect();
-    let look = match set.as_slice() {
+    let place = match set.as_slice() {
         [] => "the manifests of drivers, in /usr/share/vulkan/icd.d and /etc/vulkan/icd.d".to_string(),
         set => format!("the files that {} names", set.join(" or ")),
     };
-    format!(", since no driver could be loaded ({result:?}; look at {look}, and at what VK_LOADER_DEBUG=error says)")
+    format!(
+        ", since no driver could be loaded ({result:?}; look at {place}, and at the output of VK_LOADER_DEBUG=error)"
+    )
 }
 
-/// A family that computes and does not draw where there is one, since it is the less busy.
+/// Chooses a queue family with compute support, preferably without graphics, since that is less busy.
 fn compute_family(families: &[vk::QueueFamilyProperties]) -> Option<u32> {
-    let computes = |f: &vk::QueueFamilyProperties| f.queue_flags.contains(vk::QueueFlags::COMPUTE);
-    let draws = |f: &vk::QueueFamilyProperties| f.queue_flags.contains(vk::QueueFlags::GRAPHICS);
+    let has_compute = |f: &vk::QueueFamilyProperties| f.queue_flags.contains(vk::QueueFlags::COMPUTE);
+    let has_graphics = |f: &vk::QueueFamilyProperties| f.queue_flags.contains(vk::QueueFlags::GRAPHICS);
     families
         .iter()
-        .position(|f| computes(f) && !draws(f) && f.timestamp_valid_bits > 0)
-        .or_else(|| families.iter().position(computes))
+        .position(|f| has_compute(f) && !has_graphics(f) && f.timestamp_valid_bits > 0)
+        .or_else(|| families.iter().position(has_compute))
         .and_then(|i| u32::try_from(i).ok())
 }
 
@@ -321,15 +356,15 @@ fn uuid(bytes: &[u8; vk::UUID_SIZE]) -> String {
     format!("{}-{}-{}-{}-{}", &hex[..8], &hex[8..12], &hex[12..16], &hex[16..20], &hex[20..])
 }
 
-/// The largest heap of the device. A device of software allocates from the system's memory, whatever size of heap it
-/// states: lavapipe 22.3 states 2 GiB everywhere.
+/// Returns the size of the largest device-local heap, in bytes. A software device allocates from the system's memory, so
+/// that its available memory is returned: lavapipe 22.3 reports a heap of 2 GiB on every machine.
 fn memory_bytes(device_type: vk::PhysicalDeviceType, heaps: &[vk::MemoryHeap]) -> u64 {
     let local = heaps.iter().filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
     let heap = local.map(|h| h.size).max().unwrap_or(0);
     if device_type == vk::PhysicalDeviceType::CPU { available_memory().unwrap_or(heap) } else { heap }
 }
 
-/// Bytes that the system can give without swapping, where Linux tells.
+/// Returns the bytes that Linux can give without swapping.
 fn available_memory() -> Option<u64> {
     let report = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = report.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
@@ -346,38 +381,64 @@ fn kind(device_type: vk::PhysicalDeviceType) -> &'static str {
     }
 }
 
-/// Keeps what validation says.
-extern "system" fn collect(
+/// Stores a validation message.
+extern "system" fn collect_message(
     _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
     _kind: vk::DebugUtilsMessageTypeFlagsEXT,
     data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
     user_data: *mut c_void,
 ) -> vk::Bool32 {
-    // SAFETY: the layer passes valid data, and `user_data` is the `Messages` that outlive the messenger.
+    // SAFETY: the layer passes valid data, and `user_data` points to the `Messages`, which outlive the messenger.
     let (message, messages) = unsafe {
         let message = (*data).message_as_c_str().map(|m| m.to_string_lossy().into_owned()).unwrap_or_default();
         (message, &*user_data.cast_const().cast::<Messages>())
     };
     #[cfg(test)]
-    super::faults::hear(&message);
+    super::faults::log_message(&message);
     messages.lock().unwrap_or_else(PoisonError::into_inner).push(message);
     vk::FALSE
 }
 
-/// A device that cannot leave commands out by itself.
+/// Hides conditional rendering from the instances of a thread.
 #[cfg(test)]
-pub(crate) mod unconditional {
+pub(crate) mod no_conditional_rendering {
     use std::cell::Cell;
 
     thread_local! {
-        pub(super) static IS: Cell<bool> = const { Cell::new(false) };
+        pub(super) static IS_SET: Cell<bool> = const { Cell::new(false) };
     }
 
-    /// What is done where this thread opens such devices.
-    pub(crate) fn during<T>(of: impl FnOnce() -> T) -> T {
-        IS.set(true);
-        let done = of();
-        IS.set(false);
-        done
+    /// Runs `function` while devices opened by this thread have no conditional rendering.
+    pub(crate) fn run<T>(function: impl FnOnce() -> T) -> T {
+        IS_SET.set(true);
+        let result = function();
+        IS_SET.set(false);
+        result
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::vulkan::faults::{self, Fault};
+
+    /// Lists the devices while the call `name` fails.
+    fn list_devices_failing(name: &str) -> Result<usize, Error> {
+        let list = || Instance::new(false)?.physical_devices().map(|devices| devices.len());
+        faults::begin(None, None);
+        assert!(list().unwrap() > 0);
+        let calls = faults::end().calls;
+        let call = calls.iter().position(|call| call.name == name).unwrap();
+        faults::begin(Some(Fault { call, result: 0, is_permanent: false }), None);
+        let listed = list();
+        faults::end();
+        listed
+    }
+
+    #[test]
+    fn a_failed_enumeration_of_device_extensions_is_an_error() {
+        let name = "vkEnumerateDeviceExtensionProperties";
+        let failed = list_devices_failing(name);
+        assert!(matches!(&failed, Err(Error::Vulkan { call, .. }) if call == name), "{failed:?}");
     }
 }

@@ -1,21 +1,13 @@
-//! Someone else's instance, device and queue: what an engine needs of them, whose turn it is at the queue, what to wait for there.
+//! Instance, device, queue, semaphores and command buffers of the embedding program.
 
 use std::fmt;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 
 use ash::vk;
 
-use super::device_requirements::DeviceRequirements;
-use super::optional_extensions::Liked;
-
-/// SharedQueue at a queue that others submit to as well; [`SharedQueue`](super::SharedQueue) where there is no such lock yet. Each [`lock`](Self::lock) is followed
-/// by one [`unlock`](Self::unlock), by the same thread, after a single submission.
-pub trait QueueLock: Send + Sync {
-    /// Waits until nobody else uses the queue, and keeps others from it.
-    fn lock(&self);
-    /// Lets others have it.
-    fn unlock(&self);
-}
+use super::device_requirements::{DeviceRequirements, OptionalExtensions};
+use super::memory::Buffer;
+use super::recording::Recording;
 
 /// A device that belongs to the embedding program, for [`Engine::from_vulkan`](crate::Engine::from_vulkan).
 #[derive(Clone)]
@@ -24,23 +16,25 @@ pub struct ExternalDevice {
     pub(super) physical: vk::PhysicalDevice,
     pub(super) device: ash::Device,
     pub(super) queue_family: u32,
-    /// Shared by all engines that are made of this.
+    /// Shared by all engines that are made from clones of this device.
     pub(super) queue: Arc<Mutex<vk::Queue>>,
-    pub(super) liked: Liked,
-    pub(super) lock: Option<Arc<dyn QueueLock>>,
+    pub(super) optional: OptionalExtensions,
+    pub(super) queue_lock: Option<Arc<dyn QueueLock>>,
 }
 
 impl ExternalDevice {
-    /// A device and a queue of it, of a family that computes.
+    /// Wraps a device and one of its queues, whose family supports compute. No optional extension is used.
     ///
     /// # Safety
-    /// - `physical` is of `instance`, `device` was made of `physical`, and `queue` is of `queue_family` of `device`.
-    /// - Instance and device were made for [`REQUIRED_VERSION`](super::REQUIRED_VERSION) or later, the device with what
-    ///   [`require`](super::require) or [`DeviceRequirements`] switches on.
-    /// - Until the last engine, solver and view made of this is gone, none of them is destroyed; and where a solve has timed out, not before the
-    ///   device is idle.
-    /// - Nobody else uses `queue` meanwhile, unless all do by the turns of [`ExternalDevice::locked_by`]. To wait for the device to be idle is to use all
-    ///   its queues. A queue that the device synchronises itself needs no turns, nor does one of several of a family that only the engine has.
+    /// - `physical` belongs to `instance`, `device` was created from `physical`, and `queue` is of the family
+    ///   `queue_family` of `device`.
+    /// - Instance and device were created for [`REQUIRED_VERSION`](super::REQUIRED_VERSION) or later, the device with
+    ///   the features of [`enable_required_features`](super::enable_required_features) or [`DeviceRequirements`].
+    /// - None of them is destroyed before the last engine, solver and solution made from this device is dropped; after
+    ///   a solve has timed out, not before the device is idle.
+    /// - No other code uses `queue` meanwhile, unless all code locks it ([`with_queue_lock`](Self::with_queue_lock)).
+    ///   `vkDeviceWaitIdle` uses all queues. A queue created with internal synchronization needs no lock, nor does a
+    ///   queue that only the engine uses.
     pub unsafe fn new(
         instance: ash::Instance,
         physical: vk::PhysicalDevice,
@@ -49,13 +43,15 @@ impl ExternalDevice {
         queue: vk::Queue,
     ) -> Self {
         let queue = Arc::new(Mutex::new(queue));
-        Self { instance, physical, device, queue_family, queue, liked: Liked::default(), lock: None }
+        let optional = OptionalExtensions::default();
+        Self { instance, physical, device, queue_family, queue, optional, queue_lock: None }
     }
 
-    /// The same of raw handles, from another language or another version of ash; `entry` is the `vkGetInstanceProcAddr` that `instance` came by.
+    /// Wraps raw handles, from another language or another version of ash. `entry` is the `vkGetInstanceProcAddr` from
+    /// which `instance` was created.
     ///
     /// # Safety
-    /// As of [`ExternalDevice::new`].
+    /// As for [`ExternalDevice::new`].
     pub unsafe fn from_handles(
         entry: vk::PFN_vkGetInstanceProcAddr,
         instance: vk::Instance,
@@ -64,7 +60,7 @@ impl ExternalDevice {
         queue_family: u32,
         queue: vk::Queue,
     ) -> Self {
-        // SAFETY: the handles are valid, and `entry` knows them.
+        // SAFETY: the caller guarantees valid handles, and that `entry` belongs to their loader.
         unsafe {
             let instance = ash::Instance::load(&ash::StaticFn { get_instance_proc_addr: entry }, instance);
             let device = ash::Device::load(instance.fp_v1_0(), device);
@@ -72,103 +68,73 @@ impl ExternalDevice {
         }
     }
 
-    /// The queue is shared: it is used by turns. Who has the turn solves nothing before giving it back: the engine would wait for it forever.
+    /// Sets the lock of a queue that the program uses as well. A thread that holds the lock must not start a solve: the
+    /// engine would wait for the lock forever.
     ///
     /// # Safety
-    /// Between `lock` and `unlock` nobody else uses the queue.
-    pub unsafe fn locked_by(self, lock: Arc<dyn QueueLock>) -> Self {
-        Self { lock: Some(lock), ..self }
+    /// No other code uses the queue between [`QueueLock::lock`] and [`QueueLock::unlock`].
+    pub unsafe fn with_queue_lock(self, lock: Arc<dyn QueueLock>) -> Self {
+        Self { queue_lock: Some(lock), ..self }
     }
 
-    /// The device has what was wanted, all of which may be used.
+    /// Enables the use of all optional extensions of `requirements`.
     ///
     /// # Safety
-    /// The device was made with the [extensions](DeviceRequirements::extensions) and as [`DeviceRequirements::switch_on`] says, on the same physical device.
-    pub unsafe fn made_with(self, wanted: &DeviceRequirements) -> Self {
-        Self { liked: wanted.liked(), ..self }
+    /// The device was created from the same physical device with [`DeviceRequirements::extensions`] and
+    /// [`DeviceRequirements::enable_features`].
+    pub unsafe fn with_requirements(self, requirements: &DeviceRequirements) -> Self {
+        Self { optional: requirements.optional(), ..self }
     }
 
-    /// Conditional rendering may be used.
+    /// Enables the use of conditional rendering.
     ///
     /// # Safety
-    /// The device was made with `VK_EXT_conditional_rendering` and its feature `conditionalRendering`.
+    /// The device was created with `VK_EXT_conditional_rendering` and its feature `conditionalRendering`.
     pub unsafe fn with_conditional_rendering(self) -> Self {
-        Self { liked: Liked { conditional: true, ..self.liked }, ..self }
+        Self { optional: OptionalExtensions { conditional_rendering: true, ..self.optional }, ..self }
     }
 
-    /// dma-bufs may be shared.
+    /// Enables the import of dma-bufs.
     ///
     /// # Safety
-    /// The device was made with the last three of [`OPTIONAL_EXTENSIONS`](super::OPTIONAL_EXTENSIONS).
+    /// The device was created with the last three of [`OPTIONAL_EXTENSIONS`](super::OPTIONAL_EXTENSIONS).
     pub unsafe fn with_dma_bufs(self) -> Self {
-        Self { liked: Liked { dma_buf: true, ..self.liked }, ..self }
+        Self { optional: OptionalExtensions { dma_buf: true, ..self.optional }, ..self }
     }
 
-    /// Memory of the host may be shared.
+    /// Enables the import of host memory.
     ///
     /// # Safety
-    /// The device was made with `VK_EXT_external_memory_host`.
+    /// The device was created with `VK_EXT_external_memory_host`.
     pub unsafe fn with_host_memory(self) -> Self {
-        Self { liked: Liked { host_memory: true, ..self.liked }, ..self }
+        Self { optional: OptionalExtensions { host_memory: true, ..self.optional }, ..self }
     }
 }
 
 impl fmt::Debug for ExternalDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { physical, queue_family, liked, .. } = self;
-        write!(f, "ExternalDevice {{ {physical:?}, family {queue_family}, {liked:?} }}")
+        let Self { physical, queue_family, optional, .. } = self;
+        write!(f, "ExternalDevice {{ {physical:?}, family {queue_family}, {optional:?} }}")
     }
 }
 
-/// What the device waits for before it reads a photograph.
-#[derive(Clone, Copy, Debug)]
-pub struct Wait {
-    pub(super) semaphore: vk::Semaphore,
-    pub(super) value: u64,
+/// The lock of a queue that the embedding program uses as well. [`SharedQueue`] is one for programs without their own.
+///
+/// The engine calls [`lock`](Self::lock) before each submission, and [`unlock`](Self::unlock) after it from the same
+/// thread.
+pub trait QueueLock: Send + Sync {
+    /// Blocks until no other thread uses the queue, and locks it.
+    fn lock(&self);
+    /// Unlocks the queue.
+    fn unlock(&self);
 }
 
-impl Wait {
-    /// For a timeline semaphore to reach a value; or for a binary one, of which the value says nothing.
-    ///
-    /// # Safety
-    /// The semaphore is of the engine's device, lives until the pair is solved, and if it is binary, its signal has been submitted.
-    pub unsafe fn new(semaphore: vk::Semaphore, value: u64) -> Self {
-        Self { semaphore, value }
-    }
-
-    pub(super) fn info(&self) -> vk::SemaphoreSubmitInfo<'static> {
-        vk::SemaphoreSubmitInfo::default()
-            .semaphore(self.semaphore)
-            .value(self.value)
-            .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
-    }
-}
-
-/// A command buffer of the embedding program's, into which a solve is [recorded](crate::PairSolver::encode).
-#[derive(Clone, Copy, Debug)]
-pub struct Commands(pub(super) vk::CommandBuffer);
-
-impl Commands {
-    /// Wraps a primary command buffer that is being recorded, outside of a render pass and of conditional rendering. Afterwards other
-    /// pipelines, descriptor sets and push constants are bound for compute. All of a solve is one submission: it must be short on
-    /// drivers that end submissions of some seconds.
-    ///
-    /// # Safety
-    /// - It belongs to the engine's device and queue family, and is used by one thread meanwhile.
-    /// - It is executed only while nothing else of the solver is, since all pairs of a solver share memory of the device.
-    /// - It is not pending while results of its [`Encoded`](crate::interop::Encoded) are borrowed or when that is dropped, and is not
-    ///   executed afterwards.
-    /// - If recording fails, it is reset.
-    pub unsafe fn new(commands: vk::CommandBuffer) -> Self {
-        Self(commands)
-    }
-}
-
-/// A turn at a queue, given back when it is dropped.
+/// Unlocks a queue when it is dropped.
 pub struct QueueGuard<'a>(Option<&'a dyn QueueLock>);
 
 impl<'a> QueueGuard<'a> {
-    pub(super) fn take(lock: Option<&'a dyn QueueLock>) -> Self {
+    /// Locks a queue. `None` locks nothing.
+    pub(super) fn new(lock: Option<&'a dyn QueueLock>) -> Self {
         if let Some(lock) = lock {
             lock.lock();
         }
@@ -184,34 +150,156 @@ impl Drop for QueueGuard<'_> {
     }
 }
 
+/// A mutex of a queue, for a program that has none. The program [acquires](Self::acquire) it for each use of the queue.
+#[derive(Default)]
+pub struct SharedQueue {
+    // Not a `Mutex<vk::Queue>`: its guard cannot be released by a separate call of `unlock`.
+    is_locked: Mutex<bool>,
+    unlocked: Condvar,
+}
+
+impl SharedQueue {
+    /// Blocks until no other thread uses the queue, and locks it until the guard is dropped.
+    #[must_use = "the queue is unlocked when the guard is dropped"]
+    pub fn acquire(&self) -> QueueGuard<'_> {
+        QueueGuard::new(Some(self))
+    }
+}
+
+impl QueueLock for SharedQueue {
+    fn lock(&self) {
+        let is_locked = self.is_locked.lock().unwrap_or_else(PoisonError::into_inner);
+        let unlocked = self.unlocked.wait_while(is_locked, |is_locked| *is_locked);
+        *unlocked.unwrap_or_else(PoisonError::into_inner) = true;
+    }
+
+    fn unlock(&self) {
+        *self.is_locked.lock().unwrap_or_else(PoisonError::into_inner) = false;
+        self.unlocked.notify_one();
+    }
+}
+
+/// A semaphore wait operation of the device before it reads a photograph.
+#[derive(Clone, Copy, Debug)]
+pub struct SemaphoreWait {
+    pub(super) semaphore: vk::Semaphore,
+    pub(super) value: u64,
+}
+
+impl SemaphoreWait {
+    /// Waits for a timeline semaphore to reach `value`, or for a binary semaphore, which ignores `value`.
+    ///
+    /// # Safety
+    /// The semaphore belongs to the engine's device and lives until the pair is solved. The signal operation of a
+    /// binary semaphore has been submitted.
+    pub unsafe fn new(semaphore: vk::Semaphore, value: u64) -> Self {
+        Self { semaphore, value }
+    }
+
+    pub(super) fn submit_info(&self) -> vk::SemaphoreSubmitInfo<'static> {
+        vk::SemaphoreSubmitInfo::default()
+            .semaphore(self.semaphore)
+            .value(self.value)
+            .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+    }
+}
+
+/// A command buffer of the embedding program into which a solve is [recorded](crate::PairSolver::encode).
+#[derive(Clone, Copy, Debug)]
+pub struct ExternalCommandBuffer(pub(super) vk::CommandBuffer);
+
+impl ExternalCommandBuffer {
+    /// Wraps a primary command buffer in the recording state, outside of a render pass and of conditional rendering.
+    ///
+    /// Recording changes the bound compute pipeline, descriptor sets and push constants. The solve is one submission: it
+    /// must be shorter than the time limit of the driver's watchdog.
+    ///
+    /// # Safety
+    /// - The command buffer belongs to the engine's device and queue family, and no other thread uses it meanwhile.
+    /// - It is executed only while no other solve of the solver is pending, since all pairs of a solver share memory.
+    /// - No execution is pending while a solution of its [`Encoded`](crate::interop::Encoded) is borrowed or when that is
+    ///   dropped. Afterwards it is not executed again.
+    /// - If recording fails, the command buffer is reset.
+    pub unsafe fn new(commands: vk::CommandBuffer) -> Self {
+        Self(commands)
+    }
+}
+
+/// The results of a pair in device memory ([`Pending::on_device`](crate::Pending::on_device)).
+///
+/// The buffer holds planes of f32, row-major and without padding: V, its standard deviation, the residual, and the
+/// channels of the fused image, with the units of a [`SolutionRef`](crate::SolutionRef).
+///
+/// A submission to a queue of the engine's family that waits for `semaphore` to reach `value` may read `buffer`, as a
+/// source of copies and as a storage buffer. It must complete before the [`Pending`](crate::Pending) is
+/// dropped, and so must a submission that waits for `inputs_read`.
+#[derive(Clone, Copy, Debug)]
+pub struct DeviceSolution {
+    /// A buffer of the engine's device, in host-visible memory that the host also reads.
+    pub buffer: vk::Buffer,
+    /// The size of the buffer, in bytes.
+    pub bytes: u64,
+    /// A timeline semaphore.
+    pub semaphore: vk::Semaphore,
+    /// The value of `semaphore` once the results are written.
+    pub value: u64,
+    /// The timeline semaphore and its value once the device has read all photographs, which may then be overwritten.
+    /// `None` if the host has copied them.
+    pub inputs_read: Option<(vk::Semaphore, u64)>,
+}
+
+/// The buffer that receives the results of an [encoded](crate::interop::Encoded) pair, in the planes of a [`DeviceSolution`].
+#[derive(Clone, Copy, Debug)]
+pub struct SolutionBuffer {
+    /// A buffer of the engine's device, in host-visible memory that the host also reads.
+    pub buffer: vk::Buffer,
+    /// The size of the buffer, in bytes.
+    pub bytes: u64,
+}
+
+impl SolutionBuffer {
+    pub(crate) fn new(buffer: &Buffer) -> Self {
+        Self { buffer: buffer.handle, bytes: buffer.size() }
+    }
+}
+
+impl DeviceSolution {
+    /// The solution that `solve` writes to a buffer, after `input_copies` has copied the photographs.
+    pub(crate) fn new(buffer: &Buffer, solve: &Recording, input_copies: Option<&Recording>) -> Self {
+        let (semaphore, value) = solve.completion();
+        let inputs_read = input_copies.map(Recording::completion);
+        Self { buffer: buffer.handle, bytes: buffer.size(), semaphore, value, inputs_read }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use super::*;
     use crate::base::{Error, Frame, Settings};
-    use crate::engine::vulkan::{Instance, OPTIONAL_EXTENSIONS, OnDevice, require};
+    use crate::engine::vulkan::{Instance, OPTIONAL_EXTENSIONS, enable_required_features};
     use crate::engine::{Engine, EngineOptions, testing};
     use crate::solve::{PairSolver, SolveOptions};
 
-    /// Counts turns, and sees that there is one at a time.
+    /// A lock that counts its calls and checks that they alternate.
     #[derive(Default)]
-    struct SharedQueue {
-        taken: AtomicUsize,
-        given_back: AtomicUsize,
+    struct CountingLock {
+        locked: AtomicUsize,
+        unlocked: AtomicUsize,
     }
 
-    impl QueueLock for SharedQueue {
+    impl QueueLock for CountingLock {
         fn lock(&self) {
-            assert_eq!(self.taken.fetch_add(1, Ordering::SeqCst), self.given_back.load(Ordering::SeqCst));
+            assert_eq!(self.locked.fetch_add(1, Ordering::SeqCst), self.unlocked.load(Ordering::SeqCst));
         }
 
         fn unlock(&self) {
-            self.given_back.fetch_add(1, Ordering::SeqCst);
+            self.unlocked.fetch_add(1, Ordering::SeqCst);
         }
     }
 
-    /// A program that has opened a device for itself.
+    /// An embedding program with its own device.
     struct Program {
         instance: Arc<Instance>,
         physical: vk::PhysicalDevice,
@@ -222,19 +310,19 @@ mod tests {
     }
 
     impl Program {
-        /// On the device that other tests take.
-        fn new(likes: bool) -> Self {
-            let wanted = crate::engine::open(&testing::options()).unwrap().info().uuid.clone();
+        /// Opens the device of the other tests, with conditional rendering if asked and available.
+        fn new(conditional_rendering: bool) -> Self {
+            let uuid = crate::engine::open(&testing::options()).unwrap().info().uuid.clone();
             let instance = Instance::new(testing::options().validation).unwrap();
-            let found = instance.physical_devices().unwrap().into_iter().find(|device| device.info.uuid == wanted);
-            let first = found.unwrap();
-            let family = first.queue_family;
-            let is_conditional = likes && first.liked.conditional;
+            let mut devices = instance.physical_devices().unwrap().into_iter();
+            let physical = devices.find(|device| device.info.uuid == uuid).unwrap();
+            let family = physical.queue_family;
+            let is_conditional = conditional_rendering && physical.optional.conditional_rendering;
             let extensions: Vec<_> =
                 OPTIONAL_EXTENSIONS[..1].iter().map(|name| name.as_ptr()).filter(|_| is_conditional).collect();
             let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&[1.0])];
             let (mut v12, mut v13) = Default::default();
-            require(&mut v12, &mut v13);
+            enable_required_features(&mut v12, &mut v13);
             let mut conditional =
                 vk::PhysicalDeviceConditionalRenderingFeaturesEXT::default().conditional_rendering(true);
             let mut create = vk::DeviceCreateInfo::default()
@@ -245,28 +333,28 @@ mod tests {
             if is_conditional {
                 create = create.push_next(&mut conditional);
             }
-            // SAFETY: the physical device is of this instance, and has what is asked for, or validation says so.
-            let device = unsafe { instance.handle.create_device(first.handle, &create, None) }.unwrap();
-            // SAFETY: one queue of the family was asked for.
+            // SAFETY: the physical device belongs to this instance and supports the extensions and features.
+            let device = unsafe { instance.handle.create_device(physical.handle, &create, None) }.unwrap();
+            // SAFETY: the device was created with one queue of the family.
             let queue = unsafe { device.get_device_queue(family, 0) };
-            Self { instance, physical: first.handle, device, family, queue, is_conditional }
+            Self { instance, physical: physical.handle, device, family, queue, is_conditional }
         }
 
-        fn foreign(&self, turns: &Arc<SharedQueue>) -> ExternalDevice {
+        fn external_device(&self, lock: &Arc<CountingLock>) -> ExternalDevice {
             let handle = self.instance.handle.clone();
-            // SAFETY: all are of this program, which outlives what is made of them; the queue is used by turns.
-            let foreign =
+            // SAFETY: the handles belong to this program, which outlives the engine; the queue is locked.
+            let external =
                 unsafe { ExternalDevice::new(handle, self.physical, self.device.clone(), self.family, self.queue) };
-            // SAFETY: nobody else uses the queue meanwhile.
-            let foreign = unsafe { foreign.locked_by(turns.clone()) };
-            // SAFETY: the device was made so.
-            if self.is_conditional { unsafe { foreign.with_conditional_rendering() } } else { foreign }
+            // SAFETY: no other code uses the queue while it is locked.
+            let external = unsafe { external.with_queue_lock(lock.clone()) };
+            // SAFETY: the device was created with the extension and its feature.
+            if self.is_conditional { unsafe { external.with_conditional_rendering() } } else { external }
         }
     }
 
     impl Drop for Program {
         fn drop(&mut self) {
-            // SAFETY: the engine is gone; the device is still good for something, and then no more.
+            // SAFETY: the engine is dropped, so that nothing uses the device, which must still be usable.
             unsafe {
                 self.device.queue_wait_idle(self.queue).unwrap();
                 let semaphore = self.device.create_semaphore(&vk::SemaphoreCreateInfo::default(), None).unwrap();
@@ -290,47 +378,48 @@ mod tests {
     }
 
     #[test]
-    fn a_device_of_the_callers_solves_alike_and_stays_theirs() {
+    fn an_external_device_gives_the_same_bits_and_is_not_destroyed() {
         let own = bits(&Engine::new(&testing::options()).unwrap());
-        for likes in [true, false] {
-            let (program, turns) = (Program::new(likes), Arc::new(SharedQueue::default()));
-            let engine = Engine::from_vulkan(program.foreign(&turns), &EngineOptions::default()).unwrap();
-            assert_eq!(engine.device().conditional.is_some(), program.is_conditional);
+        for conditional_rendering in [true, false] {
+            let (program, lock) = (Program::new(conditional_rendering), Arc::new(CountingLock::default()));
+            let engine = Engine::from_vulkan(program.external_device(&lock), &EngineOptions::default()).unwrap();
+            assert_eq!(engine.device().is_conditional(), program.is_conditional);
             assert_eq!(bits(&engine), own);
             drop(engine);
-            assert!(turns.taken.load(Ordering::SeqCst) > 0);
-            assert_eq!(turns.taken.load(Ordering::SeqCst), turns.given_back.load(Ordering::SeqCst));
+            assert!(lock.locked.load(Ordering::SeqCst) > 0);
+            assert_eq!(lock.locked.load(Ordering::SeqCst), lock.unlocked.load(Ordering::SeqCst));
         }
     }
 
     #[test]
-    fn handles_will_do() {
+    fn an_engine_is_made_from_raw_handles() {
         let program = Program::new(false);
-        // SAFETY: as the engine's own instance has loaded it.
+        // SAFETY: the engine's own instance has loaded the same library.
         let loader = unsafe { ash::Entry::load() }.unwrap();
         let (entry, instance) = (loader.static_fn().get_instance_proc_addr, program.instance.handle.handle());
         let (physical, device) = (program.physical, program.device.handle());
-        // SAFETY: all are of this program, which outlives the engine and does nothing else with the queue.
-        let foreign =
+        // SAFETY: the handles belong to this program, which outlives the engine and does not use the queue meanwhile.
+        let external =
             unsafe { ExternalDevice::from_handles(entry, instance, physical, device, program.family, program.queue) };
-        let engine = Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap();
+        let engine = Engine::from_vulkan(external, &EngineOptions::default()).unwrap();
         assert_eq!(bits(&engine), bits(&Engine::new(&testing::options()).unwrap()));
     }
 
     impl Program {
-        /// Copies what an engine leaves to memory of its own, when it is there.
-        fn copied(&self, found: &OnDevice) -> Vec<u32> {
-            let (device, size) = (&self.device, found.bytes);
+        /// Copies a solution to memory of the program, after waiting for its semaphore on the device.
+        fn copy_to_host(&self, solution: &DeviceSolution) -> Vec<u32> {
+            let (device, size) = (&self.device, solution.bytes);
             let create = vk::BufferCreateInfo::default().size(size).usage(vk::BufferUsageFlags::TRANSFER_DST);
-            // SAFETY: all is of this program's device; the copy waits for the results, and is waited for before anything goes.
+            // SAFETY: all handles belong to this program's device; the copy waits for the results, and completes before
+            // anything is destroyed.
             unsafe {
                 let own = device.create_buffer(&create, None).unwrap();
                 let needs = device.get_buffer_memory_requirements(own);
                 let memory = self.instance.handle.get_physical_device_memory_properties(self.physical);
-                let wanted = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
+                let properties = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
                 let fits = |n: &u32| {
                     needs.memory_type_bits >> n & 1 == 1
-                        && memory.memory_types[*n as usize].property_flags.contains(wanted)
+                        && memory.memory_types[*n as usize].property_flags.contains(properties)
                 };
                 let kind = (0..memory.memory_type_count).find(fits).unwrap();
                 let allocate = vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(kind);
@@ -341,7 +430,7 @@ mod tests {
                 let create = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
                 let commands = device.allocate_command_buffers(&create).unwrap()[0];
                 device.begin_command_buffer(commands, &vk::CommandBufferBeginInfo::default()).unwrap();
-                device.cmd_copy_buffer(commands, found.buffer, own, &[vk::BufferCopy::default().size(size)]);
+                device.cmd_copy_buffer(commands, solution.buffer, own, &[vk::BufferCopy::default().size(size)]);
                 let to_host = [vk::MemoryBarrier2::default()
                     .src_stage_mask(vk::PipelineStageFlags2::COPY)
                     .src_access_mask(vk::AccessFlags2::TRANSFER_WRITE)
@@ -351,8 +440,8 @@ mod tests {
                 device.cmd_pipeline_barrier2(commands, &to_host);
                 device.end_command_buffer(commands).unwrap();
                 let waits = [vk::SemaphoreSubmitInfo::default()
-                    .semaphore(found.semaphore)
-                    .value(found.value)
+                    .semaphore(solution.semaphore)
+                    .value(solution.value)
                     .stage_mask(vk::PipelineStageFlags2::COPY)];
                 let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
                 let submit = vk::SubmitInfo2::default().wait_semaphore_infos(&waits).command_buffer_infos(&buffers);
@@ -369,23 +458,40 @@ mod tests {
     }
 
     #[test]
-    fn results_are_read_where_the_device_leaves_them() {
-        let (program, turns) = (Program::new(true), Arc::new(SharedQueue::default()));
-        let engine = Engine::from_vulkan(program.foreign(&turns), &EngineOptions::default()).unwrap();
+    fn the_program_reads_results_in_device_memory() {
+        let (program, lock) = (Program::new(true), Arc::new(CountingLock::default()));
+        let engine = Engine::from_vulkan(program.external_device(&lock), &EngineOptions::default()).unwrap();
         let [i1, i2] = pair();
         let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
         let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default()).unwrap();
-        let found = program.copied(&pending.on_device());
-        let view = pending.wait().unwrap();
-        let planes = [view.relative_blur(), view.uncertainty(), view.residual(), view.fused(0).unwrap()].concat();
-        assert_eq!(found, planes.iter().map(|v| v.to_bits()).collect::<Vec<_>>());
+        let copied = program.copy_to_host(&pending.on_device());
+        let solution = pending.wait().unwrap();
+        let fused = solution.fused(0).unwrap();
+        let planes = [solution.relative_blur(), solution.uncertainty(), solution.residual(), fused].concat();
+        assert_eq!(copied, planes.iter().map(|v| v.to_bits()).collect::<Vec<_>>());
     }
 
     #[test]
-    fn a_family_that_there_is_not_is_refused() {
+    fn a_missing_queue_family_is_refused() {
         let program = Program::new(false);
-        let foreign = ExternalDevice { queue_family: 99, ..program.foreign(&Arc::default()) };
-        let refused = Engine::from_vulkan(foreign, &EngineOptions::default()).map(drop);
+        let external = ExternalDevice { queue_family: 99, ..program.external_device(&Arc::default()) };
+        let refused = Engine::from_vulkan(external, &EngineOptions::default()).map(drop);
         assert!(matches!(&refused, Err(Error::NoDevice(why)) if why.contains("family 99")), "{refused:?}");
+    }
+
+    #[test]
+    fn one_thread_at_a_time_holds_a_shared_queue() {
+        let (queue, holders) = (SharedQueue::default(), AtomicUsize::new(0));
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for _ in 0..500 {
+                        let _guard = queue.acquire();
+                        assert_eq!(holders.fetch_add(1, Ordering::SeqCst), 0);
+                        holders.fetch_sub(1, Ordering::SeqCst);
+                    }
+                });
+            }
+        });
     }
 }

@@ -1,4 +1,4 @@
-//! Buffers and images, each with a name and its own allocation.
+//! Buffers and images, each with a debug name and its own allocation.
 
 use std::mem::ManuallyDrop;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -8,11 +8,11 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
 
-use super::device::Device;
-use super::failure::failure;
+use super::device::{Device, MIB};
+use super::instance::vulkan_error;
 use crate::base::Error;
 
-/// What an image holds in a pixel.
+/// The format of an image's texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Texel {
     /// One 32-bit float.
@@ -29,7 +29,7 @@ impl Texel {
         }
     }
 
-    /// Floats a pixel.
+    /// Returns the number of floats per texel.
     #[cfg(test)]
     pub(crate) fn floats(self) -> usize {
         match self {
@@ -39,25 +39,26 @@ impl Texel {
     }
 }
 
-/// Every image is read and written by shaders and copied.
+/// The usage of every image: shaders read and write it, and copies read and write it.
 const IMAGE_USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
     vk::ImageUsageFlags::STORAGE.as_raw()
         | vk::ImageUsageFlags::TRANSFER_SRC.as_raw()
         | vk::ImageUsageFlags::TRANSFER_DST.as_raw(),
 );
 
-/// A storage buffer; one that the host sees is mapped for as long as it lives.
+/// A storage buffer. A host-visible one is mapped while it lives.
 pub(crate) struct Buffer {
     pub(super) handle: vk::Buffer,
     size: u64,
-    /// Whether it is lent to the host where it is, which then does not write it.
-    is_lent: bool,
-    filling: Mutex<()>,
+    /// Whether the host borrows the contents in place, so that it must not write them.
+    is_host_borrowed: bool,
+    /// Locked while the host writes.
+    host_write: Mutex<()>,
     allocation: ManuallyDrop<Allocation>,
     device: Arc<Device>,
 }
 
-/// An array of `layers` fields of `width` x `height` texels.
+/// A 2D array image of `layers` layers of `width` x `height` texels.
 pub(crate) struct Image {
     pub(super) handle: vk::Image,
     pub(super) view: vk::ImageView,
@@ -70,10 +71,10 @@ pub(crate) struct Image {
     device: Arc<Device>,
 }
 
-/// Bytes of the largest image of one float a texel, and the most layers.
+/// Returns the size in bytes of the largest image of one float per texel, and the largest number of layers.
 pub(crate) fn image_limits(device: &Device) -> Result<(u64, u32), Error> {
     // SAFETY: the physical device belongs to this instance.
-    let found = unsafe {
+    let limits = unsafe {
         device.instance.handle.get_physical_device_image_format_properties(
             device.physical.handle,
             Texel::One.format(),
@@ -83,51 +84,51 @@ pub(crate) fn image_limits(device: &Device) -> Result<(u64, u32), Error> {
             vk::ImageCreateFlags::empty(),
         )
     };
-    let found = device.check("vkGetPhysicalDeviceImageFormatProperties", found)?;
-    Ok((found.max_resource_size, found.max_array_layers))
+    let limits = device.check("vkGetPhysicalDeviceImageFormatProperties", limits)?;
+    Ok((limits.max_resource_size, limits.max_array_layers))
 }
 
-/// Of buffers by which a device leaves commands out.
-const CONDITION: vk::BufferUsageFlags = vk::BufferUsageFlags::CONDITIONAL_RENDERING_EXT;
-
 impl Buffer {
-    /// A buffer on the device alone.
-    pub(crate) fn on_device(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
+    /// Creates a device-local buffer.
+    pub(crate) fn device_local(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
         Self::new(device, name, size, MemoryLocation::GpuOnly)
     }
 
-    /// A mapped buffer that the host fills.
+    /// Creates a mapped buffer that the host writes.
     pub(crate) fn for_upload(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
         Self::new(device, name, size, MemoryLocation::CpuToGpu)
     }
 
-    /// A mapped buffer that the host reads.
+    /// Creates a mapped buffer that the host copies from.
     pub(crate) fn for_readback(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
         Self::new(device, name, size, MemoryLocation::GpuToCpu)
     }
 
-    /// A mapped buffer that the host reads where it is.
-    pub(crate) fn lent(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
-        let mut buffer = Self::of(device, name, size, MemoryLocation::GpuToCpu)?;
-        buffer.is_lent = true;
+    /// Creates a mapped buffer whose contents the host borrows in place.
+    pub(crate) fn for_borrowed_readback(device: &Arc<Device>, name: &str, size: u64) -> Result<Arc<Self>, Error> {
+        let mut buffer = Self::create(device, name, size, MemoryLocation::GpuToCpu)?;
+        buffer.is_host_borrowed = true;
         Ok(Arc::new(buffer))
     }
 
     fn new(device: &Arc<Device>, name: &str, size: u64, location: MemoryLocation) -> Result<Arc<Self>, Error> {
-        Self::of(device, name, size, location).map(Arc::new)
+        Self::create(device, name, size, location).map(Arc::new)
     }
 
-    fn of(device: &Arc<Device>, name: &str, size: u64, location: MemoryLocation) -> Result<Self, Error> {
-        // Shaders read whole words, so the last one must be there.
+    fn create(device: &Arc<Device>, name: &str, size: u64, location: MemoryLocation) -> Result<Self, Error> {
+        // Shaders read whole 32-bit words.
         let size = size.next_multiple_of(4).max(4);
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
             | vk::BufferUsageFlags::UNIFORM_BUFFER
             | vk::BufferUsageFlags::INDIRECT_BUFFER
             | vk::BufferUsageFlags::TRANSFER_SRC
             | vk::BufferUsageFlags::TRANSFER_DST
-            | device.conditional.as_ref().map_or(vk::BufferUsageFlags::empty(), |_| CONDITION);
+            | match device.is_conditional() {
+                true => vk::BufferUsageFlags::CONDITIONAL_RENDERING_EXT,
+                false => vk::BufferUsageFlags::empty(),
+            };
         let create = vk::BufferCreateInfo::default().size(size).usage(usage);
-        // SAFETY: the device is alive; the size is not zero.
+        // SAFETY: the size is not zero, and the usage flags of an extension are set only if the device has it.
         let handle = device.check("vkCreateBuffer", unsafe { device.handle.create_buffer(&create, None) })?;
         device.name(handle, name);
         // SAFETY: the buffer belongs to this device.
@@ -136,13 +137,13 @@ impl Buffer {
             // SAFETY: the buffer was never used.
             unsafe { device.handle.destroy_buffer(handle, None) };
         })?;
-        // SAFETY: memory and offset come from the allocator for these requirements, and nothing is bound yet.
+        // SAFETY: the allocator chose memory and offset for these requirements, and no memory is bound yet.
         let bound = unsafe { device.handle.bind_buffer_memory(handle, allocation.memory(), allocation.offset()) };
         let buffer = Self {
             handle,
             size,
-            is_lent: false,
-            filling: Mutex::new(()),
+            is_host_borrowed: false,
+            host_write: Mutex::new(()),
             allocation: ManuallyDrop::new(allocation),
             device: device.clone(),
         };
@@ -150,53 +151,54 @@ impl Buffer {
         Ok(buffer)
     }
 
-    /// Bytes.
+    /// Returns the size in bytes.
     pub(crate) fn size(&self) -> u64 {
         self.size
     }
 
-    /// Writes at the start of a mapped buffer.
+    /// Copies `bytes` to the start of a mapped buffer.
     pub(crate) fn write(&self, bytes: &[u8]) -> Result<(), Error> {
         assert!(bytes.len() as u64 <= self.size, "{} bytes for a buffer of {}", bytes.len(), self.size);
-        self.fill(&mut |mapped| mapped[..bytes.len()].copy_from_slice(bytes))
+        self.write_with(&mut |mapped| mapped[..bytes.len()].copy_from_slice(bytes))
     }
 
-    /// Has a mapped buffer written that the host fills.
-    pub(crate) fn fill(&self, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
-        assert!(!self.is_lent, "what is lent is not written");
+    /// Passes the contents of a mapped buffer to `write`.
+    pub(crate) fn write_with(&self, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
+        assert!(!self.is_host_borrowed, "the host writes a buffer that it borrows");
         let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
-        let _alone = self.filling.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: the mapping is as long as the buffer. What is lent is never filled, and one thread fills at a time;
-        // the device reads what a lane of a solver submitted, and that is waited for before the lane is filled again.
+        let _guard = self.host_write.lock().unwrap_or_else(PoisonError::into_inner);
+        // SAFETY: the mapping has the size of the buffer. The lock excludes other host writes, and borrowed buffers are
+        // refused above. A solver waits for the submissions that read the buffer before it writes again.
         let bytes = unsafe { std::slice::from_raw_parts_mut(mapped.as_ptr().cast::<u8>(), self.size as usize) };
         write(bytes);
         Ok(())
     }
 
-    /// Writes one word of a mapped buffer, at a byte offset, which the device may be reading: it sees this word or the one before.
-    pub(crate) fn signal(&self, offset: u64, word: u32) -> Result<(), Error> {
-        assert!(!self.is_lent && offset.is_multiple_of(4) && offset + 4 <= self.size, "a word of what the host writes");
+    /// Stores a 32-bit word at a byte offset of a mapped buffer, atomically. A pending shader that reads the word sees the
+    /// old value or the new one.
+    pub(crate) fn store_word(&self, offset: u64, word: u32) -> Result<(), Error> {
+        assert!(!self.is_host_borrowed && offset.is_multiple_of(4) && offset + 4 <= self.size, "no word at {offset}");
         let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
-        let _alone = self.filling.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: the word lies within the mapping and is aligned, since mappings are to more than a word; whoever fills it as bytes holds the
-        // lock, and the device takes either value.
-        let place = unsafe { AtomicU32::from_ptr(mapped.as_ptr().cast::<u8>().add(offset as usize).cast::<u32>()) };
-        place.store(word, Ordering::Release);
+        let _guard = self.host_write.lock().unwrap_or_else(PoisonError::into_inner);
+        // SAFETY: the word lies within the mapping and is aligned, since mappings are aligned to more than a word. Host
+        // writes hold the lock, and shaders accept either value.
+        let target = unsafe { AtomicU32::from_ptr(mapped.as_ptr().cast::<u8>().add(offset as usize).cast::<u32>()) };
+        target.store(word, Ordering::Release);
         Ok(())
     }
 
-    /// Reads one word of a mapped buffer, at a byte offset, which the device may be writing.
-    pub(crate) fn load(&self, offset: u64) -> Result<u32, Error> {
+    /// Reads a word of a mapped buffer at a byte offset, which the device may be writing.
+    pub(crate) fn load_word(&self, offset: u64) -> Result<u32, Error> {
         assert!(offset.is_multiple_of(4) && offset + 4 <= self.size, "a word of the buffer");
         let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
-        // SAFETY: the word lies within the mapping and is aligned, since mappings are to more than a word.
+        // SAFETY: the word is in the mapping and aligned, since mappings are aligned to more than a word.
         let word = unsafe { AtomicU32::from_ptr(mapped.as_ptr().cast::<u8>().add(offset as usize).cast::<u32>()) };
         Ok(word.load(Ordering::Acquire))
     }
 
-    /// A mapped buffer that the host reads, where it is.
-    pub(crate) fn floats(&self) -> Result<&[f32], Error> {
-        assert!(self.is_lent, "only what is for that is lent");
+    /// Borrows the contents of a mapped buffer.
+    pub(crate) fn mapped_floats(&self) -> Result<&[f32], Error> {
+        assert!(self.is_host_borrowed, "the buffer is not for borrowed readback");
         Ok(bytemuck::cast_slice(
             self.allocation
                 .mapped_slice()
@@ -205,19 +207,19 @@ impl Buffer {
         ))
     }
 
-    /// Copies `count` values out of a mapped buffer, from a byte offset.
+    /// Copies `count` values from a byte offset of a mapped buffer.
     pub(crate) fn read<T: bytemuck::Pod>(&self, offset: usize, count: usize) -> Result<Vec<T>, Error> {
         let bytes = self.allocation.mapped_slice().ok_or_else(|| self.not_mapped())?;
         Ok(bytemuck::pod_collect_to_vec(&bytes[offset..offset + count * size_of::<T>()]))
     }
 
     fn not_mapped(&self) -> Error {
-        failure("mapping a buffer", &self.device.info().name, vk::Result::ERROR_MEMORY_MAP_FAILED)
+        vulkan_error("mapping a buffer", &self.device.info().name, vk::Result::ERROR_MEMORY_MAP_FAILED)
     }
 }
 
 impl Image {
-    /// An image whose contents are undefined; [`super::Recorder::prepare`] must see it before any pass does.
+    /// Creates an image with undefined contents. [`Recorder::initialize`](super::Recorder::initialize) must precede its use.
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,
@@ -233,7 +235,7 @@ impl Image {
             .array_layers(layers)
             .samples(vk::SampleCountFlags::TYPE_1)
             .usage(IMAGE_USAGE);
-        // SAFETY: the device is alive; sizes were checked against its limits by the plan.
+        // SAFETY: the plan has checked the size against the limits of the device.
         let handle = device.check("vkCreateImage", unsafe { device.handle.create_image(&create, None) })?;
         device.name(handle, name);
         // SAFETY: the image belongs to this device.
@@ -242,7 +244,7 @@ impl Image {
             // SAFETY: the image was never used.
             unsafe { device.handle.destroy_image(handle, None) };
         })?;
-        // SAFETY: memory and offset come from the allocator for these requirements, and nothing is bound yet.
+        // SAFETY: the allocator chose memory and offset for these requirements, and no memory is bound yet.
         let bound = unsafe { device.handle.bind_image_memory(handle, allocation.memory(), allocation.offset()) };
         let mut image = Self {
             handle,
@@ -260,13 +262,14 @@ impl Image {
             .image(handle)
             .view_type(vk::ImageViewType::TYPE_2D_ARRAY)
             .format(texel.format())
-            .subresource_range(image.whole());
+            .subresource_range(image.all_layers());
         // SAFETY: the image is bound and belongs to this device.
         image.view = device.check("vkCreateImageView", unsafe { device.handle.create_image_view(&create, None) })?;
         Ok(Arc::new(image))
     }
 
-    pub(super) fn whole(&self) -> vk::ImageSubresourceRange {
+    /// Returns the subresource range of all layers.
+    pub(super) fn all_layers(&self) -> vk::ImageSubresourceRange {
         vk::ImageSubresourceRange {
             aspect_mask: vk::ImageAspectFlags::COLOR,
             base_mip_level: 0,
@@ -292,18 +295,18 @@ fn allocate(
         allocation_scheme: AllocationScheme::GpuAllocatorManaged,
     };
     device.allocator().allocate(&desc).map_err(|e| Error::Vulkan {
-        call: format!("allocating {:.1} MiB for {name}", requirements.size as f64 / super::MIB as f64),
+        call: format!("allocating {:.1} MiB for {name}", requirements.size as f64 / MIB as f64),
         device: device.info().name.clone(),
         result: e.to_string(),
         advice: "; use smaller images, or free memory on the device",
     })
 }
 
-/// Gives an allocation back.
-fn release(device: &Device, allocation: &mut ManuallyDrop<Allocation>) {
-    // SAFETY: called once, from the owner's drop, and the allocation is not touched again.
+/// Frees an allocation.
+fn free(device: &Device, allocation: &mut ManuallyDrop<Allocation>) {
+    // SAFETY: only the owner's `drop` calls this, once, and does not use the allocation again.
     let allocation = unsafe { ManuallyDrop::take(allocation) };
-    // The allocator refuses only an allocation that is not its own.
+    // Fails only for an allocation of another allocator.
     let _ = device.allocator().free(allocation);
 }
 
@@ -312,9 +315,9 @@ impl Drop for Buffer {
         if self.device.is_in_use() {
             return;
         }
-        // SAFETY: recordings keep what they use alive and are waited for, so the device no longer uses the buffer.
+        // SAFETY: recordings retain the buffers that they use and are complete, so that the device no longer uses this one.
         unsafe { self.device.handle.destroy_buffer(self.handle, None) };
-        release(&self.device, &mut self.allocation);
+        free(&self.device, &mut self.allocation);
     }
 }
 
@@ -323,11 +326,11 @@ impl Drop for Image {
         if self.device.is_in_use() {
             return;
         }
-        // SAFETY: as for `Buffer`; destroying a null view does nothing.
+        // SAFETY: recordings retain the images that they use and are complete; destroying a null view has no effect.
         unsafe {
             self.device.handle.destroy_image_view(self.view, None);
             self.device.handle.destroy_image(self.handle, None);
         }
-        release(&self.device, &mut self.allocation);
+        free(&self.device, &mut self.allocation);
     }
 }

@@ -1,44 +1,34 @@
-//! The Vulkan device behind an engine: the only unsafe code of the crate. It knows no image and no mathematics.
+//! The Vulkan device of an engine. All unsafe code of the crate is here; images have no meaning.
 
-mod cache;
-mod commands;
-mod descriptors;
 mod device;
 mod device_requirements;
-#[cfg(target_os = "linux")]
-pub(crate) mod dma_buf;
-mod failure;
+mod device_source;
+pub(crate) mod external_memory;
 #[cfg(test)]
 pub(crate) mod faults;
 mod instance;
 mod interop;
-#[cfg(target_os = "linux")]
-mod mapping;
 mod memory;
-mod on_device;
-mod optional_extensions;
 mod pipeline;
+mod pipeline_cache;
+mod recorder;
 mod recording;
-mod shared;
-mod shared_queue;
-mod source;
 mod timestamps;
 
-pub(crate) use commands::{Groups, Recorder};
-pub(crate) use descriptors::Resource;
 pub(crate) use device::{Device, MIB};
-pub use device_requirements::{DeviceRequirements, REQUIRED_VERSION, require};
+pub use device_requirements::{DeviceRequirements, OPTIONAL_EXTENSIONS, REQUIRED_VERSION, enable_required_features};
+pub use device_source::DeviceSource;
+pub(crate) use device_source::{SourceCopy, SourceLocation};
+pub use external_memory::{HostMemory, SharedMemory};
 pub(crate) use instance::Instance;
 #[cfg(test)]
-pub(crate) use instance::unconditional;
-pub use interop::{Commands, ExternalDevice, QueueGuard, QueueLock, Wait};
+pub(crate) use instance::no_conditional_rendering;
+pub use interop::{
+    DeviceSolution, ExternalCommandBuffer, ExternalDevice, QueueGuard, QueueLock, SemaphoreWait, SharedQueue,
+    SolutionBuffer,
+};
 pub(crate) use memory::{Buffer, Image, Texel, image_limits};
-pub use on_device::{OnDevice, ResultBuffer};
-pub use optional_extensions::OPTIONAL_EXTENSIONS;
-pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Stage, Variant};
+pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Resource, Stage, Variant};
+pub(crate) use recorder::{Recorder, Workgroups};
 pub(crate) use recording::Recording;
-pub use shared::{HostMemory, SharedMemory};
-pub use shared_queue::SharedQueue;
-pub use source::DeviceSource;
-pub(crate) use source::{Fetch, Place};
 pub(crate) use timestamps::Clock;

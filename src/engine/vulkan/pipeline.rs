@@ -1,17 +1,20 @@
-//! Compute pipelines.
+//! Compute pipelines, and the descriptor sets that bind their resources.
 
+use std::any::Any;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use ash::vk;
 
 use super::device::Device;
+use super::memory::{Buffer, Image};
 use crate::base::Error;
 use crate::engine::shaders::Shader;
 
-/// How a shader sees what it binds.
+/// The descriptor type of a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// An array image of one or four floats a texel.
+    /// A storage image, a 2D array of one or four floats per texel.
     Image,
     /// A storage buffer.
     Buffer,
@@ -19,31 +22,32 @@ pub(crate) enum Kind {
     Uniform,
 }
 
-/// What a shader does to what it binds.
+/// How a shader accesses a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Access {
     Read,
     Write,
+    /// Reads and writes.
     Update,
 }
 
-/// One thing that a shader binds.
+/// One binding of a shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Binding {
     pub(crate) kind: Kind,
     pub(crate) access: Access,
 }
 
-/// Specialization constants 2 to 5 of a stage, which compile variants of it.
+/// The specialization constants 2 to 5 of a stage, which select a variant of it.
 pub(crate) type Variant = [bool; 4];
 
-/// A shader, what it binds in order, and the bytes of its push constants.
+/// A shader with its bindings, in order, and the size of its push constants in bytes.
 #[derive(Debug)]
 pub(crate) struct Stage {
     pub(crate) shader: &'static Shader,
     pub(crate) bindings: &'static [Binding],
     pub(crate) constant_bytes: usize,
-    /// Workgroup width and height, specialization constants 0 and 1.
+    /// Width and height of a workgroup, the specialization constants 0 and 1.
     pub(crate) workgroup: [u32; 2],
 }
 
@@ -69,19 +73,19 @@ impl Kind {
 }
 
 impl Stage {
-    /// Workgroups that cover `width` x `height` invocations.
+    /// Returns the number of workgroups that cover `width` x `height` invocations.
     pub(crate) fn groups(&self, [width, height]: [u32; 2]) -> [u32; 3] {
         [width.div_ceil(self.workgroup[0]), height.div_ceil(self.workgroup[1]), 1]
     }
 }
 
 impl Pipeline {
-    /// Compiles a stage, through the device's cache.
+    /// Compiles a stage, with the device's pipeline cache.
     pub(crate) fn new(device: &Arc<Device>, stage: &Stage) -> Result<Self, Error> {
         Self::variant(device, stage, [false; 4])
     }
 
-    /// Compiles a stage with its specialization constants 2 to 5, all bool, as given.
+    /// Compiles a variant of a stage, with the device's pipeline cache.
     pub(crate) fn variant(device: &Arc<Device>, stage: &Stage, variant: Variant) -> Result<Self, Error> {
         let name = stage.shader.name;
         let mut pipeline = Self {
@@ -112,9 +116,9 @@ impl Pipeline {
             })
             .collect();
         let create = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
-        // SAFETY: the device is alive; `bindings` outlives the call.
-        let made = unsafe { device.handle.create_descriptor_set_layout(&create, None) };
-        self.set_layout = device.check("vkCreateDescriptorSetLayout", made)?;
+        // SAFETY: the bindings are valid and outlive the call.
+        let created = unsafe { device.handle.create_descriptor_set_layout(&create, None) };
+        self.set_layout = device.check("vkCreateDescriptorSetLayout", created)?;
         let set_layouts = [self.set_layout];
         let ranges = [vk::PushConstantRange {
             stage_flags: vk::ShaderStageFlags::COMPUTE,
@@ -125,9 +129,9 @@ impl Pipeline {
         if self.constant_bytes > 0 {
             create = create.push_constant_ranges(&ranges);
         }
-        // SAFETY: the set layout belongs to this device; the range is within the 128 bytes that every device has.
-        let made = unsafe { device.handle.create_pipeline_layout(&create, None) };
-        self.layout = device.check("vkCreatePipelineLayout", made)?;
+        // SAFETY: the set layout belongs to this device; the range is within the 128 bytes that every device supports.
+        let created = unsafe { device.handle.create_pipeline_layout(&create, None) };
+        self.layout = device.check("vkCreatePipelineLayout", created)?;
         Ok(())
     }
 
@@ -135,7 +139,7 @@ impl Pipeline {
         let device = &self.device;
         let spirv: Vec<u32> = bytemuck::pod_collect_to_vec(stage.shader.spirv);
         let create = vk::ShaderModuleCreateInfo::default().code(&spirv);
-        // SAFETY: the words are SPIR-V that shaderc made.
+        // SAFETY: the words are SPIR-V from shaderc.
         let module = unsafe { device.handle.create_shader_module(&create, None) };
         let module = device.check("vkCreateShaderModule", module)?;
         let entries =
@@ -150,12 +154,12 @@ impl Pipeline {
             .name(c"main")
             .specialization_info(&specialization);
         let create = [vk::ComputePipelineCreateInfo::default().stage(shader).layout(self.layout)];
-        // SAFETY: module, layout and cache belong to this device; everything pointed to outlives the call.
-        let made = unsafe { device.handle.create_compute_pipelines(device.pipeline_cache, &create, None) };
-        // SAFETY: a pipeline no longer needs its module once it is made.
+        // SAFETY: module, layout and cache belong to this device; the referenced structures outlive the call.
+        let created = unsafe { device.handle.create_compute_pipelines(device.pipeline_cache, &create, None) };
+        // SAFETY: a pipeline does not need its module after its creation.
         unsafe { device.handle.destroy_shader_module(module, None) };
-        let made = made.map_err(|(_, result)| result);
-        self.handle = device.check(&format!("compiling {}", self.name), made)?[0];
+        let created = created.map_err(|(_, result)| result);
+        self.handle = device.check(&format!("compiling {}", self.name), created)?[0];
         Ok(())
     }
 }
@@ -165,11 +169,134 @@ impl Drop for Pipeline {
         if self.device.is_in_use() {
             return;
         }
-        // SAFETY: recordings that use the pipeline were waited for; destroying a null handle does nothing.
+        // SAFETY: the recordings that use the pipeline are complete; destroying a null handle has no effect.
         unsafe {
             self.device.handle.destroy_pipeline(self.handle, None);
             self.device.handle.destroy_pipeline_layout(self.layout, None);
             self.device.handle.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}
+
+/// A resource of a dispatch, in the order of the stage's bindings.
+#[derive(Clone, Copy)]
+pub(crate) enum Resource<'a> {
+    Image(&'a Arc<Image>),
+    Buffer(&'a Arc<Buffer>),
+    Uniform(&'a Arc<Buffer>),
+}
+
+/// The number of descriptor sets per pool.
+const SETS_PER_POOL: u32 = 128;
+
+/// The descriptor sets of a recording, each created once, and the resources that they retain.
+pub(super) struct DescriptorSets {
+    device: Arc<Device>,
+    pools: Vec<vk::DescriptorPool>,
+    /// The number of sets that the last pool can still allocate.
+    free_sets: u32,
+    sets: HashMap<(vk::Pipeline, Vec<u64>), vk::DescriptorSet>,
+    retained: Vec<Arc<dyn Any + Send + Sync>>,
+}
+
+impl DescriptorSets {
+    pub(super) fn new(device: &Arc<Device>) -> Self {
+        Self { device: device.clone(), pools: Vec::new(), free_sets: 0, sets: HashMap::new(), retained: Vec::new() }
+    }
+
+    /// Returns the set that binds the resources of a pipeline.
+    pub(super) fn get(
+        &mut self,
+        pipeline: &Arc<Pipeline>,
+        resources: &[Resource<'_>],
+    ) -> Result<vk::DescriptorSet, Error> {
+        let kinds: Vec<_> = resources.iter().map(|r| r.kind()).collect();
+        let expected: Vec<_> = pipeline.bindings.iter().map(|b| b.kind).collect();
+        assert_eq!(kinds, expected, "resources of {}", pipeline.name);
+        let key = (pipeline.handle, resources.iter().map(|r| r.id()).collect::<Vec<_>>());
+        if let Some(&set) = self.sets.get(&key) {
+            return Ok(set);
+        }
+        let set = self.allocate(pipeline)?;
+        for (index, resource) in (0..).zip(resources) {
+            self.write(set, index, *resource);
+        }
+        self.retained.push(pipeline.clone());
+        self.sets.insert(key, set);
+        Ok(set)
+    }
+
+    fn allocate(&mut self, pipeline: &Pipeline) -> Result<vk::DescriptorSet, Error> {
+        if self.free_sets == 0 {
+            // No stage has more than twelve bindings of a kind.
+            let sizes = [Kind::Image, Kind::Buffer, Kind::Uniform].map(|kind| vk::DescriptorPoolSize {
+                ty: kind.descriptor_type(),
+                descriptor_count: 12 * SETS_PER_POOL,
+            });
+            let create = vk::DescriptorPoolCreateInfo::default().max_sets(SETS_PER_POOL).pool_sizes(&sizes);
+            // SAFETY: the sizes are not zero and outlive the call.
+            let pool = unsafe { self.device.handle.create_descriptor_pool(&create, None) };
+            self.pools.push(self.device.check("vkCreateDescriptorPool", pool)?);
+            self.free_sets = SETS_PER_POOL;
+        }
+        self.free_sets -= 1;
+        let layouts = [pipeline.set_layout];
+        let pool = self.pools.last().copied().unwrap_or_default();
+        let create = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool).set_layouts(&layouts);
+        // SAFETY: the pool can allocate another set, and only this recording uses it.
+        let sets = unsafe { self.device.handle.allocate_descriptor_sets(&create) };
+        Ok(self.device.check("vkAllocateDescriptorSets", sets)?[0])
+    }
+
+    fn write(&mut self, set: vk::DescriptorSet, index: u32, resource: Resource<'_>) {
+        let write = vk::WriteDescriptorSet::default()
+            .dst_set(set)
+            .dst_binding(index)
+            .descriptor_type(resource.kind().descriptor_type());
+        match resource {
+            Resource::Image(image) => {
+                let info =
+                    [vk::DescriptorImageInfo::default().image_view(image.view).image_layout(vk::ImageLayout::GENERAL)];
+                // SAFETY: the set is new, so that no submission uses it; the view is retained.
+                unsafe { self.device.handle.update_descriptor_sets(&[write.image_info(&info)], &[]) };
+                self.retained.push(image.clone());
+            }
+            Resource::Buffer(buffer) | Resource::Uniform(buffer) => {
+                let info = [vk::DescriptorBufferInfo { buffer: buffer.handle, offset: 0, range: vk::WHOLE_SIZE }];
+                // SAFETY: the set is new, so that no submission uses it; the buffer is retained.
+                unsafe { self.device.handle.update_descriptor_sets(&[write.buffer_info(&info)], &[]) };
+                self.retained.push(buffer.clone());
+            }
+        }
+    }
+}
+
+impl Drop for DescriptorSets {
+    fn drop(&mut self) {
+        if self.device.is_in_use() {
+            return;
+        }
+        for &pool in &self.pools {
+            // SAFETY: the recording of the sets is complete, or was never submitted.
+            unsafe { self.device.handle.destroy_descriptor_pool(pool, None) };
+        }
+    }
+}
+
+impl Resource<'_> {
+    fn kind(&self) -> Kind {
+        match self {
+            Resource::Image(_) => Kind::Image,
+            Resource::Buffer(_) => Kind::Buffer,
+            Resource::Uniform(_) => Kind::Uniform,
+        }
+    }
+
+    fn id(&self) -> u64 {
+        use ash::vk::Handle;
+        match self {
+            Resource::Image(image) => image.handle.as_raw(),
+            Resource::Buffer(buffer) | Resource::Uniform(buffer) => buffer.handle.as_raw(),
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::engine::Engine;
 use crate::engine::stages::NO_VARIANT;
 use crate::engine::stages::copy::{self, Constants};
 use crate::engine::stages::pass::Pass;
-use crate::engine::vulkan::{Clock, Groups, Image, Pipeline, Recorder, Resource, Texel};
+use crate::engine::vulkan::{Clock, Image, Pipeline, Recorder, Resource, Texel, Workgroups};
 
 /// Width and height, pixels: as wide as every Vulkan device takes, and 64 MiB an image, more than most caches hold of two.
 const SIZE: [u32; 2] = [4096, 4096];
@@ -25,13 +25,13 @@ pub(super) fn bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
     let copy = |recorder: &mut Recorder| {
         let resources = [Resource::Image(&from), Resource::Image(&to)];
         recorder.barrier();
-        let groups = Groups::Direct(copy::STAGE.groups(SIZE));
-        recorder.pass(&pipeline, &resources, bytemuck::bytes_of(&constants), groups)
+        let groups = Workgroups::Direct(copy::STAGE.groups(SIZE));
+        recorder.dispatch(&pipeline, &resources, bytemuck::bytes_of(&constants), groups)
     };
     // The first copy brings the pages in.
     let mut first = Recorder::new(device, Clock::Never)?;
-    first.prepare(&[&from, &to]);
-    first.clear(&from);
+    first.initialize(&[&from, &to]);
+    first.clear_image(&from);
     copy(&mut first)?;
     first.finish()?.run()?;
     let mut recorder = Recorder::new(device, Clock::Dispatches(COPIES))?;

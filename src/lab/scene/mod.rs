@@ -48,15 +48,13 @@ mod waves;
 
 use serde::{Deserialize, Serialize};
 
-pub use files::{Truth, simulated_files, write_simulated};
+pub use files::{FrameTruth, Truth, simulated_files, write_simulated};
 pub use kernel::Kernel;
 pub use layers::Arrangement;
 pub use presets::Preset;
 pub use radiance::Radiance;
 pub use shape::Shape;
-pub use sweep::{
-    FrameTruth, Shot, SimulatedSweep, SweepScene, SweepTruth, simulated_sweep_files, write_simulated_sweep,
-};
+pub use sweep::{Shot, SimulatedSweep, SweepScene, SweepTruth, simulated_sweep_files, write_simulated_sweep};
 
 use self::kernel::Rules;
 use self::layers::Layer;

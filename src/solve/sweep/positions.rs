@@ -1,6 +1,5 @@
 //! The focus settings of the frames of a sweep, and depth in mm from them.
 
-use super::Sweep;
 use crate::base::Error;
 
 /// The focus setting of each frame, ascending or descending.
@@ -138,20 +137,21 @@ pub struct SweepDepth {
     pub out_of_range: usize,
 }
 
-impl Sweep {
-    /// Depth if the frames are focused at these positions; `None` if they are not in mm.
+impl Positions {
+    /// Depth of a sweep that was solved with the focus settings `solved`, if its frames are focused at these positions;
+    /// `None` if they are not in mm.
     ///
-    /// A setting between two frames is interpolated linearly between the new settings of both: 1/mm for distances, mm
-    /// for a stage. Beyond the ends it is extrapolated.
+    /// Between two frames settings are interpolated linearly, in 1/mm for distances or mm for a stage. Beyond the ends
+    /// they are extrapolated.
     ///
     /// # Errors
     /// Those of [`Positions::check`].
-    pub fn depth_by(&self, stated: &Positions) -> Result<Option<SweepDepth>, Error> {
-        stated.check(self.positions.len())?;
-        let map = PiecewiseLinear { from: &self.positions, to: &stated.settings(self.positions.len()) };
+    pub fn depth_of(&self, solved: &[f64], focus: &[f32], uncertainty: &[f32]) -> Result<Option<SweepDepth>, Error> {
+        self.check(solved.len())?;
+        let map = PiecewiseLinear { from: solved, to: &self.settings(solved.len()) };
         let (focus, uncertainty): (Vec<f32>, Vec<f32>) =
-            self.focus.iter().zip(&self.uncertainty).map(|(&u, &sigma)| map.apply(u, sigma)).unzip();
-        Ok(stated.depth(&focus, &uncertainty))
+            focus.iter().zip(uncertainty).map(|(&u, &sigma)| map.apply(u, sigma)).unzip();
+        Ok(self.depth(&focus, &uncertainty))
     }
 }
 

@@ -1,6 +1,6 @@
 //! An image of the renderer's own, into which V is drawn.
 
-use parfocal::interop::OnDevice;
+use parfocal::interop::DeviceSolution;
 use parfocal::interop::ash::vk;
 
 use crate::gpu::Gpu;
@@ -69,7 +69,7 @@ impl<'a> Canvas<'a> {
     ///
     /// # Safety
     /// What was drawn before was [read](Self::read), and what is drawn now is before the pair is dropped.
-    pub unsafe fn draw(&mut self, results: &OnDevice, range: f32) -> Result<(), vk::Result> {
+    pub unsafe fn draw(&mut self, results: &DeviceSolution, range: f32) -> Result<(), vk::Result> {
         let Gpu { device, queue, turns, .. } = self.gpu;
         // SAFETY: the results are of this device, and nothing of this is under way, by the caller.
         unsafe {
@@ -83,7 +83,7 @@ impl<'a> Canvas<'a> {
             .stage_mask(vk::PipelineStageFlags2::FRAGMENT_SHADER)];
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
         let submit = vk::SubmitInfo2::default().wait_semaphore_infos(&waits).command_buffer_infos(&commands);
-        let _turn = turns.turn();
+        let _turn = turns.acquire();
         // SAFETY: it is this one's turn at the queue; what the commands use stays until the fence says that they are done.
         unsafe { device.queue_submit2(*queue, &[submit], self.fence) }
     }
@@ -201,7 +201,7 @@ impl Drop for Canvas<'_> {
         let Gpu { device, queue, turns, .. } = self.gpu;
         // SAFETY: it is this one's turn at the queue; then nothing of this is under way.
         unsafe {
-            let turn = turns.turn();
+            let turn = turns.acquire();
             let _ = device.queue_wait_idle(*queue);
             drop(turn);
             self.pipeline.destroy(device);
@@ -265,7 +265,7 @@ mod tests {
         // SAFETY: all is of this device; the semaphore goes when what waits for it is done.
         unsafe {
             let semaphore = gpu.device.create_semaphore(&create, None).unwrap();
-            let held = OnDevice { semaphore, value: 1, ..pending.on_device() };
+            let held = DeviceSolution { semaphore, value: 1, ..pending.on_device() };
             canvas.draw(&held, RANGE).unwrap();
             std::thread::sleep(Duration::from_millis(100));
             let early = gpu.device.get_fence_status(canvas.fence).unwrap();

@@ -35,7 +35,7 @@ impl Gpu {
         let messages = validate.then(|| Messages::of(&entry, &instance)).transpose()?;
         let (physical, family) = choose(&instance)?.ok_or("no device of Vulkan 1.3 that draws and computes")?;
         // SAFETY: the device is of this instance, which is for Vulkan 1.3.
-        let mut wanted = unsafe { DeviceRequirements::of(&instance, physical) };
+        let mut wanted = unsafe { DeviceRequirements::for_device(&instance, physical) }?;
         let device = device(&instance, physical, family, &mut wanted)?;
         // SAFETY: the device was made with one queue of the family.
         let queue = unsafe { device.get_device_queue(family, 0) };
@@ -51,8 +51,8 @@ impl Gpu {
         // SAFETY: all are of this, which outlives the engine, by the caller; whoever uses the queue takes a turn.
         unsafe {
             ExternalDevice::new(self.instance.clone(), self.physical, self.device.clone(), self.family, self.queue)
-                .locked_by(self.turns.clone())
-                .made_with(&self.wanted)
+                .with_queue_lock(self.turns.clone())
+                .with_requirements(&self.wanted)
         }
     }
 }
@@ -112,7 +112,7 @@ fn device(
     let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&extensions);
     // SAFETY: what is chained is here; every device of Vulkan 1.3 has these features.
     unsafe {
-        let create = wanted.switch_on(create.push_next(&mut own));
+        let create = wanted.enable_features(create.push_next(&mut own));
         instance.create_device(physical, &create, None)
     }
 }

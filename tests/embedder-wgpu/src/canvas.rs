@@ -3,7 +3,7 @@
 use std::error::Error;
 
 use parfocal::interop::ash::vk;
-use parfocal::interop::{OnDevice, SharedQueue};
+use parfocal::interop::{DeviceSolution, SharedQueue};
 use wgpu::hal::{api::Vulkan, vulkan};
 
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
@@ -52,7 +52,7 @@ impl<'a> Canvas<'a> {
     ///
     /// # Safety
     /// What is drawn is [read](Self::read) before the slot takes another pair.
-    pub unsafe fn draw(&self, results: &OnDevice) -> Result<(), Box<dyn Error>> {
+    pub unsafe fn draw(&self, results: &DeviceSolution) -> Result<(), Box<dyn Error>> {
         // SAFETY: the buffer is of this device, stays until the solver goes, and is nobody's to destroy here.
         let v = unsafe {
             let raw = vulkan::Buffer::from_raw_externally_owned(results.buffer, Box::new(|| ()));
@@ -62,7 +62,7 @@ impl<'a> Canvas<'a> {
             self.device.create_buffer_from_hal::<Vulkan>(raw, &described)
         };
         let commands = self.commands(&v);
-        let _turn = self.turns.turn();
+        let _turn = self.turns.acquire();
         // SAFETY: the semaphore is of this device. Nobody else submits in between: the next submission is the one below.
         unsafe {
             let queue = self.queue.as_hal::<Vulkan>().ok_or("wgpu is not on Vulkan")?;

@@ -74,7 +74,7 @@ fn beside<T>(device: &wgpu::Device, queue: &wgpu::Queue, turns: &SharedQueue, of
             while ended.recv_timeout(Duration::from_millis(1)) == Err(mpsc::RecvTimeoutError::Timeout) {
                 let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
                 encoder.clear_buffer(&buffer, 0, None);
-                let _turn = turns.turn();
+                let _turn = turns.acquire();
                 queue.submit([encoder.finish()]);
             }
         });
@@ -84,7 +84,7 @@ fn beside<T>(device: &wgpu::Device, queue: &wgpu::Queue, turns: &SharedQueue, of
 
 #[cfg(test)]
 mod tests {
-    use parfocal::interop::OnDevice;
+    use parfocal::interop::DeviceSolution;
     use parfocal::interop::ash::vk;
     use wgpu::hal::api::Vulkan;
 
@@ -108,7 +108,7 @@ mod tests {
         unsafe {
             let raw = device.as_hal::<Vulkan>().unwrap().raw_device().clone();
             let semaphore = raw.create_semaphore(&create, None).unwrap();
-            canvas.draw(&OnDevice { semaphore, value: 1, ..pending.on_device() }).unwrap();
+            canvas.draw(&DeviceSolution { semaphore, value: 1, ..pending.on_device() }).unwrap();
             let limit = wgpu::PollType::Wait { submission_index: None, timeout: Some(Duration::from_millis(100)) };
             let early = device.poll(limit);
             raw.signal_semaphore(&vk::SemaphoreSignalInfo::default().semaphore(semaphore).value(1)).unwrap();

@@ -26,7 +26,7 @@ pub unsafe fn open(
     let hal = unsafe { adapter.as_hal::<Vulkan>() }.ok_or("wgpu is not on Vulkan")?;
     let (instance, physical) = (hal.shared_instance().raw_instance(), hal.raw_physical_device());
     // SAFETY: wgpu makes its instance for Vulkan 1.3, where the loader has that.
-    let mut wanted = unsafe { DeviceRequirements::of(instance, physical) };
+    let mut wanted = unsafe { DeviceRequirements::for_device(instance, physical) }?;
     let mut extensions = hal.required_device_extensions(wants.required_features);
     extensions.extend(wanted.extensions());
     let names: Vec<_> = extensions.iter().map(|name| name.as_ptr()).collect();
@@ -36,14 +36,14 @@ pub unsafe fn open(
     // SAFETY: wgpu's features are here, in a chain that is valid; the device is made as wgpu would, with what is wanted besides, and
     // becomes wgpu's.
     unsafe {
-        let create = wanted.switch_on(features.add_to_device_create(create));
+        let create = wanted.enable_features(features.add_to_device_create(create));
         let raw = instance.create_device(physical, &create, None)?;
         let (limits, hints) = (&wants.required_limits, &wants.memory_hints);
         let of_hal =
             hal.device_from_raw(raw.clone(), None, &extensions, wants.required_features, limits, hints, FAMILY, 0)?;
         let foreign = ExternalDevice::new(instance.clone(), physical, raw, FAMILY, of_hal.queue.as_raw())
-            .locked_by(turns.clone())
-            .made_with(&wanted);
+            .with_queue_lock(turns.clone())
+            .with_requirements(&wanted);
         let (device, queue) = adapter.create_device_from_hal::<Vulkan>(of_hal, &wants)?;
         Ok((device, queue, foreign))
     }
