@@ -8,8 +8,8 @@ use parfocal::export::{FileKind, Registration};
 use parfocal::internals::bench::{self, Input, Options, Report};
 use parfocal::{Settings, image_io, settings::Method};
 
-use crate::cli::options::engine::EngineArguments;
-use crate::cli::options::output_options::QuietArgument;
+use crate::cli::options::device::EngineArguments;
+use crate::cli::options::output::QuietArgument;
 use crate::cli::options::settings::{KernelChoice, TableArguments};
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::{Failure, print};
@@ -51,9 +51,6 @@ pub(crate) struct Arguments {
     /// Print the report as JSON
     #[arg(long)]
     json: bool,
-    /// Print a line of CSV for each run
-    #[arg(long, conflicts_with = "json")]
-    csv: bool,
     /// File for the report, JSON that --against and --compare read
     #[arg(short, long, value_name = "FILE.json")]
     output: Option<PathBuf>,
@@ -111,7 +108,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     check_outputs(arguments)?;
     let options = options(arguments)?;
     let (engine, engine_ms) = bench::open(&arguments.engine.options())?;
-    let measured = bench::run(&engine, engine_ms, &options, &mut |line| arguments.quiet.say(line))?;
+    let measured = bench::run(&engine, engine_ms, &options, &mut |line| arguments.quiet.print_line(line))?;
     crate::cli::check_validation(&engine)?;
     let report = &measured.report;
     if let Some(file) = &arguments.output {
@@ -171,18 +168,15 @@ fn check_outputs(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Prints the report on stdout, then the ratios: on stderr if the report is JSON or CSV.
+/// Prints the report on stdout, then the ratios: on stderr if the report is JSON.
 fn print_report(report: &Report, base: Option<&Report>, arguments: &Arguments) -> Result<(), Failure> {
-    let is_data = arguments.json || arguments.csv;
     if arguments.json {
         print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
-    } else if arguments.csv {
-        print(&report.csv())?;
     } else {
         print(&report.table())?;
     }
     match base.map(|base| bench::compare(base, report)) {
-        Some(ratios) if is_data => drop(writeln!(io::stderr(), "{ratios}")),
+        Some(ratios) if arguments.json => drop(writeln!(io::stderr(), "{ratios}")),
         Some(ratios) => print(&format!("\n{ratios}"))?,
         None => {}
     }
