@@ -1,4 +1,4 @@
-// A pair, its registration, many pairs one after the other and a focus sweep, from C++.
+// Solves and registers a pair, and solves a stream of pairs and a focus sweep, from C++.
 #include <cmath>
 #include <cstdlib>
 #include <iostream>
@@ -34,29 +34,29 @@ int main() try {
   std::cout << "depth in the middle " << depth[middle] << " mm\n";
   const auto step = parfocal::step(depth.data(), PAIR_SIZE, PAIR_SIZE, {20, 30, 20, 30}, {56, 30, 20, 30});
   std::cout << "the right is farther by " << step.value << " +- " << step.standard_error << " mm, along a line of "
-            << parfocal::profile(depth.data(), PAIR_SIZE, PAIR_SIZE, 20, 48, 76, 48, 5).size() << " places\n";
+            << parfocal::profile(depth.data(), PAIR_SIZE, PAIR_SIZE, 20, 48, 76, 48, 5).size() << " values\n";
 
-  parfocal::Scope scope;
-  scope.region = {32, 40, 24, 16};
-  const auto part = solver.solve(image(near), image(far), scope);
+  parfocal::SolveOptions options;
+  options.region = {32, 40, 24, 16};
+  const auto part = solver.solve(image(near), image(far), options);
   std::cout << "a part of " << part->width << 'x' << part->height << " px from " << part->origin[0] << ", " << part->origin[1] << '\n';
 
-  // What is called off ends soon, and the solver is good for the next pair.
-  const parfocal::Cancel cancel;
-  parfocal::Scope called_off;
-  called_off.cancel = cancel.get();
-  called_off.context = const_cast<parfocal::Cancel *>(&cancel);
-  called_off.progress = [](void *context, double) {
-    static_cast<const parfocal::Cancel *>(context)->now();
+  // A cancelled solve ends soon, and the solver stays usable.
+  const parfocal::CancellationToken cancel;
+  parfocal::SolveOptions cancelled;
+  cancelled.cancel = cancel.get();
+  cancelled.context = const_cast<parfocal::CancellationToken *>(&cancel);
+  cancelled.progress = [](void *context, double) {
+    static_cast<const parfocal::CancellationToken *>(context)->cancel();
     return std::int32_t{0};
   };
   try {
-    solver.solve(image(near), image(far), called_off);
+    solver.solve(image(near), image(far), cancelled);
   } catch (const parfocal::Error &error) {
-    std::cout << error.what() << (error.status() == PARFOCAL_CANCELLED ? "\n" : ", and not by this program\n");
+    std::cout << error.what() << (error.status() == PARFOCAL_ERROR_CANCELLED ? "\n" : ", which this program did not expect\n");
   }
 
-  // As a camera packs them: here two pixels in three bytes.
+  // Camera frames, here with two pixels in three bytes.
   std::vector<std::uint8_t> packed[2];
   const auto sample = [](float value) { return static_cast<unsigned>((0.5 + 0.4 * (value - 0.5)) * 4095 + 0.5); };
   for (int n = 0; n < 2; n++) {
@@ -66,33 +66,33 @@ int main() try {
       for (const auto byte : {a & 255, a >> 8 | (b & 15) << 4, b >> 4}) packed[n].push_back(static_cast<std::uint8_t>(byte));
     }
   }
-  const auto of_camera = solver.solve(parfocal::Image::packed(packed[0].data(), "Mono12p", PAIR_SIZE, PAIR_SIZE),
+  const auto from_camera = solver.solve(parfocal::Image::packed(packed[0].data(), "Mono12p", PAIR_SIZE, PAIR_SIZE),
                                       parfocal::Image::packed(packed[1].data(), "Mono12p", PAIR_SIZE, PAIR_SIZE));
-  std::cout << "of 12 bits, V in the middle " << of_camera->relative_blur[middle] << " px²\n";
+  std::cout << "from 12 bits, V in the middle " << from_camera->relative_blur[middle] << " px²\n";
 
   const auto registered = solver.register_pair(image(near), image(far));
   std::cout << "T " << registered->transform[2] << ' ' << registered->transform[5] << " px\n";
   const auto moved = registered.apply<float>(image(far));
   std::cout << "I2 on I1 in the middle " << moved[middle] << ", I1 " << near[middle] << '\n';
 
-  // The next pair goes up while the device solves; where there is no room for it, a solution is read first.
+  // The next pair is uploaded while the device solves. If there is no room for it, read a solution first.
   parfocal::Stream stream(engine, image(near), image(far), settings);
   int same = 0;
-  const auto use = [&](const parfocal::Solution &found) { same += found->relative_blur[middle] == solution->relative_blur[middle]; };
+  const auto use = [&](const parfocal::Solution &next) { same += next->relative_blur[middle] == solution->relative_blur[middle]; };
   for (int n = 0; n < 9; n++)
     while (!stream.push(image(near), image(far))) use(*stream.next());
   stream.finish();
-  while (const auto found = stream.next()) use(*found);
-  std::cout << same << " of 9 pairs of a stream as the first\n";
+  while (const auto next = stream.next()) use(*next);
+  std::cout << same << " of 9 pairs of a stream give the same result\n";
 
-  // Of five frames, the third has the scene in focus.
+  // Five frames; the scene is in focus in the third.
   std::vector<std::vector<float>> sweep;
   for (int n = -2; n <= 2; n++) sweep.push_back(photograph(0.3 + n * n, 0.1 * n, 0));
   std::vector<parfocal::Image> frames;
   for (const auto &frame : sweep) frames.push_back(image(frame));
-  const auto stacked = engine.stack(frames);
-  std::cout << "in focus in the middle at " << stacked->focus[middle] << " of frames 0 to 4\n";
-  std::cout << "the last frame lies " << stacked.transform(4)[2] << " px to the right; moved back, its middle is "
+  const auto stacked = engine.solve_sweep(frames);
+  std::cout << "the middle is in focus at " << stacked->focus[middle] << " of frames 0 to 4\n";
+  std::cout << "the last frame is shifted by " << stacked.transform(4)[2] << " px to the right; resampled, its middle is "
             << stacked.apply<float>(4, frames[4])[middle] << '\n';
 
   std::cerr << engine.messages();

@@ -5,7 +5,7 @@
  * What may fail returns a parfocal_status; parfocal_last_error() then says in words what to do. Structs begin with their size:
  * set it to sizeof, and fields that a later version adds keep their defaults. Handles may move between threads, and one
  * handle is used by one thread at a time; an engine and a stream may be used by several. NULL where there must be a handle is an error,
- * never a crash; freeing NULL does nothing. Images are read in the call alone. A parfocal_cancel may be used by several threads. */
+ * never a crash; freeing NULL does nothing. Images are read in the call alone. A parfocal_cancellation_token may be used by several threads. */
 
 #ifndef PARFOCAL_H
 #define PARFOCAL_H
@@ -18,33 +18,33 @@ typedef enum {
   // Done.
   PARFOCAL_OK = 0,
   // A pointer is NULL, a size field not set, a number none of its enumeration, an image not of numbers.
-  PARFOCAL_INVALID_ARGUMENT = 1,
+  PARFOCAL_ERROR_INVALID_ARGUMENT = 1,
   // No Vulkan loader, or no device that will do, or none of the name asked for.
-  PARFOCAL_NO_DEVICE = 2,
+  PARFOCAL_ERROR_NO_DEVICE = 2,
   // A Vulkan call failed.
-  PARFOCAL_VULKAN = 3,
+  PARFOCAL_ERROR_VULKAN = 3,
   // The device did not finish in time: a new engine is needed.
-  PARFOCAL_TIMEOUT = 4,
+  PARFOCAL_ERROR_TIMEOUT = 4,
   // An earlier call timed out or lost the device: a new engine is needed.
-  PARFOCAL_POISONED = 5,
+  PARFOCAL_ERROR_POISONED = 5,
   // The images are larger than the device takes.
-  PARFOCAL_TOO_LARGE = 6,
+  PARFOCAL_ERROR_TOO_LARGE = 6,
   // The images are too small to find any blur in.
-  PARFOCAL_TOO_SMALL = 7,
+  PARFOCAL_ERROR_TOO_SMALL = 7,
   // Sizes or formats that do not fit each other.
-  PARFOCAL_MISMATCH = 8,
+  PARFOCAL_ERROR_MISMATCH = 8,
   // A setting is out of range.
-  PARFOCAL_SETTING = 9,
+  PARFOCAL_ERROR_INVALID_SETTING = 9,
   // A region or a line is not within the image.
-  PARFOCAL_REGION = 10,
+  PARFOCAL_ERROR_INVALID_REGION = 10,
   // A fault of parfocal itself: free the handles of the call, and report it.
-  PARFOCAL_PANIC = 11,
+  PARFOCAL_ERROR_INTERNAL = 11,
   // Anything else.
-  PARFOCAL_OTHER = 12,
+  PARFOCAL_ERROR_OTHER = 12,
   // A stream had no room for the pair in time, which was not taken: read a result first.
-  PARFOCAL_FULL = 13,
+  PARFOCAL_ERROR_FULL = 13,
   // The call was called off.
-  PARFOCAL_CANCELLED = 14,
+  PARFOCAL_ERROR_CANCELLED = 14,
 } parfocal_status;
 
 // How a sample is stored.
@@ -112,16 +112,16 @@ typedef enum {
 // What positions are.
 typedef enum {
   // Settings in any unit that is even in 1/distance.
-  PARFOCAL_SETTINGS = 0,
+  PARFOCAL_UNIT_STEPS = 0,
   // Distances from the lens at which it is focused, mm.
-  PARFOCAL_DISTANCES = 1,
+  PARFOCAL_UNIT_DISTANCES = 1,
   // Where a stage puts the plane in focus, mm from any origin.
-  PARFOCAL_STAGE = 2,
-} parfocal_positions;
+  PARFOCAL_UNIT_STAGE = 2,
+} parfocal_position_unit;
 
-// Calls solves off, from any thread: what is being solved with it ends soon, with PARFOCAL_CANCELLED, and so does all that begins with it
+// Calls solves off, from any thread: what is being solved with it ends soon, with PARFOCAL_ERROR_CANCELLED, and so does all that begins with it
 // afterwards. What was used is good for the next call.
-typedef struct parfocal_cancel parfocal_cancel;
+typedef struct parfocal_cancellation_token parfocal_cancellation_token;
 
 // A device. What is made of it keeps it, so that it may be freed first.
 typedef struct parfocal_engine parfocal_engine;
@@ -267,12 +267,12 @@ typedef struct {
 } parfocal_region;
 
 // Is told by the thread that solves which share of a solve is done, 0 to 1, after each level, and calls it off by what is not 0. It calls no
-// function of parfocal with a handle of the same call but parfocal_cancel_now, and returns: no exception or longjmp leaves it.
+// function of parfocal with a handle of the same call but parfocal_cancellation_token_cancel, and returns: no exception or longjmp leaves it.
 typedef int32_t (*parfocal_progress)(void *context, double done);
 
 // What of a pair is solved, who is told how far it is, and what calls it off.
 typedef struct {
-  // sizeof(parfocal_scope).
+  // sizeof(parfocal_solve_options).
   size_t size;
   // The part of I1 that results are wanted of; of a width of 0: all.
   parfocal_region region;
@@ -285,12 +285,12 @@ typedef struct {
   // What that is called with.
   void *context;
   // What calls the call off, from another thread; NULL: nothing.
-  const parfocal_cancel *cancel;
-} parfocal_scope;
+  const parfocal_cancellation_token *cancel;
+} parfocal_solve_options;
 
 // What was found of a pair: fields are row by row without gaps, width x height, and live as long as the solution.
 typedef struct {
-  // sizeof(parfocal_found).
+  // sizeof(parfocal_solution_view).
   size_t size;
   // Pixels a row of the fields; of a registration, of the photographs.
   uint32_t width;
@@ -336,7 +336,7 @@ typedef struct {
   double total_ms;
   // On the device, ms.
   double gpu_ms;
-} parfocal_found;
+} parfocal_solution_view;
 
 // A lens in front of the sensor, focused at one distance for each of the two photographs.
 typedef struct {
@@ -362,7 +362,7 @@ typedef struct {
   size_t size;
   // What each frame is focused at, ascending or descending; NULL: counted from 0, evenly unless the sweep says otherwise.
   const double *positions;
-  // A parfocal_positions.
+  // A parfocal_position_unit.
   uint32_t unit;
   // The frame on whose pixels the results are, counted from 0; -1: the middle one.
   int32_t reference;
@@ -370,7 +370,7 @@ typedef struct {
 
 // What was found of a sweep: fields are row by row without gaps, width x height, and live as long as the sweep.
 typedef struct {
-  // sizeof(parfocal_sweep_found).
+  // sizeof(parfocal_sweep_view).
   size_t size;
   // Pixels a row.
   uint32_t width;
@@ -402,7 +402,7 @@ typedef struct {
   const uint16_t *frame;
   // By how many px² of variance blur grows with the squared distance from the focus, in settings.
   double blur_rate;
-} parfocal_sweep_found;
+} parfocal_sweep_view;
 
 // A number and its standard error, both NaN where too few pixels are valid.
 typedef struct {
@@ -444,13 +444,13 @@ parfocal_status parfocal_engine_from_vulkan(const parfocal_vulkan *vulkan,
 parfocal_status parfocal_settings_init(parfocal_settings *settings);
 
 // Makes one.
-parfocal_status parfocal_cancel_new(parfocal_cancel **cancel);
+parfocal_status parfocal_cancellation_token_new(parfocal_cancellation_token **cancel);
 
 // Calls off what is being solved with it.
-parfocal_status parfocal_cancel_now(const parfocal_cancel *cancel);
+parfocal_status parfocal_cancellation_token_cancel(const parfocal_cancellation_token *cancel);
 
 // Frees it; calls that have it go on.
-void parfocal_cancel_free(parfocal_cancel *cancel);
+void parfocal_cancellation_token_free(parfocal_cancellation_token *cancel);
 
 // Prepares for pairs; settings may be NULL.
 parfocal_status parfocal_solver_new(const parfocal_engine *engine,
@@ -463,7 +463,7 @@ parfocal_status parfocal_solver_new(const parfocal_engine *engine,
 parfocal_status parfocal_solver_solve(parfocal_solver *solver,
                                       const parfocal_image *i1,
                                       const parfocal_image *i2,
-                                      const parfocal_scope *scope,
+                                      const parfocal_solve_options *scope,
                                       parfocal_solution **solution);
 
 // Registers a pair: a solution without fields, which are NULL.
@@ -476,7 +476,7 @@ parfocal_status parfocal_solver_register(parfocal_solver *solver,
 void parfocal_solver_free(parfocal_solver *solver);
 
 // Fills in what was found; found->size must be set.
-parfocal_status parfocal_solution_get(const parfocal_solution *solution, parfocal_found *found);
+parfocal_status parfocal_solution_get(const parfocal_solution *solution, parfocal_solution_view *found);
 
 // A warning, counted from 0, a sentence of UTF-8; NULL where there is none. Valid until the solution is freed.
 const char *parfocal_solution_warning(const parfocal_solution *solution, uint32_t index);
@@ -511,7 +511,7 @@ parfocal_status parfocal_stream_new(const parfocal_engine *const *engines,
                                     parfocal_stream **stream);
 
 // Copies a pair and hands it over, once there is room for it, for which it waits so many seconds at most: 0 does not wait, INFINITY for ever,
-// which is of use where another thread reads. PARFOCAL_FULL where there was no room: read a solution first. What is wrong with
+// which is of use where another thread reads. PARFOCAL_ERROR_FULL where there was no room: read a solution first. What is wrong with
 // a pair, another size say, is told where its solution is read.
 parfocal_status parfocal_stream_push(const parfocal_stream *stream,
                                      const parfocal_image *i1,
@@ -539,16 +539,16 @@ void parfocal_stream_free(parfocal_stream *stream);
 
 // Solves a focus sweep of three or more frames of one size and format, in the order of their focus; settings, options and scope
 // may be NULL.
-parfocal_status parfocal_stack(const parfocal_engine *engine,
+parfocal_status parfocal_sweep_solve(const parfocal_engine *engine,
                                const parfocal_image *frames,
                                size_t count,
                                const parfocal_settings *settings,
                                const parfocal_sweep_options *options,
-                               const parfocal_scope *scope,
+                               const parfocal_solve_options *scope,
                                parfocal_sweep **sweep);
 
 // Fills in what was found; found->size must be set.
-parfocal_status parfocal_sweep_get(const parfocal_sweep *sweep, parfocal_sweep_found *found);
+parfocal_status parfocal_sweep_get(const parfocal_sweep *sweep, parfocal_sweep_view *found);
 
 // Where the pixels of the reference lie in a frame, counted from 0: T by rows, nine numbers, of points from the image centre, px.
 parfocal_status parfocal_sweep_transform(const parfocal_sweep *sweep,

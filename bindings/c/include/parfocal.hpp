@@ -1,4 +1,4 @@
-/* Depth from defocus on the GPU: parfocal.h for C++17. Handles free themselves, what fails throws, sizes fill themselves in. */
+/* parfocal.h for C++17: classes free their handles, errors throw, sizes of structs are set. */
 #ifndef PARFOCAL_HPP
 #define PARFOCAL_HPP
 
@@ -19,7 +19,7 @@
 
 namespace parfocal {
 
-/// What a call failed by; what() says what to do.
+/// The error of a call. what() says what to do.
 class Error : public std::runtime_error {
  public:
   Error(parfocal_status status, const char *message) : std::runtime_error(message), status_(status) {}
@@ -41,7 +41,7 @@ struct Free {
   void operator()(parfocal_solution *handle) const noexcept { parfocal_solution_free(handle); }
   void operator()(parfocal_stream *handle) const noexcept { parfocal_stream_free(handle); }
   void operator()(parfocal_sweep *handle) const noexcept { parfocal_sweep_free(handle); }
-  void operator()(parfocal_cancel *handle) const noexcept { parfocal_cancel_free(handle); }
+  void operator()(parfocal_cancellation_token *handle) const noexcept { parfocal_cancellation_token_free(handle); }
 };
 
 template <class T>
@@ -56,14 +56,15 @@ constexpr std::uint32_t depth_of() {
 
 }  // namespace detail
 
-/// A photograph in memory of the caller's: rows of one sample a pixel, or of three, red, green, blue.
+/// A photograph in the caller's memory: rows of pixels with one sample, or with three (red, green, blue).
 struct Image : parfocal_image {
   template <class T>
   Image(const T *samples, std::uint32_t columns, std::uint32_t rows, std::uint32_t channel_count = 1,
         std::size_t bytes_a_row = 0)
       : parfocal_image{sizeof(parfocal_image), samples,     columns, rows, channel_count,
                        detail::depth_of<T>(),  bytes_a_row, nullptr} {}
-  /// As a camera packs it, by GenICam's name of the format, such as "Mono12p", which is kept by pointer; channels and depth are what it is unpacked to.
+  /// A camera frame. format_name is the GenICam name, for example "Mono12p"; the pointer must stay valid. channels and depth
+  /// describe the unpacked image.
   static Image packed(const void *bytes, const char *format_name, std::uint32_t columns, std::uint32_t rows,
                       std::size_t bytes_a_row = 0) {
     Image image(static_cast<const std::uint8_t *>(bytes), columns, rows, 1, bytes_a_row);
@@ -77,19 +78,19 @@ struct Image : parfocal_image {
   }
 };
 
-/// Calls solves off, from any thread: give it to their Scope.
-class Cancel {
+/// Cancels solves, from any thread. Set it in their SolveOptions.
+class CancellationToken {
  public:
-  Cancel() {
-    parfocal_cancel *made = nullptr;
-    detail::check(parfocal_cancel_new(&made));
+  CancellationToken() {
+    parfocal_cancellation_token *made = nullptr;
+    detail::check(parfocal_cancellation_token_new(&made));
     handle_.reset(made);
   }
-  void now() const { detail::check(parfocal_cancel_now(handle_.get())); }
-  const parfocal_cancel *get() const noexcept { return handle_.get(); }
+  void cancel() const { detail::check(parfocal_cancellation_token_cancel(handle_.get())); }
+  const parfocal_cancellation_token *get() const noexcept { return handle_.get(); }
 
  private:
-  detail::Handle<parfocal_cancel> handle_;
+  detail::Handle<parfocal_cancellation_token> handle_;
 };
 
 /// The settings, with their defaults.
@@ -100,12 +101,12 @@ struct Settings : parfocal_settings {
   }
 };
 
-/// What of a pair or a sweep is solved, all of it by default; who is told, and what calls it off.
-struct Scope : parfocal_scope {
-  Scope() : parfocal_scope() { size = sizeof(parfocal_scope); }
+/// The options of one solve: region, mask, progress and cancellation. By default the whole image.
+struct SolveOptions : parfocal_solve_options {
+  SolveOptions() : parfocal_solve_options() { size = sizeof(parfocal_solve_options); }
 };
 
-/// A lens in front of the sensor: a disk unless kappa says otherwise.
+/// A lens. Its blur is a disk unless kappa is set.
 struct Lens : parfocal_lens {
   Lens(double focal_length_mm, double f_number_, double pixel_pitch_mm, double focus_1_mm, double focus_2_mm,
        bool telecentric_ = false)
@@ -121,7 +122,7 @@ struct Depth {
 class Solution;
 class Sweep;
 
-/// A device; one a process is enough.
+/// A device. One engine per process is enough.
 class Engine {
  public:
   explicit Engine(const char *device = nullptr, bool validation = false, double timeout_s = 0) {
@@ -134,7 +135,7 @@ class Engine {
     detail::check(parfocal_engine_new(&options, &made));
     handle_.reset(made);
   }
-  /// On a Vulkan device of the program's, which keeps it.
+  /// An engine on a Vulkan device of the embedding program, which keeps owning it.
   explicit Engine(const parfocal_vulkan &vulkan, double timeout_s = 0) {
     parfocal_engine_options options{};
     options.size = sizeof options;
@@ -144,55 +145,55 @@ class Engine {
     handle_.reset(made);
   }
   std::string device() const { return parfocal_engine_device(handle_.get()); }
-  /// What validation has said so far.
+  /// The validation messages so far, one per line.
   std::string messages() const { return parfocal_engine_messages(handle_.get()); }
   const parfocal_engine *get() const noexcept { return handle_.get(); }
 
-  /// Solves a focus sweep; positions, one a frame, may be empty.
-  inline Sweep stack(const std::vector<Image> &frames, const std::vector<double> &positions = {},
-                     parfocal_positions unit = PARFOCAL_SETTINGS, int reference = -1,
-                     const Settings &settings = Settings(), const Scope &scope = Scope()) const;
+  /// Solves a focus sweep. positions has one value per frame, or is empty.
+  inline Sweep solve_sweep(const std::vector<Image> &frames, const std::vector<double> &positions = {},
+                     parfocal_position_unit unit = PARFOCAL_UNIT_STEPS, int reference = -1,
+                     const Settings &settings = Settings(), const SolveOptions &scope = SolveOptions()) const;
 
  private:
   detail::Handle<parfocal_engine> handle_;
 };
 
-/// What was found of a pair; `*` and `->` are to its numbers and fields, which live as long as it does.
+/// The result of a pair. `*` and `->` access its numbers and fields, which live as long as the object.
 class Solution {
  public:
-  explicit Solution(parfocal_solution *handle) : handle_(handle), found_() {
-    found_.size = sizeof found_;
-    detail::check(parfocal_solution_get(handle_.get(), &found_));
+  explicit Solution(parfocal_solution *handle) : handle_(handle), view_() {
+    view_.size = sizeof view_;
+    detail::check(parfocal_solution_get(handle_.get(), &view_));
   }
-  const parfocal_found &operator*() const noexcept { return found_; }
-  const parfocal_found *operator->() const noexcept { return &found_; }
+  const parfocal_solution_view &operator*() const noexcept { return view_; }
+  const parfocal_solution_view *operator->() const noexcept { return &view_; }
 
   std::vector<std::string> warnings() const {
     std::vector<std::string> all;
-    for (std::uint32_t i = 0; i < found_.warnings; i++) all.emplace_back(parfocal_solution_warning(handle_.get(), i));
+    for (std::uint32_t i = 0; i < view_.warnings; i++) all.emplace_back(parfocal_solution_warning(handle_.get(), i));
     return all;
   }
   Depth depth(const parfocal_lens &lens) const {
-    const std::size_t count = std::size_t{found_.width} * found_.height;
-    Depth found{std::vector<float>(count), std::vector<float>(count)};
-    detail::check(parfocal_solution_depth(handle_.get(), &lens, found.depth.data(), found.deviation.data(), count));
-    return found;
+    const std::size_t count = std::size_t{view_.width} * view_.height;
+    Depth result{std::vector<float>(count), std::vector<float>(count)};
+    detail::check(parfocal_solution_depth(handle_.get(), &lens, result.depth.data(), result.deviation.data(), count));
+    return result;
   }
-  /// Another photograph of I2's camera on the pixels of the results; T is what its samples are.
+  /// Resamples another photograph, taken like I2, onto the pixels of the results. T is its sample type.
   template <class T>
   std::vector<T> apply(const Image &image, bool exposure = false) const {
-    if (image.depth != detail::depth_of<T>()) throw Error(PARFOCAL_INVALID_ARGUMENT, "apply<T>: the image's samples are no T");
-    std::vector<T> out(std::size_t{found_.width} * found_.height * image.channels);
+    if (image.depth != detail::depth_of<T>()) throw Error(PARFOCAL_ERROR_INVALID_ARGUMENT, "apply<T>: the samples of the image have another type than T");
+    std::vector<T> out(std::size_t{view_.width} * view_.height * image.channels);
     detail::check(parfocal_solution_apply(handle_.get(), &image, exposure, out.data(), out.size() * sizeof(T)));
     return out;
   }
 
  private:
   detail::Handle<parfocal_solution> handle_;
-  parfocal_found found_;
+  parfocal_solution_view view_;
 };
 
-/// Settings, and what is kept from pair to pair.
+/// A solver of pairs with its settings.
 class Solver {
  public:
   explicit Solver(const Engine &engine, const Settings &settings = Settings()) {
@@ -200,12 +201,12 @@ class Solver {
     detail::check(parfocal_solver_new(engine.get(), &settings, &made));
     handle_.reset(made);
   }
-  Solution solve(const Image &i1, const Image &i2, const Scope &scope = Scope()) {
+  Solution solve(const Image &i1, const Image &i2, const SolveOptions &scope = SolveOptions()) {
     parfocal_solution *made = nullptr;
     detail::check(parfocal_solver_solve(handle_.get(), &i1, &i2, &scope, &made));
     return Solution(made);
   }
-  /// T and brightness alone: a solution without fields.
+  /// Registers a pair. The solution has no fields.
   Solution register_pair(const Image &i1, const Image &i2) {
     parfocal_solution *made = nullptr;
     detail::check(parfocal_solver_register(handle_.get(), &i1, &i2, &made));
@@ -216,13 +217,13 @@ class Solver {
   detail::Handle<parfocal_solver> handle_;
 };
 
-/// Many pairs of one size and kind in, their solutions out in the same order. One thread may push while another reads.
+/// Solves many pairs of the same size and format, in order. One thread may push while another reads.
 class Stream {
  public:
-  /// Waits for ever, where another thread pushes or reads.
+  /// No time limit, for use when another thread pushes or reads.
   static constexpr double forever = std::numeric_limits<double>::infinity();
 
-  /// For pairs like these two, of which no pixel is read; three slots keep a device busy.
+  /// i1 and i2 state the size and format of all pairs; their pixels are not read. Three slots keep a device busy.
   Stream(const std::vector<const Engine *> &engines, const Image &i1, const Image &i2, const Settings &settings = Settings(),
          std::uint32_t slots = 3) {
     std::vector<const parfocal_engine *> handles;
@@ -235,69 +236,69 @@ class Stream {
   Stream(const Engine &engine, const Image &i1, const Image &i2, const Settings &settings = Settings(), std::uint32_t slots = 3)
       : Stream(std::vector<const Engine *>{&engine}, i1, i2, settings, slots) {}
 
-  /// Copies a pair and hands it over; false where there is no room for it within so many seconds: read a solution first.
+  /// Copies a pair into the stream. Returns false if there is no room within `seconds`: read a solution first.
   bool push(const Image &i1, const Image &i2, double seconds = 0) {
     const auto status = parfocal_stream_push(handle_.get(), &i1, &i2, seconds);
-    if (status != PARFOCAL_FULL) detail::check(status);
+    if (status != PARFOCAL_ERROR_FULL) detail::check(status);
     return status == PARFOCAL_OK;
   }
-  /// The solution of the oldest pair that has not been read; none where it is not there within so many seconds, and after finish() where
-  /// all have been read. Throws what that pair failed of; those behind it go on.
+  /// Reads the solution of the oldest unread pair; nullopt if it is not ready within `seconds`, and after finish() once all
+  /// have been read. Throws that pair's error. Later pairs are unaffected.
   std::optional<Solution> next(double seconds = forever) {
     parfocal_solution *made = nullptr;
     detail::check(parfocal_stream_next(handle_.get(), seconds, &made));
     return made ? std::optional<Solution>(std::in_place, made) : std::nullopt;
   }
-  /// Says that no more pairs come; another push takes it back.
+  /// Marks the end of input. A later push reopens the stream.
   void finish() { detail::check(parfocal_stream_finish(handle_.get())); }
-  /// How many pairs may be pushed and not yet read: only reading makes room.
+  /// The number of pairs that may be pushed and not yet read.
   std::size_t capacity() const noexcept { return parfocal_stream_capacity(handle_.get()); }
-  /// How many were pushed and not yet read.
+  /// The number of pairs pushed and not yet read.
   std::size_t size() const noexcept { return parfocal_stream_length(handle_.get()); }
 
  private:
   detail::Handle<parfocal_stream> handle_;
 };
 
-/// What was found of a focus sweep; `*` and `->` are to its numbers and fields, which live as long as it does.
+/// The result of a focus sweep. `*` and `->` access its numbers and fields, which live as long as the object.
 class Sweep {
  public:
-  explicit Sweep(parfocal_sweep *handle) : handle_(handle), found_() {
-    found_.size = sizeof found_;
-    detail::check(parfocal_sweep_get(handle_.get(), &found_));
+  explicit Sweep(parfocal_sweep *handle) : handle_(handle), view_() {
+    view_.size = sizeof view_;
+    detail::check(parfocal_sweep_get(handle_.get(), &view_));
   }
-  const parfocal_sweep_found &operator*() const noexcept { return found_; }
-  const parfocal_sweep_found *operator->() const noexcept { return &found_; }
+  const parfocal_sweep_view &operator*() const noexcept { return view_; }
+  const parfocal_sweep_view *operator->() const noexcept { return &view_; }
 
   std::vector<std::string> warnings() const {
     std::vector<std::string> all;
-    for (std::uint32_t i = 0; i < found_.warnings; i++) all.emplace_back(parfocal_sweep_warning(handle_.get(), i));
+    for (std::uint32_t i = 0; i < view_.warnings; i++) all.emplace_back(parfocal_sweep_warning(handle_.get(), i));
     return all;
   }
-  /// T of a frame, counted from 0, by rows.
+  /// T of a frame, counted from 0, row by row.
   std::array<double, 9> transform(std::uint32_t frame) const {
     std::array<double, 9> rows{};
     detail::check(parfocal_sweep_transform(handle_.get(), frame, rows.data()));
     return rows;
   }
-  /// Another photograph of a frame, counted from 0, on the pixels of the results.
+  /// Resamples another photograph, taken like one frame (counted from 0), onto the pixels of the results.
   template <class T>
   std::vector<T> apply(std::uint32_t frame, const Image &image, bool exposure = false) const {
-    if (image.depth != detail::depth_of<T>()) throw Error(PARFOCAL_INVALID_ARGUMENT, "apply<T>: the image's samples are no T");
-    std::vector<T> out(std::size_t{found_.width} * found_.height * image.channels);
+    if (image.depth != detail::depth_of<T>()) throw Error(PARFOCAL_ERROR_INVALID_ARGUMENT, "apply<T>: the samples of the image have another type than T");
+    std::vector<T> out(std::size_t{view_.width} * view_.height * image.channels);
     detail::check(parfocal_sweep_apply(handle_.get(), frame, &image, exposure, out.data(), out.size() * sizeof(T)));
     return out;
   }
 
  private:
   detail::Handle<parfocal_sweep> handle_;
-  parfocal_sweep_found found_;
+  parfocal_sweep_view view_;
 };
 
-inline Sweep Engine::stack(const std::vector<Image> &frames, const std::vector<double> &positions,
-                           parfocal_positions unit, int reference, const Settings &settings, const Scope &scope) const {
+inline Sweep Engine::solve_sweep(const std::vector<Image> &frames, const std::vector<double> &positions,
+                           parfocal_position_unit unit, int reference, const Settings &settings, const SolveOptions &scope) const {
   if (!positions.empty() && positions.size() != frames.size())
-    throw Error(PARFOCAL_MISMATCH, "a sweep has one position for each frame, or none");
+    throw Error(PARFOCAL_ERROR_MISMATCH, "give one position per frame, or none");
   const std::vector<parfocal_image> images(frames.begin(), frames.end());
   parfocal_sweep_options options{};
   options.size = sizeof options;
@@ -305,11 +306,11 @@ inline Sweep Engine::stack(const std::vector<Image> &frames, const std::vector<d
   options.unit = unit;
   options.reference = reference;
   parfocal_sweep *made = nullptr;
-  detail::check(parfocal_stack(get(), images.data(), images.size(), &settings, &options, &scope, &made));
+  detail::check(parfocal_sweep_solve(get(), images.data(), images.size(), &settings, &options, &scope, &made));
   return Sweep(made);
 }
 
-/// How far a region of a field lies above another; NaN where too few pixels are valid.
+/// Measures the level of region `to` minus that of `from`; NaN if too few pixels are valid.
 inline parfocal_estimate step(const float *values, std::uint32_t width, std::uint32_t height, parfocal_region from,
                               parfocal_region to) {
   parfocal_estimate estimate{};
@@ -317,11 +318,11 @@ inline parfocal_estimate step(const float *values, std::uint32_t width, std::uin
   return estimate;
 }
 
-/// The values of a field along a line, each the mean over so many px across.
+/// Samples a field along a line. Each value is the mean over `across` px across the line.
 inline std::vector<double> profile(const float *values, std::uint32_t width, std::uint32_t height, double x1, double y1,
                                    double x2, double y2, double across = 1) {
   std::vector<double> along(parfocal_profile_length(x1, y1, x2, y2));
-  // One place at least, so that the call says what is wrong with the line.
+  // At least one value, so that the call reports what is wrong with the line.
   if (along.empty()) along.resize(1);
   detail::check(parfocal_measure_profile(values, width, height, x1, y1, x2, y2, across, along.data(), along.size()));
   return along;

@@ -1,4 +1,4 @@
-//! Calls that are called off, and that say how far they are.
+//! Cancellation and progress of calls.
 
 use std::ffi::c_void;
 use std::sync::Arc;
@@ -8,38 +8,43 @@ use parfocal::{CancellationToken, Progress, SolveOptions};
 use crate::fault::{Fault, call, parfocal_status};
 use crate::handle::{free, get, give};
 
-/// Calls solves off, from any thread: what is being solved with it ends soon, with PARFOCAL_CANCELLED, and so does all that begins with it
-/// afterwards. What was used is good for the next call.
-pub struct parfocal_cancel {
+/// Cancels solves, from any thread. Solves that use the token end soon with PARFOCAL_ERROR_CANCELLED, and later ones at once.
+/// The other handles of a cancelled call stay usable.
+pub struct parfocal_cancellation_token {
     pub(crate) cancel: CancellationToken,
 }
 
-/// Makes one.
+/// Makes a token.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn parfocal_cancel_new(cancel: *mut *mut parfocal_cancel) -> parfocal_status {
-    // SAFETY: the contract is the same.
-    call(|| unsafe { give(cancel, || Ok(parfocal_cancel { cancel: CancellationToken::default() })) })
+pub unsafe extern "C" fn parfocal_cancellation_token_new(
+    cancel: *mut *mut parfocal_cancellation_token,
+) -> parfocal_status {
+    // SAFETY: by the C contract.
+    call(|| unsafe { give(cancel, || Ok(parfocal_cancellation_token { cancel: CancellationToken::default() })) })
 }
 
-/// Calls off what is being solved with it.
+/// Cancels all solves that use this token.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn parfocal_cancel_now(cancel: *const parfocal_cancel) -> parfocal_status {
+pub unsafe extern "C" fn parfocal_cancellation_token_cancel(
+    cancel: *const parfocal_cancellation_token,
+) -> parfocal_status {
     call(|| {
-        // SAFETY: the contract is the same.
+        // SAFETY: by the C contract.
         unsafe { get(cancel, "cancel") }?.cancel.cancel();
         Ok(())
     })
 }
 
-/// Frees it; calls that have it go on.
+/// Frees a token. Calls that use it continue.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn parfocal_cancel_free(cancel: *mut parfocal_cancel) {
-    // SAFETY: the contract is the same.
+pub unsafe extern "C" fn parfocal_cancellation_token_free(cancel: *mut parfocal_cancellation_token) {
+    // SAFETY: by the C contract.
     unsafe { free(cancel) };
 }
 
-/// Is told by the thread that solves which share of a solve is done, 0 to 1, after each level, and calls it off by what is not 0. It calls no
-/// function of parfocal with a handle of the same call but parfocal_cancel_now, and returns: no exception or longjmp leaves it.
+/// Called after each level by the solving thread, with the share of the solve that is done, 0 to 1. A result other than 0
+/// cancels the solve. With handles of the same call it may only call parfocal_cancellation_token_cancel. It must return: no
+/// exception and no longjmp may leave it.
 pub type parfocal_progress = Option<unsafe extern "C" fn(context: *mut c_void, done: f64) -> i32>;
 
 /// The progress function of a call, with its context.
@@ -49,33 +54,33 @@ struct Report {
     cancel: CancellationToken,
 }
 
-// SAFETY: only the thread of the call that it belongs to calls it, and while that lasts.
+// SAFETY: only the thread of its call uses it, during that call.
 unsafe impl Send for Report {}
-// SAFETY: likewise.
+// SAFETY: as for `Send`.
 unsafe impl Sync for Report {}
 
 impl Report {
-    /// Passes the share that is done, and cancels the call by what is not 0.
+    /// Passes the share done to the caller, and cancels if the result is not 0.
     fn call(&self, progress: Progress) {
-        // SAFETY: it may be called so, by the contract of `control`.
+        // SAFETY: `control` requires that `progress` may be called with `context`.
         if unsafe { (self.progress)(self.context, progress.share) } != 0 {
             self.cancel.cancel();
         }
     }
 }
 
-/// Options by which a call reports its progress and is cancelled.
+/// Solve options with the progress function and the token of a call.
 ///
 /// # Safety
 /// `cancel` is NULL or a handle; `progress` may be called with `context` for as long as the options live.
 pub(crate) unsafe fn control(
     progress: parfocal_progress,
     context: *mut c_void,
-    cancel: *const parfocal_cancel,
+    cancel: *const parfocal_cancellation_token,
 ) -> Result<SolveOptions, Fault> {
     let cancel = match cancel.is_null() {
         true => CancellationToken::default(),
-        // SAFETY: the contract is the same.
+        // SAFETY: the caller passes NULL or a handle.
         false => unsafe { get(cancel, "cancel") }?.cancel.clone(),
     };
     let report = progress.map(|progress| Report { progress, context, cancel: cancel.clone() });

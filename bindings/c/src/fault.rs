@@ -1,4 +1,4 @@
-//! What goes wrong, as a number and in words; panics end here.
+//! Errors as a status and a message. Panics end here.
 
 use std::any::Any;
 use std::cell::RefCell;
@@ -7,71 +7,71 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use parfocal::{Error, QueueFull};
 
-/// How a call ended.
+/// The outcome of a call.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum parfocal_status {
-    /// Done.
+    /// Success.
     PARFOCAL_OK = 0,
-    /// A pointer is NULL, a size field not set, a number none of its enumeration, an image not of numbers.
-    PARFOCAL_INVALID_ARGUMENT = 1,
-    /// No Vulkan loader, or no device that will do, or none of the name asked for.
-    PARFOCAL_NO_DEVICE = 2,
+    /// A pointer is NULL, a size field is not set, a number is not in its enumeration, or a sample is not a finite number.
+    PARFOCAL_ERROR_INVALID_ARGUMENT = 1,
+    /// There is no Vulkan loader, no usable device, or no device of the given name.
+    PARFOCAL_ERROR_NO_DEVICE = 2,
     /// A Vulkan call failed.
-    PARFOCAL_VULKAN = 3,
-    /// The device did not finish in time: a new engine is needed.
-    PARFOCAL_TIMEOUT = 4,
-    /// An earlier call timed out or lost the device: a new engine is needed.
-    PARFOCAL_POISONED = 5,
-    /// The images are larger than the device takes.
-    PARFOCAL_TOO_LARGE = 6,
-    /// The images are too small to find any blur in.
-    PARFOCAL_TOO_SMALL = 7,
-    /// Sizes or formats that do not fit each other.
-    PARFOCAL_MISMATCH = 8,
+    PARFOCAL_ERROR_VULKAN = 3,
+    /// The device did not finish in time. Make a new engine.
+    PARFOCAL_ERROR_TIMEOUT = 4,
+    /// An earlier call timed out or lost the device. Make a new engine.
+    PARFOCAL_ERROR_POISONED = 5,
+    /// The images do not fit the device.
+    PARFOCAL_ERROR_TOO_LARGE = 6,
+    /// The images are too small to measure blur.
+    PARFOCAL_ERROR_TOO_SMALL = 7,
+    /// Sizes or formats do not match.
+    PARFOCAL_ERROR_MISMATCH = 8,
     /// A setting is out of range.
-    PARFOCAL_SETTING = 9,
-    /// A region or a line is not within the image.
-    PARFOCAL_REGION = 10,
-    /// A fault of parfocal itself: free the handles of the call, and report it.
-    PARFOCAL_PANIC = 11,
-    /// Anything else.
-    PARFOCAL_OTHER = 12,
-    /// A stream had no room for the pair in time, which was not taken: read a result first.
-    PARFOCAL_FULL = 13,
-    /// The call was called off.
-    PARFOCAL_CANCELLED = 14,
+    PARFOCAL_ERROR_INVALID_SETTING = 9,
+    /// A region or a line is not inside the image.
+    PARFOCAL_ERROR_INVALID_REGION = 10,
+    /// An internal error: free the handles of the call, and report it.
+    PARFOCAL_ERROR_INTERNAL = 11,
+    /// Any other error.
+    PARFOCAL_ERROR_OTHER = 12,
+    /// The stream had no room in time, and did not take the pair. Read a result first.
+    PARFOCAL_ERROR_FULL = 13,
+    /// The call was cancelled.
+    PARFOCAL_ERROR_CANCELLED = 14,
 }
 
 use parfocal_status::*;
 
-/// What a call is ended by.
+/// An error: the status and the message.
 pub(crate) struct Fault {
     status: parfocal_status,
     message: String,
 }
 
 impl Fault {
-    /// Something that the caller handed over is not what it must be.
+    /// An invalid argument.
     pub(crate) fn argument(message: impl Into<String>) -> Self {
-        Self { status: PARFOCAL_INVALID_ARGUMENT, message: message.into() }
+        Self { status: PARFOCAL_ERROR_INVALID_ARGUMENT, message: message.into() }
     }
 }
 
 impl From<Error> for Fault {
     fn from(error: Error) -> Self {
         let status = match &error {
-            Error::NoLoader(_) | Error::NoDevice(_) | Error::NoSuchDevice { .. } => PARFOCAL_NO_DEVICE,
-            Error::Vulkan { .. } => PARFOCAL_VULKAN,
-            Error::Timeout { .. } => PARFOCAL_TIMEOUT,
-            Error::Poisoned => PARFOCAL_POISONED,
-            Error::TooLarge { .. } => PARFOCAL_TOO_LARGE,
-            Error::TooSmall { .. } => PARFOCAL_TOO_SMALL,
-            Error::Mismatch(_) => PARFOCAL_MISMATCH,
-            Error::Setting { .. } | Error::Kernel { .. } => PARFOCAL_SETTING,
-            Error::Region(_) => PARFOCAL_REGION,
-            Error::Cancelled => PARFOCAL_CANCELLED,
-            _ => PARFOCAL_OTHER,
+            Error::NoLoader(_) | Error::NoDevice(_) | Error::NoSuchDevice { .. } => PARFOCAL_ERROR_NO_DEVICE,
+            Error::Vulkan { .. } => PARFOCAL_ERROR_VULKAN,
+            Error::Timeout { .. } => PARFOCAL_ERROR_TIMEOUT,
+            Error::Poisoned => PARFOCAL_ERROR_POISONED,
+            Error::TooLarge { .. } => PARFOCAL_ERROR_TOO_LARGE,
+            Error::TooSmall { .. } => PARFOCAL_ERROR_TOO_SMALL,
+            Error::Mismatch(_) => PARFOCAL_ERROR_MISMATCH,
+            Error::Setting { .. } | Error::Kernel { .. } => PARFOCAL_ERROR_INVALID_SETTING,
+            Error::Region(_) => PARFOCAL_ERROR_INVALID_REGION,
+            Error::Cancelled => PARFOCAL_ERROR_CANCELLED,
+            _ => PARFOCAL_ERROR_OTHER,
         };
         Self { status, message: error.to_string() }
     }
@@ -79,7 +79,7 @@ impl From<Error> for Fault {
 
 impl From<QueueFull> for Fault {
     fn from(full: QueueFull) -> Self {
-        Self { status: PARFOCAL_FULL, message: full.to_string() }
+        Self { status: PARFOCAL_ERROR_FULL, message: full.to_string() }
     }
 }
 
@@ -87,34 +87,34 @@ thread_local! {
     static LAST: RefCell<CString> = RefCell::default();
 }
 
-/// A string for C: what it has of NUL is left out.
-pub(crate) fn text(words: &str) -> CString {
-    CString::new(words.replace('\0', "")).unwrap_or_default()
+/// Makes a C string; NUL characters are removed.
+pub(crate) fn text(message: &str) -> CString {
+    CString::new(message.replace('\0', "")).unwrap_or_default()
 }
 
-/// Runs a call of C to its status, and keeps what is to be said of it.
+/// Runs a call, stores its error message, and returns its status.
 pub(crate) fn call(run: impl FnOnce() -> Result<(), Fault>) -> parfocal_status {
-    // What a panic leaves half done is a handle's own, and memory-safe; the message says to free it.
+    // A panic may leave a handle half-changed, but memory-safe. The message says to free it.
     let done = catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|panic| Err(of_panic(&*panic)));
     let (status, message) = done.err().map_or((PARFOCAL_OK, String::new()), |fault| (fault.status, fault.message));
-    // A thread that is ending has no place for a message any more.
+    // A thread that is ending has no thread-local storage any more.
     let _ = LAST.try_with(|last| *last.borrow_mut() = text(&message));
     status
 }
 
-/// Runs what cannot fail but by a panic, on which it gives the value of `otherwise`.
+/// Runs a function that fails only by a panic, and then returns `otherwise`.
 pub(crate) fn value<T>(otherwise: T, run: impl FnOnce() -> T) -> T {
     catch_unwind(AssertUnwindSafe(run)).unwrap_or(otherwise)
 }
 
 fn of_panic(panic: &(dyn Any + Send)) -> Fault {
-    let words = panic.downcast_ref::<&str>().map(ToString::to_string).or(panic.downcast_ref::<String>().cloned());
-    let message = format!("a fault of parfocal itself, {}: free the handles of this call", words.unwrap_or_default());
-    Fault { status: PARFOCAL_PANIC, message }
+    let cause = panic.downcast_ref::<&str>().map(ToString::to_string).or(panic.downcast_ref::<String>().cloned());
+    let message = format!("internal error, {}: free the handles of this call and report it", cause.unwrap_or_default());
+    Fault { status: PARFOCAL_ERROR_INTERNAL, message }
 }
 
-/// What the last call of this thread that returned a status failed by, and what to do; "" where it did not fail. Valid until
-/// this thread's next such call.
+/// Returns the error message of this thread's last call that returned a status, with what to do; "" after a success. Valid
+/// until this thread's next such call.
 #[unsafe(no_mangle)]
 pub extern "C" fn parfocal_last_error() -> *const c_char {
     LAST.try_with(|last| last.borrow().as_ptr()).unwrap_or(c"".as_ptr())
@@ -126,20 +126,20 @@ mod tests {
 
     use super::*;
 
-    fn said() -> String {
-        // SAFETY: what is returned is a string of this thread's, and no call follows before it is copied.
+    fn last_error() -> String {
+        // SAFETY: the string belongs to this thread, and no call follows before it is copied.
         unsafe { CStr::from_ptr(parfocal_last_error()) }.to_string_lossy().into_owned()
     }
 
     #[test]
-    fn a_panic_is_a_status_and_success_says_nothing() {
-        assert_eq!(call(|| panic!("at {}", 7)), PARFOCAL_PANIC);
-        assert!(said().contains("at 7"), "{}", said());
-        assert_eq!(call(|| Err(Fault::argument("a\0b"))), PARFOCAL_INVALID_ARGUMENT);
-        assert_eq!(said(), "ab");
-        assert_eq!(call(|| Err(Error::Poisoned.into())), PARFOCAL_POISONED);
+    fn a_panic_becomes_a_status_and_success_clears_the_message() {
+        assert_eq!(call(|| panic!("at {}", 7)), PARFOCAL_ERROR_INTERNAL);
+        assert!(last_error().contains("at 7"), "{}", last_error());
+        assert_eq!(call(|| Err(Fault::argument("a\0b"))), PARFOCAL_ERROR_INVALID_ARGUMENT);
+        assert_eq!(last_error(), "ab");
+        assert_eq!(call(|| Err(Error::Poisoned.into())), PARFOCAL_ERROR_POISONED);
         assert_eq!(call(|| Ok(())), PARFOCAL_OK);
-        assert_eq!(said(), "");
+        assert_eq!(last_error(), "");
         assert_eq!(value(3, || panic!("here")), 3);
     }
 }

@@ -1,17 +1,17 @@
-//! Handles: boxes that C holds by a pointer.
+//! Handles and slices: Rust values behind C pointers.
 
 use crate::fault::{Fault, value};
 
-/// Hands a new handle out; nothing where there is no place for it.
+/// Writes a new handle to `out`. Makes nothing if `out` is NULL.
 ///
 /// # Safety
 /// `out` is NULL, or a pointer may be written to it.
 pub(crate) unsafe fn give<T>(out: *mut *mut T, make: impl FnOnce() -> Result<T, Fault>) -> Result<(), Fault> {
-    // SAFETY: the contract is the same.
+    // SAFETY: the caller guarantees the same for `out`.
     unsafe { give_any(out, || make().map(Some)) }
 }
 
-/// The same of what there may be: NULL where there is none.
+/// Writes a new handle, or NULL if `make` returns `None`.
 ///
 /// # Safety
 /// As [`give`].
@@ -20,64 +20,64 @@ pub(crate) unsafe fn give_any<T>(
     make: impl FnOnce() -> Result<Option<T>, Fault>,
 ) -> Result<(), Fault> {
     if out.is_null() {
-        return Err(Fault::argument("the place for the new handle is NULL"));
+        return Err(Fault::argument("the pointer for the new handle is NULL"));
     }
-    // SAFETY: not NULL, so writable.
+    // SAFETY: not NULL, so writable by the caller's guarantee.
     unsafe { out.write(std::ptr::null_mut()) };
     if let Some(made) = make()? {
-        // SAFETY: as before.
+        // SAFETY: `out` is writable, as above.
         unsafe { out.write(Box::into_raw(Box::new(made))) };
     }
     Ok(())
 }
 
-/// What a handle holds.
+/// Borrows the value of a handle.
 ///
 /// # Safety
-/// `handle` is NULL, or was given out and not freed, and no other thread changes it meanwhile.
+/// `handle` is NULL, or was made by `give` and is not freed, and no other thread changes it meanwhile.
 pub(crate) unsafe fn get<'a, T>(handle: *const T, name: &str) -> Result<&'a T, Fault> {
-    // SAFETY: as the caller promises.
+    // SAFETY: guaranteed by the caller.
     unsafe { handle.as_ref() }.ok_or_else(|| Fault::argument(format!("{name} is NULL")))
 }
 
-/// The same, to be changed.
+/// Borrows the value of a handle mutably.
 ///
 /// # Safety
-/// `handle` is NULL, or was given out and not freed, and no other thread uses it meanwhile.
+/// `handle` is NULL, or was made by `give` and is not freed, and no other thread uses it meanwhile.
 pub(crate) unsafe fn get_mut<'a, T>(handle: *mut T, name: &str) -> Result<&'a mut T, Fault> {
-    // SAFETY: as the caller promises.
+    // SAFETY: guaranteed by the caller.
     unsafe { handle.as_mut() }.ok_or_else(|| Fault::argument(format!("{name} is NULL")))
 }
 
-/// Frees a handle; nothing if it is NULL.
+/// Frees a handle. NULL is ignored.
 ///
 /// # Safety
-/// `handle` is NULL, or was given out and not freed, and no one uses it any more.
+/// `handle` is NULL, or was made by `give` and is not freed, and is not used afterwards.
 pub(crate) unsafe fn free<T>(handle: *mut T) {
     if !handle.is_null() {
-        // SAFETY: it came of `Box::into_raw` in `give`, once.
+        // SAFETY: `give` made it with `Box::into_raw`, and it is freed once.
         let boxed = unsafe { Box::from_raw(handle) };
         value((), move || drop(boxed));
     }
 }
 
-/// Many values of C's.
+/// Borrows `length` values of the caller.
 ///
 /// # Safety
-/// `from` is NULL, or `length` values can be read there, which live as long as is said.
+/// `from` is NULL, or `length` values are readable there for the lifetime `'a`.
 pub(crate) unsafe fn slice<'a, T>(from: *const T, length: usize, name: &str) -> Result<&'a [T], Fault> {
     check(from, length, name)?;
-    // SAFETY: not NULL, aligned, no longer than memory can be, and readable as the caller promises.
+    // SAFETY: not NULL, aligned, at most `isize::MAX` bytes, and readable by the caller's guarantee.
     Ok(unsafe { std::slice::from_raw_parts(from, length) })
 }
 
-/// Many values of C's, to be written.
+/// Borrows `length` values of the caller mutably.
 ///
 /// # Safety
-/// `to` is NULL, or `length` initialised values are there that nothing else uses meanwhile.
+/// `to` is NULL, or `length` initialised values are there, which nothing else uses meanwhile.
 pub(crate) unsafe fn slice_mut<'a, T>(to: *mut T, length: usize, name: &str) -> Result<&'a mut [T], Fault> {
     check(to, length, name)?;
-    // SAFETY: not NULL, aligned, no longer than memory can be, and the caller's as it promises.
+    // SAFETY: not NULL, aligned, at most `isize::MAX` bytes, and exclusive by the caller's guarantee.
     Ok(unsafe { std::slice::from_raw_parts_mut(to, length) })
 }
 

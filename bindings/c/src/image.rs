@@ -1,4 +1,4 @@
-//! Photographs in the caller's memory.
+//! Photographs in the caller's memory, copied to frames.
 
 use std::ffi::{CStr, c_char, c_void};
 
@@ -12,7 +12,7 @@ use crate::handle::slice;
 use crate::settings::one_of;
 use crate::sized::{Versioned, read};
 
-/// How a sample is stored.
+/// The type of a sample.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub enum parfocal_depth {
@@ -24,30 +24,30 @@ pub enum parfocal_depth {
     PARFOCAL_F32 = 2,
 }
 
-/// A photograph: rows of pixels of one sample or of three, red, green, blue. It is copied before the call returns.
+/// A photograph: rows of pixels with one sample, or with three (red, green, blue). The call copies it before it returns.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct parfocal_image {
     /// sizeof(parfocal_image).
     pub size: usize,
-    /// The first sample of the first row, aligned as a sample is.
+    /// The first sample of the first row, aligned for its type.
     pub data: *const c_void,
-    /// Pixels a row.
+    /// Pixels per row.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
     /// 1 or 3.
     pub channels: u32,
     /// A parfocal_depth.
     pub depth: u32,
-    /// From the start of a row to that of the next, a multiple of a sample; 0 where rows follow one another without a gap.
+    /// Bytes from the start of one row to the next, a multiple of the sample's size. 0: rows have no gaps.
     pub row_bytes: usize,
-    /// How a camera packs pixels, by GenICam's name, such as "Mono12p" or "BayerRG8": then channels and depth say nothing, data needs not
-    /// be aligned, and rows that are not whole bytes have no gaps. NULL: as channels and depth say.
+    /// GenICam name of a camera's pixel format, for example "Mono12p" or "BayerRG8". channels and depth are then ignored, and
+    /// data needs no alignment. Rows that do not end on a byte must have no gaps. NULL: channels and depth apply.
     pub format: *const c_char,
 }
 
-// SAFETY: integers and a pointer, the size first.
+// SAFETY: `repr(C)`, integers and pointers, the size first.
 unsafe impl Versioned for parfocal_image {
     const NAME: &'static str = "parfocal_image";
 
@@ -57,14 +57,14 @@ unsafe impl Versioned for parfocal_image {
     }
 }
 
-/// The width and height of photographs such as this, and what their samples are; pixels are not read.
+/// Returns width, height and format of an image. Reads no pixels.
 ///
 /// # Safety
-/// `image` is NULL, or as the header describes it.
-pub(crate) unsafe fn kind(image: *const parfocal_image, name: &str) -> Result<([u32; 2], Format), Fault> {
-    // SAFETY: the contract is the same.
+/// The C contract holds for `image`.
+pub(crate) unsafe fn size_and_format(image: *const parfocal_image, name: &str) -> Result<([u32; 2], Format), Fault> {
+    // SAFETY: by the C contract.
     let image = unsafe { read(image) }?;
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     if let Some(packed) = unsafe { packed(&image, name) }? {
         return Ok(([image.width, image.height], packed.format()));
     }
@@ -77,36 +77,36 @@ fn channels(image: &parfocal_image, name: &str) -> Result<Channels, Fault> {
     match image.channels {
         1 => Ok(Channels::Gray),
         3 => Ok(Channels::Rgb),
-        n => Err(Fault::argument(format!("{name} has {n} channels: parfocal takes 1 or 3"))),
+        n => Err(Fault::argument(format!("{name} has {n} channels: give 1 or 3"))),
     }
 }
 
-/// Copies a photograph.
+/// Copies an image to a frame.
 ///
 /// # Safety
-/// `image` is NULL, or as the header describes it.
+/// The C contract holds for `image`.
 pub(crate) unsafe fn frame(image: *const parfocal_image, name: &str) -> Result<Frame, Fault> {
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     let image = unsafe { read(image) }?;
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     if let Some(packed) = unsafe { packed(&image, name) }? {
-        // SAFETY: the header asks for rows of such pixels.
+        // SAFETY: by the C contract the rows have this format.
         return unsafe { unpacked(&image, packed, name) };
     }
     let channels = channels(&image, name)?;
-    // SAFETY: the header asks for rows of such samples.
+    // SAFETY: by the C contract the rows have samples of this type.
     let samples = unsafe {
         match image.depth {
             0 => Samples::U8(rows(&image, name)?),
             1 => Samples::U16(rows(&image, name)?),
             2 => Samples::F32(rows(&image, name)?),
-            n => return Err(Fault::argument(format!("{name}: {n} is no parfocal_depth"))),
+            n => return Err(Fault::argument(format!("{name}.depth is {n}: give a parfocal_depth"))),
         }
     };
     Frame::new(image.width, image.height, channels, samples).map_err(|e| Fault::argument(format!("{name}: {e}")))
 }
 
-/// How a camera packs its pixels, if that is said.
+/// Returns the camera's pixel format, if one is stated.
 ///
 /// # Safety
 /// `image.format` is NULL or a string.
@@ -114,15 +114,15 @@ unsafe fn packed(image: &parfocal_image, name: &str) -> Result<Option<PixelForma
     if image.format.is_null() {
         return Ok(None);
     }
-    // SAFETY: the contract is the same.
+    // SAFETY: not NULL, so a string by the caller's guarantee.
     let format = unsafe { CStr::from_ptr(image.format) }.to_string_lossy();
     format.parse().map(Some).map_err(|problem| Fault::argument(format!("{name}.format: {problem}")))
 }
 
-/// The frame that a camera packed.
+/// Unpacks a camera frame.
 ///
 /// # Safety
-/// `image.data` is NULL, or begins rows of pixels of this format as `image` says.
+/// `image.data` is NULL, or points to rows of this format with the size that `image` states.
 unsafe fn unpacked(image: &parfocal_image, format: PixelFormat, name: &str) -> Result<Frame, Fault> {
     let wrong = |problem: String| Fault::argument(format!("{name}: {problem}"));
     let size = [image.width, image.height];
@@ -135,26 +135,26 @@ unsafe fn unpacked(image: &parfocal_image, format: PixelFormat, name: &str) -> R
         (Some(row), pitch) if row <= pitch as u64 => {
             u64::from(image.height - 1).saturating_mul(pitch as u64).saturating_add(row)
         }
-        (Some(row), _) => return Err(wrong(format!("row_bytes is {pitch}: give {row} at least, or 0"))),
+        (Some(row), _) => return Err(wrong(format!("row_bytes is {pitch}: give at least {row}, or 0"))),
         (None, _) => {
             return Err(wrong(format!("a row of {} px of {format} ends within a byte: give row_bytes 0", image.width)));
         }
     };
     let length = usize::try_from(bytes).map_err(|_| wrong(format!("{}x{} pixels are too many", size[0], size[1])))?;
-    // SAFETY: so many bytes the caller has, from the first of the first row to the last of the last.
+    // SAFETY: the caller has these bytes, from the first row's first to the last row's last.
     let all = unsafe { slice(image.data.cast::<u8>(), length, &format!("{name}.data")) }?;
-    let found = match row {
+    let unpacked = match row {
         Some(row) if pitch != 0 => format
             .frame(size, &all.chunks(pitch).flat_map(|chunk| &chunk[..row as usize]).copied().collect::<Vec<u8>>()),
         _ => format.frame(size, all),
     };
-    found.map_err(wrong)
+    unpacked.map_err(wrong)
 }
 
-/// Its samples.
+/// Copies the samples, without the gaps between rows.
 ///
 /// # Safety
-/// `image.data` is NULL, or begins rows of such samples as `image` says.
+/// `image.data` is NULL, or points to rows of `T` with the size that `image` states.
 unsafe fn rows<T: Copy>(image: &parfocal_image, name: &str) -> Result<Vec<T>, Fault> {
     let (height, bytes) = (image.height as usize, size_of::<T>());
     let wrong = |problem: String| Fault::argument(format!("{name}: {problem}"));
@@ -166,18 +166,18 @@ unsafe fn rows<T: Copy>(image: &parfocal_image, name: &str) -> Result<Vec<T>, Fa
     let step = match image.row_bytes {
         0 => row,
         stated if stated % bytes != 0 || stated / bytes < row => {
-            return Err(wrong(format!("row_bytes is {stated}: give a multiple of {bytes}, {} at least", row * bytes)));
+            return Err(wrong(format!("row_bytes is {stated}: give a multiple of {bytes}, at least {}", row * bytes)));
         }
         stated => stated / bytes,
     };
     let length = (height - 1).checked_mul(step).and_then(|n| n.checked_add(row)).ok_or_else(too_many)?;
-    // SAFETY: so many samples the caller has, from the first of the first row to the last of the last.
+    // SAFETY: the caller has these samples, from the first row's first to the last row's last.
     let all = unsafe { slice(image.data.cast::<T>(), length, &format!("{name}.data")) }?;
     Ok(all.chunks(step).flat_map(|chunk| &chunk[..row]).copied().collect())
 }
 
-/// How a frame's samples are stored.
-pub(crate) fn bytes_a_sample(frame: &Frame) -> usize {
+/// Returns the size of a frame's sample in bytes.
+pub(crate) fn bytes_per_sample(frame: &Frame) -> usize {
     match frame.format().depth {
         Depth::U8 => 1,
         Depth::U16 => 2,
@@ -194,15 +194,15 @@ mod tests {
     }
 
     fn read_back(image: parfocal_image) -> Option<Vec<u16>> {
-        // SAFETY: the tests' images lie within their data, or are refused before it is read.
+        // SAFETY: the images are within their data, or are refused before it is read.
         let frame = unsafe { frame(&raw const image, "i1") }.ok()?;
         let Samples::U16(samples) = frame.samples() else { return None };
         Some(samples.clone())
     }
 
     #[test]
-    fn what_a_camera_packs_is_unpacked() {
-        // Two rows of 0x123 0x456, and a gap of a byte.
+    fn camera_frames_are_unpacked() {
+        // Two rows of 0x123 0x456, with a gap of one byte.
         let data = [0x23u8, 0x61, 0x45, 0xff, 0x23, 0x61, 0x45];
         let mono = parfocal_image {
             data: data.as_ptr().cast(),
@@ -215,13 +215,13 @@ mod tests {
         };
         let widened = |v: u32| ((v * 65535 + 2047) / 4095) as u16;
         assert_eq!(read_back(mono), Some([0x123, 0x456, 0x123, 0x456].map(widened).to_vec()));
-        // SAFETY: the image is as it says.
-        let kind = unsafe { kind(&raw const mono, "i1") }.ok();
-        assert_eq!(kind, Some(([2, 2], Format { channels: Channels::Gray, depth: Depth::U16 })));
+        // SAFETY: the image describes its data.
+        let described = unsafe { size_and_format(&raw const mono, "i1") }.ok();
+        assert_eq!(described, Some(([2, 2], Format { channels: Channels::Gray, depth: Depth::U16 })));
     }
 
     #[test]
-    fn gaps_between_rows_are_left_out_and_what_is_no_image_is_refused() {
+    fn gaps_between_rows_are_removed_and_invalid_images_are_refused() {
         let data: Vec<u16> = (0..12).collect();
         assert_eq!(read_back(image(&data, 4, 3, 0)), Some(data.clone()));
         assert_eq!(read_back(image(&data, 2, 3, 8)), Some(vec![0, 1, 4, 5, 8, 9]));

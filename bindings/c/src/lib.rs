@@ -1,12 +1,13 @@
-//! The C interface of parfocal: `include/parfocal.h` is made of this, `include/parfocal.hpp` wraps it for C++.
+//! The C interface of parfocal. cbindgen makes `include/parfocal.h` from it; `include/parfocal.hpp` wraps it for C++.
 //!
-//! Every function checks its pointers, returns a status, and stops panics. All that is `unsafe` here is what C hands over.
-//! The contract of every exported function, which its documentation does not repeat: each pointer is NULL, or what the
-//! header says that it is, and lives through the call; a handle was given out by this library, is not freed, and no other
-//! thread uses it meanwhile, an engine, a stream, a parfocal_cancel and what is only read excepted.
+//! Every function checks its pointers, returns a status, and stops panics. The unsafe code handles the caller's pointers.
+//!
+//! All exported functions have this contract, called "the C contract" below. Each pointer is NULL or points to what the
+//! header states, for the duration of the call. A handle was returned by this library and is not freed. No other thread
+//! uses a handle meanwhile, except an engine, a stream, a cancellation token, or a handle that is only read.
 
-#![allow(non_camel_case_types, reason = "the names are those of the header")]
-#![allow(clippy::missing_safety_doc, reason = "it is above, once")]
+#![allow(non_camel_case_types, reason = "names of the C header")]
+#![allow(clippy::missing_safety_doc, reason = "stated once, above")]
 
 mod cancel;
 mod engine;
@@ -22,7 +23,10 @@ mod stream;
 mod sweep;
 mod vulkan;
 
-pub use cancel::{parfocal_cancel, parfocal_cancel_free, parfocal_cancel_new, parfocal_cancel_now, parfocal_progress};
+pub use cancel::{
+    parfocal_cancellation_token, parfocal_cancellation_token_cancel, parfocal_cancellation_token_free,
+    parfocal_cancellation_token_new, parfocal_progress,
+};
 pub use engine::*;
 pub use fault::{parfocal_last_error, parfocal_status};
 pub use image::{parfocal_depth, parfocal_image};

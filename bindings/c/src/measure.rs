@@ -7,18 +7,18 @@ use crate::handle::{slice, slice_mut};
 use crate::solution::check_count;
 use crate::solver::parfocal_region;
 
-/// A number and its standard error, both NaN where too few pixels are valid.
+/// A value and its standard error; both are NaN if too few pixels are valid.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct parfocal_estimate {
-    /// The number, in the unit of the field.
+    /// The value, in the unit of the field.
     pub value: f64,
     /// Its standard error.
     pub standard_error: f64,
 }
 
-/// How far a region of a field, width x height values, lies above another: the difference of their levels, medians without
-/// the tilt. For px² or mm.
+/// Measures a step in a field of width x height values: the level of region `to` minus that of `from`, in the unit of the
+/// field. A level is the median after removing the region's tilt.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_measure_step(
     values: *const f32,
@@ -29,7 +29,7 @@ pub unsafe extern "C" fn parfocal_measure_step(
     estimate: *mut parfocal_estimate,
 ) -> parfocal_status {
     call(|| {
-        // SAFETY: the contract is the same.
+        // SAFETY: by the C contract.
         let (values, out) = unsafe { (field(values, width, height)?, slice_mut(estimate, 1, "estimate")?) };
         let step = values.step(from.into(), to.into())?;
         let (value, standard_error) = step.map_or((f64::NAN, f64::NAN), |step| (step.value, step.standard_error));
@@ -38,16 +38,17 @@ pub unsafe extern "C" fn parfocal_measure_step(
     })
 }
 
-/// How many values a profile has: places 1 px apart at most, from end to end; 0 of a line without a length.
+/// Returns the number of values of a profile along a line, at most 1 px apart, both ends included. 0 if the line is shorter
+/// than 1 px.
 #[unsafe(no_mangle)]
 pub extern "C" fn parfocal_profile_length(x1: f64, y1: f64, x2: f64, y2: f64) -> usize {
     let length = (x2 - x1).hypot(y2 - y1);
-    // No image is wider.
+    // No image is wider than 1e7 px.
     if (1.0..1e7).contains(&length) { length.ceil() as usize + 1 } else { 0 }
 }
 
-/// The values of a field along a line, px, each the mean over so many px across; NaN where none is valid. count is
-/// parfocal_profile_length of the line.
+/// Samples a field along a line between two points in px. Each value is the mean over `across` px across the line; NaN if no
+/// pixel is valid. count must be parfocal_profile_length of the line.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_measure_profile(
     values: *const f32,
@@ -62,21 +63,22 @@ pub unsafe extern "C" fn parfocal_measure_profile(
     count: usize,
 ) -> parfocal_status {
     call(|| {
-        // SAFETY: the contract is the same.
+        // SAFETY: by the C contract.
         let values = unsafe { field(values, width, height) }?;
-        let found = values.profile(&Line { from: [x1, y1], to: [x2, y2], width: across })?;
-        check_count("profile", count, found.len())?;
-        // SAFETY: the header asks for so many doubles.
-        unsafe { slice_mut(profile, count, "profile") }?.copy_from_slice(&found);
+        let sampled = values.profile(&Line { from: [x1, y1], to: [x2, y2], width: across })?;
+        check_count("profile", count, sampled.len())?;
+        // SAFETY: by the C contract `profile` has room for `count` values.
+        unsafe { slice_mut(profile, count, "profile") }?.copy_from_slice(&sampled);
         Ok(())
     })
 }
 
 /// # Safety
-/// `values` is NULL, or of width x height floats.
+/// `values` is NULL, or points to width x height floats.
 unsafe fn field<'a>(values: *const f32, width: u32, height: u32) -> Result<Values<'a>, Fault> {
     let count = (width as usize).checked_mul(height as usize).filter(|&count| count > 0);
-    let count = count.ok_or_else(|| Fault::argument(format!("{width}x{height} values are none, or too many")))?;
-    // SAFETY: the contract is the same.
+    let count =
+        count.ok_or_else(|| Fault::argument(format!("a field of {width}x{height} values is empty or too large")))?;
+    // SAFETY: by the C contract.
     Ok(Values { width, values: unsafe { slice(values, count, "values") }? })
 }

@@ -1,4 +1,4 @@
-//! The settings of a solve.
+//! The settings of a solve, and their conversion from C.
 
 use parfocal::{
     Frame, Settings,
@@ -10,53 +10,53 @@ use parfocal::{
 use crate::fault::{Fault, call, parfocal_status};
 use crate::sized::{Versioned, read, write};
 
-/// How registration and relative blur go together.
+/// The order of registration and blur estimation.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub enum parfocal_method {
-    /// Together.
+    /// Both jointly.
     PARFOCAL_UNIFIED = 0,
-    /// Relative blur alone: T is held at the start.
+    /// Relative blur only; T stays at its start.
     PARFOCAL_ALIGNED = 1,
-    /// Registration first, by the difference of the images; then relative blur.
+    /// Registration first, from the image difference; then relative blur.
     PARFOCAL_APPEARANCE = 2,
 }
 
-/// What T may be: each is a special case of the next.
+/// The motion model of T. Each is a special case of the next.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub enum parfocal_motion {
-    /// A shift.
+    /// Translation.
     PARFOCAL_TRANSLATION = 0,
-    /// Besides, rotation and scale.
+    /// Translation, rotation and scale.
     PARFOCAL_SIMILARITY = 1,
-    /// Besides, stretch and shear.
+    /// Similarity, stretch and shear.
     PARFOCAL_AFFINE = 2,
-    /// Besides, perspective.
+    /// Affine and perspective.
     PARFOCAL_HOMOGRAPHY = 3,
 }
 
-/// How T steps.
+/// The optimiser of T.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub enum parfocal_registration_step {
-    /// Gauss-Newton, each pixel's change of V eliminated.
+    /// Gauss-Newton, with each pixel's change of V eliminated.
     PARFOCAL_GAUSS_NEWTON = 0,
-    /// The paper's explicit scheme, to compare with.
+    /// The paper's explicit scheme, for comparison.
     PARFOCAL_GRADIENT_DESCENT = 1,
 }
 
-/// Shape of the blur.
+/// The shape of the blur kernel.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub enum parfocal_kernel {
-    /// What the photographs say, from a Gaussian to a disk and a little beyond.
+    /// Estimated from the photographs, between Gaussian and disk.
     PARFOCAL_KERNEL_AUTO = 0,
     /// Gaussian.
     PARFOCAL_GAUSSIAN = 1,
     /// Disk.
     PARFOCAL_PILLBOX = 2,
-    /// Half a Gaussian: the paper's asymmetric kernel.
+    /// Half-Gaussian, the paper's asymmetric kernel.
     PARFOCAL_HALF_GAUSSIAN = 3,
 }
 
@@ -72,7 +72,7 @@ pub enum parfocal_decode {
     PARFOCAL_DECODE_SRGB = 2,
 }
 
-/// The settings; docs/method.md, section 8, says what each does. parfocal_settings_init fills in the defaults.
+/// The settings of a solve. docs/method.md, section 8, describes each. parfocal_settings_init fills in the defaults.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct parfocal_settings {
@@ -80,7 +80,7 @@ pub struct parfocal_settings {
     pub size: usize,
     /// A parfocal_method.
     pub method: u32,
-    /// A parfocal_motion: what T may be, beyond where it starts.
+    /// A parfocal_motion.
     pub motion: u32,
     /// A parfocal_kernel.
     pub kernel: u32,
@@ -88,47 +88,47 @@ pub struct parfocal_settings {
     pub registration_step: u32,
     /// A parfocal_decode.
     pub decode: u32,
-    /// Whether gain, offset and shading are matched: 1 or 0.
+    /// 1: match gain, offset and shading. 0: keep them.
     pub photometric: u32,
-    /// Pyramid levels, 1 to 12; 0: as many as the images have.
+    /// Pyramid levels, 1 to 12. 0: as many as the image size allows.
     pub levels: u32,
-    /// Iterations a level at most, 5 to 1000.
+    /// Maximum iterations per level, 5 to 1000.
     pub outer_iterations: u32,
     /// Relaxation sweeps per outer iteration, 1 to 100.
     pub relaxation_sweeps: u32,
     /// Over-relaxation, 0.01 to 1.99.
     pub over_relaxation: f64,
-    /// Smoothness, 1e-6 to 10; 0: found on each level.
+    /// Smoothness weight, 1e-6 to 10. 0: estimated on each level.
     pub regularization: f64,
-    /// The smoothness starts 1 + this times too large, 0 to 1000.
+    /// The smoothness weight starts larger by the factor 1 + continuation, 0 to 1000.
     pub continuation: f64,
-    /// Of the data term, intensities, 1e-4 to 1.
+    /// Robustness scale of the data term, intensities, 1e-4 to 1.
     pub data_eta: f64,
-    /// Of the smoothness, px² a pixel, 1e-4 to 100.
+    /// Robustness scale of the smoothness term, px² per pixel, 1e-4 to 100.
     pub smoothness_eta: f64,
-    /// Px², 1e-3 to 10.
+    /// Width of the smooth Heaviside function, px², 1e-3 to 10.
     pub heaviside_epsilon: f64,
-    /// Largest |V|, px², 1 to 256.
+    /// Limit of |V|, px², 1 to 256.
     pub max_relative_blur: f64,
-    /// Largest change of V an iteration, px² of the level, 0.01 to 100.
+    /// Limit of the change of V per iteration, px² of the level, 0.01 to 100.
     pub largest_step: f64,
-    /// Stored value up to which a sample is clipped at black; NaN: 0 of integers, nothing of floats.
+    /// Samples up to this stored value count as clipped at black. NaN: 0 for integers, none for floats.
     pub black_level: f64,
-    /// Stored value from which on a sample is clipped at white; NaN: the greatest of integers, nothing of floats.
+    /// Samples from this stored value on count as clipped at white. NaN: the largest integer, none for floats.
     pub white_level: f64,
-    /// Where T starts, by rows: of points from the image centre, px.
+    /// Start of T, row by row, for points in px from the image centre.
     pub start: [f64; 9],
-    /// Where the factor on I2 starts; it stays where photometric is 0.
+    /// Start of the gain of I2; it stays if photometric is 0.
     pub start_gain: f64,
-    /// Where what is added after it starts, intensities.
+    /// Start of the offset after the gain, intensities; it stays if photometric is 0.
     pub start_offset: f64,
-    /// Whether the fused image of a pair is made, of which depth and registration need nothing: 1 or 0.
+    /// 1: also compute the fused image of a pair. Depth and registration do not need it.
     pub fused: u32,
-    /// 0.
+    /// Must be 0.
     pub reserved: u32,
 }
 
-// SAFETY: numbers, the size first.
+// SAFETY: `repr(C)`, numbers, the size first.
 unsafe impl Versioned for parfocal_settings {
     const NAME: &'static str = "parfocal_settings";
 
@@ -155,7 +155,7 @@ unsafe impl Versioned for parfocal_settings {
             largest_step: s.largest_step,
             black_level: f64::NAN,
             white_level: f64::NAN,
-            start: flat(&s.start),
+            start: matrix_rows(&s.start),
             start_gain: s.start_photometric.gain,
             start_offset: s.start_photometric.offset,
             fused: s.fused.into(),
@@ -164,89 +164,89 @@ unsafe impl Versioned for parfocal_settings {
     }
 }
 
-/// Fills in the defaults; settings->size must be set.
+/// Fills in the defaults. settings->size must be set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_settings_init(settings: *mut parfocal_settings) -> parfocal_status {
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     call(|| unsafe { write(settings, parfocal_settings::start()) })
 }
 
-/// The settings of a caller.
+/// The settings of a caller, checked.
 #[derive(Clone)]
-pub(crate) struct Told {
+pub(crate) struct CallerSettings {
     settings: Settings,
 }
 
-impl Told {
-    /// What the caller set; the defaults of NULL.
+impl CallerSettings {
+    /// Reads the settings of the caller; the defaults if `from` is NULL.
     ///
     /// # Safety
-    /// `from` is NULL, or as the header says.
+    /// The C contract holds for `from`.
     pub(crate) unsafe fn read(from: *const parfocal_settings) -> Result<Self, Fault> {
-        let asked = match from.is_null() {
+        let stated = match from.is_null() {
             true => parfocal_settings::start(),
-            // SAFETY: the contract is the same.
+            // SAFETY: by the C contract.
             false => unsafe { read(from) }?,
         };
-        let settings = settings(&asked)?;
+        let settings = settings(&stated)?;
         settings.check()?;
         Ok(Self { settings })
     }
 
     /// The settings for these frames, with [`Decode::Auto`] resolved.
-    pub(crate) fn of(&self, frames: &[&Frame]) -> Settings {
-        self.of_depths(frames.iter().map(|frame| frame.format().depth))
+    pub(crate) fn resolved_for(&self, frames: &[&Frame]) -> Settings {
+        self.resolved_for_depths(frames.iter().map(|frame| frame.format().depth))
     }
 
     /// The settings for frames of these samples, with [`Decode::Auto`] resolved.
-    pub(crate) fn of_depths(&self, depths: impl Iterator<Item = Depth>) -> Settings {
+    pub(crate) fn resolved_for_depths(&self, depths: impl Iterator<Item = Depth>) -> Settings {
         Settings { decode: self.settings.decode.resolved(depths), ..self.settings.clone() }
     }
 }
 
-fn settings(asked: &parfocal_settings) -> Result<Settings, Fault> {
+fn settings(stated: &parfocal_settings) -> Result<Settings, Fault> {
     let level = |level: f64| Some(level).filter(|level| !level.is_nan());
     Ok(Settings {
-        method: one_of("method", asked.method, &[Method::Unified, Method::Aligned, Method::Appearance])?,
-        levels: Some(asked.levels).filter(|&levels| levels != 0),
-        outer_iterations: asked.outer_iterations,
-        relaxation_sweeps: asked.relaxation_sweeps,
-        over_relaxation: asked.over_relaxation,
-        regularization: Some(asked.regularization).filter(|&alpha| alpha != 0.0),
-        continuation: asked.continuation,
-        data_eta: asked.data_eta,
-        smoothness_eta: asked.smoothness_eta,
-        heaviside_epsilon: asked.heaviside_epsilon,
-        max_relative_blur: asked.max_relative_blur,
-        largest_step: asked.largest_step,
-        kernel: one_of("kernel", asked.kernel, &Kernel::NAMED)?,
-        motion: one_of("motion", asked.motion, &Motion::ALL)?,
-        registration_step: one_of("registration_step", asked.registration_step, &RegistrationStep::ALL)?,
-        photometric: one_of("photometric", asked.photometric, &[false, true])?,
-        decode: one_of("decode", asked.decode, &Decode::ALL)?,
-        black_level: level(asked.black_level),
-        white_level: level(asked.white_level),
-        start: homography(&asked.start)?,
-        start_photometric: Photometric { gain: asked.start_gain, offset: asked.start_offset },
-        fused: one_of("fused", asked.fused, &[false, true])?,
+        method: one_of("method", stated.method, &[Method::Unified, Method::Aligned, Method::Appearance])?,
+        levels: Some(stated.levels).filter(|&levels| levels != 0),
+        outer_iterations: stated.outer_iterations,
+        relaxation_sweeps: stated.relaxation_sweeps,
+        over_relaxation: stated.over_relaxation,
+        regularization: Some(stated.regularization).filter(|&alpha| alpha != 0.0),
+        continuation: stated.continuation,
+        data_eta: stated.data_eta,
+        smoothness_eta: stated.smoothness_eta,
+        heaviside_epsilon: stated.heaviside_epsilon,
+        max_relative_blur: stated.max_relative_blur,
+        largest_step: stated.largest_step,
+        kernel: one_of("kernel", stated.kernel, &Kernel::NAMED)?,
+        motion: one_of("motion", stated.motion, &Motion::ALL)?,
+        registration_step: one_of("registration_step", stated.registration_step, &RegistrationStep::ALL)?,
+        photometric: one_of("photometric", stated.photometric, &[false, true])?,
+        decode: one_of("decode", stated.decode, &Decode::ALL)?,
+        black_level: level(stated.black_level),
+        white_level: level(stated.white_level),
+        start: homography(&stated.start)?,
+        start_photometric: Photometric { gain: stated.start_gain, offset: stated.start_offset },
+        fused: one_of("fused", stated.fused, &[false, true])?,
     })
 }
 
-/// The value that a number of an enumeration stands for.
+/// Returns the value of a number of an enumeration.
 pub(crate) fn one_of<T: Clone>(name: &str, number: u32, values: &[T]) -> Result<T, Fault> {
     let value = usize::try_from(number).ok().and_then(|n| values.get(n)).cloned();
     value.ok_or_else(|| Fault::argument(format!("{name} is {number}: give 0 to {}", values.len() - 1)))
 }
 
-/// T from a matrix by rows.
+/// Makes T from a matrix, row by row.
 pub(crate) fn homography(rows: &[f64; 9]) -> Result<Homography, Fault> {
     let matrix = std::array::from_fn(|i| std::array::from_fn(|j| rows[3 * i + j]));
     Homography::from_matrix(matrix)
-        .ok_or_else(|| Fault::argument("a transform has no inverse, mirrors, or is not of numbers"))
+        .ok_or_else(|| Fault::argument("a transform is not invertible, mirrors, or is not finite"))
 }
 
-/// T as a matrix by rows.
-pub(crate) fn flat(t: &Homography) -> [f64; 9] {
+/// Returns T as a matrix, row by row.
+pub(crate) fn matrix_rows(t: &Homography) -> [f64; 9] {
     let matrix = t.matrix();
     std::array::from_fn(|i| matrix[i / 3][i % 3])
 }
@@ -256,7 +256,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_defaults_are_those_of_rust_and_what_is_no_setting_is_refused() {
+    fn defaults_are_those_of_rust_and_invalid_settings_are_refused() {
         let start = parfocal_settings::start();
         assert_eq!(settings(&start).ok(), Some(Settings::default()));
         for bad in [
@@ -267,8 +267,8 @@ mod tests {
             parfocal_settings { levels: 99, ..start },
             parfocal_settings { regularization: f64::NAN, ..start },
         ] {
-            // SAFETY: a whole struct.
-            assert!(unsafe { Told::read(&raw const bad) }.is_err(), "{bad:?}");
+            // SAFETY: a complete struct.
+            assert!(unsafe { CallerSettings::read(&raw const bad) }.is_err(), "{bad:?}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Structs that begin with their size, so that programs and libraries of different versions understand each other.
+//! Structs that begin with their size, so that programs work with newer and older libraries.
 
 use std::mem::{MaybeUninit, size_of};
 
@@ -7,45 +7,48 @@ use crate::fault::Fault;
 /// A struct of the header.
 ///
 /// # Safety
-/// It is `repr(C)`, begins with a `usize` that holds its size, and is of integers, floats and pointers alone: all bytes are
-/// valid.
+/// The type is `repr(C)`, begins with a `usize` that holds its size, and has only integers, floats and pointers, so that all
+/// bytes are valid.
 pub(crate) unsafe trait Versioned: Copy {
-    /// Its name in the header.
+    /// The name in the header.
     const NAME: &'static str;
 
-    /// What fields hold that the caller does not know.
+    /// The defaults of fields that the caller does not have.
     fn start() -> Self;
 }
 
-/// A struct of the caller's, which may be of an older version, or of a newer one that asks for nothing new.
+/// Copies a struct of the caller. An older one gets defaults; a newer one must have zeros in the fields unknown here.
 ///
 /// # Safety
-/// `from` is NULL, or readable over as many bytes as its first field says.
+/// `from` is NULL, or readable for the number of bytes in its first field.
 pub(crate) unsafe fn read<T: Versioned>(from: *const T) -> Result<T, Fault> {
-    // SAFETY: as the caller promises.
-    let size = unsafe { stated(from)? };
-    let mut found = MaybeUninit::new(T::start());
-    // SAFETY: both are at least so long, and any bytes are a valid T.
-    let found = unsafe {
-        from.cast::<u8>().copy_to(found.as_mut_ptr().cast(), size.min(size_of::<T>()));
-        found.assume_init()
+    // SAFETY: guaranteed by the caller.
+    let size = unsafe { stated_size(from)? };
+    let mut value = MaybeUninit::new(T::start());
+    // SAFETY: both have at least this many bytes, and any bytes are a valid T.
+    let value = unsafe {
+        from.cast::<u8>().copy_to(value.as_mut_ptr().cast(), size.min(size_of::<T>()));
+        value.assume_init()
     };
-    // SAFETY: within what the caller says is there.
-    let asked = (size_of::<T>()..size).any(|i| unsafe { *from.cast::<u8>().add(i) } != 0);
-    match asked {
-        true => Err(Fault::argument(format!("{} is of a newer parfocal and asks for what this one lacks", T::NAME))),
-        false => Ok(found),
+    // SAFETY: within the size that the caller states.
+    let has_unknown = (size_of::<T>()..size).any(|i| unsafe { *from.cast::<u8>().add(i) } != 0);
+    match has_unknown {
+        true => Err(Fault::argument(format!(
+            "{} is of a newer version and sets fields that this version does not have",
+            T::NAME
+        ))),
+        false => Ok(value),
     }
 }
 
-/// Fills in a struct of the caller's, as far as it goes; its size stays, and what it has more is 0.
+/// Fills in a struct of the caller up to its size. The size stays; fields unknown here become 0.
 ///
 /// # Safety
-/// `to` is NULL, or writable over as many bytes as its first field says.
+/// `to` is NULL, or writable for the number of bytes in its first field.
 pub(crate) unsafe fn write<T: Versioned>(to: *mut T, value: T) -> Result<(), Fault> {
     // SAFETY: as the caller promises; the size comes first, and is kept; T is longer than that.
     unsafe {
-        let size = stated(to)?;
+        let size = stated_size(to)?;
         let head = size_of::<usize>();
         to.cast::<u8>().add(head).write_bytes(0, size - head);
         (&raw const value).cast::<u8>().add(head).copy_to(to.cast::<u8>().add(head), size.min(size_of::<T>()) - head);
@@ -53,17 +56,17 @@ pub(crate) unsafe fn write<T: Versioned>(to: *mut T, value: T) -> Result<(), Fau
     Ok(())
 }
 
-/// The size that a struct states.
+/// Returns the size that a struct states.
 ///
 /// # Safety
 /// `of` is NULL, or points to a `usize`.
-unsafe fn stated<T: Versioned>(of: *const T) -> Result<usize, Fault> {
+unsafe fn stated_size<T: Versioned>(of: *const T) -> Result<usize, Fault> {
     if of.is_null() {
         return Err(Fault::argument(format!("{} is NULL", T::NAME)));
     }
-    // SAFETY: not NULL, and begins with its size; memory of C's may be unaligned.
+    // SAFETY: not NULL, and begins with its size; C memory may be unaligned.
     let size = unsafe { of.cast::<usize>().read_unaligned() };
-    // No struct of any version will be a page long: what is, was never set.
+    // No version has a struct of a page or more: a larger number was never set.
     if !(size_of::<usize>()..4096).contains(&size) {
         return Err(Fault::argument(format!("{0}.size is {size}: set it to sizeof({0})", T::NAME)));
     }
@@ -96,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn older_and_newer_structs_are_understood() {
+    fn older_and_newer_structs_are_read_and_filled() {
         assert_eq!(read_words(&[16, 7]), Some(Now { size: 16, a: 7, b: 2 }));
         assert_eq!(read_words(&[24, 7, 8]), Some(Now { size: 24, a: 7, b: 8 }));
         assert_eq!(read_words(&[32, 7, 8, 0]), Some(Now { size: 32, a: 7, b: 8 }));

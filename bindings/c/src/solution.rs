@@ -1,4 +1,4 @@
-//! What a solve gives back.
+//! Results of a pair: fields, numbers, depth, and resampling of other photographs.
 
 use std::ffi::{CString, c_char, c_void};
 
@@ -14,86 +14,88 @@ use parfocal::{
 
 use crate::fault::{Fault, call, parfocal_status, text};
 use crate::handle::{free, get, slice_mut};
-use crate::image::{bytes_a_sample, frame, parfocal_image};
-use crate::settings::flat;
+use crate::image::{bytes_per_sample, frame, parfocal_image};
+use crate::settings::matrix_rows;
 use crate::sized::{Versioned, read, write};
 
-/// What was found of a pair.
+/// The result of a solve or registration of a pair.
 pub struct parfocal_solution {
-    found: parfocal_found,
+    view: parfocal_solution_view,
     fields: Option<Solution>,
     warnings: Vec<CString>,
     transform: Homography,
-    moved: Moved,
+    resampling: Resampling,
     /// Largest |V|, px².
     limit: f64,
 }
 
-/// How other photographs are brought onto results.
-pub(crate) struct Moved {
+/// The parameters that resample other photographs onto the results.
+pub(crate) struct Resampling {
     pub(crate) brightness: Brightness,
     pub(crate) decode: Decode,
-    /// Width and height of the photographs.
+    /// Width and height of the photographs, px.
     pub(crate) photograph: [u32; 2],
-    /// The part of them that results are of.
+    /// The part of the photographs that the results cover.
     pub(crate) region: Region,
 }
 
-/// What was found of a pair: fields are row by row without gaps, width x height, and live as long as the solution.
+/// The numbers and fields of a solution. Fields have width x height values, row by row without gaps. They live as long as
+/// the solution.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
-pub struct parfocal_found {
-    /// sizeof(parfocal_found).
+pub struct parfocal_solution_view {
+    /// sizeof(parfocal_solution_view).
     pub size: usize,
-    /// Pixels a row of the fields; of a registration, of the photographs.
+    /// Pixels per row of the fields; of a registration, of the photographs.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
-    /// The pixel of I1 that is the first of the fields: (0, 0) unless they were cropped.
+    /// Pixel x, y of I1 at the first value of the fields; (0, 0) unless they are cropped.
     pub origin: [u32; 2],
-    /// Whether the solve settled on an answer that the images support: 1 or 0.
+    /// 1 if the solve converged to a solution that the images support, else 0.
     pub converged: u32,
-    /// How many warnings there are.
+    /// Number of warnings.
     pub warnings: u32,
-    /// V, px² of I1, positive where I2 is the more blurred; NaN where not valid. NULL of a registration, as the next four.
+    /// V, px² of I1, positive where I2 is more blurred than I1; NaN where not valid. This and the next four fields are NULL for
+    /// a registration.
     pub relative_blur: *const f32,
-    /// Standard deviation of V, px²; 1000 where the images say nothing, NaN where V is.
+    /// Standard deviation of V, px²; 1000 where the images do not determine V, NaN where V is NaN.
     pub uncertainty: *const f32,
-    /// 0 to 1.
+    /// Confidence in V, 0 to 1.
     pub confidence: *const f32,
-    /// What neither blur nor T explains, intensities.
+    /// The difference that neither blur nor T explains, intensities.
     pub residual: *const f32,
-    /// Of each pixel the sharper photograph, intensities, interleaved.
+    /// At each pixel the sharper photograph, intensities, interleaved.
     pub fused: *const f32,
-    /// Channels of fused, 1 or 3; 0 of a registration, and where none was asked for: then fused is NULL.
+    /// Channels of fused, 1 or 3. 0 if fused is NULL: for a registration, or if settings.fused is 0.
     pub fused_channels: u32,
-    /// 0.
+    /// Always 0.
     pub reserved: u32,
-    /// T by rows: of points from the image centre, px; I2(T x) lines up with I1(x).
+    /// T, row by row, for points in px from the image centre; I2(T x) matches I1(x).
     pub transform: [f64; 9],
-    /// Factor on I2.
+    /// Gain of I2.
     pub gain: f64,
-    /// Added after it, intensities.
+    /// Offset of I2 after the gain, intensities.
     pub offset: f64,
-    /// Smoothness of the finest level, stated or found; NaN of a registration, as the next four.
+    /// Smoothness weight of the finest level, stated or estimated. This and the next four are NaN for a registration.
     pub regularization: f64,
-    /// Where the kernel was to be found: 0 is a Gaussian, 1 a disk; NaN where it was stated.
+    /// Shape of the estimated kernel: 0 is a Gaussian, 1 a disk. NaN if the kernel was stated.
     pub kernel_shape: f64,
-    /// Fraction of pixels that are valid.
+    /// Fraction of the pixels that are valid.
     pub valid_fraction: f64,
     /// Mean confidence of the valid pixels.
     pub mean_confidence: f64,
     /// Fraction of the valid pixels at the limit of |V|.
     pub saturated_fraction: f64,
-    /// From the call to the answer, ms.
+    /// Time from call to return, ms.
     pub total_ms: f64,
-    /// On the device, ms.
+    /// Time on the device, ms.
     pub gpu_ms: f64,
 }
 
-// SAFETY: numbers and pointers, the size first.
-unsafe impl Versioned for parfocal_found {
-    const NAME: &'static str = "parfocal_found";
+// SAFETY: `repr(C)`, numbers and pointers, the size first.
+unsafe impl Versioned for parfocal_solution_view {
+    const NAME: &'static str = "parfocal_solution_view";
 
     fn start() -> Self {
         let (none, nan) = (std::ptr::null(), f64::NAN);
@@ -125,33 +127,33 @@ unsafe impl Versioned for parfocal_found {
     }
 }
 
-// SAFETY: the pointers in `found` are to what `fields` owns, which nothing changes.
+// SAFETY: the pointers in `view` point into `fields`, which nothing changes.
 unsafe impl Send for parfocal_solution {}
-// SAFETY: likewise; all functions but that which frees it only read.
+// SAFETY: as for `Send`; all functions except the one that frees it only read.
 unsafe impl Sync for parfocal_solution {}
 
-/// Warnings for C.
-pub(crate) fn sentences(warnings: &[String]) -> Vec<CString> {
+/// Converts warnings to C strings.
+pub(crate) fn c_strings(warnings: &[String]) -> Vec<CString> {
     warnings.iter().map(|warning| text(warning)).collect()
 }
 
 impl parfocal_solution {
     pub(crate) fn solved(fields: Solution, settings: &Settings) -> Self {
-        let (warnings, is_fused) = (sentences(&fields.warnings), settings.fused);
-        let found = parfocal_found {
+        let (warnings, is_fused) = (c_strings(&fields.warnings), settings.fused);
+        let view = parfocal_solution_view {
             width: fields.width,
             height: fields.height,
             origin: fields.origin,
             converged: fields.converged.into(),
             warnings: warnings.len() as u32,
-            // Of the vectors' memory, which stays where it is when the vectors move.
+            // Pointers to the vectors' memory, which stays in place when the vectors move.
             relative_blur: fields.relative_blur.as_ptr(),
             uncertainty: fields.uncertainty.as_ptr(),
             confidence: fields.confidence.as_ptr(),
             residual: fields.residual.as_ptr(),
             fused: if is_fused { fields.fused.as_ptr() } else { std::ptr::null() },
             fused_channels: if is_fused { fields.fused_channels.count() } else { 0 },
-            transform: flat(&fields.transform),
+            transform: matrix_rows(&fields.transform),
             gain: fields.photometric.gain,
             offset: fields.photometric.offset,
             regularization: fields.regularization,
@@ -161,78 +163,87 @@ impl parfocal_solution {
             saturated_fraction: fields.saturated_fraction,
             total_ms: fields.timings.total_ms,
             gpu_ms: fields.timings.gpu_ms,
-            ..parfocal_found::start()
+            ..parfocal_solution_view::start()
         };
         let (photograph, region) = (fields.photograph, fields.region());
-        let moved = Moved { brightness: fields.brightness(), decode: settings.decode, photograph, region };
+        let resampling = Resampling { brightness: fields.brightness(), decode: settings.decode, photograph, region };
         let (transform, limit) = (fields.transform, settings.max_relative_blur);
-        Self { found, fields: Some(fields), warnings, transform, moved, limit }
+        Self { view, fields: Some(fields), warnings, transform, resampling, limit }
     }
 
-    pub(crate) fn registered(of: Registered, settings: &Settings) -> Self {
-        let warnings = sentences(&of.warnings);
-        let found = parfocal_found {
-            width: of.width,
-            height: of.height,
-            converged: of.converged.into(),
+    pub(crate) fn registered(registration: Registered, settings: &Settings) -> Self {
+        let warnings = c_strings(&registration.warnings);
+        let view = parfocal_solution_view {
+            width: registration.width,
+            height: registration.height,
+            converged: registration.converged.into(),
             warnings: warnings.len() as u32,
-            transform: flat(&of.transform),
-            gain: of.photometric.gain,
-            offset: of.photometric.offset,
-            total_ms: of.timings.total_ms,
-            gpu_ms: of.timings.gpu_ms,
-            ..parfocal_found::start()
+            transform: matrix_rows(&registration.transform),
+            gain: registration.photometric.gain,
+            offset: registration.photometric.offset,
+            total_ms: registration.timings.total_ms,
+            gpu_ms: registration.timings.gpu_ms,
+            ..parfocal_solution_view::start()
         };
-        let region = Region { x: 0, y: 0, width: of.width, height: of.height };
-        let photograph = [of.width, of.height];
-        let moved = Moved { brightness: of.brightness(), decode: settings.decode, photograph, region };
-        Self { found, fields: None, warnings, transform: of.transform, moved, limit: settings.max_relative_blur }
+        let region = Region { x: 0, y: 0, width: registration.width, height: registration.height };
+        let photograph = [registration.width, registration.height];
+        let resampling =
+            Resampling { brightness: registration.brightness(), decode: settings.decode, photograph, region };
+        Self {
+            view,
+            fields: None,
+            warnings,
+            transform: registration.transform,
+            resampling,
+            limit: settings.max_relative_blur,
+        }
     }
 }
 
-/// Fills in what was found; found->size must be set.
+/// Fills in the view of a solution. view->size must be set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_solution_get(
     solution: *const parfocal_solution,
-    found: *mut parfocal_found,
+    view: *mut parfocal_solution_view,
 ) -> parfocal_status {
-    // SAFETY: the contract is the same.
-    call(|| unsafe { write(found, get(solution, "solution")?.found) })
+    // SAFETY: by the C contract.
+    call(|| unsafe { write(view, get(solution, "solution")?.view) })
 }
 
-/// A warning, counted from 0, a sentence of UTF-8; NULL where there is none. Valid until the solution is freed.
+/// Returns a warning, counted from 0, as a UTF-8 sentence; NULL beyond the last. Valid until the solution is freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_solution_warning(solution: *const parfocal_solution, index: u32) -> *const c_char {
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     let solution = unsafe { get(solution, "solution") };
     solution.map_or(std::ptr::null(), |solution| nth(&solution.warnings, index))
 }
 
-pub(crate) fn nth(sentences: &[CString], index: u32) -> *const c_char {
-    sentences.get(index as usize).map_or(std::ptr::null(), |sentence| sentence.as_ptr())
+/// Returns string `index`, or NULL.
+pub(crate) fn nth(strings: &[CString], index: u32) -> *const c_char {
+    strings.get(index as usize).map_or(std::ptr::null(), |string| string.as_ptr())
 }
 
-/// A lens in front of the sensor, focused at one distance for each of the two photographs.
+/// A lens that is focused at one distance for each photograph of a pair.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct parfocal_lens {
     /// sizeof(parfocal_lens).
     pub size: usize,
-    /// Mm.
+    /// Focal length, mm.
     pub focal_length: f64,
-    /// The aperture is focal_length / f_number wide.
+    /// F-number; the aperture is focal_length / f_number wide.
     pub f_number: f64,
-    /// Between the centres of neighbouring pixels, mm.
+    /// Distance between pixel centres, mm.
     pub pixel_pitch: f64,
-    /// At which I1 and I2 are focused, mm from the lens.
+    /// Focus distances of I1 and I2 from the lens, mm.
     pub focus: [f64; 2],
-    /// Deviation of the blur over its radius; 0 takes that of a disk, 0.5.
+    /// Standard deviation of the blur over its radius. 0 means 0.5, a disk.
     pub kappa: f64,
-    /// Not 0 where the lens is telecentric on the image side.
+    /// Not 0 if the lens is telecentric on the image side.
     pub telecentric: i32,
 }
 
-// SAFETY: numbers, the size first.
+// SAFETY: `repr(C)`, numbers, the size first.
 unsafe impl Versioned for parfocal_lens {
     const NAME: &'static str = "parfocal_lens";
 
@@ -242,8 +253,8 @@ unsafe impl Versioned for parfocal_lens {
     }
 }
 
-/// Depth from the lens and its standard deviation, mm, into two fields of count floats each, width x height of the solution;
-/// NaN where there is none. deviation may be NULL.
+/// Computes depth from the lens and its standard deviation, mm, NaN where there is none. Both fields have count floats,
+/// width x height of the solution. deviation may be NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_solution_depth(
     solution: *const parfocal_solution,
@@ -253,34 +264,36 @@ pub unsafe extern "C" fn parfocal_solution_depth(
     count: usize,
 ) -> parfocal_status {
     call(|| {
-        // SAFETY: the contract is the same.
-        let (solution, told) = unsafe { (get(solution, "solution")?, read(lens)?) };
+        // SAFETY: by the C contract.
+        let (solution, stated) = unsafe { (get(solution, "solution")?, read(lens)?) };
         let fields = solution.fields.as_ref().ok_or_else(|| Fault::argument("a registration has no depth"))?;
-        let kappa = if told.kappa == 0.0 { Lens::DISK } else { told.kappa };
-        let parfocal_lens { focal_length, f_number, pixel_pitch, focus, .. } = told;
-        let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric: told.telecentric != 0 };
+        let kappa = if stated.kappa == 0.0 { Lens::DISK } else { stated.kappa };
+        let parfocal_lens { focal_length, f_number, pixel_pitch, focus, .. } = stated;
+        let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric: stated.telecentric != 0 };
         lens.check()?;
         check_count("depth", count, fields.relative_blur.len())?;
         let (scale, blur) = (fields.transform.scale(), &fields.relative_blur);
         let metric = MetricDepth::new(&lens, scale, solution.limit, fields.width, blur, &fields.uncertainty);
-        // SAFETY: the header asks for so many floats.
+        // SAFETY: by the C contract `depth` has room for `count` floats.
         unsafe { slice_mut(depth, count, "depth") }?.copy_from_slice(&metric.depth);
         if !deviation.is_null() {
-            // SAFETY: likewise.
+            // SAFETY: by the C contract `deviation` has room for `count` floats.
             unsafe { slice_mut(deviation, count, "deviation") }?.copy_from_slice(&metric.deviation);
         }
         Ok(())
     })
 }
 
-pub(crate) fn check_count(name: &str, found: usize, needed: usize) -> Result<(), Fault> {
-    (found == needed)
+/// Checks the length that the caller states for an array.
+pub(crate) fn check_count(name: &str, stated: usize, needed: usize) -> Result<(), Fault> {
+    (stated == needed)
         .then_some(())
-        .ok_or_else(|| Fault::argument(format!("{name} has room for {found}, and {needed} is what it takes")))
+        .ok_or_else(|| Fault::argument(format!("{name} has a length of {stated}: give {needed}")))
 }
 
-/// Brings another photograph of I2's camera onto the pixels of the results: width x height of the solution, in the image's own
-/// samples, without gaps, into as many bytes; black beyond the photograph. With exposure not 0, as bright as I1.
+/// Resamples another photograph, taken like I2, onto the pixels of the results. out receives width x height pixels of the
+/// solution without gaps, with the image's channels and sample type; bytes is its size. Pixels beyond the photograph are
+/// black. exposure not 0 also matches the brightness of I1.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_solution_apply(
     solution: *const parfocal_solution,
@@ -290,38 +303,38 @@ pub unsafe extern "C" fn parfocal_solution_apply(
     bytes: usize,
 ) -> parfocal_status {
     call(|| {
-        // SAFETY: the contract is the same.
+        // SAFETY: by the C contract.
         let (solution, image) = unsafe { (get(solution, "solution")?, frame(image, "image")?) };
-        // SAFETY: the contract is the same.
-        unsafe { apply(&solution.moved, &solution.transform, &image, exposure != 0, out, bytes) }
+        // SAFETY: by the C contract.
+        unsafe { apply(&solution.resampling, &solution.transform, &image, exposure != 0, out, bytes) }
     })
 }
 
-/// Writes a photograph as it lies on the results.
+/// Writes a photograph resampled onto the results.
 ///
 /// # Safety
-/// `out` is NULL, or has room for as many bytes, aligned as the image's samples are.
+/// `out` is NULL, or has room for `bytes` bytes, aligned for the image's samples.
 pub(crate) unsafe fn apply(
-    moved: &Moved,
+    resampling: &Resampling,
     transform: &Homography,
     image: &Frame,
     exposure: bool,
     out: *mut c_void,
     bytes: usize,
 ) -> Result<(), Fault> {
-    let (size, [width, height]) = ([image.width(), image.height()], moved.photograph);
-    if size != moved.photograph {
-        let problem = format!("the image is {}x{}, and {width}x{height} were registered", size[0], size[1]);
+    let (size, [width, height]) = ([image.width(), image.height()], resampling.photograph);
+    if size != resampling.photograph {
+        let problem = format!("the image is {}x{}; the registered photographs are {width}x{height}", size[0], size[1]);
         return Err(parfocal::Error::Mismatch(problem).into());
     }
-    let brightness = if exposure { moved.brightness } else { Brightness::unchanged(size) };
-    let found = resample::registered(image, transform, &brightness, moved.decode);
-    let found = found.cropped(moved.region).map_err(Fault::argument)?;
-    check_count("out", bytes, found.bytes().len())?;
-    let count = bytes / bytes_a_sample(&found);
-    // SAFETY: so many samples fit into the bytes that the caller has.
+    let brightness = if exposure { resampling.brightness } else { Brightness::unchanged(size) };
+    let resampled = resample::registered(image, transform, &brightness, resampling.decode);
+    let resampled = resampled.cropped(resampling.region).map_err(Fault::argument)?;
+    check_count("out", bytes, resampled.bytes().len())?;
+    let count = bytes / bytes_per_sample(&resampled);
+    // SAFETY: `count` samples fit into the caller's `bytes` bytes.
     unsafe {
-        match found.samples() {
+        match resampled.samples() {
             Samples::U8(s) => slice_mut(out.cast(), count, "out")?.copy_from_slice(s),
             Samples::U16(s) => slice_mut(out.cast(), count, "out")?.copy_from_slice(s),
             Samples::F32(s) => slice_mut(out.cast(), count, "out")?.copy_from_slice(s),
@@ -330,9 +343,9 @@ pub(crate) unsafe fn apply(
     Ok(())
 }
 
-/// Frees a solution, and the fields with it.
+/// Frees a solution and its fields.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_solution_free(solution: *mut parfocal_solution) {
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     unsafe { free(solution) };
 }

@@ -1,4 +1,4 @@
-//! Solves of pairs.
+//! Solvers of pairs, and the options of a solve.
 
 use std::ffi::c_void;
 use std::sync::Arc;
@@ -6,19 +6,19 @@ use std::sync::Arc;
 use parfocal::frame::{Channels, Samples};
 use parfocal::{Engine, Frame, Mask, PairSolver, Region, Settings, SolveOptions};
 
-use crate::cancel::{control, parfocal_cancel, parfocal_progress};
+use crate::cancel::{control, parfocal_cancellation_token, parfocal_progress};
 use crate::engine::parfocal_engine;
 use crate::fault::{Fault, call, parfocal_status};
 use crate::handle::{free, get, get_mut, give, slice};
 use crate::image::{frame, parfocal_image};
-use crate::settings::{Told, parfocal_settings};
+use crate::settings::{CallerSettings, parfocal_settings};
 use crate::sized::{Versioned, read};
 use crate::solution::parfocal_solution;
 
-/// Settings, and what is kept from one pair for the next: memory and the recorded work of pairs of one size and format.
+/// A solver of pairs. It keeps memory and recorded work for pairs of the last size and format.
 pub struct parfocal_solver {
     engine: Arc<Engine>,
-    told: Told,
+    caller_settings: CallerSettings,
     solver: Option<PairSolver>,
 }
 
@@ -30,9 +30,9 @@ pub struct parfocal_region {
     pub x: u32,
     /// Upper edge, px.
     pub y: u32,
-    /// Px.
+    /// Width, px.
     pub width: u32,
-    /// Px.
+    /// Height, px.
     pub height: u32,
 }
 
@@ -42,29 +42,29 @@ impl From<parfocal_region> for Region {
     }
 }
 
-/// What of a pair is solved, who is told how far it is, and what calls it off.
+/// The options of one solve: region, mask, cropping, progress and cancellation.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
-pub struct parfocal_scope {
-    /// sizeof(parfocal_scope).
+pub struct parfocal_solve_options {
+    /// sizeof(parfocal_solve_options).
     pub size: usize,
-    /// The part of I1 that results are wanted of; of a width of 0: all.
+    /// The part of I1, or of the reference frame, to solve. Width 0: all of it.
     pub region: parfocal_region,
-    /// A byte a pixel of I1, row by row without gaps, 0 where a pixel is left out; NULL leaves out none.
+    /// One byte per pixel of I1, row by row without gaps; pixels with 0 do not count. NULL: all pixels count.
     pub mask: *const u8,
-    /// Not 0 crops results to the largest rectangle in which V is valid everywhere.
+    /// Not 0: crop results to the largest rectangle in which V is valid everywhere.
     pub crop_valid: i32,
-    /// Is told how far the call is; NULL: nobody.
+    /// Called with the share done; may be NULL.
     pub progress: parfocal_progress,
-    /// What that is called with.
+    /// Passed to progress.
     pub context: *mut c_void,
-    /// What calls the call off, from another thread; NULL: nothing.
-    pub cancel: *const parfocal_cancel,
+    /// Token that cancels the solve from another thread; may be NULL.
+    pub cancel: *const parfocal_cancellation_token,
 }
 
-// SAFETY: integers and a pointer, the size first.
-unsafe impl Versioned for parfocal_scope {
-    const NAME: &'static str = "parfocal_scope";
+// SAFETY: `repr(C)`, integers and pointers, the size first.
+unsafe impl Versioned for parfocal_solve_options {
+    const NAME: &'static str = "parfocal_solve_options";
 
     fn start() -> Self {
         let region = parfocal_region { x: 0, y: 0, width: 0, height: 0 };
@@ -73,31 +73,31 @@ unsafe impl Versioned for parfocal_scope {
     }
 }
 
-/// The options of a solve of photographs such as this.
+/// Converts the options of a solve of `i1`.
 ///
 /// # Safety
-/// `from` is NULL, or as the header says, the mask of this photograph's size.
-pub(crate) unsafe fn scope(from: *const parfocal_scope, i1: &Frame) -> Result<SolveOptions, Fault> {
-    // SAFETY: the contract is the same.
-    let asked = if from.is_null() { parfocal_scope::start() } else { unsafe { read(from) }? };
-    // SAFETY: the header asks for a handle, and for what may be called.
-    let control = unsafe { control(asked.progress, asked.context, asked.cancel) }?;
-    let region = Some(asked.region).filter(|region| region.width != 0).map(Region::from);
-    let mask = match asked.mask.is_null() {
+/// The C contract holds for `from`, and its mask has the size of `i1`.
+pub(crate) unsafe fn solve_options(from: *const parfocal_solve_options, i1: &Frame) -> Result<SolveOptions, Fault> {
+    // SAFETY: by the C contract.
+    let stated = if from.is_null() { parfocal_solve_options::start() } else { unsafe { read(from) }? };
+    // SAFETY: by the C contract, a handle or NULL, and a function that may be called with `context`.
+    let control = unsafe { control(stated.progress, stated.context, stated.cancel) }?;
+    let region = Some(stated.region).filter(|region| region.width != 0).map(Region::from);
+    let mask = match stated.mask.is_null() {
         true => None,
         false => {
             let pixels = i1.width() as usize * i1.height() as usize;
-            // SAFETY: the header asks for a byte a pixel.
-            let counts = unsafe { slice(asked.mask, pixels, "mask") }?;
+            // SAFETY: by the C contract the mask has one byte per pixel.
+            let counts = unsafe { slice(stated.mask, pixels, "mask") }?;
             let white = counts.iter().map(|&counts| if counts == 0 { 0 } else { 255 }).collect();
             let picture = Frame::new(i1.width(), i1.height(), Channels::Gray, Samples::U8(white));
             Some(Mask::of_picture(&picture.map_err(Fault::argument)?))
         }
     };
-    Ok(SolveOptions { region, mask, crop_valid: asked.crop_valid != 0, ..control })
+    Ok(SolveOptions { region, mask, crop_valid: stated.crop_valid != 0, ..control })
 }
 
-/// Prepares for pairs; settings may be NULL.
+/// Makes a solver. settings may be NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_solver_new(
     engine: *const parfocal_engine,
@@ -105,39 +105,40 @@ pub unsafe extern "C" fn parfocal_solver_new(
     solver: *mut *mut parfocal_solver,
 ) -> parfocal_status {
     let make = || {
-        // SAFETY: the contract is the same.
-        let (engine, told) = unsafe { (get(engine, "engine")?.engine.clone(), Told::read(settings)?) };
-        Ok(parfocal_solver { engine, told, solver: None })
+        // SAFETY: by the C contract.
+        let (engine, caller_settings) =
+            unsafe { (get(engine, "engine")?.engine.clone(), CallerSettings::read(settings)?) };
+        Ok(parfocal_solver { engine, caller_settings, solver: None })
     };
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     call(|| unsafe { give(solver, make) })
 }
 
-/// Solves a pair; scope may be NULL. A pair of another size or format than the last takes longer.
+/// Solves a pair. options may be NULL. The first pair of a size and format takes longer.
 ///
-/// A pair that can be read but not solved is no error: it is a solution that has not converged, whose warnings say why.
+/// A pair that does not converge is no error: the solution has converged 0, and its warnings say why.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_solver_solve(
     solver: *mut parfocal_solver,
     i1: *const parfocal_image,
     i2: *const parfocal_image,
-    scope: *const parfocal_scope,
+    options: *const parfocal_solve_options,
     solution: *mut *mut parfocal_solution,
 ) -> parfocal_status {
     let make = || {
-        // SAFETY: the contract is the same.
+        // SAFETY: by the C contract.
         let (solver, i1, i2) = unsafe { (get_mut(solver, "solver")?, frame(i1, "i1")?, frame(i2, "i2")?) };
-        // SAFETY: the contract is the same.
-        let options = unsafe { self::scope(scope, &i1) }?;
-        let settings = solver.told.of(&[&i1, &i2]);
+        // SAFETY: by the C contract.
+        let options = unsafe { solve_options(options, &i1) }?;
+        let settings = solver.caller_settings.resolved_for(&[&i1, &i2]);
         let solved = solver.with(&settings)?.solve([&i1, &i2], &options)?;
         Ok(parfocal_solution::solved(solved, &settings))
     };
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     call(|| unsafe { give(solution, make) })
 }
 
-/// Registers a pair: a solution without fields, which are NULL.
+/// Registers a pair. The fields of the solution are NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_solver_register(
     solver: *mut parfocal_solver,
@@ -146,22 +147,22 @@ pub unsafe extern "C" fn parfocal_solver_register(
     solution: *mut *mut parfocal_solution,
 ) -> parfocal_status {
     let make = || {
-        // SAFETY: the contract is the same.
+        // SAFETY: by the C contract.
         let (solver, i1, i2) = unsafe { (get_mut(solver, "solver")?, frame(i1, "i1")?, frame(i2, "i2")?) };
         solver.register(&i1, &i2)
     };
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     call(|| unsafe { give(solution, make) })
 }
 
 impl parfocal_solver {
     fn register(&mut self, i1: &Frame, i2: &Frame) -> Result<parfocal_solution, Fault> {
-        let settings = self.told.of(&[i1, i2]);
+        let settings = self.caller_settings.resolved_for(&[i1, i2]);
         let registered = self.with(&settings)?.register([i1, i2], &SolveOptions::default())?;
         Ok(parfocal_solution::registered(registered, &settings))
     }
 
-    /// The solver, with these settings.
+    /// Returns the solver with these settings, made on the first call.
     fn with(&mut self, settings: &Settings) -> Result<&mut PairSolver, Fault> {
         let mut solver = match self.solver.take() {
             Some(solver) => solver,
@@ -172,14 +173,14 @@ impl parfocal_solver {
     }
 }
 
-/// Frees a solver; its solutions live on.
+/// Frees a solver. Its solutions stay valid.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_solver_free(solver: *mut parfocal_solver) {
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     unsafe { free(solver) };
 }
 
-/// What the header says of threads.
+/// Checks what the header says about threads.
 const _: () = {
     const fn may_move<T: Send>() {}
     const fn may_be_shared<T: Send + Sync>() {}

@@ -1,4 +1,4 @@
-//! Focus sweeps.
+//! Focus sweeps: options, solve, results.
 
 use std::ffi::{CString, c_char, c_void};
 
@@ -9,44 +9,44 @@ use crate::engine::parfocal_engine;
 use crate::fault::{Fault, call, parfocal_status};
 use crate::handle::{free, get, give, slice, slice_mut};
 use crate::image::{frame, parfocal_image};
-use crate::settings::{Told, flat, parfocal_settings};
+use crate::settings::{CallerSettings, matrix_rows, parfocal_settings};
 use crate::sized::{Versioned, read, write};
-use crate::solution::{Moved, apply, nth, sentences};
-use crate::solver::{parfocal_scope, scope};
+use crate::solution::{Resampling, apply, c_strings, nth};
+use crate::solver::{parfocal_solve_options, solve_options};
 
-/// What was found of a focus sweep.
+/// The result of a focus sweep.
 pub struct parfocal_sweep {
     sweep: Sweep,
     warnings: Vec<CString>,
 }
 
-/// What positions are.
+/// The unit of focus positions.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
-pub enum parfocal_positions {
-    /// Settings in any unit that is even in 1/distance.
-    PARFOCAL_SETTINGS = 0,
-    /// Distances from the lens at which it is focused, mm.
-    PARFOCAL_DISTANCES = 1,
-    /// Where a stage puts the plane in focus, mm from any origin.
-    PARFOCAL_STAGE = 2,
+pub enum parfocal_position_unit {
+    /// Steps of the focus setting, in any unit that is linear in 1/distance.
+    PARFOCAL_UNIT_STEPS = 0,
+    /// Focus distances from the lens, mm.
+    PARFOCAL_UNIT_DISTANCES = 1,
+    /// Positions of the plane in focus on a stage, mm from any origin.
+    PARFOCAL_UNIT_STAGE = 2,
 }
 
-/// How a sweep is solved.
+/// The options of a focus sweep.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct parfocal_sweep_options {
     /// sizeof(parfocal_sweep_options).
     pub size: usize,
-    /// What each frame is focused at, ascending or descending; NULL: counted from 0, evenly unless the sweep says otherwise.
+    /// Focus position of each frame, ascending or descending. NULL: 0, 1, 2, ..., corrected if the frames show uneven steps.
     pub positions: *const f64,
-    /// A parfocal_positions.
+    /// A parfocal_position_unit.
     pub unit: u32,
-    /// The frame on whose pixels the results are, counted from 0; -1: the middle one.
+    /// The frame whose pixels the results have, counted from 0. -1: the middle frame.
     pub reference: i32,
 }
 
-// SAFETY: integers and a pointer, the size first.
+// SAFETY: `repr(C)`, integers and a pointer, the size first.
 unsafe impl Versioned for parfocal_sweep_options {
     const NAME: &'static str = "parfocal_sweep_options";
 
@@ -55,47 +55,48 @@ unsafe impl Versioned for parfocal_sweep_options {
     }
 }
 
-/// What was found of a sweep: fields are row by row without gaps, width x height, and live as long as the sweep.
+/// The numbers and fields of a sweep. Fields have width x height values, row by row without gaps. They live as long as the
+/// sweep.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
-pub struct parfocal_sweep_found {
-    /// sizeof(parfocal_sweep_found).
+pub struct parfocal_sweep_view {
+    /// sizeof(parfocal_sweep_view).
     pub size: usize,
-    /// Pixels a row.
+    /// Pixels per row.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
-    /// The pixel of the reference that is the first of the fields.
+    /// Pixel x, y of the reference at the first value of the fields.
     pub origin: [u32; 2],
-    /// How many frames were solved: one that was there twice is left out.
+    /// Number of solved frames. A frame that occurs twice is left out.
     pub frames: u32,
-    /// The reference among them, from 0.
+    /// Index of the reference among the solved frames, from 0.
     pub reference: u32,
-    /// How many warnings there are.
+    /// Number of warnings.
     pub warnings: u32,
     /// Channels of fused, 1 or 3.
     pub fused_channels: u32,
-    /// The setting at which each pixel is in focus, 1/m of distances; NaN where none is known.
+    /// The focus setting at which each pixel is sharp, for distances in 1/m; NaN where it is not measured.
     pub focus: *const f32,
-    /// Its standard deviation.
+    /// Standard deviation of focus.
     pub uncertainty: *const f32,
-    /// Depth, mm, where positions are in mm; else NULL.
+    /// Depth, mm; NULL unless positions are in mm.
     pub depth: *const f32,
-    /// Its standard deviation, mm.
+    /// Standard deviation of depth, mm.
     pub deviation: *const f32,
-    /// -1 where the focus lies before the first frame, 1 beyond the last, else 0.
+    /// -1 where the focus is before the first frame, 1 where it is beyond the last, else 0.
     pub beyond: *const i8,
-    /// The image sharp all over, intensities, interleaved.
+    /// The all-in-focus image, intensities, interleaved.
     pub fused: *const f32,
-    /// The frame that each pixel of it is of, from 1.
+    /// The frame that each pixel of fused comes from, counted from 1.
     pub frame: *const u16,
-    /// By how many px² of variance blur grows with the squared distance from the focus, in settings.
+    /// Growth of the blur variance, px², with the squared distance from focus in settings.
     pub blur_rate: f64,
 }
 
-// SAFETY: numbers and pointers, the size first.
-unsafe impl Versioned for parfocal_sweep_found {
-    const NAME: &'static str = "parfocal_sweep_found";
+// SAFETY: `repr(C)`, numbers and pointers, the size first.
+unsafe impl Versioned for parfocal_sweep_view {
+    const NAME: &'static str = "parfocal_sweep_view";
 
     fn start() -> Self {
         let none = std::ptr::null();
@@ -120,100 +121,102 @@ unsafe impl Versioned for parfocal_sweep_found {
     }
 }
 
-/// Solves a focus sweep of three or more frames of one size and format, in the order of their focus; settings, options and scope
+/// Solves a focus sweep: three or more frames of one size and format, in the order of their focus. settings, options and solve
 /// may be NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn parfocal_stack(
+pub unsafe extern "C" fn parfocal_sweep_solve(
     engine: *const parfocal_engine,
     frames: *const parfocal_image,
     count: usize,
     settings: *const parfocal_settings,
     options: *const parfocal_sweep_options,
-    scope: *const parfocal_scope,
+    solve: *const parfocal_solve_options,
     sweep: *mut *mut parfocal_sweep,
 ) -> parfocal_status {
     let make = || {
-        // SAFETY: the contract is the same.
-        let (engine, told) = unsafe { (get(engine, "engine")?, Told::read(settings)?) };
-        // SAFETY: the header asks for so many images.
+        // SAFETY: by the C contract.
+        let (engine, caller_settings) = unsafe { (get(engine, "engine")?, CallerSettings::read(settings)?) };
+        // SAFETY: by the C contract there are `count` images.
         let frames = unsafe { self::frames(frames, count) }?;
-        let first = frames.first().ok_or_else(|| Fault::argument("there are no frames"))?;
+        let first = frames.first().ok_or_else(|| Fault::argument("there are no frames: give three or more"))?;
         let all: Vec<&Frame> = frames.iter().collect();
-        // SAFETY: the contract is the same.
-        let (positions, reference, scope) =
-            unsafe { (positions(options, count)?, reference(options)?, self::scope(scope, first)?) };
-        let options = SweepOptions { settings: told.of(&all), positions, reference };
-        let sweep = SweepSolver::new(&engine.engine, &options)?.solve(&frames, &scope)?;
-        Ok(parfocal_sweep { warnings: sentences(&sweep.warnings), sweep })
+        // SAFETY: by the C contract.
+        let (positions, reference, solve) =
+            unsafe { (positions(options, count)?, reference(options)?, solve_options(solve, first)?) };
+        let options = SweepOptions { settings: caller_settings.resolved_for(&all), positions, reference };
+        let sweep = SweepSolver::new(&engine.engine, &options)?.solve(&frames, &solve)?;
+        Ok(parfocal_sweep { warnings: c_strings(&sweep.warnings), sweep })
     };
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     call(|| unsafe { give(sweep, make) })
 }
 
-/// Copies the frames.
+/// Copies the frames of a sweep.
 ///
 /// # Safety
-/// `at` is NULL, or begins `count` images as the header describes them, as far apart as the first states its size.
+/// `at` is NULL, or points to `count` images, which are as far apart as the first states its size.
 unsafe fn frames(at: *const parfocal_image, count: usize) -> Result<Vec<Frame>, Fault> {
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     let step = unsafe { read(at) }?.size;
-    // SAFETY: images of a caller of another version lie as far apart as that has them.
+    // SAFETY: the images are as far apart as the caller's version of the struct is large.
     let image = |n: usize| unsafe { frame(at.cast::<u8>().add(n * step).cast(), &format!("frame {}", n + 1)) };
     (0..count).map(image).collect()
 }
 
 /// # Safety
-/// `options` is NULL, or as the header says.
+/// The C contract holds for `options`.
 unsafe fn positions(options: *const parfocal_sweep_options, count: usize) -> Result<Positions, Fault> {
     if options.is_null() {
         return Ok(Positions::Counted);
     }
-    // SAFETY: the contract is the same.
-    let asked = unsafe { read(options) }?;
-    if asked.positions.is_null() {
+    // SAFETY: by the C contract.
+    let stated = unsafe { read(options) }?;
+    if stated.positions.is_null() {
         return Ok(Positions::Counted);
     }
-    // SAFETY: the header asks for one a frame.
-    let stated = unsafe { slice(asked.positions, count, "positions") }?.to_vec();
-    match asked.unit {
-        0 => Ok(Positions::Settings(stated)),
-        1 => Ok(Positions::Distances(stated)),
-        2 => Ok(Positions::Stage(stated)),
-        n => Err(Fault::argument(format!("unit is {n}: give a parfocal_positions"))),
+    // SAFETY: by the C contract there is one position per frame.
+    let positions = unsafe { slice(stated.positions, count, "positions") }?.to_vec();
+    match stated.unit {
+        0 => Ok(Positions::Settings(positions)),
+        1 => Ok(Positions::Distances(positions)),
+        2 => Ok(Positions::Stage(positions)),
+        n => Err(Fault::argument(format!("unit is {n}: give a parfocal_position_unit"))),
     }
 }
 
 /// # Safety
-/// `options` is NULL, or as the header says.
+/// The C contract holds for `options`.
 unsafe fn reference(options: *const parfocal_sweep_options) -> Result<Option<usize>, Fault> {
     if options.is_null() {
         return Ok(None);
     }
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     match unsafe { read(options) }?.reference {
         -1 => Ok(None),
-        n => usize::try_from(n).map(Some).map_err(|_| Fault::argument(format!("there is no reference frame {n}"))),
+        n => usize::try_from(n)
+            .map(Some)
+            .map_err(|_| Fault::argument(format!("reference is {n}: give -1 or the index of a frame"))),
     }
 }
 
-/// Fills in what was found; found->size must be set.
+/// Fills in the view of a sweep. view->size must be set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_sweep_get(
     sweep: *const parfocal_sweep,
-    found: *mut parfocal_sweep_found,
+    view: *mut parfocal_sweep_view,
 ) -> parfocal_status {
     call(|| {
-        // SAFETY: the contract is the same.
-        let kept = unsafe { get(sweep, "sweep") }?;
-        let sweep = &kept.sweep;
+        // SAFETY: by the C contract.
+        let handle = unsafe { get(sweep, "sweep") }?;
+        let sweep = &handle.sweep;
         let depth = sweep.depth.as_ref();
-        let filled = parfocal_sweep_found {
+        let filled = parfocal_sweep_view {
             width: sweep.width,
             height: sweep.height,
             origin: [sweep.region.x, sweep.region.y],
             frames: sweep.transforms.len() as u32,
             reference: sweep.reference as u32,
-            warnings: kept.warnings.len() as u32,
+            warnings: handle.warnings.len() as u32,
             fused_channels: sweep.fused_channels.count(),
             focus: sweep.focus.as_ptr(),
             uncertainty: sweep.uncertainty.as_ptr(),
@@ -223,14 +226,15 @@ pub unsafe extern "C" fn parfocal_sweep_get(
             fused: sweep.fused.as_ptr(),
             frame: sweep.frames.as_ptr(),
             blur_rate: sweep.blur_rate,
-            ..parfocal_sweep_found::start()
+            ..parfocal_sweep_view::start()
         };
-        // SAFETY: the contract is the same.
-        unsafe { write(found, filled) }
+        // SAFETY: by the C contract.
+        unsafe { write(view, filled) }
     })
 }
 
-/// Where the pixels of the reference lie in a frame, counted from 0: T by rows, nine numbers, of points from the image centre, px.
+/// Writes T of a frame, counted from 0: nine numbers, row by row, for points in px from the image centre. T maps pixels of the
+/// reference to the frame.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_sweep_transform(
     sweep: *const parfocal_sweep,
@@ -238,14 +242,15 @@ pub unsafe extern "C" fn parfocal_sweep_transform(
     transform: *mut f64,
 ) -> parfocal_status {
     call(|| {
-        // SAFETY: the contract is the same.
+        // SAFETY: by the C contract.
         let (sweep, out) = unsafe { (get(sweep, "sweep")?, slice_mut(transform, 9, "transform")?) };
-        out.copy_from_slice(&flat(&sweep.sweep.transforms[nth_frame(sweep, frame)?]));
+        out.copy_from_slice(&matrix_rows(&sweep.sweep.transforms[nth_frame(sweep, frame)?]));
         Ok(())
     })
 }
 
-/// Brings another photograph of a frame, counted from 0, onto the pixels of the results, as parfocal_solution_apply does.
+/// Resamples another photograph, taken like one frame, onto the pixels of the results, as parfocal_solution_apply. frame counts
+/// from 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_sweep_apply(
     sweep: *const parfocal_sweep,
@@ -256,35 +261,37 @@ pub unsafe extern "C" fn parfocal_sweep_apply(
     bytes: usize,
 ) -> parfocal_status {
     call(|| {
-        // SAFETY: the contract is the same.
-        let (kept, image) = unsafe { (get(sweep, "sweep")?, crate::image::frame(image, "image")?) };
-        let (n, sweep) = (nth_frame(kept, frame)?, &kept.sweep);
-        let moved = Moved {
+        // SAFETY: by the C contract.
+        let (handle, image) = unsafe { (get(sweep, "sweep")?, crate::image::frame(image, "image")?) };
+        let (n, sweep) = (nth_frame(handle, frame)?, &handle.sweep);
+        let resampling = Resampling {
             brightness: sweep.brightness[n],
             decode: sweep.decode,
             photograph: sweep.photograph,
             region: sweep.region,
         };
-        // SAFETY: the contract is the same.
-        unsafe { apply(&moved, &sweep.transforms[n], &image, exposure != 0, out, bytes) }
+        // SAFETY: by the C contract.
+        unsafe { apply(&resampling, &sweep.transforms[n], &image, exposure != 0, out, bytes) }
     })
 }
 
 fn nth_frame(sweep: &parfocal_sweep, frame: u32) -> Result<usize, Fault> {
     let (n, count) = (frame as usize, sweep.sweep.transforms.len());
-    (n < count).then_some(n).ok_or_else(|| Fault::argument(format!("there is no frame {n}: there are {count}")))
+    (n < count)
+        .then_some(n)
+        .ok_or_else(|| Fault::argument(format!("frame is {n}, and there are {count} frames, counted from 0")))
 }
 
-/// A warning, counted from 0, a sentence of UTF-8; NULL where there is none. Valid until the sweep is freed.
+/// Returns a warning, counted from 0, as a UTF-8 sentence; NULL beyond the last. Valid until the sweep is freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_sweep_warning(sweep: *const parfocal_sweep, index: u32) -> *const c_char {
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     unsafe { get(sweep, "sweep") }.map_or(std::ptr::null(), |sweep| nth(&sweep.warnings, index))
 }
 
-/// Frees a sweep, and the fields with it.
+/// Frees a sweep and its fields.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_sweep_free(sweep: *mut parfocal_sweep) {
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     unsafe { free(sweep) };
 }

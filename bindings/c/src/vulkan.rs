@@ -1,4 +1,4 @@
-//! A Vulkan device that belongs to the embedding program.
+//! Engines on a Vulkan device of the embedding program.
 
 use std::ffi::c_void;
 use std::mem::transmute;
@@ -8,19 +8,19 @@ use parfocal::Engine;
 use parfocal::interop::ash::vk::{self, Handle};
 use parfocal::interop::{ExternalDevice, QueueLock};
 
-use crate::engine::{parfocal_engine, parfocal_engine_options, told};
+use crate::engine::{engine_options, parfocal_engine, parfocal_engine_options};
 use crate::fault::{Fault, call, parfocal_status};
 use crate::handle::give;
 use crate::sized::{Versioned, read};
 
-/// An instance and a device of the program's, both made for Vulkan 1.3 or later, the device with the features timelineSemaphore, synchronization2
-/// and maintenance4. They are not destroyed before the last engine, solver, stream and solution of them is freed.
+/// A Vulkan instance and device of the embedding program, both for Vulkan 1.3 or later. The device has the features
+/// timelineSemaphore, synchronization2 and maintenance4. Destroy them after all engines, solvers, streams and solutions.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct parfocal_vulkan {
     /// sizeof(parfocal_vulkan).
     pub size: usize,
-    /// The vkGetInstanceProcAddr that the instance came by.
+    /// The vkGetInstanceProcAddr of the loader that made the instance.
     pub get_instance_proc_addr: *const c_void,
     /// The VkInstance.
     pub instance: *const c_void,
@@ -28,22 +28,22 @@ pub struct parfocal_vulkan {
     pub physical_device: *const c_void,
     /// The VkDevice.
     pub device: *const c_void,
-    /// A VkQueue of it that computes, which nobody else uses, unless all do between lock and unlock.
+    /// A VkQueue with compute support. Without lock and unlock no other code uses it.
     pub queue: *const c_void,
-    /// Its family.
+    /// The queue family index of the queue.
     pub queue_family: u32,
-    /// Not 0 where the device was made with VK_EXT_conditional_rendering and its feature conditionalRendering: a solve is then one submission.
+    /// Not 0 if the device was made with VK_EXT_conditional_rendering and its feature conditionalRendering. A solve is then one
+    /// submission.
     pub conditional_rendering: i32,
-    /// Waits until nobody else uses the queue, and keeps others from it until unlock is called, by the same thread, after one submission;
-    /// NULL: nobody else uses it.
+    /// Locks the queue for the calling thread, which calls unlock after one submission. NULL: no other code uses the queue.
     pub lock: Option<unsafe extern "C" fn(context: *mut c_void)>,
-    /// Lets others have the queue.
+    /// Unlocks the queue.
     pub unlock: Option<unsafe extern "C" fn(context: *mut c_void)>,
-    /// What both are called with, from any thread.
+    /// Passed to lock and unlock, which are called from any thread.
     pub context: *mut c_void,
 }
 
-// SAFETY: integers and pointers, those to functions among them, the size first.
+// SAFETY: `repr(C)`, integers, pointers and function pointers, the size first.
 unsafe impl Versioned for parfocal_vulkan {
     const NAME: &'static str = "parfocal_vulkan";
 
@@ -65,31 +65,31 @@ unsafe impl Versioned for parfocal_vulkan {
     }
 }
 
-/// The program's lock of its queue.
+/// The embedding program's lock of its queue.
 struct Lock {
     lock: unsafe extern "C" fn(context: *mut c_void),
     unlock: unsafe extern "C" fn(context: *mut c_void),
     context: *mut c_void,
 }
 
-// SAFETY: both functions may be called from any thread, as the header says.
+// SAFETY: by the C contract both functions may be called from any thread.
 unsafe impl Send for Lock {}
-// SAFETY: likewise.
+// SAFETY: as for `Send`.
 unsafe impl Sync for Lock {}
 
 impl QueueLock for Lock {
     fn lock(&self) {
-        // SAFETY: it may be called so, as the header says.
+        // SAFETY: by the C contract it may be called with `context`.
         unsafe { (self.lock)(self.context) }
     }
 
     fn unlock(&self) {
-        // SAFETY: likewise.
+        // SAFETY: by the C contract it may be called with `context`.
         unsafe { (self.unlock)(self.context) }
     }
 }
 
-/// An engine on a device of the program's, which keeps it; of the options, which may be NULL, timeout_s counts alone.
+/// Makes an engine on a device of the embedding program, which keeps owning it. options may be NULL; only timeout_s applies.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn parfocal_engine_from_vulkan(
     vulkan: *const parfocal_vulkan,
@@ -97,22 +97,22 @@ pub unsafe extern "C" fn parfocal_engine_from_vulkan(
     engine: *mut *mut parfocal_engine,
 ) -> parfocal_status {
     let make = || {
-        let asked = match options.is_null() {
+        let stated = match options.is_null() {
             true => parfocal_engine_options::start(),
-            // SAFETY: the contract is the same.
+            // SAFETY: by the C contract.
             false => unsafe { read(options) }?,
         };
-        // SAFETY: the contract is the same.
-        let (options, device) = unsafe { (told(&asked)?, foreign(read(vulkan)?)?) };
+        // SAFETY: by the C contract.
+        let (options, device) = unsafe { (engine_options(&stated)?, external_device(read(vulkan)?)?) };
         Ok(parfocal_engine::of(Engine::from_vulkan(device, &options)?))
     };
-    // SAFETY: the contract is the same.
+    // SAFETY: by the C contract.
     call(|| unsafe { give(engine, make) })
 }
 
 /// # Safety
-/// The handles are NULL, or what the header says that they are.
-unsafe fn foreign(of: parfocal_vulkan) -> Result<ExternalDevice, Fault> {
+/// The C contract holds for all handles.
+unsafe fn external_device(of: parfocal_vulkan) -> Result<ExternalDevice, Fault> {
     let handles = [
         ("get_instance_proc_addr", of.get_instance_proc_addr),
         ("instance", of.instance),
@@ -124,7 +124,7 @@ unsafe fn foreign(of: parfocal_vulkan) -> Result<ExternalDevice, Fault> {
         return Err(Fault::argument(format!("parfocal_vulkan.{name} is NULL")));
     }
     let raw = |handle: *const c_void| handle as u64;
-    // SAFETY: not NULL, and that function, as the header says; the handles are valid, and the queue is used by turns.
+    // SAFETY: not NULL, so by the C contract that function and valid handles; the lock orders the use of the queue.
     let device = unsafe {
         let entry = transmute::<*const c_void, vk::PFN_vkGetInstanceProcAddr>(of.get_instance_proc_addr);
         ExternalDevice::from_handles(
@@ -136,15 +136,15 @@ unsafe fn foreign(of: parfocal_vulkan) -> Result<ExternalDevice, Fault> {
             vk::Queue::from_raw(raw(of.queue)),
         )
     };
-    // SAFETY: the device was made so.
+    // SAFETY: the caller states that the device has the feature.
     let device = if of.conditional_rendering != 0 { unsafe { device.with_conditional_rendering() } } else { device };
     match (of.lock, of.unlock) {
         (None, None) => Ok(device),
         (Some(lock), Some(unlock)) => {
             let lock = Arc::new(Lock { lock, unlock, context: of.context });
-            // SAFETY: nobody else uses the queue in between.
+            // SAFETY: by the C contract no other code uses the queue between lock and unlock.
             Ok(unsafe { device.with_queue_lock(lock) })
         }
-        _ => Err(Fault::argument("parfocal_vulkan has one of lock and unlock: give both, or none")),
+        _ => Err(Fault::argument("parfocal_vulkan has only one of lock and unlock: set both or neither")),
     }
 }

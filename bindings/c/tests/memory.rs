@@ -5,7 +5,7 @@
 use std::fs;
 use std::ptr::{null, null_mut};
 
-use parfocal_c::parfocal_status::{PARFOCAL_FULL, PARFOCAL_OK};
+use parfocal_c::parfocal_status::{PARFOCAL_ERROR_FULL, PARFOCAL_OK};
 use parfocal_c::*;
 
 const SIZE: [u32; 2] = [96, 80];
@@ -97,7 +97,7 @@ unsafe fn through_a_stream(engine: *const parfocal_engine, [i1, i2]: [*const par
     assert_flat("through a stream", |count| {
         for _ in 0..count {
             // SAFETY: as before.
-            while unsafe { parfocal_stream_push(stream, i1, i2, 0.0) } == PARFOCAL_FULL {
+            while unsafe { parfocal_stream_push(stream, i1, i2, 0.0) } == PARFOCAL_ERROR_FULL {
                 read();
             }
         }

@@ -6,7 +6,7 @@ use std::ptr::{null, null_mut};
 use parfocal_c::parfocal_status::*;
 use parfocal_c::*;
 
-fn said() -> String {
+fn last_error() -> String {
     // SAFETY: a string of this thread's, copied at once.
     unsafe { CStr::from_ptr(parfocal_last_error()) }.to_string_lossy().into_owned()
 }
@@ -34,7 +34,7 @@ fn null_is_an_error_or_nothing() {
         parfocal_solution_free(null_mut());
         parfocal_sweep_free(null_mut());
         parfocal_stream_free(null_mut());
-        parfocal_cancel_free(null_mut());
+        parfocal_cancellation_token_free(null_mut());
         assert_eq!(parfocal_stream_capacity(null()) + parfocal_stream_length(null()), 0);
         assert_eq!(CStr::from_ptr(parfocal_engine_device(null())), c"");
         assert_eq!(CStr::from_ptr(parfocal_engine_messages(null())), c"");
@@ -59,17 +59,17 @@ fn null_is_an_error_or_nothing() {
             parfocal_stream_next(null(), 0.0, &raw mut solution),
             parfocal_stream_next(null(), 0.0, null_mut()),
             parfocal_stream_finish(null()),
-            parfocal_cancel_new(null_mut()),
-            parfocal_cancel_now(null()),
-            parfocal_stack(null(), null(), 0, null(), null(), null(), &raw mut sweep),
+            parfocal_cancellation_token_new(null_mut()),
+            parfocal_cancellation_token_cancel(null()),
+            parfocal_sweep_solve(null(), null(), 0, null(), null(), null(), &raw mut sweep),
             parfocal_sweep_get(null(), null_mut()),
             parfocal_sweep_transform(null(), 0, null_mut()),
             parfocal_sweep_apply(null(), 0, null(), 0, null_mut(), 0),
             parfocal_measure_step(null(), 4, 4, region, region, null_mut()),
             parfocal_measure_profile(null(), 4, 4, 0.0, 0.0, 3.0, 0.0, 1.0, null_mut(), 4),
         ] {
-            assert_eq!(status, PARFOCAL_INVALID_ARGUMENT);
-            assert!(said().contains("NULL"), "{}", said());
+            assert_eq!(status, PARFOCAL_ERROR_INVALID_ARGUMENT);
+            assert!(last_error().contains("NULL"), "{}", last_error());
         }
         assert!(solver.is_null() && solution.is_null() && sweep.is_null() && stream.is_null());
     }
@@ -91,43 +91,46 @@ fn what_does_not_fit_is_told_and_an_engine_outlives_it() {
     let (mut engine, mut solver, mut solution) = (null_mut(), null_mut(), null_mut());
     // SAFETY: structs state their sizes, images their samples, handles are used before they are freed.
     unsafe {
-        assert_eq!(parfocal_engine_new(&options(Some(&nowhere), 0), &raw mut engine), PARFOCAL_NO_DEVICE);
-        assert!(engine.is_null() && said().contains("no such device"), "{}", said());
+        assert_eq!(parfocal_engine_new(&options(Some(&nowhere), 0), &raw mut engine), PARFOCAL_ERROR_NO_DEVICE);
+        assert!(engine.is_null() && last_error().contains("no such device"), "{}", last_error());
         assert_eq!(parfocal_engine_new(&options(None, validation.into()), &raw mut engine), PARFOCAL_OK);
 
         let mut settings = std::mem::zeroed::<parfocal_settings>();
-        assert_eq!(parfocal_settings_init(&raw mut settings), PARFOCAL_INVALID_ARGUMENT);
-        assert!(said().contains("sizeof(parfocal_settings)"), "{}", said());
+        assert_eq!(parfocal_settings_init(&raw mut settings), PARFOCAL_ERROR_INVALID_ARGUMENT);
+        assert!(last_error().contains("sizeof(parfocal_settings)"), "{}", last_error());
         settings.size = size_of::<parfocal_settings>();
         assert_eq!(parfocal_settings_init(&raw mut settings), PARFOCAL_OK);
         let levels = std::mem::replace(&mut settings.levels, 99);
-        assert_eq!(parfocal_solver_new(engine, &raw const settings, &raw mut solver), PARFOCAL_SETTING);
+        assert_eq!(parfocal_solver_new(engine, &raw const settings, &raw mut solver), PARFOCAL_ERROR_INVALID_SETTING);
         settings.levels = levels;
         assert_eq!(parfocal_solver_new(engine, &raw const settings, &raw mut solver), PARFOCAL_OK);
 
-        let mut solve = |i1: &parfocal_image, i2: &parfocal_image, scope: Option<&parfocal_scope>| {
+        let mut solve = |i1: &parfocal_image, i2: &parfocal_image, scope: Option<&parfocal_solve_options>| {
             let scope = scope.map_or(null(), |scope| &raw const *scope);
             parfocal_solver_solve(solver, &raw const *i1, &raw const *i2, scope, &raw mut solution)
         };
-        assert_eq!(solve(&i1, &small, None), PARFOCAL_MISMATCH);
-        assert_eq!(solve(&image(&samples, 4, 4), &image(&samples, 4, 4), None), PARFOCAL_TOO_SMALL);
+        assert_eq!(solve(&i1, &small, None), PARFOCAL_ERROR_MISMATCH);
+        assert_eq!(solve(&image(&samples, 4, 4), &image(&samples, 4, 4), None), PARFOCAL_ERROR_TOO_SMALL);
         let region = parfocal_region { x: 60, y: 0, width: 10, height: 10 };
-        let (size, mask, context, cancel) = (size_of::<parfocal_scope>(), null(), null_mut(), null());
-        let scope = parfocal_scope { size, region, mask, crop_valid: 0, progress: None, context, cancel };
-        assert_eq!(solve(&i1, &i1, Some(&scope)), PARFOCAL_REGION);
+        let (size, mask, context, cancel) = (size_of::<parfocal_solve_options>(), null(), null_mut(), null());
+        let scope = parfocal_solve_options { size, region, mask, crop_valid: 0, progress: None, context, cancel };
+        assert_eq!(solve(&i1, &i1, Some(&scope)), PARFOCAL_ERROR_INVALID_REGION);
         assert_eq!(solve(&i1, &i1, None), PARFOCAL_OK);
         parfocal_engine_free(engine);
         parfocal_solution_free(solution);
         assert_eq!(parfocal_solver_register(solver, &raw const i1, &raw const i1, &raw mut solution), PARFOCAL_OK);
 
-        let mut found = std::mem::zeroed::<parfocal_found>();
-        found.size = size_of::<parfocal_found>();
+        let mut found = std::mem::zeroed::<parfocal_solution_view>();
+        found.size = size_of::<parfocal_solution_view>();
         assert_eq!(parfocal_solution_get(solution, &raw mut found), PARFOCAL_OK);
         assert!(found.relative_blur.is_null() && found.width == 64);
         let mut moved = vec![0u8; 64 * 48];
         let out = moved.as_mut_ptr().cast();
-        assert_eq!(parfocal_solution_apply(solution, &raw const i1, 0, out, 64 * 48 - 1), PARFOCAL_INVALID_ARGUMENT);
-        assert_eq!(parfocal_solution_apply(solution, &raw const small, 0, out, 64 * 48), PARFOCAL_MISMATCH);
+        assert_eq!(
+            parfocal_solution_apply(solution, &raw const i1, 0, out, 64 * 48 - 1),
+            PARFOCAL_ERROR_INVALID_ARGUMENT
+        );
+        assert_eq!(parfocal_solution_apply(solution, &raw const small, 0, out, 64 * 48), PARFOCAL_ERROR_MISMATCH);
         assert_eq!(parfocal_solution_apply(solution, &raw const i1, 0, out, 64 * 48), PARFOCAL_OK);
         parfocal_solution_free(solution);
         parfocal_solver_free(solver);

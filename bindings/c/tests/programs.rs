@@ -80,7 +80,7 @@ fn cpp_solves_registers_streams_and_stacks() {
     let parts = [
         "V in the middle 1.00",
         "the solve was cancelled\n",
-        "of 12 bits, V in the middle 1.0",
+        "from 12 bits, V in the middle 1.0",
         "depth in the middle 30",
         "line of 57",
         "24x16 px from 32, 40",

@@ -27,8 +27,8 @@ fn image(samples: &[f32], height: u32) -> parfocal_image {
 unsafe fn blur(solution: *mut parfocal_solution) -> Vec<u32> {
     // SAFETY: fields live until the solution is freed, and are as many as is said.
     unsafe {
-        let mut found = std::mem::zeroed::<parfocal_found>();
-        found.size = size_of::<parfocal_found>();
+        let mut found = std::mem::zeroed::<parfocal_solution_view>();
+        found.size = size_of::<parfocal_solution_view>();
         assert_eq!(parfocal_solution_get(solution, &raw mut found), PARFOCAL_OK);
         let pixels = (found.width * found.height) as usize;
         let values = std::slice::from_raw_parts(found.relative_blur, pixels).iter().map(|v| v.to_bits()).collect();
@@ -68,8 +68,8 @@ fn pairs_come_out_in_order_as_a_solver_has_them() {
             let i2 = &raw const *i2;
             parfocal_stream_new(engines.as_ptr(), count, 1, &raw const kind, i2, null(), &raw mut stream)
         };
-        assert_eq!(new(0, &kind), PARFOCAL_NO_DEVICE);
-        assert_eq!(new(1, &small), PARFOCAL_INVALID_ARGUMENT);
+        assert_eq!(new(0, &kind), PARFOCAL_ERROR_NO_DEVICE);
+        assert_eq!(new(1, &small), PARFOCAL_ERROR_INVALID_ARGUMENT);
         assert_eq!(new(2, &kind), PARFOCAL_OK);
         assert_eq!((parfocal_stream_capacity(stream), parfocal_stream_length(stream)), (4, 0));
         let push = |i2: &parfocal_image| parfocal_stream_push(stream, &raw const i1, &raw const *i2, NONE);
@@ -81,17 +81,17 @@ fn pairs_come_out_in_order_as_a_solver_has_them() {
         for i2 in [&others[0], &others[1], &small, &others[2]] {
             assert_eq!(push(i2), PARFOCAL_OK);
         }
-        assert_eq!(push(&others[0]), PARFOCAL_FULL);
+        assert_eq!(push(&others[0]), PARFOCAL_ERROR_FULL);
         assert!(CStr::from_ptr(parfocal_last_error()).to_string_lossy().contains("read a result"));
         for wrong in [-1.0, f64::NAN] {
-            assert_eq!(next(wrong).0, PARFOCAL_INVALID_ARGUMENT);
+            assert_eq!(next(wrong).0, PARFOCAL_ERROR_INVALID_ARGUMENT);
         }
         assert_eq!(parfocal_stream_finish(stream), PARFOCAL_OK);
         // What was made of it lives on.
         parfocal_engine_free(engine);
         for expected in [Some(&expected[0]), Some(&expected[1]), None, Some(&expected[2])] {
             let (status, solution) = next(f64::INFINITY);
-            assert_eq!(status, if expected.is_some() { PARFOCAL_OK } else { PARFOCAL_MISMATCH });
+            assert_eq!(status, if expected.is_some() { PARFOCAL_OK } else { PARFOCAL_ERROR_MISMATCH });
             expected.inspect(|expected| assert!(blur(solution) == **expected));
         }
         assert_eq!(next(f64::INFINITY), (PARFOCAL_OK, null_mut()), "all are read");

@@ -38,8 +38,8 @@ unsafe fn solved(engine: *mut parfocal_engine) -> Vec<u32> {
     unsafe {
         assert_eq!(parfocal_solver_new(engine, null(), &raw mut solver), PARFOCAL_OK);
         assert_eq!(parfocal_solver_solve(solver, &raw const i1, &raw const i2, null(), &raw mut solution), PARFOCAL_OK);
-        let mut found = std::mem::zeroed::<parfocal_found>();
-        found.size = size_of::<parfocal_found>();
+        let mut found = std::mem::zeroed::<parfocal_solution_view>();
+        found.size = size_of::<parfocal_solution_view>();
         assert_eq!(parfocal_solution_get(solution, &raw mut found), PARFOCAL_OK);
         let blur = std::slice::from_raw_parts(found.relative_blur, (SIZE * SIZE) as usize);
         let bits = blur.iter().map(|v| v.to_bits()).collect();
@@ -93,17 +93,26 @@ fn it_solves_alike_by_turns_and_what_is_missing_is_named() {
             context: (&raw const turns).cast_mut().cast(),
         };
         let mut engine = null_mut();
-        let said = || CStr::from_ptr(parfocal_last_error()).to_string_lossy().into_owned();
+        let last_error = || CStr::from_ptr(parfocal_last_error()).to_string_lossy().into_owned();
         for (lacking, words) in [
             (parfocal_vulkan { queue: null(), ..vulkan }, "parfocal_vulkan.queue is NULL"),
-            (parfocal_vulkan { unlock: None, ..vulkan }, "give both, or none"),
+            (parfocal_vulkan { unlock: None, ..vulkan }, "set both or neither"),
         ] {
             let status = parfocal_engine_from_vulkan(&raw const lacking, null(), &raw mut engine);
-            assert!(status == PARFOCAL_INVALID_ARGUMENT && engine.is_null() && said().contains(words), "{}", said());
+            assert!(
+                status == PARFOCAL_ERROR_INVALID_ARGUMENT && engine.is_null() && last_error().contains(words),
+                "{}",
+                last_error()
+            );
         }
         let other = parfocal_vulkan { queue_family: 99, ..vulkan };
-        assert_eq!(parfocal_engine_from_vulkan(&raw const other, null(), &raw mut engine), PARFOCAL_NO_DEVICE);
-        assert_eq!(parfocal_engine_from_vulkan(&raw const vulkan, null(), &raw mut engine), PARFOCAL_OK, "{}", said());
+        assert_eq!(parfocal_engine_from_vulkan(&raw const other, null(), &raw mut engine), PARFOCAL_ERROR_NO_DEVICE);
+        assert_eq!(
+            parfocal_engine_from_vulkan(&raw const vulkan, null(), &raw mut engine),
+            PARFOCAL_OK,
+            "{}",
+            last_error()
+        );
         assert!(solved(engine) == expected);
         let turns = turns.load(Ordering::SeqCst);
         assert!(turns > 0 && turns.is_multiple_of(2));
