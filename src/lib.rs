@@ -55,7 +55,7 @@ mod guide {}
 pub use base::Setting;
 pub use base::{
     Aperture, Brightness, CancellationToken, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format, Frame,
-    Homography, Inverse, Kernel, Lens, Mask, Method, Motion, Photometric, PixelFormat, Region, RegistrationStep,
+    Homography, BlurToDepth, Kernel, Lens, Mask, Method, Motion, Photometric, PixelFormat, Region, RegistrationStep,
     Samples, Settings, Shading, Similarity, centre,
 };
 #[cfg(target_os = "linux")]

@@ -149,7 +149,7 @@ fn at_half_size(
     };
     let mut solver = PairSolver::for_pair(engine, &i1, &i2, &settings)?;
     solver.set_cancel(cancel.clone());
-    solver.set_mask(mask.map(|mask| mask.every(1 << sizes.len())))?;
+    solver.set_mask(mask.map(|mask| mask.subsampled(1 << sizes.len())))?;
     let mut found = solver.solve(&i1, &i2)?;
     // What is at the limit of |V| at half the size need not be.
     let saturation = found.saturation(settings.max_relative_blur);

@@ -153,7 +153,7 @@ pub(super) fn halved(frame: &Frame, decode: Decode) -> Result<Frame, Error> {
         Ok(small.data[skipped..][..rows.len() * small.width].iter().map(|&v| v as f32).collect::<Vec<f32>>())
     };
     let strips: Result<Vec<Vec<f32>>, Error> =
-        workers::collect(half[1].div_ceil(ROWS) as usize, strip).into_iter().collect();
+        workers::map(half[1].div_ceil(ROWS) as usize, strip).into_iter().collect();
     Frame::gray(half[0], half[1], strips?.concat()).map_err(Error::Mismatch)
 }
 

@@ -33,7 +33,7 @@ pub struct Registered {
 impl Registered {
     /// What brings I2 to the brightness of I1.
     pub fn brightness(&self) -> Brightness {
-        let unchanged = Brightness::unchanged([self.width, self.height]);
+        let unchanged = Brightness::identity([self.width, self.height]);
         Brightness { photometric: self.photometric, shading: self.shading, ..unchanged }
     }
 

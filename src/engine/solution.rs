@@ -135,9 +135,9 @@ impl Solution {
         region.check((self.width, self.height))?;
         let (row, channels) = (self.width as usize, self.fused_channels.count() as usize);
         for field in [&mut self.relative_blur, &mut self.uncertainty, &mut self.confidence, &mut self.residual] {
-            *field = region.of(field, row, 1);
+            *field = region.crop(field, row, 1);
         }
-        self.fused = region.of(&self.fused, row, channels);
+        self.fused = region.crop(&self.fused, row, channels);
         self.origin = [self.origin[0] + region.x, self.origin[1] + region.y];
         (self.width, self.height) = (region.width, region.height);
         Ok(())
@@ -146,7 +146,7 @@ impl Solution {
     /// The largest rectangle of the fields in which V is valid everywhere; `None` where no pixel is.
     pub fn largest_valid(&self) -> Option<Region> {
         let valid: Vec<bool> = self.relative_blur.iter().map(|v| v.is_finite()).collect();
-        Region::largest(&valid, self.width as usize)
+        Region::largest_valid(&valid, self.width as usize)
     }
 
     /// Fills in what the fields say of themselves, |V| limited to so many px².
@@ -262,7 +262,7 @@ impl Counts {
             saturated: sum.saturated + part.saturated,
             confidence: sum.confidence + part.confidence,
         };
-        let chunks = workers::collect(relative_blur.len().div_ceil(CHUNK), chunk);
+        let chunks = workers::map(relative_blur.len().div_ceil(CHUNK), chunk);
         chunks.into_iter().fold(Self::default(), add)
     }
 }

@@ -66,7 +66,7 @@ impl<'a> SolutionRef<'a> {
         let mut fused = vec![0.0; channels.len() * self.relative_blur().len()];
         // In pieces that a thread takes at a time.
         let (row, count) = (1 << 14, channels.len());
-        workers::each(fused.chunks_mut((row * count).max(1)).enumerate(), |(n, pixels)| {
+        workers::for_each(fused.chunks_mut((row * count).max(1)).enumerate(), |(n, pixels)| {
             for (i, pixel) in pixels.chunks_exact_mut(count).enumerate() {
                 pixel.iter_mut().zip(&channels).for_each(|(value, channel)| *value = channel[n * row + i]);
             }

@@ -164,7 +164,7 @@ impl PairSolver {
     pub fn for_pair(engine: &Engine, i1: &Frame, i2: &Frame, settings: &Settings) -> Result<Self, Error> {
         same_size([i1, i2])?;
         let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
-        let clips = [i1, i2].iter().any(|frame| frame.clips(settings.clipped(frame.format().depth)));
+        let clips = [i1, i2].iter().any(|frame| frame.has_clipped_pixels(settings.clipped(frame.format().depth)));
         Self::prepare(1, engine, size, formats, settings, Some(clips), Self::reading(engine))
     }
 

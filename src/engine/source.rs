@@ -174,14 +174,14 @@ impl<'a> Rows<'a> {
         // A piece is some 256 KiB: a thread's start is next to nothing beside it.
         let rows = ((1 << 18) / self.row_bytes).max(1);
         let rows_of = bytes.chunks(self.pitch * rows).zip(to.chunks_mut(self.row_bytes * rows));
-        workers::each(rows_of, |(from, to)| {
+        workers::for_each(rows_of, |(from, to)| {
             for (from, to) in from.chunks(self.pitch).zip(to.chunks_mut(self.row_bytes)) {
                 to[..self.row_bytes].copy_from_slice(&from[..self.row_bytes]);
             }
         });
         !self.are_floats || {
             let floats = bytes.chunks(self.pitch).flat_map(|row| row[..self.row_bytes].chunks_exact(4));
-            floats.map(bytemuck::pod_read_unaligned::<f32>).all(Frame::may_hold)
+            floats.map(bytemuck::pod_read_unaligned::<f32>).all(Frame::is_valid_sample)
         }
     }
 }

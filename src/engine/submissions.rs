@@ -181,7 +181,7 @@ impl PairSolver {
                 Way::There => {}
                 Way::Frame(frame) => {
                     let levels = common.plan.settings.clipped(frame.format().depth);
-                    lane.fill(image, &mut |bytes| is_masked |= frame.bring(bytes, levels))?;
+                    lane.fill(image, &mut |bytes| is_masked |= frame.copy_samples(bytes, levels))?;
                 }
                 Way::Rows(rows) => {
                     let mut are_numbers = true;

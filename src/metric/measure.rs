@@ -113,26 +113,6 @@ pub struct Line {
     pub width: f64,
 }
 
-impl Region {
-    /// Whether it holds pixels, all of them within an image of this width and height.
-    pub(crate) fn check(&self, (image_width, image_height): (u32, u32)) -> Result<(), Error> {
-        let Region { x, y, width, height } = *self;
-        let within =
-            |from: u32, length: u32, size: u32| length > 0 && from.checked_add(length).is_some_and(|to| to <= size);
-        if within(x, width, image_width) && within(y, height, image_height) {
-            return Ok(());
-        }
-        let problem = format!("is not within the image, {image_width}x{image_height}; give X,Y,WIDTH,HEIGHT in pixels");
-        Err(Error::Region(format!("the region {x},{y},{width},{height} {problem}")))
-    }
-}
-
-impl From<Region> for [u32; 4] {
-    fn from(region: Region) -> Self {
-        [region.x, region.y, region.width, region.height]
-    }
-}
-
 impl Line {
     /// Whether it can be measured in an image of this width and height.
     pub(crate) fn check(&self, (width, height): (u32, u32)) -> Result<(), Error> {

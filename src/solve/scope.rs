@@ -68,7 +68,7 @@ impl SolveOptions {
         let mut solution = match self.region {
             None => self.solve_all(engine, kept, [i1, i2], settings, self.mask.clone(), progress)?,
             Some(region) => {
-                let part = region.grown(margin(size, settings), size);
+                let part = region.expanded(margin(size, settings), size);
                 let [a, b] = [i1.cropped(part).map_err(Error::Region)?, i2.cropped(part).map_err(Error::Region)?];
                 let start = settings.start.about(centre(size[0], size[1]), part.centre());
                 let settings = Settings { start, ..settings.clone() };

@@ -103,7 +103,7 @@ fn what_a_mask_leaves_out_is_nothing_in_what_is_lent() {
     let left_out = |i: usize| (30..60).contains(&(i % 96)) && i / 96 > 40;
     let picture = (0..96 * 80).map(|i| if left_out(i) { 0.0 } else { 1.0 }).collect();
     let mut solver = PairSolver::for_pair(&engine, i1, i2, &Settings::default()).unwrap();
-    solver.set_mask(Some(Mask::of_picture(&Frame::gray(96, 80, picture).unwrap()))).unwrap();
+    solver.set_mask(Some(Mask::from_image(&Frame::gray(96, 80, picture).unwrap()))).unwrap();
     let view = solver.solve_in_place(i1, i2).unwrap();
     let known = view.relative_blur().iter().filter(|v| !v.is_nan()).count();
     assert!((0..96 * 80).filter(|&i| left_out(i)).all(|i| view.relative_blur()[i].is_nan()));

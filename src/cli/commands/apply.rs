@@ -56,7 +56,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         if *file != place(path, registered_ending(frame.format().depth))? {
             return Err(Failure::Failed(format!("{}: was replaced meanwhile; run it again", path.display())));
         }
-        let unchanged = Brightness::unchanged([frame.width(), frame.height()]);
+        let unchanged = Brightness::identity([frame.width(), frame.height()]);
         let brightness = photometric.map_or(unchanged, |photometric| {
             shading.map_or(Brightness { photometric, ..unchanged }, |shading| shading.with(photometric))
         });
@@ -96,7 +96,7 @@ fn moved(arguments: &Arguments, places: &SweepPlaces, path: &Path, n: usize, dep
         return Err(of_file(path, "is in other samples than the first; save all in integers, or all in floats"));
     }
     let (transform, brightness) = places.frames[n];
-    let brightness = if arguments.exposure { brightness } else { Brightness::unchanged(places.size) };
+    let brightness = if arguments.exposure { brightness } else { Brightness::identity(places.size) };
     let moved = match n == places.reference {
         true => frame,
         false => resample::registered(&frame, &transform, &brightness, places.decode),

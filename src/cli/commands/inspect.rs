@@ -109,7 +109,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report = InspectReport::new([&own, &of], [quantity, unit], (limits, transform), (&found, size));
     let verdict = format!("{}: tolerance {} {unit}, {} σ", report.verdict, limits.tolerance, limits.sigmas);
     if let Some(out) = &arguments.output {
-        let unchanged = Brightness::unchanged(size);
+        let unchanged = Brightness::identity(size);
         let moved = resample::registered(&part.picture, &transform.into(), &unchanged, Decode::None);
         write_inspection(arguments.force.to(out), &report, &inspection::draw(&moved, &found, unit, &verdict))?;
     }

@@ -25,7 +25,7 @@ const LEAST: usize = 6;
 pub fn key_points([i1, i2]: [&Frame; 2], decode: Decode, mask: Option<&Mask>) -> Result<Similarity, Error> {
     let [mut a, b] = [i1, i2].map(|frame| sift::detect(&ingest::cpu_reference(frame, decode, LUMINANCE)));
     if let Some(mask) = mask {
-        a.keep(|[x, y]| mask.counts(x, y));
+        a.keep(|[x, y]| mask.contains(x, y));
     }
     enough("key-points in I1", a.places.len())?;
     enough("key-points in I2", b.places.len())?;

@@ -172,7 +172,7 @@ impl Contents<'_> {
     fn packed_pictures(&self, thinning: &Thinning) -> Result<String, String> {
         let mut texts = vec![Ok(String::new()); self.pictures.len()];
         let images = self.pictures.iter().map(|picture| self.image(&picture.pixels, thinning));
-        workers::each(images.zip(&mut texts), |(image, text)| {
+        workers::for_each(images.zip(&mut texts), |(image, text)| {
             *text = image.and_then(|image| match image {
                 Image::Packed(text) => Ok(text.to_string()),
                 Image::Fresh(image, quality) => packed::picture(&image, quality),

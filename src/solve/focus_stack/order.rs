@@ -34,7 +34,7 @@ const FURTHEST: usize = 8;
 pub(super) fn judge(frames: &[Frame], stated: bool) -> Order {
     let mut warnings = Vec::new();
     let once = left_out(frames, stated, &mut warnings);
-    let sharpness = workers::collect(once.len(), |n| Sharpness::of(&frames[once[n]]));
+    let sharpness = workers::map(once.len(), |n| Sharpness::of(&frames[once[n]]));
     let sharpness: Option<Vec<_>> = sharpness.into_iter().collect();
     let unmoved = || (0..once.len()).collect::<Vec<_>>();
     let (found, certain) = sharpness.map_or((unmoved(), false), |sharpness| in_order(&logarithms(&sharpness)));

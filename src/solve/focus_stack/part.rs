@@ -62,7 +62,7 @@ pub(super) fn cut(
 ) -> Result<Option<(Region, Vec<Frame>, SweepOptions)>, Error> {
     let (scope, size) = (&options.scope, [frames[0].width(), frames[0].height()]);
     let Some(region) = scope.region else { return Ok(None) };
-    let part = region.grown(margin(size, &options.settings), size);
+    let part = region.expanded(margin(size, &options.settings), size);
     let cut = frames.iter().map(|frame| frame.cropped(part).map_err(Error::Region));
     let cut = cut.collect::<Result<Vec<Frame>, Error>>()?;
     let mask = scope.mask.as_ref().map(|mask| mask.cropped(part));
@@ -127,11 +127,11 @@ impl Sweep {
     fn crop(&mut self, part: Region) {
         let row = self.width as usize;
         for field in [&mut self.focus, &mut self.uncertainty] {
-            *field = part.of(field, row, 1);
+            *field = part.crop(field, row, 1);
         }
-        self.beyond = part.of(&self.beyond, row, 1);
-        self.frames = part.of(&self.frames, row, 1);
-        self.fused = part.of(&self.fused, row, self.fused_channels.count() as usize);
+        self.beyond = part.crop(&self.beyond, row, 1);
+        self.frames = part.crop(&self.frames, row, 1);
+        self.fused = part.crop(&self.fused, row, self.fused_channels.count() as usize);
         self.region = Region { x: self.region.x + part.x, y: self.region.y + part.y, ..part };
         (self.width, self.height) = (part.width, part.height);
     }
@@ -146,6 +146,6 @@ impl Sweep {
     /// The largest rectangle in which the focus is known everywhere; `None` where no pixel's is.
     fn largest_valid(&self) -> Option<Region> {
         let valid: Vec<bool> = self.focus.iter().map(|u| u.is_finite()).collect();
-        Region::largest(&valid, self.width as usize)
+        Region::largest_valid(&valid, self.width as usize)
     }
 }
