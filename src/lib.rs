@@ -54,9 +54,9 @@ mod guide {}
 #[doc(hidden)]
 pub use base::Setting;
 pub use base::{
-    Aperture, Brightness, CancellationToken, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format, Frame,
-    Homography, BlurToDepth, Kernel, Lens, Mask, Method, Motion, Photometric, PixelFormat, Region, RegistrationStep,
-    Samples, Settings, Shading, Similarity, centre,
+    Aperture, BlurToDepth, Brightness, CancellationToken, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format,
+    Frame, Homography, Kernel, Lens, Mask, Method, Motion, Photometric, PixelFormat, Region, RegistrationStep,
+    RowLayout, Samples, Settings, Shading, Similarity, centre,
 };
 #[cfg(target_os = "linux")]
 pub use engine::DmaBuf;

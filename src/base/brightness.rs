@@ -23,7 +23,8 @@ impl Brightness {
         }
     }
 
-    /// Returns the factor of the shading at a point of I2, px. Points outside of `part` have that of the nearest point of it.
+    /// Returns the factor of the shading at a point of I2, px. Points outside of `part` have that of the nearest point
+    /// of it.
     pub fn factor(&self, point: [f64; 2]) -> f64 {
         self.shading.at([self.normalized(0, point[0]), self.normalized(1, point[1])])
     }
@@ -53,12 +54,11 @@ impl Brightness {
     }
 }
 
-
 /// The largest sum of the degrees along x and y.
 const DEGREE: usize = 4;
 
-/// Positive nodes and weights of the Gauss-Legendre rule with 8 nodes. It is exact to degree 15; a term times the product
-/// of two shadings has degree 12.
+/// Positive nodes and weights of the Gauss-Legendre rule with 8 nodes. It is exact to degree 15; a term times the
+/// product of two shadings has degree 12.
 const NODES: [[f64; 2]; 4] = [
     [0.183_434_642_495_649_8, 0.362_683_783_378_362],
     [0.525_532_409_916_329, 0.313_706_645_877_887_3],
@@ -68,13 +68,13 @@ const NODES: [[f64; 2]; 4] = [
 
 /// A smooth factor on I2: a polynomial of degree 4 in the position, with mean 1.
 ///
-/// The paper assumes equal exposures. In practice vignetting changes with focus, and a lamp may move with the stage. Without
-/// the factor such gradients appear as motion or blur. `glsl/include/shading.glsl` computes the same.
+/// The paper assumes equal exposures. In practice vignetting changes with focus, and a lamp may move with the stage.
+/// Without the factor such gradients appear as motion or blur. `glsl/include/shading.glsl` computes the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Shading {
-    /// Coefficients of the products P_i(x) P_j(y) of Legendre polynomials, positions from -1 to 1 along each side, in the order
-    /// x, y, xx, xy, yy, xxx, ... The constant term is 1 and omitted.
+    /// Coefficients of the products P_i(x) P_j(y) of Legendre polynomials, positions from -1 to 1 along each side, in
+    /// the order x, y, xx, xy, yy, xxx, ... The constant term is 1 and omitted.
     pub coefficients: [f64; Shading::TERMS],
 }
 
@@ -104,8 +104,9 @@ impl Shading {
         move |x| powers.iter().rev().fold(0.0, |sum, power| sum * x + power).clamp(0.25, 4.0)
     }
 
-    /// Returns the mean of a smooth function of the position, -1 to 1 along each side, and the shading whose product with the
-    /// mean is the least-squares fit to the function. The shading is [`NONE`](Self::NONE) if the mean is not positive.
+    /// Returns the mean of a smooth function of the position, -1 to 1 along each side, and the shading whose product
+    /// with the mean is the least-squares fit to the function. The shading is [`NONE`](Self::NONE) if the mean is not
+    /// positive.
     pub fn fit(function: impl Fn([f64; 2]) -> f64) -> (f64, Self) {
         let nodes = || NODES.iter().flat_map(|&[x, weight]| [[x, weight], [-x, weight]]);
         let mut sums = [0.0; Self::TERMS + 1];

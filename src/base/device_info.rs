@@ -33,13 +33,12 @@ pub struct DeviceInfo {
 }
 
 impl DeviceInfo {
-    /// Returns the devices to use together: the usable ones, each once even if two drivers list it. Software devices compete
-    /// with the host for the processor, and are returned only if there are no others.
+    /// Returns the devices to use together: the usable ones, each once even if two drivers list it. Software devices
+    /// compete with the host for the processor, and are returned only if there are no others.
     pub fn usable(devices: &[Self]) -> Vec<&Self> {
         let all = || devices.iter().filter(|device| device.unusable.is_none());
         let mut uuids = HashSet::new();
-        let hardware: Vec<&Self> =
-            all().filter(|device| device.kind != CPU && uuids.insert(&device.uuid)).collect();
+        let hardware: Vec<&Self> = all().filter(|device| device.kind != CPU && uuids.insert(&device.uuid)).collect();
         if hardware.is_empty() { all().collect() } else { hardware }
     }
 }

@@ -179,7 +179,8 @@ impl Frame {
         }
     }
 
-    /// Returns a frame of the same size and format with other intensities, white at 1. Integers are rounded and clamped.
+    /// Returns a frame of the same size and format with other intensities, white at 1. Integers are rounded and
+    /// clamped.
     pub(crate) fn with_intensities(&self, values: &[f32]) -> Self {
         let scaled = |v: &f32, white: f32| (v * white).round().clamp(0.0, white);
         let samples = match &self.samples {
@@ -190,8 +191,8 @@ impl Frame {
         Self { samples, ..self.clone() }
     }
 
-    /// Returns whether any pixel is clipped: one channel at the white level or above, or all at the black level or below. The
-    /// levels of integers are on a scale from 0 to 1.
+    /// Returns whether any pixel is clipped: one channel at the white level or above, or all at the black level or
+    /// below. The levels of integers are on a scale from 0 to 1.
     pub(crate) fn has_clipped_pixels(&self, [black, white]: [f32; 2]) -> bool {
         let channels = self.channels.count() as usize;
         match &self.samples {
@@ -229,7 +230,12 @@ impl Frame {
 }
 
 /// Copies samples to bytes, and returns whether any pixel is clipped.
-fn copy_samples<T: bytemuck::Pod + Into<f32> + Sync>(from: &[T], channels: usize, to: &mut [u8], levels: [f32; 2]) -> bool {
+fn copy_samples<T: bytemuck::Pod + Into<f32> + Sync>(
+    from: &[T],
+    channels: usize,
+    to: &mut [u8],
+    levels: [f32; 2],
+) -> bool {
     // A block of 2^18 pixels takes much longer than the start of a thread.
     let block = channels << 18;
     let is_clipped = AtomicBool::new(false);

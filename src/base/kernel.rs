@@ -1,9 +1,10 @@
 //! Defocus kernels: families h(u; v) with Σh = 1 and the variance per axis v, px².
 //!
 //! A kernel scales as `h(u; v) = k(u/√v)/v`, so that its mean is proportional to √v and its covariance to v. Both are
-//! separated: a *centred* kernel is applied at a position displaced by `mean √v`. The image blurred by the centred kernel
-//! has a finite derivative by v at v = 0, half of `C : ∇²`. Only the displacement varies as √v there, and the spline that
-//! samples the image has an exact derivative. Sections 2.1 to 2.3 of the paper, section 3 of `docs/method.md`.
+//! separated: a *centred* kernel is applied at a position displaced by `mean √v`. The image blurred by the centred
+//! kernel has a finite derivative by v at v = 0, half of `C : ∇²`. Only the displacement varies as √v there, and the
+//! spline that samples the image has an exact derivative. Sections 2.1 to 2.3 of the paper, section 3 of
+//! `docs/method.md`.
 
 use std::f64::consts::PI;
 
@@ -69,8 +70,8 @@ impl Kernel {
         }
     }
 
-    /// Returns the transfer function `Σ h(u + mean) exp(-i w u)` of the centred kernel of variance v at all pairs of the
-    /// frequencies, rad per pixel, row-major with rows along x.
+    /// Returns the transfer function `Σ h(u + mean) exp(-i w u)` of the centred kernel of variance v at all pairs of
+    /// the frequencies, rad per pixel, row-major with rows along x.
     pub(crate) fn transfer(&self, frequencies: &[f64], v: f64) -> Vec<Complex> {
         let scaled: Vec<f64> = frequencies.iter().map(|w| w * v.sqrt()).collect();
         match self {
@@ -101,8 +102,8 @@ fn half_gaussian(w: f64) -> Complex {
     [re * cos - im * sin, re * sin + im * cos]
 }
 
-/// Dawson's function `exp(-x²) ∫ exp(t²) dt`, by Rybicki's method with a step of 0.2, exact to 1e-15 (Numerical Recipes,
-/// 6.10).
+/// Dawson's function `exp(-x²) ∫ exp(t²) dt`, by Rybicki's method with a step of 0.2, exact to 1e-15 (Numerical
+/// Recipes, 6.10).
 fn dawson(x: f64) -> f64 {
     let step = 0.2;
     let nearest = (x / step / 2.0).round() as i64;
@@ -116,12 +117,12 @@ fn dawson(x: f64) -> f64 {
 /// A complex number: real and imaginary part.
 pub(crate) type Complex = [f64; 2];
 
-/// The largest number of cells along a side; larger images are averaged. Blur with σ = 12 px is about 50 px wide, so that
-/// more cells have no effect.
+/// The largest number of cells along a side; larger images are averaged. Blur with σ = 12 px is about 50 px wide, so
+/// that more cells have no effect.
 const MAX_CELLS: usize = 48;
 
-/// The largest extent of a kernel from u = 0 at scale 1, px. A Gaussian is cut off at 4.5. Values beyond the limit are stray
-/// light, which would only widen all filters.
+/// The largest extent of a kernel from u = 0 at scale 1, px. A Gaussian is cut off at 4.5. Values beyond the limit are
+/// stray light, which would only widen all filters.
 const MAX_EXTENT: f64 = 6.0;
 
 /// A measured kernel: densities on a grid of square cells, such as an image of a coded aperture.
@@ -160,8 +161,8 @@ impl Aperture {
     /// normalised to a sum of one. Black margins are removed. More than 48 cells per side are averaged to fewer.
     ///
     /// # Errors
-    /// [`Error::Kernel`] if the length is not `width * height`, a value is negative or not finite, all values are zero, or a
-    /// value lies farther from the centre than 6 standard deviations.
+    /// [`Error::Kernel`] if the length is not `width * height`, a value is negative or not finite, all values are zero,
+    /// or a value lies farther from the centre than 6 standard deviations.
     pub fn new(name: &str, width: usize, height: usize, densities: &[f64]) -> Result<Self, Error> {
         Self::with_offset(name, width, height, [0.0, 0.0], densities)
     }
@@ -185,7 +186,8 @@ impl Aperture {
         if !(sum > 0.0 && sum.is_finite()) {
             return Err(bad("all its values are 0"));
         }
-        let Cells { width, height, offset: [x, y], densities, block } = reduce(without_margins(width, height, densities));
+        let Cells { width, height, offset: [x, y], densities, block } =
+            reduce(without_margins(width, height, densities));
         let offset = [(right + x) / block, (down + y) / block];
         let sum: f64 = densities.iter().sum();
         let weights: Vec<f64> = densities.iter().map(|d| d / sum).collect();
@@ -226,8 +228,8 @@ impl Aperture {
         side(width, 0).max(side(height, 1))
     }
 
-    /// Returns the transfer function about the mean at all pairs of frequencies, rad per pixel at scale 1, row-major with
-    /// rows along x.
+    /// Returns the transfer function about the mean at all pairs of frequencies, rad per pixel at scale 1, row-major
+    /// with rows along x.
     pub(crate) fn transfer(&self, frequencies: &[f64]) -> Vec<Complex> {
         let KernelGrid { width, height, weights, offset, .. } = &self.grid;
         // exp(-i w u) for the cells along an axis, times the transfer function of one cell.
@@ -281,8 +283,8 @@ fn cell_centre(n: usize, cells: usize) -> f64 {
     n as f64 - (cells as f64 - 1.0) / 2.0
 }
 
-/// A grid of densities. `offset` is its centre relative to that of the image, and `block` the side of a cell, both in cells of
-/// the image.
+/// A grid of densities. `offset` is its centre relative to that of the image, and `block` the side of a cell, both in
+/// cells of the image.
 struct Cells {
     width: usize,
     height: usize,
@@ -353,7 +355,10 @@ mod tests {
                 sum = [sum[0] + density * phase.cos(), sum[1] + density * phase.sin()];
             }
             let transfer = half_gaussian(w);
-            assert!((transfer[0] - sum[0]).abs() < 1e-6 && (transfer[1] - sum[1]).abs() < 1e-6, "{w}: {transfer:?} {sum:?}");
+            assert!(
+                (transfer[0] - sum[0]).abs() < 1e-6 && (transfer[1] - sum[1]).abs() < 1e-6,
+                "{w}: {transfer:?} {sum:?}"
+            );
         }
     }
 

@@ -4,16 +4,17 @@ use crate::base::Error;
 
 /// A lens with the focus distances of the two images.
 ///
-/// The blur of image i has the radius `a_i |x_i - x(z)|`. The radius is linear in x, a function of depth, and x_i is the value of
-/// x at the focus distance u_i:
+/// The blur of image i has the radius `a_i |x_i - x(z)|`. The radius is linear in x, a function of depth, and x_i is
+/// the value of x at the focus distance u_i:
 ///
 /// | | x(z) | a_i | I2 over I1, s |
 /// | --- | --- | --- | --- |
 /// | thin lens | 1/z | f v_i / 2N | v2 / v1 |
 /// | image-side telecentric (Watanabe and Nayar 1997) | v_z = f z / (z - f) | 1 / 2N | 1 |
 ///
-/// with `v_i = f u_i / (u_i - f)`; see section 7 of docs/method.md, "Metric depth". x decreases with depth. Relative blur is a
-/// polynomial of degree 2 in x, and linear if s is that of the table. Distances are measured from the lens along its axis.
+/// with `v_i = f u_i / (u_i - f)`; see section 7 of docs/method.md, "Metric depth". x decreases with depth. Relative
+/// blur is a polynomial of degree 2 in x, and linear if s is that of the table. Distances are measured from the lens
+/// along its axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Lens {
@@ -87,36 +88,39 @@ impl Lens {
         if self.telecentric { 1.0 } else { self.sensor_distance(1) / self.sensor_distance(0) }
     }
 
-    /// Returns the side of a pixel of I1 projected to the depth `z` mm, mm. The chief ray passes through the centre of the lens,
-    /// or through the front focal point if the lens is telecentric.
+    /// Returns the side of a pixel of I1 projected to the depth `z` mm, mm. The chief ray passes through the centre of
+    /// the lens, or through the front focal point if the lens is telecentric.
     pub fn footprint(&self, z: f64) -> f64 {
         let f = self.focal_length;
         self.pixel_pitch * if self.telecentric { (z - f) / f } else { z / self.sensor_distance(0) }
     }
 
-    /// Returns the variance per axis of the blur of a point at depth `z` mm, px² of image `image`: `κ² (r_i / pitch)²` with
-    /// `r_i = a_i |x_i - x(z)|`.
+    /// Returns the variance per axis of the blur of a point at depth `z` mm, px² of image `image`: `κ² (r_i / pitch)²`
+    /// with `r_i = a_i |x_i - x(z)|`.
     pub fn variance(&self, image: usize, z: f64) -> f64 {
         self.strength(image) * (self.coordinate(self.focus[image]) - self.coordinate(z)).powi(2)
     }
 
-    /// Returns the signed standard deviation of that blur, px of the image. It is negative for a point beyond the focus.
+    /// Returns the signed standard deviation of that blur, px of the image. It is negative for a point beyond the
+    /// focus.
     pub(crate) fn signed_sigma(&self, image: usize, z: f64) -> f64 {
         self.strength(image).sqrt() * (self.coordinate(z) - self.coordinate(self.focus[image]))
     }
 
-    /// Returns the relative blur `V = V2/s² - V1` of a point at depth `z` mm, px² of I1. `scale` is s of the registration.
+    /// Returns the relative blur `V = V2/s² - V1` of a point at depth `z` mm, px² of I1. `scale` is s of the
+    /// registration.
     pub fn relative_blur(&self, z: f64, scale: f64) -> f64 {
         self.variance(1, z) / (scale * scale) - self.variance(0, z)
     }
 
-    /// Returns the depth, mm, at which the relative blur is `v` px². `None` outside of [`depth_range`](Self::depth_range).
+    /// Returns the depth, mm, at which the relative blur is `v` px². `None` outside of
+    /// [`depth_range`](Self::depth_range).
     pub fn depth(&self, v: f64, scale: f64) -> Option<f64> {
         self.inverse(scale).depth(v)
     }
 
-    /// Returns the nearest and the farthest depth, mm, between which the relative blur is monotonic. The farthest may be
-    /// infinite. If `scale` differs from [`breathing`](Self::breathing), V has an extremum, where the range ends.
+    /// Returns the nearest and the farthest depth, mm, between which the relative blur is monotonic. The farthest may
+    /// be infinite. If `scale` differs from [`breathing`](Self::breathing), V has an extremum, where the range ends.
     pub fn depth_range(&self, scale: f64) -> [f64; 2] {
         self.inverse(scale).range
     }
@@ -161,7 +165,8 @@ impl Lens {
         (self.kappa * a / self.pixel_pitch).powi(2)
     }
 
-    /// Returns the mean of x at the two focus distances, which is in the range of every lens whose images can be registered.
+    /// Returns the mean of x at the two focus distances, which is in the range of every lens whose images can be
+    /// registered.
     fn middle(&self) -> f64 {
         (self.coordinate(self.focus[0]) + self.coordinate(self.focus[1])) / 2.0
     }
@@ -186,8 +191,8 @@ impl BlurToDepth {
         if discriminant.is_nan() || discriminant < 0.0 {
             return None;
         }
-        // On one side of the vertex the slope c1 + 2 c2 x has one sign, which selects the root. Its form is chosen to avoid
-        // cancellation: c2 vanishes if s is that of the lens.
+        // On one side of the vertex the slope c1 + 2 c2 x has one sign, which selects the root. Its form is chosen to
+        // avoid cancellation: c2 vanishes if s is that of the lens.
         let slope = if self.is_increasing { discriminant.sqrt() } else { -discriminant.sqrt() };
         let x = if slope * c1 >= 0.0 { 2.0 * (v - c0) / (c1 + slope) } else { (slope - c1) / (2.0 * c2) };
         let (z, [near, far]) = (self.lens.depth_at(x), self.range);
@@ -196,8 +201,8 @@ impl BlurToDepth {
 
     /// Returns the standard deviation of the depth, mm, where V is `v` px² with the standard deviation `sigma` px².
     ///
-    /// It is half the distance between the depths at v - sigma and v + sigma, and `|dz/dV| sigma` for a small sigma. Beyond an
-    /// end of the range the depth is that of the end, which may be infinite. `None` if `v` has no depth.
+    /// It is half the distance between the depths at v - sigma and v + sigma, and `|dz/dV| sigma` for a small sigma.
+    /// Beyond an end of the range the depth is that of the end, which may be infinite. `None` if `v` has no depth.
     pub fn sigma(&self, v: f64, sigma: f64) -> Option<f64> {
         self.depth(v)?;
         let [nearer, farther] = if self.is_increasing { [v + sigma, v - sigma] } else { [v - sigma, v + sigma] };

@@ -15,7 +15,8 @@ pub(crate) enum Packing {
     Unpacked,
     /// `p`: consecutive bits, low bits first, without padding.
     Bits,
-    /// `Packed`: two samples in three bytes: the high bits of the first, the low bits of both, the high bits of the second.
+    /// `Packed`: two samples in three bytes: the high bits of the first, the low bits of both, the high bits of the
+    /// second.
     Pairs,
 }
 
@@ -151,8 +152,8 @@ impl PixelFormat {
         self.bytes_of(u64::from(width) * u64::from(height))
     }
 
-    /// Returns the layout of a frame's rows in memory. `pitch` is the number of bytes from the start of a row to that of the
-    /// next, 0 for rows without padding.
+    /// Returns the layout of a frame's rows in memory. `pitch` is the number of bytes from the start of a row to that
+    /// of the next, 0 for rows without padding.
     ///
     /// # Errors
     /// A message if the frame has no pixels, the pitch is shorter than a row, or padded rows do not end at a byte.
@@ -292,7 +293,10 @@ impl FromStr for PixelFormat {
     fn from_str(name: &str) -> Result<Self, String> {
         Self::all().find(|format| format.name.eq_ignore_ascii_case(name.trim())).ok_or_else(|| {
             let names: Vec<&str> = GRAY.iter().chain(&COLORS).map(|format| format.name).collect();
-            format!("'{name}' is no supported pixel format; give one of {}, or a Bayer format such as BayerRG8", names.join(", "))
+            format!(
+                "'{name}' is no supported pixel format; give one of {}, or a Bayer format such as BayerRG8",
+                names.join(", ")
+            )
         })
     }
 }
@@ -317,8 +321,8 @@ impl fmt::Debug for PixelFormat {
 pub(crate) struct Mosaic(pub(crate) [u32; 2]);
 
 impl Mosaic {
-    /// Returns the channel 0 (red), 1 (green) or 2 (blue) of a pixel from the samples of a mosaic, each 0 to `white`. Beyond the
-    /// border, samples are mirrored about the border pixels, which preserves the pattern.
+    /// Returns the channel 0 (red), 1 (green) or 2 (blue) of a pixel from the samples of a mosaic, each 0 to `white`.
+    /// Beyond the border, samples are mirrored about the border pixels, which preserves the pattern.
     fn color(
         self,
         channel: usize,
@@ -327,27 +331,27 @@ impl Mosaic {
         white: i64,
         sample: impl Fn(usize, usize) -> i64,
     ) -> u32 {
-    let Self(red) = self;
-    let inside = |p: i64, side: usize| p.abs().min(2 * (side as i64 - 1) - p.abs()).max(0) as usize;
-    let at = |dx: i64, dy: i64| sample(inside(x as i64 + dx, size[0]), inside(y as i64 + dy, size[1]));
-    let across = |d: i64| at(-d, 0) + at(d, 0);
-    let along = |d: i64| at(0, -d) + at(0, d);
-    let (here, corners) = (at(0, 0), || at(-1, -1) + at(1, -1) + at(-1, 1) + at(1, 1));
-    // Whether the pixel is in a column, and in a row, with red.
-    let [in_column, in_row] = [(x as u32 & 1) == red[0], (y as u32 & 1) == red[1]];
-    let is_green = in_column != in_row;
-    // The filters' weights are multiples of 1/16.
-    let sum = match channel {
-        1 if is_green => 16 * here,
-        1 => 8 * here + 4 * (across(1) + along(1)) - 2 * (across(2) + along(2)),
-        // A green pixel with the channel in its row, or in its column.
-        c if is_green && in_row == (c == 0) => 10 * here + 8 * across(1) - 2 * corners() - 2 * across(2) + along(2),
-        _ if is_green => 10 * here + 8 * along(1) - 2 * corners() - 2 * along(2) + across(2),
-        c if in_row == (c == 0) => 16 * here,
-        _ => 12 * here + 4 * corners() - 3 * (across(2) + along(2)),
-    };
-    ((sum + 8) >> 4).clamp(0, white) as u32
-}
+        let Self(red) = self;
+        let inside = |p: i64, side: usize| p.abs().min(2 * (side as i64 - 1) - p.abs()).max(0) as usize;
+        let at = |dx: i64, dy: i64| sample(inside(x as i64 + dx, size[0]), inside(y as i64 + dy, size[1]));
+        let across = |d: i64| at(-d, 0) + at(d, 0);
+        let along = |d: i64| at(0, -d) + at(0, d);
+        let (here, corners) = (at(0, 0), || at(-1, -1) + at(1, -1) + at(-1, 1) + at(1, 1));
+        // Whether the pixel is in a column, and in a row, with red.
+        let [in_column, in_row] = [(x as u32 & 1) == red[0], (y as u32 & 1) == red[1]];
+        let is_green = in_column != in_row;
+        // The filters' weights are multiples of 1/16.
+        let sum = match channel {
+            1 if is_green => 16 * here,
+            1 => 8 * here + 4 * (across(1) + along(1)) - 2 * (across(2) + along(2)),
+            // A green pixel with the channel in its row, or in its column.
+            c if is_green && in_row == (c == 0) => 10 * here + 8 * across(1) - 2 * corners() - 2 * across(2) + along(2),
+            _ if is_green => 10 * here + 8 * along(1) - 2 * corners() - 2 * along(2) + across(2),
+            c if in_row == (c == 0) => 16 * here,
+            _ => 12 * here + 4 * corners() - 3 * (across(2) + along(2)),
+        };
+        ((sum + 8) >> 4).clamp(0, white) as u32
+    }
 }
 
 #[cfg(test)]

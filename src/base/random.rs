@@ -6,7 +6,8 @@ use std::f64::consts::TAU;
 pub(crate) struct Random(u64);
 
 impl Random {
-    /// Seeds one of several independent streams, so that noise does not depend on the number of values drawn for texture.
+    /// Seeds one of several independent streams, so that noise does not depend on the number of values drawn for
+    /// texture.
     pub(crate) fn new(seed: u64, stream: u64) -> Self {
         Self(mix(seed).wrapping_add(mix(stream).rotate_left(32)))
     }

@@ -40,8 +40,8 @@ impl Region {
         rows.flat_map(|row| &row[x..x + length]).copied().collect()
     }
 
-    /// Returns the largest region of valid pixels only, of a row-major mask of `width` pixels per row. `None` if no pixel is
-    /// valid.
+    /// Returns the largest region of valid pixels only, of a row-major mask of `width` pixels per row. `None` if no
+    /// pixel is valid.
     ///
     /// For each row it finds the largest rectangle under the histogram of valid pixels above it, in linear time.
     pub(crate) fn largest_valid(valid: &[bool], width: usize) -> Option<Self> {
@@ -105,8 +105,8 @@ fn largest_under(heights: &[u32], y: u32) -> Option<Region> {
     best
 }
 
-/// The pixels of I1 that a solve uses. Other pixels have no data term and do not contribute to the registration, and their
-/// results are NaN.
+/// The pixels of I1 that a solve uses. Other pixels have no data term and do not contribute to the registration, and
+/// their results are NaN.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mask {
     width: u32,

@@ -2,7 +2,7 @@
 
 /// A value with its standard error.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Estimate {
     /// The value.
     pub value: f64,
@@ -32,8 +32,8 @@ pub(crate) fn tukey(r: f64) -> f64 {
     if r.abs() < TUKEY { (1.0 - (r / TUKEY).powi(2)).powi(2) } else { 0.0 }
 }
 
-/// Returns the level of a rectangle of row-major values: the median after the subtraction of the tilt about the centre. NaN
-/// values are ignored. `None` if there are no others.
+/// Returns the level of a rectangle of row-major values: the median after the subtraction of the tilt about the centre.
+/// NaN values are ignored. `None` if there are no others.
 ///
 /// The standard error is `√(π/2) σ / √n`, that of the median of n Gaussian values. σ comes from the median absolute
 /// deviation, and n is the number of values divided by the [`correlation_area`].
@@ -79,9 +79,9 @@ fn without_tilt(values: &[f64], width: usize) -> Vec<f64> {
 
 /// Returns the number of values of a row-major field that carry the information of one independent value.
 ///
-/// It is the product of `1 + 2 Σ ρ(k)` along rows and columns, with the autocorrelation ρ of the residuals. The sum ends at the
-/// first ρ that is not positive (initial positive sequence, Geyer 1992). Residuals are clamped to 3 standard deviations, and
-/// NaN values are ignored.
+/// It is the product of `1 + 2 Σ ρ(k)` along rows and columns, with the autocorrelation ρ of the residuals. The sum
+/// ends at the first ρ that is not positive (initial positive sequence, Geyer 1992). Residuals are clamped to 3
+/// standard deviations, and NaN values are ignored.
 pub(crate) fn correlation_area(residuals: &[f64], width: usize) -> f64 {
     let limit = 3.0 * deviation(residuals);
     let clipped: Vec<f64> = residuals.iter().map(|r| r.clamp(-limit, limit)).collect();

@@ -2,8 +2,8 @@
 
 /// A similarity about the image centre: `T x = c + s R(θ) (x - c) + t`.
 ///
-/// c is the image centre `((W-1)/2, (H-1)/2)`, x points right and y down, in pixels. `I2(T x)` is registered to `I1(x)`.
-/// Serialized as `{"tx_px", "ty_px", "rotation_deg", "scale"}`.
+/// c is the image centre `((W-1)/2, (H-1)/2)`, x points right and y down, in pixels. `I2(T x)` is registered to
+/// `I1(x)`. Serialized as `{"tx_px", "ty_px", "rotation_deg", "scale"}`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -85,7 +85,8 @@ impl Similarity {
         Self { tx: x - to[0], ty: y - to[1], ..*self }
     }
 
-    /// Returns the largest distance between the images of a corner under the two maps, px, of a `width` x `height` image.
+    /// Returns the largest distance between the images of a corner under the two maps, px, of a `width` x `height`
+    /// image.
     pub fn corner_distance(&self, other: &Self, width: u32, height: u32) -> f64 {
         let c = centre(width, height);
         corners(c).map(|corner| distance(self.apply(corner, c), other.apply(corner, c))).into_iter().fold(0.0, f64::max)
@@ -103,18 +104,19 @@ pub fn centre(width: u32, height: u32) -> [f64; 2] {
     [(f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0]
 }
 
-/// The least value of 1 + g·p, as in the engine's shaders. A pixel near the horizon or beyond it maps far outside the image.
+/// The least value of 1 + g·p, as in the engine's shaders. A pixel near the horizon or beyond it maps far outside the
+/// image.
 const HORIZON: f64 = 0.1;
 /// The tolerance for equal entries of a matrix: 0.003 px at 3000 px from the centre, a few units of single precision.
 const TOLERANCE: f64 = 1e-6;
 
 /// A projective map about the image centre: `T x = c + (M p + t)/(1 + g·p)` with `p = x - c`.
 ///
-/// c is the image centre `((W-1)/2, (H-1)/2)`, x points right and y down, in pixels. `I2(T x)` is registered to `I1(x)`. The
-/// map is affine if g = 0, and a [`Similarity`] if also M = s R(θ).
+/// c is the image centre `((W-1)/2, (H-1)/2)`, x points right and y down, in pixels. `I2(T x)` is registered to
+/// `I1(x)`. The map is affine if g = 0, and a [`Similarity`] if also M = s R(θ).
 ///
-/// Serialized as the [similarity at the centre](Self::at_centre), `{"tx_px", "ty_px", "rotation_deg", "scale"}`. If the map is no
-/// similarity, `"matrix"`, the rows of `[[M, t], [g, 1]]`, is added and takes precedence.
+/// Serialized as the [similarity at the centre](Self::at_centre), `{"tx_px", "ty_px", "rotation_deg", "scale"}`. If the
+/// map is no similarity, `"matrix"`, the rows of `[[M, t], [g, 1]]`, is added and takes precedence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -130,8 +132,8 @@ impl Homography {
     /// The identity.
     pub const IDENTITY: Self = Self { matrix: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] };
 
-    /// Makes a map from the rows of `[[M, t], [g, k]]`, which applies to pixels relative to the centre; k is not 0. `None` if
-    /// the matrix is singular, mirrors, or has an entry that is not finite.
+    /// Makes a map from the rows of `[[M, t], [g, k]]`, which applies to pixels relative to the centre; k is not 0.
+    /// `None` if the matrix is singular, mirrors, or has an entry that is not finite.
     pub fn from_matrix(matrix: [[f64; 3]; 3]) -> Option<Self> {
         let map = Self { matrix: matrix.map(|row| row.map(|v| v / matrix[2][2])) };
         let is_finite = map.matrix.iter().flatten().all(|v| v.is_finite());
@@ -241,7 +243,8 @@ impl Homography {
         Self { matrix: [[xx, xy, by * tx], [yx, yy, by * ty], [gx / by, gy / by, one]] }
     }
 
-    /// Returns the largest distance between the images of a corner under the two maps, px, of a `width` x `height` image.
+    /// Returns the largest distance between the images of a corner under the two maps, px, of a `width` x `height`
+    /// image.
     pub fn corner_distance(&self, other: impl Into<Self>, width: u32, height: u32) -> f64 {
         let (c, other) = (centre(width, height), other.into());
         corners(c).map(|corner| distance(self.apply(corner, c), other.apply(corner, c))).into_iter().fold(0.0, f64::max)
@@ -404,7 +407,8 @@ mod tests {
         let both = homography().after(&homography().inverse());
         assert!(both.corner_distance(Homography::IDENTITY, 4000, 3000) < 1e-9);
         let (c, p) = (centre(101, 51), [3.0, 7.0]);
-        let (one_by_one, once) = (homography().apply(homography().apply(p, c), c), homography().after(&homography()).apply(p, c));
+        let (one_by_one, once) =
+            (homography().apply(homography().apply(p, c), c), homography().after(&homography()).apply(p, c));
         assert!(distance(one_by_one, once) < 1e-9);
         let moved = homography().about(c, [20.0, 30.0]);
         assert!(distance(moved.apply(p, [20.0, 30.0]), homography().apply(p, c)) < 1e-9);

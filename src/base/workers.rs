@@ -4,8 +4,8 @@ use std::num::NonZero;
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-/// Calls `function` with each item, in parallel. The calling thread takes part, and does all the work if the system refuses
-/// other threads.
+/// Calls `function` with each item, in parallel. The calling thread takes part, and does all the work if the system
+/// refuses other threads.
 pub(crate) fn for_each<T: Send>(items: impl Iterator<Item = T> + Send, function: impl Fn(T) + Sync) {
     let max_threads = items.size_hint().1.unwrap_or(usize::MAX).saturating_sub(1);
     let items = Mutex::new(items);

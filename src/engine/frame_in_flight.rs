@@ -337,7 +337,7 @@ impl FrameInFlight {
         let pixels = width as usize * height as usize;
         let counts = Counts::of(&maps[..pixels], &maps[pixels..2 * pixels], settings.max_relative_blur);
         findings.tell(&counts);
-        findings.judge(&state, settings, mask.map_or(1.0, Mask::share));
+        findings.judge(&state, settings, mask.map_or(1.0, Mask::coverage));
         if !self.common.plan.solves_transform() {
             findings.doubt(&self.registered()?);
         } else if findings.converged {

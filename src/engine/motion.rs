@@ -19,7 +19,7 @@ const TELLS: f64 = 12.0;
 
 /// Another motion model than the one solved for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct OtherMotion {
     /// Which.
     pub motion: Motion,

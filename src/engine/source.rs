@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::plan::Plan;
 use super::vulkan::{Device, DeviceSource, SharedMemory, SourceCopy};
-use crate::base::{Depth, Error, Frame, workers};
+use crate::base::{Depth, Error, Frame, RowLayout, workers};
 
 /// Where a photograph of a pair is taken from, in the solver's [format](crate::PixelFormat). Unless both are frames, the device looks itself for
 /// pixels that are clipped. Floats that it fetches are not looked at: they are finite and at most 1e6.
@@ -122,47 +122,24 @@ fn fetch(
     place: super::vulkan::SourceLocation,
     keep: Option<Arc<dyn Any + Send + Sync>>,
 ) -> Result<SourceCopy, Error> {
-    let pitch = place.pitch();
-    let row_bytes = row_bytes(plan, image, pitch as usize)? as u64;
+    let row_bytes = rows(plan, image, place.pitch() as usize)?.row_bytes as u64;
     Ok(SourceCopy { location: place, size: plan.size, row_bytes, bytes: plan.packed_bytes(image), owner: keep })
 }
 
-/// Bytes of a row that is followed by the next so many bytes from its start.
-fn row_bytes(plan: &Plan, image: usize, pitch: usize) -> Result<usize, Error> {
-    let (packed, width) = (plan.packed[image], plan.size[0]);
-    let Some(bytes) = packed.row_bytes(width).map(|bytes| bytes as usize) else {
-        if pitch == 0 {
-            return Ok(0);
-        }
-        return Err(Error::Mismatch(format!(
-            "a row of {width} px of {packed} ends within a byte: give rows without gaps, a pitch of 0, or an even width"
-        )));
-    };
-    if pitch != 0 && pitch < bytes {
-        return Err(Error::Mismatch(format!(
-            "rows of {width} px of {packed} take {bytes} bytes, and the pitch is {pitch}: give bytes, 0 where there is no gap"
-        )));
-    }
-    Ok(bytes)
+/// The rows of a photograph whose rows start `pitch` bytes apart.
+fn rows(plan: &Plan, image: usize, pitch: usize) -> Result<RowLayout, Error> {
+    plan.packed[image].rows(plan.size, pitch).map_err(Error::Mismatch)
 }
 
 impl<'a> Rows<'a> {
     fn new(plan: &Plan, image: usize, from: From<'a>, pitch: usize) -> Result<Self, Error> {
-        let row_bytes = row_bytes(plan, image, pitch)?;
-        let ([width, height], packed) = (plan.size, plan.packed[image]);
-        let is_whole = pitch == 0 || pitch == row_bytes;
-        let needed = match is_whole {
-            true => plan.packed_bytes(image) as usize,
-            false => pitch.saturating_mul(height as usize - 1).saturating_add(row_bytes),
-        };
-        if from.length() < needed {
-            return Err(Error::Mismatch(format!(
-                "{width}x{height} of {packed} take {needed} bytes, and there are {}",
-                from.length()
-            )));
+        let RowLayout { row_bytes, pitch, bytes } = rows(plan, image, pitch)?;
+        if from.length() < bytes {
+            let ([width, height], packed, found) = (plan.size, plan.packed[image], from.length());
+            let problem = format!("{width}x{height} of {packed} take {bytes} bytes, and there are {found}");
+            return Err(Error::Mismatch(problem));
         }
-        let (pitch, row_bytes) = if is_whole { (needed, needed) } else { (pitch, row_bytes) };
-        Ok(Self { from, length: needed, pitch, row_bytes, are_floats: plan.formats[image].depth == Depth::F32 })
+        Ok(Self { from, length: bytes, pitch, row_bytes, are_floats: plan.formats[image].depth == Depth::F32 })
     }
 
     /// Writes them without gaps, by all threads; whether they are numbers that frames may hold.

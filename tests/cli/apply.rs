@@ -19,10 +19,10 @@ impl Desk {
         let color = ImageBuffer::from_fn(40, 30, |x, y| Rgb([4 * x as u8, 5 * y as u8, 90]));
         color.save(desk.path("color.png")).unwrap();
         let transform = r#"{"tx_px": 2.5, "ty_px": -1, "rotation_deg": 0, "scale": 1}"#;
-        let exposure = r#"{"gain": 0.5, "offset": 0.1}"#;
-        let report = format!(
-            r#"{{"transform": {transform}, "photometric": {exposure}, "size": {{"width": 40, "height": 30}}}}"#
-        );
+        let identity = r#"{"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1}"#;
+        let frames =
+            format!(r#"[{{"transform": {identity}}}, {{"transform": {transform}, "gain": 0.5, "offset": 0.1}}]"#);
+        let report = format!(r#"{{"frames": {frames}, "size": {{"width": 40, "height": 30}}}}"#);
         fs::write(desk.path("report.json"), report).unwrap();
         fs::write(desk.path("transform.json"), transform).unwrap();
         desk

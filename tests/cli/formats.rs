@@ -90,7 +90,7 @@ fn bmp_and_webp_are_read_as_png_is() {
         assert_eq!((frame.width(), frame.height()), (SIZE[0], SIZE[1]));
         let found = desk.solve(&format!("i1.{ending}"), &format!("i2.{ending}"), &[]);
         assert_eq!(found["inputs"][0]["format"], format);
-        assert!((found["transform"]["scale"].as_f64().unwrap() - 1.0).abs() < 0.05);
+        assert!((found["frames"][1]["transform"]["scale"].as_f64().unwrap() - 1.0).abs() < 0.05);
     }
 }
 
@@ -99,7 +99,8 @@ fn frames_without_a_header_are_read_by_the_format_that_is_stated() {
     let desk = Desk::new();
     let size = format!("{}x{}", SIZE[0], SIZE[1]);
     let deep = desk.solve("pair/i1.png", "pair/i2.png", &[]);
-    let (raw, tx) = (format!("Mono12p:{size}"), |report: &Value| report["transform"]["tx_px"].as_f64().unwrap());
+    let (raw, tx) =
+        (format!("Mono12p:{size}"), |report: &Value| report["frames"][1]["transform"]["tx_px"].as_f64().unwrap());
     for (samples, name) in desk.samples(12).iter().zip(["i1", "i2"]) {
         desk.write(&format!("raw/{name}.raw"), &packed(samples, 12));
         let words: Vec<u8> = samples.iter().flat_map(|v| v.to_le_bytes()).collect();

@@ -3,6 +3,9 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+use parfocal::export::{Nearer, Report};
+use parfocal::{Channels, DeviceInfo, Findings, Photometric, Region, Settings, Shading, Similarity, Solution, Timings};
+
 mod again;
 mod apply;
 mod batch;
@@ -32,3 +35,55 @@ mod stack;
 mod sweep_results;
 mod trust;
 mod view;
+
+/// The report of a pair of this size that moved nothing, whose image 1 or 2 is focused nearer.
+fn report_of_pair(size: [u32; 2], nearer: u8) -> serde_json::Value {
+    let [width, height] = size;
+    let findings = Findings {
+        width,
+        height,
+        origin: [0, 0],
+        photograph: size,
+        fused_channels: Channels::Gray,
+        transform: Similarity::IDENTITY.into(),
+        other_motion: None,
+        photometric: Photometric::IDENTITY,
+        shading: Shading::NONE,
+        solved: Region { x: 0, y: 0, width, height },
+        regularization: 0.003,
+        kernel_shape: None,
+        levels: Vec::new(),
+        converged: true,
+        warnings: Vec::new(),
+        valid_fraction: 1.0,
+        mean_confidence: 0.5,
+        saturated_fraction: 0.0,
+        timings: Timings::default(),
+    };
+    let empty = Vec::new;
+    let solution = Solution {
+        relative_blur: empty(),
+        uncertainty: empty(),
+        residual: empty(),
+        confidence: empty(),
+        fused: empty(),
+        findings,
+    };
+    let device = DeviceInfo {
+        index: 0,
+        name: "a device".to_string(),
+        driver: "a driver".to_string(),
+        uuid: String::new(),
+        kind: "CPU",
+        api_version: "1.3.0".to_string(),
+        subgroup_size: 8,
+        memory_bytes: 1,
+        max_image_size: 1,
+        max_storage_buffer: 1,
+        unusable: None,
+    };
+    let nearer = if nearer == 1 { Nearer::First } else { Nearer::Second };
+    let mut report = Report::pair(&solution, &Settings::default(), &device, nearer);
+    report.texture = None;
+    serde_json::to_value(report).unwrap()
+}

@@ -55,7 +55,7 @@ fn assert_displaced(report: &Value) {
     for (name, value, tolerance) in
         [("tx_px", 2.0, 0.15), ("ty_px", -1.0, 0.15), ("rotation_deg", 0.0, 0.2), ("scale", 1.0, 0.004)]
     {
-        let found = report["transform"][name].as_f64().unwrap();
+        let found = report["frames"][1]["transform"][name].as_f64().unwrap();
         assert!((found - value).abs() < tolerance, "{name} {found}");
     }
 }
@@ -69,17 +69,17 @@ fn every_method_registers_and_solve_holds_what_it_wrote() {
         let report = desk.json("register", &["--method", method, "-o", file]);
         assert_eq!(report["method"], method);
         assert_eq!((&report["size"]["width"], &report["size"]["height"]), (&128.into(), &96.into()));
-        assert!(report["photometric"]["gain"].is_f64() && report["device"]["name"].is_string(), "{report}");
+        assert!(report["frames"][1]["gain"].is_f64() && report["device"]["name"].is_string(), "{report}");
         assert_displaced(&report);
         let written: Value = serde_json::from_slice(&fs::read(file).unwrap()).unwrap();
         assert_eq!(written, report);
         let held = desk.json("solve", &["--transform", file, "--hold", "-o", out]);
         assert_eq!(held["method"], "aligned");
         for name in ["tx_px", "ty_px", "rotation_deg", "scale"] {
-            let [found, asked] = [&held, &report].map(|r| r["transform"][name].as_f64().unwrap());
+            let [found, asked] = [&held, &report].map(|r| r["frames"][1]["transform"][name].as_f64().unwrap());
             assert!((found - asked).abs() < 1e-5, "{name} {found} {asked}");
         }
-        let gains = [&held, &report].map(|r| r["photometric"]["gain"].as_f64().unwrap());
+        let gains = [&held, &report].map(|r| r["frames"][1]["gain"].as_f64().unwrap());
         assert!((gains[0] - gains[1]).abs() < 1e-6, "{gains:?}");
     }
     assert_eq!(fs::read_dir(desk.path("made")).unwrap().count(), 1);

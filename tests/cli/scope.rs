@@ -73,7 +73,7 @@ fn results_of_a_region_are_those_of_the_whole_there() {
     let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
     assert!(rms < 0.1 && squares.len() > 9000, "V {rms} px² apart, {} valid", squares.len());
     for name in ["tx_px", "ty_px"] {
-        let [a, b] = [&whole, &part].map(|report| report["transform"][name].as_f64().unwrap());
+        let [a, b] = [&whole, &part].map(|report| report["frames"][1]["transform"][name].as_f64().unwrap());
         assert!((a - b).abs() < 0.05, "{name}: {a} {b}");
     }
     // Another light's photograph goes onto the region's pixels.
@@ -86,7 +86,7 @@ fn results_of_a_region_are_those_of_the_whole_there() {
     // And its report is a start for the whole.
     let held = desk.solved("held", &["--transform", "part/report.json", "--hold"]);
     for name in ["tx_px", "ty_px", "rotation_deg", "scale"] {
-        let [a, b] = [&held, &part].map(|report| report["transform"][name].as_f64().unwrap());
+        let [a, b] = [&held, &part].map(|report| report["frames"][1]["transform"][name].as_f64().unwrap());
         assert!((a - b).abs() < 1e-4, "{name}: {a} {b}");
     }
 }

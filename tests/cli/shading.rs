@@ -48,7 +48,7 @@ impl Desk {
 
 /// Least and greatest factor.
 fn range(report: &Value) -> [f64; 2] {
-    [0, 1].map(|i| report["shading"]["range"][i].as_f64().unwrap())
+    [0, 1].map(|i| report["frames"][1]["shading"]["range"][i].as_f64().unwrap())
 }
 
 #[test]
@@ -60,7 +60,7 @@ fn a_ramp_of_light_is_found_and_told() {
     assert!((low - 1.0 / 1.15).abs() < 0.03 && (high - 1.0 / 0.85).abs() < 0.03, "{low} to {high}");
     assert!(told.contains(", shading -1") && told.contains("smoothness     α 0.0"), "{told}");
     assert_eq!(report["warnings"], serde_json::json!([]));
-    let t = &report["transform"];
+    let t = &report["frames"][1]["transform"];
     let [tx, ty, angle, scale] = ["tx_px", "ty_px", "rotation_deg", "scale"].map(|name| t[name].as_f64().unwrap());
     let truth = Homography::from(Similarity::new(1.3, -0.9, 0.15, 1.01));
     let corner = Homography::from(Similarity::new(tx, ty, angle, scale)).corner_distance(truth, 256, 256);
@@ -107,7 +107,7 @@ fn what_follows_a_report_heeds_its_shading() {
     let apart = [0, 1].map(|i| (range(&held)[i] - range(&report)[i]).abs());
     assert!(apart.iter().all(|d| *d < 0.01), "{apart:?}");
     assert_eq!(
-        held["transform"]["tx_px"].as_f64().map(|t| t as f32),
-        report["transform"]["tx_px"].as_f64().map(|t| t as f32)
+        held["frames"][1]["transform"]["tx_px"].as_f64().map(|t| t as f32),
+        report["frames"][1]["transform"]["tx_px"].as_f64().map(|t| t as f32)
     );
 }

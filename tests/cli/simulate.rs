@@ -90,7 +90,9 @@ fn the_truth_can_be_solved_from_and_the_seed_decides() {
     let moved = ["--translation", "-2,0.5", "--rotation", "-1", "--scale", "0.98"];
     let all = [&options[..], &moved].concat();
     desk.simulate("relief", &all);
-    let (t, photometric) = export::read_transform(&desk.out("truth.json")).unwrap();
+    let registration = export::Registration::read(&desk.out("truth.json")).unwrap();
+    let second = registration.second().unwrap();
+    let (t, photometric) = (second.transform, second.photometric);
     assert_eq!((t.translation(), t.scale()), ([-2.0, 0.5], 0.98));
     assert!((t.rotation_deg() + 1.0).abs() < 1e-12);
     let p = photometric.unwrap();
@@ -216,7 +218,7 @@ fn a_sweep_has_its_frames_focus_and_truth() {
             assert_eq!((told["file"].as_str(), told["position"].as_f64()), (Some(*name), Some(k as f64)));
             let frame = image_io::read(&desk.out(name)).unwrap();
             assert_eq!((frame.width(), frame.height(), words(&frame).len()), (48, 32, 48 * 32));
-            let (gain, undone) = (&told["exposure"]["gain"], &told["photometric"]["gain"]);
+            let (gain, undone) = (&told["exposure"]["gain"], &told["gain"]);
             assert!((gain.as_f64().unwrap() - (0.95 + 0.025 * k as f64)).abs() < 1e-12);
             assert!((gain.as_f64().unwrap() * undone.as_f64().unwrap() - 1.0).abs() < 1e-12);
             assert!((told["vignetting"].as_f64().unwrap() - 0.03 * (k as f64 - 2.0)).abs() < 1e-12);

@@ -66,7 +66,7 @@ fn a_solve_writes_its_five_files_and_the_report_on_stdout() {
     let report = desk.solved(["near.png", "far.png"], &["--timings"]);
     assert_eq!(report["method"], "unified");
     assert_eq!(report["size"]["width"], 96);
-    assert!(report["transform"]["tx_px"].is_f64() && report["timings_ms"]["total"].is_f64());
+    assert!(report["frames"][1]["transform"]["tx_px"].is_f64() && report["timings_ms"]["total"].is_f64());
     assert!(report["device"]["name"].is_string());
     let level = &report["levels"][0];
     assert_eq!(level["iterations"].as_u64().unwrap() as usize, level["energy"].as_array().unwrap().len());
@@ -105,7 +105,7 @@ fn a_transform_that_is_held_comes_back_as_it_was() {
     let report = desk.solved(["near.png", "far.png"], &["--transform", saved.to_str().unwrap(), "--hold"]);
     assert_eq!(report["method"], "aligned");
     for (name, value) in [("tx_px", 0.25), ("ty_px", -0.5), ("rotation_deg", 0.1), ("scale", 1.002)] {
-        let found = report["transform"][name].as_f64().unwrap();
+        let found = report["frames"][1]["transform"][name].as_f64().unwrap();
         assert!((found - value).abs() < 1e-5, "{name} {found}");
     }
 }

@@ -69,7 +69,7 @@ fn a_sweep_gives_the_focus_of_both_planes() {
     for name in ["relative_blur.exr", "labels.png", "focus.exr"] {
         fs::write(sweep.out().join(name), name).unwrap();
     }
-    let before = r#"{"transform": {}, "nearer": 1, "files": ["relative_blur.exr", "report.json"]}"#;
+    let before = r#"{"program": "parfocal", "kind": "pair", "files": ["relative_blur.exr", "report.json"]}"#;
     fs::write(sweep.out().join("report.json"), before).unwrap();
     let refused = sweep.stack(&["--device", "no such GPU"]);
     let told = String::from_utf8_lossy(&refused.stderr).into_owned();

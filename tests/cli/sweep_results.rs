@@ -4,7 +4,7 @@ use std::fs;
 use std::process::Output;
 
 use assert_cmd::Command;
-use parfocal::export::read_sweep_places;
+use parfocal::export::Registration;
 use parfocal::image_io::{read, read_field};
 use parfocal::resample::registered;
 use parfocal::{Brightness, Decode};
@@ -49,10 +49,10 @@ fn steps_profiles_and_views_are_as_of_a_pair() {
     done(&sweep.stack(&["--quiet", "--no-html"]));
     let step = ["--step", "20,20,50,80", "120,20,50,80", "--profile", "10,64,180,64,9"];
     let measured = done(&on(&sweep, "measure", &[&step[..], &["--json"]].concat()));
-    let focus = &measured["steps"][0]["focus"];
+    let focus = &measured["steps"][0]["difference"];
     let [value, error] = ["value", "standard_error"].map(|key| focus[key].as_f64().unwrap());
     assert!((value - 1.6).abs() < 0.1 && error > 0.0 && error < 0.1, "{focus}");
-    assert!(measured["steps"][0]["depth_mm"].is_null() && measured["steps"][0].get("relative_blur").is_none());
+    assert!(measured["steps"][0]["depth_mm"].is_null() && measured["steps"][0]["quantity"] == "focus");
     let csv = fs::read_to_string(sweep.out().join("profile_1.csv")).unwrap();
     assert!(csv.starts_with("distance_px,x_px,y_px,focus_settings,focus_deviation_settings\n"), "{csv}");
     assert!(lists(&report(&sweep), "profile_1.png") && report(&sweep)["measurements"] == measured);
@@ -249,7 +249,7 @@ fn frames_are_registered_and_brought_onto_the_reference() {
     done(&run(&[&["apply"], &images[..], &["--transform", "rig.json", "-o", "aligned", "--json"]].concat()));
     let frame = |name: &str| read(&path(name)).unwrap();
     assert_eq!(frame("aligned/frame_03.png"), frame("sweep/frame_03.png"), "the reference");
-    let (transform, none) = (read_sweep_places(&path("rig.json")).unwrap().unwrap().frames[0].0, [120, 90]);
+    let (transform, none) = (Registration::read(&path("rig.json")).unwrap().frames[0].transform, [120, 90]);
     let moved = registered(&frame(images[0]), &transform, &Brightness::identity(none), Decode::None);
     let aligned = frame("aligned/frame_01.png");
     assert_eq!(aligned.format(), frame(images[0]).format());
@@ -288,7 +288,7 @@ fn a_damaged_folder_is_refused_in_plain_words() {
         ("reference", 99.into()),
         ("size", serde_json::json!({"width": 7, "height": 4_000_000})),
         ("region", serde_json::json!({"x": 4_294_967_295u32, "y": 0, "width": 192, "height": 128})),
-        ("decode", "rot13".into()),
+        ("values", serde_json::json!({"decode": "rot13", "by": "files"})),
         ("nearer", Value::Null),
     ];
     for (key, value) in damages {

@@ -21,9 +21,9 @@ impl Desk {
             _ => 6.0,
         };
         desk.field("relative_blur.exr", (96, 64), blur);
-        desk.field("confidence.exr", (96, 64), |_, _| 0.5);
+        desk.field("uncertainty.exr", (96, 64), |_, _| 0.5);
         RgbImage::from_pixel(96, 64, image::Rgb([90, 140, 60])).save(desk.path("out/fused.png")).unwrap();
-        fs::write(desk.path("out/report.json"), r#"{"nearer": 1, "more": []}"#).unwrap();
+        fs::write(desk.path("out/report.json"), crate::report_of_pair([96, 64], 1).to_string()).unwrap();
         desk
     }
 
@@ -107,7 +107,7 @@ fn refused(output: &Output, status: i32, parts: &[&str]) {
 
 #[test]
 fn results_that_are_missing_or_odd_name_the_file() {
-    for name in ["relative_blur.exr", "confidence.exr", "fused.png", "report.json"] {
+    for name in ["relative_blur.exr", "uncertainty.exr", "fused.png", "report.json"] {
         let desk = Desk::new();
         fs::remove_file(desk.path("out").join(name)).unwrap();
         refused(&desk.view(&[]), 1, &[name]);
@@ -116,12 +116,16 @@ fn results_that_are_missing_or_odd_name_the_file() {
         assert!(!desk.path("out/view.png").exists());
     }
     let desk = Desk::new();
-    desk.field("confidence.exr", (95, 64), |_, _| 0.5);
-    refused(&desk.view(&[]), 1, &["confidence.exr", "95x64", "96x64"]);
+    desk.field("uncertainty.exr", (95, 64), |_, _| 0.5);
+    refused(&desk.view(&[]), 1, &["uncertainty.exr", "95x64", "96x64"]);
     let desk = Desk::new();
     ImageBuffer::<Luma<u16>, _>::new(96, 63).save(desk.path("out/fused.png")).unwrap();
     refused(&desk.view(&[]), 1, &["fused.png", "96x63"]);
-    fs::write(desk.path("out/report.json"), r#"{"nearer": 3}"#).unwrap();
+    fs::write(
+        desk.path("out/report.json"),
+        crate::report_of_pair([96, 64], 1).to_string().replace("\"nearer\":1", "\"nearer\":3"),
+    )
+    .unwrap();
     refused(&desk.view(&[]), 1, &["report.json", "nearer"]);
     fs::remove_dir_all(desk.path("out")).unwrap();
     refused(&desk.view(&[]), 1, &["out: is no folder"]);

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use image::codecs::{jpeg::JpegEncoder, png::PngEncoder};
 use image::{DynamicImage, ExtendedColorType, ImageBuffer, ImageEncoder, ImageFormat};
-use parfocal::export::{self, Solved, SolvedSweep};
+use parfocal::export::{self, Registration, Results};
 use parfocal::image_io::{self, Photograph};
 
 use crate::common::fuzz::{self, Share, Target};
@@ -146,10 +146,12 @@ fn tiff() -> Vec<Vec<u8>> {
     files
 }
 
-const REPORT: &str = r#"{"version": "0.1.0", "size": {"width": 12, "height": 9}, "nearer": 1, "files": ["relative_blur.exr", "a"],
-"transform": {"tx_px": 1.5, "ty_px": -0.5, "rotation_deg": 0.25, "scale": 1.01}, "photometric": {"gain": 1.0, "offset": 0.0},
-"settings": {"decode": "none"}, "region": {"x": 0, "y": 0, "width": 12, "height": 9}, "shading": null, "unfinished": false,
-"frames": [{"file": "a.png", "position": 0.0}, {"file": "b.png", "position": 1.0}], "levels": [],
+const REPORT: &str = r#"{"program": "parfocal", "kind": "pair", "version": "0.1.0", "frames": [
+{"file": "a.png", "transform": {"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1}, "gain": 1.0, "offset": 0.0},
+{"file": "b.png", "transform": {"tx_px": 1.5, "ty_px": -0.5, "rotation_deg": 0.25, "scale": 1.01}, "gain": 1.0, "offset": 0.0}],
+"reference": 0, "size": {"width": 12, "height": 9}, "photograph": {"width": 12, "height": 9}, "nearer": 1,
+"region": {"x": 0, "y": 0, "width": 12, "height": 9}, "values": {"decode": "none", "by": "files"}, "unfinished": false,
+"files": ["relative_blur.exr", "a"], "levels": [], "warnings": [],
 "hashes": {"a": {"bytes": 3, "sha256": "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"}}}"#;
 
 fn texts() -> Vec<Vec<u8>> {
@@ -165,7 +167,7 @@ fn folder(file: &Path) {
         let names = ["relative_blur.exr", "confidence.exr", "uncertainty.exr", "focus.exr"];
         names.iter().for_each(|name| fs::write(folder.join(name), &field).unwrap());
     }
-    let _ = (Solved::read(folder).is_ok(), SolvedSweep::read(folder).is_ok(), export::holds_sweep(folder).is_ok());
+    let _ = Results::read(folder).is_ok();
     let _ = (export::listed_in(folder, "report.json"), export::profiles_in(folder));
     if let Ok(Ok(report)) = fs::read(file).map(|bytes| serde_json::from_slice(&bytes)) {
         let _ = export::is_whole(folder, "report.json", &report);
@@ -174,8 +176,7 @@ fn folder(file: &Path) {
 
 /// A transform is anything that states one.
 fn transform(file: &Path) {
-    let _ = (image_io::size(file).is_ok(), export::read_transform(file).is_ok(), export::read_pair_of(file).is_ok());
-    let _ = export::read_sweep_places(file).is_ok();
+    let _ = (image_io::size(file).is_ok(), Registration::read(file).is_ok());
 }
 
 fn kernel(file: &Path) {

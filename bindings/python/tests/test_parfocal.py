@@ -195,7 +195,7 @@ def test_registration_and_other_photographs(engine, result):
     assert np.abs(parfocal.apply(sharp, result, exposure=True) - NEAR)[10:-10, 10:-10].max() < 0.03
     start = parfocal.solve(NEAR, FAR, engine=engine, method="aligned", start=found.transform)
     assert np.array_equal(start.transform, found.transform)
-    with pytest.raises(ValueError, match="were registered"):
+    with pytest.raises(ValueError, match="registered photographs"):
         parfocal.apply(sharp[:50], found)
 
 

@@ -83,7 +83,7 @@ def test_rows_and_fields_are_kept_once(shots, tmp_path):
     assert parfocal.ray.write(urls[:1], into, **options)["error"] == 0
     with pytest.raises(FileExistsError, match="resume=True"):
         parfocal.ray.write(urls, into, **options)
-    with pytest.raises(FileExistsError, match="fields is there"):
+    with pytest.raises(FileExistsError, match="fields exists"):
         parfocal.ray.map(urls, into=into, **options)
     with pytest.raises(ValueError, match="of other inputs"):
         parfocal.ray.write(urls[1:], into, resume=True, **options)

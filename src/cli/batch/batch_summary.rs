@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use parfocal::batch_html::{Entry, batch_page};
 use parfocal::bounded_read;
-use parfocal::export::PAGE_FILE;
+use parfocal::export::{Header, Kind, PAGE_FILE};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -46,9 +46,20 @@ pub(crate) struct Found {
     #[serde(skip_serializing_if = "Value::is_null")]
     transform: Value,
     #[serde(skip_serializing)]
-    timings_ms: Value,
+    frames: Vec<Value>,
     #[serde(skip_serializing)]
-    total_ms: Option<f64>,
+    timings_ms: Value,
+}
+
+impl Found {
+    /// The row of a report.
+    fn of(report: Value) -> Self {
+        let mut found: Self = serde_json::from_value(report).unwrap_or_default();
+        if let [_, second] = found.frames.as_mut_slice() {
+            found.transform = second["transform"].take();
+        }
+        found
+    }
 }
 
 /// What became of it.
@@ -68,14 +79,12 @@ pub(crate) enum Outcome {
 impl Outcome {
     /// Of a report just written.
     pub(crate) fn solved(report: &impl Serialize) -> Self {
-        let found = serde_json::to_value(report).ok().and_then(|value| serde_json::from_value(value).ok());
-        Self::Solved(found.unwrap_or_default())
+        Self::Solved(serde_json::to_value(report).ok().map(Found::of).unwrap_or_default())
     }
 
     /// Of the results in a folder.
     pub(crate) fn kept(out: &Path) -> Self {
-        let found = Self::report(out).and_then(|value| serde_json::from_value(value).ok());
-        Self::Kept(found.unwrap_or_default())
+        Self::Kept(Self::report(out).map(Found::of).unwrap_or_default())
     }
 
     /// The report in a folder of results, if there is one that can be read.
@@ -202,7 +211,7 @@ impl Row {
                 None => number(found.and_then(|f| f.relative_blur["median"].as_f64()), 2, " px²"),
             },
             number(found.and_then(|f| f.valid_fraction).map(|f| 100.0 * f), 1, " %"),
-            number(found.and_then(|f| f.timings_ms["total"].as_f64().or(f.total_ms)), 0, " ms"),
+            number(found.and_then(|f| f.timings_ms["total"].as_f64()), 0, " ms"),
         ]
     }
 }
@@ -210,6 +219,8 @@ impl Row {
 /// What came of all pairs.
 #[derive(Debug, Serialize)]
 pub(crate) struct Tally {
+    #[serde(flatten)]
+    header: Header,
     version: &'static str,
     source: String,
     solved: usize,
@@ -233,6 +244,7 @@ impl Tally {
     ) -> Self {
         let count = |status: &str| pairs.iter().filter(|row| row.outcome.status() == status).count();
         Self {
+            header: Header::new(Kind::Batch),
             version: env!("CARGO_PKG_VERSION"),
             source: source.display().to_string(),
             solved: count("solved"),

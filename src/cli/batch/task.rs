@@ -102,7 +102,7 @@ impl Named {
         match (&self.task, solved) {
             (Task::Pair(job), Solved::Solution(solved)) => {
                 let (photographs, solution, device) = *solved;
-                let (report, _) = work::write(request, job, &device, &photographs, &solution)?;
+                let report = work::write(request, job, &device, &photographs, &solution)?;
                 Ok(Outcome::solved(&report))
             }
             (Task::Sweep(job), Solved::Sweep(solved)) => {

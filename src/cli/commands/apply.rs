@@ -1,8 +1,8 @@
-//! `parfocal apply`: photographs, and a registration that is known, to photographs that lie on one another.
+//! `parfocal apply`: photographs moved onto the pixels of the reference by a known registration.
 
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{self, SweepPlaces, registered_ending, registered_kind, write_registered};
+use parfocal::export::{FrameRegistration, Registration, registered_ending, registered_kind, write_registered};
 use parfocal::image_io::Photograph;
 use parfocal::{Brightness, Depth, Frame, image_io, resample};
 
@@ -39,69 +39,66 @@ pub(crate) struct Arguments {
 
 /// Reads, moves and writes one photograph after the other.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    if let Some(places) = export::read_sweep_places(&arguments.transform)? {
-        return of_sweep(arguments, &places);
+    let registration = Registration::read(&arguments.transform)?;
+    if arguments.exposure && registration.frames.iter().all(|frame| frame.photometric.is_none()) {
+        return Err(of_file(&arguments.transform, "states no gain and offset; leave out --exposure"));
     }
-    let (transform, photometric) = export::read_transform(&arguments.transform)?;
-    let photometric = photometric.filter(|_| arguments.exposure);
-    if arguments.exposure && photometric.is_none() {
-        let file = arguments.transform.display();
-        return Err(Failure::Failed(format!("{file}: states no gain and offset; leave out --exposure")));
-    }
-    let names = check(arguments, &arguments.images)?;
-    let export::PairOf { size, region, shading, decode } = export::read_pair_of(&arguments.transform)?;
-    for (path, file) in arguments.images.iter().zip(&names) {
-        let frame = image_io::read(path)?;
-        check_size(arguments, path, [frame.width(), frame.height()], size.map(|size| [size.width, size.height]))?;
-        if *file != place(path, registered_ending(frame.format().depth))? {
-            return Err(Failure::Failed(format!("{}: was replaced meanwhile; run it again", path.display())));
+    // Any number of photographs of I2's camera, each a file by itself.
+    if let Some(second) = registration.second() {
+        let names = check(arguments, &arguments.images)?;
+        for (path, name) in arguments.images.iter().zip(&names) {
+            let depth = Photograph::open(path)?.depth();
+            if *name != result_name(path, registered_ending(depth))? {
+                return Err(of_file(path, "was replaced meanwhile; run it again"));
+            }
+            let frame = moved(arguments, &registration, Some(second), path, depth);
+            let frame = std::iter::once(frame.map(|frame| (name.clone(), frame)));
+            write_registered(arguments.force.to(&arguments.output), depth, frame)?;
+            arguments.told.say(&arguments.output.join(name).display().to_string());
         }
-        let unchanged = Brightness::identity([frame.width(), frame.height()]);
-        let brightness = photometric.map_or(unchanged, |photometric| {
-            shading.map_or(Brightness { photometric, ..unchanged }, |shading| shading.with(photometric))
-        });
-        let mut moved = resample::registered(&frame, &transform, &brightness, decode);
-        if let Some(region) = region {
-            let problem = |e| Failure::Failed(format!("{}: {e}", arguments.transform.display()));
-            moved = moved.cropped(region).map_err(problem)?;
-        }
-        write_registered(arguments.force.to(&arguments.output), file, &moved)?;
-        arguments.told.say(&arguments.output.join(file).display().to_string());
+        return list(arguments, &names);
     }
-    list(arguments, &names)
-}
-
-/// The same of all frames of a sweep.
-fn of_sweep(arguments: &Arguments, places: &SweepPlaces) -> Result<(), Failure> {
+    // One photograph for each frame of a sweep, all or none.
     let images = frames::of_sweep(&arguments.images, false, None)?;
-    if images.len() != places.frames.len() {
-        let (file, stated) = (arguments.transform.display(), places.frames.len());
-        let problem = format!("registers {stated} frames, and {} images are given; give one for each", images.len());
-        return Err(Failure::Usage(format!("{file}: {problem}")));
+    let count = registration.frames.len();
+    if images.len() != count {
+        let problem = format!("registers {count} frames, and {} images are given; give one for each", images.len());
+        return Err(Failure::Usage(format!("{}: {problem}", arguments.transform.display())));
     }
     let names = check(arguments, &images)?;
     let depth = Photograph::open(&images[0])?.depth();
-    let one = |n: usize| moved(arguments, places, &images[n], n, depth).map(|frame| (names[n].clone(), frame));
-    let moved = (0..images.len()).map(one);
-    export::write_all_registered(arguments.force.to(&arguments.output), depth, moved)?;
-    names.iter().for_each(|file| arguments.told.say(&arguments.output.join(file).display().to_string()));
+    let all = registration.frames.iter().enumerate().map(|(n, frame)| {
+        let frame = Some(frame).filter(|_| n != registration.reference);
+        moved(arguments, &registration, frame, &images[n], depth).map(|moved| (names[n].clone(), moved))
+    });
+    write_registered(arguments.force.to(&arguments.output), depth, all)?;
+    names.iter().for_each(|name| arguments.told.say(&arguments.output.join(name).display().to_string()));
     list(arguments, &names)
 }
 
-/// One of them on the pixels of the reference.
-fn moved(arguments: &Arguments, places: &SweepPlaces, path: &Path, n: usize, depth: Depth) -> Result<Frame, Failure> {
-    let frame = image_io::read(path)?;
-    check_size(arguments, path, [frame.width(), frame.height()], Some(places.size))?;
-    if registered_kind(frame.format().depth) != registered_kind(depth) {
+/// A photograph on the pixels of the reference; `None` for one that has them already.
+fn moved(
+    arguments: &Arguments,
+    registration: &Registration,
+    frame: Option<&FrameRegistration>,
+    path: &Path,
+    depth: Depth,
+) -> Result<Frame, Failure> {
+    let photograph = image_io::read(path)?;
+    let size = [photograph.width(), photograph.height()];
+    check_size(arguments, path, size, registration.size)?;
+    if registered_kind(photograph.format().depth) != registered_kind(depth) {
         return Err(of_file(path, "is in other samples than the first; save all in integers, or all in floats"));
     }
-    let (transform, brightness) = places.frames[n];
-    let brightness = if arguments.exposure { brightness } else { Brightness::identity(places.size) };
-    let moved = match n == places.reference {
-        true => frame,
-        false => resample::registered(&frame, &transform, &brightness, places.decode),
+    let moved = match frame {
+        None => photograph,
+        Some(frame) => {
+            let brightness = frame.brightness(size).filter(|_| arguments.exposure);
+            let brightness = brightness.unwrap_or_else(|| Brightness::identity(size));
+            resample::registered(&photograph, &frame.transform, &brightness, registration.decode)
+        }
     };
-    match places.region {
+    match registration.region {
         Some(region) => moved.cropped(region).map_err(|problem| of_file(&arguments.transform, problem)),
         None => Ok(moved),
     }
@@ -118,21 +115,21 @@ fn of_file(path: &Path, problem: impl std::fmt::Display) -> Failure {
     Failure::Failed(format!("{}: {problem}", path.display()))
 }
 
-/// Tells a program which files there are.
+/// Prints the files as JSON.
 fn list(arguments: &Arguments, names: &[String]) -> Result<(), Failure> {
     let files: Vec<String> = names.iter().map(|file| arguments.output.join(file).display().to_string()).collect();
     arguments.told.json(|| serde_json::to_string(&serde_json::json!({ "files": files })))
 }
 
-/// The names of the results; refuses, before the first is written, those that would replace one another, an input, or what
-/// is not ours. Of the photographs only headers are looked at, and none is kept: there may be many.
+/// The names of the results. Refuses names that would replace one another, an input, or a file of another program. The photographs are read
+/// one at a time.
 fn check(arguments: &Arguments, images: &[PathBuf]) -> Result<Vec<String>, Failure> {
     destination::check_folder(&arguments.output)?;
     let inputs: Vec<&PathBuf> = images.iter().chain([&arguments.transform]).collect();
     let mut names: Vec<String> = Vec::new();
     for path in images {
         let depth = Photograph::open(path)?.depth();
-        let name = place(path, registered_ending(depth))?;
+        let name = result_name(path, registered_ending(depth))?;
         if names.contains(&name) {
             let problem = "two images have this name; bring them up one after the other into two folders";
             return Err(Failure::Failed(format!("{}: {problem}", path.display())));
@@ -144,8 +141,8 @@ fn check(arguments: &Arguments, images: &[PathBuf]) -> Result<Vec<String>, Failu
     Ok(names)
 }
 
-/// The name of an image's result.
-fn place(path: &Path, ending: &str) -> Result<String, Failure> {
+/// Name of the result of an image.
+fn result_name(path: &Path, ending: &str) -> Result<String, Failure> {
     let stem = path.file_stem().ok_or_else(|| Failure::Usage(format!("{}: names no file", path.display())))?;
     Ok(format!("{}.{ending}", stem.to_string_lossy()))
 }

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use clap::ValueEnum;
 use parfocal::Region;
-use parfocal::export::{self, FileKind, Solved};
+use parfocal::export::{self, FileKind, Results};
 use parfocal::measure::Values;
 use parfocal::{Calibration, Error, LensParameter, Target, bounded_read, calibrate};
 use serde::Deserialize;
@@ -100,15 +100,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let unknowns = unknowns(&arguments.fit)?;
     let target = target(arguments)?;
     check_output(arguments)?;
-    let solved = Solved::read(&arguments.of.results)?;
+    let solved = Results::read_pair(&arguments.of.results)?;
     let lens = arguments.lens.required(&solved)?;
-    if matches!(target, Target::Plane(_)) && [solved.width, solved.height] != solved.photograph {
+    if matches!(target, Target::Plane(_)) && solved.report.size != solved.report.photograph {
         let problem = "is of a part of the photographs, whose corners are not the plane's; solve it without --roi and --crop-valid";
         return Err(Failure::Failed(format!("{}: {problem}", arguments.of.results.display())));
     }
-    let blur = Values { width: solved.width, values: &solved.relative_blur };
-    let fit =
-        |target: &Target| calibrate(&lens, solved.transform.scale(), &blur, &solved.confidence, target, &unknowns);
+    let blur = Values { width: solved.report.size.width, values: solved.values() };
+    let confidence = solved.field("confidence")?;
+    let fit = |target: &Target| calibrate(&lens, solved.magnification(), &blur, &confidence, target, &unknowns);
     let found = fit(&target).map_err(|e| with_turned_corners(e, &target, |target| fit(target).is_ok()))?;
     if let Some(file) = &arguments.output {
         export::write_json(arguments.of.force.to(file), FileKind::Lens, &found)?;
@@ -172,7 +172,7 @@ pub(crate) fn reads(file: &Path) {
 /// Refuses a file that cannot be one, or that is an input; a calibrated lens may be replaced by a better one.
 fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     let Some(file) = &arguments.output else { return Ok(()) };
-    let results = export::FILES.iter().map(|name| arguments.of.results.join(name));
+    let results = export::result_files().map(|name| arguments.of.results.join(name));
     let inputs: Vec<PathBuf> = results.chain(arguments.known_from.clone()).collect();
     let inputs: Vec<&PathBuf> = inputs.iter().collect();
     destination::check_file(arguments.of.force.to(file), FileKind::Lens, " for the lens", &inputs)

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{FileKind, Palette, Solved, SolvedSweep, holds_sweep};
+use parfocal::export::{FileKind, FrameReport, Palette, Quantity, Report, Results};
 use parfocal::figure;
 use serde::Serialize;
 use serde_json::Value;
@@ -38,19 +38,10 @@ Exit status: 0 done, 1 failed, 2 wrong usage.";
 /// Standard deviations at the ends of the picture's colours.
 const ENDS: f64 = 5.0;
 
-/// What is compared of a folder.
-struct Side {
-    width: u32,
-    height: u32,
-    /// What there is, the best last: name, unit, values, standard deviations.
-    fields: Vec<(&'static str, &'static str, Vec<f32>, Vec<f32>)>,
-    report: Value,
-}
-
-/// What came out.
+/// The comparison.
 #[derive(Serialize)]
 struct Compared {
-    quantity: &'static str,
+    quantity: String,
     unit: &'static str,
     /// Those that are not the same in both, by their names.
     settings: Vec<(String, [Value; 2])>,
@@ -79,24 +70,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = &arguments.output {
         destination::check_file(arguments.force.to(file), FileKind::Png, " for the picture", &[])?;
     }
-    let [a, b] = [Side::read(paths[0])?, Side::read(paths[1])?];
+    let [a, b] = [Results::read(paths[0])?, Results::read(paths[1])?];
     let named =
         |problem: String| Failure::Failed(format!("{} and {}: {problem}", paths[0].display(), paths[1].display()));
-    if (a.width, a.height) != (b.width, b.height) {
-        let problem =
-            format!("are of {}x{} and {}x{} pixels; solve the same part", a.width, a.height, b.width, b.height);
-        return Err(named(problem));
+    let (size, (w, h)) = (a.size(), b.size());
+    if size != (w, h) {
+        return Err(named(format!("are of {}x{} and {w}x{h} pixels; solve the same part", size.0, size.1)));
     }
-    let common =
-        |(name, unit, ..): &&(&str, &str, Vec<f32>, Vec<f32>)| b.fields.iter().any(|f| (f.0, f.1) == (*name, *unit));
-    let Some((quantity, unit, first, first_sigma)) = a.fields.iter().rev().find(common) else {
+    let mut common: Vec<[Quantity<'_>; 2]> = a.measured().into_iter().zip(b.measured()).map(Into::into).collect();
+    common.retain(|[a, b]| (a.name, a.unit) == (b.name, b.unit));
+    let Some([first, second]) = common.pop() else {
         return Err(named(
             "have nothing in common: one is of a pair, one of a sweep, or their settings have another unit".to_string(),
         ));
     };
-    let other = b.fields.iter().find(|field| field.0 == *quantity);
-    let (second, second_sigma) = other.map(|(.., values, sigma)| (values, sigma)).unwrap_or((first, first_sigma));
-    let pairs = first.iter().zip(second).zip(first_sigma.iter().zip(second_sigma));
+    let pairs = first.values.iter().zip(&*second.values).zip(first.deviation.iter().zip(&*second.deviation));
     let pixels: Vec<(f64, f64)> = pairs
         .map(|((a, b), (s, t))| (f64::from(*b) - f64::from(*a), f64::from(*s).hypot(f64::from(*t))))
         .map(|(off, sigma)| {
@@ -104,33 +92,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         })
         .collect();
     let compared = Compared {
-        quantity,
-        unit,
-        settings: differing(&a.report["settings"], &b.report["settings"]),
-        numbers: numbers([&a, &b], quantity),
+        quantity: first.label(),
+        unit: first.unit,
+        settings: differing(&json(&a.report.settings)?, &json(&b.report.settings)?),
+        numbers: numbers([&first, &second], [&a.report, &b.report]),
         difference: Difference::of(&pixels),
     };
     if let Some(file) = &arguments.output {
-        figure::write_png(arguments.force.to(file), &picture(a.width, a.height, &pixels))?;
+        figure::write_png(arguments.force.to(file), &picture(size.0, size.1, &pixels))?;
     }
     arguments.told.tell(&compared.table(paths, arguments.output.as_deref()), || serde_json::to_string_pretty(&compared))
-}
-
-impl Side {
-    fn read(folder: &Path) -> Result<Self, Failure> {
-        if holds_sweep(folder)? {
-            let solved = SolvedSweep::read(folder)?;
-            let (report, sweep) = (solved.report().clone(), solved.sweep);
-            let mut fields = vec![("focus", sweep.unit, sweep.focus, sweep.uncertainty)];
-            fields.extend(sweep.depth.map(|found| ("depth", "mm", found.depth, found.deviation)));
-            return Ok(Self { width: sweep.width, height: sweep.height, fields, report });
-        }
-        let solved = Solved::read(folder)?.as_stated()?;
-        let (blur, metric) = (solved.measured_blur(), solved.measured_depth());
-        let mut fields = vec![("relative blur", "px²", blur, solved.uncertainty.clone())];
-        fields.extend(metric.map(|metric| ("depth", "mm", metric.depth, metric.deviation)));
-        Ok(Self { width: solved.width, height: solved.height, fields, report: solved.report().clone() })
-    }
 }
 
 /// Settings by their names, those within others too, that are not the same.
@@ -148,34 +119,35 @@ fn differing(a: &Value, b: &Value) -> Vec<(String, [Value; 2])> {
     names.into_iter().flat_map(of).collect()
 }
 
-fn numbers(sides: [&Side; 2], quantity: &str) -> Vec<(&'static str, [Option<f64>; 2])> {
-    let field = |side: &Side, deviation: bool| {
-        side.fields.iter().find(|field| field.0 == quantity).map(|f| if deviation { f.3.clone() } else { f.2.clone() })
+fn json(value: &impl Serialize) -> Result<Value, Failure> {
+    serde_json::to_value(value).map_err(|e| Failure::Failed(e.to_string()))
+}
+
+fn numbers(quantities: [&Quantity<'_>; 2], reports: [&Report; 2]) -> Vec<(&'static str, [Option<f64>; 2])> {
+    let middle = |values: &[f32]| median(values.iter().map(|v| f64::from(*v)));
+    let measured = |quantity: &Quantity<'_>| {
+        let values = &quantity.values;
+        Some(values.iter().filter(|v| v.is_finite()).count() as f64 / values.len().max(1) as f64)
     };
-    let share = |side: &Side| {
-        field(side, false).map(|v| v.iter().filter(|v| v.is_finite()).count() as f64 / v.len().max(1) as f64)
-    };
-    let middle = |side: &Side, deviation| field(side, deviation).and_then(|v| median(v.into_iter().map(f64::from)));
-    let told = |path: &'static str| sides.map(|side| side.report.pointer(path).and_then(Value::as_f64));
     let mut rows = vec![
-        ("median", sides.map(|side| middle(side, false))),
-        ("median σ", sides.map(|side| middle(side, true))),
-        ("measured", sides.map(share)),
+        ("median", quantities.map(|quantity| middle(&quantity.values))),
+        ("median σ", quantities.map(|quantity| middle(&quantity.deviation))),
+        ("measured", quantities.map(measured)),
     ];
+    let second = |of: fn(&FrameReport) -> f64| {
+        reports.map(|report| report.frames.get(1).filter(|_| report.frames.len() == 2).map(of))
+    };
     let more = [
-        ("right, px", "/transform/tx_px"),
-        ("down, px", "/transform/ty_px"),
-        ("rotation, °", "/transform/rotation_deg"),
-        ("scale", "/transform/scale"),
-        ("gain", "/photometric/gain"),
-        ("smoothness α", "/regularization"),
-        ("blur rate, px²", "/blur_rate_px2"),
-        ("time, ms", "/timings_ms/total"),
-        ("time, ms", "/total_ms"),
+        ("right, px", second(|frame| frame.transform.translation()[0])),
+        ("down, px", second(|frame| frame.transform.translation()[1])),
+        ("rotation, °", second(|frame| frame.transform.rotation_deg())),
+        ("scale", second(|frame| frame.transform.scale())),
+        ("gain", second(|frame| frame.photometric.gain)),
+        ("smoothness α", reports.map(|report| report.regularization)),
+        ("blur rate, px²", reports.map(|report| report.blur_rate_px2)),
+        ("time, ms", reports.map(|report| Some(report.timings_ms.total))),
     ];
-    rows.extend(
-        more.map(|(name, path)| (name, told(path))).into_iter().filter(|(_, both)| both.iter().any(Option::is_some)),
-    );
+    rows.extend(more.into_iter().filter(|(_, both)| both.iter().any(Option::is_some)));
     rows
 }
 

@@ -1,9 +1,8 @@
-//! `parfocal depth`: depth in mm for a folder that has been solved.
+//! `parfocal depth`: depth in mm for results.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use parfocal::export::{DEPTH_FILE, DepthReport, RangeReport, Solved, SolvedSweep, SweepDepthReport, holds_sweep};
-use parfocal::figure::PEN;
+use parfocal::export::{DEPTH_FILE, DEPTH_PICTURE_FILE, DepthReport, Kind, REPORT_FILE, Results};
 
 use crate::cli::commands::view::VIEW;
 use crate::cli::options::colors::ColorsArgument;
@@ -12,11 +11,11 @@ use crate::cli::options::headings::INPUT;
 use crate::cli::options::lens::LensArguments;
 use crate::cli::options::results_folder::SolvedArguments;
 use crate::cli::options::settings::one_or_two;
-use crate::cli::output::derived_outputs::Shown;
+use crate::cli::output::derived_outputs::DerivedOutputs;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
-/// QueueGuard what was found into depth in mm, once the lens, or what a sweep was focused at, is known.
+/// Convert results to depth in mm, once the lens, or the focus positions of a sweep, are known.
 ///
 /// Nothing is solved again.
 #[derive(clap::Args, Debug)]
@@ -48,82 +47,53 @@ Results, in the same folder, all or none:
 
 Exit status: 0 done, 1 failed, 2 wrong usage.";
 
-/// Reads, inverts, writes.
+/// Reads, derives depth, writes and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let results = &arguments.of.results;
-    if holds_sweep(results)? {
-        return of_sweep(arguments);
-    }
-    if arguments.places.places().is_some() || arguments.nearer.is_some() {
-        let problem = "holds a pair, to whose depth a lens leads; leave out --focus-at and --nearer";
-        return Err(Failure::Usage(format!("{}: {problem}", results.display())));
-    }
-    // Flags that are wrong by themselves are told first.
+    let usage = |problem: &str| Failure::Usage(format!("{}: {problem}", results.display()));
+    // Invalid flags are reported first.
     arguments.lens.stated()?;
-    let solved = Solved::read(results)?;
-    let lens = arguments.lens.required(&solved)?;
-    let written = [DEPTH_FILE, "depth.png", "report.json"];
-    // A report may state the lens: it is read before it is written again.
-    let inputs: Vec<&PathBuf> =
-        arguments.lens.file().into_iter().filter(|file| !file.ends_with("report.json")).collect();
-    destination::check_folder(results)?;
-    destination::check_inputs(results, &written, &inputs)?;
-    let force = arguments.of.force.is_given();
-    solved.check_depth(force)?;
-    let mut new = solved.seen_through(&lens);
-    let shown = Shown::of_pair(&new)?;
-    shown.note(new.report_mut());
-    let palette = arguments.colors.palette();
-    new.write_depth(palette, Some(PEN), shown.files_of_pair(&new, Some(palette)), force)?;
-    let Some(report) = new.metric.as_ref().map(DepthReport::from) else { return Ok(()) };
-    let mut lines = vec![format!("depth          {}", summary(&report))];
-    let doubt = new.metric.as_ref().and_then(|metric| new.doubt(metric));
-    lines.extend(doubt.map(|doubt| format!("warning        {doubt}")));
-    lines.extend(shown.warning());
-    lines.extend(drawn_before(results));
-    lines.push(format!("results        {}", results.display()));
-    arguments.of.tell(&lines.join("\n"), &report)
-}
-
-/// A word on what `parfocal view` drew before.
-fn drawn_before(results: &Path) -> Option<String> {
-    let view = results.join(VIEW);
-    view.is_file()
-        .then(|| format!("note           {} shows what was before; parfocal view draws it anew", view.display()))
-}
-
-/// The same for a focus sweep.
-fn of_sweep(arguments: &Arguments) -> Result<(), Failure> {
-    let (results, force) = (&arguments.of.results, arguments.of.force.is_given());
-    let places = arguments.places.places().filter(|_| !arguments.lens.is_given());
-    let Some(places) = places else {
-        let problem = "holds a focus sweep; give --focus-at, and no lens";
-        return Err(Failure::Usage(format!("{}: {problem}", results.display())));
+    let mut solved = Results::read(results)?;
+    let doubt = if solved.report.kind == Kind::Sweep {
+        let places = arguments.places.places().filter(|_| !arguments.lens.is_given());
+        let places = places.ok_or_else(|| usage("holds a focus sweep; give --focus-at, and no lens"))?;
+        let nearer = focus_positions::nearer(arguments.nearer, &places)?;
+        solved.set_positions(&places, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
+        None
+    } else {
+        if arguments.places.places().is_some() || arguments.nearer.is_some() {
+            return Err(usage("holds a pair, to whose depth a lens leads; leave out --focus-at and --nearer"));
+        }
+        solved.set_lens(&arguments.lens.required(&solved)?)
     };
-    let nearer = focus_positions::nearer(arguments.nearer, &places)?;
-    let solved = SolvedSweep::read(results)?;
+    let force = arguments.of.force.is_given();
+    // A report may state the lens: it is read before it is written again.
+    let inputs: Vec<&PathBuf> = arguments.lens.file().into_iter().filter(|file| !file.ends_with(REPORT_FILE)).collect();
     destination::check_folder(results)?;
+    destination::check_inputs(results, &[DEPTH_FILE, DEPTH_PICTURE_FILE, REPORT_FILE], &inputs)?;
     solved.check_depth(force)?;
-    let mut new = solved.focused_at(&places, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
-    let shown = Shown::of_sweep(&new)?;
-    shown.note(new.report_mut());
-    let palette = arguments.colors.palette();
-    new.write_depth(palette, Some(PEN), shown.files_of_sweep(&new, Some(palette)), force)?;
-    let Some(report) = SweepDepthReport::of(&new.sweep) else { return Ok(()) };
-    let mut lines = vec![format!("depth          {}", of_range(&report.range, "beyond infinity", report.out_of_range))];
-    lines.extend(shown.warning());
-    lines.extend(drawn_before(results));
+    let derived = DerivedOutputs::new(&solved)?;
+    solved.report.surface = derived.surface().or(solved.report.surface.take());
+    let palette = Some(arguments.colors.palette());
+    solved.write_depth(&derived.drawing(palette), derived.files(palette), force)?;
+    let Some(report) = &solved.report.depth else { return Ok(()) };
+    let mut lines = vec![format!("depth          {}", summary(report))];
+    lines.extend(doubt.map(|doubt| format!("warning        {doubt}")));
+    lines.extend(derived.warning());
+    let view = results.join(VIEW);
+    lines.extend(
+        view.is_file().then(|| {
+            format!("note           {} shows the earlier results; parfocal view draws it again", view.display())
+        }),
+    );
     lines.push(format!("results        {}", results.display()));
-    arguments.of.tell(&lines.join("\n"), &report)
+    arguments.of.tell(&lines.join("\n"), report)
 }
 
-/// The range of depth, in words.
+/// The range of depth and the number of pixels beyond it.
 pub(crate) fn summary(report: &DepthReport) -> String {
-    of_range(&report.range, "out of the range of the lens", report.out_of_range)
-}
-
-/// A range of depth, and how many pixels lie beyond.
-fn of_range(range: &RangeReport, beyond: &str, out: usize) -> String {
+    let (range, out) = (&report.range, report.out_of_range);
+    let beyond = if report.lens.is_some() { "out of the range of the lens" } else { "beyond infinity" };
     let (Some(min), Some(max), Some(median)) = (range.min, range.max, range.median) else {
         return format!("of no pixel; {beyond}: {out} px");
     };
@@ -131,8 +101,8 @@ fn of_range(range: &RangeReport, beyond: &str, out: usize) -> String {
     format!("{min:.digits$} to {max:.digits$} mm, median {median:.digits$}; {beyond}: {out} px")
 }
 
-/// Decimals with which a number that is known to within `error` is written: two digits of the error.
+/// Decimals of a number with this error: two digits of the error.
 pub(crate) fn decimals(error: f64) -> usize {
-    // 0 and what is not a number have no digits; six decimals are enough for either.
+    // 0 and NaN have no digits; six decimals are enough.
     if error > 0.0 { (1.0 - error.log10().floor()).clamp(0.0, 6.0) as usize } else { 6 }
 }

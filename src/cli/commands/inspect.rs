@@ -2,9 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{
-    INSPECT_FILES, InspectReport, Nearer, Solved, SolvedSweep, holds_sweep, listed_in, write_inspection,
-};
+use parfocal::export::{INSPECT_FILES, InspectReport, Nearer, REPORT_FILE, Results, listed_in, write_inspection};
 use parfocal::inspect::{Heights, Limits, golden, inspect};
 use parfocal::{Brightness, Decode, Frame, Similarity, baseline, inspection, resample};
 
@@ -70,13 +68,13 @@ fn share(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(good).ok_or_else(|| "give a share from 0 to 1".to_string())
 }
 
-/// What is read of a folder.
+/// A part, from its folder.
 struct Part {
     folder: PathBuf,
     /// The image sharp all over, by which it is registered.
     picture: Frame,
-    /// What there is, the best last: name, unit, heights towards the camera.
-    fields: Vec<(&'static str, &'static str, Heights)>,
+    /// Quantities, the best one last: name, unit, heights towards the camera.
+    fields: Vec<(String, &'static str, Heights)>,
 }
 
 /// Reads, registers, inspects, writes, tells.
@@ -88,7 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let goldens = arguments.golden.iter().map(|folder| Part::read(folder)).collect::<Result<Vec<_>, _>>()?;
     // One at least, as clap says.
     let Some(first) = goldens.first() else { return Ok(()) };
-    let [quantity, unit] = common(&part, &goldens)?;
+    let (quantity, unit) = common(&part, &goldens)?;
     let on_first = |other: &Part| other.on(first, quantity, arguments.in_place);
     let golden = {
         let all = goldens[1..].iter().map(|other| on_first(other).map(|(heights, _)| heights));
@@ -106,7 +104,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let names = |folders: &[PathBuf]| folders.iter().map(|f| f.display().to_string()).collect::<Vec<_>>();
     let (own, of) = (names(std::slice::from_ref(&arguments.part)), names(&arguments.golden));
     let size = [golden.width, golden.height];
-    let report = InspectReport::new([&own, &of], [quantity, unit], (limits, transform), (&found, size));
+    let report = InspectReport::new([&own, &of], (quantity, unit), (limits, transform), (&found, size));
     let verdict = format!("{}: tolerance {} {unit}, {} σ", report.verdict, limits.tolerance, limits.sigmas);
     if let Some(out) = &arguments.output {
         let unchanged = Brightness::identity(size);
@@ -122,51 +120,33 @@ fn check_output(arguments: &Arguments, out: &Path) -> Result<(), Failure> {
     destination::check_folder(out)?;
     let results = arguments.golden.iter().chain([&arguments.part]);
     let inputs: Vec<PathBuf> =
-        results.flat_map(|folder| listed_in(folder, "report.json").into_iter().map(|name| folder.join(name))).collect();
+        results.flat_map(|folder| listed_in(folder, REPORT_FILE).into_iter().map(|name| folder.join(name))).collect();
     destination::check(out, INSPECT_FILES[0], &INSPECT_FILES, &inputs.iter().collect::<Vec<_>>())?;
     Ok(arguments.force.to(out).check_results(INSPECT_FILES[0], &INSPECT_FILES)?)
 }
 
 /// The best quantity that all have, and its unit.
-fn common(part: &Part, goldens: &[Part]) -> Result<[&'static str; 2], Failure> {
-    let has = |other: &Part, name, unit| other.fields.iter().any(|field| (field.0, field.1) == (name, unit));
-    let best = part.fields.iter().rev().find(|(name, unit, _)| goldens.iter().all(|other| has(other, *name, *unit)));
-    best.map(|(name, unit, _)| [*name, *unit]).ok_or_else(|| {
+fn common<'a>(part: &'a Part, goldens: &[Part]) -> Result<(&'a str, &'static str), Failure> {
+    let has =
+        |other: &Part, name: &str, unit| other.fields.iter().any(|field| (field.0.as_str(), field.1) == (name, unit));
+    let best = part.fields.iter().rev().find(|(name, unit, _)| goldens.iter().all(|other| has(other, name, *unit)));
+    best.map(|(name, unit, _)| (name.as_str(), *unit)).ok_or_else(|| {
         let problem = "has no quantity in common with the golden parts: pairs and sweeps cannot be compared, nor settings of two units";
         Failure::Failed(format!("{}: {problem}", part.folder.display()))
     })
 }
 
-/// Name, unit, values, their standard deviations, and whether a larger one is nearer to the camera.
-type Field<'a> = (&'static str, &'static str, &'a Vec<f32>, &'a Vec<f32>, bool);
-
 impl Part {
     fn read(folder: &Path) -> Result<Self, Failure> {
-        if holds_sweep(folder)? {
-            let solved = SolvedSweep::read(folder)?;
-            let sweep = &solved.sweep;
-            let is_descending = sweep.positions.first() > sweep.positions.last();
-            let larger_is_near = is_descending == (solved.nearer == Nearer::First);
-            let mut fields = vec![("focus", sweep.unit, &sweep.focus, &sweep.uncertainty, larger_is_near)];
-            fields.extend(sweep.depth.as_ref().map(|found| ("depth", "mm", &found.depth, &found.deviation, false)));
-            return Self::of(folder, solved.fused.clone(), [sweep.width, sweep.height], &fields);
-        }
-        let solved = Solved::read(folder)?.as_stated()?;
-        let (blur, metric) = (solved.measured_blur(), solved.measured_depth());
-        let larger_is_near = solved.nearer == Nearer::First;
-        let mut fields = vec![("relative blur", "px²", &blur, &solved.uncertainty, larger_is_near)];
-        fields.extend(metric.as_ref().map(|found| ("depth", "mm", &found.depth, &found.deviation, false)));
-        Self::of(folder, solved.fused()?, [solved.width, solved.height], &fields)
-    }
-
-    fn of(folder: &Path, picture: Frame, size: [u32; 2], fields: &[Field<'_>]) -> Result<Self, Failure> {
-        let towards = |values: &[f32], larger_is_near: bool| -> Vec<f32> {
-            values.iter().map(|v| if larger_is_near { *v } else { -*v }).collect()
-        };
-        let fields = fields.iter().map(|&(name, unit, values, deviation, larger_is_near)| {
-            Ok((name, unit, Heights::new(size, &towards(values, larger_is_near), deviation)?))
+        let results = Results::read(folder)?;
+        let fields = results.measured().into_iter().map(|quantity| {
+            let sign = if quantity.nearer == Nearer::First { 1.0 } else { -1.0 };
+            let towards: Vec<f32> = quantity.values.iter().map(|v| sign * v).collect();
+            let heights = Heights::new(results.report.size.into(), &towards, &quantity.deviation)?;
+            Ok((quantity.label(), quantity.unit, heights))
         });
-        Ok(Self { folder: folder.to_path_buf(), picture, fields: fields.collect::<Result<_, Failure>>()? })
+        let fields = fields.collect::<Result<_, Failure>>()?;
+        Ok(Self { folder: folder.to_path_buf(), picture: results.fused()?, fields })
     }
 
     /// Its heights on the pixels of a golden part, and T, which takes those to its own.
@@ -177,7 +157,7 @@ impl Part {
             false => baseline::key_points([&first.picture, &self.picture], Decode::None, None)
                 .map_err(|e| self.failed(first, format!("{e}; --in-place takes the pictures as they lie")))?,
         };
-        Ok((heights.onto([heights.width, heights.height], &transform), transform))
+        Ok((heights.resample([heights.width, heights.height], &transform), transform))
     }
 
     /// The heights, which are of the size of a golden part's.

@@ -1,14 +1,13 @@
-//! `parfocal measure`: step heights and profiles of a folder that has been solved.
+//! `parfocal measure`: step heights and profiles of results.
 
 use parfocal::Estimate;
-use parfocal::export::{Measurements, Solved, SolvedSweep, StepReport, Wanted, holds_sweep};
-use parfocal::figure::PEN;
+use parfocal::export::{MeasurementRequest, Measurements, Results, StepReport};
 
 use crate::cli::commands::depth::decimals;
 use crate::cli::options::headings::MEASUREMENTS;
 use crate::cli::options::region::{LineArgument, RegionArgument};
 use crate::cli::options::results_folder::SolvedArguments;
-use crate::cli::output::derived_outputs::Shown;
+use crate::cli::output::derived_outputs::DerivedOutputs;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
@@ -19,10 +18,10 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     of: SolvedArguments,
     #[command(flatten)]
-    wanted: MeasureArguments,
+    measure: MeasureArguments,
 }
 
-/// What to measure.
+/// Regions and lines to measure.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct MeasureArguments {
     /// Step height from the first region to the second; may be repeated
@@ -39,9 +38,9 @@ pub(crate) struct MeasureArguments {
 }
 
 impl MeasureArguments {
-    pub(crate) fn wanted(&self) -> Wanted {
-        Wanted {
-            // clap gives them in twos.
+    pub(crate) fn request(&self) -> MeasurementRequest {
+        MeasurementRequest {
+            // clap passes pairs.
             steps: self.step.chunks_exact(2).map(|pair| [pair[0].0, pair[1].0]).collect(),
             lines: self.profile.iter().map(|line| line.0).collect(),
         }
@@ -62,37 +61,25 @@ Exit status: 0 done, 1 failed, 2 wrong usage.";
 
 /// Reads, measures, writes and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let wanted = arguments.wanted.wanted();
-    if wanted.is_empty() {
+    let request = arguments.measure.request();
+    if request.is_empty() {
         return Err(Failure::Usage("nothing to measure: give --step or --profile".to_string()));
     }
     let results = &arguments.of.results;
     let force = arguments.of.force.is_given();
-    let (measured, warning) = if holds_sweep(results)? {
-        let solved = SolvedSweep::read(results)?;
-        destination::check_folder(results)?;
-        solved.check_measurements(&wanted, force)?;
-        let measured = solved.measure(&wanted)?;
-        let new = solved.with_measurements(&measured);
-        let shown = Shown::page_of_sweep(&new);
-        new.write_measurements(&measured, Some(PEN), shown.files_of_sweep(&new, None), force)?;
-        (measured, shown.warning())
-    } else {
-        let solved = Solved::read(results)?.as_stated()?;
-        destination::check_folder(results)?;
-        solved.check_measurements(&wanted, force)?;
-        let measured = solved.measure(&wanted)?;
-        let new = solved.with_measurements(&measured);
-        let shown = Shown::page_of_pair(&new);
-        new.write_measurements(&measured, Some(PEN), shown.files_of_pair(&new, None), force)?;
-        (measured, shown.warning())
-    };
+    let mut solved = Results::read(results)?;
+    destination::check_folder(results)?;
+    solved.check_measurements(&request, force)?;
+    let measured = request.measure(&solved)?;
+    let derived = DerivedOutputs::page(&solved);
+    solved.write_measurements(&measured, &derived.drawing(None), derived.files(None), force)?;
     let rows = rows(&measured);
-    let lines: Vec<String> = rows.iter().map(|(label, text)| format!("{label:<14} {text}")).chain(warning).collect();
+    let lines: Vec<String> =
+        rows.iter().map(|(label, text)| format!("{label:<14} {text}")).chain(derived.warning()).collect();
     arguments.of.tell(&lines.join("\n"), &measured)
 }
 
-/// Labels and what they say.
+/// Labels and texts of the summary.
 pub(crate) fn rows(measured: &Measurements) -> Vec<(&'static str, String)> {
     let steps = measured.steps.iter().map(|step| ("step", height(step)));
     let profiles = measured.profiles.iter().map(|profile| ("profile", format!("{} {}", profile.csv, profile.png)));
@@ -100,11 +87,11 @@ pub(crate) fn rows(measured: &Measurements) -> Vec<(&'static str, String)> {
 }
 
 fn height(step: &StepReport) -> String {
-    let number = |Estimate { value, standard_error }, unit| {
+    let number = |Estimate { value, standard_error }, unit: &str| {
         let digits = decimals(standard_error);
         format!("{value:+.digits$} ± {standard_error:.digits$} {unit}")
     };
-    let unit = step.quantity.unit();
+    let unit = step.unit.as_str();
     let blur = step.difference.map_or("too few valid pixels".to_string(), |estimate| number(estimate, unit));
     step.depth_mm.map_or(blur.clone(), |estimate| format!("{}, {blur}", number(estimate, "mm")))
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use parfocal::export::{self, FileKind, RegistrationReport, SweepFrame, SweepRegistration};
+use parfocal::export::{self, FileKind, FrameReport, Report};
 use parfocal::focus_stack::SweepOptions;
 use parfocal::image_io::{Photograph, Values};
 use parfocal::{Kernel, Method, PairSolver, Settings};
@@ -78,14 +78,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .map_err(|e| Failure::of_solve(e, &files[0]))?;
     drop(bar);
     crate::cli::check_validation(&engine)?;
-    let mut report = RegistrationReport::new(&registered, &settings, engine.info());
+    let mut report = Report::registration(&registered, &settings, engine.info());
     report.values = values;
-    report.of(inputs, crate::cli::validation_asked());
+    report.set_inputs(inputs, crate::cli::is_validation_requested());
     if let Some(file) = &arguments.output {
-        export::write_registration(arguments.force.to(file), &report)?;
+        export::write_report(arguments.force.to(file), &report)?;
     }
     run.told.tell(&registration_summary(&report, arguments.output.as_deref()), || report.to_json())?;
-    run.check_strict(report.converged, &report.warnings)
+    run.check_strict(report.converged == Some(true), &report.warnings)
 }
 
 /// The same of a sweep.
@@ -101,15 +101,15 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     let run = &arguments.run;
     let found = sweep_work::register(run, settings, &files, reference)?;
     if let Some(file) = &arguments.output {
-        export::write_sweep_registration(arguments.force.to(file), &found)?;
+        export::write_report(arguments.force.to(file), &found)?;
     }
-    run.told.tell(&sweep_summary(&found, arguments.output.as_deref()), || serde_json::to_string_pretty(&found))?;
+    run.told.tell(&sweep_summary(&found, arguments.output.as_deref()), || found.to_json())?;
     run.check_strict(true, &found.warnings)
 }
 
 /// A line a frame, without a newline at the end.
-fn sweep_summary(found: &SweepRegistration, file: Option<&Path>) -> String {
-    let frame = |(n, frame): (usize, &SweepFrame)| {
+fn sweep_summary(found: &Report, file: Option<&Path>) -> String {
+    let frame = |(n, frame): (usize, &FrameReport)| {
         let ([x, y], t) = (frame.transform.translation(), &frame.transform);
         let (rotation, scale, gain) = (t.rotation_deg(), t.scale(), frame.photometric.gain);
         let note = if n == found.reference { "  (reference)" } else { "" };

@@ -44,7 +44,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .map_err(|e| Failure::of_solve(e, &job.files[0]))?;
     drop(bar);
     crate::cli::check_validation(&engine)?;
-    let (report, written) = work::write(&request, &job, engine.info(), &photographs, &solution)?;
-    request.run.told.tell(&summary(&report, request.palette, &job.out, &written), || report.to_json())?;
-    request.run.check_strict(report.converged, &report.warnings)
+    let report = work::write(&request, &job, engine.info(), &photographs, &solution)?;
+    request.run.told.tell(&summary(&report, request.palette, &job.out), || report.to_json())?;
+    request.run.check_strict(report.converged == Some(true), &report.warnings)
 }

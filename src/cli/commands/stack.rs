@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::Method;
-use parfocal::export::{NeverReport, Palette, RangeReport, SweepReport};
+use parfocal::export::{NearerBy, NeverReport, Palette, RangeReport, Report};
 use parfocal::focus_stack::Positions;
 use parfocal::image_io::Input;
 
@@ -114,7 +114,7 @@ fn request(arguments: &Arguments) -> Result<Request, Failure> {
         nearer: arguments.nearer,
         part,
         lens: None,
-        wanted: arguments.measure.wanted(),
+        wanted: arguments.measure.request(),
         palette: arguments.colors.palette(),
         page: !arguments.no_html,
         models: arguments.models.models(),
@@ -126,12 +126,14 @@ fn request(arguments: &Arguments) -> Result<Request, Failure> {
 }
 
 /// The few lines of a sweep, without a newline at the end.
-fn summary(report: &SweepReport, inputs: &[Input], palette: Palette, out: &Path) -> String {
-    let unit = &report.focus_unit;
+fn summary(report: &Report, inputs: &[Input], palette: Palette, out: &Path) -> String {
+    let unit = report.focus_unit.as_deref().unwrap_or_default();
+    let focus = report.focus.as_ref().map_or_else(String::new, |focus| in_words(focus, unit));
+    let (valid, rate) = (report.valid_fraction.unwrap_or(0.0), report.blur_rate_px2.unwrap_or(0.0));
     let mut lines = vec![
         format!("values     {}", values_in_words(inputs, report.values)),
-        format!("focus      {}; {:.1} % of the frame", in_words(&report.focus, unit), 100.0 * report.valid_fraction),
-        format!("blur       grows by {:.4} px² a squared distance from the focus ({unit})", report.blur_rate_px2),
+        format!("focus      {focus}; {:.1} % of the frame", 100.0 * valid),
+        format!("blur       grows by {rate:.4} px² per squared distance from the focus ({unit})"),
     ];
     lines.extend(never_in_focus(report));
     lines.extend(report.depth.as_ref().map(|depth| {
@@ -145,23 +147,24 @@ fn summary(report: &SweepReport, inputs: &[Input], palette: Palette, out: &Path)
     lines.join("\n")
 }
 
-fn near_and_far(report: &SweepReport, palette: Palette) -> String {
+fn near_and_far(report: &Report, palette: Palette) -> String {
     let [near, far] = palette.ends();
     if report.depth.is_some() {
         return format!("mm, {near} near, {far} far");
     }
-    let (nearest, other) = if report.nearer == 1 { ("first", 2) } else { ("last", 1) };
+    let (nearest, other) = if report.nearer == Some(1) { ("first", 2) } else { ("last", 1) };
     let ends = format!("{near} near, {far} far, the {nearest} frame");
     match report.nearer_by {
-        "assumed" => format!("{ends} taken as focused nearest; --nearer {other} swaps them"),
-        word => format!("{ends} focused nearest ({word})"),
+        Some(NearerBy::Stated) => format!("{ends} focused nearest (stated)"),
+        Some(NearerBy::Distances) => format!("{ends} focused nearest (distances)"),
+        _ => format!("{ends} taken as focused nearest; --nearer {other} swaps them"),
     }
 }
 
 /// How much of the frame no photograph has in focus, and on which side it lies; nothing where that is none.
-fn never_in_focus(report: &SweepReport) -> Option<String> {
+fn never_in_focus(report: &Report) -> Option<String> {
     let pixels = f64::from(report.size.width) * f64::from(report.size.height);
-    let NeverReport { before_first_px, beyond_last_px } = report.never_in_focus;
+    let NeverReport { before_first_px, beyond_last_px } = report.never_in_focus?;
     let share = |count: usize| 100.0 * count as f64 / pixels;
     let told = format!(
         "never      in focus: {:.1} % of the frame lies before the first frame, {:.1} % beyond the last",

@@ -3,9 +3,7 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{
-    Destination, FILES, FileKind, Results, SWEEP_FILES, Solved, SolvedSweep, holds_sweep, states_a_lens,
-};
+use parfocal::export::{Destination, FileKind, Results, result_files};
 use parfocal::figure;
 use parfocal::view::{Surface, View};
 
@@ -49,10 +47,10 @@ pub(crate) struct Arguments {
     force: ForceArgument,
 }
 
-/// The picture beside the results.
+/// The picture in the folder of the results.
 pub(crate) const VIEW: &str = "view.png";
 
-/// Draws and writes. Cheap checks come before dear ones.
+/// Draws and writes. Inexpensive checks come first.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let [still, turning] = views(arguments, View::default().relief);
     still.check()?;
@@ -64,27 +62,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         check_output(force.to(turntable), "gif", FileKind::Gif, &arguments.results)?;
     }
     if arguments.output.is_none() {
-        // Unlike a file that is named, a result in its folder is no link.
+        // Unlike a file that the user names, a result in its folder must not be a link.
         force.to(&arguments.results).check_named(FileKind::Png, &[VIEW])?;
     }
-    if holds_sweep(&arguments.results)? {
-        let SolvedSweep { sweep, fused, nearer, .. } = SolvedSweep::read(&arguments.results)?;
-        return draw(&Surface::of_sweep(&sweep, &fused, nearer)?, arguments);
-    }
-    if states_a_lens(&arguments.results)? {
-        let solved = Solved::read(&arguments.results)?.as_stated()?;
-        if let Some(metric) = &solved.metric {
-            return draw(&Surface::of_depth(metric, &solved.fused()?)?, arguments);
-        }
-    }
     let results = Results::read(&arguments.results)?;
-    draw(&Surface::new(&results.relative_blur, &results.fused, results.nearer)?, arguments)
-}
-
-fn draw(surface: &Surface<'_>, arguments: &Arguments) -> Result<(), Failure> {
+    let (quantity, fused) = (results.best(), results.fused()?);
+    let surface = Surface::of(&quantity, results.lens(), &fused)?;
     let [still, turning] = views(arguments, surface.relief());
-    let output = output_file(arguments);
-    let force = &arguments.force;
     figure::write_png(force.to(&output), &surface.picture(&still)?)?;
     if let Some(turntable) = &arguments.turntable {
         surface.write_turntable(force.to(turntable), &turning)?;
@@ -92,17 +76,17 @@ fn draw(surface: &Surface<'_>, arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Where the picture goes.
+/// The file of the picture.
 fn output_file(arguments: &Arguments) -> PathBuf {
     arguments.output.clone().unwrap_or_else(|| arguments.results.join(VIEW))
 }
 
-/// The views of the picture and of the animation, whose surface is as smooth as that of the picture.
-fn views(arguments: &Arguments, usual_relief: f64) -> [View; 2] {
+/// The views of the picture and of the animation, which are equally smooth.
+fn views(arguments: &Arguments, default_relief: f64) -> [View; 2] {
     let still = View {
         elevation: arguments.elevation,
         azimuth: arguments.azimuth.unwrap_or(View::default().azimuth),
-        relief: arguments.relief.unwrap_or(usual_relief),
+        relief: arguments.relief.unwrap_or(default_relief),
         smoothing: arguments.smoothing,
         width: arguments.width,
         palette: arguments.colors.palette(),
@@ -118,13 +102,13 @@ fn views(arguments: &Arguments, usual_relief: f64) -> [View; 2] {
     [still, turning]
 }
 
-/// Refuses a name with another ending than the file's format, one of the results themselves, and what must not be replaced.
+/// Refuses a name with another ending than that of the format, a file of the results, and a file that must not be replaced.
 fn check_output(file: Destination<'_>, ending: &str, kind: FileKind, results: &Path) -> Result<(), Failure> {
     let path = file.path();
     if !path.extension().and_then(OsStr::to_str).is_some_and(|found| found.eq_ignore_ascii_case(ending)) {
         return Err(Failure::Usage(format!("{}: give a name that ends in .{ending}", path.display())));
     }
-    if FILES.iter().chain(&SWEEP_FILES).any(|name| crate::cli::same_file(&results.join(name), path)) {
+    if result_files().any(|name| crate::cli::same_file(&results.join(name), path)) {
         return Err(Failure::Usage(format!("{}: is a result of the solve; give another name", path.display())));
     }
     destination::check_file(file, kind, "", &[])

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use parfocal::export::{DEPTH_FILE, EXTRA_FILES, FILES, SIMULATED_FILES, SWEEP_FILES};
+use parfocal::export::{SIMULATED_FILES, result_files};
 
 use parfocal::image_io::RawFormat;
 
@@ -67,9 +67,9 @@ pub(crate) fn list(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<PathBuf
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         let is_input = SIMULATED_FILES[..2].contains(&name.as_str());
-        let results = FILES.iter().chain(&EXTRA_FILES).chain(&SIMULATED_FILES).chain(&SWEEP_FILES).chain(&[DEPTH_FILE]);
         let is_profile = name.starts_with("profile_") && name.ends_with(".png");
-        let is_result = results.into_iter().any(|result| *result == name) && !is_input || is_profile;
+        let mut results = result_files().chain(SIMULATED_FILES);
+        let is_result = results.any(|result| result == name) && !is_input || is_profile;
         if name.starts_with('.') || is_result {
             continue;
         } else if path.is_dir() {

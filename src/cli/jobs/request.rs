@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use parfocal::export::{Nearer, Palette, Wanted};
+use parfocal::export::{MeasurementRequest, Nearer, Palette};
 use parfocal::image_io::Input;
 use parfocal::{Lens, Settings, bounded_read};
 use serde::Serialize;
@@ -31,7 +31,7 @@ pub(crate) struct Request {
     pub(crate) part: Part,
     /// As much of the lens as is stated, in a file or by flags; depth in mm is then wanted.
     pub(crate) lens: Option<PartOfLens>,
-    pub(crate) wanted: Wanted,
+    pub(crate) wanted: MeasurementRequest,
     pub(crate) palette: Palette,
     /// Whether there is report.html.
     pub(crate) page: bool,

@@ -3,25 +3,17 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use parfocal::export::{
-    self, Arrays, DEPTH_FILE, Depth16, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look, Measurable, Nearer,
-    PAGE_FILE, SWEEP_FILES, SweepRegistration, SweepReport, sweep_files,
-};
-use parfocal::figure::PEN;
+use parfocal::export::{self, Kind, NearerBy, Report, Results};
 use parfocal::focus_stack::{Positions, Sweep, SweepOptions, register_sweep, solve_sweep};
 use parfocal::image_io::{self, Input, Photograph, Values};
-use parfocal::report_html::SweepPage;
 use parfocal::{Channels, Depth, DeviceInfo, Engine, Error, Format, Frame, Method, Settings};
 
 use crate::cli::jobs::request::Request;
+use crate::cli::jobs::work::{check_inputs, check_results, write_results};
 use crate::cli::options::focus_positions;
 use crate::cli::options::pair;
 use crate::cli::options::run::RunArguments;
-use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
-
-/// What says what was solved, and lists the files.
-const REPORT: &str = SWEEP_FILES[4];
 
 /// A sweep, and the folder for its results.
 #[derive(Clone, Debug)]
@@ -69,22 +61,8 @@ pub(crate) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
     focus_positions::nearer(request.nearer, &job.positions)?;
     request.models.check_labels(job.files.len())?;
     let inputs: Vec<&PathBuf> = job.files.iter().chain(&request.files).collect();
-    let profiles = export::profiles_in(&job.out);
-    let profiles: Vec<&str> = profiles.iter().map(String::as_str).collect();
-    let possible = [&SWEEP_FILES[..], &FILES, &EXTRA_FILES, &[DEPTH_FILE], &profiles].concat();
-    destination::check(&job.out, REPORT, &possible, &inputs)?;
-    check_places(request, job, false)
-}
-
-/// Refuses an output folder in which results would take the places of files that are not ours; whether there are results in
-/// floats.
-fn check_places(request: &Request, job: &SweepJob, in_floats: bool) -> Result<(), Failure> {
-    let in_mm = job.positions.millimetres().map(|_| DEPTH_FILE);
-    let more = request.page.then_some(PAGE_FILE).into_iter().chain(in_mm).chain(in_floats.then_some(FUSED_FLOAT_FILE));
-    let profiles = request.wanted.files();
-    let mut names: Vec<&str> = SWEEP_FILES.into_iter().chain(request.models.names()).chain(more).collect();
-    names.extend(profiles.iter().map(String::as_str));
-    Ok(request.force.to(&job.out).check_results(REPORT, &names)?)
+    check_inputs(&job.out, &inputs)?;
+    check_results(request, Kind::Sweep, &job.out, job.positions.millimetres().is_some(), false)
 }
 
 /// Reads the frames, unless what the files are says that the sweep is `settled` already.
@@ -105,7 +83,8 @@ pub(crate) fn read(
     check_alike(&job.files, &frames)?;
     let values = Values::of(request.settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..request.settings.clone() };
-    check_places(request, job, frames[0].format().depth == Depth::F32)?;
+    let (in_mm, in_floats) = (job.positions.millimetres().is_some(), frames[0].format().depth == Depth::F32);
+    check_results(request, Kind::Sweep, &job.out, in_mm, in_floats)?;
     let size = [frames[0].width(), frames[0].height()];
     let scope = request.part.fitting(size)?;
     if let Some([width, height]) = request.part.size(size) {
@@ -161,60 +140,29 @@ pub(crate) fn solve(
     Ok((sweep, read.read_ms + started.elapsed().as_secs_f64() * 1e3))
 }
 
-/// Writes the results; tells the report.
+/// Writes the results of a sweep; returns their report.
 pub(crate) fn write(
     request: &Request,
     job: &SweepJob,
     device: &DeviceInfo,
     read: &SweepFrames,
     (sweep, total_ms): &(Sweep, f64),
-) -> Result<SweepReport, Failure> {
+) -> Result<Report, Failure> {
     let nearer = focus_positions::nearer(request.nearer, &job.positions)?;
-    let (decode, format) = (read.values.decode, read.frames[0].format());
-    let look = Look { nearer, decode, formats: [format; 2], palette: request.palette, pen: Some(PEN) };
-    let mut report = report(job, nearer, device, read, (sweep, *total_ms));
-    report.nearer_by = match (job.positions.millimetres(), request.nearer) {
-        (_, Some(_)) => "stated",
-        (Some(_), None) => "distances",
-        (None, None) => "assumed",
-    };
+    let mut report = Report::sweep(sweep, &read.options.settings, &names(&job.files), device, nearer, *total_ms);
+    report.values = read.values;
+    report.set_inputs(read.inputs.clone(), crate::cli::is_validation_requested());
+    report.nearer_by = Some(match (job.positions.millimetres(), request.nearer) {
+        (_, Some(_)) => NearerBy::Stated,
+        (Some(_), None) => NearerBy::Distances,
+        (None, None) => NearerBy::Assumed,
+    });
     report.request = job.digest(request)?;
-    let measured = request.wanted.measure(&Measurable::of_sweep(sweep))?;
-    report.measurements = (!request.wanted.is_empty()).then_some(measured);
-    let fused = export::sweep_fused(sweep, format.depth)?;
-    let depth16 = request.models.is_depth16().then(|| Depth16::of_sweep(sweep));
-    report.depth16 = depth16.as_ref().map(Depth16::report);
-    let points = request.models.points_of_sweep(sweep, &fused, nearer)?;
-    report.surface = request.models.report(points.as_ref());
-    let arrays = request.models.hold_arrays().then(|| Arrays::of_sweep(sweep));
-    let mut extras = request.models.files(points.as_ref(), &fused);
-    extras.extend(request.models.array_files(arrays.as_ref()));
-    extras.extend(depth16.iter().flat_map(Depth16::files));
-    extras.extend(request.models.labels_of_sweep(sweep, nearer, request.palette)?);
-    let written = sweep_files(sweep.depth.is_some(), &look, request.page).into_iter();
-    report.files =
-        written.chain(extras.iter().map(Extra::name)).map(String::from).chain(request.wanted.files()).collect();
-    if request.page {
-        let names = sweep.order.iter().map(|n| pair::name(&job.files[*n])).collect();
-        let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
-        let page = SweepPage { frames, names, decode, nearer, palette: look.palette, fields: Vec::new() };
-        extras.push(page.file(sweep, &report));
-    }
-    Ok(export::write_sweep(request.force.to(&job.out), sweep, &report, &look, extras)?)
-}
-
-/// The report, but for what depends on which files are written.
-fn report(
-    job: &SweepJob,
-    nearer: Nearer,
-    device: &DeviceInfo,
-    read: &SweepFrames,
-    (sweep, total_ms): (&Sweep, f64),
-) -> SweepReport {
-    let mut report = SweepReport::new(sweep, &names(&job.files), nearer, device, total_ms);
-    (report.values, report.validated, report.inputs) =
-        (read.values, crate::cli::validation_asked(), read.inputs.clone());
-    report
+    let results = Results::of_sweep(sweep, report, read.frames[0].format().depth)?;
+    let labels = request.models.is_labels().then(|| export::sweep_labels(request.palette));
+    let names = sweep.order.iter().map(|n| pair::name(&job.files[*n])).collect();
+    let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
+    write_results(request, &job.out, results, frames, names, labels)
 }
 
 /// Where the frames of these files lie, by the settings.
@@ -223,7 +171,7 @@ pub(crate) fn register(
     settings: &Settings,
     files: &[PathBuf],
     reference: Option<usize>,
-) -> Result<SweepRegistration, Failure> {
+) -> Result<Report, Failure> {
     let (started, engine) = (Instant::now(), run.open_engine()?);
     let fits = |first: &Photograph| pair::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
     let (frames, inputs) = decode(files, fits)?;
@@ -236,8 +184,10 @@ pub(crate) fn register(
     drop(bar);
     let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
     crate::cli::check_validation(&engine)?;
-    let mut report = SweepRegistration::new(&found, &names(files), started.elapsed().as_secs_f64() * 1e3);
-    (report.values, report.inputs) = (values, inputs);
+    let total_ms = started.elapsed().as_secs_f64() * 1e3;
+    let mut report = Report::sweep_registration(&found, &options.settings, &names(files), engine.info(), total_ms);
+    report.values = values;
+    report.set_inputs(inputs, crate::cli::is_validation_requested());
     Ok(report)
 }
 

@@ -1,24 +1,20 @@
 //! What a request makes of one pair, from its files to its results.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use parfocal::export::{
-    self, Additions, Arrays, DEPTH_FILE, Depth16, DepthReport, EXTRA_FILES, Extra, FILES, FUSED_FLOAT_FILE, Look,
-    Measurable, Measurements, Nearer, PAGE_FILE, Report, Texture, TextureReport,
+    self, DEPTH_FILE, Depth16, Drawing, Extra, FUSED_FLOAT_FILE, Kind, NearerBy, PAGE_FILE, REPORT_FILE, Report,
+    Results, result_files,
 };
-use parfocal::figure::PEN;
+use parfocal::figure::PLOTTER;
 use parfocal::image_io::{Input, Photograph, Values};
-use parfocal::report_html::{Page, residual};
-use parfocal::{Decode, Depth, DeviceInfo, Frame, Lens, MetricDepth, Settings, Solution, SolveOptions};
+use parfocal::report_html::Page;
+use parfocal::{Depth, DeviceInfo, Frame, Lens, Settings, Solution, SolveOptions};
 
 use crate::cli::jobs::request::Request;
-use crate::cli::options::models::SurfaceOf;
 use crate::cli::options::pair;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
-
-/// What says what was solved, and lists the files.
-const REPORT: &str = FILES[4];
 
 /// A pair, and the folder for its results.
 #[derive(Clone, Debug)]
@@ -45,22 +41,33 @@ pub(crate) fn check(request: &Request, job: &Job) -> Result<(), Failure> {
         return Err(Failure::Failed(format!("{}: {problem}", job.out.display())));
     }
     let inputs: Vec<&PathBuf> = job.files.iter().chain(&request.files).collect();
-    let profiles = export::profiles_in(&job.out);
-    let profiles: Vec<&str> = profiles.iter().map(String::as_str).collect();
-    let possible = [&FILES[..], &EXTRA_FILES, &[DEPTH_FILE], &profiles].concat();
-    destination::check(&job.out, REPORT, &possible, &inputs)?;
-    check_places(request, job, false)
+    check_inputs(&job.out, &inputs)?;
+    check_results(request, Kind::Pair, &job.out, request.lens.is_some(), false)
 }
 
-/// Refuses an output folder in which results would take the places of files that no solve wrote; whether there are results
-/// in floats.
-fn check_places(request: &Request, job: &Job, in_floats: bool) -> Result<(), Failure> {
-    let in_mm = request.lens.map(|_| DEPTH_FILE);
-    let more = request.page.then_some(PAGE_FILE).into_iter().chain(in_mm).chain(in_floats.then_some(FUSED_FLOAT_FILE));
+/// Refuses an output folder where a result could replace an input.
+pub(crate) fn check_inputs(out: &Path, inputs: &[&PathBuf]) -> Result<(), Failure> {
+    let profiles = export::profiles_in(out);
+    let mut possible: Vec<&str> = result_files().collect();
+    possible.extend(profiles.iter().map(String::as_str));
+    destination::check(out, REPORT_FILE, &possible, inputs)
+}
+
+/// Refuses an output folder where a file of another program has the name of a result.
+pub(crate) fn check_results(
+    request: &Request,
+    kind: Kind,
+    out: &Path,
+    in_mm: bool,
+    in_floats: bool,
+) -> Result<(), Failure> {
+    let more = [(request.page, PAGE_FILE), (in_mm, DEPTH_FILE), (in_floats, FUSED_FLOAT_FILE)];
+    let more = more.into_iter().filter(|(is_written, _)| *is_written).map(|(_, name)| name);
     let profiles = request.wanted.files();
-    let mut names: Vec<&str> = FILES.into_iter().chain(request.models.names()).chain(more).collect();
+    let names = kind.files().into_iter().chain(request.models.names()).chain(more);
+    let mut names: Vec<&str> = names.collect();
     names.extend(profiles.iter().map(String::as_str));
-    Ok(request.force.to(&job.out).check_results(REPORT, &names)?)
+    Ok(request.force.to(out).check_results(REPORT_FILE, &names)?)
 }
 
 /// Reads the pair, unless what the files are says that it is `settled` already; asks for the device where that may be too small.
@@ -82,7 +89,8 @@ pub(crate) fn read(
     let values = Values::of(request.settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..request.settings.clone() };
     let frames = Photograph::decode_pair(photographs)?;
-    check_places(request, job, frames.iter().any(|frame| frame.format().depth == Depth::F32))?;
+    let in_floats = frames.iter().any(|frame| frame.format().depth == Depth::F32);
+    check_results(request, Kind::Pair, &job.out, lens.is_some(), in_floats)?;
     let size = [frames[0].width(), frames[0].height()];
     let scope = request.part.fitting(size)?;
     if let Some([width, height]) = request.part.size(size) {
@@ -91,126 +99,65 @@ pub(crate) fn read(
     Ok(Some(Photographs { frames, inputs, scope, settings, values, lens }))
 }
 
-/// Writes the results; tells the report, and which files.
+/// Writes the results of a pair; returns their report.
 pub(crate) fn write(
     request: &Request,
     job: &Job,
     device: &DeviceInfo,
     photographs: &Photographs,
     solution: &Solution,
-) -> Result<(Report, Vec<&'static str>), Failure> {
-    let found = Found::of(request, photographs, solution)?;
-    let mut report = found.report(request, device)?;
-    let look = found.look(request);
-    let fused = export::fused_as_stored(solution, &look)?;
-    // What was filled in is no measurement, and is not handed on as one.
-    let measured = Solution { relative_blur: found.texture.without(&solution.relative_blur), ..solution.clone() };
-    let measured_metric = found
-        .metric
-        .as_ref()
-        .map(|metric| MetricDepth { depth: found.texture.without(&metric.depth), ..metric.clone() });
-    let depth16 = request.models.depth16(&measured, measured_metric.as_ref());
-    report.depth16 = depth16.as_ref().map(Depth16::report);
-    // Which photograph is the sharper V tells before a flat reference is taken off.
+) -> Result<Report, Failure> {
+    let nearer = request.nearer(photographs.lens.as_ref())?;
+    let mut report = Report::pair(solution, &photographs.settings, device, nearer);
+    report.values = photographs.values;
+    report.set_inputs(photographs.inputs.clone(), crate::cli::is_validation_requested());
+    report.flattened = photographs.scope.flat.is_some();
+    report.request = request.digest(&[])?;
+    if request.nearer.is_some() {
+        report.nearer_by = Some(NearerBy::Stated);
+    }
+    let depths = photographs.frames.each_ref().map(|frame| frame.format().depth);
+    let mut results = Results::of_pair(solution, report, depths)?;
+    if let Some(limit) = request.part.max_uncertainty {
+        results.set_max_uncertainty(limit);
+    }
+    if let Some(lens) = &photographs.lens {
+        results.set_lens(lens);
+    }
+    // V before the flat reference is subtracted determines which photograph is sharper.
     let sharpness = photographs.scope.flat.as_ref().map(|flat| flat.restored(solution));
-    let points = request.models.points(&SurfaceOf {
-        blur: &measured.relative_blur,
-        metric: measured_metric.as_ref(),
-        part: solution.region(),
-        photograph: solution.photograph,
-        fused: &fused,
-        nearer: found.nearer,
-    })?;
-    report.surface = request.models.report(points.as_ref());
-    let size = (solution.width, solution.height);
-    let of_blur = || Arrays::of_relative_blur(size, &measured.relative_blur, &solution.uncertainty);
-    let arrays = request.models.hold_arrays().then(|| measured_metric.as_ref().map_or_else(of_blur, Arrays::of_depth));
-    let mut extras = request.models.files(points.as_ref(), &fused);
-    extras.extend(request.models.array_files(arrays.as_ref()));
-    extras.extend(depth16.iter().flat_map(Depth16::files));
-    extras.extend(request.models.labels(sharpness.as_ref().unwrap_or(solution)));
-    extras.extend(export::fused_float(solution, &look));
-    let mut written: Vec<&str> = FILES.into_iter().chain(extras.iter().map(Extra::name)).collect();
-    written.extend(found.metric.as_ref().map(|_| DEPTH_FILE));
-    written.extend(request.page.then_some(PAGE_FILE));
-    report.files = written.iter().map(ToString::to_string).chain(request.wanted.files()).collect();
+    let labels = request.models.is_labels().then(|| export::labels(sharpness.as_ref().unwrap_or(solution)));
+    let names = job.files.iter().map(|file| pair::name(file)).collect();
+    write_results(request, &job.out, results, photographs.frames.iter().collect(), names, labels)
+}
+
+/// Measures, writes the results with the files that the request asks for, and returns their report. Photographs and names are in the
+/// order of the report's frames.
+pub(crate) fn write_results(
+    request: &Request,
+    out: &Path,
+    mut results: Results<'_>,
+    photographs: Vec<&Frame>,
+    names: Vec<String>,
+    labels: Option<Extra<'_>>,
+) -> Result<Report, Failure> {
+    if !request.wanted.is_empty() {
+        results.report.measurements = Some(request.wanted.measure(&results)?);
+    }
+    let depth16 = request.models.is_depth16().then(|| Depth16::of(&results));
+    results.report.depth16 = depth16.as_ref().map(Depth16::report);
+    let fused = request.models.show_the_surface().then(|| results.fused()).transpose()?;
+    let points = fused.as_ref().map(|fused| request.models.points(&results, fused)).transpose()?.flatten();
+    results.report.surface = request.models.report(points.as_ref());
+    let mut extras = request.models.array_files();
+    extras.extend(fused.iter().flat_map(|fused| request.models.files(points.as_ref(), fused)));
+    extras.extend(depth16.into_iter().flat_map(Depth16::into_files).chain(labels));
     if request.page {
-        extras.push(found.page(job, &look).file(solution, &report));
+        extras.push(Page { photographs, names, palette: request.palette, fields: Vec::new() }.file());
     }
-    let additions = Additions { depth: found.metric.as_ref(), measurements: found.measurements.clone(), extras };
-    let report = export::write(request.force.to(&job.out), solution, &report, &look, additions)?;
-    Ok((report, written))
-}
-
-/// What a solution says of a pair.
-struct Found<'a> {
-    photographs: &'a Photographs,
-    solution: &'a Solution,
-    nearer: Nearer,
-    texture: Texture,
-    metric: Option<MetricDepth>,
-    measurements: Measurements,
-}
-
-impl<'a> Found<'a> {
-    fn of(request: &Request, photographs: &'a Photographs, solution: &'a Solution) -> Result<Self, Failure> {
-        let (width, blur, uncertainty) = (solution.width, &solution.relative_blur, &solution.uncertainty);
-        let limit = photographs.settings.max_relative_blur;
-        let through = |lens| MetricDepth::new(lens, solution.transform.scale(), limit, width, blur, uncertainty);
-        let metric = photographs.lens.as_ref().map(through);
-        Ok(Self {
-            photographs,
-            solution,
-            nearer: request.nearer(photographs.lens.as_ref())?,
-            texture: Texture::of(solution, request.part.max_uncertainty),
-            measurements: request.wanted.measure(&Measurable::of_relative_blur(
-                width,
-                blur,
-                uncertainty,
-                metric.as_ref(),
-            ))?,
-            metric,
-        })
-    }
-
-    /// The report, but for what depends on which files are written.
-    fn report(&self, request: &Request, device: &DeviceInfo) -> Result<Report, Failure> {
-        let mut report = Report::new(self.solution, &self.photographs.settings, device, self.nearer);
-        report.values = self.photographs.values;
-        report.of(self.photographs.inputs.clone(), crate::cli::validation_asked());
-        report.texture = TextureReport::of(&self.texture);
-        report.flattened = self.photographs.scope.flat.is_some();
-        report.request = request.digest(&[])?;
-        report.nearer_by = match (&self.metric, request.nearer) {
-            (Some(_), _) => "lens",
-            (None, Some(_)) => "stated",
-            (None, None) => "assumed",
-        };
-        report.depth = self.metric.as_ref().map(DepthReport::from);
-        let (scale, limit) = (self.solution.transform.scale(), self.photographs.settings.max_relative_blur);
-        let doubt = |metric: &MetricDepth| metric.doubt(scale, limit, &self.solution.relative_blur);
-        report.warnings.extend(self.metric.as_ref().and_then(doubt));
-        report.measurements = (!request.wanted.is_empty()).then(|| self.measurements.clone());
-        Ok(report)
-    }
-
-    fn look(&self, request: &Request) -> Look {
-        let formats = self.photographs.frames.each_ref().map(Frame::format);
-        let decode: Decode = self.photographs.settings.decode;
-        Look { nearer: self.nearer, decode, formats, palette: request.palette, pen: Some(PEN) }
-    }
-
-    fn page(&'a self, job: &Job, look: &Look) -> Page<'a> {
-        Page {
-            photographs: self.photographs.frames.each_ref(),
-            names: job.files.each_ref().map(|file| pair::name(file)),
-            decode: look.decode,
-            nearer: look.nearer,
-            depth: self.metric.as_ref(),
-            palette: look.palette,
-            fields: vec![residual(&self.solution.residual)],
-        }
-    }
+    let drawing = Drawing { palette: request.palette, plotter: Some(PLOTTER) };
+    results.write(request.force.to(out), &drawing, extras)?;
+    Ok(results.report)
 }
 
 #[cfg(test)]

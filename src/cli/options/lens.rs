@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use parfocal::export::{Nearer, Solved};
+use parfocal::export::{Nearer, Results};
 use parfocal::image_io::{Exif, Input};
 use parfocal::{Lens, bounded_read};
 use serde::{Deserialize, Serialize};
@@ -162,11 +162,10 @@ impl LensArguments {
 
     /// As [`lens`](Self::lens), of a command that is nothing without one; what is not stated is as in the report of results that are
     /// seen through one already.
-    pub(crate) fn required(&self, results: &Solved) -> Result<Lens, Failure> {
+    pub(crate) fn required(&self, results: &Results<'_>) -> Result<Lens, Failure> {
         let none =
             || Failure::Usage("give the lens: --lens FILE, or --focal-length and the flags beside it".to_string());
-        // One that cannot be used is of no use to what is stated either.
-        let known = results.lens().ok().flatten().map(PartOfLens::from);
+        let known = results.lens().copied().map(PartOfLens::from);
         match (self.stated()?, known) {
             (Some(stated), known) => stated.or(known.unwrap_or_default()).whole(),
             (None, Some(known)) => known.whole(),

@@ -1,12 +1,10 @@
 //! The surface and its depth for other programs.
 
 use clap::ValueEnum;
-use parfocal::export::{self, ArrayKind, Arrays, Depth16, Extra, Nearer, Palette, SurfaceReport};
-use parfocal::focus_stack::Sweep;
+use parfocal::export::{self, ArrayKind, Extra, Report, Results, SurfaceReport};
 use parfocal::model::{Model, Points};
-use parfocal::{Error, Frame, MetricDepth, Region, Solution};
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use parfocal::{Error, Frame};
+use serde::Serialize;
 
 use crate::cli::options::headings::OUTPUT;
 use crate::cli::output::failure::Failure;
@@ -45,7 +43,7 @@ impl ModelArguments {
 }
 
 /// What to write, and how.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct Models {
     kinds: Vec<Kind>,
     mesh_cells: Option<u32>,
@@ -76,28 +74,12 @@ impl Kind {
             Kind::Stl => &["surface.stl"],
             Kind::Obj => &["surface.obj"],
             Kind::Depth16 => &["depth16.png", "depth16.tiff"],
-            Kind::Npy => Arrays::names(ArrayKind::Npy),
-            Kind::Tiff => Arrays::names(ArrayKind::Tiff),
-            Kind::Zarr => Arrays::names(ArrayKind::Zarr),
+            Kind::Npy => ArrayKind::Npy.files(),
+            Kind::Tiff => ArrayKind::Tiff.files(),
+            Kind::Zarr => ArrayKind::Zarr.files(),
             Kind::Labels => &["labels.png"],
         }
     }
-}
-
-/// What the surface of a pair is made of.
-#[derive(Clone, Copy)]
-pub(crate) struct SurfaceOf<'a> {
-    /// V without what was filled in, px².
-    pub(crate) blur: &'a [f32],
-    /// Depth likewise, where it is known.
-    pub(crate) metric: Option<&'a MetricDepth>,
-    /// The part of I1 that they are of.
-    pub(crate) part: Region,
-    /// Width and height of I1.
-    pub(crate) photograph: [u32; 2],
-    /// The fused image.
-    pub(crate) fused: &'a Frame,
-    pub(crate) nearer: Nearer,
 }
 
 /// The kinds that hold depth in floats.
@@ -126,13 +108,10 @@ fn positive(text: &str) -> Result<f64, String> {
 
 impl Models {
     /// Those that a report says are there, to be made anew.
-    pub(crate) fn of_report(report: &Value) -> Self {
-        let stated = SurfaceReport::deserialize(&report["surface"]).ok();
-        let (mesh_cells, z_scale) = stated.map_or((None, None), |stated| (stated.mesh_cells, stated.z_scale));
-        let is_there = |kind: &Kind| {
-            let listed = report["files"].as_array().into_iter().flatten();
-            kind.files().iter().all(|name| listed.clone().any(|file| file == name))
-        };
+    pub(crate) fn of_report(report: &Report) -> Self {
+        let (mesh_cells, z_scale) =
+            report.surface.as_ref().map_or((None, None), |stated| (stated.mesh_cells, stated.z_scale));
+        let is_there = |kind: &Kind| kind.files().iter().all(|name| report.has_file(name));
         let kinds = MODELS.iter().map(|(kind, _)| *kind).chain(ARRAYS.map(|(kind, _)| kind)).filter(is_there).collect();
         // What a report holds was checked when it was asked for, by whoever wrote it.
         Self {
@@ -142,45 +121,15 @@ impl Models {
         }
     }
 
-    /// The points of the surface, if any file of it is asked for: in mm where depth is known and no exaggeration is asked
-    /// for.
-    pub(crate) fn points(&self, of: &SurfaceOf<'_>) -> Result<Option<Points>, Error> {
-        if !self.show_the_surface() {
-            return Ok(None);
-        }
-        let SurfaceOf { blur, metric, part, photograph, fused, nearer } = *of;
-        if let (Some(metric), None) = (metric, self.z_scale) {
-            return Points::of_depth(metric, part, photograph, fused).map(Some);
-        }
-        let exaggeration = self.z_scale.unwrap_or_else(|| Points::exaggeration(blur, part.width, part.height));
-        Points::of_relative_blur(blur, fused, nearer, exaggeration).map(Some)
+    /// The points of the surface, if any file of it is asked for.
+    pub(crate) fn points(&self, results: &Results<'_>, fused: &Frame) -> Result<Option<Points>, Error> {
+        self.show_the_surface().then(|| Points::of(results, fused, self.z_scale)).transpose()
     }
 
     /// What the report says of these points.
     pub(crate) fn report(&self, points: Option<&Points>) -> Option<SurfaceReport> {
         let (mesh_cells, z_scale) = (self.mesh_cells, self.z_scale);
         points.map(|points| SurfaceReport { unit: points.unit.clone(), mesh_cells, z_scale })
-    }
-
-    /// Depth in 16 bits, if it is asked for.
-    pub(crate) fn depth16(&self, solution: &Solution, metric: Option<&MetricDepth>) -> Option<Depth16> {
-        let size = (solution.width, solution.height);
-        let of_blur = || Depth16::of_relative_blur(size, &solution.relative_blur);
-        self.is_depth16().then(|| metric.map_or_else(of_blur, Depth16::of_depth))
-    }
-
-    /// The same of a sweep.
-    pub(crate) fn points_of_sweep(
-        &self,
-        sweep: &Sweep,
-        fused: &Frame,
-        nearer: Nearer,
-    ) -> Result<Option<Points>, Error> {
-        if !self.show_the_surface() {
-            return Ok(None);
-        }
-        let exaggeration = self.z_scale.unwrap_or_else(|| Points::sweep_exaggeration(sweep, nearer));
-        Points::of_sweep(sweep, fused, nearer, exaggeration).map(Some)
     }
 
     /// Whether depth in 16 bits is asked for.
@@ -195,31 +144,15 @@ impl Models {
         self.shown().map(|model| points.file(model, fused, nodes)).collect()
     }
 
-    /// Whether depth in floats is asked for.
-    pub(crate) fn hold_arrays(&self) -> bool {
-        ARRAYS.iter().any(|(kind, _)| self.kinds.contains(kind))
-    }
-
     /// The files of depth in floats that are asked for.
-    pub(crate) fn array_files<'a>(&self, arrays: Option<&'a Arrays>) -> Vec<Extra<'a>> {
+    pub(crate) fn array_files<'a>(&self) -> Vec<Extra<'a>> {
         let kinds = ARRAYS.iter().filter(|(kind, _)| self.kinds.contains(kind));
-        arrays.map_or(Vec::new(), |arrays| kinds.flat_map(|(_, kind)| arrays.files(*kind)).collect())
+        kinds.flat_map(|(_, kind)| kind.extras()).collect()
     }
 
-    /// `labels.png`, if it is asked for.
-    pub(crate) fn labels<'a>(&self, solution: &'a Solution) -> Option<Extra<'a>> {
-        self.kinds.contains(&Kind::Labels).then(|| export::labels(solution))
-    }
-
-    /// The same of a sweep.
-    pub(crate) fn labels_of_sweep<'a>(
-        &self,
-        sweep: &'a Sweep,
-        nearer: Nearer,
-        palette: Palette,
-    ) -> Result<Option<Extra<'a>>, Error> {
-        let asked = self.kinds.contains(&Kind::Labels);
-        asked.then(|| export::sweep_labels(sweep, nearer, palette)).transpose()
+    /// Whether `labels.png` is asked for.
+    pub(crate) fn is_labels(&self) -> bool {
+        self.kinds.contains(&Kind::Labels)
     }
 
     /// Refuses, before any work, labels for more frames than they tell apart.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use parfocal::export::Solved;
+use parfocal::export::Results;
 use parfocal::{FieldCurvature, Mask, Region, SolveOptions, image_io};
 use serde::Serialize;
 
@@ -131,12 +131,11 @@ impl Part {
 }
 
 fn flat_reference(folder: &Path) -> Result<FieldCurvature, Failure> {
-    let flat = Solved::read(folder)?;
-    let [width, height] = flat.photograph;
-    if (flat.width, flat.height) != (width, height) {
+    let flat = Results::read_pair(folder)?;
+    if flat.report.size != flat.report.photograph {
         let problem = "is of a part of the photographs; solve the flat target without --roi and --crop-valid";
         return Err(Failure::Failed(format!("{}: {problem}", folder.display())));
     }
-    FieldCurvature::of_flat_target([width, height], &flat.relative_blur, &flat.uncertainty)
+    FieldCurvature::of_flat_target(flat.report.photograph.into(), flat.values(), flat.uncertainty())
         .map_err(|e| Failure::Failed(format!("{}: {e}", folder.display())))
 }

@@ -6,8 +6,9 @@ use std::str::FromStr;
 use std::sync::LazyLock;
 
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
+use parfocal::export::Registration;
 use parfocal::image_io::RawFormat;
-use parfocal::{Kernel, Method, Motion, Photometric, Setting, Settings, export, image_io};
+use parfocal::{Kernel, Method, Motion, Photometric, Setting, Settings, image_io};
 
 use crate::cli::batch::batch_summary::REPORT;
 use crate::cli::options::config_file::ConfigArgument;
@@ -42,7 +43,7 @@ pub(crate) struct SettingsArguments {
     /// Hold the offset that is added after the gain, where white is 1
     #[arg(long, value_name = "O", help_heading = REGISTRATION, allow_negative_numbers = true)]
     offset: Option<f64>,
-    /// Shape of the blur: auto, gaussian, pillbox, half-gaussian, or a picture of it
+    /// Shape of the blur: auto, gaussian, pillbox, half-gaussian, or a picture
     ///
     /// auto finds where it lies between a Gaussian and a disk. A picture can be that of a coded aperture.
     #[arg(long, value_name = "K|FILE", help_heading = BLUR, default_value = "auto")]
@@ -207,15 +208,19 @@ impl SettingsArguments {
             Method::Sift => return usage("SIFT starts from key-points, not from --transform; leave one of them out"),
             _ => {}
         }
-        let (start, photometric) = export::read_transform(file)?;
-        settings.start = start;
+        let registration = Registration::read(file)?;
+        let Some(second) = registration.second() else {
+            let problem = "registers a sweep; give the registration of a pair";
+            return Err(Failure::Failed(format!("{}: {problem}", file.display())));
+        };
+        settings.start = second.transform;
         if hold {
             settings.method = Method::Aligned;
         }
-        if let (Some(start_photometric), None) = (photometric, self.exposure()) {
+        if let (Some(start_photometric), None) = (second.photometric, self.exposure()) {
             settings.start_photometric = start_photometric;
-            // Only gain and offset can be held: where they vary over the frame, all are matched anew on the T that is held.
-            let shaded = export::read_pair_of(file)?.shading.is_some_and(|shading| shading.is_worth_telling());
+            // Only gain and offset can be held: with shading, all are matched again on the T that is held.
+            let shaded = second.shading.is_some_and(|shading| shading.is_significant());
             settings.photometric &= !hold || shaded;
         }
         Ok(())

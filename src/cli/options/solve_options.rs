@@ -68,7 +68,7 @@ impl SolveOptions {
             nearer: self.nearer,
             part,
             lens: self.lens.stated()?,
-            wanted: self.measure.wanted(),
+            wanted: self.measure.request(),
             palette: self.colors.palette(),
             page: !self.no_html,
             models: self.models.models(),

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use parfocal::export::{DeviceReport, Palette, RegistrationReport, Report, ShadingReport, TimingsReport};
+use parfocal::export::{FrameReport, Palette, Report};
 use parfocal::image_io::{Basis, Input, Values};
-use parfocal::{Decode, Homography, Method, OtherMotion, Photometric};
+use parfocal::{Decode, OtherMotion, Photometric};
 
 use crate::cli::commands::depth;
 use crate::cli::commands::measure;
@@ -13,27 +13,22 @@ use crate::cli::commands::measure;
 type Row = (&'static str, String);
 
 /// The few lines of a solve, without a newline at the end.
-pub(crate) fn summary(report: &Report, palette: Palette, out: &Path, written: &[&str]) -> String {
-    let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform);
-    rows.push(("exposure", exposure(report.photometric, &report.shading)));
-    rows.extend(motion(report.other_motion));
-    rows.extend(values(&report.inputs, report.values));
+pub(crate) fn summary(report: &Report, palette: Palette, out: &Path) -> String {
+    let mut rows = found(report);
     rows.extend(kernel(report.kernel_shape));
-    rows.extend([smoothness(report), ("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);
+    rows.extend(smoothness(report));
+    rows.extend([("relative blur", blur(report)), ("depth.png", near_and_far(report, palette))]);
     rows.extend(report.depth.as_ref().map(|metric| ("depth", depth::summary(metric))));
     rows.extend(report.measurements.iter().flat_map(measure::rows));
-    rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
-    rows.push(("results", format!("{}: {}", out.display(), written.join(" "))));
+    rows.extend(judged(report));
+    rows.push(("results", format!("{}: {}", out.display(), report.files.join(" "))));
     lines(&rows)
 }
 
 /// The few lines of a registration, without a newline at the end.
-pub(crate) fn registration_summary(report: &RegistrationReport, out: Option<&Path>) -> String {
-    let mut rows = found(&report.device, report.method, report.levels.len(), &report.transform);
-    rows.push(("exposure", exposure(report.photometric, &report.shading)));
-    rows.extend(motion(report.other_motion));
-    rows.extend(values(&report.inputs, report.values));
-    rows.extend(judged(report.converged, &report.warnings, &report.timings_ms));
+pub(crate) fn registration_summary(report: &Report, out: Option<&Path>) -> String {
+    let mut rows = found(report);
+    rows.extend(judged(report));
     rows.extend(out.map(|file| ("result", file.display().to_string())));
     lines(&rows)
 }
@@ -42,32 +37,37 @@ fn lines(rows: &[Row]) -> String {
     rows.iter().map(|(label, value)| format!("{label:<14} {value}")).collect::<Vec<_>>().join("\n")
 }
 
-fn found(device: &DeviceReport, method: Method, levels: usize, t: &Homography) -> Vec<Row> {
-    let registration = format!(
-        "{:+.3} px right, {:+.3} px down, rotation {:+.4}°, scale {:.5}",
-        t.translation()[0],
-        t.translation()[1],
-        t.rotation_deg(),
-        t.scale()
-    );
-    vec![
+/// Device, method, registration, motion and values.
+fn found(report: &Report) -> Vec<Row> {
+    let (device, levels) = (&report.device, report.levels.as_ref().map_or(0, Vec::len));
+    let mut rows = vec![
         ("device", format!("{} ({})", device.name, device.driver)),
-        ("method", format!("{}, levels: {levels}", method.name())),
-        ("transform", registration),
-    ]
+        ("method", format!("{}, levels: {levels}", report.method.name())),
+    ];
+    rows.extend(report.frames.get(1).into_iter().flat_map(registration));
+    rows.extend(motion(report.other_motion));
+    rows.extend(values(&report.inputs, report.values));
+    rows
 }
 
-fn exposure(Photometric { gain, offset }: Photometric, shading: &ShadingReport) -> String {
-    let [low, high] = shading.range.map(|factor| 100.0 * (factor - 1.0));
-    let shading =
-        if shading.is_worth_telling() { format!(", shading {low:+.0} to {high:+.0} %") } else { String::new() };
-    format!("gain {gain:.4}, offset {offset:+.4}{shading}")
+/// Transform and exposure of I2.
+fn registration(frame: &FrameReport) -> [Row; 2] {
+    let (t, Photometric { gain, offset }) = (&frame.transform, frame.photometric);
+    let [right, down] = t.translation();
+    let transform =
+        format!("{right:+.3} px right, {down:+.3} px down, rotation {:+.4}°, scale {:.5}", t.rotation_deg(), t.scale());
+    let [low, high] = frame.shading.range.map(|factor| 100.0 * (factor - 1.0));
+    let shading = match frame.shading.is_significant() {
+        true => format!(", shading {low:+.0} to {high:+.0} %"),
+        false => String::new(),
+    };
+    [("transform", transform), ("exposure", format!("gain {gain:.4}, offset {offset:+.4}{shading}"))]
 }
 
 /// α, and whether it was found.
-fn smoothness(report: &Report) -> Row {
+fn smoothness(report: &Report) -> Option<Row> {
     let by = if report.settings.regularization.is_some() { "as asked" } else { "found" };
-    ("smoothness", format!("α {}, {by}", rounded(report.regularization)))
+    report.regularization.map(|alpha| ("smoothness", format!("α {}, {by}", rounded(alpha))))
 }
 
 /// What the kernel was found to be.
@@ -115,31 +115,33 @@ pub(crate) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -
     format!("{taken} ({why})")
 }
 
-fn judged(converged: bool, warnings: &[String], time: &TimingsReport) -> Vec<Row> {
+fn judged(report: &Report) -> Vec<Row> {
+    let (time, converged) = (&report.timings_ms, report.converged == Some(true));
     let mut rows = vec![("converged", if converged { "yes" } else { "no" }.to_string())];
-    rows.extend(warnings.iter().map(|warning| ("warning", warning.clone())));
-    rows.push(("time", format!("{:.0} ms, {:.0} ms of it on the device", time.total, time.gpu)));
+    rows.extend(report.warnings.iter().map(|warning| ("warning", warning.clone())));
+    rows.push(("time", format!("{:.0} ms, {:.0} ms of it on the device", time.total, time.gpu.unwrap_or(0.0))));
     rows
 }
 
 fn near_and_far(report: &Report, palette: Palette) -> String {
     let [near, far] = palette.ends();
+    let nearer = report.nearer().number();
     if report.depth.is_some() {
-        return format!("mm, {near} near, {far} far; I{} focused nearer by the lens", report.nearer);
+        return format!("mm, {near} near, {far} far; I{nearer} focused nearer by the lens");
     }
-    let other = 3 - report.nearer;
-    format!("{near} near, {far} far, I{} taken as focused nearer; --nearer {other} swaps them", report.nearer)
+    let other = 3 - nearer;
+    format!("{near} near, {far} far, I{nearer} taken as focused nearer; --nearer {other} swaps them")
 }
 
 fn blur(report: &Report) -> String {
-    let range = &report.relative_blur;
-    let (Some(min), Some(max), Some(median)) = (range.min, range.max, range.median) else {
+    let range = report.relative_blur.map(|range| (range.min, range.max, range.median));
+    let Some((Some(min), Some(max), Some(median))) = range else {
         return "no valid pixel".to_string();
     };
     format!(
         "{min:+.2} to {max:+.2} px², median {median:+.2}; {:.1} % of the pixels valid, {:.1} % of those at the limit",
-        100.0 * report.valid_fraction,
-        100.0 * report.saturated_fraction
+        100.0 * report.valid_fraction.unwrap_or(0.0),
+        100.0 * report.saturated_fraction.unwrap_or(0.0)
     )
 }
 
@@ -196,12 +198,14 @@ mod tests {
             fused: vec![0.0; 2],
             findings,
         };
-        Report::new(&solution, &Settings::default(), &device, Nearer::First)
+        let mut report = Report::pair(&solution, &Settings::default(), &device, Nearer::First);
+        report.files = vec!["depth.png".to_string()];
+        report
     }
 
     #[test]
     fn a_person_is_told_what_came_out_and_where_it_is() {
-        let text = summary(&report([-1.5, 4.0]), Palette::Viridis, Path::new("out"), &["depth.png"]);
+        let text = summary(&report([-1.5, 4.0]), Palette::Viridis, Path::new("out"));
         for part in [
             "a device (a driver)",
             "+1.250 px right",
@@ -219,7 +223,7 @@ mod tests {
 
     #[test]
     fn without_a_valid_pixel_no_range_is_made_up() {
-        let text = summary(&report([f32::NAN; 2]), Palette::Viridis, Path::new("out"), &["depth.png"]);
+        let text = summary(&report([f32::NAN; 2]), Palette::Viridis, Path::new("out"));
         assert!(text.contains("no valid pixel") && !text.contains("NaN"), "{text}");
     }
 }

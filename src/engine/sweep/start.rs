@@ -89,8 +89,7 @@ const STEPS: usize = 8;
 
 /// T of each frame by appearance, each from its neighbour's, starting at the reference.
 pub(super) fn register(frames: &Frames, reference: usize, unknowns: usize) -> Vec<Homography> {
-    let splines =
-        workers::map(frames.images.len(), |n| coefficients(&smoothed(&frames.images[n], APPEARANCE_BLUR)));
+    let splines = workers::map(frames.images.len(), |n| coefficients(&smoothed(&frames.images[n], APPEARANCE_BLUR)));
     // The two sides of the reference are independent.
     let sides: [Vec<usize>; 2] = [(reference + 1..splines.len()).collect(), (0..reference).rev().collect()];
     let registered = workers::map(2, |n| register_side(&splines, reference, &sides[n], frames.grid, unknowns));

@@ -24,8 +24,8 @@ impl HostMemory {
     /// # Safety
     /// - The memory stays mapped at this address while the [`SharedMemory`] made from it lives.
     /// - From the submission of a pair that reads rows of it until they are read
-    ///   ([`PairSolver::wait_taken`](crate::PairSolver::wait_taken)), no code writes between the start of the first row and the
-    ///   end of the last.
+    ///   ([`PairSolver::wait_taken`](crate::PairSolver::wait_taken)), no code writes between the start of the first row
+    ///   and the end of the last.
     pub unsafe fn new(start: NonNull<u8>, bytes: usize) -> Self {
         Self { start, bytes }
     }
@@ -93,8 +93,8 @@ impl SharedMemory {
             #[cfg(target_os = "linux")]
             HostView::None => return read(&[]),
         };
-        // SAFETY: the bytes stay mapped while `self` lives, and the contracts of `HostMemory` and `DmaBuf` exclude writes to
-        // them until they are read.
+        // SAFETY: the bytes stay mapped while `self` lives, and the contracts of `HostMemory` and `DmaBuf` exclude
+        // writes to them until they are read.
         let result = read(unsafe { std::slice::from_raw_parts(start.add(bytes.start), bytes.len()) });
         #[cfg(target_os = "linux")]
         if let HostView::Mapped(mapping) = &self.host_view {
@@ -170,8 +170,8 @@ impl ImportedMemory {
             if is_dedicated {
                 allocate = allocate.push_next(&mut dedicated);
             }
-            // SAFETY: the contracts of `HostMemory` and `DmaBuf` keep the memory valid while this import lives; the type is
-            // one that the handle supports.
+            // SAFETY: the contracts of `HostMemory` and `DmaBuf` keep the memory valid while this import lives; the
+            // type is one that the handle supports.
             unsafe { device.handle.allocate_memory(&allocate.push_next(import), None) }.ok()
         });
         let Some(memory) = memory else {
@@ -278,8 +278,8 @@ pub(crate) mod dma_buf {
         /// # Safety
         /// - `fd` is a dma-buf, or a memory file that is never truncated, so that its pages stay valid while mapped.
         /// - From the submission of a pair that reads rows of it until they are read
-        ///   ([`PairSolver::wait_taken`](crate::PairSolver::wait_taken)), no code writes between the start of the first row and
-        ///   the end of the last.
+        ///   ([`PairSolver::wait_taken`](crate::PairSolver::wait_taken)), no code writes between the start of the first
+        ///   row and the end of the last.
         pub unsafe fn new(fd: OwnedFd, bytes: usize) -> Self {
             Self { fd, bytes }
         }

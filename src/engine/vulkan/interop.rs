@@ -211,8 +211,8 @@ pub struct ExternalCommandBuffer(pub(super) vk::CommandBuffer);
 impl ExternalCommandBuffer {
     /// Wraps a primary command buffer in the recording state, outside of a render pass and of conditional rendering.
     ///
-    /// Recording changes the bound compute pipeline, descriptor sets and push constants. The solve is one submission: it
-    /// must be shorter than the time limit of the driver's watchdog.
+    /// Recording changes the bound compute pipeline, descriptor sets and push constants. The solve is one submission:
+    /// it must be shorter than the time limit of the driver's watchdog.
     ///
     /// # Safety
     /// - The command buffer belongs to the engine's device and queue family, and no other thread uses it meanwhile.
@@ -232,8 +232,8 @@ impl ExternalCommandBuffer {
 /// channels of the fused image, with the units of a [`SolutionRef`](crate::SolutionRef).
 ///
 /// A submission to a queue of the engine's family that waits for `semaphore` to reach `value` may read `buffer`, as a
-/// source of copies and as a storage buffer. It must complete before the slot takes another pair. A submission that waits
-/// for `inputs_read` must complete before the solver is dropped.
+/// source of copies and as a storage buffer. It must complete before the slot takes another pair. A submission that
+/// waits for `inputs_read` must complete before the solver is dropped.
 #[derive(Clone, Copy, Debug)]
 pub struct DeviceSolution {
     /// A buffer of the engine's device, in host-visible memory that the host also reads.

@@ -176,7 +176,8 @@ impl Buffer {
 
     /// Borrows the contents of a mapped buffer for writing.
     ///
-    /// The caller is the one owner of the buffer and is itself borrowed mutably, so that nothing else accesses the bytes.
+    /// The caller is the one owner of the buffer and is itself borrowed mutably, so that nothing else accesses the
+    /// bytes.
     #[allow(clippy::mut_from_ref, reason = "the owner of the buffer is borrowed mutably in its place")]
     pub(crate) fn mapped_mut(&self) -> Result<&mut [u8], Error> {
         assert!(!self.is_host_borrowed, "the host writes a buffer that it borrows");
@@ -186,8 +187,8 @@ impl Buffer {
         Ok(unsafe { std::slice::from_raw_parts_mut(mapped.as_ptr().cast::<u8>(), self.size as usize) })
     }
 
-    /// Stores a 32-bit word at a byte offset of a mapped buffer, atomically. A pending shader that reads the word sees the
-    /// old value or the new one.
+    /// Stores a 32-bit word at a byte offset of a mapped buffer, atomically. A pending shader that reads the word sees
+    /// the old value or the new one.
     pub(crate) fn store_word(&self, offset: u64, word: u32) -> Result<(), Error> {
         assert!(!self.is_host_borrowed && offset.is_multiple_of(4) && offset + 4 <= self.size, "no word at {offset}");
         let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
@@ -222,7 +223,8 @@ impl Buffer {
 }
 
 impl Image {
-    /// Creates an image with undefined contents. [`Recorder::initialize`](super::Recorder::initialize) must precede its use.
+    /// Creates an image with undefined contents. [`Recorder::initialize`](super::Recorder::initialize) must precede its
+    /// use.
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,
@@ -318,7 +320,8 @@ impl Drop for Buffer {
         if self.device.is_in_use() {
             return;
         }
-        // SAFETY: recordings retain the buffers that they use and are complete, so that the device no longer uses this one.
+        // SAFETY: recordings retain the buffers that they use and are complete, so that the device no longer uses this
+        // one.
         unsafe { self.device.handle.destroy_buffer(self.handle, None) };
         free(&self.device, &mut self.allocation);
     }

@@ -1,43 +1,46 @@
-//! The folder that results go to: made if it is missing, and with one writer at a time.
+//! The folder of results: created if it is missing, locked for one writer, and free of temporary files of ended programs.
 
+use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::temporary;
+use tempfile::{Builder, NamedTempFile};
+
 use crate::base::Error;
 
-/// How long another writer is waited for: results are written in less.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// Longest wait for another writer; results are written in less.
+const LOCK_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Who else may write there meanwhile.
+/// Other writers that may use the folder at the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Writers {
-    /// Nobody: several files belong together.
-    One,
-    /// Those who write a file each, as this one does.
-    Many,
+pub(super) enum OtherWriters {
+    /// None: several files belong together.
+    None,
+    /// Writers of single files.
+    SingleFiles,
 }
 
-/// The folder, locked, and which part of its path was made here.
+/// The folder, locked.
 pub(super) struct Folder {
     pub(super) path: PathBuf,
-    /// Deepest first.
+    /// Folders that were created for it, the deepest first.
     made: Vec<PathBuf>,
-    /// The folder itself, open: the lock ends with it, also where the program is killed. None where a file system has no locks.
+    /// The open folder, with which the lock ends, also if the program is killed. `None` if the file system has no locks.
     handle: Option<File>,
 }
 
 impl Folder {
-    /// Waits for those who write there; what killed programs have left half written is removed.
-    pub(super) fn make(path: &Path, writers: Writers) -> Result<Self, Error> {
+    /// Creates the folder, waits for other writers, and removes temporary files of ended programs.
+    pub(super) fn make(path: &Path, others: OtherWriters) -> Result<Self, Error> {
         let missing = path.ancestors().take_while(|p| !p.as_os_str().is_empty() && p.try_exists().is_ok_and(|is| !is));
         let made = missing.map(Path::to_path_buf).collect();
         let mut folder = Self { path: path.to_path_buf(), made, handle: None };
-        temporary::note(folder.noted());
+        register(folder.folders());
         match fs::create_dir_all(path) {
-            Ok(()) => folder.lock(writers)?,
+            Ok(()) => folder.lock(others)?,
             Err(_) if path.exists() => return Err(Error::file(path, "is a file; give a folder for the results")),
             Err(e) => {
                 return Err(Error::file(path, format!("cannot be made ({e}); give another folder for the results")));
@@ -46,18 +49,18 @@ impl Folder {
         Ok(folder)
     }
 
-    /// Locks the folder; alone in it, cleans up.
-    fn lock(&mut self, writers: Writers) -> Result<(), Error> {
-        let until = Instant::now() + PATIENCE;
+    /// Locks the folder; the only writer removes leftovers.
+    fn lock(&mut self, others: OtherWriters) -> Result<(), Error> {
+        let until = Instant::now() + LOCK_TIMEOUT;
         loop {
-            // Windows opens no folders.
+            // Windows cannot open folders.
             let Ok(handle) = File::open(&self.path) else { return Ok(()) };
             let locked = match handle.try_lock() {
                 Ok(()) => {
-                    temporary::remove_leftovers(&self.path);
-                    if writers == Writers::Many { handle.try_lock_shared() } else { Ok(()) }
+                    remove_leftovers(&self.path);
+                    if others == OtherWriters::SingleFiles { handle.try_lock_shared() } else { Ok(()) }
                 }
-                Err(TryLockError::WouldBlock) if writers == Writers::Many => handle.try_lock_shared(),
+                Err(TryLockError::WouldBlock) if others == OtherWriters::SingleFiles => handle.try_lock_shared(),
                 other => other,
             };
             match locked {
@@ -75,36 +78,108 @@ impl Folder {
         }
     }
 
-    /// Waits until the names of its files are on the disk.
+    /// Flushes the names of its files to the disk.
     pub(super) fn sync(&self) -> std::io::Result<()> {
         self.handle.as_ref().map_or(Ok(()), |handle| match handle.sync_all() {
-            // There are file systems that cannot sync a folder.
+            // Some file systems cannot sync a folder.
             Err(e) if e.kind() == std::io::ErrorKind::InvalidInput => Ok(()),
             other => other,
         })
     }
 
-    /// The folder stays.
+    /// Keeps the folder.
     pub(super) fn keep(&mut self) {
-        temporary::forget(&self.noted());
+        unregister(&self.folders());
         self.made.clear();
-        temporary::note(self.noted());
+        register(self.folders());
     }
 
-    fn noted(&self) -> Vec<PathBuf> {
+    fn folders(&self) -> Vec<PathBuf> {
         [std::slice::from_ref(&self.path), &self.made].concat()
     }
 }
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        temporary::forget(&self.noted());
+        unregister(&self.folders());
         for folder in &self.made {
-            // Only an empty folder goes: what someone else put there in the meantime is not ours to remove.
+            // Only an empty folder is removed: another program may have put files there.
             if fs::remove_dir(folder).is_err() {
                 return;
             }
         }
+    }
+}
+
+/// Random characters in the name of a temporary file.
+const RANDOM: usize = 6;
+
+/// Folders that are being written to, each with the created folders above it, the deepest first.
+static OPEN: Mutex<BTreeSet<Vec<PathBuf>>> = Mutex::new(BTreeSet::new());
+
+/// Locked while files get their names.
+static NAMING: Mutex<()> = Mutex::new(());
+
+/// Prefix of the names of this process's temporary files.
+fn own_prefix() -> String {
+    format!(".parfocal-{}-", std::process::id())
+}
+
+/// Creates a temporary file with the permissions of an ordinary file.
+pub(super) fn temporary_file(folder: &Path) -> std::io::Result<NamedTempFile> {
+    let prefix = own_prefix();
+    let mut builder = Builder::new();
+    builder.prefix(&prefix).rand_bytes(RANDOM);
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.tempfile_in(folder)
+}
+
+/// Whether a name is one of [`temporary_file`], of this or another process.
+fn is_temporary(name: &str) -> bool {
+    let Some((id, random)) = name.strip_prefix(".parfocal-").and_then(|rest| rest.split_once('-')) else {
+        return false;
+    };
+    let is_id = !id.is_empty() && id.chars().all(|c| c.is_ascii_digit());
+    is_id && random.len() == RANDOM && random.chars().all(|c| c.is_ascii_alphanumeric())
+}
+
+/// Removes the temporary files in a folder that no other process writes to.
+pub(super) fn remove_leftovers(folder: &Path) {
+    remove(folder, is_temporary);
+}
+
+fn remove(folder: &Path, goes: impl Fn(&str) -> bool) {
+    let Ok(entries) = fs::read_dir(folder) else { return };
+    for entry in entries.flatten().filter(|entry| goes(&entry.file_name().to_string_lossy())) {
+        // A leftover that cannot be removed is harmless.
+        let _ = fs::remove_file(entry.path());
+    }
+}
+
+/// Registers a folder that is being written to.
+pub(super) fn register(folders: Vec<PathBuf>) {
+    OPEN.lock().unwrap_or_else(PoisonError::into_inner).insert(folders);
+}
+
+/// Removes a folder from the register.
+pub(super) fn unregister(folders: &Vec<PathBuf>) {
+    OPEN.lock().unwrap_or_else(PoisonError::into_inner).remove(folders);
+}
+
+/// Guard that is held while files get their names.
+pub(super) fn naming() -> MutexGuard<'static, ()> {
+    NAMING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes half-written files before the process ends. Files that are getting their names get them first. No results can be written
+/// afterwards: the process must end.
+pub fn abandon() {
+    std::mem::forget(naming());
+    for folders in OPEN.lock().unwrap_or_else(PoisonError::into_inner).iter() {
+        folders.first().into_iter().for_each(|folder| remove(folder, |name| name.starts_with(&own_prefix())));
+        // The first one is the folder itself; only empty folders are removed.
+        folders.iter().skip(1).all(|made| fs::remove_dir(made).is_ok());
     }
 }
 
@@ -113,30 +188,42 @@ mod tests {
     use super::*;
 
     #[test]
-    fn leftovers_go_where_nobody_else_is_at_work() {
+    fn leftovers_are_removed_if_no_other_writer_uses_the_folder() {
         let base = tempfile::TempDir::new().unwrap();
         let left = base.path().join(".parfocal-1-abcdef");
         fs::write(&left, "half").unwrap();
-        let writer = Folder::make(base.path(), Writers::Many).unwrap();
+        let writer = Folder::make(base.path(), OtherWriters::SingleFiles).unwrap();
         assert!(!left.exists());
         fs::write(&left, "at work").unwrap();
-        drop(Folder::make(base.path(), Writers::Many).unwrap());
+        drop(Folder::make(base.path(), OtherWriters::SingleFiles).unwrap());
         assert!(left.exists(), "it may be another writer's");
         drop(writer);
-        drop(Folder::make(base.path(), Writers::One).unwrap());
+        drop(Folder::make(base.path(), OtherWriters::None).unwrap());
         assert!(!left.exists());
     }
 
     #[test]
-    fn one_writes_at_a_time_what_belongs_together() {
+    fn writers_of_several_files_wait_for_one_another() {
         let base = tempfile::TempDir::new().unwrap();
-        let first = Folder::make(base.path(), Writers::One).unwrap();
+        let first = Folder::make(base.path(), OtherWriters::None).unwrap();
         let second = {
             let path = base.path().to_path_buf();
-            thread::spawn(move || Folder::make(&path, Writers::One).map(drop).map_err(|e| e.to_string()))
+            thread::spawn(move || Folder::make(&path, OtherWriters::None).map(drop).map_err(|e| e.to_string()))
         };
         thread::sleep(Duration::from_millis(200));
         drop(first);
         second.join().unwrap().unwrap();
+    }
+
+    #[test]
+    fn names_of_users_are_not_temporary() {
+        for name in [".parfocal-12-aB3dE6", ".parfocal-1-000000"] {
+            assert!(is_temporary(name), "{name}");
+        }
+        for name in
+            [".report.json.backup", ".parfocal-12-", ".parfocal-x-aB3dE6", ".parfocal-12-aB3dE6.bak", ".parfocal"]
+        {
+            assert!(!is_temporary(name), "{name}");
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! What a report says of the files beside it, so that one that was cut short or exchanged is noticed.
+//! Sizes and hashes of the files of results, by which a damaged or exchanged file is noticed.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
@@ -13,7 +13,7 @@ use crate::files::bounded_read;
 /// The key of a report that holds [`Hashes`].
 pub(super) const HASHES: &str = "hashes";
 
-/// Of each file but the report itself, by its name.
+/// Size and hash of each file but the report, by name.
 pub(super) type Hashes = BTreeMap<String, Hash>;
 
 /// Size and hash of a file.
@@ -26,7 +26,7 @@ pub struct Hash {
 }
 
 impl Hash {
-    /// Of all that is left to be read.
+    /// Reads to the end.
     pub(super) fn of(mut reader: impl Read) -> io::Result<Self> {
         let (mut digest, mut bytes, mut block) = (Sha256::new(), 0, vec![0; 1 << 16]);
         loop {
@@ -43,9 +43,9 @@ impl Hash {
         Ok(Self { bytes, sha256: digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect() })
     }
 
-    /// Whether a file is so, as far as it can be read.
-    fn is_of(&self, path: &Path) -> bool {
-        // No more is read than there should be, and one byte.
+    /// Whether a file has this size and hash; false for one that cannot be read.
+    fn matches(&self, path: &Path) -> bool {
+        // At most one byte more than stated is read.
         bounded_read::open(path).is_ok_and(|file| {
             let is_long = file.metadata().is_ok_and(|found| found.len() == self.bytes);
             is_long && Self::of(file.take(self.bytes + 1)).is_ok_and(|found| found == *self)
@@ -53,14 +53,13 @@ impl Hash {
     }
 }
 
-/// Whether all files that the report of a folder names are there, each as it was written. A report that states no hashes is of
-/// an earlier version, and vouches for nothing.
+/// Whether all files that the report of a folder lists exist, each as it was written.
 pub fn is_whole(folder: &Path, name: &str, report: &Value) -> bool {
     let hashes = report.get(HASHES).and_then(|found| Hashes::deserialize(found).ok()).unwrap_or_default();
     let files = report["files"].as_array().map_or(&[][..], Vec::as_slice);
     let is_as_written = |file: &Value| {
         let Some(file) = file.as_str() else { return false };
-        file == name || hashes.get(file).is_some_and(|hash| hash.is_of(&folder.join(file)))
+        file == name || hashes.get(file).is_some_and(|hash| hash.matches(&folder.join(file)))
     };
     !files.is_empty() && files.iter().all(is_as_written)
 }
@@ -74,18 +73,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_that_was_cut_exchanged_or_is_none_is_noticed() {
+    fn a_missing_truncated_or_exchanged_file_is_noticed() {
         let folder = tempfile::TempDir::new().unwrap();
         let file = folder.path().join("a");
         let report = json!({ "files": ["a", "report.json"], "hashes": { "a": Hash::of(&b"abc"[..]).unwrap() } });
         let whole = || is_whole(folder.path(), "report.json", &report);
-        assert!(!whole(), "it is not there");
+        assert!(!whole(), "it is missing");
         for (text, is) in [("abc", true), ("ab", false), ("abd", false), ("abcd", false)] {
             fs::write(&file, text).unwrap();
             assert_eq!(whole(), is, "{text}");
         }
         fs::write(&file, "abc").unwrap();
-        assert!(!is_whole(folder.path(), "report.json", &json!({ "files": ["a"] })), "nothing is known of it");
+        assert!(!is_whole(folder.path(), "report.json", &json!({ "files": ["a"] })), "its hash is unknown");
         assert!(!is_whole(folder.path(), "report.json", &json!({ "files": [] })));
     }
 

@@ -1,64 +1,64 @@
-//! What came of inspecting a part: `inspect.json` and `inspect.png`, both or none.
-
-use std::io::Write;
+//! The inspection of a part: `inspect.json` and `inspect.png`.
 
 use image::RgbImage;
 use serde::Serialize;
 
 use super::destination::Destination;
 use super::hashes::Hashes;
-use super::json;
-use super::picture::write_drawing;
+use super::png_file::write_drawing;
+use super::report::{Header, Kind, to_json, write_json_to};
 use super::staging::Staging;
 use crate::base::{Error, Similarity};
 use crate::metric::inspect::{Deviation, Inspection, Limits, Plane};
 
-/// Report and picture of an inspected part.
+/// Names of the report and the picture of an inspected part.
 pub const INSPECT_FILES: [&str; 2] = ["inspect.json", "inspect.png"];
 
 /// The report of an inspected part.
 #[derive(Clone, Debug, Serialize)]
 pub struct InspectReport {
+    #[serde(flatten)]
+    header: Header,
     /// Version of parfocal that wrote it.
     pub version: &'static str,
     /// `go` or `no-go`.
     pub verdict: &'static str,
-    /// Why it is no-go; a sentence each.
+    /// Why the verdict is no-go; a sentence each.
     pub reasons: Vec<String>,
     /// The folder of the part.
     pub part: String,
-    /// The folders of the golden parts, on whose first's pixels places are stated.
+    /// The folders of the golden parts; places are stated on the pixels of the first.
     pub golden: Vec<String>,
-    /// What is compared: `depth`, `relative blur` or `focus`.
-    pub quantity: &'static str,
-    /// Its unit. Heights are in it, and grow towards the camera.
+    /// The quantity that is compared: `depth`, `relative blur` or `focus`.
+    pub quantity: String,
+    /// Its unit. Heights are in this unit and grow towards the camera.
     pub unit: &'static str,
-    /// What the part may do.
+    /// Tolerances.
     #[serde(flatten)]
     pub limits: Limits,
-    /// T: the part's picture at T x lies on the golden one's at x.
+    /// T: the golden part's pixel x lies at T x in the picture of the part.
     pub transform: Similarity,
-    /// How the part lies against the golden one, heights and heights a pixel; it is taken out.
+    /// Plane of the part against the golden one, in heights and heights per pixel; it is subtracted.
     pub plane: Plane,
-    /// Pixels of which both have a height.
+    /// Pixels where both parts have a height.
     pub judged_px: usize,
-    /// Pixels of which only the golden part has one.
+    /// Pixels where only the golden part has a height.
     pub unjudged_px: usize,
-    /// Their share of the golden part's pixels.
+    /// Their fraction of the golden part's pixels.
     pub unjudged: f64,
-    /// Where it deviates, the largest first.
+    /// Regions that deviate, the largest first.
     pub regions: Vec<DeviationReport>,
     #[serde(flatten)]
     listed: Option<ListedFiles>,
 }
 
-/// One place where a part deviates.
+/// A region where a part deviates.
 #[derive(Clone, Debug, Serialize)]
 pub struct DeviationReport {
-    /// What it is.
+    /// The region.
     #[serde(flatten)]
     pub deviation: Deviation,
-    /// Its mean place in the part's own picture, px.
+    /// Centroid in the part's own picture, px.
     pub centroid_in_part_px: [f64; 2],
 }
 
@@ -69,10 +69,10 @@ struct ListedFiles {
 }
 
 impl InspectReport {
-    /// Gathers the report of an inspection of a part in `unit` of `quantity`; both folders by their names.
+    /// Report of an inspection; part and golden parts are named by their folders.
     pub fn new(
         [part, golden]: [&[String]; 2],
-        [quantity, unit]: [&'static str; 2],
+        (quantity, unit): (&str, &'static str),
         (limits, transform): (Limits, Similarity),
         (inspection, size): (&Inspection, [u32; 2]),
     ) -> Self {
@@ -82,12 +82,13 @@ impl InspectReport {
             centroid_in_part_px: transform.apply(deviation.centroid_px, middle),
         };
         Self {
+            header: Header::new(Kind::Inspection),
             version: env!("CARGO_PKG_VERSION"),
             verdict: if inspection.is_go(&limits) { "go" } else { "no-go" },
             reasons: reasons(inspection, &limits, unit),
             part: part.concat(),
             golden: golden.to_vec(),
-            quantity,
+            quantity: quantity.to_string(),
             unit,
             limits,
             transform,
@@ -100,7 +101,7 @@ impl InspectReport {
         }
     }
 
-    /// Whether the part is as it should be.
+    /// Whether the verdict is go.
     pub fn is_go(&self) -> bool {
         self.verdict == "go"
     }
@@ -110,7 +111,7 @@ impl InspectReport {
     /// # Errors
     /// None is known; serde_json's signature allows one.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        json::to_string(self)
+        to_json(self)
     }
 }
 
@@ -131,9 +132,8 @@ fn reasons(inspection: &Inspection, limits: &Limits, unit: &str) -> Vec<String> 
     deviates.into_iter().chain(missing).collect()
 }
 
-/// Writes report and picture into a folder, which is made if it is missing: both, or none. Of an earlier inspection, what its report
-/// lists is replaced; any other file stays, and where it has the name of one of both, nothing is written unless the
-/// [`Destination`] forces it.
+/// Writes report and picture into a folder, which is created if it is missing: both or none. The files of an earlier inspection are
+/// replaced. Any other file stays; where it has the name of one of both, nothing is written unless the [`Destination`] forces it.
 ///
 /// # Errors
 /// [`Error::File`].
@@ -143,11 +143,10 @@ pub fn write_inspection<'d>(
     picture: &RgbImage,
 ) -> Result<(), Error> {
     let [json, png] = INSPECT_FILES;
-    let mut staging = Staging::anew(out.into(), json)?;
+    let mut staging = Staging::replacing(out.into(), json)?;
     staging.add(png, |w| write_drawing(w, picture))?;
     let files = staging.names().into_iter().chain([json.to_string()]).collect();
     let listed = Some(ListedFiles { files, hashes: staging.hashes() });
-    let text = InspectReport { listed, ..report.clone() }.to_json().map_err(|e| e.to_string());
-    staging.add(json, |w| text.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))?;
+    staging.add(json, |w| write_json_to(w, &InspectReport { listed, ..report.clone() }))?;
     staging.place()
 }

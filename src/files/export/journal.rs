@@ -1,30 +1,68 @@
-//! How results take the place of earlier ones so that the one or the other stand whole, whatever happens meanwhile.
+//! Replaces earlier results by new ones so that one or the other exist whole, whatever happens meanwhile.
 //!
-//! Earlier results step aside into a folder beside them, and the new ones take their names, the report last. In between, a
-//! bare list of all files stands in the place of the report: by it the folder is known as unfinished, and nothing in it is
-//! taken for a stranger's. The report is what decides: once it has its name, the new results stand; as long as the list
-//! stands there, a failure, or the next program that writes, brings the earlier ones back. Files of others stay where they
-//! are throughout, and the folder stays the same one, for whoever has it open.
+//! Earlier results are moved into a folder beside them, and the new ones get their names, the report last. In between, a list
+//! of all files stands in the place of the report: it marks the folder as unfinished. The report decides. Once it has its name, the
+//! new results stand; while the list stands there, a failure, or the next program that writes, restores the earlier ones. Files of
+//! other programs stay where they are, and the folder stays the same one for processes that have it open.
 
 use std::ffi::OsStr;
 use std::fs::{self, File, Metadata};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
+use serde_json::{Value, json};
 use tempfile::NamedTempFile;
 
-use super::listed::Unfinished;
+use super::destination::{is_plain, strings};
+use super::report::PROGRAM;
+use super::results::MAX_BYTES;
+use crate::files::bounded_read;
 
-/// Earlier results of a folder, out of the way of new ones.
+/// Key of the list that stands in the place of a report.
+const UNFINISHED: &str = "unfinished";
+
+/// The list of files that stands in the place of a report while results get their names.
+#[derive(Default)]
+pub(super) struct Unfinished {
+    /// All files of earlier and of new results.
+    pub(super) files: Vec<String>,
+    /// Those that did not exist before.
+    pub(super) new: Vec<String>,
+}
+
+impl Unfinished {
+    pub(super) fn text(&self) -> String {
+        let Self { files, new } = self;
+        format!("{:#}\n", json!({ "program": PROGRAM, UNFINISHED: true, "files": files, "new": new }))
+    }
+
+    /// Whether a JSON file is such a list.
+    pub(super) fn is(file: &Value) -> bool {
+        file.get(UNFINISHED).is_some()
+    }
+
+    /// The list in the place of this report, if there is one. A file that cannot be read is an error, since it may be one.
+    fn read(report: &Path) -> io::Result<Option<Self>> {
+        let text = match bounded_read::text(report, MAX_BYTES) {
+            Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
+            text => text?,
+        };
+        let Ok(found) = serde_json::from_str::<Value>(&text) else { return Ok(None) };
+        let names = |key: &str| strings(&found[key]).filter(|name| is_plain(name)).map(String::from).collect();
+        Ok(Self::is(&found).then(|| Self { files: names("files"), new: names("new") }))
+    }
+}
+
+/// Earlier results of a folder, moved out of the way of new ones.
 pub(super) struct Journal {
     folder: PathBuf,
-    /// Where they are.
+    /// The folder that they are moved into.
     aside: PathBuf,
     report: String,
 }
 
 impl Journal {
-    /// Steps aside nothing yet; the report is copied, so that it is there until the list takes its place.
+    /// Creates the folder and copies the report into it; the report itself stays until the list replaces it.
     pub(super) fn begin(folder: &Path, report: &str) -> io::Result<Self> {
         let journal = Self::of(folder, report);
         step()?;
@@ -40,13 +78,13 @@ impl Journal {
         Ok(journal)
     }
 
-    /// Brings a folder in order in which a program was ended: the report says which results stand.
+    /// Recovers a folder in which a program was ended: the report decides which results stand.
     pub(super) fn recover(folder: &Path, report: &str) -> io::Result<()> {
         let journal = Self::of(folder, report);
-        if !look(&journal.aside)?.is_some_and(|found| found.is_dir()) {
+        if !metadata(&journal.aside)?.is_some_and(|found| found.is_dir()) {
             return Ok(());
         }
-        let stands = look(&journal.report())?.is_some() && journal.unfinished()?.is_none();
+        let stands = metadata(&journal.report())?.is_some() && journal.unfinished()?.is_none();
         if stands { journal.finish() } else { journal.roll_back() }
     }
 
@@ -62,28 +100,28 @@ impl Journal {
     /// The list, if it stands in the place of the report.
     fn unfinished(&self) -> io::Result<Option<Unfinished>> {
         step()?;
-        Unfinished::of(&self.report())
+        Unfinished::read(&self.report())
     }
 
-    /// Moves a file out of the way, if it is there. The list must stand in the place of the report.
+    /// Moves a file out of the way, if it exists. The list must stand in the place of the report.
     pub(super) fn set_aside(&self, name: &OsStr) -> io::Result<()> {
         step()?;
         unless_missing(fs::rename(self.folder.join(name), self.aside.join(name)))
     }
 
-    /// Gives a file its name, which nothing has now but for the report.
+    /// Gives a file its name; only the report may exist under it.
     pub(super) fn name(&self, file: NamedTempFile, path: &Path) -> io::Result<()> {
         step()?;
         file.persist(path).map(drop).map_err(|e| e.error)
     }
 
-    /// The new results stand: the earlier ones go.
+    /// Removes the earlier results.
     pub(super) fn finish(self) -> io::Result<()> {
         step()?;
         fs::remove_dir_all(&self.aside)
     }
 
-    /// The earlier results come back, and what is new goes.
+    /// Restores the earlier results and removes the new ones.
     pub(super) fn roll_back(self) -> io::Result<()> {
         for name in self.unfinished()?.unwrap_or_default().new {
             step()?;
@@ -96,9 +134,9 @@ impl Journal {
                 fs::rename(self.aside.join(&name), self.folder.join(&name))?;
             }
         }
-        // The report is the last: until then the folder is known as unfinished.
+        // The report comes last: until then the folder is marked as unfinished.
         let earlier = self.aside.join(&self.report);
-        let is_there = look(&earlier)?.is_some();
+        let is_there = metadata(&earlier)?.is_some();
         step()?;
         if is_there {
             fs::rename(&earlier, self.report())?
@@ -114,8 +152,8 @@ fn unless_missing(done: io::Result<()>) -> io::Result<()> {
     done.or_else(|e| if e.kind() == ErrorKind::NotFound { Ok(()) } else { Err(e) })
 }
 
-/// What there is of this name. Where the disk cannot say, neither can we: what is taken for missing is removed, or lost.
-pub(super) fn look(path: &Path) -> io::Result<Option<Metadata>> {
+/// Metadata of a file or a link, `None` if it is missing. Other errors are returned, since a file taken for missing would be lost.
+pub(super) fn metadata(path: &Path) -> io::Result<Option<Metadata>> {
     step()?;
     match fs::symlink_metadata(path) {
         Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
@@ -123,14 +161,14 @@ pub(super) fn look(path: &Path) -> io::Result<Option<Metadata>> {
     }
 }
 
-/// Comes before each look at a folder and each change of it; a test makes it fail.
+/// Precedes each access to a folder; a test makes it fail.
 fn step() -> io::Result<()> {
     #[cfg(test)]
     fault::step()?;
     Ok(())
 }
 
-/// A disk that fails.
+/// Simulates a disk that fails.
 #[cfg(test)]
 pub(super) mod fault {
     use std::cell::Cell;
@@ -141,7 +179,7 @@ pub(super) mod fault {
         static STEPS: Cell<(usize, (usize, usize))> = const { Cell::new((0, (0, 0))) };
     }
 
-    /// From now on these steps of this thread fail, counted from 0; of how many there have been before.
+    /// Makes these steps of this thread fail, counted from 0 from now on. Returns the number of steps since the last call.
     pub fn at(steps: Range<usize>) -> usize {
         STEPS.replace((0, (steps.start, steps.end))).0
     }

@@ -1,77 +1,66 @@
-//! `labels.png`: which photograph is the sharper, or the sharpest, at each pixel.
+//! Pictures of labels: the sharpest photograph at each pixel, and of a sweep the frame and the side beyond the sweep.
 
 use std::io::Write;
+use std::path::Path;
 
 use png::ColorType;
 
-use super::meaning::Meaning;
-use super::picture::{self, Stored};
-use super::{Extra, Nearer, Palette};
-use crate::base::Error;
+use super::description::{self, BEYOND, Description, FRAMES};
+use super::png_file::{self, Pixels};
+use super::results::Results;
+use super::write::Extra;
+use super::{Nearer, Palette};
+use crate::base::{Error, Samples};
 use crate::engine::Solution;
-use crate::solve::focus_stack::Sweep;
+use crate::files::image_io;
 
 const NAME: &str = "labels.png";
 
-const MEANING: Meaning = Meaning::new(
-    "label",
-    "Sharper photograph: 0 not valid; 1 the first; 2 the second; 3 undecided, the relative blur V is within one standard \
-     deviation of 0: both alike, or nothing to tell by",
-);
-
-const SWEEP_MEANING: Meaning =
-    Meaning::new("label", "The frame of the sweep that is focused next to each pixel, counted from 1; 0 not known");
-
-/// The most frames that `labels.png` tells apart: a byte, but for 0.
+/// Most frames of a sweep that `labels.png` can label; 0 means that the focus is not known.
 pub const MOST_LABELS: usize = 255;
 
-/// Of each label, RGB and opacity: orange and blue are told apart by every eye (Okabe and Ito 2008).
+/// RGBA of the labels of a pair. Colour-blind viewers can tell orange and blue apart (Okabe and Ito 2008).
 const COLORS: [[u8; 4]; 4] = [[0, 0, 0, 0], [230, 159, 0, 255], [0, 114, 178, 255], [210, 210, 210, 255]];
 
-/// `labels.png`, indexed colour of 8 bits, whose values are
+/// `labels.png` of a pair, indexed colour of 8 bits:
 ///
 /// | value | meaning |
 /// | --- | --- |
 /// | 0 | V is not valid |
-/// | 1 | I1 is the sharper: V > σ |
-/// | 2 | I2 is the sharper: V < -σ |
-/// | 3 | undecided, \|V\| ≤ σ: both are as sharp, or the images say nothing |
+/// | 1 | I1 is sharper: V > σ |
+/// | 2 | I2 is sharper: V < -σ |
+/// | 3 | undecided, \|V\| ≤ σ |
 ///
 /// with σ the standard deviation of V.
 pub fn labels(solution: &Solution) -> Extra<'_> {
-    Extra::new(NAME, |writer| {
+    Extra::new(NAME, |_, writer| {
         let values = solution.relative_blur.iter().zip(&solution.uncertainty);
         let bytes: Vec<u8> = values.map(|(&v, &sigma)| label(v, sigma)).collect();
-        write(writer, (solution.width, solution.height), &bytes, &COLORS, &MEANING)
+        write(writer, (solution.width, solution.height), &bytes, &COLORS, &description::LABELS)
     })
 }
 
-/// `labels.png` of a sweep: 0 where the focus is not known, else the frame that is focused next to it, counted from 1; in
-/// colours from the nearest to the farthest.
-///
-/// # Errors
-/// [`Error::Mismatch`]: more than 255 frames.
-pub fn sweep_labels(sweep: &Sweep, nearer: Nearer, palette: Palette) -> Result<Extra<'_>, Error> {
-    let frames = sweep.positions.len();
-    if frames > MOST_LABELS {
-        return Err(Error::Mismatch(format!("labels.png tells {MOST_LABELS} frames apart, and there are {frames}")));
-    }
-    let nearness = |n: usize| {
-        let t = n as f64 / (frames - 1).max(1) as f64;
-        if nearer == Nearer::First { 1.0 - t } else { t }
-    };
-    let of_frames = (0..frames).map(|n| {
-        let [r, g, b] = palette.color(nearness(n));
-        [r, g, b, 255]
-    });
-    let colors: Vec<[u8; 4]> = COLORS[..1].iter().copied().chain(of_frames).collect();
-    Ok(Extra::new(NAME, move |writer| {
-        let bytes: Vec<u8> = sweep.focus.iter().map(|&u| nearest(u, &sweep.positions)).collect();
-        write(writer, (sweep.width, sweep.height), &bytes, &colors, &SWEEP_MEANING)
-    }))
+/// `labels.png` of a sweep: the frame focused nearest to the pixel's focus, counted from 1, in colours from the nearest to the
+/// farthest frame; 0 where the focus is not known.
+pub fn sweep_labels<'a>(palette: Palette) -> Extra<'a> {
+    Extra::new(NAME, move |results, writer| {
+        let (positions, nearer) = (results.positions(), results.report.nearer());
+        let count = positions.len();
+        if count > MOST_LABELS {
+            return Err(format!("{count} frames, of which 8 bits can label {MOST_LABELS}"));
+        }
+        let color = |n: usize| {
+            let t = n as f64 / (count - 1).max(1) as f64;
+            let [r, g, b] = palette.color(if nearer == Nearer::First { 1.0 - t } else { t });
+            [r, g, b, 255]
+        };
+        let colors: Vec<[u8; 4]> = COLORS[..1].iter().copied().chain((0..count).map(color)).collect();
+        let bytes: Vec<u8> = results.values().iter().map(|&u| nearest(u, &positions)).collect();
+        write(writer, results.size(), &bytes, &colors, &description::SWEEP_LABELS)
+    })
 }
 
-/// The number, from 1, of the position next to a setting; 0 for NaN.
+/// The number, from 1, of the position nearest to a setting; 0 for NaN.
 fn nearest(u: f32, positions: &[f64]) -> u8 {
     let off = |n: &usize| (positions[*n] - f64::from(u)).abs();
     let next = (0..positions.len()).filter(|n| off(n).is_finite()).min_by(|a, b| off(a).total_cmp(&off(b)));
@@ -83,12 +72,12 @@ fn write(
     size: (u32, u32),
     labels: &[u8],
     colors: &[[u8; 4]],
-    meaning: &Meaning,
+    description: &Description,
 ) -> Result<(), String> {
-    let mut encoder = picture::encoder(writer, size, meaning)?;
+    let mut encoder = png_file::encoder(writer, size, description)?;
     encoder.set_palette(colors.iter().flat_map(|c| &c[..3]).copied().collect::<Vec<u8>>());
     encoder.set_trns(colors.iter().map(|c| c[3]).collect::<Vec<u8>>());
-    picture::finish(encoder, ColorType::Indexed, &Stored::Bytes(labels))
+    png_file::finish(encoder, ColorType::Indexed, &Pixels::Bytes(labels))
 }
 
 fn label(v: f32, sigma: f32) -> u8 {
@@ -100,18 +89,46 @@ fn label(v: f32, sigma: f32) -> u8 {
     }
 }
 
+/// Writes `frames.png`: the frame that each pixel of the fused image is from, counted from 1; 8-bit grey, for more than 255 frames
+/// 16-bit grey.
+pub(super) fn write_frames(writer: impl Write, results: &Results<'_>) -> Result<(), String> {
+    let bytes: Result<Vec<u8>, _> = results.frames.iter().map(|frame| u8::try_from(*frame)).collect();
+    let pixels = bytes.as_ref().map_or(Pixels::Words(results.frames), |bytes| Pixels::Bytes(bytes));
+    png_file::write(writer, results.size(), ColorType::Grayscale, &pixels, &FRAMES)
+}
+
+/// Writes `beyond.png`: 1 before the first frame, 2 beyond the last, else 0; 8-bit grey.
+pub(super) fn write_beyond(writer: impl Write, results: &Results<'_>) -> Result<(), String> {
+    let side = |side: &i8| if *side < 0 { 1 } else { 2 * u8::from(*side > 0) };
+    let bytes: Vec<u8> = results.beyond.iter().map(side).collect();
+    png_file::write(writer, results.size(), ColorType::Grayscale, &Pixels::Bytes(&bytes), &BEYOND)
+}
+
+/// Reads `beyond.png`: width and height, and the side of each pixel, -1, 0 or 1.
+///
+/// # Errors
+/// [`Error::File`].
+pub(super) fn read_beyond(path: &Path) -> Result<([u32; 2], Vec<i8>), Error> {
+    let picture = image_io::read(path)?;
+    let Samples::U8(bytes) = picture.samples() else {
+        return Err(Error::file(path, "does not have 8 bits per sample; solve the sweep again"));
+    };
+    let sides = bytes.iter().map(|byte| i8::from(*byte == 2) - i8::from(*byte == 1)).collect();
+    Ok(([picture.width(), picture.height()], sides))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn a_label_needs_more_than_a_deviation() {
+    fn a_label_needs_more_than_a_standard_deviation() {
         let found = [(f32::NAN, f32::NAN), (2.0, 1.0), (-2.0, 1.0), (1.0, 1.0), (-0.5, 1.0), (100.0, 1000.0)];
         assert_eq!(found.map(|(v, sigma)| label(v, sigma)), [0, 1, 2, 3, 3, 3]);
     }
 
     #[test]
-    fn of_a_sweep_it_is_the_nearest_frame() {
+    fn a_pixel_of_a_sweep_has_the_label_of_the_nearest_frame() {
         let positions = [4.0, 3.0, 1.0];
         assert_eq!([9.0, 3.4, 2.1, 1.9, f32::NAN, f32::INFINITY].map(|u| nearest(u, &positions)), [1, 2, 2, 3, 0, 0]);
     }

@@ -1,108 +1,289 @@
-//! A registration as JSON: fields named as in `report.json`, so that [`read_transform`](super::read_transform) takes it.
+//! Registrations from files, and photographs that are moved by one, to files.
 
-use std::io::Write;
+use std::io::{ErrorKind, Seek, Write};
+use std::path::Path;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use super::destination::Destination;
-use super::json;
-use super::kind::FileKind;
-use super::report::{DeviceReport, LevelReport, ShadingReport, SizeReport, TimingsReport};
+use super::description::{INTENSITY, PHOTOGRAPH};
+use super::destination::{Destination, FileKind};
+use super::exr_file;
+use super::fused::color_type;
+use super::png_file::{self, Pixels};
+use super::report::{Report, ShadingReport, SizeReport, with_header, write_json_to};
+use super::results::MAX_BYTES;
 use super::single::write_file;
-use crate::base::{DeviceInfo, Error, Homography, Method, Photometric, Settings};
-use crate::engine::{OtherMotion, Registered};
-use crate::files::image_io::{self, Input, Values};
+use super::staging::Staging;
+use crate::base::{Brightness, Decode, Depth, Error, Frame, Homography, Photometric, Region, Samples, Settings};
+use crate::files::bounded_read;
+use crate::files::image_io::Values;
 
-/// The report of one registration.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct RegistrationReport {
-    /// Version of parfocal that wrote it.
-    pub version: &'static str,
-    /// T: I2(T x) lines up with I1(x).
-    pub transform: Homography,
-    /// What maps I2 onto I1.
-    pub photometric: Photometric,
-    /// How the gain varies over I2.
-    pub shading: ShadingReport,
-    /// Another motion model that would do, where there is one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub other_motion: Option<OtherMotion>,
-    /// The method that ran.
-    pub method: Method,
-    /// What was asked.
-    pub settings: Settings,
-    /// How stored values became intensities, and on whose word.
-    pub values: Values,
-    /// Size of the images.
-    pub size: SizeReport,
-    /// Coarse to fine.
-    pub levels: Vec<LevelReport>,
-    /// Whether the registration settled on an answer that the images support.
-    pub converged: bool,
-    /// What the user should know; a sentence each.
-    pub warnings: Vec<String>,
-    /// What it ran on.
-    pub device: DeviceReport,
-    /// Whether it ran under the validation layer.
-    pub validated: bool,
-    /// The files of I1 and I2; empty where the frames did not come from files.
-    pub inputs: Vec<Input>,
-    /// Where the time went.
-    pub timings_ms: TimingsReport,
+/// What a file with a registration holds, for error messages.
+const SHAPE: &str =
+    "parfocal reads a report.json or {\"tx_px\", \"ty_px\", \"rotation_deg\", \"scale\"}, perhaps with \"matrix\"";
+
+/// The registration of a pair or a focus sweep, from a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Registration {
+    /// The frames in the order in which their files were passed.
+    pub frames: Vec<FrameRegistration>,
+    /// Index of the reference.
+    pub reference: usize,
+    /// Width and height of the frames.
+    pub size: Option<[u32; 2]>,
+    /// The part of the reference that the results cover.
+    pub region: Option<Region>,
+    /// How stored values became intensities.
+    pub decode: Decode,
 }
 
-impl RegistrationReport {
-    /// Gathers the report of a registration.
-    pub fn new(registered: &Registered, settings: &Settings, device: &DeviceInfo) -> Self {
-        Self {
-            version: env!("CARGO_PKG_VERSION"),
-            transform: registered.transform,
-            photometric: registered.photometric,
-            shading: ShadingReport::of(&registered.brightness()),
-            other_motion: registered.other_motion,
-            method: settings.method,
-            settings: settings.clone(),
-            values: Values::stated(settings.decode),
-            size: SizeReport { width: registered.width, height: registered.height },
-            levels: registered.levels.iter().map(LevelReport::from).collect(),
-            converged: registered.converged,
-            warnings: registered.warnings.clone(),
-            device: device.into(),
-            validated: false,
-            inputs: Vec::new(),
-            timings_ms: (&registered.timings).into(),
-        }
-    }
+/// The registration of a frame to the reference.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "StatedFrame")]
+pub struct FrameRegistration {
+    /// T: the reference's pixel x lies at T x in this frame.
+    pub transform: Homography,
+    /// Gain and offset, where stated.
+    pub photometric: Option<Photometric>,
+    /// Variation of the gain, where stated.
+    pub shading: Option<ShadingReport>,
+}
 
-    /// Adds which files were read, and what they give to warn of; and whether the validation layer watched.
-    pub fn of(&mut self, inputs: Vec<Input>, validated: bool) {
-        self.warnings.extend(image_io::pair_warnings(&inputs, self.settings.decode));
-        (self.inputs, self.validated) = (inputs, validated);
+impl FrameRegistration {
+    /// Gain, offset and shading, where gain and offset are stated, of a frame of this size.
+    pub fn brightness(&self, size: [u32; 2]) -> Option<Brightness> {
+        let unchanged = Brightness::identity(size);
+        let photometric = self.photometric?;
+        Some(self.shading.map_or(Brightness { photometric, ..unchanged }, |shading| shading.with(photometric)))
     }
+}
 
-    /// As text, without a newline at its end.
+/// A frame in a file.
+#[derive(Deserialize)]
+struct StatedFrame {
+    transform: Homography,
+    gain: Option<f64>,
+    offset: Option<f64>,
+    shading: Option<ShadingReport>,
+}
+
+impl TryFrom<StatedFrame> for FrameRegistration {
+    type Error = String;
+
+    /// Refuses a registration that no solve could start from.
+    fn try_from(stated: StatedFrame) -> Result<Self, String> {
+        let StatedFrame { transform, gain, offset, shading } = stated;
+        let photometric = gain.zip(offset).map(|(gain, offset)| Photometric { gain, offset });
+        let start_photometric = photometric.unwrap_or_default();
+        let settings = Settings { start: transform, start_photometric, ..Settings::default() };
+        settings.check().map_err(|e| format!("cannot be started from: {e}"))?;
+        Ok(Self { transform, photometric, shading })
+    }
+}
+
+/// The keys of a report that a registration needs.
+#[derive(Deserialize)]
+struct Stated {
+    frames: Vec<FrameRegistration>,
+    #[serde(default)]
+    order: Vec<usize>,
+    #[serde(default)]
+    reference: usize,
+    photograph: Option<SizeReport>,
+    size: Option<SizeReport>,
+    region: Option<Region>,
+    values: Option<Values>,
+}
+
+impl Registration {
+    /// Reads a registration: any report with `frames`, a single frame of one, or the transform of a frame, perhaps with `gain` and
+    /// `offset`. A single frame is the second of a pair.
     ///
     /// # Errors
-    /// None is known; serde_json's signature allows one.
-    pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        json::to_string(self)
+    /// [`Error::File`] if the file cannot be read, does not hold a registration, or a value is out of range.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let text = bounded_read::text(path, MAX_BYTES).map_err(|e| match e.kind() {
+            ErrorKind::FileTooLarge => format!("is too long for a transform; {SHAPE}"),
+            _ => format!("cannot be read as a transform ({e}); check the path"),
+        });
+        text.and_then(|text| parse(&text)).map_err(|problem| Error::file(path, problem))
+    }
+
+    /// The second frame of a pair; `None` for a sweep.
+    pub fn second(&self) -> Option<&FrameRegistration> {
+        if self.frames.len() == 2 { self.frames.get(1 - self.reference) } else { None }
     }
 }
 
-/// Writes a registration into a file; its folder is made if it is missing. An earlier registration is replaced, another
-/// file only where the [`Destination`] forces it; on failure it stays as it was.
-///
-/// # Errors
-/// [`Error::File`].
-pub fn write_registration<'d>(file: impl Into<Destination<'d>>, report: &RegistrationReport) -> Result<(), Error> {
-    write_json(file, FileKind::Registration, report)
+fn parse(text: &str) -> Result<Registration, String> {
+    let mut file: Value = serde_json::from_str(text).map_err(|e| format!("is not JSON ({e}); {SHAPE}"))?;
+    let unusable = |e: serde_json::Error| format!("holds no transform that can be used ({e}); {SHAPE}");
+    if file.get("frames").is_some() {
+        let stated = Stated::deserialize(&file).map_err(unusable)?;
+        return stated.registration().map_err(|problem| format!("holds no registration ({problem}); {SHAPE}"));
+    }
+    if file.get("transform").is_none() && file.is_object() {
+        let transform = file.clone();
+        file["transform"] = transform;
+    }
+    let second = FrameRegistration::deserialize(file).map_err(unusable)?;
+    let first = FrameRegistration { transform: Homography::IDENTITY, photometric: None, shading: None };
+    Ok(Registration { frames: vec![first, second], reference: 0, size: None, region: None, decode: Decode::None })
 }
 
-/// Writes anything of a kind that is JSON into a file, as [`write_registration`] does.
+impl Stated {
+    /// The registration, with frames in the order in which their files were passed.
+    fn registration(self) -> Result<Registration, String> {
+        let Self { mut frames, order, mut reference, .. } = self;
+        let count = frames.len();
+        if count < 2 || reference >= count {
+            return Err(format!("{count} frames, the reference {reference}"));
+        }
+        if order.len() == count {
+            let mut passed: Vec<usize> = (0..count).collect();
+            passed.sort_by_key(|n| order[*n]);
+            frames = passed.iter().map(|n| frames[*n]).collect();
+            reference = passed.iter().position(|n| *n == reference).unwrap_or(reference);
+        }
+        Ok(Registration {
+            frames,
+            reference,
+            size: self.photograph.or(self.size).map(Into::into),
+            region: self.region,
+            decode: self.values.map_or(Decode::None, |values| values.decode),
+        })
+    }
+}
+
+/// Writes a value as a JSON file that states its kind; the folder of the file is created if it is missing. A file of the same kind is
+/// replaced, another file only if the [`Destination`] forces it. After a failure the earlier file stands.
 ///
 /// # Errors
 /// [`Error::File`].
 pub fn write_json<'d>(file: impl Into<Destination<'d>>, kind: FileKind, value: &impl Serialize) -> Result<(), Error> {
-    let text = serde_json::to_string_pretty(value).map_err(|e| e.to_string());
-    write_file(file.into(), kind, |w| text.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))
+    write_file(file.into(), kind, |w| match kind.report() {
+        Some(report) => write_json_to(w, &with_header(report, value)),
+        None => write_json_to(w, value),
+    })
+}
+
+/// Writes the report of a registration into a file; what is replaced is as for [`write_json`].
+///
+/// # Errors
+/// [`Error::File`].
+pub fn write_report<'d>(file: impl Into<Destination<'d>>, report: &Report) -> Result<(), Error> {
+    write_file(file.into(), FileKind::Registration, |w| write_json_to(w, report))
+}
+
+/// Ending of the file of a moved photograph: PNG for integers, EXR for floats.
+pub fn registered_ending(depth: Depth) -> &'static str {
+    if depth == Depth::F32 { "exr" } else { "png" }
+}
+
+/// Kind of that file.
+pub fn registered_kind(depth: Depth) -> FileKind {
+    if depth == Depth::F32 { FileKind::Exr } else { FileKind::Png }
+}
+
+/// Writes moved photographs, all of this depth, into files of these names: all or none. Integers become PNG, floats EXR. The folder is
+/// created if it is missing. Files of parfocal are replaced, others only if the [`Destination`] forces it. One photograph at a time is
+/// in memory.
+///
+/// # Errors
+/// [`Error::File`]; errors of the frames.
+pub fn write_registered<'d, E: From<Error>>(
+    folder: impl Into<Destination<'d>>,
+    depth: Depth,
+    frames: impl Iterator<Item = Result<(String, Frame), E>>,
+) -> Result<(), E> {
+    let mut staging = Staging::of_kind(folder.into(), registered_kind(depth))?;
+    for frame in frames {
+        let (name, frame) = frame?;
+        staging.add(&name, |w| write(w, &frame))?;
+    }
+    Ok(staging.place()?)
+}
+
+fn write(writer: impl Write + Seek, frame: &Frame) -> Result<(), String> {
+    let size = (frame.width(), frame.height());
+    let channels = frame.format().channels;
+    let color = color_type(channels);
+    match frame.samples() {
+        Samples::U8(bytes) => png_file::write(writer, size, color, &Pixels::Bytes(bytes), &PHOTOGRAPH),
+        Samples::U16(words) => png_file::write(writer, size, color, &Pixels::Words(words), &PHOTOGRAPH),
+        Samples::F32(values) => exr_file::write_image(writer, size, channels, values, &INTENSITY),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const T: &str = r#"{"tx_px": 1.5, "ty_px": -2, "rotation_deg": 90, "scale": 1.07}"#;
+
+    fn second(text: &str) -> FrameRegistration {
+        *parse(text).unwrap().second().unwrap()
+    }
+
+    #[test]
+    fn a_transform_a_frame_and_a_report_are_read() {
+        let found = second(T);
+        assert_eq!((found.transform.translation(), found.photometric), ([1.5, -2.0], None));
+        assert!(
+            (found.transform.rotation_deg() - 90.0).abs() < 1e-12 && (found.transform.scale() - 1.07).abs() < 1e-12
+        );
+        assert_eq!(second(&format!(r#"{{"transform": {T}, "shading": null}}"#)), found);
+        let bright = Some(Photometric { gain: 1.1, offset: -0.02 });
+        let frame = format!(r#"{{"transform": {T}, "gain": 1.1, "offset": -0.02}}"#);
+        assert_eq!(second(&frame), FrameRegistration { photometric: bright, ..found });
+        assert_eq!(second(&T.replace('}', r#", "gain": 1.1, "offset": -0.02}"#)).photometric, bright);
+        let report =
+            format!(r#"{{"frames": [{frame}, {{"transform": {T}}}, {frame}], "order": [2, 0, 1], "reference": 1}}"#);
+        let sweep = parse(&report).unwrap();
+        assert_eq!((sweep.frames.len(), sweep.reference, sweep.second()), (3, 0, None));
+        assert_eq!((sweep.frames[0].photometric, sweep.frames[2].photometric), (None, bright));
+        let matrix = [[1.1, 0.02, 1.5], [0.0, 1.0, -2.0], [1e-5, 0.0, 1.0]];
+        let homography = Homography::from_matrix(matrix).unwrap();
+        let stored = serde_json::to_string(&homography).unwrap();
+        assert!(stored.contains("\"matrix\":[[1.1,0.02,1.5]"), "{stored}");
+        assert_eq!(second(&stored).transform, homography);
+    }
+
+    #[test]
+    fn an_unusable_file_says_why() {
+        let cases = [
+            ("", "is not JSON"),
+            ("[1, 2]", "no transform"),
+            ("7", "no transform"),
+            (r#"{"tx_px": 1, "ty_px": 1, "rotation_deg": 0}"#, "scale"),
+            (r#"{"tx_px": null, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "null"),
+            (r#"{"tx_px": 1e999, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "is not JSON"),
+            (r#"{"tx_px": 0, "ty_px": 1, "rotation_deg": 0, "scale": 0}"#, "scale is 0"),
+            (
+                r#"{"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1, "matrix": [[1,0,0],[0,-1,0],[0,0,1]]}"#,
+                "has no inverse, or mirrors",
+            ),
+            (
+                r#"{"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1, "matrix": [[1,0,0],[0,1,0],[1,0,1]]}"#,
+                "perspective along x is 1",
+            ),
+            (r#"{"tx_px": 1e6, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "translation x is 1000000"),
+            (r#"{"frames": []}"#, "0 frames"),
+        ];
+        for (text, expected) in cases {
+            let problem = parse(text).unwrap_err();
+            assert!(problem.contains(expected), "{text}: {problem}");
+        }
+        let dark = format!(r#"{{"transform": {T}, "gain": 0, "offset": 0}}"#);
+        assert!(parse(&dark).unwrap_err().contains("gain is 0"));
+        let bad_shading = format!(r#"{{"transform": {T}, "shading": {{"range": [1, 1], "coefficients": [0.1]}}}}"#);
+        assert!(parse(&bad_shading).unwrap_err().contains("no transform that can be used"));
+    }
+
+    #[test]
+    fn a_missing_file_is_named() {
+        let message = Registration::read(Path::new("no/such.json")).unwrap_err().to_string();
+        assert!(message.starts_with("no/such.json: "), "{message}");
+    }
 }

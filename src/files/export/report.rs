@@ -1,321 +1,457 @@
-//! `report.json`: what was asked, what came out, and what it took. Scripts read it: fields may be added, not renamed.
+//! `report.json`: what results are of, what they hold, and how they were made.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::io::{self, Write};
 
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
+use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
+use serde_json::{Map, Value};
 
-use super::depth16::Depth16Report;
-use super::hashes::{Hash, Hashes};
+use super::arrays::Depth16Report;
+use super::description::Description;
+use super::hashes::Hash;
 use super::measurements::Measurements;
-use super::ranks::Ranks;
-use super::{Nearer, Texture, json};
-use crate::base::{Brightness, DeviceInfo, Homography, Lens, Method, Photometric, Region, Settings, Shading};
-use crate::engine::{LevelHistory, OtherMotion, Solution, Timings};
+use super::results::UNITS;
+use super::scale::{Nearer, Quantiles};
+use crate::base::{Brightness, DeviceInfo, Error, Homography, Lens, Method, Photometric, Region, Settings, Shading};
+use crate::engine::{LevelHistory, OtherMotion, Registered, Solution, Timings};
 use crate::files::image_io::{self, Input, Values};
-use crate::metric::MetricDepth;
+use crate::solve::focus_stack::{Positions, RegisteredSweep, Sweep, SweepDepth};
 
-/// The report of one solve. A quantity that no valid pixel supports is `null`.
+/// The report of results.
+pub const REPORT_FILE: &str = "report.json";
+
+/// The value of `program` in every JSON file of parfocal.
+pub(super) const PROGRAM: &str = "parfocal";
+
+/// The version of this program.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// What a JSON file of parfocal is the report of; its key is `kind`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// The solve of a pair.
+    Pair,
+    /// The solve of a focus sweep.
+    Sweep,
+    /// The registration of a pair or a focus sweep.
+    Registration,
+    /// A synthetic pair or focus sweep, with its truth.
+    Simulation,
+    /// A batch of pairs and focus sweeps.
+    Batch,
+    /// The inspection of a part.
+    Inspection,
+    /// A calibrated lens.
+    Lens,
+    /// A benchmark.
+    Bench,
+    /// An evaluation of the program.
+    Evaluation,
+}
+
+impl Kind {
+    /// The kind that a JSON file states; `None` for a file of another program.
+    pub(crate) fn of(file: &Value) -> Option<Self> {
+        (file.get("program")? == PROGRAM).then(|| Self::deserialize(file.get("kind")?).ok()).flatten()
+    }
+}
+
+/// The first keys of a JSON file of parfocal.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Header {
+    program: &'static str,
+    kind: Kind,
+}
+
+impl Header {
+    /// Header of a file of this kind.
+    pub fn new(kind: Kind) -> Self {
+        Self { program: PROGRAM, kind }
+    }
+}
+
+/// The report of a pair, a focus sweep or a registration. A quantity that no valid pixel supports is `null`; a key that does
+/// not apply is absent. Keys may be added, not renamed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
+    /// "parfocal".
+    pub program: Cow<'static, str>,
+    /// What the report is of.
+    pub kind: Kind,
     /// Version of parfocal that wrote it.
-    pub version: &'static str,
-    /// T: I2(T x) lines up with I1(x).
-    pub transform: Homography,
-    /// What maps I2 onto I1.
-    pub photometric: Photometric,
-    /// How the gain varies over I2.
-    pub shading: ShadingReport,
-    /// Smoothness α of the finest level, as asked or as found.
-    pub regularization: f64,
-    /// Where the kernel was to be found: 0 is a Gaussian, 1 a disk.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub kernel_shape: Option<f64>,
-    /// Another motion model that would do, where there is one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub other_motion: Option<OtherMotion>,
-    /// The method that ran.
+    pub version: Cow<'static, str>,
+    /// I1 and I2 of a pair; the frames of a sweep in the order of their focus.
+    pub frames: Vec<FrameReport>,
+    /// Index of the frame whose pixels the results have, from 0.
+    pub reference: usize,
+    /// Index of each frame among the files that were passed, from 0; empty for a pair.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub order: Vec<usize>,
+    /// The files that hold a value for each pixel.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub fields: Vec<FieldReport>,
+    /// Method of the solve.
     pub method: Method,
-    /// What was asked.
+    /// Settings of the solve.
     pub settings: Settings,
-    /// How stored values became intensities, and on whose word.
+    /// How stored values became intensities.
     pub values: Values,
     /// Size of the results.
     pub size: SizeReport,
-    /// Size of the photographs, about whose centre T is stated.
+    /// Size of the frames, about whose centre the transforms are stated.
     pub photograph: SizeReport,
-    /// The part of I1 that the results are of.
+    /// The part of the reference frame that the results cover.
     pub region: Region,
-    /// Where there is nothing to tell V by.
-    pub texture: TextureReport,
-    /// Whether the field curvature that a flat reference shows was taken from V.
+    /// Pyramid levels of a pair, coarse to fine.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub levels: Option<Vec<LevelReport>>,
+    /// Whether the finest level of a pair settled on an answer that the images support.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub converged: Option<bool>,
+    /// Another motion model that would do, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub other_motion: Option<OtherMotion>,
+    /// Smoothness α of the finest level of a pair, as set or as found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub regularization: Option<f64>,
+    /// The kernel's shape where it was found: 0 is a Gaussian, 1 a disk.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kernel_shape: Option<f64>,
+    /// Range of V of a pair, px².
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relative_blur: Option<RangeReport>,
+    /// Range of the focus of a sweep, in `focus_unit`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focus: Option<RangeReport>,
+    /// Unit of the positions of a sweep: "settings", "1/m" where focus distances are known, "mm" for a stage.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focus_unit: Option<Cow<'static, str>>,
+    /// Growth of the blur of a sweep with the squared distance from the focus, px² per squared `focus_unit`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blur_rate_px2: Option<f64>,
+    /// Fraction of the pixels that are valid.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub valid_fraction: Option<f64>,
+    /// Mean confidence of the valid pixels of a pair.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mean_confidence: Option<f64>,
+    /// Fraction of the valid pixels of a pair at the limit of |V|.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub saturated_fraction: Option<f64>,
+    /// Pixels of a sweep that no frame has in focus.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub never_in_focus: Option<NeverReport>,
+    /// Pixels of a pair that lack texture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub texture: Option<TextureReport>,
+    /// Whether the field curvature of a flat reference was subtracted from V.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub flattened: bool,
-    /// Coarse to fine.
-    pub levels: Vec<LevelReport>,
-    /// Whether the finest level settled on an answer that the images support.
-    pub converged: bool,
-    /// V over the valid pixels.
-    pub relative_blur: RangeReport,
-    /// Fraction of pixels whose whole blur window lies inside both images.
-    pub valid_fraction: f64,
-    /// Mean confidence of the valid pixels.
-    pub mean_confidence: f64,
-    /// Fraction of the valid pixels at the limit of |V|.
-    pub saturated_fraction: f64,
-    /// Which image was taken to be focused nearer, 1 or 2.
-    pub nearer: u8,
-    /// On whose word: "lens", "distances", "stated" or "assumed".
-    pub nearer_by: &'static str,
-    /// Depth in mm, where the lens is known.
+    /// Whether the first (1) or the last (2) frame is focused nearest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nearer: Option<u8>,
+    /// Why: by the lens, by the focus distances, as stated by the user, or assumed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nearer_by: Option<NearerBy>,
+    /// Depth in mm, where it is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthReport>,
-    /// What the samples of `depth16.png` and `depth16.tiff` mean, where they were asked for.
+    /// Scale of `depth16.png` and `depth16.tiff`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth16: Option<Depth16Report>,
-    /// How the surface was made for other programs, where it was asked for.
+    /// How the exported surface was made.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<SurfaceReport>,
-    /// What was asked to be measured.
+    /// Step heights and profiles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measurements: Option<Measurements>,
     /// What the user should know; a sentence each.
     pub warnings: Vec<String>,
-    /// What it ran on.
+    /// The device that solved.
     pub device: DeviceReport,
-    /// Whether it ran under the validation layer.
+    /// Whether the Khronos validation layer was enabled.
     pub validated: bool,
-    /// SHA-256 of the version, settings and flags, by which `batch --resume` knows a solve again; empty where a program
-    /// did not set it.
+    /// SHA-256 of version, settings and flags, which `batch --resume` compares; empty where a program did not set it.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub request: String,
-    /// The files that belong to it, itself among them; [`write()`](super::write()) sees to it. A later run replaces and
-    /// removes these and no others.
-    pub files: Vec<String>,
-    /// Size and hash of each of them but the report.
-    pub hashes: BTreeMap<String, Hash>,
-    /// The files of I1 and I2; empty where the frames did not come from files.
+    /// The photographs' files; empty where the frames did not come from files.
     pub inputs: Vec<Input>,
-    /// Where the time went.
+    /// The files of the results, the report among them. A later run replaces and removes these and no others.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub files: Vec<String>,
+    /// Size and hash of each file but the report.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub hashes: BTreeMap<String, Hash>,
+    /// Durations.
     pub timings_ms: TimingsReport,
 }
 
-/// Pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// A frame and its registration to the reference.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameReport {
+    /// Its file as passed; empty where it did not come from a file.
+    pub file: String,
+    /// T: the reference's pixel x lies at T x in this frame.
+    pub transform: Homography,
+    /// `gain` and `offset`, which map its intensities to the reference's.
+    #[serde(flatten)]
+    pub photometric: Photometric,
+    /// Variation of the gain over the frame.
+    pub shading: ShadingReport,
+    /// Focus setting of a frame of a sweep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position: Option<f64>,
+    /// Focus distance, or place along the axis of a stage, mm, as stated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focus_mm: Option<f64>,
+}
+
+impl FrameReport {
+    fn new(transform: Homography, brightness: &Brightness) -> Self {
+        let (photometric, shading) = (brightness.photometric, ShadingReport::of(brightness));
+        Self { file: String::new(), transform, photometric, shading, position: None, focus_mm: None }
+    }
+
+    /// I1, which is the reference, and I2.
+    fn pair(photograph: [u32; 2], transform: Homography, brightness: &Brightness) -> Vec<Self> {
+        let first = Self::new(Homography::IDENTITY, &Brightness::identity(photograph));
+        vec![first, Self::new(transform, brightness)]
+    }
+
+    /// The frames of a sweep; `files` are in the order in which they were passed.
+    fn sweep(found: &RegisteredSweep, files: &[String]) -> Vec<Self> {
+        let frame = |(n, file): (usize, &usize)| Self {
+            file: files.get(*file).cloned().unwrap_or_default(),
+            position: Some(found.positions[n]),
+            focus_mm: found.stated.millimetres().map(|at| at[n]),
+            ..Self::new(found.transforms[n], &found.brightness[n])
+        };
+        found.order.iter().enumerate().map(frame).collect()
+    }
+
+    /// Gain, offset and shading.
+    pub fn brightness(&self) -> Brightness {
+        self.shading.with(self.photometric)
+    }
+}
+
+/// A file that holds a value for each pixel.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FieldReport {
+    /// Name of the field.
+    pub name: Cow<'static, str>,
+    /// Its file.
+    pub file: Cow<'static, str>,
+    /// Unit of its values, ASCII.
+    pub unit: Cow<'static, str>,
+    /// What its values mean.
+    pub meaning: Cow<'static, str>,
+}
+
+impl FieldReport {
+    pub(super) fn new(name: &'static str, file: &'static str, description: &Description) -> Self {
+        let (unit, meaning) = (description.units.clone(), description.comments.clone());
+        Self { name: name.into(), file: file.into(), unit, meaning }
+    }
+}
+
+/// Width and height, px.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SizeReport {
-    /// Pixels a row.
+    /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
 }
 
-/// How the gain of a photograph varies with the place on it.
+impl From<[u32; 2]> for SizeReport {
+    fn from([width, height]: [u32; 2]) -> Self {
+        Self { width, height }
+    }
+}
+
+impl From<SizeReport> for [u32; 2] {
+    fn from(size: SizeReport) -> Self {
+        [size.width, size.height]
+    }
+}
+
+/// Variation of the gain over a photograph.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ShadingReport {
-    /// Least and greatest factor; on average it is 1.
+    /// Least and greatest factor; their mean over the photograph is 1.
     pub range: [f64; 2],
-    /// Of a polynomial, as [`Shading`] has them.
+    /// Coefficients of the polynomial of [`Shading`].
     pub coefficients: [f64; Shading::TERMS],
-    /// The part of the photograph that it is stated over, px.
+    /// The part of the photograph that the polynomial is defined over, px.
     pub region: Region,
 }
 
 impl ShadingReport {
-    /// In numbers.
+    /// Shading of a frame.
     pub fn of(brightness: &Brightness) -> Self {
         let Brightness { shading, part, .. } = brightness;
         Self { range: shading.range(), coefficients: shading.coefficients, region: *part }
     }
 
-    /// What it says, with gain and offset.
+    /// Brightness of this shading, gain and offset.
     pub fn with(&self, photometric: Photometric) -> Brightness {
         let shading = Shading { coefficients: self.coefficients };
         Brightness { photometric, shading, part: self.region }
     }
 
-    /// Whether it is worth a word: more than two hundredths either way.
-    pub fn is_worth_telling(&self) -> bool {
+    /// Whether the gain varies by more than 2 % either way.
+    pub fn is_significant(&self) -> bool {
         self.range.iter().any(|factor| (factor - 1.0).abs() > 0.02)
     }
 }
 
-/// Pixels marked as without texture.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+/// Pixels of a pair that are marked as lacking texture.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TextureReport {
     /// Standard deviation of V beyond which a pixel is marked, px².
     pub max_uncertainty_px2: f32,
-    /// Fraction of all pixels that are.
+    /// Fraction of all pixels that are marked.
     pub marked_fraction: f64,
 }
 
 impl TextureReport {
-    /// In numbers.
-    pub fn of(texture: &Texture) -> Self {
-        Self { max_uncertainty_px2: texture.max_uncertainty, marked_fraction: texture.marked_fraction() }
+    /// The least limit, px².
+    const LEAST: f32 = 1.0;
+
+    /// Marks pixels whose standard deviation exceeds half of the range from the 1st to the 99th percentile of V, and 1 px²: they
+    /// cannot tell which half of the range they are in.
+    pub fn of(solution: &Solution) -> Self {
+        let mut quantiles = Quantiles::of(&solution.relative_blur);
+        let max = match [0.01, 0.99].map(|p| quantiles.at(p)) {
+            [Some(low), Some(high)] => (0.5 * (high - low)).max(Self::LEAST),
+            _ => Self::LEAST,
+        };
+        Self::beyond(max, &solution.uncertainty)
+    }
+
+    /// Marks pixels whose standard deviation exceeds this limit, px².
+    pub fn beyond(max_uncertainty_px2: f32, uncertainty: &[f32]) -> Self {
+        let mut report = Self { max_uncertainty_px2, marked_fraction: 0.0 };
+        let marked = report.marked(uncertainty).iter().filter(|marked| **marked).count();
+        report.marked_fraction = marked as f64 / uncertainty.len().max(1) as f64;
+        report
+    }
+
+    /// The marked pixels.
+    pub(super) fn marked(&self, uncertainty: &[f32]) -> Vec<bool> {
+        uncertainty.iter().map(|&deviation| deviation > self.max_uncertainty_px2).collect()
     }
 }
 
-/// What one pyramid level did.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// One pyramid level.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LevelReport {
-    /// Pixels a row.
+    /// Pixels per row.
     pub width: u32,
     /// Rows.
     pub height: u32,
     /// Outer iterations done.
     pub iterations: usize,
-    /// Energy per valid pixel, one for each iteration.
-    pub energy: Vec<f64>,
+    /// Energy per valid pixel after each iteration.
+    pub energy: Vec<Option<f64>>,
 }
 
-/// V over the valid pixels, px².
+/// Range of a field over its valid pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RangeReport {
-    /// Least.
+    /// Least value.
     pub min: Option<f32>,
-    /// Greatest.
+    /// Greatest value.
     pub max: Option<f32>,
     /// Median.
     pub median: Option<f32>,
 }
 
-/// What the solve ran on.
+impl RangeReport {
+    /// Range of the finite values.
+    pub fn of(values: &[f32]) -> Self {
+        let mut quantiles = Quantiles::of(values);
+        Self { min: quantiles.at(0.0), max: quantiles.at(1.0), median: quantiles.at(0.5) }
+    }
+}
+
+/// Pixels of a sweep that no frame has in focus, by side.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NeverReport {
+    /// Pixels before the first frame.
+    pub before_first_px: usize,
+    /// Pixels beyond the last frame.
+    pub beyond_last_px: usize,
+}
+
+/// Why an image is taken to be focused nearer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum NearerBy {
+    /// The focus distances of the lens.
+    Lens,
+    /// The focus distances of the frames.
+    Distances,
+    /// The user.
+    Stated,
+    /// Nothing; it is the default.
+    Assumed,
+}
+
+/// Depth in mm; `null` where no pixel has one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DeviceReport {
-    /// The device's name.
-    pub name: String,
-    /// Driver name and version.
-    pub driver: String,
-    /// UUID, 8-4-4-4-12.
-    pub uuid: String,
+pub struct DepthReport {
+    /// Least, greatest and median depth, mm.
+    #[serde(flatten)]
+    pub range: RangeReport,
+    /// Median of its standard deviation, mm.
+    pub median_deviation: Option<f32>,
+    /// Valid pixels without a depth: out of the range of the lens model, at the limit of |V|, or focused beyond infinity.
+    pub out_of_range: usize,
+    /// The lens of a pair.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lens: Option<Lens>,
+    /// Whether the depth of a sweep is a place along the axis of a stage, and not a distance from the lens.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stage: Option<bool>,
 }
 
-/// Milliseconds.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TimingsReport {
-    /// From the call to the answer.
-    pub total: f64,
-    /// On the device.
-    pub gpu: f64,
-    /// On the device by named pass; a JSON object in the order of first use.
-    #[serde(serialize_with = "as_object")]
-    pub passes: Vec<(&'static str, f64)>,
-}
-
-fn as_object<S: Serializer>(passes: &[(&'static str, f64)], serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(passes.iter().map(|(name, ms)| (name, ms)))
-}
-
-impl Report {
-    /// Gathers the report of a solve.
-    pub fn new(solution: &Solution, settings: &Settings, device: &DeviceInfo, nearer: Nearer) -> Self {
-        Self {
-            version: env!("CARGO_PKG_VERSION"),
-            transform: solution.transform,
-            photometric: solution.photometric,
-            shading: ShadingReport::of(&solution.brightness()),
-            regularization: solution.regularization,
-            kernel_shape: solution.kernel_shape,
-            other_motion: solution.other_motion,
-            method: settings.method,
-            settings: settings.clone(),
-            values: Values::stated(settings.decode),
-            size: SizeReport { width: solution.width, height: solution.height },
-            photograph: SizeReport { width: solution.photograph[0], height: solution.photograph[1] },
-            region: solution.region(),
-            texture: TextureReport::of(&Texture::of(solution, None)),
-            flattened: false,
-            levels: solution.levels.iter().map(LevelReport::from).collect(),
-            converged: solution.converged,
-            relative_blur: RangeReport::of(&solution.relative_blur),
-            valid_fraction: solution.valid_fraction,
-            mean_confidence: solution.mean_confidence,
-            saturated_fraction: solution.saturated_fraction,
-            nearer: nearer.number(),
-            nearer_by: "assumed",
-            depth: None,
-            depth16: None,
-            surface: None,
-            measurements: None,
-            warnings: solution.warnings.clone(),
-            device: device.into(),
-            validated: false,
-            request: String::new(),
-            files: Vec::new(),
-            hashes: Hashes::new(),
-            inputs: Vec::new(),
-            timings_ms: (&solution.timings).into(),
-        }
+impl DepthReport {
+    pub(super) fn new(depth: &[f32], deviation: &[f32], out_of_range: usize) -> Self {
+        let median_deviation = RangeReport::of(deviation).median;
+        Self { range: RangeReport::of(depth), median_deviation, out_of_range, lens: None, stage: None }
     }
 
-    /// Adds which files were read, and what they give to warn of; and whether the validation layer watched.
-    pub fn of(&mut self, inputs: Vec<Input>, validated: bool) {
-        self.warnings.extend(image_io::pair_warnings(&inputs, self.settings.decode));
-        (self.inputs, self.validated) = (inputs, validated);
-    }
-
-    /// The same, listing these files in the order in which it lists them already.
-    pub(super) fn listing(&self, written: impl Iterator<Item = String>, hashes: Hashes) -> Self {
-        Self { files: in_known_order(&self.files, written), hashes, ..self.clone() }
-    }
-
-    /// The text of `report.json`, without a newline at its end.
-    ///
-    /// # Errors
-    /// None is known; serde_json's signature allows one.
-    pub fn to_json(&self) -> Result<String, serde_json::Error> {
-        json::to_string(self)
+    pub(super) fn of_sweep(depth: &SweepDepth, positions: &Positions) -> Self {
+        let stage = Some(matches!(positions, Positions::Stage(_)));
+        Self { stage, ..Self::new(&depth.depth, &depth.deviation, depth.out_of_range) }
     }
 }
 
-/// What `report.json` says of `surface.ply` and the like.
+/// How the exported surface was made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceReport {
-    /// Of the coordinates: "mm", or "px", in which heights are exaggerated.
+    /// Unit of the coordinates: "mm", or "px", in which heights are exaggerated.
     pub unit: String,
-    /// The most vertices of a mesh along its longer side, if there was a limit.
+    /// Most vertices of a mesh along its longer side, where limited.
     pub mesh_cells: Option<u32>,
-    /// The exaggeration that was asked for, px for each px² of V or setting of a sweep.
+    /// Exaggeration that was set, px for each px² of V or each setting of a sweep.
     pub z_scale: Option<f64>,
 }
 
-/// What `report.json` says about metric depth; `null` where no pixel has one.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct DepthReport {
-    /// Least, greatest and median depth of the valid pixels, mm.
-    #[serde(flatten)]
-    pub range: RangeReport,
-    /// Valid pixels whose V no depth in the range of the lens model has, or whose V is at the limit of the solve; they are
-    /// NaN.
-    pub out_of_range: usize,
-    /// The lens.
-    pub lens: Lens,
-}
-
-impl From<&MetricDepth> for DepthReport {
-    fn from(metric: &MetricDepth) -> Self {
-        Self { range: RangeReport::of(&metric.depth), out_of_range: metric.out_of_range, lens: metric.lens }
-    }
-}
-
-/// The files that were written: those that are known first, in their order.
-pub(super) fn in_known_order(known: &[String], written: impl Iterator<Item = String>) -> Vec<String> {
-    let mut written: Vec<String> = written.collect();
-    // Stable, so that the others stay in theirs.
-    written.sort_by_key(|name| known.iter().position(|k| k == name).unwrap_or(usize::MAX));
-    written
-}
-
-impl RangeReport {
-    /// Over the values that are finite.
-    pub fn of(values: &[f32]) -> Self {
-        let mut ranks = Ranks::of(values);
-        Self { min: ranks.quantile(0.0), max: ranks.quantile(1.0), median: ranks.quantile(0.5) }
-    }
-}
-
-impl From<&LevelHistory> for LevelReport {
-    fn from(level: &LevelHistory) -> Self {
-        let (width, height) = (level.width, level.height);
-        Self { width, height, iterations: level.energy.len(), energy: level.energy.clone() }
-    }
+/// The device that solved.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DeviceReport {
+    /// Name of the device.
+    pub name: String,
+    /// Name and version of the driver.
+    pub driver: String,
+    /// UUID, 8-4-4-4-12.
+    pub uuid: String,
 }
 
 impl From<&DeviceInfo> for DeviceReport {
@@ -324,8 +460,313 @@ impl From<&DeviceInfo> for DeviceReport {
     }
 }
 
+/// Durations, ms.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TimingsReport {
+    /// From the call to the results; for a sweep with reading the frames.
+    pub total: f64,
+    /// On the device.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gpu: Option<f64>,
+    /// On the device by pass, in the order of first use.
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
+    pub passes: Map<String, Value>,
+}
+
 impl From<&Timings> for TimingsReport {
     fn from(timings: &Timings) -> Self {
-        Self { total: timings.total_ms, gpu: timings.gpu_ms, passes: timings.passes_ms.clone() }
+        let passes = timings.passes_ms.iter().map(|(name, ms)| (name.to_string(), (*ms).into())).collect();
+        Self { total: timings.total_ms, gpu: Some(timings.gpu_ms), passes }
+    }
+}
+
+impl Report {
+    /// A report that states only what all kinds have.
+    fn new(
+        kind: Kind,
+        settings: &Settings,
+        device: &DeviceInfo,
+        photograph: [u32; 2],
+        frames: Vec<FrameReport>,
+        timings_ms: TimingsReport,
+    ) -> Self {
+        let [width, height] = photograph;
+        Self {
+            program: PROGRAM.into(),
+            kind,
+            version: VERSION.into(),
+            frames,
+            reference: 0,
+            order: Vec::new(),
+            fields: Vec::new(),
+            method: settings.method,
+            settings: settings.clone(),
+            values: Values::stated(settings.decode),
+            size: photograph.into(),
+            photograph: photograph.into(),
+            region: Region { x: 0, y: 0, width, height },
+            levels: None,
+            converged: None,
+            other_motion: None,
+            regularization: None,
+            kernel_shape: None,
+            relative_blur: None,
+            focus: None,
+            focus_unit: None,
+            blur_rate_px2: None,
+            valid_fraction: None,
+            mean_confidence: None,
+            saturated_fraction: None,
+            never_in_focus: None,
+            texture: None,
+            flattened: false,
+            nearer: None,
+            nearer_by: None,
+            depth: None,
+            depth16: None,
+            surface: None,
+            measurements: None,
+            warnings: Vec::new(),
+            device: device.into(),
+            validated: false,
+            request: String::new(),
+            inputs: Vec::new(),
+            files: Vec::new(),
+            hashes: BTreeMap::new(),
+            timings_ms,
+        }
+    }
+
+    /// Report of the solve of a pair.
+    pub fn pair(solution: &Solution, settings: &Settings, device: &DeviceInfo, nearer: Nearer) -> Self {
+        let photograph = solution.photograph;
+        let frames = FrameReport::pair(photograph, solution.transform, &solution.brightness());
+        Self {
+            size: [solution.width, solution.height].into(),
+            region: solution.region(),
+            levels: Some(solution.levels.iter().map(LevelReport::from).collect()),
+            converged: Some(solution.converged),
+            other_motion: solution.other_motion,
+            regularization: Some(solution.regularization),
+            kernel_shape: solution.kernel_shape,
+            relative_blur: Some(RangeReport::of(&solution.relative_blur)),
+            valid_fraction: Some(solution.valid_fraction),
+            mean_confidence: Some(solution.mean_confidence),
+            saturated_fraction: Some(solution.saturated_fraction),
+            texture: Some(TextureReport::of(solution)),
+            nearer: Some(nearer.number()),
+            nearer_by: Some(NearerBy::Assumed),
+            warnings: solution.warnings.clone(),
+            ..Self::new(Kind::Pair, settings, device, photograph, frames, (&solution.timings).into())
+        }
+    }
+
+    /// Report of the solve of a focus sweep; `files` are in the order in which they were passed, `total_ms` is the duration from the
+    /// first frame to the results.
+    pub fn sweep(
+        sweep: &Sweep,
+        settings: &Settings,
+        files: &[String],
+        device: &DeviceInfo,
+        nearer: Nearer,
+        total_ms: f64,
+    ) -> Self {
+        let count = |side: i8| sweep.beyond.iter().filter(|beyond| **beyond == side).count();
+        let valid = sweep.focus.iter().filter(|u| !u.is_nan()).count();
+        Self {
+            kind: Kind::Sweep,
+            size: [sweep.width, sweep.height].into(),
+            region: sweep.region,
+            focus: Some(RangeReport::of(&sweep.focus)),
+            focus_unit: Some(sweep.unit.into()),
+            blur_rate_px2: Some(sweep.blur_rate),
+            valid_fraction: Some(valid as f64 / sweep.focus.len().max(1) as f64),
+            never_in_focus: Some(NeverReport { before_first_px: count(-1), beyond_last_px: count(1) }),
+            nearer: Some(nearer.number()),
+            nearer_by: Some(NearerBy::Assumed),
+            depth: sweep.depth.as_ref().map(|depth| DepthReport::of_sweep(depth, &sweep.stated)),
+            ..Self::sweep_registration(&sweep.registration(), settings, files, device, total_ms)
+        }
+    }
+
+    /// Report of the registration of a pair.
+    pub fn registration(registered: &Registered, settings: &Settings, device: &DeviceInfo) -> Self {
+        let photograph = [registered.width, registered.height];
+        let frames = FrameReport::pair(photograph, registered.transform, &registered.brightness());
+        Self {
+            levels: Some(registered.levels.iter().map(LevelReport::from).collect()),
+            converged: Some(registered.converged),
+            other_motion: registered.other_motion,
+            warnings: registered.warnings.clone(),
+            ..Self::new(Kind::Registration, settings, device, photograph, frames, (&registered.timings).into())
+        }
+    }
+
+    /// Report of the registration of a focus sweep; the arguments are those of [`sweep`](Self::sweep).
+    pub fn sweep_registration(
+        found: &RegisteredSweep,
+        settings: &Settings,
+        files: &[String],
+        device: &DeviceInfo,
+        total_ms: f64,
+    ) -> Self {
+        let timings = TimingsReport { total: total_ms, gpu: None, passes: Map::new() };
+        Self {
+            reference: found.reference,
+            order: found.order.clone(),
+            warnings: found.warnings.clone(),
+            values: Values::stated(found.decode),
+            ..Self::new(
+                Kind::Registration,
+                settings,
+                device,
+                found.photograph,
+                FrameReport::sweep(found, files),
+                timings,
+            )
+        }
+    }
+
+    /// Adds the files that were read, with warnings about a pair of them, and whether the validation layer was enabled.
+    pub fn set_inputs(&mut self, inputs: Vec<Input>, validated: bool) {
+        if let [i1, i2] = inputs.as_slice() {
+            self.warnings.extend(image_io::pair_warnings(&inputs, self.settings.decode));
+            self.frames.iter_mut().zip([i1, i2]).for_each(|(frame, input)| frame.file.clone_from(&input.file));
+        }
+        (self.inputs, self.validated) = (inputs, validated);
+    }
+
+    /// Whether a file of this name belongs to the results.
+    pub fn has_file(&self, name: &str) -> bool {
+        self.files.iter().any(|file| file == name)
+    }
+
+    /// Which end of the sweep, or which photograph, is focused nearer.
+    pub fn nearer(&self) -> Nearer {
+        if self.nearer == Some(2) { Nearer::Second } else { Nearer::First }
+    }
+
+    /// What contradicts itself in a report that was read from a file, if anything does.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let (count, reference) = (self.frames.len(), self.reference);
+        let least = if self.kind == Kind::Sweep { 3 } else { 2 };
+        if count < least || reference >= count || (self.kind == Kind::Pair && (count, reference) != (2, 0)) {
+            return Err(format!("{count} frames, the reference {reference}"));
+        }
+        if !matches!(self.nearer, Some(1 | 2)) {
+            return Err("it does not state which image is nearer (\"nearer\": 1 or 2)".to_string());
+        }
+        let (size, whole): ([u32; 2], [u32; 2]) = (self.size.into(), self.photograph.into());
+        self.region.check((whole[0], whole[1])).map_err(|e| e.to_string())?;
+        if [self.region.width, self.region.height] != size {
+            let Region { width, height, .. } = self.region;
+            return Err(format!("results of {}x{} of a part of {width}x{height}", size[0], size[1]));
+        }
+        let positions: Vec<f64> = self.frames.iter().filter_map(|frame| frame.position).collect();
+        let unit = self.focus_unit.as_deref();
+        if (self.kind == Kind::Sweep) != unit.is_some_and(|unit| UNITS.contains(&unit)) {
+            return Err(format!("focus in the unit {}", unit.unwrap_or("px²")));
+        }
+        if self.kind == Kind::Sweep {
+            Positions::Settings(positions).check(count).map_err(|e| e.to_string())?;
+        }
+        match self.depth.as_ref().and_then(|depth| depth.lens.as_ref()).map(Lens::check) {
+            Some(Err(e)) => Err(format!("its lens cannot be used: {e}")),
+            _ => Ok(()),
+        }
+    }
+
+    /// The text of `report.json`, without a newline at its end.
+    ///
+    /// # Errors
+    /// None is known; serde_json's signature allows one.
+    pub fn to_json(&self) -> Result<String, serde_json::Error> {
+        to_json(self)
+    }
+}
+
+impl From<&LevelHistory> for LevelReport {
+    fn from(level: &LevelHistory) -> Self {
+        let energy = level.energy.iter().map(|energy| energy.is_finite().then_some(*energy)).collect();
+        Self { width: level.width, height: level.height, iterations: level.energy.len(), energy }
+    }
+}
+
+/// Writes a value as JSON and a newline.
+pub(crate) fn write_json_to(mut writer: impl Write, value: &impl Serialize) -> Result<(), String> {
+    let text = to_json(value).map_err(|e| e.to_string())?;
+    writeln!(writer, "{text}").map_err(|e| e.to_string())
+}
+
+/// The text of a value: indented, without negative zeros, and without a newline at its end.
+///
+/// # Errors
+/// None is known for the reports; serde_json's signature allows one.
+pub(crate) fn to_json(value: &impl Serialize) -> Result<String, serde_json::Error> {
+    let mut bytes = Vec::new();
+    value.serialize(&mut Serializer::with_formatter(&mut bytes, PositiveZeros(PrettyFormatter::new())))?;
+    String::from_utf8(bytes).map_err(serde::ser::Error::custom)
+}
+
+/// [`PrettyFormatter`] that writes -0 as 0.
+struct PositiveZeros(PrettyFormatter<'static>);
+
+/// Passes methods of [`Formatter`] on.
+macro_rules! pass_on {
+    ($($name:ident($($argument:ident: $type:ty),*);)*) => {
+        $(fn $name<W: ?Sized + Write>(&mut self, writer: &mut W $(, $argument: $type)*) -> io::Result<()> {
+            self.0.$name(writer $(, $argument)*)
+        })*
+    };
+}
+
+impl Formatter for PositiveZeros {
+    fn write_f32<W: ?Sized + Write>(&mut self, writer: &mut W, value: f32) -> io::Result<()> {
+        // Adding zero makes -0 positive and leaves every other number as it is.
+        self.0.write_f32(writer, value + 0.0)
+    }
+
+    fn write_f64<W: ?Sized + Write>(&mut self, writer: &mut W, value: f64) -> io::Result<()> {
+        self.0.write_f64(writer, value + 0.0)
+    }
+
+    pass_on! {
+        begin_array();
+        end_array();
+        begin_array_value(first: bool);
+        end_array_value();
+        begin_object();
+        end_object();
+        begin_object_key(first: bool);
+        begin_object_value();
+        end_object_value();
+    }
+}
+
+/// The text of a JSON value that states the program, the kind and this value.
+pub(super) fn with_header(kind: Kind, value: &impl Serialize) -> impl Serialize {
+    #[derive(Serialize)]
+    struct Whole<'a, T: Serialize> {
+        #[serde(flatten)]
+        header: Header,
+        #[serde(flatten)]
+        value: &'a T,
+    }
+    Whole { header: Header::new(kind), value }
+}
+
+/// A problem with a report, and what to do.
+pub(super) fn invalid(path: &std::path::Path, problem: impl std::fmt::Display) -> Error {
+    Error::file(path, format!("is no report of results ({problem}); solve again, or give the folder of another solve"))
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn negative_zero_is_zero_and_the_rest_is_as_serde_json_writes_it() {
+        let value = serde_json::json!({"a": [1.5, -2.0, {"b": []}], "c": {}, "d": "-0.0", "e": null});
+        assert_eq!(super::to_json(&value).unwrap(), serde_json::to_string_pretty(&value).unwrap());
+        assert_eq!(super::to_json(&[-0.0f64, -1e-300]).unwrap(), "[\n  0.0,\n  -1e-300\n]");
+        assert_eq!(super::to_json(&-0.0f32).unwrap(), "0.0");
     }
 }

@@ -1,101 +1,447 @@
-//! The folder of a solve, read again.
+//! Results of a pair or a focus sweep, in memory or in a folder.
 
-use std::path::Path;
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::{FILES, Nearer};
-use crate::base::{Error, Frame};
+use super::description::{
+    BEYOND, CONFIDENCE, Description, FOCUS, FOCUS_UNCERTAINTY, FRAMES, RELATIVE_BLUR, RESIDUAL, UNCERTAINTY, VALID,
+};
+use super::fused::{FUSED_FILE, FUSED_FLOAT_FILE, Fused};
+use super::labels::read_beyond;
+use super::report::{DepthReport, Kind, NearerBy, REPORT_FILE, Report, TextureReport, invalid};
+use super::scale::{Nearer, Quantity};
+use super::{Depth16, FieldReport};
+use crate::base::{Depth, Error, Frame, Lens};
+use crate::engine::Solution;
 use crate::files::{bounded_read, image_io};
+use crate::metric::{DOUBT, MetricDepth};
+use crate::solve::focus_stack::{Positions, Sweep};
 
-/// The most bytes of a report that are read, 16 MiB: one with every level and iteration at its limit takes under 1 MiB.
+/// Most bytes of a report that are read, 16 MiB; a report with every level and iteration at its limit has less than 1 MiB.
 pub(super) const MAX_BYTES: u64 = 16 << 20;
 
-/// What [`write()`](super::write()) put into a folder, as far as pictures need it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Results {
-    /// Pixels a row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// V, px², row-major; NaN where not valid.
-    pub relative_blur: Vec<f32>,
-    /// In [0, 1], of the same size.
-    pub confidence: Vec<f32>,
-    /// The fused image, of the same size.
-    pub fused: Frame,
-    /// Which image was focused nearer.
-    pub nearer: Nearer,
+/// Depth in mm, channel `Y`, and its standard deviation, channel `standard_deviation`.
+pub const DEPTH_FILE: &str = "depth_mm.exr";
+
+/// Depth, or V or focus where it is not known, as a picture.
+pub const DEPTH_PICTURE_FILE: &str = "depth.png";
+
+/// Units of the focus of a sweep.
+pub(super) const UNITS: [&str; 3] = ["settings", "1/m", "mm"];
+
+/// A field: its name, its file and its description.
+type FieldFile = (&'static str, &'static str, &'static Description);
+
+/// Fields of a pair.
+static PAIR_FIELDS: [FieldFile; 5] = [
+    ("relative_blur", "relative_blur.exr", &RELATIVE_BLUR),
+    ("uncertainty", "uncertainty.exr", &UNCERTAINTY),
+    ("confidence", "confidence.exr", &CONFIDENCE),
+    ("residual", "residual.exr", &RESIDUAL),
+    ("valid", "valid.png", &VALID),
+];
+
+/// Fields of a sweep.
+static SWEEP_FIELDS: [FieldFile; 5] = [
+    ("focus", "focus.exr", &FOCUS),
+    ("uncertainty", "uncertainty.exr", &FOCUS_UNCERTAINTY),
+    ("valid", "valid.png", &VALID),
+    ("frames", "frames.png", &FRAMES),
+    ("beyond", "beyond.png", &BEYOND),
+];
+
+impl Kind {
+    /// Fields of results of this kind.
+    pub(super) fn fields(self) -> &'static [FieldFile] {
+        match self {
+            Self::Pair => &PAIR_FIELDS,
+            Self::Sweep => &SWEEP_FIELDS,
+            _ => &[],
+        }
+    }
+
+    /// Files that every solve of this kind writes.
+    pub fn files(self) -> Vec<&'static str> {
+        let fields = self.fields().iter().map(|(_, file, _)| *file);
+        fields.chain([DEPTH_PICTURE_FILE, FUSED_FILE, REPORT_FILE]).collect()
+    }
 }
 
-impl Results {
-    /// Reads the results in a folder.
+/// Results of a pair or a focus sweep: the report, and fields of one size.
+///
+/// ```no_run
+/// use std::path::Path;
+///
+/// use parfocal::export::Results;
+///
+/// let results = Results::read(Path::new("out"))?;
+/// let sigma = results.field("uncertainty")?;
+/// println!("{} of {} pixels, T {:?}", results.report.frames.len(), sigma.len(), results.report.frames[1].transform);
+/// # Ok::<(), parfocal::Error>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Results<'a> {
+    /// The folder; empty for results that were not read.
+    pub folder: PathBuf,
+    /// The report.
+    pub report: Report,
+    /// Fields in memory.
+    fields: Vec<(&'static str, Cow<'a, [f32]>)>,
+    /// Depth and its standard deviation, mm.
+    depth: Option<[Cow<'a, [f32]>; 2]>,
+    /// Pixels without a measurement: filled in for lack of texture, or without a focus.
+    pub(super) marked: Vec<bool>,
+    /// For a sweep -1 and 1 where no frame is in focus, by side.
+    pub(super) beyond: Cow<'a, [i8]>,
+    /// For a sweep the frame that each pixel of the fused image is from; empty where it was read.
+    pub(super) frames: &'a [u16],
+    /// The fused image, unless it was read.
+    pub(super) fused: Option<Fused<'a>>,
+}
+
+impl<'a> Results<'a> {
+    /// Results of a pair, whose photographs have samples of these depths.
     ///
     /// # Errors
-    /// [`Error::File`]: a file is missing or damaged, or not of the size of `relative_blur.exr`.
+    /// [`Error::Mismatch`] if a field does not have the size that the solution states.
+    pub fn of_pair(solution: &'a Solution, mut report: Report, depths: [Depth; 2]) -> Result<Self, Error> {
+        report.values.decode = report.values.decode.resolved(depths);
+        let deepest = [Depth::F32, Depth::U16].into_iter().find(|depth| depths.contains(depth));
+        let depth = deepest.unwrap_or(Depth::U8);
+        let fused = Fused::new(
+            (solution.width, solution.height),
+            (solution.fused_channels, &solution.fused),
+            report.values.decode,
+            depth,
+        )?;
+        let fields = [
+            ("relative_blur", &solution.relative_blur),
+            ("uncertainty", &solution.uncertainty),
+            ("confidence", &solution.confidence),
+            ("residual", &solution.residual),
+        ];
+        Self::new(report, &fields, &[], &[], fused)
+    }
+
+    /// Results of a focus sweep, whose frames have samples of this depth.
+    ///
+    /// # Errors
+    /// As for [`of_pair`](Self::of_pair).
+    pub fn of_sweep(sweep: &'a Sweep, mut report: Report, depth: Depth) -> Result<Self, Error> {
+        report.values.decode = report.values.decode.resolved([depth]);
+        let size = (sweep.width, sweep.height);
+        let fused = Fused::new(size, (sweep.fused_channels, &sweep.fused), report.values.decode, depth)?;
+        let fields = [("focus", &sweep.focus), ("uncertainty", &sweep.uncertainty)];
+        let depth = sweep.depth.as_ref().map(|depth| [(&depth.depth[..]).into(), (&depth.deviation[..]).into()]);
+        Ok(Self { depth, ..Self::new(report, &fields, &sweep.beyond, &sweep.frames, fused)? })
+    }
+
+    fn new(
+        report: Report,
+        fields: &[(&'static str, &'a Vec<f32>)],
+        beyond: &'a [i8],
+        frames: &'a [u16],
+        fused: Fused<'a>,
+    ) -> Result<Self, Error> {
+        let pixels = report.size.width as usize * report.size.height as usize;
+        if let Some((name, field)) = fields.iter().find(|(_, field)| field.len() != pixels) {
+            let (width, height) = (report.size.width, report.size.height);
+            let problem = format!("{name} has {} values and the results are {width}x{height}", field.len());
+            return Err(Error::Mismatch(problem));
+        }
+        let mut results = Self {
+            folder: PathBuf::new(),
+            report,
+            fields: fields.iter().map(|(name, field)| (*name, field.as_slice().into())).collect(),
+            depth: None,
+            marked: Vec::new(),
+            beyond: beyond.into(),
+            frames,
+            fused: Some(fused),
+        };
+        results.mark();
+        Ok(results)
+    }
+
+    /// Marks the pixels without a measurement.
+    fn mark(&mut self) {
+        self.marked = match &self.report.texture {
+            Some(texture) => texture.marked(self.uncertainty()),
+            None => self.values().iter().map(|value| value.is_nan()).collect(),
+        };
+    }
+
+    /// Width and height, px.
+    pub fn size(&self) -> (u32, u32) {
+        (self.report.size.width, self.report.size.height)
+    }
+
+    /// Scale of the second photograph of a pair against the first.
+    pub fn magnification(&self) -> f64 {
+        self.report.frames.get(1).map_or(1.0, |frame| frame.transform.scale())
+    }
+
+    /// V of a pair, or the focus of a sweep.
+    pub fn values(&self) -> &[f32] {
+        self.fields.first().map_or(&[], |(_, values)| values)
+    }
+
+    /// Standard deviation of [`values`](Self::values).
+    pub fn uncertainty(&self) -> &[f32] {
+        self.fields.get(1).map_or(&[], |(_, values)| values)
+    }
+
+    /// V of a pair, or the focus of a sweep, with its standard deviation.
+    pub fn quantity(&self) -> Quantity<'_> {
+        let (report, nearer) = (&self.report, self.report.nearer());
+        match report.focus_unit {
+            None => Quantity::relative_blur(self.values(), self.uncertainty(), nearer),
+            Some(_) => Quantity::focus(self.values(), self.uncertainty(), self.focus_unit(), &self.positions(), nearer),
+        }
+    }
+
+    /// Depth in mm, where it is known.
+    pub fn depth(&self) -> Option<Quantity<'_>> {
+        let [values, deviation] = self.depth.as_ref()?;
+        Some(match self.lens() {
+            Some(lens) => Quantity::depth(values, deviation, &lens.focus, Nearer::Second),
+            None => {
+                let planes: Vec<f64> = self.report.frames.iter().filter_map(|frame| frame.focus_mm).collect();
+                Quantity::depth(values, deviation, &planes, self.report.nearer().end_of(&planes))
+            }
+        })
+    }
+
+    /// Depth in mm where it is known, else V or the focus.
+    pub fn best(&self) -> Quantity<'_> {
+        self.depth().unwrap_or_else(|| self.quantity())
+    }
+
+    /// V or the focus, and then depth in mm where it is known, with NaN where they are not measured.
+    pub fn measured(&self) -> Vec<Quantity<'_>> {
+        let all = std::iter::once(self.quantity()).chain(self.depth());
+        all.map(|quantity| quantity.without(&self.marked)).collect()
+    }
+
+    /// [`best`](Self::best) with NaN where it is not measured.
+    pub fn best_measured(&self) -> Quantity<'_> {
+        self.best().without(&self.marked)
+    }
+
+    /// The lens of a pair, where it is known.
+    pub fn lens(&self) -> Option<&Lens> {
+        self.report.depth.as_ref()?.lens.as_ref()
+    }
+
+    /// Focus settings of the frames of a sweep.
+    pub(crate) fn positions(&self) -> Vec<f64> {
+        self.report.frames.iter().filter_map(|frame| frame.position).collect()
+    }
+
+    /// Sets the limit of the standard deviation of V, px², beyond which a pixel is marked as lacking texture.
+    pub fn set_max_uncertainty(&mut self, limit: f32) {
+        self.report.texture = Some(TextureReport::beyond(limit, self.uncertainty()));
+        self.mark();
+    }
+
+    /// Sets the lens of a pair: depth, and which image is nearer. Returns what contradicts the lens, if anything does.
+    pub fn set_lens(&mut self, lens: &Lens) -> Option<String> {
+        let (scale, limit) = (self.magnification(), self.report.settings.max_relative_blur);
+        let metric = MetricDepth::new(lens, scale, limit, self.report.size.width, self.values(), self.uncertainty());
+        let doubt = metric.doubt(scale, limit, self.values());
+        let depth = DepthReport::new(&metric.depth, &metric.deviation, metric.out_of_range);
+        self.report.depth = Some(DepthReport { lens: Some(*lens), ..depth });
+        self.report.nearer = Some(Nearer::of_lens(lens).number());
+        self.report.nearer_by = Some(NearerBy::Lens);
+        self.report.warnings.retain(|warning| !warning.starts_with(DOUBT));
+        self.report.warnings.extend(doubt.clone());
+        self.depth = Some([metric.depth.into(), metric.deviation.into()]);
+        self.update_depth16();
+        doubt
+    }
+
+    /// Sets where the frames of a sweep are focused, and with that depth; `nearer` states whether the first or the last is nearest.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] if the positions are not in mm, or do not fit the frames.
+    pub fn set_positions(&mut self, positions: &Positions, nearer: Nearer) -> Result<(), Error> {
+        let depth = positions.depth_of(&self.positions(), self.values(), self.uncertainty())?;
+        let (Some(depth), Some(planes)) = (depth, positions.millimetres()) else {
+            return Err(Error::Mismatch("positions in mm give depth".to_string()));
+        };
+        self.report.depth = Some(DepthReport::of_sweep(&depth, positions));
+        (self.report.nearer, self.report.nearer_by) = (Some(nearer.number()), Some(NearerBy::Distances));
+        self.report.frames.iter_mut().zip(planes).for_each(|(frame, at)| frame.focus_mm = Some(*at));
+        self.depth = Some([depth.depth.into(), depth.deviation.into()]);
+        self.update_depth16();
+        Ok(())
+    }
+
+    fn update_depth16(&mut self) {
+        if self.report.depth16.is_some() {
+            self.report.depth16 = Some(Depth16::of(self).report());
+        }
+    }
+
+    /// A field by its name, from memory or from its file.
+    ///
+    /// # Errors
+    /// [`Error::File`] if the file is missing, damaged, or of another size; [`Error::Mismatch`] if results of this kind have no field
+    /// of this name in floats.
+    pub fn field(&self, name: &str) -> Result<Cow<'_, [f32]>, Error> {
+        if let Some((_, values)) = self.fields.iter().find(|(field, _)| *field == name) {
+            return Ok(Cow::Borrowed(values));
+        }
+        if let (Some([depth, _]), "depth") = (&self.depth, name) {
+            return Ok(Cow::Borrowed(depth));
+        }
+        let files = self.report.kind.fields().iter();
+        let file = files.clone().find(|(field, file, _)| *field == name && file.ends_with(".exr"));
+        let Some((_, file, _)) = file else {
+            let names: Vec<&str> = files.map(|(name, ..)| *name).collect();
+            return Err(Error::Mismatch(format!("there is no field {name}; the fields are {}", names.join(", "))));
+        };
+        let path = self.folder.join(file);
+        let (width, height, values) = image_io::read_field(&path)?;
+        self.check_size(&path, (width, height)).map(|()| values.into())
+    }
+
+    /// The fused image as its file has it.
+    ///
+    /// # Errors
+    /// [`Error::File`] if the file is missing, damaged, or of another size.
+    pub fn fused(&self) -> Result<Frame, Error> {
+        if let Some(fused) = &self.fused {
+            return fused.as_stored();
+        }
+        let float = self.report.has_file(FUSED_FLOAT_FILE);
+        let path = self.folder.join(if float { FUSED_FLOAT_FILE } else { FUSED_FILE });
+        let image = image_io::read(&path)?;
+        self.check_size(&path, (image.width(), image.height())).map(|()| image)
+    }
+
+    fn check_size(&self, path: &Path, (width, height): (u32, u32)) -> Result<(), Error> {
+        let (w, h) = self.size();
+        if (width, height) == (w, h) {
+            return Ok(());
+        }
+        Err(Error::file(path, format!("is {width}x{height} and {REPORT_FILE} states {w}x{h}; solve again")))
+    }
+
+    /// The fused image in 8 bits.
+    ///
+    /// # Errors
+    /// As for [`fused`](Self::fused); [`Error::Mismatch`] for results that were read from a folder.
+    pub(crate) fn fused_in_8_bits(&self) -> Result<Frame, Error> {
+        let absent = || Error::Mismatch("the fused image was not read".to_string());
+        self.fused.as_ref().ok_or_else(absent)?.in_8_bits()
+    }
+
+    /// Unit of the focus of a sweep.
+    pub(crate) fn focus_unit(&self) -> &'static str {
+        let unit = self.report.focus_unit.as_deref();
+        UNITS.into_iter().find(|known| unit == Some(known)).unwrap_or(UNITS[0])
+    }
+
+    /// The files of [`Kind::fields`] and of depth, for the report.
+    pub(super) fn field_reports(&self) -> Vec<FieldReport> {
+        let fields = self.report.kind.fields().iter();
+        let fields = fields.map(|(name, file, description)| FieldReport::new(name, file, description));
+        fields
+            .chain(self.depth.as_ref().map(|_| FieldReport::new("depth", DEPTH_FILE, self.depth_description())))
+            .collect()
+    }
+
+    pub(super) fn depth_description(&self) -> &'static Description {
+        match self.lens() {
+            Some(_) => &super::description::METRIC_DEPTH,
+            None => &super::description::SWEEP_DEPTH,
+        }
+    }
+}
+
+impl Results<'static> {
+    /// Reads the folder of a pair or a focus sweep.
+    ///
+    /// # Errors
+    /// [`Error::File`] if the folder has no results, or a file is missing, damaged, or of another size than the report states.
     pub fn read(folder: &Path) -> Result<Self, Error> {
         if !folder.is_dir() {
-            return Err(Error::file(folder, "is no folder; give the one that parfocal solve -o wrote"));
+            return Err(Error::file(folder, "is no folder; give the one that parfocal solve or stack wrote"));
         }
-        let [blur, confidence, _, fused, report, ..] = FILES.map(|name| folder.join(name));
-        let nearer = nearer_of(&read_report(&report)?, &report)?;
-        let (width, height, relative_blur) = image_io::read_field(&blur)?;
-        let of_one_size = |path: &Path, (w, h): (u32, u32)| {
-            if (w, h) == (width, height) {
-                return Ok(());
-            }
-            let problem = format!("is {w}x{h} and relative_blur.exr is {width}x{height}; solve the pair again");
-            Err(Error::file(path, problem))
+        let path = folder.join(REPORT_FILE);
+        if folder.join("batch.json").is_file() && !path.exists() {
+            return Err(Error::file(
+                folder,
+                "holds the results of a batch; give the folder of one pair or sweep in it",
+            ));
+        }
+        let report = read_json(&path)?;
+        let Some(kind @ (Kind::Pair | Kind::Sweep)) = Kind::of(&report) else {
+            return Err(invalid(&path, "it is not of a pair or a sweep"));
         };
-        let (w, h, values) = image_io::read_field(&confidence)?;
-        of_one_size(&confidence, (w, h))?;
-        let image = image_io::read(&fused)?;
-        of_one_size(&fused, (image.width(), image.height()))?;
-        Ok(Self { width, height, relative_blur, confidence: values, fused: image, nearer })
+        let report: Report = serde_json::from_value(report).map_err(|e| invalid(&path, e))?;
+        report.check().map_err(|problem| invalid(&path, problem))?;
+        let mut results = Self {
+            folder: folder.to_path_buf(),
+            report,
+            fields: Vec::new(),
+            depth: None,
+            marked: Vec::new(),
+            beyond: Cow::Borrowed(&[]),
+            frames: &[],
+            fused: None,
+        };
+        for (name, ..) in &kind.fields()[..2] {
+            let values = results.field(name)?.into_owned();
+            results.fields.push((*name, values.into()));
+        }
+        if kind == Kind::Sweep {
+            let path = folder.join("beyond.png");
+            let ([width, height], sides) = read_beyond(&path)?;
+            results.check_size(&path, (width, height))?;
+            results.beyond = sides.into();
+        }
+        results.mark();
+        results.read_depth().map_err(|e| invalid(&path, e))?;
+        Ok(results)
+    }
+
+    /// Reads the folder of a pair.
+    ///
+    /// # Errors
+    /// As for [`read`](Self::read); [`Error::File`] if the folder is of a sweep.
+    pub fn read_pair(folder: &Path) -> Result<Self, Error> {
+        let results = Self::read(folder)?;
+        if results.report.kind == Kind::Pair {
+            return Ok(results);
+        }
+        Err(Error::file(folder, "holds a focus sweep; give the folder of a pair, from parfocal solve"))
+    }
+
+    /// Derives depth in mm from the lens or the positions that the report states.
+    fn read_depth(&mut self) -> Result<(), Error> {
+        let (width, limit) = (self.report.size.width, self.report.settings.max_relative_blur);
+        if let Some(lens) = self.lens() {
+            let metric = MetricDepth::new(lens, self.magnification(), limit, width, self.values(), self.uncertainty());
+            self.depth = Some([metric.depth.into(), metric.deviation.into()]);
+            return Ok(());
+        }
+        let planes: Vec<f64> = self.report.frames.iter().filter_map(|frame| frame.focus_mm).collect();
+        if planes.len() == self.report.frames.len() {
+            let is_stage = self.report.depth.as_ref().and_then(|depth| depth.stage) == Some(true);
+            let positions = if is_stage { Positions::Stage(planes) } else { Positions::Distances(planes) };
+            let depth = positions.depth_of(&self.positions(), self.values(), self.uncertainty())?;
+            self.depth = depth.map(|depth| [depth.depth.into(), depth.deviation.into()]);
+        }
+        Ok(())
     }
 }
 
-const SOLVE: &str = "solve the pair again, or give the folder of another solve";
-
-/// The whole of `report.json`.
-pub(super) fn read_report(path: &Path) -> Result<Value, Error> {
-    let text =
-        bounded_read::text(path, MAX_BYTES).map_err(|e| Error::file(path, format!("cannot be read ({e}); {SOLVE}")))?;
-    serde_json::from_str(&text).map_err(|e| Error::file(path, format!("is not JSON ({e}); {SOLVE}")))
-}
-
-/// Whether a folder is one that `parfocal stack` wrote.
-///
-/// # Errors
-/// [`Error::File`]: it is no folder of results.
-pub fn holds_sweep(folder: &Path) -> Result<bool, Error> {
-    if !folder.is_dir() {
-        return Err(Error::file(folder, "is no folder; give the one that parfocal solve or stack wrote"));
-    }
-    if folder.join("batch.json").is_file() && !folder.join(FILES[4]).exists() {
-        return Err(Error::file(folder, "holds the results of a batch; give the folder of one pair or sweep in it"));
-    }
-    Ok(is_of_sweep(&read_report(&folder.join(FILES[4]))?))
-}
-
-/// Whether the report in a folder has depth in mm through a lens.
-///
-/// # Errors
-/// As [`holds_sweep`].
-pub fn states_a_lens(folder: &Path) -> Result<bool, Error> {
-    Ok(read_report(&folder.join(FILES[4]))?["depth"].get("lens").is_some())
-}
-
-/// Whether a report is of a focus sweep.
-pub(super) fn is_of_sweep(report: &Value) -> bool {
-    report.get("frames").is_some() && report.get("blur_rate_px2").is_some()
-}
-
-/// Which image was focused nearer, as the report at `path` says.
-pub(super) fn nearer_of(report: &Value, path: &Path) -> Result<Nearer, Error> {
-    match report.get("nearer").and_then(Value::as_u64) {
-        Some(1) => Ok(Nearer::First),
-        Some(2) => Ok(Nearer::Second),
-        _ => Err(Error::file(path, format!("does not say which image is nearer (\"nearer\": 1 or 2); {SOLVE}"))),
-    }
+/// A JSON file.
+pub(super) fn read_json(path: &Path) -> Result<Value, Error> {
+    let text = bounded_read::text(path, MAX_BYTES).map_err(|e| invalid(path, format!("it cannot be read: {e}")))?;
+    serde_json::from_str(&text).map_err(|e| invalid(path, e))
 }

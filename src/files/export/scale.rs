@@ -1,66 +1,192 @@
-//! From values to nearness, on one scale for as many fields as are to be compared.
+//! Quantities at each pixel, and the scale that maps them to nearness.
 
-use super::Nearer;
-use super::ranks::Ranks;
+use std::borrow::Cow;
 
-/// The part of the valid pixels, at either end, that may leave the scale: a few wild pixels must not grey out the rest.
+use crate::base::Lens;
+
+/// Fraction of the valid pixels, at either end, that may exceed the scale, so that outliers do not compress it.
 const TAIL: f64 = 0.01;
 
-/// The least span of the scale, px²: less than that is rounding and noise, and must not look like relief.
+/// Least span of a scale of V, px²: less is rounding and noise, and must not look like relief.
 const LEAST_SPAN: f32 = 0.5;
 
-/// From V, px², to nearness; the scale of `depth.png` and of every other picture of V. Depth has one in mm.
+/// Least span of a scale of depth or focus, as a fraction of the distance between the first and the last focus setting.
+const LEAST_PART: f64 = 0.01;
+
+/// Which photograph, or which end of a sweep, is focused nearer to the camera; in a [`Scale`] which end of it is near.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Nearer {
+    /// I1, or the first frame: V > 0 is near. Of a scale: the high end.
+    #[default]
+    First,
+    /// I2, or the last frame: V > 0 is far. Of a scale: the low end.
+    Second,
+}
+
+impl Nearer {
+    /// 1 or 2.
+    pub fn number(self) -> u8 {
+        match self {
+            Nearer::First => 1,
+            Nearer::Second => 2,
+        }
+    }
+
+    /// The nearer image by the focus distances of a lens.
+    pub fn of_lens(lens: &Lens) -> Self {
+        if lens.focus[0] < lens.focus[1] { Self::First } else { Self::Second }
+    }
+
+    /// The near end of a scale of positions: [`Nearer::First`] where larger ones are near.
+    pub(super) fn end_of(self, positions: &[f64]) -> Self {
+        let descending = positions.first() > positions.last();
+        if descending == (self == Nearer::First) { Nearer::First } else { Nearer::Second }
+    }
+}
+
+/// A quantity at each pixel with its standard deviation: V, the focus of a sweep, or depth.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Quantity<'a> {
+    /// "relative_blur", "focus" or "depth".
+    pub name: &'static str,
+    /// Unit: "px²", "settings", "1/m" or "mm".
+    pub unit: &'static str,
+    /// Values, row-major; NaN where not valid.
+    pub values: Cow<'a, [f32]>,
+    /// Standard deviation of each value.
+    pub deviation: Cow<'a, [f32]>,
+    /// [`Nearer::First`] where larger values are nearer to the camera.
+    pub nearer: Nearer,
+    /// Least span of a scale.
+    least_span: f32,
+}
+
+impl<'a> Quantity<'a> {
+    /// V in px², and its standard deviation.
+    pub fn relative_blur(values: &'a [f32], deviation: &'a [f32], nearer: Nearer) -> Self {
+        let (values, deviation) = (values.into(), deviation.into());
+        Self { name: "relative_blur", unit: "px²", values, deviation, nearer, least_span: LEAST_SPAN }
+    }
+
+    /// Focus of a sweep whose frames are focused at these positions.
+    pub(super) fn focus(
+        values: &'a [f32],
+        deviation: &'a [f32],
+        unit: &'static str,
+        positions: &[f64],
+        nearer: Nearer,
+    ) -> Self {
+        let (least_span, nearer) = (least_span(positions), nearer.end_of(positions));
+        Self { name: "focus", unit, values: values.into(), deviation: deviation.into(), nearer, least_span }
+    }
+
+    /// Depth in mm; the frames are focused at `planes`, mm.
+    pub(super) fn depth(values: &'a [f32], deviation: &'a [f32], planes: &[f64], nearer: Nearer) -> Self {
+        let least_span = least_span(planes);
+        Self { name: "depth", unit: "mm", values: values.into(), deviation: deviation.into(), nearer, least_span }
+    }
+
+    /// The same with NaN at the marked pixels.
+    pub(super) fn without(mut self, marked: &[bool]) -> Self {
+        if marked.iter().any(|marked| *marked) {
+            self.values.to_mut().iter_mut().zip(marked).filter(|(_, m)| **m).for_each(|(value, _)| *value = f32::NAN);
+        }
+        self
+    }
+
+    /// The scale on which pictures show it.
+    pub fn scale(&self) -> Scale {
+        Scale::spanning([&self.values[..]], self.nearer, self.least_span)
+    }
+
+    /// The name as a person reads it.
+    pub fn label(&self) -> String {
+        self.name.replace('_', " ")
+    }
+}
+
+fn least_span(positions: &[f64]) -> f32 {
+    let ends = positions.first().zip(positions.last());
+    let span = ends.map_or(0.0, |(first, last)| (last - first).abs());
+    (LEAST_PART * span).max(1e-6) as f32
+}
+
+/// A map from values to nearness, for one field or for several that are compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
-    /// V at one end, px².
+    /// Low end.
     pub low: f32,
-    /// V at the other end, px², above `low`.
+    /// High end, above `low`.
     pub high: f32,
-    /// Which image is focused nearer, which says whether `low` or `high` is near.
+    /// The near end: [`Nearer::First`] for `high`.
     pub nearer: Nearer,
 }
 
 impl Scale {
-    /// From the 1st to the 99th percentile of the finite values, and over half a px² at least; around 0 where no value
-    /// is finite.
+    /// A scale of V from the 1st to the 99th percentile of the finite values, of half a px² at least; around 0 where no value is
+    /// finite.
     pub fn of(values: &[f32], nearer: Nearer) -> Self {
         Self::common([values], nearer)
     }
 
-    /// One scale for several fields: from the lowest 1st to the highest 99th percentile of any.
+    /// One scale for several fields of V: from the lowest 1st to the highest 99th percentile of any.
     pub fn common<'a>(fields: impl IntoIterator<Item = &'a [f32]>, nearer: Nearer) -> Self {
         Self::spanning(fields, nearer, LEAST_SPAN)
     }
 
-    /// The same for values of another unit, over `least_span` of it at least.
-    pub(super) fn spanning<'a>(fields: impl IntoIterator<Item = &'a [f32]>, nearer: Nearer, least_span: f32) -> Self {
+    fn spanning<'a>(fields: impl IntoIterator<Item = &'a [f32]>, nearer: Nearer, least_span: f32) -> Self {
         let ends = fields.into_iter().filter_map(|values| {
-            let mut ranks = Ranks::of(values);
-            Some((ranks.quantile(TAIL)?, ranks.quantile(1.0 - TAIL)?))
+            let mut quantiles = Quantiles::of(values);
+            Some((quantiles.at(TAIL)?, quantiles.at(1.0 - TAIL)?))
         });
         let (low, high) = ends.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))).unwrap_or((0.0, 0.0));
         let widen = (least_span - (high - low)).max(0.0) / 2.0;
         Self { low: low - widen, high: high + widen, nearer }
     }
 
-    /// 0 at the far end and beyond, 1 at the near end and beyond; NaN where `v` is NaN.
-    pub fn nearness(&self, v: f32) -> f64 {
+    /// 0 at the far end and beyond, 1 at the near end and beyond; NaN where `value` is NaN.
+    pub fn nearness(&self, value: f32) -> f64 {
         // In double precision no finite span overflows.
-        let (v, low, high) = (f64::from(v), f64::from(self.low), f64::from(self.high));
-        let t = ((v - low) / (high - low)).clamp(0.0, 1.0);
+        let (value, low, high) = (f64::from(value), f64::from(self.low), f64::from(self.high));
+        let t = ((value - low) / (high - low)).clamp(0.0, 1.0);
         match self.nearer {
             Nearer::First => t,
             Nearer::Second => 1.0 - t,
         }
     }
 
-    /// V at a nearness, px²: the inverse of [`nearness`](Self::nearness).
+    /// The value at a nearness: the inverse of [`nearness`](Self::nearness).
     pub fn value(&self, nearness: f64) -> f64 {
         let t = match self.nearer {
             Nearer::First => nearness,
             Nearer::Second => 1.0 - nearness,
         };
         f64::from(self.low) + t * (f64::from(self.high) - f64::from(self.low))
+    }
+}
+
+/// The finite values of a field, for their quantiles.
+pub(crate) struct Quantiles(Vec<f32>);
+
+impl Quantiles {
+    /// Keeps the finite values.
+    pub(crate) fn of(values: &[f32]) -> Self {
+        Self(values.iter().copied().filter(|v| v.is_finite()).collect())
+    }
+
+    /// The quantile `q` in [0, 1], linear between ranks (0 is the least value, ½ the median); `None` if no value is finite.
+    pub(crate) fn at(&mut self, q: f64) -> Option<f32> {
+        let last = self.0.len().checked_sub(1)?;
+        let rank = q * last as f64;
+        let (_, &mut low, above) = self.0.select_nth_unstable_by(rank as usize, f32::total_cmp);
+        let high = above.iter().copied().fold(f32::INFINITY, f32::min);
+        let fraction = rank.fract();
+        // At the last rank `above` is empty, and the fraction is 0.
+        Some(if fraction == 0.0 {
+            low
+        } else {
+            (f64::from(low) * (1.0 - fraction) + f64::from(high) * fraction) as f32
+        })
     }
 }
 
@@ -92,5 +218,17 @@ mod tests {
         let scale = Scale::of(&[f32::MIN, f32::MAX], Nearer::First);
         assert!(scale.nearness(0.0) > 0.4 && scale.nearness(0.0) < 0.6, "{scale:?}");
         assert!(scale.nearness(f32::NAN).is_nan());
+    }
+
+    #[test]
+    fn quantiles_interpolate_and_ignore_invalid_values() {
+        let mut quantiles = Quantiles::of(&[4.0, f32::NAN, 1.0, 3.0, 2.0, f32::INFINITY]);
+        let found = [0.0, 0.5, 1.0, 1.0 / 3.0].map(|q| quantiles.at(q));
+        assert_eq!(found, [1.0, 2.5, 4.0, 2.0].map(Some));
+        let values: Vec<f32> = (0..101).rev().map(|i| i as f32).collect();
+        let mut quantiles = Quantiles::of(&values);
+        assert_eq!([0.01, 0.99].map(|q| quantiles.at(q)), [Some(1.0), Some(99.0)]);
+        assert_eq!(Quantiles::of(&[f32::NAN]).at(0.5), None);
+        assert_eq!(Quantiles::of(&[7.0]).at(0.5), Some(7.0));
     }
 }

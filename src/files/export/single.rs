@@ -1,42 +1,41 @@
-//! A file that was named by itself: replaced whole where it is a file, written through where it is none.
+//! A file that the user names: replaced atomically if it is a regular file, written to if it is a device or a pipe.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
 
-use super::destination::{Destination, Guard, check_writable};
-use super::kind::FileKind;
+use super::destination::{Destination, FileKind, Guard, check_writable};
 use super::staging::Staging;
 use crate::base::Error;
 
-/// The most symbolic links that are followed one after the other, as the kernel does.
-const LINKS: usize = 40;
+/// Most symbolic links that are followed, as in the kernel.
+const MAX_LINKS: usize = 40;
 
-/// What a path leads to.
-enum Place {
-    /// A file, there or not, at the end of all symbolic links: another takes its name.
+/// The target of a path.
+enum Target {
+    /// A regular file, which may be missing, at the end of all symbolic links; it is replaced.
     File(PathBuf),
-    /// Written to as it stands.
+    /// A stream, which is written to.
     Stream(Stream),
 }
 
 enum Stream {
     Stdout,
     Stderr,
-    /// A device, a pipe, or what another program has open.
+    /// A device, a pipe, or a file that another program has open.
     Other(PathBuf),
 }
 
-/// Writes one file, whole or not at all; its folder is made if it is missing. Where a symbolic link leads to a file, that is
-/// replaced; devices and pipes are written to.
+/// Writes one file atomically; its folder is created if it is missing. The file at the end of a symbolic link is replaced; devices and
+/// pipes are written to.
 pub(crate) fn write_file(
     out: Destination<'_>,
     kind: FileKind,
     fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
 ) -> Result<(), Error> {
-    let path = match place(out.path)? {
-        Place::File(path) => path,
-        Place::Stream(stream) => return write_through(out.path, stream, fill),
+    let path = match target(out.path)? {
+        Target::File(path) => path,
+        Target::Stream(stream) => return write_through(out.path, stream, fill),
     };
     let (folder, name) = split(&path)?;
     let mut staging = Staging::of_kind(out.to(folder), kind)?;
@@ -45,12 +44,12 @@ pub(crate) fn write_file(
 }
 
 impl Destination<'_> {
-    /// Refuses a file that cannot be written, or that is there and is none that parfocal wrote.
+    /// Checks that a file can be written, and that parfocal wrote it if it exists.
     ///
     /// # Errors
     /// [`Error::File`].
     pub fn check_file(&self, kind: FileKind) -> Result<(), Error> {
-        let Place::File(path) = place(self.path)? else { return Ok(()) };
+        let Target::File(path) = target(self.path)? else { return Ok(()) };
         let (folder, _) = split(&path)?;
         Guard::by_kind(self.to(folder), kind).check(&path)?;
         check_writable(&path)
@@ -64,27 +63,28 @@ fn split(path: &Path) -> Result<(&Path, &std::ffi::OsStr), Error> {
     Ok((path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")), name))
 }
 
-fn place(path: &Path) -> Result<Place, Error> {
+fn target(path: &Path) -> Result<Target, Error> {
     if let Some(stream) = open_already(path) {
-        return Ok(Place::Stream(stream));
+        return Ok(Target::Stream(stream));
     }
     let is_link = fs::symlink_metadata(path).is_ok_and(|found| found.is_symlink());
     match fs::metadata(path) {
         Ok(found) if found.is_dir() => Err(Error::file(path, "is a folder; give a file")),
-        Ok(found) if !found.is_file() => Ok(Place::Stream(Stream::Other(path.to_path_buf()))),
+        Ok(found) if !found.is_file() => Ok(Target::Stream(Stream::Other(path.to_path_buf()))),
         Ok(_) if is_link => fs::canonicalize(path)
-            .map(Place::File)
+            .map(Target::File)
             .map_err(|e| Error::file(path, format!("is a symbolic link that cannot be followed ({e}); remove it"))),
         Err(_) if is_link => Err(Error::file(path, "is a symbolic link that leads nowhere; remove it")),
-        // What else speaks against it, making the file tells.
-        _ => Ok(Place::File(path.to_path_buf())),
+        // Creating the file reports any other problem.
+        _ => Ok(Target::File(path.to_path_buf())),
     }
 }
 
-/// What this or another program has open, by a name like /dev/stdout: it may be a file, but one that someone writes on in.
+/// The open file of this or another program that a name like /dev/stdout refers to; it may be a regular file that must not be
+/// replaced.
 fn open_already(path: &Path) -> Option<Stream> {
     let mut at = path.to_path_buf();
-    for _ in 0..LINKS {
+    for _ in 0..MAX_LINKS {
         let folder = at.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let folder = fs::canonicalize(folder).ok()?;
         let of_programs = folder.starts_with("/proc") && folder.ends_with("fd");
@@ -102,14 +102,14 @@ fn open_already(path: &Path) -> Option<Stream> {
     None
 }
 
-/// Writes to what is no file of its own, once all is there to be written.
+/// Writes to a stream once the content is complete.
 fn write_through(
     path: &Path,
     stream: Stream,
     fill: impl FnOnce(&mut BufWriter<&mut File>) -> Result<(), String>,
 ) -> Result<(), Error> {
     let wrap = |problem: String| Error::file(path, format!("cannot be written ({problem}); check what it leads to"));
-    // Some formats go back and forth in their file, which a pipe does not take.
+    // Some encoders seek, which a pipe cannot.
     let mut whole = tempfile::tempfile().map_err(|e| wrap(e.to_string()))?;
     let mut writer = BufWriter::new(&mut whole);
     fill(&mut writer).map_err(wrap)?;
@@ -119,14 +119,14 @@ fn write_through(
         Stream::Stdout => io::copy(&mut whole, &mut io::stdout().lock()).and_then(|_| io::stdout().flush()),
         Stream::Stderr => io::copy(&mut whole, &mut io::stderr().lock()).map(drop),
         Stream::Other(path) => {
-            // Of a file that someone has open, what stands there stays.
+            // The content of a file that another program has open is kept.
             let append = path.is_file();
             let mut open = OpenOptions::new().write(true).append(append).open(path)?;
             io::copy(&mut whole, &mut open).and_then(|_| open.flush())
         }
     });
     match copied {
-        // A reader that has closed its end wants no more.
+        // The reader has closed its end.
         Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(wrap(e.to_string())),
         _ => Ok(()),
     }
@@ -138,7 +138,7 @@ mod tests {
 
     use super::*;
 
-    const LENS: &str = r#"{"lens": {}, "found": [], "residual_rms_px2": 1}"#;
+    const LENS: &str = r#"{"program": "parfocal", "kind": "lens", "residual_rms_px2": 1}"#;
 
     fn write(path: &Path, force: bool, text: &str) -> Result<(), String> {
         let out = Destination::new(path, force);
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_keeps_leading_to_its_file_which_is_replaced() {
+    fn the_file_at_the_end_of_a_link_is_replaced() {
         let base = tempfile::TempDir::new().unwrap();
         let [file, link] = ["deep/lens.json", "link.json"].map(|name| base.path().join(name));
         write(&file, false, LENS).unwrap();
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_open_is_no_file_of_its_own() {
+    fn standard_streams_are_recognized() {
         assert!(matches!(open_already(Path::new("/dev/stdout")), Some(Stream::Stdout)));
         assert!(matches!(open_already(Path::new("/dev/stderr")), Some(Stream::Stderr)));
         assert!(open_already(Path::new("/dev/null")).is_none());

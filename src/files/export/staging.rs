@@ -1,4 +1,4 @@
-//! Files that appear together: written under temporary names, renamed at the end.
+//! Writes files atomically: under temporary names that are renamed at the end, all of them or none.
 
 use std::ffi::OsStr;
 use std::fs::{self, File, Metadata};
@@ -7,57 +7,54 @@ use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
-use super::destination::{Destination, Guard};
-use super::folder::{Folder, Writers};
+use super::destination::{Destination, FileKind, Guard};
+use super::folder::{Folder, OtherWriters, naming, temporary_file};
 use super::hashes::{Hash, Hashes};
-use super::journal::{Journal, look};
-use super::kind::FileKind;
-use super::listed::Unfinished;
-use super::temporary;
+use super::journal::{Journal, Unfinished, metadata};
 use crate::base::Error;
 
-/// A folder and the files that are about to appear in it. Dropped before [`place`](Staging::place) has succeeded, it
-/// leaves nothing behind.
+/// A folder and the files that are being written into it. Dropped before [`place`](Staging::place) has succeeded, it
+/// removes them.
 pub(crate) struct Staging {
-    // Fields drop in this order: the temporary files go before the folder that holds them.
+    // Fields drop in this order: the temporary files before the folder that holds them.
     written: Vec<(NamedTempFile, PathBuf)>,
     folder: Folder,
     guard: Guard,
     hashes: Hashes,
-    /// What stands for the whole, where anything does.
+    /// Name of the report, if there is one.
     report: Option<String>,
-    /// Of the files that an earlier report lists, those that go.
+    /// Files of earlier results that are removed.
     stale: Stale,
 }
 
-/// What of an earlier run goes when the new files have their names.
+/// Files of earlier results that are removed when the new files get their names.
 enum Stale {
-    /// What the report lists and this run does not write.
+    /// Files that the report lists and that are not written again.
     Rest,
-    /// These, as far as it lists them.
+    /// These files, if the report lists them.
     Named(Vec<String>),
 }
 
 impl Staging {
-    /// Results that take the place of those that a report of this name lists. It is itself the last of them to be
-    /// [`add`](Self::add)ed, and says under `files` which there are. Makes the folder if it is missing.
-    pub(crate) fn anew(out: Destination<'_>, report: &str) -> Result<Self, Error> {
+    /// Starts results that replace those that the report of this name lists. The report is [`add`](Self::add)ed last and lists its
+    /// `files`. Creates the folder if it is missing.
+    pub(crate) fn replacing(out: Destination<'_>, report: &str) -> Result<Self, Error> {
         Self::of_report(out, report, Stale::Rest)
     }
 
-    /// Results that join those which the report lists; of these the `stale` go.
-    pub(crate) fn beside(out: Destination<'_>, report: &str, stale: Vec<String>) -> Result<Self, Error> {
+    /// Starts results that join those that the report lists, of which the `stale` ones are removed.
+    pub(crate) fn joining(out: Destination<'_>, report: &str, stale: Vec<String>) -> Result<Self, Error> {
         Self::of_report(out, report, Stale::Named(stale))
     }
 
-    /// Results that say themselves what wrote them.
+    /// Starts files that state themselves that parfocal wrote them.
     pub(crate) fn of_kind(out: Destination<'_>, kind: FileKind) -> Result<Self, Error> {
-        let folder = Folder::make(out.path, Writers::Many)?;
+        let folder = Folder::make(out.path, OtherWriters::SingleFiles)?;
         Ok(Self::new(folder, Guard::by_kind(out, kind), None, Stale::Named(Vec::new())))
     }
 
     fn of_report(out: Destination<'_>, report: &str, stale: Stale) -> Result<Self, Error> {
-        let folder = Folder::make(out.path, Writers::One)?;
+        let folder = Folder::make(out.path, OtherWriters::None)?;
         Journal::recover(out.path, report).map_err(|e| {
             let problem = format!("holds results that were not finished, and cannot be brought in order ({e})");
             Error::file(out.path, format!("{problem}; check permissions"))
@@ -94,32 +91,32 @@ impl Staging {
     ) -> Result<NamedTempFile, Error> {
         let wrap =
             |problem: String| Error::file(path, format!("cannot be written ({problem}); check space and permissions"));
-        let mut file = temporary::file(&self.folder.path).map_err(|e| wrap(e.to_string()))?;
+        let mut file = temporary_file(&self.folder.path).map_err(|e| wrap(e.to_string()))?;
         let mut writer = BufWriter::new(file.as_file_mut());
         fill(&mut writer).map_err(wrap)?;
         writer.flush().map_err(|e| wrap(e.to_string()))?;
         drop(writer);
-        // A name that is on the disk before what it names would outlast a power cut as an empty file.
+        // Without this a power cut could leave a name with an empty file.
         file.as_file().sync_all().map_err(|e| wrap(e.to_string()))?;
         Ok(file)
     }
 
-    /// The names of the files so far.
+    /// Names of the files that were added.
     pub(crate) fn names(&self) -> Vec<String> {
         let names = self.written.iter().filter_map(|(_, path)| path.file_name());
         names.map(|name| name.to_string_lossy().into_owned()).collect()
     }
 
-    /// What they hold, for the report.
+    /// Sizes and hashes of the files that were added.
     pub(super) fn hashes(&self) -> Hashes {
         self.hashes.clone()
     }
 
-    /// Gives every file its name, and removes what of an earlier run is stale. Where that fails the earlier results stand as
-    /// they did: results of two runs side by side would be worse than none.
+    /// Renames all files and removes stale ones. After a failure the earlier results stand: a mixture of two runs would be worse than
+    /// none.
     pub(crate) fn place(mut self) -> Result<(), Error> {
         self.written.iter().try_for_each(|(_, path)| self.guard.check(path))?;
-        let _uninterrupted = temporary::naming();
+        let _uninterrupted = naming();
         match self.report.clone().filter(|report| self.written.iter().any(|(_, path)| path.ends_with(report))) {
             Some(report) => self.exchange(&report)?,
             None => self.rename()?,
@@ -128,11 +125,11 @@ impl Staging {
         Ok(())
     }
 
-    /// Each file as it is: none belongs to another.
+    /// Renames each file by itself.
     fn rename(&mut self) -> Result<(), Error> {
         let mut new = Vec::new();
         for (file, path) in std::mem::take(&mut self.written) {
-            let is_new = look(&path).is_ok_and(|found| found.is_none());
+            let is_new = metadata(&path).is_ok_and(|found| found.is_none());
             if let Err(e) = file.persist(&path) {
                 new.iter().for_each(|path: &PathBuf| drop(fs::remove_file(path)));
                 return Err(self.cannot_be_replaced(&path, &e.error));
@@ -141,17 +138,17 @@ impl Staging {
                 new.push(path);
             }
         }
-        // What a power cut would lose is known to be written, or no longer.
+        // The files exist; an error of the sync cannot be undone.
         let _ = self.folder.sync();
         Ok(())
     }
 
-    /// All of them, and what goes, for what there was.
+    /// Exchanges the earlier results for the new ones.
     fn exchange(&mut self, report: &str) -> Result<(), Error> {
         let at = self.folder.path.join(report);
         let journal = Journal::begin(&self.folder.path, report).map_err(|e| self.cannot_be_replaced(&at, &e))?;
         let Err((path, error)) = self.exchange_by(&journal, &at) else {
-            // What cannot be removed now the next run removes.
+            // The next run removes what cannot be removed now.
             let _ = journal.finish();
             return Ok(());
         };
@@ -168,7 +165,7 @@ impl Staging {
             let path = path.to_path_buf();
             move |e| (path, e)
         };
-        self.announce(journal, report).map_err(of(report))?;
+        self.write_list(journal, report).map_err(of(report))?;
         self.folder.sync().map_err(of(&folder))?;
         let (last, rest): (Vec<_>, Vec<_>) =
             std::mem::take(&mut self.written).into_iter().partition(|(_, path)| path == report);
@@ -182,7 +179,7 @@ impl Staging {
         for (file, path) in last {
             journal.name(file, &path).map_err(|e| (path, e))?;
         }
-        // The results stand, and the disk has been asked.
+        // The results stand; an error of the sync cannot be undone.
         let _ = self.folder.sync();
         Ok(())
     }
@@ -191,39 +188,39 @@ impl Staging {
         Error::file(path, format!("cannot be replaced ({error}); check permissions"))
     }
 
-    /// The files that go. What is no longer a file is none that was written here; of what cannot be told, nobody knows.
+    /// Stale files that exist.
     fn stale_files(&self) -> Result<Vec<PathBuf>, (PathBuf, io::Error)> {
         let written = self.names();
-        let goes = |name: &&str| match &self.stale {
+        let is_stale = |name: &&str| match &self.stale {
             Stale::Rest => !written.iter().any(|w| w == name),
             Stale::Named(names) => names.iter().any(|n| n == name),
         };
-        let paths = self.guard.listed.files().filter(goes).map(|name| self.folder.path.join(name));
-        let is_file = |path: PathBuf| match look(&path) {
+        let paths = self.guard.listed.iter().filter(is_stale).map(|name| self.folder.path.join(name));
+        let is_file = |path: PathBuf| match metadata(&path) {
             Ok(found) => found.filter(Metadata::is_file).map(|_| Ok(path)),
             Err(e) => Some(Err((path, e))),
         };
         paths.filter_map(is_file).collect()
     }
 
-    /// Puts in the place of the report, which stands for the whole, the list of all files, old and new.
-    fn announce(&self, journal: &Journal, report: &Path) -> io::Result<()> {
+    /// Replaces the report by the list of all files, old and new.
+    fn write_list(&self, journal: &Journal, report: &Path) -> io::Result<()> {
         let names = self.names();
         let mut new = Vec::new();
         for name in &names {
-            if look(&self.folder.path.join(name))?.is_none() {
+            if metadata(&self.folder.path.join(name))?.is_none() {
                 new.push(name.clone());
             }
         }
-        let files = self.guard.listed.files().map(String::from).chain(names).collect();
-        let mut file = temporary::file(&self.folder.path)?;
+        let files = self.guard.listed.iter().map(String::from).chain(names).collect();
+        let mut file = temporary_file(&self.folder.path)?;
         file.write_all(Unfinished { files, new }.text().as_bytes())?;
         file.as_file().sync_all()?;
         journal.name(file, report)
     }
 }
 
-/// Writes one result into a folder, whole or not at all; the folder is made if it is missing.
+/// Writes one file into a folder atomically; the folder is created if it is missing.
 ///
 /// # Errors
 /// [`Error::File`].
@@ -241,15 +238,15 @@ mod tests {
     use super::super::journal::fault;
     use super::*;
 
-    fn anew(out: &Path) -> Result<Staging, Error> {
-        Staging::anew(out.into(), "report.json")
+    fn replacing(out: &Path) -> Result<Staging, Error> {
+        Staging::replacing(out.into(), "report.json")
     }
 
     #[test]
-    fn nothing_is_left_of_a_failure() {
+    fn a_failure_leaves_no_files() {
         let base = TempDir::new().unwrap();
         let out = base.path().join("a/b");
-        let mut staging = anew(&out).unwrap();
+        let mut staging = replacing(&out).unwrap();
         staging.add("one", |w| w.write_all(b"1").map_err(|e| e.to_string())).unwrap();
         assert!(staging.add("two", |_| Err("disk full".to_string())).unwrap_err().to_string().contains("disk full"));
         drop(staging);
@@ -257,11 +254,11 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_in_the_way_stops_all_files_and_keeps_what_was_there() {
+    fn a_folder_with_the_name_of_a_result_stops_all_files() {
         let base = TempDir::new().unwrap();
         fs::create_dir(base.path().join("two")).unwrap();
         fs::write(base.path().join("one"), "old").unwrap();
-        let mut staging = Staging::anew(Destination::new(base.path(), true), "report.json").unwrap();
+        let mut staging = Staging::replacing(Destination::new(base.path(), true), "report.json").unwrap();
         for name in ["one", "two"] {
             staging.add(name, |w| w.write_all(b"new").map_err(|e| e.to_string())).unwrap();
         }
@@ -271,11 +268,11 @@ mod tests {
     }
 
     fn written(out: &Path, report: &str, names: &[&str]) -> Result<(), String> {
-        let mut staging = Staging::anew(out.into(), report).map_err(|e| e.to_string())?;
+        let mut staging = Staging::replacing(out.into(), report).map_err(|e| e.to_string())?;
         for name in names {
             staging.add(name, |w| w.write_all(b"new").map_err(|e| e.to_string())).unwrap();
         }
-        let text = json!({ "transform": {}, "nearer": 1, "files": names });
+        let text = json!({ "program": "parfocal", "kind": "pair", "files": names });
         staging.add(report, |w| write!(w, "{text}").map_err(|e| e.to_string())).unwrap();
         staging.place().map_err(|e| e.to_string())
     }
@@ -288,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_earlier_report_lists_goes_and_nothing_else() {
+    fn only_files_that_the_earlier_report_lists_are_removed() {
         let base = TempDir::new().unwrap();
         fs::write(base.path().join("notes"), "mine").unwrap();
         written(base.path(), "report.json", &["a", "b"]).unwrap();
@@ -301,13 +298,13 @@ mod tests {
         assert!(written(base.path(), "truth.json", &["b"]).is_err(), "the results of another report");
     }
 
-    /// What is in a folder.
+    /// Names and contents of the files in a folder.
     fn contents(folder: &Path) -> Vec<(String, String)> {
         let names = names_in(folder).into_iter();
         names.map(|name| (name.clone(), fs::read_to_string(folder.join(name)).unwrap())).collect()
     }
 
-    /// A folder with results, one of which the next have no more, and a file of the user's.
+    /// A folder with results, one of which the next results lack, and a file of the user.
     fn with_results() -> (TempDir, Vec<(String, String)>) {
         let base = TempDir::new().unwrap();
         fs::write(base.path().join("notes"), "mine").unwrap();
@@ -319,7 +316,7 @@ mod tests {
         (base, earlier)
     }
 
-    /// How many steps it takes to write others, and what there is then.
+    /// The number of steps that writing other results takes, and the files then.
     fn steps_to_new() -> (usize, Vec<(String, String)>) {
         let (base, _) = with_results();
         fault::at(0..0);
@@ -333,76 +330,76 @@ mod tests {
     fn a_disk_that_fails_anywhere_leaves_the_earlier_results_or_the_new() {
         let (steps, new) = steps_to_new();
         for n in 0..steps {
-            // Once: the earlier results come back.
+            // A single failure: the earlier results are restored.
             let (base, earlier) = with_results();
             fault::at(n..n + 1);
             let stands = written(base.path(), "report.json", &["b", "c"]);
             fault::at(0..0);
-            drop(anew(base.path()).unwrap());
+            drop(replacing(base.path()).unwrap());
             assert_eq!(
                 contents(base.path()),
                 if stands.is_ok() { new.clone() } else { earlier },
                 "once at {n}: {stands:?}"
             );
 
-            // For good, as where the program is killed: the next run brings one or the other back.
+            // Failures from then on, as if the program were killed: the next run restores one or the other.
             let (base, earlier) = with_results();
             fault::at(n..usize::MAX);
             let stands = written(base.path(), "report.json", &["b", "c"]);
             fault::at(0..0);
-            drop(anew(base.path()).unwrap());
+            drop(replacing(base.path()).unwrap());
             let found = contents(base.path());
             assert_eq!(found, if stands.is_ok() { new.clone() } else { earlier }, "for good at {n}: {stands:?}");
         }
     }
 
     #[test]
-    fn a_recovery_that_fails_is_made_up_for_by_the_next() {
+    fn the_next_recovery_completes_one_that_failed() {
         let (steps, new) = steps_to_new();
         for (begun, n) in (0..steps).flat_map(|begun| (0..12).map(move |n| (begun, n))) {
             let (base, earlier) = with_results();
             fault::at(begun..usize::MAX);
             let stands = written(base.path(), "report.json", &["b", "c"]).is_ok();
             fault::at(n..n + 1);
-            let recovered = anew(base.path()).is_ok();
+            let recovered = replacing(base.path()).is_ok();
             fault::at(0..0);
-            drop(anew(base.path()).unwrap());
+            drop(replacing(base.path()).unwrap());
             assert_eq!(contents(base.path()), if stands { &new } else { &earlier }[..], "{begun} {n} {recovered}");
         }
     }
 
     #[test]
-    fn what_is_half_written_goes_and_nothing_of_the_users() {
+    fn half_written_files_are_removed_and_files_of_users_stay() {
         let base = TempDir::new().unwrap();
         let out = base.path().join("made/out");
-        let mut staging = anew(&out).unwrap();
+        let mut staging = replacing(&out).unwrap();
         staging.add("depth.png", |_| Ok(())).unwrap();
         fs::write(out.join(".report.json.backup"), "mine").unwrap();
-        // As where the program ends at once.
+        // As if the program ended here.
         std::mem::forget(staging);
-        drop(anew(base.path()).unwrap());
+        drop(replacing(base.path()).unwrap());
         assert_eq!(names_in(&out).len(), 2, "of another folder");
-        temporary::remove_leftovers(&out);
+        super::super::folder::remove_leftovers(&out);
         assert_eq!(names_in(&out), [".report.json.backup"]);
     }
 
     #[test]
-    fn a_file_where_the_folder_should_be_is_named() {
+    fn a_file_with_the_name_of_the_folder_is_named() {
         let base = TempDir::new().unwrap();
         let out = base.path().join("file");
         fs::write(&out, "x").unwrap();
-        let Err(error) = anew(&out) else { panic!("made a folder over a file") };
+        let Err(error) = replacing(&out) else { panic!("made a folder over a file") };
         assert!(error.to_string().contains("is a file"), "{error}");
-        assert!(anew(&out.join("below")).is_err());
+        assert!(replacing(&out.join("below")).is_err());
         assert!(out.is_file());
     }
 
     #[cfg(unix)]
     #[test]
-    fn results_are_as_readable_as_other_files() {
+    fn results_have_the_permissions_of_other_files() {
         use std::os::unix::fs::PermissionsExt;
         let base = TempDir::new().unwrap();
-        let mut staging = anew(base.path()).unwrap();
+        let mut staging = replacing(base.path()).unwrap();
         staging.add("one", |_| Ok(())).unwrap();
         staging.place().unwrap();
         fs::write(base.path().join("other"), "x").unwrap();

@@ -1,14 +1,17 @@
-//! The files of a whole solve, read back.
+//! Tests of results that are written and read.
 
 use std::fs;
+use std::path::Path;
 
 use serde_json::Value;
 use tempfile::TempDir;
 
 use super::*;
-use crate::base::{Channels, Depth, DeviceInfo, Frame, Photometric, Region, Samples, Settings, Shading, Similarity};
-use crate::engine::{Findings, LevelHistory, Timings};
-use crate::files::image_io;
+use crate::base::{
+    Channels, Decode, Depth, DeviceInfo, Error, Photometric, Region, Samples, Settings, Shading, Similarity,
+};
+use crate::engine::{Findings, LevelHistory, Solution, Timings};
+use crate::files::image_io::{self, Values};
 
 fn solution() -> Solution {
     let findings = Findings {
@@ -59,12 +62,13 @@ fn device() -> DeviceInfo {
 }
 
 fn report() -> Report {
-    Report::new(&solution(), &Settings::default(), &device(), Nearer::First)
+    Report::pair(&solution(), &Settings::default(), &device(), Nearer::First)
 }
 
-fn look(depth: Depth) -> Look {
-    let formats = [Format { channels: Channels::Gray, depth }; 2];
-    Look { nearer: Nearer::First, decode: Decode::None, formats, palette: Palette::Viridis, pen: None }
+fn write(out: &Path, solution: &Solution, depth: Depth) -> Result<(), Error> {
+    let mut report = report();
+    report.values = Values::stated(Decode::None);
+    Results::of_pair(solution, report, [depth; 2])?.write(out, &Drawing::default(), Vec::new())
 }
 
 fn keys(value: &Value) -> Vec<&str> {
@@ -78,10 +82,11 @@ fn the_report_has_the_fields_that_scripts_read() {
     let text = report().to_json().unwrap();
     let json: Value = serde_json::from_str(&text).unwrap();
     let mut expected = vec![
+        "program",
+        "kind",
         "version",
-        "transform",
-        "photometric",
-        "shading",
+        "frames",
+        "reference",
         "regularization",
         "method",
         "settings",
@@ -99,11 +104,7 @@ fn the_report_has_the_fields_that_scripts_read() {
         "device",
         "validated",
         "values",
-        "request",
         "inputs",
-        "files",
-        "flattened",
-        "hashes",
         "photograph",
         "region",
         "texture",
@@ -111,13 +112,13 @@ fn the_report_has_the_fields_that_scripts_read() {
     ];
     expected.sort_unstable();
     assert_eq!(keys(&json), expected);
-    assert_eq!(keys(&json["transform"]), ["rotation_deg", "scale", "tx_px", "ty_px"]);
-    assert_eq!(keys(&json["photometric"]), ["gain", "offset"]);
-    assert_eq!(keys(&json["shading"]), ["coefficients", "range", "region"]);
-    assert_eq!(keys(&json["size"]), ["height", "width"]);
+    assert_eq!((&json["program"], &json["kind"]), (&"parfocal".into(), &"pair".into()));
+    assert_eq!(keys(&json["frames"][1]), ["file", "gain", "offset", "shading", "transform"]);
+    assert_eq!(keys(&json["frames"][1]["transform"]), ["rotation_deg", "scale", "tx_px", "ty_px"]);
+    assert_eq!(keys(&json["frames"][1]["shading"]), ["coefficients", "range", "region"]);
+    assert_eq!((&json["frames"][0]["gain"], &json["frames"][1]["gain"]), (&1.0.into(), &1.02.into()));
     assert_eq!(keys(&json["levels"][0]), ["energy", "height", "iterations", "width"]);
     assert_eq!(keys(&json["relative_blur"]), ["max", "median", "min"]);
-    assert_eq!(keys(&json["device"]), ["driver", "name", "uuid"]);
     assert_eq!(keys(&json["timings_ms"]), ["gpu", "passes", "total"]);
     assert_eq!((&json["method"], &json["nearer"]), (&Value::from("unified"), &Value::from(1)));
     assert_eq!(json["settings"]["levels"], Value::Null);
@@ -127,6 +128,8 @@ fn the_report_has_the_fields_that_scripts_read() {
     assert_eq!(json["relative_blur"]["median"], Value::from(1.05));
     let places: Vec<_> = ["\"warp\"", "\"blur\"", "\"apply\""].map(|name| text.find(name).unwrap()).to_vec();
     assert!(places.is_sorted(), "passes are out of order");
+    let back: Report = serde_json::from_str(&text).unwrap();
+    assert_eq!(serde_json::to_value(&back).unwrap(), json, "it is read as it was written");
 }
 
 #[test]
@@ -136,51 +139,61 @@ fn without_a_valid_pixel_the_range_is_null() {
 }
 
 #[test]
-fn a_solve_appears_whole_and_reads_back() {
+fn the_files_of_a_solve_are_read_as_they_were_written() {
     let base = TempDir::new().unwrap();
     let out = base.path().join("deep/out");
-    write(&out, &solution(), &report(), &look(Depth::U8), Additions::default()).unwrap();
+    write(&out, &solution(), Depth::U8).unwrap();
     let mut found: Vec<_> =
         fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-    let mut expected = FILES.to_vec();
+    let mut expected = Kind::Pair.files();
     found.sort_unstable();
     expected.sort_unstable();
     assert_eq!(found, expected);
 
-    let confidence = image_io::read(&out.join("confidence.exr")).unwrap();
-    assert_eq!(confidence, Frame::gray(3, 2, solution().confidence).unwrap());
-    let (transform, photometric) = read_transform(&out.join("report.json")).unwrap();
-    assert!(transform.corner_distance(solution().transform, 4000, 3000) < 1e-9);
-    assert_eq!(photometric, Some(solution().photometric));
+    let results = Results::read(&out).unwrap();
+    assert_eq!(results.field("confidence").unwrap(), solution().confidence);
+    assert!(results.field("focus").unwrap_err().to_string().contains("the fields are relative_blur"));
+    assert!(results.values()[0].is_nan() && results.values()[1..5] == solution().relative_blur[1..5]);
+    let stated: Vec<_> = results.report.fields.iter().map(|field| (&*field.name, &*field.file)).collect();
+    assert_eq!(stated[0], ("relative_blur", "relative_blur.exr"));
+    let hashed: Vec<_> = results.report.hashes.keys().map(String::as_str).collect();
+    assert!(hashed.len() + 1 == expected.len() && !hashed.contains(&"report.json"));
+    let registration = Registration::read(&out.join("report.json")).unwrap();
+    let second = registration.second().unwrap();
+    assert!(second.transform.corner_distance(solution().transform, 4000, 3000) < 1e-9);
+    assert_eq!(second.photometric, Some(solution().photometric));
 
     let image = exr::prelude::read_first_flat_layer_from_file(out.join("relative_blur.exr")).unwrap();
-    let channel = &image.layer_data.channel_data.list[0];
-    assert_eq!(channel.name.to_string(), "Y");
-    let values: Vec<f32> = channel.sample_data.values_as_f32().collect();
-    assert!(values[0].is_nan() && values[1..5] == solution().relative_blur[1..5]);
+    assert_eq!(image.layer_data.channel_data.list[0].name.to_string(), "Y");
     let attributes = &image.layer_data.attributes;
     assert!(attributes.software_name.as_ref().unwrap().to_string().starts_with("parfocal "));
     assert_eq!(attributes.other.len(), 1);
 }
 
 #[test]
-fn fused_takes_the_depth_of_the_inputs() {
+fn the_fused_image_has_the_depth_of_the_inputs() {
     let base = TempDir::new().unwrap();
     let path = base.path().join("fused.png");
-    write(base.path(), &solution(), &report(), &look(Depth::U8), Additions::default()).unwrap();
+    write(base.path(), &solution(), Depth::U8).unwrap();
     assert_eq!(image_io::read(&path).unwrap().samples(), &Samples::U8(vec![0, 0, 51, 128, 255, 255]));
-    for depth in [Depth::U16, Depth::F32] {
-        write(base.path(), &solution(), &report(), &look(depth), Additions::default()).unwrap();
+    for (depth, has_floats) in [(Depth::U16, false), (Depth::F32, true)] {
+        write(base.path(), &solution(), depth).unwrap();
         assert_eq!(image_io::read(&path).unwrap().samples(), &Samples::U16(vec![0, 0, 13107, 32768, 65535, 65535]));
+        assert_eq!(base.path().join("fused.exr").exists(), has_floats);
     }
+    let fused = Results::read(base.path()).unwrap().fused().unwrap();
+    assert_eq!(fused.samples(), &Samples::F32(solution().fused));
 }
 
 #[test]
 fn a_solution_that_contradicts_itself_is_not_written() {
     let base = TempDir::new().unwrap();
+    let out = base.path().join("out");
     let mut wrong = solution();
     wrong.fused.pop();
-    let result = write(&base.path().join("out"), &wrong, &report(), &look(Depth::U8), Additions::default());
-    assert!(matches!(result, Err(Error::Mismatch(_))));
-    assert!(!base.path().join("out").exists());
+    assert!(matches!(write(&out, &wrong, Depth::U8), Err(Error::Mismatch(_))));
+    let mut wrong = solution();
+    wrong.residual.pop();
+    assert!(matches!(write(&out, &wrong, Depth::U8), Err(Error::Mismatch(_))));
+    assert!(!out.exists());
 }

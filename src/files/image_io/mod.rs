@@ -60,7 +60,7 @@ pub fn read(path: &Path) -> Result<Frame, Error> {
     Photograph::open(path)?.decode()
 }
 
-/// Width and height of a photograph, from its header.
+/// Width and height of a photograph. The whole file is read, but no pixel is decoded.
 ///
 /// # Errors
 /// [`Error::File`].

@@ -1,12 +1,12 @@
 //! How stored values become intensities: as is asked, as the files say, or by what their kind implies.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{Input, encoding};
 use crate::base::{Decode, Depth, Error};
 
 /// How the values of photographs became intensities, and on whose word.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Values {
     /// What was done to them.
     pub decode: Decode,
@@ -15,7 +15,7 @@ pub struct Values {
 }
 
 /// Who says how values became intensities.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Basis {
     /// It was asked for.

@@ -10,11 +10,9 @@ mod stl;
 #[cfg(test)]
 mod tests;
 
-use crate::base::{Error, Frame, Region};
-use crate::files::export::{Extra, Nearer, Scale, focus_scale, larger_is};
+use crate::base::{Error, Frame, Lens, Region};
+use crate::files::export::{Extra, Nearer, Quantity, Results, Scale};
 use crate::files::preview::photograph;
-use crate::metric::MetricDepth;
-use crate::solve::focus_stack::Sweep;
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,11 +51,29 @@ pub struct Points {
 }
 
 impl Points {
-    /// V over I1's pixels: x = column, y = -row, z = ±V times `exaggeration` (px per px²), near up; holes where V is not
-    /// finite.
+    /// The surface of results without what was filled in: in mm where a lens is known and no exaggeration is set, else exaggerated. The default
+    /// exaggeration makes the relief 15 % of the longer side.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] where the image is not of as many pixels as there are values.
+    /// [`Error::Mismatch`] if the image does not have the size of the results.
+    pub fn of(results: &Results<'_>, fused: &Frame, exaggeration: Option<f64>) -> Result<Self, Error> {
+        let quantities = results.measured();
+        if let (Some(lens), Some(depth), None) = (results.lens(), quantities.get(1), exaggeration) {
+            return Self::of_depth(&depth.values, lens, results.report.region, results.report.photograph.into(), fused);
+        }
+        let quantity = &quantities[0];
+        let relief = || relief(quantity.scale(), fused.width(), fused.height());
+        let exaggeration = exaggeration.unwrap_or_else(relief);
+        match quantity.name {
+            "focus" => Self::of_focus(quantity, &results.positions(), fused, exaggeration),
+            _ => Self::of_relative_blur(&quantity.values, fused, quantity.nearer, exaggeration),
+        }
+    }
+
+    /// V over I1's pixels: x = column, y = -row, z = ±V times `exaggeration` (px per px²), near up; holes where V is not finite.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] if the image does not have as many pixels as there are values.
     pub fn of_relative_blur(
         relative_blur: &[f32],
         fused: &Frame,
@@ -70,44 +86,35 @@ impl Points {
         Self::raised(relative_blur, fused, |v| factor * v, ["first image", &z])
     }
 
-    /// Depth through a lens, in mm from the middle of the lens: x and y by the ray of each pixel, z = -depth; holes where depth
-    /// is not finite. `part` is the part of a photograph, of a `photograph`'s width and height, that the depths are of; its middle
-    /// is taken to be that of the lens.
-    ///
-    /// # Errors
-    /// As [`of_relative_blur`](Self::of_relative_blur).
-    pub fn of_depth(metric: &MetricDepth, part: Region, photograph: [u32; 2], fused: &Frame) -> Result<Self, Error> {
-        let about = [
+    /// Depth in mm through a lens; the origin is the middle of the lens, x and y follow the ray of each pixel, z = -depth; holes where depth is not
+    /// finite. `part` is the part of the photographs that the depths cover. The middle of the photographs is taken as that of the lens.
+    fn of_depth(depth: &[f32], lens: &Lens, part: Region, photograph: [u32; 2], fused: &Frame) -> Result<Self, Error> {
+        let comments = [
             "the lens' middle is the origin: x and y by the ray of each pixel of the first image, z = -depth",
             "metric",
         ];
-        let raised = Self::raised(&metric.depth, fused, |z| -z, about)?;
+        let raised = Self::raised(depth, fused, |z| -z, comments)?;
         let middle = photograph.map(|side| f64::from(side - 1) / 2.0);
         let corner = [part.x, part.y].map(f64::from);
         let metric_place = |(i, [_, _, z]): (usize, [f32; 3])| {
             let at = [i % raised.width, i / raised.width].map(|k| k as f64);
-            let side = metric.lens.footprint(-f64::from(z));
+            let side = lens.footprint(-f64::from(z));
             let [x, y] = [0, 1].map(|k| ((corner[k] + at[k] - middle[k]) * side) as f32);
             [x, -y, z]
         };
         let positions = raised.positions.iter().copied().enumerate().map(metric_place).collect();
-        Ok(Self { positions, unit: "mm".to_string(), comments: about.map(String::from).to_vec(), ..raised })
+        Ok(Self { positions, unit: "mm".to_string(), comments: comments.map(String::from).to_vec(), ..raised })
     }
 
-    /// The focus of a sweep over the reference's pixels, likewise: z is how far the setting lies from the middle of the
-    /// sweep, times `exaggeration` (px per setting).
-    ///
-    /// # Errors
-    /// As [`of_relative_blur`](Self::of_relative_blur).
-    pub fn of_sweep(sweep: &Sweep, fused: &Frame, nearer: Nearer, exaggeration: f64) -> Result<Self, Error> {
-        let ends = [sweep.positions.first(), sweep.positions.last()].map(|end| end.copied().unwrap_or(0.0));
+    /// Focus over the reference's pixels: z is the distance of the setting from the middle of the sweep, times `exaggeration` (px per setting).
+    fn of_focus(focus: &Quantity<'_>, positions: &[f64], fused: &Frame, exaggeration: f64) -> Result<Self, Error> {
+        let ends = [positions.first(), positions.last()].map(|end| end.copied().unwrap_or(0.0));
         let middle = 0.5 * (ends[0] + ends[1]);
-        let sign = if larger_is(&sweep.positions, nearer) == Nearer::First { 1.0 } else { -1.0 };
-        let factor = sign * exaggeration;
-        let unit = if sweep.unit == "settings" { "setting" } else { sweep.unit };
+        let factor = if focus.nearer == Nearer::First { exaggeration } else { -exaggeration };
+        let unit = if focus.unit == "settings" { "setting" } else { focus.unit };
         let z = format!("z = {factor} px per {unit} times the focus less {middle}; near is up; not metric");
         let height = |u: f32| (factor * (f64::from(u) - middle)) as f32;
-        Self::raised(&sweep.focus, fused, height, ["reference frame", &z])
+        Self::raised(&focus.values, fused, height, ["reference frame", &z])
     }
 
     /// Any field over the pixels of an image.
@@ -133,16 +140,6 @@ impl Points {
             unit: "px".to_string(),
             comments: vec![format!("x = column and y = -row of the {pixels}"), z.to_string()],
         })
-    }
-
-    /// The exaggeration, px per px², at which the relief is 15 % of the image's longer side, as `parfocal view` shows it.
-    pub fn exaggeration(relative_blur: &[f32], width: u32, height: u32) -> f64 {
-        relief(Scale::of(relative_blur, Nearer::First), width, height)
-    }
-
-    /// The same for the focus of a sweep, px per setting.
-    pub fn sweep_exaggeration(sweep: &Sweep, nearer: Nearer) -> f64 {
-        relief(focus_scale(sweep, nearer), sweep.width, sweep.height)
     }
 
     /// Square cells of pixels become one point each, the mean of theirs, about `nodes` along the longer side; as they are
@@ -183,11 +180,11 @@ impl Points {
     pub fn file<'a>(&'a self, model: Model, texture: &'a Frame, nodes: Option<usize>) -> Extra<'a> {
         let mesh = move || nodes.map_or_else(|| self.clone(), |nodes| self.reduced(nodes));
         match model {
-            Model::Ply => Extra::new("surface.ply", move |w| ply::write(w, &mesh(), true)),
-            Model::Cloud => Extra::new("points.ply", move |w| ply::write(w, self, false)),
-            Model::Stl => Extra::new("surface.stl", move |w| stl::write(w, &mesh())),
-            Model::Obj => Extra::new("surface.obj", move |w| obj::write(w, &mesh())),
-            Model::Glb => Extra::new("surface.glb", move |w| glb::write(w, &mesh(), &photograph(texture))),
+            Model::Ply => Extra::new("surface.ply", move |_, w| ply::write(w, &mesh(), true)),
+            Model::Cloud => Extra::new("points.ply", move |_, w| ply::write(w, self, false)),
+            Model::Stl => Extra::new("surface.stl", move |_, w| stl::write(w, &mesh())),
+            Model::Obj => Extra::new("surface.obj", move |_, w| obj::write(w, &mesh())),
+            Model::Glb => Extra::new("surface.glb", move |_, w| glb::write(w, &mesh(), &photograph(texture))),
         }
     }
 }

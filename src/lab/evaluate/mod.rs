@@ -32,7 +32,7 @@ use self::runner::Runner;
 use self::section::Section;
 use crate::base::Error;
 use crate::engine::Engine;
-use crate::files::export::{Destination, DeviceReport, Staging, write_drawing};
+use crate::files::export::{Destination, DeviceReport, Staging, write_drawing, write_json_to};
 
 /// What is evaluated.
 #[derive(Clone, Debug, PartialEq)]
@@ -167,13 +167,12 @@ impl Evaluation {
     /// # Errors
     /// [`Error::File`].
     pub fn write<'d>(&self, out: impl Into<Destination<'d>>) -> Result<(), Error> {
-        let mut staging = Staging::anew(out.into(), REPORT)?;
+        let mut staging = Staging::replacing(out.into(), REPORT)?;
         for figure in &self.figures {
             staging.add(Figure::file(&figure.name), |writer| write_drawing(writer, &figure.picture))?;
         }
         staging.add(TABLES, |w| w.write_all(self.to_markdown().as_bytes()).map_err(|e| e.to_string()))?;
-        let json = self.to_json().map_err(|e| e.to_string());
-        staging.add(REPORT, |w| json.and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string())))?;
+        staging.add(REPORT, |w| write_json_to(w, &self.report))?;
         staging.place()
     }
 

@@ -6,27 +6,26 @@ use serde::Serialize;
 
 use super::{Exposure, Kernel, Radiance, Scene, Shape, Simulated};
 use crate::base::{Error, Frame, Lens, Photometric, Samples, Similarity};
-use crate::files::export::meaning::{DEPTH, PHOTOGRAPH, RELATIVE_BLUR};
-use crate::files::export::picture::{self, Stored};
+use crate::files::export::description::{DEPTH, PHOTOGRAPH, RELATIVE_BLUR};
+use crate::files::export::png_file::{self, Pixels};
 use crate::files::export::{
-    Destination, RangeReport, SIMULATED_FILES, SizeReport, Staging, color_type, field, to_json,
+    Destination, Header, Kind, RangeReport, SIMULATED_FILES, SizeReport, Staging, color_type, exr_file, to_json,
+    write_json_to,
 };
 
 /// `truth.json`: what is true of a synthetic pair. `parfocal solve --transform` reads it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Truth {
+    #[serde(flatten)]
+    header: Header,
     /// The scene's name.
     pub scene: String,
     /// The seed.
     pub seed: u64,
     /// Size of both images.
     pub size: SizeReport,
-    /// T: `I2(T x)` lies over I1(x).
-    pub transform: Similarity,
-    /// Gain and offset that map I2 onto I1, `J = gain I2(T x) + offset`; they undo the exposure.
-    pub photometric: Photometric,
-    /// What was done to I2, `I2 ← gain I2 + offset`.
-    pub exposure: Exposure,
+    /// I1, which is the reference, and I2.
+    pub frames: Vec<FrameTruth>,
     /// Shape of the blur of both images.
     pub kernel: Kernel,
     /// Deviation of the noise, intensities.
@@ -54,16 +53,44 @@ pub struct Truth {
     pub files: Vec<&'static str>,
 }
 
+/// The truth of one frame.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FrameTruth {
+    /// Its file.
+    pub file: String,
+    /// Focus setting of a frame of a sweep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position: Option<f64>,
+    /// T: the reference's pixel x lies at T x in this frame.
+    pub transform: Similarity,
+    /// `gain` and `offset`, which map it onto the reference; they undo the exposure.
+    #[serde(flatten)]
+    pub photometric: Photometric,
+    /// What was done to it, `I ← gain I + offset`.
+    pub exposure: Exposure,
+    /// Darkening of its corners against the reference's, which grows with the squared distance from the middle.
+    pub vignetting: f64,
+}
+
 impl Truth {
     /// What is true of `simulated`, which `scene` rendered.
     pub fn new(scene: &Scene, simulated: &Simulated) -> Self {
+        let [i1, i2, ..] = SIMULATED_FILES;
+        let frame = |file: &str, transform, exposure: Exposure| FrameTruth {
+            file: file.to_string(),
+            position: None,
+            transform,
+            photometric: exposure.photometric(),
+            exposure,
+            vignetting: 0.0,
+        };
+        let second = frame(i2, simulated.transform, scene.exposure);
         Self {
+            header: Header::new(Kind::Simulation),
             scene: scene.name.clone(),
             seed: scene.seed,
             size: SizeReport { width: scene.width, height: scene.height },
-            transform: simulated.transform,
-            photometric: simulated.photometric,
-            exposure: scene.exposure,
+            frames: vec![frame(i1, Similarity::IDENTITY, Exposure::default()), second],
             kernel: scene.kernel,
             noise_sigma: scene.noise,
             contrast: scene.contrast,
@@ -97,16 +124,14 @@ impl Truth {
 pub fn write_simulated<'d>(out: impl Into<Destination<'d>>, simulated: &Simulated, truth: &Truth) -> Result<(), Error> {
     let size = (simulated.i1.width(), simulated.i1.height());
     let [i1, i2, blur, depth_file, json] = SIMULATED_FILES;
-    let mut staging = Staging::anew(out.into(), json)?;
+    let mut staging = Staging::replacing(out.into(), json)?;
     staging.add(i1, |w| write_picture(w, &simulated.i1))?;
     staging.add(i2, |w| write_picture(w, &simulated.i2))?;
-    staging.add(blur, |w| field::write(w, size, &simulated.relative_blur, &RELATIVE_BLUR))?;
+    staging.add(blur, |w| exr_file::write(w, size, &simulated.relative_blur, &RELATIVE_BLUR))?;
     if let Some(depth) = &simulated.depth {
-        staging.add(depth_file, |w| field::write(w, size, depth, &DEPTH))?;
+        staging.add(depth_file, |w| exr_file::write(w, size, depth, &DEPTH))?;
     }
-    staging.add(json, |w| {
-        truth.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
-    })?;
+    staging.add(json, |w| write_json_to(w, truth))?;
     staging.place()
 }
 
@@ -131,5 +156,5 @@ pub(super) fn clipped(frame: &Frame) -> usize {
 pub(super) fn write_picture(writer: impl Write, frame: &Frame) -> Result<(), String> {
     let samples: Vec<u16> = floats(frame).iter().map(|v| (v.clamp(0.0, 1.0) * 65535.0).round() as u16).collect();
     let size = (frame.width(), frame.height());
-    picture::write(writer, size, color_type(frame.format().channels), &Stored::Words(&samples), &PHOTOGRAPH)
+    png_file::write(writer, size, color_type(frame.format().channels), &Pixels::Words(&samples), &PHOTOGRAPH)
 }

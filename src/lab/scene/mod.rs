@@ -48,15 +48,13 @@ mod waves;
 
 use serde::{Deserialize, Serialize};
 
-pub use files::{Truth, simulated_files, write_simulated};
+pub use files::{FrameTruth, Truth, simulated_files, write_simulated};
 pub use kernel::Kernel;
 pub use layers::Arrangement;
 pub use presets::Preset;
 pub use radiance::Radiance;
 pub use shape::Shape;
-pub use sweep::{
-    FrameTruth, Shot, SimulatedSweep, SweepScene, SweepTruth, simulated_sweep_files, write_simulated_sweep,
-};
+pub use sweep::{Shot, SimulatedSweep, SweepScene, SweepTruth, simulated_sweep_files, write_simulated_sweep};
 
 use self::kernel::Rules;
 use self::layers::Layer;
@@ -218,7 +216,8 @@ impl Scene {
 
     /// Both images, with occlusion.
     fn layered_pair(&self, views: &[View; 2], layers: Vec<Layer>, lens: &Lens) -> Result<[Frame; 2], Error> {
-        let deviations = [0, 1].map(|image| layers.iter().map(|l| lens.signed_sigma(image, l.depth)).collect::<Vec<_>>());
+        let deviations =
+            [0, 1].map(|image| layers.iter().map(|l| lens.signed_sigma(image, l.depth)).collect::<Vec<_>>());
         let layered = self.layered(layers, deviations.iter().flatten())?;
         let image = |i: usize| self.exposed(i, &[layered.image(&views[i], &deviations[i])]);
         Ok([image(0)?, image(1)?])

@@ -25,7 +25,7 @@ mod series;
 pub(crate) mod text;
 
 use crate::base::Error;
-use crate::files::export::{Destination, FileKind, Pen, write_drawing, write_file};
+use crate::files::export::{Destination, FileKind, Plotter, write_drawing, write_file};
 
 use image::RgbImage;
 
@@ -37,8 +37,8 @@ pub(crate) use bar::{color_bar, width as bar_width};
 pub(crate) use canvas::{Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, WHITE};
 pub(crate) use resize::resized;
 
-/// What draws keys and curves into results.
-pub const PEN: Pen = Pen { key: bar::key, profile: profile::profile };
+/// Draws keys and profiles into results.
+pub const PLOTTER: Plotter = Plotter { key: bar::key, profile: profile::profile };
 
 /// Writes a picture as PNG, whole or not at all; its folder is made if it is missing. A picture of parfocal's that lies
 /// there is replaced, another file only where the [`Destination`] forces it.

@@ -11,7 +11,7 @@ pub(crate) fn profile(profile: &ProfileReport) -> RgbImage {
     let Line { from: [x1, y1], to: [x2, y2], width } = profile.line;
     let ([values, deviations], label) = match &profile.depth {
         Some(depth) => (depth, "depth, mm".to_string()),
-        None => (&profile.values, profile.quantity.label()),
+        None => (&profile.values, profile.label()),
     };
     let points = profile.distances().zip(values).zip(deviations).map(|((at, v), d)| (at, [v - d, *v, v + d]));
     let title = format!("From ({x1}, {y1}) to ({x2}, {y2}), {width} px wide");

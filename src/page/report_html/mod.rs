@@ -1,16 +1,13 @@
-//! `report.html`: the results of a solve or of a focus sweep in one page to look at, which asks nothing of a network.
+//! `report.html`: results as one page that needs no network.
 //!
-//! The page holds its style, its scripts, three.js for the surface, and all data: each field to the digits that its
-//! read-out shows, the photographs, registered, and the fused image as JPEG, and the report. Pair and sweep share one
-//! template, of which parts are left out. What comes from outside, names of files say, goes in as JSON and out as text,
-//! never as HTML; a content security policy keeps the page from loading anything.
+//! The page holds its style, its scripts, three.js for the surface, and all data: each field to the digits that its read-out shows,
+//! the registered photographs and the fused image as JPEG, and the report. Pairs and sweeps share one template, of which the page hides
+//! parts. Outside text, such as file names, enters as JSON and is shown as text, never as HTML; a content security policy keeps the
+//! page from loading anything.
 
-mod earlier;
-mod packed;
-mod pair;
+mod encoding;
+mod page;
 mod readout;
-mod sweep;
-mod thinning;
 
 use std::borrow::Cow;
 use std::io::Write;
@@ -19,34 +16,29 @@ use std::thread;
 use image::RgbImage;
 use serde_json::{Value, json};
 
-pub use self::earlier::EarlierPage;
-use self::pair::fields_of_pair;
-pub use self::pair::{Page, residual};
+use self::encoding::Grid;
+pub use self::page::{ExistingPage, Page};
 pub use self::readout::Readout;
-pub use self::sweep::SweepPage;
-use self::sweep::fields_of_sweep;
-use self::thinning::Thinning;
-use crate::base::{Brightness, Decode, Error, Frame, Homography, Region, workers};
+use crate::base::{Brightness, Decode, Frame, Homography, Region, workers};
 use crate::files::export::Palette;
 use crate::files::preview::photograph;
-use crate::metric::MetricDepth;
-use crate::page::view::{Surface, View, relief_to_scale};
+use crate::page::view::{Surface, View};
 use crate::solve::resample::registered;
 
 /// Nodes of the surface along its longer side.
 const NODES: u32 = 512;
 
-/// Digits after the point of its heights, which run from 0 to 1.
+/// Decimals of its heights, which run from 0 to 1.
 const HEIGHT_DIGITS: u32 = 5;
 
-/// Quality of the pictures, of 100: at 88 no block shows, even flickering, and a page of 2 megapixels stays below 8 MB.
+/// JPEG quality of the pictures: at 88 no block shows, even when flickering, and a page of 2 megapixels stays below 8 MB.
 const QUALITY: u8 = 88;
 
-/// Of many frames.
-const LESSER_QUALITY: u8 = 85;
+/// JPEG quality of the frames of a sweep.
+const FRAME_QUALITY: u8 = 85;
 
-/// The most pixels of all the frames that are there only to be leafed through.
-const MOST_LEAFED: usize = 6 << 20;
+/// Most pixels of all frames of a sweep together, without the reference.
+const MAX_FRAME_PIXELS: usize = 6 << 20;
 
 const TEMPLATE: &str = include_str!("assets/report.html");
 
@@ -71,24 +63,24 @@ struct Picture<'a> {
     pixels: Pixels<'a>,
 }
 
-/// Where the pixels of a picture come from.
+/// Source of the pixels of a picture.
 enum Pixels<'a> {
     Photographed(Box<Photographed<'a>>),
-    /// An earlier page, as it stands there.
-    Packed(&'a str),
+    /// An existing page: JPEG in base64.
+    Encoded(&'a str),
 }
 
-/// A photograph, to be brought onto the pixels of the reference.
+/// A photograph, to be moved onto the pixels of the reference.
 struct Photographed<'a> {
     frame: Cow<'a, Frame>,
-    /// How it was decoded.
+    /// Its decoding.
     decode: Decode,
-    /// The part of it that the fields are of.
+    /// The part of it that the fields cover.
     part: Region,
-    /// Where it lies and how it is exposed, unless it is the reference.
-    place: Option<(Homography, Brightness)>,
-    /// How many it is one of, and may be reduced for, if it is one of many.
-    leafed: Option<usize>,
+    /// Its registration, unless it is the reference.
+    registration: Option<(Homography, Brightness)>,
+    /// Number of the frames that share [`MAX_FRAME_PIXELS`], if it is one of them.
+    sharing: Option<usize>,
 }
 
 impl<'a> Photographed<'a> {
@@ -97,28 +89,28 @@ impl<'a> Photographed<'a> {
     }
 }
 
-/// What a page is made of, be it of a pair or of a sweep.
+/// The contents of a page.
 struct Contents<'a> {
-    /// Of the fields and the fused image.
+    /// Size of the fields and the fused image.
     size: (u32, u32),
     palette: Palette,
     /// The last one is the fused image.
     pictures: Vec<Picture<'a>>,
-    /// The first says which pixels are valid.
+    /// The first one determines which pixels are valid.
     fields: Vec<Readout<'a>>,
-    /// The key of the field that gives the surface its heights.
+    /// Key of the field that gives the surface its heights.
     heights: &'static str,
-    /// The relief at which these are true to scale, where that is known.
+    /// Relief at which the heights are to scale, where it is known.
     to_scale: Option<f64>,
-    /// What the scripts are told besides; an object.
-    told: Value,
+    /// More data for the scripts; an object.
+    more: Value,
 }
 
-/// A picture on its way into the page.
+/// A picture that is being encoded.
 enum Image<'a> {
-    /// With its quality.
-    Fresh(RgbImage, u8),
-    Packed(&'a str),
+    /// With its JPEG quality.
+    Raw(RgbImage, u8),
+    Encoded(&'a str),
 }
 
 impl Contents<'_> {
@@ -135,47 +127,47 @@ impl Contents<'_> {
         Ok(())
     }
 
-    /// What of the page changes from page to page, by its name in the template. The dear parts are made side by side.
+    /// The variable parts of the page by their names in the template. Expensive parts are made in parallel.
     fn parts(mut self) -> Result<Vec<(&'static str, String)>, String> {
         let first = self.fields.first().map(Readout::key);
         self.fields.retain(|field| Some(field.key()) == first || field.is_worth_showing());
-        // What a field is made of must be there.
+        // The page computes fields from V and its standard deviation.
         let whole = self.fields.iter().any(|field| field.key() == "uncertainty");
-        self.fields.retain(|field| whole || field.is_packed());
-        let thinning = Thinning::of(self.size);
+        self.fields.retain(|field| whole || field.is_encoded());
+        let grid = Grid::of(self.size);
         let heights = self.fields.iter().find(|field| field.key() == self.heights).or(self.fields.first());
         let heights = heights.ok_or("the page has no field")?;
         let surface = Surface::bare(heights.values(), self.size, heights.scale()).map_err(|e| e.to_string())?;
         let (nodes, described) = surface_data(&surface, heights.key(), self.to_scale)?;
         let (fields, pictures) = thread::scope(|scope| {
-            // On this thread where there is no other.
+            // On this thread if no other can be started.
             let beside = |field| {
-                let (field, thinning): (&Readout<'_>, _) = (field, &thinning);
-                let packed = thread::Builder::new().spawn_scoped(scope, move || field.packed(thinning));
-                packed.map_err(|_| field.packed(thinning))
+                let (field, grid): (&Readout<'_>, _) = (field, &grid);
+                let packed = thread::Builder::new().spawn_scoped(scope, move || field.encoded(grid));
+                packed.map_err(|_| field.encoded(grid))
             };
             let fields: Vec<_> = self.fields.iter().map(beside).collect();
-            let pictures = self.packed_pictures(&thinning);
+            let pictures = self.encoded_pictures(&grid);
             let join = |packed: Result<thread::ScopedJoinHandle<'_, _>, _>| match packed {
                 Ok(packed) => packed.join().unwrap_or_else(|_| Err(OUT.to_string())),
                 Err(packed) => packed,
             };
             (fields.into_iter().map(join).collect::<Result<Vec<_>, String>>(), pictures)
         });
-        let values = self.fields.iter().zip(fields?).filter(|(field, _)| field.is_packed());
+        let values = self.fields.iter().zip(fields?).filter(|(field, _)| field.is_encoded());
         let values = values.map(|(field, text)| element(&format!("field-{}", field.key()), &text)).collect();
-        let data = packed::json(&self.data(&thinning, described))?;
+        let data = encoding::json(&self.data(&grid, described))?;
         Ok(vec![("data", data), ("fields", values), ("heights", nodes), ("pictures", pictures?)])
     }
 
-    /// Brought onto the reference's pixels one after the other, since warping takes all processors, and memory; compressed beside that.
-    fn packed_pictures(&self, thinning: &Thinning) -> Result<String, String> {
+    /// Pictures, moved one after the other, since resampling uses all processors and memory, and compressed in parallel.
+    fn encoded_pictures(&self, grid: &Grid) -> Result<String, String> {
         let mut texts = vec![Ok(String::new()); self.pictures.len()];
-        let images = self.pictures.iter().map(|picture| self.image(&picture.pixels, thinning));
+        let images = self.pictures.iter().map(|picture| self.image(&picture.pixels, grid));
         workers::for_each(images.zip(&mut texts), |(image, text)| {
             *text = image.and_then(|image| match image {
-                Image::Packed(text) => Ok(text.to_string()),
-                Image::Fresh(image, quality) => packed::picture(&image, quality),
+                Image::Encoded(text) => Ok(text.to_string()),
+                Image::Raw(image, quality) => encoding::jpeg(&image, quality),
             });
         });
         let elements = texts.into_iter().enumerate();
@@ -183,32 +175,32 @@ impl Contents<'_> {
     }
 
     /// A picture as the page shows it.
-    fn image<'b>(&self, pixels: &Pixels<'b>, thinning: &Thinning) -> Result<Image<'b>, String> {
-        let Photographed { frame, decode, part, place, leafed } = match pixels {
-            Pixels::Packed(text) => return Ok(Image::Packed(text)),
+    fn image<'b>(&self, pixels: &Pixels<'b>, grid: &Grid) -> Result<Image<'b>, String> {
+        let Photographed { frame, decode, part, registration, sharing } = match pixels {
+            Pixels::Encoded(text) => return Ok(Image::Encoded(text)),
             Pixels::Photographed(photographed) => photographed.as_ref(),
         };
-        let moved = place.map(|(t, p)| registered(frame, &t, &p, *decode));
+        let moved = registration.map(|(t, p)| registered(frame, &t, &p, *decode));
         let whole = moved.as_ref().unwrap_or(frame);
         let part = ((whole.width(), whole.height()) != self.size).then(|| whole.cropped(*part)).transpose()?;
         let image = photograph(part.as_ref().unwrap_or(whole));
-        let Some(count) = leafed else { return Ok(Image::Fresh(thinning.picture(image), QUALITY)) };
-        let most = (MOST_LEAFED / count.max(&1)).min(thinning.width * thinning.height);
-        Ok(Image::Fresh(Thinning::within(self.size, most).picture(image), LESSER_QUALITY))
+        let Some(count) = sharing else { return Ok(Image::Raw(grid.picture(image), QUALITY)) };
+        let most = (MAX_FRAME_PIXELS / count.max(&1)).min(grid.width * grid.height);
+        Ok(Image::Raw(Grid::within(self.size, most).picture(image), FRAME_QUALITY))
     }
 
-    fn data(&self, thinning: &Thinning, surface: Value) -> Value {
+    fn data(&self, grid: &Grid, surface: Value) -> Value {
         let mut data = json!({
             "version": env!("CARGO_PKG_VERSION"),
-            "grid": { "step": thinning.step, "first": thinning.step / 2, "width": thinning.width, "height": thinning.height },
+            "grid": { "step": grid.step, "first": grid.step / 2, "width": grid.width, "height": grid.height },
             "fields": self.fields.iter().map(Readout::description).collect::<Vec<_>>(),
             "pictures": self.pictures.iter().map(|picture| &picture.name).collect::<Vec<_>>(),
             "surface": surface,
             "colormap": COLORMAPS.iter().position(|(_, palette)| *palette == self.palette),
             "colormaps": COLORMAPS.map(|(name, palette)| json!({ "name": name, "colors": hexadecimal(palette) })),
         });
-        if let (Some(data), Value::Object(told)) = (data.as_object_mut(), &self.told) {
-            data.extend(told.clone());
+        if let (Some(data), Value::Object(more)) = (data.as_object_mut(), &self.more) {
+            data.extend(more.clone());
         }
         data
     }
@@ -216,22 +208,12 @@ impl Contents<'_> {
 
 const OUT: &str = "out of memory";
 
-/// What a page needs to see V through a lens as the program does; nothing without one.
-fn through_lens(scale: f64, limit: f64, metric: Option<&MetricDepth>) -> Value {
-    metric.map_or(Value::Null, |_| json!({ "scale": scale, "limit": limit.is_finite().then_some(limit) }))
-}
-
-/// The relief at which depth is true to scale.
-fn to_scale(metric: Option<&MetricDepth>) -> Option<f64> {
-    metric.map(relief_to_scale)
-}
-
-/// An element that holds text which no browser reads by itself.
+/// An element of text that browsers do not interpret.
 fn element(id: &str, text: &str) -> String {
     format!("<script type=\"text/plain\" id=\"{id}\">{text}</script>\n")
 }
 
-/// The surface's nodes: their nearness, NaN in holes; and what they are.
+/// The nearness of the surface's nodes, NaN in holes, and their description.
 fn surface_data(surface: &Surface, field: &str, to_scale: Option<f64>) -> Result<(String, Value), String> {
     let relief = to_scale.unwrap_or(View::default().relief);
     let view = View { width: NODES, smoothing: 2, relief, ..View::default() };
@@ -240,22 +222,14 @@ fn surface_data(surface: &Surface, field: &str, to_scale: Option<f64>) -> Result
         "field": field, "width": width, "height": height, "digits": HEIGHT_DIGITS,
         "relief": view.relief, "to_scale": to_scale.is_some(), "elevation_deg": view.elevation, "azimuth_deg": view.azimuth,
     });
-    Ok((packed::decimals(&heights, width, HEIGHT_DIGITS)?, described))
+    Ok((encoding::decimals(&heights, width, HEIGHT_DIGITS)?, described))
 }
 
-/// What the page offers; the last one is for fields in grey.
+/// Colour maps of the page; the last one is for fields in grey.
 const COLORMAPS: [(&str, Palette); 3] =
     [("Viridis", Palette::Viridis), ("Red near, blue far", Palette::RedBlue), ("Grey", Palette::Grey)];
 
 /// 256 colours from far to near.
 fn hexadecimal(palette: Palette) -> String {
     (0..256).flat_map(|i| palette.color(f64::from(i) / 255.0)).map(|byte| format!("{byte:02x}")).collect()
-}
-
-/// The fused image as the page's last picture.
-fn best_focus<'a>(fused: Result<Frame, Error>) -> Result<Picture<'a>, String> {
-    let frame: Cow<'_, Frame> = Cow::Owned(fused.map_err(|e| e.to_string())?);
-    let part = Region { x: 0, y: 0, width: frame.width(), height: frame.height() };
-    let fused = Photographed { frame, decode: Decode::None, part, place: None, leafed: None };
-    Ok(fused.named("Best focus".to_string()))
 }

@@ -1,12 +1,11 @@
-//! What the page knows of each pixel: values, what they are called, and how they are read and drawn.
+//! A value at each pixel of the page: its name, digits and colours.
 
 use serde_json::{Value, json};
 
-use super::packed;
-use super::thinning::Thinning;
-use crate::files::export::{Nearer, Ranks, Scale};
+use super::encoding::{self, Grid};
+use crate::files::export::{Nearer, Quantiles, Scale};
 
-/// One value at each pixel, as the page reads and draws it.
+/// A value at each pixel, as the page displays it.
 #[derive(Clone, Debug)]
 pub struct Readout<'a> {
     key: &'static str,
@@ -21,38 +20,38 @@ pub struct Readout<'a> {
     /// Whether the colours run from the high to the low end.
     reversed: bool,
     gray: bool,
-    /// Whether the page makes it of others.
+    /// Whether the page computes it from other fields.
     computed: bool,
 }
 
-/// From values to colours, ends included.
+/// Map from values to colours.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Ramp {
     Linear { low: f32, high: f32 },
     Logarithmic { low: f32, high: f32 },
 }
 
-/// The part of the values, at either end, that may leave the ramp.
+/// Fraction of the values, at either end, that may exceed the ramp.
 const TAIL: f64 = 0.01;
 
-/// The least ratio between the ends of a logarithmic ramp.
+/// Least ratio between the ends of a logarithmic ramp.
 const LEAST_RATIO: f32 = 10.0;
 
-/// Digits after the point of what has a span of some tens to hundreds of its unit.
+/// Decimals of a quantity with a span of some tens to hundreds of its unit.
 const DIGITS: u32 = 4;
 
-/// Of logarithms: to a hundredth of the value.
+/// Decimals of logarithms: to 1 % of the value.
 const LOGARITHM_DIGITS: u32 = 2;
 
-/// Of mm: to the micrometre.
+/// Decimals of mm: to the micrometre.
 const METRIC_DIGITS: u32 = 3;
 
 impl<'a> Readout<'a> {
-    /// A field in grey, least black and greatest white, with four digits after the point.
+    /// A field in grey, least black and greatest white, with four decimals.
     ///
-    /// `key` names it within the page, in small letters and underscores; `name` is what a person reads, and `sign` its
-    /// short form beside the number. `values` has one value a pixel of the page's images, row-major; NaN where there is
-    /// none. A field of which no two values differ is left out of the page.
+    /// `key` identifies it within the page, in lower case with underscores; `name` is shown, and `sign` is its short form beside the
+    /// number. `values` has one value per pixel of the page's images, row-major; NaN where there is none. The page leaves out a field
+    /// whose values are all equal.
     pub fn new(key: &'static str, name: &'static str, sign: &'static str, values: &'a [f32]) -> Self {
         let (low, high) = span(values);
         let ramp = Ramp::Linear { low, high };
@@ -73,22 +72,22 @@ impl<'a> Readout<'a> {
         }
     }
 
-    /// In this unit.
+    /// Sets the unit.
     pub fn unit(self, unit: &'static str) -> Self {
         Self { unit, ..self }
     }
 
-    /// What it means, in a sentence or two.
+    /// Sets the explanation, a sentence or two.
     pub fn note(self, note: &'static str) -> Self {
         Self { note, ..self }
     }
 
-    /// With so many digits after the point.
+    /// Sets the number of decimals.
     pub fn digits(self, digits: u32) -> Self {
         Self { digits, ..self }
     }
 
-    /// On a logarithmic scale, for values above 0.
+    /// Sets a logarithmic scale, for values above 0.
     pub fn logarithmic(self) -> Self {
         let values: Vec<f32> = self.values.iter().copied().filter(|&v| v > 0.0).collect();
         let (low, high) = span(&values);
@@ -96,30 +95,30 @@ impl<'a> Readout<'a> {
         Self { ramp: Ramp::Logarithmic { low, high: high.max(LEAST_RATIO * low) }, ..self }
     }
 
-    /// To as many digits as its standard deviation is worth: a step of the last is a fifth of the median of it at most.
+    /// Limits the decimals by the standard deviation: a unit of the last decimal is at most a fifth of its median.
     pub(super) fn rounded_by(self, deviation: &[f32]) -> Self {
-        let typical = Ranks::of(deviation).quantile(0.5).filter(|sigma| *sigma > 0.0);
+        let typical = Quantiles::of(deviation).at(0.5).filter(|sigma| *sigma > 0.0);
         let enough =
             typical.map_or(self.digits, |sigma| (-(f64::from(sigma) / 5.0).log10()).ceil().clamp(0.0, 9.0) as u32);
         Self { digits: self.digits.min(enough.max(1)), ..self }
     }
 
-    /// Made by the page of other fields, as `formulas` in `data.js` says.
+    /// Has the page compute it from other fields, by `formulas` in `data.js`.
     pub(super) fn computed(self) -> Self {
         Self { computed: true, ..self }
     }
 
     /// Whether the page holds its values.
-    pub(super) fn is_packed(&self) -> bool {
+    pub(super) fn is_encoded(&self) -> bool {
         !self.computed
     }
 
-    /// What the low and the high end mean.
+    /// Sets the names of the low and the high end.
     pub fn ends(self, ends: [&'static str; 2]) -> Self {
         Self { ends, ..self }
     }
 
-    /// In colours, of which the last is near.
+    /// Sets colours, of which the last is near.
     fn near_and_far(self, scale: Scale) -> Self {
         let reversed = scale.nearer == Nearer::Second;
         let ends = if reversed { ["near", "far"] } else { ["far", "near"] };
@@ -134,7 +133,7 @@ impl<'a> Readout<'a> {
         )
     }
 
-    /// The focus setting; whether a greater one is near.
+    /// The focus setting; [`Nearer::First`] where a greater one is near.
     pub(super) fn focus(values: &'a [f32], nearer: Nearer) -> Self {
         let (low, high) = span(values);
         let digits = digits_of(values, high - low, DIGITS);
@@ -162,7 +161,7 @@ impl<'a> Readout<'a> {
         [depth, sigma]
     }
 
-    /// How sure another field is: a standard deviation in the same unit.
+    /// The standard deviation of another field, in the same unit.
     pub(super) fn deviation(key: &'static str, of: &Readout<'_>, names: [&'static str; 2], values: &'a [f32]) -> Self {
         let [name, sign] = names;
         Self::new(key, name, sign, values)
@@ -172,7 +171,15 @@ impl<'a> Readout<'a> {
             .ends(["sure", "unsure"])
     }
 
-    /// Confidence, by which a solve weighs V.
+    /// What neither blur nor registration explains.
+    pub(super) fn residual(values: &'a [f32]) -> Self {
+        Self::new("residual", "Residual", "residual", values).digits(5).logarithmic().ends(["explained", "not"]).note(
+            "What neither blur nor registration explains around each pixel, in intensities with white at 1: large where \
+             something moved between the photographs or shone differently. On a logarithmic scale.",
+        )
+    }
+
+    /// Confidence of V.
     pub(super) fn confidence(values: &'a [f32]) -> Self {
         Self::new("confidence", "Confidence", "confidence", values)
             .digits(5)
@@ -181,7 +188,7 @@ impl<'a> Readout<'a> {
             .note("1/(1 + σ²), σ the standard deviation of V in px²: ½ where V is known to 1 px². On a logarithmic scale.")
     }
 
-    /// Whether there is anything to see: two values that differ.
+    /// Whether two values differ.
     pub(super) fn is_worth_showing(&self) -> bool {
         let mut values = self.values.iter().filter(|v| !v.is_nan());
         values.next().is_some_and(|first| values.any(|v| v != first))
@@ -201,7 +208,7 @@ impl<'a> Readout<'a> {
         Scale { low, high, nearer: if self.reversed { Nearer::Second } else { Nearer::First } }
     }
 
-    /// What `data.js` needs to know of it.
+    /// Its description for `data.js`.
     pub(super) fn description(&self) -> Value {
         let (Ramp::Linear { low, high } | Ramp::Logarithmic { low, high }) = self.ramp;
         json!({
@@ -209,7 +216,7 @@ impl<'a> Readout<'a> {
             "digits": self.digits, "low": low, "high": high,
             "logarithmic": self.is_logarithmic(), "logarithms": self.is_logarithmic(), "computed": self.computed,
             "ends": self.ends, "reversed": self.reversed, "gray": self.gray,
-            "median": Ranks::of(self.values).quantile(0.5),
+            "median": Quantiles::of(self.values).at(0.5),
         })
     }
 
@@ -217,33 +224,32 @@ impl<'a> Readout<'a> {
         matches!(self.ramp, Ramp::Logarithmic { .. })
     }
 
-    /// Its values on the thinning, to the digits that are shown; on a logarithmic scale to a hundredth of themselves, as two digits
-    /// of their logarithms.
-    pub(super) fn packed(&self, thinning: &Thinning) -> Result<String, String> {
-        let mut values = if self.computed { Vec::new() } else { thinning.values(self.values) };
+    /// Its values on the grid, to the decimals that are shown; on a logarithmic scale two decimals of their logarithms.
+    pub(super) fn encoded(&self, grid: &Grid) -> Result<String, String> {
+        let mut values = if self.computed { Vec::new() } else { grid.values(self.values) };
         if self.is_logarithmic() {
             values.iter_mut().for_each(|v| *v = v.ln());
         }
-        packed::decimals(&values, thinning.width, if self.is_logarithmic() { LOGARITHM_DIGITS } else { self.digits })
+        encoding::decimals(&values, grid.width, if self.is_logarithmic() { LOGARITHM_DIGITS } else { self.digits })
     }
 }
 
-/// The 1st and the 99th percentile of the finite values, apart; 0 and 1 where none is finite.
+/// The 1st and the 99th percentile of the finite values, made unequal; 0 and 1 where none is finite.
 fn span(values: &[f32]) -> (f32, f32) {
-    let mut ranks = Ranks::of(values);
-    let ends = ranks.quantile(TAIL).zip(ranks.quantile(1.0 - TAIL));
+    let mut quantiles = Quantiles::of(values);
+    let ends = quantiles.at(TAIL).zip(quantiles.at(1.0 - TAIL));
     let (low, high) = ends.unwrap_or((0.0, 1.0));
     if high > low { (low, high) } else { (low, low + low.abs().max(1e-3) * 1e-3) }
 }
 
-/// Digits after the point: so many of a span of 1 and more, one more for each power of ten below; fewer where the page's
-/// integers of 32 bits could not hold the greatest value.
+/// Decimals: `usual` for a span of 1 and more, one more for each power of ten below; fewer if the page's 32-bit integers could not
+/// hold the greatest value.
 fn digits_of(values: &[f32], span: f32, usual: u32) -> u32 {
     let power = f64::from(span).log10().ceil().clamp(-5.0, 0.0);
     most_digits(values).min((f64::from(usual) - power) as u32)
 }
 
-/// Digits with which the greatest value still is an integer of 32 bits.
+/// Most decimals with which the greatest value fits a 32-bit integer.
 fn most_digits(values: &[f32]) -> u32 {
     let greatest = values.iter().filter(|v| v.is_finite()).fold(1.0f64, |m, v| m.max(f64::from(v.abs())));
     (9.0 - greatest.log10().ceil()).max(0.0) as u32
@@ -254,14 +260,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_says_nothing_is_left_out() {
+    fn equal_values_are_not_worth_showing() {
         let shown = |values: &[f32]| Readout::new("a", "A", "a", values).is_worth_showing();
         assert!(shown(&[0.0, f32::NAN, 1.0]));
         assert!(!shown(&[]) && !shown(&[f32::NAN; 2]) && !shown(&[2.0, f32::NAN, 2.0]));
     }
 
     #[test]
-    fn every_ramp_has_a_length() {
+    fn the_ends_of_every_ramp_differ() {
         for values in [&[][..], &[5.0; 3], &[f32::NAN, -1.0], &[0.0, 0.0], &[f32::INFINITY, 3.0]] {
             let linear = Readout::new("a", "A", "a", values);
             for field in [linear.clone(), linear.logarithmic()] {
@@ -272,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn depth_is_read_to_the_micrometre_or_finer() {
+    fn depth_has_decimals_to_the_micrometre_or_finer() {
         assert_eq!(
             [340.0, 7.0, 0.5, 0.05, 1e-9, 0.0].map(|span| digits_of(&[], span, METRIC_DIGITS)),
             [3, 3, 3, 4, 8, 8]

@@ -30,17 +30,12 @@ mod turntable;
 
 use image::RgbImage;
 
-use crate::base::{Error, Frame};
-use crate::files::export::{Destination, Nearer, Palette, Scale, depth_surface, sweep_surface};
+use crate::base::{Error, Frame, Lens};
+use crate::files::export::{Destination, Nearer, Palette, Quantity, Scale};
 use crate::files::preview::photograph;
-use crate::metric::MetricDepth;
-use crate::solve::focus_stack::Sweep;
 
-/// What the surface of a pair shows.
-const OF_PAIR: [&str; 2] = ["Relative blur V", "V, px²"];
-
-/// The same in mm.
-const OF_DEPTH: [&str; 2] = ["Depth", "mm"];
+/// Title and key of the surface of V.
+const OF_BLUR: [&str; 2] = ["Relative blur V", "V, px²"];
 
 /// The steepest relief.
 const MOST_RELIEF: f64 = 2.0;
@@ -112,30 +107,23 @@ impl<'a> Surface<'a> {
         Self::on(relative_blur, fused, Scale::of(relative_blur, nearer))
     }
 
-    /// The surface of depth through a lens, under an image of the same size.
+    /// The surface of a quantity of results, under an image of the same size.
     ///
     /// # Errors
-    /// As [`new`](Self::new).
-    pub fn of_depth(metric: &'a MetricDepth, fused: &Frame) -> Result<Self, Error> {
-        let (values, scale) = depth_surface(metric);
-        let to_scale = Some(relief_to_scale(metric));
-        Ok(Self { names: OF_DEPTH, to_scale, ..Self::on(values, fused, scale)? })
+    /// As for [`new`](Self::new).
+    pub fn of(quantity: &'a Quantity<'_>, lens: Option<&Lens>, fused: &Frame) -> Result<Self, Error> {
+        let names = match quantity.name {
+            "relative_blur" => OF_BLUR,
+            "focus" => ["Focus", "setting"],
+            _ => ["Depth", "mm"],
+        };
+        let to_scale = lens.map(|lens| relief_to_scale(quantity, (fused.width(), fused.height()), lens));
+        Ok(Self { names, to_scale, ..Self::on(&quantity.values, fused, quantity.scale())? })
     }
 
-    /// The [relief](View::relief) at which it is seen as it is, in perspective of no more than its middle depth, where it is known in
-    /// mm through a lens; else the usual exaggeration.
+    /// The [relief](View::relief) that is true to scale at the middle depth, where a lens is known; else the default one.
     pub fn relief(&self) -> f64 {
         self.to_scale.unwrap_or(View::default().relief)
-    }
-
-    /// The surface of a focus sweep, of depth where it is known and else of focus, under an image of the same size.
-    ///
-    /// # Errors
-    /// As [`new`](Self::new).
-    pub fn of_sweep(sweep: &'a Sweep, fused: &Frame, nearer: Nearer) -> Result<Self, Error> {
-        let (values, scale) = sweep_surface(sweep, nearer);
-        let names = if sweep.depth.is_some() { OF_DEPTH } else { ["Focus", "setting"] };
-        Ok(Self { names, ..Self::on(values, fused, scale)? })
     }
 
     /// The surface of any field, on this scale.
@@ -153,7 +141,7 @@ impl<'a> Surface<'a> {
                 "{values} values of V cannot be shown under an image of {width}x{height}"
             )));
         }
-        Ok(Self { width, height, relative_blur, texture: RgbImage::new(0, 0), scale, names: OF_PAIR, to_scale: None })
+        Ok(Self { width, height, relative_blur, texture: RgbImage::new(0, 0), scale, names: OF_BLUR, to_scale: None })
     }
 
     /// Nearness, 0 far to 1 near, row-major on a grid of about `view.width` nodes along the longer side, smoothed as the
@@ -184,11 +172,11 @@ impl<'a> Surface<'a> {
     }
 }
 
-/// Height from far to near over the longer side of the image, as both are at the middle depth.
-pub(crate) fn relief_to_scale(metric: &MetricDepth) -> f64 {
-    let (_, scale) = depth_surface(metric);
-    let longer = f64::from(metric.width.max(metric.height));
-    let relief = f64::from(scale.high - scale.low) / (longer * metric.lens.footprint(scale.value(0.5)));
+/// Height from far to near over the longer side of the image, both at the middle depth.
+pub(crate) fn relief_to_scale(depth: &Quantity<'_>, (width, height): (u32, u32), lens: &Lens) -> f64 {
+    let scale = depth.scale();
+    let longer = f64::from(width.max(height));
+    let relief = f64::from(scale.high - scale.low) / (longer * lens.footprint(scale.value(0.5)));
     if relief.is_finite() { relief.clamp(0.0, MOST_RELIEF) } else { View::default().relief }
 }
 

@@ -1,21 +1,21 @@
 //! Depth where it becomes known later at what distances the frames of a solved sweep are focused.
 
-use super::{Positions, Sweep, SweepDepth};
+use super::{Positions, SweepDepth};
 use crate::base::Error;
 
-impl Sweep {
-    /// Depth if the frames are focused at these places, in mm; `None` where they are no places in mm. A setting that lies between two
-    /// frames lies as far between what is now stated of them, 1/mm of distances, mm of a stage; beyond the ends as their
-    /// neighbours go on.
+impl Positions {
+    /// Depth of a sweep that was solved with the focus settings `solved`, if its frames are focused at these positions; `None` where they are
+    /// not in mm. Between two frames the settings are interpolated linearly, in 1/mm of distances or mm of a stage, and extrapolated
+    /// beyond the ends.
     ///
     /// # Errors
     /// Those of [`Positions::check`].
-    pub fn depth_by(&self, stated: &Positions) -> Result<Option<SweepDepth>, Error> {
-        stated.check(self.positions.len())?;
-        let map = Between { from: &self.positions, to: &stated.settings(self.positions.len()) };
+    pub fn depth_of(&self, solved: &[f64], focus: &[f32], uncertainty: &[f32]) -> Result<Option<SweepDepth>, Error> {
+        self.check(solved.len())?;
+        let map = Between { from: solved, to: &self.settings(solved.len()) };
         let (focus, uncertainty): (Vec<f32>, Vec<f32>) =
-            self.focus.iter().zip(&self.uncertainty).map(|(&u, &sigma)| map.of(u, sigma)).unzip();
-        Ok(stated.depth(&focus, &uncertainty))
+            focus.iter().zip(uncertainty).map(|(&u, &sigma)| map.of(u, sigma)).unzip();
+        Ok(self.depth(&focus, &uncertainty))
     }
 }
 

@@ -1,13 +1,13 @@
 """Depth from defocus on the GPU.
 
-Two photographs of a scene, focused at two distances, as NumPy arrays in; relative blur at every pixel, which a lens makes
-depth, and the registration of the two out:
+`solve` takes two photographs of a scene, focused at two distances, as NumPy arrays. It returns the relative blur at each
+pixel and the registration of the two. With a lens, relative blur becomes depth:
 
     result = parfocal.solve(near, far, max_relative_blur=36)
     result.relative_blur, result.transform, result.warnings
 
-Arrays are (height, width) or (height, width, 3), of uint8, uint16 or float32, whose white is 255, 65535 or 1. Settings are
-those of docs/method.md, section 8, by their names there, with the program's defaults.
+Arrays have the shape (height, width) or (height, width, 3) and the type uint8, uint16 or float32. White is 255, 65535 or 1.
+Settings have the names and defaults of docs/method.md, section 8.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Plain arrays and dictionaries; the package around it is what to use."""
+"""The compiled module: plain arrays and dictionaries. Use the package `parfocal` instead."""
 
 from collections.abc import Callable, Sequence
 from os import PathLike
@@ -10,23 +10,23 @@ from numpy.typing import NDArray
 __version__: str
 
 class DeviceError(RuntimeError):
-    """No device will do, or it failed or took too long."""
+    """No device is usable, or the device failed or exceeded the time limit."""
 
 class Cancelled(RuntimeError):
-    """The call was called off."""
+    """The call was cancelled."""
 
 class CancellationToken:
-    """Calls solves off, from any thread: those that have it raise Cancelled soon, and so do all that begin with it afterwards."""
+    """Cancels solves, from any thread: solves that use the token raise Cancelled soon, and so do later ones."""
 
     def __init__(self) -> None: ...
     def cancel(self) -> None:
-        """Calls off what is being solved with it."""
+        """Cancels all solves that use this token."""
     @property
     def is_cancelled(self) -> bool:
-        """Whether it was called off."""
+        """Whether `cancel` was called."""
 
 class Engine:
-    """A Vulkan device. Calls of several threads wait for each other."""
+    """A Vulkan device. Calls from several threads run one after another."""
 
     def __init__(self, device: str | None = None, *, timeout: float = 600.0, validation: bool = False) -> None: ...
     @property
@@ -37,9 +37,9 @@ class Engine:
         self,
         i1: NDArray[Any],
         i2: NDArray[Any],
-        named: dict[str, Any],
-        part: Sequence[int] | None,
-        counts: NDArray[np.uint8] | None,
+        settings: dict[str, Any],
+        region: Sequence[int] | None,
+        mask: NDArray[np.uint8] | None,
         crop_valid: bool,
         progress: Callable[[float], object] | None,
         cancel: CancellationToken | None,
@@ -48,25 +48,25 @@ class Engine:
         self,
         i1: NDArray[Any],
         i2: NDArray[Any],
-        named: dict[str, Any],
+        settings: dict[str, Any],
         progress: Callable[[float], object] | None,
         cancel: CancellationToken | None,
     ) -> dict[str, Any]: ...
     def stack(
         self,
         frames: list[NDArray[Any]],
-        named: dict[str, Any],
+        settings: dict[str, Any],
         positions: list[float] | None,
         unit: str,
         reference: int | None,
-        part: Sequence[int] | None,
-        counts: NDArray[np.uint8] | None,
+        region: Sequence[int] | None,
+        mask: NDArray[np.uint8] | None,
         progress: Callable[[float], object] | None,
         cancel: CancellationToken | None,
     ) -> dict[str, Any]: ...
 
 class Stream:
-    """Many pairs one after the other, on devices of its own."""
+    """A stream of pairs, on its own devices."""
 
     def __init__(self, devices: list[str] | None, slots: int, timeout: float, validation: bool) -> None: ...
     @property
@@ -76,7 +76,7 @@ class Stream:
     @property
     def capacity(self) -> int: ...
     def __len__(self) -> int: ...
-    def push(self, i1: NDArray[Any], i2: NDArray[Any], named: dict[str, Any], timeout: float | None) -> bool: ...
+    def push(self, i1: NDArray[Any], i2: NDArray[Any], settings: dict[str, Any], timeout: float | None) -> bool: ...
     def next(self, timeout: float | None) -> dict[str, Any] | None: ...
     def finish(self) -> None: ...
     def close(self) -> None: ...
@@ -91,7 +91,7 @@ def apply(
     transform: NDArray[np.float64],
     brightness: tuple[float, float, list[float], Sequence[int]] | None,
     decode: str,
-    part: Sequence[int],
+    region: Sequence[int],
 ) -> NDArray[Any]: ...
 def depth(
     blur: NDArray[np.float32],

@@ -1,4 +1,4 @@
-"""Fields as pictures, for notebooks: PNG of NumPy alone."""
+"""Draws fields as PNG pictures for notebooks, with NumPy alone."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-# Nine colours of the map viridis of Matplotlib (CC0), from the farthest to the nearest.
+# Nine colours of Matplotlib's colormap viridis (CC0), far to near.
 _COLOURS = np.array(
     [
         (68, 1, 84),
@@ -24,23 +24,23 @@ _COLOURS = np.array(
     ],
     float,
 )
-# As much as a notebook shows side by side, px.
-_WIDEST = 480
+# Width of a picture, px: two fit side by side in a notebook.
+_MAX_WIDTH = 480
 
 
-def coloured(field: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """High values yellow, low ones purple, from the 1st to the 99th percentile; white where there is none."""
+def colormapped(field: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Maps the 1st to 99th percentile to purple to yellow; NaN becomes white."""
     valid = np.isfinite(field)
     if not valid.any():
         return np.full((*field.shape, 3), 255, np.uint8)
     low, high = np.percentile(field[valid], [1, 99])
-    place = np.clip((np.where(valid, field, low) - low) / max(high - low, 1e-12), 0, 1) * (len(_COLOURS) - 1)
-    channels = [np.interp(place, np.arange(len(_COLOURS)), _COLOURS[:, c]) for c in range(3)]
+    position = np.clip((np.where(valid, field, low) - low) / max(high - low, 1e-12), 0, 1) * (len(_COLOURS) - 1)
+    channels = [np.interp(position, np.arange(len(_COLOURS)), _COLOURS[:, c]) for c in range(3)]
     return np.where(valid[..., None], np.stack(channels, -1).round(), 255).astype(np.uint8)
 
 
-def shown(image: NDArray[np.float32], *, linear: bool) -> NDArray[np.uint8]:
-    """Intensities as a screen takes them."""
+def for_display(image: NDArray[np.float32], *, linear: bool) -> NDArray[np.uint8]:
+    """Converts intensities to 8 bits; linear ones get the sRGB curve."""
     image = np.clip(np.nan_to_num(image), 0, 1)
     if linear:
         image = np.where(image <= 0.0031308, 12.92 * image, 1.055 * image ** (1 / 2.4) - 0.055)
@@ -48,7 +48,7 @@ def shown(image: NDArray[np.float32], *, linear: bool) -> NDArray[np.uint8]:
 
 
 def png(picture: NDArray[np.uint8]) -> bytes:
-    """A PNG of 8 bits, grey or of three channels."""
+    """Encodes an 8-bit PNG with one or three channels."""
     height, width = picture.shape[:2]
     rows = np.concatenate([np.zeros((height, 1), np.uint8), picture.reshape(height, -1)], axis=1)
 
@@ -60,8 +60,8 @@ def png(picture: NDArray[np.uint8]) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + body
 
 
-def tag(picture: NDArray[np.uint8], words: str) -> str:
-    """A picture in HTML, thinned out to what is shown."""
-    every = -(-picture.shape[1] // _WIDEST)
-    data = base64.b64encode(png(picture[::every, ::every])).decode()
-    return f'<img alt="{words}" title="{words}" src="data:image/png;base64,{data}">'
+def tag(picture: NDArray[np.uint8], caption: str) -> str:
+    """Returns an HTML image, subsampled to the displayed width."""
+    stride = -(-picture.shape[1] // _MAX_WIDTH)
+    data = base64.b64encode(png(picture[::stride, ::stride])).decode()
+    return f'<img alt="{caption}" title="{caption}" src="data:image/png;base64,{data}">'

@@ -1,4 +1,4 @@
-"""What solves find."""
+"""The result types of the solves."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Region = tuple[int, int, int, int]
 
 
 class Level(NamedTuple):
-    """What one pyramid level did."""
+    """One pyramid level of a solve: its size, px, and the energy after each iteration."""
 
     width: int
     height: int
@@ -27,7 +27,10 @@ class Level(NamedTuple):
 
 
 class Brightness(NamedTuple):
-    """What brings a photograph to the brightness of I1: gain · shading · value + offset, intensities."""
+    """Maps a photograph's intensities to those of I1: gain · shading · value + offset.
+
+    `shading` holds the coefficients of a polynomial over `region`, px.
+    """
 
     gain: float
     offset: float
@@ -48,8 +51,10 @@ class Lens:
 
 
 class Depth(NamedTuple):
-    """Depth from the lens and its standard deviation, mm, NaN where there is none; how many pixels have a V that is out of the
-    lens' range; and what speaks against the lens."""
+    """Depth from the lens and its standard deviation, mm; NaN where there is none.
+
+    `out_of_range` counts the pixels whose V the lens cannot produce. `warning` says what speaks against the lens.
+    """
 
     depth: Field
     deviation: Field
@@ -58,44 +63,44 @@ class Depth(NamedTuple):
 
 
 def _about_corner(matrix: NDArray[np.float64], photograph: tuple[int, int]) -> NDArray[np.float64]:
-    """T of pixels, whose first is (0, 0), instead of points from the centre."""
+    """Converts T from points about the image centre to pixels whose first is (0, 0)."""
     width, height = photograph
     shift = np.array([[1, 0, (width - 1) / 2], [0, 1, (height - 1) / 2], [0, 0, 1]])
-    found: NDArray[np.float64] = shift @ matrix @ np.linalg.inv(shift)
-    found /= found[2, 2]
-    return found
+    moved: NDArray[np.float64] = shift @ matrix @ np.linalg.inv(shift)
+    moved /= moved[2, 2]
+    return moved
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Registration:
-    """How I2 lies on I1: I2(T x) lines up with I1(x)."""
+    """The registration of a pair: I2(T x) matches I1(x)."""
 
     transform: NDArray[np.float64]
-    """T, 3x3, of points from the image centre, px."""
+    """T, 3x3, for points in px from the image centre."""
     brightness: Brightness
-    """What brings I2 to the brightness of I1."""
+    """Maps I2 to the brightness of I1."""
     region: Region
-    """The part of I1 that fields are of: x, y, width, height."""
+    """The part of I1 that the fields cover: x, y, width, height."""
     photograph: tuple[int, int]
     """Width and height of the photographs."""
     converged: bool
-    """Whether the solve settled on an answer that the images support."""
+    """Whether the finest level settled on a solution that the images support."""
     warnings: list[str]
-    """Why not, or what else there is to know; a sentence each."""
+    """Reasons for doubt and other notes, one sentence each."""
     other_motion: str | None
-    """Another motion model that would do, in words."""
+    """A motion model that would fit better or as well, in words."""
     levels: list[Level]
-    """Coarse to fine."""
+    """The pyramid levels, coarse to fine."""
     decode: str
     """How stored values became intensities: "none" or "srgb"."""
     total_ms: float
-    """From the call to the answer."""
+    """Time from call to return, ms."""
     gpu_ms: float
-    """On the device."""
+    """Time on the device, ms."""
 
     @property
     def pixel_transform(self) -> NDArray[np.float64]:
-        """T, 3x3, of pixels whose first has its centre at (0, 0), as OpenCV and scikit-image have it."""
+        """T, 3x3, for pixel coordinates whose first pixel centre is (0, 0), as in OpenCV and scikit-image."""
         return _about_corner(self.transform, self.photograph)
 
     def __repr__(self) -> str:
@@ -107,112 +112,112 @@ class Registration:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result(Registration):
-    """What was found of a pair; fields are on the pixels of I1."""
+    """The result of a pair. Fields have the pixels of I1."""
 
     relative_blur: Field
-    """V, px² of I1, positive where I2 is the more blurred; NaN where not valid."""
+    """V, px² of I1, positive where I2 is more blurred than I1; NaN where not valid."""
     uncertainty: Field
-    """Standard deviation of V, px²; 1000 where the images say nothing, NaN where V is."""
+    """Standard deviation of V, px²; 1000 where the images do not determine V, NaN where V is NaN."""
     confidence: Field
-    """The same from 0 to 1."""
+    """Confidence in V, 0 to 1, computed from the standard deviation."""
     residual: Field
-    """What neither blur nor T explains, intensities; NaN where V is."""
+    """The difference that neither blur nor T explains, intensities; NaN where V is NaN."""
     fused: Field | None
-    """Of each pixel the sharper photograph, intensities; (height, width) or (height, width, 3). None with fused=False."""
+    """At each pixel the sharper photograph, intensities; (height, width) or (height, width, 3). None with fused=False."""
     scale: float
-    """s of T at the centre."""
+    """Scale of T at the image centre."""
     regularization: float
-    """Smoothness of the finest level, stated or found."""
+    """Smoothness weight α of the finest level, stated or estimated."""
     kernel_shape: float | None
-    """Where the kernel was to be found: 0 is a Gaussian, 1 a disk."""
+    """Shape of the estimated kernel: 0 is a Gaussian, 1 a disk. None if the kernel was stated."""
     valid_fraction: float
     mean_confidence: float
     saturated_fraction: float
     """Fraction of the valid pixels at the limit of |V|."""
     max_relative_blur: float
-    """That limit, px²."""
+    """The limit of |V|, px²."""
 
     def depth(self, lens: Lens) -> Depth:
-        """Depth in mm, through a lens."""
+        """Computes depth, mm, through a lens."""
         optics = (lens.focal_length, lens.f_number, lens.pixel_pitch)
         fields = (self.relative_blur, self.uncertainty)
         limits = (self.scale, self.max_relative_blur)
         return Depth(*_native.depth(*fields, *limits, optics, lens.focus, lens.kappa, lens.telecentric))
 
     def to_xarray(self) -> xarray.Dataset:
-        """The fields with their units and the pixels of I1 as coordinates, over the same memory; needs xarray."""
+        """Returns the fields as an xarray Dataset with units and I1's pixel coordinates. Shares memory; needs xarray."""
         fields = {
-            "relative_blur": (self.relative_blur, "px2", "variance of I2's blur less that of I1's"),
+            "relative_blur": (self.relative_blur, "px2", "blur variance of I2 minus that of I1"),
             "uncertainty": (self.uncertainty, "px2", "standard deviation of relative_blur"),
             "confidence": (self.confidence, "1", "confidence"),
-            "residual": (self.residual, "1", "what neither blur nor registration explains"),
+            "residual": (self.residual, "1", "difference that neither blur nor registration explains"),
         }
         if self.fused is not None:
             fields["fused"] = (self.fused, "1", "all-in-focus image")
-        about = {"converged": int(self.converged), "transform": self.transform.ravel(), "warnings": self.warnings}
-        return _dataset(fields, self.region, about)
+        attributes = {"converged": int(self.converged), "transform": self.transform.ravel(), "warnings": self.warnings}
+        return _dataset(fields, self.region, attributes)
 
     def _repr_html_(self) -> str:
         blur = "relative blur: yellow is nearer where I1 is focused nearer"
-        pictures = [_picture.tag(_picture.coloured(self.relative_blur), blur)]
+        pictures = [_picture.tag(_picture.colormapped(self.relative_blur), blur)]
         if self.fused is not None:
-            pictures.insert(0, _picture.tag(_picture.shown(self.fused, linear=self.decode == "srgb"), "fused"))
+            pictures.insert(0, _picture.tag(_picture.for_display(self.fused, linear=self.decode == "srgb"), "fused"))
         return _page(repr(self), pictures, self.warnings)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sweep:
-    """What was found of a focus sweep; fields are on the pixels of the reference."""
+    """The result of a focus sweep. Fields have the pixels of the reference frame."""
 
     focus: Field
-    """The setting at which each pixel is in focus; NaN where none is known."""
+    """The focus setting at which each pixel is sharp; NaN where it is not measured."""
     uncertainty: Field
-    """Its standard deviation, in settings."""
+    """Standard deviation of `focus`, in settings."""
     depth: Field | None
-    """Depth, mm, where positions are in mm."""
+    """Depth, mm; None unless positions are in mm."""
     deviation: Field | None
-    """Its standard deviation, mm."""
+    """Standard deviation of `depth`, mm."""
     beyond: NDArray[np.int8]
-    """-1 where the focus lies before the first frame, 1 beyond the last, else 0."""
+    """-1 where the focus is before the first frame, 1 where it is beyond the last, else 0."""
     fused: Field
-    """The image sharp all over, intensities; (height, width) or (height, width, 3)."""
+    """The all-in-focus image, intensities; (height, width) or (height, width, 3)."""
     frame: NDArray[np.uint16]
-    """The frame that each pixel of it is of, from 1."""
+    """The frame that each pixel of `fused` comes from, counted from 1."""
     transforms: list[NDArray[np.float64]]
-    """T of each frame, 3x3, of points from the image centre, px."""
+    """T of each frame, 3x3, for points in px from the image centre."""
     brightness: list[Brightness]
-    """What brings each frame to the brightness of the reference."""
+    """Maps each frame to the brightness of the reference."""
     region: Region
-    """The part of the reference that fields are of: x, y, width, height."""
+    """The part of the reference that the fields cover: x, y, width, height."""
     photograph: tuple[int, int]
     """Width and height of the frames."""
     reference: int
-    """Of the frames that were solved, from 0."""
+    """Index of the reference frame among the solved frames, from 0."""
     positions: NDArray[np.float64]
-    """The setting of each frame."""
+    """The focus setting of each frame."""
     unit: str
-    """Of the settings."""
+    """The unit of focus settings."""
     blur_rate: float
-    """By how many px² of variance blur grows with the squared distance from the focus, in settings."""
+    """Growth of the blur variance, px², with the squared distance from focus in settings."""
     order: list[int]
-    """Which of the frames given each of those solved is, from 0."""
+    """For each solved frame its index among the frames passed, from 0."""
     decode: str
     """How stored values became intensities: "none" or "srgb"."""
     warnings: list[str]
-    """What there is to know; a sentence each."""
+    """Notes and reasons for doubt, one sentence each."""
 
     def __repr__(self) -> str:
         size = "x".join(map(str, self.region[2:]))
         return f"<parfocal.Sweep {size}, {len(self.transforms)} frames, {len(self.warnings)} warnings>"
 
     def to_xarray(self) -> xarray.Dataset:
-        """The fields with their units and the pixels of the reference as coordinates, over the same memory; needs xarray."""
+        """Returns the fields as an xarray Dataset with units and the reference's pixel coordinates. Shares memory; needs xarray."""
         fields = {
-            "focus": (self.focus, self.unit, "setting in focus"),
+            "focus": (self.focus, self.unit, "focus setting"),
             "uncertainty": (self.uncertainty, self.unit, "standard deviation of focus"),
-            "beyond": (self.beyond, "1", "before the first frame, or beyond the last"),
+            "beyond": (self.beyond, "1", "focus before the first frame or beyond the last"),
             "fused": (self.fused, "1", "all-in-focus image"),
-            "frame": (self.frame, "1", "frame of each pixel of fused, from 1"),
+            "frame": (self.frame, "1", "source frame of each fused pixel, from 1"),
         }
         if self.depth is not None and self.deviation is not None:
             fields["depth"] = (self.depth, "mm", "depth")
@@ -220,32 +225,32 @@ class Sweep:
         return _dataset(fields, self.region, {"blur_rate": self.blur_rate, "warnings": self.warnings})
 
     def _repr_html_(self) -> str:
-        # The first frame is taken for the nearest, as the program does.
+        # The first frame is assumed to be the nearest, as in the program.
         nearness = -self.depth if self.depth is not None else -np.sign(np.ptp(self.positions[[0, -1]])) * self.focus
         pictures = [
-            _picture.tag(_picture.shown(self.fused, linear=self.decode == "srgb"), "fused"),
-            _picture.tag(_picture.coloured(nearness), "focus: yellow is the first frame"),
+            _picture.tag(_picture.for_display(self.fused, linear=self.decode == "srgb"), "fused"),
+            _picture.tag(_picture.colormapped(nearness), "focus: yellow is the first frame"),
         ]
         return _page(repr(self), pictures, self.warnings)
 
 
-def _dataset(fields: dict[str, tuple[Any, str, str]], region: Region, about: dict[str, Any]) -> xarray.Dataset:
+def _dataset(fields: dict[str, tuple[Any, str, str]], region: Region, attributes: dict[str, Any]) -> xarray.Dataset:
     try:
         import xarray
     except ImportError as error:
         raise ImportError("to_xarray needs xarray: pip install xarray") from error
     x, y, width, height = region
     variables = {
-        name: (("y", "x", "channel")[: values.ndim], values, {"units": unit, "long_name": words})
-        for name, (values, unit, words) in fields.items()
+        name: (("y", "x", "channel")[: values.ndim], values, {"units": unit, "long_name": description})
+        for name, (values, unit, description) in fields.items()
     }
-    places = {
+    coordinates = {
         "x": ("x", x + np.arange(width), {"units": "px"}),
         "y": ("y", y + np.arange(height), {"units": "px"}),
     }
-    return xarray.Dataset(variables, places, about)
+    return xarray.Dataset(variables, coordinates, attributes)
 
 
-def _page(words: str, pictures: list[str], warnings: list[str]) -> str:
-    told = "".join(f"<div>warning: {html.escape(warning)}</div>" for warning in warnings)
-    return f"<div><div>{html.escape(words)}</div>{' '.join(pictures)}{told}</div>"
+def _page(title: str, pictures: list[str], warnings: list[str]) -> str:
+    listed = "".join(f"<div>warning: {html.escape(warning)}</div>" for warning in warnings)
+    return f"<div><div>{html.escape(title)}</div>{' '.join(pictures)}{listed}</div>"

@@ -1,4 +1,4 @@
-"""Solves: arrays to what is found."""
+"""The functions that solve, register and read photographs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Settings(TypedDict, total=False):
-    """What a solve can be told; docs/method.md, section 8, says what each does and what it may be."""
+    """The settings of a solve. docs/method.md, section 8, describes each with its range."""
 
     method: str  # "unified", "aligned" or "appearance"
     levels: int | str | None
@@ -33,12 +33,12 @@ class Settings(TypedDict, total=False):
     heaviside_epsilon: float
     max_relative_blur: float
     largest_step: float
-    kernel: str | ArrayLike  # "auto", "gaussian", "pillbox", "half-gaussian", or its values on a grid
+    kernel: str | ArrayLike  # "auto", "gaussian", "pillbox", "half-gaussian", or the kernel's samples
     motion: str  # "translation", "similarity", "affine" or "homography"
     registration_step: str  # "gauss-newton" or "gradient-descent"
     photometric: bool
-    fused: bool  # whether the fused image of a pair is made
-    decode: str  # "auto": uint8 is taken for sRGB, all else for linear; "none"; "srgb"
+    fused: bool  # also compute the fused image of a pair
+    decode: str  # "auto": uint8 is read as sRGB, other types as linear; "none"; "srgb"
     black_level: float | None
     white_level: float | None
     start: ArrayLike  # 3x3
@@ -47,15 +47,15 @@ class Settings(TypedDict, total=False):
 
 _NAMES = frozenset(_native.setting_names())
 _default: _native.Engine | None = None
-_opening = threading.Lock()
+_default_lock = threading.Lock()
 
 
-def _engine(given: _native.Engine | None) -> _native.Engine:
-    """The engine that is given, or the one that all calls without one share."""
+def _engine_or_default(given: _native.Engine | None) -> _native.Engine:
+    """Returns the given engine, or the one that all calls without an engine share."""
     global _default
     if given is not None:
         return given
-    with _opening:
+    with _default_lock:
         if _default is None:
             _default = _native.Engine()
         return _default
@@ -63,77 +63,80 @@ def _engine(given: _native.Engine | None) -> _native.Engine:
 
 def _run(given: _native.Engine | None, call: str, *arguments: Any) -> dict[str, Any]:
     global _default
-    engine = _engine(given)
+    engine = _engine_or_default(given)
     try:
-        found: dict[str, Any] = getattr(engine, call)(*arguments)
-        return found
+        result: dict[str, Any] = getattr(engine, call)(*arguments)
+        return result
     except _native.DeviceError:
-        # After a timeout or a lost device an engine is done for: the next call opens another.
-        with _opening:
+        # An engine is unusable after a timeout or a lost device: the next call opens another.
+        with _default_lock:
             if _default is engine:
                 _default = None
         raise
 
 
 def check_settings(settings: Settings) -> None:
-    """Raises as `solve` where there is no setting of a name."""
-    _named(settings)
+    """Raises TypeError for an unknown setting."""
+    _checked(settings)
 
 
-def _named(settings: Settings) -> dict[str, Any]:
-    named: dict[str, Any] = dict(settings)
-    for name in named.keys() - _NAMES:
+def _checked(settings: Settings) -> dict[str, Any]:
+    checked: dict[str, Any] = dict(settings)
+    for name in checked.keys() - _NAMES:
         near = difflib.get_close_matches(name, _NAMES, 1)
-        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(sorted(_NAMES))}"
+        hint = f"did you mean {near[0]}?" if near else f"the settings are {', '.join(sorted(_NAMES))}"
         raise TypeError(f"there is no setting {name!r}; {hint}")
-    if "start" in named:
-        named["start"] = np.asarray(named["start"], float)
-    if not isinstance(named.get("kernel", ""), str):
-        named["kernel"] = np.asarray(named["kernel"], float)
-    return named
+    if "start" in checked:
+        checked["start"] = np.asarray(checked["start"], float)
+    if not isinstance(checked.get("kernel", ""), str):
+        checked["kernel"] = np.asarray(checked["kernel"], float)
+    return checked
 
 
-def _image(of: ArrayLike) -> NDArray[Any]:
-    array = np.asarray(of)
+def _image(values: ArrayLike) -> NDArray[Any]:
+    array = np.asarray(values)
     return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 
-def _mask(of: ArrayLike | None) -> NDArray[np.uint8] | None:
-    return None if of is None else np.where(np.asarray(of), 255, 0).astype(np.uint8)
+def _mask(values: ArrayLike | None) -> NDArray[np.uint8] | None:
+    return None if values is None else np.where(np.asarray(values), 255, 0).astype(np.uint8)
 
 
-def _found(found: dict[str, Any]) -> dict[str, Any]:
-    found["levels"] = [Level(*level) for level in found["levels"]]
-    found["brightness"] = _brightness(found)
-    return _tuples(found)
+def _result_fields(result: dict[str, Any]) -> dict[str, Any]:
+    result["levels"] = [Level(*level) for level in result["levels"]]
+    result["brightness"] = _brightness(result)
+    return _with_tuples(result)
 
 
-def _brightness(found: dict[str, Any]) -> Brightness:
-    gain, offset, shading, region = (found.pop(name) for name in ("gain", "offset", "shading", "shading_region"))
+def _brightness(result: dict[str, Any]) -> Brightness:
+    gain, offset, shading, region = (result.pop(name) for name in ("gain", "offset", "shading", "shading_region"))
     return Brightness(gain, offset, shading, tuple(region))
 
 
-def _tuples(found: dict[str, Any]) -> dict[str, Any]:
-    return found | {name: tuple(found[name]) for name in ("region", "photograph")}
+def _with_tuples(result: dict[str, Any]) -> dict[str, Any]:
+    return result | {name: tuple(result[name]) for name in ("region", "photograph")}
 
 
 def read(path: str | PathLike[str]) -> NDArray[Any]:
-    """A photograph in a file, as the program reads it: PNG, JPEG, TIFF, PNM, PFM, EXR, BMP, WebP, in their own depth, (height, width) or
-    (height, width, 3); page N of a TIFF as "FILE#N", what has no header as "FILE#Mono12p:2448x2048".
+    """Reads a photograph as the program does, with its own bit depth, as (height, width) or (height, width, 3).
 
-    Raises ValueError, with the file and what to do, for what cannot be read.
+    Formats: PNG, JPEG, TIFF, PNM, PFM, EXR, BMP, WebP. "FILE#N" is page N of a TIFF. "FILE#Mono12p:2448x2048" is a frame
+    without a header.
+
+    Raises ValueError, with the file and what to do, if the file cannot be read.
     """
     return _native.read(path)
 
 
 def unpack(data: bytes | bytearray | memoryview, format: str, size: tuple[int, int]) -> NDArray[Any]:
-    """A frame as cameras hand it over, rows without gaps, by GenICam's name of its format, and its width and height.
+    """Unpacks a camera frame whose rows have no gaps. `format` is the GenICam name of its pixel format, `size` (width, height).
 
-    Grey, (height, width): Mono8, Mono10, Mono12, Mono14, Mono16, Mono10p, Mono12p, Mono10Packed, Mono12Packed, Mono32f. Red, green and blue,
-    (height, width, 3): RGB8, BGR8, RGBa8, BGRa8, RGB16, RGB32f; and of Bayer patterns BayerRG8, likewise GR, GB, BG, and 10, 12, 16, 10p, 12p,
-    10Packed, 12Packed. More than 8 bits become uint16, their greatest 65535; floats stay float32.
+    Grey formats give (height, width): Mono8, Mono10, Mono12, Mono14, Mono16, Mono10p, Mono12p, Mono10Packed, Mono12Packed,
+    Mono32f. Colour formats give (height, width, 3): RGB8, BGR8, RGBa8, BGRa8, RGB16, RGB32f, and the Bayer patterns RG, GR,
+    GB and BG, as in BayerRG8, with 8, 10, 12, 16, 10p, 12p, 10Packed or 12Packed. More than 8 bits become uint16 with white
+    at 65535; floats stay float32.
 
-    Raises ValueError for another format, or bytes that are not as many as they should be.
+    Raises ValueError for an unknown format or a wrong number of bytes.
     """
     return _native.unpack(bytes(data), f"{format}:{size[0]}x{size[1]}")
 
@@ -150,18 +153,23 @@ def solve(
     cancel: _native.CancellationToken | None = None,
     **settings: Unpack[Settings],
 ) -> Result:
-    """Relative blur and registration of two photographs of one size; results are on the pixels of the first.
+    """Computes relative blur and registration of two photographs of the same size. Results have the pixels of `i1`.
 
-    region: x, y, width, height of the part of I1 that results are wanted of. mask: of I1's size, not 0 where a pixel counts.
-    crop_valid: crops results to the largest rectangle in which V is valid everywhere. engine: without it, all calls share one,
-    on the most capable device. progress: is called after each level with the share that is done, 0 to 1; what it raises ends the solve. cancel:
-    calls it off from another thread, and the solve raises Cancelled; Ctrl-C does from the keyboard. Both of these, and what progress raises, leave `cancel` cancelled.
+    engine: the device; by default all calls share one engine on the most capable device.
+    region: (x, y, width, height), the part of I1 to solve.
+    mask: array of I1's size; a pixel counts where it is not 0.
+    crop_valid: crops the results to the largest rectangle in which V is valid everywhere.
+    progress: called after each level with the share done, 0 to 1. An exception that it raises ends the solve.
+    cancel: a token that cancels the solve from another thread; the solve then raises Cancelled.
 
-    The interpreter goes on in other threads meanwhile. A pair that can be read but not solved is no exception: see `converged` and
-    `warnings`. Raises TypeError or ValueError for what is no photograph, no setting or out of range, DeviceError for the rest.
+    Ctrl-C also ends the solve. Ctrl-C and an exception from `progress` leave `cancel` cancelled. Other Python threads run
+    during the solve.
+
+    A pair that does not converge raises nothing: check `converged` and `warnings`. Raises TypeError or ValueError for
+    arrays that are no photographs, and for unknown settings or values out of range; DeviceError if the device fails.
     """
-    images, named = (_image(i1), _image(i2)), _named(settings)
-    return Result(**_found(_run(engine, "solve", *images, named, region, _mask(mask), crop_valid, progress, cancel)))
+    images, checked = (_image(i1), _image(i2)), _checked(settings)
+    return Result(**_result_fields(_run(engine, "solve", *images, checked, region, _mask(mask), crop_valid, progress, cancel)))
 
 
 def register(
@@ -173,8 +181,8 @@ def register(
     cancel: _native.CancellationToken | None = None,
     **settings: Unpack[Settings],
 ) -> Registration:
-    """How the second photograph lies on the first, and how they differ in brightness. progress, cancel, and what is raised: as `solve`."""
-    return Registration(**_found(_run(engine, "register", _image(i1), _image(i2), _named(settings), progress, cancel)))
+    """Registers the second photograph on the first, and matches its brightness. `progress`, `cancel` and errors are as in `solve`."""
+    return Registration(**_result_fields(_run(engine, "register", _image(i1), _image(i2), _checked(settings), progress, cancel)))
 
 
 def stack(
@@ -190,35 +198,39 @@ def stack(
     cancel: _native.CancellationToken | None = None,
     **settings: Unpack[Settings],
 ) -> Sweep:
-    """Where each pixel of a focus sweep is in focus: three or more frames of one size and kind, in the order of their focus.
+    """Computes where each pixel of a focus sweep is in focus.
 
-    positions: what each frame is focused at, ascending or descending; counted from 0 without. unit: what these are: "settings"
-    even in 1/distance, "distances" from the lens in mm, or "stage", where the plane in focus lies, mm. reference: the frame
-    on whose pixels results are, from 0; the middle one without. progress, cancel, and what is raised: as `solve`.
+    frames: three or more arrays of the same shape and type, in the order of their focus.
+    positions: the focus position of each frame, ascending or descending; by default 0, 1, 2, ...
+    unit: the unit of `positions`: "settings", evenly spaced in 1/distance; "distances" from the lens, mm; or "stage", the
+    place of the plane in focus along the axis, mm.
+    reference: index of the frame whose pixels the results have, from 0; by default the middle frame.
+    `region`, `mask`, `progress`, `cancel` and errors are as in `solve`.
     """
-    images, named = [_image(frame) for frame in frames], _named(settings)
+    images, checked = [_image(frame) for frame in frames], _checked(settings)
     stated = None if positions is None else [float(position) for position in positions]
-    found = _run(engine, "stack", images, named, stated, unit, reference, region, _mask(mask), progress, cancel)
-    found["brightness"] = [_brightness(one) for one in found["brightness"]]
-    return Sweep(**_tuples(found))
+    result = _run(engine, "stack", images, checked, stated, unit, reference, region, _mask(mask), progress, cancel)
+    result["brightness"] = [_brightness(frame) for frame in result["brightness"]]
+    return Sweep(**_with_tuples(result))
 
 
 def apply(
-    image: ArrayLike, found: Result | Registration | Sweep, *, frame: int | None = None, exposure: bool = False
+    image: ArrayLike, result: Result | Registration | Sweep, *, frame: int | None = None, exposure: bool = False
 ) -> NDArray[Any]:
-    """Another photograph of I2's camera, or of a frame of a sweep, on the pixels of the results, in its own kind of samples.
+    """Resamples another photograph, taken like I2 or like one frame of a sweep, onto the pixels of the results.
 
-    Black where it does not reach. exposure: also as bright as I1.
+    The type of the samples stays. Pixels that the photograph does not cover are black.
+    frame: index of the frame of a sweep, from 0. exposure: also match the brightness of I1.
     """
     array = _image(image)
-    if (array.shape[1::-1] if array.ndim > 1 else ()) != found.photograph:
-        width, height = found.photograph
-        raise ValueError(f"the image's shape is {array.shape}, and photographs of ({height}, {width}) were registered")
-    if isinstance(found, Sweep):
+    if (array.shape[1::-1] if array.ndim > 1 else ()) != result.photograph:
+        width, height = result.photograph
+        raise ValueError(f"the image has the shape {array.shape}; the registered photographs have ({height}, {width})")
+    if isinstance(result, Sweep):
         if frame is None:
-            raise TypeError("say of which frame of the sweep, frame=N, counted from 0")
-        transform, brightness = found.transforms[frame], found.brightness[frame]
+            raise TypeError("state the frame of the sweep: frame=N, counted from 0")
+        transform, brightness = result.transforms[frame], result.brightness[frame]
     else:
-        transform, brightness = found.transform, found.brightness
-    bright = (brightness.gain, brightness.offset, brightness.shading.tolist(), brightness.region)
-    return _native.apply(array, transform, bright if exposure else None, found.decode, found.region)
+        transform, brightness = result.transform, result.brightness
+    matching = (brightness.gain, brightness.offset, brightness.shading.tolist(), brightness.region)
+    return _native.apply(array, transform, matching if exposure else None, result.decode, result.region)

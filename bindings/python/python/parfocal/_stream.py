@@ -1,4 +1,4 @@
-"""Many pairs one after the other."""
+"""A stream of pairs: solves many pairs and returns the results in order."""
 
 from __future__ import annotations
 
@@ -11,26 +11,30 @@ from numpy.typing import ArrayLike
 
 from . import _native
 from ._results import Result
-from ._solves import Settings, _found, _image, _named
+from ._solves import Settings, _checked, _image, _result_fields
 
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
 
 
 class Stream:
-    """Many pairs of one size and kind, their results in the order in which they were pushed, each as `solve` gives it:
+    """Solves many pairs of the same shape and type. Results come in the order in which pairs were pushed, as from `solve`:
 
         with parfocal.Stream() as stream:
             for result in stream.map(pairs):
                 ...
 
-    The next pair goes up and the one before comes down while the device solves. device: as of `Engine`, several in a list, each pair
-    goes to whichever is free, or "all"; the most capable without. slots: pairs under way on each; three keep it busy. timeout: the
-    longest wait for one solve, seconds. Settings are those of `solve`; the first pair says of what size and kind all are.
+    While the device solves one pair, the next is uploaded and the one before is read back.
 
-    At most `capacity` pairs, two for each slot, are pushed and not yet read: only reading makes room. One thread may push while another reads;
-    Ctrl-C ends every wait but that of `close` and of the first push, which prepares. A pair that fails raises in its place, as `solve` would, and the next ones go on; what a device that fails
-    had the others solve. `close`, or the end of `with`, waits for what the devices have and forgets the rest.
+    device: a device as in `Engine`, a list of devices, or "all"; each pair goes to the first free device.
+    slots: pairs in flight per device; three keep a device busy.
+    timeout: the time limit of one solve, seconds.
+    Settings are those of `solve`. The first pair determines the shape and type of all.
+
+    At most `capacity` pairs, two per slot, may be pushed and not yet read; reading makes room. One thread may push while
+    another reads. Ctrl-C ends every wait except those of `close` and of the first push, which prepares the devices. A pair
+    that fails raises in its place, and later pairs are unaffected. The pairs of a device that fails go to the others.
+    `close`, or the end of `with`, waits for the pairs in flight and drops the rest.
     """
 
     def __init__(
@@ -43,39 +47,41 @@ class Stream:
         **settings: Unpack[Settings],
     ) -> None:
         devices = [device] if isinstance(device, str) else device
-        self._named = _named(settings)
+        self._settings = _checked(settings)
         self._native = _native.Stream(None if devices is None else list(devices), slots, timeout, validation)
 
     def push(self, i1: ArrayLike, i2: ArrayLike, timeout: float | None = 0.0) -> None:
-        """Copies a pair and hands it over.
+        """Copies a pair into the stream.
 
-        Raises queue.Full where there is no room within so many seconds, None for ever, which is of use where another thread reads;
-        TypeError or ValueError, as `solve`, for what is no photograph, and of the first pair for settings: such a pair has no result.
+        timeout: seconds to wait for room; None waits without limit, for use when another thread reads.
+
+        Raises queue.Full if there is no room in time, and TypeError or ValueError as `solve`; the pair then has no result.
         """
-        if not self._native.push(_image(i1), _image(i2), self._named, timeout):
-            raise queue.Full("the stream is full: read a result before the next pair, or take map()")
+        if not self._native.push(_image(i1), _image(i2), self._settings, timeout):
+            raise queue.Full("the stream is full: read a result before the next push, or use map()")
 
     def next(self, timeout: float | None = None) -> Result | None:
-        """The result of the oldest pair that has not been read, if it is there within so many seconds, None for ever.
+        """Returns the result of the oldest pair that has not been read.
 
-        None where it is not, and after `finish` where all have been read. Raises what the pair failed of.
+        timeout: seconds to wait for it; None waits without limit. Returns None if it is not solved in time, and after `finish`
+        once all results have been read. Raises the error of a pair that failed.
         """
-        found = self._native.next(timeout)
-        return None if found is None else Result(**_found(found))
+        result = self._native.next(timeout)
+        return None if result is None else Result(**_result_fields(result))
 
     def finish(self) -> None:
-        """Says that no more pairs come, so that iteration ends with the result of the last. Another push takes it back."""
+        """Marks the end of input: iteration ends after the result of the last pair. A later push reopens the stream."""
         self._native.finish()
 
     def __iter__(self) -> Iterator[Result]:
-        """Results as they come, until all have been read after `finish`."""
+        """Yields results as they arrive, until all have been read after `finish`."""
         while (result := self.next()) is not None:
             yield result
 
     def map(self, pairs: Iterable[tuple[ArrayLike, ArrayLike]]) -> Iterator[Result]:
-        """The results of these pairs, which are taken as there is room for them; those of pairs that were pushed before come first.
+        """Yields the results of `pairs`, after those of pairs pushed before. Pairs are drawn as there is room.
 
-        Where a pair has raised, `map` of the same iterator goes on behind it. Nobody else reads meanwhile.
+        If a pair raises, call `map` again with the same iterator to continue after it. No other thread may read meanwhile.
         """
         pairs = iter(pairs)
         while True:
@@ -91,28 +97,28 @@ class Stream:
 
     @property
     def devices(self) -> list[str]:
-        """Their names."""
+        """The names of the devices."""
         return self._native.names
 
     @property
     def messages(self) -> list[str]:
-        """What validation has said so far."""
+        """The messages of the validation layer so far."""
         return self._native.messages
 
     @property
     def capacity(self) -> int:
-        """How many pairs may be pushed and not yet read."""
+        """The number of pairs that may be pushed and not yet read."""
         return self._native.capacity
 
     def __len__(self) -> int:
-        """How many pairs were pushed and not yet read."""
+        """The number of pairs pushed and not yet read."""
         return len(self._native)
 
     def __bool__(self) -> bool:
         return True
 
     def close(self) -> None:
-        """Waits for what the devices have, and forgets the rest."""
+        """Waits for the pairs in flight and drops the rest."""
         self._native.close()
 
     def __enter__(self) -> Self:

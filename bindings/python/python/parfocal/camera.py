@@ -1,10 +1,10 @@
-"""Pairs and focus sweeps of GenICam cameras (GigE Vision, USB3 Vision), by aravis.
+"""Takes pairs and focus sweeps with GenICam cameras (GigE Vision, USB3 Vision), through aravis.
 
     with Camera(focus="LensPosition", positions=[120, 180]) as camera:
         for near, far in camera:
             result = parfocal.solve(near, far)
 
-Needs aravis 0.8 and PyGObject, which come with the system's Python: apt install gir1.2-aravis-0.8 python3-gi.
+Needs aravis 0.8 and PyGObject of the system's Python: apt install gir1.2-aravis-0.8 python3-gi.
 """
 
 from __future__ import annotations
@@ -34,26 +34,29 @@ Value = bool | int | float | str
 
 
 class CameraError(RuntimeError):
-    """There is no such camera or feature, or no whole frame came."""
+    """The camera or feature does not exist, or no complete frame arrived."""
 
 
 def cameras() -> list[str]:
-    """The names of the cameras that there are."""
+    """Returns the names of the available cameras."""
     Aravis.update_device_list()
     return [Aravis.get_device_id(n) for n in range(Aravis.get_n_devices())]
 
 
 class Camera:
-    """A camera whose focus is stepped; iterating over it takes frame after frame at `positions`, again and again, a list each time.
+    """A camera with adjustable focus. Each iteration takes one frame per focus position and yields them as a list.
 
-    name: of `cameras`; the first without; "Fake_1" is aravis's camera without a camera. focus: the feature that is set to each of the
-    positions: a number, an enumeration, or a line such as UserOutputValue; or what is called with each and returns once the focus is there.
-    settle: seconds that the focus takes after that. features: others to set first, such as {"PixelFormat": "Mono12"}. timeout: seconds
-    for a frame. tries: so many where one comes with holes, or not.
+    name: a name from `cameras`; by default the first. "Fake_1" is aravis's simulated camera.
+    focus: the feature to set to each position (a number, an enumeration, or a line such as UserOutputValue); or a function
+    that is called with each position and returns once the focus is reached.
+    positions: the focus positions.
+    settle: seconds to wait after setting the focus.
+    features: other features to set first, such as {"PixelFormat": "Mono12"}.
+    timeout: seconds to wait for a frame. tries: attempts per frame, when one is incomplete or missing.
 
-    Every frame is exposed after its focus was set: by a software trigger, or where the camera has none by a start of its own.
-    Frames are copies: uint8, or uint16 whose white is 65535, grey or RGB, which Bayer patterns become. Raises CameraError,
-    ValueError for other formats of pixels.
+    Every frame is exposed after its focus was set: with a software trigger, or, if the camera has none, by starting the
+    acquisition for each frame. Frames are copies, uint8 or uint16 with white at 65535, grey or RGB; Bayer patterns become
+    RGB. Raises CameraError, and ValueError for an unsupported pixel format.
     """
 
     def __init__(
@@ -68,42 +71,42 @@ class Camera:
         tries: int = 3,
     ) -> None:
         self.positions, self.settle, self.timeout, self.tries = list(positions), settle, timeout, tries
-        without_camera = name is not None and name.startswith("Fake_")
-        if without_camera:
+        is_simulated = name is not None and name.startswith("Fake_")
+        if is_simulated:
             Aravis.enable_interface("Fake")
-        self._camera = _told(Aravis.Camera.new, name)
+        self._camera = _checked(Aravis.Camera.new, name)
         for feature, value in (features or {}).items():
             self.set(feature, value)
         self._focus = focus if callable(focus) else lambda position: self.set(focus, position)
-        # The one without a camera says that it is triggered, and runs free.
-        self._triggered = not without_camera and _told(self._camera.is_software_trigger_supported)
-        self._stream = _told(self._camera.create_stream, None, None)
-        # One is exposed at a time; the other is for what comes late.
+        # The simulated camera reports a software trigger, but runs free.
+        self._triggered = not is_simulated and _checked(self._camera.is_software_trigger_supported)
+        self._stream = _checked(self._camera.create_stream, None, None)
+        # One buffer takes the current frame; the other takes a late one.
         for _ in range(2):
-            self._stream.push_buffer(Aravis.Buffer.new_allocate(_told(self._camera.get_payload)))
+            self._stream.push_buffer(Aravis.Buffer.new_allocate(_checked(self._camera.get_payload)))
         if self._triggered:
-            _told(self._camera.set_trigger, "Software")
-            _told(self._camera.set_acquisition_mode, Aravis.AcquisitionMode.CONTINUOUS)
-            _told(self._camera.start_acquisition)
+            _checked(self._camera.set_trigger, "Software")
+            _checked(self._camera.set_acquisition_mode, Aravis.AcquisitionMode.CONTINUOUS)
+            _checked(self._camera.start_acquisition)
         else:
-            _told(self._camera.set_acquisition_mode, Aravis.AcquisitionMode.SINGLE_FRAME)
+            _checked(self._camera.set_acquisition_mode, Aravis.AcquisitionMode.SINGLE_FRAME)
 
     def set(self, feature: str, value: Value) -> None:
-        """Sets a feature of the camera. Raises CameraError where it has none of that name, or not for this value."""
+        """Sets a feature of the camera. Raises CameraError if the feature does not exist or refuses the value."""
         node = self._camera.get_device().get_feature(feature)
         if node is None:
-            raise CameraError(f"the camera has no feature {feature!r}; `arv-tool-0.8 features` lists those it has")
+            raise CameraError(f"the camera has no feature {feature!r}; `arv-tool-0.8 features` lists them")
         if isinstance(node, Aravis.GcBoolean):
-            _told(self._camera.set_boolean, feature, bool(value))
+            _checked(self._camera.set_boolean, feature, bool(value))
         elif isinstance(node, Aravis.GcEnumeration) or isinstance(value, str):
-            _told(self._camera.set_string, feature, str(value))
+            _checked(self._camera.set_string, feature, str(value))
         elif isinstance(node, Aravis.GcInteger):
-            _told(self._camera.set_integer, feature, int(value))
+            _checked(self._camera.set_integer, feature, int(value))
         else:
-            _told(self._camera.set_float, feature, float(value))
+            _checked(self._camera.set_float, feature, float(value))
 
     def take(self) -> list[NDArray[Any]]:
-        """A frame at each position."""
+        """Takes a frame at each position."""
         frames = []
         for position in self.positions:
             self._focus(position)
@@ -116,9 +119,9 @@ class Camera:
             yield self.take()
 
     def close(self) -> None:
-        """Stops the camera and lets go of it, for other programs too."""
+        """Stops the camera and releases it for other programs."""
         if self._camera is not None:
-            _told(self._camera.stop_acquisition)
+            _checked(self._camera.stop_acquisition)
             self._stream = self._camera = None
 
     def __enter__(self) -> Camera:
@@ -130,15 +133,15 @@ class Camera:
     def _frame(self) -> NDArray[Any]:
         problem = ""
         for _ in range(self.tries):
-            # What came too late for an earlier trigger is of another focus.
+            # A frame that came too late for an earlier trigger has another focus.
             while late := self._stream.try_pop_buffer():
                 self._stream.push_buffer(late)
-            _told(self._camera.software_trigger if self._triggered else self._camera.start_acquisition)
+            _checked(self._camera.software_trigger if self._triggered else self._camera.start_acquisition)
             buffer = self._stream.timeout_pop_buffer(int(1e6 * self.timeout))
             if not self._triggered:
-                _told(self._camera.stop_acquisition)
+                _checked(self._camera.stop_acquisition)
             if buffer is None:
-                problem = f"none came within {self.timeout} s"
+                problem = f"none arrived within {self.timeout} s"
                 continue
             try:
                 if buffer.get_status() == Aravis.BufferStatus.SUCCESS:
@@ -146,19 +149,19 @@ class Camera:
                 problem = buffer.get_status().value_nick
             finally:
                 self._stream.push_buffer(buffer)
-        raise CameraError(f"no whole frame in {self.tries} tries: {problem}")
+        raise CameraError(f"no complete frame in {self.tries} tries: {problem}")
 
 
 def _array(buffer: Any) -> NDArray[Any]:
-    """A copy, as the camera writes into the buffer again."""
-    width, height, kind = buffer.get_image_width(), buffer.get_image_height(), buffer.get_image_pixel_format()
+    """Copies the frame, since the camera reuses the buffer."""
+    width, height, code = buffer.get_image_width(), buffer.get_image_height(), buffer.get_image_pixel_format()
     data: bytes = buffer.get_image_data()
-    if (name := format_name(kind)) is None:
-        raise ValueError(f"the camera sends pixel format 0x{kind:08x}: set PixelFormat to a Mono, RGB, BGR or Bayer format")
+    if (name := format_name(code)) is None:
+        raise ValueError(f"the camera sends pixel format 0x{code:08x}: set PixelFormat to a Mono, RGB, BGR or Bayer format")
     return unpack(data, name, (width, height))
 
 
-def _told(call: Callable[..., Any], *arguments: Any) -> Any:
+def _checked(call: Callable[..., Any], *arguments: Any) -> Any:
     try:
         return call(*arguments)
     except GLib.Error as error:

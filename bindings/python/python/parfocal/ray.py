@@ -1,10 +1,10 @@
-"""Pairs and focus sweeps over a Ray cluster: one actor a device, exactly one row an input, whatever becomes of the workers.
+"""Solves pairs and focus sweeps on a Ray cluster: one actor per device, exactly one row per input even if workers die.
 
     for row in parfocal.ray.map([("1/near.png", "1/far.png"), ("2/near.png", "2/far.png")], max_relative_blur=36):
         print(row["input"], row["converged"], row["median"], row["unit"])
 
-An input is the frames of a pair or, from three on, of a sweep: arrays, or paths and URLs that fsspec knows, such as
-"s3://shots/near.png". Needs what the extra parfocal[ray] brings: Ray, fsspec, PyArrow, xarray and Zarr.
+An input is a sequence of frames: two for a pair, three or more for a sweep. A frame is an array, a path, or a URL that
+fsspec supports, such as "s3://shots/near.png". Needs the extra parfocal[ray]: Ray, fsspec, PyArrow, xarray and Zarr.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ __all__ = ["map", "write"]
 Frames = Sequence[Union[str, "os.PathLike[str]", NDArray[Any]]]
 Row = dict[str, Any]
 
-# Rows of a file of Parquet: what a driver that dies loses, against files of which a million inputs make 4000.
+# Rows per Parquet file: a driver that dies loses at most these, and a million inputs make 4000 files.
 _ROWS = 256
 
-# What `solve` and `stack` take that is no setting.
-_OF_CALLS = frozenset(["crop_valid", "mask", "positions", "reference", "region", "unit"])
+# Arguments of `solve` and `stack` that are no settings.
+_CALL_ARGUMENTS = frozenset(["crop_valid", "mask", "positions", "reference", "region", "unit"])
 
-# What a row holds, by the names of Arrow's types.
+# The columns of a row, with the names of Arrow types.
 _COLUMNS = {
     "input": "int64",
     "frames": ["string"],
@@ -61,7 +61,7 @@ _COLUMNS = {
 
 
 class _Plan(NamedTuple):
-    """What workers do with each input."""
+    """The work of each worker."""
 
     fields: Sequence[str]
     into: str | None
@@ -80,17 +80,23 @@ def map(
     retries: int = 3,
     **arguments: Any,
 ) -> Iterator[Row]:
-    """Solves each input by `parfocal.solve` or `parfocal.stack`, which take the further arguments; yields a row an input as they
-    finish, in any order, and draws inputs as workers are free.
+    """Solves each input with `parfocal.solve` or `parfocal.stack` and yields one row per input as they finish, in any order.
 
-    A row is a dictionary: `input`, counted from 0; `frames`, their paths; `error`, why there is nothing else, or None; `converged`,
-    of pairs; `transforms`, 9 numbers each, row by row; `region`; `warnings`; `median` of depth or what there is instead, in `unit`;
-    `valid_fraction`; `mean_confidence` and `saturated_fraction` of pairs; `path` of the fields; `device`, `host` and `process`.
+    Inputs are drawn as workers become free. Further arguments go to `solve` or `stack`.
 
-    fields: what to keep of each pixel, by the names of `to_xarray`, with a lens also `depth` and `deviation`, in Zarr groups
-    `into`/fields/NNNNNNNN.zarr. actors: as many as the cluster's GPUs allow, or one. num_gpus: of each actor, 1 where there are any;
-    with 0.5 one reads while another solves. retries: of an input whose worker died, whose device failed or whose URL could not be
-    read; after these, and at once for what is no photograph, the row tells the error. Raises FileExistsError where there are fields.
+    A row is a dictionary: `input`, counted from 0; `frames`, their paths; `error`, or None; `converged`, of pairs;
+    `transforms`, 9 numbers each, row by row; `region`; `warnings`; `median` of depth, else of relative blur or focus, in
+    `unit`; `valid_fraction`; `mean_confidence` and `saturated_fraction`, of pairs; `path` of the fields; `device`, `host`,
+    `process`. If `error` is set, the result columns are None.
+
+    fields: the fields to save, by the names of `to_xarray`, with a lens also `depth` and `deviation`. They are written as
+    Zarr groups `into`/fields/NNNNNNNN.zarr.
+    actors: the number of actors; by default as many as the cluster's GPUs allow, at least one.
+    num_gpus: GPUs per actor; by default 1 if the cluster has any. With 0.5 one actor reads while another solves.
+    retries: retries of an input whose worker died, whose device failed or whose URL could not be read. Then the row has the
+    error; for a file that is no photograph it has it at once.
+
+    Raises FileExistsError if `into` already has fields.
     """
     plan = _Plan(fields, None if into is None else _absolute(into), lens, arguments)
     return _rows(enumerate(inputs), plan, actors, num_gpus, retries)
@@ -108,15 +114,16 @@ def write(
     resume: bool = False,
     **arguments: Any,
 ) -> dict[str, int]:
-    """As `map`, to files: rows as `into`/rows/NNNNNN.parquet, of inputs whose fields are whole. How many rows were
-    written that are `solved`, `not_converged`, `error`.
+    """Works as `map`, but writes the rows to `into`/rows/NNNNNN.parquet, each after its fields are complete.
 
-    resume: goes on with the same inputs where there are rows or fields, as after a driver that died; without it these are a
-    FileExistsError, and with other inputs a ValueError.
+    Returns the numbers of rows that are `solved`, `not_converged` and `error`.
+
+    resume: continues an earlier run with the same inputs, for example after a driver died. Raises FileExistsError if there
+    are rows or fields and `resume` is False, and ValueError if the existing rows have other inputs.
     """
     store = _Store(_absolute(into))
     if store.files and not resume:
-        raise FileExistsError(f"{into} holds rows: resume=True goes on with them; or take another place")
+        raise FileExistsError(f"{into} holds rows: continue them with resume=True, or use another place")
     done = store.inputs()
 
     def missing() -> Iterator[tuple[int, Frames]]:
@@ -124,7 +131,7 @@ def write(
             if number not in done:
                 yield number, frames
             elif done[number] != _paths(frames):
-                raise ValueError(f"{into} holds rows of other inputs: {number} was {done[number]}, and is {_paths(frames)}")
+                raise ValueError(f"{into} holds rows of other inputs: input {number} was {done[number]}, now {_paths(frames)}")
 
     counts = {"solved": 0, "not_converged": 0, "error": 0}
     rows = _rows(missing(), _Plan(fields, _absolute(into), lens, arguments), actors, num_gpus, retries, resume)
@@ -144,24 +151,24 @@ def _rows(
     resume: bool = False,
 ) -> Iterator[Row]:
     if plan.fields and plan.into is None:
-        raise ValueError("fields need a place: into=, a folder or a URL")
+        raise ValueError("fields need a place: set into= to a folder or a URL")
     if plan.fields and not resume:
         place, folder = fsspec.core.url_to_fs(f"{plan.into}/fields")
         if place.exists(folder):
-            raise FileExistsError(f"{folder} is there: write(..., resume=True) goes on with it; or take another place")
-    # Now, and not once an input.
-    check_settings({name: value for name, value in plan.arguments.items() if name not in _OF_CALLS})
+            raise FileExistsError(f"{folder} exists: continue it with write(..., resume=True), or use another place")
+    # Here, so that a wrong setting fails once and not for each input.
+    check_settings({name: value for name, value in plan.arguments.items() if name not in _CALL_ARGUMENTS})
     if not ray.is_initialized():
         ray.init(include_dashboard=False)
-    there = ray.cluster_resources().get("GPU", 0)
-    each = min(there, 1) if num_gpus is None else num_gpus
-    count = actors or max(1, int(there / each) if each else 1)
-    options = {"num_gpus": each, "max_restarts": -1, "max_task_retries": retries}
+    gpus = ray.cluster_resources().get("GPU", 0)
+    per_actor = min(gpus, 1) if num_gpus is None else num_gpus
+    count = actors or max(1, int(gpus / per_actor) if per_actor else 1)
+    options = {"num_gpus": per_actor, "max_restarts": -1, "max_task_retries": retries}
     return _finished(inputs, [_Worker.options(**options).remote(plan) for _ in range(count)])
 
 
 def _finished(inputs: Iterable[tuple[int, Frames]], free: list[Any]) -> Iterator[Row]:
-    """Rows of inputs, one at a time a worker: what a worker's end costs is the input at hand."""
+    """Yields finished rows. Each worker has one input at a time, so a dying worker loses one solve."""
     workers, running = list(free), {}
 
     def finish() -> Row:
@@ -171,11 +178,11 @@ def _finished(inputs: Iterable[tuple[int, Frames]], free: list[Any]) -> Iterator
         try:
             return row | ray.get(done)
         except ray.exceptions.RayError as error:
-            return row | {"error": _told(error)}
+            return row | {"error": _message(error)}
 
     try:
         for number, frames in inputs:
-            # The worker has its next input before the caller has the row.
+            # The worker gets its next input before the caller gets the row.
             row = None if free else finish()
             worker = free.pop()
             paths = _paths(frames)
@@ -192,7 +199,7 @@ def _finished(inputs: Iterable[tuple[int, Frames]], free: list[Any]) -> Iterator
 
 @ray.remote
 class _Worker:
-    """A device. It is opened with the first input, so that what is wrong with it is told as an input's error."""
+    """An actor with one device. The first input opens the device, so that its failure is that input's error."""
 
     def __init__(self, plan: _Plan) -> None:
         self.plan = plan
@@ -203,30 +210,32 @@ class _Worker:
         self.engine = self.engine or parfocal.Engine(_device())
         solve = parfocal.stack if len(frames) > 2 else _solve
         try:
-            found = solve([_read(frame) for frame in frames], engine=self.engine, **self.plan.arguments)
+            result = solve([_read(frame) for frame in frames], engine=self.engine, **self.plan.arguments)
         except parfocal.DeviceError:
-            # It is done for; the retry opens another.
+            # The engine is unusable; the retry opens another.
             self.engine = None
             raise
-        at = {"device": self.engine.name, "host": socket.gethostname(), "process": os.getpid()}
-        return _summary(found, self.plan, number) | at
+        place = {"device": self.engine.name, "host": socket.gethostname(), "process": os.getpid()}
+        return _summary(result, self.plan, number) | place
 
 
 def _device() -> str | None:
-    """The GPU that Ray lends this process. Vulkan shows all of them, whatever CUDA_VISIBLE_DEVICES says, and by its UUID each is
-    the same one to both; where NVIDIA's tool is not there, by its number."""
-    lent = ray.get_runtime_context().get_accelerator_ids().get("GPU", [])
-    if not lent:
+    """Returns the UUID of the GPU that Ray assigned to this process, or its index if nvidia-smi is missing; None without one.
+
+    Vulkan lists all GPUs whatever CUDA_VISIBLE_DEVICES says; the UUID names the same GPU in both.
+    """
+    assigned = ray.get_runtime_context().get_accelerator_ids().get("GPU", [])
+    if not assigned:
         return None
-    asked = ["nvidia-smi", f"--id={lent[0]}", "--query-gpu=uuid", "--format=csv,noheader"]
+    query = ["nvidia-smi", f"--id={assigned[0]}", "--query-gpu=uuid", "--format=csv,noheader"]
     try:
-        return subprocess.run(asked, capture_output=True, check=True, text=True).stdout.strip().removeprefix("GPU-")
+        return subprocess.run(query, capture_output=True, check=True, text=True).stdout.strip().removeprefix("GPU-")
     except (OSError, subprocess.CalledProcessError):
-        return lent[0]
+        return assigned[0]
 
 
 def _absolute(place: str | os.PathLike[str]) -> str:
-    """The same for workers, which run in folders of their own."""
+    """Makes a path absolute, since workers run in other folders."""
     place = os.fspath(place)
     return place if "://" in place else os.path.abspath(place)
 
@@ -253,72 +262,72 @@ def _read(frame: str | NDArray[Any]) -> NDArray[Any]:
 
 def _solve(frames: list[NDArray[Any]], **arguments: Any) -> parfocal.Result:
     if len(frames) != 2:
-        raise ValueError(f"an input is the two frames of a pair, or three or more of a sweep, not {len(frames)}")
+        raise ValueError(f"an input has two frames (a pair) or three or more (a sweep), not {len(frames)}")
     return parfocal.solve(*frames, **arguments)
 
 
-def _summary(found: parfocal.Result | parfocal.Sweep, plan: _Plan, number: int) -> Row:
-    row: Row = {"warnings": found.warnings, "region": list(found.region)}
+def _summary(result: parfocal.Result | parfocal.Sweep, plan: _Plan, number: int) -> Row:
+    row: Row = {"warnings": result.warnings, "region": list(result.region)}
     fields = {}
-    if isinstance(found, parfocal.Sweep):
-        shown, unit = (found.focus, found.unit) if found.depth is None else (found.depth, "mm")
-        row |= {"transforms": found.transforms}
+    if isinstance(result, parfocal.Sweep):
+        values, unit = (result.focus, result.unit) if result.depth is None else (result.depth, "mm")
+        row |= {"transforms": result.transforms}
     else:
-        shown, unit = found.relative_blur, "px2"
+        values, unit = result.relative_blur, "px2"
         if plan.lens:
-            depth = found.depth(plan.lens)
-            shown, unit = depth.depth, "mm"
+            depth = result.depth(plan.lens)
+            values, unit = depth.depth, "mm"
             fields = {"depth": depth.depth, "deviation": depth.deviation}
             row["warnings"] = row["warnings"] + [depth.warning] * bool(depth.warning)
-        row |= {"converged": found.converged, "transforms": [found.transform]}
-        row |= {name: getattr(found, name) for name in ("mean_confidence", "saturated_fraction")}
-    valid = np.isfinite(shown)
-    row |= {"median": float(np.median(shown[valid])) if valid.any() else None, "unit": unit, "valid_fraction": float(valid.mean())}
+        row |= {"converged": result.converged, "transforms": [result.transform]}
+        row |= {name: getattr(result, name) for name in ("mean_confidence", "saturated_fraction")}
+    valid = np.isfinite(values)
+    row |= {"median": float(np.median(values[valid])) if valid.any() else None, "unit": unit, "valid_fraction": float(valid.mean())}
     row["transforms"] = [transform.ravel().tolist() for transform in row["transforms"]]
-    return row | {"path": _keep(found, fields, plan, number)}
+    return row | {"path": _save(result, fields, plan, number)}
 
 
-def _keep(found: parfocal.Result | parfocal.Sweep, depth: dict[str, NDArray[Any]], plan: _Plan, number: int) -> str | None:
-    """Writes the fields. What a worker that died left of them is written over."""
+def _save(result: parfocal.Result | parfocal.Sweep, depth: dict[str, NDArray[Any]], plan: _Plan, number: int) -> str | None:
+    """Writes the fields and returns their path. Overwrites the remains of a worker that died."""
     if not plan.fields:
         return None
-    kept = found.to_xarray()
-    kept = kept.assign({name: (("y", "x"), values, {"units": "mm"}) for name, values in depth.items()})
-    for name in set(plan.fields) - set(kept):
-        raise ValueError(f"there is no field {name!r}; there are {', '.join(kept)}")
+    dataset = result.to_xarray()
+    dataset = dataset.assign({name: (("y", "x"), values, {"units": "mm"}) for name, values in depth.items()})
+    for name in set(plan.fields) - set(dataset):
+        raise ValueError(f"there is no field {name!r}; the fields are {', '.join(dataset)}")
     path = f"{plan.into}/fields/{number:08}.zarr"
-    kept[list(plan.fields)].to_zarr(path, mode="w", consolidated=False)
+    dataset[list(plan.fields)].to_zarr(path, mode="w", consolidated=False)
     return path
 
 
-def _told(error: ray.exceptions.RayError) -> str:
+def _message(error: ray.exceptions.RayError) -> str:
     cause = getattr(error, "cause", None)
     return f"{type(cause).__name__}: {cause}" if cause else f"the worker died: {str(error).splitlines()[0]}"
 
 
 class _Store:
-    """Rows as files of Parquet in a folder, or what a URL takes for one."""
+    """Parquet files of rows in a folder or at a URL."""
 
     def __init__(self, into: str) -> None:
         self.place, self.folder = fsspec.core.url_to_fs(f"{into}/rows")
         self.files: list[str] = sorted(self.place.glob(f"{self.folder}/*.parquet"))
 
     def inputs(self) -> dict[int, list[str | None]]:
-        """The paths of the frames of the inputs that there are rows of."""
+        """Returns the frames' paths of each input that has a row."""
         from pyarrow import parquet
 
         read = (parquet.read_table(BytesIO(self.place.cat_file(file)), columns=["input", "frames"]) for file in self.files)
         return {row["input"]: row["frames"] for table in read for row in table.to_pylist()}
 
     def add(self, rows: list[Row]) -> None:
-        """Writes another file, which has its name once it is whole."""
+        """Writes another file. It gets its name once it is complete."""
         import pyarrow
         from pyarrow import parquet
 
-        def kind(of: Any) -> pyarrow.DataType:
-            return pyarrow.list_(kind(of[0])) if isinstance(of, list) else pyarrow.type_for_alias(of)
+        def arrow_type(name: Any) -> pyarrow.DataType:
+            return pyarrow.list_(arrow_type(name[0])) if isinstance(name, list) else pyarrow.type_for_alias(name)
 
-        schema = pyarrow.schema([(name, kind(of)) for name, of in _COLUMNS.items()])
+        schema = pyarrow.schema([(column, arrow_type(name)) for column, name in _COLUMNS.items()])
         written = BytesIO()
         parquet.write_table(pyarrow.Table.from_pylist(rows, schema), written)
         file, unfinished = f"{self.folder}/{len(self.files):06}.parquet", f"{self.folder}/_unfinished"

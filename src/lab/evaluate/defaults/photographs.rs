@@ -12,7 +12,7 @@ use super::scenes::{against_best, best_alpha};
 use crate::base::statistics::median;
 use crate::base::{Error, Frame, Homography, Kernel, Samples};
 use crate::engine::Solution;
-use crate::files::export::read_transform;
+use crate::files::export::Registration;
 use crate::files::image_io;
 
 /// Folder of the part within the data.
@@ -64,7 +64,8 @@ impl Part {
     fn read(folder: &Path) -> Result<Self, String> {
         let read = || {
             let (i1, i2) = image_io::read_pair(&folder.join("I1.png"), &folder.join("I2.png"))?;
-            let (transform, _) = read_transform(&folder.join("truth.json"))?;
+            let truth = Registration::read(&folder.join("truth.json"))?;
+            let transform = truth.second().map_or(Homography::IDENTITY, |frame| frame.transform);
             let (width, height, depth) = image_io::read_field(&folder.join("depth.exr"))?;
             Ok::<_, Error>((Self { images: [i1, i2], transform, depth }, [width, height]))
         };

@@ -1,21 +1,24 @@
 //! A synthetic sweep as files: the frames, the true focus, and `truth.json`.
 
-use std::io::Write;
-
 use serde::Serialize;
 
-use super::{Exposure, SimulatedSweep, SweepScene};
-use crate::base::{Error, Photometric, Similarity};
-use crate::files::export::meaning::TRUE_FOCUS;
+use super::{SimulatedSweep, SweepScene};
+use crate::base::Error;
+use crate::files::export::description::TRUE_FOCUS;
 use crate::files::export::{
-    Destination, RangeReport, SIMULATED_FILES, SWEEP_FILES, SizeReport, Staging, field, to_json,
+    Destination, Header, Kind, RangeReport, SIMULATED_FILES, SizeReport, Staging, exr_file, to_json, write_json_to,
 };
-use crate::lab::scene::files::{clipped, write_picture};
+use crate::lab::scene::files::{FrameTruth, clipped, write_picture};
 use crate::lab::scene::{Kernel, Radiance, Shape};
+
+/// The true focus.
+const FOCUS_FILE: &str = "focus.exr";
 
 /// `truth.json` of a sweep: what is true of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SweepTruth {
+    #[serde(flatten)]
+    header: Header,
     /// The scene's name.
     pub scene: String,
     /// The seed.
@@ -50,23 +53,6 @@ pub struct SweepTruth {
     pub files: Vec<String>,
 }
 
-/// What is true of one frame of a sweep.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct FrameTruth {
-    /// Its file.
-    pub file: String,
-    /// The setting at which it is focused.
-    pub position: f64,
-    /// T: `I(T x)` lies over the reference at x.
-    pub transform: Similarity,
-    /// Gain and offset that map it onto the reference; they undo the exposure.
-    pub photometric: Photometric,
-    /// What was done to it, `I ← gain I + offset`.
-    pub exposure: Exposure,
-    /// By how much its corners were darkened against the reference's, which grows with the squared distance from the middle.
-    pub vignetting: f64,
-}
-
 impl SweepTruth {
     /// What is true of `simulated`, which `sweep` rendered.
     pub fn new(sweep: &SweepScene, simulated: &SimulatedSweep) -> Self {
@@ -75,13 +61,14 @@ impl SweepTruth {
         let shots = files.iter().zip(&simulated.shots);
         let frames = shots.map(|(file, shot)| FrameTruth {
             file: file.clone(),
-            position: shot.position,
+            position: Some(shot.position),
             transform: shot.transform,
             photometric: shot.exposure.photometric(),
             exposure: shot.exposure,
             vignetting: shot.vignetting,
         });
         Self {
+            header: Header::new(Kind::Simulation),
             scene: scene.name.clone(),
             seed: scene.seed,
             size: SizeReport { width: scene.width, height: scene.height },
@@ -115,7 +102,7 @@ impl SweepTruth {
 pub fn simulated_sweep_files(frames: usize) -> Vec<String> {
     let digits = frames.to_string().len().max(2);
     let names = (1..=frames).map(|k| format!("frame_{k:0digits$}.png"));
-    names.chain([SWEEP_FILES[0], SIMULATED_FILES[4]].map(String::from)).collect()
+    names.chain([FOCUS_FILE, SIMULATED_FILES[4]].map(String::from)).collect()
 }
 
 /// Writes the [files](simulated_sweep_files()) of a synthetic sweep into the folder `out`, which is made if it is missing;
@@ -131,13 +118,11 @@ pub fn write_simulated_sweep<'d>(
 ) -> Result<(), Error> {
     let size = (truth.size.width, truth.size.height);
     let json = SIMULATED_FILES[4];
-    let mut staging = Staging::anew(out.into(), json)?;
+    let mut staging = Staging::replacing(out.into(), json)?;
     for (frame, stated) in simulated.frames.iter().zip(&truth.frames) {
         staging.add(&stated.file, |w| write_picture(w, frame))?;
     }
-    staging.add(SWEEP_FILES[0], |w| field::write(w, size, &simulated.focus, &TRUE_FOCUS))?;
-    staging.add(json, |w| {
-        truth.to_json().map_err(|e| e.to_string()).and_then(|text| writeln!(w, "{text}").map_err(|e| e.to_string()))
-    })?;
+    staging.add(FOCUS_FILE, |w| exr_file::write(w, size, &simulated.focus, &TRUE_FOCUS))?;
+    staging.add(json, |w| write_json_to(w, truth))?;
     staging.place()
 }

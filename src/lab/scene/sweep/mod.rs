@@ -15,7 +15,7 @@ mod tests;
 
 use std::f64::consts::TAU;
 
-pub use files::{FrameTruth, SweepTruth, simulated_sweep_files, write_simulated_sweep};
+pub use files::{SweepTruth, simulated_sweep_files, write_simulated_sweep};
 
 use super::layers::Layer;
 use super::occlusion::Layered;

@@ -65,7 +65,7 @@ function lensRows(lens) {
 }
 
 function pairRows() {
-  const { transform: t, photometric: p, shading } = report;
+  const { transform: t, gain, offset, shading } = report.frames[1];
   return [
     row('Size, method', `${report.size.width} × ${report.size.height} px, ${report.method}`),
     group('Transform: I2(T x) lines up with I1(x)'),
@@ -74,8 +74,8 @@ function pairRows() {
     row('Rotation, positive from right to down', plus(t.rotation_deg, 6), '°'),
     row('Scale', number(t.scale, 7)),
     group('Exposure: gain × I2 + offset is like I1'),
-    row('Gain', number(p.gain, 6)),
-    row('Offset, white being 1', plus(p.offset, 6)),
+    row('Gain', number(gain, 6)),
+    row('Offset, white being 1', plus(offset, 6)),
     row('Shading: how the gain varies', percents(...shading.range)),
     ...depthRows(),
     ...ranges('Relative blur V, of the valid pixels', report.relative_blur, 4, 'px²'),
@@ -92,9 +92,9 @@ function pairRows() {
 function sweepRows() {
   return [
     ...depthRows(),
-    ...ranges('Focus', report.focus, 4, report.focus_unit ?? 'settings', number),
-    row('Median of σ', number(deviation('uncertainty'), 4), report.focus_unit ?? 'settings'),
-    row('Blur grows by', number(report.blur_rate_px2, 4), 'px² a squared setting'),
+    ...ranges('Focus', report.focus, 4, report.focus_unit, number),
+    row('Median of σ', number(deviation('uncertainty'), 4), report.focus_unit),
+    row('Blur grows by', number(report.blur_rate_px2, 4), 'px² per squared setting'),
     group('Pixels'),
     row('Size', `${report.size.width} × ${report.size.height}`, 'px'),
     row('Valid', percent(report.valid_fraction, 2)),
@@ -103,9 +103,9 @@ function sweepRows() {
 
 function showFrames() {
   byId('frames').append(heads('File', 'Setting', 'Right, px', 'Down, px', 'Rotation, °', 'Scale', 'Gain', 'Offset', 'Shading'), ...report.frames.map((frame, n) => {
-    const { transform: t, photometric: p, shading } = frame;
+    const { transform: t, gain, offset, shading } = frame;
     const where = [plus(t.tx_px, 3), plus(t.ty_px, 3), plus(t.rotation_deg, 4), number(t.scale, 5)];
-    return line(data.pictures[n], Number(frame.position.toPrecision(6)), ...where, number(p.gain, 4), plus(p.offset, 4), percents(...shading.range));
+    return line(data.pictures[n], Number(frame.position.toPrecision(6)), ...where, number(gain, 4), plus(offset, 4), percents(...shading.range));
   }));
 }
 
@@ -117,7 +117,7 @@ function showMeasured() {
   const known = (found, digits, text) => (found ? `${plus(found.value, digits)} ± ${number(found.standard_error, digits)} ${text}` : missing);
   const place = ([x, y, w, h]) => `${w} × ${h} px at ${x}, ${y}`;
   const steps = measurements.steps.map((step) =>
-    line(`Step from ${place(step.from)} to ${place(step.to)}`, known(step.depth_mm, 3, 'mm'), isPair ? known(step.relative_blur, 3, 'px²') : known(step.focus, 3, report.focus_unit)));
+    line(`Step from ${place(step.from)} to ${place(step.to)}`, known(step.depth_mm, 3, 'mm'), known(step.difference, 3, step.unit)));
   const profiles = measurements.profiles.map((profile) => line(`Profile: ${profile.csv}, ${profile.png}`, '', ''));
   byId('measurements').append(heads('What', 'Depth', isPair ? 'Relative blur' : 'Focus'), ...steps, ...profiles);
 }
@@ -157,7 +157,7 @@ function valuesInWords() {
 function showSettings() {
   const { device } = report;
   byId('settings').append(
-    ...Object.entries(report.settings ?? {}).flatMap(([key, value]) => setting(key, value)),
+    ...Object.entries(report.settings).flatMap(([key, value]) => setting(key, value)),
     row('values', valuesInWords()),
     row(isPair ? 'image focused nearer' : 'focused nearest', isPair ? `I${report.nearer}` : `the ${report.nearer === 1 ? 'first' : 'last'} frame`),
     group('Device'),
@@ -169,7 +169,7 @@ function showSettings() {
 }
 
 function showTimes() {
-  const { total, gpu, passes } = report.timings_ms;
+  const { total, gpu, passes = {} } = report.timings_ms;
   byId('time').textContent = `${time(total)} in all, ${time(gpu)} of it on the device.`;
   const sorted = Object.entries(passes).sort((a, b) => b[1] - a[1]);
   const most = Math.max(...sorted.map(([, ms]) => ms), 1e-9);

@@ -4,7 +4,7 @@ let view = null;
 
 const nearIs = () => {
   const near = isPair ? `I${report.nearer}` : `the ${report.nearer === 1 ? 'first' : 'last'} frame`;
-  const by = { lens: 'by the lens', distances: 'by the distances', stated: 'as stated', assumed: 'assumed' }[report.nearer_by ?? (report.depth?.lens && 'lens')] ?? 'as stated or assumed';
+  const by = { lens: 'by the lens', distances: 'by the distances', stated: 'as stated', assumed: 'assumed' }[report.nearer_by];
   return `near is ${near} (${by})`;
 };
 

@@ -1,18 +1,18 @@
-//! ZIP (PKWARE's APPNOTE 6.3.3) of files as they are, none of 4 GiB, nor all together.
+//! ZIP archives (PKWARE's APPNOTE 6.3.3) of stored files, all together below 4 GiB.
 
 use std::io::Write;
 
-/// An archive that is written from its beginning to its end.
+/// An archive that is written sequentially.
 pub(super) struct Zip<'a> {
     writer: &'a mut dyn Write,
-    /// Bytes so far.
+    /// Bytes written.
     at: u64,
-    /// What stands at the end: of each file where it is.
+    /// Central directory.
     directory: Vec<u8>,
     files: u64,
 }
 
-/// 1980-01-01, the first day that the format knows: the same results are the same bytes.
+/// 1980-01-01, the first date of the format: the same results give the same bytes.
 const DATE: u16 = 1 << 5 | 1;
 
 impl<'a> Zip<'a> {
@@ -23,19 +23,19 @@ impl<'a> Zip<'a> {
     /// Adds a file.
     pub(super) fn add(&mut self, name: &str, bytes: &[u8]) -> Result<(), String> {
         let (length, start) = (narrow::<u32>(bytes.len() as u64)?, narrow::<u32>(self.at)?);
-        let mut about = Vec::new();
+        let mut entry = Vec::new();
         // Version 2.0, no flags, stored, time, date, checksum, both sizes, name, nothing more.
         for word in [20, 0, 0, 0, DATE] {
-            about.extend(word.to_le_bytes());
+            entry.extend(word.to_le_bytes());
         }
-        about.extend([crc32fast::hash(bytes), length, length].iter().flat_map(|n| n.to_le_bytes()));
-        about.extend([narrow::<u16>(name.len() as u64)?, 0].iter().flat_map(|n| n.to_le_bytes()));
-        for part in [&b"PK\x03\x04"[..], &about, name.as_bytes(), bytes] {
+        entry.extend([crc32fast::hash(bytes), length, length].iter().flat_map(|n| n.to_le_bytes()));
+        entry.extend([narrow::<u16>(name.len() as u64)?, 0].iter().flat_map(|n| n.to_le_bytes()));
+        for part in [&b"PK\x03\x04"[..], &entry, name.as_bytes(), bytes] {
             self.out(part)?;
         }
         self.directory.extend(b"PK\x01\x02");
         self.directory.extend(20u16.to_le_bytes());
-        self.directory.extend(&about);
+        self.directory.extend(&entry);
         // Comment, disk, attributes within and without.
         self.directory.extend([0; 10]);
         self.directory.extend(start.to_le_bytes());

@@ -1,4 +1,4 @@
-//! Numbers and pictures as text that a page can hold.
+//! Encoding of numbers and pictures as text, and the grid of pixels that a page holds.
 
 use std::io::Write;
 
@@ -9,13 +9,16 @@ use flate2::write::ZlibEncoder;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, RgbImage};
 
-/// What stands for NaN among the integers, and beside the range of the others for what is beyond it.
+use crate::page::figure::resized;
+
+/// The integer of NaN.
 const NOTHING: i32 = i32::MIN;
+/// Limit of the other integers.
 const BEYOND: f64 = i32::MAX as f64;
 
-/// Numbers, `width` a row, to so many digits after the point. Each, as an integer, is told by how far it lies off the plane
-/// through the neighbours left, above and between, as zigzag (0, -1, 1, -2 ...); then all first bytes, all second ones and
-/// so on (most high bytes are 0), zlib, base64. `data.js` undoes it.
+/// Encodes numbers, `width` per row, to this number of decimals. Each becomes an integer, predicted from the left, upper and upper left
+/// neighbours; the residual is zigzag-coded (0, -1, 1, -2 ...). Then come all first bytes, all second bytes and so on (most high bytes
+/// are 0), zlib, base64. `data.js` decodes it.
 pub(super) fn decimals(values: &[f32], width: usize, digits: u32) -> Result<String, String> {
     let integers: Vec<i32> = values.iter().map(|&v| integer(v, digits)).collect();
     let mut planes = vec![0; 4 * values.len()];
@@ -35,7 +38,7 @@ fn integer(value: f32, digits: u32) -> i32 {
     (f64::from(value) * 10f64.powi(digits as i32)).round().clamp(-BEYOND, BEYOND) as i32
 }
 
-/// What the neighbours before an integer let expect of it.
+/// The prediction of an integer from its neighbours.
 fn predicted(integers: &[i32], width: usize, i: usize) -> i32 {
     match (i % width, i / width) {
         (0, 0) => 0,
@@ -46,7 +49,7 @@ fn predicted(integers: &[i32], width: usize, i: usize) -> i32 {
 }
 
 /// A picture as JPEG of a quality up to 100, base64.
-pub(super) fn picture(image: &RgbImage, quality: u8) -> Result<String, String> {
+pub(super) fn jpeg(image: &RgbImage, quality: u8) -> Result<String, String> {
     let mut bytes = Vec::new();
     JpegEncoder::new_with_quality(&mut bytes, quality)
         .encode(image, image.width(), image.height(), ExtendedColorType::Rgb8)
@@ -58,10 +61,50 @@ fn base64(bytes: Vec<u8>) -> String {
     STANDARD.encode(bytes)
 }
 
-/// JSON that may stand in a script element: whatever its strings hold, no element ends or begins in it.
+/// JSON for a script element: no element ends or begins in its strings.
 pub(super) fn json(value: &impl serde::Serialize) -> Result<String, String> {
-    // Outside its strings JSON has no such sign.
+    // Outside of strings JSON has no such character.
     serde_json::to_string(value).map(|text| text.replace('<', "\\u003c")).map_err(|e| e.to_string())
+}
+
+/// Most pixels of a page. Of larger images it has every second pixel of every second row, or every third and so on, so that a browser
+/// can open it; each value is that of its pixel.
+const MAX_PIXELS: usize = 1 << 22;
+
+/// Pixels at `step / 2 + k step` of both axes, k = 0, 1 and so on.
+pub(super) struct Grid {
+    full: (usize, usize),
+    pub(super) step: usize,
+    pub(super) width: usize,
+    pub(super) height: usize,
+}
+
+impl Grid {
+    /// The grid for images of this size.
+    pub(super) fn of(full: (u32, u32)) -> Self {
+        Self::within(full, MAX_PIXELS)
+    }
+
+    /// The grid with at most `most` pixels.
+    pub(super) fn within((width, height): (u32, u32), most: usize) -> Self {
+        let full = (width as usize, height as usize);
+        let count = |side: usize, step: usize| (side - step / 2).div_ceil(step);
+        let mut step = 1;
+        while count(full.0, step) * count(full.1, step) > most && step < full.0.min(full.1) {
+            step += 1;
+        }
+        Self { full, step, width: count(full.0, step), height: count(full.1, step) }
+    }
+
+    pub(super) fn values(&self, values: &[f32]) -> Vec<f32> {
+        let (first, step) = (self.step / 2, self.step);
+        let rows = values.chunks_exact(self.full.0).skip(first).step_by(step);
+        rows.flat_map(|row| row.iter().skip(first).step_by(step)).copied().collect()
+    }
+
+    pub(super) fn picture(&self, image: RgbImage) -> RgbImage {
+        if self.step == 1 { image } else { resized(&image, (self.width as u32, self.height as u32)) }
+    }
 }
 
 #[cfg(test)]
@@ -84,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn every_digit_comes_back() {
+    fn every_digit_is_recovered() {
         let values = [0.0f32, -0.0, 1.5, f32::NAN, f32::INFINITY, -144.0, 1e-30, -1e30, 0.12345, 9.0, f32::NAN, -7.25];
         let found = unpacked(&decimals(&values, 4, 4).unwrap(), 4);
         let expected = [0, 0, 15000, NOTHING, i32::MAX, -1_440_000, 0, -i32::MAX, 1235, 90_000, NOTHING, -72_500];

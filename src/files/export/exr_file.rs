@@ -1,4 +1,4 @@
-//! One float for each pixel, as EXR: a single 32-bit channel `Y`, unless said otherwise.
+//! OpenEXR files of 32-bit floats.
 
 use std::io::{Seek, Write};
 
@@ -7,17 +7,17 @@ use exr::meta::attribute::{AttributeValue, Text};
 use exr::meta::header::LayerAttributes;
 use exr::prelude::{AnyChannel, AnyChannels, Encoding, WritableImage};
 
-use super::meaning::{Meaning, SOFTWARE};
+use super::description::{Description, SOFTWARE};
 use crate::base::Channels;
 
-/// Writes a field of `width` x `height` values.
+/// Writes a field of width x height values as channel `Y`.
 pub(crate) fn write(
     writer: impl Write + Seek,
     size: (u32, u32),
     values: &[f32],
-    meaning: &Meaning,
+    description: &Description,
 ) -> Result<(), String> {
-    write_channels(writer, size, &[("Y", values)], meaning)
+    write_channels(writer, size, &[("Y", values)], description)
 }
 
 /// Writes an image of interleaved intensities: channel `Y`, or `R`, `G` and `B`.
@@ -26,30 +26,30 @@ pub(crate) fn write_image(
     size: (u32, u32),
     channels: Channels,
     values: &[f32],
-    meaning: &Meaning,
+    description: &Description,
 ) -> Result<(), String> {
     if channels == Channels::Gray {
-        return write(writer, size, values, meaning);
+        return write(writer, size, values, description);
     }
     let plane = |k: usize| values.iter().skip(k).step_by(3).copied().collect::<Vec<f32>>();
     let [r, g, b] = [0, 1, 2].map(plane);
-    write_channels(writer, size, &[("R", &r), ("G", &g), ("B", &b)], meaning)
+    write_channels(writer, size, &[("R", &r), ("G", &g), ("B", &b)], description)
 }
 
-/// Writes several fields of one size, each with the name of its channel.
+/// Writes fields of one size, each as the channel of its name.
 pub(crate) fn write_channels(
     writer: impl Write + Seek,
     (width, height): (u32, u32),
     fields: &[(&str, &[f32])],
-    meaning: &Meaning,
+    description: &Description,
 ) -> Result<(), String> {
     let text = |s: &str| Text::new_or_none(s).ok_or_else(|| format!("'{s}' does not fit EXR text"));
     let mut attributes = LayerAttributes {
         software_name: Some(text(SOFTWARE)?),
-        comments: Some(text(&meaning.comments)?),
+        comments: Some(text(&description.comments)?),
         ..LayerAttributes::default()
     };
-    attributes.other.insert(text("units")?, AttributeValue::Text(text(meaning.units)?));
+    attributes.other.insert(text("units")?, AttributeValue::Text(text(&description.units)?));
     let channel = |&(name, values): &(&str, &[f32])| AnyChannel::new(name, FlatSamples::F32(values.to_vec()));
     let channels = AnyChannels::sort(fields.iter().map(channel).collect());
     let layer = Layer::new((width as usize, height as usize), attributes, Encoding::SMALL_FAST_LOSSLESS, channels);

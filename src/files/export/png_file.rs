@@ -1,19 +1,19 @@
-//! PNG files that say what they hold.
+//! PNG files with a description in their text chunks.
 
 use std::io::Write;
 
 use image::RgbImage;
 use png::{BitDepth, ColorType, Compression, Encoder, Filter};
 
-use super::meaning::{Meaning, SOFTWARE};
+use super::description::{Description, SOFTWARE};
 
 /// Samples of a picture, row-major, channels interleaved.
-pub(crate) enum Stored<'a> {
+pub(crate) enum Pixels<'a> {
     Bytes(&'a [u8]),
     Words(&'a [u16]),
 }
 
-impl Stored<'_> {
+impl Pixels<'_> {
     fn depth(&self) -> BitDepth {
         match self {
             Self::Bytes(_) => BitDepth::Eight,
@@ -22,18 +22,18 @@ impl Stored<'_> {
     }
 }
 
-/// Writes a picture whose text states the program, the unit and the content.
+/// Writes a picture; its text chunks state the program, the unit and the content.
 pub(crate) fn write(
     writer: impl Write,
     size: (u32, u32),
     color: ColorType,
-    samples: &Stored<'_>,
-    meaning: &Meaning,
+    samples: &Pixels<'_>,
+    description: &Description,
 ) -> Result<(), String> {
-    finish(encoder(writer, size, meaning)?, color, samples)
+    finish(encoder(writer, size, description)?, color, samples)
 }
 
-/// Writes a drawing, which large areas of one colour make small, and which states the program.
+/// Writes a drawing, compressed well, since large areas have one colour; its text chunk states the program.
 pub(crate) fn write_drawing(writer: impl Write, image: &RgbImage) -> Result<(), String> {
     let mut encoder = Encoder::new(writer, image.width(), image.height());
     add_text(&mut encoder, "Software", SOFTWARE)?;
@@ -44,29 +44,31 @@ pub(crate) fn write_drawing(writer: impl Write, image: &RgbImage) -> Result<(), 
     writer.write_image_data(image).and_then(|()| writer.finish()).map_err(|e| e.to_string())
 }
 
-/// An encoder to which more text, or a palette, can be added before it is [`finish`]ed.
+/// Creates an encoder, to which text or a palette can be added before [`finish`].
 pub(crate) fn encoder<'a, W: Write>(
     writer: W,
     (width, height): (u32, u32),
-    meaning: &Meaning,
+    description: &Description,
 ) -> Result<Encoder<'a, W>, String> {
     let mut encoder = Encoder::new(writer, width, height);
-    for (keyword, text) in [("Software", SOFTWARE), ("Description", &meaning.comments), ("Units", meaning.units)] {
+    for (keyword, text) in
+        [("Software", SOFTWARE), ("Description", &description.comments), ("Units", &description.units)]
+    {
         add_text(&mut encoder, keyword, text)?;
     }
     Ok(encoder)
 }
 
-/// Adds a chunk tEXt.
+/// Adds a tEXt chunk.
 pub(crate) fn add_text<W: Write>(encoder: &mut Encoder<'_, W>, keyword: &str, text: &str) -> Result<(), String> {
     encoder.add_text_chunk(keyword.to_string(), text.to_string()).map_err(|e| e.to_string())
 }
 
-/// Writes the pixels.
+/// Writes the pixels and ends the file.
 pub(crate) fn finish<W: Write>(
     mut encoder: Encoder<'_, W>,
     color: ColorType,
-    samples: &Stored<'_>,
+    samples: &Pixels<'_>,
 ) -> Result<(), String> {
     encoder.set_color(color);
     encoder.set_depth(samples.depth());
@@ -74,9 +76,9 @@ pub(crate) fn finish<W: Write>(
     encoder.set_filter(Filter::Adaptive);
     let mut writer = encoder.write_header().map_err(|e| e.to_string())?;
     match samples {
-        Stored::Bytes(bytes) => writer.write_image_data(bytes),
-        // The byte order of the format.
-        Stored::Words(words) => {
+        Pixels::Bytes(bytes) => writer.write_image_data(bytes),
+        // PNG is big-endian.
+        Pixels::Words(words) => {
             writer.write_image_data(&words.iter().flat_map(|w| w.to_be_bytes()).collect::<Vec<_>>())
         }
     }

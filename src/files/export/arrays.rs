@@ -1,0 +1,292 @@
+//! Depth, or V or focus where it is not known, for other programs: NPY, TIFF and Zarr in floats, PNG and TIFF in 16 bits.
+
+use std::borrow::Cow;
+use std::io::{Cursor, Write};
+
+use png::ColorType;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use tiff::encoder::TiffEncoder;
+use tiff::encoder::colortype::{Gray16, Gray32Float};
+use tiff::tags::Tag;
+
+use super::description::{Description, SOFTWARE};
+use super::png_file::{self, Pixels};
+use super::results::Results;
+use super::scale::Quantity;
+use super::write::Extra;
+use super::zip::Zip;
+
+/// A format of arrays in floats; NaN where nothing is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ArrayKind {
+    /// NumPy arrays `depth.npy` and `deviation.npy`.
+    Npy,
+    /// `depth.tiff` and `deviation.tiff`.
+    Tiff,
+    /// `depth.zarr.zip`, with both.
+    Zarr,
+}
+
+impl ArrayKind {
+    /// Names of the files.
+    pub fn files(self) -> &'static [&'static str] {
+        match self {
+            Self::Npy => &["depth.npy", "deviation.npy"],
+            Self::Tiff => &["depth.tiff", "deviation.tiff"],
+            Self::Zarr => &["depth.zarr.zip"],
+        }
+    }
+
+    /// The files of results, as extras.
+    pub fn extras<'a>(self) -> Vec<Extra<'a>> {
+        let each = self.files().iter().zip([false, true]);
+        each.map(|(name, is_deviation)| {
+            Extra::new(name, move |results, w| {
+                let arrays = Arrays::new(results);
+                let values = if is_deviation { &arrays.deviation } else { &arrays.values };
+                match self {
+                    Self::Npy => write_npy(w, arrays.size, values),
+                    Self::Tiff => arrays.write_tiff(w, values, is_deviation),
+                    Self::Zarr => arrays.write_zarr(w),
+                }
+            })
+        })
+        .collect()
+    }
+}
+
+/// A quantity and its standard deviation.
+struct Arrays {
+    size: (u32, u32),
+    name: &'static str,
+    /// ASCII, as TIFF requires.
+    unit: String,
+    values: Vec<f32>,
+    deviation: Vec<f32>,
+}
+
+/// The unit in ASCII.
+fn ascii(unit: &str) -> String {
+    unit.replace("px²", "px^2")
+}
+
+impl Arrays {
+    fn new(results: &Results<'_>) -> Self {
+        let quantity = results.best_measured();
+        let Quantity { name, values, deviation, .. } = quantity;
+        // Where a value is not measured, its deviation is not either.
+        let known = |(v, s): (&f32, &f32)| if v.is_finite() { *s } else { f32::NAN };
+        let deviation = values.iter().zip(deviation.iter()).map(known).collect();
+        Self { size: results.size(), name, unit: ascii(quantity.unit), values: values.into_owned(), deviation }
+    }
+
+    fn comments(&self, is_deviation: bool) -> String {
+        let of = if is_deviation { "standard deviation of " } else { "" };
+        format!("{of}{} in {}; NaN where it is not measured", self.name.replace('_', " "), self.unit)
+    }
+
+    fn write_tiff(&self, writer: &mut dyn Write, values: &[f32], is_deviation: bool) -> Result<(), String> {
+        let description = format!("{}\nunits={}\n", self.comments(is_deviation), self.unit);
+        write_tiff::<Gray32Float>(writer, self.size, values, &description)
+    }
+
+    /// Writes Zarr, version 2 (Zarr Community 2015), in one ZIP file as `zarr.storage.ZipStore` does: a group of two uncompressed
+    /// arrays in square chunks, named `depth`, `relative_blur` or `focus`, and `standard_deviation`.
+    fn write_zarr(&self, writer: &mut dyn Write) -> Result<(), String> {
+        let mut zip = Zip::new(writer);
+        let text =
+            |zip: &mut Zip<'_>, name: &str, value: serde_json::Value| zip.add(name, value.to_string().as_bytes());
+        text(&mut zip, ".zgroup", json!({ "zarr_format": 2 }))?;
+        text(&mut zip, ".zattrs", json!({ "software": SOFTWARE }))?;
+        for (name, values, is_deviation) in
+            [(self.name, &self.values, false), ("standard_deviation", &self.deviation, true)]
+        {
+            let (width, height) = (self.size.0 as usize, self.size.1 as usize);
+            let array = json!({
+                "zarr_format": 2, "shape": [height, width], "chunks": [CHUNK, CHUNK], "dtype": "<f4", "compressor": null,
+                "fill_value": "NaN", "order": "C", "filters": null,
+            });
+            text(&mut zip, &format!("{name}/.zarray"), array)?;
+            let attributes = json!({
+                "units": self.unit, "comments": self.comments(is_deviation), "_ARRAY_DIMENSIONS": ["y", "x"],
+            });
+            text(&mut zip, &format!("{name}/.zattrs"), attributes)?;
+            let columns = width.div_ceil(CHUNK);
+            for (row, column) in (0..height.div_ceil(CHUNK)).flat_map(|row| (0..columns).map(move |c| (row, c))) {
+                let bytes = chunk(values, [width, height], [column * CHUNK, row * CHUNK]);
+                zip.add(&format!("{name}/{row}.{column}"), &bytes)?;
+            }
+        }
+        zip.finish()
+    }
+}
+
+/// Writes a TIFF of one channel.
+fn write_tiff<C: tiff::encoder::colortype::ColorType>(
+    writer: &mut dyn Write,
+    (width, height): (u32, u32),
+    samples: &[C::Inner],
+    description: &str,
+) -> Result<(), String>
+where
+    [C::Inner]: tiff::encoder::TiffValue,
+{
+    // The encoder seeks.
+    let mut bytes = Cursor::new(Vec::new());
+    let encode = |bytes: &mut Cursor<Vec<u8>>| {
+        let mut encoder = TiffEncoder::new(bytes)?;
+        let mut image = encoder.new_image::<C>(width, height)?;
+        image.encoder().write_tag(Tag::ImageDescription, description)?;
+        image.encoder().write_tag(Tag::Software, SOFTWARE)?;
+        image.write_data(samples)
+    };
+    encode(&mut bytes).map_err(|e| e.to_string())?;
+    writer.write_all(&bytes.into_inner()).map_err(|e| e.to_string())
+}
+
+/// Side of a chunk of a Zarr array, px: a megabyte, as the format's authors advise.
+const CHUNK: usize = 512;
+
+/// A chunk, NaN beyond the edges of the array.
+fn chunk(values: &[f32], [width, height]: [usize; 2], [left, top]: [usize; 2]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(4 * CHUNK * CHUNK);
+    for y in top..top + CHUNK {
+        let at = |x: usize| if x < width && y < height { values[y * width + x] } else { f32::NAN };
+        bytes.extend((left..left + CHUNK).flat_map(|x| at(x).to_le_bytes()));
+    }
+    bytes
+}
+
+/// Size of the header of NPY, bytes.
+const NPY_HEADER: usize = 128;
+
+/// Writes NPY 1.0 (NumPy Enhancement Proposal 1): a header in Python syntax, then height x width floats by rows.
+fn write_npy(writer: &mut dyn Write, (width, height): (u32, u32), values: &[f32]) -> Result<(), String> {
+    let text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");
+    let mut header = b"\x93NUMPY\x01\x00".to_vec();
+    header.extend(((NPY_HEADER - 10) as u16).to_le_bytes());
+    header.extend(text.bytes());
+    header.resize(NPY_HEADER - 1, b' ');
+    header.push(b'\n');
+    let mut out = |bytes: &[u8]| writer.write_all(bytes).map_err(|e| e.to_string());
+    out(&header)?;
+    values.chunks(1 << 16).try_for_each(|values| out(&values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>()))
+}
+
+/// Names of the files of a [`Depth16`].
+pub(super) const DEPTH16_FILES: [&str; 2] = ["depth16.png", "depth16.tiff"];
+
+/// Depth, or V or focus where it is not known, in 16 bits: sample 0 where it is not measured, 1 at its least value, 65535 at its
+/// greatest, linear in between.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Depth16 {
+    size: (u32, u32),
+    samples: Vec<u16>,
+    report: Depth16Report,
+}
+
+/// The meaning of the samples: `offset + scale * sample` in `unit`, unless the sample is 0.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Depth16Report {
+    /// "depth", "relative_blur" or "focus".
+    pub quantity: Cow<'static, str>,
+    /// Unit in ASCII: "mm", "px^2", "settings" or "1/m".
+    pub unit: Cow<'static, str>,
+    /// Step from one sample value to the next, in `unit`.
+    pub scale: f64,
+    /// Value that the sample 0 would have.
+    pub offset: f64,
+}
+
+impl Depth16 {
+    /// Depth, or V or focus where it is not known.
+    pub fn of(results: &Results<'_>) -> Self {
+        let quantity = results.best_measured();
+        let name = quantity.name;
+        Self::new(results.size(), &quantity.values, name, ascii(quantity.unit))
+    }
+
+    fn new(size: (u32, u32), values: &[f32], quantity: &'static str, unit: String) -> Self {
+        let valid = || values.iter().copied().filter(|v| v.is_finite()).map(f64::from);
+        let (low, high) = (valid().fold(f64::INFINITY, f64::min), valid().fold(f64::NEG_INFINITY, f64::max));
+        let (low, scale) = match high - low {
+            span if span > 0.0 => (low, span / 65534.0),
+            // For one value, or none, any scale will do.
+            _ => (if low.is_finite() { low } else { 0.0 }, 1.0),
+        };
+        let sample = |v: f32| if v.is_finite() { 1 + ((f64::from(v) - low) / scale).round() as u16 } else { 0 };
+        let samples = values.iter().map(|&v| sample(v)).collect();
+        let report = Depth16Report { quantity: quantity.into(), unit: unit.into(), scale, offset: low - scale };
+        Self { size, samples, report }
+    }
+
+    /// The meaning of the samples.
+    pub fn report(&self) -> Depth16Report {
+        self.report.clone()
+    }
+
+    /// `depth16.png` and `depth16.tiff`.
+    pub fn into_files<'a>(self) -> [Extra<'a>; 2] {
+        let [png, tiff] = DEPTH16_FILES;
+        let copy = self.clone();
+        [Extra::new(png, move |_, w| copy.write_png(w)), Extra::new(tiff, move |_, w| self.write_tiff(w))]
+    }
+
+    fn comments(&self) -> String {
+        let quantity = match &*self.report.quantity {
+            "depth" => "Depth",
+            "focus" => "Focus",
+            _ => "Relative blur V",
+        };
+        format!("{quantity}, {} = offset + scale * sample; sample 0 is not valid", self.report.unit)
+    }
+
+    fn write_png(&self, writer: &mut dyn Write) -> Result<(), String> {
+        let description = Description { units: self.report.unit.clone(), comments: self.comments().into() };
+        let mut encoder = png_file::encoder(writer, self.size, &description)?;
+        png_file::add_text(&mut encoder, "Scale", &self.report.scale.to_string())?;
+        png_file::add_text(&mut encoder, "Offset", &self.report.offset.to_string())?;
+        png_file::finish(encoder, ColorType::Grayscale, &Pixels::Words(&self.samples))
+    }
+
+    fn write_tiff(&self, writer: &mut dyn Write) -> Result<(), String> {
+        let Depth16Report { unit, scale, offset, .. } = &self.report;
+        let description = format!("{}\nunits={unit}\nscale={scale}\noffset={offset}\n", self.comments());
+        write_tiff::<Gray16>(writer, self.size, &self.samples, &description)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn field(size: (u32, u32), values: &[f32]) -> Depth16 {
+        Depth16::new(size, values, "relative_blur", "px^2".to_string())
+    }
+
+    fn values(field: &Depth16) -> Vec<Option<f64>> {
+        let Depth16Report { scale, offset, .. } = field.report();
+        field.samples.iter().map(|&s| (s > 0).then(|| offset + scale * f64::from(s))).collect()
+    }
+
+    #[test]
+    fn every_value_is_recovered_to_half_a_step() {
+        let stored: Vec<f32> = (0..999).map(|i| 600.0 + 0.137 * ((i * i) % 977) as f32).chain([f32::NAN]).collect();
+        let field = field((100, 10), &stored);
+        for (found, value) in values(&field).into_iter().zip(stored) {
+            assert_eq!(found.is_none(), value.is_nan());
+            assert!(found.is_none_or(|v| (v - f64::from(value)).abs() <= 0.5001 * field.report.scale), "{value}");
+        }
+        assert!(field.samples.contains(&1) && field.samples.contains(&65535));
+    }
+
+    #[test]
+    fn one_value_none_and_the_widest_range_have_a_scale() {
+        assert_eq!(values(&field((2, 1), &[-2.5, f32::NAN])), [Some(-2.5), None]);
+        assert_eq!(values(&field((2, 1), &[f32::NAN, f32::INFINITY])), [None, None]);
+        let wide = field((2, 1), &[f32::MIN, f32::MAX]);
+        assert_eq!(wide.samples, [1, 65535]);
+        assert!(wide.report.scale.is_finite() && wide.report.offset.is_finite());
+    }
+}

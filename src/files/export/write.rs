@@ -1,0 +1,243 @@
+//! Results into a folder: all of their files or none.
+
+use std::io::Write;
+
+use image::RgbImage;
+use png::ColorType;
+
+use super::destination::Destination;
+use super::fused::{FUSED_FILE, FUSED_FLOAT_FILE};
+use super::labels::{write_beyond, write_frames};
+use super::measurements::{MeasurementRequest, Measurements, is_profile};
+use super::png_file::{self, Pixels};
+use super::report::{REPORT_FILE, write_json_to};
+use super::results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Results};
+use super::scale::Scale;
+use super::staging::Staging;
+use super::{Palette, ProfileReport, arrays, depth_picture, description, exr_file};
+use crate::base::{Depth, Error};
+
+/// The page of results.
+pub const PAGE_FILE: &str = "report.html";
+
+/// Files that show depth, and are written again when it changes.
+const DEPTH_EXPORTS: [&str; 11] = [
+    PAGE_FILE,
+    "surface.ply",
+    "points.ply",
+    "surface.glb",
+    "surface.stl",
+    "surface.obj",
+    "depth.npy",
+    "deviation.npy",
+    "depth.tiff",
+    "deviation.tiff",
+    "depth.zarr.zip",
+];
+
+/// Names of all files that a folder of results may hold, but for profiles.
+pub fn result_files() -> impl Iterator<Item = &'static str> {
+    use super::report::Kind;
+    let [pair, sweep] = [Kind::Pair, Kind::Sweep].map(Kind::files);
+    let exports = DEPTH_EXPORTS.into_iter().chain(arrays::DEPTH16_FILES);
+    pair.into_iter().chain(sweep).chain(exports).chain(["labels.png", DEPTH_FILE, FUSED_FLOAT_FILE])
+}
+
+/// Draws the keys of maps and the curves of profiles. Without it `depth.png` has no key and a profile has no picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Plotter {
+    /// Draws the key of a scale in the colours of a palette under a title, for a map of this width and height.
+    pub key: fn(&str, &Scale, Palette, (u32, u32)) -> RgbImage,
+    /// Draws a profile.
+    pub profile: fn(&ProfileReport) -> RgbImage,
+}
+
+/// How pictures are drawn.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Drawing {
+    /// Colours of `depth.png`.
+    pub palette: Palette,
+    /// Draws keys and profiles.
+    pub plotter: Option<Plotter>,
+}
+
+/// An additional file of results.
+pub struct Extra<'a> {
+    name: &'static str,
+    fill: Fill<'a>,
+}
+
+/// Writes the content of a file; an error is a phrase that fits into "cannot be written (...)".
+type Fill<'a> = Box<dyn FnOnce(&Results<'_>, &mut dyn Write) -> Result<(), String> + 'a>;
+
+impl<'a> Extra<'a> {
+    pub(crate) fn new(
+        name: &'static str,
+        fill: impl FnOnce(&Results<'_>, &mut dyn Write) -> Result<(), String> + 'a,
+    ) -> Self {
+        debug_assert!(result_files().any(|file| file == name));
+        Self { name, fill: Box::new(fill) }
+    }
+
+    /// Its name in the folder of results.
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+}
+
+impl Results<'_> {
+    /// Writes the results into the folder `out`, which is created if it is missing.
+    ///
+    /// Files that the report of earlier results lists are replaced or removed. Any other file stays; where it has the name of a
+    /// result, nothing is written unless the [`Destination`] forces it. The report then lists the files and their hashes.
+    ///
+    /// Files are written under temporary names and renamed at the end. After a failure the earlier results stand; if the program is
+    /// ended meanwhile, the next one that writes there restores them.
+    ///
+    /// # Errors
+    /// [`Error::File`]; [`Error::Mismatch`] for results that were read from a folder.
+    pub fn write<'d>(
+        &mut self,
+        out: impl Into<Destination<'d>>,
+        drawing: &Drawing,
+        extras: Vec<Extra<'_>>,
+    ) -> Result<(), Error> {
+        let Some(fused) = &self.fused else {
+            return Err(Error::Mismatch("results that were read from a folder cannot be written again".to_string()));
+        };
+        let mut staging = Staging::replacing(out.into(), REPORT_FILE)?;
+        let size = self.size();
+        for (name, file, description) in self.report.kind.fields() {
+            match *name {
+                "valid" => staging.add(file, |w| self.write_valid(w))?,
+                "frames" => staging.add(file, |w| write_frames(w, self))?,
+                "beyond" => staging.add(file, |w| write_beyond(w, self))?,
+                _ => {
+                    let values = self.field(name)?;
+                    staging.add(file, |w| exr_file::write(w, size, &values, description))?;
+                }
+            }
+        }
+        self.stage_depth(&mut staging, drawing)?;
+        staging.add(FUSED_FILE, |w| fused.write_png(w))?;
+        if fused.depth == Depth::F32 {
+            staging.add(FUSED_FLOAT_FILE, |w| fused.write_exr(w))?;
+        }
+        if let Some(measured) = &self.report.measurements {
+            measured.stage(&mut staging, drawing.plotter)?;
+        }
+        self.report.hashes.clear();
+        self.report.files.clear();
+        self.finish(staging, &[], extras)
+    }
+
+    /// 255 where the results are measured, else 0: 8-bit grey.
+    fn write_valid(&self, writer: impl Write) -> Result<(), String> {
+        let measured = self.values().iter().zip(&self.marked).map(|(value, marked)| value.is_finite() && !marked);
+        let bytes: Vec<u8> = measured.map(|measured| if measured { 255 } else { 0 }).collect();
+        png_file::write(writer, self.size(), ColorType::Grayscale, &Pixels::Bytes(&bytes), &description::VALID)
+    }
+
+    /// `depth.png`, and `depth_mm.exr` where depth is known.
+    fn stage_depth(&self, staging: &mut Staging, drawing: &Drawing) -> Result<(), Error> {
+        if let Some(depth) = self.depth() {
+            let channels = [("Y", &depth.values[..]), ("standard_deviation", &depth.deviation)];
+            let description = self.depth_description();
+            staging.add(DEPTH_FILE, |w| exr_file::write_channels(w, self.size(), &channels, description))?;
+        }
+        staging.add(DEPTH_PICTURE_FILE, |w| depth_picture::write(w, self, drawing))
+    }
+
+    /// Writes depth in mm into the folder of the results: `depth_mm.exr`, `depth.png`, the report, `depth16` where it exists, and the
+    /// files `shown`; all of them or none. Other files that show depth are removed. With `force`, files that the report does not
+    /// list are overwritten.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn write_depth(&mut self, drawing: &Drawing, mut shown: Vec<Extra<'_>>, force: bool) -> Result<(), Error> {
+        if self.report.depth16.is_some() {
+            shown.extend(arrays::Depth16::of(self).into_files());
+        }
+        let stale = DEPTH_EXPORTS.into_iter().filter(|name| !shown.iter().any(|extra| extra.name == *name));
+        let stale: Vec<String> = stale.map(String::from).collect();
+        let mut staging = self.joining(force, &stale)?;
+        self.stage_depth(&mut staging, drawing)?;
+        self.finish(staging, &stale, shown)
+    }
+
+    /// Checks that [`write_depth`](Self::write_depth) may write its files.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn check_depth(&self, force: bool) -> Result<(), Error> {
+        let exports = DEPTH_EXPORTS.into_iter().chain(arrays::DEPTH16_FILES).filter(|name| self.report.has_file(name));
+        let names: Vec<&str> = exports.chain([DEPTH_FILE, DEPTH_PICTURE_FILE, REPORT_FILE]).collect();
+        Destination::new(&self.folder, force).check_results(REPORT_FILE, &names)
+    }
+
+    /// Writes measurements into the folder of the results: profiles, the report and the files `shown`; all of them or none. New
+    /// steps replace earlier steps, new profiles earlier profiles. A page that is not in `shown` is removed. With `force`, files that
+    /// the report does not list are overwritten.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn write_measurements(
+        &mut self,
+        measured: &Measurements,
+        drawing: &Drawing,
+        shown: Vec<Extra<'_>>,
+        force: bool,
+    ) -> Result<(), Error> {
+        let new: Vec<&str> = measured.profiles.iter().flat_map(|p| [p.csv.as_str(), &p.png]).collect();
+        let is_stale = |file: &&String| {
+            let replaced = is_profile(file) && !new.is_empty() && !new.contains(&file.as_str());
+            replaced || (*file == PAGE_FILE && !shown.iter().any(|extra| extra.name == PAGE_FILE))
+        };
+        let stale: Vec<String> = self.report.files.iter().filter(is_stale).cloned().collect();
+        let known = self.report.measurements.get_or_insert_default();
+        if !measured.steps.is_empty() {
+            known.steps.clone_from(&measured.steps);
+        }
+        if !measured.profiles.is_empty() {
+            known.profiles.clone_from(&measured.profiles);
+        }
+        let mut staging = self.joining(force, &stale)?;
+        measured.stage(&mut staging, drawing.plotter)?;
+        self.finish(staging, &stale, shown)
+    }
+
+    /// Checks that [`write_measurements`](Self::write_measurements) may write its files.
+    ///
+    /// # Errors
+    /// [`Error::File`].
+    pub fn check_measurements(&self, request: &MeasurementRequest, force: bool) -> Result<(), Error> {
+        let mut names = request.files();
+        names.push(REPORT_FILE.to_string());
+        Destination::new(&self.folder, force).check_results(REPORT_FILE, &names)
+    }
+
+    /// Files that join those of the folder; of the latter the `stale` ones are removed.
+    fn joining(&self, force: bool, stale: &[String]) -> Result<Staging, Error> {
+        Staging::joining(Destination::new(&self.folder, force), REPORT_FILE, stale.to_vec())
+    }
+
+    /// Adds the extras and the report, and renames all files.
+    fn finish(&mut self, mut staging: Staging, stale: &[String], extras: Vec<Extra<'_>>) -> Result<(), Error> {
+        self.report.fields = self.field_reports();
+        self.report.files.retain(|file| !stale.contains(file));
+        let names = staging.names().into_iter().chain(extras.iter().map(|extra| extra.name.to_string()));
+        for name in names.chain([REPORT_FILE.to_string()]) {
+            if !self.report.has_file(&name) {
+                self.report.files.push(name);
+            }
+        }
+        for Extra { name, fill } in extras {
+            staging.add(name, |w| fill(self, w))?;
+        }
+        self.report.hashes.retain(|file, _| !stale.contains(file));
+        self.report.hashes.extend(staging.hashes());
+        // The last file to be renamed: where the report exists, so do the others (`batch --resume`).
+        staging.add(REPORT_FILE, |w| write_json_to(w, &self.report))?;
+        staging.place()
+    }
+}

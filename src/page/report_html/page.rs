@@ -1,0 +1,199 @@
+//! The page of results, from the photographs or from the pictures of the existing page.
+
+use std::borrow::Cow;
+use std::io::Write;
+use std::path::Path;
+
+use serde::Deserialize;
+use serde_json::json;
+
+use super::{COLORMAPS, Contents, Photographed, Picture, Pixels, Readout};
+use crate::base::{Decode, Frame, Region};
+use crate::files::bounded_read;
+use crate::files::export::{Extra, Kind, PAGE_FILE, Palette, Results};
+use crate::page::view::relief_to_scale;
+
+/// Most bytes of a page that are read, 256 MiB; a page of 4 megapixels with a hundred frames has a fifth of that.
+const MAX_BYTES: u64 = 256 << 20;
+
+/// The page of new results: the photographs and more fields.
+#[derive(Clone, Debug)]
+pub struct Page<'a> {
+    /// I1 and I2, or the frames of a sweep in the order of the report.
+    pub photographs: Vec<&'a Frame>,
+    /// Their names; any text.
+    pub names: Vec<String>,
+    /// Colours of near and far.
+    pub palette: Palette,
+    /// More fields.
+    pub fields: Vec<Readout<'a>>,
+}
+
+impl<'a> Page<'a> {
+    /// The page as a file for [`Results::write`].
+    pub fn file(self) -> Extra<'a> {
+        Extra::new(PAGE_FILE, move |results, writer| self.write(results, writer))
+    }
+
+    fn write(self, results: &Results<'_>, writer: &mut dyn Write) -> Result<(), String> {
+        let report = &results.report;
+        let (reference, decode, part) = (report.reference, report.values.decode, report.region);
+        let is_pair = report.kind == Kind::Pair;
+        let mut pictures: Vec<Picture<'_>> = Vec::new();
+        for (n, (photograph, name)) in self.photographs.iter().zip(&self.names).enumerate() {
+            let is_reference = n == reference;
+            let name = match (is_pair, is_reference) {
+                (true, true) => format!("I1: {name}"),
+                (true, false) => format!("I2 registered: {name}"),
+                (false, true) => format!("{name} (reference)"),
+                (false, false) => name.clone(),
+            };
+            let frame = report.frames.get(n).filter(|_| !is_reference);
+            let registration = frame.map(|frame| (frame.transform, frame.brightness()));
+            let sharing = (!is_pair && !is_reference).then(|| self.photographs.len() - 1);
+            let frame = Cow::Borrowed(*photograph);
+            pictures.push(Photographed { frame, decode, part, registration, sharing }.named(name));
+        }
+        let compare = if is_pair { [0, 1] } else { [reference, pictures.len()] };
+        let frame = results.fused_in_8_bits().map_err(|e| e.to_string())?;
+        let part = Region { x: 0, y: 0, width: frame.width(), height: frame.height() };
+        let frame = Cow::Owned(frame);
+        let fused = Photographed { frame, decode: Decode::None, part, registration: None, sharing: None };
+        pictures.push(fused.named("Best focus".to_string()));
+        let ends = [self.names.first(), self.names.last()].map(|name| name.cloned().unwrap_or_default());
+        write(results, &ends, compare, pictures, self.palette, self.fields, writer)
+    }
+}
+
+/// The pictures and names of the page of a folder, from which the page can be written again without the photographs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExistingPage {
+    data: PageData,
+    /// JPEG in base64.
+    pictures: Vec<String>,
+}
+
+/// The data of a page that stay as they are.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+struct PageData {
+    names: [String; 2],
+    compare: [usize; 2],
+    #[serde(default)]
+    colormap: usize,
+    pictures: Vec<String>,
+}
+
+impl ExistingPage {
+    /// Reads the page of a folder; `None` if it is missing or its pictures cannot be read.
+    pub fn read(folder: &Path) -> Option<Self> {
+        let text = bounded_read::text(&folder.join(PAGE_FILE), MAX_BYTES).ok()?;
+        let mut rest = text.as_str();
+        let data: PageData = serde_json::from_str(element(&mut rest, "application/json", "data")?).ok()?;
+        let pictures = (0..data.pictures.len()).map(|i| {
+            let found = element(&mut rest, "text/plain", &format!("picture-{i}"))?;
+            found.bytes().all(|b| b.is_ascii_alphanumeric() || b"+/=".contains(&b)).then(|| found.to_string())
+        });
+        let pictures: Vec<String> = pictures.collect::<Option<_>>()?;
+        let is_whole = data.compare.iter().all(|i| *i < pictures.len());
+        is_whole.then_some(Self { data, pictures })
+    }
+
+    /// The page of changed results, in its own colours unless others are given.
+    pub fn file(&self, palette: Option<Palette>) -> Extra<'_> {
+        Extra::new(PAGE_FILE, move |results, writer| {
+            let pictures = self.data.pictures.iter().cloned().zip(&self.pictures);
+            let pictures = pictures.map(|(name, text)| Picture { name, pixels: Pixels::Encoded(text) }).collect();
+            let own = || COLORMAPS.get(self.data.colormap).map(|(_, palette)| *palette);
+            let palette = palette.or_else(own).unwrap_or_default();
+            write(results, &self.data.names, self.data.compare, pictures, palette, Vec::new(), writer)
+        })
+    }
+}
+
+/// Writes the page of results.
+fn write(
+    results: &Results<'_>,
+    names: &[String; 2],
+    compare: [usize; 2],
+    pictures: Vec<Picture<'_>>,
+    palette: Palette,
+    more: Vec<Readout<'_>>,
+    writer: &mut dyn Write,
+) -> Result<(), String> {
+    let report = &results.report;
+    let limit = report.settings.max_relative_blur;
+    let lens = results.lens().map(|_| json!({ "scale": results.magnification(), "limit": limit }));
+    let frames = (report.kind == Kind::Sweep).then_some(report.frames.len());
+    let data = json!({
+        "kind": report.kind, "names": names, "compare": compare, "lens": lens, "frames": frames, "report": report,
+    });
+    let (best, quantity, depth) = (results.best(), results.quantity(), results.depth());
+    let confidence = results.field("confidence").ok();
+    let residual = results.field("residual").ok();
+    let values = &quantity.values[..];
+    let principal = match quantity.name {
+        "relative_blur" => Readout::relative_blur(values, quantity.nearer),
+        _ => Readout::focus(values, quantity.nearer).unit(results.focus_unit()),
+    };
+    let principal = principal.rounded_by(&quantity.deviation);
+    let sigma = match quantity.name {
+        "relative_blur" => Readout::deviation("uncertainty", &principal, ["σ of V", "σ"], &quantity.deviation).note(
+            "σ, the standard deviation of V, px², by what the images say around each pixel; 1000 where they say nothing. On a \
+             logarithmic scale.",
+        ),
+        _ => Readout::deviation("uncertainty", &principal, ["σ of focus", "σ"], &quantity.deviation)
+            .note("σ, the standard deviation of the focus setting, by what the pairs say. On a logarithmic scale."),
+    };
+    let mut fields = vec![principal, sigma];
+    fields.extend(confidence.as_deref().map(|values| Readout::confidence(values).computed()));
+    if let Some(depth) = &depth {
+        let [values, sigma] = Readout::depth_with_deviation(&depth.values, &depth.deviation, depth.nearer);
+        // The page computes depth by a lens itself.
+        match results.lens() {
+            Some(_) => fields.extend([values.computed(), sigma.computed()]),
+            None => fields.extend([values.rounded_by(&depth.deviation), sigma]),
+        }
+    }
+    fields.extend(residual.as_deref().map(Readout::residual));
+    fields.extend(more);
+    let (size, to_scale) = (results.size(), results.lens().map(|lens| relief_to_scale(&best, results.size(), lens)));
+    Contents { size, palette, pictures, fields, heights: best.name, to_scale, more: data }.write(writer)
+}
+
+/// The content of the first element of a type and a name in the rest of a page; `rest` then begins after it.
+fn element<'a>(rest: &mut &'a str, kind: &str, id: &str) -> Option<&'a str> {
+    let (_, from) = rest.split_once(&format!("<script type=\"{kind}\" id=\"{id}\">"))?;
+    let (found, after) = from.split_once("</script>")?;
+    *rest = after;
+    Some(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    fn read(page: &str) -> Option<ExistingPage> {
+        let folder = tempfile::TempDir::new().unwrap();
+        fs::write(folder.path().join(PAGE_FILE), page).unwrap();
+        ExistingPage::read(folder.path())
+    }
+
+    #[test]
+    fn the_pictures_of_a_page_are_read_and_other_files_refused() {
+        let data = r#"{"names":["a","b"],"compare":[0,1],"pictures":["I1","I2"],"more":1}"#;
+        let page = |data: &str, second: &str| {
+            format!(
+                "<html><script type=\"application/json\" id=\"data\">{data}</script>\n\
+                 <script type=\"text/plain\" id=\"picture-0\">QUJD</script>\n\
+                 <script type=\"text/plain\" id=\"picture-1\">{second}</script></html>"
+            )
+        };
+        assert_eq!(read(&page(data, "Zm8=")).unwrap().pictures, ["QUJD", "Zm8="]);
+        for bad in [page(data, "<!-- "), page("{}", ""), page(&data.replace("[0,1]", "[0,2]"), ""), String::new()] {
+            assert_eq!(read(&bad), None, "{bad}");
+        }
+        assert_eq!(ExistingPage::read(Path::new("/nowhere")), None);
+    }
+}
