@@ -44,6 +44,14 @@ pub enum Error {
         /// The time limit, s.
         seconds: u64,
     },
+    /// All frames in flight of a solver are in use.
+    #[error(
+        "all {frames} frames in flight of the solver are in use: drop a pending pair first, or make the solver with more"
+    )]
+    Busy {
+        /// The number of frames in flight of the solver.
+        frames: usize,
+    },
     /// A [`CancellationToken`](crate::CancellationToken) cancelled the solve.
     #[error("the solve was cancelled")]
     Cancelled,

@@ -1,8 +1,8 @@
 //! Basic types, without dependence on devices, files or passes.
 
 pub(crate) mod brightness;
-mod cancel;
 pub(crate) mod color;
+mod control;
 mod device_info;
 mod error;
 mod frame;
@@ -18,9 +18,9 @@ pub(crate) mod weighted;
 pub(crate) mod workers;
 
 pub use brightness::{Brightness, Shading};
-pub use cancel::CancellationToken;
-pub(crate) use cancel::{CancelSignal, Deadline};
 pub use color::Decode;
+pub(crate) use control::{CancelSignal, Deadline};
+pub use control::{CancellationToken, Progress};
 pub use device_info::DeviceInfo;
 pub use error::Error;
 pub use frame::{Channels, Depth, Format, Frame, Samples};

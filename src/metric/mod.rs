@@ -8,6 +8,7 @@ pub mod measure;
 pub use calibrate::{CalibratedParameter, Calibration, LensParameter, Target, calibrate};
 
 use crate::base::Lens;
+pub use crate::base::{Aperture, BlurToDepth, Estimate};
 
 /// The start of warnings about a lens.
 pub(crate) const DOUBT: &str = "the lens: ";

@@ -2,7 +2,10 @@
 
 use std::ffi::{CStr, c_char, c_void};
 
-use parfocal::{Channels, Depth, Format, Frame, PixelFormat};
+use parfocal::{
+    Frame, PixelFormat,
+    frame::{Channels, Depth, Format},
+};
 
 use crate::fault::Fault;
 use crate::handle::slice;
@@ -139,7 +142,7 @@ pub(crate) fn bytes_a_sample(frame: &Frame) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use parfocal::Samples;
+    use parfocal::frame::Samples;
 
     use super::*;
 

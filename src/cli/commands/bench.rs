@@ -4,9 +4,9 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use parfocal::bench::{self, Input, Options, Report};
 use parfocal::export::{FileKind, Registration};
-use parfocal::{Method, Settings, image_io};
+use parfocal::internals::bench::{self, Input, Options, Report};
+use parfocal::{Settings, image_io, settings::Method};
 
 use crate::cli::options::engine::EngineArguments;
 use crate::cli::options::output_options::QuietArgument;
@@ -51,9 +51,6 @@ pub(crate) struct Arguments {
     /// Print the report as JSON
     #[arg(long)]
     json: bool,
-    /// Print a line of CSV for each run
-    #[arg(long, conflicts_with = "json")]
-    csv: bool,
     /// File for the report, JSON that --against and --compare read
     #[arg(short, long, value_name = "FILE.json")]
     output: Option<PathBuf>,
@@ -171,18 +168,15 @@ fn check_outputs(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Prints the report on stdout, then the ratios: on stderr if the report is JSON or CSV.
+/// Prints the report on stdout, then the ratios: on stderr if the report is JSON.
 fn print_report(report: &Report, base: Option<&Report>, arguments: &Arguments) -> Result<(), Failure> {
-    let is_data = arguments.json || arguments.csv;
     if arguments.json {
         print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
-    } else if arguments.csv {
-        print(&report.csv())?;
     } else {
         print(&report.table())?;
     }
     match base.map(|base| bench::compare(base, report)) {
-        Some(ratios) if is_data => drop(writeln!(io::stderr(), "{ratios}")),
+        Some(ratios) if arguments.json => drop(writeln!(io::stderr(), "{ratios}")),
         Some(ratios) => print(&format!("\n{ratios}"))?,
         None => {}
     }
