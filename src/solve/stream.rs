@@ -10,12 +10,13 @@ use std::time::Duration;
 use super::queue::{Job, Queue};
 use crate::base::{CancellationToken, Error, Format, Frame, Settings};
 use crate::engine::{Engine, PairOptions, Pending, PreparedSolver, Solution, Source};
-use crate::solve::focus_stack::{Sweep, SweepOptions, solve_sweep};
+use crate::solve::SolveOptions;
+use crate::solve::sweep::{Sweep, SweepOptions, SweepSolver};
 
 /// Solves many pairs of one size and format and returns their results in the same order.
 ///
-/// One thread a device keeps several pairs in flight, so that the next is uploaded and the one before is read back while the device
-/// solves. Each pair goes to whichever device is free.
+/// One thread a device keeps several pairs in flight, so that the next is uploaded and the one before is read back
+/// while the device solves. Each pair goes to whichever device is free.
 ///
 /// In one thread, use [`Stream::map`]:
 ///
@@ -65,15 +66,16 @@ use crate::solve::focus_stack::{Sweep, SweepOptions, solve_sweep};
 /// # }
 /// ```
 ///
-/// **Memory.** A stream holds [`Stream::capacity`] pairs, twice as many as its devices have frames in flight: those in flight, and as
-/// many that wait or are solved and not yet read. Only reading makes room.
+/// **Memory.** A stream holds [`Stream::capacity`] pairs, twice as many as its devices have frames in flight: those in
+/// flight, and as many that wait or are solved and not yet read. Only reading makes room.
 ///
 /// **Order.** Results come in the order in which pairs were pushed, one for each, with the bits of
-/// [`PairSolver::solve`](crate::PairSolver::solve). A device much slower than the others delays all results: leave it out.
+/// [`PairSolver::solve`](crate::PairSolver::solve). A device much slower than the others delays all results: leave it
+/// out.
 ///
-/// **Errors.** The error of one pair, another size for example, is its result; later pairs are unaffected. If a device fails or
-/// exceeds [`EngineOptions::timeout`](crate::EngineOptions::timeout), the other devices solve its pairs and it is used no more. The
-/// last device returns its error, then [`Error::Poisoned`] for every pair.
+/// **Errors.** The error of one pair, another size for example, is its result; later pairs are unaffected. If a device
+/// fails or exceeds [`EngineOptions::timeout`](crate::EngineOptions::timeout), the other devices solve its pairs and it
+/// is used no more. The last device returns its error, then [`Error::Poisoned`] for every pair.
 ///
 /// Dropping a stream discards the pairs that wait, and blocks until the devices have solved those in flight.
 ///
@@ -102,11 +104,12 @@ impl<P> fmt::Debug for QueueFull<P> {
 impl<P> std::error::Error for QueueFull<P> {}
 
 impl Stream {
-    /// Prepares each device for pairs of a size in px and the formats of I1 and I2, with `frames_in_flight` pairs at a time (at least 1;
-    /// 3 keep a device busy).
+    /// Prepares each device for pairs of a size in px and the formats of I1 and I2, with `frames_in_flight` pairs at a
+    /// time (at least 1; 3 keep a device busy).
     ///
     /// # Errors
-    /// Those of [`PairSolver::for_size`](crate::PairSolver::for_size), [`Error::NoDevice`] without engines, [`Error::NoThread`].
+    /// Those of [`PairSolver::for_size`](crate::PairSolver::for_size), [`Error::NoDevice`] without engines,
+    /// [`Error::NoThread`].
     pub fn new(
         engines: &[&Engine],
         frames_in_flight: usize,
@@ -119,16 +122,17 @@ impl Stream {
         for engine in engines {
             let solver = PreparedSolver::new(engine, size, formats, settings, count, None, engine.reading())?;
             let worker = PairWorker::new(&stream.queue, solver, count);
-            stream.start(engine, || worker.run())?;
+            stream.start(&engine.info().name, || worker.run())?;
         }
         Ok(stream)
     }
 }
 
 impl Stream<Vec<Frame>, Sweep> {
-    /// Makes a stream of focus sweeps of three or more frames each; size and format may change from sweep to sweep. On each device
-    /// `threads` threads (at least 1) solve one sweep each. Two keep a device busy, since much of a sweep is computed on the host; each
-    /// needs the memory of a sweep.
+    /// Makes a stream of focus sweeps of three or more frames each. Size, format and number of frames may change from
+    /// sweep to sweep; sweeps of one kind reuse a [`SweepSolver`]. On each device `threads` threads (at least 1) solve
+    /// one sweep each. Two keep a device busy, since much of a sweep is computed on the host; each needs the memory of
+    /// a sweep.
     ///
     /// ```
     /// # use parfocal::sweep::SweepOptions;
@@ -149,18 +153,46 @@ impl Stream<Vec<Frame>, Sweep> {
     /// ```
     ///
     /// # Errors
-    /// [`Error::NoDevice`] without engines, [`Error::NoThread`]. The error of a sweep is its result.
+    /// [`Error::Setting`], [`Error::NoDevice`] without engines, [`Error::NoThread`]. The error of a sweep is its
+    /// result.
     pub fn of_sweeps(engines: &[&Engine], threads: usize, options: &SweepOptions) -> Result<Self, Error> {
-        let threads = threads.max(1);
-        let mut stream = Self::without_workers(engines, threads, threads.saturating_mul(engines.len()))?;
-        for engine in engines {
-            for _ in 0..threads {
-                let (queue, engine, options) = (stream.queue.clone(), (*engine).clone(), options.clone());
-                let worker = SweepWorker { queue, engine: engine.clone(), options, taken: None, fault: None };
-                stream.start(&engine, || worker.run())?;
-            }
+        if engines.is_empty() {
+            return Err(Error::NoDevice(String::new()));
         }
-        Ok(stream)
+        let solvers = engines.iter().flat_map(|engine| (0..threads.max(1)).map(|_| SweepSolver::new(engine, options)));
+        let worker = |mut solver: SweepSolver| {
+            move |frames: &Vec<Frame>| match solver.solve(frames, &SolveOptions::default()) {
+                Err(fault) if is_device_fault(&fault) => Err(fault),
+                solved => Ok(solved),
+            }
+        };
+        let workers: Vec<_> = solvers.map(|solver| solver.map(worker)).collect::<Result<_, Error>>()?;
+        let capacity = 2 * workers.len();
+        Self::of_workers(workers, capacity)
+    }
+}
+
+impl<P: Send + 'static, R: Send + 'static> Stream<P, R> {
+    /// Makes a stream whose items are solved by functions, each in a thread of its own. `capacity` items may be pushed
+    /// and not yet read.
+    ///
+    /// A function returns the result of an item. If it can solve no more, it returns the fault, and the other functions
+    /// solve the item; the last one's fault is the result of the item.
+    ///
+    /// # Errors
+    /// [`Error::NoThread`] if no thread could be started.
+    pub fn of_workers<F>(workers: Vec<F>, capacity: usize) -> Result<Self, Error>
+    where
+        F: FnMut(&P) -> Result<Result<R, Error>, Error> + Send + 'static,
+    {
+        let queue = Arc::new(Queue::new(workers.len(), capacity.max(1), || Err(Error::Poisoned)));
+        let mut stream = Self { queue, workers: Vec::new() };
+        let mut started = Ok(());
+        for solve in workers {
+            let worker = FunctionWorker { queue: stream.queue.clone(), solve, taken: None, fault: None };
+            started = stream.start("a stream", || worker.run());
+        }
+        if stream.workers.is_empty() { started.map(|()| stream) } else { Ok(stream) }
     }
 }
 
@@ -175,19 +207,16 @@ impl<P, R> Stream<P, R> {
     }
 
     /// Starts a worker. If there is no thread for it, dropping the stream ends the earlier ones.
-    fn start(&mut self, engine: &Engine, run: impl FnOnce() + Send + 'static) -> Result<(), Error> {
+    fn start(&mut self, device: &str, run: impl FnOnce() + Send + 'static) -> Result<(), Error> {
         let thread = Builder::new().name("parfocal stream".to_string()).spawn(run);
         self.workers.push(
-            thread.map_err(|problem| Error::NoThread {
-                device: engine.info().name.clone(),
-                problem: problem.to_string(),
-            })?,
+            thread.map_err(|problem| Error::NoThread { device: device.to_string(), problem: problem.to_string() })?,
         );
         Ok(())
     }
 
-    /// Pushes a pair. Waits for room for `limit` at most; [`Duration::ZERO`] does not wait, which suits programs that read in the same
-    /// thread.
+    /// Pushes a pair. Waits for room for `limit` at most; [`Duration::ZERO`] does not wait, which suits programs that
+    /// read in the same thread.
     ///
     /// # Errors
     /// [`QueueFull`], with the pair. The error of the pair itself is its result.
@@ -195,8 +224,9 @@ impl<P, R> Stream<P, R> {
         self.queue.push(pair, limit).map_err(QueueFull)
     }
 
-    /// Returns the result of the oldest pair that has not been read, waiting for `limit` at most. `None`: it is not solved by then, or no
-    /// pair was pushed. After [`Stream::finish`] returns `None` at once if all results have been read.
+    /// Returns the result of the oldest pair that has not been read, waiting for `limit` at most. `None`: it is not
+    /// solved by then, or no pair was pushed. After [`Stream::finish`] returns `None` at once if all results have been
+    /// read.
     ///
     /// # Errors
     /// The error of that pair, as of [`PairSolver::solve`](crate::PairSolver::solve). Later pairs are unaffected.
@@ -214,8 +244,8 @@ impl<P, R> Stream<P, R> {
         iter::from_fn(|| self.queue.next(Duration::MAX))
     }
 
-    /// Iterates over the results of `pairs`, which it pushes as there is room. Results of pairs that were pushed before come first. If the
-    /// iterator is dropped early, the pairs that it has pushed stay in the stream.
+    /// Iterates over the results of `pairs`, which it pushes as there is room. Results of pairs that were pushed before
+    /// come first. If the iterator is dropped early, the pairs that it has pushed stay in the stream.
     pub fn map(&mut self, pairs: impl IntoIterator<Item = P>) -> impl Iterator<Item = Result<R, Error>> {
         let mut pairs = pairs.into_iter().fuse();
         iter::from_fn(move || {
@@ -347,34 +377,33 @@ impl Drop for PairWorker {
     }
 }
 
-/// A thread that solves one sweep after the other. Its work on the host overlaps with the device's work for other threads.
-struct SweepWorker {
-    queue: Arc<Queue<Vec<Frame>, Result<Sweep, Error>>>,
-    engine: Engine,
-    options: SweepOptions,
-    taken: Option<Job<Vec<Frame>>>,
+/// A thread that solves one item after the other by a function.
+struct FunctionWorker<P, R, F> {
+    queue: Arc<Queue<P, Result<R, Error>>>,
+    solve: F,
+    taken: Option<Job<P>>,
     fault: Option<Error>,
 }
 
-impl SweepWorker {
-    /// Solves until the stream is dropped or the device fails.
+impl<P, R, F: FnMut(&P) -> Result<Result<R, Error>, Error>> FunctionWorker<P, R, F> {
+    /// Solves until the stream is dropped or the function returns a fault.
     fn run(mut self) {
         while let Some(job) = self.queue.take(true) {
             let job = self.taken.insert(job);
-            match solve_sweep(&self.engine, &job.input, &self.options) {
-                Err(error) if is_device_fault(&error) => {
-                    self.fault = Some(error);
+            match (self.solve)(&job.input) {
+                Ok(result) => self.queue.done(job, result),
+                Err(fault) => {
+                    self.fault = Some(fault);
                     return;
                 }
-                solved => self.queue.done(job, solved),
             }
             self.taken = None;
         }
     }
 }
 
-impl Drop for SweepWorker {
-    /// Gives the sweep a result, also after a panic.
+impl<P, R, F> Drop for FunctionWorker<P, R, F> {
+    /// Gives the item a result, also after a panic.
     fn drop(&mut self) {
         self.queue.retire(self.taken.take(), self.fault.take().map(Err));
     }

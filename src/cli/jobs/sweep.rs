@@ -6,18 +6,17 @@ use std::time::Instant;
 
 use parfocal::export::{self, Kind, NearerBy, Report, Results};
 use parfocal::image_io::{self, Input, Photograph, Values};
-use parfocal::sweep::{Positions, Sweep, SweepOptions, register_sweep, solve_sweep};
+use parfocal::sweep::{Positions, Sweep, SweepOptions};
 use parfocal::{
-    Engine, Error, Frame, Progress, Settings, SolveOptions,
+    Engine, Error, Frame, Progress, Settings, SolveOptions, SweepSolver,
     frame::{Channels, Depth, Format},
     settings::{DeviceInfo, Method},
 };
 
-use crate::cli::jobs::request::Request;
-use crate::cli::jobs::work::{check_inputs, check_results, write_results};
-use crate::cli::options::focus_positions;
-use crate::cli::options::pair;
-use crate::cli::options::run::RunArguments;
+use crate::cli::jobs::pair::{check_inputs, check_results, write_results};
+use crate::cli::options::output::RunArguments;
+use crate::cli::options::photographs;
+use crate::cli::options::solve::Request;
 use crate::cli::output::failure::Failure;
 
 /// A sweep, and the folder for its results.
@@ -36,6 +35,8 @@ pub(crate) struct SweepFrames {
     pub(crate) inputs: Vec<Input>,
     /// With values decoded as the files say, unless that is stated.
     options: SweepOptions,
+    /// The region of the frames, and their mask.
+    part: SolveOptions,
     values: Values,
     /// What reading took.
     read_ms: f64,
@@ -43,9 +44,8 @@ pub(crate) struct SweepFrames {
 
 impl SweepJob {
     /// How it is solved, but for the part of the frames.
-    fn options(&self, request: &Request, settings: Settings) -> SweepOptions {
-        let scope = SolveOptions { crop_valid: request.part.crop_valid, ..SolveOptions::default() };
-        SweepOptions { settings, positions: self.positions.clone(), reference: self.reference, scope }
+    fn options(&self, settings: Settings) -> SweepOptions {
+        SweepOptions { settings, positions: self.positions.clone(), reference: self.reference }
     }
 
     /// What decides the results, besides the frames.
@@ -61,9 +61,9 @@ pub(crate) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
         let problem = "is of a focus sweep, which takes no lens, --flat or --method; leave them out, or solve it with parfocal stack";
         return Err(Failure::Usage(format!("{}: {problem}", job.out.display())));
     }
-    let fits = job.options(request, request.settings.clone()).check(job.files.len());
+    let fits = job.options(request.settings.clone()).check(job.files.len());
     fits.map_err(|e| Failure::Usage(e.to_string()))?;
-    focus_positions::nearer(request.nearer, &job.positions)?;
+    photographs::nearer_end(request.nearer, &job.positions)?;
     request.models.check_labels(job.files.len())?;
     let inputs: Vec<&PathBuf> = job.files.iter().chain(&request.files).collect();
     check_inputs(&job.out, &inputs)?;
@@ -79,7 +79,7 @@ pub(crate) fn read(
 ) -> Result<Option<SweepFrames>, Failure> {
     let started = Instant::now();
     let (frames, inputs) = decode(&job.files, |first| match request.part.is_whole() {
-        true => pair::check_size([first; 2], &request.settings, false, device),
+        true => photographs::check_size([first; 2], &request.settings, false, device),
         false => Ok(()),
     })?;
     if settled(&inputs)? {
@@ -91,13 +91,13 @@ pub(crate) fn read(
     let (in_mm, in_floats) = (job.positions.millimetres().is_some(), frames[0].format().depth == Depth::F32);
     check_results(request, Kind::Sweep, &job.out, in_mm, in_floats)?;
     let size = [frames[0].width(), frames[0].height()];
-    let scope = request.part.fitting(size)?;
+    let part = request.part.fitting(size)?;
     if let Some([width, height]) = request.part.size(size) {
         request.wanted.check((width, height))?;
     }
-    let options = SweepOptions { scope, ..job.options(request, settings) };
+    let options = job.options(settings);
     let read_ms = started.elapsed().as_secs_f64() * 1e3;
-    Ok(Some(SweepFrames { frames, inputs, options, values, read_ms }))
+    Ok(Some(SweepFrames { frames, inputs, options, part, values, read_ms }))
 }
 
 /// The frames, once the first is found to `fit`.
@@ -141,8 +141,8 @@ pub(crate) fn solve(
     progress: Option<Arc<dyn Fn(Progress) + Send + Sync>>,
 ) -> Result<(Sweep, f64), Error> {
     let started = Instant::now();
-    let scope = SolveOptions { progress, ..read.options.scope.clone() };
-    let sweep = solve_sweep(engine, &read.frames, &SweepOptions { scope, ..read.options.clone() })?;
+    let mut solver = SweepSolver::new(engine, &read.options)?;
+    let sweep = solver.solve(&read.frames, &SolveOptions { progress, ..read.part.clone() })?;
     Ok((sweep, read.read_ms + started.elapsed().as_secs_f64() * 1e3))
 }
 
@@ -154,7 +154,7 @@ pub(crate) fn write(
     read: &SweepFrames,
     (sweep, total_ms): &(Sweep, f64),
 ) -> Result<Report, Failure> {
-    let nearer = focus_positions::nearer(request.nearer, &job.positions)?;
+    let nearer = photographs::nearer_end(request.nearer, &job.positions)?;
     let mut report = Report::sweep(sweep, &read.options.settings, &names(&job.files), device, nearer, *total_ms);
     report.values = read.values;
     report.set_inputs(read.inputs.clone(), crate::cli::is_validation_requested());
@@ -166,7 +166,7 @@ pub(crate) fn write(
     report.request = job.digest(request)?;
     let results = Results::of_sweep(sweep, report, read.frames[0].format().depth)?;
     let labels = request.models.is_labels().then(|| export::sweep_labels(request.palette));
-    let names = sweep.order.iter().map(|n| pair::name(&job.files[*n])).collect();
+    let names = sweep.order.iter().map(|n| photographs::file_name(&job.files[*n])).collect();
     let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
     write_results(request, &job.out, results, frames, names, labels)
 }
@@ -179,17 +179,16 @@ pub(crate) fn register(
     reference: Option<usize>,
 ) -> Result<Report, Failure> {
     let (started, engine) = (Instant::now(), run.open_engine()?);
-    let fits = |first: &Photograph| pair::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
+    let fits = |first: &Photograph| photographs::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
     let (frames, inputs) = decode(files, fits)?;
     check_alike(files, &frames)?;
     let values = Values::of(settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..settings.clone() };
     let bar = run.bar();
-    let scope = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
-    let mut options = SweepOptions { settings, reference, scope, ..SweepOptions::default() };
-    let found = register_sweep(&engine, &frames, &options);
-    options.scope.progress = None;
-    drop(bar);
+    let options = SweepOptions { settings, reference, ..SweepOptions::default() };
+    let solve_options = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
+    let found = SweepSolver::new(&engine, &options).and_then(|mut solver| solver.register(&frames, &solve_options));
+    drop((solve_options, bar));
     let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
     crate::cli::check_validation(&engine)?;
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
