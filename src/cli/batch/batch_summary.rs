@@ -4,9 +4,9 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use parfocal::batch_html::{Entry, batch_page};
-use parfocal::bounded_read;
 use parfocal::export::{Header, Kind, PAGE_FILE};
+use parfocal::internals::bounded_read;
+use parfocal::page::batch_html::{Entry, batch_page};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 

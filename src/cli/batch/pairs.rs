@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use parfocal::bounded_read;
 use parfocal::image_io::RawFormat;
+use parfocal::internals::bounded_read;
 
 use crate::cli::batch::batch_summary::SUMMARY;
 use crate::cli::batch::manifest;

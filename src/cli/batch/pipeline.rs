@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 
-use parfocal::{DeviceInfo, Engine, Error, Solution, SolverCache};
+use parfocal::{Engine, Error, PairSolver, Solution, settings::DeviceInfo};
 
 use crate::cli::batch::batch_summary::{Outcome, Row};
 use crate::cli::batch::pairs_bar::PairsBar;
@@ -19,7 +19,7 @@ use crate::cli::output::failure::Failure;
 /// A device, and a solver for pairs like the last one.
 pub(crate) struct Bench {
     engine: Engine,
-    kept: Option<SolverCache>,
+    solver: Option<PairSolver>,
     /// How it is opened again, if need be.
     arguments: EngineArguments,
 }
@@ -33,11 +33,16 @@ impl Bench {
     }
 
     fn new(arguments: EngineArguments) -> Result<Self, Failure> {
-        Ok(Self { engine: arguments.open()?, kept: None, arguments })
+        Ok(Self { engine: arguments.open()?, solver: None, arguments })
     }
 
     fn solve(&mut self, Photographs { scope, frames, settings, .. }: &Photographs) -> Result<Solution, Error> {
-        scope.solve(&self.engine, &mut self.kept, frames.each_ref(), settings, &mut |_| ())
+        let mut solver = match self.solver.take() {
+            Some(solver) => solver,
+            None => PairSolver::new(&self.engine, settings)?,
+        };
+        solver.set_settings(settings)?;
+        self.solver.insert(solver).solve(frames.each_ref(), scope)
     }
 }
 
@@ -150,7 +155,7 @@ impl Work<'_> {
                 Read::Photographs(photographs) => bench
                     .solve(&photographs)
                     .map(|solution| Solved::Solution(Box::new((*photographs, solution, bench.engine.info().clone())))),
-                Read::Frames(frames) => sweep_work::solve(&bench.engine, &frames, &mut |_, _| ())
+                Read::Frames(frames) => sweep_work::solve(&bench.engine, &frames, None)
                     .map(|sweep| Solved::Sweep(Box::new((*frames, sweep, bench.engine.info().clone())))),
             };
             let solved = solved.unwrap_or_else(|error| {

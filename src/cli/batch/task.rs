@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use parfocal::export::is_whole;
-use parfocal::focus_stack::{Positions, Sweep};
 use parfocal::image_io::Input;
-use parfocal::{DeviceInfo, Solution};
+use parfocal::sweep::{Positions, Sweep};
+use parfocal::{Solution, settings::DeviceInfo};
 
 use crate::cli::batch::batch_summary::{Outcome, REPORT, Row};
 use crate::cli::batch::on_done::OnDone;

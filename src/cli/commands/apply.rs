@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use parfocal::export::{FrameRegistration, Registration, registered_ending, registered_kind, write_registered};
 use parfocal::image_io::Photograph;
-use parfocal::{Brightness, Depth, Frame, image_io, resample};
+use parfocal::{Frame, frame::Depth, image_io, resample, transform::Brightness};
 
 use crate::cli::jobs::frames;
 use crate::cli::options::output_options::ToldArguments;

@@ -4,9 +4,9 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use parfocal::bench::{self, Input, Options, Report};
 use parfocal::export::{FileKind, Registration};
-use parfocal::{Method, Settings, image_io};
+use parfocal::internals::bench::{self, Input, Options, Report};
+use parfocal::{Settings, image_io, settings::Method};
 
 use crate::cli::options::engine::EngineArguments;
 use crate::cli::options::output_options::QuietArgument;

@@ -6,8 +6,12 @@ use std::str::FromStr;
 use clap::ValueEnum;
 use parfocal::Region;
 use parfocal::export::{self, FileKind, Results};
-use parfocal::measure::Values;
-use parfocal::{Calibration, Error, LensParameter, Target, bounded_read, calibrate};
+use parfocal::metric::measure::Values;
+use parfocal::{
+    Error,
+    internals::bounded_read,
+    metric::{Calibration, LensParameter, Target, calibrate},
+};
 use serde::Deserialize;
 
 use crate::cli::commands::depth::decimals;

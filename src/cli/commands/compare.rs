@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{FileKind, FrameReport, Palette, Quantity, Report, Results};
-use parfocal::figure;
+use parfocal::page::figure;
 use serde::Serialize;
 use serde_json::Value;
 

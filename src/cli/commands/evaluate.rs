@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use parfocal::evaluate::{Evaluation, Options, Part};
+use parfocal::internals::evaluate::{Evaluation, Options, Part};
 
 use crate::cli::options::engine::EngineArguments;
 use crate::cli::options::output_options::ToldArguments;

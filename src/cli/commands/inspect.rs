@@ -3,8 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{INSPECT_FILES, InspectReport, Nearer, REPORT_FILE, Results, listed_in, write_inspection};
-use parfocal::inspect::{Heights, Limits, golden, inspect};
-use parfocal::{Brightness, Decode, Frame, Similarity, baseline, inspection, resample};
+use parfocal::metric::inspect::{Heights, Limits, golden, inspect};
+use parfocal::{
+    Frame,
+    internals::baseline,
+    page::inspection,
+    resample,
+    settings::Decode,
+    transform::{Brightness, Similarity},
+};
 
 use crate::cli::options::output_options::ToldArguments;
 use crate::cli::output::destination::{self, ForceArgument};

@@ -1,7 +1,7 @@
 //! `parfocal measure`: step heights and profiles of results.
 
-use parfocal::Estimate;
 use parfocal::export::{MeasurementRequest, Measurements, Results, StepReport};
+use parfocal::metric::Estimate;
 
 use crate::cli::commands::depth::decimals;
 use crate::cli::options::headings::MEASUREMENTS;

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use parfocal::export::{self, FileKind, FrameReport, Report};
-use parfocal::focus_stack::SweepOptions;
 use parfocal::image_io::{Photograph, Values};
-use parfocal::{Kernel, Method, PairSolver, Settings};
+use parfocal::sweep::SweepOptions;
+use parfocal::{PairSolver, Settings, SolveOptions, settings::Method};
 
 use crate::cli::help::AFTER_HELP;
 use crate::cli::jobs::frames;
@@ -56,10 +56,6 @@ fn method_parser() -> impl TypedValueParser<Value = Method> {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let run = &arguments.run;
     let mut settings = arguments.settings.settings(arguments.method, false)?;
-    if settings.method != Method::Unified {
-        // No blur is looked for: no memory for it.
-        (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
-    }
     let files = match <[PathBuf; 2]>::try_from(arguments.images.clone()) {
         Ok(files) if arguments.reference.is_none() => files.map(|file| frames::named(file, arguments.settings.raw())),
         _ => return of_sweep(arguments, &settings),
@@ -73,10 +69,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let [i1, i2] = Photograph::decode_pair(photographs)?;
     let engine = run.engine(engine)?;
     let bar = run.bar();
-    let registered = PairSolver::for_pair(&engine, &i1, &i2, &settings)
-        .and_then(|mut solver| solver.register_with(&i1, &i2, &mut |progress| bar.show(progress)))
+    let options = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
+    let registered = PairSolver::new(&engine, &settings)
+        .and_then(|mut solver| solver.register([&i1, &i2], &options))
         .map_err(|e| Failure::of_solve(e, &files[0]))?;
-    drop(bar);
+    drop((options, bar));
     crate::cli::check_validation(&engine)?;
     let mut report = Report::registration(&registered, &settings, engine.info());
     report.values = values;

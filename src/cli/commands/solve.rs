@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use parfocal::PairSolver;
+
 use crate::cli::help::AFTER_HELP;
 use crate::cli::jobs::frames;
 use crate::cli::jobs::work::{self, Job};
@@ -38,11 +40,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let engine = request.run.engine(engine)?;
     let frames = photographs.frames.each_ref();
     let bar = request.run.bar();
-    let solution = photographs
-        .scope
-        .solve(&engine, &mut None, frames, &photographs.settings, &mut |progress| bar.show(progress))
+    let options = parfocal::SolveOptions { progress: Some(bar.reporter()), ..photographs.scope.clone() };
+    let solution = PairSolver::new(&engine, &photographs.settings)
+        .and_then(|mut solver| solver.solve(frames, &options))
         .map_err(|e| Failure::of_solve(e, &job.files[0]))?;
-    drop(bar);
+    drop((options, bar));
     crate::cli::check_validation(&engine)?;
     let report = work::write(&request, &job, engine.info(), &photographs, &solution)?;
     request.run.told.tell(&summary(&report, request.palette, &job.out), || report.to_json())?;

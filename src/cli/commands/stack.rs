@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use parfocal::Method;
 use parfocal::export::{NearerBy, NeverReport, Palette, RangeReport, Report};
-use parfocal::focus_stack::Positions;
 use parfocal::image_io::Input;
+use parfocal::settings::Method;
+use parfocal::sweep::Positions;
 
 use crate::cli::commands::depth::decimals;
 use crate::cli::commands::measure::{MeasureArguments, rows};
@@ -94,8 +94,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Some(read) = read else { return Ok(()) };
     let engine = request.run.engine(engine)?;
     let bar = request.run.bar();
-    let mut say = |done, levels| bar.show_levels(done, levels);
-    let solved = sweep_work::solve(&engine, &read, &mut say).map_err(|e| Failure::of_solve(e, &job.files[0]))?;
+    let solved =
+        sweep_work::solve(&engine, &read, Some(bar.reporter())).map_err(|e| Failure::of_solve(e, &job.files[0]))?;
     drop(bar);
     crate::cli::check_validation(&engine)?;
     let report = sweep_work::write(&request, &job, engine.info(), &read, &solved)?;

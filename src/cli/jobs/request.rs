@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use parfocal::export::{MeasurementRequest, Nearer, Palette};
 use parfocal::image_io::Input;
-use parfocal::{Lens, Settings, bounded_read};
+use parfocal::{Lens, Settings, internals::bounded_read};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 

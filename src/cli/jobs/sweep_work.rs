@@ -1,12 +1,17 @@
 //! What a request makes of one focus sweep, from its files to its results; `work` does a pair.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use parfocal::export::{self, Kind, NearerBy, Report, Results};
-use parfocal::focus_stack::{Positions, Sweep, SweepOptions, register_sweep, solve_sweep};
 use parfocal::image_io::{self, Input, Photograph, Values};
-use parfocal::{Channels, Depth, DeviceInfo, Engine, Error, Format, Frame, Method, Settings};
+use parfocal::sweep::{Positions, Sweep, SweepOptions, register_sweep, solve_sweep};
+use parfocal::{
+    Engine, Error, Frame, Progress, Settings, SolveOptions,
+    frame::{Channels, Depth, Format},
+    settings::{DeviceInfo, Method},
+};
 
 use crate::cli::jobs::request::Request;
 use crate::cli::jobs::work::{check_inputs, check_results, write_results};
@@ -39,7 +44,7 @@ pub(crate) struct SweepFrames {
 impl SweepJob {
     /// How it is solved, but for the part of the frames.
     fn options(&self, request: &Request, settings: Settings) -> SweepOptions {
-        let scope = parfocal::SolveOptions { crop_valid: request.part.crop_valid, ..parfocal::SolveOptions::default() };
+        let scope = SolveOptions { crop_valid: request.part.crop_valid, ..SolveOptions::default() };
         SweepOptions { settings, positions: self.positions.clone(), reference: self.reference, scope }
     }
 
@@ -133,10 +138,11 @@ fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
 pub(crate) fn solve(
     engine: &Engine,
     read: &SweepFrames,
-    say: &mut dyn FnMut(usize, usize),
+    progress: Option<Arc<dyn Fn(Progress) + Send + Sync>>,
 ) -> Result<(Sweep, f64), Error> {
     let started = Instant::now();
-    let sweep = solve_sweep(engine, &read.frames, &read.options, say)?;
+    let scope = SolveOptions { progress, ..read.options.scope.clone() };
+    let sweep = solve_sweep(engine, &read.frames, &SweepOptions { scope, ..read.options.clone() })?;
     Ok((sweep, read.read_ms + started.elapsed().as_secs_f64() * 1e3))
 }
 
@@ -178,9 +184,11 @@ pub(crate) fn register(
     check_alike(files, &frames)?;
     let values = Values::of(settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..settings.clone() };
-    let options = SweepOptions { settings, reference, ..SweepOptions::default() };
     let bar = run.bar();
-    let found = register_sweep(&engine, &frames, &options, &mut |done, levels| bar.show_levels(done, levels));
+    let scope = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
+    let mut options = SweepOptions { settings, reference, scope, ..SweepOptions::default() };
+    let found = register_sweep(&engine, &frames, &options);
+    options.scope.progress = None;
     drop(bar);
     let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
     crate::cli::check_validation(&engine)?;

@@ -6,10 +6,10 @@ use parfocal::export::{
     self, DEPTH_FILE, Depth16, Drawing, Extra, FUSED_FLOAT_FILE, Kind, NearerBy, PAGE_FILE, REPORT_FILE, Report,
     Results, result_files,
 };
-use parfocal::figure::PLOTTER;
 use parfocal::image_io::{Input, Photograph, Values};
-use parfocal::report_html::Page;
-use parfocal::{Depth, DeviceInfo, Frame, Lens, Settings, Solution, SolveOptions};
+use parfocal::page::figure::PLOTTER;
+use parfocal::page::report_html::Page;
+use parfocal::{Frame, Lens, Settings, Solution, SolveOptions, frame::Depth, settings::DeviceInfo};
 
 use crate::cli::jobs::request::Request;
 use crate::cli::options::pair;

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use clap::error::{ContextKind, ContextValue};
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command};
-use parfocal::bounded_read;
+use parfocal::internals::bounded_read;
 use toml::{Spanned, Value};
 
 use crate::cli::options::headings::INPUT;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use parfocal::{DeviceInfo, Engine, EngineOptions, Error, baseline};
+use parfocal::{Engine, EngineOptions, Error, internals::baseline, settings::DeviceInfo};
 
 use crate::cli::options::headings::DEVICE;
 use crate::cli::output::failure::Failure;

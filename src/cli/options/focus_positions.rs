@@ -1,7 +1,7 @@
 //! What the frames of a sweep are focused at, in mm, and which end of it is near.
 
 use parfocal::export::Nearer;
-use parfocal::focus_stack::Positions;
+use parfocal::sweep::Positions;
 
 use crate::cli::options::headings::INPUT;
 use crate::cli::output::failure::Failure;

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use parfocal::export::{Nearer, Results};
 use parfocal::image_io::{Exif, Input};
-use parfocal::{Lens, bounded_read};
+use parfocal::{Lens, internals::bounded_read};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::image_io::{Input, Photograph};
-use parfocal::{DeviceInfo, Engine, Settings, SolveOptions};
+use parfocal::{Engine, PairSolver, Settings, settings::DeviceInfo};
 
 use crate::cli::output::failure::Failure;
 
@@ -43,7 +43,7 @@ pub(crate) fn check_size(
     device: impl FnOnce() -> Result<DeviceInfo, Failure>,
 ) -> Result<(), Failure> {
     let (width, height) = photographs[0].size();
-    if u64::from(width) * u64::from(height) <= if in_parts { SolveOptions::MOST_PIXELS } else { LARGE } {
+    if u64::from(width) * u64::from(height) <= if in_parts { PairSolver::MOST_PIXELS } else { LARGE } {
         return Ok(());
     }
     let formats = photographs.map(Photograph::format);

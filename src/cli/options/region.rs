@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use parfocal::Region;
-use parfocal::measure::Line;
+use parfocal::metric::measure::Line;
 
 /// `X,Y,W,H`.
 #[derive(Clone, Copy, Debug)]

@@ -1,6 +1,8 @@
 //! How a subcommand that solves runs, and what is told of it.
 
-use parfocal::{DeviceInfo, Engine};
+use std::sync::Arc;
+
+use parfocal::{Engine, settings::DeviceInfo};
 
 use crate::cli::options::engine::EngineArguments;
 use crate::cli::options::headings::OUTPUT;
@@ -25,8 +27,8 @@ pub(crate) struct RunArguments {
 
 impl RunArguments {
     /// What tells how far it has come.
-    pub(crate) fn bar(&self) -> Bar {
-        Bar::new(self.progress, self.told.is_quiet())
+    pub(crate) fn bar(&self) -> Arc<Bar> {
+        Arc::new(Bar::new(self.progress, self.told.is_quiet()))
     }
 
     /// Whether programs are told.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::Results;
-use parfocal::{FieldCurvature, Mask, Region, SolveOptions, image_io};
+use parfocal::{Mask, Region, SolveOptions, image_io, settings::FieldCurvature};
 use serde::Serialize;
 
 use crate::cli::options::headings::REGION;

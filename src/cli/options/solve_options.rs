@@ -1,7 +1,7 @@
 //! What may be asked of a solve, of one pair as of many: the options that `solve` and `batch` share.
 
-use parfocal::Method;
 use parfocal::image_io::RawFormat;
+use parfocal::settings::Method;
 
 use crate::cli::commands::measure::MeasureArguments;
 use crate::cli::jobs::request::Request;
@@ -85,7 +85,7 @@ mod tests {
     use std::fs;
 
     use clap::Parser;
-    use parfocal::{Photometric, Settings};
+    use parfocal::{Settings, settings::Photometric};
 
     use super::*;
 

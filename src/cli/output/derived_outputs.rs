@@ -2,9 +2,9 @@
 
 use parfocal::Frame;
 use parfocal::export::{Drawing, Extra, PAGE_FILE, Palette, Results, SurfaceReport};
-use parfocal::figure::PLOTTER;
 use parfocal::model::Points;
-use parfocal::report_html::ExistingPage;
+use parfocal::page::figure::PLOTTER;
+use parfocal::page::report_html::ExistingPage;
 
 use crate::cli::options::models::Models;
 use crate::cli::output::failure::Failure;

@@ -14,6 +14,9 @@ use serde_json::json;
 /// How often a line is told where there is no terminal: what is quicker needs none.
 const EVERY: Duration = Duration::from_secs(5);
 
+/// Steps of the bar.
+const BAR_STEPS: u64 = 1000;
+
 /// Whom it is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProgressName {
@@ -64,26 +67,19 @@ impl Bar {
         Self { shown, started: Instant::now() }
     }
 
-    /// How far a pair has come.
-    pub(crate) fn show(&self, progress: Progress) {
-        let Progress { done, levels, width, height, pixels, pixels_done } = progress;
-        self.tell([pixels_done, pixels], [u64::from(done), u64::from(levels)], &format!(", {width}x{height}"));
+    /// A function that shows the progress of a solve.
+    pub(crate) fn reporter(self: &Arc<Self>) -> Arc<dyn Fn(Progress) + Send + Sync> {
+        let bar = self.clone();
+        Arc::new(move |progress| bar.show(progress))
     }
 
-    /// How many levels of a sweep are done.
-    pub(crate) fn show_levels(&self, done: usize, levels: usize) {
-        let of = [done as u64, levels as u64];
-        self.tell(of, of, "");
-    }
-
-    fn tell(&self, [part, all]: [u64; 2], [done, levels]: [u64; 2], more: &str) {
-        let share = part as f64 / all.max(1) as f64;
-        let level = format!("level {done} of {levels}{more}");
+    fn show(&self, Progress { done, total, share }: Progress) {
+        let level = format!("level {done} of {total}");
         match &self.shown {
             Shown::Bar(bar) => {
-                bar.set_length(all);
+                bar.set_length(BAR_STEPS);
                 bar.set_message(level);
-                bar.set_position(part);
+                bar.set_position((share * BAR_STEPS as f64).round() as u64);
             }
             Shown::Lines(lines) => {
                 if let Ok(mut heard) = lines.heard.lock() {
@@ -92,7 +88,7 @@ impl Bar {
             }
             Shown::Json => {
                 let seconds = (self.started.elapsed().as_secs_f64() * 1e3).round() / 1e3;
-                let line = json!({ "progress": (share * 1e4).round() / 1e4, "level": done, "levels": levels, "seconds": seconds });
+                let line = json!({ "progress": (share * 1e4).round() / 1e4, "level": done, "levels": total, "seconds": seconds });
                 // Nobody is left to be told where stderr is closed.
                 let _ = writeln!(io::stderr(), "{line}");
             }

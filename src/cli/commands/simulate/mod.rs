@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::ValueEnum;
-use parfocal::Similarity;
 use parfocal::export::SIMULATED_FILES;
-use parfocal::scene::{Kernel, Preset, Scene, Shape};
-use parfocal::scene::{PairField, Truth, simulated_files, write_simulated};
+use parfocal::internals::scene::{Kernel, Preset, Scene, Shape};
+use parfocal::internals::scene::{PairField, Truth, simulated_files, write_simulated};
+use parfocal::transform::Similarity;
 
 use self::sweep::SweepArguments;
 use crate::cli::options::lens::{LensArguments, PartOfLens};

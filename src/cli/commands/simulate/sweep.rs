@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{Destination, SIMULATED_FILES};
-use parfocal::scene::{Scene, SweepField, SweepScene, Truth, simulated_sweep_files, write_simulated_sweep};
+use parfocal::internals::scene::{Scene, SweepField, SweepScene, Truth, simulated_sweep_files, write_simulated_sweep};
 
 use crate::cli::options::output_options::ToldArguments;
 use crate::cli::output::destination;
