@@ -327,7 +327,7 @@ pub(crate) unsafe fn apply(
         let problem = format!("the image is {}x{}; the registered photographs are {width}x{height}", size[0], size[1]);
         return Err(parfocal::Error::Mismatch(problem).into());
     }
-    let brightness = if exposure { resampling.brightness } else { Brightness::unchanged(size) };
+    let brightness = if exposure { resampling.brightness } else { Brightness::identity(size) };
     let resampled = resample::registered(image, transform, &brightness, resampling.decode);
     let resampled = resampled.cropped(resampling.region).map_err(Fault::argument)?;
     check_count("out", bytes, resampled.bytes().len())?;
