@@ -1,11 +1,12 @@
 /* Depth from defocus on the GPU: the C interface of parfocal.
  *
- * Made by cbindgen from bindings/c/src; bindings/c/README.md says how to use it.
+ * cbindgen makes this file from bindings/c/src. bindings/c/README.md describes how to build and use the library.
  *
- * What may fail returns a parfocal_status; parfocal_last_error() then says in words what to do. Structs begin with their size:
- * set it to sizeof, and fields that a later version adds keep their defaults. Handles may move between threads, and one
- * handle is used by one thread at a time; an engine and a stream may be used by several. NULL where there must be a handle is an error,
- * never a crash; freeing NULL does nothing. Images are read in the call alone. A parfocal_cancellation_token may be used by several threads. */
+ * Functions that can fail return a parfocal_status; parfocal_last_error() returns the message, which says what to do.
+ * Structs begin with their size: set it to sizeof. Fields that a later version adds then have their defaults.
+ * A handle may move between threads; one thread at a time may use it. Several threads may use an engine, a stream and a
+ * cancellation token. NULL in the place of a handle is an error, never a crash; freeing NULL does nothing. Images are read
+ * only during the call. */
 
 #ifndef PARFOCAL_H
 #define PARFOCAL_H
@@ -13,41 +14,41 @@
 #include <stddef.h>
 #include <stdint.h>
 
-// How a call ended.
+// The outcome of a call.
 typedef enum {
-  // Done.
+  // Success.
   PARFOCAL_OK = 0,
-  // A pointer is NULL, a size field not set, a number none of its enumeration, an image not of numbers.
+  // A pointer is NULL, a size field is not set, a number is not in its enumeration, or a sample is not a finite number.
   PARFOCAL_ERROR_INVALID_ARGUMENT = 1,
-  // No Vulkan loader, or no device that will do, or none of the name asked for.
+  // There is no Vulkan loader, no usable device, or no device of the given name.
   PARFOCAL_ERROR_NO_DEVICE = 2,
   // A Vulkan call failed.
   PARFOCAL_ERROR_VULKAN = 3,
-  // The device did not finish in time: a new engine is needed.
+  // The device did not finish in time. Make a new engine.
   PARFOCAL_ERROR_TIMEOUT = 4,
-  // An earlier call timed out or lost the device: a new engine is needed.
+  // An earlier call timed out or lost the device. Make a new engine.
   PARFOCAL_ERROR_POISONED = 5,
-  // The images are larger than the device takes.
+  // The images do not fit the device.
   PARFOCAL_ERROR_TOO_LARGE = 6,
-  // The images are too small to find any blur in.
+  // The images are too small to measure blur.
   PARFOCAL_ERROR_TOO_SMALL = 7,
-  // Sizes or formats that do not fit each other.
+  // Sizes or formats do not match.
   PARFOCAL_ERROR_MISMATCH = 8,
   // A setting is out of range.
   PARFOCAL_ERROR_INVALID_SETTING = 9,
-  // A region or a line is not within the image.
+  // A region or a line is not inside the image.
   PARFOCAL_ERROR_INVALID_REGION = 10,
-  // A fault of parfocal itself: free the handles of the call, and report it.
+  // An internal error: free the handles of the call, and report it.
   PARFOCAL_ERROR_INTERNAL = 11,
-  // Anything else.
+  // Any other error.
   PARFOCAL_ERROR_OTHER = 12,
-  // A stream had no room for the pair in time, which was not taken: read a result first.
+  // The stream had no room in time, and did not take the pair. Read a result first.
   PARFOCAL_ERROR_FULL = 13,
-  // The call was called off.
+  // The call was cancelled.
   PARFOCAL_ERROR_CANCELLED = 14,
 } parfocal_status;
 
-// How a sample is stored.
+// The type of a sample.
 typedef enum {
   // uint8_t, white at 255.
   PARFOCAL_U8 = 0,
@@ -57,45 +58,45 @@ typedef enum {
   PARFOCAL_F32 = 2,
 } parfocal_depth;
 
-// How registration and relative blur go together.
+// The order of registration and blur estimation.
 typedef enum {
-  // Together.
+  // Both jointly.
   PARFOCAL_UNIFIED = 0,
-  // Relative blur alone: T is held at the start.
+  // Relative blur only; T stays at its start.
   PARFOCAL_ALIGNED = 1,
-  // Registration first, by the difference of the images; then relative blur.
+  // Registration first, from the image difference; then relative blur.
   PARFOCAL_APPEARANCE = 2,
 } parfocal_method;
 
-// What T may be: each is a special case of the next.
+// The motion model of T. Each is a special case of the next.
 typedef enum {
-  // A shift.
+  // Translation.
   PARFOCAL_TRANSLATION = 0,
-  // Besides, rotation and scale.
+  // Translation, rotation and scale.
   PARFOCAL_SIMILARITY = 1,
-  // Besides, stretch and shear.
+  // Similarity, stretch and shear.
   PARFOCAL_AFFINE = 2,
-  // Besides, perspective.
+  // Affine and perspective.
   PARFOCAL_HOMOGRAPHY = 3,
 } parfocal_motion;
 
-// How T steps.
+// The optimiser of T.
 typedef enum {
-  // Gauss-Newton, each pixel's change of V eliminated.
+  // Gauss-Newton, with each pixel's change of V eliminated.
   PARFOCAL_GAUSS_NEWTON = 0,
-  // The paper's explicit scheme, to compare with.
+  // The paper's explicit scheme, for comparison.
   PARFOCAL_GRADIENT_DESCENT = 1,
 } parfocal_registration_step;
 
-// Shape of the blur.
+// The shape of the blur kernel.
 typedef enum {
-  // What the photographs say, from a Gaussian to a disk and a little beyond.
+  // Estimated from the photographs, between Gaussian and disk.
   PARFOCAL_KERNEL_AUTO = 0,
   // Gaussian.
   PARFOCAL_GAUSSIAN = 1,
   // Disk.
   PARFOCAL_PILLBOX = 2,
-  // Half a Gaussian: the paper's asymmetric kernel.
+  // Half-Gaussian, the paper's asymmetric kernel.
   PARFOCAL_HALF_GAUSSIAN = 3,
 } parfocal_kernel;
 
@@ -109,54 +110,54 @@ typedef enum {
   PARFOCAL_DECODE_SRGB = 2,
 } parfocal_decode;
 
-// What positions are.
+// The unit of focus positions.
 typedef enum {
-  // Settings in any unit that is even in 1/distance.
+  // Steps of the focus setting, in any unit that is linear in 1/distance.
   PARFOCAL_UNIT_STEPS = 0,
-  // Distances from the lens at which it is focused, mm.
+  // Focus distances from the lens, mm.
   PARFOCAL_UNIT_DISTANCES = 1,
-  // Where a stage puts the plane in focus, mm from any origin.
+  // Positions of the plane in focus on a stage, mm from any origin.
   PARFOCAL_UNIT_STAGE = 2,
 } parfocal_position_unit;
 
-// Calls solves off, from any thread: what is being solved with it ends soon, with PARFOCAL_ERROR_CANCELLED, and so does all that begins with it
-// afterwards. What was used is good for the next call.
+// Cancels solves, from any thread. Solves that use the token end soon with PARFOCAL_ERROR_CANCELLED, and later ones at once.
+// The other handles of a cancelled call stay usable.
 typedef struct parfocal_cancellation_token parfocal_cancellation_token;
 
-// A device. What is made of it keeps it, so that it may be freed first.
+// A device. Solvers, streams and results keep it alive, so it may be freed before them.
 typedef struct parfocal_engine parfocal_engine;
 
-// What was found of a pair.
+// The result of a solve or registration of a pair.
 typedef struct parfocal_solution parfocal_solution;
 
-// Settings, and what is kept from one pair for the next: memory and the recorded work of pairs of one size and format.
+// A solver of pairs. It keeps memory and recorded work for pairs of the last size and format.
 typedef struct parfocal_solver parfocal_solver;
 
-// Many pairs of one size and kind in, their solutions out in the same order: on each device several are under way, so that the next goes up
-// and the one before comes down while it solves. One thread may push while another reads.
+// Solves many pairs of the same size and format. Solutions come in the order of the pairs. While a device solves one pair,
+// the next is uploaded and the one before is read back. One thread may push while another reads.
 typedef struct parfocal_stream parfocal_stream;
 
-// What was found of a focus sweep.
+// The result of a focus sweep.
 typedef struct parfocal_sweep parfocal_sweep;
 
-// How an engine is made.
+// The options of an engine.
 typedef struct {
   // sizeof(parfocal_engine_options).
   size_t size;
-  // Index, part of the name, or UUID of the device, UTF-8; NULL takes the most capable.
+  // Index, part of the name, or UUID of the device, UTF-8. NULL selects the most capable device.
   const char *device;
-  // The longest wait for one solve, seconds; 0 takes 600.
+  // Time limit of one solve, seconds. 0 means 600.
   double timeout_s;
-  // Not 0 turns validation on; it needs the Khronos validation layer.
+  // Not 0 enables validation, which needs the Khronos validation layer.
   int32_t validation;
 } parfocal_engine_options;
 
-// An instance and a device of the program's, both made for Vulkan 1.3 or later, the device with the features timelineSemaphore, synchronization2
-// and maintenance4. They are not destroyed before the last engine, solver, stream and solution of them is freed.
+// A Vulkan instance and device of the embedding program, both for Vulkan 1.3 or later. The device has the features
+// timelineSemaphore, synchronization2 and maintenance4. Destroy them after all engines, solvers, streams and solutions.
 typedef struct {
   // sizeof(parfocal_vulkan).
   size_t size;
-  // The vkGetInstanceProcAddr that the instance came by.
+  // The vkGetInstanceProcAddr of the loader that made the instance.
   const void *get_instance_proc_addr;
   // The VkInstance.
   const void *instance;
@@ -164,28 +165,28 @@ typedef struct {
   const void *physical_device;
   // The VkDevice.
   const void *device;
-  // A VkQueue of it that computes, which nobody else uses, unless all do between lock and unlock.
+  // A VkQueue with compute support. Without lock and unlock no other code uses it.
   const void *queue;
-  // Its family.
+  // The queue family index of the queue.
   uint32_t queue_family;
-  // Not 0 where the device was made with VK_EXT_conditional_rendering and its feature conditionalRendering: a solve is then one submission.
+  // Not 0 if the device was made with VK_EXT_conditional_rendering and its feature conditionalRendering. A solve is then one
+  // submission.
   int32_t conditional_rendering;
-  // Waits until nobody else uses the queue, and keeps others from it until unlock is called, by the same thread, after one submission;
-  // NULL: nobody else uses it.
+  // Locks the queue for the calling thread, which calls unlock after one submission. NULL: no other code uses the queue.
   void (*lock)(void *context);
-  // Lets others have the queue.
+  // Unlocks the queue.
   void (*unlock)(void *context);
-  // What both are called with, from any thread.
+  // Passed to lock and unlock, which are called from any thread.
   void *context;
 } parfocal_vulkan;
 
-// The settings; docs/method.md, section 8, says what each does. parfocal_settings_init fills in the defaults.
+// The settings of a solve. docs/method.md, section 8, describes each. parfocal_settings_init fills in the defaults.
 typedef struct {
   // sizeof(parfocal_settings).
   size_t size;
   // A parfocal_method.
   uint32_t method;
-  // A parfocal_motion: what T may be, beyond where it starts.
+  // A parfocal_motion.
   uint32_t motion;
   // A parfocal_kernel.
   uint32_t kernel;
@@ -193,64 +194,64 @@ typedef struct {
   uint32_t registration_step;
   // A parfocal_decode.
   uint32_t decode;
-  // Whether gain, offset and shading are matched: 1 or 0.
+  // 1: match gain, offset and shading. 0: keep them.
   uint32_t photometric;
-  // Pyramid levels, 1 to 12; 0: as many as the images have.
+  // Pyramid levels, 1 to 12. 0: as many as the image size allows.
   uint32_t levels;
-  // Iterations a level at most, 5 to 1000.
+  // Maximum iterations per level, 5 to 1000.
   uint32_t outer_iterations;
   // Relaxation sweeps per outer iteration, 1 to 100.
   uint32_t relaxation_sweeps;
   // Over-relaxation, 0.01 to 1.99.
   double over_relaxation;
-  // Smoothness, 1e-6 to 10; 0: found on each level.
+  // Smoothness weight, 1e-6 to 10. 0: estimated on each level.
   double regularization;
-  // The smoothness starts 1 + this times too large, 0 to 1000.
+  // The smoothness weight starts larger by the factor 1 + continuation, 0 to 1000.
   double continuation;
-  // Of the data term, intensities, 1e-4 to 1.
+  // Robustness scale of the data term, intensities, 1e-4 to 1.
   double data_eta;
-  // Of the smoothness, px² a pixel, 1e-4 to 100.
+  // Robustness scale of the smoothness term, px² per pixel, 1e-4 to 100.
   double smoothness_eta;
-  // Px², 1e-3 to 10.
+  // Width of the smooth Heaviside function, px², 1e-3 to 10.
   double heaviside_epsilon;
-  // Largest |V|, px², 1 to 256.
+  // Limit of |V|, px², 1 to 256.
   double max_relative_blur;
-  // Largest change of V an iteration, px² of the level, 0.01 to 100.
+  // Limit of the change of V per iteration, px² of the level, 0.01 to 100.
   double largest_step;
-  // Stored value up to which a sample is clipped at black; NaN: 0 of integers, nothing of floats.
+  // Samples up to this stored value count as clipped at black. NaN: 0 for integers, none for floats.
   double black_level;
-  // Stored value from which on a sample is clipped at white; NaN: the greatest of integers, nothing of floats.
+  // Samples from this stored value on count as clipped at white. NaN: the largest integer, none for floats.
   double white_level;
-  // Where T starts, by rows: of points from the image centre, px.
+  // Start of T, row by row, for points in px from the image centre.
   double start[9];
-  // Where the factor on I2 starts; it stays where photometric is 0.
+  // Start of the gain of I2; it stays if photometric is 0.
   double start_gain;
-  // Where what is added after it starts, intensities.
+  // Start of the offset after the gain, intensities; it stays if photometric is 0.
   double start_offset;
-  // Whether the fused image of a pair is made, of which depth and registration need nothing: 1 or 0.
+  // 1: also compute the fused image of a pair. Depth and registration do not need it.
   uint32_t fused;
-  // 0.
+  // Must be 0.
   uint32_t reserved;
 } parfocal_settings;
 
-// A photograph: rows of pixels of one sample or of three, red, green, blue. It is copied before the call returns.
+// A photograph: rows of pixels with one sample, or with three (red, green, blue). The call copies it before it returns.
 typedef struct {
   // sizeof(parfocal_image).
   size_t size;
-  // The first sample of the first row, aligned as a sample is.
+  // The first sample of the first row, aligned for its type.
   const void *data;
-  // Pixels a row.
+  // Pixels per row.
   uint32_t width;
-  // Rows.
+  // Number of rows.
   uint32_t height;
   // 1 or 3.
   uint32_t channels;
   // A parfocal_depth.
   uint32_t depth;
-  // From the start of a row to that of the next, a multiple of a sample; 0 where rows follow one another without a gap.
+  // Bytes from the start of one row to the next, a multiple of the sample's size. 0: rows have no gaps.
   size_t row_bytes;
-  // How a camera packs pixels, by GenICam's name, such as "Mono12p" or "BayerRG8": then channels and depth say nothing, data needs not
-  // be aligned, and rows that are not whole bytes have no gaps. NULL: as channels and depth say.
+  // GenICam name of a camera's pixel format, for example "Mono12p" or "BayerRG8". channels and depth are then ignored, and
+  // data needs no alignment. Rows that do not end on a byte must have no gaps. NULL: channels and depth apply.
   const char *format;
 } parfocal_image;
 
@@ -260,153 +261,157 @@ typedef struct {
   uint32_t x;
   // Upper edge, px.
   uint32_t y;
-  // Px.
+  // Width, px.
   uint32_t width;
-  // Px.
+  // Height, px.
   uint32_t height;
 } parfocal_region;
 
-// Is told by the thread that solves which share of a solve is done, 0 to 1, after each level, and calls it off by what is not 0. It calls no
-// function of parfocal with a handle of the same call but parfocal_cancellation_token_cancel, and returns: no exception or longjmp leaves it.
+// Called after each level by the solving thread, with the share of the solve that is done, 0 to 1. A result other than 0
+// cancels the solve. With handles of the same call it may only call parfocal_cancellation_token_cancel. It must return: no
+// exception and no longjmp may leave it.
 typedef int32_t (*parfocal_progress)(void *context, double done);
 
-// What of a pair is solved, who is told how far it is, and what calls it off.
+// The options of one solve: region, mask, cropping, progress and cancellation.
 typedef struct {
   // sizeof(parfocal_solve_options).
   size_t size;
-  // The part of I1 that results are wanted of; of a width of 0: all.
+  // The part of I1, or of the reference frame, to solve. Width 0: all of it.
   parfocal_region region;
-  // A byte a pixel of I1, row by row without gaps, 0 where a pixel is left out; NULL leaves out none.
+  // One byte per pixel of I1, row by row without gaps; pixels with 0 do not count. NULL: all pixels count.
   const uint8_t *mask;
-  // Not 0 crops results to the largest rectangle in which V is valid everywhere.
+  // Not 0: crop results to the largest rectangle in which V is valid everywhere.
   int32_t crop_valid;
-  // Is told how far the call is; NULL: nobody.
+  // Called with the share done; may be NULL.
   parfocal_progress progress;
-  // What that is called with.
+  // Passed to progress.
   void *context;
-  // What calls the call off, from another thread; NULL: nothing.
+  // Token that cancels the solve from another thread; may be NULL.
   const parfocal_cancellation_token *cancel;
 } parfocal_solve_options;
 
-// What was found of a pair: fields are row by row without gaps, width x height, and live as long as the solution.
+// The numbers and fields of a solution. Fields have width x height values, row by row without gaps. They live as long as
+// the solution.
 typedef struct {
   // sizeof(parfocal_solution_view).
   size_t size;
-  // Pixels a row of the fields; of a registration, of the photographs.
+  // Pixels per row of the fields; of a registration, of the photographs.
   uint32_t width;
-  // Rows.
+  // Number of rows.
   uint32_t height;
-  // The pixel of I1 that is the first of the fields: (0, 0) unless they were cropped.
+  // Pixel x, y of I1 at the first value of the fields; (0, 0) unless they are cropped.
   uint32_t origin[2];
-  // Whether the solve settled on an answer that the images support: 1 or 0.
+  // 1 if the solve converged to a solution that the images support, else 0.
   uint32_t converged;
-  // How many warnings there are.
+  // Number of warnings.
   uint32_t warnings;
-  // V, px² of I1, positive where I2 is the more blurred; NaN where not valid. NULL of a registration, as the next four.
+  // V, px² of I1, positive where I2 is more blurred than I1; NaN where not valid. This and the next four fields are NULL for
+  // a registration.
   const float *relative_blur;
-  // Standard deviation of V, px²; 1000 where the images say nothing, NaN where V is.
+  // Standard deviation of V, px²; 1000 where the images do not determine V, NaN where V is NaN.
   const float *uncertainty;
-  // 0 to 1.
+  // Confidence in V, 0 to 1.
   const float *confidence;
-  // What neither blur nor T explains, intensities.
+  // The difference that neither blur nor T explains, intensities.
   const float *residual;
-  // Of each pixel the sharper photograph, intensities, interleaved.
+  // At each pixel the sharper photograph, intensities, interleaved.
   const float *fused;
-  // Channels of fused, 1 or 3; 0 of a registration, and where none was asked for: then fused is NULL.
+  // Channels of fused, 1 or 3. 0 if fused is NULL: for a registration, or if settings.fused is 0.
   uint32_t fused_channels;
-  // 0.
+  // Always 0.
   uint32_t reserved;
-  // T by rows: of points from the image centre, px; I2(T x) lines up with I1(x).
+  // T, row by row, for points in px from the image centre; I2(T x) matches I1(x).
   double transform[9];
-  // Factor on I2.
+  // Gain of I2.
   double gain;
-  // Added after it, intensities.
+  // Offset of I2 after the gain, intensities.
   double offset;
-  // Smoothness of the finest level, stated or found; NaN of a registration, as the next four.
+  // Smoothness weight of the finest level, stated or estimated. This and the next four are NaN for a registration.
   double regularization;
-  // Where the kernel was to be found: 0 is a Gaussian, 1 a disk; NaN where it was stated.
+  // Shape of the estimated kernel: 0 is a Gaussian, 1 a disk. NaN if the kernel was stated.
   double kernel_shape;
-  // Fraction of pixels that are valid.
+  // Fraction of the pixels that are valid.
   double valid_fraction;
   // Mean confidence of the valid pixels.
   double mean_confidence;
   // Fraction of the valid pixels at the limit of |V|.
   double saturated_fraction;
-  // From the call to the answer, ms.
+  // Time from call to return, ms.
   double total_ms;
-  // On the device, ms.
+  // Time on the device, ms.
   double gpu_ms;
 } parfocal_solution_view;
 
-// A lens in front of the sensor, focused at one distance for each of the two photographs.
+// A lens that is focused at one distance for each photograph of a pair.
 typedef struct {
   // sizeof(parfocal_lens).
   size_t size;
-  // Mm.
+  // Focal length, mm.
   double focal_length;
-  // The aperture is focal_length / f_number wide.
+  // F-number; the aperture is focal_length / f_number wide.
   double f_number;
-  // Between the centres of neighbouring pixels, mm.
+  // Distance between pixel centres, mm.
   double pixel_pitch;
-  // At which I1 and I2 are focused, mm from the lens.
+  // Focus distances of I1 and I2 from the lens, mm.
   double focus[2];
-  // Deviation of the blur over its radius; 0 takes that of a disk, 0.5.
+  // Standard deviation of the blur over its radius. 0 means 0.5, a disk.
   double kappa;
-  // Not 0 where the lens is telecentric on the image side.
+  // Not 0 if the lens is telecentric on the image side.
   int32_t telecentric;
 } parfocal_lens;
 
-// How a sweep is solved.
+// The options of a focus sweep.
 typedef struct {
   // sizeof(parfocal_sweep_options).
   size_t size;
-  // What each frame is focused at, ascending or descending; NULL: counted from 0, evenly unless the sweep says otherwise.
+  // Focus position of each frame, ascending or descending. NULL: 0, 1, 2, ..., corrected if the frames show uneven steps.
   const double *positions;
   // A parfocal_position_unit.
   uint32_t unit;
-  // The frame on whose pixels the results are, counted from 0; -1: the middle one.
+  // The frame whose pixels the results have, counted from 0. -1: the middle frame.
   int32_t reference;
 } parfocal_sweep_options;
 
-// What was found of a sweep: fields are row by row without gaps, width x height, and live as long as the sweep.
+// The numbers and fields of a sweep. Fields have width x height values, row by row without gaps. They live as long as the
+// sweep.
 typedef struct {
   // sizeof(parfocal_sweep_view).
   size_t size;
-  // Pixels a row.
+  // Pixels per row.
   uint32_t width;
-  // Rows.
+  // Number of rows.
   uint32_t height;
-  // The pixel of the reference that is the first of the fields.
+  // Pixel x, y of the reference at the first value of the fields.
   uint32_t origin[2];
-  // How many frames were solved: one that was there twice is left out.
+  // Number of solved frames. A frame that occurs twice is left out.
   uint32_t frames;
-  // The reference among them, from 0.
+  // Index of the reference among the solved frames, from 0.
   uint32_t reference;
-  // How many warnings there are.
+  // Number of warnings.
   uint32_t warnings;
   // Channels of fused, 1 or 3.
   uint32_t fused_channels;
-  // The setting at which each pixel is in focus, 1/m of distances; NaN where none is known.
+  // The focus setting at which each pixel is sharp, for distances in 1/m; NaN where it is not measured.
   const float *focus;
-  // Its standard deviation.
+  // Standard deviation of focus.
   const float *uncertainty;
-  // Depth, mm, where positions are in mm; else NULL.
+  // Depth, mm; NULL unless positions are in mm.
   const float *depth;
-  // Its standard deviation, mm.
+  // Standard deviation of depth, mm.
   const float *deviation;
-  // -1 where the focus lies before the first frame, 1 beyond the last, else 0.
+  // -1 where the focus is before the first frame, 1 where it is beyond the last, else 0.
   const int8_t *beyond;
-  // The image sharp all over, intensities, interleaved.
+  // The all-in-focus image, intensities, interleaved.
   const float *fused;
-  // The frame that each pixel of it is of, from 1.
+  // The frame that each pixel of fused comes from, counted from 1.
   const uint16_t *frame;
-  // By how many px² of variance blur grows with the squared distance from the focus, in settings.
+  // Growth of the blur variance, px², with the squared distance from focus in settings.
   double blur_rate;
 } parfocal_sweep_view;
 
-// A number and its standard error, both NaN where too few pixels are valid.
+// A value and its standard error; both are NaN if too few pixels are valid.
 typedef struct {
-  // The number, in the unit of the field.
+  // The value, in the unit of the field.
   double value;
   // Its standard error.
   double standard_error;
@@ -416,92 +421,95 @@ typedef struct {
 extern "C" {
 #endif // __cplusplus
 
-// What the last call of this thread that returned a status failed by, and what to do; "" where it did not fail. Valid until
-// this thread's next such call.
+// Returns the error message of this thread's last call that returned a status, with what to do; "" after a success. Valid
+// until this thread's next such call.
 const char *parfocal_last_error(void);
 
-// The version of the library, as in "0.1.0".
+// Returns the version of the library, for example "0.1.0".
 const char *parfocal_version(void);
 
-// Opens a device; options may be NULL. One engine a process is enough.
+// Opens a device. options may be NULL. One engine per process is enough.
 parfocal_status parfocal_engine_new(const parfocal_engine_options *options, parfocal_engine **engine);
 
-// The name of the device; "" of NULL. Valid until the engine is freed.
+// Returns the name of the device; "" if engine is NULL. Valid until the engine is freed.
 const char *parfocal_engine_device(const parfocal_engine *engine);
 
-// What validation has said so far, a line each; "" where nothing, or of NULL. Valid until the next call of this for the engine.
+// Returns the validation messages so far, one per line; "" if there are none or engine is NULL. Valid until the next call
+// of this function for the engine.
 const char *parfocal_engine_messages(const parfocal_engine *engine);
 
-// Frees an engine; what was made of it lives on.
+// Frees an engine. Handles made from it stay valid.
 void parfocal_engine_free(parfocal_engine *engine);
 
-// An engine on a device of the program's, which keeps it; of the options, which may be NULL, timeout_s counts alone.
+// Makes an engine on a device of the embedding program, which keeps owning it. options may be NULL; only timeout_s applies.
 parfocal_status parfocal_engine_from_vulkan(const parfocal_vulkan *vulkan,
                                             const parfocal_engine_options *options,
                                             parfocal_engine **engine);
 
-// Fills in the defaults; settings->size must be set.
+// Fills in the defaults. settings->size must be set.
 parfocal_status parfocal_settings_init(parfocal_settings *settings);
 
-// Makes one.
+// Makes a token.
 parfocal_status parfocal_cancellation_token_new(parfocal_cancellation_token **cancel);
 
-// Calls off what is being solved with it.
+// Cancels all solves that use this token.
 parfocal_status parfocal_cancellation_token_cancel(const parfocal_cancellation_token *cancel);
 
-// Frees it; calls that have it go on.
+// Frees a token. Calls that use it continue.
 void parfocal_cancellation_token_free(parfocal_cancellation_token *cancel);
 
-// Prepares for pairs; settings may be NULL.
+// Makes a solver. settings may be NULL.
 parfocal_status parfocal_solver_new(const parfocal_engine *engine,
                                     const parfocal_settings *settings,
                                     parfocal_solver **solver);
 
-// Solves a pair; scope may be NULL. A pair of another size or format than the last takes longer.
+// Solves a pair. options may be NULL. The first pair of a size and format takes longer.
 //
-// A pair that can be read but not solved is no error: it is a solution that has not converged, whose warnings say why.
+// A pair that does not converge is no error: the solution has converged 0, and its warnings say why.
 parfocal_status parfocal_solver_solve(parfocal_solver *solver,
                                       const parfocal_image *i1,
                                       const parfocal_image *i2,
-                                      const parfocal_solve_options *scope,
+                                      const parfocal_solve_options *options,
                                       parfocal_solution **solution);
 
-// Registers a pair: a solution without fields, which are NULL.
+// Registers a pair. The fields of the solution are NULL.
 parfocal_status parfocal_solver_register(parfocal_solver *solver,
                                          const parfocal_image *i1,
                                          const parfocal_image *i2,
                                          parfocal_solution **solution);
 
-// Frees a solver; its solutions live on.
+// Frees a solver. Its solutions stay valid.
 void parfocal_solver_free(parfocal_solver *solver);
 
-// Fills in what was found; found->size must be set.
-parfocal_status parfocal_solution_get(const parfocal_solution *solution, parfocal_solution_view *found);
+// Fills in the view of a solution. view->size must be set.
+parfocal_status parfocal_solution_get(const parfocal_solution *solution, parfocal_solution_view *view);
 
-// A warning, counted from 0, a sentence of UTF-8; NULL where there is none. Valid until the solution is freed.
+// Returns a warning, counted from 0, as a UTF-8 sentence; NULL beyond the last. Valid until the solution is freed.
 const char *parfocal_solution_warning(const parfocal_solution *solution, uint32_t index);
 
-// Depth from the lens and its standard deviation, mm, into two fields of count floats each, width x height of the solution;
-// NaN where there is none. deviation may be NULL.
+// Computes depth from the lens and its standard deviation, mm, NaN where there is none. Both fields have count floats,
+// width x height of the solution. deviation may be NULL.
 parfocal_status parfocal_solution_depth(const parfocal_solution *solution,
                                         const parfocal_lens *lens,
                                         float *depth,
                                         float *deviation,
                                         size_t count);
 
-// Brings another photograph of I2's camera onto the pixels of the results: width x height of the solution, in the image's own
-// samples, without gaps, into as many bytes; black beyond the photograph. With exposure not 0, as bright as I1.
+// Resamples another photograph, taken like I2, onto the pixels of the results. out receives width x height pixels of the
+// solution without gaps, with the image's channels and sample type; bytes is its size. Pixels beyond the photograph are
+// black. exposure not 0 also matches the brightness of I1.
 parfocal_status parfocal_solution_apply(const parfocal_solution *solution,
                                         const parfocal_image *image,
                                         int32_t exposure,
                                         void *out,
                                         size_t bytes);
 
-// Frees a solution, and the fields with it.
+// Frees a solution and its fields.
 void parfocal_solution_free(parfocal_solution *solution);
 
-// Prepares devices, count of them, with so many slots each (three keep a device busy), for pairs like i1 and i2, of which no pixel is read;
-// settings may be NULL. Each pair goes to whichever device is free; what a device that fails had the others solve.
+// Makes a stream on count engines, with slots pairs in flight on each; three keep a device busy. i1 and i2 state the size and
+// format of all pairs; their pixels are not read. settings may be NULL. Each pair goes to the first free device. The pairs of
+// a device that fails go to the others.
 parfocal_status parfocal_stream_new(const parfocal_engine *const *engines,
                                     size_t count,
                                     uint32_t slots,
@@ -510,52 +518,54 @@ parfocal_status parfocal_stream_new(const parfocal_engine *const *engines,
                                     const parfocal_settings *settings,
                                     parfocal_stream **stream);
 
-// Copies a pair and hands it over, once there is room for it, for which it waits so many seconds at most: 0 does not wait, INFINITY for ever,
-// which is of use where another thread reads. PARFOCAL_ERROR_FULL where there was no room: read a solution first. What is wrong with
-// a pair, another size say, is told where its solution is read.
+// Copies a pair into the stream. Waits up to seconds for room: 0 does not wait; INFINITY waits without limit, for use when
+// another thread reads. Returns PARFOCAL_ERROR_FULL if there is no room in time: read a solution first. An error of the pair
+// itself, for example another size, is returned when its solution is read.
 parfocal_status parfocal_stream_push(const parfocal_stream *stream,
                                      const parfocal_image *i1,
                                      const parfocal_image *i2,
                                      double seconds);
 
-// The solution of the oldest pair that has not been read, for which it waits so many seconds at most, as parfocal_stream_push. NULL
-// where it is not there by then, and after parfocal_stream_finish at once where all have been read. Fails of what that pair failed of; those
-// behind it go on.
+// Reads the solution of the oldest pair that has not been read. Waits up to seconds, as parfocal_stream_push. The solution is
+// NULL if it is not ready in time, and after parfocal_stream_finish once all have been read. Returns that pair's error. Later
+// pairs are unaffected.
 parfocal_status parfocal_stream_next(const parfocal_stream *stream,
                                      double seconds,
                                      parfocal_solution **solution);
 
-// Says that no more pairs come, so that who reads waits for the last and no longer. Another push takes it back.
+// Marks the end of input, so that readers wait only for the remaining pairs. A later push reopens the stream.
 parfocal_status parfocal_stream_finish(const parfocal_stream *stream);
 
-// How many pairs may be pushed and not yet read, two for each slot: only reading makes room; 0 of NULL.
+// Returns the number of pairs that may be pushed and not yet read, two per slot; 0 if stream is NULL.
 size_t parfocal_stream_capacity(const parfocal_stream *stream);
 
-// How many pairs were pushed and not yet read; 0 of NULL.
+// Returns the number of pairs pushed and not yet read; 0 if stream is NULL.
 size_t parfocal_stream_length(const parfocal_stream *stream);
 
-// Frees a stream, once the devices have solved what they have; what waits is forgotten. Its solutions live on.
+// Frees a stream after the pairs in flight are solved; waiting pairs are dropped. Its solutions stay valid.
 void parfocal_stream_free(parfocal_stream *stream);
 
-// Solves a focus sweep of three or more frames of one size and format, in the order of their focus; settings, options and scope
+// Solves a focus sweep: three or more frames of one size and format, in the order of their focus. settings, options and solve
 // may be NULL.
 parfocal_status parfocal_sweep_solve(const parfocal_engine *engine,
-                               const parfocal_image *frames,
-                               size_t count,
-                               const parfocal_settings *settings,
-                               const parfocal_sweep_options *options,
-                               const parfocal_solve_options *scope,
-                               parfocal_sweep **sweep);
+                                     const parfocal_image *frames,
+                                     size_t count,
+                                     const parfocal_settings *settings,
+                                     const parfocal_sweep_options *options,
+                                     const parfocal_solve_options *solve,
+                                     parfocal_sweep **sweep);
 
-// Fills in what was found; found->size must be set.
-parfocal_status parfocal_sweep_get(const parfocal_sweep *sweep, parfocal_sweep_view *found);
+// Fills in the view of a sweep. view->size must be set.
+parfocal_status parfocal_sweep_get(const parfocal_sweep *sweep, parfocal_sweep_view *view);
 
-// Where the pixels of the reference lie in a frame, counted from 0: T by rows, nine numbers, of points from the image centre, px.
+// Writes T of a frame, counted from 0: nine numbers, row by row, for points in px from the image centre. T maps pixels of the
+// reference to the frame.
 parfocal_status parfocal_sweep_transform(const parfocal_sweep *sweep,
                                          uint32_t frame,
                                          double *transform);
 
-// Brings another photograph of a frame, counted from 0, onto the pixels of the results, as parfocal_solution_apply does.
+// Resamples another photograph, taken like one frame, onto the pixels of the results, as parfocal_solution_apply. frame counts
+// from 0.
 parfocal_status parfocal_sweep_apply(const parfocal_sweep *sweep,
                                      uint32_t frame,
                                      const parfocal_image *image,
@@ -563,14 +573,14 @@ parfocal_status parfocal_sweep_apply(const parfocal_sweep *sweep,
                                      void *out,
                                      size_t bytes);
 
-// A warning, counted from 0, a sentence of UTF-8; NULL where there is none. Valid until the sweep is freed.
+// Returns a warning, counted from 0, as a UTF-8 sentence; NULL beyond the last. Valid until the sweep is freed.
 const char *parfocal_sweep_warning(const parfocal_sweep *sweep, uint32_t index);
 
-// Frees a sweep, and the fields with it.
+// Frees a sweep and its fields.
 void parfocal_sweep_free(parfocal_sweep *sweep);
 
-// How far a region of a field, width x height values, lies above another: the difference of their levels, medians without
-// the tilt. For px² or mm.
+// Measures a step in a field of width x height values: the level of region `to` minus that of `from`, in the unit of the
+// field. A level is the median after removing the region's tilt.
 parfocal_status parfocal_measure_step(const float *values,
                                       uint32_t width,
                                       uint32_t height,
@@ -578,11 +588,15 @@ parfocal_status parfocal_measure_step(const float *values,
                                       parfocal_region to,
                                       parfocal_estimate *estimate);
 
-// How many values a profile has: places 1 px apart at most, from end to end; 0 of a line without a length.
-size_t parfocal_profile_length(double x1, double y1, double x2, double y2);
+// Returns the number of values of a profile along a line, at most 1 px apart, both ends included. 0 if the line is shorter
+// than 1 px.
+size_t parfocal_profile_length(double x1,
+                               double y1,
+                               double x2,
+                               double y2);
 
-// The values of a field along a line, px, each the mean over so many px across; NaN where none is valid. count is
-// parfocal_profile_length of the line.
+// Samples a field along a line between two points in px. Each value is the mean over `across` px across the line; NaN if no
+// pixel is valid. count must be parfocal_profile_length of the line.
 parfocal_status parfocal_measure_profile(const float *values,
                                          uint32_t width,
                                          uint32_t height,

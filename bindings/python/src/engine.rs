@@ -1,4 +1,4 @@
-//! A device, and what is done on it without the interpreter's lock.
+//! The class Engine, and the functions on results. Solves run without the interpreter's lock.
 
 use std::process;
 use std::sync::{Mutex, PoisonError, TryLockError};
@@ -19,20 +19,21 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
-use crate::convert::{array_of, field, frame, homography, image, mask, matrix, region, row};
-use crate::settings::settings;
+use crate::convert::{self, array_of, field, frame, homography, image, matrix, row};
+use crate::settings::settings as read_settings;
 use crate::watch::{CancellationToken, Report, Watch};
-use crate::{DeviceError, raised};
+use crate::{DeviceError, exception};
 
-/// How often a call looks whether it is its turn.
-const TURN: Duration = Duration::from_millis(1);
+/// Interval at which a waiting call tries to lock the engine.
+const RETRY: Duration = Duration::from_millis(1);
 
-/// A Vulkan device. Calls of several threads wait for each other.
+/// A Vulkan device. Calls from several threads run one after another.
 ///
-/// device: index, part of the name, or UUID; None takes the most capable. timeout: the longest wait for one solve, seconds.
+/// device: index, part of the name, or UUID; None selects the most capable device.
+/// timeout: time limit of one solve, seconds.
 #[pyclass(frozen, module = "parfocal")]
 pub(crate) struct Engine {
-    /// Not touched in a process that was forked: the driver's threads are not there.
+    /// Not used in a forked process, which does not have the driver's threads.
     inner: Option<Mutex<Inner>>,
     name: String,
     process: u32,
@@ -56,8 +57,8 @@ impl Engine {
     #[new]
     #[pyo3(signature = (device=None, *, timeout=600.0, validation=false))]
     fn new(py: Python<'_>, device: Option<String>, timeout: f64, validation: bool) -> PyResult<Self> {
-        let options = EngineOptions { device, validation, timeout: patience(timeout)?, ..EngineOptions::default() };
-        let engine = py.detach(|| parfocal::Engine::new(&options)).map_err(raised)?;
+        let options = EngineOptions { device, validation, timeout: time_limit(timeout)?, ..EngineOptions::default() };
+        let engine = py.detach(|| parfocal::Engine::new(&options)).map_err(exception)?;
         let name = engine.info().name.clone();
         let inner = Some(Mutex::new(Inner { engine, solver: None }));
         Ok(Self { inner, name, process: process::id() })
@@ -69,7 +70,7 @@ impl Engine {
         &self.name
     }
 
-    /// What validation has said so far.
+    /// The messages of the validation layer so far.
     #[getter]
     fn messages(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         self.with(py, |inner| Ok(inner.engine.validation_messages()))
@@ -79,65 +80,66 @@ impl Engine {
         format!("<parfocal.Engine on {}>", self.name)
     }
 
-    /// What a solve of a pair finds, by name.
-    #[allow(clippy::too_many_arguments, reason = "they are keywords of Python's")]
+    /// Solves a pair. Returns a dictionary of the result.
+    #[allow(clippy::too_many_arguments, reason = "they are keyword arguments of Python")]
     fn solve<'py>(
         &self,
         py: Python<'py>,
         i1: &Bound<'py, PyAny>,
         i2: &Bound<'py, PyAny>,
-        named: &Bound<'py, PyDict>,
-        part: Option<[u32; 4]>,
-        counts: Option<&Bound<'py, PyAny>>,
+        settings: &Bound<'py, PyDict>,
+        region: Option<[u32; 4]>,
+        mask: Option<&Bound<'py, PyAny>>,
         crop_valid: bool,
         progress: Option<Bound<'py, PyAny>>,
         cancel: Option<PyRef<'_, CancellationToken>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (i1, i2) = (frame(i1, "i1")?, frame(i2, "i2")?);
-        let settings = settings(named, &[&i1, &i2])?;
+        let settings = read_settings(settings, &[&i1, &i2])?;
         let watch = Watch::new(progress, cancel);
-        let (mask, cancel) = (counts.map(mask).transpose()?, watch.cancel.clone());
-        let scope = SolveOptions { region: part.map(region), mask, crop_valid, cancel, ..SolveOptions::default() };
-        let solved = self.watched(py, &watch, |inner, report| {
-            let options = SolveOptions { progress: Some(report), ..scope };
+        let (mask, cancel) = (mask.map(convert::mask).transpose()?, watch.cancel.clone());
+        let options =
+            SolveOptions { region: region.map(convert::region), mask, crop_valid, cancel, ..SolveOptions::default() };
+        let solved = self.run(py, &watch, |inner, report| {
+            let options = SolveOptions { progress: Some(report), ..options };
             inner.solver(&settings)?.solve([&i1, &i2], &options)
         })?;
         of_solution(py, solved, &settings)
     }
 
-    /// What a registration of a pair finds, by name.
+    /// Registers a pair. Returns a dictionary of the result.
     fn register<'py>(
         &self,
         py: Python<'py>,
         i1: &Bound<'py, PyAny>,
         i2: &Bound<'py, PyAny>,
-        named: &Bound<'py, PyDict>,
+        settings: &Bound<'py, PyDict>,
         progress: Option<Bound<'py, PyAny>>,
         cancel: Option<PyRef<'_, CancellationToken>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (i1, i2) = (frame(i1, "i1")?, frame(i2, "i2")?);
-        let settings = settings(named, &[&i1, &i2])?;
+        let settings = read_settings(settings, &[&i1, &i2])?;
         let watch = Watch::new(progress, cancel);
         let cancel = watch.cancel.clone();
-        let registered = self.watched(py, &watch, |inner, report| {
+        let registered = self.run(py, &watch, |inner, report| {
             let options = SolveOptions { cancel, progress: Some(report), ..SolveOptions::default() };
             inner.solver(&settings)?.register([&i1, &i2], &options)
         })?;
         of_registration(py, &registered, &settings)
     }
 
-    /// What a solve of a focus sweep finds, by name.
-    #[allow(clippy::too_many_arguments, reason = "they are keywords of Python's")]
+    /// Solves a focus sweep. Returns a dictionary of the result.
+    #[allow(clippy::too_many_arguments, reason = "they are keyword arguments of Python")]
     fn stack<'py>(
         &self,
         py: Python<'py>,
         frames: Vec<Bound<'py, PyAny>>,
-        named: &Bound<'py, PyDict>,
+        settings: &Bound<'py, PyDict>,
         positions: Option<Vec<f64>>,
         unit: &str,
         reference: Option<usize>,
-        part: Option<[u32; 4]>,
-        counts: Option<&Bound<'py, PyAny>>,
+        region: Option<[u32; 4]>,
+        mask: Option<&Bound<'py, PyAny>>,
         progress: Option<Bound<'py, PyAny>>,
         cancel: Option<PyRef<'_, CancellationToken>>,
     ) -> PyResult<Bound<'py, PyDict>> {
@@ -150,31 +152,31 @@ impl Engine {
             (Some(p), "stage") => Positions::Stage(p),
             _ => return Err(PyValueError::new_err(format!("unit={unit:?}: give settings, distances or stage"))),
         };
-        let settings = settings(named, &frames.iter().collect::<Vec<_>>())?;
+        let settings = read_settings(settings, &frames.iter().collect::<Vec<_>>())?;
         let watch = Watch::new(progress, cancel);
-        let (mask, cancel) = (counts.map(mask).transpose()?, watch.cancel.clone());
-        let scope = SolveOptions { region: part.map(region), mask, cancel, ..SolveOptions::default() };
-        let sweep = self.watched(py, &watch, |inner, report| {
-            let scope = SolveOptions { progress: Some(report), ..scope };
-            SweepSolver::new(&inner.engine, &SweepOptions { settings, positions, reference })?.solve(&frames, &scope)
+        let (mask, cancel) = (mask.map(convert::mask).transpose()?, watch.cancel.clone());
+        let options = SolveOptions { region: region.map(convert::region), mask, cancel, ..SolveOptions::default() };
+        let sweep = self.run(py, &watch, |inner, report| {
+            let options = SolveOptions { progress: Some(report), ..options };
+            SweepSolver::new(&inner.engine, &SweepOptions { settings, positions, reference })?.solve(&frames, &options)
         })?;
         of_sweep(py, sweep)
     }
 }
 
 impl Engine {
-    /// Uses the device without the interpreter's lock.
+    /// Runs a function on the engine without the interpreter's lock.
     fn with<T: Send>(
         &self,
         py: Python<'_>,
         run: impl FnOnce(&mut Inner) -> Result<T, parfocal::Error> + Send,
     ) -> PyResult<T> {
         let inner = self.inner.as_ref().filter(|_| self.process == process::id()).ok_or_else(forked)?;
-        py.detach(|| run(&mut inner.lock().unwrap_or_else(PoisonError::into_inner))).map_err(raised)
+        py.detach(|| run(&mut inner.lock().unwrap_or_else(PoisonError::into_inner))).map_err(exception)
     }
 
-    /// The same of what says how far it is, and may be called off.
-    fn watched<'py, T: Send>(
+    /// Runs a solve with progress and cancellation, without the interpreter's lock.
+    fn run<'py, T: Send>(
         &self,
         py: Python<'py>,
         watch: &Watch<'py>,
@@ -187,9 +189,9 @@ impl Engine {
                 match inner.try_lock() {
                     Ok(inner) => break inner,
                     Err(TryLockError::Poisoned(inner)) => break inner.into_inner(),
-                    // Another thread solves, for which this one may be called off.
+                    // Another thread solves. This call may be cancelled while it waits.
                     Err(TryLockError::WouldBlock) if cancel.is_cancelled() => return Err(parfocal::Error::Cancelled),
-                    Err(TryLockError::WouldBlock) => thread::sleep(TURN),
+                    Err(TryLockError::WouldBlock) => thread::sleep(RETRY),
                 }
             };
             run(&mut inner, report)
@@ -198,7 +200,7 @@ impl Engine {
 }
 
 impl Inner {
-    /// The solver, with these settings.
+    /// Returns the solver with these settings, made on the first call.
     fn solver(&mut self, settings: &Settings) -> Result<&mut PairSolver, parfocal::Error> {
         let mut solver = match self.solver.take() {
             Some(solver) => solver,
@@ -209,63 +211,65 @@ impl Inner {
     }
 }
 
-/// The longest wait for one solve.
-pub(crate) fn patience(seconds: f64) -> PyResult<Duration> {
+/// Converts the time limit of a solve.
+pub(crate) fn time_limit(seconds: f64) -> PyResult<Duration> {
     let timeout = Duration::try_from_secs_f64(seconds).ok().filter(|timeout| !timeout.is_zero());
-    timeout.ok_or_else(|| PyValueError::new_err("timeout: give seconds, more than 0"))
+    timeout.ok_or_else(|| PyValueError::new_err("timeout: give a number of seconds above 0"))
 }
 
-/// What is said in a process that was forked.
+/// The error of a call in a forked process.
 pub(crate) fn forked() -> PyErr {
     DeviceError::new_err(
-        "this process was forked after the engine was opened, and the device is not in it: use multiprocessing's start \
+        "this process was forked after the engine was opened, and cannot use the device: use multiprocessing's start \
          method 'spawn' or 'forkserver', or open the first engine in the child",
     )
 }
 
-/// The names of the devices, and why those that will not do will not.
+/// Lists the devices: name, and the reason if the device is unusable.
 #[pyfunction]
 pub(crate) fn devices(py: Python<'_>) -> PyResult<Vec<(String, Option<String>)>> {
-    let found = py.detach(parfocal::Engine::devices).map_err(raised)?;
-    Ok(found.into_iter().map(|device| (device.name, device.unusable)).collect())
+    let devices = py.detach(parfocal::Engine::devices).map_err(exception)?;
+    Ok(devices.into_iter().map(|device| (device.name, device.unusable)).collect())
 }
 
-/// Other photographs on the pixels of results: the transform, gain, offset and shading, the part that it is of, how values are
-/// decoded, and the part that is wanted.
+/// Resamples another photograph onto the pixels of results.
+///
+/// brightness: gain, offset, shading coefficients, and the region of the shading. region: the part to return.
 #[pyfunction]
 pub(crate) fn apply(
     py: Python<'_>,
-    of: &Bound<'_, PyAny>,
+    image: &Bound<'_, PyAny>,
     transform: [[f64; 3]; 3],
     brightness: Option<(f64, f64, Vec<f64>, [u32; 4])>,
     decode: &str,
-    part: [u32; 4],
+    region: [u32; 4],
 ) -> PyResult<Py<PyAny>> {
-    let (frame, transform) = (frame(of, "image")?, homography(transform)?);
+    let (frame, transform) = (frame(image, "image")?, homography(transform)?);
     let brightness = match brightness {
         None => Brightness::identity([frame.width(), frame.height()]),
-        Some((gain, offset, coefficients, part)) => {
+        Some((gain, offset, coefficients, shading_region)) => {
             let coefficients = <[f64; Shading::TERMS]>::try_from(coefficients).map_err(|c| {
-                PyValueError::new_err(format!("shading has {} coefficients, not {}", c.len(), Shading::TERMS))
+                PyValueError::new_err(format!("shading has {} coefficients: give {}", c.len(), Shading::TERMS))
             })?;
             Brightness {
                 photometric: Photometric { gain, offset },
                 shading: Shading { coefficients },
-                part: region(part),
+                part: convert::region(shading_region),
             }
         }
     };
     let decode = if decode == "srgb" { Decode::Srgb } else { Decode::None };
-    let moved = py.detach(|| resample::registered(&frame, &transform, &brightness, decode).cropped(region(part)));
-    array_of(py, &moved.map_err(PyValueError::new_err)?)
+    let part = convert::region(region);
+    let resampled = py.detach(|| resample::registered(&frame, &transform, &brightness, decode).cropped(part));
+    array_of(py, &resampled.map_err(PyValueError::new_err)?)
 }
 
-/// Depth and deviation, mm; pixels out of range; what speaks against the lens.
+/// Depth and its standard deviation, mm; number of pixels out of range; a warning about the lens.
 type Depth = (Py<PyAny>, Py<PyAny>, usize, Option<String>);
 
-/// Depth in mm through a lens.
+/// Computes depth, mm, through a lens.
 #[pyfunction]
-#[allow(clippy::too_many_arguments, reason = "they are keywords of Python's")]
+#[allow(clippy::too_many_arguments, reason = "they are keyword arguments of Python")]
 pub(crate) fn depth(
     py: Python<'_>,
     blur: PyReadonlyArray2<'_, f32>,
@@ -279,19 +283,19 @@ pub(crate) fn depth(
 ) -> PyResult<Depth> {
     let (focal_length, f_number, pixel_pitch) = optics;
     let lens = Lens { focal_length, f_number, pixel_pitch, focus, kappa, telecentric };
-    lens.check().map_err(raised)?;
+    lens.check().map_err(exception)?;
     let [blur, sigma] = [blur, uncertainty].map(|field| field.as_array().to_owned());
     if blur.dim() != sigma.dim() {
-        return Err(PyValueError::new_err("relative blur and uncertainty are of two shapes"));
+        return Err(PyValueError::new_err("relative blur and uncertainty differ in shape"));
     }
     let size = [blur.ncols() as u32, blur.nrows() as u32];
     let (blur, sigma): (Vec<f32>, Vec<f32>) = (blur.into_iter().collect(), sigma.into_iter().collect());
-    let (found, doubt) = py.detach(|| {
-        let found = MetricDepth::new(&lens, scale, limit, size[0], &blur, &sigma);
-        let doubt = found.doubt(scale, limit, &blur);
-        (found, doubt)
+    let (metric, warning) = py.detach(|| {
+        let metric = MetricDepth::new(&lens, scale, limit, size[0], &blur, &sigma);
+        let warning = metric.doubt(scale, limit, &blur);
+        (metric, warning)
     });
-    Ok((field(py, found.depth, size)?, field(py, found.deviation, size)?, found.out_of_range, doubt))
+    Ok((field(py, metric.depth, size)?, field(py, metric.deviation, size)?, metric.out_of_range, warning))
 }
 
 fn decode_name(decode: Decode) -> &'static str {
@@ -311,76 +315,76 @@ fn brightness<'py>(py: Python<'py>, of: &Brightness, into: &Bound<'py, PyDict>) 
 }
 
 pub(crate) fn of_solution<'py>(py: Python<'py>, s: Solution, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
-    let (found, size, channels) = (PyDict::new(py), [s.width, s.height], s.fused_channels);
-    found.set_item("relative_blur", field(py, s.relative_blur, size)?)?;
-    found.set_item("uncertainty", field(py, s.uncertainty, size)?)?;
-    found.set_item("confidence", field(py, s.confidence, size)?)?;
-    found.set_item("residual", field(py, s.residual, size)?)?;
+    let (result, size, channels) = (PyDict::new(py), [s.width, s.height], s.fused_channels);
+    result.set_item("relative_blur", field(py, s.relative_blur, size)?)?;
+    result.set_item("uncertainty", field(py, s.uncertainty, size)?)?;
+    result.set_item("confidence", field(py, s.confidence, size)?)?;
+    result.set_item("residual", field(py, s.residual, size)?)?;
     let fused = settings.fused.then(|| image(py, s.fused, size, channels)).transpose()?;
-    found.set_item("fused", fused)?;
+    result.set_item("fused", fused)?;
     let s = s.findings;
-    brightness(py, &s.brightness(), &found)?;
-    found.set_item("region", <[u32; 4]>::from(s.region()))?;
-    found.set_item("transform", matrix(py, &s.transform)?)?;
-    found.set_item("scale", s.transform.scale())?;
-    found.set_item("photograph", s.photograph)?;
-    found.set_item("regularization", s.regularization)?;
-    found.set_item("kernel_shape", s.kernel_shape)?;
-    found.set_item("other_motion", s.other_motion.map(|other| other.to_string()))?;
-    found.set_item("levels", levels(py, &s.levels)?)?;
-    found.set_item("converged", s.converged)?;
-    found.set_item("warnings", s.warnings)?;
-    found.set_item("valid_fraction", s.valid_fraction)?;
-    found.set_item("mean_confidence", s.mean_confidence)?;
-    found.set_item("saturated_fraction", s.saturated_fraction)?;
-    found.set_item("max_relative_blur", settings.max_relative_blur)?;
-    found.set_item("decode", decode_name(settings.decode))?;
-    found.set_item("total_ms", s.timings.total_ms)?;
-    found.set_item("gpu_ms", s.timings.gpu_ms)?;
-    Ok(found)
+    brightness(py, &s.brightness(), &result)?;
+    result.set_item("region", <[u32; 4]>::from(s.region()))?;
+    result.set_item("transform", matrix(py, &s.transform)?)?;
+    result.set_item("scale", s.transform.scale())?;
+    result.set_item("photograph", s.photograph)?;
+    result.set_item("regularization", s.regularization)?;
+    result.set_item("kernel_shape", s.kernel_shape)?;
+    result.set_item("other_motion", s.other_motion.map(|other| other.to_string()))?;
+    result.set_item("levels", levels(py, &s.levels)?)?;
+    result.set_item("converged", s.converged)?;
+    result.set_item("warnings", s.warnings)?;
+    result.set_item("valid_fraction", s.valid_fraction)?;
+    result.set_item("mean_confidence", s.mean_confidence)?;
+    result.set_item("saturated_fraction", s.saturated_fraction)?;
+    result.set_item("max_relative_blur", settings.max_relative_blur)?;
+    result.set_item("decode", decode_name(settings.decode))?;
+    result.set_item("total_ms", s.timings.total_ms)?;
+    result.set_item("gpu_ms", s.timings.gpu_ms)?;
+    Ok(result)
 }
 
 fn of_registration<'py>(py: Python<'py>, r: &Registered, settings: &Settings) -> PyResult<Bound<'py, PyDict>> {
-    let found = PyDict::new(py);
-    brightness(py, &r.brightness(), &found)?;
-    found.set_item("region", [0, 0, r.width, r.height])?;
-    found.set_item("photograph", [r.width, r.height])?;
-    found.set_item("transform", matrix(py, &r.transform)?)?;
-    found.set_item("other_motion", r.other_motion.map(|other| other.to_string()))?;
-    found.set_item("levels", levels(py, &r.levels)?)?;
-    found.set_item("converged", r.converged)?;
-    found.set_item("warnings", r.warnings.clone())?;
-    found.set_item("decode", decode_name(settings.decode))?;
-    found.set_item("total_ms", r.timings.total_ms)?;
-    found.set_item("gpu_ms", r.timings.gpu_ms)?;
-    Ok(found)
+    let result = PyDict::new(py);
+    brightness(py, &r.brightness(), &result)?;
+    result.set_item("region", [0, 0, r.width, r.height])?;
+    result.set_item("photograph", [r.width, r.height])?;
+    result.set_item("transform", matrix(py, &r.transform)?)?;
+    result.set_item("other_motion", r.other_motion.map(|other| other.to_string()))?;
+    result.set_item("levels", levels(py, &r.levels)?)?;
+    result.set_item("converged", r.converged)?;
+    result.set_item("warnings", r.warnings.clone())?;
+    result.set_item("decode", decode_name(settings.decode))?;
+    result.set_item("total_ms", r.timings.total_ms)?;
+    result.set_item("gpu_ms", r.timings.gpu_ms)?;
+    Ok(result)
 }
 
 fn of_sweep(py: Python<'_>, s: Sweep) -> PyResult<Bound<'_, PyDict>> {
-    let (found, size) = (PyDict::new(py), [s.width, s.height]);
+    let (result, size) = (PyDict::new(py), [s.width, s.height]);
     let bright = s.brightness.iter().map(|of| {
         let one = PyDict::new(py);
         brightness(py, of, &one).map(|()| one)
     });
-    found.set_item("brightness", bright.collect::<PyResult<Vec<_>>>()?)?;
+    result.set_item("brightness", bright.collect::<PyResult<Vec<_>>>()?)?;
     let transforms = s.transforms.iter().map(|t| matrix(py, t)).collect::<PyResult<Vec<_>>>()?;
-    found.set_item("transforms", transforms)?;
-    found.set_item("region", <[u32; 4]>::from(s.region))?;
-    found.set_item("photograph", s.photograph)?;
-    found.set_item("focus", field(py, s.focus, size)?)?;
-    found.set_item("uncertainty", field(py, s.uncertainty, size)?)?;
-    found.set_item("beyond", field(py, s.beyond, size)?)?;
+    result.set_item("transforms", transforms)?;
+    result.set_item("region", <[u32; 4]>::from(s.region))?;
+    result.set_item("photograph", s.photograph)?;
+    result.set_item("focus", field(py, s.focus, size)?)?;
+    result.set_item("uncertainty", field(py, s.uncertainty, size)?)?;
+    result.set_item("beyond", field(py, s.beyond, size)?)?;
     let (depth, deviation) = s.depth.map(|depth| (depth.depth, depth.deviation)).unzip();
-    found.set_item("depth", depth.map(|depth| field(py, depth, size)).transpose()?)?;
-    found.set_item("deviation", deviation.map(|deviation| field(py, deviation, size)).transpose()?)?;
-    found.set_item("fused", image(py, s.fused, size, s.fused_channels)?)?;
-    found.set_item("frame", field(py, s.frames, size)?)?;
-    found.set_item("reference", s.reference)?;
-    found.set_item("positions", row(py, s.positions))?;
-    found.set_item("unit", s.unit)?;
-    found.set_item("blur_rate", s.blur_rate)?;
-    found.set_item("order", s.order)?;
-    found.set_item("decode", decode_name(s.decode))?;
-    found.set_item("warnings", s.warnings)?;
-    Ok(found)
+    result.set_item("depth", depth.map(|depth| field(py, depth, size)).transpose()?)?;
+    result.set_item("deviation", deviation.map(|deviation| field(py, deviation, size)).transpose()?)?;
+    result.set_item("fused", image(py, s.fused, size, s.fused_channels)?)?;
+    result.set_item("frame", field(py, s.frames, size)?)?;
+    result.set_item("reference", s.reference)?;
+    result.set_item("positions", row(py, s.positions))?;
+    result.set_item("unit", s.unit)?;
+    result.set_item("blur_rate", s.blur_rate)?;
+    result.set_item("order", s.order)?;
+    result.set_item("decode", decode_name(s.decode))?;
+    result.set_item("warnings", s.warnings)?;
+    Ok(result)
 }

@@ -1,5 +1,4 @@
-//! The Python interface of parfocal: the module `parfocal._native`, of plain arrays and dictionaries. What users see is the
-//! package around it, `python/parfocal`.
+//! The module `parfocal._native`: plain arrays and dictionaries. Users see the package around it, `python/parfocal`.
 
 mod convert;
 mod engine;
@@ -17,13 +16,13 @@ pyo3::create_exception!(
     parfocal,
     DeviceError,
     pyo3::exceptions::PyRuntimeError,
-    "No device will do, or it failed or took too long."
+    "No device is usable, or the device failed or exceeded the time limit."
 );
 
-pyo3::create_exception!(parfocal, Cancelled, pyo3::exceptions::PyRuntimeError, "The call was called off.");
+pyo3::create_exception!(parfocal, Cancelled, pyo3::exceptions::PyRuntimeError, "The call was cancelled.");
 
-/// What is wrong, as an exception: of the device, or of what was handed over.
-fn raised(error: parfocal::Error) -> PyErr {
+/// Converts an error to an exception: DeviceError, Cancelled, or ValueError for invalid arguments.
+fn exception(error: parfocal::Error) -> PyErr {
     use parfocal::Error;
     match error {
         Error::NoLoader(_)
@@ -37,7 +36,7 @@ fn raised(error: parfocal::Error) -> PyErr {
     }
 }
 
-/// What is private to the package.
+/// The private module of the package.
 #[pymodule]
 mod _native {
     use pyo3::prelude::*;

@@ -7,11 +7,11 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::convert::{region, row};
-use crate::raised;
+use crate::exception;
 
 type Field<'py> = PyReadonlyArray2<'py, f32>;
 
-/// Its width, and the values, copied so that the interpreter may go on meanwhile.
+/// Copies a field, so that other Python threads may run meanwhile. Returns its width and values.
 fn copied(values: &Field<'_>) -> PyResult<(u32, Vec<f32>)> {
     let width = u32::try_from(values.shape()[1]).map_err(|_| PyValueError::new_err("the field is too wide"))?;
     Ok((width, values.as_array().iter().copied().collect()))
@@ -21,21 +21,21 @@ fn pair(estimate: Option<Estimate>) -> Option<(f64, f64)> {
     estimate.map(|estimate| (estimate.value, estimate.standard_error))
 }
 
-/// Value and standard error of a region's level.
+/// Returns value and standard error of a region's level.
 #[pyfunction]
 pub(crate) fn level(py: Python<'_>, values: Field<'_>, of: [u32; 4]) -> PyResult<Option<(f64, f64)>> {
     let (width, values) = copied(&values)?;
-    py.detach(|| Values { width, values: &values }.level(region(of))).map(pair).map_err(raised)
+    py.detach(|| Values { width, values: &values }.level(region(of))).map(pair).map_err(exception)
 }
 
-/// Value and standard error of a step from one region to another.
+/// Returns value and standard error of a step from one region to another.
 #[pyfunction]
 pub(crate) fn step(py: Python<'_>, values: Field<'_>, from: [u32; 4], to: [u32; 4]) -> PyResult<Option<(f64, f64)>> {
     let (width, values) = copied(&values)?;
-    py.detach(|| Values { width, values: &values }.step(region(from), region(to))).map(pair).map_err(raised)
+    py.detach(|| Values { width, values: &values }.step(region(from), region(to))).map(pair).map_err(exception)
 }
 
-/// Values along a line.
+/// Returns the values along a line.
 #[pyfunction]
 pub(crate) fn profile(
     py: Python<'_>,
@@ -46,5 +46,5 @@ pub(crate) fn profile(
 ) -> PyResult<Py<PyAny>> {
     let (width, values) = copied(&values)?;
     let line = Line { from: start, to: end, width: across };
-    py.detach(|| Values { width, values: &values }.profile(&line)).map(|found| row(py, found)).map_err(raised)
+    py.detach(|| Values { width, values: &values }.profile(&line)).map(|values| row(py, values)).map_err(exception)
 }

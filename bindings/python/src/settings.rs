@@ -1,4 +1,4 @@
-//! Settings by their names in `docs/method.md`, section 8.
+//! Settings from Python keywords, with the names of `docs/method.md`, section 8.
 
 use std::fmt::Display;
 
@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::convert::homography;
-use crate::raised;
+use crate::exception;
 
 /// The names of the settings.
 #[pyfunction]
@@ -21,15 +21,15 @@ pub(crate) fn setting_names() -> Vec<&'static str> {
     Settings::TABLE.iter().map(|setting| setting.name).collect()
 }
 
-/// The settings that a call names, for these photographs.
+/// Reads the settings of a call and resolves `decode` for these photographs.
 pub(crate) fn settings(named: &Bound<'_, PyDict>, frames: &[&Frame]) -> PyResult<Settings> {
     let mut settings = Settings::default();
     for (name, value) in named {
         let name: String = name.extract()?;
-        set(&mut settings, &name, &value).map_err(|e| of_setting(&value, &name, e))?;
+        set(&mut settings, &name, &value).map_err(|e| with_setting(&value, &name, e))?;
     }
-    settings.check().map_err(raised)?;
-    // Results state how values were read.
+    settings.check().map_err(exception)?;
+    // Results state how values were decoded.
     settings.decode = settings.decode.resolved(frames.iter().map(|frame| frame.format().depth));
     Ok(settings)
 }
@@ -65,7 +65,7 @@ fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
         }
         _ => {
             return Err(PyTypeError::new_err(format!(
-                "there is no such setting; there are {}",
+                "unknown setting; the settings are {}",
                 setting_names().join(", ")
             )));
         }
@@ -73,8 +73,8 @@ fn set(s: &mut Settings, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
     Ok(())
 }
 
-/// Names the setting.
-fn of_setting(value: &Bound<'_, PyAny>, name: &str, error: PyErr) -> PyErr {
+/// Adds the setting's name and value to an error.
+fn with_setting(value: &Bound<'_, PyAny>, name: &str, error: PyErr) -> PyErr {
     let py = value.py();
     let message =
         format!("{name}={}: {}", value.repr().map_or_else(|_| "?".into(), |r| r.to_string()), error.value(py));
@@ -85,7 +85,7 @@ fn of_setting(value: &Bound<'_, PyAny>, name: &str, error: PyErr) -> PyErr {
     }
 }
 
-/// A value, or "auto" or None.
+/// Reads a value; "auto" and None give `None`.
 fn auto<'py, T: for<'a> FromPyObject<'a, 'py, Error = PyErr>>(value: &Bound<'py, PyAny>) -> PyResult<Option<T>> {
     let is_auto = value.is_none() || value.extract::<String>().is_ok_and(|word| word == "auto");
     if is_auto { Ok(None) } else { value.extract().map(Some) }
@@ -93,20 +93,22 @@ fn auto<'py, T: for<'a> FromPyObject<'a, 'py, Error = PyErr>>(value: &Bound<'py,
 
 fn one_of<T: Clone>(value: &Bound<'_, PyAny>, all: &[T], name: impl Fn(&T) -> &str) -> PyResult<T> {
     let word: String = value.extract()?;
-    let found = all.iter().find(|one| name(one) == word).cloned();
-    found.ok_or_else(|| PyValueError::new_err(format!("give {}", listed(all.iter().map(name)))))
+    let value = all.iter().find(|one| name(one) == word).cloned();
+    value.ok_or_else(|| PyValueError::new_err(format!("give {}", listed(all.iter().map(name)))))
 }
 
 fn listed<'a>(names: impl Iterator<Item = &'a str>) -> impl Display {
     names.collect::<Vec<_>>().join(", ")
 }
 
-/// By name, or its values on a grid.
+/// Reads a kernel: a name, or its samples as an array.
 fn kernel(value: &Bound<'_, PyAny>) -> PyResult<Kernel> {
     if let Ok(grid) = value.extract::<PyReadonlyArray2<'_, f64>>() {
-        let [height, width] = *grid.shape() else { return Err(PyValueError::new_err("give two dimensions")) };
+        let [height, width] = *grid.shape() else {
+            return Err(PyValueError::new_err("give an array of two dimensions"));
+        };
         let densities: Vec<f64> = grid.as_array().iter().copied().collect();
-        return Aperture::new("array", width, height, &densities).map(Kernel::Measured).map_err(raised);
+        return Aperture::new("array", width, height, &densities).map(Kernel::Measured).map_err(exception);
     }
     one_of(value, &Kernel::NAMED, |kernel| kernel.name())
 }

@@ -1,4 +1,4 @@
-//! Many pairs one after the other. Waits are in steps, without the interpreter's lock, between which Ctrl-C is heard.
+//! The class Stream. It waits in short steps without the interpreter's lock, and checks for Ctrl-C between them.
 
 use std::process;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -11,15 +11,15 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::convert::frame;
-use crate::engine::{forked, of_solution, patience};
-use crate::raised;
-use crate::settings::settings;
+use crate::engine::{forked, of_solution, time_limit};
+use crate::exception;
+use crate::settings::settings as read_settings;
 use crate::watch::STEP;
 
-/// Devices, and a stream over them from the first pair on, which says of what size and format pairs are.
+/// Devices, and a stream over them. The first pair determines size and format, and makes the stream.
 #[pyclass(frozen, module = "parfocal")]
 pub(crate) struct Stream {
-    /// Not touched in a process that was forked: neither threads nor the driver's are there.
+    /// Not used in a forked process, which has neither the worker nor the driver threads.
     inner: Option<Inner>,
     slots: usize,
     process: u32,
@@ -30,7 +30,7 @@ struct Inner {
     state: Mutex<State>,
 }
 
-/// Those who wait share what they wait for.
+/// The state that waiting calls share.
 #[derive(Clone, Default)]
 struct State {
     prepared: Option<Arc<Prepared>>,
@@ -53,7 +53,7 @@ impl Drop for Stream {
 
 #[pymethods]
 impl Stream {
-    /// devices: as of an engine, one each; None takes the most capable, ["all"] every one that works.
+    /// devices: one engine's `device` each; None selects the most capable, ["all"] all usable ones.
     #[new]
     fn new(
         py: Python<'_>,
@@ -62,14 +62,14 @@ impl Stream {
         timeout: f64,
         validation: bool,
     ) -> PyResult<Self> {
-        let timeout = patience(timeout)?;
+        let timeout = time_limit(timeout)?;
         if slots == 0 || devices.as_ref().is_some_and(Vec::is_empty) {
-            return Err(PyValueError::new_err("a stream has one device at least, and one slot"));
+            return Err(PyValueError::new_err("give at least one device and one slot"));
         }
         let open =
             |device| parfocal::Engine::new(&EngineOptions { device, validation, timeout, ..EngineOptions::default() });
-        let engines = py.detach(|| named(devices)?.into_iter().map(open).collect::<Result<Vec<_>, _>>());
-        let inner = Some(Inner { engines: engines.map_err(raised)?, state: Mutex::default() });
+        let engines = py.detach(|| device_names(devices)?.into_iter().map(open).collect::<Result<Vec<_>, _>>());
+        let inner = Some(Inner { engines: engines.map_err(exception)?, state: Mutex::default() });
         Ok(Self { inner, slots, process: process::id() })
     }
 
@@ -79,13 +79,13 @@ impl Stream {
         Ok(self.inner()?.engines.iter().map(|engine| engine.info().name.clone()).collect())
     }
 
-    /// What validation has said so far.
+    /// The messages of the validation layer so far.
     #[getter]
     fn messages(&self) -> PyResult<Vec<String>> {
         Ok(self.inner()?.engines.iter().flat_map(parfocal::Engine::validation_messages).collect())
     }
 
-    /// How many pairs may be pushed and not yet read.
+    /// The number of pairs that may be pushed and not yet read.
     #[getter]
     fn capacity(&self) -> PyResult<usize> {
         Ok(self.slots.saturating_mul(2).saturating_mul(self.inner()?.engines.len()))
@@ -96,18 +96,18 @@ impl Stream {
         Ok(py.detach(|| inner.lock().prepared.as_ref().map_or(0, |prepared| prepared.stream.len())))
     }
 
-    /// Whether there was room for a pair by then; None waits for ever.
+    /// Pushes a pair. Returns whether there was room in time; a timeout of None waits without limit.
     fn push<'py>(
         &self,
         py: Python<'py>,
         i1: &Bound<'py, PyAny>,
         i2: &Bound<'py, PyAny>,
-        named: &Bound<'py, PyDict>,
+        settings: &Bound<'py, PyDict>,
         timeout: Option<f64>,
     ) -> PyResult<bool> {
         let (inner, pair) = (self.inner()?, [frame(i1, "i1")?, frame(i2, "i2")?]);
-        let settings = settings(named, &[&pair[0], &pair[1]])?;
-        let prepared = py.detach(|| inner.prepare(self.slots, &pair, settings)).map_err(raised)?;
+        let settings = read_settings(settings, &[&pair[0], &pair[1]])?;
+        let prepared = py.detach(|| inner.prepare(self.slots, &pair, settings)).map_err(exception)?;
         let prepared = prepared.ok_or_else(|| PyValueError::new_err("the stream is closed"))?;
         let mut pair = Some(pair);
         let push = |step| {
@@ -132,11 +132,11 @@ impl Stream {
         }
     }
 
-    /// The next result, by name, if it is there by then.
+    /// Returns the next result as a dictionary, if it is ready in time.
     fn next<'py>(&self, py: Python<'py>, timeout: Option<f64>) -> PyResult<Option<Bound<'py, PyDict>>> {
         let inner = self.inner()?;
         let Some(Some((solved, prepared))) = in_steps(py, timeout, |step| inner.next(step))? else { return Ok(None) };
-        of_solution(py, solved.map_err(raised)?, &prepared.settings).map(Some)
+        of_solution(py, solved.map_err(exception)?, &prepared.settings).map(Some)
     }
 
     fn finish(&self, py: Python<'_>) -> PyResult<()> {
@@ -149,14 +149,14 @@ impl Stream {
         Ok(())
     }
 
-    /// Waits for what the devices have, and forgets the rest.
+    /// Waits for the pairs in flight and drops the rest.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         let inner = self.inner()?;
         py.detach(|| {
             let mut state = inner.lock();
             state.is_closed = true;
             let prepared = state.prepared.take();
-            // Whoever waits is to see it meanwhile.
+            // Unlocked first, so that waiting calls see that the stream is closed.
             drop(state);
             drop(prepared);
         });
@@ -170,7 +170,7 @@ impl Stream {
     }
 }
 
-/// What came of a pair, and by which settings; `None` where all has been read and no more comes.
+/// The result of a pair and the stream it came from; `None` at the end of the stream.
 type Next = Option<(Result<Solution, Error>, Arc<Prepared>)>;
 
 impl Inner {
@@ -178,7 +178,7 @@ impl Inner {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The stream, made for pairs like this one if it is the first; `None` once it is closed.
+    /// Returns the stream, which the first pair makes; `None` once it is closed.
     fn prepare(&self, slots: usize, pair: &[Frame; 2], settings: Settings) -> Result<Option<Arc<Prepared>>, Error> {
         let mut state = self.lock();
         if state.is_closed {
@@ -193,7 +193,7 @@ impl Inner {
         Ok(state.prepared.clone())
     }
 
-    /// `None` where nothing is there by then.
+    /// Returns the next result; `None` if it is not ready in time.
     fn next(&self, limit: Duration) -> Option<Next> {
         let State { prepared, is_finished, is_closed } = self.lock().clone();
         let Some(prepared) = prepared else {
@@ -209,30 +209,30 @@ impl Inner {
     }
 }
 
-/// The devices to open.
-fn named(devices: Option<Vec<String>>) -> Result<Vec<Option<String>>, Error> {
+/// Returns the devices to open.
+fn device_names(devices: Option<Vec<String>>) -> Result<Vec<Option<String>>, Error> {
     match devices {
         None => Ok(vec![None]),
         Some(devices) if devices == ["all"] => {
-            let found = parfocal::Engine::devices()?;
-            let every = DeviceInfo::usable(&found).into_iter().map(|device| Some(device.index.to_string()));
-            let every: Vec<_> = every.collect();
-            // Without any, the error says why.
-            Ok(if every.is_empty() { vec![None] } else { every })
+            let all = parfocal::Engine::devices()?;
+            let usable = DeviceInfo::usable(&all).into_iter().map(|device| Some(device.index.to_string()));
+            let usable: Vec<_> = usable.collect();
+            // Without a usable device, opening the default one gives the reason.
+            Ok(if usable.is_empty() { vec![None] } else { usable })
         }
         Some(devices) => Ok(devices.into_iter().map(Some).collect()),
     }
 }
 
-/// Tries again until it is done or so many seconds are over; `None` for ever.
+/// Repeats an attempt until it succeeds or the timeout in seconds passes; `None` has no limit.
 fn in_steps<T: Send>(
     py: Python<'_>,
     timeout: Option<f64>,
     mut attempt: impl FnMut(Duration) -> Option<T> + Send,
 ) -> PyResult<Option<T>> {
-    let wrong = |_| PyValueError::new_err("timeout: give seconds, 0 or more, or None");
+    let wrong = |_| PyValueError::new_err("timeout: give seconds of at least 0, or None");
     let timeout = timeout.map(Duration::try_from_secs_f64).transpose().map_err(wrong)?;
-    // Past what a clock can hold, there is no deadline.
+    // A deadline beyond the clock's range is none.
     let deadline = timeout.and_then(|timeout| Instant::now().checked_add(timeout));
     loop {
         let left = deadline.map_or(STEP, |deadline| deadline.saturating_duration_since(Instant::now()));

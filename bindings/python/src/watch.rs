@@ -1,4 +1,4 @@
-//! Calls that say how far they are, hear Ctrl-C, and are called off. The work goes on in a thread of its own, without the interpreter's lock.
+//! Progress, Ctrl-C and cancellation of calls. The work runs in its own thread without the interpreter's lock.
 
 use std::sync::Arc;
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -9,12 +9,12 @@ use parfocal::Progress;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
-use crate::raised;
+use crate::exception;
 
-/// How long a wait lasts before Ctrl-C is asked for.
+/// Interval between checks for Ctrl-C.
 pub(crate) const STEP: Duration = Duration::from_millis(50);
 
-/// Calls solves off, from any thread: those that have it raise Cancelled soon, and so do all that begin with it afterwards.
+/// Cancels solves, from any thread: solves that use the token raise Cancelled soon, and so do later ones.
 #[pyclass(frozen, module = "parfocal")]
 #[derive(Default)]
 pub(crate) struct CancellationToken {
@@ -28,12 +28,12 @@ impl CancellationToken {
         Self::default()
     }
 
-    /// Calls off what is being solved with it.
+    /// Cancels all solves that use this token.
     fn cancel(&self) {
         self.cancel.cancel();
     }
 
-    /// Whether it was called off.
+    /// Whether `cancel` was called.
     #[getter]
     fn is_cancelled(&self) -> bool {
         self.cancel.is_cancelled()
@@ -43,7 +43,7 @@ impl CancellationToken {
 /// The progress function of a solve.
 pub(crate) type Report = Arc<dyn Fn(Progress) + Send + Sync>;
 
-/// Who is told which share is done, if anyone, and what calls off.
+/// The progress function and the cancellation token of a call.
 pub(crate) struct Watch<'py> {
     pub(crate) progress: Option<Bound<'py, PyAny>>,
     pub(crate) cancel: parfocal::CancellationToken,
@@ -54,45 +54,46 @@ impl<'py> Watch<'py> {
         Self { progress, cancel: cancel.map(|cancel| cancel.cancel.clone()).unwrap_or_default() }
     }
 
-    /// Does work that tells which share of it is done. What progress raises, and Ctrl-C, calls it off.
+    /// Runs `work` and passes its progress to Python. An exception of the progress function, and Ctrl-C, cancel it.
     pub(crate) fn over<T: Send>(
         &self,
         py: Python<'py>,
         work: impl FnOnce(Report) -> Result<T, parfocal::Error> + Send,
     ) -> PyResult<T> {
-        let (tell, mut told) = mpsc::channel::<f64>();
+        let (sender, mut receiver) = mpsc::channel::<f64>();
         thread::scope(|scope| {
             let work = move || {
                 work(Arc::new(move |progress: Progress| {
-                    // Nothing receives any more once the call has ended.
-                    let _ = tell.send(progress.share);
+                    // Fails only once the call has ended and nothing receives any more.
+                    let _ = sender.send(progress.share);
                 }))
             };
             let worker = thread::Builder::new().spawn_scoped(scope, work)?;
-            let mut raising = None;
+            let mut raised = None;
             loop {
-                let heard = &mut told;
-                let heard = py.detach(move || heard.recv_timeout(STEP));
-                let said = match (heard, &raising) {
+                let receiver = &mut receiver;
+                let received = py.detach(move || receiver.recv_timeout(STEP));
+                let called = match (received, &raised) {
                     (Err(RecvTimeoutError::Disconnected), _) => break,
                     (_, Some(_)) => continue,
-                    (Ok(share), None) => self.tell(share),
+                    (Ok(share), None) => self.report(share),
                     (Err(RecvTimeoutError::Timeout), None) => Ok(()),
                 };
-                raising = said.and_then(|()| py.check_signals()).err();
-                if raising.is_some() {
+                raised = called.and_then(|()| py.check_signals()).err();
+                if raised.is_some() {
                     self.cancel.cancel();
                 }
             }
             let done = py.detach(|| worker.join());
-            if let Some(raising) = raising {
-                return Err(raising);
+            if let Some(raised) = raised {
+                return Err(raised);
             }
-            done.map_err(|_| PyRuntimeError::new_err("a fault of parfocal itself: report it"))?.map_err(raised)
+            done.map_err(|_| PyRuntimeError::new_err("internal error of parfocal: please report it"))?
+                .map_err(exception)
         })
     }
 
-    fn tell(&self, share: f64) -> PyResult<()> {
+    fn report(&self, share: f64) -> PyResult<()> {
         self.progress.as_ref().map_or(Ok(()), |progress| progress.call1((share,)).map(drop))
     }
 }

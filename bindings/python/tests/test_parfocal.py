@@ -225,7 +225,7 @@ def test_a_notebook_shows_it_and_it_travels(result):
     ("error", "words", "arguments"),
     [
         (TypeError, "convert it to uint8, uint16 or float32", {"i1": NEAR.astype(float)}),
-        (ValueError, "leave out alpha", {"i1": np.zeros((80, 96, 4), np.uint8)}),
+        (ValueError, "remove the alpha channel", {"i1": np.zeros((80, 96, 4), np.uint8)}),
         (ValueError, "its shape is", {"i2": np.zeros(5, np.uint8)}),
         (ValueError, "must have the same size|96x80", {"i2": FAR[:70]}),
         (ValueError, "not a number", {"i2": np.full_like(FAR, np.nan)}),
