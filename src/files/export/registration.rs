@@ -266,9 +266,9 @@ mod tests {
             ),
             (
                 r#"{"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1, "matrix": [[1,0,0],[0,1,0],[1,0,1]]}"#,
-                "perspective along x is 1",
+                "perspective of start is 1,",
             ),
-            (r#"{"tx_px": 1e6, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "translation x is 1000000"),
+            (r#"{"tx_px": 1e6, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "is 1000000"),
             (r#"{"frames": []}"#, "0 frames"),
         ];
         for (text, expected) in cases {

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
 use serde_json::{Map, Value};
 
@@ -115,7 +115,7 @@ pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub other_motion: Option<OtherMotion>,
     /// Smoothness α of the finest level of a pair, as set or as found.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub regularization: Option<f64>,
     /// The kernel's shape where it was found: 0 is a Gaussian, 1 a disk.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -133,13 +133,13 @@ pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub blur_rate_px2: Option<f64>,
     /// Fraction of the pixels that are valid.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub valid_fraction: Option<f64>,
     /// Mean confidence of the valid pixels of a pair.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub mean_confidence: Option<f64>,
     /// Fraction of the valid pixels of a pair at the limit of |V|.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub saturated_fraction: Option<f64>,
     /// Pixels of a sweep that no frame has in focus.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -187,6 +187,11 @@ pub struct Report {
     pub hashes: BTreeMap<String, Hash>,
     /// Durations.
     pub timings_ms: TimingsReport,
+}
+
+/// Reads a number, and `null` as NaN, since JSON has no NaN.
+fn number_or_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
+    Option::deserialize(deserializer).map(|number| Some(number.unwrap_or(f64::NAN)))
 }
 
 /// A frame and its registration to the reference.
