@@ -1,7 +1,7 @@
 //! Writes the tables of shaders, of their stages and of their constants, from `glsl/`.
 //!
-//! With the feature `compile-shaders` it compiles SPIR-V from `glsl/`. Without, it takes the SPIR-V that `tools/spirv` compiled into
-//! `glsl/spirv`, so that the build needs only Rust.
+//! With the feature `compile-shaders` it compiles SPIR-V from `glsl/`. Without, it takes the SPIR-V that `tools/spirv`
+//! compiled into `glsl/spirv`, so that the build needs only Rust.
 
 #[cfg(feature = "compile-shaders")]
 #[path = "build/compile.rs"]

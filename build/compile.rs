@@ -1,4 +1,4 @@
-//! `glsl/*.comp` to SPIR-V, warnings as errors.
+//! Compiles `glsl/*.comp` to SPIR-V, with warnings as errors.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -11,13 +11,13 @@ use super::{files, stem, write};
 const SHADERS: &str = "glsl";
 const INCLUDES: &str = "glsl/include";
 
-/// Compiles every shader to a file of its name in a folder, which is emptied first.
+/// Compiles each shader to a file of its name in a folder, which is emptied first.
 pub(super) fn all(folder: &Path) -> Result<(), String> {
     let compiler = Compiler::new().map_err(no_start)?;
     let options = options()?;
     let _ = fs::remove_dir_all(folder);
     fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    // A set: a mistake in an include is one mistake, whichever shaders include it.
+    // A set, so that an error in an include is reported once.
     let mut errors = BTreeSet::new();
     for path in files(Path::new(SHADERS), "comp")? {
         match shader(&compiler, &options, &path) {
@@ -28,7 +28,7 @@ pub(super) fn all(folder: &Path) -> Result<(), String> {
     if errors.is_empty() { Ok(()) } else { Err(errors.into_iter().collect::<Vec<_>>().join("\n")) }
 }
 
-/// The same in every build, so that the tests run what is shipped.
+/// The options of all builds, so that tests run the shipped SPIR-V.
 fn options() -> Result<CompileOptions<'static>, String> {
     let mut options = CompileOptions::new().map_err(no_start)?;
     options.set_target_env(TargetEnv::Vulkan, EnvVersion::Vulkan1_3 as u32);
@@ -43,12 +43,12 @@ fn options() -> Result<CompileOptions<'static>, String> {
     Ok(options)
 }
 
-/// One shader, whose name is to be a constant's.
+/// Compiles one shader. A constant is named after it.
 fn shader(compiler: &Compiler, options: &CompileOptions, path: &Path) -> Result<Vec<u8>, String> {
     let (name, path) = (stem(path), path.display().to_string());
     let valid = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
     if !name.starts_with(|c: char| c.is_ascii_lowercase()) || !name.chars().all(valid) {
-        return Err(format!("{path}: a shader is named in a-z, 0-9 and _, from a letter on"));
+        return Err(format!("{path}: rename the shader: use a-z, 0-9 and _, beginning with a letter"));
     }
     let source = fs::read_to_string(&path).map_err(|e| format!("{path}: {e}"))?;
     match compiler.compile_into_spirv(&source, shaderc::ShaderKind::Compute, &path, "main", Some(options)) {
@@ -59,5 +59,5 @@ fn shader(compiler: &Compiler, options: &CompileOptions, path: &Path) -> Result<
 }
 
 fn no_start(error: shaderc::Error) -> String {
-    format!("shaderc does not start ({error}): run tools/setup")
+    format!("shaderc does not load ({error}): run tools/setup")
 }

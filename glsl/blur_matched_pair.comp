@@ -62,12 +62,12 @@ void main() {
     if (x.x >= width || x.y >= height) return;
     Registration r = state.registration;
     float v = imageLoad(relative_blur, ivec3(x, 0)).r, share = 0.0;
-    vec2 d = displacement(r, x, factor, vec2(centre_x, centre_y)), found = vec2(0.0);
+    vec2 d = displacement(r, x, factor, vec2(centre_x, centre_y)), images = vec2(0.0);
     if (inside(x, d, size, v, scale_of(r))) {
         share = counts(x, d, size);
-        found = images_at(x, d, v);
+        images = images_at(x, d, v);
     }
-    imageStore(pair, ivec3(h, 0), vec4(share * found.x));
-    imageStore(pair, ivec3(h, 1), vec4(share * found.y));
+    imageStore(pair, ivec3(h, 0), vec4(share * images.x));
+    imageStore(pair, ivec3(h, 1), vec4(share * images.y));
     imageStore(pair, ivec3(h, 2), vec4(share));
 }

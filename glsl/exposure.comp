@@ -193,8 +193,8 @@ void match_shading(Registration r) {
     if (n != 0) return;
     // James and Stein: subtracts what chance explains with as many terms and independent samples.
     float chance = fitted[LEFT] * float(TERMS) * dependent / max(fitted[WEIGHT], 1.0), explained = fitted[BEFORE] - fitted[LEFT];
-    float kept = explained > chance ? 1.0 - chance / explained : 0.0;
-    for (int i = 0; i < TERMS; i++) state.shading[i] = kept * shading[i];
+    float significant = explained > chance ? 1.0 - chance / explained : 0.0;
+    for (int i = 0; i < TERMS; i++) state.shading[i] = significant * shading[i];
 }
 
 void main() {

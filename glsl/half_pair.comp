@@ -84,10 +84,10 @@ void main() {
     ivec2 x = ivec2(1, ROWS) * invocation(tile, gl_WorkGroupSize.xy);
     for (int n = 0; n < ROWS; n++, x.y++) {
         if (x.x >= width || x.y >= height) break;
-        vec4 said = pixel(x, sums);
-        if (said == vec4(0.0)) continue;
+        vec4 contribution = pixel(x, sums);
+        if (contribution == vec4(0.0)) continue;
         for (int layer = 0; layer < (STAYS ? 4 : 3); layer++) {
-            imageStore(system, ivec3(x, layer), vec4(imageLoad(system, ivec3(x, layer)).r + said[layer]));
+            imageStore(system, ivec3(x, layer), vec4(imageLoad(system, ivec3(x, layer)).r + contribution[layer]));
         }
     }
     float sum = workgroup_sum(sums);

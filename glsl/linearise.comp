@@ -245,13 +245,13 @@ void main() {
                 both = blur_apart(blur, r, at, relative.v, d, scale, imageLoad(image1, ivec3(min(at, size - 1), 0)).r);
             }
             Data t = data_term(r, relative.v, both, share, d);
-            vec2 found = equation(at, vec2(at) - centre, relative, valid, share, t, sums);
+            vec2 coefficients = equation(at, vec2(at) - centre, relative, valid, share, t, sums);
             if (k == 1 && valid) sums.spread += min(share_before, share) * spreads(t.s - s_before);
             s_before = t.s;
             share_before = valid ? share : 0.0;
             if (at.x < width && at.y < height) {
-                imageStore(normal_equations, ivec3(at, 0), vec4(found.x));
-                imageStore(normal_equations, ivec3(at, 1), vec4(found.y));
+                imageStore(normal_equations, ivec3(at, 0), vec4(coefficients.x));
+                imageStore(normal_equations, ivec3(at, 1), vec4(coefficients.y));
             }
         }
     }

@@ -14,26 +14,26 @@ layout(push_constant) uniform Constants {
 const int MOST_WINDOWS = 256;
 const float LEAST_WINDOWS = 8.0, LEAST_SHAPE = 0.1, MOST_SHAPE = 1.5;
 const float UNBIASED = 0.75;
-shared vec2 found[MOST_WINDOWS];     // shape, weight
+shared vec2 estimates[MOST_WINDOWS];     // shape, weight
 shared float quartiles[3];
 
 void main() {
     int first = int(gl_LocalInvocationIndex), step = int(gl_WorkGroupSize.x * gl_WorkGroupSize.y);
-    for (int n = first; n < windows; n += step) found[n] = vec2(partials[2 * n], partials[2 * n + 1]);
+    for (int n = first; n < windows; n += step) estimates[n] = vec2(partials[2 * n], partials[2 * n + 1]);
     barrier();
     float sum = 0.0, squares = 0.0;
     for (int n = 0; n < windows; n++) {
-        sum += found[n].y;
-        squares += found[n].y * found[n].y;
+        sum += estimates[n].y;
+        squares += estimates[n].y * estimates[n].y;
     }
     for (int n = first; n < windows; n += step) {
         float below = 0.0;
         for (int m = 0; m < windows; m++) {
-            if (found[m].x < found[n].x || found[m].x == found[n].x && m < n) below += found[m].y;
+            if (estimates[m].x < estimates[n].x || estimates[m].x == estimates[n].x && m < n) below += estimates[m].y;
         }
         for (int k = 0; k < 3; k++) {
-            float wanted = 0.25 * float(k + 1) * sum;
-            if (below < wanted && wanted <= below + found[n].y) quartiles[k] = found[n].x;
+            float target = 0.25 * float(k + 1) * sum;
+            if (below < target && target <= below + estimates[n].y) quartiles[k] = estimates[n].x;
         }
     }
     barrier();

@@ -44,18 +44,18 @@ shared float by_subgroup[gl_WorkGroupSize.x * gl_WorkGroupSize.y / 4][SUMMED];
 // The departure of a disk from a Gaussian at |V|, between two nodes.
 float departure_at(int image, float v, vec2 shift, ivec3 columns_at, ivec3 lines) {
     int k = node_below(v, nodes);
-    float v0 = node_variance(k), v1 = node_variance(k + 1), found[2];
+    float v0 = node_variance(k), v1 = node_variance(k + 1), departures[2];
     for (int n = 0; n < 2; n++) {
         int at = k + n, from = departs_from(at, nodes);
-        if (at == 0) { found[n] = 0.0; continue; }
+        if (at == 0) { departures[n] = 0.0; continue; }
         vec3 variances, values;
         for (int m = 0; m < 3; m++) {
             variances[m] = node_variance(from + m);
             values[m] = spline_near(stencil(image, from + m, columns_at, lines), shift).value;
         }
-        found[n] = departure(node_variance(at), variances, values);
+        departures[n] = departure(node_variance(at), variances, values);
     }
-    return mix(found[0], found[1], min((v - v0) / (v1 - v0), 1.0));
+    return mix(departures[0], departures[1], min((v - v0) / (v1 - v0), 1.0));
 }
 
 // The terms at a pixel: derivatives of S, and S.
@@ -79,7 +79,7 @@ void terms_at(ivec2 x, float v, float around, out float terms[TERMS_OF_S]) {
 
 // Eliminates the window's V, t, offset and gain, and fits the rest of S by the rest of the departure: shape beyond the
 // current one, and the inverse of its variance.
-vec2 judge(float sums[SUMMED]) {
+vec2 estimate(float sums[SUMMED]) {
     float m[TERMS_OF_S][TERMS_OF_S], whole[TERMS_OF_S];
     for (int i = 0, n = 0; i < TERMS_OF_S; i++) {
         for (int j = i; j < TERMS_OF_S; j++, n++) m[i][j] = sums[n];
@@ -135,8 +135,8 @@ void main() {
         sums[i] = 0.0;
         for (uint group = 0; group < gl_NumSubgroups; group++) sums[i] += by_subgroup[group][i];
     }
-    vec2 found = judge(sums);
+    vec2 result = estimate(sums);
     int n = window.y * columns + window.x;
-    partials[2 * n] = found.x;
-    partials[2 * n + 1] = found.y;
+    partials[2 * n] = result.x;
+    partials[2 * n + 1] = result.y;
 }

@@ -165,8 +165,8 @@ float shading_changes() {
 // α = 0.14 (mean √|b|)² / mean |∇V|. It changes only by more than a tenth, since each change takes iterations.
 void find_alpha() {
     float count = max(totals[VALID], 1.0), root = totals[ROUGHNESS] / count, steep = totals[ROUGHNESS + 1] / count;
-    float found = clamp(0.14 * root * root / clamp(steep, LEAST_STEEP, MOST_STEEP), LEAST_ALPHA, MOST_ALPHA);
-    if (abs(log(found / state.alpha)) > 0.1) state.alpha = found;
+    float estimate = clamp(0.14 * root * root / clamp(steep, LEAST_STEEP, MOST_STEEP), LEAST_ALPHA, MOST_ALPHA);
+    if (abs(log(estimate / state.alpha)) > 0.1) state.alpha = estimate;
 }
 
 void find_spread() {

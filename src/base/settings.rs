@@ -357,20 +357,20 @@ settings! {
     start_photometric: Photometric = Photometric::IDENTITY;
     /// Pyramid levels.
     /// auto halves the images while the short side stays at least 32 px.
-    levels: Option<u32> = None, 1 to 12, flag "Blur" "N|auto";
+    levels: Option<u32> = None, 1 to 12, flag "Relative blur V" "N|auto";
     /// Largest |V|; increase it if pixels are at the limit.
     /// V is the difference of the blurs' variances, px² of the full-size image. At a limit of 36 px², a third of the
     /// heat sink's pixels and two thirds of the circuit board's were at the limit; at 144 px², 0 and 1 %.
-    max_relative_blur: f64 = 144.0, 1 to 256 "px²", flag "Blur" "PX2";
-    /// Weight α of the smoothness of V; less shows more relief and more noise.
+    max_relative_blur: f64 = 144.0, 1 to 256 "px²", flag "Relative blur V" "PX2";
+    /// Smoothness α of V; less shows more relief and noise.
     /// auto finds α on each level, from the evidence against V and its slope (docs/method.md, section 6). The report
     /// states what it found.
-    regularization: Option<f64> = None, 1e-6 to 10, flag "Blur" "A|auto";
+    regularization: Option<f64> = None, 1e-6 to 10, flag "Relative blur V" "A|auto";
     /// Outer iterations on each level, at most.
     /// A level stops once it has settled, usually after 5 to 20.
-    outer_iterations: u32 = 100, 5 to 1000, flag "Blur" "N";
+    outer_iterations: u32 = 100, 5 to 1000, flag "Relative blur V" "N";
     /// Red-black relaxation sweeps in each outer iteration.
-    relaxation_sweeps: u32 = 5, 1 to 100, flag "Blur" "N";
+    relaxation_sweeps: u32 = 5, 1 to 100, flag "Relative blur V" "N";
     /// Shape of the blur.
     /// auto finds where it lies between a Gaussian and a disk.
     kernel: Kernel = Kernel::Auto;
@@ -379,24 +379,24 @@ settings! {
     /// read back, of colour half.
     fused: bool = true;
     /// Over-relaxation ω.
-    over_relaxation: f64 = 1.8, 0.01 to 1.99, flag "Fine-tuning" "W";
+    over_relaxation: f64 = 1.8, 0.01 to 1.99, flag "Fine tuning" "W";
     /// On each level α starts 1 + C times too large.
-    continuation: f64 = 10.0, 0 to 1000, flag "Fine-tuning" "C";
+    continuation: f64 = 10.0, 0 to 1000, flag "Fine tuning" "C";
     /// η of the data term's modified L1 norm.
-    data_eta: f64 = 0.01, 1e-4 to 1 "intensity", flag "Fine-tuning" "E";
+    data_eta: f64 = 0.01, 1e-4 to 1 "intensity", flag "Fine tuning" "E";
     /// η of the smoothness term's modified L1 norm.
-    smoothness_eta: f64 = 0.1, 1e-4 to 100 "px² per pixel", flag "Fine-tuning" "E";
+    smoothness_eta: f64 = 0.1, 1e-4 to 100 "px² per pixel", flag "Fine tuning" "E";
     /// ε of the smooth Heaviside function.
-    heaviside_epsilon: f64 = 0.1, 1e-3 to 10 "px²", flag "Fine-tuning" "E";
+    heaviside_epsilon: f64 = 0.1, 1e-3 to 10 "px²", flag "Fine tuning" "E";
     /// Largest change of V in one outer iteration, in px² of the level.
-    largest_step: f64 = 1.0, 0.01 to 100 "px²", flag "Fine-tuning" "PX2";
+    largest_step: f64 = 1.0, 0.01 to 100 "px²", flag "Fine tuning" "PX2";
     /// Stored value from which a sample is clipped at white.
     /// auto is the greatest value of integers, 255 or 65535, and none for floats. A pixel has no weight if one of its
     /// channels is clipped.
-    white_level: Option<f64> = None, -1e6 to 1e6, flag "Fine-tuning" "V|auto";
+    white_level: Option<f64> = None, -1e6 to 1e6, flag "Fine tuning" "V|auto";
     /// Stored value up to which a sample is clipped at black.
     /// auto is 0 for integers and none for floats. A pixel has no weight if all its channels are clipped.
-    black_level: Option<f64> = None, -1e6 to 1e6, flag "Fine-tuning" "V|auto";
+    black_level: Option<f64> = None, -1e6 to 1e6, flag "Fine tuning" "V|auto";
 }
 
 fn in_range(name: &'static str, value: f64, [low, high]: [f64; 2], text: [&str; 2]) -> Result<(), Error> {

@@ -1,4 +1,4 @@
-//! What `-h` and `--help` show: one screen of what is needed most, and the subcommands by what they are for.
+//! The layout of help: headings, groups of subcommands, and one screen of the most used options for `-h`.
 
 use std::fmt::Write;
 
@@ -6,27 +6,27 @@ use clap::Command;
 
 use crate::cli::options::config_file::takes_config;
 
-/// What stands below the long help of what runs on a device.
+/// The text below the long help of subcommands that run on a device.
 pub(crate) const AFTER_HELP: &str = "\
-Exit status: 0 done (a solve that did not converge is done, with warnings, unless --strict), 1 failed, 2 wrong usage.
+Exit status: 0 done (without --strict also if the solve did not converge), 1 failed, 2 wrong usage.
 
 Environment:
-  PARFOCAL_DEVICE=D    the device where --device states none
-  PARFOCAL_VALIDATE=1  run under the Khronos validation layer, which must be installed
-  PARFOCAL_CACHE_DIR   where compiled pipelines are kept [default: parfocal in $XDG_CACHE_HOME or ~/.cache]
+  PARFOCAL_DEVICE=D    default of --device
+  PARFOCAL_VALIDATE=1  use the Khronos validation layer, which must be installed
+  PARFOCAL_CACHE_DIR   folder of compiled pipelines [default: parfocal in $XDG_CACHE_HOME or ~/.cache]
   VK_DRIVER_FILES, VK_ICD_FILENAMES and the other variables of the Vulkan loader work as usual";
 
-/// The subcommands, by what they are for.
+/// The subcommands by purpose.
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Photographs in, depth out", &["solve", "batch", "watch", "stack"]),
     ("Registration alone", &["register", "apply"]),
-    ("What to do with a solve", &["open", "view", "depth", "measure", "inspect", "compare", "calibrate"]),
+    ("Results of a solve", &["open", "view", "depth", "measure", "inspect", "compare", "calibrate"]),
     ("Laboratory", &["simulate", "evaluate", "bench"]),
     ("Set-up", &["devices", "config", "completions", "man", "help"]),
 ];
 
-/// What `-h` shows of the many options of those subcommands that take `--config`, so that it is one screen.
-const NEEDED_MOST: [&str; 23] = [
+/// The options that `-h` shows of subcommands that take `--config`, so that it fits one screen.
+const MOST_USED: [&str; 23] = [
     "colors",
     "config",
     "crop-valid",
@@ -55,11 +55,11 @@ const NEEDED_MOST: [&str; 23] = [
 /// Columns of `--help`.
 pub(crate) const WIDTH: usize = 100;
 
-/// Hides from `-h` what few need, and breaks the lines of `--help`.
-pub(crate) fn laid_out(command: Command) -> Command {
+/// Hides rarely used options from `-h`, and wraps the lines of `--help`.
+pub(crate) fn with_layout(command: Command) -> Command {
     let has_many = takes_config(&command);
     command.mut_args(|option| {
-        let is_rare = has_many && option.get_long().is_some_and(|long| !NEEDED_MOST.contains(&long));
+        let is_rare = has_many && option.get_long().is_some_and(|long| !MOST_USED.contains(&long));
         let long = option.get_long_help().or(option.get_help().filter(|_| has_many));
         let long = long.map(|text| wrapped(&text.to_string(), WIDTH - 10));
         let option = if is_rare { option.hide_short_help(true) } else { option };
@@ -70,7 +70,7 @@ pub(crate) fn laid_out(command: Command) -> Command {
     })
 }
 
-/// A text of which no line is longer than `width`, unless a word is; its paragraphs stay apart.
+/// Wraps the paragraphs of a text at `width` columns.
 pub(crate) fn wrapped(text: &str, width: usize) -> String {
     let mut lines: Vec<String> = Vec::new();
     for paragraph in text.lines() {
@@ -86,7 +86,7 @@ pub(crate) fn wrapped(text: &str, width: usize) -> String {
     lines.join("\n")
 }
 
-/// Gives the program's own help its subcommands in groups, which clap cannot.
+/// Lists the subcommands in groups in the help of the program, which clap cannot.
 pub(crate) fn with_groups(mut command: Command) -> Command {
     command.build();
     let mut text = String::new();
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn every_subcommand_stands_in_one_group() {
+    fn each_subcommand_is_in_one_group() {
         let program = program();
         let names: BTreeSet<&str> = program.get_subcommands().map(Command::get_name).collect();
         let grouped: Vec<&str> = GROUPS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
@@ -149,12 +149,12 @@ mod tests {
         }
         let options: BTreeSet<_> =
             program.get_subcommands().flat_map(Command::get_arguments).filter_map(Arg::get_long).collect();
-        assert!(NEEDED_MOST.iter().all(|name| options.contains(name)));
+        assert!(MOST_USED.iter().all(|name| options.contains(name)));
     }
 
     #[test]
     fn one_name_has_one_meaning() {
-        // These name a file in one place and a folder in another, or allow more in one than in another.
+        // The values of these differ between subcommands.
         let alike = ["output", "kernel", "help", "version"];
         let mut meanings: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
         for command in program().get_subcommands() {
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_line_is_broken_between_words() {
+    fn long_lines_are_wrapped_between_words() {
         assert_eq!(wrapped("one two three\n\nfour", 8), "one two\nthree\n\nfour");
         assert_eq!(wrapped("unbreakable", 3), "unbreakable");
     }

@@ -1,4 +1,4 @@
-//! What the program `parfocal` understands; one file for each subcommand.
+//! The command line of the program `parfocal`.
 
 mod batch;
 mod commands;
@@ -71,13 +71,13 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// What clap is told: as derived, and switches that a configuration turns on can be turned off, and help is laid out.
+/// The command line for clap, with the layout of help, and with switches that can be turned off against a configuration file.
 fn command() -> clap::Command {
-    help::with_groups(Cli::command().mut_subcommands(|c| help::laid_out(config_file::with_optional_switches(c))))
+    help::with_groups(Cli::command().mut_subcommands(|c| help::with_layout(config_file::with_optional_switches(c))))
 }
 
 fn run(command: Command) -> Result<(), Failure> {
-    // These finish the pair at hand.
+    // These finish the current pair.
     if !matches!(command, Command::Batch(_) | Command::Watch(_)) {
         signals::listen(|status| {
             parfocal::export::abandon();
@@ -108,18 +108,18 @@ fn run(command: Command) -> Result<(), Failure> {
     }
 }
 
-/// Whether two paths lead to one file that exists.
+/// Whether two paths lead to the same existing file.
 fn same_file(a: &Path, b: &Path) -> bool {
     let [(a, _), (b, _)] = [a, b].map(parfocal::image_io::split_page);
     matches!((fs::canonicalize(a), fs::canonicalize(b)), (Ok(a), Ok(b)) if a == b)
 }
 
-/// Whether the environment asks for the validation layer.
-fn validation_asked() -> bool {
+/// Whether the environment requests the validation layer.
+fn is_validation_requested() -> bool {
     std::env::var_os(VALIDATE).is_some_and(|value| !value.is_empty() && value != "0")
 }
 
-/// Fails if validation, where it was asked for, has reported anything.
+/// Fails if the validation layer has reported anything.
 fn check_validation(engine: &parfocal::Engine) -> Result<(), Failure> {
     match engine.validation_messages().as_slice() {
         [] => Ok(()),

@@ -1,26 +1,26 @@
-//! How the program ends where it is told to: by Ctrl-C, or by SIGTERM.
+//! Ctrl-C and SIGTERM.
 
 use std::thread;
 
-/// Status of a program that Ctrl-C ended.
+/// Exit status after Ctrl-C.
 pub(crate) const INTERRUPTED: i32 = 130;
-/// Status of one that SIGTERM ended.
+/// Exit status after SIGTERM.
 const TERMINATED: i32 = 143;
 
-/// From now on `end` is called, with the status, whenever the program is told to end. Where there is no thread left to listen,
-/// it ends as programs do, and the next run removes what it leaves. SIGHUP is not listened to, for nohup's sake.
+/// Calls `end` with the exit status on each Ctrl-C and SIGTERM. Without a thread to listen, the signals end the program as
+/// usual, and the next run removes temporary files. SIGHUP keeps its default, so that nohup works.
 pub(crate) fn listen(end: impl Fn(i32) + Clone + Send + 'static) {
-    // The crate takes the signal away before it finds that it has no thread to wait for it.
+    // The crate `ctrlc` replaces the handler before it fails to start its thread.
     if thread::Builder::new().spawn(|| ()).is_err() {
         return;
     }
     #[cfg(unix)]
     listen_for_term(end.clone());
-    // Where the signal is ignored, as for jobs in the background of a script, it stays so.
+    // An ignored signal, as of background jobs of a script, stays ignored.
     let _ = ctrlc::try_set_handler(move || end(INTERRUPTED));
 }
 
-/// SIGTERM is kept from all threads, which inherit that, but for one that waits for it.
+/// Blocks SIGTERM in all threads but one, which waits for it.
 #[cfg(unix)]
 fn listen_for_term(end: impl Fn(i32) + Send + 'static) {
     use nix::sys::signal::{SigSet, Signal};
@@ -34,7 +34,7 @@ fn listen_for_term(end: impl Fn(i32) + Send + 'static) {
             end(TERMINATED);
         }
     };
-    if thread::Builder::new().name("ending".to_string()).spawn(wait).is_err() {
+    if thread::Builder::new().name("signals".to_string()).spawn(wait).is_err() {
         let _ = term.thread_unblock();
     }
 }

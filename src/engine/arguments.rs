@@ -1,12 +1,14 @@
-//! The protocol of indirect dispatch, by which settled levels, warps that are not needed and cancelled solves run no workgroups.
+//! The protocol of indirect dispatch, by which settled levels, warps that are not needed and cancelled solves run no
+//! workgroups.
 //!
-//! Each level has [`WORDS`] words of arguments: the grids of tiles, of one color, of all pixels, of filters along x and along y and of
-//! one workgroup; then three for each pass that warps I2 again. Before a solve they are the [`initial_words`].
-//! [`update_transform`](super::stages::update_transform) zeroes a level's words when it settles. Before an iteration that may warp it
-//! restores the words of the warping passes, or zeroes them. Recorded dispatches then have no workgroups.
+//! Each level has [`WORDS`] words of arguments: the grids of tiles, of one color, of all pixels, of filters along x and
+//! along y and of one workgroup; then three for each pass that warps I2 again. Before a solve they are the
+//! [`initial_words`]. [`update_transform`](super::stages::update_transform) zeroes a level's words when it settles.
+//! Before an iteration that may warp it restores the words of the warping passes, or zeroes them. Recorded dispatches
+//! then have no workgroups.
 //!
-//! The last word, after those of all levels, is [`NOT_CANCELLED`]. The host sets it to [`CANCELLED`] at any time; `update_transform` then
-//! ends its level and all finer ones.
+//! The last word, after those of all levels, is [`NOT_CANCELLED`]. The host sets it to [`CANCELLED`] at any time;
+//! `update_transform` then ends its level and all finer ones.
 
 use super::stages::state::{LevelState, MAX_LEVELS};
 
@@ -73,8 +75,8 @@ impl Over {
     pub(crate) const GRIDS: [Over; GRIDS] = [Over::Tiles, Over::Half, Over::Pixels, Over::AlongX, Over::AlongY];
 }
 
-/// The words before a solve: for each level, finest first, the workgroups of [`Over::GRIDS`] and of the passes that warp I2 again; then
-/// [`NOT_CANCELLED`].
+/// The words before a solve: for each level, finest first, the workgroups of [`Over::GRIDS`] and of the passes that
+/// warp I2 again; then [`NOT_CANCELLED`].
 pub(crate) fn initial_words(levels: &[[[u32; 3]; GRIDS]], warps: &[Vec<[u32; 3]>]) -> Vec<u32> {
     let words = levels.iter().zip(warps).flat_map(|(grids, warps)| {
         let mut words = [grids.as_flattened(), &[1, 1, 1], warps.as_flattened()].concat();
@@ -143,7 +145,8 @@ impl Place {
         Self { after_step: true, ..self }
     }
 
-    /// Whether a dispatch here had any workgroups, by the final state of the levels of the solve and of the registration before it.
+    /// Whether a dispatch here had any workgroups, by the final state of the levels of the solve and of the
+    /// registration before it.
     pub(crate) fn executed(self, grid: Grid, done: &[[LevelState; MAX_LEVELS]; 2]) -> bool {
         let level = done[usize::from(self.registering)][self.level];
         let done = level.iterations;

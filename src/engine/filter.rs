@@ -152,19 +152,19 @@ fn inverse_transform(transfer: &impl Fn(&[f64]) -> Vec<Complex>, radius: i32) ->
 
 /// Adds the smallest polynomial of second degree, under a bell, that gives Σ, Σx, Σy, Σx², Σxy and Σy² the wanted
 /// values.
-fn correct_moments(filter: &mut DMatrix<f64>, radius: i32, v: f64, wanted: Vector6<f64>) {
+fn correct_moments(filter: &mut DMatrix<f64>, radius: i32, v: f64, target: Vector6<f64>) {
     let size = filter.nrows();
     let powers = |n: usize, m: usize| {
         let (y, x) = (n as f64 - f64::from(radius), m as f64 - f64::from(radius));
         (Vector6::new(1.0, x, y, x * x, x * y, y * y), (-(x * x + y * y) / (2.0 * v + 1.0)).exp())
     };
-    let (mut found, mut normal) = (Vector6::zeros(), Matrix6::zeros());
+    let (mut actual, mut normal) = (Vector6::zeros(), Matrix6::zeros());
     for (y, x) in (0..size).flat_map(|y| (0..size).map(move |x| (y, x))) {
         let (p, bell) = powers(y, x);
-        found += p * filter[(y, x)];
+        actual += p * filter[(y, x)];
         normal += p * p.transpose() * bell;
     }
-    let Some(share) = normal.lu().solve(&(wanted - found)) else { return };
+    let Some(share) = normal.lu().solve(&(target - actual)) else { return };
     for (y, x) in (0..size).flat_map(|y| (0..size).map(move |x| (y, x))) {
         let (p, bell) = powers(y, x);
         filter[(y, x)] += bell * p.dot(&share);
@@ -258,13 +258,13 @@ mod tests {
                 let expected = kernel.transfer(&frequencies, v);
                 let (less, more) = (kernel.transfer(&frequencies, 0.999 * v), kernel.transfer(&frequencies, 1.001 * v));
                 for (n, at) in (0..144).map(|n| (n, [frequencies[n % 12], frequencies[n / 12]])) {
-                    let found = response_2d(&terms, at[0], at[1]);
-                    let found_slope = response_2d(&slope, at[0], at[1]);
+                    let actual = response_2d(&terms, at[0], at[1]);
+                    let actual_slope = response_2d(&slope, at[0], at[1]);
                     for part in [0, 1] {
-                        let error = (found[part] - expected[n][part]).abs();
+                        let error = (actual[part] - expected[n][part]).abs();
                         assert!(error < 6e-3, "{} of {v} at {at:?}: off by {error}", kernel.name());
                         let by_v = (more[n][part] - less[n][part]) / 0.002;
-                        let error = (v * found_slope[part] - by_v).abs();
+                        let error = (v * actual_slope[part] - by_v).abs();
                         assert!(error < 2e-2, "slope of {} of {v} at {at:?}: off by {error}", kernel.name());
                     }
                 }

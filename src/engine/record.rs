@@ -121,8 +121,8 @@ mod tests {
     use crate::engine::vulkan::Access;
     use crate::engine::{open, testing};
 
-    /// Barriers whose absence synchronization validation (1.3.239) does not report: the pass after the barrier, the slot, and its
-    /// accesses before and after. `docs/reliability.md` says why each is needed.
+    /// Barriers whose absence synchronization validation (1.3.239) does not report: the pass after the barrier, the
+    /// slot, and its accesses before and after. `docs/reliability.md` says why each is needed.
     const UNREPORTED: [&str; 7] = [
         "convolve: Stacks Write Update",
         "apply_shading: Stacks Update Write",
@@ -147,16 +147,16 @@ mod tests {
     fn hazards(entries: &[Entry], n: usize) -> String {
         let since = entries[..n].iter().rposition(|entry| entry.waits).unwrap_or(0);
         let earlier: Vec<_> = entries[since..n].iter().flat_map(|entry| accesses(&entry.action)).collect();
-        let mut found = std::collections::BTreeSet::new();
+        let mut shared = std::collections::BTreeSet::new();
         for (slot, now) in accesses(&entries[n].action) {
             for (_, before) in earlier.iter().filter(|(other, _)| *other == slot) {
                 if [*before, now] != [Access::Read; 2] {
                     let slot: String = format!("{slot:?}").chars().take_while(|c| c.is_alphanumeric()).collect();
-                    found.insert(format!("{slot} {before:?} {now:?}"));
+                    shared.insert(format!("{slot} {before:?} {now:?}"));
                 }
             }
         }
-        found.into_iter().collect::<Vec<_>>().join(", ")
+        shared.into_iter().collect::<Vec<_>>().join(", ")
     }
 
     /// Each barrier of a solve is left out in turn: validation reports the hazard.

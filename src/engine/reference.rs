@@ -1,4 +1,5 @@
-//! The CPU reference of the solver: runs a script by the CPU references of its [`stages`](super::stages), in double precision.
+//! The CPU reference of the solver: runs a script by the CPU references of its [`stages`](super::stages), in double
+//! precision.
 //!
 //! It is slow, and meant for tests and for learning.
 

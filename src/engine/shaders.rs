@@ -1,7 +1,7 @@
 //! The shaders of `glsl/` and their constants, in tables that `build.rs` writes.
 //!
-//! A shader is a constant in capitals, named after its file: `shaders::RELAX`. The literal constants of `glsl/NAME.comp` and
-//! `glsl/include/NAME.glsl` are in the module `shaders::NAME`, so that Rust does not repeat them.
+//! A shader is a constant in capitals, named after its file: `shaders::RELAX`. The literal constants of
+//! `glsl/NAME.comp` and `glsl/include/NAME.glsl` are in the module `shaders::NAME`, so that Rust does not repeat them.
 
 /// A compute shader.
 #[derive(Debug)]
@@ -183,8 +183,8 @@ mod tests {
             }
         }
 
-        /// The members that other invocations read than the one that writes them, though neither `barrier()` nor the end of the
-        /// dispatch stands between.
+        /// The members that other invocations read than the one that writes them, though neither `barrier()` nor the
+        /// end of the dispatch stands between.
         fn races(mut self) -> Vec<String> {
             let main = self.functions["main"].clone();
             self.walk(&main, false);

@@ -6,11 +6,13 @@ use std::sync::LazyLock;
 
 use tempfile::TempDir;
 
-/// A prefix, installed once.
+/// A prefix, installed once: the libraries that cargo built for this test lie beside it.
 static PREFIX: LazyLock<TempDir> = LazyLock::new(|| {
     let prefix = TempDir::new().expect("a folder");
-    let install = Command::new(here().join("install")).arg(prefix.path()).arg("dev").output();
-    done(&install.expect("bash"));
+    let test = std::env::current_exe().expect("the path of this test");
+    let built = test.parent().expect("the folder of this test");
+    let mut install = Command::new(here().join("install"));
+    done(&install.arg(prefix.path()).arg("dev").env("PARFOCAL_BUILT", built).output().expect("bash"));
     prefix
 });
 

@@ -1,5 +1,6 @@
 //! What came of each pair and sweep of a batch: a table for people, `batch.json` for programs.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -52,14 +53,18 @@ pub(crate) struct Found {
 }
 
 impl Found {
-    /// The row of a report.
-    fn of(report: Value) -> Self {
-        let mut found: Self = serde_json::from_value(report).unwrap_or_default();
+    /// The excerpt of a report.
+    fn of(report: Value) -> serde_json::Result<Self> {
+        let mut found: Self = serde_json::from_value(report)?;
         if let [_, second] = found.frames.as_mut_slice() {
             found.transform = second["transform"].take();
         }
-        found
+        Ok(found)
     }
+}
+
+fn not_a_report(out: &Path, error: &serde_json::Error) -> Failure {
+    Failure::Failed(format!("{}: is not a report of parfocal ({error}); remove it", out.join(REPORT).display()))
 }
 
 /// What became of it.
@@ -77,19 +82,29 @@ pub(crate) enum Outcome {
 }
 
 impl Outcome {
-    /// Of a report just written.
-    pub(crate) fn solved(report: &impl Serialize) -> Self {
-        Self::Solved(serde_json::to_value(report).ok().map(Found::of).unwrap_or_default())
+    /// The outcome of a report that was just written.
+    pub(crate) fn solved(report: &impl Serialize) -> Result<Self, Failure> {
+        let found = serde_json::to_value(report).and_then(Found::of);
+        found.map(Self::Solved).map_err(|e| Failure::Failed(format!("the report cannot be summarized ({e})")))
     }
 
-    /// Of the results in a folder.
-    pub(crate) fn kept(out: &Path) -> Self {
-        Self::Kept(Self::report(out).map(Found::of).unwrap_or_default())
+    /// The outcome of existing results.
+    pub(crate) fn kept(out: &Path) -> Result<Self, Failure> {
+        let found = Self::report(out)?.map(Found::of).transpose();
+        match found.map_err(|e| not_a_report(out, &e))? {
+            Some(found) => Ok(Self::Kept(found)),
+            None => Err(Failure::Failed(format!("{}: is gone", out.join(REPORT).display()))),
+        }
     }
 
-    /// The report in a folder of results, if there is one that can be read.
-    pub(crate) fn report(out: &Path) -> Option<Value> {
-        serde_json::from_slice(&bounded_read::read(&out.join(REPORT), MAX_REPORT).ok()?).ok()
+    /// The report in a folder of results; `None` if there is none.
+    pub(crate) fn report(out: &Path) -> Result<Option<Value>, Failure> {
+        let file = out.join(REPORT);
+        match bounded_read::read(&file, MAX_REPORT) {
+            Ok(bytes) => serde_json::from_slice(&bytes).map(Some).map_err(|e| not_a_report(out, &e)),
+            Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+            Err(e) => Err(Failure::Failed(format!("{}: cannot be read ({e}); check its permissions", file.display()))),
+        }
     }
 
     pub(crate) fn status(&self) -> &'static str {
@@ -372,6 +387,21 @@ fn link(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_report_that_cannot_be_read_is_an_error_that_names_it() {
+        let folder = tempfile::TempDir::new().unwrap();
+        assert_eq!(Outcome::report(folder.path()), Ok(None));
+        let file = folder.path().join(REPORT);
+        for text in ["{\"warnings\": 7}", "not JSON", ""] {
+            std::fs::write(&file, text).unwrap();
+            let problem = Outcome::kept(folder.path()).unwrap_err().message();
+            assert!(problem.starts_with(&format!("{}: is not a report", file.display())), "{problem}");
+        }
+        std::fs::remove_file(&file).unwrap();
+        std::fs::create_dir(&file).unwrap();
+        assert!(Outcome::report(folder.path()).unwrap_err().message().contains("report.json: cannot be read"));
+    }
 
     #[test]
     fn what_is_transparent_is_white_and_a_link_is_plain() {

@@ -103,14 +103,14 @@ impl Named {
             (Task::Pair(job), Solved::Solution(solved)) => {
                 let (photographs, solution, device) = *solved;
                 let report = work::write(request, job, &device, &photographs, &solution)?;
-                Ok(Outcome::solved(&report))
+                Outcome::solved(&report)
             }
             (Task::Sweep(job), Solved::Sweep(solved)) => {
                 let (frames, sweep, device) = *solved;
-                Ok(Outcome::solved(&sweep_work::write(request, job, &device, &frames, &sweep)?))
+                Outcome::solved(&sweep_work::write(request, job, &device, &frames, &sweep)?)
             }
             (_, Solved::Failed(failure)) => Err(failure),
-            (task, _) => Ok(Outcome::kept(task.out())),
+            (task, _) => Outcome::kept(task.out()),
         }
     }
 }
@@ -132,7 +132,10 @@ impl Task {
 
     /// Whether the results are there, all that the report names and as they were written, and of what is asked.
     fn is_settled(&self, shared: &Shared, inputs: &[Input]) -> Result<bool, Failure> {
-        let Some(report) = shared.resume.then(|| Outcome::report(self.out())).flatten() else { return Ok(false) };
+        if !shared.resume {
+            return Ok(false);
+        }
+        let Some(report) = Outcome::report(self.out())? else { return Ok(false) };
         let digest = match self {
             Self::Pair(_) => shared.request.digest(&[])?,
             Self::Sweep(job) => job.digest(&shared.request)?,

@@ -1,4 +1,4 @@
-//! `parfocal bench`: how fast it is on a device.
+//! `parfocal bench`: measures the speed of a device.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -14,54 +14,53 @@ use crate::cli::options::settings::{KernelChoice, TableArguments};
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::{Failure, print};
 
-/// Measure how fast pairs are solved: end to end, on the device, and pass by pass beside the bandwidth of a copy.
+/// Measure the speed of solving pairs
+///
+/// End to end, on the device, and pass by pass, with the bandwidth of a copy for comparison.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
     /// Sizes of synthetic pairs: WIDTHxHEIGHT, or NM for a square of N megapixels
     #[arg(long, value_name = "SIZE,...", value_delimiter = ',', default_value = "512x512,1024x1024")]
     sizes: Vec<Size>,
-    /// A pair of photographs instead of synthetic ones
+    /// A pair of photographs instead of synthetic pairs
     #[arg(long, num_args = 2, value_names = ["I1", "I2"], conflicts_with = "sizes")]
     pair: Vec<PathBuf>,
-    /// The registration that the method aligned holds on that pair, in a report.json or a truth.json; default: identity
+    /// The registration of that pair for the method aligned, in a report.json or truth.json [default: identity]
     #[arg(long, value_name = "FILE", requires = "pair")]
     transform: Option<PathBuf>,
-    /// How the registration is found, as `solve --method`
+    /// Methods, as of `solve --method`
     #[arg(long, value_name = "METHOD,...", value_delimiter = ',', value_enum, default_value = "unified")]
     methods: Vec<Method>,
     /// Kernels: auto, gaussian, pillbox, half-gaussian, or pictures of kernels
     #[arg(long, value_name = "KERNEL,...", value_delimiter = ',', default_value = "auto")]
     kernels: Vec<KernelChoice>,
-    /// Solves that are measured, 1 to 1000
+    /// Measured solves (1 to 1000)
     #[arg(long, value_name = "N", default_value_t = Options::default().repeats,
           value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeats: u32,
-    /// Solves after the first, cold one that are not counted, 0 to 1000
+    /// Solves between the first, cold one and the measured ones (0 to 1000)
     #[arg(long, value_name = "N", default_value_t = Options::default().warmup,
           value_parser = clap::value_parser!(u32).range(0..=1000))]
     warmup: u32,
     #[command(flatten)]
     settings: TableArguments<true>,
-    /// Leave the fused image out, as an embedder may who wants depth alone
+    /// Do not compute the fused image
     #[arg(long)]
     no_fused: bool,
     /// Print the report as JSON
     #[arg(long)]
     json: bool,
-    /// Print a line for each run, comma-separated
-    #[arg(long, conflicts_with = "json")]
-    csv: bool,
-    /// File for the report, as JSON that --against and --compare read; an earlier one is replaced
+    /// File for the report, JSON that --against and --compare read
     #[arg(short, long, value_name = "FILE.json")]
     output: Option<PathBuf>,
-    /// File for a trace of each run's last solve, which Perfetto and chrome://tracing open
+    /// File for a trace of the last solve of each run, for Perfetto and chrome://tracing
     #[arg(long, value_name = "FILE.json")]
     trace: Option<PathBuf>,
-    /// Also print the ratios to an earlier report
+    /// Print also the ratios to an earlier report
     #[arg(long, value_name = "BASE.json")]
     against: Option<PathBuf>,
-    /// Measure nothing, and print the ratios of two reports
+    /// Print the ratios of two reports and measure nothing
     #[arg(long, num_args = 2, value_names = ["OLD.json", "NEW.json"], exclusive = true)]
     compare: Vec<PathBuf>,
     #[command(flatten)]
@@ -75,7 +74,7 @@ pub(crate) struct Arguments {
 const AFTER_HELP: &str = "\
 Ratios are new over old: above 1 is slower.
 
-Exit status: 0 done (whatever the ratios), 1 failed, or a size that the device cannot take, 2 wrong usage.";
+Exit status: 0 done (whatever the ratios), 1 failed or a size is too large for the device, 2 wrong usage.";
 
 /// A width and a height.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -100,7 +99,7 @@ fn square(megapixels: f64) -> [u32; 2] {
     [(1e6 * megapixels).sqrt().round() as u32; 2]
 }
 
-/// Measures, or compares. Cheap checks come before dear ones.
+/// Measures, or compares two reports.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let [old, new] = arguments.compare.as_slice() {
         return print(&bench::compare(&Report::read(old)?, &Report::read(new)?));
@@ -118,7 +117,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = &arguments.trace {
         measured.trace.write(arguments.force.to(file))?;
     }
-    tell(report, base.as_ref(), arguments)?;
+    print_report(report, base.as_ref(), arguments)?;
     match report.refused.as_slice() {
         [] => Ok(()),
         refused => {
@@ -156,7 +155,7 @@ fn options(arguments: &Arguments) -> Result<Options, Failure> {
     })
 }
 
-/// Refuses files that cannot be ones, or that are inputs, before any work is done.
+/// Refuses output files that cannot be written or are inputs.
 fn check_outputs(arguments: &Arguments) -> Result<(), Failure> {
     let inputs: Vec<&PathBuf> = arguments.pair.iter().chain(&arguments.transform).collect();
     let outputs = [(&arguments.output, FileKind::Bench), (&arguments.trace, FileKind::Trace)];
@@ -169,18 +168,15 @@ fn check_outputs(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The report on stdout; the ratios after it, on stderr where stdout is for a program.
-fn tell(report: &Report, base: Option<&Report>, arguments: &Arguments) -> Result<(), Failure> {
-    let for_program = arguments.json || arguments.csv;
+/// Prints the report on stdout, then the ratios: on stderr if the report is JSON.
+fn print_report(report: &Report, base: Option<&Report>, arguments: &Arguments) -> Result<(), Failure> {
     if arguments.json {
         print(&report.to_json().map_err(|e| Failure::Failed(e.to_string()))?)?;
-    } else if arguments.csv {
-        print(&report.csv())?;
     } else {
         print(&report.table())?;
     }
     match base.map(|base| bench::compare(base, report)) {
-        Some(ratios) if for_program => drop(writeln!(io::stderr(), "{ratios}")),
+        Some(ratios) if arguments.json => drop(writeln!(io::stderr(), "{ratios}")),
         Some(ratios) => print(&format!("\n{ratios}"))?,
         None => {}
     }
@@ -192,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_are_sides_or_megapixels() {
+    fn a_size_is_given_by_its_sides_or_in_megapixels() {
         for (text, size) in [("640x480", [640, 480]), (" 64X48", [64, 48]), ("4M", [2000, 2000]), ("0.25m", [500, 500])]
         {
             assert_eq!(text.parse(), Ok(Size(size)));

@@ -1,4 +1,4 @@
-//! `parfocal config`: what `--config` reads, with every default.
+//! `parfocal config`: prints a file for `--config` with all options and defaults.
 
 use std::fmt::Write;
 
@@ -18,10 +18,9 @@ pub(crate) struct Arguments {
 }
 
 const HEADER: &str = "\
-# Options of parfocal, for --config FILE: the keys are the long options. What the command line states goes before what
-# this file states, and that before the defaults; --SWITCH=false turns a switch off. A key that the subcommand at hand
-# lacks but another one has is left out, so that one file serves solve, batch, stack and register. Paths are relative to
-# the working folder.";
+# Options of parfocal, for --config FILE. Keys are the long options. The command line overrides this file, and this
+# file overrides the defaults; --SWITCH=false turns a switch off. Keys of other subcommands are ignored, so that one
+# file serves solve, batch, watch, stack and register. Paths are relative to the working folder.";
 
 /// Columns of a comment.
 const WIDTH: usize = 110;
@@ -30,13 +29,13 @@ const WIDTH: usize = 110;
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let command = crate::cli::command();
     let names: Vec<&str> = command.get_subcommands().filter(|c| takes_config(c)).map(clap::Command::get_name).collect();
-    let asked = arguments.command.as_str();
-    if names.contains(&asked) {
-        return print(&text(asked));
+    let name = arguments.command.as_str();
+    if names.contains(&name) {
+        return print(&text(name));
     }
     let hint =
-        nearest(asked, names.iter().copied()).map_or_else(String::new, |name| format!("; did you mean '{name}'?"));
-    Err(Failure::Usage(format!("{asked} takes no --config; {} do{hint}", names.join(", "))))
+        nearest(name, names.iter().copied()).map_or_else(String::new, |other| format!("; did you mean '{other}'?"));
+    Err(Failure::Usage(format!("{name} takes no --config; {} do{hint}", names.join(", "))))
 }
 
 /// The file for a subcommand.
@@ -62,13 +61,13 @@ fn comment(option: &Arg) -> String {
     wrapped(&words, WIDTH).lines().map(|line| format!("# {line}\n")).collect()
 }
 
-/// What may be given, and what it means.
+/// A value and its meaning.
 fn in_words(value: &PossibleValue) -> String {
     let name = value.get_name();
     value.get_help().map_or_else(|| name.to_string(), |help| format!("{name}: {help}"))
 }
 
-/// The default; where there is none, a comment that says what could stand there.
+/// The key with the default; without a default a comment with a placeholder.
 fn line(option: &Arg) -> String {
     let key = option.get_long().unwrap_or_default();
     let values: Vec<String> =
@@ -112,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn the_defaults_fed_back_change_nothing() {
+    fn a_file_of_the_defaults_changes_nothing() {
         let folder = TempDir::new().unwrap();
         let file = folder.path().join("defaults.toml");
         let file = file.to_str().unwrap();
@@ -132,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn every_option_stands_there_with_a_comment() {
+    fn each_option_is_printed_with_a_comment() {
         assert!(text("stack").contains("\n# focus-at = 0\n"), "{}", text("stack"));
         assert!(text("batch").contains("\nresume = false\n"), "{}", text("batch"));
         let text = text("solve");
@@ -142,7 +141,7 @@ mod tests {
             "\nover-relaxation = 1.8\n",
             "\nhold = false\n",
             "\n# transform = \"FILE\"\n",
-            "(unified: Together with the blur; aligned: Not at all,",
+            "(unified: Registration together with the blur",
         ] {
             assert!(text.contains(part), "{part:?} is missing in\n{text}");
         }
@@ -150,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn every_commented_key_is_one_that_can_be_given() {
+    fn commented_keys_are_valid_toml() {
         let given: String = text("solve")
             .lines()
             .filter_map(|line| line.strip_prefix("# "))

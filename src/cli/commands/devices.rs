@@ -1,11 +1,11 @@
-//! `parfocal devices`: what there is to run on.
+//! `parfocal devices`: lists the Vulkan devices.
 
 use parfocal::{DeviceInfo, Engine, Error};
 use serde::Serialize;
 
 use crate::cli::output::failure::{Failure, print};
 
-/// List the Vulkan devices, and why one cannot be used.
+/// List the Vulkan devices and the reasons why some cannot be used
 #[derive(clap::Args, Debug)]
 pub(crate) struct Arguments {
     /// Print the list as JSON
@@ -49,7 +49,7 @@ impl<'a> From<&'a DeviceInfo> for Entry<'a> {
     }
 }
 
-/// Lists the devices on stdout; where there is none, as JSON an empty list, and the status says so.
+/// Prints the devices; without a device prints an empty list of JSON and fails.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let devices = match Engine::devices() {
         Ok(devices) if !devices.is_empty() => devices,
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_is_described_with_what_it_lacks() {
+    fn the_description_of_a_device_states_what_it_lacks() {
         let text = describe(&device());
         for part in ["1  a device (CPU)", "a driver 1.2", "1.3.230", "1.5 GiB", "16384", "not usable: no timestamps"] {
             assert!(text.contains(part), "{part} is missing in {text}");
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn json_says_whether_a_device_is_usable() {
+    fn json_states_whether_a_device_is_usable() {
         let json = serde_json::to_value(Entry::from(&device())).unwrap();
         assert_eq!((&json["usable"], &json["why_not"]), (&false.into(), &"no timestamps".into()));
         assert_eq!(json["vulkan"], "1.3.230");

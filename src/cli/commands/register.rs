@@ -80,7 +80,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     crate::cli::check_validation(&engine)?;
     let mut report = Report::registration(&registered, &settings, engine.info());
     report.values = values;
-    report.set_inputs(inputs, crate::cli::validation_asked());
+    report.set_inputs(inputs, crate::cli::is_validation_requested());
     if let Some(file) = &arguments.output {
         export::write_report(arguments.force.to(file), &report)?;
     }

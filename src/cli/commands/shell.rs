@@ -1,4 +1,4 @@
-//! `parfocal completions` and `parfocal man`: for the shell and for man(1), made from the command line itself.
+//! `parfocal completions` and `parfocal man`: completion scripts and manual pages.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use parfocal::export::{FileKind, write_named};
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::{Failure, print, print_bytes};
 
-/// Print a completion script for a shell.
+/// Print a completion script for a shell
 #[derive(clap::Args, Debug)]
 #[command(after_help = COMPLETIONS_HELP)]
 pub(crate) struct Completions {
@@ -29,11 +29,11 @@ pub(crate) fn completions(arguments: &Completions) -> Result<(), Failure> {
     print_bytes(&script)
 }
 
-/// Print the manual page, or write a page for every subcommand.
+/// Print the manual page, or write a page for each subcommand
 #[derive(clap::Args, Debug)]
 #[command(after_help = MAN_HELP)]
 pub(crate) struct Manual {
-    /// Folder for parfocal.1, parfocal-solve.1 and so on; made if it is missing. Without it the main page is printed
+    /// Folder for parfocal.1, parfocal-solve.1 and so on; without it the main page is printed
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -66,6 +66,8 @@ pub(crate) fn manual(arguments: &Manual) -> Result<(), Failure> {
 
 fn page(command: clap::Command) -> Result<Vec<u8>, Failure> {
     let mut page = Vec::new();
-    Man::new(command).render(&mut page).map_err(|e| Failure::Failed(format!("the page cannot be made ({e})")))?;
+    Man::new(command)
+        .render(&mut page)
+        .map_err(|e| Failure::Failed(format!("the manual page cannot be rendered ({e})")))?;
     Ok(page)
 }

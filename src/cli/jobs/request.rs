@@ -70,7 +70,12 @@ impl Request {
     /// names; and of what is `more` than a pair has.
     pub(crate) fn digest(&self, more: &[u8]) -> Result<String, Failure> {
         let request = serde_json::to_vec(self).map_err(|e| Failure::Failed(e.to_string()))?;
-        let files = self.part.files().into_iter().map(|file| bounded_read::read(&file, MAX_BYTES).unwrap_or_default());
+        let read = |file: PathBuf| {
+            let failed =
+                |e| Failure::Failed(format!("{}: cannot be read ({e}); check its permissions", file.display()));
+            bounded_read::read(&file, MAX_BYTES).map_err(failed)
+        };
+        let files = self.part.files().into_iter().map(read).collect::<Result<Vec<_>, _>>()?;
         let mut digest = Sha256::new();
         let more = (!more.is_empty()).then(|| more.to_vec());
         for part in [env!("CARGO_PKG_VERSION").into(), request].into_iter().chain(files).chain(more) {

@@ -151,7 +151,7 @@ pub(crate) fn write(
     let nearer = focus_positions::nearer(request.nearer, &job.positions)?;
     let mut report = Report::sweep(sweep, &read.options.settings, &names(&job.files), device, nearer, *total_ms);
     report.values = read.values;
-    report.set_inputs(read.inputs.clone(), crate::cli::validation_asked());
+    report.set_inputs(read.inputs.clone(), crate::cli::is_validation_requested());
     report.nearer_by = Some(match (job.positions.millimetres(), request.nearer) {
         (_, Some(_)) => NearerBy::Stated,
         (Some(_), None) => NearerBy::Distances,
@@ -187,7 +187,7 @@ pub(crate) fn register(
     let total_ms = started.elapsed().as_secs_f64() * 1e3;
     let mut report = Report::sweep_registration(&found, &options.settings, &names(files), engine.info(), total_ms);
     report.values = values;
-    report.set_inputs(inputs, crate::cli::validation_asked());
+    report.set_inputs(inputs, crate::cli::is_validation_requested());
     Ok(report)
 }
 

@@ -110,7 +110,7 @@ pub(crate) fn write(
     let nearer = request.nearer(photographs.lens.as_ref())?;
     let mut report = Report::pair(solution, &photographs.settings, device, nearer);
     report.values = photographs.values;
-    report.set_inputs(photographs.inputs.clone(), crate::cli::validation_asked());
+    report.set_inputs(photographs.inputs.clone(), crate::cli::is_validation_requested());
     report.flattened = photographs.scope.flat.is_some();
     report.request = request.digest(&[])?;
     if request.nearer.is_some() {

@@ -1,7 +1,7 @@
 //! `--config FILE`: a TOML file whose keys are the long options without their dashes.
 //!
-//! What the file states and the command line does not is put before the user's own arguments, so that one parser checks
-//! both and every option, present or future, is a key.
+//! Options of the file are inserted before the arguments of the command line. So one parser checks both, and each option is
+//! a key.
 
 use std::any::TypeId;
 use std::collections::BTreeMap;
@@ -30,26 +30,26 @@ pub(crate) struct ConfigArgument {
 }
 
 impl ConfigArgument {
-    /// The file, if one was given.
+    /// The file, if `--config` was given.
     pub(crate) fn file(&self) -> Option<&PathBuf> {
         self.config.as_ref()
     }
 }
 
-/// Where the options of a file stand in it, so that what is refused later can be named.
+/// The lines of the options in a file, for messages.
 #[derive(Debug, Default)]
 pub(crate) struct Origin {
     file: PathBuf,
-    /// Key and line of each option that was taken.
-    taken: Vec<(String, usize)>,
+    /// Key and line of each option that was used.
+    used: Vec<(String, usize)>,
 }
 
 impl Origin {
-    /// A failure that begins with the name of an option from the file gets the file and the line.
+    /// Adds file and line to a failure that begins with the name of an option from the file.
     pub(crate) fn locate(&self, failure: Failure) -> Failure {
         let Failure::Usage(message) = failure else { return failure };
         let begins = |key: &str| message.starts_with(&format!("--{key} is "));
-        match self.taken.iter().find(|(key, _)| begins(key)) {
+        match self.used.iter().find(|(key, _)| begins(key)) {
             Some((_, line)) => Failure::Usage(format!("{}:{line}: {message}", self.file.display())),
             None => Failure::Usage(message),
         }
@@ -64,10 +64,10 @@ struct Entry {
     line: usize,
 }
 
-/// Parses the command line together with the file that its `--config` names. As `Command::get_matches_from`, it ends the
-/// program on an error in the arguments themselves.
+/// Parses the command line together with the file of `--config`. Like `Command::get_matches_from`, ends the program on an
+/// error of the arguments.
 pub(crate) fn matches(command: &Command, arguments: Vec<OsString>) -> Result<(ArgMatches, Origin), Failure> {
-    let Some((given, name, file)) = asked(command, &arguments) else {
+    let Some((given, name, file)) = requested(command, &arguments) else {
         let matches = command.clone().try_get_matches_from(arguments);
         return Ok((matches.unwrap_or_else(|error| failure::exit(error)), Origin::default()));
     };
@@ -75,7 +75,7 @@ pub(crate) fn matches(command: &Command, arguments: Vec<OsString>) -> Result<(Ar
     let mut built = command.clone();
     built.build();
     let mut injected = Vec::new();
-    let mut origin = Origin { file: file.clone(), taken: Vec::new() };
+    let mut origin = Origin { file: file.clone(), used: Vec::new() };
     for entry in read(&file)? {
         let at = |problem: String| wrap(format!("{}:{}: {problem}", file.display(), entry.line));
         let option = find(&built, &name, &entry.key).map_err(at)?;
@@ -84,7 +84,7 @@ pub(crate) fn matches(command: &Command, arguments: Vec<OsString>) -> Result<(Ar
             continue;
         }
         injected.extend(as_arguments(option, &entry).map_err(at)?);
-        origin.taken.push((entry.key, entry.line));
+        origin.used.push((entry.key, entry.line));
     }
     let mut all = arguments;
     let place = all.iter().position(|a| a == OsStr::new(&name)).map_or(all.len(), |i| i + 1);
@@ -96,11 +96,11 @@ pub(crate) fn matches(command: &Command, arguments: Vec<OsString>) -> Result<(Ar
 }
 
 impl Origin {
-    /// The failure, if the argument that clap refuses is one of the file's.
+    /// The failure, if the argument that clap refuses comes from the file.
     fn blame(&self, error: &clap::Error) -> Option<Failure> {
         let Some(ContextValue::String(argument)) = error.get(ContextKind::InvalidArg) else { return None };
         let name = argument.trim_start_matches('-').split([' ', '=']).next()?;
-        let (_, line) = self.taken.iter().find(|(key, _)| key == name)?;
+        let (_, line) = self.used.iter().find(|(key, _)| key == name)?;
         let text = error.render().to_string();
         let lines =
             text.lines().map(str::trim).take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For "));
@@ -110,9 +110,9 @@ impl Origin {
     }
 }
 
-/// The subcommand's arguments, its name, and the file, where one is asked for.
-fn asked(command: &Command, arguments: &[OsString]) -> Option<(ArgMatches, String, PathBuf)> {
-    // What is wrong with the rest is found once the file has been read.
+/// The arguments and name of the subcommand, and the file of `--config`.
+fn requested(command: &Command, arguments: &[OsString]) -> Option<(ArgMatches, String, PathBuf)> {
+    // Other errors are reported once the file is read.
     let matches = command.clone().ignore_errors(true).try_get_matches_from(arguments).ok()?;
     let (name, given) = matches.subcommand()?;
     let file = given.try_get_one::<PathBuf>("config").ok()??.clone();
@@ -122,13 +122,15 @@ fn asked(command: &Command, arguments: &[OsString]) -> Option<(ArgMatches, Strin
 fn read(file: &Path) -> Result<Vec<Entry>, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", file.display()));
     let text = bounded_read::text(file, MAX_BYTES).map_err(|e| match e.kind() {
-        ErrorKind::FileTooLarge => failed("is too long for a configuration; `parfocal config` prints one".to_string()),
+        ErrorKind::FileTooLarge => {
+            failed("is larger than 1 MiB, too large for a configuration; `parfocal config` prints one".to_string())
+        }
         _ => failed(format!("cannot be read as a configuration ({e}){}", failure::did_you_mean(file))),
     })?;
     parse(&text).map_err(|(line, problem)| Failure::Usage(format!("{}:{line}: {problem}", file.display())))
 }
 
-/// For tests that feed it with anything.
+/// Reads a file, for fuzz tests.
 #[cfg(test)]
 pub(crate) fn reads(file: &Path) {
     let _ = read(file);
@@ -149,7 +151,7 @@ fn parse(text: &str) -> Result<Vec<Entry>, (usize, String)> {
     Ok(entries)
 }
 
-/// Lets `--switch=false` stand on the command line of a subcommand that takes `--config`, against a file that turns it on.
+/// Lets a subcommand that takes `--config` accept `--switch=false`, against a file that turns the switch on.
 pub(crate) fn with_optional_switches(command: Command) -> Command {
     if !takes_config(&command) {
         return command;
@@ -174,12 +176,12 @@ pub(crate) fn takes_config(command: &Command) -> bool {
     command.get_arguments().any(|option| option.get_long() == Some("config"))
 }
 
-/// Whether an option may stand in a file.
+/// Whether an option is a key of the file.
 pub(crate) fn is_key(option: &Arg) -> bool {
     option.get_long().is_some_and(|long| !["config", "help", "version"].contains(&long))
 }
 
-/// The option of a subcommand that a key names; `None` if it is another subcommand's, so that one file serves several.
+/// The option of a subcommand that a key names; `None` if it belongs to another subcommand, since one file can serve several.
 fn find<'a>(command: &'a Command, subcommand: &str, key: &str) -> Result<Option<&'a Arg>, String> {
     let takers = || command.get_subcommands().filter(|c| takes_config(c));
     let options = |c: &'a Command| c.get_arguments().filter(|a| is_key(a));
@@ -192,11 +194,11 @@ fn find<'a>(command: &'a Command, subcommand: &str, key: &str) -> Result<Option<
     }
     let names = takers().flat_map(options).filter_map(Arg::get_long);
     let hint = nearest(key, names)
-        .map_or_else(|| "`parfocal config` prints all there are".to_string(), |name| format!("did you mean '{name}'?"));
+        .map_or_else(|| "`parfocal config` prints all".to_string(), |name| format!("did you mean '{name}'?"));
     Err(format!("there is no option '{key}'; {hint}"))
 }
 
-/// Whether an option takes a number, as far as its parser says.
+/// Whether the parser of an option returns a number.
 pub(crate) fn is_number(option: &Arg) -> bool {
     let parsed = option.get_value_parser().type_id();
     [TypeId::of::<f64>(), TypeId::of::<f32>(), TypeId::of::<u64>(), TypeId::of::<u32>(), TypeId::of::<u8>()]
@@ -210,7 +212,7 @@ pub(crate) fn is_bool(option: &Arg) -> bool {
     option.get_value_parser().type_id() == TypeId::of::<bool>()
 }
 
-/// What stands on the command line for an entry.
+/// The arguments for an entry.
 fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
     let (key, value) = (&entry.key, &entry.value);
     let found = value.type_str();
@@ -232,7 +234,7 @@ fn as_arguments(option: &Arg, entry: &Entry) -> Result<Vec<OsString>, String> {
         let all = texts.join(&delimiter.to_string());
         return Ok(if texts.is_empty() { Vec::new() } else { vec![format!("--{key}={all}").into()] });
     }
-    // Several values an occurrence, as in --step FROM TO, may occur several times too.
+    // Options with several values per occurrence, as --step FROM TO, can also be repeated.
     let occurrence = |values: &[String]| match values {
         [one] => vec![format!("--{key}={one}").into()],
         several => [format!("--{key}")].iter().chain(several).map(OsString::from).collect(),
@@ -280,8 +282,9 @@ mod tests {
     }
 
     #[test]
-    fn the_command_line_goes_before_the_file_and_that_before_the_defaults() {
-        let text = "output = 'out'\nsweeps = 7\nouter_iterations = 33\nno-photometric = true\nhold = false\n";
+    fn the_command_line_overrides_the_file_and_the_file_the_defaults() {
+        let text =
+            "output = 'out'\nrelaxation-sweeps = 7\nouter_iterations = 33\nno-photometric = true\nhold = false\n";
         let found = solve(text, &["--relaxation-sweeps", "9"]).unwrap();
         assert_eq!(found.get_one::<u32>("relaxation_sweeps"), Some(&9));
         assert_eq!(found.get_one::<u32>("outer_iterations"), Some(&33));
@@ -290,20 +293,20 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_its_line() {
+    fn an_error_states_its_line() {
         let cases = [
             (
                 "\n\nrelaxation-sweps = 5\n",
                 ":3: there is no option 'relaxation-sweps'; did you mean 'relaxation-sweeps'?",
             ),
             ("zzz = 5\n", ":1: there is no option 'zzz'; `parfocal config`"),
-            ("# one\nsweeps = 'few'\n", ":2: relaxation-sweeps must be a number, and is a string"),
+            ("# one\nrelaxation-sweeps = 'few'\n", ":2: relaxation-sweeps must be a number, and is a string"),
             ("relaxation-sweeps = true\n", ":1: relaxation-sweeps must be a number, and is a boolean"),
             ("hold = 1\n", ":1: hold must be true or false, and is an integer"),
             ("method = ['sift']\n", ":1: method must be a single value, and is an array"),
             ("[optics]\nx = 1\n", ":1: there is no option 'optics'"),
-            ("\nsweeps = = 1\n", ":2: is not TOML"),
-            ("relaxation-sweeps = 1\nsweeps = 2\n", ":2: is not TOML"),
+            ("\nrelaxation-sweeps = = 1\n", ":2: is not TOML"),
+            ("relaxation-sweeps = 1\nrelaxation-sweeps = 2\n", ":2: is not TOML"),
             ("\nmethod = 'magic'\n", ":2: invalid value 'magic' for '--method"),
             ("relaxation-sweeps = 1.5\n", ":1: invalid value '1.5' for '--relaxation-sweeps"),
         ];
@@ -314,15 +317,15 @@ mod tests {
     }
 
     #[test]
-    fn a_range_that_the_library_refuses_is_traced_to_the_file() {
-        let origin = Origin { file: "c.toml".into(), taken: vec![("outer-iterations".to_string(), 4)] };
+    fn a_value_out_of_range_is_reported_with_file_and_line() {
+        let origin = Origin { file: "c.toml".into(), used: vec![("outer-iterations".to_string(), 4)] };
         let failure = Failure::Usage("--outer-iterations is 1, and must be 5 to 1000".to_string());
         let Failure::Usage(message) = origin.locate(failure) else { panic!("another kind") };
         assert_eq!(message, "c.toml:4: --outer-iterations is 1, and must be 5 to 1000");
     }
 
     #[test]
-    fn a_switch_that_the_file_turns_on_is_turned_off_on_the_command_line() {
+    fn the_command_line_can_turn_a_switch_of_the_file_off() {
         let on = |extra: &[&str]| {
             solve("output = 'out'\nno-photometric = true\n", extra).unwrap().get_flag("no_photometric")
         };
@@ -331,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn an_option_of_several_values_may_occur_several_times() {
+    fn an_option_of_several_values_can_be_repeated() {
         let regions = |text: &str, extra: &[&str]| {
             let found = solve(&format!("output = 'out'\n{text}"), extra);
             found.map(|found| found.get_raw("step").map_or(0, Iterator::count))
@@ -343,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn an_option_of_another_subcommand_is_left_out() {
+    fn an_option_of_another_subcommand_is_ignored() {
         assert!(find(&built(), "register", "nearer").unwrap().is_none());
         assert!(find(&built(), "solve", "nearer").unwrap().is_some());
     }

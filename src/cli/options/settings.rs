@@ -43,7 +43,7 @@ pub(crate) struct SettingsArguments {
     /// Hold the offset that is added after the gain, where white is 1
     #[arg(long, value_name = "O", help_heading = REGISTRATION, allow_negative_numbers = true)]
     offset: Option<f64>,
-    /// Shape of the blur: auto, gaussian, pillbox, half-gaussian, or a picture of it
+    /// Shape of the blur: auto, gaussian, pillbox, half-gaussian, or a picture
     ///
     /// auto finds where it lies between a Gaussian and a disk. A picture can be that of a coded aperture.
     #[arg(long, value_name = "K|FILE", help_heading = BLUR, default_value = "auto")]

@@ -170,6 +170,8 @@ mod tests {
             &masked,
         ];
         let mut seen: Vec<String> = other.iter().map(|flags| digest(flags)).chain([plain]).collect();
+        let missing = request(&["--mask", "/nowhere/mask.png"]).unwrap().digest(&[]).unwrap_err().message();
+        assert!(missing.starts_with("/nowhere/mask.png: cannot be read"), "{missing}");
         fs::write(mask.path(), "other").unwrap();
         seen.push(digest(&masked));
         seen.sort();

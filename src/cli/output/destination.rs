@@ -1,4 +1,4 @@
-//! Whether results can be written, found out before any work is done.
+//! Checks, before any work is done, that results can be written.
 
 use std::path::{Path, PathBuf};
 
@@ -7,30 +7,30 @@ use parfocal::export::{self, Destination, FileKind};
 use crate::cli::options::headings::OUTPUT;
 use crate::cli::output::failure::Failure;
 
-/// What every subcommand that writes files is told.
+/// The option of every subcommand that writes files.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub(crate) struct ForceArgument {
-    /// Overwrite files that parfocal did not write where they have the names of results; all others stay
+    /// Overwrite files that have the names of results even if parfocal did not write them
     #[arg(long, help_heading = OUTPUT)]
     force: bool,
 }
 
 impl ForceArgument {
-    /// A folder or a file for results.
+    /// The folder or file for results.
     pub(crate) fn to<'a>(&self, path: &'a Path) -> Destination<'a> {
         Destination::new(path, self.force)
     }
 
-    /// Whether it was given.
+    /// Whether `--force` was given.
     pub(crate) fn is_given(&self) -> bool {
         self.force
     }
 }
 
-/// Refuses an output folder that cannot be one.
+/// Refuses an output folder that cannot be written.
 pub(crate) fn check_folder(out: &Path) -> Result<(), Failure> {
     if out == Path::new("-") {
-        let problem = "-: results are files in a folder; name one, and take the report from stdout by --json";
+        let problem = "-: results are files in a folder; give a folder, and print the report with --json";
         return Err(Failure::Usage(problem.to_string()));
     }
     if out.exists() && !out.is_dir() {
@@ -52,8 +52,8 @@ pub(crate) fn check_inputs(out: &Path, results: &[&str], inputs: &[&PathBuf]) ->
     Ok(())
 }
 
-/// Refuses an output folder that cannot be one, or where a result, which may be any of `possible`, or what an earlier
-/// report of this name lists, would replace one of `inputs`.
+/// Refuses an output folder that cannot be written, or where a result would replace one of `inputs`. Results are
+/// `possible` and the files that an earlier report of this name lists.
 pub(crate) fn check(out: &Path, report: &str, possible: &[&str], inputs: &[&PathBuf]) -> Result<(), Failure> {
     check_folder(out)?;
     let listed = export::listed_in(out, report);
@@ -61,7 +61,8 @@ pub(crate) fn check(out: &Path, report: &str, possible: &[&str], inputs: &[&Path
     check_inputs(out, &results, inputs)
 }
 
-/// Refuses a file that cannot be one, that is one of `inputs`, or that must not be replaced; `what` it is for.
+/// Refuses a file that cannot be written, that is one of `inputs`, or that must not be replaced. `what` is its purpose in
+/// messages.
 pub(crate) fn check_file(
     file: Destination<'_>,
     kind: FileKind,
@@ -70,7 +71,7 @@ pub(crate) fn check_file(
 ) -> Result<(), Failure> {
     let failed = |problem: String| Err(Failure::Failed(format!("{}: {problem}", file.path().display())));
     if file.path() == Path::new("-") {
-        return Err(Failure::Usage(format!("-: name a file{what}; /dev/stdout is one")));
+        return Err(Failure::Usage(format!("-: give a file{what}; /dev/stdout is one")));
     }
     if file.path().is_dir() {
         return failed(format!("is a folder; give a file{what}"));

@@ -1,4 +1,4 @@
-//! How the program fails: one line on stderr, which starts with "error: " as clap's own do, and a status.
+//! Errors of the program: one line on stderr that starts with "error: ", as clap's do, and an exit status.
 
 use std::error::Error as _;
 use std::io::{self, Write};
@@ -11,18 +11,19 @@ use parfocal::{Error, Settings, image_io};
 /// Why a subcommand failed.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Failure {
-    /// The arguments cannot be carried out, status 2.
+    /// Wrong usage: status 2.
     Usage(String),
-    /// Anything else, status 1.
+    /// Any other failure: status 1.
     Failed(String),
-    /// A part is not as it should be, status 3: what was asked is done, and told.
+    /// An inspected part is out of tolerance: status 3. The summary states it.
     NoGo,
-    /// Ctrl-C ended it, status 130 as of any program that the signal ends.
+    /// Ended by Ctrl-C: status 130, as of any program that the signal ends.
     Interrupted(String),
 }
 
 impl Failure {
-    /// The failure of a solve of `first`. The library knows sizes, not files: errors about size get the file's name.
+    /// The failure of a solve whose first file is `first`. Adds its name to errors about size, since the library does not
+    /// know files.
     pub(crate) fn of_solve(error: Error, first: &Path) -> Self {
         match error {
             Error::TooSmall { .. } | Error::TooLarge { .. } => Self::Failed(format!("{}: {error}", first.display())),
@@ -30,7 +31,7 @@ impl Failure {
         }
     }
 
-    /// What is said of it, in one line.
+    /// The message, in one line.
     pub(crate) fn message(&self) -> String {
         match self {
             Self::Usage(message) | Self::Failed(message) | Self::Interrupted(message) => one_line(message),
@@ -38,16 +39,16 @@ impl Failure {
         }
     }
 
-    /// Prints the line and gives the status.
+    /// Prints the message and returns the status.
     pub(crate) fn report(self) -> ExitCode {
         let status = match self {
             Failure::Usage(_) => 2,
             Failure::Failed(_) => 1,
-            // No error: it stands in the summary.
+            // The summary states it.
             Failure::NoGo => return ExitCode::from(3),
             Failure::Interrupted(_) => 130,
         };
-        // Nobody is left to be told where stderr is closed.
+        // A closed stderr has no reader.
         let _ = writeln!(io::stderr(), "error: {}", self.message());
         ExitCode::from(status)
     }
@@ -81,7 +82,7 @@ fn option_of(name: &str) -> String {
     }
 }
 
-/// Ends the program as clap does: help on stdout, what is wrong with the arguments on stderr.
+/// Ends the program as clap does: help on stdout, errors of the arguments on stderr.
 pub(crate) fn exit(error: clap::Error) -> ! {
     if error.use_stderr() {
         let _ = io::stderr().write_all(in_lines(error).as_bytes());
@@ -90,7 +91,7 @@ pub(crate) fn exit(error: clap::Error) -> ! {
     error.exit()
 }
 
-/// What clap says of arguments, in its own lines: those that were typed break none.
+/// The message of clap, with control characters of the arguments escaped.
 fn in_lines(mut error: clap::Error) -> String {
     add_hints(&mut error);
     let typed = error.context().filter_map(|(kind, value)| match value {
@@ -103,12 +104,12 @@ fn in_lines(mut error: clap::Error) -> String {
     for (kind, value) in typed.collect::<Vec<_>>() {
         error.insert(kind, value);
     }
-    // What a value's own parser and the usage quote.
+    // Value parsers and the usage quote arguments too.
     error.render().to_string().split('\n').map(plain).collect::<Vec<_>>().join("\n")
 }
 
-/// Options by what people call them elsewhere.
-const MEANT: [(&str, &str); 14] = [
+/// Options by their names in other programs.
+const SYNONYMS: [(&str, &str); 14] = [
     ("--max-blur", "--max-relative-blur"),
     ("--blur", "--max-relative-blur"),
     ("--smoothness", "--regularization"),
@@ -125,7 +126,7 @@ const MEANT: [(&str, &str); 14] = [
     ("--verbose", "--json"),
 ];
 
-/// What clap does not know: other names of options, and the decimal comma.
+/// Adds hints that clap lacks: other names of options, and the decimal comma.
 fn add_hints(error: &mut clap::Error) {
     fn text(error: &clap::Error, kind: ContextKind) -> Option<String> {
         if let Some(ContextValue::String(text)) = error.get(kind) { Some(text.clone()) } else { None }
@@ -133,7 +134,7 @@ fn add_hints(error: &mut clap::Error) {
     if error.kind() == ErrorKind::UnknownArgument {
         let typed = text(error, ContextKind::InvalidArg).unwrap_or_default();
         let name = typed.split('=').next().unwrap_or_default();
-        if let Some((_, meant)) = MEANT.iter().find(|(other, _)| *other == name) {
+        if let Some((_, meant)) = SYNONYMS.iter().find(|(other, _)| *other == name) {
             error.insert(ContextKind::SuggestedArg, ContextValue::String((*meant).to_string()));
         }
     }
@@ -145,14 +146,13 @@ fn add_hints(error: &mut clap::Error) {
     }
 }
 
-/// Folds line breaks, which paths and decoders may bring along.
+/// Joins the lines of a message: paths and decoders may hold line breaks.
 fn one_line(message: &str) -> String {
     let parts: Vec<&str> = message.split(['\n', '\r']).map(str::trim).filter(|part| !part.is_empty()).collect();
     plain(&parts.join(" "))
 }
 
-/// What a terminal may be shown of text that others wrote, file names for one: what would command it, or turn its direction of
-/// writing, stands there in letters, line breaks too.
+/// Escapes control characters and changes of the writing direction, for text that others wrote, such as file names.
 pub(crate) fn plain(text: &str) -> String {
     let is_harmful = |c: char| {
         c.is_control() || matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
@@ -164,23 +164,23 @@ pub(crate) fn plain(text: &str) -> String {
     plain
 }
 
-/// Of the names, the one that a misspelt name is nearest to, if any is near.
+/// The name that is most similar to a misspelt one, if any is similar.
 pub(crate) fn nearest<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let scored = names.map(|other| (strsim::jaro_winkler(name, other), other));
     scored.filter(|(score, _)| *score > 0.8).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, other)| other)
 }
 
-/// "; did you mean 'x'?" where a file that is not there has a neighbour of nearly its name, else nothing.
+/// "; did you mean 'x'?" if a missing file has a neighbour of a similar name, else "".
 pub(crate) fn did_you_mean(file: &Path) -> String {
     image_io::similar_file(file).map_or_else(String::new, |other| format!("; did you mean '{}'?", other.display()))
 }
 
-/// Writes text for scripts to stdout. A reader that has closed its end wants no more, which is no failure.
+/// Prints text to stdout. A reader that closes the pipe is no failure.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
     print_bytes(format!("{text}\n").as_bytes())
 }
 
-/// Writes to stdout what need not be text.
+/// Prints bytes to stdout.
 pub(crate) fn print_bytes(bytes: &[u8]) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     match out.write_all(bytes).and_then(|()| out.flush()) {
@@ -218,6 +218,6 @@ mod tests {
         let Failure::Failed(message) = Failure::of_solve(small, Path::new("i1.png")) else { panic!("usage") };
         assert!(message.starts_with("i1.png: 5x5"), "{message}");
         let setting = Error::Setting { name: "levels", value: 99.0, range: "1 to 12".to_string() };
-        assert_eq!(Failure::from(setting), Failure::Usage("levels is 99, and must be 1 to 12".to_string()));
+        assert_eq!(Failure::from(setting), Failure::Usage("--levels is 99, and must be 1 to 12".to_string()));
     }
 }

@@ -49,8 +49,9 @@ impl Allocation {
         }
     }
 
-    /// Whether it counts in a budget of memory: it has a value for each pixel. Sums, states, arguments, filters and lists of tiles are
-    /// left out; of a pair they are under 0.2 %. Budgets decide into which parts a pair or a sweep is split.
+    /// Whether it counts in a budget of memory: it has a value for each pixel. Sums, states, arguments, filters and
+    /// lists of tiles are left out; of a pair they are under 0.2 %. Budgets decide into which parts a pair or a sweep
+    /// is split.
     fn is_budgeted(&self) -> bool {
         use Slot::{EndMaps, Hidden, Mask, Packed, Photograph};
         let pixels = matches!(self.slot, Photograph { .. } | Packed { .. } | Mask | EndMaps | Hidden);
@@ -92,8 +93,8 @@ impl Plan {
         pixels(self.size[0], self.size[1])
     }
 
-    /// Everything that a solver of pairs keeps. What lives only within a level is as large as the finest one and shared: coarser
-    /// levels use its corner.
+    /// Everything that a solver of pairs keeps. What lives only within a level is as large as the finest one and
+    /// shared: coarser levels use its corner.
     pub(crate) fn pair_layout(&self) -> Vec<Allocation> {
         use HostAccess::{None, Readback, Results, Upload};
         let mut list = self.common_layout();
@@ -135,7 +136,8 @@ impl Plan {
         list
     }
 
-    /// Everything that a solver of sweeps of `frames` frames keeps. Each frame is kept as it is and on the reference's pixels.
+    /// Everything that a solver of sweeps of `frames` frames keeps. Each frame is kept as it is and on the reference's
+    /// pixels.
     pub(crate) fn sweep_layout(&self, frames: u32) -> Vec<Allocation> {
         let mut list = self.common_layout();
         list.extend([
@@ -215,7 +217,8 @@ impl Plan {
         Ok(())
     }
 
-    /// Checks a solver of pairs with `slots` slots against a device's limits and against `memory` bytes, so that nothing fails half-way.
+    /// Checks a solver of pairs with `slots` slots against a device's limits and against `memory` bytes, so that
+    /// nothing fails half-way.
     pub(crate) fn check(&self, device: &Device, memory: u64, slots: u64) -> Result<(), Error> {
         self.check_photographs(device.info())?;
         let names = ["the stacks of blurred images", "the stacks of blurred images", "the result"];
@@ -224,8 +227,8 @@ impl Plan {
         self.check_memory(device.info(), memory, slots)
     }
 
-    /// Checks the largest image and the largest buffer against a device's limits. `names` are those of the largest image, of the image
-    /// with the most layers and of the largest buffer.
+    /// Checks the largest image and the largest buffer against a device's limits. `names` are those of the largest
+    /// image, of the image with the most layers and of the largest buffer.
     fn check_limits(
         &self,
         device: &Device,

@@ -18,9 +18,10 @@ pub(crate) const LEAST_SIZE: u32 = 16;
 const LEAST_COARSEST: u32 = 32;
 /// The least short side of a level that [`Settings::levels`] may ask for.
 const LEAST_LEVEL: u32 = 8;
-/// Outer iterations in which α falls to its final value, from the coarsest level on. The last number holds for all finer levels.
-/// The coarsest level starts from V = 0. The others start from a coarser V and need fewer: with 12 everywhere levels took 14 to
-/// 20 iterations, with 2 on the finest 5 to 9, with 1 one less, at the same errors (`docs/experiments/iterations.md`).
+/// Outer iterations in which α falls to its final value, from the coarsest level on. The last number holds for all
+/// finer levels. The coarsest level starts from V = 0. The others start from a coarser V and need fewer: with 12
+/// everywhere levels took 14 to 20 iterations, with 2 on the finest 5 to 9, with 1 one less, at the same errors
+/// (`docs/experiments/iterations.md`).
 const CONTINUATION: [f64; 5] = [12.0, 8.0, 6.0, 6.0, 1.0];
 /// With fewer outer iterations than these, the continuation is shortened in proportion, so that it ends before they do.
 const WHOLE_CONTINUATION: f64 = 20.0;
@@ -29,11 +30,11 @@ pub(crate) const MAP_LAYERS: u32 = 3;
 /// The most layers of results: three fused channels more.
 const RESULT_LAYERS: u32 = MAP_LAYERS + 3;
 
-/// Outer iterations between two checks whether a level has settled. A check takes as long as some empty dispatches, of which an
-/// iteration has a dozen.
+/// Outer iterations between two checks whether a level has settled. A check takes as long as some empty dispatches, of
+/// which an iteration has a dozen.
 const ITERATIONS_A_CHECK: usize = 2;
-/// The number of coarsest levels on which T may still move far. I2 is read at T x there; on finer levels it is warped onto I1's
-/// pixels first.
+/// The number of coarsest levels on which T may still move far. I2 is read at T x there; on finer levels it is warped
+/// onto I1's pixels first.
 const UNWARPED_LEVELS: usize = 2;
 /// The stack of I2 is read at s² V: a fifth above the limit leaves room for s up to 1.095.
 const READ_BEYOND: f64 = 1.2;
@@ -127,17 +128,17 @@ impl Plan {
 
     /// Whether α is estimated after iteration k of a level.
     ///
-    /// V from a coarser level gives an estimate nearly as good as the last one. Each change of α takes iterations, which then
-    /// coincide with the continuation. During the continuation V is too smooth, and the estimate would be too large. All levels but
-    /// the finest, which provide a start only, estimate once more.
+    /// V from a coarser level gives an estimate nearly as good as the last one. Each change of α takes iterations,
+    /// which then coincide with the continuation. During the continuation V is too smooth, and the estimate would be
+    /// too large. All levels but the finest, which provide a start only, estimate once more.
     pub(crate) fn finds_alpha(&self, level: &Level, k: u32) -> bool {
         let starts_well = level.index + 1 < self.solved;
         let once = starts_well && level.index > 0 && k > 0 && self.may_settle(level, k - 1);
         self.settings.regularization.is_none() && (k == 0 && starts_well || self.may_settle(level, k) && !once)
     }
 
-    /// Whether a part of the script begins before iteration k that is skipped once the level has settled. `may_settle` says in which
-    /// iterations it can settle.
+    /// Whether a part of the script begins before iteration k that is skipped once the level has settled. `may_settle`
+    /// says in which iterations it can settle.
     pub(crate) fn checks_before(k: u32, may_settle: impl Fn(u32) -> bool) -> bool {
         let since_first = (0..k).rev().take_while(|&k| may_settle(k)).count();
         since_first % ITERATIONS_A_CHECK == 1
@@ -168,30 +169,32 @@ impl Plan {
         self.settings.motion == Motion::Homography
     }
 
-    /// Whether a level computes the sums of a homography while it solves for V. The finest level does: the last of its sums rate the
-    /// motion models.
+    /// Whether a level computes the sums of a homography while it solves for V. The finest level does: the last of its
+    /// sums rate the motion models.
     pub(crate) fn sums_all(&self, level: &Level) -> bool {
         self.projective() || self.solves_transform() && level.index == 0
     }
 
-    /// Whether gain and offset are matched before iteration k of a level: before 0, 2, 4, 8 and so on, until it may have settled.
+    /// Whether gain and offset are matched before iteration k of a level: before 0, 2, 4, 8 and so on, until it may
+    /// have settled.
     pub(crate) fn matches_before(&self, level: &Level, k: u32) -> bool {
         self.matches_exposure() && (k == 0 || k > 1 && k.is_power_of_two() && !self.may_settle(level, k - 1))
     }
 
     /// What is matched on a level: the shading only where a coarser level has found T.
     pub(crate) fn adopts(&self, level: &Level) -> Adopt {
-        let found = level.index + 1 < self.solved || self.solved == 1;
-        if found && exposure::shows_shading(level.size) { Adopt::Shading } else { Adopt::Exposure }
+        let knows_transform = level.index + 1 < self.solved || self.solved == 1;
+        if knows_transform && exposure::shows_shading(level.size) { Adopt::Shading } else { Adopt::Exposure }
     }
 
-    /// Whether a level reads I2 as `warp` has resampled it onto I1's pixels. Only Gaussians allow it, since their mean is zero.
+    /// Whether a level reads I2 as `warp` has resampled it onto I1's pixels. Only Gaussians allow it, since their mean
+    /// is zero.
     pub(crate) fn warps(&self, level: &Level) -> bool {
         self.slopes() == Slopes::Laplacian && level.index + UNWARPED_LEVELS < self.solved
     }
 
-    /// Whether I2 may be warped again before iteration k, where T or the shading has changed. Seldom: they change little on the finer
-    /// levels, and even empty dispatches take time.
+    /// Whether I2 may be warped again before iteration k, where T or the shading has changed. Seldom: they change
+    /// little on the finer levels, and even empty dispatches take time.
     pub(crate) fn warps_again(&self, level: &Level, k: u32) -> bool {
         let moves = self.solves_transform() || self.matches_exposure();
         self.warps(level) && moves && k.is_power_of_two()
@@ -202,7 +205,8 @@ impl Plan {
         self.settings.kernel == Kernel::Auto && self.warps(level) && shape_windows::fits(level.size)
     }
 
-    /// Layers of the results: V, its standard deviation, the residual, and the channels of the fused image if there is one.
+    /// Layers of the results: V, its standard deviation, the residual, and the channels of the fused image if there is
+    /// one.
     pub(crate) fn map_layers(&self) -> u32 {
         MAP_LAYERS + self.fused_count()
     }
@@ -248,14 +252,14 @@ impl Plan {
     }
 }
 
-/// Outer iterations of a level after which the steps of V and T are damped. Most levels settle before; the others alternate between
-/// two states.
+/// Outer iterations of a level after which the steps of V and T are damped. Most levels settle before; the others
+/// alternate between two states.
 pub(crate) const UNDAMPED: f32 = 20.0;
-/// The share of a step that is taken after [`UNDAMPED`] iterations. From twice as many on it falls further: dots under a
-/// half-Gaussian, 32 px, had not settled after 100 iterations at a half, and after 67 with a falling share.
+/// The share of a step that is taken after [`UNDAMPED`] iterations. From twice as many on it falls further: dots under
+/// a half-Gaussian, 32 px, had not settled after 100 iterations at a half, and after 67 with a falling share.
 ///
-/// Half heat sink, finest level: alternated by 0.04 % of the energy after 300 whole steps, settled after 23 damped ones. Half
-/// pcb-macro, coarsest level: by 1 % after 300, settled after 29.
+/// Half heat sink, finest level: alternated by 0.04 % of the energy after 300 whole steps, settled after 23 damped
+/// ones. Half pcb-macro, coarsest level: by 1 % after 300, settled after 29.
 const DAMPED: f32 = 0.5;
 
 /// The share of the steps of V and T that iteration k takes.

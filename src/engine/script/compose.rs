@@ -16,15 +16,17 @@ use crate::engine::vulkan::Variant;
 /// Both photographs.
 pub(super) const BOTH: [usize; 2] = [0, 1];
 
-/// The most pixels times outer iterations in one part: some 8 s on lavapipe, and an estimated 1 s (0.7 kB per pixel and iteration) on a
-/// GPU of 50 GB/s. Windows allows a submission 2 s.
+/// The most pixels times outer iterations in one part: some 8 s on lavapipe, and an estimated 1 s (0.7 kB per pixel and
+/// iteration) on a GPU of 50 GB/s. Windows allows a submission 2 s.
 const PART_BUDGET: u64 = 1 << 26;
 /// Separable filters that take as long as an outer iteration, measured on lavapipe with the blur stacks of a disk.
 const FILTERS_AN_ITERATION: u64 = 5;
 
-/// Composes the script of a pair: one part for the upload and the pyramid, one or more for each level, one or two for the results.
+/// Composes the script of a pair: one part for the upload and the pyramid, one or more for each level, one or two for
+/// the results.
 ///
-/// A registration that does not need V comes first, with parts and levels of its own. With `masked`, pixels may be masked or clipped.
+/// A registration that does not need V comes first, with parts and levels of its own. With `masked`, pixels may be
+/// masked or clipped.
 pub(crate) fn compose(plan: &Plan, masked: bool) -> Script {
     let mut s = Composer::new(plan, masked);
     s.reset();
@@ -180,8 +182,8 @@ impl<'a> Composer<'a> {
         }));
     }
 
-    /// The list of the tiles of a size within `margin` pixels of the wanted ones: its first entry, and a grid of one workgroup per tile.
-    /// `None` if passes run over all tiles.
+    /// The list of the tiles of a size within `margin` pixels of the wanted ones: its first entry, and a grid of one
+    /// workgroup per tile. `None` if passes run over all tiles.
     pub(super) fn list(&mut self, tile: [u32; 2], margin: u32) -> Option<(u32, Grid)> {
         let wanted = self.wanted.as_ref()?;
         let [first, count] = *self.listed.entry((tile, margin)).or_insert_with(|| {

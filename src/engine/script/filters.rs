@@ -13,8 +13,8 @@ pub(super) type Layer = (Handle<Plane>, u32);
 /// The target of the first direction of a separable filter.
 const SCRATCH: Layer = (slot::SCRATCH, 0);
 
-/// Pixels around the wanted tiles for which a blur stack is computed: 4½ σ of the widest blur that a sweep compares. Pixels beyond
-/// weigh less than 1e-5.
+/// Pixels around the wanted tiles for which a blur stack is computed: 4½ σ of the widest blur that a sweep compares.
+/// Pixels beyond weigh less than 1e-5.
 const REACH: u32 = 16;
 
 /// The axis of a filter.
@@ -48,8 +48,8 @@ impl Composer<'_> {
         }
     }
 
-    /// A layer of a level's blur stack: the spline coefficients of the image, or a filter of an earlier layer. Returns the number of
-    /// separable filters.
+    /// A layer of a level's blur stack: the spline coefficients of the image, or a filter of an earlier layer. Returns
+    /// the number of separable filters.
     pub(super) fn stack_layer(&mut self, level: &Level, image: usize, layer: u32) -> u64 {
         let plan = self.plan;
         let base = plan.first_layer(image);
@@ -139,8 +139,8 @@ impl Composer<'_> {
 
     /// A layer that is computed on every other pixel, then subdivided.
     ///
-    /// The half-size layer is in the corner of the scratch image, which holds the layer before unless this is the first. The layer's
-    /// own place holds the result of the first direction in between.
+    /// The half-size layer is in the corner of the scratch image, which holds the layer before unless this is the
+    /// first. The layer's own place holds the result of the first direction in between.
     fn half_layer(
         &mut self,
         level: &Level,
@@ -168,7 +168,8 @@ impl Composer<'_> {
         self.dispatch(bindings, &constants, subdivide::variant(list.is_some()), grid);
     }
 
-    /// The grid of a filter: over the listed tiles of a size, with the first entry of their list, or `groups` workgroups for all.
+    /// The grid of a filter: over the listed tiles of a size, with the first entry of their list, or `groups`
+    /// workgroups for all.
     fn extent(&mut self, tile: [u32; 2], groups: [u32; 3]) -> (Grid, Option<u32>) {
         match self.list(tile, REACH) {
             Some((first, grid)) => (grid, Some(first)),
@@ -176,7 +177,8 @@ impl Composer<'_> {
         }
     }
 
-    /// A filter along x into the scratch image, then one along y. The result replaces the target layer or is added to it.
+    /// A filter along x into the scratch image, then one along y. The result replaces the target layer or is added to
+    /// it.
     pub(super) fn separable(
         &mut self,
         [from, to]: [Layer; 2],

@@ -22,7 +22,8 @@ pub(crate) struct Script {
     pub(crate) parts: Vec<Part>,
     /// The number of parts until the registration is known.
     pub(crate) registered: usize,
-    /// The indirect arguments before the solve. Scripts with and without masks share their buffer, so that they are the same for a plan.
+    /// The indirect arguments before the solve. Scripts with and without masks share their buffer, so that they are the
+    /// same for a plan.
     pub(crate) arguments: Vec<u32>,
     /// The lists of tiles that passes of a sweep run over.
     pub(crate) tiles: Vec<u32>,
@@ -36,8 +37,8 @@ pub(crate) struct Part {
     pub(crate) level_done: Option<usize>,
     /// The level whose iterations it continues. It is skipped once that level has settled.
     pub(crate) continues: Option<usize>,
-    /// The level that it begins. Devices that skip parts by themselves skip it once that level has settled: all levels do in a solve that is
-    /// cancelled.
+    /// The level that it begins. Devices that skip parts by themselves skip it once that level has settled: all levels
+    /// do in a solve that is cancelled.
     pub(crate) begins: Option<usize>,
 }
 
@@ -45,7 +46,8 @@ pub(crate) struct Part {
 #[derive(Debug)]
 pub(crate) struct Entry {
     pub(crate) action: Action,
-    /// Whether a barrier precedes it: it reads a slot that was written, or writes a slot that was accessed, since the last barrier.
+    /// Whether a barrier precedes it: it reads a slot that was written, or writes a slot that was accessed, since the
+    /// last barrier.
     pub(crate) waits: bool,
 }
 

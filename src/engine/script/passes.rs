@@ -18,16 +18,18 @@ use crate::engine::vulkan::Variant;
 const RED: usize = 0;
 const BLACK: usize = 1;
 
-/// The finest level settles once no corner moves by more than this in an iteration, pixels of the level. At 0.01, pairs under a
-/// half-Gaussian stop 0.004 px off instead of 0.002.
+/// The finest level settles once no corner moves by more than this in an iteration, pixels of the level. At 0.01, pairs
+/// under a half-Gaussian stop 0.004 px off instead of 0.002.
 const FINEST_STILL: f32 = 0.001;
-/// The same for the coarser levels, which provide a start only: at 0.001 they took up to 20 iterations, and no result was better.
+/// The same for the coarser levels, which provide a start only: at 0.001 they took up to 20 iterations, and no result
+/// was better.
 const COARSER_STILL: f32 = 0.01;
-/// The finest level settles once the energy changes by no more than this share in an iteration. At 1e-4, V of a plane at noise 0.03
-/// stops 0.06 px² too high; at 1e-5 within 0.03.
+/// The finest level settles once the energy changes by no more than this share in an iteration. At 1e-4, V of a plane
+/// at noise 0.03 stops 0.06 px² too high; at 1e-5 within 0.03.
 const FINEST_FLAT: f32 = 1e-5;
-/// The same for the coarser levels, and where steps are damped: an alternating energy changes by less only by chance. The finest level
-/// of the heat sink took 21 to 100 iterations at 1e-5, depending on its start, and ended at an energy 0.1 % lower.
+/// The same for the coarser levels, and where steps are damped: an alternating energy changes by less only by chance.
+/// The finest level of the heat sink took 21 to 100 iterations at 1e-5, depending on its start, and ended at an energy
+/// 0.1 % lower.
 const COARSER_FLAT: f32 = 1e-4;
 
 fn single(numbers: [f64; 2]) -> [f32; 2] {
@@ -73,8 +75,8 @@ impl Composer<'_> {
         self.smooth((masks.plane(), image as u32), self.plan.size);
     }
 
-    /// Matches gain, offset and shading, or measures the correlation alone. Without blur stacks V is zero, and I2 is read from its
-    /// spline.
+    /// Matches gain, offset and shading, or measures the correlation alone. Without blur stacks V is zero, and I2 is
+    /// read from its spline.
     pub(super) fn exposure(&mut self, level: &Level, adopt: Adopt, has_stacks: bool) {
         let (plan, size) = (self.plan, uncertainty_terms::size(level.size));
         let stacks = if has_stacks { slot::STACKS.plane() } else { slot::SPLINE2.plane() };

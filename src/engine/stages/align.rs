@@ -1,31 +1,26 @@
 //! Resamples a frame of a sweep onto the reference's pixels and matches its brightness.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, Single, from_centre};
 use super::{Field, pixels, spline};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Target layer.
-    pub layer: u32,
+    layer: u32,
     /// Pixels of the full-size image per pixel of this level.
-    pub factor: f32,
+    factor: f32,
     /// The image centre in pixels of this level.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
     /// Maps the reference's pixels into the frame, and the frame's brightness to the reference's.
-    pub registration: Single,
+    registration: Single,
     /// Shading: how the gain varies over the frame.
-    pub shading: [f32; Shading::TERMS],
+    shading: [f32; Shading::TERMS],
 }
 
 bindings! {
@@ -83,7 +78,7 @@ mod tests {
                 shading: std::array::from_fn(|n| 0.05 * (1.7 * n as f32).sin()),
             };
             let rig = Rig::new();
-            let (from, to) = (rig.image(std::slice::from_ref(&spline)), rig.empty([width, height], 2));
+            let (from, to) = (rig.field(&spline), rig.empty([width, height], 2));
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &c, [width, height]);
             // Single precision, with coefficients up to 1 and a factor of at most 4.
             let nothing = Field::zeros(width as usize, height as usize);

@@ -8,33 +8,28 @@
 //! The sums run over all pixels that T maps into I2. [`update_transform`](super::update_transform) then steps T as in
 //! the unified method.
 
-use bytemuck::{Pod, Zeroable};
-
 use super::mask::{self, Masks};
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, inside};
 use super::sums::{Layout, Sums};
 use super::{Field, linearise, pixels, spline};
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Rows of blocks per workgroup; the workgroups are those of [`linearise`].
-    pub rows: u32,
+    rows: u32,
     /// Pixels of the full-size image per pixel of this level.
-    pub factor: f32,
+    factor: f32,
     /// The image centre in pixels of this level.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
     /// L, the length that places are divided by: a quarter of the diagonal, pixels.
-    pub length: f32,
+    length: f32,
     /// η, intensities.
-    pub eta: f32,
+    eta: f32,
 }
 
 bindings! {
@@ -132,7 +127,7 @@ mod tests {
         let expected = cpu_reference(&c, &state.registration(), i1, &spline[0], masks);
 
         let rig = Rig::new();
-        let images = [i1, &spline[0]].map(|image| rig.image(std::slice::from_ref(image)));
+        let images = [i1, &spline[0]].map(|image| rig.field(image));
         let none = [i1.clone(), i1.clone()];
         let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
         let groups = tiles([c.width, c.height]);

@@ -2,26 +2,21 @@
 //!
 //! Shading is smooth and hardly changes within a blur kernel, so that blur and shading may be applied in either order.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::from_centre;
 use super::{Field, pixels};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Target layer.
-    pub layer: u32,
+    layer: u32,
     /// The image centre in pixels of this level.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
 }
 
 bindings! {
@@ -71,7 +66,7 @@ mod tests {
             let centre = [(width as f32 - 0.5) / 2.0, (height as f32 - 1.0) / 2.0];
             let c = Constants { width: width as u32, height: height as u32, layer: 1, centre };
             let rig = Rig::new();
-            let (image, to) = (rig.image(std::slice::from_ref(&i2)), rig.empty([c.width, c.height], 2));
+            let (image, to) = (rig.field(&i2), rig.empty([c.width, c.height], 2));
             let buffer = rig.upload(bytemuck::bytes_of(&state));
             let resources = [Resource::Image(&image), Resource::Image(&to), Resource::Buffer(&buffer)];
             rig.run(&STAGE, &resources, &c, [c.width, c.height]);

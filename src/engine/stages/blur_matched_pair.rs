@@ -4,11 +4,9 @@
 //! unaffected by the blur. Every other pixel is computed; the [window](super::uncertainty_terms::window()) then
 //! averages the noise.
 
-use bytemuck::{Pod, Zeroable};
-
 use super::blur::{Stacks, sample_pair};
 use super::mask::{self, Masks};
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, inside};
 use super::uncertainty_terms;
 use super::{Field, pixels, spline};
@@ -17,24 +15,21 @@ use crate::engine::vulkan::Variant;
 /// Layers: I1 and I2, each times the share, and the share.
 pub const LAYERS: u32 = 3;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Nodes of the stacks; 0 before there are any: then V is zero and only the spline of I2 is read.
-    pub nodes: u32,
+    nodes: u32,
     /// First layer of the stack of I2.
-    pub second_stack: u32,
+    second_stack: u32,
     /// Pixels of the full-size image per pixel of this level.
-    pub factor: f32,
+    factor: f32,
     /// The image centre in pixels of this level.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
     /// Mean of the kernel at V = 1, px.
-    pub mean: [f32; 2],
+    mean: [f32; 2],
 }
 
 bindings! {
@@ -54,8 +49,8 @@ bindings! {
 }
 
 impl Pass for Bindings {
-    /// Compulsory traffic: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image read, three
-    /// values written.
+    /// Compulsory traffic: on every fourth pixel I1, V, and of the stacks the two nodes about V and the other image
+    /// read, three values written.
     fn bytes(c: &Constants, _variant: Variant) -> u64 {
         let [width, height] = uncertainty_terms::size([c.width, c.height]);
         32 * pixels(width, height)

@@ -4,43 +4,38 @@
 //! B-spline prefilter, the blur stacks and the means over a window. A variant takes filters of any length and can add
 //! to the target: a filter that is not separable is a sum of separable ones.
 
-use bytemuck::{Pod, Zeroable};
-
 use super::field::{Field, fold};
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{WORKGROUP, pixels};
 use crate::base::weighted;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Pixels along the filtered axis, before the filter.
-    pub length: u32,
+    length: u32,
     /// Pixels across it.
-    pub breadth: u32,
+    breadth: u32,
     /// 1, or 2 to halve.
-    pub stride: u32,
+    stride: u32,
     /// 0 along x, 1 along y.
-    pub vertical: u32,
+    vertical: u32,
     /// Layer read.
-    pub from_layer: u32,
+    from_layer: u32,
     /// Layer written.
-    pub to_layer: u32,
+    to_layer: u32,
     /// First weight of the filter, in units of four weights.
-    pub offset: u32,
+    offset: u32,
     /// [`BLOCK`]s of weights of the filter, the last padded with zeros.
-    pub blocks: u32,
+    blocks: u32,
     /// The filter has 2 radius + 1 weights.
-    pub radius: u32,
+    radius: u32,
     /// 1: adds to the target; only with the variant for long filters.
-    pub add: u32,
+    add: u32,
     /// Pixels after which the mirrored image repeats, at least 1.
-    pub period: f32,
+    period: f32,
     /// First entry of the list of tiles; only with the variant for lists.
-    pub listed: u32,
+    listed: u32,
 }
 
 /// Adjacent results per invocation: each weight and each value is loaded once for all of them.
@@ -93,12 +88,12 @@ impl Pass for Bindings {
         let first = 4 * c.offset as usize;
         let filter = &memory.numbers(self.filters)[first..first + 2 * c.radius as usize + 1];
         let input = memory.layer(self.from, c.from_layer as usize);
-        let mut found = cpu_reference_mirrored(input, filter, c.stride as usize, c.vertical == 1, c.period as usize);
+        let mut filtered = cpu_reference_mirrored(input, filter, c.stride as usize, c.vertical == 1, c.period as usize);
         let to = memory.layer_mut(self.to, c.to_layer as usize);
         if c.add == 1 {
-            found.data.iter_mut().zip(&to.data).for_each(|(sum, before)| *sum += before);
+            filtered.data.iter_mut().zip(&to.data).for_each(|(sum, before)| *sum += before);
         }
-        *to = found;
+        *to = filtered;
     }
 }
 

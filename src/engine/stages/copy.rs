@@ -1,21 +1,16 @@
 //! Copies an image. No part of the method: [`bench`](crate::bench) measures the memory bandwidth with it.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels};
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width, pixels.
-    pub width: u32,
+    width: u32,
     /// Height, pixels.
-    pub height: u32,
+    height: u32,
     /// Target layer.
-    pub layer: u32,
+    layer: u32,
 }
 
 bindings! {
@@ -59,7 +54,7 @@ mod tests {
             let rig = Rig::new();
             let field = random_field(width, height, 5);
             let size = [width as u32, height as u32];
-            let (from, to) = (rig.image(std::slice::from_ref(&field)), rig.empty(size, 1));
+            let (from, to) = (rig.field(&field), rig.empty(size, 1));
             let constants = Constants { width: size[0], height: size[1], layer: 0 };
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, size);
             // 1e-7: the field in single precision.
@@ -71,7 +66,7 @@ mod tests {
     fn skipped_parts_do_not_run() {
         let rig = Rig::new();
         let fields = [1, 2, 3].map(|seed| random_field(37, 21, seed));
-        let sources = fields.each_ref().map(|field| rig.image(std::slice::from_ref(field)));
+        let sources = fields.each_ref().map(|field| rig.field(field));
         let to = rig.empty([37, 21], 1);
         let pipeline = Arc::new(Pipeline::new(rig.device(), &STAGE).unwrap());
         let constants = Constants { width: 37, height: 21, layer: 0 };

@@ -9,35 +9,31 @@
 //! polynomial times I2. Then the share that chance explains with as many terms is subtracted (James and Stein):
 //! photographs that need no shading get none.
 
-use bytemuck::{Pod, Zeroable};
 use nalgebra::{DMatrix, DVector};
 
 use super::blur_matched_pair::LAYERS;
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{DoubleState, from_centre};
 use super::{Field, pixels};
 use crate::base::{Shading, shading};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Pixels of the full-size image per pixel of this level.
-    pub factor: f32,
+    factor: f32,
     /// The image centre in pixels of this level.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
     /// Pixels of the pair from sample to sample.
-    pub every: u32,
+    every: u32,
     /// An [`Adopt`].
-    pub adopt: u32,
+    adopt: u32,
     /// The number of samples that are worth one independent sample.
-    pub dependent: f32,
+    dependent: f32,
 }
 
 /// Which estimates are adopted.
@@ -179,8 +175,8 @@ fn match_shading(c: &Constants, state: &mut DoubleState, samples: &[Sample]) {
                 known.iter().zip(&weights).map(|([second, target], w)| w * (target - constant * second).powi(2));
             let explained = alone.sum::<f64>() - squares;
             let chance = squares * Shading::TERMS as f64 * f64::from(c.dependent) / weight;
-            let kept = if explained > chance { 1.0 - chance / explained } else { 0.0 };
-            state.shading.coefficients.iter_mut().for_each(|c| *c *= kept);
+            let significant = if explained > chance { 1.0 - chance / explained } else { 0.0 };
+            state.shading.coefficients.iter_mut().for_each(|c| *c *= significant);
             return;
         }
         let coefficients = least_squares(samples, &known, &weights);

@@ -2,29 +2,24 @@
 //!
 //! J includes gain, offset and shading, which avoids seams. Where I2 does not reach, the result is I1.
 
-use bytemuck::{Pod, Zeroable};
-
 use super::blur::heaviside;
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, from_centre, inside};
 use super::{Field, pixels, spline};
 use crate::base::Shading;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width, pixels.
-    pub width: u32,
+    width: u32,
     /// Height, pixels.
-    pub height: u32,
+    height: u32,
     /// Target layer.
-    pub layer: u32,
+    layer: u32,
     /// The image centre, pixels.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
     /// ε of the Heaviside, px².
-    pub epsilon: f32,
+    epsilon: f32,
 }
 
 bindings! {
@@ -109,7 +104,7 @@ mod tests {
                 epsilon: 0.1,
             };
             let rig = Rig::new();
-            let inputs = fields.each_ref().map(|f| rig.image(std::slice::from_ref(f)));
+            let inputs = fields.each_ref().map(|f| rig.field(f));
             let result = rig.empty([width as u32, height as u32], 2);
             let buffer = rig.upload(bytemuck::bytes_of(&state));
             let images = [&inputs[0], &inputs[1], &inputs[2], &result].map(Resource::Image);

@@ -19,55 +19,50 @@
 //!
 //! f, px², is the correlation of noise that pixel and low pass leave. Section 11 of `docs/method.md`.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::stack::{self, Slopes};
 use super::sums::Sums;
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Nodes of the stack.
-    pub nodes: u32,
+    nodes: u32,
     /// Layer of the other frame.
-    pub other: u32,
+    other: u32,
     /// First row of partial sums.
-    pub row: u32,
+    row: u32,
     /// First entry of the list of tiles.
-    pub listed: u32,
+    listed: u32,
     /// Layer of the sharper frame.
-    pub own: u32,
+    own: u32,
     /// Words of bits per pixel; 0 if all pixels of all frames count.
-    pub words: u32,
+    words: u32,
     /// Focus setting of the sharper frame, in units of u.
-    pub own_setting: f32,
+    own_setting: f32,
     /// Focus setting of the other frame.
-    pub other_setting: f32,
+    other_setting: f32,
     /// c, px² of the level per squared setting.
-    pub rate: f32,
+    rate: f32,
     /// f, px² of the level.
-    pub grain: f32,
+    grain: f32,
     /// η of the data term.
-    pub eta: f32,
+    eta: f32,
     /// The largest V, px² of the level.
-    pub limit: f32,
+    limit: f32,
     /// Pixels where the sharper frame is blurred by more are left out, px² of the level.
-    pub far: f32,
+    far: f32,
     /// L, the length that places are divided by, pixels of the level.
-    pub length: f32,
+    length: f32,
     /// The image centre in pixels of this level.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
     /// Left, top, right and bottom of the area that both frames show, pixels of this level.
-    pub shown: [f32; 4],
+    shown: [f32; 4],
 }
 
 /// The variant for a kernel's slopes, for held T and c (no sums), and for homographies.
@@ -208,7 +203,7 @@ pub fn cpu_reference(
 #[cfg(test)]
 mod tests {
     use super::super::harness::{Rig, build_stack, random_field, smooth_field};
-    use super::super::sums::Layout;
+    use super::super::sums::{Layout, assert_close};
     use super::*;
     use crate::base::Kernel;
     use crate::engine::vulkan::Resource;
@@ -253,12 +248,8 @@ mod tests {
         let Contribution { system, sums } = cpu_reference(&c, variant, focus, &stack, other, &hidden);
         let rig = Rig::new();
         let before: Vec<Field> = (0..u64::from(LAYERS)).map(|n| random_field(width, height, 20 + n)).collect();
-        let images = [
-            rig.image(std::slice::from_ref(focus)),
-            rig.image(&stack),
-            rig.image(&[other.clone(), other.clone()]),
-            rig.image(&before),
-        ];
+        let images =
+            [rig.field(focus), rig.image(&stack), rig.image(&[other.clone(), other.clone()]), rig.image(&before)];
         let (layout, groups) = (Layout::of(false), tiles([c.width, c.height]));
         let partials = rig.upload(&vec![0; 4 * layout.length * (2 + groups[0] * groups[1]) as usize]);
         let mut resources: Vec<_> = images.iter().map(Resource::Image).collect();
@@ -278,15 +269,10 @@ mod tests {
         // Single precision, relative to the largest.
         rig.assert_close(&images[3], &expected, 1e-4 * most);
         let actual = Sums::from_partials(&rig.floats(&partials), layout);
-        let size = sums.normal.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
-        let close = |f: f64, e: f64, what: &str| assert!((f - e).abs() < 1e-4 * size, "{what}: {f}, not {e}");
-        for i in 0..layout.unknowns {
-            close(actual.gradient[i], sums.gradient[i], "g");
-            (0..layout.unknowns).for_each(|j| close(actual.normal[i][j], sums.normal[i][j], "N"));
-        }
-        close(actual.energy, sums.energy, "energy");
-        close(actual.valid, sums.valid, "valid");
-        (0..2).for_each(|n| close(actual.roughness[n], sums.roughness[n], "c"));
+        assert_close(&actual, &sums, layout, 1e-4);
+        let largest = sums.normal.iter().flatten().fold(1.0, |m: f64, v| m.max(v.abs()));
+        let apart = |n: usize| (actual.roughness[n] - sums.roughness[n]).abs();
+        assert!((0..2).all(|n| apart(n) < 1e-4 * largest), "roughness: {actual:?} {sums:?}");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use half::f16;
 
 use super::stack::{Layer, Sampling, Slopes, layer};
 use super::{Field, convolve, subdivide};
-use crate::base::Kernel;
+use crate::base::{Channels, Frame, Kernel, Samples};
 use crate::engine::filter;
 use crate::engine::vulkan::{
     Buffer, Clock, Device, Image, Pipeline, Recorder, Resource, Stage, Texel, Variant, Workgroups,
@@ -58,6 +58,11 @@ impl Rig {
     /// An image of zeros.
     pub(crate) fn empty(&self, [width, height]: [u32; 2], layers: usize) -> Arc<Image> {
         self.image(&vec![Field::zeros(width as usize, height as usize); layers])
+    }
+
+    /// An image with this layer.
+    pub(crate) fn field(&self, field: &Field) -> Arc<Image> {
+        self.image(std::slice::from_ref(field))
     }
 
     /// An image with these layers.
@@ -161,11 +166,11 @@ impl Rig {
     /// Asserts that each number of the image is within `tolerance` of the expected one, or both are NaN.
     #[track_caller]
     pub(crate) fn assert_close(&self, image: &Arc<Image>, expected: &[Field], tolerance: f64) {
-        let found = self.layers(image);
-        assert_eq!(found.len(), expected.len(), "layers");
-        for (layer, (found, expected)) in found.iter().zip(expected).enumerate() {
-            for (i, (f, e)) in found.data.iter().zip(&expected.data).enumerate() {
-                let (x, y) = (i % found.width, i / found.width);
+        let actual = self.layers(image);
+        assert_eq!(actual.len(), expected.len(), "layers");
+        for (layer, (actual, expected)) in actual.iter().zip(expected).enumerate() {
+            for (i, (f, e)) in actual.data.iter().zip(&expected.data).enumerate() {
+                let (x, y) = (i % actual.width, i / actual.width);
                 let close = (f - e).abs() <= tolerance || (f.is_nan() && e.is_nan());
                 assert!(close, "layer {layer}, ({x}, {y}): {f}, not {e} ± {tolerance}");
             }
@@ -227,6 +232,23 @@ pub(crate) fn random(count: usize, seed: u64) -> Vec<f64> {
     })
     .take(count)
     .collect()
+}
+
+/// Frames of each number of channels and depth, in some odd sizes.
+pub(crate) fn frames() -> Vec<Frame> {
+    let mut frames = Vec::new();
+    for (width, height) in [(37, 19), (16, 16), (33, 8)] {
+        for channels in [Channels::Gray, Channels::Rgb] {
+            let values = random((width * height * channels.count()) as usize, 3);
+            let samples = [
+                Samples::U8(values.iter().map(|v| (v * 255.0) as u8).collect()),
+                Samples::U16(values.iter().map(|v| (v * 65535.0) as u16).collect()),
+                Samples::F32(values.iter().map(|&v| v as f32).collect()),
+            ];
+            frames.extend(samples.map(|samples| Frame::new(width, height, channels, samples).unwrap()));
+        }
+    }
+    frames
 }
 
 /// White noise in [0, 1).

@@ -1,27 +1,22 @@
 //! Converts samples of a photograph to one channel in [0, 1]: Rec. 601 luminance or one of the colors.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels};
 use crate::base::color::srgb_to_linear;
 use crate::base::{Decode, Frame, Samples};
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width, pixels.
-    pub width: u32,
+    width: u32,
     /// Height, pixels.
-    pub height: u32,
+    height: u32,
     /// 1 or 3 interleaved channels.
-    pub channels: u32,
+    channels: u32,
     /// 1, 2 or 4 bytes per sample.
-    pub bytes: u32,
+    bytes: u32,
     /// Weights of red, green and blue; unused for one channel.
-    pub weights: [f32; 3],
+    weights: [f32; 3],
 }
 
 /// The variant that decodes the sRGB curve.
@@ -73,10 +68,9 @@ pub fn cpu_reference(frame: &Frame, decode: Decode, weights: [f32; 3]) -> Field 
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, random};
+    use super::super::harness::{Rig, frames};
     use super::*;
     use crate::base::color::LUMINANCE;
-    use crate::base::{Channels, Depth};
     use crate::engine::vulkan::Resource;
 
     fn check(frame: &Frame, decode: Decode, weights: [f32; 3]) {
@@ -100,21 +94,9 @@ mod tests {
 
     #[test]
     fn every_format_matches_the_cpu_reference() {
-        for (width, height) in [(37, 19), (16, 16), (33, 8)] {
-            for channels in [Channels::Gray, Channels::Rgb] {
-                let n = (width * height * channels.count()) as usize;
-                let values = random(n, 3);
-                for depth in [Depth::U8, Depth::U16, Depth::F32] {
-                    let samples = match depth {
-                        Depth::U8 => Samples::U8(values.iter().map(|v| (v * 255.0) as u8).collect()),
-                        Depth::U16 => Samples::U16(values.iter().map(|v| (v * 65535.0) as u16).collect()),
-                        Depth::F32 => Samples::F32(values.iter().map(|&v| v as f32).collect()),
-                    };
-                    let frame = Frame::new(width, height, channels, samples).unwrap();
-                    check(&frame, Decode::None, LUMINANCE);
-                    check(&frame, Decode::Srgb, [0.0, 1.0, 0.0]);
-                }
-            }
+        for frame in frames() {
+            check(&frame, Decode::None, LUMINANCE);
+            check(&frame, Decode::Srgb, [0.0, 1.0, 0.0]);
         }
     }
 }

@@ -9,9 +9,7 @@
 //! least 0. A single clipped pixel lowers its own m by 0.04: it counts by nothing and its neighbours by little. Around
 //! a large clipped area nothing counts within 3.5 px.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, ingest, pixels};
 use crate::base::Frame;
 use crate::engine::slot::{self, Reads};
@@ -20,22 +18,19 @@ use crate::engine::vulkan::Variant;
 /// The averaged masks of I1 and I2 on a level.
 pub type Masks = [Field; 2];
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width, pixels.
-    pub width: u32,
+    width: u32,
     /// Height, pixels.
-    pub height: u32,
+    height: u32,
     /// 1 or 3 interleaved channels.
-    pub channels: u32,
+    channels: u32,
     /// 1, 2 or 4 bytes per sample.
-    pub bytes: u32,
+    bytes: u32,
     /// 1 for I2, which has no mask of its own.
-    pub second: u32,
+    second: u32,
     /// Black and white: stored values at which a sample is clipped. White of integers is 1.
-    pub clipped: [f32; 2],
+    clipped: [f32; 2],
 }
 
 bindings! {
@@ -106,9 +101,8 @@ pub(super) fn shares(width: usize, height: usize, seed: u64) -> Field {
 
 #[cfg(test)]
 mod tests {
-    use super::super::harness::{Rig, random};
+    use super::super::harness::{Rig, frames};
     use super::*;
-    use crate::base::{Channels, Depth, Samples};
     use crate::engine::vulkan::Resource;
 
     fn check(frame: &Frame, clipped: [f32; 2]) {
@@ -131,25 +125,14 @@ mod tests {
 
     #[test]
     fn matches_the_cpu_reference() {
-        for (width, height) in [(37, 19), (16, 16), (33, 8)] {
-            for channels in [Channels::Gray, Channels::Rgb] {
-                let values = random((width * height * channels.count()) as usize, 3);
-                for depth in [Depth::U8, Depth::U16, Depth::F32] {
-                    let samples = match depth {
-                        Depth::U8 => Samples::U8(values.iter().map(|v| (v * 255.0) as u8).collect()),
-                        Depth::U16 => Samples::U16(values.iter().map(|v| (v * 65535.0) as u16).collect()),
-                        Depth::F32 => Samples::F32(values.iter().map(|&v| v as f32).collect()),
-                    };
-                    let frame = Frame::new(width, height, channels, samples).unwrap();
-                    check(&frame, [0.2013, 0.9007]);
-                    check(&frame, [f32::NEG_INFINITY, f32::INFINITY]);
-                }
-            }
+        for frame in frames() {
+            check(&frame, [0.2013, 0.9007]);
+            check(&frame, [f32::NEG_INFINITY, f32::INFINITY]);
         }
     }
 
     #[test]
-    fn the_mask_of_i2_is_read_where_the_pixel_goes() {
+    fn the_mask_of_i2_is_read_at_the_displaced_pixel() {
         let mut masks = [(); 2].map(|()| Field::from_fn(8, 6, |_, _| 1.0));
         masks[1].data[2 * 8 + 5] = 0.0;
         assert_eq!(counts(Some(&masks), [3, 1], [2.0, 1.0]), 0.0);

@@ -51,9 +51,9 @@ pub use field::Field;
 use crate::base::Error;
 use crate::engine::vulkan::{Device, Pipeline, Stage, Variant};
 
-/// The workgroup of passes over pixels: wider than high, since rows are contiguous in memory, and a multiple of the subgroup wide,
-/// so that subgroups are full. On lavapipe with 16x16, 32x8, 64x4 and 128x2 the heat sink took 16.0, 12.3, 12.2 and 15.2 s, its
-/// relaxation 3.5, 2.6, 2.0 and 2.5 s.
+/// The workgroup of passes over pixels: wider than high, since rows are contiguous in memory, and a multiple of the
+/// subgroup wide, so that subgroups are full. On lavapipe with 16x16, 32x8, 64x4 and 128x2 the heat sink took 16.0,
+/// 12.3, 12.2 and 15.2 s, its relaxation 3.5, 2.6, 2.0 and 2.5 s.
 pub(crate) const WORKGROUP: [u32; 2] = [64, 4];
 
 /// The variant with no specialization constant set.
@@ -64,7 +64,8 @@ pub(crate) fn pixels(width: u32, height: u32) -> u64 {
     u64::from(width) * u64::from(height)
 }
 
-/// The pipelines of a device. Each variant of a stage is compiled when it is first used: sweeps use other ones than pairs.
+/// The pipelines of a device. Each variant of a stage is compiled when it is first used: sweeps use other ones than
+/// pairs.
 pub(crate) struct Pipelines {
     compiled: Mutex<HashMap<(&'static str, Variant), Arc<Pipeline>>>,
     device: Arc<Device>,

@@ -31,9 +31,22 @@ pub(crate) trait Pass: Bindings {
     fn run(&self, constants: &Self::Constants, variant: Variant, memory: &mut Memory);
 }
 
-/// Declares the stage of a shader and its bindings, in the shader's order. Each field is [`Reads`](crate::engine::slot::Reads),
-/// [`Writes`](crate::engine::slot::Writes) or [`Updates`](crate::engine::slot::Updates) of a quantity. A test compares order and
-/// accesses with the shader's text.
+/// Declares the push constants of a stage: the members of the shader's block in its order, at most 128 bytes.
+macro_rules! push_constants {
+    ($($(#[$doc:meta])* $field:ident: $kind:ty,)*) => {
+        /// Push constants.
+        #[repr(C)]
+        #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+        pub struct Constants {
+            $($(#[$doc])* pub $field: $kind,)*
+        }
+    };
+}
+pub(crate) use push_constants;
+
+/// Declares the stage of a shader and its bindings, in the shader's order. Each field is
+/// [`Reads`](crate::engine::slot::Reads), [`Writes`](crate::engine::slot::Writes) or
+/// [`Updates`](crate::engine::slot::Updates) of a quantity. A test compares order and accesses with the shader's text.
 macro_rules! bindings {
     ($shader:ident: $($(#[$doc:meta])* $field:ident: $access:ident<$quantity:ident>,)*) => {
         /// The bindings of the shader, in its order.
@@ -71,8 +84,8 @@ macro_rules! bindings {
 }
 pub(crate) use bindings;
 
-/// The contents of the slots, for the CPU references. A layer has the size of the field that was last written to it. Slots that were
-/// never written must not be read.
+/// The contents of the slots, for the CPU references. A layer has the size of the field that was last written to it.
+/// Slots that were never written must not be read.
 pub(crate) struct Memory<'a> {
     photographs: [&'a Frame; 2],
     mask: Option<&'a Mask>,

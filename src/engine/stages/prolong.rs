@@ -1,24 +1,19 @@
 //! V of a level from V of the next coarser one: read at x/2, the mean half-way between pixels, times four. A px² of the
 //! finer level is a quarter as large.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels};
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the fine level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the fine level, pixels.
-    pub height: u32,
+    height: u32,
     /// Largest |V|, px² of the fine level.
-    pub limit: f32,
+    limit: f32,
     /// 4 for V; 1 for values that do not depend on the size of pixels.
-    pub gain: f32,
+    gain: f32,
 }
 
 bindings! {
@@ -64,7 +59,7 @@ mod tests {
             let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
             let constants = Constants { width, height, limit: 3.0, gain: 4.0 };
             let rig = Rig::new();
-            let (from, to) = (rig.image(std::slice::from_ref(&coarse)), rig.empty([width, height], 1));
+            let (from, to) = (rig.field(&coarse), rig.empty([width, height], 1));
             rig.run(&STAGE, &[Resource::Image(&from), Resource::Image(&to)], &constants, [width, height]);
             rig.assert_close(&to, &[cpu_reference(&constants, &coarse)], 1e-6);
         }

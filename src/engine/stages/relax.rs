@@ -2,26 +2,21 @@
 //!
 //! The system is divided by its diagonal: `dV = r + Σ_n a_n dV_n`. Red pixels have x + y even.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// 0 red, 1 black.
-    pub color: u32,
+    color: u32,
     /// [`ROWS`].
-    pub rows: u32,
+    rows: u32,
     /// ω of successive over-relaxation.
-    pub over_relaxation: f32,
+    over_relaxation: f32,
 }
 
 /// Lines of one color per invocation.
@@ -145,7 +140,7 @@ pub(crate) mod tests {
         let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
         let weights = rig.weights(&interleaved(&system));
         let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
-        let changes = [0, 1].map(|_| rig.image(std::slice::from_ref(&nothing)));
+        let changes = [0, 1].map(|_| rig.field(&nothing));
         for color in [0, 1] {
             let c = Constants {
                 width: width as u32,

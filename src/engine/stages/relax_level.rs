@@ -1,8 +1,6 @@
 //! All relaxation sweeps on a small level by one workgroup: there a dispatch of [`relax`] takes longer than its work.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels, relax};
 use crate::engine::vulkan::Variant;
 
@@ -10,18 +8,15 @@ use crate::engine::vulkan::Variant;
 /// workgroup on one core 0.3 ms. With four times as many pixels both take the same time.
 const MOST_PIXELS: u64 = 1 << 13;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Relaxation sweeps.
-    pub sweeps: u32,
+    sweeps: u32,
     /// ω of successive over-relaxation.
-    pub over_relaxation: f32,
+    over_relaxation: f32,
 }
 
 bindings! {
@@ -86,7 +81,7 @@ mod tests {
             let right_sides = rig.image(&[0, 1].map(|color| half(&system[0], color)));
             let weights = rig.weights(&interleaved(&system));
             let nothing = Field::from_fn(width.div_ceil(2), height, |_, _| f64::NAN);
-            let changes = [0, 1].map(|_| rig.image(std::slice::from_ref(&nothing)));
+            let changes = [0, 1].map(|_| rig.field(&nothing));
             let resources = [&right_sides, &weights, &changes[0], &changes[1]].map(Resource::Image);
             rig.run_groups(&STAGE, &resources, &c, [1, 1, 1]);
             let expected = cpu_reference(&c, &system.each_ref());

@@ -4,34 +4,29 @@
 //! Averaged over the [window](super::uncertainty_terms::window()), its root shows where something moved between the
 //! photographs, reflects differently, or is occluded.
 
-use bytemuck::{Pod, Zeroable};
-
 use super::blur::{Stacks, heaviside, sample_pair};
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, inside};
 use super::{Field, pixels, uncertainty_terms};
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the image, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the image, pixels.
-    pub height: u32,
+    height: u32,
     /// Target layer.
-    pub layer: u32,
+    layer: u32,
     /// Nodes of the stacks.
-    pub nodes: u32,
+    nodes: u32,
     /// First layer of the stack of I2.
-    pub second_stack: u32,
+    second_stack: u32,
     /// The image centre, pixels.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
     /// Mean of the kernel at V = 1, px.
-    pub mean: [f32; 2],
+    mean: [f32; 2],
     /// ε of the Heaviside, px².
-    pub epsilon: f32,
+    epsilon: f32,
 }
 
 bindings! {

@@ -4,24 +4,19 @@
 //! The slope at a node stays half the Laplacian, which is exact only for a Gaussian. Between nodes a disk's image is
 //! then off by a ninth of its difference from a Gaussian's, less than the departure itself leaves.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels, stack};
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Nodes of the stack.
-    pub nodes: u32,
+    nodes: u32,
     /// Its first layer.
-    pub first: u32,
+    first: u32,
 }
 
 bindings! {

@@ -1,19 +1,14 @@
 //! The kernel's shape as the weighted median of [its estimates in windows](super::shape_windows). A median, since
 //! windows err at depth edges and where something moved.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::shape_windows::Window;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Number of windows.
-    pub windows: u32,
+    windows: u32,
 }
 
 bindings! {

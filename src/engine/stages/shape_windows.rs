@@ -9,12 +9,10 @@
 //! On renderings the shape is 0.0 for Gaussians and 0.9 to 1.5 for disks, larger the blurrier the sharper image is.
 //! Real lenses lie between: 0.6 (heat sink), 0.4 (pcb-header), 0.9 (dimple), 1.4 (leaves).
 
-use bytemuck::{Pod, Zeroable};
-
 use super::blur::{self, Stacks};
 use super::mask::{self, Masks};
 use super::noise::Noise;
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{DoubleState, inside};
 use super::{Field, spline, stack};
 use crate::engine::shaders;
@@ -26,26 +24,23 @@ const SIDE: usize = shaders::shape_windows::SIDE as usize;
 /// The most windows along a side of the level: together a seventh of 1 Mpx.
 const MOST_ALONG: u32 = 16;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Nodes of the stacks.
-    pub nodes: u32,
+    nodes: u32,
     /// First layer of the stack of I2.
-    pub second_stack: u32,
+    second_stack: u32,
     /// Columns and rows of windows.
-    pub grid: [u32; 2],
+    grid: [u32; 2],
     /// Pixels of the full-size image per pixel of this level.
-    pub factor: f32,
+    factor: f32,
     /// The image centre in pixels of this level.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
     /// Noise that remains after a blur.
-    pub noise: Noise,
+    noise: Noise,
 }
 
 /// Columns and rows of windows on a level.
@@ -239,7 +234,7 @@ mod tests {
         let rig = Rig::new();
         let none = [Field::zeros(width, height), Field::zeros(width, height)];
         let (masked, masks) = (masks.is_some(), rig.image(masks.unwrap_or(&none)));
-        let (v, stacks) = (rig.image(std::slice::from_ref(v)), rig.image(&stacks.concat()));
+        let (v, stacks) = (rig.field(v), rig.image(&stacks.concat()));
         let (state, windows) = (rig.upload(bytemuck::bytes_of(&state)), rig.upload(&vec![0; 8 * expected.len()]));
         let resources = [
             Resource::Image(&v),

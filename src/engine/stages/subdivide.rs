@@ -5,25 +5,20 @@
 //! at pixel 2i. The image is mirrored about the border pixels of the *fine* grid: for an even size, half-way between
 //! the last pixel of the coarse grid and the next.
 
-use bytemuck::{Pod, Zeroable};
-
 use super::field::{Field, fold};
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::pixels;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the fine image, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the fine image, pixels.
-    pub height: u32,
+    height: u32,
     /// Target layer of the fine image.
-    pub layer: u32,
+    layer: u32,
     /// First entry of the list of tiles; only with the variant for lists.
-    pub listed: u32,
+    listed: u32,
 }
 
 /// The variant for listed tiles.
@@ -80,7 +75,7 @@ mod tests {
             let coarse = random_field(width.div_ceil(2) as usize, height.div_ceil(2) as usize, 5);
             let expected = cpu_reference([width as usize, height as usize], &coarse);
             let rig = Rig::new();
-            let (from, to) = (rig.image(std::slice::from_ref(&coarse)), rig.empty([width, height], 2));
+            let (from, to) = (rig.field(&coarse), rig.empty([width, height], 2));
             let constants = Constants { width, height, layer: 1, listed: 1 };
             let tiles = rig.upload(bytemuck::cast_slice(&[9, 0, 1 | 1 << 16]));
             let resources = [Resource::Image(&from), Resource::Image(&to), Resource::Buffer(&tiles)];

@@ -16,27 +16,22 @@
 //! The system is stored divided by its diagonal, with weights in half precision. At the solution, dV = 0, their
 //! rounding has no effect.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, WORKGROUP, pixels};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// α; for a pair the factor on the state's α.
-    pub alpha: f32,
+    alpha: f32,
     /// c, px² of the level per squared setting; 1 for a pair.
-    pub rate: f32,
+    rate: f32,
     /// η of the smoothness term, px of blur per pixel; for a pair px² per pixel.
-    pub smoothness_eta: f32,
+    smoothness_eta: f32,
 }
 
 /// Pixels over which slopes on either side of two neighbours are computed. Over fewer, noise counts as slope; over

@@ -14,9 +14,7 @@
 //! β 2.75 up to 4 % of errors exceed 5 σ. A slope is no error: with |∇V|² instead of (∇²V)², σ of a noiseless plane is
 //! five times its error.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, inside};
 use super::uncertainty_terms::{self, WINDOW};
 use super::{Field, pixels};
@@ -31,24 +29,21 @@ pub const WINDOW_PIXELS: f32 = (4.0 * std::f64::consts::PI * WINDOW * WINDOW) as
 /// Standard deviation where the photographs do not determine V, px²: more than any |V|.
 pub const LARGEST: f32 = 1e3;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width, pixels.
-    pub width: u32,
+    width: u32,
     /// Height, pixels.
-    pub height: u32,
+    height: u32,
     /// The image centre, pixels.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
     /// N.
-    pub pixels: f32,
+    pixels: f32,
     /// κ.
-    pub calibration: f32,
+    calibration: f32,
     /// β, px⁴.
-    pub bending: f32,
+    bending: f32,
     /// Standard deviation where the photographs do not determine V, px².
-    pub largest: f32,
+    largest: f32,
 }
 
 impl Constants {
@@ -153,7 +148,7 @@ mod tests {
             let size = [width as u32, height as u32];
             let c = Constants::new(size, [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0]);
             let rig = Rig::new();
-            let images = [rig.image(std::slice::from_ref(&v)), rig.image(&terms), rig.empty(size, 3)];
+            let images = [rig.field(&v), rig.image(&terms), rig.empty(size, 3)];
             let buffer = rig.upload(bytemuck::bytes_of(&state));
             let mask: Vec<u8> = (0..width * height).map(|n| u8::from(n % 7 != 3)).collect();
             let bytes = rig.upload(&mask);

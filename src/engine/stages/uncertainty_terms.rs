@@ -4,9 +4,7 @@
 //! V depends on all pixels within reach of the smoothness, so that a single pixel says little. Averaged over a
 //! [window](fn@window), the terms give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels};
 use crate::engine::filter::{self, Filter};
 use crate::engine::vulkan::Variant;
@@ -23,20 +21,17 @@ pub const NOISE: f32 = 1e-3;
 /// 1e-6.
 pub const LEAST: f32 = 1e-8;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the image, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the image, pixels.
-    pub height: u32,
+    height: u32,
     /// η of the data term, intensities.
-    pub eta: f32,
+    eta: f32,
     /// Least standard deviation of a residual, intensities.
-    pub noise: f32,
+    noise: f32,
     /// D below which it is rounding; [`LEAST`].
-    pub least: f32,
+    least: f32,
 }
 
 bindings! {
@@ -58,8 +53,8 @@ impl Pass for Bindings {
 
     fn run(&self, c: &Constants, _variant: Variant, memory: &mut Memory) {
         let [d, b] = [0, 1].map(|n| memory.layer(self.equations, n));
-        let found = cpu_reference(c, memory.layer(self.v, 0), [d, b]);
-        found.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.terms, n, field));
+        let terms = cpu_reference(c, memory.layer(self.v, 0), [d, b]);
+        terms.into_iter().enumerate().for_each(|(n, field)| memory.set_layer(self.terms, n, field));
     }
 }
 
@@ -104,7 +99,7 @@ mod tests {
             let [v, d, b] = [1, 2, 3].map(|seed| random_field(width, height, seed));
             let rig = Rig::new();
             let actual = rig.empty(size([width as u32, height as u32]), LAYERS);
-            let images = [&rig.image(std::slice::from_ref(&v)), &rig.image(&[d.clone(), b.clone()]), &actual];
+            let images = [&rig.field(&v), &rig.image(&[d.clone(), b.clone()]), &actual];
             rig.run(&STAGE, &images.map(Resource::Image), &constants(&v), size([width as u32, height as u32]));
             let mut expected = cpu_reference(&constants(&v), &v, [&d, &b]).to_vec();
             expected.push(Field::zeros(expected[0].width, expected[0].height));

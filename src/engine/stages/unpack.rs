@@ -1,8 +1,6 @@
 //! Unpacks a frame from its camera's format to interleaved samples, grey or red, green and blue.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::pixels;
 use crate::base::{Frame, Order, Packing, PixelFormat};
 use crate::engine::vulkan::Variant;
@@ -10,26 +8,23 @@ use crate::engine::vulkan::Variant;
 /// Groups of four pixels per row of invocations: 2^28 pixels have 2^14 rows, in workgroups of four.
 const ROW: u32 = 4096;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width, pixels.
-    pub width: u32,
+    width: u32,
     /// Height, pixels.
-    pub height: u32,
+    height: u32,
     /// Bits of a packed sample.
-    pub bits: u32,
+    bits: u32,
     /// Packed samples per pixel.
-    pub count: u32,
+    count: u32,
     /// 1: the order is blue, green, red.
-    pub reversed: u32,
+    reversed: u32,
     /// Place of red among two by two pixels of a mosaic.
-    pub red: [u32; 2],
+    red: [u32; 2],
     /// Groups of four pixels per row of invocations.
-    pub row: u32,
+    row: u32,
     /// Quotient and remainder of 65535 by the greatest packed sample.
-    pub steps: [u32; 2],
+    steps: [u32; 2],
 }
 
 impl Constants {

@@ -1,25 +1,20 @@
 //! `V ← V + share clamp(dV)`, section 4 of `docs/method.md`.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels, relax};
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Largest |dV|, px² of the level.
-    pub largest_step: f32,
+    largest_step: f32,
     /// Largest |V|, px² of the level.
-    pub limit: f32,
+    limit: f32,
     /// Share of dV that is added.
-    pub share: f32,
+    share: f32,
 }
 
 bindings! {
@@ -66,7 +61,7 @@ mod tests {
             let (width32, height32) = (width as u32, height as u32);
             let constants = Constants { width: width32, height: height32, largest_step: 0.4, limit: 0.9, share: 0.5 };
             let rig = Rig::new();
-            let images = [&half(&change, 0), &half(&change, 1), &v].map(|f| rig.image(std::slice::from_ref(f)));
+            let images = [&half(&change, 0), &half(&change, 1), &v].map(|f| rig.field(f));
             rig.run(&STAGE, &images.each_ref().map(Resource::Image), &constants, [width as u32, height as u32]);
             cpu_reference(&constants, &change, &mut v);
             rig.assert_close(&images[2], &[v], 1e-6);

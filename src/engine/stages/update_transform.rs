@@ -5,56 +5,52 @@
 
 use std::ops::Range;
 
-use bytemuck::{Pod, Zeroable};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::Registration;
 use super::sums::{Layout, Sums, UNKNOWNS};
 use crate::base::{Homography, Shading};
 use crate::engine::vulkan::Variant;
 use crate::engine::{arguments, shaders};
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Rows of partial sums, one per workgroup of `linearise`.
-    pub rows: u32,
+    rows: u32,
     /// Level, 0 the finest.
-    pub level: u32,
+    level: u32,
     /// Index of the energy of this level and iteration.
-    pub energy_place: u32,
+    energy_place: u32,
     /// First of the level's indirect arguments, in words.
-    pub argument_place: u32,
+    argument_place: u32,
     /// Number of words, all zeroed once the level has settled.
-    pub argument_count: u32,
+    argument_count: u32,
     /// The number of unknowns of T to solve for; 0 holds T.
-    pub unknowns: u32,
+    unknowns: u32,
     /// 1 to descend the gradient instead of solving.
-    pub descend: u32,
+    descend: u32,
     /// 1 once an iteration at the final α is complete. A level cannot converge before.
-    pub may_settle: u32,
+    may_settle: u32,
     /// A level settles only if no corner moves by more, pixels of the level.
-    pub still: f32,
+    still: f32,
     /// First of the indirect arguments of the passes that warp I2 again, in words.
-    pub warp_place: u32,
+    warp_place: u32,
     /// Number of their words; 0 if the next iteration has no such passes.
-    pub warp_count: u32,
+    warp_count: u32,
     /// Pixels of the full-size image per pixel of this level.
-    pub factor: f32,
+    factor: f32,
     /// L, the length that places are divided by, pixels of the level.
-    pub length: f32,
+    length: f32,
     /// From the centre to a corner, pixels of the level.
-    pub half_size: [f32; 2],
+    half_size: [f32; 2],
     /// 1: estimates α.
-    pub finds_alpha: u32,
+    finds_alpha: u32,
     /// Share of the step that is taken.
-    pub share: f32,
+    share: f32,
     /// A level settles only if the energy changes by no more than this share.
-    pub flatness: f32,
+    flatness: f32,
     /// The noise for which η of the data term is wide enough, intensities.
-    pub least_spread: f32,
+    least_spread: f32,
 }
 
 bindings! {
@@ -200,8 +196,8 @@ pub fn find_spread(c: &Constants, sums: &Sums, spread: f64) -> f64 {
 /// takes iterations.
 pub fn find_alpha(sums: &Sums, alpha: f64) -> f64 {
     let [root, steep] = sums.roughness.map(|sum| sum / sums.valid.max(1.0));
-    let found = (0.14 * root * root / steep.clamp(STEEP[0], STEEP[1])).clamp(ALPHAS[0], ALPHAS[1]);
-    if (found / alpha).ln().abs() > 0.1 { found } else { alpha }
+    let estimate = (0.14 * root * root / steep.clamp(STEEP[0], STEEP[1])).clamp(ALPHAS[0], ALPHAS[1]);
+    if (estimate / alpha).ln().abs() > 0.1 { estimate } else { alpha }
 }
 
 /// Solves for the free unknowns. If N is singular no unknown steps; the shader holds only the dependent ones.

@@ -3,29 +3,24 @@
 //! The blur of a warped image is the warped blur, with a variance in I1's pixels. T may still move a little:
 //! [`linearise`](super::linearise) follows it by the gradient on each pixel.
 
-use bytemuck::{Pod, Zeroable};
-
-use super::pass::{Memory, Pass, bindings};
+use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{Registration, from_centre};
 use super::{Field, pixels, spline};
 use crate::base::Shading;
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
-/// Push constants.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub struct Constants {
+push_constants! {
     /// Width of the level, pixels.
-    pub width: u32,
+    width: u32,
     /// Height of the level, pixels.
-    pub height: u32,
+    height: u32,
     /// Target layer of the stacks.
-    pub layer: u32,
+    layer: u32,
     /// Pixels of the full-size image per pixel of this level.
-    pub factor: f32,
+    factor: f32,
     /// The image centre in pixels of this level.
-    pub centre: [f32; 2],
+    centre: [f32; 2],
 }
 
 /// Lines per invocation.
@@ -99,8 +94,7 @@ mod tests {
                 let centre = [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0];
                 let c = Constants { width: width as u32, height: height as u32, layer: 1, factor: 2.0, centre };
                 let rig = Rig::new();
-                let (image, stacks) =
-                    (rig.image(std::slice::from_ref(&spline2)), rig.empty([width as u32, height as u32], 2));
+                let (image, stacks) = (rig.field(&spline2), rig.empty([width as u32, height as u32], 2));
                 let buffer = rig.upload(bytemuck::bytes_of(&state));
                 let resources = [Resource::Image(&image), Resource::Image(&stacks), Resource::Buffer(&buffer)];
                 rig.run(&STAGE, &resources, &c, [width as u32, height as u32]);

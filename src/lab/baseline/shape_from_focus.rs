@@ -1,22 +1,23 @@
-//! Shape from focus: each pixel is where its surroundings have the most detail.
+//! Shape from focus: the setting at which the surroundings of each pixel have the most detail.
 //!
 //! Detail is the modified Laplacian (Nayar and Nakagawa 1994), `|2I - I_left - I_right| + |2I - I_above - I_below|`, in a
-//! Gaussian window. Through the logarithms of the frame that has the most and its neighbours goes a parabola, as blur by
-//! the law of a sweep would have it; its vertex is u.
+//! Gaussian window. A parabola passes through the logarithms of detail of the frame with the most and its neighbours, as
+//! the blur of a sweep suggests; its vertex is u.
 
 use crate::base::color::LUMINANCE;
 use crate::base::{Decode, Error, Frame};
 use crate::engine::stages::ingest;
 
-/// Deviation of the window, px.
+/// Standard deviation of the window, px.
 const WINDOW: f64 = 4.0;
-/// Deviations beyond which the window is cut off.
+/// Standard deviations at which the window is cut off.
 const REACH: f64 = 4.0;
-/// Added to the detail, white = 1: where there is none its logarithm is a number too.
+/// Added to the detail, white = 1, so that its logarithm is finite.
 const LEAST: f64 = 1e-6 / 255.0;
 
-/// The setting at which each pixel is in focus, in frames of one place and brightness that are focused at `positions`,
-/// ascending or descending. Every pixel has an answer, within the settings.
+/// The setting at which each pixel is in focus, between the least and the greatest of `positions`.
+///
+/// The frames must be registered and of one brightness; their positions ascend or descend.
 ///
 /// # Errors
 /// [`Error::Mismatch`]: fewer than three frames, or sizes or positions that do not fit.
@@ -38,7 +39,7 @@ pub fn shape_from_focus(frames: &[Frame], positions: &[f64], decode: Decode) -> 
     Ok((0..details[0].len()).map(setting).collect())
 }
 
-/// The modified Laplacian in a window; beyond the border, the pixels are mirrored.
+/// The modified Laplacian in a window. Pixels are mirrored at the border.
 fn detail(image: &[f64], [width, height]: [usize; 2]) -> Vec<f64> {
     let at = |x: usize, y: usize| image[y * width + x];
     let laplacian = |i: usize| {
@@ -53,19 +54,19 @@ fn detail(image: &[f64], [width, height]: [usize; 2]) -> Vec<f64> {
     windowed(&along_rows, [width, height], width, height)
 }
 
-/// The samples before and after one of a line.
+/// The indices before and after one of a line.
 fn beside(i: usize, length: usize) -> [usize; 2] {
     [mirrored(i as isize - 1, length), mirrored(i as isize + 1, length)]
 }
 
-/// About the outer edge of the border's samples.
+/// An index mirrored at the outer edges of the first and last sample.
 fn mirrored(i: isize, length: usize) -> usize {
     let length = length as isize;
     let i = i.rem_euclid(2 * length);
     i.min(2 * length - 1 - i) as usize
 }
 
-/// Smoothed by the window along lines of `length` samples, `stride` apart.
+/// The values smoothed along lines of `length` samples that are `stride` apart.
 fn windowed(values: &[f64], [width, height]: [usize; 2], stride: usize, length: usize) -> Vec<f64> {
     let reach = (REACH * WINDOW) as isize;
     let weights: Vec<f64> = (-reach..=reach).map(|d| (-(d as f64 / WINDOW).powi(2) / 2.0).exp()).collect();
@@ -79,7 +80,7 @@ fn windowed(values: &[f64], [width, height]: [usize; 2], stride: usize, length: 
     (0..width * height).map(smooth).collect()
 }
 
-/// Where the parabola through three points is highest, between the outer ones; the middle one where it has no summit.
+/// The x of the summit of the parabola through three points, clamped between them; the middle x if it has no summit.
 fn vertex([p0, p1, p2]: [f64; 3], [a, b, c]: [f64; 3]) -> f64 {
     let (before, after) = ((b - a) / (p1 - p0), (c - b) / (p2 - p1));
     let curvature = (after - before) / (p2 - p0);
@@ -108,15 +109,15 @@ mod tests {
         let scene = Scene { width: 160, height: 96, noise: 0.002, ..Preset::Plane.scene() };
         let sweep = SweepScene::new(scene, 11).render().unwrap();
         let positions: Vec<f64> = sweep.shots.iter().map(|shot| 20.0 + 0.5 * shot.position).collect();
-        let found = shape_from_focus(&sweep.frames, &positions, Decode::None).unwrap();
-        let off = |i: usize| (2.0 * (f64::from(found[i]) - 20.0) - f64::from(sweep.focus[i])).abs();
+        let focus = shape_from_focus(&sweep.frames, &positions, Decode::None).unwrap();
+        let off = |i: usize| (2.0 * (f64::from(focus[i]) - 20.0) - f64::from(sweep.focus[i])).abs();
         let inside = (16..80).flat_map(|y| (16..144).map(move |x| y * 160 + x));
         let off = median(inside.map(off)).unwrap();
         assert!(off < 0.25, "{off} of a step");
     }
 
     #[test]
-    fn what_does_not_fit_is_refused() {
+    fn too_few_frames_or_positions_are_refused() {
         let frame = Frame::gray(16, 16, vec![0.5; 256]).unwrap();
         let problem = |frames: usize, positions: &[f64]| {
             shape_from_focus(&vec![frame.clone(); frames], positions, Decode::None).unwrap_err().to_string()

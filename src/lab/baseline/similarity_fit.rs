@@ -1,23 +1,24 @@
-//! A similarity from matched points, some of them wrong.
+//! A similarity from matched points, some of which are wrong.
 //!
-//! RANSAC over pairs of matches (Fischler and Bolles 1981) finds those that agree; least squares reweighted by Tukey's
-//! biweight fits them. Points and displacements are complex numbers: T x - x = t + (a + ib) (x - c), as in [`Similarity`].
+//! RANSAC over pairs of matches (Fischler and Bolles 1981) finds the matches that agree; least squares reweighted by
+//! Tukey's biweight fits them. Points and displacements are complex numbers: T x - x = t + (a + ib) (x - c), as in
+//! [`Similarity`].
 
 use nalgebra::Complex;
 
-use super::matching::Match;
+use super::Match;
 use crate::base::Similarity;
 
 /// Pairs of matches that are tried; half of the matches may be wrong and 1e-100 is the chance that no pair was right.
 const TRIALS: usize = 1000;
-/// A match agrees if it is this near, pixels: defocus moves key-points by one or two.
+/// Distance within which a match agrees, pixels: defocus moves key-points by one or two.
 const TOLERANCE: f64 = 3.0;
-/// Reweighted fits; a few more than it takes.
+/// Number of reweighted fits, a few more than convergence takes.
 const FITS: usize = 20;
 /// Tukey's constant: 95 % of the efficiency of least squares where all errors are normal.
 const TUKEY: f64 = 4.685;
 
-/// A place about the centre and how far it is displaced.
+/// A place relative to the centre, and its displacement.
 #[derive(Clone, Copy)]
 struct Displaced {
     place: Complex<f64>,
@@ -40,7 +41,7 @@ impl Linear {
         all.iter().filter(|d| self.error(d) < TOLERANCE).count()
     }
 
-    /// Weighted least squares; `None` where all places are one.
+    /// Fits by weighted least squares; `None` where all places coincide.
     fn fit(all: &[Displaced], weights: &[f64]) -> Option<Self> {
         let total: f64 = weights.iter().sum();
         let mean = |value: &dyn Fn(&Displaced) -> Complex<f64>| {
@@ -57,7 +58,7 @@ impl Linear {
     }
 }
 
-/// The similarity about `centre` that most matches agree on, and how many do, within 3 px; none where all are one place.
+/// The similarity about `centre` on which most matches agree within 3 px, and their number: 0 where all places coincide.
 pub(super) fn fit(matches: &[Match], centre: [f64; 2]) -> (Similarity, usize) {
     let all: Vec<Displaced> = matches
         .iter()
@@ -76,7 +77,7 @@ pub(super) fn fit(matches: &[Match], centre: [f64; 2]) -> (Similarity, usize) {
     (Similarity::from_displacement([found.m.re, found.m.im, found.t.re, found.t.im]), found.agreeing(&all))
 }
 
-/// Of the pairs tried, the one that most agree with. The same matches give the same pairs.
+/// The map through a pair of matches on which most matches agree. Equal matches give equal pairs.
 fn consensus(all: &[Displaced]) -> Option<Linear> {
     let mut state = 1u64;
     // The multiplier of Knuth's MMIX; its high bits are random enough.
@@ -88,7 +89,7 @@ fn consensus(all: &[Displaced]) -> Option<Linear> {
     let mut most = 0;
     for _ in 0..if all.is_empty() { 0 } else { TRIALS } {
         let pair = [any(), any()];
-        // A scale beyond what settings allow is no camera's.
+        // No camera has a scale outside this range.
         let possible = |l: &Linear| (0.1..10.0).contains(&(l.m + 1.0).norm());
         if let Some(linear) = Linear::fit(&pair, &[1.0, 1.0]).filter(possible) {
             let agreeing = linear.agreeing(all);
@@ -100,7 +101,7 @@ fn consensus(all: &[Displaced]) -> Option<Linear> {
     best
 }
 
-/// Tukey's weights of the matches that agree, by the median of their errors.
+/// Tukey's weights of the matches, scaled by the median error of those that agree.
 fn weights(all: &[Displaced], linear: &Linear) -> Vec<f64> {
     let errors: Vec<f64> = all.iter().map(|d| linear.error(d)).collect();
     let mut near: Vec<f64> = errors.iter().copied().filter(|e| *e < TOLERANCE).collect();
@@ -122,7 +123,7 @@ mod tests {
         Similarity::new(-12.3, 8.1, 1.7, 1.06)
     }
 
-    /// Matches of which a share is anywhere; the others are off by up to `noise` px a side.
+    /// Matches, a share of which is wrong; the others err by up to `noise` px along each axis.
     fn matches(count: usize, wrong: f64, noise: f64) -> Vec<Match> {
         let numbers = random(6 * count, 5);
         let place = |n: &[f64]| [640.0 * n[0], 480.0 * n[1]];
@@ -159,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_agree_on_is_no_agreement() {
+    fn no_matches_or_one_place_are_no_agreement() {
         assert_eq!(fit(&[], CENTRE).1, 0);
         assert_eq!(fit(&[[[10.0, 20.0], [11.0, 21.0]]; 9], CENTRE).1, 0);
         assert!(fit(&matches(60, 1.0, 0.0), CENTRE).1 < 6);

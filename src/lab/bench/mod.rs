@@ -1,5 +1,5 @@
-//! How fast it is: sizes, methods and kernels solved again and again, with the time and the traffic of each pass beside
-//! what the memory does at most.
+//! Benchmark: the time of solves by size, method and kernel, and the time and memory traffic of each pass beside the
+//! bandwidth of a copy.
 //!
 //! ```no_run
 //! use parfocal::bench::{self, Options};
@@ -11,10 +11,8 @@
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
-//! A size that the device cannot take is a [`Refused`] of the report; the other runs go on.
+//! A size that the device cannot solve is a [`Refused`] of the report; the other runs go on.
 
-mod compare;
-mod copy;
 mod report;
 mod synthetic;
 mod table;
@@ -26,44 +24,44 @@ use std::time::Instant;
 use crate::base::{Channels, Decode, Depth, Error, Format, Frame, Homography, Kernel, Method, Settings};
 use crate::engine::{Engine, EngineOptions, same_size};
 
-pub use compare::compare;
 pub use report::{
     Cold, DeviceReport, Dispatches, LevelReport, Memory, PassReport, Refused, Relaxation, Report, RunReport, Spread,
 };
+pub use table::compare;
 pub use trace::Trace;
 
 /// What is measured: every size with every method and kernel.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// The pairs.
+    /// What is solved.
     pub input: Input,
-    /// Methods.
+    /// Methods of registration.
     pub methods: Vec<Method>,
-    /// Kernels.
+    /// Kernels of the blur.
     pub kernels: Vec<Kernel>,
-    /// Everything else that the solver is told.
+    /// All other settings.
     pub settings: Settings,
-    /// T, which the method aligned holds; of a synthetic pair it is known.
+    /// T that the method `aligned` holds; ignored for synthetic pairs, whose T is known.
     pub held: Homography,
-    /// Solves after the first that are not counted.
+    /// Solves after the first that are not measured.
     pub warmup: u32,
-    /// Solves that are; at least one is done.
+    /// Solves that are measured, at least one.
     pub repeats: u32,
-    /// The time of every dispatch is taken, for a [trace](Trace), instead of those of the passes alone; that takes time itself.
+    /// Whether to time every dispatch, for a [trace](Trace), instead of the passes alone. Timing costs time itself.
     pub traced: bool,
 }
 
 /// What is solved.
 #[derive(Clone, Debug)]
 pub enum Input {
-    /// Synthetic pairs of these widths and heights, pixels, made on the spot; grey, 16 bits.
+    /// Synthetic pairs of these widths and heights, pixels; grey, 16 bits.
     Synthetic(Vec<[u32; 2]>),
     /// One pair of photographs.
     Pair(Box<[Frame; 2]>),
 }
 
 impl Default for Options {
-    /// Two small sizes by the unified method with a Gaussian, five times after one that is not counted.
+    /// Two small sizes by the unified method, five times after one warm-up.
     fn default() -> Self {
         Self {
             input: Input::Synthetic(vec![[512, 512], [1024, 1024]]),
@@ -78,16 +76,16 @@ impl Default for Options {
     }
 }
 
-/// What came out.
+/// The results of a benchmark.
 #[derive(Debug)]
 pub struct Measured {
-    /// The numbers.
+    /// The figures.
     pub report: Report,
     /// The last solve of each run, dispatch by dispatch.
     pub trace: Trace,
 }
 
-/// Opens a device, and says in how many milliseconds, cold.
+/// Opens a device; also returns the time that this takes, milliseconds.
 ///
 /// # Errors
 /// As [`Engine::new`].
@@ -97,35 +95,34 @@ pub fn open(options: &EngineOptions) -> Result<(Engine, f64), Error> {
     Ok((engine, started.elapsed().as_secs_f64() * 1e3))
 }
 
-/// Measures; `say` is told what is being done, a line at a time.
+/// Runs the benchmark; `log` is called with a line for each run. A run that fails is in the report.
 ///
 /// # Errors
-/// Settings that no size could be solved with, a pair of two sizes, and whatever keeps the device from copying an
-/// image: [`Error::Setting`], [`Error::Mismatch`], [`Error::Timeout`], [`Error::Poisoned`], [`Error::Vulkan`]. What
-/// keeps a single run from being done is in the report.
-pub fn run(engine: &Engine, engine_ms: f64, options: &Options, say: &mut dyn FnMut(&str)) -> Result<Measured, Error> {
+/// [`Error::Setting`] and [`Error::Mismatch`] for settings or a pair that no run could use; [`Error::Timeout`],
+/// [`Error::Poisoned`] and [`Error::Vulkan`] if the bandwidth of a copy cannot be measured.
+pub fn run(engine: &Engine, engine_ms: f64, options: &Options, log: &mut dyn FnMut(&str)) -> Result<Measured, Error> {
     options.settings.check()?;
     if let Input::Pair(pair) = &options.input {
         let [i1, i2] = &**pair;
         same_size([i1, i2])?;
     }
-    say("copying, for the bandwidth");
-    let copy = copy::bandwidth(engine)?;
+    log("copying, for the bandwidth");
+    let copy = timed::copy_bandwidth(engine)?;
+    let bandwidth = copy.as_ref().map(|copy| copy.median);
     let mut measured =
         Measured { report: Report::new(engine.info(), engine_ms, copy, options), trace: Trace::default() };
     for size in options.input.sizes() {
         let mut pair = None;
         for settings in options.all_settings() {
             let title = format!("{}x{} {} {}", size[0], size[1], settings.method.name(), settings.kernel.name());
-            say(&title);
-            match timed::run(engine, options, size, &settings, &mut pair) {
-                Ok((timed, profile)) => {
-                    let copy = measured.report.copy_gb_per_s.as_ref().map(|copy| copy.median);
-                    measured.report.runs.push(timed.report(copy));
+            log(&title);
+            match timed::run(engine, options, size, &settings, &mut pair, bandwidth) {
+                Ok((run, profile)) => {
+                    measured.report.runs.push(run);
                     measured.trace.add(&title, size, &profile);
                 }
                 Err(error) => {
-                    say(&format!("{title}: {error}"));
+                    log(&format!("{title}: {error}"));
                     measured.report.refused.push(Refused::new(size, &settings, &error));
                 }
             }
@@ -135,7 +132,7 @@ pub fn run(engine: &Engine, engine_ms: f64, options: &Options, say: &mut dyn FnM
 }
 
 impl Options {
-    /// What the solver is told in each run of a size.
+    /// The settings of each run of a size.
     fn all_settings(&self) -> impl Iterator<Item = Settings> {
         let of = |method, kernel: &Kernel| {
             let mut settings = Settings { method, kernel: kernel.clone(), ..self.settings.clone() };

@@ -1,4 +1,4 @@
-//! The report of a bench. Scripts read it: fields may be added, not renamed.
+//! The report of a benchmark, as JSON.
 
 use std::fs::File;
 use std::io::Read;
@@ -10,38 +10,38 @@ use super::{Input, Options};
 use crate::base::{DeviceInfo, Error, Settings};
 use crate::files::export::{self, Destination, FileKind};
 
-/// The most bytes that are read, 64 MiB: a thousand runs of a thousand repeats take less.
+/// The largest report that is read, 64 MiB: a thousand runs of a thousand repeats take less.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// What was measured on one device. Milliseconds, 10⁶ pixels, 10⁹ bytes; `null` where the device has no clock.
+/// A benchmark of one device, in milliseconds, 10⁶ pixels and 10⁹ bytes; `null` where the device has no clock.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Version of parfocal that wrote it.
     pub version: String,
-    /// What it ran on.
+    /// The device.
     pub device: DeviceReport,
     /// "synthetic", or "pair".
     pub input: String,
-    /// Solves after the first that were not counted.
+    /// Solves after the first that were not measured.
     pub warmup: u32,
-    /// Solves that were.
+    /// Solves that were measured.
     pub repeats: u32,
-    /// Outer iterations on each level at most.
+    /// The most outer iterations on each level.
     pub outer_iterations: u32,
     /// Relaxation sweeps per outer iteration.
     pub relaxation_sweeps: u32,
-    /// What a pass that only copies an image reads and writes in a second: the bandwidth that the other passes have.
+    /// Bytes that a pass which only copies an image reads and writes per second.
     pub copy_gb_per_s: Option<Spread>,
-    /// Opening the device, cold.
+    /// Time to open the device, cold.
     pub engine_ms: f64,
     /// A run for each size, method and kernel.
     pub runs: Vec<RunReport>,
-    /// The runs that could not be done.
+    /// The runs that failed.
     #[serde(default)]
     pub refused: Vec<Refused>,
 }
 
-/// What it ran on.
+/// The device of a benchmark.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeviceReport {
     /// Name, driver, UUID.
@@ -54,18 +54,18 @@ pub struct DeviceReport {
 /// One number, measured several times.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
-    /// Median; of an even number of samples the mean of the middle two.
+    /// Median; for an even number of samples the mean of the middle two.
     pub median: f64,
     /// Least.
     pub min: f64,
     /// Greatest.
     pub max: f64,
-    /// All, in the order in which they were taken.
+    /// All samples in the order of measurement.
     #[serde(default)]
     pub samples: Vec<f64>,
 }
 
-/// One size, method and kernel.
+/// One run of a size, method and kernel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunReport {
     /// Pixels a row.
@@ -76,29 +76,29 @@ pub struct RunReport {
     pub method: String,
     /// The kernel's name.
     pub kernel: String,
-    /// End to end: frames handed over to results lent, warm.
+    /// Time of a warm solve from frames to borrowed results.
     pub solve_ms: Spread,
-    /// From submitting to the device's last answer.
+    /// Time from submission to the end of the device's work.
     pub device_ms: Option<Spread>,
     /// Pixels of the image over the median of `solve_ms`.
     pub mpx_per_s: f64,
     /// Pixels of the image over the median of `device_ms`.
     pub device_mpx_per_s: Option<f64>,
-    /// What comes once.
+    /// Costs that occur once.
     pub cold: Cold,
-    /// What it takes.
+    /// Memory of a solver.
     pub memory: Memory,
-    /// Passes of one solve.
+    /// Dispatches of one solve.
     pub dispatches: Dispatches,
-    /// Coarse to fine.
+    /// The levels, coarse to fine.
     pub levels: Vec<LevelReport>,
     /// The red-black relaxation.
     pub relaxation: Option<Relaxation>,
-    /// By named pass, in order of first use, of one more solve, in which the device's clock is read; empty where it has none.
+    /// The passes of one more solve, in order of first use; empty without a device clock.
     pub passes: Vec<PassReport>,
 }
 
-/// What comes once.
+/// Costs that occur once.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cold {
     /// [`PairSolver::new`](crate::PairSolver::new).
@@ -107,25 +107,25 @@ pub struct Cold {
     pub first_ms: f64,
 }
 
-/// Bytes over the pixels of the image.
+/// Bytes per pixel of the image.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Memory {
     /// Images on the device.
     pub device_bytes_per_px: f64,
-    /// Buffers that the host sees.
+    /// Buffers visible to the host.
     pub host_bytes_per_px: f64,
 }
 
-/// Passes of one solve.
+/// Dispatches of one solve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dispatches {
-    /// In the recording.
+    /// Dispatches in the recording.
     pub recorded: usize,
-    /// Of those, over any workgroups: a level that has settled runs over none.
+    /// Those over any workgroups: a level that has settled dispatches none.
     pub executed: usize,
 }
 
-/// What one level did.
+/// One level of the pyramid.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LevelReport {
     /// Pixels a row.
@@ -139,30 +139,31 @@ pub struct LevelReport {
 /// The red-black relaxation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Relaxation {
-    /// Pixels of the sweeps done on all levels over the time in `relax` and `relax_level`; a sweep is one over red and one over black.
+    /// Pixels of all relaxation sweeps on all levels over the time of `relax` and `relax_level`. A sweep updates the red and
+    /// the black pixels.
     pub mpx_sweeps_per_s: f64,
-    /// Its compulsory traffic over what the copy moves in the same time.
+    /// Compulsory traffic over the bytes that the copy moves in the same time.
     pub share_of_copy: Option<f64>,
 }
 
-/// One named pass, all its dispatches in one solve.
+/// One pass: all its dispatches in one solve.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PassReport {
-    /// The pass.
+    /// Name of the pass.
     pub name: String,
-    /// Median.
+    /// Time of all its dispatches.
     pub ms: f64,
     /// Dispatches over any workgroups.
     pub dispatches: usize,
-    /// Compulsory traffic of those: every input element read once, every output element written once.
+    /// Compulsory traffic: every input element is read once, every output element is written once.
     pub bytes: u64,
-    /// The one over the other.
+    /// Traffic over time.
     pub gb_per_s: f64,
-    /// That over what the copy does; above 1 where a cache holds what moves.
+    /// Bandwidth over that of the copy; above 1 where a cache holds the data.
     pub share_of_copy: Option<f64>,
 }
 
-/// A run that could not be done.
+/// A run that failed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Refused {
     /// Pixels a row.
@@ -173,7 +174,7 @@ pub struct Refused {
     pub method: String,
     /// The kernel's name.
     pub kernel: String,
-    /// Why, a sentence.
+    /// The reason, a sentence.
     pub error: String,
 }
 
@@ -199,16 +200,16 @@ impl Report {
         }
     }
 
-    /// As JSON, without a newline at its end.
+    /// The report as JSON, without a newline at its end.
     ///
     /// # Errors
-    /// None is known; serde_json's signature allows one.
+    /// No input is known to cause one; serde_json's signature allows it.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
         serde_json::to_string_pretty(self)
     }
 
-    /// Writes it as JSON into a file; its folder is made if it is missing. An earlier report of a bench is replaced, another
-    /// file only where the [`Destination`] forces it; on failure it stays as it was.
+    /// Writes the report as JSON; the folder of the file is created if it is missing. An earlier report is replaced,
+    /// another file only if the [`Destination`] forces it. On failure the file stays as it was.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -216,10 +217,10 @@ impl Report {
         export::write_json(file, FileKind::Bench, self)
     }
 
-    /// Reads one that was written earlier.
+    /// Reads a report.
     ///
     /// # Errors
-    /// [`Error::File`]: the file cannot be read, or is no report of a bench.
+    /// [`Error::File`] if the file cannot be read or is not a report of a benchmark.
     pub fn read(file: &Path) -> Result<Self, Error> {
         let mut text = String::new();
         let read = File::open(file).and_then(|f| f.take(MAX_BYTES + 1).read_to_string(&mut text));
@@ -234,7 +235,7 @@ impl Report {
 }
 
 impl Spread {
-    /// Of some samples; nothing of none.
+    /// The spread of some samples; `None` for none.
     pub fn of(samples: &[f64]) -> Option<Self> {
         let mut sorted = samples.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -269,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_report_is_named() {
+    fn a_file_that_is_no_report_is_named() {
         let folder = tempfile::TempDir::new().unwrap();
         let file = folder.path().join("old.json");
         for (text, expected) in [("", "no report of a bench"), ("{}", "missing field"), ("[1]", "no report of a bench")]

@@ -1,16 +1,15 @@
-//! A pair made on the spot, in a fraction of a second a megapixel: for its cost, not for its accuracy.
+//! A synthetic pair for benchmarks, rendered in a fraction of a second per megapixel: approximate, not for accuracy.
 //!
-//! The radiance is periodic noise of four correlation lengths on a tile of 512x512 px. The tile is blurred, around its
-//! edges, by Gaussians of a few variances; in between, the blurred tile is taken to be linear in the variance. With V1
-//! and V2 the blur of either image, which varies slowly, and `q = T x`:
+//! The radiance is periodic noise of four correlation lengths on a tile of 512x512 px. The tile is blurred, periodically,
+//! by Gaussians of a few variances; between these the blurred tile is interpolated linearly in the variance. With V1 and
+//! V2 the blur of the images, which varies slowly, and `q = T x`:
 //!
 //! ```text
 //! I1(x) = tile(x; V1(x)),  I2(q) = 0.96 tile(x; V2(x)) + 0.02
 //! V2 - V1 = 6 sin(2π x/W) cos(2π y/H) px²
 //! ```
 //!
-//! I2 is read by cubic interpolation (Keys). What [`scene`](crate::scene) renders is exact, and takes seconds a
-//! megapixel.
+//! I2 is interpolated by Keys' cubic. A [`scene`](crate::scene) is exact, and takes seconds per megapixel.
 
 use std::f64::consts::TAU;
 
@@ -22,11 +21,11 @@ use crate::engine::filter;
 const SIDE: usize = 512;
 /// Variances at which the tile is blurred, px².
 const VARIANCES: [f64; 10] = [0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.5];
-/// The lesser blur at V = 0, and half the range of V, px².
+/// Least blur, and half the range of V, px².
 const BLUR: [f64; 2] = [0.5, 3.0];
 /// Standard deviations of the Gaussians that make the noise's correlation lengths, px.
 const GRAINS: [f64; 4] = [0.8, 1.8, 4.0, 10.0];
-/// Half the range of the noise of either image, evenly distributed.
+/// Half the range of the noise of each image, which is uniform.
 const NOISE: f64 = 0.004;
 
 /// T of every pair.
@@ -34,7 +33,7 @@ pub(super) fn transform() -> Similarity {
     Similarity::new(3.4, -2.2, 0.15, 1.003)
 }
 
-/// V of a pair of this size at a place, px².
+/// V at a place of a pair of this size, px².
 pub(super) fn relative_blur([x, y]: [f64; 2], [width, height]: [u32; 2]) -> f64 {
     2.0 * BLUR[1] * (TAU * x / f64::from(width)).sin() * (TAU * y / f64::from(height)).cos()
 }
@@ -72,11 +71,11 @@ fn tiles() -> Vec<Vec<f32>> {
     VARIANCES.iter().map(|&v| if v > 0.0 { blurred(&sharp, v) } else { sharp.clone() }).collect()
 }
 
-/// A tile blurred by a Gaussian of a variance, px², around its edges.
+/// A tile blurred periodically by a Gaussian of this variance, px².
 fn blurred(tile: &[f32], variance: f64) -> Vec<f32> {
     let weights: Vec<f32> = filter::gaussian(variance).iter().map(|&w| w as f32).collect();
     let radius = weights.len() / 2;
-    // Rows become columns each time, so twice is both axes.
+    // Each call transposes: two calls blur both axes.
     let along_rows = |from: &[f32]| {
         let mut to = vec![0.0; SIDE * SIDE];
         for (y, row) in from.chunks_exact(SIDE).enumerate() {
@@ -90,7 +89,7 @@ fn blurred(tile: &[f32], variance: f64) -> Vec<f32> {
     along_rows(&along_rows(tile))
 }
 
-/// The tile, repeated, at a place and a variance.
+/// The repeated tile at a place and a variance.
 fn read(tiles: &[Vec<f32>], [x, y]: [f64; 2], v: f64) -> f64 {
     let above = VARIANCES.iter().position(|&node| node > v).unwrap_or(VARIANCES.len() - 1).max(1);
     let share = ((v - VARIANCES[above - 1]) / (VARIANCES[above] - VARIANCES[above - 1])).clamp(0.0, 1.0);
@@ -110,7 +109,7 @@ fn read(tiles: &[Vec<f32>], [x, y]: [f64; 2], v: f64) -> f64 {
     sum
 }
 
-/// Places on the tile about a coordinate, and Keys' cubic weights.
+/// Indices on the tile around a coordinate, and Keys' cubic weights.
 fn taps(x: f64) -> [(usize, f64); 4] {
     let (whole, f) = (x.floor(), x - x.floor());
     let first = (whole as i64 - 1).rem_euclid(SIDE as i64) as usize;

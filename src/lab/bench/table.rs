@@ -1,12 +1,12 @@
-//! A report as text: aligned columns for people, CSV for spreadsheets.
+//! A report as text, and two reports side by side.
 
 use super::{Report, RunReport, Spread};
 
-/// Stands where there is nothing.
+/// Stands for a value that does not exist.
 const DASH: &str = "-";
 
-/// Rows of cells as lines: the first column to the left, the others to the right, two spaces between.
-pub(super) fn aligned(rows: &[Vec<String>]) -> String {
+/// Rows of cells as lines. The first column is aligned left, the others right, with two spaces between.
+fn aligned(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let wide = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|c| c.chars().count()).max();
     let widths: Vec<usize> = (0..columns).map(|column| wide(column).unwrap_or(0)).collect();
@@ -24,8 +24,8 @@ fn row<const N: usize>(cells: [&str; N]) -> Vec<String> {
     cells.map(str::to_string).to_vec()
 }
 
-/// Three digits or more; a dash for nothing and for what is no number.
-pub(super) fn number(value: impl Into<Option<f64>>) -> String {
+/// A number with three digits or more; a dash for none and for one that is not finite.
+fn number(value: impl Into<Option<f64>>) -> String {
     match value.into().filter(|v| v.is_finite()) {
         None => DASH.to_string(),
         Some(0.0) => "0".to_string(),
@@ -37,18 +37,18 @@ fn percent(share: Option<f64>) -> String {
     share.map_or(DASH.to_string(), |share| format!("{:.0} %", 100.0 * share))
 }
 
-/// Median, and least to greatest.
+/// The median, and the least to the greatest value.
 fn spread(values: Option<&Spread>) -> String {
     values.map_or(DASH.to_string(), |s| format!("{} ({} to {})", number(s.median), number(s.min), number(s.max)))
 }
 
-/// A line for each name and what it says.
+/// A line for each name and its value.
 fn lines(indent: &str, facts: &[(&str, String)]) -> String {
     facts.iter().map(|(name, value)| format!("{indent}{name:<11}{value}")).collect::<Vec<_>>().join("\n")
 }
 
 impl Report {
-    /// For a person, without a newline at its end.
+    /// The report as text, without a newline at its end.
     pub fn table(&self) -> String {
         let device = &self.device.device;
         let facts = [
@@ -71,65 +71,10 @@ impl Report {
         }
         text
     }
-
-    /// A line for each run, under a line of names; without a newline at its end.
-    pub fn csv(&self) -> String {
-        let mut passes = Vec::new();
-        for pass in self.runs.iter().flat_map(|run| &run.passes) {
-            if !passes.contains(&pass.name) {
-                passes.push(pass.name.clone());
-            }
-        }
-        let head: Vec<String> = FIELDS.iter().map(|(name, _)| name.to_string()).collect();
-        let head = head.into_iter().chain(passes.iter().map(|name| format!("{name}_ms"))).collect::<Vec<_>>();
-        let line = |run: &RunReport| {
-            let ms = |name: &String| run.passes.iter().find(|p| p.name == *name).map(|p| p.ms.to_string());
-            let cells = FIELDS.iter().map(|(_, value)| value(run));
-            // A pass that a run lacks took no time.
-            cells.chain(passes.iter().map(|name| ms(name).unwrap_or("0".into()))).collect::<Vec<_>>().join(",")
-        };
-        std::iter::once(head.join(",")).chain(self.runs.iter().map(line)).collect::<Vec<_>>().join("\n")
-    }
 }
 
-/// A column of the CSV and its cell; empty for nothing.
-type Column = (&'static str, fn(&RunReport) -> String);
-
-const FIELDS: &[Column] = &[
-    ("width", |r| r.width.to_string()),
-    ("height", |r| r.height.to_string()),
-    ("method", |r| quoted(&r.method)),
-    ("kernel", |r| quoted(&r.kernel)),
-    ("solve_ms", |r| r.solve_ms.median.to_string()),
-    ("solve_ms_min", |r| r.solve_ms.min.to_string()),
-    ("solve_ms_max", |r| r.solve_ms.max.to_string()),
-    ("device_ms", |r| cell(r.device_ms.as_ref().map(|s| s.median))),
-    ("device_ms_min", |r| cell(r.device_ms.as_ref().map(|s| s.min))),
-    ("device_ms_max", |r| cell(r.device_ms.as_ref().map(|s| s.max))),
-    ("mpx_per_s", |r| r.mpx_per_s.to_string()),
-    ("device_mpx_per_s", |r| cell(r.device_mpx_per_s)),
-    ("prepare_ms", |r| r.cold.prepare_ms.to_string()),
-    ("first_ms", |r| r.cold.first_ms.to_string()),
-    ("device_bytes_per_px", |r| r.memory.device_bytes_per_px.to_string()),
-    ("host_bytes_per_px", |r| r.memory.host_bytes_per_px.to_string()),
-    ("dispatches_recorded", |r| r.dispatches.recorded.to_string()),
-    ("dispatches_executed", |r| r.dispatches.executed.to_string()),
-    ("outer_iterations", |r| r.levels.iter().map(|l| l.iterations).sum::<usize>().to_string()),
-    ("mpx_sweeps_per_s", |r| cell(r.relaxation.map(|x| x.mpx_sweeps_per_s))),
-    ("relax_share_of_copy", |r| cell(r.relaxation.and_then(|x| x.share_of_copy))),
-];
-
-fn cell(value: Option<f64>) -> String {
-    value.map(|v| v.to_string()).unwrap_or_default()
-}
-
-/// A name as RFC 4180 wants it: a measured kernel's may hold anything.
-fn quoted(name: &str) -> String {
-    if name.contains([',', '"', '\n', '\r']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_string() }
-}
-
-/// What a run is called.
-pub(super) fn title(width: u32, height: u32, method: &str, kernel: &str) -> String {
+/// The name of a run.
+fn title(width: u32, height: u32, method: &str, kernel: &str) -> String {
     format!("{width}x{height} {method} {kernel}")
 }
 
@@ -177,12 +122,73 @@ impl RunReport {
     }
 }
 
+/// A table of the ratios new over old of all runs that both reports hold, without a newline at its end; above 1 is slower.
+///
+/// It has the time end to end and on the device, each with the least and the greatest ratio of the samples, and the
+/// median of every pass. Runs that only one report holds are named.
+pub fn compare(old: &Report, new: &Report) -> String {
+    let mut rows = vec![["", "old ms", "new ms", "new/old", "least", "greatest"].map(str::to_string).to_vec()];
+    let mut notes: Vec<String> = Vec::new();
+    for run in &new.runs {
+        match old.runs.iter().find(|earlier| same(earlier, run)) {
+            Some(earlier) => rows.extend(pair(earlier, run)),
+            None => notes.push(format!("only in the new report: {}", name(run))),
+        }
+    }
+    let missing = old.runs.iter().filter(|run| !new.runs.iter().any(|later| same(run, later)));
+    notes.extend(missing.map(|run| format!("only in the old report: {}", name(run))));
+    if old.device != new.device {
+        let [a, b] = [old, new].map(|r| format!("{} ({})", r.device.device.name, r.device.device.driver));
+        notes.push(format!("the devices differ: {a}, then {b}"));
+    }
+    let options = [old, new].map(|r| (&r.input, r.outer_iterations, r.relaxation_sweeps));
+    if options[0] != options[1] {
+        notes.push("the reports differ in input, outer iterations or relaxation sweeps".to_string());
+    }
+    std::iter::once(aligned(&rows)).chain(notes).collect::<Vec<_>>().join("\n")
+}
+
+fn same(a: &RunReport, b: &RunReport) -> bool {
+    (a.width, a.height, &a.method, &a.kernel) == (b.width, b.height, &b.method, &b.kernel)
+}
+
+fn name(run: &RunReport) -> String {
+    title(run.width, run.height, &run.method, &run.kernel)
+}
+
+/// The rows of one run.
+fn pair(old: &RunReport, new: &RunReport) -> Vec<Vec<String>> {
+    let mut rows = vec![vec![name(new)], compare_spreads("solve", &old.solve_ms, &new.solve_ms)];
+    if let (Some(old), Some(new)) = (&old.device_ms, &new.device_ms) {
+        rows.push(compare_spreads("device", old, new));
+    }
+    for pass in &new.passes {
+        if let Some(earlier) = old.passes.iter().find(|p| p.name == pass.name) {
+            let cells = [number(earlier.ms), number(pass.ms), ratio(pass.ms, earlier.ms)];
+            rows.push([vec![format!("    {}", pass.name)], cells.to_vec()].concat());
+        }
+    }
+    rows
+}
+
+fn compare_spreads(name: &str, old: &Spread, new: &Spread) -> Vec<String> {
+    let ratios = [(new.median, old.median), (new.min, old.max), (new.max, old.min)].map(|(n, o)| ratio(n, o));
+    [vec![format!("  {name}"), number(old.median), number(new.median)], ratios.to_vec()].concat()
+}
+
+/// A ratio; a dash if it is not finite.
+fn ratio(new: f64, old: f64) -> String {
+    let ratio = new / old;
+    if ratio.is_finite() { format!("{ratio:.2}") } else { number(None) }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::{Cold, DeviceReport, Dispatches, Memory, PassReport};
     use super::*;
 
     #[test]
-    fn columns_stand_under_each_other() {
+    fn columns_are_aligned() {
         let rows = [row(["pass", "ms"]), row(["relax", "12.5"]), row(["x", "1"])];
         assert_eq!(aligned(&rows), "pass     ms\nrelax  12.5\nx         1");
     }
@@ -196,9 +202,74 @@ mod tests {
         assert_eq!((number(None), number(f64::INFINITY)), (DASH.to_string(), DASH.to_string()));
     }
 
+    fn run(width: u32, ms: [f64; 3], relax: f64) -> RunReport {
+        RunReport {
+            width,
+            height: 64,
+            method: "unified".to_string(),
+            kernel: "gaussian".to_string(),
+            solve_ms: Spread::of(&ms).unwrap(),
+            device_ms: Spread::of(&ms),
+            mpx_per_s: 1.0,
+            device_mpx_per_s: None,
+            cold: Cold { prepare_ms: 1.0, first_ms: 1.0 },
+            memory: Memory { device_bytes_per_px: 1.0, host_bytes_per_px: 1.0 },
+            dispatches: Dispatches { recorded: 1, executed: 1 },
+            levels: Vec::new(),
+            relaxation: None,
+            passes: vec![PassReport {
+                name: "relax".to_string(),
+                ms: relax,
+                dispatches: 1,
+                bytes: 1,
+                gb_per_s: 1.0,
+                share_of_copy: None,
+            }],
+        }
+    }
+
+    fn report(runs: Vec<RunReport>) -> Report {
+        let device = crate::files::export::DeviceReport { name: "d".into(), driver: "v".into(), uuid: String::new() };
+        Report {
+            version: String::new(),
+            device: DeviceReport { device, subgroup_size: 8 },
+            input: "synthetic".to_string(),
+            warmup: 1,
+            repeats: 3,
+            outer_iterations: 20,
+            relaxation_sweeps: 5,
+            copy_gb_per_s: None,
+            engine_ms: 1.0,
+            runs,
+            refused: Vec::new(),
+        }
+    }
+
+    fn cells(text: &str, first: &str) -> Vec<String> {
+        let line = text.lines().find(|line| line.trim_start().starts_with(first)).unwrap();
+        line.split_whitespace().skip(1).map(str::to_string).collect()
+    }
+
     #[test]
-    fn names_are_quoted_where_they_must_be() {
-        assert_eq!(quoted("gaussian"), "gaussian");
-        assert_eq!(quoted("a \"b\", c"), "\"a \"\"b\"\", c\"");
+    fn ratios_are_new_over_old_with_the_spread_of_the_samples() {
+        let old = report(vec![run(64, [9.0, 10.0, 12.0], 4.0), run(32, [1.0; 3], 1.0)]);
+        let new = report(vec![run(64, [18.0, 20.0, 24.0], 2.0), run(128, [1.0; 3], 0.0)]);
+        let text = compare(&old, &new);
+        assert_eq!(cells(&text, "solve"), ["10.0", "20.0", "2.00", "1.50", "2.67"]);
+        assert_eq!(cells(&text, "relax"), ["4.00", "2.00", "0.50"]);
+        assert!(text.contains("only in the new report: 128x64") && text.contains("only in the old report: 32x64"));
+        assert!(!text.contains("differ"), "{text}");
+    }
+
+    #[test]
+    fn a_report_over_itself_is_one_and_zero_over_zero_a_dash() {
+        let one = report(vec![run(64, [5.0; 3], 0.0)]);
+        let text = compare(&one, &one);
+        assert_eq!(cells(&text, "solve")[2..], ["1.00", "1.00", "1.00"]);
+        assert_eq!(cells(&text, "relax"), ["0", "0", "-"]);
+        let mut other = one.clone();
+        (other.device.device.name, other.relaxation_sweeps) = ("e".to_string(), 6);
+        let text = compare(&one, &other);
+        assert!(text.contains("the devices differ: d (v), then e (v)") && text.contains("sweeps"), "{text}");
     }
 }

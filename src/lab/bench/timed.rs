@@ -1,42 +1,34 @@
-//! One size, method and kernel: a cold solve, some that are not counted, and those that are.
+//! One run of a size, method and kernel: a cold solve, warm-ups, and the solves that count; and the bandwidth of a copy.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use super::{Cold, Dispatches, LevelReport, Memory, Options, PassReport, Relaxation, RunReport, Spread};
 use crate::base::{Error, Frame, Settings};
 use crate::engine::arguments;
 use crate::engine::profile::{Profile, Reading};
-use crate::engine::{Engine, PairSolver, Solution};
+use crate::engine::stages::NO_VARIANT;
+use crate::engine::stages::copy::{self, Constants};
+use crate::engine::stages::pass::Pass;
+use crate::engine::vulkan::{Clock, Image, Pipeline, Recorder, Resource, Texel, Workgroups};
+use crate::engine::{Engine, PairSolver};
 
-/// The passes that relax: by half-iterations, and small levels in one.
+/// The passes that relax: half-iterations, and small levels in one.
 const RELAX: [&str; 2] = ["relax", "relax_level"];
 
-/// What one run took.
-pub(super) struct Timed {
-    size: [u32; 2],
-    settings: Settings,
-    cold: Cold,
-    solve_ms: Vec<f64>,
-    /// From submitting to the last answer.
-    device_ms: Vec<f64>,
-    /// By pass, in order of first use, of one solve; empty where the device has no clock.
-    passes_ms: Vec<(&'static str, f64)>,
-    levels: Vec<LevelReport>,
-    memory: Memory,
-    counts: Vec<(&'static str, usize, u64)>,
-    dispatches: Dispatches,
-}
-
-/// Measures one run; where the time goes is told by one more solve, in which the device's clock is read. Each solver is gone before the next
-/// comes, so that that has the memory. `pair` is the pair of this size, made here if it is not there yet: only when the size is known
-/// to fit.
+/// Measures one run. One more solve, in which the device's clock is read, measures the passes.
+///
+/// Each solver is dropped before the next is prepared, for its memory. `pair` is the pair of this size, made here once the
+/// size is known to fit. `copy` is the bandwidth of a copy, 10⁹ bytes per second.
 pub(super) fn run(
     engine: &Engine,
     options: &Options,
-    size: [u32; 2],
+    [width, height]: [u32; 2],
     settings: &Settings,
     pair: &mut Option<[Frame; 2]>,
-) -> Result<(Timed, Profile), Error> {
+    copy: Option<f64>,
+) -> Result<(RunReport, Profile), Error> {
+    let size = [width, height];
     let prepare =
         |reading| PairSolver::prepare(1, engine, size, options.input.formats(), settings, Some(false), reading);
     let started = Instant::now();
@@ -56,106 +48,112 @@ pub(super) fn run(
         solve()?;
     }
     let measured = (0..options.repeats.max(1)).map(|_| solve()).collect::<Result<Vec<_>, Error>>()?;
-    let (solve_ms, device_ms) = measured.into_iter().unzip();
+    let (solve_ms, device_ms): (Vec<f64>, Vec<f64>) = measured.into_iter().unzip();
     drop(solver);
     let mut solver = prepare(if options.traced { Reading::Dispatches } else { Reading::Passes })?;
     let last = solver.solve(i1, i2)?;
     let profile = solver.profile()?;
-    let (device, host) = solver.plan().bytes();
-    let pixels = f64::from(size[0]) * f64::from(size[1]);
-    let timed = Timed {
-        size,
-        settings: settings.clone(),
-        cold: Cold { prepare_ms, first_ms },
+    let levels = last.levels.iter();
+    let levels: Vec<LevelReport> =
+        levels.map(|l| LevelReport { width: l.width, height: l.height, iterations: l.energy.len() }).collect();
+    let passes = last.findings.timings.passes_ms.iter().map(|&(name, ms)| pass(&profile, name, ms, copy));
+    let passes: Vec<PassReport> = passes.collect();
+    let (device_bytes, host_bytes) = solver.plan().bytes();
+    let pixels = f64::from(width) * f64::from(height);
+    let solve_ms = Spread::of(&solve_ms).unwrap_or_default();
+    let device_ms = Spread::of(&device_ms);
+    let report = RunReport {
+        width,
+        height,
+        method: settings.method.name().to_string(),
+        kernel: settings.kernel.name().to_string(),
+        mpx_per_s: pixels * 1e-6 / solve_ms.median * 1e3,
+        device_mpx_per_s: device_ms.as_ref().map(|ms| pixels * 1e-6 / ms.median * 1e3),
         solve_ms,
         device_ms,
-        levels: levels(&last),
-        passes_ms: last.findings.timings.passes_ms,
-        memory: Memory { device_bytes_per_px: device as f64 / pixels, host_bytes_per_px: host as f64 / pixels },
-        counts: counts(&profile),
+        cold: Cold { prepare_ms, first_ms },
+        memory: Memory {
+            device_bytes_per_px: device_bytes as f64 / pixels,
+            host_bytes_per_px: host_bytes as f64 / pixels,
+        },
         dispatches: Dispatches { recorded: profile.dispatches.len(), executed: profile.executed().count() },
+        relaxation: relaxation(&levels, settings.relaxation_sweeps, &passes, copy),
+        levels,
+        passes,
     };
-    Ok((timed, profile))
+    Ok((report, profile))
 }
 
 fn milliseconds(since: Instant) -> f64 {
     since.elapsed().as_secs_f64() * 1e3
 }
 
-fn levels(solution: &Solution) -> Vec<LevelReport> {
-    let of = |level: &crate::engine::LevelHistory| LevelReport {
-        width: level.width,
-        height: level.height,
-        iterations: level.energy.len(),
+/// The dispatches of a pass over any workgroups, and the bytes that they must move.
+fn pass(profile: &Profile, name: &str, ms: f64, copy: Option<f64>) -> PassReport {
+    let (mut dispatches, mut bytes) = (0, 0);
+    for dispatch in profile.executed().filter(|dispatch| dispatch.pass == name) {
+        (dispatches, bytes) = (dispatches + 1, bytes + dispatch.bytes);
+    }
+    let gb_per_s = if ms > 0.0 { bytes as f64 / ms * 1e-6 } else { 0.0 };
+    PassReport { name: name.to_string(), ms, dispatches, bytes, gb_per_s, share_of_copy: copy.map(|c| gb_per_s / c) }
+}
+
+/// The relaxation on all levels; `None` where no pass has a time.
+fn relaxation(levels: &[LevelReport], sweeps: u32, passes: &[PassReport], copy: Option<f64>) -> Option<Relaxation> {
+    let relaxing = || passes.iter().filter(|pass| RELAX.contains(&pass.name.as_str()));
+    let ms: f64 = relaxing().map(|pass| pass.ms).sum();
+    let bytes: u64 = relaxing().map(|pass| pass.bytes).sum();
+    if ms <= 0.0 {
+        return None;
+    }
+    let relaxed = |level: &LevelReport| {
+        let iterations = arguments::relaxed(level.iterations as u32);
+        f64::from(level.width) * f64::from(level.height) * f64::from(iterations * sweeps)
     };
-    solution.levels.iter().map(of).collect()
+    let megapixels = levels.iter().map(relaxed).sum::<f64>() * 1e-6;
+    let share_of_copy = copy.map(|c| bytes as f64 / ms * 1e-6 / c);
+    Some(Relaxation { mpx_sweeps_per_s: megapixels / ms * 1e3, share_of_copy })
 }
 
-/// By pass: dispatches over any workgroups, and the bytes that they must move.
-fn counts(profile: &Profile) -> Vec<(&'static str, usize, u64)> {
-    let mut counts = Vec::<(&'static str, usize, u64)>::new();
-    for dispatch in profile.executed() {
-        match counts.iter_mut().find(|(known, ..)| *known == dispatch.pass) {
-            Some((_, dispatches, bytes)) => (*dispatches, *bytes) = (*dispatches + 1, *bytes + dispatch.bytes),
-            None => counts.push((dispatch.pass, 1, dispatch.bytes)),
-        }
+/// Width and height of the copied image, pixels: as wide as every Vulkan device takes. Two images of 64 MiB exceed most
+/// caches.
+const COPY_SIZE: [u32; 2] = [4096, 4096];
+/// Number of copies that are timed.
+const COPIES: u32 = 8;
+
+/// The bandwidth of a pass that copies an image of floats, in the memory that all passes use: 10⁹ bytes read and written
+/// per second; `None` without a device clock.
+pub(super) fn copy_bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
+    let device = engine.device();
+    let pipeline = Arc::new(Pipeline::new(device, &copy::STAGE)?);
+    let [width, height] = COPY_SIZE;
+    let (from, to) = (image(engine, "copied from")?, image(engine, "copied to")?);
+    let constants = Constants { width, height, layer: 0 };
+    let copy = |recorder: &mut Recorder| {
+        let resources = [Resource::Image(&from), Resource::Image(&to)];
+        recorder.barrier();
+        let groups = Workgroups::Direct(copy::STAGE.groups(COPY_SIZE));
+        recorder.dispatch(&pipeline, &resources, bytemuck::bytes_of(&constants), groups)
+    };
+    // The first copy touches the pages.
+    let mut first = Recorder::new(device, Clock::Never)?;
+    first.initialize(&[&from, &to]);
+    first.clear_image(&from);
+    copy(&mut first)?;
+    first.finish()?.run()?;
+    let mut recorder = Recorder::new(device, Clock::Dispatches(COPIES))?;
+    for _ in 0..COPIES {
+        copy(&mut recorder)?;
     }
-    counts
+    let mut recording = recorder.finish()?;
+    recording.run()?;
+    let ends = recording.times()?.ends_ms;
+    let starts = std::iter::once(0.0).chain(ends.iter().copied());
+    let rate = |ms: f64| copy::Bindings::bytes(&constants, NO_VARIANT) as f64 / ms * 1e-6;
+    let rates: Vec<f64> = starts.zip(&ends).map(|(start, end)| rate(end - start)).collect();
+    Ok(Spread::of(&rates))
 }
 
-impl Timed {
-    /// The report, beside what the copy does in 10⁹ bytes a second.
-    pub(super) fn report(self, copy: Option<f64>) -> RunReport {
-        let [width, height] = self.size;
-        let megapixels = f64::from(width) * f64::from(height) * 1e-6;
-        let solve_ms = Spread::of(&self.solve_ms).unwrap_or_default();
-        let device_ms = Spread::of(&self.device_ms);
-        let passes: Vec<PassReport> = self.passes_ms.iter().map(|&(name, ms)| self.pass(name, ms, copy)).collect();
-        RunReport {
-            width,
-            height,
-            method: self.settings.method.name().to_string(),
-            kernel: self.settings.kernel.name().to_string(),
-            mpx_per_s: megapixels / solve_ms.median * 1e3,
-            device_mpx_per_s: device_ms.as_ref().map(|ms| megapixels / ms.median * 1e3),
-            solve_ms,
-            device_ms,
-            cold: self.cold,
-            memory: self.memory,
-            dispatches: self.dispatches,
-            relaxation: self.relaxation(&passes, copy),
-            levels: self.levels,
-            passes,
-        }
-    }
-
-    fn pass(&self, name: &str, ms: f64, copy: Option<f64>) -> PassReport {
-        let (_, dispatches, bytes) = self.counts.iter().find(|(n, ..)| *n == name).copied().unwrap_or_default();
-        let gb_per_s = if ms > 0.0 { bytes as f64 / ms * 1e-6 } else { 0.0 };
-        PassReport {
-            name: name.to_string(),
-            ms,
-            dispatches,
-            bytes,
-            gb_per_s,
-            share_of_copy: copy.map(|c| gb_per_s / c),
-        }
-    }
-
-    /// Of all levels; none where no pass has a time.
-    fn relaxation(&self, passes: &[PassReport], copy: Option<f64>) -> Option<Relaxation> {
-        let relaxing = || passes.iter().filter(|pass| RELAX.contains(&pass.name.as_str()));
-        let ms: f64 = relaxing().map(|pass| pass.ms).sum();
-        let bytes: u64 = relaxing().map(|pass| pass.bytes).sum();
-        if ms <= 0.0 {
-            return None;
-        }
-        let swept = |level: &LevelReport| {
-            let iterations = arguments::relaxed(level.iterations as u32);
-            f64::from(level.width) * f64::from(level.height) * f64::from(iterations * self.settings.relaxation_sweeps)
-        };
-        let megapixels = self.levels.iter().map(swept).sum::<f64>() * 1e-6;
-        let share_of_copy = copy.map(|c| bytes as f64 / ms * 1e-6 / c);
-        Some(Relaxation { mpx_sweeps_per_s: megapixels / ms * 1e3, share_of_copy })
-    }
+fn image(engine: &Engine, name: &str) -> Result<Arc<Image>, Error> {
+    Image::new(engine.device(), name, COPY_SIZE, 1, Texel::One)
 }

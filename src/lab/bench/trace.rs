@@ -1,8 +1,7 @@
-//! A trace that Perfetto and chrome://tracing open: the last solve of each run, dispatch by dispatch.
+//! A trace of the last solve of each run, dispatch by dispatch, which Perfetto and chrome://tracing open.
 //!
-//! The format is Chrome's ("Trace Event Format"): times in µs, a process for each run's device and one for its host, a
-//! thread for each level. Device and host have clocks of their own; the device's first pass is drawn at the moment when
-//! the host submits.
+//! The format is Chrome's Trace Event Format: times in µs, a process for each run's device and one for its host, a thread
+//! for each level. Device and host have clocks of their own: the device's first pass starts when the host submits.
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -13,20 +12,20 @@ use crate::base::Error;
 use crate::engine::profile::{Profile, SUBMIT_WAIT};
 use crate::files::export::{Destination, FileKind, write_file};
 
-/// The events so far.
+/// The events of a trace.
 #[derive(Clone, Debug, Default)]
 pub struct Trace {
     events: Vec<Value>,
-    /// Runs so far, and where the next begins, ms.
     runs: usize,
+    /// Start of the next run, ms.
     start_ms: f64,
 }
 
-/// Between one run and the next, ms.
+/// Time between two runs, ms.
 const GAP: f64 = 1.0;
 
 impl Trace {
-    /// Adds the profile of a run, after those before it.
+    /// Adds the profile of a run after the earlier runs.
     pub(super) fn add(&mut self, title: &str, size: [u32; 2], profile: &Profile) {
         let (host, device) = (2 * self.runs + 1, 2 * self.runs + 2);
         self.name("process_name", host, 0, &format!("{title}: host"));
@@ -60,7 +59,7 @@ impl Trace {
         self.start_ms += last + GAP;
     }
 
-    /// A complete event, from and to in ms since this run began.
+    /// Adds a complete event; its start and end are in ms since the run began.
     fn span(&mut self, name: &str, (process, thread): (usize, usize), [from, to]: [f64; 2], arguments: Value) {
         let (ts, dur) = (1e3 * (self.start_ms + from), 1e3 * (to - from).max(0.0));
         self.events.push(json!({
@@ -68,20 +67,20 @@ impl Trace {
         }));
     }
 
-    /// An event that names a process or a thread.
+    /// Adds an event that names a process or a thread.
     fn name(&mut self, kind: &str, process: usize, thread: usize, name: &str) {
         self.events.push(json!({
             "ph": "M", "name": kind, "pid": process, "tid": thread, "args": { "name": name },
         }));
     }
 
-    /// As JSON.
+    /// The trace as JSON.
     pub fn to_json(&self) -> String {
         json!({ "displayTimeUnit": "ms", "traceEvents": self.events }).to_string()
     }
 
-    /// Writes it into a file; its folder is made if it is missing. An earlier trace of parfocal's is replaced, another file
-    /// only where the [`Destination`] forces it; on failure it stays as it was.
+    /// Writes the trace; the folder of the file is created if it is missing. An earlier trace is replaced, another file only
+    /// if the [`Destination`] forces it. On failure the file stays as it was.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -122,12 +121,12 @@ mod tests {
         assert_eq!((&relax["name"], &relax["tid"]), (&"relax".into(), &1.into()));
         assert_eq!(relax["args"], json!({ "level": 1, "iteration": 3, "bytes": 64, "executed": false }));
         assert!(spans[4]["args"]["iteration"].is_null());
-        let named = |name: &str| all["traceEvents"].as_array().unwrap().iter().any(|e| e["args"]["name"] == name);
-        assert!(named("first: device") && named("second: host") && named("level 1, 32x24"), "{all}");
+        let has_name = |name: &str| all["traceEvents"].as_array().unwrap().iter().any(|e| e["args"]["name"] == name);
+        assert!(has_name("first: device") && has_name("second: host") && has_name("level 1, 32x24"), "{all}");
     }
 
     #[test]
-    fn without_a_clock_the_host_is_left() {
+    fn without_a_device_clock_the_trace_has_the_host_alone() {
         let mut trace = Trace::default();
         trace.add("run", [64, 48], &Profile { ends_ms: Vec::new(), ..profile() });
         assert_eq!(trace.events.iter().filter(|e| e["ph"] == "X").count(), 4);

@@ -7,14 +7,17 @@ use serde::{Deserialize, Serialize};
 /// How the blur of a scene is shaped. Each is a family h(u; v), scaled so that v is its variance per axis, px².
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
 pub enum Kernel {
-    /// Gaussian of variance v.
+    /// Gaussian of variance v
     #[default]
     Gaussian,
-    /// Disk of radius 2 √v, whose variance per axis is v.
+    /// Disk of radius 2 √v, which has variance v along each axis
     Pillbox,
-    /// Gaussian of variance v whose half u_x < 0 is removed and the rest doubled: asymmetric, with mean √(2v/π) along x.
-    /// v is the variance of the whole Gaussian. The axes are those of the sensor that blurs.
+    /// Gaussian of variance v without its left half
+    ///
+    /// The half u_x < 0 is removed and the rest doubled: the mean is √(2v/π) along x. v is the variance of the whole
+    /// Gaussian. The axes are those of the sensor that blurs.
     HalfGaussian,
 }
 

@@ -1,4 +1,4 @@
-//! `parfocal simulate`: a synthetic pair, or focus sweep, with the truth about it.
+//! `parfocal simulate`: renders a synthetic pair or focus sweep with its ground truth.
 
 mod sweep;
 
@@ -17,24 +17,23 @@ use crate::cli::options::output_options::ToldArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
-/// Render a synthetic pair of images of which relative blur, depth and registration are known; with --frames, a focus sweep.
+/// Render a synthetic pair with known relative blur, depth and registration, or with --frames a focus sweep
 ///
-/// All images are made from one radiance, each blurred at every pixel by the true, continuous kernel of the variance
-/// that belongs there; nothing is resampled, and no code is shared with the solver. The blur is a gather: occlusion is
-/// ignored, and a jump in depth does not hide what lies behind it. Card, blocks and bars alone are rendered ray by ray, and
-/// their edges hide what lies behind them.
+/// All images are made from one radiance. Each pixel is blurred by the exact, continuous kernel of its variance; nothing is
+/// resampled, and no code is shared with the solver. The blur is a gather, which ignores occlusion. Only card, blocks and
+/// bars are traced ray by ray, with occlusion.
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
-    /// What to render
+    /// Scene to render
     #[arg(value_enum)]
     scene: SceneName,
-    /// Folder for the results; made if it is missing, earlier results in it replaced
+    /// Folder for the results; earlier results in it are replaced
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     #[command(flatten)]
     force: ForceArgument,
-    /// Size of all images, px [default: 512x512; plane and half-gaussian 256x256; image that of the radiance]
+    /// Width and height of the images, px [default: 512x512; plane and half-gaussian 256x256; image: that of the radiance]
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
     /// Seed of texture, dots, relief and noise
@@ -43,20 +42,20 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     told: ToldArguments,
 
-    /// Shape of the blur, of all images [default: half-gaussian for the scenes of that name, pillbox for card, blocks and bars, else gaussian]
+    /// Shape of the blur [default: gaussian; pillbox for card, blocks and bars; half-gaussian for the scenes of that name]
     #[arg(long, value_enum, help_heading = "Blur")]
-    kernel: Option<KernelName>,
-    /// Largest |V|, px², 0 to 256, of plane (4), steps (6) and relief (8)
+    kernel: Option<Kernel>,
+    /// Largest |V| of plane, steps and relief (px², 0 to 256) [default: 4, 6 and 8]
     #[arg(long, value_name = "PX2", help_heading = "Blur", allow_negative_numbers = true)]
     range: Option<f64>,
-    /// σ of I2's blur, px, -16 to 16, of the half-gaussian scenes [default: 2.5]; where negative, I1 has it and I2 is sharp
+    /// σ of the blur of I2 in the half-gaussian scenes, or if negative of I1 (px, -16 to 16) [default: 2.5]
     #[arg(long, value_name = "PX", help_heading = "Blur", allow_negative_numbers = true)]
     sigma: Option<f64>,
-    /// Blur of all images even in focus, px², 0 to 16 [default: 0.3; 0 for the half-gaussian scenes]
+    /// Blur of all images even in focus (px², 0 to 16) [default: 0.3; 0 for the half-gaussian scenes]
     #[arg(long, value_name = "PX2", help_heading = "Blur", allow_negative_numbers = true)]
     base_blur: Option<f64>,
 
-    /// Noise added to all images last, σ of a Gaussian, 0 to 1 where white is 1
+    /// σ of Gaussian noise, added to all images last (0 to 1; white is 1)
     #[arg(
         long,
         value_name = "SIGMA",
@@ -65,17 +64,17 @@ pub(crate) struct Arguments {
         allow_negative_numbers = true
     )]
     noise: f64,
-    /// Exposure of I2: I2 <- G I2 + O, the other way round than `solve --gain`, which undoes it
+    /// Gain of I2: I2 <- G I2 + O; `solve --gain` is its inverse
     #[arg(long, value_name = "G", default_value_t = 1.0, help_heading = "Intensities", allow_negative_numbers = true)]
     i2_gain: f64,
-    /// Added to I2 after the gain
+    /// Offset of I2, added after the gain
     #[arg(long, value_name = "O", default_value_t = 0.0, help_heading = "Intensities", allow_negative_numbers = true)]
     i2_offset: f64,
-    /// From the darkest to the brightest, about 0.5; at most 1, and 0.9 leaves a twentieth at either end unused
+    /// Range of intensities around 0.5 (at most 1)
     #[arg(long, value_name = "C", default_value_t = 0.9, help_heading = "Intensities", allow_negative_numbers = true)]
     contrast: f64,
 
-    /// Translation of T, px to the right and down [default: 1.3,-0.9; half-gaussian 1.5,-0.7]
+    /// Translation of T to the right and down, px [default: 1.3,-0.9; half-gaussian 1.5,-0.7]
     #[arg(
         long,
         value_name = "TX,TY",
@@ -83,8 +82,8 @@ pub(crate) struct Arguments {
         allow_hyphen_values = true
     )]
     translation: Option<Pair>,
-    /// Rotation of T, degrees, positive from x (right) towards y (down) [default: 0.15; half-gaussian 0.1]; of a sweep from
-    /// its first frame to its last
+    /// Rotation of T, degrees, positive from x (right) to y (down); of a sweep from the first frame to the last [default:
+    /// 0.15; half-gaussian 0.1]
     #[arg(
         long,
         value_name = "DEG",
@@ -92,7 +91,7 @@ pub(crate) struct Arguments {
         allow_negative_numbers = true
     )]
     rotation: Option<f64>,
-    /// Scale of T, 0.2 to 5 [default: 1.01; half-gaussian 1.005; with a lens, what it breathes]
+    /// Scale of T (0.2 to 5) [default: 1.01; half-gaussian 1.005; with a lens, its breathing]
     #[arg(
         long,
         value_name = "S",
@@ -101,14 +100,13 @@ pub(crate) struct Arguments {
     )]
     scale: Option<f64>,
 
-    /// image: the picture on the surface, grey or colour; PNG, JPEG, TIFF, PNM or EXR
+    /// Picture on the surface, grey or colour: PNG, JPEG, TIFF, PNM or EXR
     #[arg(long, value_name = "FILE", help_heading = "Files, for the scene image")]
     radiance: Option<PathBuf>,
-    /// image: depth through the lens that is stated; one channel, values as stored times
-    /// --depth-unit
+    /// Depth, for a stated lens: one channel, in units of --depth-unit
     #[arg(long, value_name = "FILE", help_heading = "Files, for the scene image", conflicts_with = "relative_blur")]
     depth: Option<PathBuf>,
-    /// image: what a stored value of 1 means in --depth, mm
+    /// Unit of --depth, mm
     #[arg(
         long,
         value_name = "MM",
@@ -117,8 +115,7 @@ pub(crate) struct Arguments {
         allow_negative_numbers = true
     )]
     depth_unit: f64,
-    /// image: V itself instead of depth, px² of I1, positive where I2 is the more blurred; one channel, EXR or TIFF in
-    /// floats
+    /// V instead of depth, px² of I1, positive where I2 is more blurred: one channel, EXR or TIFF in floats
     #[arg(long, value_name = "FILE", help_heading = "Files, for the scene image")]
     relative_blur: Option<PathBuf>,
 
@@ -130,16 +127,16 @@ pub(crate) struct Arguments {
 }
 
 const AFTER_HELP: &str = "\
-Results of a pair, all or none:
+Results of a pair:
   i1.png, i2.png     the pair, 16 bits, grey or as the radiance; samples outside 0 to 1 are clipped and counted
-  relative_blur.exr  V at each pixel of I1, px² of I1: V2/s² - V1, positive where I2 is the more blurred
-  depth.exr          depth at each pixel of I1, mm; only where the scene has a lens
-  truth.json         T, gain and offset (which map I2 onto I1), and what was asked; solve --transform reads it
+  relative_blur.exr  V at each pixel of I1, px² of I1: V2/s² - V1, positive where I2 is more blurred
+  depth.exr          depth at each pixel of I1, mm; only of scenes with a lens
+  truth.json         T, gain and offset, which map I2 onto I1, and the options; solve --transform reads it
 
-Results of a sweep, all or none:
+Results of a sweep:
   frame_01.png ...   the frames in the order of their focus, 16 bits
   focus.exr          the setting, from 0 for the first frame, at which each pixel of the middle frame is in focus
-  truth.json         of each frame position, T, gain and offset (which map it onto the middle one), vignetting; c; what was asked
+  truth.json         position, T, gain, offset and vignetting of each frame, c, and the options
 
 Intensities lie in 0.05 to 0.95 before exposure and noise, so that --i2-gain 0.9 --i2-offset 0.05 clips nothing.
 
@@ -160,10 +157,10 @@ enum SceneName {
     Plane,
     /// I2 under an asymmetric kernel, on a texture: the paper's asymmetric test
     HalfGaussianTexture,
-    /// The same on random dots of 4 px, black and white: the hardest
+    /// The same on random dots of 4 px, black and white: the most difficult scene
     HalfGaussianDots,
     /// Two cylinders in front of a plane, through a thin lens that breathes: 50 mm, f/5.6, pixels of 0.0075 mm, focused at
-    /// 226.5 and 233.5 mm, but for what is stated
+    /// 226.5 and 233.5 mm
     Cylinders,
     /// Seven terraces of constant V
     Steps,
@@ -196,26 +193,6 @@ impl SceneName {
     }
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum KernelName {
-    /// Gaussian of variance v
-    Gaussian,
-    /// Disk of radius 2 √v, which has variance v along each axis
-    Pillbox,
-    /// Gaussian of variance v without its left half
-    HalfGaussian,
-}
-
-impl From<KernelName> for Kernel {
-    fn from(name: KernelName) -> Self {
-        match name {
-            KernelName::Gaussian => Self::Gaussian,
-            KernelName::Pillbox => Self::Pillbox,
-            KernelName::HalfGaussian => Self::HalfGaussian,
-        }
-    }
-}
-
 /// Width and height.
 #[derive(Clone, Copy, Debug)]
 struct Size(u32, u32);
@@ -242,15 +219,15 @@ impl FromStr for Pair {
     }
 }
 
-/// What states what is true, and lists the files.
+/// The file of the ground truth, which lists the files.
 const TRUTH: &str = SIMULATED_FILES[4];
 
 /// Renders a scene and writes it.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let scene = scene(arguments)?;
     let out = arguments.force.to(&arguments.output);
-    if let Some(asked) = arguments.sweep.of(&scene, arguments.rotation) {
-        return sweep::run(&asked, out, &inputs(arguments), &arguments.told);
+    if let Some(sweep) = arguments.sweep.of(&scene, arguments.rotation) {
+        return sweep::run(&sweep, out, &inputs(arguments), &arguments.told);
     }
     scene.check()?;
     destination::check(&arguments.output, TRUTH, &SIMULATED_FILES, &inputs(arguments))?;
@@ -280,7 +257,7 @@ fn scene(arguments: &Arguments) -> Result<Scene, Failure> {
         (scene.width, scene.height) = (width, height);
     }
     if let Some(kernel) = arguments.kernel {
-        scene.kernel = kernel.into();
+        scene.kernel = kernel;
     }
     set(&mut scene.base_blur, arguments.base_blur);
     scene.transform = transform(scene.transform, arguments);
@@ -323,7 +300,7 @@ fn image(arguments: &Arguments) -> Result<Scene, Failure> {
     Ok(Scene::image(radiance, shape)?)
 }
 
-/// Refuses options that the scene has no use for: a sweep over one of them would else show nothing, without a word.
+/// Refuses options that do not apply to the scene, which would otherwise change nothing.
 fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
     use SceneName::*;
     let a = arguments;
@@ -359,7 +336,7 @@ fn check_applicable(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The files that the arguments name.
+/// The input files.
 fn inputs(arguments: &Arguments) -> Vec<&PathBuf> {
     let files = [&arguments.radiance, &arguments.depth, &arguments.relative_blur].into_iter().flatten();
     files.chain(arguments.lens.file()).collect()
@@ -374,7 +351,7 @@ fn summary(truth: &Truth, output: &Path) -> String {
     ];
     if truth.clipped_samples > 0 {
         lines.push(format!(
-            "warning: {} samples lay outside 0 to 1 and were clipped: lower --contrast, --i2-gain or --noise",
+            "warning: {} samples are outside 0 to 1 and were clipped: lower --contrast, --i2-gain or --noise",
             truth.clipped_samples
         ));
     }

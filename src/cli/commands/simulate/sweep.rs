@@ -9,42 +9,43 @@ use crate::cli::options::output_options::ToldArguments;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
-/// What a sweep is told that a pair is not.
+/// The options of a sweep.
 #[derive(clap::Args, Debug)]
 pub(crate) struct SweepArguments {
-    /// So many frames, 3 to 999, each focused a step further, instead of a pair; the scene lies between a tenth and nine
-    /// tenths of the settings, 0 to N - 1
+    /// Render a sweep of N frames (3 to 999) instead of a pair
+    ///
+    /// Frame k, from 0, is focused at setting k. The scene lies between 0.1 and 0.9 of the range of settings.
     #[arg(long, value_name = "N", help_heading = SWEEP)]
     frames: Option<usize>,
-    /// c: what is in focus at u is blurred in frame k by c (k - u)², px² [default: 36/(N - 1)²: σ 6 px from end to end]
+    /// c, px² per squared setting: a point in focus at u has the blur c (k - u)² in frame k [default: 36/(N - 1)²]
     #[arg(long, value_name = "PX2", help_heading = SWEEP, requires = "frames", allow_negative_numbers = true)]
     blur_rate: Option<f64>,
-    /// How much larger the last frame shows the scene than the first, -20 to 20 % [default: 1]
+    /// Magnification from the first frame to the last (-20 to 20 %) [default: 1]
     #[arg(long, value_name = "PERCENT", help_heading = SWEEP, requires = "frames", allow_negative_numbers = true)]
     breathing: Option<f64>,
-    /// How far the frames move, from the first to the last on a smooth path, 0 to 1000 px [default: 2]
+    /// Movement from the first frame to the last, on a smooth path (0 to 1000 px) [default: 2]
     #[arg(long, value_name = "PX", help_heading = SWEEP, requires = "frames", allow_negative_numbers = true)]
     drift: Option<f64>,
-    /// How far the gain drifts, evenly, to either side of the middle frame's, -50 to 50 % [default: 0]
+    /// Linear drift of the gain to either side of the middle frame (-50 to 50 %) [default: 0]
     #[arg(long, value_name = "PERCENT", help_heading = SWEEP, requires = "frames", allow_negative_numbers = true)]
     gain_drift: Option<f64>,
-    /// By how much the corners of the last frame are darker than the middle frame's, and those of the first brighter, -50 to 50 % [default: 0]
+    /// Vignetting of the corners in the last frame, with the opposite sign in the first (-50 to 50 %) [default: 0]
     #[arg(long, value_name = "PERCENT", help_heading = SWEEP, requires = "frames", allow_negative_numbers = true)]
     vignetting: Option<f64>,
 }
 
 const SWEEP: &str = "Focus sweep";
 
-/// Rotation, degrees, where none is stated: that of a pair.
+/// The default rotation, degrees, as of a pair.
 const ROTATION: f64 = 0.15;
 
 impl SweepArguments {
-    /// Whether a sweep is asked for.
+    /// Whether `--frames` was given.
     pub(crate) fn is_given(&self) -> bool {
         self.frames.is_some()
     }
 
-    /// The sweep that is asked for, if one is; `rotation` in degrees.
+    /// The requested sweep, if any; `rotation` in degrees.
     pub(crate) fn of(&self, scene: &Scene, rotation: Option<f64>) -> Option<SweepScene> {
         let sweep = SweepScene::new(scene.clone(), self.frames?);
         Some(SweepScene {

@@ -4,56 +4,100 @@
 //! use parfocal::contact_sheet::{Panel, Row, Sheet};
 //! use parfocal::export::{Nearer, Scale};
 //!
-//! let (raw, ours) = (vec![0.0; 64 * 48], vec![1.5; 64 * 48]);
-//! let scale = Scale::common([&raw[..], &ours], Nearer::First);
+//! let (without, with) = (vec![0.0; 64 * 48], vec![1.5; 64 * 48]);
+//! let scale = Scale::common([&without[..], &with], Nearer::First);
 //! let field = |v: &[f32]| Panel::relative_blur(64, 48, v, &scale);
-//! let sheet = Sheet::new("Relative blur").columns(["without registration", "SIFT", "ours"]).row(
-//!     Row::new("Cup").scale(scale).panels([
-//!         field(&raw).caption("t off by 2.9 px"),
-//!         Panel::missing("too few key-points"),
-//!         field(&ours).caption("0.001 px"),
-//!     ]),
-//! );
-//! # let folder = tempfile::TempDir::new().unwrap();
-//! # let sheet_png = folder.path().join("sheet.png");
-//! parfocal::figure::write_png(&sheet_png, &sheet.draw())?;
-//! # Ok::<(), parfocal::Error>(())
+//! let row = Row::new("Cup").scale(scale).panels([field(&without), Panel::missing("too few key-points"), field(&with)]);
+//! let sheet = Sheet::new("Relative blur").columns(["without registration", "SIFT", "unified"]).row(row);
+//! assert!(sheet.draw().width() > 3 * 260);
 //! ```
 //!
-//! V is red near and blue far, as in the paper, and grey where not valid. Nothing here fails on odd data: what cannot be
-//! shown is a panel that says why.
-
-mod panel;
+//! V is red where near and blue where far, as in the paper, and grey where not valid. A panel that cannot be drawn says why.
 
 use image::RgbImage;
 
-use self::panel::Content;
+use crate::base::Frame;
 use crate::files::export::{Palette, Scale};
-use crate::page::figure::{
-    Align, Area, BLACK, Canvas, GRAY, LIGHT, WHITE, bar_width, color_bar, resized, text_width, wrap_text,
-};
-
-pub use panel::Panel;
+use crate::files::preview::photograph;
+use crate::page::figure::{Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, bar_width, color_bar, resized, text_width, wrap_text};
 
 /// The paper's colours, for its figures.
 pub(crate) const PALETTE: Palette = Palette::RedBlue;
 
-/// Px around the sheet.
+/// Pixels around the sheet.
 const MARGIN: f32 = 16.0;
-/// Px between panels.
+/// Pixels between panels.
 const GAP: f32 = 8.0;
-/// Size of titles, of column and row names, and of captions, px.
+/// Sizes of the title, of the names of columns and rows, and of captions, px.
 const TITLE: f32 = 22.0;
 const NAME: f32 = 16.0;
 const CAPTION: f32 = 13.0;
 /// Height of a line of text over its size.
 const LINE: f32 = 1.3;
-/// The tallest panel over its width: one long picture must not stretch its row.
+/// The greatest height of a panel over its width: one tall picture must not stretch its row.
 const TALLEST: f32 = 1.6;
-/// Height over width of a row without a picture.
+/// Height over width of the panels of a row without a picture.
 const NO_PICTURE: f32 = 0.3;
 
-/// A grid of panels, as the paper's Figures 4, 6, 7 and 9; see [the module](self) for an example.
+/// One place of a [`Sheet`]: a picture or a reason, and a caption.
+#[derive(Clone, Debug)]
+pub struct Panel {
+    content: Content,
+    caption: String,
+}
+
+#[derive(Clone, Debug)]
+enum Content {
+    Picture(RgbImage),
+    Missing(String),
+}
+
+impl Panel {
+    /// A dash and a reason, such as "too few key-points".
+    pub fn missing(reason: impl Into<String>) -> Self {
+        Self { content: Content::Missing(reason.into()), caption: String::new() }
+    }
+
+    /// A picture as it is.
+    pub fn image(picture: RgbImage) -> Self {
+        if picture.is_empty() {
+            return Self::missing("no pixels");
+        }
+        Self { content: Content::Picture(picture), caption: String::new() }
+    }
+
+    /// A photograph, grey or colour, as stored.
+    pub fn photograph(frame: &Frame) -> Self {
+        Self::image(photograph(frame))
+    }
+
+    /// V, px², `height` rows of `width`, in the colours of a scale, which panels to be compared share; grey where not
+    /// valid.
+    pub fn relative_blur(width: u32, height: u32, values: &[f32], scale: &Scale) -> Self {
+        let color = |v: f32| -> Color { if v.is_finite() { PALETTE.color(scale.nearness(v)) } else { LIGHT } };
+        let bytes = values.iter().flat_map(|&v| color(v)).collect();
+        match RgbImage::from_raw(width, height, bytes) {
+            Some(picture) if values.len() == width as usize * height as usize => Self::image(picture),
+            _ => Self::missing(format!("{} values for {width}x{height} pixels", values.len())),
+        }
+    }
+
+    /// Text below the panel.
+    pub fn caption(mut self, text: impl Into<String>) -> Self {
+        self.caption = text.into();
+        self
+    }
+
+    /// Height over width; `None` without a picture.
+    fn aspect(&self) -> Option<f32> {
+        match &self.content {
+            Content::Picture(picture) => Some(picture.height() as f32 / picture.width() as f32),
+            Content::Missing(_) => None,
+        }
+    }
+}
+
+/// A grid of panels, as the paper's Figures 4 and 6; see [the module](self) for an example.
 #[derive(Clone, Debug)]
 pub struct Sheet {
     title: String,
@@ -72,7 +116,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// A row without panels; its name is written beside it.
+    /// A row without panels, with a name beside it.
     pub fn new(name: impl Into<String>) -> Self {
         Self { name: name.into(), panels: Vec::new(), scale: None }
     }
@@ -83,14 +127,14 @@ impl Row {
         self
     }
 
-    /// Draws the key to the colours of V at the right of the row.
+    /// Draws the scale of V at the right of the row.
     pub fn scale(mut self, scale: Scale) -> Self {
         self.scale = Some(scale);
         self
     }
 }
 
-/// Where everything of a sheet goes, px.
+/// The places of the parts of a sheet, px.
 struct Layout {
     width: u32,
     height: u32,
@@ -101,7 +145,7 @@ struct Layout {
 
 struct RowLayout {
     y: f32,
-    /// Of the panels, without their captions.
+    /// Height of the panels without their captions.
     height: f32,
 }
 
@@ -111,7 +155,7 @@ impl Sheet {
         Self { title: title.into(), columns: Vec::new(), rows: Vec::new(), footer: String::new(), panel_width: 260 }
     }
 
-    /// Names above the columns.
+    /// Writes names above the columns.
     pub fn columns<T: Into<String>>(mut self, names: impl IntoIterator<Item = T>) -> Self {
         self.columns = names.into_iter().map(Into::into).collect();
         self
@@ -123,19 +167,19 @@ impl Sheet {
         self
     }
 
-    /// Text below the rows.
+    /// Writes text below the rows.
     pub fn footer(mut self, text: impl Into<String>) -> Self {
         self.footer = text.into();
         self
     }
 
-    /// Width of every panel, px, 32 to 4096. Default 260.
+    /// Sets the width of all panels, px, clamped to 32 to 4096. The default is 260.
     pub fn panel_width(mut self, width: u32) -> Self {
         self.panel_width = width.clamp(32, 4096);
         self
     }
 
-    /// Draws the sheet. Pictures of one size have one scale; smaller ones are enlarged to the width of the panel.
+    /// Draws the sheet. Pictures are scaled to the width of the panel.
     pub fn draw(&self) -> RgbImage {
         let layout = self.layout();
         let mut canvas = Canvas::new(layout.width, layout.height);
@@ -237,17 +281,6 @@ fn draw_panel(canvas: &mut Canvas, cell: Area, panel: &Panel) {
     let x = (cell.x + (cell.width - size.0 as f32) / 2.0).round();
     let y = (cell.y + (cell.height - size.1 as f32) / 2.0).round();
     canvas.image(&resized(picture, size), (x as u32, y as u32));
-    for (region, color) in &panel.marks {
-        let area = Area {
-            x: x + region.x as f32 * scale,
-            y: y + region.y as f32 * scale,
-            width: region.width as f32 * scale,
-            height: region.height as f32 * scale,
-        };
-        // A white line under the coloured one, which then shows on any picture.
-        canvas.outline(area, WHITE, 4.0);
-        canvas.outline(area, *color, 2.0);
-    }
 }
 
 fn draw_missing(canvas: &mut Canvas, cell: Area, reason: &str) {
@@ -272,7 +305,7 @@ mod tests {
         Panel::image(RgbImage::from_pixel(width, height, Rgb(color)))
     }
 
-    /// The pixels that have exactly this colour: their least and greatest x and y.
+    /// The least and greatest x and y of the pixels of a colour.
     fn extent(image: &RgbImage, color: [u8; 3]) -> Option<[u32; 4]> {
         let found = image.enumerate_pixels().filter(|(_, _, p)| p.0 == color).map(|(x, y, _)| [x, y, x, y]);
         found.reduce(|a, b| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])])
@@ -315,5 +348,27 @@ mod tests {
     fn a_tall_picture_does_not_stretch_its_row() {
         let image = Sheet::new("").panel_width(50).row(Row::new("").panels([plain(2, 400, [9, 9, 9])])).draw();
         assert_eq!(image.height(), 80 + 32);
+    }
+
+    #[test]
+    fn v_has_the_colours_of_its_scale_and_is_grey_where_not_valid() {
+        let scale = Scale { low: -1.0, high: 1.0, nearer: crate::files::export::Nearer::Second };
+        let panel = Panel::relative_blur(3, 1, &[-1.0, f32::NAN, 1.0], &scale);
+        let Content::Picture(picture) = panel.content else { panic!("no picture") };
+        let pixels: Vec<Color> = picture.pixels().map(|p| p.0).collect();
+        assert_eq!(pixels, [PALETTE.color(1.0), LIGHT, PALETTE.color(0.0)]);
+    }
+
+    #[test]
+    fn values_that_do_not_fill_a_picture_are_a_reason() {
+        let scale = Scale { low: -1.0, high: 1.0, nearer: crate::files::export::Nearer::First };
+        let reason = |width, height, values: &[f32]| match Panel::relative_blur(width, height, values, &scale).content {
+            Content::Missing(why) => why,
+            Content::Picture(_) => panic!("a picture"),
+        };
+        assert_eq!(reason(2, 2, &[0.0]), "1 values for 2x2 pixels");
+        assert_eq!(reason(2, 2, &[0.0; 5]), "5 values for 2x2 pixels");
+        assert_eq!(reason(0, 0, &[]), "no pixels");
+        assert_eq!(reason(u32::MAX, u32::MAX, &[]), "0 values for 4294967295x4294967295 pixels");
     }
 }
