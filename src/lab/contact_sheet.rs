@@ -19,7 +19,9 @@ use image::RgbImage;
 use crate::base::Frame;
 use crate::files::export::{Palette, Scale};
 use crate::files::preview::photograph;
-use crate::page::figure::{Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, bar_width, color_bar, resized, text_width, wrap_text};
+use crate::page::figure::{
+    Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, bar_width, color_bar, resized, text_width, wrap_text,
+};
 
 /// The paper's colours, for its figures.
 pub(crate) const PALETTE: Palette = Palette::RedBlue;
