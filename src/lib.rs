@@ -5,7 +5,7 @@
 //! registration together (Ben-Ari, TPAMI 2014).
 //!
 //! ```
-//! use parfocal::{Engine, EngineOptions, Settings, PairSolver};
+//! use parfocal::{Engine, EngineOptions, PairSolver, Settings, SolveOptions};
 //! # use parfocal::Frame;
 //! # fn photograph(soft: f32) -> Frame {
 //! #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
@@ -16,23 +16,23 @@
 //! // From files: let (i1, i2) = parfocal::image_io::read_pair("near.png".as_ref(), "far.png".as_ref())?;
 //! # let (i1, i2) = (photograph(0.4), photograph(0.3));
 //! let engine = Engine::new(&EngineOptions::default())?;
-//! let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default())?;
-//! let solution = solver.solve(&i1, &i2)?;
+//! let mut solver = PairSolver::new(&engine, &Settings::default())?;
+//! let solution = solver.solve([&i1, &i2], &SolveOptions::default())?;
 //! println!("{:?}, V at the first pixel {} px²", solution.transform, solution.relative_blur[0]);
 //! # assert_eq!(solution.relative_blur.len(), 64 * 48);
 //! # Ok(())
 //! # }
 //! ```
 //!
-//! An [`Engine`] is a device, a [`PairSolver`] a size and settings, prepared once and used for any number of pairs. Every
-//! failure is an [`Error`]; a pair that can be read but not solved is a [`Solution`] that has not converged and says why.
+//! An [`Engine`] is a device. A [`PairSolver`] prepares memory and passes once and reuses them for any number of pairs. Every
+//! failure is an [`Error`]. A pair that can be read but not solved is a [`Solution`] that has not converged and says why.
 //!
-//! All of this is there with `default-features = false`: it needs some 30 crates, and nothing but Rust to be built. The
-//! feature `serde` makes settings and lenses readable and writable; `files` adds `image_io`, `export` and `model`, `page`
-//! what is drawn, `lab` scenes, experiments and `baseline`, `program` the command line, each with those before it.
-//! `compile-shaders` compiles the shaders anew instead of taking the SPIR-V that comes with the crate.
+//! With `default-features = false` the crate needs some 30 others and only Rust to be built. The feature `serde` makes settings and
+//! lenses readable and writable; `files` adds `image_io`, `export` and `model`; `page` plots and HTML pages; `lab` scenes and
+//! experiments; `program` the command line. Each includes those before it. `compile-shaders` compiles the shaders instead of using
+//! the SPIR-V that comes with the crate.
 
-// What only the rooms above use of a room is dead where they are not built; the default build has them all, and warns.
+// Without the features that use them, some items of the lower rooms are dead. The default build warns.
 #![cfg_attr(not(feature = "program"), allow(dead_code, unused_imports))]
 
 mod base;
@@ -41,9 +41,9 @@ mod engine;
 mod files;
 #[cfg(feature = "lab")]
 mod lab;
-mod metric;
+pub mod metric;
 #[cfg(feature = "page")]
-mod page;
+pub mod page;
 mod solve;
 
 /// The examples in the guide, which are compiled with those of the documentation.
@@ -51,24 +51,50 @@ mod solve;
 #[doc = include_str!("../docs/guide/src/embedding.md")]
 mod guide {}
 
-#[doc(hidden)]
-pub use base::Setting;
-pub use base::{
-    Aperture, Brightness, CancellationToken, Channels, Decode, Depth, DeviceInfo, Error, Estimate, Format, Frame,
-    Homography, Inverse, Kernel, Lens, Mask, Method, Motion, Photometric, PixelFormat, Region, RegistrationStep,
-    Samples, Settings, Shading, Similarity, centre,
-};
-#[cfg(target_os = "linux")]
-pub use engine::DmaBuf;
-pub use engine::{
-    Engine, EngineOptions, Findings, HostMemory, KeyPoints, LevelHistory, OtherMotion, PairSolver, Progress,
-    Registered, SharedMemory, Solution, SolutionRef, Source, Ticket, Timings, interop, reference, stages,
-};
+pub use base::{CancellationToken, Error, Frame, Lens, Mask, PixelFormat, Progress, Region, Settings};
+pub use engine::interop;
+pub use engine::{Engine, EngineOptions, Pending, Solution, SolutionRef};
 #[cfg(feature = "files")]
-pub use files::{bounded_read, export, image_io, model};
-#[cfg(feature = "lab")]
-pub use lab::{baseline, bench, contact_sheet, evaluate, scene};
-pub use metric::{CalibratedParameter, Calibration, LensParameter, MetricDepth, Target, calibrate, inspect, measure};
-#[cfg(feature = "page")]
-pub use page::{batch_html, figure, inspection, report_html, view};
-pub use solve::{FieldCurvature, QueueFull, SolveOptions, SolverCache, Stream, focus_stack, resample};
+pub use files::{export, image_io, model};
+pub use solve::focus_stack::Sweep;
+pub use solve::resample;
+pub use solve::{PairSolver, QueueFull, SolveOptions, Stream};
+
+/// The types of [`Settings`], [`EngineOptions`] and [`SolveOptions`].
+pub mod settings {
+    pub use crate::base::{Decode, DeviceInfo, Kernel, Method, Motion, Photometric, RegistrationStep};
+    pub use crate::engine::KeyPoints;
+    pub use crate::solve::FieldCurvature;
+}
+
+/// The types of a [`Frame`], and where photographs are taken from.
+pub mod frame {
+    pub use crate::base::{Channels, Depth, Format, Samples};
+    pub use crate::engine::Source;
+}
+
+/// Geometric transforms between photographs, and their differences in brightness.
+pub mod transform {
+    pub use crate::base::{Brightness, Homography, Shading, Similarity, centre};
+}
+
+/// Focus sweeps: three or more photographs of one scene, each focused a little further.
+pub mod sweep {
+    pub use crate::solve::focus_stack::*;
+}
+
+/// The parts of a [`Solution`], and registrations.
+pub mod results {
+    pub use crate::engine::{Findings, LevelHistory, OtherMotion, Registered, Timings};
+}
+
+/// For the program and the tests of this crate: no public API.
+#[doc(hidden)]
+pub mod internals {
+    pub use crate::base::Setting;
+    pub use crate::engine::{reference, stages};
+    #[cfg(feature = "files")]
+    pub use crate::files::bounded_read;
+    #[cfg(feature = "lab")]
+    pub use crate::lab::{baseline, bench, contact_sheet, evaluate, scene};
+}

@@ -4,7 +4,10 @@ mod common;
 
 use common::scene::{displaced, exposed, pair, slanted};
 use common::{TestEngine, assert_transform, blur_error, real_pair};
-use parfocal::{Frame, Homography, Settings, Similarity, Solution};
+use parfocal::{
+    Frame, Settings, Solution,
+    transform::{Homography, Similarity},
+};
 
 const SIZE: u32 = 256;
 

@@ -4,8 +4,8 @@
 mod common;
 
 use common::{TestEngine, blur_error};
-use parfocal::scene::{self, Preset, Scene, Shape};
-use parfocal::{Kernel, Settings, Similarity, Solution};
+use parfocal::internals::scene::{self, Preset, Scene, Shape};
+use parfocal::{Settings, Solution, settings::Kernel, transform::Similarity};
 
 /// Solves a scene; prints its errors and fails where T is off by more than 0.01 px at a corner, 0.0003°, or 0.003 %, or V
 /// by more than `rms` px².

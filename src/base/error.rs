@@ -44,7 +44,15 @@ pub enum Error {
         /// The limit that it ran into.
         seconds: u64,
     },
-    /// It was called off.
+    /// All frames in flight of a solver are in use.
+    #[error(
+        "all {frames} frames in flight of the solver are in use: drop a pending pair first, or make the solver with more"
+    )]
+    Busy {
+        /// How many the solver has.
+        frames: usize,
+    },
+    /// The solve was cancelled.
     #[error("the solve was cancelled")]
     Cancelled,
     /// An earlier wait timed out or failed, so the device may still be using this engine's memory.

@@ -2,8 +2,8 @@
 
 pub(crate) mod aperture;
 mod brightness;
-mod cancel;
 pub(crate) mod color;
+mod control;
 mod device_info;
 mod error;
 mod frame;
@@ -26,9 +26,9 @@ pub(crate) mod workers;
 
 pub use aperture::Aperture;
 pub use brightness::Brightness;
-pub use cancel::CancellationToken;
-pub(crate) use cancel::{CancelSignal, Deadline};
 pub use color::Decode;
+pub(crate) use control::{CancelSignal, Deadline};
+pub use control::{CancellationToken, Progress};
 pub use device_info::DeviceInfo;
 pub use error::Error;
 pub use frame::{Channels, Depth, Format, Frame, Samples};

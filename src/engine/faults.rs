@@ -9,7 +9,8 @@ use ash::vk;
 
 use crate::base::{Error, Frame, Settings};
 use crate::engine::vulkan::faults::{self, Call, Fault, Log};
-use crate::engine::{Engine, PairSolver, Solution, testing};
+use crate::engine::{Engine, Solution, testing};
+use crate::solve::{PairSolver, SolveOptions};
 
 /// What these tests count is of the program: they run one at a time.
 static ALONE: Mutex<()> = Mutex::new(());
@@ -27,7 +28,7 @@ fn pair() -> [Frame; 2] {
 fn solve(pair: &[Frame; 2]) -> Result<Solution, Error> {
     let engine = Engine::new(&testing::options())?;
     let settings = Settings { outer_iterations: 8, ..Settings::default() };
-    PairSolver::for_pair(&engine, &pair[0], &pair[1], &settings)?.solve(&pair[0], &pair[1])
+    PairSolver::for_frames(&engine, pair.each_ref(), &settings)?.solve(pair.each_ref(), &SolveOptions::default())
 }
 
 /// Solves, and closes the engine, while a call or an allocation fails.
@@ -167,15 +168,17 @@ fn whatever_call_fails_is_told_of_and_the_next_engine_solves() {
 #[test]
 fn a_wait_for_a_hung_device_ends_and_poisons_the_engine() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let [i1, i2] = pair();
+    let pair = pair();
     faults::begin(None, None);
     let engine = Engine::new(&testing::options()).unwrap();
-    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
-    let ticket = solver.submit(0, &i1, &i2).unwrap();
+    let mut solver = PairSolver::for_frames(&engine, pair.each_ref(), &Settings::default()).unwrap();
+    let mut pending = solver.submit(pair.each_ref(), &[], &SolveOptions::default()).unwrap();
     faults::hang();
-    let waited = solver.wait(&ticket, Duration::MAX).map(|view| view.is_some());
+    let waited = pending.wait_timeout(Duration::MAX).map(|solution| solution.is_some());
     assert!(matches!(waited, Err(Error::Timeout { .. })), "{waited:?}");
-    assert!(engine.device.is_poisoned());
+    drop(pending);
+    let solved = solver.solve(pair.each_ref(), &SolveOptions::default());
+    assert!(matches!(solved, Err(Error::Poisoned)), "{:?}", solved.map(drop));
     drop((solver, engine));
     faults::end();
 }

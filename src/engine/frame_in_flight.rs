@@ -1,38 +1,30 @@
-//! One pair on its way through a solver: mapped memory of its own, and recordings that use it. What only the device sees is shared by all.
+//! A frame in flight: the mapped memory of one pair, the recordings that use it, and what cancels the pair.
 
-use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::OtherMotion;
-use super::cancel_flag::CancelFlag;
-use super::motion::Form;
+use super::arguments;
+use super::motion::{Form, OtherMotion};
 use super::plan::Plan;
 use super::profile::{Phases, Profile, Ran, Reading, SUBMIT_WAIT};
-use super::progress::Progress;
 use super::record::{record, record_with};
-use super::registered::Registered;
 use super::script::{Dispatch, Script, compose};
 use super::slot::Slot;
-use super::solution::{Counts, Findings, LevelHistory, Timings};
-use super::solution_ref::SolutionRef;
+use super::solution::{Counts, Findings, LevelHistory, Registered, SolutionRef, Timings};
 use super::stages::Pipelines;
 use super::stages::state::{Registration, State};
 use super::stages::sums::{Layout, Sums};
 use super::vulkan::{
-    Buffer, Clock, Device, DeviceSolution, ExternalCommandBuffer, Recorder, Recording, SemaphoreWait, SourceCopy,
+    Buffer, Clock, Device, DeviceSolution, ExternalCommandBuffer, Recorder, Recording, SemaphoreWait, SolutionBuffer,
+    SourceCopy,
 };
 use super::workspace::Workspace;
 use crate::base::{
-    CancelSignal, CancellationToken, Deadline, Error, Homography, Kernel, Mask, Photometric, Region, Shading,
+    CancelSignal, CancellationToken, Deadline, Error, Homography, Kernel, Mask, Photometric, Progress, Region, Shading,
 };
 
-/// A script, and its recording.
-struct Prepared {
-    script: Script,
-    recording: Recording,
-}
-
-/// Where a pair starts; T, gain, offset and shading stay there where they are not solved for.
+/// The values that a pair starts from. What is not solved for keeps them.
 #[derive(Clone, Copy)]
 pub(super) struct Start {
     pub(super) transform: Homography,
@@ -41,144 +33,164 @@ pub(super) struct Start {
     pub(super) kernel_shape: f64,
 }
 
-/// What all lanes of a solver share.
-pub(super) struct Common {
+/// What all frames in flight of a solver share. Device-only memory is shared too: pairs run one after the other.
+pub(super) struct Shared {
     pub(super) plan: Plan,
     pub(super) device: Arc<Device>,
     pub(super) pipelines: Arc<Pipelines>,
     pub(super) reading: Reading,
 }
 
-/// One pair on its way.
+/// A script and its recording.
+struct RecordedScript {
+    script: Script,
+    recording: Recording,
+}
+
+impl RecordedScript {
+    fn new(shared: &Shared, workspace: &Workspace, is_masked: bool) -> Result<Self, Error> {
+        let script = compose(&shared.plan, is_masked);
+        let recording = record(&shared.device, &shared.pipelines, workspace, &script, shared.reading)?;
+        // All but the last word, which may cancel the pair meanwhile.
+        let words = &script.arguments[..script.arguments.len() - 1];
+        workspace.buffer(Slot::StartArguments).write(bytemuck::cast_slice(words))?;
+        Ok(Self { script, recording })
+    }
+}
+
+/// The memory and recordings of one pair.
 pub(super) struct FrameInFlight {
-    common: Arc<Common>,
+    shared: Arc<Shared>,
     workspace: Workspace,
-    /// What the latest pair takes.
-    latest: Prepared,
-    /// Whether that has masked or clipped pixels.
+    /// The script of the latest pair.
+    current: RecordedScript,
+    /// Whether that is for pairs with masked or clipped pixels.
     is_masked: bool,
-    /// What pairs of the other kind take, once it is recorded.
-    other: Option<Prepared>,
+    /// The script of the other kind of pair, once recorded.
+    other: Option<RecordedScript>,
+    /// What the mask buffer holds.
+    mask: Option<Mask>,
     started: Instant,
-    /// When the latest pair has taken too long.
     deadline: Deadline,
     phases: Phases,
-    /// What has the device fetch photographs of the latest pair.
+    /// The recording that fetches photographs of the latest pair.
     fetching: Option<Recording>,
-    /// What was recorded into a command buffer of someone else's for it.
+    /// Whether the device fetches a photograph of the latest pair.
+    is_fetched: bool,
+    /// What was recorded for the latest pair into a command buffer of the embedding program.
     encoded: Option<Recording>,
-    /// What the timeline of the latest recording reaches when the pair that was submitted is solved.
-    under_way: Option<u64>,
-    /// Pairs so far.
-    pairs: u64,
-    /// Whether the latest is fetched by the device.
-    fetches: bool,
-    /// What calls the latest off, and is told to.
-    call: Arc<CancelFlag>,
+    /// The word by which the device says that it has executed that.
+    completion: Arc<Buffer>,
+    /// The value that the timeline of the current recording reaches when the submitted pair is solved.
+    in_flight: Option<u64>,
+    cancel: Arc<CancelFlag>,
     signal: Arc<CancelSignal>,
 }
 
 impl Drop for FrameInFlight {
     fn drop(&mut self) {
-        self.call.end();
+        self.cancel.end();
     }
 }
 
 impl FrameInFlight {
-    /// Prepared for pairs with masked or clipped pixels, or for those without; by `None` for both, and neither kind's first waits.
-    pub(super) fn new(common: Arc<Common>, workspace: Workspace, is_masked: Option<bool>) -> Result<Self, Error> {
-        let prepared = |is_masked| prepared(&common, &workspace, is_masked);
-        let other = if is_masked.is_none() { Some(prepared(true)?) } else { None };
+    /// Records the script for pairs with masked or clipped pixels, the one for pairs without, or by `None` both.
+    pub(super) fn new(shared: Arc<Shared>, workspace: Workspace, is_masked: Option<bool>) -> Result<Self, Error> {
+        workspace.buffer(Slot::Mask).write(&mask_bytes(&shared.plan, None))?;
+        let recorded = |is_masked| RecordedScript::new(&shared, &workspace, is_masked);
+        let other = if is_masked.is_none() { Some(recorded(true)?) } else { None };
         let is_masked = is_masked.unwrap_or(false);
-        let latest = prepared(is_masked)?;
-        let (started, phases) = (Instant::now(), Phases::default());
-        let call = CancelFlag::of(workspace.buffer(Slot::StartArguments), &common.plan);
-        let signal = call.signal();
-        let (under_way, pairs) = (None, 0);
-        let deadline = Deadline::after(common.device.timeout());
+        let current = recorded(is_masked)?;
+        let cancel = CancelFlag::new(workspace.buffer(Slot::StartArguments), &shared.plan);
         Ok(Self {
-            common,
-            workspace,
-            latest,
+            current,
             is_masked,
             other,
-            started,
-            deadline,
-            phases,
+            mask: None,
+            started: Instant::now(),
+            deadline: Deadline::after(shared.device.timeout()),
+            phases: Phases::default(),
             fetching: None,
+            is_fetched: false,
             encoded: None,
-            under_way,
-            pairs,
-            fetches: false,
-            call,
-            signal,
+            completion: Buffer::for_readback(&shared.device, "completion", 4)?,
+            in_flight: None,
+            signal: cancel.signal(),
+            cancel,
+            shared,
+            workspace,
         })
     }
 
-    /// Which pair the latest is, counted from 1.
-    pub(super) fn pairs(&self) -> u64 {
-        self.pairs
-    }
-
-    /// A new pair comes, which may be called off: what was under way is waited for.
-    pub(super) fn begin(&mut self, cancel: &CancellationToken) -> Result<(), Error> {
-        self.rest()?;
-        // Whatever comes of it, results of the one before are no more asked for.
-        self.pairs += 1;
-        self.fetches = false;
-        self.call.end();
-        let words = self.workspace.buffer(Slot::StartArguments);
-        self.call = CancelFlag::of(words, &self.common.plan);
-        self.signal = self.call.signal();
-        self.call.go_on(words)?;
-        cancel.register(&self.signal);
-        cancel.check()
-    }
-
-    /// Calls the latest pair off.
-    pub(super) fn cancel(&self) {
-        self.call.cancel();
-    }
-
-    /// Waits for what is under way.
-    pub(super) fn rest(&mut self) -> Result<(), Error> {
-        self.wait(Duration::MAX)?;
-        if self.common.device.is_poisoned() {
+    /// Begins a pair, which may be cancelled from here on. No pair is in flight.
+    pub(super) fn begin(
+        &mut self,
+        mask: Option<&Mask>,
+        cancel: &CancellationToken,
+        limit: Duration,
+    ) -> Result<(), Error> {
+        if self.shared.device.is_poisoned() {
             return Err(Error::Poisoned);
         }
-        self.is_taken(Duration::MAX)?;
-        self.deadline = Deadline::after(self.common.device.timeout());
-        (self.started, self.phases) = (Instant::now(), Phases::default());
+        (self.started, self.phases, self.deadline) = (Instant::now(), Phases::default(), Deadline::after(limit));
+        self.is_fetched = false;
+        self.cancel.end();
+        let words = self.workspace.buffer(Slot::StartArguments);
+        self.cancel = CancelFlag::new(words, &self.shared.plan);
+        self.signal = self.cancel.signal();
+        self.cancel.clear(words)?;
+        cancel.register(&self.signal);
+        cancel.check()?;
+        if self.mask.as_ref() != mask {
+            self.workspace.buffer(Slot::Mask).write(&mask_bytes(&self.shared.plan, mask))?;
+            self.mask = mask.cloned();
+        }
         Ok(())
     }
 
-    /// Where a photograph is brought to.
-    pub(super) fn entry(&self, image: usize) -> &Arc<Buffer> {
-        self.workspace.buffer(self.common.plan.entry(image))
+    /// Cancels the latest pair.
+    pub(super) fn cancel(&self) {
+        self.cancel.cancel();
     }
 
-    /// Has a photograph written where the device reads it; nothing may be under way.
+    /// The time that the latest pair has left.
+    #[cfg(test)]
+    pub(super) fn time_left(&self) -> Duration {
+        self.deadline.left()
+    }
+
+    /// Cancels a pair in flight and waits until the device has left it, so that another pair can begin.
+    pub(super) fn release(&mut self) {
+        if self.in_flight.is_some() {
+            self.cancel();
+            // A failed wait poisons the device, which the next pair reports.
+            let _ = self.wait(Duration::MAX);
+        }
+    }
+
+    /// The buffer that the device reads a photograph from.
+    fn input(&self, image: usize) -> &Arc<Buffer> {
+        self.workspace.buffer(self.shared.plan.entry(image))
+    }
+
+    /// Calls a function that writes a photograph into that buffer.
     pub(super) fn fill(&self, image: usize, write: &mut dyn FnMut(&mut [u8])) -> Result<(), Error> {
-        self.entry(image).write_with(write)
+        self.input(image).write_with(write)
     }
 
-    /// A byte a pixel, of all lanes.
-    pub(super) fn mask(&self) -> &Buffer {
-        self.workspace.buffer(Slot::Mask)
-    }
-
-    /// Takes the pair that was brought up: where it starts, and whether some of its pixels are masked or clipped.
-    pub(super) fn take(&mut self, start: &Start, is_masked: bool) -> Result<(), Error> {
+    /// Prepares the pair for submission, after its photographs were copied.
+    pub(super) fn prepare(&mut self, start: &Start, is_masked: bool) -> Result<(), Error> {
         self.phases.end("upload");
-        let settings = &self.common.plan.settings;
+        let settings = &self.shared.plan.settings;
         let mut state = State::new(&Registration::new(start.transform, &start.photometric));
         state.shading = start.shading.coefficients.map(|c| c as f32);
         state.kernel_shape = start.kernel_shape as f32;
         state.alpha = settings.regularization.map_or(state.alpha, |alpha| alpha as f32);
         self.workspace.buffer(Slot::StartState).write(bytemuck::bytes_of(&state))?;
         if self.is_masked != is_masked {
-            let next = self.other.take().map_or_else(|| prepared(&self.common, &self.workspace, is_masked), Ok)?;
-            self.other = Some(std::mem::replace(&mut self.latest, next));
+            let recorded = || RecordedScript::new(&self.shared, &self.workspace, is_masked);
+            let next = self.other.take().map_or_else(recorded, Ok)?;
+            self.other = Some(std::mem::replace(&mut self.current, next));
             self.is_masked = is_masked;
         }
         self.encoded = None;
@@ -186,104 +198,108 @@ impl FrameInFlight {
         Ok(())
     }
 
-    /// Has the device fetch photographs, once what is waited for has happened; before the pair is handed over.
+    /// Submits copies of photographs, which begin after `waits`. Called before [`submit`](Self::submit).
     pub(super) fn fetch(&mut self, fetches: &[(usize, SourceCopy)], waits: &[SemaphoreWait]) -> Result<(), Error> {
-        let mut recorder = Recorder::new(&self.common.device, Clock::Never)?;
+        let mut recorder = Recorder::new(&self.shared.device, Clock::Never)?;
         for (image, fetch) in fetches {
-            recorder.copy_source(fetch, self.entry(*image));
+            recorder.copy_source(fetch, self.input(*image));
         }
         let (recording, earlier) = (recorder.finish()?, self.fetching.take());
-        // What waits for the timeline may still be pending on another queue: it lives as long as the lane.
+        // Waits of another queue for the timeline may still be pending: it lives as long as this.
         let recording = if let Some(earlier) = earlier { recording.with_timeline_of(earlier) } else { recording };
         self.fetching.insert(recording).submit(1, waits)?;
-        self.fetches = true;
+        self.is_fetched = true;
         Ok(())
     }
 
-    /// Hands it to the device, and does not wait for it; on a device that has to be asked while it works, does.
+    /// Submits the pair and returns. On devices without conditional rendering it blocks until the solve is done.
     pub(super) fn submit(&mut self, waits: &[SemaphoreWait]) -> Result<(), Error> {
-        let parts = self.latest.script.parts.len();
-        if self.latest.recording.has_optional_parts() {
-            // What is waited for begins a submission of its own.
+        let parts = self.current.script.parts.len();
+        if self.current.recording.has_optional_parts() {
+            // The waits belong to a submission of their own.
             if !waits.is_empty() {
                 self.fetch(&[], waits)?;
             }
-            return self.run(|script| script.parts.len(), &mut |_| ());
+            return self.run(|script| script.parts.len(), &|_| ());
         }
-        self.under_way = Some(self.latest.recording.submit(parts, waits)?);
+        self.in_flight = Some(self.current.recording.submit(parts, waits)?);
         Ok(())
     }
 
-    /// Records it, with what fetches its photographs, into a command buffer of someone else's.
+    /// Records the pair and its fetches into a command buffer of the embedding program.
     pub(super) fn encode(
         &mut self,
         commands: ExternalCommandBuffer,
         fetches: &[(usize, SourceCopy)],
     ) -> Result<(), Error> {
-        let mut recorder = Recorder::into_external(&self.common.device, commands);
+        self.completion.store_word(0, Recorder::PENDING)?;
+        let mut recorder = Recorder::into_external(&self.shared.device, commands, &self.completion);
         for (image, fetch) in fetches {
-            recorder.copy_source(fetch, self.entry(*image));
+            recorder.copy_source(fetch, self.input(*image));
         }
         recorder.barrier();
-        self.encoded = Some(record_with(recorder, &self.common.pipelines, &self.workspace, &self.latest.script)?);
+        self.encoded = Some(record_with(recorder, &self.shared.pipelines, &self.workspace, &self.current.script)?);
         Ok(())
     }
 
-    /// Where the results of the latest pair will be.
-    pub(super) fn on_device(&self) -> DeviceSolution {
-        let fetching = self.fetching.as_ref().filter(|_| self.fetches);
-        DeviceSolution::new(self.workspace.buffer(Slot::EndMaps), &self.latest.recording, fetching)
+    /// Returns whether the device has executed what was encoded to its end.
+    pub(super) fn is_executed(&self) -> Result<bool, Error> {
+        Ok(self.completion.load_word(0)? == Recorder::COMPLETE)
     }
 
-    /// Waits so long at most; whether the device has fetched what it fetches of the latest pair.
-    pub(super) fn is_taken(&mut self, limit: Duration) -> Result<bool, Error> {
+    /// The results of the latest pair on the device, and the semaphores that say when they are there.
+    pub(super) fn on_device(&self) -> DeviceSolution {
+        let fetching = self.fetching.as_ref().filter(|_| self.is_fetched);
+        DeviceSolution::new(self.workspace.buffer(Slot::EndMaps), &self.current.recording, fetching)
+    }
+
+    /// The buffer on the device that holds the results.
+    pub(super) fn result_buffer(&self) -> SolutionBuffer {
+        SolutionBuffer::new(self.workspace.buffer(Slot::EndMaps))
+    }
+
+    /// Waits until the device has fetched the photographs of the latest pair, for `limit` at most. Returns whether it has.
+    pub(super) fn wait_fetched(&mut self, limit: Duration) -> Result<bool, Error> {
         let Some(fetching) = &mut self.fetching else { return Ok(true) };
-        let is_taken = fetching.wait(fetching.completion().1, limit, self.deadline)?;
-        if is_taken {
+        let is_fetched = fetching.wait(fetching.completion().1, limit, self.deadline)?;
+        if is_fetched {
             fetching.release();
         }
-        Ok(is_taken)
+        Ok(is_fetched)
     }
 
-    /// [`Error::Cancelled`] where the latest pair was called off, and its results are half-way ones.
-    fn check_wanted(&self) -> Result<(), Error> {
-        if self.call.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
-    }
-
-    /// Waits so long at most; whether the pair is solved.
+    /// Waits until the pair is solved, for `limit` at most. Returns whether it is.
     pub(super) fn wait(&mut self, limit: Duration) -> Result<bool, Error> {
-        let Some(value) = self.under_way else { return Ok(true) };
-        let is_done = self.latest.recording.wait(value, limit, self.deadline)?;
-        if is_done {
-            self.under_way = None;
-            self.phases.end(SUBMIT_WAIT);
+        let Some(value) = self.in_flight else { return Ok(true) };
+        if self.shared.device.is_poisoned() {
+            return Err(Error::Poisoned);
         }
-        Ok(is_done)
+        if !self.current.recording.wait(value, limit, self.deadline)? {
+            return Ok(false);
+        }
+        self.in_flight = None;
+        self.phases.end(SUBMIT_WAIT);
+        self.wait_fetched(Duration::MAX)
     }
 
-    /// Runs the first parts, and waits.
-    pub(super) fn run(
-        &mut self,
-        wanted_parts: fn(&Script) -> usize,
-        progress: &mut dyn FnMut(Progress),
-    ) -> Result<(), Error> {
-        let common = self.common.clone();
-        let (plan, on_the_way) = (&common.plan, self.workspace.buffer(Slot::Progress).clone());
-        let Prepared { script, recording } = &mut self.latest;
-        let parts = wanted_parts(script);
+    /// Runs the first parts of the script and waits for them.
+    pub(super) fn run(&mut self, parts: fn(&Script) -> usize, progress: &dyn Fn(Progress)) -> Result<(), Error> {
+        let (shared, state_word) = (self.shared.clone(), self.workspace.buffer(Slot::Progress).clone());
+        let (plan, RecordedScript { script, recording }) = (&shared.plan, &mut self.current);
+        let parts = parts(script);
         let levels = |parts: usize| script.parts[..parts].iter().filter_map(|part| part.level_done);
-        let count = |parts: usize| levels(parts).count() as u32;
-        let pixels =
-            |parts: usize| levels(parts).map(|index| plan.pyramid[index].size.map(u64::from)).map(|[w, h]| w * h).sum();
+        let pixels = |parts: usize| levels(parts).map(|index| plan.pyramid[index].pixels()).sum::<u64>();
         let mut wanted = |part: usize| {
-            let state = on_the_way.read::<State>(0, 1)?[0];
+            let state = state_word.read::<State>(0, 1)?[0];
             Ok(script.parts[part].continues.is_none_or(|level| state.levels[level].settled == 0))
         };
         recording.run_parts(parts, self.deadline, &mut wanted, &mut |part| {
-            if let Some(level) = script.parts[part - 1].level_done.map(|index| &plan.pyramid[index]) {
-                let [width, height] = level.size;
-                let (pixels_done, pixels) = (pixels(part), pixels(parts));
-                progress(Progress { done: count(part), levels: count(parts), pixels_done, pixels, width, height });
+            if script.parts[part - 1].level_done.is_some() {
+                progress(Progress {
+                    done: levels(part).count() as u32,
+                    total: levels(parts).count() as u32,
+                    share: pixels(part) as f64 / pixels(parts).max(1) as f64,
+                });
             }
         })?;
         self.phases.end(SUBMIT_WAIT);
@@ -292,10 +308,9 @@ impl FrameInFlight {
 
     /// What the latest solve did, dispatch by dispatch.
     pub(super) fn profile(&self) -> Result<Profile, Error> {
-        let states = [Slot::EndState, Slot::RegisteredState].map(|slot| self.state(slot));
-        let [solved, registered] = states;
+        let [solved, registered] = [Slot::EndState, Slot::RegisteredState].map(|slot| self.state(slot));
         let done = [solved?.levels, registered?.levels];
-        let Prepared { script, recording } = &self.latest;
+        let RecordedScript { script, recording } = &self.current;
         let ran = |d: &Dispatch| Ran {
             pass: d.stage.shader.name,
             place: d.place,
@@ -306,23 +321,24 @@ impl FrameInFlight {
         Ok(Profile { dispatches, ends_ms, phases: self.phases.clone() })
     }
 
-    /// The results where they are.
-    pub(super) fn view(&mut self, mask: Option<&Mask>) -> Result<SolutionRef<'_>, Error> {
-        self.check_wanted()?;
-        let [width, height] = self.common.plan.size;
+    /// The results in mapped memory. The device is done with the pair.
+    pub(super) fn solution(&mut self) -> Result<SolutionRef<'_>, Error> {
+        self.cancel.check()?;
+        let [width, height] = self.shared.plan.size;
         let state = self.state(Slot::EndState)?;
+        let settings = &self.shared.plan.settings;
         let mut findings = Findings {
             width,
             height,
             origin: [0, 0],
             photograph: [width, height],
-            fused_channels: self.common.plan.fused_channels(),
+            fused_channels: self.shared.plan.fused_channels(),
             transform: state.registration().transform,
             photometric: state.registration().photometric(),
             shading: state.applied_shading(),
             solved: Region { x: 0, y: 0, width, height },
             regularization: state.alpha.into(),
-            kernel_shape: (self.common.plan.settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
+            kernel_shape: (settings.kernel == Kernel::Auto).then(|| state.kernel_shape.into()),
             other_motion: None,
             levels: self.levels(&state, Slot::EndEnergies)?,
             converged: false,
@@ -332,13 +348,12 @@ impl FrameInFlight {
             saturated_fraction: 0.0,
             timings: self.timings()?,
         };
-        let settings = &self.common.plan.settings;
         let maps = self.workspace.buffer(Slot::EndMaps).mapped_floats()?;
         let pixels = width as usize * height as usize;
-        let counts = Counts::of(&maps[..pixels], &maps[pixels..2 * pixels], settings.max_relative_blur);
-        findings.tell(&counts);
-        findings.judge(&state, settings, mask.map_or(1.0, Mask::share));
-        if !self.common.plan.solves_transform() {
+        let counts = Counts::new(&maps[..pixels], &maps[pixels..2 * pixels], settings.max_relative_blur);
+        findings.set_counts(&counts);
+        findings.judge(&state, settings, self.mask.as_ref().map_or(1.0, Mask::share));
+        if !self.shared.plan.solves_transform() {
             findings.doubt(&self.registered()?);
         } else if findings.converged {
             findings.other_motion = self.other_motion(&state)?;
@@ -348,10 +363,10 @@ impl FrameInFlight {
         Ok(SolutionRef::new(findings, self.workspace.buffer(Slot::EndMaps).mapped_floats()?))
     }
 
-    /// The registration, out of mapped memory.
+    /// The registration, out of mapped memory. The device is done with the pair.
     pub(super) fn registered(&self) -> Result<Registered, Error> {
-        self.check_wanted()?;
-        let (plan, state) = (&self.common.plan, self.state(Slot::RegisteredState)?);
+        self.cancel.check()?;
+        let (plan, state) = (&self.shared.plan, self.state(Slot::RegisteredState)?);
         let mut registered = Registered {
             width: plan.size[0],
             height: plan.size[1],
@@ -372,24 +387,24 @@ impl FrameInFlight {
         Ok(registered)
     }
 
-    /// What the last sums say of motion models.
+    /// Another motion model that the last sums speak for.
     fn other_motion(&self, state: &State) -> Result<Option<OtherMotion>, Error> {
-        let (layout, finest) = (Layout::of(true), &self.common.plan.pyramid[0]);
+        let (layout, finest) = (Layout::of(true), &self.shared.plan.pyramid[0]);
         let [columns, rows, _] = finest.tiles();
         let floats = (columns * rows) as usize * layout.length;
         let partials: Vec<f32> = self.workspace.buffer(Slot::EndPartials).read(0, floats)?;
         let blocks = partials.chunks_exact(layout.length).map(|row| Sums::from_partials(row, layout)).collect();
         let form = Form::new(blocks, finest.length, finest.centre);
-        Ok(form.other(self.common.plan.settings.motion, &state.registration().transform))
+        Ok(form.other(self.shared.plan.settings.motion, &state.registration().transform))
     }
 
-    /// By the device's clock; where that is not read, from submitting to the last answer.
+    /// Device time by its clock; without one, from the submission to the end of the wait.
     fn timings(&self) -> Result<Timings, Error> {
         if self.encoded.is_some() {
-            // By whom, and when, is the program's to know.
+            // The embedding program knows when it executed the pair.
             return Ok(Timings::default());
         }
-        let times = self.latest.recording.times()?;
+        let times = self.current.recording.times()?;
         let gpu_ms = if times.passes_ms.is_empty() { self.phases.waited_ms() } else { times.total_ms };
         Ok(Timings { total_ms: 0.0, gpu_ms, passes_ms: times.passes_ms })
     }
@@ -398,9 +413,9 @@ impl FrameInFlight {
         Ok(self.workspace.buffer(slot).read::<State>(0, 1)?[0])
     }
 
-    /// What the levels did, coarse to fine.
+    /// The histories of the levels, coarse to fine.
     fn levels(&self, state: &State, energies: Slot) -> Result<Vec<LevelHistory>, Error> {
-        let plan = &self.common.plan;
+        let plan = &self.shared.plan;
         let outer = plan.settings.outer_iterations as usize;
         let energies: Vec<f32> = self.workspace.buffer(energies).read(0, plan.solved * outer)?;
         let levels = plan.coarse_to_fine().map(|level| {
@@ -412,11 +427,58 @@ impl FrameInFlight {
     }
 }
 
-fn prepared(common: &Common, workspace: &Workspace, masked: bool) -> Result<Prepared, Error> {
-    let script = compose(&common.plan, masked);
-    let recording = record(&common.device, &common.pipelines, workspace, &script, common.reading)?;
-    // All but the last word, by which the pair may have been called off meanwhile.
-    let words = &script.arguments[..script.arguments.len() - 1];
-    workspace.buffer(Slot::StartArguments).write(bytemuck::cast_slice(words))?;
-    Ok(Prepared { script, recording })
+/// A byte for each pixel of I1, 0 where it is left out.
+fn mask_bytes(plan: &Plan, mask: Option<&Mask>) -> Vec<u8> {
+    let mut bytes = mask.map_or_else(Vec::new, |mask| mask.bytes().to_vec());
+    bytes.resize(plan.mask_bytes() as usize, 1);
+    bytes
+}
+
+/// Cancels one pair by the last word of its [arguments], which the device reads between iterations.
+struct CancelFlag {
+    /// The arguments, until the pair has ended.
+    words: Mutex<Option<Arc<Buffer>>>,
+    /// Byte offset of the last word.
+    offset: u64,
+    is_cancelled: AtomicBool,
+}
+
+impl CancelFlag {
+    fn new(words: &Arc<Buffer>, plan: &Plan) -> Arc<Self> {
+        let offset = arguments::bytes(plan.solved) - 4;
+        Arc::new(Self { words: Mutex::new(Some(words.clone())), offset, is_cancelled: AtomicBool::new(false) })
+    }
+
+    /// Tells the device that the pair is wanted.
+    fn clear(&self, words: &Buffer) -> Result<(), Error> {
+        words.store_word(self.offset, arguments::NOT_CANCELLED)
+    }
+
+    /// [`Error::Cancelled`] if the pair was cancelled: its results are unfinished.
+    fn check(&self) -> Result<(), Error> {
+        if self.is_cancelled.load(Ordering::SeqCst) { Err(Error::Cancelled) } else { Ok(()) }
+    }
+
+    fn words(&self) -> MutexGuard<'_, Option<Arc<Buffer>>> {
+        self.words.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn cancel(&self) {
+        if let Some(words) = &*self.words() {
+            self.is_cancelled.store(true, Ordering::SeqCst);
+            // If the word cannot be written, the device solves the pair to its end.
+            let _ = words.store_word(self.offset, arguments::CANCELLED);
+        }
+    }
+
+    /// Makes later calls of [`cancel`](Self::cancel) do nothing.
+    fn end(&self) {
+        *self.words() = None;
+    }
+
+    /// The callback for a [`CancellationToken`].
+    fn signal(self: &Arc<Self>) -> Arc<CancelSignal> {
+        let flag = self.clone();
+        Arc::new(move || flag.cancel())
+    }
 }

@@ -1,22 +1,40 @@
-//! What is too large for one solve: parts of one size that overlap, and the photographs at half their size.
+//! Photographs too large for one solve: overlapping parts of one size, photographs at half their size, and the solve of a large pair.
 
+use super::Engine;
 use super::filter::Filter;
-use super::plan::halving_filter;
+use super::frame_in_flight::Start;
+use super::plan::{Plan, halving_filter};
+use super::prepared_solver::{PairOptions, PreparedSolver};
+use super::solution::{self, Counts, Solution};
 use super::stages::{convolve, ingest};
-use crate::base::color::LUMINANCE;
-use crate::base::{Decode, Error, Frame, Homography, Region, Shading, Similarity, centre, workers};
+use crate::base::color::{LUMINANCE, srgb_to_linear};
+use crate::base::{
+    Decode, Error, Format, Frame, Homography, Method, Photometric, Progress, Region, Settings, Shading, Similarity,
+    centre, workers,
+};
 
-/// Where parts lie along one axis: where each begins, and where what is taken of it does.
+/// The largest pair that is solved in parts: its results and photographs take some 8 GiB of the host.
+pub(crate) const MOST_PIXELS: u64 = 1 << 28;
+/// Px that a part reaches beyond its interior, besides the widest window of blur: smoothness is felt that far.
+const HALO: u32 = 48;
+/// The same as a share of its side: T that scales or rotates moves the borders of a part against its middle.
+const HALO_SHARE: f64 = 0.03;
+/// The least side of a part, px: smaller ones are mostly halo.
+const LEAST: u32 = 320;
+
+/// The parts along one axis.
 struct Axis {
+    /// The length of each part, px.
     side: u32,
+    /// Where each part begins.
     origins: Vec<u32>,
-    /// One more than there are parts.
+    /// Where the interior of each part begins, and where that of the last ends.
     borders: Vec<u32>,
 }
 
 impl Axis {
-    /// Parts of one side, at most `most`, that begin at even places, since pixel i of the half-size image sits on pixel 2i, and reach `halo`
-    /// beyond what is taken of them.
+    /// Covers `whole` px by parts of `most` px at most that reach `halo` px beyond their interior. They begin at even places, since pixel
+    /// i of the half-size image lies on pixel 2i.
     fn covering(whole: u32, most: u32, halo: u32) -> Self {
         if whole <= most {
             return Self { side: whole, origins: vec![0], borders: vec![0, whole] };
@@ -31,22 +49,24 @@ impl Axis {
     }
 }
 
-/// A part, and what is taken of it.
+/// A part of a photograph.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Part {
+    /// What is solved.
     pub(super) solved: Region,
-    pub(super) taken: Region,
+    /// The results that are kept.
+    pub(super) interior: Region,
 }
 
 impl Part {
-    /// Takes over what is taken of a part's field, so many numbers a pixel, into that of the whole, whose rows have so many pixels.
-    pub(super) fn bring<T: Copy>(&self, from: &[T], whole: &mut [T], width: usize, numbers: usize) {
-        let Self { solved, taken } = self;
-        for y in taken.y..taken.y + taken.height {
-            let first = (y - solved.y) as usize * solved.width as usize + (taken.x - solved.x) as usize;
-            let to = y as usize * width + taken.x as usize;
-            let count = numbers * taken.width as usize;
-            whole[numbers * to..][..count].copy_from_slice(&from[numbers * first..][..count]);
+    /// Copies the interior of a part into the full field of `width` px, `channels` values a pixel.
+    pub(super) fn copy_interior<T: Copy>(&self, part: &[T], whole: &mut [T], width: usize, channels: usize) {
+        let Self { solved, interior } = self;
+        for y in interior.y..interior.y + interior.height {
+            let from = (y - solved.y) as usize * solved.width as usize + (interior.x - solved.x) as usize;
+            let to = y as usize * width + interior.x as usize;
+            let count = channels * interior.width as usize;
+            whole[channels * to..][..count].copy_from_slice(&part[channels * from..][..count]);
         }
     }
 }
@@ -57,22 +77,22 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Parts of at most `most` px a side, which reach `halo` px beyond what is taken of them.
+    /// Parts of `most` px a side at most that reach `halo` px beyond their interior.
     pub(super) fn covering(size: [u32; 2], most: u32, halo: u32) -> Self {
         Self { axes: size.map(|side| Axis::covering(side, most, halo)) }
     }
 
-    /// Width and height of each.
+    /// Width and height of each part, px.
     pub(super) fn side(&self) -> [u32; 2] {
         self.axes.each_ref().map(|axis| axis.side)
     }
 
-    /// Parts in all.
+    /// The number of parts.
     pub(super) fn count(&self) -> usize {
         self.axes.iter().map(|axis| axis.origins.len()).product()
     }
 
-    /// Row by row.
+    /// The parts, row by row.
     pub(super) fn parts(&self) -> impl Iterator<Item = Part> {
         let [columns, rows] = self.axes.each_ref().map(|axis| axis.origins.len());
         (0..rows).flat_map(move |row| (0..columns).map(move |column| self.part([column, row])))
@@ -84,13 +104,13 @@ impl Grid {
         let [right, bottom] = [0, 1].map(|n| self.axes[n].borders[place[n] + 1]);
         Part {
             solved: Region { x, y, width: self.axes[0].side, height: self.axes[1].side },
-            taken: Region { x: left, y: top, width: right - left, height: bottom - top },
+            interior: Region { x: left, y: top, width: right - left, height: bottom - top },
         }
     }
 }
 
-/// Where a part is cut out of a photograph of this size, namely where T puts its middle, and T between the two.
-pub(super) fn cut(t: &Homography, part: Region, size: [u32; 2]) -> (Region, Homography) {
+/// The region of the other photograph that a part is solved with, where T puts its middle, and T between the two.
+pub(super) fn matching_region(t: &Homography, part: Region, size: [u32; 2]) -> (Region, Homography) {
     let (whole, middle) = (centre(size[0], size[1]), part.centre());
     let d = t.displacement([middle[0] - whole[0], middle[1] - whole[1]]);
     let origin =
@@ -102,40 +122,40 @@ pub(super) fn cut(t: &Homography, part: Region, size: [u32; 2]) -> (Region, Homo
     (place, moved)
 }
 
-/// T of photographs of this size by that of photographs of half of it.
-pub(super) fn doubled(t: &Homography, size: [u32; 2]) -> Homography {
+/// T of photographs of a size, from T of photographs of half that size.
+pub(super) fn doubled_transform(t: &Homography, size: [u32; 2]) -> Homography {
     let half = centre(size[0].div_ceil(2), size[1].div_ceil(2));
     t.scaled(2.0).about(half.map(|c| 2.0 * c), centre(size[0], size[1]))
 }
 
-/// T of photographs of half this size by that of photographs of it.
-pub(super) fn halved_map(t: &Homography, size: [u32; 2]) -> Homography {
+/// T of photographs of half a size, from T of photographs of that size.
+pub(super) fn halved_transform(t: &Homography, size: [u32; 2]) -> Homography {
     let half = centre(size[0].div_ceil(2), size[1].div_ceil(2));
     t.about(centre(size[0], size[1]), half.map(|c| 2.0 * c)).scaled(0.5)
 }
 
-/// Gain and shading of a photograph as a region of it has them.
-pub(super) fn shading_within(gain: f64, shading: &Shading, region: Region, size: [u32; 2]) -> (f64, Shading) {
+/// Gain and shading of a region, from those of the photograph.
+pub(super) fn shading_of_region(gain: f64, shading: &Shading, region: Region, size: [u32; 2]) -> (f64, Shading) {
     let (own, first, whole) = (centre(region.width, region.height), [region.x, region.y], centre(size[0], size[1]));
     restated(gain, shading, |at, n| (f64::from(first[n]) + own[n] * (1.0 + at) - whole[n]) / whole[n])
 }
 
-/// Gain and shading of photographs of this size by those of photographs of half of it.
-pub(super) fn shading_doubled(gain: f64, shading: &Shading, size: [u32; 2]) -> (f64, Shading) {
+/// Gain and shading of photographs of a size, from those of photographs of half that size.
+pub(super) fn doubled_shading(gain: f64, shading: &Shading, size: [u32; 2]) -> (f64, Shading) {
     let (half, whole) = (centre(size[0].div_ceil(2), size[1].div_ceil(2)), centre(size[0], size[1]));
     restated(gain, shading, |at, n| (0.5 * whole[n] * (1.0 + at) - half[n]) / half[n])
 }
 
-/// Gain and shading as another photograph has them, whose place, -1 to 1 along axis n, lies `at` that of the first.
+/// Gain and shading in other coordinates: `at` maps a place, -1 to 1 along axis n, to the old ones.
 fn restated(gain: f64, shading: &Shading, at: impl Fn(f64, usize) -> f64) -> (f64, Shading) {
     let (mean, shading) = Shading::fit(|[x, y]| shading.at([at(x, 0), at(y, 1)]));
     (gain * mean, shading)
 }
 
-/// Rows of the half-size image that are made at a time: 40 MB of a photograph that is 10,000 px wide.
+/// Rows of the half-size image that are computed at a time: 40 MB of a photograph that is 10,000 px wide.
 const ROWS: u32 = 256;
 
-/// Luminance at half the size, as a level of the pyramid would be.
+/// Luminance at half the size, as a level of the pyramid has it.
 pub(super) fn halved(frame: &Frame, decode: Decode) -> Result<Frame, Error> {
     let filter: Filter = halving_filter();
     let reach = (filter.len() / 2) as u32 + 1;
@@ -157,12 +177,168 @@ pub(super) fn halved(frame: &Frame, decode: Decode) -> Result<Frame, Error> {
     Frame::gray(half[0], half[1], strips?.concat()).map_err(Error::Mismatch)
 }
 
+impl Engine {
+    /// Whether a pair is too large for one solve, and can be solved in parts.
+    pub(crate) fn needs_parts(&self, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Result<bool, Error> {
+        let plan = Plan::new(size[0], size[1], formats, settings)?;
+        match self.admits(&plan, 1) {
+            Err(Error::TooLarge { .. }) if u64::from(size[0]) * u64::from(size[1]) <= MOST_PIXELS => Ok(true),
+            other => other.map(|()| false),
+        }
+    }
+}
+
+/// Solves a pair in parts: T, gain, offset and shading at half its size, or a quarter, where all of the frame is seen, then V part by
+/// part at full size with these held. The engine's time limit is that of each part.
+///
+/// # Errors
+/// Those of [`PairSolver::solve`](crate::PairSolver::solve); [`Error::TooLarge`] if the device does not hold a part either.
+pub(crate) fn solve_pair(
+    engine: &Engine,
+    [i1, i2]: [&Frame; 2],
+    settings: &Settings,
+    options: PairOptions<'_>,
+) -> Result<Solution, Error> {
+    let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
+    let settings = &Settings { decode: settings.decode.resolved(formats.map(|f| f.depth)), ..settings.clone() };
+    let grid = grid(engine, size, formats, settings)?;
+    let mut whole = solve_at_half_size(engine, [i1, i2], settings, options).map_err(|error| match error {
+        // Too long and too narrow to be halved: why the device does not hold the whole.
+        Error::TooSmall { .. } => refusal(engine, size, formats, settings).unwrap_or(error),
+        other => other,
+    })?;
+    let own = Settings { method: Method::Aligned, photometric: false, ..settings.clone() };
+    let mut solver = PreparedSolver::new(engine, grid.side(), formats, &own, 1, None, engine.reading())?;
+    empty(&mut whole, size);
+    let (all, mut alpha) = (grid.count(), 0.0);
+    for (n, part) in grid.parts().enumerate() {
+        let (region, transform) = matching_region(&whole.transform, part.solved, size);
+        let (gain, shading) = shading_of_region(whole.photometric.gain, &whole.shading, region, size);
+        let photometric = Photometric { gain, ..whole.photometric };
+        let kernel_shape = whole.kernel_shape.unwrap_or(0.0);
+        let start = Some(Start { transform, photometric, shading, kernel_shape });
+        let mask = options.mask.map(|mask| mask.cropped(part.solved));
+        let cropped = |frame: &Frame, region| frame.cropped(region).map_err(Error::Region);
+        let (a, b) = (cropped(i1, part.solved)?, cropped(i2, region)?);
+        let own = PairOptions { mask: mask.as_ref(), progress: &|_| (), start, ..options };
+        let solved = solver.solve([&a, &b], own)?.wait()?.to_owned();
+        alpha += solved.regularization / all as f64;
+        copy_interior(&mut whole, &solved, part);
+        (options.progress)(Progress::of_steps(n + 1, all));
+    }
+    whole.regularization = alpha;
+    let counts = Counts::new(&whole.relative_blur, &whole.uncertainty, settings.max_relative_blur);
+    whole.findings.set_counts(&counts);
+    whole.findings.warnings.extend(whole.findings.saturation(settings.max_relative_blur));
+    Ok(whole)
+}
+
+/// Copies the interior of a part into the whole.
+fn copy_interior(whole: &mut Solution, solved: &Solution, part: Part) {
+    let width = whole.width as usize;
+    part.copy_interior(&solved.relative_blur, &mut whole.relative_blur, width, 1);
+    part.copy_interior(&solved.uncertainty, &mut whole.uncertainty, width, 1);
+    part.copy_interior(&solved.confidence, &mut whole.confidence, width, 1);
+    part.copy_interior(&solved.residual, &mut whole.residual, width, 1);
+    whole.fused_channels = solved.fused_channels;
+    if !solved.fused.is_empty() {
+        let channels = solved.fused_channels.count() as usize;
+        whole.fused.resize(channels * whole.relative_blur.len(), 0.0);
+        part.copy_interior(&solved.fused, &mut whole.fused, width, channels);
+    }
+    whole.timings.gpu_ms += solved.timings.gpu_ms;
+    whole.timings.total_ms += solved.timings.total_ms;
+}
+
+/// Why the device does not hold the whole.
+fn refusal(engine: &Engine, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Option<Error> {
+    Plan::new(size[0], size[1], formats, settings).and_then(|plan| engine.admits(&plan, 1)).err()
+}
+
+/// The largest parts that the device holds.
+fn grid(engine: &Engine, size: [u32; 2], formats: [Format; 2], settings: &Settings) -> Result<Grid, Error> {
+    let plan = Plan::new(size[0], size[1], formats, settings)?;
+    let (on_device, host) = plan.bytes();
+    let share = engine.memory() as f64 / (on_device + host) as f64;
+    let sides = (share * f64::from(size[0]) * f64::from(size[1])).sqrt().min(engine.info().max_image_size.into());
+    let mut most = (sides as u32).max(LEAST);
+    loop {
+        let halo = HALO + (3.0 * settings.max_relative_blur.sqrt() + HALO_SHARE * f64::from(most)).ceil() as u32;
+        let grid = Grid::covering(size, most, halo);
+        let [width, height] = grid.side();
+        match engine.admits(&Plan::new(width, height, formats, settings)?, 1) {
+            Err(Error::TooLarge { .. }) if most > LEAST => most = (most * 7 / 8).max(LEAST),
+            other => return other.map(|()| grid),
+        }
+    }
+}
+
+/// Solves the pair at half its size, or halved until the device holds it. T and brightness are stated for full-size pixels; the fields
+/// have the halved size.
+fn solve_at_half_size(
+    engine: &Engine,
+    frames: [&Frame; 2],
+    settings: &Settings,
+    options: PairOptions<'_>,
+) -> Result<Solution, Error> {
+    let depth = frames[0].format().depth;
+    let mut settings = Settings { fused: false, levels: None, ..settings.clone() };
+    [settings.black_level, settings.white_level] = clipping_intensities(settings.clipped(depth), settings.decode);
+    let (mut sizes, mut halves) = (Vec::new(), None);
+    let [i1, i2] = loop {
+        let [i1, i2] = halves.as_ref().map_or(frames, |[i1, i2]: &[Frame; 2]| [i1, i2]);
+        let size = [i1.width(), i1.height()];
+        let small = [halved(i1, settings.decode)?, halved(i2, settings.decode)?];
+        sizes.push(size);
+        settings.decode = Decode::None;
+        settings.max_relative_blur = (settings.max_relative_blur / 4.0).max(1.0);
+        settings.start = halved_transform(&settings.start, size);
+        if !engine.needs_parts([small[0].width(), small[0].height()], small.each_ref().map(Frame::format), &settings)? {
+            break small;
+        }
+        halves = Some(small);
+    };
+    let mask = options.mask.map(|mask| mask.every(1 << sizes.len()));
+    let options = PairOptions { mask: mask.as_ref(), progress: &|_| (), ..options };
+    let mut solver = PreparedSolver::for_frames(engine, [&i1, &i2], &settings)?;
+    let mut solution = solver.solve([&i1, &i2], options)?.wait()?.to_owned();
+    // Pixels at the limit of |V| at half the size need not be at the full one.
+    let saturation = solution.saturation(settings.max_relative_blur);
+    solution.warnings.retain(|warning| Some(warning) != saturation.as_ref());
+    for &size in sizes.iter().rev() {
+        solution.transform = doubled_transform(&solution.transform, size);
+        (solution.photometric.gain, solution.shading) =
+            doubled_shading(solution.photometric.gain, &solution.shading, size);
+        solution.other_motion.iter_mut().for_each(|other| other.corner_px *= 2.0);
+    }
+    Ok(solution)
+}
+
+/// Stored levels at which pixels are clipped, as intensities: pixels of the half-size image hold those.
+fn clipping_intensities(levels: [f32; 2], decode: Decode) -> [Option<f64>; 2] {
+    let of = |level: f32| if decode == Decode::Srgb { srgb_to_linear(level.into()) } else { level.into() };
+    levels.map(|level| level.is_finite().then(|| of(level)))
+}
+
+/// Replaces the fields by full-size ones without results.
+fn empty(solution: &mut Solution, [width, height]: [u32; 2]) {
+    let pixels = width as usize * height as usize;
+    (solution.width, solution.height, solution.origin) = (width, height, [0, 0]);
+    solution.photograph = [width, height];
+    solution.solved = Region { x: 0, y: 0, width, height };
+    solution.relative_blur = vec![f32::NAN; pixels];
+    solution.uncertainty = vec![f32::NAN; pixels];
+    solution.confidence = vec![solution::confidence(f32::NAN); pixels];
+    solution.residual = vec![f32::NAN; pixels];
+    solution.fused = Vec::new();
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn parts_cover_all_and_reach_beyond_what_is_taken() {
+    fn parts_cover_the_whole_and_reach_beyond_their_interior() {
         for whole in [200, 801, 1000, 4001] {
             let halo = 44;
             let axis = Axis::covering(whole, 400, halo);
@@ -180,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_common_says_the_same_of_a_part() {
+    fn transform_and_shading_of_a_part_agree_with_those_of_the_whole() {
         let (size, part) = ([640, 481], Region { x: 120, y: 60, width: 300, height: 201 });
         let t = Homography::from(Similarity { scale: 1.02, rotation: 0.01, tx: 5.0, ty: -7.0 });
         let mut shading = Shading::NONE;
@@ -189,27 +365,27 @@ mod tests {
         let bright = |(gain, shading): (f64, Shading), at: [f64; 2], c: [f64; 2]| {
             gain * shading.at([(at[0] - c[0]) / c[0], (at[1] - c[1]) / c[1]])
         };
-        let (place, moved) = cut(&t, part, size);
+        let (region, moved) = matching_region(&t, part, size);
         let (own, half) = (centre(part.width, part.height), centre(320, 241));
         for [x, y] in [[0.0, 0.0], [299.0, 13.0], [150.0, 200.0]] {
             let at = t.apply([x + 120.0, y + 60.0], whole);
             let there = moved.apply([x, y], own);
-            let expected = [at[0] - f64::from(place.x), at[1] - f64::from(place.y)];
+            let expected = [at[0] - f64::from(region.x), at[1] - f64::from(region.y)];
             assert!((0..2).all(|n| (there[n] - expected[n]).abs() < 1e-9), "{there:?} {expected:?}");
-            let within = bright(shading_within(1.1, &shading, place, size), there, own);
+            let within = bright(shading_of_region(1.1, &shading, region, size), there, own);
             assert!((within - bright((1.1, shading), at, whole)).abs() < 1e-9);
             let small = t.apply([x, y], half);
-            let large = doubled(&t, size).apply([2.0 * x, 2.0 * y], whole);
+            let large = doubled_transform(&t, size).apply([2.0 * x, 2.0 * y], whole);
             assert!((0..2).all(|n| (large[n] - 2.0 * small[n]).abs() < 1e-9), "{large:?} {small:?}");
-            let back = halved_map(&doubled(&t, size), size).apply([x, y], half);
+            let back = halved_transform(&doubled_transform(&t, size), size).apply([x, y], half);
             assert!((0..2).all(|n| (back[n] - small[n]).abs() < 1e-9), "{back:?} {small:?}");
-            let twice = bright(shading_doubled(1.1, &shading, size), large, whole);
+            let twice = bright(doubled_shading(1.1, &shading, size), large, whole);
             assert!((twice - bright((1.1, shading), small, half)).abs() < 1e-9);
         }
     }
 
     #[test]
-    fn a_photograph_is_halved_in_strips_as_in_one() {
+    fn halving_in_strips_agrees_with_halving_at_once() {
         let (width, height) = (37, 2 * ROWS + 71);
         let values = (0..width * height).map(|i| ((i * 7919) % 251) as f32 / 251.0).collect();
         let frame = Frame::gray(width, height, values).unwrap();

@@ -81,6 +81,7 @@ impl Slot {
             self,
             Self::Photograph { .. }
                 | Self::Packed { .. }
+                | Self::Mask
                 | Self::StartState
                 | Self::StartArguments
                 | Self::Progress

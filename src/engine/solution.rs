@@ -1,22 +1,22 @@
-//! What a solve gives back.
+//! The results of a solve and of a registration, and the judgement whether to believe them.
 
 use std::ops::{Deref, DerefMut};
 
+use super::motion::OtherMotion;
+use super::stages::state::State;
+use super::stages::uncertainty::LARGEST;
 use crate::base::{Brightness, Channels, Error, Homography, Photometric, Region, Settings, Shading, centre, workers};
-use crate::engine::stages::state::State;
-use crate::engine::stages::uncertainty::LARGEST;
-use crate::engine::{OtherMotion, Registered};
 
-/// What a solve found out, but for the fields.
+/// The results of a solve without the fields.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Findings {
-    /// Pixels a row, of every field.
+    /// Width of every field, px.
     pub width: u32,
-    /// Rows.
+    /// Height of every field, px.
     pub height: u32,
     /// The pixel of I1 that is the first of every field: (0, 0) unless the solution was cropped.
     pub origin: [u32; 2],
-    /// Width and height of the photographs, about whose centre T is stated.
+    /// Width and height of the photographs, px. T is stated about their centre.
     pub photograph: [u32; 2],
     /// Channels of the fused image: grey only if both inputs are.
     pub fused_channels: Channels,
@@ -26,27 +26,27 @@ pub struct Findings {
     pub photometric: Photometric,
     /// How the gain varies over the part of I2 that was solved.
     pub shading: Shading,
-    /// That part, px of the photographs: larger than the fields' where these were cropped.
+    /// That part, px of the photographs: larger than the fields if these were cropped.
     pub solved: Region,
     /// α of the finest level, stated or found.
     pub regularization: f64,
-    /// Where the kernel was to be found: 0 is a Gaussian, 1 a disk, up to 1.5.
+    /// Shape of the kernel, if it was to be found: 0 is a Gaussian, 1 a disk, up to 1.5.
     pub kernel_shape: Option<f64>,
-    /// Another motion model that would do, where there is one; only with the method unified, which judges T by its energy.
+    /// Another motion model that would do. Only the method unified looks for it: it judges T by its energy.
     pub other_motion: Option<OtherMotion>,
-    /// Coarse to fine.
+    /// The levels, coarse to fine.
     pub levels: Vec<LevelHistory>,
     /// Whether the finest level settled on an answer that the images support.
     pub converged: bool,
     /// Why not, or what else the user should know; a sentence each.
     pub warnings: Vec<String>,
-    /// Fraction of pixels whose whole blur window lies inside both images, and that no mask leaves out.
+    /// Fraction of pixels whose whole blur window lies inside both images and that no mask leaves out.
     pub valid_fraction: f64,
     /// Mean confidence of the valid pixels.
     pub mean_confidence: f64,
     /// Fraction of the valid pixels at the limit of |V|.
     pub saturated_fraction: f64,
-    /// Where the time went.
+    /// The time that the solve took.
     pub timings: Timings,
 }
 
@@ -55,18 +55,18 @@ pub struct Findings {
 pub struct Solution {
     /// V, px² of I1, row-major; positive where I2 is the more blurred. NaN outside the valid region.
     pub relative_blur: Vec<f32>,
-    /// Standard deviation of V, px², by what the images say around each pixel (`docs/method.md`, section 7). NaN outside the
-    /// valid region; 1000 where nothing holds V but the smoothness.
+    /// Standard deviation of V, px², from the images around each pixel (`docs/method.md`, section 7). NaN outside the valid
+    /// region; 1000 where only the smoothness determines V.
     pub uncertainty: Vec<f32>,
     /// The same on a scale from 0 to 1, `1/(1 + σ²)` with σ in px²; 0 where the images say nothing.
     pub confidence: Vec<f32>,
     /// Root mean square, around each pixel, of what neither blur nor T explains, intensities: large where something moved
     /// between the photographs or shone differently. NaN outside the valid region.
     pub residual: Vec<f32>,
-    /// Pseudo-radiance, equation 37, interleaved, in the values of I1 with white at 1; I1 itself
-    /// where I2 does not reach. Empty where [`Settings::fused`] is false.
+    /// Pseudo-radiance, equation 37, interleaved, in the values of I1 with white at 1; I1 itself where I2 does not reach.
+    /// Empty if [`Settings::fused`] is false.
     pub fused: Vec<f32>,
-    /// Everything else, whose fields are as good as the solution's own.
+    /// Everything else. Its fields are also fields of the solution by `Deref`.
     pub findings: Findings,
 }
 
@@ -84,41 +84,152 @@ impl DerefMut for Solution {
     }
 }
 
-/// What one pyramid level did.
+/// The results of a solve in the solver's mapped memory, borrowed from a [`Pending`](crate::Pending) without a copy.
+///
+/// ```
+/// # use parfocal::{Engine, EngineOptions, Error, Frame, PairSolver, Settings, SolveOptions};
+/// # fn photograph(soft: f32) -> Frame {
+/// #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
+/// #     Frame::gray(64, 48, (0..64 * 48).map(value).collect()).unwrap()
+/// # }
+/// # fn main() -> Result<(), Error> {
+/// # let (i1, i2) = (photograph(0.4), photograph(0.3));
+/// let engine = Engine::new(&EngineOptions::default())?;
+/// let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default())?;
+/// let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default())?;
+/// let solution = pending.wait()?;
+/// println!("V {:.2} px², {:?}", solution.relative_blur()[64 * 24], solution.transform);
+/// # assert_eq!(solution.to_owned().relative_blur.len(), solution.relative_blur().len());
+/// # Ok(())
+/// # }
+/// ```
+pub struct SolutionRef<'a> {
+    findings: Findings,
+    /// Planes: V, its standard deviation, the residual, the fused channels.
+    maps: &'a [f32],
+}
+
+impl<'a> SolutionRef<'a> {
+    pub(super) fn new(findings: Findings, maps: &'a [f32]) -> Self {
+        Self { findings, maps }
+    }
+
+    fn pixels(&self) -> usize {
+        self.findings.width as usize * self.findings.height as usize
+    }
+
+    fn map(&self, n: usize) -> &'a [f32] {
+        &self.maps[n * self.pixels()..(n + 1) * self.pixels()]
+    }
+
+    /// V, px², as [`Solution::relative_blur`].
+    pub fn relative_blur(&self) -> &'a [f32] {
+        self.map(0)
+    }
+
+    /// Standard deviation of V, px², as [`Solution::uncertainty`].
+    pub fn uncertainty(&self) -> &'a [f32] {
+        self.map(1)
+    }
+
+    /// The residual, intensities, as [`Solution::residual`].
+    pub fn residual(&self) -> &'a [f32] {
+        self.map(2)
+    }
+
+    /// A channel of the pseudo-radiance, from 0; `None` if there are fewer, or none was asked for.
+    pub fn fused(&self, channel: usize) -> Option<&'a [f32]> {
+        (channel < self.maps.len() / self.pixels() - 3).then(|| self.map(3 + channel))
+    }
+
+    /// Copies the results.
+    pub fn to_owned(&self) -> Solution {
+        let channels: Vec<&[f32]> = (0..).map_while(|channel| self.fused(channel)).collect();
+        let mut fused = vec![0.0; channels.len() * self.relative_blur().len()];
+        let (chunk, count) = (1 << 14, channels.len());
+        workers::each(fused.chunks_mut((chunk * count).max(1)).enumerate(), |(n, pixels)| {
+            for (i, pixel) in pixels.chunks_exact_mut(count).enumerate() {
+                pixel.iter_mut().zip(&channels).for_each(|(value, channel)| *value = channel[n * chunk + i]);
+            }
+        });
+        Solution {
+            relative_blur: self.relative_blur().to_vec(),
+            uncertainty: self.uncertainty().to_vec(),
+            confidence: self.uncertainty().iter().map(|&deviation| confidence(deviation)).collect(),
+            residual: self.residual().to_vec(),
+            fused,
+            findings: self.findings.clone(),
+        }
+    }
+}
+
+impl Deref for SolutionRef<'_> {
+    type Target = Findings;
+
+    fn deref(&self) -> &Findings {
+        &self.findings
+    }
+}
+
+/// The result of one [`PairSolver::register`](crate::PairSolver::register).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Registered {
+    /// Width of the images, px.
+    pub width: u32,
+    /// Height of the images, px.
+    pub height: u32,
+    /// T, for full-size pixels.
+    pub transform: Homography,
+    /// Gain and offset of I2. If the method does not solve for them, the match of mean and deviation at low pass.
+    pub photometric: Photometric,
+    /// How the gain varies over I2; none if the method finds T without V.
+    pub shading: Shading,
+    /// Another motion model that would do. Only the method unified looks for it: it judges T by its energy.
+    pub other_motion: Option<OtherMotion>,
+    /// The levels, coarse to fine; without energies if the method has no iterations.
+    pub levels: Vec<LevelHistory>,
+    /// Whether the registration settled on an answer that the images support.
+    pub converged: bool,
+    /// Why not; a sentence each.
+    pub warnings: Vec<String>,
+    /// The time that the registration took.
+    pub timings: Timings,
+}
+
+/// The history of one pyramid level.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LevelHistory {
-    /// Pixels a row.
+    /// Width, px.
     pub width: u32,
-    /// Rows.
+    /// Height, px.
     pub height: u32,
-    /// E of section 2 of docs/method.md per valid pixel, one for each outer iteration done.
+    /// E of section 2 of docs/method.md per valid pixel after each outer iteration.
     pub energy: Vec<f64>,
 }
 
-/// Milliseconds.
+/// Durations, ms.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Timings {
     /// From the call to the answer.
     pub total_ms: f64,
-    /// On the device, from the first pass to the last; where its clock is not read, from submitting to the last answer.
+    /// On the device, from the first pass to the last. Without device clock: from the submission to the end of the wait.
     pub gpu_ms: f64,
-    /// On the device by named pass, in order of first use; empty where they are not timed ([`EngineOptions::timed`](crate::EngineOptions::timed)) or the device
-    /// has no clock.
+    /// On the device by named pass, in order of first use. Empty unless passes are timed
+    /// ([`EngineOptions::timed`](crate::EngineOptions::timed)) and the device has a clock.
     pub passes_ms: Vec<(&'static str, f64)>,
 }
 
-/// Less of the frame than this is no overlap to speak of.
+/// Least valid share of the frame: photographs with less do not overlap.
 const LEAST_VALID: f64 = 0.01;
-/// Less mean confidence than this, an uncertainty of 14 px² all over: V is filled in by the smoothness nearly everywhere.
+/// Least mean confidence, an uncertainty of 14 px² all over: below it smoothness fills in V nearly everywhere.
 ///
 /// Of real pairs the widest blurred, a macro photograph half of whose pixels are at the limit of |V|, has 0.02.
 const LEAST_CONFIDENCE: f64 = 0.005;
-/// Images of one scene correlate better than this at low pass.
+/// Least low-pass correlation of images of one scene.
 const LEAST_CORRELATION: f32 = 0.5;
-/// More valid pixels at the limit of |V| than this are worth a word.
+/// Largest share of valid pixels at the limit of |V| without a warning.
 const MOST_SATURATED: f64 = 0.1;
-
-/// More shading than this, either way, is worth a word: lenses that vignette differ by less.
+/// Largest shading without a warning: lenses that vignette differ by less.
 const MOST_SHADING: f64 = 0.2;
 
 /// `1/(1 + σ²)` of a standard deviation in px²: ½ at 1 px²; 0 where the images say nothing, and where it is NaN.
@@ -127,7 +238,7 @@ pub fn confidence(deviation: f32) -> f32 {
 }
 
 impl Solution {
-    /// Keeps a region of the fields, in their pixels; what was judged of the whole stays.
+    /// Crops the fields to a region, in their pixels. The judgement of the whole stays.
     ///
     /// # Errors
     /// [`Error::Region`]: it is not within the solution.
@@ -143,69 +254,66 @@ impl Solution {
         Ok(())
     }
 
-    /// The largest rectangle of the fields in which V is valid everywhere; `None` where no pixel is.
+    /// The largest rectangle of the fields in which V is valid everywhere; `None` if no pixel is.
     pub fn largest_valid(&self) -> Option<Region> {
         let valid: Vec<bool> = self.relative_blur.iter().map(|v| v.is_finite()).collect();
         Region::largest(&valid, self.width as usize)
     }
 
-    /// Fills in what the fields say of themselves, |V| limited to so many px².
-    pub(crate) fn count(&mut self, max_relative_blur: f64) {
-        let counts = Counts::of(&self.relative_blur, &self.uncertainty, max_relative_blur);
-        self.findings.tell(&counts);
+    /// Counts valid, saturated and confident pixels again. |V| is limited to `max_relative_blur` px².
+    pub(crate) fn recount(&mut self, max_relative_blur: f64) {
+        let counts = Counts::new(&self.relative_blur, &self.uncertainty, max_relative_blur);
+        self.findings.set_counts(&counts);
     }
 }
 
 impl Findings {
-    /// The part of I1 that the fields are of.
+    /// The part of I1 that the fields cover.
     pub fn region(&self) -> Region {
         Region { x: self.origin[0], y: self.origin[1], width: self.width, height: self.height }
     }
 
-    /// What brings I2 to the brightness of I1.
+    /// The map from the brightness of I2 to that of I1.
     pub fn brightness(&self) -> Brightness {
         Brightness { photometric: self.photometric, shading: self.shading, part: self.solved }
     }
 
-    /// Says that what was solved is a part of larger photographs, and states T about their centre.
+    /// States the results as those of a part of larger photographs, T about their centre.
     pub(crate) fn place_in(&mut self, part: Region, photograph: [u32; 2]) {
         self.transform = self.transform.about(part.centre(), centre(photograph[0], photograph[1]));
         (self.origin, self.photograph, self.solved) = ([part.x, part.y], photograph, part);
     }
 
-    /// Takes over what the fields say of themselves.
-    pub(crate) fn tell(&mut self, counts: &Counts) {
+    pub(crate) fn set_counts(&mut self, counts: &Counts) {
         let valid = counts.valid.max(1) as f64;
         self.valid_fraction = counts.valid as f64 / counts.pixels.max(1) as f64;
         self.saturated_fraction = counts.saturated as f64 / valid;
         self.mean_confidence = counts.confidence / valid;
     }
 
-    /// Fills in whether to believe it, where a mask leaves this share of the pixels.
+    /// Judges whether the result can be believed. A mask leaves the share `counted` of the pixels.
     pub(crate) fn judge(&mut self, state: &State, settings: &Settings, counted: f64) {
-        let mut doubts = Vec::new();
-        if let Some(doubt) = numbers_doubt(state) {
-            doubts.push(doubt);
-        } else if self.valid_fraction < LEAST_VALID * counted {
-            doubts.push(
-                "the images do not overlap: see whether they belong together, or start from a nearer transform"
-                    .to_string(),
-            );
-        } else if self.mean_confidence < LEAST_CONFIDENCE {
-            doubts.push(
-                "there is too little texture, or too much blur, to measure blur by: light or focus the scene so that texture shows"
-                    .to_string(),
-            );
-        } else {
-            doubts.extend(registration_doubt(state));
-        }
-        self.converged = doubts.is_empty();
-        self.warnings = doubts;
-        self.warnings.extend(shading_warning(&self.shading));
-        self.warnings.extend(self.saturation(settings.max_relative_blur));
+        let doubt = numbers_doubt(state).or_else(|| {
+            if self.valid_fraction < LEAST_VALID * counted {
+                Some(
+                    "the images do not overlap: see whether they belong together, or start from a nearer transform"
+                        .to_string(),
+                )
+            } else if self.mean_confidence < LEAST_CONFIDENCE {
+                Some(
+                    "there is too little texture, or too much blur, to measure blur by: light or focus the scene so that texture shows"
+                        .to_string(),
+                )
+            } else {
+                registration_doubt(state)
+            }
+        });
+        self.converged = doubt.is_none();
+        let warnings = [doubt, shading_warning(&self.shading), self.saturation(settings.max_relative_blur)];
+        self.warnings = warnings.into_iter().flatten().collect();
     }
 
-    /// A sentence, where many pixels are at the limit of |V|, px².
+    /// A warning, if many pixels are at the limit of |V|, px².
     pub(crate) fn saturation(&self, max_relative_blur: f64) -> Option<String> {
         (self.saturated_fraction > MOST_SATURATED).then(|| {
             format!(
@@ -215,7 +323,7 @@ impl Findings {
         })
     }
 
-    /// Takes over what speaks against the registration that came first.
+    /// Adds the doubts about the registration that came first.
     pub(crate) fn doubt(&mut self, registered: &Registered) {
         self.converged &= registered.converged;
         for warning in &registered.warnings {
@@ -226,25 +334,39 @@ impl Findings {
     }
 }
 
-/// What the fields say of themselves.
+impl Registered {
+    /// The map from the brightness of I2 to that of I1.
+    pub fn brightness(&self) -> Brightness {
+        let unchanged = Brightness::unchanged([self.width, self.height]);
+        Brightness { photometric: self.photometric, shading: self.shading, ..unchanged }
+    }
+
+    /// Judges whether the registration can be believed.
+    pub(crate) fn judge(&mut self, state: &State) {
+        let doubt = numbers_doubt(state).or_else(|| registration_doubt(state));
+        self.converged = doubt.is_none();
+        self.warnings = [doubt, shading_warning(&self.shading)].into_iter().flatten().collect();
+    }
+}
+
+/// Counts of pixels by their V and its uncertainty.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Counts {
     pixels: usize,
     valid: usize,
-    /// At the limit of |V|.
+    /// Pixels at the limit of |V|.
     saturated: usize,
-    /// Sum of those of the valid pixels.
+    /// Sum of the confidence of the valid pixels.
     confidence: f64,
 }
 
-/// Pixels that are counted in one go.
+/// Pixels that one thread counts at a time.
 const CHUNK: usize = 1 << 16;
 
 impl Counts {
-    /// Of V, |V| limited to so many px², and its standard deviation. In pieces whose sums are added up in their order, so that they are the
-    /// same whatever the number of threads.
-    pub(crate) fn of(relative_blur: &[f32], uncertainty: &[f32], max_relative_blur: f64) -> Self {
-        // The limit is reached by clamping, so a thousandth below it is room for rounding alone.
+    /// Counts fields. Sums of chunks are added in order, so that they do not depend on the number of threads.
+    pub(crate) fn new(relative_blur: &[f32], uncertainty: &[f32], max_relative_blur: f64) -> Self {
+        // The limit is reached by clamping: a thousandth below it leaves room for rounding.
         let limit = 0.999 * max_relative_blur as f32;
         let chunk = |n: usize| {
             let part = n * CHUNK..((n + 1) * CHUNK).min(relative_blur.len());
@@ -267,8 +389,8 @@ impl Counts {
     }
 }
 
-/// A sentence, where the light differs much over the frame.
-pub(crate) fn shading_warning(shading: &Shading) -> Option<String> {
+/// A warning, if the light differs much over the frame.
+fn shading_warning(shading: &Shading) -> Option<String> {
     let [low, high] = shading.range();
     (low < 1.0 - MOST_SHADING || high > 1.0 + MOST_SHADING).then(|| {
         format!(
@@ -279,16 +401,16 @@ pub(crate) fn shading_warning(shading: &Shading) -> Option<String> {
     })
 }
 
-/// Whether the state holds numbers at all.
-pub(crate) fn numbers_doubt(state: &State) -> Option<String> {
+/// A doubt, if the state does not hold finite numbers.
+fn numbers_doubt(state: &State) -> Option<String> {
     let single = state.registration;
     let numbers = [&single.linear[..], &single.t, &single.g, &[single.gain, single.offset]].concat();
     let finite = numbers.iter().all(|v| v.is_finite());
     (!finite).then(|| "the solve ran out of numbers: bring the images nearer to 0 to 1".to_string())
 }
 
-/// What speaks against the registration, if anything does.
-pub(crate) fn registration_doubt(state: &State) -> Option<String> {
+/// A doubt about the registration, if there is one.
+fn registration_doubt(state: &State) -> Option<String> {
     let finest = &state.levels[0];
     if state.degenerate == 1 {
         Some(

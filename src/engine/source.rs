@@ -1,107 +1,81 @@
-//! Where photographs are taken from.
+//! The places that photographs are taken from.
 
 use std::any::Any;
 use std::sync::Arc;
 
 use super::plan::Plan;
-use super::vulkan::{Device, DeviceSource, SharedMemory, SourceCopy};
+use super::vulkan::{Device, DeviceSource, SharedMemory, SourceCopy, SourceLocation};
 use crate::base::{Depth, Error, Frame, workers};
 
-/// Where a photograph of a pair is taken from, in the solver's [format](crate::PixelFormat). Unless both are frames, the device looks itself for
-/// pixels that are clipped. Floats that it fetches are not looked at: they are finite and at most 1e6.
-#[derive(Clone, Copy, Debug)]
+/// Where a photograph of a pair is taken from, in the solver's [format](crate::PixelFormat).
+///
+/// The host looks for clipped pixels in pairs of two frames. In all other pairs the device does, by the passes for pairs that have some.
+/// Floats that the device fetches are not checked: they must be finite and at most 1e6.
+#[derive(Clone, Copy)]
 pub enum Source<'a> {
-    /// Copied before `submit` returns.
+    /// A frame, copied before `submit` returns.
     Frame(&'a Frame),
-    /// Rows of the caller's memory, the start of one `pitch` bytes from that of the next, 0 where they follow one another without a gap;
-    /// copied before `submit` returns.
+    /// Rows in memory of the caller, copied before `submit` returns.
     Rows {
-        /// From the first row on.
+        /// The bytes from the first row on.
         bytes: &'a [u8],
-        /// Bytes.
+        /// Bytes from the start of one row to that of the next; 0 if there are no gaps.
         pitch: usize,
     },
-    /// What was written to where [`PairSolver::input`](crate::PairSolver::input) lends.
-    Written,
-    /// On the engine's device, which fetches it.
+    /// A function that writes the rows, without gaps, into the memory that the device reads. `submit` calls it once. Write from front
+    /// to back: reading this memory may be slow.
+    Write(&'a dyn Fn(&mut [u8])),
+    /// A photograph on the engine's device, which fetches it.
     OnDevice(DeviceSource),
-    /// Rows of memory that was [shared](crate::Engine::share): the device fetches them, or where it cannot, they are copied before `submit` returns.
+    /// Rows of [shared memory](crate::Engine::share). The device fetches them; if it cannot, they are copied before `submit` returns.
     Shared {
-        /// Of the same engine.
+        /// Memory that was shared with the same engine.
         memory: &'a Arc<SharedMemory>,
-        /// Of the first row, bytes.
+        /// Byte offset of the first row.
         offset: usize,
-        /// As of [`Source::Rows`].
+        /// As in [`Source::Rows`].
         pitch: usize,
     },
 }
 
-/// How a photograph comes.
-pub(super) enum Way<'a> {
-    /// It is there.
-    There,
-    /// The host copies it.
+impl<'a> From<&'a Frame> for Source<'a> {
+    fn from(frame: &'a Frame) -> Self {
+        Self::Frame(frame)
+    }
+}
+
+/// How a photograph gets into the memory that the passes read.
+pub(super) enum Transfer<'a> {
+    /// The caller writes it.
+    Write(&'a dyn Fn(&mut [u8])),
+    /// The host copies a frame.
     Frame(&'a Frame),
-    /// The host copies its rows.
+    /// The host copies rows.
     Rows(Rows<'a>),
     /// The device copies it.
     Fetch(SourceCopy),
 }
 
-/// Rows of a photograph in memory of the host.
-pub(super) struct Rows<'a> {
-    from: From<'a>,
-    /// Bytes from the first row to the end of the last.
-    length: usize,
-    pitch: usize,
-    row_bytes: usize,
-    are_floats: bool,
-}
-
-enum From<'a> {
-    Bytes(&'a [u8]),
-    /// From a byte on.
-    Shared(&'a SharedMemory, usize),
-}
-
-impl From<'_> {
-    fn length(&self) -> usize {
-        match self {
-            Self::Bytes(bytes) => bytes.len(),
-            Self::Shared(memory, offset) => memory.bytes().saturating_sub(*offset),
-        }
-    }
-
-    /// Reads the first so many.
-    fn read<T>(&self, length: usize, read: impl FnOnce(&[u8]) -> T) -> T {
-        match self {
-            Self::Bytes(bytes) => read(&bytes[..length]),
-            Self::Shared(memory, offset) => memory.read(*offset..offset + length, read),
-        }
-    }
-}
-
 impl<'a> Source<'a> {
-    /// How it comes to a solver, if it fits that.
-    pub(super) fn way(self, plan: &Plan, image: usize, device: &Arc<Device>) -> Result<Way<'a>, Error> {
+    /// Checks the source against a solver's plan.
+    pub(super) fn transfer(self, plan: &Plan, image: usize, device: &Arc<Device>) -> Result<Transfer<'a>, Error> {
         match self {
-            Self::Frame(frame) => check_frame(plan, image, frame).map(|()| Way::Frame(frame)),
-            Self::Written => Ok(Way::There),
-            Self::Rows { bytes, pitch } => Rows::new(plan, image, From::Bytes(bytes), pitch).map(Way::Rows),
-            Self::OnDevice(source) => fetch(plan, image, source.location(), None).map(Way::Fetch),
+            Self::Frame(frame) => check_frame(plan, image, frame).map(|()| Transfer::Frame(frame)),
+            Self::Write(write) => Ok(Transfer::Write(write)),
+            Self::Rows { bytes, pitch } => Rows::new(plan, image, Bytes::Slice(bytes), pitch).map(Transfer::Rows),
+            Self::OnDevice(source) => fetch(plan, image, source.location(), None).map(Transfer::Fetch),
             Self::Shared { memory, offset, pitch } => {
                 memory.check(device)?;
-                let rows = Rows::new(plan, image, From::Shared(memory, offset), pitch)?;
+                let rows = Rows::new(plan, image, Bytes::Shared(memory, offset), pitch)?;
                 match memory.location(offset as u64, pitch as u64) {
-                    Some(place) => fetch(plan, image, place, Some(memory.clone() as Arc<_>)).map(Way::Fetch),
-                    None => Ok(Way::Rows(rows)),
+                    Some(location) => fetch(plan, image, location, Some(memory.clone() as Arc<_>)).map(Transfer::Fetch),
+                    None => Ok(Transfer::Rows(rows)),
                 }
             }
         }
     }
 }
 
-/// A frame of the size and format that a solver was prepared for.
 fn check_frame(plan: &Plan, image: usize, frame: &Frame) -> Result<(), Error> {
     let ([width, height], packed) = (plan.size, plan.packed[image]);
     if [frame.width(), frame.height()] == plan.size && frame.format() == plan.formats[image] && packed.is_plain() {
@@ -115,19 +89,17 @@ fn check_frame(plan: &Plan, image: usize, frame: &Frame) -> Result<(), Error> {
     )))
 }
 
-/// What the device copies.
 fn fetch(
     plan: &Plan,
     image: usize,
-    place: super::vulkan::SourceLocation,
-    keep: Option<Arc<dyn Any + Send + Sync>>,
+    location: SourceLocation,
+    owner: Option<Arc<dyn Any + Send + Sync>>,
 ) -> Result<SourceCopy, Error> {
-    let pitch = place.pitch();
-    let row_bytes = row_bytes(plan, image, pitch as usize)? as u64;
-    Ok(SourceCopy { location: place, size: plan.size, row_bytes, bytes: plan.packed_bytes(image), owner: keep })
+    let row_bytes = row_bytes(plan, image, location.pitch() as usize)? as u64;
+    Ok(SourceCopy { location, size: plan.size, row_bytes, bytes: plan.packed_bytes(image), owner })
 }
 
-/// Bytes of a row that is followed by the next so many bytes from its start.
+/// Bytes of a row, checked against the pitch; 0 for rows without gaps that may end within a byte.
 fn row_bytes(plan: &Plan, image: usize, pitch: usize) -> Result<usize, Error> {
     let (packed, width) = (plan.packed[image], plan.size[0]);
     let Some(bytes) = packed.row_bytes(width).map(|bytes| bytes as usize) else {
@@ -146,35 +118,59 @@ fn row_bytes(plan: &Plan, image: usize, pitch: usize) -> Result<usize, Error> {
     Ok(bytes)
 }
 
+/// Rows of a photograph in memory of the host.
+pub(super) struct Rows<'a> {
+    bytes: Bytes<'a>,
+    /// Bytes from the first row to the end of the last.
+    length: usize,
+    pitch: usize,
+    row_bytes: usize,
+    are_floats: bool,
+}
+
+enum Bytes<'a> {
+    Slice(&'a [u8]),
+    /// Shared memory from an offset on.
+    Shared(&'a SharedMemory, usize),
+}
+
 impl<'a> Rows<'a> {
-    fn new(plan: &Plan, image: usize, from: From<'a>, pitch: usize) -> Result<Self, Error> {
+    fn new(plan: &Plan, image: usize, bytes: Bytes<'a>, pitch: usize) -> Result<Self, Error> {
         let row_bytes = row_bytes(plan, image, pitch)?;
         let ([width, height], packed) = (plan.size, plan.packed[image]);
         let is_whole = pitch == 0 || pitch == row_bytes;
-        let needed = match is_whole {
+        let length = match is_whole {
             true => plan.packed_bytes(image) as usize,
             false => pitch.saturating_mul(height as usize - 1).saturating_add(row_bytes),
         };
-        if from.length() < needed {
+        let available = match bytes {
+            Bytes::Slice(bytes) => bytes.len(),
+            Bytes::Shared(memory, offset) => memory.bytes().saturating_sub(offset),
+        };
+        if available < length {
             return Err(Error::Mismatch(format!(
-                "{width}x{height} of {packed} take {needed} bytes, and there are {}",
-                from.length()
+                "{width}x{height} of {packed} take {length} bytes, and there are {available}"
             )));
         }
-        let (pitch, row_bytes) = if is_whole { (needed, needed) } else { (pitch, row_bytes) };
-        Ok(Self { from, length: needed, pitch, row_bytes, are_floats: plan.formats[image].depth == Depth::F32 })
+        let (pitch, row_bytes) = if is_whole { (length, length) } else { (pitch, row_bytes) };
+        Ok(Self { bytes, length, pitch, row_bytes, are_floats: plan.formats[image].depth == Depth::F32 })
     }
 
-    /// Writes them without gaps, by all threads; whether they are numbers that frames may hold.
-    pub(super) fn bring(&self, to: &mut [u8]) -> bool {
-        self.from.read(self.length, |bytes| self.bring_from(bytes, to))
+    /// Copies the rows without gaps. Returns whether they hold numbers that frames may hold.
+    pub(super) fn copy(&self, to: &mut [u8]) -> bool {
+        match self.bytes {
+            Bytes::Slice(bytes) => self.copy_from(&bytes[..self.length], to),
+            Bytes::Shared(memory, offset) => {
+                memory.read(offset..offset + self.length, |bytes| self.copy_from(bytes, to))
+            }
+        }
     }
 
-    fn bring_from(&self, bytes: &[u8], to: &mut [u8]) -> bool {
-        // A piece is some 256 KiB: a thread's start is next to nothing beside it.
+    fn copy_from(&self, bytes: &[u8], to: &mut [u8]) -> bool {
+        // Some 256 KiB a thread at a time: its start costs next to nothing beside that.
         let rows = ((1 << 18) / self.row_bytes).max(1);
-        let rows_of = bytes.chunks(self.pitch * rows).zip(to.chunks_mut(self.row_bytes * rows));
-        workers::each(rows_of, |(from, to)| {
+        let chunks = bytes.chunks(self.pitch * rows).zip(to.chunks_mut(self.row_bytes * rows));
+        workers::each(chunks, |(from, to)| {
             for (from, to) in from.chunks(self.pitch).zip(to.chunks_mut(self.row_bytes)) {
                 to[..self.row_bytes].copy_from_slice(&from[..self.row_bytes]);
             }

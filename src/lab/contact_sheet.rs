@@ -1,7 +1,7 @@
 //! Contact sheets: labelled panels in rows and columns.
 //!
 //! ```
-//! use parfocal::contact_sheet::{Panel, Row, Sheet};
+//! use parfocal::internals::contact_sheet::{Panel, Row, Sheet};
 //! use parfocal::export::{Nearer, Scale};
 //!
 //! let (without, with) = (vec![0.0; 64 * 48], vec![1.5; 64 * 48]);

@@ -7,6 +7,7 @@ pub mod measure;
 pub use calibrate::{CalibratedParameter, Calibration, LensParameter, Target, calibrate};
 
 use crate::base::Lens;
+pub use crate::base::{Aperture, Estimate, Inverse};
 
 /// How a warning of what speaks against a lens begins.
 pub(crate) const DOUBT: &str = "the lens: ";
@@ -37,7 +38,7 @@ pub struct MetricDepth {
 
 impl MetricDepth {
     /// Inverts `blur`, V in px² with NaN where not valid, and carries its standard deviation `uncertainty`, px², over:
-    /// [`Inverse`](crate::Inverse) has the equations. `scale` is s of the registration; both fields are row-major and of
+    /// [`Inverse`](crate::metric::Inverse) has the equations. `scale` is s of the registration; both fields are row-major and of
     /// `width` values a row. Where |V| is at the `limit` of the solve, px², V is only a bound, and there is no depth.
     pub fn new(lens: &Lens, scale: f64, limit: f64, width: u32, blur: &[f32], uncertainty: &[f32]) -> Self {
         let inverse = lens.inverse(scale);

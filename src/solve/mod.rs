@@ -1,13 +1,12 @@
-//! What is done around a solve: a part of the frame, brightness and field curvature, focus sweeps, other photographs on
-//! I1's pixels, many pairs one after the other. Nothing here knows Vulkan or a pass.
+//! Solves around the engine: pairs with options, streams of pairs, focus sweeps, photographs resampled on the pixels of I1.
 
 mod field_curvature;
 pub mod focus_stack;
+mod pair_solver;
+mod queue;
 pub mod resample;
-mod scope;
-mod smooth_field;
 mod stream;
 
 pub use field_curvature::FieldCurvature;
-pub use scope::{SolveOptions, SolverCache};
+pub use pair_solver::{PairSolver, SolveOptions};
 pub use stream::{QueueFull, Stream};

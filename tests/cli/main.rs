@@ -4,7 +4,13 @@
 mod common;
 
 use parfocal::export::{Nearer, Report};
-use parfocal::{Channels, DeviceInfo, Findings, Photometric, Region, Settings, Shading, Similarity, Solution, Timings};
+use parfocal::{
+    Region, Settings, Solution,
+    frame::Channels,
+    results::{Findings, Timings},
+    settings::{DeviceInfo, Photometric},
+    transform::{Shading, Similarity},
+};
 
 mod again;
 mod apply;

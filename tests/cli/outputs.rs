@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::process::Output;
 
 use assert_cmd::Command;
-use parfocal::{Samples, image_io};
+use parfocal::{frame::Samples, image_io};
 use png::{ColorType, Transformations};
 use serde_json::Value;
 use tempfile::TempDir;

@@ -7,7 +7,7 @@ use std::process::Output;
 use assert_cmd::Command;
 use image::{ImageBuffer, Luma};
 use parfocal::image_io::read_field;
-use parfocal::{Homography, Similarity};
+use parfocal::transform::{Homography, Similarity};
 use serde_json::Value;
 use tempfile::TempDir;
 

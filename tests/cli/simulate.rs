@@ -5,7 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 
 use assert_cmd::Command;
-use parfocal::{Channels, Frame, Samples, export, image_io};
+use parfocal::{
+    Frame, export,
+    frame::{Channels, Samples},
+    image_io,
+};
 use serde_json::Value;
 use tempfile::TempDir;
 

@@ -7,7 +7,7 @@ use assert_cmd::Command;
 use parfocal::export::Registration;
 use parfocal::image_io::{read, read_field};
 use parfocal::resample::registered;
-use parfocal::{Brightness, Decode};
+use parfocal::{settings::Decode, transform::Brightness};
 use serde_json::Value;
 
 use crate::stack::{SIZE, Sweep, depth, planes, slope};

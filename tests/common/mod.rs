@@ -8,9 +8,12 @@ pub mod trust;
 
 use std::ops::Deref;
 use std::path::PathBuf;
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, LazyLock, Mutex};
 
-use parfocal::{Engine, EngineOptions, Frame, Homography, PairSolver, Settings, Solution, baseline, image_io};
+use parfocal::{
+    Engine, EngineOptions, Frame, PairSolver, Progress, Settings, Solution, SolveOptions, image_io,
+    internals::baseline, transform::Homography,
+};
 
 /// The engine of all tests of a program, each of which fails where it meets a validation message, its own or another's.
 pub struct TestEngine(Arc<Engine>);
@@ -36,8 +39,16 @@ impl TestEngine {
 
     /// Solves one pair.
     pub fn solve(&self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Solution {
-        PairSolver::for_pair(self, i1, i2, settings).unwrap().solve(i1, i2).unwrap()
+        PairSolver::new(self, settings).unwrap().solve([i1, i2], &SolveOptions::default()).unwrap()
     }
+}
+
+/// Options with a progress function, and the log of its calls.
+pub fn progress_log() -> (SolveOptions, Arc<Mutex<Vec<Progress>>>) {
+    let log = Arc::<Mutex<Vec<Progress>>>::default();
+    let calls = log.clone();
+    let progress = move |progress| calls.lock().unwrap().push(progress);
+    (SolveOptions { progress: Some(Arc::new(progress)), ..SolveOptions::default() }, log)
 }
 
 /// How every test opens its device.

@@ -4,7 +4,10 @@
 
 use std::f64::consts::TAU;
 
-use parfocal::{Frame, Homography, Similarity, centre};
+use parfocal::{
+    Frame,
+    transform::{Homography, Similarity, centre},
+};
 
 /// Random numbers, the same for the same seed (splitmix64).
 pub struct Random(pub u64);
@@ -93,7 +96,7 @@ pub fn slanted(width: u32) -> impl Fn([f64; 2]) -> [f64; 2] {
 
 /// The grey values of a frame in [0, 1] (Rec. 601).
 pub fn luminance(frame: &Frame) -> Vec<f64> {
-    use parfocal::Samples;
+    use parfocal::frame::Samples;
     let values: Vec<f64> = match frame.samples() {
         Samples::U8(s) => s.iter().map(|&v| f64::from(v) / 255.0).collect(),
         Samples::U16(s) => s.iter().map(|&v| f64::from(v) / 65535.0).collect(),

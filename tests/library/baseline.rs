@@ -1,8 +1,14 @@
 //! The systems that the unified method is compared with: registration by appearance and by SIFT, then blur.
 
 use crate::common::scene::{exposed, pair, slanted};
-use crate::common::{TestEngine, assert_transform, blur_error, real_pair};
-use parfocal::{Channels, Decode, Error, Format, Frame, Method, PairSolver, Samples, Settings, Similarity, reference};
+use crate::common::{TestEngine, assert_transform, blur_error, progress_log, real_pair};
+use parfocal::{
+    Error, Frame, PairSolver, Settings, SolveOptions,
+    frame::{Channels, Format, Samples},
+    internals::reference,
+    settings::{Decode, Method},
+    transform::Similarity,
+};
 
 fn by(method: Method) -> Settings {
     Settings { method, decode: Decode::None, ..Settings::default() }
@@ -12,8 +18,8 @@ fn truth() -> Similarity {
     Similarity::new(1.3, -0.9, 0.15, 1.01)
 }
 
-fn register(engine: &TestEngine, [i1, i2]: [&Frame; 2], settings: &Settings) -> parfocal::Registered {
-    PairSolver::for_pair(engine, i1, i2, settings).unwrap().register(i1, i2).unwrap()
+fn register(engine: &TestEngine, [i1, i2]: [&Frame; 2], settings: &Settings) -> parfocal::results::Registered {
+    PairSolver::for_frames(engine, [i1, i2], settings).unwrap().register([i1, i2], &SolveOptions::default()).unwrap()
 }
 
 /// Every second pixel of every second row.
@@ -81,12 +87,13 @@ fn a_registration_is_that_of_the_solve_and_leaves_no_trace() {
     let [i1, i2] = pair([160, 128], truth(), slanted(160), 0.0, 2);
     for method in [Method::Unified, Method::Appearance, Method::Aligned] {
         let settings = by(method);
-        let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &settings).unwrap();
-        let mut seen = Vec::new();
-        let registered = solver.register_with(&i1, &i2, &mut |p| seen.push((p.done, p.levels))).unwrap();
-        let solution = solver.solve(&i1, &i2).unwrap();
+        let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &settings).unwrap();
+        let (options, log) = progress_log();
+        let registered = solver.register([&i1, &i2], &options).unwrap();
+        let seen: Vec<(u32, u32)> = log.lock().unwrap().iter().map(|p| (p.done, p.total)).collect();
+        let solution = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
         assert_eq!(registered.transform, solution.transform, "{method:?}");
-        assert_eq!(solver.register(&i1, &i2).unwrap().levels, registered.levels);
+        assert_eq!(solver.register([&i1, &i2], &SolveOptions::default()).unwrap().levels, registered.levels);
         let fresh = engine.solve([&i1, &i2], &settings);
         assert_eq!((fresh.transform, &fresh.levels), (solution.transform, &solution.levels));
         let levels = if method == Method::Aligned { 0 } else { 3 };
@@ -143,9 +150,9 @@ fn too_few_key_points_are_a_failure_that_says_so() {
     let grey = Frame::gray(80, 60, vec![0.5; 80 * 60]).unwrap();
     let [textured, _] = pair([80, 60], Similarity::IDENTITY, |_| [0.3, 0.3], 0.0, 1);
     let failure = |i1: &Frame, i2: &Frame| {
-        let mut solver = PairSolver::for_pair(&engine, i1, i2, &by(Method::Sift)).unwrap();
-        let message = solver.register(i1, i2).unwrap_err().to_string();
-        assert!(matches!(solver.solve(i1, i2), Err(Error::TooFewKeyPoints { .. })));
+        let mut solver = PairSolver::for_frames(&engine, [i1, i2], &by(Method::Sift)).unwrap();
+        let message = solver.register([i1, i2], &SolveOptions::default()).unwrap_err().to_string();
+        assert!(matches!(solver.solve([i1, i2], &SolveOptions::default()), Err(Error::TooFewKeyPoints { .. })));
         message
     };
     let message = failure(&grey, &grey);

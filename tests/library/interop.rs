@@ -8,7 +8,10 @@ use std::time::Duration;
 
 use parfocal::interop::ash::{self, ext, vk};
 use parfocal::interop::{DeviceRequirements, DeviceSource, ExternalCommandBuffer, ExternalDevice, SemaphoreWait};
-use parfocal::{Decode, Engine, EngineOptions, Frame, HostMemory, PairSolver, PixelFormat, Settings, Similarity};
+use parfocal::{
+    Engine, EngineOptions, Frame, PairSolver, PixelFormat, Settings, SolutionRef, SolveOptions, interop::HostMemory,
+    settings::Decode, transform::Similarity,
+};
 
 use crate::common::TestEngine;
 use crate::common::scene::pair;
@@ -259,8 +262,7 @@ fn settings(white: f64) -> Settings {
     Settings { white_level: Some(0.75 * white), decode: Decode::None, ..Settings::default() }
 }
 
-fn found(solver: &mut PairSolver, ticket: &parfocal::Ticket) -> Vec<u32> {
-    let view = solver.wait(ticket, Duration::MAX).unwrap().unwrap();
+fn bits(view: &SolutionRef<'_>) -> Vec<u32> {
     assert!(view.converged, "{:?}", view.warnings);
     view.relative_blur().iter().map(|v| v.to_bits()).collect()
 }
@@ -290,7 +292,7 @@ impl Program {
 fn photographs_are_taken_from_buffers_and_images_of_the_program_once_they_are_there() {
     let (program, pairs) = (Program::new(), [frames(3), frames(5), frames(6)]);
     let engine = program.engine();
-    let mut solver = PairSolver::for_pair(&engine, &pairs[0][0], &pairs[0][1], &settings(1.0)).unwrap();
+    let mut solver = PairSolver::for_frames(&engine, pairs[0].each_ref(), &settings(1.0)).unwrap();
     // I1 in a buffer, in rows with gaps, from an odd word on; I2 in the second layer of an image as a renderer leaves it.
     let pitch = 4 * SIZE[0] as usize + 12;
     let row = |row: &[u8]| [row, &[0xa5; 12]].concat();
@@ -310,21 +312,21 @@ fn photographs_are_taken_from_buffers_and_images_of_the_program_once_they_are_th
         let (sources, waits) = unsafe {
             let sources = [DeviceSource::buffer(near.0, 4, pitch as u64), DeviceSource::image(image, DRAWN, 1)];
             (
-                sources.map(parfocal::Source::OnDevice),
+                sources.map(parfocal::frame::Source::OnDevice),
                 [SemaphoreWait::new(drawn, value), SemaphoreWait::new(written, value)],
             )
         };
-        let ticket = solver.submit_sources(0, sources, &waits).unwrap();
-        assert_eq!(ticket.is_fetched(), [true; 2]);
-        taken = solver.on_device(&ticket).unwrap().inputs_read;
-        assert!(!solver.wait_taken(&ticket, Duration::from_millis(30)).unwrap() && !solver.poll(&ticket).unwrap());
+        let mut pending = solver.submit(sources, &waits, &SolveOptions::default()).unwrap();
+        assert_eq!(pending.is_fetched(), [true; 2]);
+        taken = pending.on_device().inputs_read;
+        assert!(!pending.wait_fetched(Duration::from_millis(30)).unwrap() && !pending.poll().unwrap());
         // I1 is written by the host only now.
         program.fill(near, &rows(&pair[0]));
         let signal = vk::SemaphoreSignalInfo::default().semaphore(written).value(value);
         // SAFETY: the value is the next of this timeline.
         unsafe { program.device.signal_semaphore(&signal) }.unwrap();
-        assert!(solver.wait_taken(&ticket, Duration::MAX).unwrap());
-        assert!(found(&mut solver, &ticket) == expected(pair, &settings(1.0)), "pair {value}");
+        assert!(pending.wait_fetched(Duration::MAX).unwrap());
+        assert!(bits(&pending.wait().unwrap()) == expected(pair, &settings(1.0)), "pair {value}");
     }
     drop((solver, engine));
     program.idle();
@@ -353,20 +355,21 @@ fn a_solve_is_recorded_into_a_command_buffer_of_the_programs_and_executed_again(
     let engine = program.engine();
     let format: PixelFormat = "BGRa8".parse().unwrap();
     let pixels = |frame: &Frame| {
-        let parfocal::Samples::F32(values) = frame.samples() else { unreachable!() };
+        let parfocal::frame::Samples::F32(values) = frame.samples() else { unreachable!() };
         values.iter().flat_map(|v| [(255.0 * v) as u8; 4]).collect::<Vec<u8>>()
     };
     let pairs = [frames(3), frames(5)].map(|pair| pair.each_ref().map(pixels));
-    let mut solver = PairSolver::with_slots(2, &engine, SIZE, [format; 2], &settings(255.0)).unwrap();
+    let mut solver = PairSolver::for_size(&engine, SIZE, [format; 2], 2, &settings(255.0)).unwrap();
     let sources = pairs[0].each_ref().map(|bytes| program.buffer(bytes));
     let commands = program.commands();
     // SAFETY: the buffers outlive the solver; nothing else of it runs while the commands do, which are waited for.
-    let ticket = unsafe {
+    let mut encoded = unsafe {
         let sources = sources.map(|(buffer, _)| DeviceSource::buffer(buffer, 0, 0));
-        solver.encode(0, ExternalCommandBuffer::new(commands), sources).unwrap()
+        solver.encode(ExternalCommandBuffer::new(commands), sources, &SolveOptions::default()).unwrap()
     };
     // SAFETY: the commands are ended once.
     unsafe { program.device.end_command_buffer(commands) }.unwrap();
+    assert!(encoded.results().unwrap().is_none(), "no results before the commands are executed");
     for pair in &pairs {
         sources.iter().zip(pair).for_each(|(&buffer, bytes)| program.fill(buffer, bytes));
         let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
@@ -375,13 +378,13 @@ fn a_solve_is_recorded_into_a_command_buffer_of_the_programs_and_executed_again(
         unsafe { program.device.queue_submit2(program.queue, &[submit], vk::Fence::null()) }.unwrap();
         program.idle();
         let frames = pair.each_ref().map(|bytes| format.frame(SIZE, bytes).unwrap());
-        assert!(found(&mut solver, &ticket) == expected(&frames, &settings(255.0)));
+        assert!(bits(&encoded.results().unwrap().unwrap()) == expected(&frames, &settings(255.0)));
     }
-    // The slots go on as they were.
-    let frames = pairs[1].each_ref().map(|bytes| parfocal::Source::Rows { bytes, pitch: 0 });
-    let ticket = solver.submit_sources(1, frames, &[]).unwrap();
+    // Other pairs of the solver are solved as before.
+    let frames = pairs[1].each_ref().map(|bytes| parfocal::frame::Source::Rows { bytes, pitch: 0 });
+    let mut pending = solver.submit(frames, &[], &SolveOptions::default()).unwrap();
     let frames = pairs[1].each_ref().map(|bytes| format.frame(SIZE, bytes).unwrap());
-    assert!(found(&mut solver, &ticket) == expected(&frames, &settings(255.0)));
-    drop((solver, engine));
+    assert!(bits(&pending.wait().unwrap()) == expected(&frames, &settings(255.0)));
+    drop((pending, encoded, solver, engine));
     sources.into_iter().for_each(|buffer| program.free(buffer));
 }

@@ -2,18 +2,20 @@
 
 use crate::common::scene::{pair, slanted};
 use crate::common::{TestEngine, options};
-use parfocal::{Engine, EngineOptions, Error, Frame, Mask, PairSolver, Settings, Similarity, Solution, SolveOptions};
+use parfocal::{
+    Engine, EngineOptions, Error, Frame, Mask, PairSolver, Settings, Solution, SolveOptions, transform::Similarity,
+};
 
 const SIZE: [u32; 2] = [561, 402];
 
 fn solve(engine: &Engine, [i1, i2]: [&Frame; 2], mask: Option<Mask>, settings: &Settings) -> Solution {
-    let scope = SolveOptions { mask, ..SolveOptions::default() };
-    scope.solve(engine, &mut None, [i1, i2], settings, &mut |_| ()).unwrap()
+    let options = SolveOptions { mask, ..SolveOptions::default() };
+    PairSolver::new(engine, settings).unwrap().solve([i1, i2], &options).unwrap()
 }
 
 /// I2 brighter, and more so towards one corner.
 fn shone(frame: &Frame) -> Frame {
-    let parfocal::Samples::F32(values) = frame.samples() else { unreachable!() };
+    let parfocal::frame::Samples::F32(values) = frame.samples() else { unreachable!() };
     let at = |i: usize| [i % SIZE[0] as usize, i / SIZE[0] as usize].map(|n| n as f32 / 560.0);
     let brighter = |(i, v): (usize, &f32)| 0.04 + v * (1.05 + 0.06 * at(i)[0] * at(i)[1]);
     Frame::gray(SIZE[0], SIZE[1], values.iter().enumerate().map(brighter).collect()).unwrap()
@@ -27,7 +29,8 @@ fn a_pair_solved_in_parts_is_the_same_as_one_solved_whole() {
     let settings = Settings { max_relative_blur: 16.0, ..Settings::default() };
     let whole = solve(&TestEngine::new(), [&i1, &i2], None, &settings);
     let small = Engine::new(&EngineOptions { memory: Some(20 << 20), ..options() }).unwrap();
-    assert!(matches!(PairSolver::for_pair(&small, &i1, &i2, &settings), Err(Error::TooLarge { .. })));
+    let formats = [i1.format(), i2.format()];
+    assert!(matches!(PairSolver::for_size(&small, SIZE, formats, 1, &settings), Err(Error::TooLarge { .. })));
     let mask: Vec<f32> = (0..SIZE[0] * SIZE[1]).map(|i| f32::from(u8::from(i % SIZE[0] >= 60))).collect();
     let mask = Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], mask).unwrap());
     let parts = solve(&small, [&i1, &i2], Some(mask), &settings);
@@ -58,6 +61,7 @@ fn a_pair_solved_in_parts_is_the_same_as_one_solved_whole() {
 fn a_part_is_larger_than_nothing() {
     let [i1, i2] = pair(SIZE, Similarity::IDENTITY, slanted(SIZE[0]), 0.0, 3);
     let tiny = Engine::new(&EngineOptions { memory: Some(1 << 20), ..options() }).unwrap();
-    let solved = SolveOptions::default().solve(&tiny, &mut None, [&i1, &i2], &Settings::default(), &mut |_| ());
+    let mut solver = PairSolver::new(&tiny, &Settings::default()).unwrap();
+    let solved = solver.solve([&i1, &i2], &SolveOptions::default());
     assert!(matches!(solved, Err(Error::TooLarge { .. })), "{:?}", solved.map(|s| s.findings));
 }

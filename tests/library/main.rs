@@ -4,9 +4,9 @@
 mod common;
 
 mod baseline;
-mod cancel;
 #[cfg(target_os = "linux")]
 mod fuzz;
+mod in_flight;
 mod interop;
 mod large;
 mod masks;
@@ -14,8 +14,6 @@ mod motion;
 mod properties;
 mod rooms;
 mod scope;
-#[cfg(target_os = "linux")]
-mod slots;
 mod soak;
 mod solver;
 mod sources;

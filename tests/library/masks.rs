@@ -2,7 +2,12 @@
 
 use crate::common::scene::{luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error};
-use parfocal::{Channels, Frame, Mask, PairSolver, Samples, Settings, Similarity, Solution, reference};
+use parfocal::{
+    Frame, Mask, PairSolver, Settings, Solution, SolveOptions,
+    frame::{Channels, Samples},
+    internals::reference,
+    transform::Similarity,
+};
 
 const SIZE: [u32; 2] = [160, 128];
 
@@ -94,10 +99,10 @@ fn what_a_mask_leaves_out_has_no_part_in_the_registration() {
     let picture = (0..SIZE[0] * SIZE[1]).map(|i| if left_out(i % SIZE[0], i / SIZE[0]) { 0.0 } else { 1.0 });
     let mask = Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], picture.collect()).unwrap());
     let engine = TestEngine::new();
-    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
-    let whole = solver.solve(&i1, &i2).unwrap();
-    solver.set_mask(Some(mask)).unwrap();
-    let masked = solver.solve(&i1, &i2).unwrap();
+    let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
+    let whole = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
+    let options = SolveOptions { mask: Some(mask), ..SolveOptions::default() };
+    let masked = solver.solve([&i1, &i2], &options).unwrap();
     println!("corner {:.4} px with the mask, {:.4} without", corner(&masked), corner(&whole));
     assert!(corner(&masked) < 0.05 && corner(&whole) > 0.2);
     let place = (60 * SIZE[0] + 60) as usize;
@@ -107,11 +112,11 @@ fn what_a_mask_leaves_out_has_no_part_in_the_registration() {
     let beside = whole.residual[(64 * SIZE[0] + 140) as usize];
     println!("residual {middle:.4} where the scene moved, {beside:.4} beside it");
     assert!(middle > 5.0 * beside, "{middle} {beside}");
-    solver.set_mask(None).unwrap();
-    let again = solver.solve(&i1, &i2).unwrap();
+    let again = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
     assert_eq!(again.transform, whole.transform, "a mask leaves no trace");
-    let other = Mask::of_picture(&Frame::gray(16, 16, vec![1.0; 256]).unwrap());
-    assert!(solver.set_mask(Some(other)).unwrap_err().to_string().contains("16x16"));
+    let mask = Some(Mask::of_picture(&Frame::gray(16, 16, vec![1.0; 256]).unwrap()));
+    let refused = solver.solve([&i1, &i2], &SolveOptions { mask, ..SolveOptions::default() });
+    assert!(refused.unwrap_err().to_string().contains("16x16"));
 }
 
 /// Less than a hundredth of the frame is enough, if that is what was asked for.
@@ -121,10 +126,11 @@ fn a_small_mask_is_no_lack_of_overlap() {
     let inside = |i: u32| (64..78).contains(&(i % SIZE[0])) && (60..74).contains(&(i / SIZE[0]));
     let picture = (0..SIZE[0] * SIZE[1]).map(|i| if inside(i) { 1.0 } else { 0.0 }).collect();
     let engine = TestEngine::new();
-    let start = Settings { start: transform().into(), method: parfocal::Method::Aligned, ..Settings::default() };
-    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &start).unwrap();
-    solver.set_mask(Some(Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], picture).unwrap()))).unwrap();
-    let solution = solver.solve(&i1, &i2).unwrap();
+    let start =
+        Settings { start: transform().into(), method: parfocal::settings::Method::Aligned, ..Settings::default() };
+    let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &start).unwrap();
+    let mask = Some(Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], picture).unwrap()));
+    let solution = solver.solve([&i1, &i2], &SolveOptions { mask, ..SolveOptions::default() }).unwrap();
     assert!(solution.valid_fraction > 0.0 && solution.valid_fraction < 0.01, "{}", solution.valid_fraction);
     assert!(!solution.warnings.iter().any(|warning| warning.contains("overlap")), "{:?}", solution.warnings);
 }
@@ -141,9 +147,8 @@ fn masks_agree_with_the_reference() {
     let mask = Mask::of_picture(&Frame::gray(size[0], size[1], picture).unwrap());
     let expected = reference::solve_masked(&i1, &i2, &settings, Some(&mask)).unwrap();
     let engine = TestEngine::new();
-    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &settings).unwrap();
-    solver.set_mask(Some(mask)).unwrap();
-    let found = solver.solve(&i1, &i2).unwrap();
+    let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &settings).unwrap();
+    let found = solver.solve([&i1, &i2], &SolveOptions { mask: Some(mask), ..SolveOptions::default() }).unwrap();
     let rms = |f: &[f32], e: &[f64]| {
         let squares = f.iter().zip(e).map(|(f, e)| (f64::from(*f) - e).powi(2)).filter(|s| !s.is_nan());
         let squares: Vec<f64> = squares.collect();

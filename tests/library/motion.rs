@@ -1,6 +1,10 @@
 //! Motion models: maps of the plane in closed form, and what is said of simpler and of richer ones.
 
-use parfocal::{Homography, Motion, Settings, Similarity, Solution};
+use parfocal::{
+    Settings, Solution,
+    settings::Motion,
+    transform::{Homography, Similarity},
+};
 
 use crate::common::scene::{pair, slanted};
 use crate::common::{TestEngine, blur_error};

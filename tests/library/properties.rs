@@ -3,7 +3,10 @@
 
 use crate::common::scene::{luminance, pair, slanted};
 use crate::common::{TestEngine, trust};
-use parfocal::{Frame, Settings, Similarity, Solution, centre};
+use parfocal::{
+    Frame, Settings, Solution,
+    transform::{Similarity, centre},
+};
 
 const SIZE: [u32; 2] = [97, 75];
 /// Pixels from the border that are left out where what lies beyond it differs.

@@ -2,7 +2,9 @@
 
 use crate::common::scene::{exposed, luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error};
-use parfocal::{FieldCurvature, Frame, Region, Settings, Similarity, Solution, SolveOptions};
+use parfocal::{
+    Frame, PairSolver, Region, Settings, Solution, SolveOptions, settings::FieldCurvature, transform::Similarity,
+};
 
 const SIZE: [u32; 2] = [300, 280];
 
@@ -19,7 +21,7 @@ fn settings() -> Settings {
 }
 
 fn solve(scope: &SolveOptions, [i1, i2]: [&Frame; 2], settings: &Settings) -> Solution {
-    scope.solve(&TestEngine::new(), &mut None, [i1, i2], settings, &mut |_| ()).unwrap()
+    PairSolver::new(&TestEngine::new(), settings).unwrap().solve([i1, i2], scope).unwrap()
 }
 
 fn v_rms(solution: &Solution) -> f64 {
@@ -49,11 +51,11 @@ fn a_region_is_solved_as_it_is_within_the_whole() {
         solution.valid_fraction
     );
     assert!(at_corner < 0.05 && v < 0.05 && solution.valid_fraction == 1.0);
-    let held = Settings { start: transform().into(), method: parfocal::Method::Aligned, ..settings() };
+    let held = Settings { start: transform().into(), method: parfocal::settings::Method::Aligned, ..settings() };
     assert!(corner(&solve(&scope, [&i1, &i2], &held)) < 1e-3, "a start is of the whole frame");
     let outside = SolveOptions { region: Some(Region { x: 200, ..region }), ..SolveOptions::default() };
-    let engine = TestEngine::new();
-    let refused = outside.solve(&engine, &mut None, [&i1, &i2], &settings(), &mut |_| ()).unwrap_err();
+    let mut solver = PairSolver::new(&TestEngine::new(), &settings()).unwrap();
+    let refused = solver.solve([&i1, &i2], &outside).unwrap_err();
     assert!(refused.to_string().contains("200,90,150,110"), "{refused}");
 }
 
@@ -119,13 +121,7 @@ fn a_flat_reference_is_taken_off() {
     let center = (restored.height / 2 * restored.width + restored.width / 8) as usize;
     assert!((restored.relative_blur[center] - solution.relative_blur[center]).abs() > 2.0);
     let small = FieldCurvature::of_flat_target([30, 28], &vec![1.0; 840], &vec![0.1; 840]).unwrap();
-    let engine = TestEngine::new();
-    let refused = SolveOptions { flat: Some(small), ..SolveOptions::default() }.solve(
-        &engine,
-        &mut None,
-        [&i1, &i2],
-        &settings(),
-        &mut |_| (),
-    );
+    let mut solver = PairSolver::new(&TestEngine::new(), &settings()).unwrap();
+    let refused = solver.solve([&i1, &i2], &SolveOptions { flat: Some(small), ..SolveOptions::default() });
     assert!(refused.unwrap_err().to_string().contains("30x28"));
 }

@@ -7,7 +7,9 @@ use std::time::Duration;
 use crate::common::scene::{pair, slanted};
 use crate::common::{options, trust};
 use parfocal::image_io::Photograph;
-use parfocal::{Engine, EngineOptions, Error, Frame, PairSolver, Settings, Similarity, Solution, Stream};
+use parfocal::{
+    Engine, EngineOptions, Error, Frame, PairSolver, Settings, Solution, SolveOptions, Stream, transform::Similarity,
+};
 
 const CHILD: &str = "PARFOCAL_SOAK_CHILD";
 /// One in so many is broken.
@@ -51,7 +53,7 @@ fn frames(n: usize) -> [Frame; 2] {
 
 fn solve(engine: &Engine, [i1, i2]: &[Frame; 2]) -> Result<Solution, Error> {
     let settings = Settings { outer_iterations: 6, ..Settings::default() };
-    PairSolver::for_pair(engine, i1, i2, &settings)?.solve(i1, i2)
+    PairSolver::new(engine, &settings)?.solve([i1, i2], &SolveOptions::default())
 }
 
 fn bits(solution: &Solution) -> Vec<u32> {
@@ -80,7 +82,7 @@ fn broken(engine: &Engine, n: usize) {
             assert!(Photograph::open(&bomb).is_ok_and(|bomb| bomb.decode().is_err()));
         }
         3 => {
-            let large = PairSolver::new(engine, 60_000, 60_000, [i1.format(); 2], &Settings::default());
+            let large = PairSolver::for_size(engine, [60_000; 2], [i1.format(); 2], 1, &Settings::default());
             assert!(matches!(large.map(drop), Err(Error::TooLarge { .. })));
         }
         _ => {

@@ -1,12 +1,16 @@
 //! The solver as an embedding program sees it.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use crate::common::scene::{Random, luminance, pair, slanted};
-use crate::common::{TestEngine, blur_error, options};
+use crate::common::{TestEngine, blur_error, options, progress_log};
 use parfocal::{
-    Channels, Decode, Depth, Engine, EngineOptions, Error, Format, Frame, Method, PairSolver, Photometric, Samples,
-    Settings, Similarity, reference,
+    Engine, EngineOptions, Error, Frame, PairSolver, Pending, Progress, Settings, SolveOptions,
+    frame::{Channels, Depth, Format, Samples},
+    internals::reference,
+    settings::{Decode, Method, Photometric},
+    transform::Similarity,
 };
 
 fn small_pair() -> [Frame; 2] {
@@ -56,11 +60,11 @@ fn the_same_pair_gives_the_same_bits() {
     let [i1, i2] = small_pair();
     let engine = TestEngine::new();
     let bits = |values: &[f32]| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
-    let first = solver.solve(&i1, &i2).unwrap();
+    let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
+    let first = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
     // Another pair between must leave no trace.
-    solver.solve(&i2, &i1).unwrap();
-    let again = solver.solve(&i1, &i2).unwrap();
+    solver.solve([&i2, &i1], &SolveOptions::default()).unwrap();
+    let again = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
     let fresh = engine.solve([&i1, &i2], &Settings::default());
     for other in [again, fresh] {
         assert_eq!(first.transform, other.transform);
@@ -202,18 +206,18 @@ fn extreme_values_give_numbers() {
 fn sizes_and_formats_that_do_not_fit_are_refused() {
     let engine = TestEngine::new();
     let gray = Format { channels: Channels::Gray, depth: Depth::U8 };
-    let prepare = |w, h| PairSolver::new(&engine, w, h, [gray; 2], &Settings::default()).map(|_| ());
+    let prepare = |w, h| PairSolver::for_size(&engine, [w, h], [gray; 2], 1, &Settings::default()).map(|_| ());
     assert!(matches!(prepare(1, 1), Err(Error::TooSmall { .. })));
     assert!(matches!(prepare(8, 8), Err(Error::TooSmall { .. })));
     assert!(matches!(prepare(1 << 20, 16), Err(Error::TooLarge { .. })));
     assert!(matches!(prepare(16384, 16384), Err(Error::TooLarge { .. })));
     assert!(matches!(prepare(u32::MAX, u32::MAX), Err(Error::TooLarge { .. })));
     let [i1, i2] = small_pair();
-    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
     let other = Frame::gray(75, 97, vec![0.5; 97 * 75]).unwrap();
-    assert!(matches!(solver.solve(&i1, &other), Err(Error::Mismatch(_))));
-    assert!(matches!(solver.solve(&other, &other), Err(Error::Mismatch(_))));
-    assert!(matches!(PairSolver::for_pair(&engine, &i1, &other, &Settings::default()), Err(Error::Mismatch(_))));
+    assert!(matches!(solver.solve([&i1, &other], &SolveOptions::default()), Err(Error::Mismatch(_))));
+    assert!(matches!(solver.solve([&other, &other], &SolveOptions::default()), Err(Error::Mismatch(_))));
+    assert!(matches!(PairSolver::for_frames(&engine, [&i1, &other], &Settings::default()), Err(Error::Mismatch(_))));
 }
 
 #[test]
@@ -233,6 +237,7 @@ fn engines_and_solvers_go_to_other_threads() {
     send::<Engine>();
     sync::<Engine>();
     send::<PairSolver>();
+    send::<Pending>();
     let engine = TestEngine::new();
     let [i1, i2] = small_pair();
     let found: Vec<_> = std::thread::scope(|scope| {
@@ -244,13 +249,14 @@ fn engines_and_solvers_go_to_other_threads() {
 }
 
 #[test]
-fn progress_is_told_by_level() {
+fn progress_is_reported_after_each_level() {
     let [i1, i2] = small_pair();
     let engine = TestEngine::new();
-    let mut seen = Vec::new();
-    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
-    solver.solve_with(&i1, &i2, &mut |p| seen.push((p.done, p.levels, p.width))).unwrap();
-    assert_eq!(seen, [(1, 2, 49), (2, 2, 97)]);
+    let (options, log) = progress_log();
+    PairSolver::new(&engine, &Settings::default()).unwrap().solve([&i1, &i2], &options).unwrap();
+    let calls = log.lock().unwrap();
+    assert_eq!(calls.iter().map(|p| (p.done, p.total)).collect::<Vec<_>>(), [(1, 2), (2, 2)]);
+    assert!(calls[0].share > 0.15 && calls[0].share < 0.25 && calls[1].share == 1.0, "{calls:?}");
 }
 
 #[test]
@@ -263,16 +269,17 @@ fn stripes_do_not_determine_the_registration() {
 }
 
 #[test]
-fn a_listener_that_panics_leaves_nothing_in_use() {
+fn a_progress_function_that_panics_leaves_nothing_in_use() {
     let engine = TestEngine::alone();
     let [i1, i2] = small_pair();
     let panics = |settings: &Settings| {
-        let mut solver = PairSolver::for_pair(&engine, &i1, &i2, settings).unwrap();
+        let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], settings).unwrap();
         let solve = std::panic::AssertUnwindSafe(|| {
-            let _ = solver.solve_with(&i1, &i2, &mut |_| panic!("on purpose"));
+            let progress: Option<Arc<dyn Fn(Progress) + Send + Sync>> = Some(Arc::new(|_| panic!("on purpose")));
+            let _ = solver.solve([&i1, &i2], &SolveOptions { progress, ..SolveOptions::default() });
         });
         assert!(std::panic::catch_unwind(solve).is_err());
-        solver.solve(&i1, &i2)
+        solver.solve([&i1, &i2], &SolveOptions::default())
     };
     // What is under way when it panics is waited for, whether the host asks in between or not.
     for settings in [Settings::default(), Settings { outer_iterations: 5, ..Settings::default() }] {
@@ -287,9 +294,9 @@ fn a_wait_that_times_out_poisons_the_engine() {
     let engine = Engine::new(&EngineOptions { timeout: Duration::from_millis(1), ..options() }).unwrap();
     let [i1, i2] = pair([128, 128], Similarity::IDENTITY, |_| [0.3, 0.8], 0.0, 1);
     // Preparing waits too, for the images to be made ready.
-    let prepared = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default());
-    let timed_out = prepared.and_then(|mut solver| solver.solve(&i1, &i2));
+    let prepared = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default());
+    let timed_out = prepared.and_then(|mut solver| solver.solve([&i1, &i2], &SolveOptions::default()));
     assert!(matches!(timed_out, Err(Error::Timeout { .. })), "{timed_out:?}");
-    let after = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).map(|_| ());
+    let after = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).map(|_| ());
     assert!(matches!(after, Err(Error::Poisoned)), "{after:?}");
 }

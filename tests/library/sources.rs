@@ -1,14 +1,17 @@
-//! Photographs from anywhere: as cameras pack them, in memory of the caller's, in memory that the device reads where it is.
-#![allow(unsafe_code, reason = "who shares memory vouches for it")]
+//! Photographs as cameras pack them, in memory of the caller, and in memory that is shared with the device.
+#![allow(unsafe_code, reason = "the caller vouches for shared memory")]
 
 use std::ptr::NonNull;
 use std::time::{Duration, Instant};
 
 #[cfg(target_os = "linux")]
-use parfocal::DmaBuf;
+use parfocal::interop::DmaBuf;
 use parfocal::{
-    Decode, Depth, Engine, EngineOptions, Error, Frame, HostMemory, PairSolver, PixelFormat, Samples, Settings,
-    Similarity, Source, Ticket,
+    Engine, EngineOptions, Error, Frame, PairSolver, Pending, PixelFormat, Settings, SolveOptions,
+    frame::{Depth, Samples, Source},
+    interop::HostMemory,
+    settings::Decode,
+    transform::Similarity,
 };
 
 use crate::common::scene::pair;
@@ -69,15 +72,19 @@ fn formats() -> impl Iterator<Item = PixelFormat> {
         .map(|name| name.parse().unwrap())
 }
 
-fn bits(solver: &mut PairSolver, ticket: &Ticket) -> Vec<u32> {
-    let view = solver.wait(ticket, Duration::MAX).unwrap().unwrap();
+fn submit(solver: &mut PairSolver, sources: [Source<'_>; 2]) -> Pending {
+    solver.submit(sources, &[], &SolveOptions::default()).unwrap()
+}
+
+fn bits(mut pending: Pending) -> Vec<u32> {
+    let view = pending.wait().unwrap();
     assert!(view.converged, "{:?}", view.warnings);
     let fused = (0..view.fused_channels.count() as usize).filter_map(|n| view.fused(n)).flatten();
     view.relative_blur().iter().chain(view.uncertainty()).chain(fused).map(|v| v.to_bits()).collect()
 }
 
 #[test]
-fn every_way_in_gives_what_unpacked_frames_give() {
+fn every_source_gives_the_results_of_unpacked_frames() {
     let (engine, frames) = (TestEngine::new(), frames());
     for format in formats() {
         // Some pixels are clipped, so that frames take the passes that others take always.
@@ -86,28 +93,23 @@ fn every_way_in_gives_what_unpacked_frames_give() {
         let photographs = frames.each_ref().map(|frame| packed(frame, format));
         let [i1, i2] = photographs.each_ref().map(|bytes| format.frame(SIZE, bytes).unwrap());
         let expected = engine.solve([&i1, &i2], &settings);
-        let mut solver = PairSolver::with_slots(2, &engine, SIZE, [format; 2], &settings).unwrap();
+        let mut solver = PairSolver::for_size(&engine, SIZE, [format; 2], 2, &settings).unwrap();
         let pitch = photographs[0].len() / SIZE[1] as usize + 7;
         let [a, b] = photographs.each_ref().map(|bytes| with_gaps(bytes, pitch));
-        solver.input(1, 0).unwrap().copy_from_slice(&photographs[0]);
+        let write = |bytes: &mut [u8]| bytes.copy_from_slice(&photographs[0]);
         // SAFETY: they outlive the solver's pairs, and are not written.
         let [near, far] =
             [&photographs[0], &b].map(|of| unsafe { HostMemory::new(NonNull::from(of.as_slice()).cast(), of.len()) });
         let (near, far) = (engine.share(near), engine.share(far));
-        let tickets = [
-            solver.submit_sources(
-                0,
-                [Source::Rows { bytes: &a, pitch }, Source::Rows { bytes: &photographs[1], pitch: 0 }],
-                &[],
-            ),
-            solver.submit_sources(1, [Source::Written, Source::Rows { bytes: &b, pitch }], &[]),
-        ];
-        let mut found = tickets.map(|ticket| bits(&mut solver, &ticket.unwrap())).to_vec();
+        let rows = |bytes, pitch| Source::Rows { bytes, pitch };
+        let copied = [[rows(&a, pitch), rows(&photographs[1], 0)], [Source::Write(&write), rows(&b, pitch)]];
+        let in_flight = copied.map(|sources| submit(&mut solver, sources));
+        let mut found = in_flight.map(bits).to_vec();
         let shared = [(&near, 0), (&far, pitch)].map(|(memory, pitch)| Source::Shared { memory, offset: 0, pitch });
-        let ticket = solver.submit_sources(0, shared, &[]).unwrap();
-        assert_eq!(ticket.is_fetched(), [!near.is_staged(), !far.is_staged()]);
-        assert!(solver.wait_taken(&ticket, Duration::MAX).unwrap());
-        found.push(bits(&mut solver, &ticket));
+        let mut pending = submit(&mut solver, shared);
+        assert_eq!(pending.is_fetched(), [!near.is_staged(), !far.is_staged()]);
+        assert!(pending.wait_fetched(Duration::MAX).unwrap());
+        found.push(bits(pending));
         let fused = expected.fused.chunks(expected.fused_channels.count() as usize);
         let planes: Vec<f32> = (0..expected.fused_channels.count() as usize)
             .flat_map(|n| fused.clone().map(move |pixel| pixel[n]))
@@ -119,7 +121,7 @@ fn every_way_in_gives_what_unpacked_frames_give() {
 }
 
 #[test]
-fn memory_that_is_shared_may_be_written_anew_once_it_is_taken() {
+fn shared_memory_may_be_overwritten_once_it_is_fetched() {
     let (engine, [i1, i2]) = (TestEngine::new(), frames());
     let format = PixelFormat::from(i1.format());
     let mut ring = [i1.bytes().to_vec(), i2.bytes().to_vec()].concat();
@@ -128,15 +130,15 @@ fn memory_that_is_shared_may_be_written_anew_once_it_is_taken() {
     // SAFETY: the ring outlives what is made of it, and is written only when its pairs are taken.
     let memory = engine.share(unsafe { HostMemory::new(NonNull::from(ring.as_mut_slice()).cast(), ring.len()) });
     assert_eq!(memory.bytes(), ring.len());
-    let mut solver = PairSolver::with_slots(1, &engine, SIZE, [format; 2], &Settings::default()).unwrap();
+    let mut solver = PairSolver::for_size(&engine, SIZE, [format; 2], 1, &Settings::default()).unwrap();
     let places = [1, 1 + i1.bytes().len()];
     let sources = places.map(|offset| Source::Shared { memory: &memory, offset, pitch: 0 });
     let mut solve = |ring: &mut Vec<u8>| {
-        let ticket = solver.submit_sources(0, sources, &[]).unwrap();
-        assert!(solver.wait_taken(&ticket, Duration::MAX).unwrap());
-        // The device works on what it has.
+        let mut pending = submit(&mut solver, sources);
+        assert!(pending.wait_fetched(Duration::MAX).unwrap());
+        // The device works on its copy.
         ring.fill(0);
-        bits(&mut solver, &ticket)
+        bits(pending)
     };
     let first = solve(&mut ring);
     for (place, frame) in places.into_iter().zip([&i1, &i2]) {
@@ -148,7 +150,7 @@ fn memory_that_is_shared_may_be_written_anew_once_it_is_taken() {
 /// A file in memory, which no device imports: as a dma-buf where the device cannot.
 #[cfg(target_os = "linux")]
 #[test]
-fn what_a_device_cannot_import_the_host_copies_out_of() {
+fn the_host_copies_from_memory_that_the_device_cannot_import() {
     use std::io::Write;
 
     let (engine, [i1, i2]) = (TestEngine::new(), frames());
@@ -161,50 +163,52 @@ fn what_a_device_cannot_import_the_host_copies_out_of() {
     // SAFETY: likewise.
     let memory = engine.share_dma_buf(unsafe { DmaBuf::new(file.into(), bytes) }).unwrap();
     assert!(memory.is_staged());
-    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
+    let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
     let sources = [0, bytes / 2].map(|offset| Source::Shared { memory: &memory, offset, pitch: 0 });
-    let ticket = solver.submit_sources(0, sources, &[]).unwrap();
-    assert_eq!(ticket.is_fetched(), [false; 2]);
-    let found = bits(&mut solver, &ticket);
+    let pending = submit(&mut solver, sources);
+    assert_eq!(pending.is_fetched(), [false; 2]);
+    let found = bits(pending);
     let rows = [&i1, &i2].map(|frame| Source::Rows { bytes: frame.bytes(), pitch: 0 });
-    let ticket = solver.submit_sources(0, rows, &[]).unwrap();
-    assert_eq!(bits(&mut solver, &ticket), found);
+    assert_eq!(bits(submit(&mut solver, rows)), found);
 }
 
 #[test]
-fn what_does_not_fit_is_refused_and_nothing_of_it_is_read() {
+fn sources_that_do_not_fit_are_refused() {
     let (engine, [i1, i2]) = (TestEngine::new(), frames());
     let settings = Settings::default();
-    let told = |solver: &mut PairSolver, sources: [Source<'_>; 2]| match solver.submit_sources(0, sources, &[]) {
+    let problem = |solver: &mut PairSolver, sources: [Source<'_>; 2]| match solver
+        .submit(sources, &[], &SolveOptions::default())
+        .map(drop)
+    {
         Err(Error::Mismatch(problem)) => problem,
         other => panic!("{other:?}"),
     };
-    let mut gray = PairSolver::for_pair(&engine, &i1, &i2, &settings).unwrap();
+    let mut gray = PairSolver::for_frames(&engine, [&i1, &i2], &settings).unwrap();
     let (frame, mut bytes) = (Source::Frame(&i1), i2.bytes().to_vec());
     let short = Source::Rows { bytes: &bytes[1..], pitch: 0 };
-    assert!(told(&mut gray, [frame, short]).contains("take 30720 bytes, and there are 30719"));
+    assert!(problem(&mut gray, [frame, short]).contains("take 30720 bytes, and there are 30719"));
     let narrow = Source::Rows { bytes: &bytes, pitch: 383 };
-    assert!(told(&mut gray, [narrow, frame]).contains("the pitch is 383"));
+    assert!(problem(&mut gray, [narrow, frame]).contains("the pitch is 383"));
     let last = bytes.len() - 4;
     bytes[last..].copy_from_slice(&f32::NAN.to_ne_bytes());
     let infinite = Source::Rows { bytes: &bytes, pitch: 0 };
-    assert!(told(&mut gray, [frame, infinite]).contains("photograph 2: a sample is not finite"));
+    assert!(problem(&mut gray, [frame, infinite]).contains("photograph 2: a sample is not finite"));
     let format: PixelFormat = "Mono12p".parse().unwrap();
-    let mut odd = PairSolver::with_slots(1, &engine, [97, 80], [format; 2], &settings).unwrap();
+    let mut odd = PairSolver::for_size(&engine, [97, 80], [format; 2], 1, &settings).unwrap();
     let rows = Source::Rows { bytes: &[0; 12000], pitch: 148 };
-    assert!(told(&mut odd, [rows, rows]).contains("ends within a byte"));
-    assert!(told(&mut odd, [frame, rows]).contains("prepared for 97x80 Mono12p, not 96x80"));
+    assert!(problem(&mut odd, [rows, rows]).contains("ends within a byte"));
+    assert!(problem(&mut odd, [frame, rows]).contains("prepared for 97x80 Mono12p, not 96x80"));
     let other = TestEngine::alone();
     // SAFETY: the bytes outlive it, and are not written.
     let memory = other.share(unsafe { HostMemory::new(NonNull::from(bytes.as_slice()).cast(), bytes.len()) });
     let shared = |offset| Source::Shared { memory: &memory, offset, pitch: 0 };
-    assert!(told(&mut gray, [frame, shared(0)]).contains("of the engine that it was shared with"));
-    let mut its_own = PairSolver::for_pair(&other, &i1, &i2, &settings).unwrap();
-    assert!(told(&mut its_own, [frame, shared(4)]).contains("there are 30716"));
-    assert!(told(&mut its_own, [frame, shared(usize::MAX)]).contains("there are 0"));
+    assert!(problem(&mut gray, [frame, shared(0)]).contains("of the engine that it was shared with"));
+    let mut its_own = PairSolver::for_frames(&other, [&i1, &i2], &settings).unwrap();
+    assert!(problem(&mut its_own, [frame, shared(4)]).contains("there are 30716"));
+    assert!(problem(&mut its_own, [frame, shared(usize::MAX)]).contains("there are 0"));
 }
 
-/// How long the host is held until `submit_sources` returns, and the pair until it is solved: for figures,
+/// How long the host is held until `submit` returns, and the pair until it is solved: for figures,
 /// `cargo test --test library how_long_frames_of_a_camera_take -- --ignored --nocapture`
 #[test]
 #[ignore = "it measures"]
@@ -216,27 +220,27 @@ fn how_long_frames_of_a_camera_take() {
         let bytes: Vec<u8> = (0..format.bytes(size)).map(|i| (i * i / 7 + i / 97) as u8).collect();
         let settings = Settings { levels: Some(1), outer_iterations: 5, fused: false, ..Settings::default() };
         let [plain, unpacked] = [PixelFormat::from(format.format()), format];
-        let mut by_host = PairSolver::with_slots(1, &engine, size, [plain; 2], &settings).unwrap();
-        let mut by_device = PairSolver::with_slots(1, &engine, size, [unpacked; 2], &settings).unwrap();
+        let mut by_host = PairSolver::for_size(&engine, size, [plain; 2], 1, &settings).unwrap();
+        let mut by_device = PairSolver::for_size(&engine, size, [unpacked; 2], 1, &settings).unwrap();
         // SAFETY: the bytes outlive it, and are not written.
         let memory = engine.share(unsafe { HostMemory::new(NonNull::from(bytes.as_slice()).cast(), bytes.len()) });
         let mut rounds = [(); 3].map(|()| Vec::new());
         for _ in 0..6 {
-            let mut note = |n: usize, solver: &mut PairSolver, submit: &dyn Fn(&mut PairSolver) -> Ticket| {
+            let mut note = |n: usize, solver: &mut PairSolver, submit: &dyn Fn(&mut PairSolver) -> Pending| {
                 let began = Instant::now();
-                let ticket = submit(solver);
+                let mut pending = submit(solver);
                 let held = began.elapsed();
-                drop(solver.wait(&ticket, Duration::MAX).unwrap());
+                pending.wait().unwrap();
                 rounds[n].push((held.as_secs_f64() * 1e3, began.elapsed().as_secs_f64() * 1e3));
             };
             note(0, &mut by_host, &|solver| {
                 let frame = format.frame(size, &bytes).unwrap();
-                solver.submit(0, &frame, &frame).unwrap()
+                submit(solver, [&frame; 2].map(Source::Frame))
             });
             let rows = Source::Rows { bytes: &bytes, pitch: 0 };
-            note(1, &mut by_device, &|solver| solver.submit_sources(0, [rows; 2], &[]).unwrap());
+            note(1, &mut by_device, &|solver| submit(solver, [rows; 2]));
             let shared = Source::Shared { memory: &memory, offset: 0, pitch: 0 };
-            note(2, &mut by_device, &|solver| solver.submit_sources(0, [shared; 2], &[]).unwrap());
+            note(2, &mut by_device, &|solver| submit(solver, [shared; 2]));
         }
         for (way, mut times) in ["unpacked by the host", "rows", "shared"].into_iter().zip(rounds) {
             // The first compiles.

@@ -5,9 +5,10 @@ use std::sync::LazyLock;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use parfocal::focus_stack::{SweepOptions, solve_sweep};
+use parfocal::sweep::{SweepOptions, solve_sweep};
 use parfocal::{
-    Engine, EngineOptions, Error, Format, Frame, PairSolver, QueueFull, Settings, Similarity, Solution, Stream,
+    Engine, EngineOptions, Error, Frame, PairSolver, QueueFull, Settings, Solution, SolveOptions, Stream,
+    frame::Format, transform::Similarity,
 };
 
 use crate::common::scene::{pair, slanted};
@@ -20,8 +21,8 @@ static SOLVED: LazyLock<Vec<([Frame; 2], Solution)>> = LazyLock::new(|| {
     let engine = TestEngine::new();
     let of = |n: u64| pair(SIZE, Similarity::new(0.3 * n as f64, -0.3, 0.05, 1.0), slanted(SIZE[0]), 0.0, 3 + n);
     let pairs = (0..4).map(of);
-    let mut solver = PairSolver::new(&engine, SIZE[0], SIZE[1], formats(), &settings()).unwrap();
-    pairs.map(|pair| (pair.clone(), solver.solve(&pair[0], &pair[1]).unwrap())).collect()
+    let mut solver = PairSolver::for_size(&engine, SIZE, formats(), 1, &settings()).unwrap();
+    pairs.map(|pair| (pair.clone(), solver.solve(pair.each_ref(), &SolveOptions::default()).unwrap())).collect()
 });
 
 fn settings() -> Settings {
@@ -190,10 +191,11 @@ fn how_much_a_stream_saves() {
     let (size, settings) = ([512, 384], Settings::default());
     let engine = Engine::new(&EngineOptions { validation: false, timed: false, ..options() }).unwrap();
     let pair = pair(size, Similarity::new(1.0, -0.5, 0.1, 1.001), slanted(size[0]), 0.002, 7);
-    let mut solver = PairSolver::new(&engine, size[0], size[1], formats(), &settings).unwrap();
+    let mut solver = PairSolver::for_size(&engine, size, formats(), 1, &settings).unwrap();
     let mut stream = Stream::new(&[&engine], 3, size, formats(), &settings).unwrap();
     let pairs = || iter::repeat_n(pair.clone(), 20);
-    let mut one_by_one = || pairs().for_each(|[i1, i2]| drop(solver.solve(&i1, &i2).unwrap()));
+    let mut one_by_one =
+        || pairs().for_each(|[i1, i2]| drop(solver.solve([&i1, &i2], &SolveOptions::default()).unwrap()));
     let mut streamed = || stream.map(pairs()).for_each(|solution| drop(solution.unwrap()));
     let seconds = |run: &mut dyn FnMut()| {
         let before = Instant::now();
@@ -230,7 +232,7 @@ fn sweeps_come_out_in_order_as_one_by_one_and_what_is_wrong_in_its_place() {
     let frame = |v: f64, seed: u64| pair(SIZE, Similarity::IDENTITY, move |_| [v, v], 0.0, seed)[0].clone();
     let sweep = |seed: u64| [1.3, 0.3, 1.3, 4.3].map(|v| frame(v, seed)).to_vec();
     let mut sweeps = [5, 6, 7].map(sweep).to_vec();
-    let expected = sweeps.iter().map(|frames| solve_sweep(&engine, frames, &SweepOptions::default(), &mut |_, _| ()));
+    let expected = sweeps.iter().map(|frames| solve_sweep(&engine, frames, &SweepOptions::default()));
     let expected: Vec<_> = expected.map(|sweep| sweep.unwrap().focus).collect();
     sweeps.insert(1, vec![frame(1.0, 8); 2]);
     let mut stream = Stream::of_sweeps(&[&engine], 2, &SweepOptions::default()).unwrap();

@@ -1,7 +1,11 @@
 //! Focus sweeps in closed form: a slope that comes into focus from frame to frame, through a lens that breathes and drifts.
 
-use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
-use parfocal::{Frame, Homography, Samples, Settings, Similarity};
+use parfocal::sweep::{Positions, Sweep, SweepOptions, solve_sweep};
+use parfocal::{
+    Frame, Settings,
+    frame::Samples,
+    transform::{Homography, Similarity},
+};
 
 use crate::common::TestEngine;
 use crate::common::scene::{Random, pair};
@@ -45,7 +49,7 @@ fn solve(settings: &[f64], noise: f64) -> Sweep {
         reference: Some(REFERENCE),
         ..SweepOptions::default()
     };
-    solve_sweep(&TestEngine::new(), &frames, &options, &mut |_, _| ()).unwrap()
+    solve_sweep(&TestEngine::new(), &frames, &options).unwrap()
 }
 
 /// Median of |u - truth| in settings, and the shares within one and two deviations, 24 px inside the border.

@@ -1,8 +1,9 @@
 //! Calls that are called off, and that say how far they are.
 
 use std::ffi::c_void;
+use std::sync::Arc;
 
-use parfocal::CancellationToken;
+use parfocal::{CancellationToken, Progress, SolveOptions};
 
 use crate::fault::{Fault, call, parfocal_status};
 use crate::handle::{free, get, give};
@@ -41,35 +42,43 @@ pub unsafe extern "C" fn parfocal_cancel_free(cancel: *mut parfocal_cancel) {
 /// function of parfocal with a handle of the same call but parfocal_cancel_now, and returns: no exception or longjmp leaves it.
 pub type parfocal_progress = Option<unsafe extern "C" fn(context: *mut c_void, done: f64) -> i32>;
 
-/// Who is told, and what calls off.
-pub(crate) struct Watch {
-    pub(crate) progress: parfocal_progress,
-    pub(crate) context: *mut c_void,
-    pub(crate) cancel: CancellationToken,
+/// The progress function of a call, with its context.
+struct Report {
+    progress: unsafe extern "C" fn(*mut c_void, f64) -> i32,
+    context: *mut c_void,
+    cancel: CancellationToken,
 }
 
-impl Watch {
-    /// # Safety
-    /// `cancel` is NULL or a handle; `progress` may be called with `context` for as long as this is.
-    pub(crate) unsafe fn new(
-        progress: parfocal_progress,
-        context: *mut c_void,
-        cancel: *const parfocal_cancel,
-    ) -> Result<Self, Fault> {
-        let cancel = match cancel.is_null() {
-            true => CancellationToken::default(),
-            // SAFETY: the contract is the same.
-            false => unsafe { get(cancel, "cancel") }?.cancel.clone(),
-        };
-        Ok(Self { progress, context, cancel })
-    }
+// SAFETY: only the thread of the call that it belongs to calls it, and while that lasts.
+unsafe impl Send for Report {}
+// SAFETY: likewise.
+unsafe impl Sync for Report {}
 
-    /// Tells which share is done.
-    pub(crate) fn tell(&self, done: f64) {
-        let Some(progress) = self.progress else { return };
-        // SAFETY: it may be called so, by the contract of `new`.
-        if unsafe { progress(self.context, done) } != 0 {
+impl Report {
+    /// Passes the share that is done, and cancels the call by what is not 0.
+    fn call(&self, progress: Progress) {
+        // SAFETY: it may be called so, by the contract of `control`.
+        if unsafe { (self.progress)(self.context, progress.share) } != 0 {
             self.cancel.cancel();
         }
     }
+}
+
+/// Options by which a call reports its progress and is cancelled.
+///
+/// # Safety
+/// `cancel` is NULL or a handle; `progress` may be called with `context` for as long as the options live.
+pub(crate) unsafe fn control(
+    progress: parfocal_progress,
+    context: *mut c_void,
+    cancel: *const parfocal_cancel,
+) -> Result<SolveOptions, Fault> {
+    let cancel = match cancel.is_null() {
+        true => CancellationToken::default(),
+        // SAFETY: the contract is the same.
+        false => unsafe { get(cancel, "cancel") }?.cancel.clone(),
+    };
+    let report = progress.map(|progress| Report { progress, context, cancel: cancel.clone() });
+    let progress = report.map(|report| Arc::new(move |progress| report.call(progress)) as Arc<_>);
+    Ok(SolveOptions { cancel, progress, ..SolveOptions::default() })
 }

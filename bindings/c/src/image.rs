@@ -2,7 +2,10 @@
 
 use std::ffi::{CStr, c_char, c_void};
 
-use parfocal::{Channels, Depth, Format, Frame, PixelFormat, Samples};
+use parfocal::{
+    Frame, PixelFormat,
+    frame::{Channels, Depth, Format, Samples},
+};
 
 use crate::fault::Fault;
 use crate::handle::slice;

@@ -1,6 +1,6 @@
 //! Step heights and profiles of a field.
 
-use parfocal::measure::{Line, Values};
+use parfocal::metric::measure::{Line, Values};
 
 use crate::fault::{Fault, call, parfocal_status};
 use crate::handle::{slice, slice_mut};

@@ -1,6 +1,11 @@
 //! The settings of a solve.
 
-use parfocal::{Decode, Depth, Frame, Homography, Kernel, Method, Motion, Photometric, RegistrationStep, Settings};
+use parfocal::{
+    Frame, Settings,
+    frame::Depth,
+    settings::{Decode, Kernel, Method, Motion, Photometric, RegistrationStep},
+    transform::Homography,
+};
 
 use crate::fault::{Fault, call, parfocal_status};
 use crate::sized::{Versioned, read, write};

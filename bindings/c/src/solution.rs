@@ -3,7 +3,13 @@
 use std::ffi::{CString, c_char, c_void};
 
 use parfocal::{
-    Brightness, Decode, Frame, Homography, Lens, MetricDepth, Region, Registered, Samples, Settings, Solution, resample,
+    Frame, Lens, Region, Settings, Solution,
+    frame::Samples,
+    metric::MetricDepth,
+    resample,
+    results::Registered,
+    settings::Decode,
+    transform::{Brightness, Homography},
 };
 
 use crate::fault::{Fault, call, parfocal_status, text};

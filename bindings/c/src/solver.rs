@@ -3,12 +3,10 @@
 use std::ffi::c_void;
 use std::sync::Arc;
 
-use parfocal::{
-    Channels, Engine, Format, Frame, Kernel, Mask, Method, PairSolver, Progress, Region, Samples, Settings,
-    SolveOptions, SolverCache,
-};
+use parfocal::frame::{Channels, Samples};
+use parfocal::{Engine, Frame, Mask, PairSolver, Region, Settings, SolveOptions};
 
-use crate::cancel::{Watch, parfocal_cancel, parfocal_progress};
+use crate::cancel::{control, parfocal_cancel, parfocal_progress};
 use crate::engine::parfocal_engine;
 use crate::fault::{Fault, call, parfocal_status};
 use crate::handle::{free, get, get_mut, give, slice};
@@ -21,8 +19,7 @@ use crate::solution::parfocal_solution;
 pub struct parfocal_solver {
     engine: Arc<Engine>,
     told: Told,
-    kept: Option<SolverCache>,
-    registering: Option<([u32; 2], [Format; 2], Settings, PairSolver)>,
+    solver: Option<PairSolver>,
 }
 
 /// A rectangle of pixels.
@@ -76,15 +73,15 @@ unsafe impl Versioned for parfocal_scope {
     }
 }
 
-/// What is to be solved of photographs such as this, and who is told of it.
+/// The options of a solve of photographs such as this.
 ///
 /// # Safety
 /// `from` is NULL, or as the header says, the mask of this photograph's size.
-pub(crate) unsafe fn scope(from: *const parfocal_scope, i1: &Frame) -> Result<(SolveOptions, Watch), Fault> {
+pub(crate) unsafe fn scope(from: *const parfocal_scope, i1: &Frame) -> Result<SolveOptions, Fault> {
     // SAFETY: the contract is the same.
     let asked = if from.is_null() { parfocal_scope::start() } else { unsafe { read(from) }? };
     // SAFETY: the header asks for a handle, and for what may be called.
-    let watch = unsafe { Watch::new(asked.progress, asked.context, asked.cancel) }?;
+    let control = unsafe { control(asked.progress, asked.context, asked.cancel) }?;
     let region = Some(asked.region).filter(|region| region.width != 0).map(Region::from);
     let mask = match asked.mask.is_null() {
         true => None,
@@ -97,8 +94,7 @@ pub(crate) unsafe fn scope(from: *const parfocal_scope, i1: &Frame) -> Result<(S
             Some(Mask::of_picture(&picture.map_err(Fault::argument)?))
         }
     };
-    let cancel = watch.cancel.clone();
-    Ok((SolveOptions { region, mask, crop_valid: asked.crop_valid != 0, cancel, ..SolveOptions::default() }, watch))
+    Ok(SolveOptions { region, mask, crop_valid: asked.crop_valid != 0, ..control })
 }
 
 /// Prepares for pairs; settings may be NULL.
@@ -111,7 +107,7 @@ pub unsafe extern "C" fn parfocal_solver_new(
     let make = || {
         // SAFETY: the contract is the same.
         let (engine, told) = unsafe { (get(engine, "engine")?.engine.clone(), Told::read(settings)?) };
-        Ok(parfocal_solver { engine, told, kept: None, registering: None })
+        Ok(parfocal_solver { engine, told, solver: None })
     };
     // SAFETY: the contract is the same.
     call(|| unsafe { give(solver, make) })
@@ -132,10 +128,9 @@ pub unsafe extern "C" fn parfocal_solver_solve(
         // SAFETY: the contract is the same.
         let (solver, i1, i2) = unsafe { (get_mut(solver, "solver")?, frame(i1, "i1")?, frame(i2, "i2")?) };
         // SAFETY: the contract is the same.
-        let (scope, watch) = unsafe { self::scope(scope, &i1) }?;
+        let options = unsafe { self::scope(scope, &i1) }?;
         let settings = solver.told.of(&[&i1, &i2]);
-        let mut progress = |progress: Progress| watch.tell(progress.share());
-        let solved = scope.solve(&solver.engine, &mut solver.kept, [&i1, &i2], &settings, &mut progress)?;
+        let solved = solver.with(&settings)?.solve([&i1, &i2], &options)?;
         Ok(parfocal_solution::solved(solved, &settings))
     };
     // SAFETY: the contract is the same.
@@ -161,21 +156,19 @@ pub unsafe extern "C" fn parfocal_solver_register(
 
 impl parfocal_solver {
     fn register(&mut self, i1: &Frame, i2: &Frame) -> Result<parfocal_solution, Fault> {
-        let mut settings = self.told.of(&[i1, i2]);
-        if settings.method != Method::Unified {
-            // No blur is looked for: no memory for it.
-            (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
-        }
-        let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
-        let fits = self.registering.take().filter(|kept| (&kept.0, &kept.1, &kept.2) == (&size, &formats, &settings));
-        let mut solver = match fits {
-            Some((.., solver)) => solver,
-            None => PairSolver::for_pair(&self.engine, i1, i2, &settings)?,
+        let settings = self.told.of(&[i1, i2]);
+        let registered = self.with(&settings)?.register([i1, i2], &SolveOptions::default())?;
+        Ok(parfocal_solution::registered(registered, &settings))
+    }
+
+    /// The solver, with these settings.
+    fn with(&mut self, settings: &Settings) -> Result<&mut PairSolver, Fault> {
+        let mut solver = match self.solver.take() {
+            Some(solver) => solver,
+            None => PairSolver::new(&self.engine, settings)?,
         };
-        let registered = solver.register(i1, i2)?;
-        let found = parfocal_solution::registered(registered, &settings);
-        self.registering = Some((size, formats, settings, solver));
-        Ok(found)
+        solver.set_settings(settings)?;
+        Ok(self.solver.insert(solver))
     }
 }
 

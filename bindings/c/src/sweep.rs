@@ -3,7 +3,7 @@
 use std::ffi::{CString, c_char, c_void};
 
 use parfocal::Frame;
-use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
+use parfocal::sweep::{Positions, Sweep, SweepOptions, solve_sweep};
 
 use crate::engine::parfocal_engine;
 use crate::fault::{Fault, call, parfocal_status};
@@ -140,11 +140,10 @@ pub unsafe extern "C" fn parfocal_stack(
         let first = frames.first().ok_or_else(|| Fault::argument("there are no frames"))?;
         let all: Vec<&Frame> = frames.iter().collect();
         // SAFETY: the contract is the same.
-        let (positions, reference, (scope, watch)) =
+        let (positions, reference, scope) =
             unsafe { (positions(options, count)?, reference(options)?, self::scope(scope, first)?) };
         let options = SweepOptions { settings: told.of(&all), positions, reference, scope };
-        let mut progress = |done: usize, all: usize| watch.tell(done as f64 / all.max(1) as f64);
-        let sweep = solve_sweep(&engine.engine, &frames, &options, &mut progress)?;
+        let sweep = solve_sweep(&engine.engine, &frames, &options)?;
         Ok(parfocal_sweep { warnings: sentences(&sweep.warnings), sweep })
     };
     // SAFETY: the contract is the same.

@@ -2,7 +2,11 @@
 
 use numpy::ndarray::{Array1, Array2, Array3};
 use numpy::{Element, IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
-use parfocal::{Channels, Frame, Homography, Mask, Region, Samples};
+use parfocal::{
+    Frame, Mask, Region,
+    frame::{Channels, Samples},
+    transform::Homography,
+};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 

@@ -6,10 +6,14 @@ use std::thread;
 use std::time::Duration;
 
 use numpy::PyReadonlyArray2;
-use parfocal::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
+use parfocal::sweep::{Positions, Sweep, SweepOptions, solve_sweep};
 use parfocal::{
-    Brightness, Decode, EngineOptions, Format, Frame, Kernel, Lens, LevelHistory, Method, MetricDepth, PairSolver,
-    Photometric, Progress, Registered, Settings, Shading, Solution, SolveOptions, SolverCache, resample,
+    EngineOptions, Frame, Lens, PairSolver, Settings, Solution, SolveOptions,
+    metric::MetricDepth,
+    resample,
+    results::{LevelHistory, Registered},
+    settings::{Decode, Photometric},
+    transform::{Brightness, Shading},
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -17,7 +21,7 @@ use pyo3::types::{PyDict, PyList};
 
 use crate::convert::{array_of, field, frame, homography, image, mask, matrix, region, row};
 use crate::settings::settings;
-use crate::watch::{CancellationToken, Watch};
+use crate::watch::{CancellationToken, Report, Watch};
 use crate::{DeviceError, raised};
 
 /// How often a call looks whether it is its turn.
@@ -36,8 +40,7 @@ pub(crate) struct Engine {
 
 struct Inner {
     engine: parfocal::Engine,
-    kept: Option<SolverCache>,
-    registering: Option<([u32; 2], [Format; 2], Settings, PairSolver)>,
+    solver: Option<PairSolver>,
 }
 
 impl Drop for Engine {
@@ -56,7 +59,7 @@ impl Engine {
         let options = EngineOptions { device, validation, timeout: patience(timeout)?, ..EngineOptions::default() };
         let engine = py.detach(|| parfocal::Engine::new(&options)).map_err(raised)?;
         let name = engine.info().name.clone();
-        let inner = Some(Mutex::new(Inner { engine, kept: None, registering: None }));
+        let inner = Some(Mutex::new(Inner { engine, solver: None }));
         Ok(Self { inner, name, process: process::id() })
     }
 
@@ -95,9 +98,9 @@ impl Engine {
         let watch = Watch::new(progress, cancel);
         let (mask, cancel) = (counts.map(mask).transpose()?, watch.cancel.clone());
         let scope = SolveOptions { region: part.map(region), mask, crop_valid, cancel, ..SolveOptions::default() };
-        let solved = self.watched(py, &watch, |inner, say| {
-            let mut progress = |progress: Progress| say(progress.share());
-            scope.solve(&inner.engine, &mut inner.kept, [&i1, &i2], &settings, &mut progress)
+        let solved = self.watched(py, &watch, |inner, report| {
+            let options = SolveOptions { progress: Some(report), ..scope };
+            inner.solver(&settings)?.solve([&i1, &i2], &options)
         })?;
         of_solution(py, solved, &settings)
     }
@@ -113,14 +116,13 @@ impl Engine {
         cancel: Option<PyRef<'_, CancellationToken>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let (i1, i2) = (frame(i1, "i1")?, frame(i2, "i2")?);
-        let mut settings = settings(named, &[&i1, &i2])?;
-        if settings.method != Method::Unified {
-            // No blur is looked for: no memory for it.
-            (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
-        }
+        let settings = settings(named, &[&i1, &i2])?;
         let watch = Watch::new(progress, cancel);
-        let registered =
-            self.watched(py, &watch, |inner, say| inner.register(&i1, &i2, &settings, &watch.cancel, say))?;
+        let cancel = watch.cancel.clone();
+        let registered = self.watched(py, &watch, |inner, report| {
+            let options = SolveOptions { cancel, progress: Some(report), ..SolveOptions::default() };
+            inner.solver(&settings)?.register([&i1, &i2], &options)
+        })?;
         of_registration(py, &registered, &settings)
     }
 
@@ -152,10 +154,9 @@ impl Engine {
         let watch = Watch::new(progress, cancel);
         let (mask, cancel) = (counts.map(mask).transpose()?, watch.cancel.clone());
         let scope = SolveOptions { region: part.map(region), mask, cancel, ..SolveOptions::default() };
-        let options = SweepOptions { settings, positions, reference, scope };
-        let sweep = self.watched(py, &watch, |inner, say| {
-            let mut progress = |done: usize, all: usize| say(done as f64 / all.max(1) as f64);
-            solve_sweep(&inner.engine, &frames, &options, &mut progress)
+        let sweep = self.watched(py, &watch, |inner, report| {
+            let scope = SolveOptions { progress: Some(report), ..scope };
+            solve_sweep(&inner.engine, &frames, &SweepOptions { settings, positions, reference, scope })
         })?;
         of_sweep(py, sweep)
     }
@@ -177,11 +178,11 @@ impl Engine {
         &self,
         py: Python<'py>,
         watch: &Watch<'py>,
-        run: impl FnOnce(&mut Inner, &mut dyn FnMut(f64)) -> Result<T, parfocal::Error> + Send,
+        run: impl FnOnce(&mut Inner, Report) -> Result<T, parfocal::Error> + Send,
     ) -> PyResult<T> {
         let inner = self.inner.as_ref().filter(|_| self.process == process::id()).ok_or_else(forked)?;
         let cancel = watch.cancel.clone();
-        watch.over(py, |say| {
+        watch.over(py, |report| {
             let mut inner = loop {
                 match inner.try_lock() {
                     Ok(inner) => break inner,
@@ -191,30 +192,20 @@ impl Engine {
                     Err(TryLockError::WouldBlock) => thread::sleep(TURN),
                 }
             };
-            run(&mut inner, say)
+            run(&mut inner, report)
         })
     }
 }
 
 impl Inner {
-    fn register(
-        &mut self,
-        i1: &Frame,
-        i2: &Frame,
-        settings: &Settings,
-        cancel: &parfocal::CancellationToken,
-        say: &mut dyn FnMut(f64),
-    ) -> Result<Registered, parfocal::Error> {
-        let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
-        let fits = self.registering.take().filter(|kept| (&kept.0, &kept.1, &kept.2) == (&size, &formats, settings));
-        let mut solver = match fits {
-            Some((.., solver)) => solver,
-            None => PairSolver::for_pair(&self.engine, i1, i2, settings)?,
+    /// The solver, with these settings.
+    fn solver(&mut self, settings: &Settings) -> Result<&mut PairSolver, parfocal::Error> {
+        let mut solver = match self.solver.take() {
+            Some(solver) => solver,
+            None => PairSolver::new(&self.engine, settings)?,
         };
-        solver.set_cancel(cancel.clone());
-        let registered = solver.register_with(i1, i2, &mut |progress| say(progress.share()))?;
-        self.registering = Some((size, formats, settings.clone(), solver));
-        Ok(registered)
+        solver.set_settings(settings)?;
+        Ok(self.solver.insert(solver))
     }
 }
 

@@ -1,8 +1,8 @@
 //! Levels, steps and profiles of a field.
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
-use parfocal::Estimate;
-use parfocal::measure::{Line, Values};
+use parfocal::metric::Estimate;
+use parfocal::metric::measure::{Line, Values};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

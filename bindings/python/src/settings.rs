@@ -3,7 +3,11 @@
 use std::fmt::Display;
 
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
-use parfocal::{Aperture, Decode, Frame, Kernel, Method, Motion, Photometric, RegistrationStep, Settings};
+use parfocal::{
+    Frame, Settings,
+    metric::Aperture,
+    settings::{Decode, Kernel, Method, Motion, Photometric, RegistrationStep},
+};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use parfocal::{DeviceInfo, EngineOptions, Error, Frame, QueueFull, Settings, Solution};
+use parfocal::{EngineOptions, Error, Frame, QueueFull, Settings, Solution, settings::DeviceInfo};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

@@ -1,9 +1,11 @@
 //! Calls that say how far they are, hear Ctrl-C, and are called off. The work goes on in a thread of its own, without the interpreter's lock.
 
+use std::sync::Arc;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
 
+use parfocal::Progress;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
@@ -38,6 +40,9 @@ impl CancellationToken {
     }
 }
 
+/// The progress function of a solve.
+pub(crate) type Report = Arc<dyn Fn(Progress) + Send + Sync>;
+
 /// Who is told which share is done, if anyone, and what calls off.
 pub(crate) struct Watch<'py> {
     pub(crate) progress: Option<Bound<'py, PyAny>>,
@@ -53,15 +58,15 @@ impl<'py> Watch<'py> {
     pub(crate) fn over<T: Send>(
         &self,
         py: Python<'py>,
-        work: impl FnOnce(&mut dyn FnMut(f64)) -> Result<T, parfocal::Error> + Send,
+        work: impl FnOnce(Report) -> Result<T, parfocal::Error> + Send,
     ) -> PyResult<T> {
         let (tell, mut told) = mpsc::channel::<f64>();
         thread::scope(|scope| {
             let work = move || {
-                work(&mut |share| {
-                    // Nobody is told any more once the call has ended.
-                    let _ = tell.send(share);
-                })
+                work(Arc::new(move |progress: Progress| {
+                    // Nothing receives any more once the call has ended.
+                    let _ = tell.send(progress.share);
+                }))
             };
             let worker = thread::Builder::new().spawn_scoped(scope, work)?;
             let mut raising = None;

@@ -1,6 +1,6 @@
 //! `parfocal devices`: lists the Vulkan devices.
 
-use parfocal::{DeviceInfo, Engine, Error};
+use parfocal::{Engine, Error, settings::DeviceInfo};
 use serde::Serialize;
 
 use crate::cli::output::failure::{Failure, print};

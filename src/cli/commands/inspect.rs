@@ -3,10 +3,17 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{INSPECT_FILES, InspectReport, Nearer, REPORT_FILE, Results, listed_in, write_inspection};
-use parfocal::inspect::{Heights, Limits, golden, inspect};
-use parfocal::{Brightness, Decode, Frame, Similarity, baseline, inspection, resample};
+use parfocal::metric::inspect::{Heights, Limits, golden, inspect};
+use parfocal::{
+    Frame,
+    internals::baseline,
+    page::inspection,
+    resample,
+    settings::Decode,
+    transform::{Brightness, Similarity},
+};
 
-use crate::cli::options::output_options::ToldArguments;
+use crate::cli::options::output::ReportArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
@@ -38,7 +45,7 @@ pub(crate) struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    told: ToldArguments,
+    report: ReportArguments,
     #[command(flatten)]
     force: ForceArgument,
 }
@@ -111,7 +118,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let moved = resample::registered(&part.picture, &transform.into(), &unchanged, Decode::None);
         write_inspection(arguments.force.to(out), &report, &inspection::draw(&moved, &found, unit, &verdict))?;
     }
-    arguments.told.tell(&summary(&report, arguments.output.as_deref()), || report.to_json())?;
+    arguments.report.print(&summary(&report, arguments.output.as_deref()), || report.to_json())?;
     if report.is_go() { Ok(()) } else { Err(Failure::NoGo) }
 }
 

@@ -4,10 +4,10 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{Destination, FileKind, Results, result_files};
-use parfocal::figure;
-use parfocal::view::{Surface, View};
+use parfocal::page::figure;
+use parfocal::page::view::{Surface, View};
 
-use crate::cli::options::colors::ColorsArgument;
+use crate::cli::options::output::ColorsArgument;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 

@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 use clap::error::{ContextKind, ContextValue};
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command};
-use parfocal::bounded_read;
+use parfocal::internals::bounded_read;
 use toml::{Spanned, Value};
 
-use crate::cli::options::headings::INPUT;
+use crate::cli::help::INPUT;
 use crate::cli::output::failure::{self, Failure, nearest};
 
 /// The most bytes that are read, 1 MiB.

@@ -5,11 +5,11 @@ use std::str::FromStr;
 
 use parfocal::export::{Nearer, Results};
 use parfocal::image_io::{Exif, Input};
-use parfocal::{Lens, bounded_read};
+use parfocal::{Lens, internals::bounded_read};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::cli::options::headings::LENS;
+use crate::cli::help::LENS;
 use crate::cli::output::failure::Failure;
 
 /// The most bytes of a file with a lens that are read, 16 MiB, as of a report.

@@ -8,11 +8,15 @@ use std::sync::LazyLock;
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use parfocal::export::Registration;
 use parfocal::image_io::RawFormat;
-use parfocal::{Kernel, Method, Motion, Photometric, Setting, Settings, image_io};
+use parfocal::{
+    Settings, image_io,
+    internals::Setting,
+    settings::{Kernel, Method, Motion, Photometric},
+};
 
-use crate::cli::batch::batch_summary::REPORT;
+use crate::cli::batch::summary::REPORT;
+use crate::cli::help::{BLUR, INPUT, REGISTRATION};
 use crate::cli::options::config_file::ConfigArgument;
-use crate::cli::options::headings::{BLUR, INPUT, REGISTRATION};
 use crate::cli::output::failure::Failure;
 
 /// The options that set [`Settings`].

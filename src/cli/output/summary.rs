@@ -4,7 +4,10 @@ use std::path::Path;
 
 use parfocal::export::{FrameReport, Palette, Report};
 use parfocal::image_io::{Basis, Input, Values};
-use parfocal::{Decode, OtherMotion, Photometric};
+use parfocal::{
+    results::OtherMotion,
+    settings::{Decode, Photometric},
+};
 
 use crate::cli::commands::depth;
 use crate::cli::commands::measure;
@@ -149,8 +152,11 @@ fn blur(report: &Report) -> String {
 mod tests {
     use parfocal::export::{Nearer, Palette, Report};
     use parfocal::{
-        Channels, DeviceInfo, Findings, LevelHistory, Photometric, Region, Settings, Shading, Similarity, Solution,
-        Timings,
+        Region, Settings, Solution,
+        frame::Channels,
+        results::{Findings, LevelHistory, Timings},
+        settings::{DeviceInfo, Photometric},
+        transform::{Shading, Similarity},
     };
 
     use super::*;

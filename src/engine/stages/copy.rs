@@ -1,4 +1,4 @@
-//! Copies an image. No part of the method: [`bench`](crate::bench) measures the memory bandwidth with it.
+//! Copies an image. No part of the method: [`bench`](crate::internals::bench) measures the memory bandwidth with it.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels};

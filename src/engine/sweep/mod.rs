@@ -24,10 +24,10 @@ use self::pyramid::{PyramidSolver, RELAXATION_SWEEPS, SharedParameters};
 use self::validity::ExcludedPixels;
 use crate::base::{
     Brightness, CancellationToken, Channels, Deadline, Decode, Depth, Error, Format, Frame, Homography, Mask,
-    Photometric, Settings,
+    Photometric, Progress, Settings,
 };
+use crate::engine::Engine;
 use crate::engine::plan::Plan;
-use crate::engine::{Engine, Progress};
 
 /// The largest distance of a kernel's mean from its origin, px at a variance of 1 px². Measured kernels are off by some of it.
 const MAX_KERNEL_MEAN: f64 = 0.1;
@@ -229,12 +229,10 @@ impl JointSolver {
 /// Reports the progress over levels and parts of these sizes, each time that it is called with the size of one that is done.
 fn counter<'a>(sizes: &[[u32; 2]], report: &'a mut dyn FnMut(Progress)) -> impl FnMut([u32; 2]) + use<'a> {
     let pixels = |[width, height]: [u32; 2]| u64::from(width) * u64::from(height);
-    let (levels, all) = (sizes.len() as u32, sizes.iter().copied().map(pixels).sum());
-    let mut progress = Progress { done: 0, levels, pixels_done: 0, pixels: all, width: 0, height: 0 };
+    let (total, all) = (sizes.len() as u32, sizes.iter().copied().map(pixels).sum::<u64>().max(1));
+    let (mut done, mut pixels_done) = (0, 0);
     move |size| {
-        progress.done += 1;
-        progress.pixels_done += pixels(size);
-        [progress.width, progress.height] = size;
-        report(progress);
+        (done, pixels_done) = (done + 1, pixels_done + pixels(size));
+        report(Progress { done, total, share: pixels_done as f64 / all as f64 });
     }
 }

@@ -66,7 +66,7 @@ impl PartSolver {
         for part in self.grid.parts().collect::<Vec<_>>() {
             let solved = self.solve_part(part.solved, frames, mask, coarse, shared)?;
             for (whole, solved) in whole.iter_mut().zip(solved) {
-                part.bring(&solved.data, &mut whole.data, width, 1);
+                part.copy_interior(&solved.data, &mut whole.data, width, 1);
             }
             part_done(self.grid.side());
         }
@@ -104,18 +104,19 @@ fn prolonged(coarse: &Field, part: Region, limit: f64) -> Field {
 
 /// The shared parameters as a part sees them, and the region of each frame that it is cut to: where its middle lies there.
 fn shared_by_part(shared: &SharedParameters, part: Region, size: [u32; 2]) -> (SharedParameters, Vec<Region>) {
-    let (places, transforms): (Vec<_>, Vec<_>) = shared.transforms.iter().map(|t| parts::cut(t, part, size)).unzip();
+    let (places, transforms): (Vec<_>, Vec<_>) =
+        shared.transforms.iter().map(|t| parts::matching_region(t, part, size)).unzip();
     let brightness = shared.brightness.iter().zip(&places);
     let brightness =
-        brightness.map(|((gain, shading), place)| parts::shading_within(*gain, shading, *place, size)).collect();
+        brightness.map(|((gain, shading), place)| parts::shading_of_region(*gain, shading, *place, size)).collect();
     (SharedParameters { transforms, brightness, ..shared.clone() }, places)
 }
 
 /// The shared parameters of photographs of twice the size.
 pub(super) fn doubled(shared: &SharedParameters, size: [u32; 2]) -> SharedParameters {
-    let transforms = shared.transforms.iter().map(|t| parts::doubled(t, size)).collect();
+    let transforms = shared.transforms.iter().map(|t| parts::doubled_transform(t, size)).collect();
     let brightness =
-        shared.brightness.iter().map(|(gain, shading)| parts::shading_doubled(*gain, shading, size)).collect();
+        shared.brightness.iter().map(|(gain, shading)| parts::doubled_shading(*gain, shading, size)).collect();
     SharedParameters { rate: 4.0 * shared.rate, transforms, brightness, ..shared.clone() }
 }
 

@@ -107,7 +107,7 @@ fn register_gives_the_registration_of_solve() {
     let (input, cancel) = (input(&sweep, None), CancellationToken::default());
     let alone = solver.register(&sweep.frames, &input, &cancel, &mut |progress| reports.push(progress)).unwrap();
     assert_eq!(alone, run(&mut solver, &sweep, None).unwrap().registration);
-    assert_eq!(reports.iter().map(|p| (p.done, p.levels, p.share())).collect::<Vec<_>>(), [(1, 1, 1.0)]);
+    assert_eq!(reports.iter().map(|p| (p.done, p.total, p.share)).collect::<Vec<_>>(), [(1, 1, 1.0)]);
 }
 
 #[test]

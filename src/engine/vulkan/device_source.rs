@@ -8,9 +8,9 @@ use ash::vk;
 use super::memory::Buffer;
 use super::recorder::Recorder;
 
-/// A photograph in memory of the engine's device ([`Source::OnDevice`](crate::Source::OnDevice)).
+/// A photograph in memory of the engine's device ([`Source::OnDevice`](crate::frame::Source::OnDevice)).
 ///
-/// The device copies it. The owner may overwrite it after [`PairSolver::wait_taken`](crate::PairSolver::wait_taken), or once
+/// The device copies it. The owner may overwrite it after [`Pending::wait_fetched`](crate::Pending::wait_fetched), or once
 /// the semaphore [`DeviceSolution::inputs_read`](super::DeviceSolution::inputs_read) reaches its value.
 #[derive(Clone, Copy, Debug)]
 pub struct DeviceSource(SourceLocation);

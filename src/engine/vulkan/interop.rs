@@ -217,23 +217,22 @@ impl ExternalCommandBuffer {
     /// # Safety
     /// - The command buffer belongs to the engine's device and queue family, and no other thread uses it meanwhile.
     /// - It is executed only while no other solve of the solver is pending, since all pairs of a solver share memory.
-    /// - It is not executed while a solution of its slot is borrowed.
-    /// - No execution is pending while results are read, the solver's mask or input is changed, the slot takes another
-    ///   pair, or the solver is dropped. After the slot has taken another pair it is not executed again.
+    /// - No execution is pending while a solution of its [`Encoded`](crate::interop::Encoded) is borrowed or when that is
+    ///   dropped. Afterwards it is not executed again.
     /// - If recording fails, the command buffer is reset.
     pub unsafe fn new(commands: vk::CommandBuffer) -> Self {
         Self(commands)
     }
 }
 
-/// The results of a pair in device memory ([`PairSolver::on_device`](crate::PairSolver::on_device)).
+/// The results of a pair in device memory ([`Pending::on_device`](crate::Pending::on_device)).
 ///
 /// The buffer holds planes of f32, row-major and without padding: V, its standard deviation, the residual, and the
 /// channels of the fused image, with the units of a [`SolutionRef`](crate::SolutionRef).
 ///
 /// A submission to a queue of the engine's family that waits for `semaphore` to reach `value` may read `buffer`, as a
-/// source of copies and as a storage buffer. It must complete before the slot takes another pair. A submission that waits
-/// for `inputs_read` must complete before the solver is dropped.
+/// source of copies and as a storage buffer. It must complete before the [`Pending`](crate::Pending) is
+/// dropped, and so must a submission that waits for `inputs_read`.
 #[derive(Clone, Copy, Debug)]
 pub struct DeviceSolution {
     /// A buffer of the engine's device, in host-visible memory that the host also reads.
@@ -249,6 +248,21 @@ pub struct DeviceSolution {
     pub inputs_read: Option<(vk::Semaphore, u64)>,
 }
 
+/// The buffer that receives the results of an [encoded](crate::interop::Encoded) pair, in the planes of a [`DeviceSolution`].
+#[derive(Clone, Copy, Debug)]
+pub struct SolutionBuffer {
+    /// A buffer of the engine's device, in host-visible memory that the host also reads.
+    pub buffer: vk::Buffer,
+    /// The size of the buffer, in bytes.
+    pub bytes: u64,
+}
+
+impl SolutionBuffer {
+    pub(crate) fn new(buffer: &Buffer) -> Self {
+        Self { buffer: buffer.handle, bytes: buffer.size() }
+    }
+}
+
 impl DeviceSolution {
     /// The solution that `solve` writes to a buffer, after `input_copies` has copied the photographs.
     pub(crate) fn new(buffer: &Buffer, solve: &Recording, input_copies: Option<&Recording>) -> Self {
@@ -261,12 +275,12 @@ impl DeviceSolution {
 #[cfg(test)]
 mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
-    use std::time::Duration;
 
     use super::*;
     use crate::base::{Error, Frame, Settings};
     use crate::engine::vulkan::{Instance, OPTIONAL_EXTENSIONS, enable_required_features};
-    use crate::engine::{Engine, EngineOptions, PairSolver, testing};
+    use crate::engine::{Engine, EngineOptions, testing};
+    use crate::solve::{PairSolver, SolveOptions};
 
     /// A lock that counts its calls and checks that they alternate.
     #[derive(Default)]
@@ -358,7 +372,8 @@ mod tests {
 
     fn bits(engine: &Engine) -> Vec<u32> {
         let [i1, i2] = pair();
-        let solved = PairSolver::for_pair(engine, &i1, &i2, &Settings::default()).unwrap().solve(&i1, &i2).unwrap();
+        let solved =
+            PairSolver::new(engine, &Settings::default()).unwrap().solve([&i1, &i2], &SolveOptions::default()).unwrap();
         solved.relative_blur.iter().map(|v| v.to_bits()).collect()
     }
 
@@ -447,14 +462,13 @@ mod tests {
         let (program, lock) = (Program::new(true), Arc::new(CountingLock::default()));
         let engine = Engine::from_vulkan(program.external_device(&lock), &EngineOptions::default()).unwrap();
         let [i1, i2] = pair();
-        let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
-        let ticket = solver.submit(0, &i1, &i2).unwrap();
-        let copied = program.copy_to_host(&solver.on_device(&ticket).unwrap());
-        let view = solver.wait(&ticket, Duration::MAX).unwrap().unwrap();
-        let planes = [view.relative_blur(), view.uncertainty(), view.residual(), view.fused(0).unwrap()].concat();
+        let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
+        let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default()).unwrap();
+        let copied = program.copy_to_host(&pending.on_device());
+        let solution = pending.wait().unwrap();
+        let fused = solution.fused(0).unwrap();
+        let planes = [solution.relative_blur(), solution.uncertainty(), solution.residual(), fused].concat();
         assert_eq!(copied, planes.iter().map(|v| v.to_bits()).collect::<Vec<_>>());
-        solver.submit(0, &i1, &i2).unwrap();
-        assert!(matches!(solver.on_device(&ticket), Err(Error::Mismatch(_))), "another pair has the slot");
     }
 
     #[test]

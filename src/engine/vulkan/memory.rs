@@ -174,18 +174,6 @@ impl Buffer {
         Ok(())
     }
 
-    /// Borrows the contents of a mapped buffer for writing.
-    ///
-    /// The caller is the one owner of the buffer and is itself borrowed mutably, so that nothing else accesses the bytes.
-    #[allow(clippy::mut_from_ref, reason = "the owner of the buffer is borrowed mutably in its place")]
-    pub(crate) fn mapped_mut(&self) -> Result<&mut [u8], Error> {
-        assert!(!self.is_host_borrowed, "the host writes a buffer that it borrows");
-        let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
-        // SAFETY: the mapping has the size of the buffer. Its owner has waited for the submissions that use it, and is
-        // borrowed mutably as long as the bytes are.
-        Ok(unsafe { std::slice::from_raw_parts_mut(mapped.as_ptr().cast::<u8>(), self.size as usize) })
-    }
-
     /// Stores a 32-bit word at a byte offset of a mapped buffer, atomically. A pending shader that reads the word sees the
     /// old value or the new one.
     pub(crate) fn store_word(&self, offset: u64, word: u32) -> Result<(), Error> {
@@ -197,6 +185,15 @@ impl Buffer {
         let target = unsafe { AtomicU32::from_ptr(mapped.as_ptr().cast::<u8>().add(offset as usize).cast::<u32>()) };
         target.store(word, Ordering::Release);
         Ok(())
+    }
+
+    /// Reads a word of a mapped buffer at a byte offset, which the device may be writing.
+    pub(crate) fn load_word(&self, offset: u64) -> Result<u32, Error> {
+        assert!(offset.is_multiple_of(4) && offset + 4 <= self.size, "a word of the buffer");
+        let Some(mapped) = self.allocation.mapped_ptr() else { return Err(self.not_mapped()) };
+        // SAFETY: the word is in the mapping and aligned, since mappings are aligned to more than a word.
+        let word = unsafe { AtomicU32::from_ptr(mapped.as_ptr().cast::<u8>().add(offset as usize).cast::<u32>()) };
+        Ok(word.load(Ordering::Acquire))
     }
 
     /// Borrows the contents of a mapped buffer.

@@ -25,6 +25,7 @@ pub(crate) use instance::Instance;
 pub(crate) use instance::no_conditional_rendering;
 pub use interop::{
     DeviceSolution, ExternalCommandBuffer, ExternalDevice, QueueGuard, QueueLock, SemaphoreWait, SharedQueue,
+    SolutionBuffer,
 };
 pub(crate) use memory::{Buffer, Image, Texel, image_limits};
 pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Resource, Stage, Variant};

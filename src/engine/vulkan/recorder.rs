@@ -37,8 +37,9 @@ pub(crate) struct Recorder {
     timestamps: Timestamps,
     /// Whether conditional rendering is active in the current part.
     in_condition: bool,
-    /// Whether the commands go to one command buffer of the embedding program, which begins and ends it.
-    is_external: bool,
+    /// If the commands go to one command buffer of the embedding program, which begins and ends it: the word that says
+    /// that it was executed to its end.
+    completion: Option<Arc<Buffer>>,
 }
 
 impl Recorder {
@@ -54,13 +55,30 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Begins a recording of all parts into one command buffer of the embedding program.
-    pub(crate) fn into_external(device: &Arc<Device>, commands: ExternalCommandBuffer) -> Self {
+    /// The completion word while commands have not been executed to their end.
+    pub(crate) const PENDING: u32 = 0;
+    /// The completion word afterwards.
+    pub(crate) const COMPLETE: u32 = 1;
+
+    /// Begins a recording of all parts into one command buffer of the embedding program. Each execution sets the
+    /// completion word to [`PENDING`](Self::PENDING) first and to [`COMPLETE`](Self::COMPLETE) last.
+    pub(crate) fn into_external(
+        device: &Arc<Device>,
+        commands: ExternalCommandBuffer,
+        completion: &Arc<Buffer>,
+    ) -> Self {
         let mut recorder = Self::empty(device, Timestamps::default());
-        recorder.is_external = true;
         recorder.parts.push(Part { commands: commands.0, is_optional: false });
+        recorder.retain(completion.clone());
+        recorder.completion = Some(completion.clone());
         recorder.barrier();
+        recorder.set_completion(completion, Self::PENDING);
         recorder
+    }
+
+    fn set_completion(&self, completion: &Buffer, word: u32) {
+        // SAFETY: the command buffer is recording; the word is in the buffer, which is retained.
+        unsafe { self.device.handle.cmd_fill_buffer(self.commands(), completion.handle, 0, 4, word) };
     }
 
     /// Begins a recording with the objects of an earlier one: its pool, which has been reset, its command buffers, its
@@ -92,7 +110,7 @@ impl Recorder {
             retained: Vec::new(),
             timestamps,
             in_condition: false,
-            is_external: false,
+            completion: None,
         }
     }
 
@@ -137,7 +155,7 @@ impl Recorder {
     }
 
     fn begin_part(&mut self, is_optional: bool) -> Result<(), Error> {
-        if self.is_external {
+        if self.completion.is_some() {
             self.barrier();
             return Ok(());
         }
@@ -172,7 +190,7 @@ impl Recorder {
             unsafe { (conditional.fp().cmd_end_conditional_rendering_ext)(self.commands()) };
         }
         self.host_barrier();
-        if self.is_external {
+        if self.completion.is_some() {
             return Ok(());
         }
         self.timestamps.end_part(self.commands());
@@ -382,6 +400,21 @@ impl Recorder {
     /// Ends the recording. Once it is complete, the host sees its writes.
     pub(crate) fn finish(mut self) -> Result<Recording, Error> {
         self.end_part()?;
+        if let Some(completion) = self.completion.take() {
+            // The word is written after the results are visible to the host.
+            self.memory_barrier(
+                (
+                    vk::PipelineStageFlags2::TRANSFER | vk::PipelineStageFlags2::COMPUTE_SHADER,
+                    vk::AccessFlags2::TRANSFER_WRITE | vk::AccessFlags2::SHADER_STORAGE_WRITE,
+                ),
+                (
+                    vk::PipelineStageFlags2::HOST | vk::PipelineStageFlags2::TRANSFER,
+                    vk::AccessFlags2::HOST_READ | vk::AccessFlags2::TRANSFER_WRITE,
+                ),
+            );
+            self.set_completion(&completion, Self::COMPLETE);
+            self.host_barrier();
+        }
         let timestamps = std::mem::take(&mut self.timestamps);
         Recording::new(
             &self.device,

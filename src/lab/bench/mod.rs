@@ -2,7 +2,7 @@
 //! bandwidth of a copy.
 //!
 //! ```no_run
-//! use parfocal::bench::{self, Options};
+//! use parfocal::internals::bench::{self, Options};
 //! use parfocal::EngineOptions;
 //!
 //! let (engine, engine_ms) = bench::open(&EngineOptions::default())?;

@@ -101,7 +101,7 @@ pub struct RunReport {
 /// Costs that occur once.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cold {
-    /// [`PairSolver::new`](crate::PairSolver::new).
+    /// [`PairSolver::for_size`](crate::PairSolver::for_size).
     pub prepare_ms: f64,
     /// The first solve, end to end.
     pub first_ms: f64,

@@ -9,7 +9,7 @@
 //! V2 - V1 = 6 sin(2π x/W) cos(2π y/H) px²
 //! ```
 //!
-//! I2 is interpolated by Keys' cubic. A [`scene`](crate::scene) is exact, and takes seconds per megapixel.
+//! I2 is interpolated by Keys' cubic. A [`scene`](crate::internals::scene) is exact, and takes seconds per megapixel.
 
 use std::f64::consts::TAU;
 
@@ -126,14 +126,18 @@ fn taps(x: f64) -> [(usize, f64); 4] {
 mod tests {
     use super::*;
     use crate::base::Settings;
-    use crate::engine::{Engine, PairSolver};
+    use crate::engine::Engine;
+    use crate::solve::{PairSolver, SolveOptions};
 
     #[test]
     fn the_solver_finds_the_transform_and_both_signs_of_blur() {
         let size = [256, 192];
         let [i1, i2] = pair(size).unwrap();
         let engine = Engine::new(&crate::engine::testing::options()).unwrap();
-        let solution = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap().solve(&i1, &i2).unwrap();
+        let solution = PairSolver::new(&engine, &Settings::default())
+            .unwrap()
+            .solve([&i1, &i2], &SolveOptions::default())
+            .unwrap();
         assert!(engine.validation_messages().is_empty(), "{:?}", engine.validation_messages());
         let corner = solution.transform.corner_distance(transform(), size[0], size[1]);
         assert!(corner < 0.1, "{:?}", solution.transform);

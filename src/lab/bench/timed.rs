@@ -4,14 +4,14 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::{Cold, Dispatches, LevelReport, Memory, Options, PassReport, Relaxation, RunReport, Spread};
-use crate::base::{Error, Frame, Settings};
+use crate::base::{CancellationToken, Error, Frame, Settings};
 use crate::engine::arguments;
 use crate::engine::profile::{Profile, Reading};
 use crate::engine::stages::NO_VARIANT;
 use crate::engine::stages::copy::{self, Constants};
 use crate::engine::stages::pass::Pass;
 use crate::engine::vulkan::{Clock, Image, Pipeline, Recorder, Resource, Texel, Workgroups};
-use crate::engine::{Engine, PairSolver};
+use crate::engine::{Engine, PairOptions, PreparedSolver};
 
 /// The passes that relax: half-iterations, and small levels in one.
 const RELAX: [&str; 2] = ["relax", "relax_level"];
@@ -30,7 +30,7 @@ pub(super) fn run(
 ) -> Result<(RunReport, Profile), Error> {
     let size = [width, height];
     let prepare =
-        |reading| PairSolver::prepare(1, engine, size, options.input.formats(), settings, Some(false), reading);
+        |reading| PreparedSolver::new(engine, size, options.input.formats(), settings, 1, Some(false), reading);
     let started = Instant::now();
     let mut solver = prepare(Reading::Never)?;
     let prepare_ms = milliseconds(started);
@@ -38,9 +38,11 @@ pub(super) fn run(
         Some(pair) => pair,
         None => pair.insert(options.input.pair(size)?),
     };
+    let cancel = CancellationToken::default();
+    let pair_options = PairOptions::new(None, &cancel, &|_| ());
     let mut solve = || {
         let started = Instant::now();
-        let device_ms = solver.solve_in_place(i1, i2)?.timings.gpu_ms;
+        let device_ms = solver.solve([i1, i2], pair_options)?.wait()?.timings.gpu_ms;
         Ok::<_, Error>((milliseconds(started), device_ms))
     };
     let (first_ms, _) = solve()?;
@@ -51,8 +53,8 @@ pub(super) fn run(
     let (solve_ms, device_ms): (Vec<f64>, Vec<f64>) = measured.into_iter().unzip();
     drop(solver);
     let mut solver = prepare(if options.traced { Reading::Dispatches } else { Reading::Passes })?;
-    let last = solver.solve(i1, i2)?;
-    let profile = solver.profile()?;
+    let mut solved = solver.solve([i1, i2], pair_options)?;
+    let (last, profile) = (solved.wait()?.to_owned(), solved.profile()?);
     let levels = last.levels.iter();
     let levels: Vec<LevelReport> =
         levels.map(|l| LevelReport { width: l.width, height: l.height, iterations: l.energy.len() }).collect();

@@ -1,7 +1,7 @@
 //! Experiments with bounds: the paper's (Ben-Ari, TPAMI 2014, section 5), the default settings, and focus sweeps.
 //!
 //! ```no_run
-//! use parfocal::evaluate::{Evaluation, Options};
+//! use parfocal::internals::evaluate::{Evaluation, Options};
 //! use parfocal::{Engine, EngineOptions};
 //!
 //! let engine = Engine::new(&EngineOptions::default())?;

@@ -1,22 +1,15 @@
 //! One engine for all experiments, and the solvers used last.
 
 use super::section::Case;
-use crate::base::{Decode, Error, Format, Frame, Homography, Kernel, Method, Settings};
-use crate::engine::{Engine, PairSolver, Registered, Solution};
+use crate::base::{Decode, Error, Frame, Homography, Kernel, Method, Settings};
+use crate::engine::{Engine, Registered, Solution};
+use crate::solve::{PairSolver, SolveOptions};
 
 /// The methods that are compared, in the paper's order.
 pub(super) const METHODS: [Method; 3] = [Method::Appearance, Method::Sift, Method::Unified];
 
 /// Solvers that are kept, one for each method.
 const MOST_SOLVERS: usize = METHODS.len();
-
-/// What a solver was prepared for.
-#[derive(PartialEq)]
-struct Key {
-    size: [u32; 2],
-    formats: [Format; 2],
-    settings: Settings,
-}
 
 /// Solves pairs with reused solvers, and logs what is being done.
 pub(super) struct Runner<'a> {
@@ -25,7 +18,7 @@ pub(super) struct Runner<'a> {
     pub(super) quick: bool,
     log: &'a mut dyn FnMut(&str),
     /// The solver used last is the last.
-    solvers: Vec<(Key, PairSolver)>,
+    solvers: Vec<PairSolver>,
 }
 
 impl<'a> Runner<'a> {
@@ -50,29 +43,27 @@ impl<'a> Runner<'a> {
     }
 
     pub(super) fn solve(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<Solution, String> {
-        self.solver([i1, i2], settings).and_then(|solver| solver.solve(i1, i2)).map_err(|e| e.to_string())
+        self.solver(settings).and_then(|s| s.solve([i1, i2], &SolveOptions::default())).map_err(|e| e.to_string())
     }
 
     pub(super) fn register(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<Registered, String> {
-        self.solver([i1, i2], settings).and_then(|solver| solver.register(i1, i2)).map_err(|e| e.to_string())
+        self.solver(settings).and_then(|s| s.register([i1, i2], &SolveOptions::default())).map_err(|e| e.to_string())
     }
 
-    fn solver(&mut self, [i1, i2]: [&Frame; 2], settings: &Settings) -> Result<&mut PairSolver, Error> {
-        let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
-        let key = Key { size, formats, settings: settings.clone() };
-        let solver = match self.solvers.iter().position(|(k, _)| *k == key) {
+    fn solver(&mut self, settings: &Settings) -> Result<&mut PairSolver, Error> {
+        let solver = match self.solvers.iter().position(|solver| solver.settings() == settings) {
             Some(place) => self.solvers.remove(place),
             None => {
                 // The oldest is dropped before the next is prepared, for its memory.
                 if self.solvers.len() == MOST_SOLVERS {
                     self.solvers.remove(0);
                 }
-                (key, PairSolver::for_pair(self.engine, i1, i2, settings)?)
+                PairSolver::new(self.engine, settings)?
             }
         };
         self.solvers.push(solver);
         let last = self.solvers.len() - 1;
-        Ok(&mut self.solvers[last].1)
+        Ok(&mut self.solvers[last])
     }
 }
 

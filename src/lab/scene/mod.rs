@@ -4,7 +4,7 @@
 //! displaced and exposed. [`Scene::render`] makes the pair; [`SweepScene::render`] makes a focus sweep of the same scene.
 //!
 //! ```
-//! use parfocal::scene::{Preset, Scene};
+//! use parfocal::internals::scene::{Preset, Scene};
 //!
 //! # fn main() -> Result<(), parfocal::Error> {
 //! let scene = Scene { noise: 0.003, width: 64, height: 48, ..Preset::Relief.scene() };

@@ -1,7 +1,7 @@
 //! Drawing: plots of curves, and the keys of maps, as PNG.
 //!
 //! ```
-//! use parfocal::figure::{Axis, Plot, Series};
+//! use parfocal::page::figure::{Axis, Plot, Series};
 //!
 //! let plot = Plot::new("Translation against noise", Axis::linear("noise σ"), Axis::log("error, px"))
 //!     .series(Series::new("ours", [(0.0, 0.002), (0.01, 0.02), (0.02, 0.05)]))
@@ -9,7 +9,7 @@
 //!     .target(0.25, "target");
 //! # let folder = tempfile::TempDir::new().unwrap();
 //! # let plot_png = folder.path().join("plot.png");
-//! parfocal::figure::write_png(&plot_png, &plot.draw())?;
+//! parfocal::page::figure::write_png(&plot_png, &plot.draw())?;
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!

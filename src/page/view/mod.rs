@@ -2,8 +2,8 @@
 //!
 //! ```
 //! use parfocal::export::Nearer;
-//! use parfocal::view::{Surface, View};
-//! use parfocal::{Frame, figure};
+//! use parfocal::page::view::{Surface, View};
+//! use parfocal::{Frame, page::figure};
 //!
 //! let bump = |i: usize| 9.0 * (-((i % 64) as f32 - 32.0).powi(2) / 99.0).exp();
 //! let blur: Vec<f32> = (0..64 * 48).map(bump).collect();

@@ -18,7 +18,7 @@ pub use self::part::solve_sweep;
 pub use self::position::{Positions, SweepDepth};
 pub use self::registered::{RegisteredSweep, register_sweep};
 use crate::base::{Brightness, Channels, Decode, Error, Frame, Homography, Region, Settings};
-use crate::engine::{Engine, JointSolution, JointSolver, Progress, SweepInput};
+use crate::engine::{Engine, JointSolution, JointSolver, SweepInput};
 use crate::solve::SolveOptions;
 
 /// A pixel whose deviation is larger, steps, is not known.
@@ -113,16 +113,11 @@ pub struct Sweep {
 }
 
 /// Solves all of the frames, which fit the options.
-fn solve_whole(
-    engine: &Engine,
-    frames: &[Frame],
-    options: &SweepOptions,
-    say: &mut dyn FnMut(usize, usize),
-) -> Result<Sweep, Error> {
+fn solve_whole(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<Sweep, Error> {
     let counted = Counted::of(frames.len(), options);
     let (width, height) = (frames[0].width(), frames[0].height());
     let mut solver = solver(engine, frames, options)?;
-    let mut report = |progress: Progress| say(progress.done as usize, progress.levels as usize);
+    let mut report = |progress| options.scope.report(progress);
     let found = solver.solve(frames, &counted.input(options), &options.scope.cancel, &mut report)?;
     let registration = &found.registration;
     let (reference, first, step) = (counted.reference, counted.first, counted.step);

@@ -5,22 +5,17 @@ use super::{LEAST, Positions, Sweep, SweepOptions, check, position, solve_whole}
 use crate::base::{Brightness, Error, Frame, Homography, Mask, Region, centre};
 use crate::engine::Engine;
 use crate::solve::SolveOptions;
-use crate::solve::scope::margin;
+use crate::solve::pair_solver::margin;
 
 /// Solves a sweep, or the part of it that its scope names. Frames that stand in the wrong place or are there twice are put in order, as
-/// [`Sweep::order`] and a warning say, where that is certain and no positions are stated; `say` is told how many of its levels are done.
+/// [`Sweep::order`] and a warning say, where that is certain and no positions are stated.
 ///
 /// # Errors
 /// [`Error::Mismatch`]: fewer than three frames, sizes or formats that differ, positions or a mask that do not fit.
 /// [`Error::Region`]: the part is not within the frames.
-/// Those of [`PairSolver::new`](crate::PairSolver::new) and [`PairSolver::solve`](crate::PairSolver::solve).
-pub fn solve_sweep(
-    engine: &Engine,
-    frames: &[Frame],
-    options: &SweepOptions,
-    say: &mut dyn FnMut(usize, usize),
-) -> Result<Sweep, Error> {
-    let solve = |frames: &[Frame], options: &SweepOptions| solve_scope(engine, frames, options, say);
+/// Those of [`PairSolver::for_size`](crate::PairSolver::for_size) and [`PairSolver::solve`](crate::PairSolver::solve).
+pub fn solve_sweep(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<Sweep, Error> {
+    let solve = |frames: &[Frame], options: &SweepOptions| solve_scope(engine, frames, options);
     let (mut sweep, order) = in_order(frames, options, solve)?;
     let told = position::told(&options.positions, &sweep.positions, &order.frames);
     sweep.warnings.splice(..0, order.warnings.into_iter().chain(told));
@@ -66,27 +61,23 @@ pub(super) fn cut(
     let cut = frames.iter().map(|frame| frame.cropped(part).map_err(Error::Region));
     let cut = cut.collect::<Result<Vec<Frame>, Error>>()?;
     let mask = scope.mask.as_ref().map(|mask| mask.cropped(part));
-    let scope = SolveOptions { mask, cancel: scope.cancel.clone(), ..SolveOptions::default() };
+    let (cancel, progress) = (scope.cancel.clone(), scope.progress.clone());
+    let scope = SolveOptions { mask, cancel, progress, ..SolveOptions::default() };
     let within = SweepOptions { scope, ..options.clone() };
     Ok(Some((part, cut, within)))
 }
 
 /// Solves frames that are in order.
-fn solve_scope(
-    engine: &Engine,
-    frames: &[Frame],
-    options: &SweepOptions,
-    say: &mut dyn FnMut(usize, usize),
-) -> Result<Sweep, Error> {
+fn solve_scope(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<Sweep, Error> {
     let (scope, size) = (&options.scope, [frames[0].width(), frames[0].height()]);
     let mut sweep = match (scope.region, cut(frames, options)?) {
         (Some(region), Some((part, cut, within))) => {
-            let mut sweep = solve_whole(engine, &cut, &within, say)?;
+            let mut sweep = solve_whole(engine, &cut, &within)?;
             sweep.place_in(part, size);
             sweep.crop(Region { x: region.x - part.x, y: region.y - part.y, ..region });
             sweep
         }
-        _ => solve_whole(engine, frames, options, say)?,
+        _ => solve_whole(engine, frames, options)?,
     };
     if let Some(mask) = &scope.mask {
         sweep.leave_out(&mask.cropped(sweep.region));

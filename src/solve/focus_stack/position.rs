@@ -114,7 +114,7 @@ pub(super) fn told(stated: &Positions, settings: &[f64], order: &[usize]) -> Opt
 }
 
 /// The distance in mm of a setting in 1/m, and half of what lies between the distances a deviation on either side, as
-/// [`Inverse::deviation`](crate::Inverse::deviation); NaN where the setting is none of a distance.
+/// [`Inverse::deviation`](crate::metric::Inverse::deviation); NaN where the setting is none of a distance.
 fn distance(u: f64, sigma: f64) -> (f32, f32) {
     let of = |u: f64| if u > 0.0 { PER_METRE / u } else { f64::INFINITY };
     if u.is_nan() || u <= 0.0 {

@@ -3,7 +3,7 @@
 use super::part::{cut, in_order, restate};
 use super::{Counted, Positions, Sweep, SweepOptions, position, solver};
 use crate::base::{Brightness, Decode, Error, Frame, Homography};
-use crate::engine::{Engine, JointRegistration, Progress};
+use crate::engine::{Engine, JointRegistration};
 
 /// The registration of a sweep's frames; fields as those of [`Sweep`].
 #[derive(Clone, Debug)]
@@ -35,16 +35,11 @@ pub struct RegisteredSweep {
 ///
 /// # Errors
 /// Those of [`solve_sweep`](super::solve_sweep).
-pub fn register_sweep(
-    engine: &Engine,
-    frames: &[Frame],
-    options: &SweepOptions,
-    say: &mut dyn FnMut(usize, usize),
-) -> Result<RegisteredSweep, Error> {
+pub fn register_sweep(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<RegisteredSweep, Error> {
     let (mut found, order) = in_order(frames, options, |frames, options| match cut(frames, options)? {
-        None => register(engine, frames, options, say),
+        None => register(engine, frames, options),
         Some((part, cut, within)) => {
-            let mut found = register(engine, &cut, &within, say)?;
+            let mut found = register(engine, &cut, &within)?;
             found.photograph = [frames[0].width(), frames[0].height()];
             restate(&mut found.transforms, &mut found.brightness, part, found.photograph);
             Ok(found)
@@ -57,15 +52,10 @@ pub fn register_sweep(
 }
 
 /// Registers all of the frames, which fit the options.
-fn register(
-    engine: &Engine,
-    frames: &[Frame],
-    options: &SweepOptions,
-    say: &mut dyn FnMut(usize, usize),
-) -> Result<RegisteredSweep, Error> {
+fn register(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<RegisteredSweep, Error> {
     let counted = Counted::of(frames.len(), options);
     let mut solver = solver(engine, frames, options)?;
-    let mut report = |progress: Progress| say(progress.done as usize, progress.levels as usize);
+    let mut report = |progress| options.scope.report(progress);
     let JointRegistration { transforms, brightness, rate, settings } =
         solver.register(frames, &counted.input(options), &options.scope.cancel, &mut report)?;
     Ok(RegisteredSweep {

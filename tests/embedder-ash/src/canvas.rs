@@ -68,7 +68,7 @@ impl<'a> Canvas<'a> {
     /// Has V drawn once it is there. The device waits for that; this does not.
     ///
     /// # Safety
-    /// What was drawn before was [read](Self::read), and what is drawn now is before the slot takes another pair.
+    /// What was drawn before was [read](Self::read), and what is drawn now is before the pair is dropped.
     pub unsafe fn draw(&mut self, results: &DeviceSolution, range: f32) -> Result<(), vk::Result> {
         let Gpu { device, queue, turns, .. } = self.gpu;
         // SAFETY: the results are of this device, and nothing of this is under way, by the caller.
@@ -245,7 +245,7 @@ mod tests {
     use std::time::Duration;
 
     use embedder::{RANGE, SIZE, pair, validate};
-    use parfocal::{Engine, EngineOptions, PairSolver, Settings};
+    use parfocal::{Engine, EngineOptions, PairSolver, Settings, SolveOptions};
 
     use super::*;
 
@@ -256,16 +256,16 @@ mod tests {
         // SAFETY: the engine and the solver go before the device.
         let engine = Engine::from_vulkan(unsafe { gpu.lent() }, &EngineOptions::default()).unwrap();
         let [i1, i2] = pair(|x| x);
-        let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
-        let ticket = solver.submit(0, &i1, &i2).unwrap();
-        solver.wait(&ticket, Duration::MAX).unwrap();
+        let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
+        let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default()).unwrap();
+        pending.wait().unwrap();
         let mut canvas = Canvas::new(&gpu, [SIZE; 2]).unwrap();
         let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
         let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
         // SAFETY: all is of this device; the semaphore goes when what waits for it is done.
         unsafe {
             let semaphore = gpu.device.create_semaphore(&create, None).unwrap();
-            let held = DeviceSolution { semaphore, value: 1, ..solver.on_device(&ticket).unwrap() };
+            let held = DeviceSolution { semaphore, value: 1, ..pending.on_device() };
             canvas.draw(&held, RANGE).unwrap();
             std::thread::sleep(Duration::from_millis(100));
             let early = gpu.device.get_fence_status(canvas.fence).unwrap();

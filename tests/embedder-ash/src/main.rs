@@ -10,10 +10,9 @@ mod messages;
 mod pipeline;
 
 use std::error::Error;
-use std::time::Duration;
 
 use embedder::{RANGE, SIZE, compare, pair, validate, write_ppm};
-use parfocal::{Engine, EngineOptions, PairSolver, Settings};
+use parfocal::{Engine, EngineOptions, PairSolver, Settings, SolveOptions};
 
 use crate::canvas::Canvas;
 use crate::gpu::Gpu;
@@ -21,19 +20,19 @@ use crate::gpu::Gpu;
 fn main() -> Result<(), Box<dyn Error>> {
     // What is declared later goes earlier: what draws V before the solver that has it, the engine before the device.
     let gpu = Gpu::new(validate())?;
-    // SAFETY: the engine, the solver and its views are declared after the device, and go before it.
+    // SAFETY: the engine, the solver and its pairs are declared after the device, and go before it.
     let engine = Engine::from_vulkan(unsafe { gpu.lent() }, &EngineOptions::default())?;
     let [i1, i2] = pair(|x| x + 0.25);
-    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default())?;
+    let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default())?;
     let mut canvas = Canvas::new(&gpu, [SIZE; 2])?;
     let mut picture = Vec::new();
     for _frame in 0..2 {
-        let ticket = solver.submit(0, &i1, &i2)?;
-        // SAFETY: the frame before was read below, and the slot takes the next pair after this one is.
-        unsafe { canvas.draw(&solver.on_device(&ticket)?, RANGE) }?;
+        let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default())?;
+        // SAFETY: the frame before was read below, and this one is read before the pair is dropped.
+        unsafe { canvas.draw(&pending.on_device(), RANGE) }?;
         picture = canvas.read()?;
-        let view = solver.wait(&ticket, Duration::MAX)?.ok_or("solved, since it was drawn")?;
-        compare(&picture, view.relative_blur());
+        let solution = pending.wait()?;
+        compare(&picture, solution.relative_blur());
     }
     if let Some(path) = std::env::args().nth(1) {
         write_ppm(&path, &picture)?;

@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use embedder::{RANGE, SIZE, compare, pair, validate, write_ppm};
 use parfocal::interop::SharedQueue;
-use parfocal::{Engine, EngineOptions, PairSolver, Settings};
+use parfocal::{Engine, EngineOptions, PairSolver, Settings, SolveOptions};
 
 use crate::canvas::Canvas;
 
@@ -45,17 +45,17 @@ fn draw() -> Result<Vec<u8>, Box<dyn Error>> {
     let (device, queue, foreign) = unsafe { shared::open(&adapter, &turns) }?;
     let engine = Engine::from_vulkan(foreign, &EngineOptions::default())?;
     let [i1, i2] = pair(|x| x + 0.25);
-    let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default())?;
+    let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default())?;
     let canvas = Canvas::new(&device, &queue, &turns, [SIZE; 2], RANGE);
     let mut picture = Vec::new();
     beside(&device, &queue, &turns, || {
         for _frame in 0..2 {
-            let ticket = solver.submit(0, &i1, &i2)?;
-            // SAFETY: it is read before the slot takes the next pair.
-            unsafe { canvas.draw(&solver.on_device(&ticket)?) }?;
+            let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default())?;
+            // SAFETY: it is read before the pair is dropped.
+            unsafe { canvas.draw(&pending.on_device()) }?;
             picture = canvas.read()?;
-            let view = solver.wait(&ticket, Duration::MAX)?.ok_or("solved, since it was drawn")?;
-            compare(&picture, view.relative_blur());
+            let solution = pending.wait()?;
+            compare(&picture, solution.relative_blur());
         }
         Ok::<_, Box<dyn Error>>(())
     })?;
@@ -98,9 +98,9 @@ mod tests {
         let (device, queue, foreign) = unsafe { shared::open(&adapter().unwrap(), &turns) }.unwrap();
         let engine = Engine::from_vulkan(foreign, &EngineOptions::default()).unwrap();
         let [i1, i2] = pair(|x| x);
-        let mut solver = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default()).unwrap();
-        let ticket = solver.submit(0, &i1, &i2).unwrap();
-        solver.wait(&ticket, Duration::MAX).unwrap();
+        let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
+        let mut pending = solver.submit([&i1, &i2], &[], &SolveOptions::default()).unwrap();
+        pending.wait().unwrap();
         let canvas = Canvas::new(&device, &queue, &turns, [SIZE; 2], RANGE);
         let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
         let create = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
@@ -108,7 +108,7 @@ mod tests {
         unsafe {
             let raw = device.as_hal::<Vulkan>().unwrap().raw_device().clone();
             let semaphore = raw.create_semaphore(&create, None).unwrap();
-            canvas.draw(&DeviceSolution { semaphore, value: 1, ..solver.on_device(&ticket).unwrap() }).unwrap();
+            canvas.draw(&DeviceSolution { semaphore, value: 1, ..pending.on_device() }).unwrap();
             let limit = wgpu::PollType::Wait { submission_index: None, timeout: Some(Duration::from_millis(100)) };
             let early = device.poll(limit);
             raw.signal_semaphore(&vk::SemaphoreSignalInfo::default().semaphore(semaphore).value(1)).unwrap();

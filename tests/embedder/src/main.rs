@@ -1,12 +1,12 @@
 //! Solves a pair from memory whose relative blur and registration are known.
 
 use embedder::{SHIFT, pair, validate};
-use parfocal::{Engine, EngineOptions, Error, PairSolver, Settings};
+use parfocal::{Engine, EngineOptions, Error, PairSolver, Settings, SolveOptions};
 
 fn main() -> Result<(), Error> {
     let [i1, i2] = pair(|_| 1.0);
     let engine = Engine::new(&EngineOptions { validation: validate(), ..EngineOptions::default() })?;
-    let solution = PairSolver::for_pair(&engine, &i1, &i2, &Settings::default())?.solve(&i1, &i2)?;
+    let solution = PairSolver::new(&engine, &Settings::default())?.solve([&i1, &i2], &SolveOptions::default())?;
 
     let mut blur: Vec<f32> = solution.relative_blur.iter().copied().filter(|v| !v.is_nan()).collect();
     blur.sort_unstable_by(f32::total_cmp);

@@ -57,7 +57,7 @@ impl Errors {
 fn solve(runner: &Runner, frames: &[Frame], positions: Vec<f64>) -> Result<Sweep, String> {
     let settings = Settings { decode: Decode::None, ..Settings::default() };
     let options = SweepOptions { settings, positions: Positions::Settings(positions), ..SweepOptions::default() };
-    solve_sweep(runner.engine, frames, &options, &mut |_, _| {}).map_err(|e| e.to_string())
+    solve_sweep(runner.engine, frames, &options).map_err(|e| e.to_string())
 }
 
 /// Solves a sweep whose positions count its frames.

@@ -107,7 +107,7 @@ pub fn simulated_sweep_files(frames: usize) -> Vec<String> {
 
 /// Writes the [files](simulated_sweep_files()) of a synthetic sweep into the folder `out`, which is made if it is missing;
 /// frames have 16 bits. All of them, or none; what is replaced is as by
-/// [`write_simulated()`](crate::scene::write_simulated()).
+/// [`write_simulated()`](crate::internals::scene::write_simulated()).
 ///
 /// # Errors
 /// [`Error::File`].

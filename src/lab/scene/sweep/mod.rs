@@ -29,7 +29,7 @@ use crate::base::{Error, Frame, Lens, Similarity, centre};
 /// A description from which a focus sweep is rendered; [`SweepScene::new`] gives one to change.
 ///
 /// ```
-/// use parfocal::scene::{Preset, Scene, SweepScene};
+/// use parfocal::internals::scene::{Preset, Scene, SweepScene};
 ///
 /// # fn main() -> Result<(), parfocal::Error> {
 /// let scene = Scene { width: 48, height: 32, ..Preset::Relief.scene() };

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use parfocal::{DeviceInfo, Engine, EngineOptions, Error, baseline};
+use parfocal::{Engine, EngineOptions, Error, internals::baseline, settings::DeviceInfo};
 
-use crate::cli::options::headings::DEVICE;
+use crate::cli::help::DEVICE;
 use crate::cli::output::failure::Failure;
 
 /// The environment variable that is the default of --device.

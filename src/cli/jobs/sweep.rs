@@ -1,18 +1,22 @@
 //! What a request makes of one focus sweep, from its files to its results; `work` does a pair.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use parfocal::export::{self, Kind, NearerBy, Report, Results};
-use parfocal::focus_stack::{Positions, Sweep, SweepOptions, register_sweep, solve_sweep};
 use parfocal::image_io::{self, Input, Photograph, Values};
-use parfocal::{Channels, Depth, DeviceInfo, Engine, Error, Format, Frame, Method, Settings};
+use parfocal::sweep::{Positions, Sweep, SweepOptions, register_sweep, solve_sweep};
+use parfocal::{
+    Engine, Error, Frame, Progress, Settings, SolveOptions,
+    frame::{Channels, Depth, Format},
+    settings::{DeviceInfo, Method},
+};
 
-use crate::cli::jobs::request::Request;
-use crate::cli::jobs::work::{check_inputs, check_results, write_results};
-use crate::cli::options::focus_positions;
-use crate::cli::options::pair;
-use crate::cli::options::run::RunArguments;
+use crate::cli::jobs::pair::{check_inputs, check_results, write_results};
+use crate::cli::options::output::RunArguments;
+use crate::cli::options::photographs;
+use crate::cli::options::solve::Request;
 use crate::cli::output::failure::Failure;
 
 /// A sweep, and the folder for its results.
@@ -39,7 +43,7 @@ pub(crate) struct SweepFrames {
 impl SweepJob {
     /// How it is solved, but for the part of the frames.
     fn options(&self, request: &Request, settings: Settings) -> SweepOptions {
-        let scope = parfocal::SolveOptions { crop_valid: request.part.crop_valid, ..parfocal::SolveOptions::default() };
+        let scope = SolveOptions { crop_valid: request.part.crop_valid, ..SolveOptions::default() };
         SweepOptions { settings, positions: self.positions.clone(), reference: self.reference, scope }
     }
 
@@ -58,7 +62,7 @@ pub(crate) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
     }
     let fits = job.options(request, request.settings.clone()).check(job.files.len());
     fits.map_err(|e| Failure::Usage(e.to_string()))?;
-    focus_positions::nearer(request.nearer, &job.positions)?;
+    photographs::nearer_end(request.nearer, &job.positions)?;
     request.models.check_labels(job.files.len())?;
     let inputs: Vec<&PathBuf> = job.files.iter().chain(&request.files).collect();
     check_inputs(&job.out, &inputs)?;
@@ -74,7 +78,7 @@ pub(crate) fn read(
 ) -> Result<Option<SweepFrames>, Failure> {
     let started = Instant::now();
     let (frames, inputs) = decode(&job.files, |first| match request.part.is_whole() {
-        true => pair::check_size([first; 2], &request.settings, false, device),
+        true => photographs::check_size([first; 2], &request.settings, false, device),
         false => Ok(()),
     })?;
     if settled(&inputs)? {
@@ -133,10 +137,11 @@ fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
 pub(crate) fn solve(
     engine: &Engine,
     read: &SweepFrames,
-    say: &mut dyn FnMut(usize, usize),
+    progress: Option<Arc<dyn Fn(Progress) + Send + Sync>>,
 ) -> Result<(Sweep, f64), Error> {
     let started = Instant::now();
-    let sweep = solve_sweep(engine, &read.frames, &read.options, say)?;
+    let scope = SolveOptions { progress, ..read.options.scope.clone() };
+    let sweep = solve_sweep(engine, &read.frames, &SweepOptions { scope, ..read.options.clone() })?;
     Ok((sweep, read.read_ms + started.elapsed().as_secs_f64() * 1e3))
 }
 
@@ -148,7 +153,7 @@ pub(crate) fn write(
     read: &SweepFrames,
     (sweep, total_ms): &(Sweep, f64),
 ) -> Result<Report, Failure> {
-    let nearer = focus_positions::nearer(request.nearer, &job.positions)?;
+    let nearer = photographs::nearer_end(request.nearer, &job.positions)?;
     let mut report = Report::sweep(sweep, &read.options.settings, &names(&job.files), device, nearer, *total_ms);
     report.values = read.values;
     report.set_inputs(read.inputs.clone(), crate::cli::is_validation_requested());
@@ -160,7 +165,7 @@ pub(crate) fn write(
     report.request = job.digest(request)?;
     let results = Results::of_sweep(sweep, report, read.frames[0].format().depth)?;
     let labels = request.models.is_labels().then(|| export::sweep_labels(request.palette));
-    let names = sweep.order.iter().map(|n| pair::name(&job.files[*n])).collect();
+    let names = sweep.order.iter().map(|n| photographs::file_name(&job.files[*n])).collect();
     let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
     write_results(request, &job.out, results, frames, names, labels)
 }
@@ -173,14 +178,16 @@ pub(crate) fn register(
     reference: Option<usize>,
 ) -> Result<Report, Failure> {
     let (started, engine) = (Instant::now(), run.open_engine()?);
-    let fits = |first: &Photograph| pair::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
+    let fits = |first: &Photograph| photographs::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
     let (frames, inputs) = decode(files, fits)?;
     check_alike(files, &frames)?;
     let values = Values::of(settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..settings.clone() };
-    let options = SweepOptions { settings, reference, ..SweepOptions::default() };
     let bar = run.bar();
-    let found = register_sweep(&engine, &frames, &options, &mut |done, levels| bar.show_levels(done, levels));
+    let scope = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
+    let mut options = SweepOptions { settings, reference, scope, ..SweepOptions::default() };
+    let found = register_sweep(&engine, &frames, &options);
+    options.scope.progress = None;
     drop(bar);
     let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
     crate::cli::check_validation(&engine)?;

@@ -1,4 +1,4 @@
-//! Cancellation of solves in flight, and the time limit of a solve.
+//! Progress, cancellation and time limit of a solve.
 
 use std::fmt;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,7 +16,8 @@ pub(crate) type CancelSignal = dyn Fn() + Send + Sync;
 /// solve that begins with one later. Solver and engine stay usable. Make a new token for the next solve.
 ///
 /// ```
-/// # use parfocal::{CancellationToken, Engine, EngineOptions, Error, Frame, SolveOptions, Settings};
+/// # use std::sync::Arc;
+/// # use parfocal::{CancellationToken, Engine, EngineOptions, Error, Frame, PairSolver, Settings, SolveOptions};
 /// # fn photograph(soft: f32) -> Frame {
 /// #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
 /// #     Frame::gray(64, 48, (0..64 * 48).map(value).collect()).unwrap()
@@ -24,12 +25,16 @@ pub(crate) type CancelSignal = dyn Fn() + Send + Sync;
 /// # fn main() -> Result<(), Error> {
 /// # let (i1, i2) = (photograph(0.4), photograph(0.3));
 /// let engine = Engine::new(&EngineOptions::default())?;
+/// let mut solver = PairSolver::new(&engine, &Settings::default())?;
 /// let cancel = CancellationToken::default();
-/// let scope = SolveOptions { cancel: cancel.clone(), ..SolveOptions::default() };
-/// // The progress callback cancels here; another thread may do so as well.
-/// let mut progress = |_| cancel.cancel();
-/// let solved = scope.solve(&engine, &mut None, [&i1, &i2], &Settings::default(), &mut progress);
-/// assert!(matches!(solved, Err(Error::Cancelled)));
+/// let cancelled = cancel.clone();
+/// let options = SolveOptions {
+///     cancel,
+///     // The progress function cancels here; another thread may do so as well.
+///     progress: Some(Arc::new(move |_| cancelled.cancel())),
+///     ..SolveOptions::default()
+/// };
+/// assert!(matches!(solver.solve([&i1, &i2], &options), Err(Error::Cancelled)));
 /// # Ok(())
 /// # }
 /// ```
@@ -72,6 +77,24 @@ impl CancellationToken {
 impl fmt::Debug for CancellationToken {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "CancellationToken {{ is_cancelled: {} }}", self.is_cancelled())
+    }
+}
+
+/// The progress of a solve, after a level or a part of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Levels done, or parts of a large pair. By the method appearance levels of the registration count too.
+    pub done: u32,
+    /// Levels or parts in all.
+    pub total: u32,
+    /// The share that is done, 0 to 1, nearer to the time spent than `done / total`: of the pixels of all levels.
+    pub share: f64,
+}
+
+impl Progress {
+    /// The progress after `done` equal steps of `total`.
+    pub(crate) fn of_steps(done: usize, total: usize) -> Self {
+        Self { done: done as u32, total: total as u32, share: done as f64 / total.max(1) as f64 }
     }
 }
 

@@ -1,42 +1,42 @@
-//! What is pushed into a stream, taken by workers and read again: each result in its place, and never more than there is room for.
+//! The queue of a stream: bounded, taken by workers, with results in the order of input.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// What a worker takes, and where in the order it stands.
+/// A pair for a worker, and its place in the order.
 pub(super) struct Job<P> {
     number: u64,
-    pub(super) given: P,
+    pub(super) input: P,
 }
 
-/// Pairs in, results out.
+/// A bounded queue of pairs and their results.
 pub(super) struct Queue<P, R> {
     state: Mutex<State<P, R>>,
-    /// Anything has: it happens a few times a pair, and few threads wait.
+    /// Notified after each change: a few times a pair, and few threads wait.
     changed: Condvar,
-    /// How many may be pushed and not yet read.
+    /// The number of pairs that may be pushed and not yet read.
     capacity: usize,
-    /// What comes of a pair that no worker is left for.
+    /// The result of a pair that no worker is left for.
     lost: fn() -> R,
 }
 
 struct State<P, R> {
-    /// What came of each pair that was pushed and not yet read, in order.
+    /// The result of each pair that was pushed and not yet read, in order.
     places: VecDeque<Option<R>>,
     /// The number of the first of these.
     first: u64,
-    /// Taken by no worker, in order.
+    /// Pairs that no worker has taken, in order.
     waiting: VecDeque<Job<P>>,
     workers: usize,
-    /// Readers need wait for no more pairs.
+    /// No more pairs will be pushed: readers do not wait for more.
     is_finished: bool,
-    /// Workers need wait for no more pairs.
+    /// The stream is dropped: workers do not wait for more.
     is_closed: bool,
 }
 
 impl<P, R> State<P, R> {
-    /// Each number has one result: the place of one that has been read is not found.
+    /// Stores the result of a pair, unless it has been read.
     fn put(&mut self, number: u64, result: R) {
         let place = number.checked_sub(self.first).and_then(|n| usize::try_from(n).ok());
         if let Some(place) = place.and_then(|n| self.places.get_mut(n)) {
@@ -44,7 +44,7 @@ impl<P, R> State<P, R> {
         }
     }
 
-    fn is_next_there(&self) -> bool {
+    fn is_next_ready(&self) -> bool {
         matches!(self.places.front(), Some(Some(_)))
     }
 }
@@ -60,19 +60,19 @@ impl<P, R> Queue<P, R> {
         self.capacity
     }
 
-    /// Pairs that were pushed and not yet read.
+    /// The number of pairs that were pushed and not yet read.
     pub(super) fn len(&self) -> usize {
         self.lock().places.len()
     }
 
-    /// Whether the next result can be read at once.
-    pub(super) fn is_next_there(&self) -> bool {
-        self.lock().is_next_there()
+    /// Returns whether the next result can be read at once.
+    pub(super) fn is_next_ready(&self) -> bool {
+        self.lock().is_next_ready()
     }
 
-    /// Gives the pair back where there is no room for it by then.
+    /// Pushes a pair, or returns it if there is no room within the time limit.
     pub(super) fn push(&self, pair: P, limit: Duration) -> Result<(), P> {
-        let mut state = self.once(limit, |state| state.places.len() < self.capacity);
+        let mut state = self.wait_until(limit, |state| state.places.len() < self.capacity);
         if state.places.len() >= self.capacity {
             return Err(pair);
         }
@@ -82,17 +82,17 @@ impl<P, R> Queue<P, R> {
             state.places.push_back(Some((self.lost)()));
         } else {
             state.places.push_back(None);
-            state.waiting.push_back(Job { number, given: pair });
+            state.waiting.push_back(Job { number, input: pair });
         }
         self.changed.notify_all();
         Ok(())
     }
 
-    /// The next result; `None` where it is not there by then, or all are read and no more pairs come.
+    /// The next result; `None` if it is not ready within the time limit, or all are read after [`finish`](Self::finish).
     pub(super) fn next(&self, limit: Duration) -> Option<R> {
         let ended = |state: &State<P, R>| state.is_finished && state.places.is_empty();
-        let mut state = self.once(limit, |state| state.is_next_there() || ended(state));
-        if !state.is_next_there() {
+        let mut state = self.wait_until(limit, |state| state.is_next_ready() || ended(state));
+        if !state.is_next_ready() {
             return None;
         }
         state.first += 1;
@@ -101,13 +101,13 @@ impl<P, R> Queue<P, R> {
         result
     }
 
-    /// No more pairs come, until one does.
+    /// Marks the end of input, until the next push.
     pub(super) fn finish(&self) {
         self.lock().is_finished = true;
         self.changed.notify_all();
     }
 
-    /// Sends the workers home, once they have done what they have taken.
+    /// Ends the workers, once they have solved what they have taken.
     pub(super) fn close(&self) {
         let mut state = self.lock();
         state.is_closed = true;
@@ -115,19 +115,20 @@ impl<P, R> Queue<P, R> {
         self.changed.notify_all();
     }
 
-    /// The next pair for a worker, which may wait until there is one; then `None` says to go home.
+    /// The next pair for a worker. A worker that waits gets `None` only from a closed queue.
     pub(super) fn take(&self, waits: bool) -> Option<Job<P>> {
         let limit = if waits { Duration::MAX } else { Duration::ZERO };
-        self.once(limit, |state| state.is_closed || !state.waiting.is_empty()).waiting.pop_front()
+        self.wait_until(limit, |state| state.is_closed || !state.waiting.is_empty()).waiting.pop_front()
     }
 
+    /// Stores the result of a job.
     pub(super) fn done(&self, job: &Job<P>, result: R) {
         self.lock().put(job.number, result);
         self.changed.notify_all();
     }
 
-    /// A worker is of no more use: the others do what it had taken. Where there are none, the oldest pair comes out as `fault`, the
-    /// others as lost.
+    /// Removes a worker; the others get the jobs that it had taken. Without others, the result of the oldest pair is `fault`, that of
+    /// the others [`Queue::lost`].
     pub(super) fn retire(&self, taken: impl IntoIterator<Item = Job<P>>, fault: Option<R>) {
         let mut state = self.lock();
         state.workers -= 1;
@@ -141,10 +142,10 @@ impl<P, R> Queue<P, R> {
         self.changed.notify_all();
     }
 
-    /// The state once it is as it should be, or when the time is over.
-    fn once(&self, limit: Duration, ready: impl Fn(&State<P, R>) -> bool) -> MutexGuard<'_, State<P, R>> {
-        let waited = self.changed.wait_timeout_while(self.lock(), limit, |state| !ready(state));
-        waited.unwrap_or_else(PoisonError::into_inner).0
+    /// Waits until the state is `ready`, or the time limit passes.
+    fn wait_until(&self, limit: Duration, ready: impl Fn(&State<P, R>) -> bool) -> MutexGuard<'_, State<P, R>> {
+        let state = self.changed.wait_timeout_while(self.lock(), limit, |state| !ready(state));
+        state.unwrap_or_else(PoisonError::into_inner).0
     }
 
     fn lock(&self) -> MutexGuard<'_, State<P, R>> {
@@ -171,33 +172,33 @@ mod tests {
     }
 
     #[test]
-    fn results_are_in_order_and_count_until_they_are_read() {
+    fn results_come_in_order_and_occupy_room_until_read() {
         let queue = queue(1, 4);
         let [first, second] = [0, 1].map(|_| queue.take(false).unwrap());
         queue.done(&second, "1".to_string());
-        assert!(queue.next(NOW).is_none() && !queue.is_next_there(), "the first is not done");
+        assert!(queue.next(NOW).is_none() && !queue.is_next_ready(), "the first has no result");
         queue.done(&first, "0".to_string());
-        assert_eq!(queue.push(4, NOW), Err(4), "what is done and not read takes room");
+        assert_eq!(queue.push(4, NOW), Err(4), "unread results occupy room");
         assert_eq!(read(&queue), ["0", "1"]);
         assert_eq!((queue.push(4, NOW), queue.len()), (Ok(()), 3));
     }
 
     #[test]
-    fn what_a_worker_leaves_others_do_in_its_place() {
+    fn other_workers_take_the_jobs_of_a_retired_one() {
         let queue = queue(2, 4);
         let [a, b, c] = [0, 1, 2].map(|_| queue.take(false).unwrap());
         queue.done(&b, "1".to_string());
         queue.retire([a, c], Some("broken".to_string()));
         for expected in [0, 2, 3] {
             let job = queue.take(false).unwrap();
-            assert_eq!(job.given, expected);
-            queue.done(&job, job.given.to_string());
+            assert_eq!(job.input, expected);
+            queue.done(&job, job.input.to_string());
         }
         assert_eq!(read(&queue), ["0", "1", "2", "3"]);
     }
 
     #[test]
-    fn without_workers_every_pair_has_an_error() {
+    fn without_workers_every_pair_gets_an_error() {
         let queue = queue(1, 3);
         let first = queue.take(false).unwrap();
         queue.retire([first], Some("broken".to_string()));
@@ -206,17 +207,17 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_is_told_of_the_end() {
+    fn finish_and_close_end_waits() {
         let queue = queue(1, 0);
         thread::scope(|scope| {
             let reader = scope.spawn(|| queue.next(Duration::MAX));
-            let worker = scope.spawn(|| queue.take(true).map(|job| job.given));
+            let worker = scope.spawn(|| queue.take(true).map(|job| job.input));
             queue.finish();
             assert_eq!(reader.join().unwrap(), None);
             queue.close();
             assert_eq!(worker.join().unwrap(), None);
         });
-        // Another pair opens it again.
+        // Another push takes the end back.
         assert_eq!(queue.push(0, NOW), Ok(()));
         thread::scope(|scope| {
             let reader = scope.spawn(|| queue.next(Duration::MAX));
@@ -226,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn who_pushes_waits_for_room() {
+    fn push_waits_for_room() {
         let queue = queue(1, 4);
         thread::scope(|scope| {
             let pushing = scope.spawn(|| queue.push(4, Duration::MAX));

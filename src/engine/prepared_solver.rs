@@ -1,0 +1,431 @@
+//! A solver prepared for pairs of one size, format and settings: its pool of frames in flight, and the pairs that use them.
+
+use std::ops::{Deref, DerefMut};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use super::frame_in_flight::{FrameInFlight, Shared, Start};
+use super::plan::Plan;
+use super::profile::{Profile, Reading};
+use super::solution::{Registered, SolutionRef};
+use super::source::{Source, Transfer};
+use super::vulkan::{
+    Clock, DeviceSolution, DeviceSource, ExternalCommandBuffer, Recorder, SemaphoreWait, SolutionBuffer, SourceCopy,
+};
+use super::workspace::Workspace;
+use super::{Engine, KeyPoints};
+use crate::base::{CancellationToken, Error, Frame, Mask, Method, PixelFormat, Progress, Settings, Shading};
+
+/// Everything that is prepared before the first pair: memory, recordings and compiled passes.
+pub(crate) struct PreparedSolver {
+    shared: Arc<Shared>,
+    pool: Arc<Pool>,
+    key_points: Option<KeyPoints>,
+}
+
+/// How one pair is solved.
+#[derive(Clone, Copy)]
+pub(crate) struct PairOptions<'a> {
+    pub(crate) mask: Option<&'a Mask>,
+    pub(crate) cancel: &'a CancellationToken,
+    pub(crate) progress: &'a dyn Fn(Progress),
+    /// Where the pair starts, if not as the settings say.
+    pub(super) start: Option<Start>,
+}
+
+impl<'a> PairOptions<'a> {
+    pub(crate) fn new(mask: Option<&'a Mask>, cancel: &'a CancellationToken, progress: &'a dyn Fn(Progress)) -> Self {
+        Self { mask, cancel, progress, start: None }
+    }
+}
+
+impl PreparedSolver {
+    /// Prepares for pairs of a size and of the formats of I1 and I2: `is_masked` with masked or clipped pixels or without, `None` for both.
+    ///
+    /// # Errors
+    /// [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
+    pub(crate) fn new(
+        engine: &Engine,
+        [width, height]: [u32; 2],
+        formats: [impl Into<PixelFormat>; 2],
+        settings: &Settings,
+        frames_in_flight: usize,
+        is_masked: Option<bool>,
+        reading: Reading,
+    ) -> Result<Self, Error> {
+        let plan = Plan::new(width, height, formats, settings)?;
+        let (device, count) = (engine.device().clone(), frames_in_flight.max(1));
+        if device.is_poisoned() {
+            return Err(Error::Poisoned);
+        }
+        engine.admits(&plan, count as u64)?;
+        let first = Workspace::new(&device, &plan)?;
+        let mut recorder = Recorder::new(&device, Clock::Never)?;
+        recorder.initialize(&first.images());
+        recorder.finish()?.run()?;
+        let others = (1..count).map(|_| first.beside(&device, &plan)).collect::<Result<Vec<_>, Error>>()?;
+        let shared = Arc::new(Shared { plan, device, pipelines: engine.pipelines().clone(), reading });
+        let frame = |workspace| FrameInFlight::new(shared.clone(), workspace, is_masked);
+        let idle = [first].into_iter().chain(others).map(frame).collect::<Result<_, _>>()?;
+        let pool = Arc::new(Pool { idle: Mutex::new(idle), count });
+        Ok(Self { shared, pool, key_points: engine.key_points() })
+    }
+
+    /// Prepares for pairs like this one: with clipped pixels if it has some. The first pair of the other kind compiles more passes.
+    ///
+    /// # Errors
+    /// Those of [`PreparedSolver::new`], and [`Error::Mismatch`] where the sizes differ.
+    pub(crate) fn for_frames(engine: &Engine, frames: [&Frame; 2], settings: &Settings) -> Result<Self, Error> {
+        same_size(frames)?;
+        let clips = frames.iter().any(|frame| frame.clips(settings.clipped(frame.format().depth)));
+        let (size, formats) = ([frames[0].width(), frames[0].height()], frames.map(Frame::format));
+        Self::new(engine, size, formats, settings, 1, Some(clips), engine.reading())
+    }
+
+    /// Solves a pair and waits for it.
+    ///
+    /// # Errors
+    /// Those of [`PairSolver::solve`](crate::PairSolver::solve).
+    pub(crate) fn solve(&mut self, frames: [&Frame; 2], options: PairOptions<'_>) -> Result<Pending, Error> {
+        let (mut frame, _) = self.upload(frames.map(Source::Frame), options)?;
+        frame.run(|script| script.parts.len(), options.progress)?;
+        Ok(Pending { frame, is_fetched: [false; 2] })
+    }
+
+    /// Registers a pair and waits for it.
+    ///
+    /// # Errors
+    /// Those of [`PairSolver::solve`](crate::PairSolver::solve).
+    pub(crate) fn register(&mut self, frames: [&Frame; 2], options: PairOptions<'_>) -> Result<Registered, Error> {
+        let (mut frame, _) = self.upload(frames.map(Source::Frame), options)?;
+        frame.run(|script| script.registered, options.progress)?;
+        frame.registered()
+    }
+
+    /// Submits a pair. The device begins with it after `waits`.
+    ///
+    /// # Errors
+    /// Those of [`PairSolver::submit`](crate::PairSolver::submit).
+    pub(crate) fn submit(
+        &mut self,
+        sources: [Source<'_>; 2],
+        waits: &[SemaphoreWait],
+        options: PairOptions<'_>,
+    ) -> Result<Pending, Error> {
+        let (mut frame, fetches) = self.upload(sources, options)?;
+        if fetches.is_empty() {
+            frame.submit(waits)?;
+        } else {
+            frame.fetch(&fetches, waits)?;
+            frame.submit(&[])?;
+        }
+        let is_fetched = [0, 1].map(|image| fetches.iter().any(|(of, _)| *of == image));
+        Ok(Pending { frame, is_fetched })
+    }
+
+    /// Records a pair into a command buffer of the embedding program.
+    ///
+    /// # Errors
+    /// Those of [`PairSolver::submit`](crate::PairSolver::submit).
+    pub(crate) fn encode(
+        &mut self,
+        commands: ExternalCommandBuffer,
+        sources: [DeviceSource; 2],
+        options: PairOptions<'_>,
+    ) -> Result<Encoded, Error> {
+        let (mut frame, fetches) = self.upload(sources.map(Source::OnDevice), options)?;
+        frame.encode(commands, &fetches)?;
+        Ok(Encoded(frame))
+    }
+
+    /// What does not depend on the pixels.
+    pub(crate) fn plan(&self) -> &Plan {
+        &self.shared.plan
+    }
+
+    /// Copies what the host copies of a pair into an idle frame in flight. Returns that and what the device fetches.
+    fn upload(
+        &mut self,
+        sources: [Source<'_>; 2],
+        options: PairOptions<'_>,
+    ) -> Result<(Lease, Vec<(usize, SourceCopy)>), Error> {
+        let Shared { plan, device, .. } = &*self.shared;
+        let mut frame = self.pool.take()?;
+        let [first, second] = [0, 1].map(|image| sources[image].transfer(plan, image, device));
+        let transfers = [first?, second?];
+        // The pairs before this one take their time first.
+        let limit = device.timeout().saturating_mul(self.pool.in_use());
+        frame.begin(options.mask, options.cancel, limit)?;
+        let frames = if let [Transfer::Frame(i1), Transfer::Frame(i2)] = transfers { Some([i1, i2]) } else { None };
+        let mut is_masked = options.mask.is_some() || frames.is_none();
+        let mut fetches = Vec::new();
+        for (image, transfer) in transfers.into_iter().enumerate() {
+            match transfer {
+                Transfer::Write(write) => {
+                    let bytes = plan.packed_bytes(image) as usize;
+                    frame.fill(image, &mut |mapped| write(&mut mapped[..bytes]))?;
+                }
+                Transfer::Frame(photograph) => {
+                    let levels = plan.settings.clipped(photograph.format().depth);
+                    frame.fill(image, &mut |bytes| is_masked |= photograph.bring(bytes, levels))?;
+                }
+                Transfer::Rows(rows) => {
+                    let mut are_numbers = true;
+                    frame.fill(image, &mut |bytes| are_numbers = rows.copy(bytes))?;
+                    if !are_numbers {
+                        let problem = "a sample is not finite, or beyond 1e6: white is 1";
+                        return Err(Error::Mismatch(format!("photograph {}: {problem}", image + 1)));
+                    }
+                }
+                Transfer::Fetch(fetch) => fetches.push((image, fetch)),
+            }
+        }
+        let start = options.start.map_or_else(|| self.start(frames, options.mask), Ok)?;
+        frame.prepare(&start, is_masked)?;
+        Ok((frame, fetches))
+    }
+
+    /// Where a pair starts by the settings; with the method SIFT T starts where key-points put it.
+    fn start(&self, frames: Option<[&Frame; 2]>, mask: Option<&Mask>) -> Result<Start, Error> {
+        let settings = &self.shared.plan.settings;
+        let transform = match (settings.method, frames, self.key_points) {
+            (Method::Sift, Some(frames), Some(find)) => find(frames, settings.decode, mask)?.into(),
+            (Method::Sift, ..) => return Err(Error::NoKeyPoints),
+            _ => settings.start,
+        };
+        Ok(Start { transform, photometric: settings.start_photometric, shading: Shading::NONE, kernel_shape: 0.0 })
+    }
+}
+
+/// The frames in flight of a solver. Pairs take them and give them back.
+struct Pool {
+    idle: Mutex<Vec<FrameInFlight>>,
+    /// Idle or not.
+    count: usize,
+}
+
+impl Pool {
+    fn idle(&self) -> MutexGuard<'_, Vec<FrameInFlight>> {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn in_use(&self) -> u32 {
+        (self.count - self.idle().len()) as u32
+    }
+
+    fn take(self: &Arc<Self>) -> Result<Lease, Error> {
+        let frame = self.idle().pop();
+        if frame.is_none() {
+            let count = self.count;
+            return Err(Error::Busy { frames: count });
+        }
+        Ok(Lease { frame, pool: self.clone() })
+    }
+}
+
+/// A frame in flight that a pair uses. Dropping it cancels a pair that is not solved, waits for it, and gives the frame back.
+struct Lease {
+    /// `None` only while it is dropped.
+    frame: Option<FrameInFlight>,
+    pool: Arc<Pool>,
+}
+
+impl Deref for Lease {
+    type Target = FrameInFlight;
+
+    fn deref(&self) -> &FrameInFlight {
+        self.frame.as_ref().expect("a lease has its frame until it is dropped")
+    }
+}
+
+impl DerefMut for Lease {
+    fn deref_mut(&mut self) -> &mut FrameInFlight {
+        self.frame.as_mut().expect("a lease has its frame until it is dropped")
+    }
+}
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        if let Some(mut frame) = self.frame.take() {
+            frame.release();
+            self.pool.idle().push(frame);
+        }
+    }
+}
+
+/// A pair that was [submitted](crate::PairSolver::submit).
+///
+/// It occupies one frame in flight of its solver until it is dropped. Dropping it cancels a pair that is not solved, waits until
+/// the device has left it, for the engine's time limit at most, and returns the frame in flight to the solver. The solver may be
+/// dropped first.
+pub struct Pending {
+    frame: Lease,
+    is_fetched: [bool; 2],
+}
+
+impl Pending {
+    /// Waits for the pair and returns its results, in mapped memory.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`]; [`Error::Timeout`] past the engine's time limit, which poisons the engine; [`Error::Poisoned`],
+    /// [`Error::Vulkan`]. The limit of a pair is [`EngineOptions::timeout`](crate::EngineOptions::timeout) for each pair in flight
+    /// when it was submitted, itself included.
+    pub fn wait(&mut self) -> Result<SolutionRef<'_>, Error> {
+        self.frame.wait(Duration::MAX)?;
+        self.frame.solution()
+    }
+
+    /// Waits for `limit` at most. Returns `None` if the pair is not solved by then.
+    ///
+    /// # Errors
+    /// Those of [`Pending::wait`].
+    pub fn wait_timeout(&mut self, limit: Duration) -> Result<Option<SolutionRef<'_>>, Error> {
+        if !self.frame.wait(limit)? {
+            return Ok(None);
+        }
+        self.frame.solution().map(Some)
+    }
+
+    /// Returns whether the pair is solved, or cancelled and left by the device. Does not wait.
+    ///
+    /// # Errors
+    /// Those of [`Pending::wait`] except [`Error::Cancelled`].
+    pub fn poll(&mut self) -> Result<bool, Error> {
+        self.frame.wait(Duration::ZERO)
+    }
+
+    /// Cancels the pair: the device leaves out the rest of it, and [`wait`](Self::wait) returns [`Error::Cancelled`].
+    pub fn cancel(&self) {
+        self.frame.cancel();
+    }
+
+    /// Which of the two photographs the device fetches. The host copied the others before `submit` returned.
+    pub fn is_fetched(&self) -> [bool; 2] {
+        self.is_fetched
+    }
+
+    /// Waits until the device has fetched its photographs, for `limit` at most. Returns whether it has: they may then be overwritten.
+    ///
+    /// # Errors
+    /// Those of [`Pending::wait`] except [`Error::Cancelled`].
+    pub fn wait_fetched(&mut self, limit: Duration) -> Result<bool, Error> {
+        self.frame.wait_fetched(limit)
+    }
+
+    /// The buffer on the device that receives the results, and the semaphores that say when. For programs that use the results
+    /// on the same device ([`Engine::from_vulkan`](crate::Engine::from_vulkan)) without a wait of the host.
+    pub fn on_device(&self) -> DeviceSolution {
+        self.frame.on_device()
+    }
+
+    /// What the solve did, dispatch by dispatch.
+    pub(crate) fn profile(&self) -> Result<Profile, Error> {
+        self.frame.profile()
+    }
+}
+
+/// A pair that was recorded into a command buffer of the embedding program ([`PairSolver::encode`](crate::PairSolver::encode)).
+///
+/// It occupies one frame in flight of its solver until it is dropped.
+pub struct Encoded(Lease);
+
+impl Encoded {
+    /// The results of the latest execution, in mapped memory; `None` until the device has executed the commands to their end.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`], [`Error::Vulkan`].
+    pub fn results(&mut self) -> Result<Option<SolutionRef<'_>>, Error> {
+        if !self.0.is_executed()? {
+            return Ok(None);
+        }
+        self.0.solution().map(Some)
+    }
+
+    /// Cancels the pair: executions in flight and later ones leave out what is left of the solve.
+    pub fn cancel(&self) {
+        self.0.cancel();
+    }
+
+    /// The buffer on the device that receives the results.
+    pub fn on_device(&self) -> SolutionBuffer {
+        self.0.result_buffer()
+    }
+}
+
+/// Checks that both photographs of a pair have one size.
+pub(crate) fn same_size([i1, i2]: [&Frame; 2]) -> Result<(), Error> {
+    let [[w1, h1], [w2, h2]] = [i1, i2].map(|frame| [frame.width(), frame.height()]);
+    if [w1, h1] == [w2, h2] {
+        return Ok(());
+    }
+    Err(Error::Mismatch(format!("the images differ in size: {w1}x{h1} and {w2}x{h2}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use super::*;
+    use crate::engine::{EngineOptions, testing};
+
+    fn pair(side: u32) -> [Frame; 2] {
+        [0.4, 0.3].map(|soft| {
+            let value = |i: u32| 0.5 + soft * ((i % side) as f32 * 1.1).sin() * ((i / side) as f32 * 0.9).cos();
+            Frame::gray(side, side, (0..side * side).map(value).collect()).unwrap()
+        })
+    }
+
+    fn submit(solver: &mut PreparedSolver, frames: &[Frame; 2]) -> Pending {
+        let cancel = CancellationToken::default();
+        solver.submit(frames.each_ref().map(Source::Frame), &[], PairOptions::new(None, &cancel, &|_| ())).unwrap()
+    }
+
+    #[test]
+    fn the_device_leaves_out_the_rest_of_a_cancelled_pair() {
+        let (engine, frames) = (Engine::new(&testing::options()).unwrap(), pair(96));
+        let mut solver = PreparedSolver::for_frames(&engine, frames.each_ref(), &Settings::default()).unwrap();
+        let executed = |pending: &Pending| pending.profile().unwrap().executed().count();
+        let mut pending = submit(&mut solver, &frames);
+        pending.wait().unwrap();
+        let whole = executed(&pending);
+        drop(pending);
+        let mut pending = submit(&mut solver, &frames);
+        pending.cancel();
+        assert!(matches!(pending.wait().map(drop), Err(Error::Cancelled)));
+        let part = executed(&pending);
+        assert!(part < whole, "{part} of {whole} dispatches");
+    }
+
+    #[test]
+    fn dropping_a_pair_in_flight_cancels_it_and_leaves_the_engine_usable() {
+        let (engine, frames) = (Engine::new(&testing::options()).unwrap(), pair(256));
+        // Levels that never settle: a solve takes many times as long as what is left of a cancelled one.
+        let settings = Settings { outer_iterations: 400, ..Settings::default() };
+        let mut solver = PreparedSolver::for_frames(&engine, frames.each_ref(), &settings).unwrap();
+        let started = Instant::now();
+        let pending = submit(&mut solver, &frames);
+        drop(solver);
+        drop(pending);
+        println!("dropped after {:.2} s", started.elapsed().as_secs_f64());
+        assert!(!engine.device().is_poisoned());
+        let mut solver = PreparedSolver::for_frames(&engine, frames.each_ref(), &Settings::default()).unwrap();
+        let pending = submit(&mut solver, &frames);
+        let cancel = CancellationToken::default();
+        let busy = solver.solve(frames.each_ref(), PairOptions::new(None, &cancel, &|_| ())).map(drop);
+        assert!(matches!(busy, Err(Error::Busy { frames: 1 })), "{busy:?}");
+        drop(pending);
+        assert!(submit(&mut solver, &frames).wait().is_ok());
+    }
+
+    #[test]
+    fn a_pair_has_the_time_of_those_before_it() {
+        let options = EngineOptions { timeout: Duration::from_secs(40), ..testing::options() };
+        let (engine, frames) = (Engine::new(&options).unwrap(), pair(64));
+        let format = [frames[0].format(); 2];
+        let mut solver =
+            PreparedSolver::new(&engine, [64; 2], format, &Settings::default(), 2, None, Reading::Never).unwrap();
+        let pending = [0, 1].map(|_| submit(&mut solver, &frames));
+        let left = pending.each_ref().map(|pending| pending.frame.time_left().as_secs());
+        assert!(left[0] <= 40 && (60..=80).contains(&left[1]), "{left:?}");
+    }
+}

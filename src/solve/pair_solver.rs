@@ -1,0 +1,365 @@
+//! The solver for pairs: a part of the frame, a mask, a flat reference, large pairs, and pairs in flight.
+
+use std::fmt;
+use std::sync::Arc;
+
+use crate::base::{
+    CancellationToken, Error, Frame, Kernel, Mask, Method, PixelFormat, Progress, Region, Settings, centre,
+};
+use crate::engine::interop::{DeviceSource, ExternalCommandBuffer, SemaphoreWait};
+use crate::engine::{
+    Encoded, Engine, PairOptions, Pending, PreparedSolver, Registered, Solution, Source, parts, same_size,
+};
+use crate::solve::FieldCurvature;
+
+/// How one pair or one focus sweep is solved. By default all of it, without a mask.
+#[derive(Clone, Default)]
+pub struct SolveOptions {
+    /// The part of I1 to solve, px; `None`: all.
+    pub region: Option<Region>,
+    /// The pixels of I1 that count.
+    pub mask: Option<Mask>,
+    /// V of a flat target, to be subtracted from V; of the size of the photographs. Pairs only.
+    pub flat: Option<FieldCurvature>,
+    /// Whether to crop the results to the largest rectangle in which they are valid everywhere.
+    pub crop_valid: bool,
+    /// Cancels the solve.
+    pub cancel: CancellationToken,
+    /// A function that is called after each level or part, by the thread that solves.
+    pub progress: Option<Arc<dyn Fn(Progress) + Send + Sync>>,
+}
+
+impl fmt::Debug for SolveOptions {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { region, mask, flat, crop_valid, cancel, progress } = self;
+        f.debug_struct("SolveOptions")
+            .field("region", region)
+            .field("mask", &mask.as_ref().map(Mask::size))
+            .field("flat", &flat.as_ref().map(FieldCurvature::size))
+            .field("crop_valid", crop_valid)
+            .field("cancel", cancel)
+            .field("progress", &progress.is_some())
+            .finish()
+    }
+}
+
+impl SolveOptions {
+    /// Checks the options against photographs of a size in px.
+    ///
+    /// # Errors
+    /// [`Error::Region`]: the region is not within them. [`Error::Mismatch`]: mask or flat reference have another size.
+    pub fn check(&self, size: [u32; 2]) -> Result<(), Error> {
+        let [width, height] = size;
+        let check = |what: &str, found: Option<[u32; 2]>| match found {
+            Some([w, h]) if [w, h] != size => {
+                Err(Error::Mismatch(format!("the {what} is {w}x{h} and the photographs are {width}x{height}")))
+            }
+            _ => Ok(()),
+        };
+        check("mask", self.mask.as_ref().map(Mask::size))?;
+        check("flat reference", self.flat.as_ref().map(FieldCurvature::size))?;
+        self.region.map_or(Ok(()), |region| region.check((width, height)))
+    }
+
+    /// Calls the progress function, if there is one.
+    pub(crate) fn report(&self, progress: Progress) {
+        if let Some(report) = &self.progress {
+            report(progress);
+        }
+    }
+
+    /// Refuses what `what` cannot do: only whole fields without corrections.
+    fn check_whole(&self, what: &str) -> Result<(), Error> {
+        if self.region.is_none() && self.flat.is_none() && !self.crop_valid {
+            return Ok(());
+        }
+        Err(Error::Mismatch(format!("{what} takes no region, flat reference or crop_valid: leave them out, or solve")))
+    }
+}
+
+/// What a solver is prepared for.
+#[derive(Clone, PartialEq)]
+struct Layout {
+    size: [u32; 2],
+    formats: [PixelFormat; 2],
+    settings: Settings,
+}
+
+impl Layout {
+    fn of([i1, i2]: [&Frame; 2], settings: &Settings) -> Self {
+        let formats = [i1, i2].map(|frame| frame.format().into());
+        Self { size: [i1.width(), i1.height()], formats, settings: settings.clone() }
+    }
+}
+
+/// Solves pairs of photographs by one choice of settings.
+///
+/// The first pair of a size and format prepares memory and recorded passes; later pairs of the same kind reuse them. A solver that is
+/// [prepared for a size](PairSolver::for_size) can have several pairs in flight: while the device solves one, the host uploads the
+/// next and reads the results of the one before.
+///
+/// ```
+/// # use parfocal::{Engine, EngineOptions, Error, Frame, PairSolver, Pending, Settings, SolveOptions};
+/// # fn photograph(soft: f32) -> Frame {
+/// #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
+/// #     Frame::gray(64, 48, (0..64 * 48).map(value).collect()).unwrap()
+/// # }
+/// # fn main() -> Result<(), Error> {
+/// # let pairs: Vec<[Frame; 2]> = [0.1, 0.2, 0.3, 0.4].map(|soft| [photograph(0.4), photograph(soft)]).to_vec();
+/// # let mut lengths = Vec::new();
+/// let engine = Engine::new(&EngineOptions::default())?;
+/// let formats = pairs[0].each_ref().map(Frame::format);
+/// let mut solver = PairSolver::for_size(&engine, [64, 48], formats, 2, &Settings::default())?;
+/// let mut last: Option<Pending> = None;
+/// for [i1, i2] in &pairs {
+///     let pending = solver.submit([i1, i2], &[], &SolveOptions::default())?;
+///     if let Some(mut last) = last.replace(pending) {
+///         let solution = last.wait()?;
+///         println!("{:?}", solution.transform);
+/// #       lengths.push(solution.relative_blur().len());
+///     }
+/// }
+/// # assert_eq!(lengths.len(), 3);
+/// # Ok(())
+/// # }
+/// ```
+pub struct PairSolver {
+    engine: Engine,
+    settings: Settings,
+    /// What pairs in flight are prepared for, and how many.
+    submits: Option<(Layout, usize)>,
+    solving: Option<(Layout, PreparedSolver)>,
+    /// For registrations that need no memory for blur.
+    registering: Option<(Layout, PreparedSolver)>,
+}
+
+impl PairSolver {
+    /// The largest pair, px. Results and photographs of one that is solved in parts take some 8 GiB of the host.
+    pub const MOST_PIXELS: u64 = parts::MOST_PIXELS;
+
+    /// Makes a solver that prepares itself for the first pair.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn new(engine: &Engine, settings: &Settings) -> Result<Self, Error> {
+        settings.check()?;
+        let (engine, settings) = (engine.clone(), settings.clone());
+        Ok(Self { engine, settings, submits: None, solving: None, registering: None })
+    }
+
+    /// Makes a solver and prepares it for pairs like this one: with clipped pixels if it has some.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] where the sizes differ, [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`],
+    /// [`Error::Vulkan`].
+    pub fn for_frames(engine: &Engine, frames: [&Frame; 2], settings: &Settings) -> Result<Self, Error> {
+        let mut solver = Self::new(engine, settings)?;
+        same_size(frames)?;
+        let layout = Layout::of(frames, settings);
+        if !engine.needs_parts(layout.size, frames.map(Frame::format), settings)? {
+            solver.prepare(frames, layout.clone())?;
+        }
+        solver.submits = Some((layout, 1));
+        Ok(solver)
+    }
+
+    /// Makes a solver and prepares it for pairs of a size in px and the formats of I1 and I2, `frames_in_flight` of them at a time (at
+    /// least 1). Pairs with clipped or masked pixels are prepared for as well: no pair compiles anything.
+    ///
+    /// # Errors
+    /// Those of [`PairSolver::for_frames`]. [`Error::TooLarge`] also for pairs that [`solve`](Self::solve) would solve in parts.
+    pub fn for_size(
+        engine: &Engine,
+        size: [u32; 2],
+        formats: [impl Into<PixelFormat>; 2],
+        frames_in_flight: usize,
+        settings: &Settings,
+    ) -> Result<Self, Error> {
+        let mut solver = Self::new(engine, settings)?;
+        let layout = Layout { size, formats: formats.map(Into::into), settings: settings.clone() };
+        solver.submits = Some((layout, frames_in_flight));
+        solver.prepare_to_submit()?;
+        Ok(solver)
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Changes the settings of later pairs. What was prepared by others is prepared again.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn set_settings(&mut self, settings: &Settings) -> Result<(), Error> {
+        settings.check()?;
+        self.settings.clone_from(settings);
+        if let Some((layout, _)) = &mut self.submits {
+            layout.settings.clone_from(settings);
+        }
+        Ok(())
+    }
+
+    /// Solves a pair. One that is too large for the device, or for [`EngineOptions::memory`](crate::EngineOptions::memory), is solved in
+    /// parts, with T and brightness from half its size. `origin`, `width` and `height` of the solution say which part of I1 it covers.
+    ///
+    /// # Errors
+    /// Those of [`PairSolver::for_frames`] and [`SolveOptions::check`]; [`Error::NoKeyPoints`] or what they failed of with the method
+    /// SIFT; [`Error::Busy`] if all frames in flight are in use; [`Error::Cancelled`], [`Error::Timeout`].
+    pub fn solve(&mut self, [i1, i2]: [&Frame; 2], options: &SolveOptions) -> Result<Solution, Error> {
+        same_size([i1, i2])?;
+        let size = [i1.width(), i1.height()];
+        options.check(size)?;
+        let (settings, mask) = (self.settings.clone(), options.mask.as_ref());
+        let mut solution = match options.region {
+            None => self.solve_frames([i1, i2], &settings, mask, options)?,
+            Some(region) => {
+                let part = region.grown(margin(size, &settings), size);
+                let [a, b] = [i1.cropped(part).map_err(Error::Region)?, i2.cropped(part).map_err(Error::Region)?];
+                let start = settings.start.about(centre(size[0], size[1]), part.centre());
+                let mask = mask.map(|mask| mask.cropped(part));
+                let settings = Settings { start, ..settings };
+                let mut solution = self.solve_frames([&a, &b], &settings, mask.as_ref(), options)?;
+                solution.place_in(part, size);
+                solution.crop(Region { x: region.x - part.x, y: region.y - part.y, ..region })?;
+                solution
+            }
+        };
+        if options.crop_valid {
+            match solution.largest_valid() {
+                Some(valid) => solution.crop(valid)?,
+                None => solution.warnings.push("no pixel is valid: nothing was cropped".to_string()),
+            }
+        }
+        // Before the flat reference: the limit of |V| is that of the blur in the photographs.
+        solution.recount(self.settings.max_relative_blur);
+        if let Some(flat) = &options.flat {
+            flat.flatten(&mut solution, self.settings.max_relative_blur);
+        }
+        Ok(solution)
+    }
+
+    /// Registers a pair and does no more than that needs: by the method appearance no blur is solved for, by SIFT and aligned only
+    /// exposure and correlation are measured.
+    ///
+    /// # Errors
+    /// Those of [`PairSolver::solve`]. [`Error::Mismatch`] for options with a region, flat reference or `crop_valid`.
+    pub fn register(&mut self, frames: [&Frame; 2], options: &SolveOptions) -> Result<Registered, Error> {
+        same_size(frames)?;
+        options.check_whole("register")?;
+        options.check([frames[0].width(), frames[0].height()])?;
+        let mut settings = self.settings.clone();
+        let report = |progress| options.report(progress);
+        let pair = PairOptions::new(options.mask.as_ref(), &options.cancel, &report);
+        if settings.method == Method::Unified {
+            return self.prepare(frames, Layout::of(frames, &settings))?.register(frames, pair);
+        }
+        // No blur is solved for: no memory for it.
+        (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
+        let layout = Layout::of(frames, &settings);
+        let engine = &self.engine;
+        let prepare = || PreparedSolver::for_frames(engine, frames, &settings);
+        reuse(&mut self.registering, layout, prepare)?.register(frames, pair)
+    }
+
+    /// Submits a pair and returns. The device begins with it after `waits`. On devices without VK_EXT_conditional_rendering it blocks
+    /// until the solve is done. Of the options only mask and cancel apply.
+    ///
+    /// # Errors
+    /// Those of [`PairSolver::solve`]. [`Error::Busy`] if all frames in flight are in use: drop a [`Pending`] first.
+    /// [`Error::Mismatch`] if a source is not of the size and format that the solver was made for; [`Error::NoKeyPoints`] with
+    /// the method SIFT, which takes frames.
+    pub fn submit<'a>(
+        &mut self,
+        sources: [impl Into<Source<'a>>; 2],
+        waits: &[SemaphoreWait],
+        options: &SolveOptions,
+    ) -> Result<Pending, Error> {
+        let (solver, pair) = self.prepare_pair(options)?;
+        solver.submit(sources.map(Into::into), waits, pair)
+    }
+
+    /// Records a solve of photographs on the device into a command buffer of the embedding program, which executes it once or again
+    /// after each change of the photographs. The contract is that of [`ExternalCommandBuffer::new`].
+    ///
+    /// [`Encoded::on_device`] names the buffer of the results, for commands after a barrier.
+    ///
+    /// # Errors
+    /// Those of [`PairSolver::submit`].
+    pub fn encode(
+        &mut self,
+        commands: ExternalCommandBuffer,
+        sources: [DeviceSource; 2],
+        options: &SolveOptions,
+    ) -> Result<Encoded, Error> {
+        let (solver, pair) = self.prepare_pair(options)?;
+        solver.encode(commands, sources, pair)
+    }
+
+    /// Solves all of two frames.
+    fn solve_frames(
+        &mut self,
+        frames: [&Frame; 2],
+        settings: &Settings,
+        mask: Option<&Mask>,
+        options: &SolveOptions,
+    ) -> Result<Solution, Error> {
+        let layout = Layout::of(frames, settings);
+        let report = |progress| options.report(progress);
+        let pair = PairOptions::new(mask, &options.cancel, &report);
+        if self.engine.needs_parts(layout.size, frames.map(Frame::format), settings)? {
+            // The parts need the memory.
+            (self.solving, self.registering) = (None, None);
+            return parts::solve_pair(&self.engine, frames, settings, pair);
+        }
+        let solution = self.prepare(frames, layout)?.solve(frames, pair)?.wait()?.to_owned();
+        Ok(solution)
+    }
+
+    /// The prepared solver for frames like these.
+    fn prepare(&mut self, frames: [&Frame; 2], layout: Layout) -> Result<&mut PreparedSolver, Error> {
+        let (engine, settings) = (&self.engine, layout.settings.clone());
+        reuse(&mut self.solving, layout, || PreparedSolver::for_frames(engine, frames, &settings))
+    }
+
+    /// The prepared solver for pairs in flight.
+    fn prepare_to_submit(&mut self) -> Result<&mut PreparedSolver, Error> {
+        let Some((layout, count)) = &self.submits else {
+            let problem =
+                "pairs in flight have one size and format: make the solver with PairSolver::for_size or for_frames";
+            return Err(Error::Mismatch(problem.to_string()));
+        };
+        let (engine, Layout { size, formats, settings }) = (&self.engine, layout.clone());
+        let prepare = || PreparedSolver::new(engine, size, formats, &settings, *count, None, engine.reading());
+        reuse(&mut self.solving, layout.clone(), prepare)
+    }
+
+    fn prepare_pair<'a>(
+        &'a mut self,
+        options: &'a SolveOptions,
+    ) -> Result<(&'a mut PreparedSolver, PairOptions<'a>), Error> {
+        options.check_whole("submit")?;
+        let solver = self.prepare_to_submit()?;
+        options.check(solver.plan().size)?;
+        Ok((solver, PairOptions::new(options.mask.as_ref(), &options.cancel, &|_| ())))
+    }
+}
+
+/// What is prepared for a layout, or is prepared now in its place.
+fn reuse(
+    prepared: &mut Option<(Layout, PreparedSolver)>,
+    layout: Layout,
+    prepare: impl FnOnce() -> Result<PreparedSolver, Error>,
+) -> Result<&mut PreparedSolver, Error> {
+    let solver = match prepared.take().filter(|(earlier, _)| *earlier == layout) {
+        Some((_, solver)) => solver,
+        None => prepare()?,
+    };
+    Ok(&mut prepared.insert((layout, solver)).1)
+}
+
+/// Px that are solved around a region, so that V is valid up to its borders: the widest blur window, and two hundredths of the
+/// frame for the displacement.
+pub(super) fn margin([width, height]: [u32; 2], settings: &Settings) -> u32 {
+    (3.0 * settings.max_relative_blur.sqrt() + 0.02 * f64::from(width.max(height))).ceil() as u32
+}

@@ -1,0 +1,410 @@
+//! Many pairs of one size, or many focus sweeps, one after the other, on one device or several.
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::iter;
+use std::sync::Arc;
+use std::thread::{Builder, JoinHandle};
+use std::time::Duration;
+
+use super::queue::{Job, Queue};
+use crate::base::{CancellationToken, Error, Format, Frame, Settings};
+use crate::engine::{Engine, PairOptions, Pending, PreparedSolver, Solution, Source};
+use crate::solve::focus_stack::{Sweep, SweepOptions, solve_sweep};
+
+/// Solves many pairs of one size and format and returns their results in the same order.
+///
+/// One thread a device keeps several pairs in flight, so that the next is uploaded and the one before is read back while the device
+/// solves. Each pair goes to whichever device is free.
+///
+/// In one thread, use [`Stream::map`]:
+///
+/// ```
+/// # use parfocal::{Engine, EngineOptions, Error, Frame, Settings, Stream};
+/// # fn photograph(soft: f32) -> Frame {
+/// #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
+/// #     Frame::gray(64, 48, (0..64 * 48).map(value).collect()).unwrap()
+/// # }
+/// # fn main() -> Result<(), Error> {
+/// # let pairs: Vec<[Frame; 2]> = [0.1, 0.2, 0.3, 0.4].map(|soft| [photograph(0.4), photograph(soft)]).to_vec();
+/// # let mut solved = 0;
+/// let engine = Engine::new(&EngineOptions::default())?;
+/// let [i1, i2] = &pairs[0];
+/// let (size, formats) = ([i1.width(), i1.height()], [i1.format(), i2.format()]);
+/// let mut stream = Stream::new(&[&engine], 3, size, formats, &Settings::default())?;
+/// for solution in stream.map(pairs) {
+///     let solution = solution?;
+///     println!("V {:.2} px², {:?}", solution.relative_blur[64 * 24], solution.transform);
+/// #   solved += 1;
+/// }
+/// # assert_eq!(solved, 4);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// If one thread takes the pictures and another uses the results, the first pushes and the second reads:
+///
+/// ```
+/// # use std::{thread, time::Duration};
+/// # use parfocal::{Error, Frame, QueueFull, Stream};
+/// # fn two(stream: &Stream, camera: impl Iterator<Item = [Frame; 2]> + Send) -> Result<(), Error> {
+/// thread::scope(|scope| {
+///     scope.spawn(|| {
+///         for pair in camera {
+///             if let Err(QueueFull(_missed)) = stream.push(pair, Duration::from_millis(40)) {
+///                 eprintln!("the devices are too slow for the camera: a pair was left out");
+///             }
+///         }
+///         stream.finish();
+///     });
+///     for solution in stream.results() {
+///         println!("{:?}", solution?.transform);
+///     }
+///     Ok(())
+/// })
+/// # }
+/// ```
+///
+/// **Memory.** A stream holds [`Stream::capacity`] pairs, twice as many as its devices have frames in flight: those in flight, and as
+/// many that wait or are solved and not yet read. Only reading makes room.
+///
+/// **Order.** Results come in the order in which pairs were pushed, one for each, with the bits of
+/// [`PairSolver::solve`](crate::PairSolver::solve). A device much slower than the others delays all results: leave it out.
+///
+/// **Errors.** The error of one pair, another size for example, is its result; later pairs are unaffected. If a device fails or
+/// exceeds [`EngineOptions::timeout`](crate::EngineOptions::timeout), the other devices solve its pairs and it is used no more. The
+/// last device returns its error, then [`Error::Poisoned`] for every pair.
+///
+/// Dropping a stream discards the pairs that wait, and blocks until the devices have solved those in flight.
+///
+/// [`Stream::of_sweeps`] solves focus sweeps.
+pub struct Stream<P = [Frame; 2], R = Solution> {
+    queue: Arc<Queue<P, Result<R, Error>>>,
+    workers: Vec<JoinHandle<()>>,
+}
+
+/// A stream had no room for a pair or sweep within the time limit. Returns it.
+pub struct QueueFull<P = [Frame; 2]>(pub P);
+
+impl<P> fmt::Display for QueueFull<P> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the stream is full: read a result before the next pair, or wait longer while another thread reads")
+    }
+}
+
+impl<P> fmt::Debug for QueueFull<P> {
+    /// Leaves out the pixels.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("QueueFull")
+    }
+}
+
+impl<P> std::error::Error for QueueFull<P> {}
+
+impl Stream {
+    /// Prepares each device for pairs of a size in px and the formats of I1 and I2, with `frames_in_flight` pairs at a time (at least 1;
+    /// 3 keep a device busy).
+    ///
+    /// # Errors
+    /// Those of [`PairSolver::for_size`](crate::PairSolver::for_size), [`Error::NoDevice`] without engines, [`Error::NoThread`].
+    pub fn new(
+        engines: &[&Engine],
+        frames_in_flight: usize,
+        size: [u32; 2],
+        formats: [Format; 2],
+        settings: &Settings,
+    ) -> Result<Self, Error> {
+        let count = frames_in_flight.max(1);
+        let mut stream = Self::without_workers(engines, count, engines.len())?;
+        for engine in engines {
+            let solver = PreparedSolver::new(engine, size, formats, settings, count, None, engine.reading())?;
+            let worker = PairWorker::new(&stream.queue, solver, count);
+            stream.start(&engine.info().name, || worker.run())?;
+        }
+        Ok(stream)
+    }
+}
+
+impl Stream<Vec<Frame>, Sweep> {
+    /// Makes a stream of focus sweeps of three or more frames each; size and format may change from sweep to sweep. On each device
+    /// `threads` threads (at least 1) solve one sweep each. Two keep a device busy, since much of a sweep is computed on the host; each
+    /// needs the memory of a sweep.
+    ///
+    /// ```
+    /// # use parfocal::sweep::SweepOptions;
+    /// # use parfocal::{Engine, EngineOptions, Error, Frame, Stream};
+    /// # fn frame(soft: f32) -> Frame {
+    /// #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
+    /// #     Frame::gray(64, 64, (0..64 * 64).map(value).collect()).unwrap()
+    /// # }
+    /// # fn main() -> Result<(), Error> {
+    /// # let sweeps = vec![[0.2, 0.4, 0.3].map(frame).to_vec(), [0.1, 0.3, 0.2].map(frame).to_vec()];
+    /// let engine = Engine::new(&EngineOptions::default())?;
+    /// let mut stream = Stream::of_sweeps(&[&engine], 2, &SweepOptions::default())?;
+    /// for sweep in stream.map(sweeps) {
+    ///     println!("in focus in the first pixel at {} of the frames", sweep?.focus[0]);
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::NoDevice`] without engines, [`Error::NoThread`]. The error of a sweep is its result.
+    pub fn of_sweeps(engines: &[&Engine], threads: usize, options: &SweepOptions) -> Result<Self, Error> {
+        if engines.is_empty() {
+            return Err(Error::NoDevice(String::new()));
+        }
+        let workers: Vec<_> = engines
+            .iter()
+            .flat_map(|engine| (0..threads.max(1)).map(|_| ((*engine).clone(), options.clone())))
+            .map(|(engine, options)| {
+                move |frames: &Vec<Frame>| match solve_sweep(&engine, frames, &options) {
+                    Err(fault) if is_device_fault(&fault) => Err(fault),
+                    solved => Ok(solved),
+                }
+            })
+            .collect();
+        let capacity = 2 * workers.len();
+        Self::of_workers(workers, capacity)
+    }
+}
+
+impl<P: Send + 'static, R: Send + 'static> Stream<P, R> {
+    /// Makes a stream whose items are solved by functions, each in a thread of its own. `capacity` items may be pushed and not yet read.
+    ///
+    /// A function returns the result of an item. If it can solve no more, it returns the fault, and the other functions solve the item;
+    /// the last one's fault is the result of the item.
+    ///
+    /// # Errors
+    /// [`Error::NoThread`] if no thread could be started.
+    pub fn of_workers<F>(workers: Vec<F>, capacity: usize) -> Result<Self, Error>
+    where
+        F: FnMut(&P) -> Result<Result<R, Error>, Error> + Send + 'static,
+    {
+        let queue = Arc::new(Queue::new(workers.len(), capacity.max(1), || Err(Error::Poisoned)));
+        let mut stream = Self { queue, workers: Vec::new() };
+        let mut started = Ok(());
+        for solve in workers {
+            let worker = FunctionWorker { queue: stream.queue.clone(), solve, taken: None, fault: None };
+            started = stream.start("a stream", || worker.run());
+        }
+        if stream.workers.is_empty() { started.map(|()| stream) } else { Ok(stream) }
+    }
+}
+
+impl<P, R> Stream<P, R> {
+    fn without_workers(engines: &[&Engine], in_flight: usize, workers: usize) -> Result<Self, Error> {
+        if engines.is_empty() {
+            return Err(Error::NoDevice(String::new()));
+        }
+        let capacity = in_flight.max(1).saturating_mul(engines.len()).saturating_mul(2);
+        let queue = Arc::new(Queue::new(workers, capacity, || Err(Error::Poisoned)));
+        Ok(Self { queue, workers: Vec::new() })
+    }
+
+    /// Starts a worker. If there is no thread for it, dropping the stream ends the earlier ones.
+    fn start(&mut self, device: &str, run: impl FnOnce() + Send + 'static) -> Result<(), Error> {
+        let thread = Builder::new().name("parfocal stream".to_string()).spawn(run);
+        self.workers.push(
+            thread.map_err(|problem| Error::NoThread { device: device.to_string(), problem: problem.to_string() })?,
+        );
+        Ok(())
+    }
+
+    /// Pushes a pair. Waits for room for `limit` at most; [`Duration::ZERO`] does not wait, which suits programs that read in the same
+    /// thread.
+    ///
+    /// # Errors
+    /// [`QueueFull`], with the pair. The error of the pair itself is its result.
+    pub fn push(&self, pair: P, limit: Duration) -> Result<(), QueueFull<P>> {
+        self.queue.push(pair, limit).map_err(QueueFull)
+    }
+
+    /// Returns the result of the oldest pair that has not been read, waiting for `limit` at most. `None`: it is not solved by then, or no
+    /// pair was pushed. After [`Stream::finish`] returns `None` at once if all results have been read.
+    ///
+    /// # Errors
+    /// The error of that pair, as of [`PairSolver::solve`](crate::PairSolver::solve). Later pairs are unaffected.
+    pub fn next(&self, limit: Duration) -> Result<Option<R>, Error> {
+        self.queue.next(limit).transpose()
+    }
+
+    /// Marks the end of input: [`next`](Self::next) returns `None` after the last pair. Another push takes it back.
+    pub fn finish(&self) {
+        self.queue.finish();
+    }
+
+    /// Iterates over results as they come, until all have been read after [`Stream::finish`].
+    pub fn results(&self) -> impl Iterator<Item = Result<R, Error>> {
+        iter::from_fn(|| self.queue.next(Duration::MAX))
+    }
+
+    /// Iterates over the results of `pairs`, which it pushes as there is room. Results of pairs that were pushed before come first. If the
+    /// iterator is dropped early, the pairs that it has pushed stay in the stream.
+    pub fn map(&mut self, pairs: impl IntoIterator<Item = P>) -> impl Iterator<Item = Result<R, Error>> {
+        let mut pairs = pairs.into_iter().fuse();
+        iter::from_fn(move || {
+            // Push at least one, or the devices would idle while available results are read.
+            while self.len() < self.capacity()
+                && let Some(pair) = pairs.next()
+            {
+                // There is room: nothing else pushes.
+                let _ = self.push(pair, Duration::ZERO);
+                if self.queue.is_next_ready() {
+                    break;
+                }
+            }
+            self.finish();
+            self.queue.next(Duration::MAX)
+        })
+    }
+
+    /// The number of pairs that may be pushed and not yet read.
+    pub fn capacity(&self) -> usize {
+        self.queue.capacity()
+    }
+
+    /// The number of pairs that were pushed and not yet read.
+    pub fn len(&self) -> usize {
+        self.queue.len()
+    }
+
+    /// Returns whether all results have been read.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+impl<P, R> Drop for Stream<P, R> {
+    fn drop(&mut self) {
+        self.queue.close();
+        for worker in self.workers.drain(..) {
+            // The message of a panic is on standard error, and its pairs have their results.
+            let _ = worker.join();
+        }
+    }
+}
+
+/// How often a worker with room for a pair looks for one while the device works on others.
+const POLL_INTERVAL: Duration = Duration::from_millis(1);
+
+/// The thread that uploads pairs to one device and reads their results back.
+struct PairWorker {
+    queue: Arc<Queue<[Frame; 2], Result<Solution, Error>>>,
+    solver: PreparedSolver,
+    frames_in_flight: usize,
+    /// Pairs without results; all but, for a moment, the last are in flight.
+    taken: VecDeque<Job<[Frame; 2]>>,
+    in_flight: VecDeque<Pending>,
+    fault: Option<Error>,
+}
+
+impl PairWorker {
+    fn new(
+        queue: &Arc<Queue<[Frame; 2], Result<Solution, Error>>>,
+        solver: PreparedSolver,
+        frames_in_flight: usize,
+    ) -> Self {
+        let (taken, in_flight) = (VecDeque::new(), VecDeque::new());
+        Self { queue: queue.clone(), solver, frames_in_flight, taken, in_flight, fault: None }
+    }
+
+    /// Solves until the stream is dropped or the device fails.
+    fn run(mut self) {
+        self.fault = self.solve_all().err();
+    }
+
+    fn solve_all(&mut self) -> Result<(), Error> {
+        loop {
+            while self.in_flight.len() < self.frames_in_flight
+                && let Some(job) = self.queue.take(self.in_flight.is_empty())
+            {
+                self.submit(job)?;
+            }
+            if self.in_flight.is_empty() {
+                return Ok(());
+            }
+            self.collect()?;
+        }
+    }
+
+    fn submit(&mut self, job: Job<[Frame; 2]>) -> Result<(), Error> {
+        self.taken.push_back(job);
+        let Some(Job { input: [i1, i2], .. }) = self.taken.back() else { return Ok(()) };
+        let cancel = CancellationToken::default();
+        let options = PairOptions::new(None, &cancel, &|_| ());
+        match self.solver.submit([i1, i2].map(Source::Frame), &[], options) {
+            Ok(pending) => self.in_flight.push_back(pending),
+            Err(error) if is_device_fault(&error) => return Err(error),
+            Err(error) => {
+                let job = self.taken.pop_back();
+                self.finish(job, Err(error));
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads back the results of the oldest pair in flight, once it is solved.
+    fn collect(&mut self) -> Result<(), Error> {
+        let is_full = self.in_flight.len() == self.frames_in_flight;
+        let Some(pending) = self.in_flight.front_mut() else { return Ok(()) };
+        let Some(solution) = pending.wait_timeout(if is_full { Duration::MAX } else { POLL_INTERVAL })? else {
+            return Ok(());
+        };
+        let solution = solution.to_owned();
+        self.in_flight.pop_front();
+        let job = self.taken.pop_front();
+        self.finish(job, Ok(solution));
+        Ok(())
+    }
+
+    fn finish(&self, job: Option<Job<[Frame; 2]>>, result: Result<Solution, Error>) {
+        if let Some(job) = job {
+            self.queue.done(&job, result);
+        }
+    }
+}
+
+impl Drop for PairWorker {
+    /// Gives each pair a result, also after a panic.
+    fn drop(&mut self) {
+        self.queue.retire(self.taken.drain(..), self.fault.take().map(Err));
+    }
+}
+
+/// A thread that solves one item after the other by a function.
+struct FunctionWorker<P, R, F> {
+    queue: Arc<Queue<P, Result<R, Error>>>,
+    solve: F,
+    taken: Option<Job<P>>,
+    fault: Option<Error>,
+}
+
+impl<P, R, F: FnMut(&P) -> Result<Result<R, Error>, Error>> FunctionWorker<P, R, F> {
+    /// Solves until the stream is dropped or the function returns a fault.
+    fn run(mut self) {
+        while let Some(job) = self.queue.take(true) {
+            let job = self.taken.insert(job);
+            match (self.solve)(&job.input) {
+                Ok(result) => self.queue.done(job, result),
+                Err(fault) => {
+                    self.fault = Some(fault);
+                    return;
+                }
+            }
+            self.taken = None;
+        }
+    }
+}
+
+impl<P, R, F> Drop for FunctionWorker<P, R, F> {
+    /// Gives the item a result, also after a panic.
+    fn drop(&mut self) {
+        self.queue.retire(self.taken.take(), self.fault.take().map(Err));
+    }
+}
+
+/// Returns whether the next pair would fail as well.
+fn is_device_fault(error: &Error) -> bool {
+    matches!(error, Error::Timeout { .. } | Error::Poisoned | Error::Vulkan { .. })
+}
