@@ -295,7 +295,7 @@ mod tests {
         assert!(both[0].contains("a says that its values are sRGB, and b that its are linear"), "{both:?}");
     }
 
-    fn input(file: &str, bits: u32, encoding: Option<&str>) -> Input {
+    fn input_of(file: &str, bits: u32, encoding: Option<&str>) -> Input {
         let encoding = encoding.map(String::from);
         let (sha256, format) = (String::new(), "PNG".to_string());
         Input {
@@ -318,17 +318,17 @@ mod tests {
         let of = |files: &[Input]| {
             Values::of(Decode::Auto, files).map(|Values { decode, by }| (decode, by)).map_err(|e| e.to_string())
         };
-        let (plain, deep) = (input("a", 8, None), input("d", 16, None));
+        let (plain, deep) = (input_of("a", 8, None), input_of("d", 16, None));
         assert_eq!(of(std::slice::from_ref(&plain)), Ok((Decode::Srgb, Basis::Assumed)));
         assert_eq!(of(std::slice::from_ref(&deep)), Ok((Decode::None, Basis::Assumed)));
         assert_eq!(of(&[deep.clone(), plain.clone()]), Ok((Decode::Srgb, Basis::Assumed)));
-        assert_eq!(of(&[deep, input("b", 8, Some("sRGB"))]), Ok((Decode::Srgb, Basis::Assumed)));
-        assert_eq!(of(&[plain, input("e", 32, Some("linear"))]), Ok((Decode::None, Basis::Assumed)));
+        assert_eq!(of(&[deep, input_of("b", 8, Some("sRGB"))]), Ok((Decode::Srgb, Basis::Assumed)));
+        assert_eq!(of(&[plain, input_of("e", 32, Some("linear"))]), Ok((Decode::None, Basis::Assumed)));
         for curve in ["sRGB", "Adobe RGB (1998)", "gamma 1.80"] {
-            assert_eq!(of(&[input("s", 16, Some(curve))]), Ok((Decode::Srgb, Basis::Files)));
+            assert_eq!(of(&[input_of("s", 16, Some(curve))]), Ok((Decode::Srgb, Basis::Files)));
         }
-        assert_eq!(of(&[input("u", 16, Some(UNREADABLE))]), Ok((Decode::None, Basis::Assumed)));
-        let problem = of(&[input("s", 8, Some("sRGB")), input("l", 8, Some("linear"))]).unwrap_err();
+        assert_eq!(of(&[input_of("u", 16, Some(UNREADABLE))]), Ok((Decode::None, Basis::Assumed)));
+        let problem = of(&[input_of("s", 8, Some("sRGB")), input_of("l", 8, Some("linear"))]).unwrap_err();
         assert!(problem.starts_with("s says that its values are sRGB, and l that its are linear: "), "{problem}");
         assert!(problem.contains("--decode"), "{problem}");
     }

@@ -16,7 +16,7 @@ mod raw;
 mod source;
 #[cfg(test)]
 mod tests;
-mod tiff;
+mod tiff_page;
 
 use std::path::Path;
 

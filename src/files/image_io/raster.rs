@@ -6,7 +6,7 @@ use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use super::check::{CONVERT, DAMAGED};
-use super::tiff::turned;
+use super::tiff_page::turned;
 use crate::base::{Channels, Frame, Samples};
 
 /// The formats that are read, by the names that people know them by.

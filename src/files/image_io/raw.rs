@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-use super::tiff::is_tiff;
+use super::tiff_page::is_tiff;
 use crate::base::{Depth, Frame, PixelFormat};
 
 /// Format and size of a frame that does not state them itself; as text `Mono12p:2448x2048`.
@@ -173,7 +173,7 @@ mod tests {
             ("a.nef", b"\x89PNG\r\n\x1a\n", None),
             ("a.png", b"\x89PNG\r\n\x1a\nCR", None),
         ] {
-            let problem = problem(Path::new(name), start);
+            let problem = camera_raw_problem(Path::new(name), start);
             assert_eq!(problem.is_some(), expected.is_some(), "{name}: {problem:?}");
             let problem = problem.unwrap_or_default();
             assert!(problem.contains(expected.unwrap_or_default()), "{problem}");

@@ -7,7 +7,7 @@ use super::openexr::{self, Exr};
 use super::pfm::{self, Pfm};
 use super::raster::Raster;
 use super::raw::{Raw, RawFormat};
-use super::tiff::{self, TiffPage};
+use super::tiff_page::{self, TiffPage};
 use crate::base::{Depth, Frame};
 
 /// A file, and the page or format that its name selects.
@@ -66,7 +66,7 @@ impl<'a> Source<'a> {
             return Ok(Self::Raw(Raw::open(bytes, format)?));
         }
         let page = selected.page;
-        if tiff::is_tiff(bytes) {
+        if tiff_page::is_tiff(bytes) {
             return Ok(Self::Tiff(Box::new(TiffPage::open(bytes, page)?)));
         }
         if page.is_some_and(|page| page > 1) {

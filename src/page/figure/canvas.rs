@@ -314,20 +314,20 @@ mod tests {
     #[test]
     fn width_is_where_the_outline_ends() {
         let size = 20.0;
-        let bounds = outline("HHH", size).unwrap().bounds();
+        let bounds = text_outline("HHH", size).unwrap().bounds();
         assert!(
             bounds.right() <= text_width("HHH", size) && bounds.right() > 0.8 * text_width("HHH", size),
             "{bounds:?}"
         );
         assert!(bounds.top() < -0.5 * size && bounds.bottom().abs() < 0.5, "{bounds:?}");
-        assert!(outline("", size).is_none() && outline("  ", size).is_none());
+        assert!(text_outline("", size).is_none() && text_outline("  ", size).is_none());
     }
 
     #[test]
     fn lines_break_between_words() {
         let limit = text_width("too few", 12.0) + 0.1;
-        assert_eq!(wrap("too few key-points", 12.0, limit), ["too few", "key-points"]);
-        assert_eq!(wrap("registration", 12.0, 1.0), ["registration"]);
-        assert!(wrap("  ", 12.0, 100.0).is_empty());
+        assert_eq!(wrap_text("too few key-points", 12.0, limit), ["too few", "key-points"]);
+        assert_eq!(wrap_text("registration", 12.0, 1.0), ["registration"]);
+        assert!(wrap_text("  ", 12.0, 100.0).is_empty());
     }
 }

@@ -187,7 +187,7 @@ mod tests {
         assert!(found.data[80].is_nan());
     }
 
-    fn heights(width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Heights {
+    fn grid(width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Heights {
         let data = (0..width * height).map(|i| value(i % width, i / width)).collect();
         Heights { width, height, data }
     }
@@ -195,30 +195,30 @@ mod tests {
     #[test]
     fn a_plane_has_one_normal_everywhere() {
         // Nearness rises by 0.1 a node, 4 nodes to the unit: dz/dx = 0.1 * 4 * relief.
-        let mesh = Mesh::new(&heights(4, 3, |x, _| 0.1 * x as f32), 0.5);
+        let mesh = Mesh::new(&grid(4, 3, |x, _| 0.1 * x as f32), 0.5);
         let expected = unit([-0.2, 0.0, 1.0]);
         assert_eq!((mesh.vertices.len(), mesh.triangles.len()), (12, 12));
         for vertex in &mesh.vertices {
             assert!(vertex.normal.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{vertex:?}");
         }
-        let up = Mesh::new(&heights(3, 4, |_, y| 0.1 * y as f32), 0.5).vertices[0].normal;
+        let up = Mesh::new(&grid(3, 4, |_, y| 0.1 * y as f32), 0.5).vertices[0].normal;
         assert!(up[1] > 0.1, "nearer below leans up: {up:?}");
     }
 
     #[test]
     fn holes_are_not_drawn_and_their_corners_are_cut() {
-        let hole = |hx: usize, hy: usize| heights(4, 4, move |x, y| if (x, y) == (hx, hy) { f32::NAN } else { 0.5 });
+        let hole = |hx: usize, hy: usize| grid(4, 4, move |x, y| if (x, y) == (hx, hy) { f32::NAN } else { 0.5 });
         // Of the four squares around an inner node each keeps one triangle.
         assert_eq!(Mesh::new(&hole(1, 2), 1.0).triangles.len(), 2 * 5 + 4);
         assert_eq!(Mesh::new(&hole(0, 0), 1.0).triangles.len(), 2 * 8 + 1);
         assert_eq!(Mesh::new(&hole(3, 3), 1.0).triangles.len(), 2 * 8 + 1);
-        let empty = Mesh::new(&heights(3, 3, |_, _| f32::NAN), 1.0);
+        let empty = Mesh::new(&grid(3, 3, |_, _| f32::NAN), 1.0);
         assert!(empty.triangles.is_empty() && empty.vertices.is_empty());
     }
 
     #[test]
     fn the_relief_is_from_far_to_near_and_the_longer_side_is_one() {
-        let mesh = Mesh::new(&heights(5, 3, |x, _| (x == 2) as u8 as f32), 0.3);
+        let mesh = Mesh::new(&grid(5, 3, |x, _| (x == 2) as u8 as f32), 0.3);
         let z: Vec<f32> = mesh.vertices.iter().map(|vertex| vertex.position[2]).collect();
         assert_eq!((z[0], z[2]), (-0.15, 0.15));
         assert!((mesh.vertices[0].position[0] + 0.4).abs() < 1e-6 && (mesh.vertices[0].position[1] - 0.2).abs() < 1e-6);
