@@ -19,7 +19,7 @@ use crate::engine::{LevelHistory, OtherMotion, Registered, Solution, Timings};
 use crate::files::bounded_read;
 use crate::files::image_io::{self, Input, Values};
 use crate::metric::measure::Line;
-use crate::solve::focus_stack::{Positions, RegisteredSweep, Sweep, SweepDepth};
+use crate::solve::sweep::{Positions, RegisteredSweep, Sweep, SweepDepth};
 
 /// The report of results.
 pub const REPORT_FILE: &str = "report.json";

@@ -15,7 +15,7 @@ use crate::base::{Depth, Error, Frame, Lens, Samples};
 use crate::engine::Solution;
 use crate::files::image_io;
 use crate::metric::{DOUBT, MetricDepth};
-use crate::solve::focus_stack::{Positions, Sweep};
+use crate::solve::sweep::{Positions, Sweep};
 
 /// Depth in mm, channel `Y`, and its standard deviation, channel `standard_deviation`.
 pub const DEPTH_FILE: &str = "depth_mm.exr";
