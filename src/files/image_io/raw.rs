@@ -149,8 +149,11 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_told_what_would() {
         let problem = |text: &str, length: usize| Raw::open(&vec![0; length], text.parse().unwrap()).err().unwrap();
-        let told = problem("Mono12p:4x2", 16);
-        assert!(told.contains("16 bytes, and Mono12p:4x2 takes 12") && told.contains("Mono10 or Mono12 or"), "{told}");
+        let message = problem("Mono12p:4x2", 16);
+        assert!(
+            message.contains("16 bytes, and Mono12p:4x2 takes 12") && message.contains("Mono10 or Mono12 or"),
+            "{message}"
+        );
         assert!(problem("Mono8:4x2", 9).contains("another size"));
         for bad in ["", "Mono12p", "Mono12p:", "Mono12p:4", "Mono12p:0x4", "Mono12p:4x-1", "Mono12p:99999999999x1"] {
             assert!(bad.parse::<RawFormat>().unwrap_err().contains("as in Mono12p:2448x2048"), "{bad}");
