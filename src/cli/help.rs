@@ -6,6 +6,16 @@ use clap::Command;
 
 use crate::cli::options::config_file::takes_config;
 
+// Headings of the options, the same in every subcommand.
+pub(crate) const INPUT: &str = "Input";
+pub(crate) const REGISTRATION: &str = "Registration";
+pub(crate) const BLUR: &str = "Relative blur V";
+pub(crate) const REGION: &str = "Region";
+pub(crate) const LENS: &str = "Lens";
+pub(crate) const MEASUREMENTS: &str = "Measurements";
+pub(crate) const OUTPUT: &str = "Output";
+pub(crate) const DEVICE: &str = "Device";
+
 /// The text below the long help of subcommands that run on a device.
 pub(crate) const AFTER_HELP: &str = "\
 Exit status: 0 done (without --strict also if the solve did not converge), 1 failed, 2 wrong usage.
@@ -112,7 +122,6 @@ mod tests {
 
     use super::*;
     use crate::cli::options::config_file::is_bool;
-    use crate::cli::options::headings::{BLUR, DEVICE, INPUT, OUTPUT, REGION, REGISTRATION};
 
     fn program() -> Command {
         let mut command = crate::cli::command();

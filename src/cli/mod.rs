@@ -1,14 +1,67 @@
 //! The command line of the program `parfocal`.
 
-mod batch;
-mod commands;
 #[cfg(all(test, target_os = "linux"))]
 mod fuzz;
 mod help;
-mod jobs;
-mod options;
-mod output;
 mod signals;
+
+/// One file a subcommand: its options and what it does.
+mod commands {
+    pub mod apply;
+    pub mod batch;
+    pub mod bench;
+    pub mod calibrate;
+    pub mod compare;
+    pub mod config;
+    pub mod depth;
+    pub mod devices;
+    pub mod evaluate;
+    pub mod inspect;
+    pub mod measure;
+    pub mod open;
+    pub mod register;
+    pub mod shell;
+    pub mod simulate;
+    pub mod solve;
+    pub mod stack;
+    pub mod view;
+    pub mod watch;
+}
+
+/// The options that subcommands share, and the file of options.
+mod options {
+    pub mod config_file;
+    pub mod device;
+    pub mod exports;
+    pub mod lens;
+    pub mod output;
+    pub mod part;
+    pub mod photographs;
+    pub mod settings;
+    pub mod solve;
+}
+
+/// Results, progress, summaries and errors.
+mod output {
+    pub mod derived_outputs;
+    pub mod destination;
+    pub mod failure;
+    pub mod progress;
+    pub mod summary;
+}
+
+/// Many pairs and sweeps: which they are, how they are solved, the summary.
+mod batch {
+    pub mod pairs;
+    pub mod summary;
+    pub mod tasks;
+}
+
+/// One pair or one sweep, from its files to its results.
+mod jobs {
+    pub mod pair;
+    pub mod sweep;
+}
 
 use std::fs;
 use std::path::Path;

@@ -119,7 +119,7 @@ impl Stream {
         for engine in engines {
             let solver = PreparedSolver::new(engine, size, formats, settings, count, None, engine.reading())?;
             let worker = PairWorker::new(&stream.queue, solver, count);
-            stream.start(engine, || worker.run())?;
+            stream.start(&engine.info().name, || worker.run())?;
         }
         Ok(stream)
     }
@@ -151,16 +151,44 @@ impl Stream<Vec<Frame>, Sweep> {
     /// # Errors
     /// [`Error::NoDevice`] without engines, [`Error::NoThread`]. The error of a sweep is its result.
     pub fn of_sweeps(engines: &[&Engine], threads: usize, options: &SweepOptions) -> Result<Self, Error> {
-        let threads = threads.max(1);
-        let mut stream = Self::without_workers(engines, threads, threads.saturating_mul(engines.len()))?;
-        for engine in engines {
-            for _ in 0..threads {
-                let (queue, engine, options) = (stream.queue.clone(), (*engine).clone(), options.clone());
-                let worker = SweepWorker { queue, engine: engine.clone(), options, taken: None, fault: None };
-                stream.start(&engine, || worker.run())?;
-            }
+        if engines.is_empty() {
+            return Err(Error::NoDevice(String::new()));
         }
-        Ok(stream)
+        let workers: Vec<_> = engines
+            .iter()
+            .flat_map(|engine| (0..threads.max(1)).map(|_| ((*engine).clone(), options.clone())))
+            .map(|(engine, options)| {
+                move |frames: &Vec<Frame>| match solve_sweep(&engine, frames, &options) {
+                    Err(fault) if is_device_fault(&fault) => Err(fault),
+                    solved => Ok(solved),
+                }
+            })
+            .collect();
+        let capacity = 2 * workers.len();
+        Self::of_workers(workers, capacity)
+    }
+}
+
+impl<P: Send + 'static, R: Send + 'static> Stream<P, R> {
+    /// Makes a stream whose items are solved by functions, each in a thread of its own. `capacity` items may be pushed and not yet read.
+    ///
+    /// A function returns the result of an item. If it can solve no more, it returns the fault, and the other functions solve the item;
+    /// the last one's fault is the result of the item.
+    ///
+    /// # Errors
+    /// [`Error::NoThread`] if no thread could be started.
+    pub fn of_workers<F>(workers: Vec<F>, capacity: usize) -> Result<Self, Error>
+    where
+        F: FnMut(&P) -> Result<Result<R, Error>, Error> + Send + 'static,
+    {
+        let queue = Arc::new(Queue::new(workers.len(), capacity.max(1), || Err(Error::Poisoned)));
+        let mut stream = Self { queue, workers: Vec::new() };
+        let mut started = Ok(());
+        for solve in workers {
+            let worker = FunctionWorker { queue: stream.queue.clone(), solve, taken: None, fault: None };
+            started = stream.start("a stream", || worker.run());
+        }
+        if stream.workers.is_empty() { started.map(|()| stream) } else { Ok(stream) }
     }
 }
 
@@ -175,13 +203,10 @@ impl<P, R> Stream<P, R> {
     }
 
     /// Starts a worker. If there is no thread for it, dropping the stream ends the earlier ones.
-    fn start(&mut self, engine: &Engine, run: impl FnOnce() + Send + 'static) -> Result<(), Error> {
+    fn start(&mut self, device: &str, run: impl FnOnce() + Send + 'static) -> Result<(), Error> {
         let thread = Builder::new().name("parfocal stream".to_string()).spawn(run);
         self.workers.push(
-            thread.map_err(|problem| Error::NoThread {
-                device: engine.info().name.clone(),
-                problem: problem.to_string(),
-            })?,
+            thread.map_err(|problem| Error::NoThread { device: device.to_string(), problem: problem.to_string() })?,
         );
         Ok(())
     }
@@ -347,34 +372,33 @@ impl Drop for PairWorker {
     }
 }
 
-/// A thread that solves one sweep after the other. Its work on the host overlaps with the device's work for other threads.
-struct SweepWorker {
-    queue: Arc<Queue<Vec<Frame>, Result<Sweep, Error>>>,
-    engine: Engine,
-    options: SweepOptions,
-    taken: Option<Job<Vec<Frame>>>,
+/// A thread that solves one item after the other by a function.
+struct FunctionWorker<P, R, F> {
+    queue: Arc<Queue<P, Result<R, Error>>>,
+    solve: F,
+    taken: Option<Job<P>>,
     fault: Option<Error>,
 }
 
-impl SweepWorker {
-    /// Solves until the stream is dropped or the device fails.
+impl<P, R, F: FnMut(&P) -> Result<Result<R, Error>, Error>> FunctionWorker<P, R, F> {
+    /// Solves until the stream is dropped or the function returns a fault.
     fn run(mut self) {
         while let Some(job) = self.queue.take(true) {
             let job = self.taken.insert(job);
-            match solve_sweep(&self.engine, &job.input, &self.options) {
-                Err(error) if is_device_fault(&error) => {
-                    self.fault = Some(error);
+            match (self.solve)(&job.input) {
+                Ok(result) => self.queue.done(job, result),
+                Err(fault) => {
+                    self.fault = Some(fault);
                     return;
                 }
-                solved => self.queue.done(job, solved),
             }
             self.taken = None;
         }
     }
 }
 
-impl Drop for SweepWorker {
-    /// Gives the sweep a result, also after a panic.
+impl<P, R, F> Drop for FunctionWorker<P, R, F> {
+    /// Gives the item a result, also after a panic.
     fn drop(&mut self) {
         self.queue.retire(self.taken.take(), self.fault.take().map(Err));
     }

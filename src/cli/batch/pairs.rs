@@ -1,4 +1,4 @@
-//! Which photographs belong together: a folder's, by their names, or a list's.
+//! The pairs and sweeps of a folder, by the names of its files, or of a list in CSV or JSON.
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::ErrorKind;
@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use parfocal::image_io::RawFormat;
 use parfocal::internals::bounded_read;
+use serde::Deserialize;
 
-use crate::cli::batch::batch_summary::SUMMARY;
-use crate::cli::batch::manifest;
-use crate::cli::jobs::frames::{self, list, shown, stem};
+use crate::cli::batch::summary::SUMMARY;
+use crate::cli::options::photographs::{self, file_name, list_folder, stem, with_format};
 use crate::cli::output::failure::Failure;
 
 /// Photographs that belong together, two or those of a sweep in order, and the name of the folder that their results go to.
@@ -76,13 +76,13 @@ pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<
 fn settled(pairs: Vec<Candidate>, raw: Option<RawFormat>) -> Result<Vec<Group>, String> {
     let mut groups = named_apart(pairs)?;
     for file in groups.iter_mut().flat_map(|group| &mut group.files) {
-        *file = frames::named(std::mem::take(file), raw);
+        *file = with_format(std::mem::take(file), raw);
     }
     Ok(groups)
 }
 
 fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
-    let (files, folders) = list(folder, raw)?;
+    let (files, folders) = list_folder(folder, raw)?;
     let named = |folder: &Path, problem| Failure::Failed(format!("{}: {problem}", folder.display()));
     if !files.is_empty() {
         return by_name(&files).map_err(|problem| named(folder, problem));
@@ -90,7 +90,7 @@ fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Groupe
     let mut all = Grouped::default();
     for inner in folders.iter().filter(|inner| !crate::cli::same_file(inner, out)) {
         let folder_name = inner.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let files = list(inner, raw)?.0;
+        let files = list_folder(inner, raw)?.0;
         if let Some(files) = as_sweep(&files) {
             all.groups.push(Group { name: folder_name, files });
             continue;
@@ -152,11 +152,15 @@ fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
     for file in files {
         let stem = file.file_stem().unwrap_or_default().to_string_lossy();
         let Some((rest, kind, order)) = split(&stem) else {
-            found.left_over.push(format!("{} belongs to no pair: {ENDS}", shown(file)));
+            found.left_over.push(format!("{} belongs to no pair: {ENDS}", file_name(file)));
             continue;
         };
         if let Some(other) = series.entry((rest.to_string(), kind)).or_default().insert(order, file) {
-            return Err(format!("{} and {} have one place in their pair; move one away", shown(other), shown(file)));
+            return Err(format!(
+                "{} and {} have one place in their pair; move one away",
+                file_name(other),
+                file_name(file)
+            ));
         }
     }
     for ((rest, _), members) in &series {
@@ -165,7 +169,7 @@ fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
             && members.len() % 2 == 1
         {
             let of = if members.len() > 1 { format!(", of a series of {}", members.len()) } else { String::new() };
-            found.left_over.push(format!("{} is left over{of}: {ENDS}", shown(last)));
+            found.left_over.push(format!("{} is left over{of}: {ENDS}", file_name(last)));
             continue;
         }
         for two in members.chunks_exact(2) {
@@ -187,7 +191,7 @@ fn of_manifest(file: &Path, raw: Option<RawFormat>) -> Result<Vec<Candidate>, Fa
         _ => failed(format!("cannot be read as a manifest ({e}); give a folder, CSV or JSON lines")),
     })?;
     let folder = file.parent().unwrap_or(Path::new(""));
-    let lines = manifest::lines(&text, folder);
+    let lines = lines(&text, folder);
     let (mut pairs, mut given) = (Vec::new(), HashMap::new());
     for (number, line) in lines.map_err(|(number, problem)| failed(format!("line {number}: {problem}")))? {
         let name = line.name.clone().filter(|name| !name.is_empty());
@@ -264,6 +268,122 @@ fn named_apart(mut pairs: Vec<Candidate>) -> Result<Vec<Group>, String> {
         }
     }
     Ok(pairs.into_iter().map(|candidate| candidate.pair).collect())
+}
+
+/// A line of a manifest.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Line {
+    #[serde(default)]
+    i1: Option<PathBuf>,
+    #[serde(default)]
+    i2: Option<PathBuf>,
+    #[serde(default)]
+    sweep: Option<Sweep>,
+    #[serde(default)]
+    pub(crate) name: Option<String>,
+}
+
+/// The frames of a sweep in order, or the folder that holds them.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Sweep {
+    Folder(PathBuf),
+    Frames(Vec<PathBuf>),
+}
+
+impl Line {
+    fn of_pair(i1: &str, i2: &str, name: Option<&str>) -> Self {
+        Self { i1: Some(i1.into()), i2: Some(i2.into()), sweep: None, name: name.map(String::from) }
+    }
+
+    /// Its files, and the name that it has without one that is stated; `folder` is that of the manifest.
+    pub(crate) fn files(self, folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<PathBuf>, String), String> {
+        let is_pair = self.sweep.is_none();
+        let (files, name): (Vec<PathBuf>, _) = match (self.i1, self.i2, self.sweep) {
+            (Some(i1), Some(i2), None) => (vec![folder.join(&i1), folder.join(i2)], stem(&i1)),
+            (None, None, Some(Sweep::Frames(frames))) => {
+                let name = frames.first().map(|first| stem(first)).unwrap_or_default();
+                (frames.iter().map(|frame| folder.join(frame)).collect(), name)
+            }
+            (None, None, Some(Sweep::Folder(path))) => {
+                let path = folder.join(path);
+                if !path.is_dir() {
+                    return Err(format!(
+                        "there is no folder {}; give that of the frames, or a list of them",
+                        path.display()
+                    ));
+                }
+                (
+                    photographs::sweep_frames(std::slice::from_ref(&path), true, raw)
+                        .map_err(|failure| failure.message())?,
+                    file_name(&path),
+                )
+            }
+            _ => return Err(format!("is not {JSON}")),
+        };
+        if !is_pair && files.len() < 3 {
+            return Err(format!("has {} frames, and a sweep has three or more", files.len()));
+        }
+        Ok((files, name))
+    }
+}
+
+/// A line of JSON.
+const JSON: &str = "{\"i1\": FILE, \"i2\": FILE, \"name\": NAME} or {\"sweep\": FOLDER, \"name\": NAME}";
+
+/// Lines of a manifest with their numbers, or the first that is wrong.
+pub(crate) type Lines = Result<Vec<(usize, Line)>, (usize, String)>;
+
+/// Those of a text, which names files in this folder.
+pub(crate) fn lines(text: &str, folder: &Path) -> Lines {
+    if text.trim_start().starts_with('{') { json_lines(text) } else { csv_lines(text, folder) }
+}
+
+fn json_lines(text: &str) -> Lines {
+    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    lines
+        .map(|(i, line)| match serde_json::from_str(line) {
+            Ok(parsed) => Ok((i + 1, parsed)),
+            Err(e) => Err((i + 1, format!("is not {JSON} ({e})"))),
+        })
+        .collect()
+}
+
+fn csv_lines(text: &str, folder: &Path) -> Lines {
+    let first = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
+    // As spreadsheets write it where the comma is the decimal mark.
+    let delimiter = [b';', b'\t'].into_iter().find(|mark| !first.contains(',') && first.as_bytes().contains(mark));
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .delimiter(delimiter.unwrap_or(b','))
+        .trim(csv::Trim::All)
+        .comment(Some(b'#'))
+        .from_reader(text.as_bytes());
+    // Words, which name no file.
+    let is_word = |cell: &&str| !cell.contains(['.', '/', '\\']) && !folder.join(cell).exists();
+    let mut lines = Vec::new();
+    for (place, record) in reader.records().enumerate() {
+        let record = record.map_err(|e| {
+            let number = e.position().map_or(0, csv::Position::line);
+            (number as usize, format!("is not CSV ({e})"))
+        })?;
+        let number = record.position().map_or(0, csv::Position::line) as usize;
+        let cells: Vec<&str> = record.iter().collect();
+        let is_header = place == 0 && cells.len() > 1 && cells.iter().take(2).all(is_word);
+        match cells.as_slice() {
+            _ if is_header => {}
+            [i1, i2] | [i1, i2, ""] if !i1.is_empty() && !i2.is_empty() => {
+                lines.push((number, Line::of_pair(i1, i2, None)));
+            }
+            [i1, i2, name] if !i1.is_empty() && !i2.is_empty() => {
+                lines.push((number, Line::of_pair(i1, i2, Some(name))));
+            }
+            _ => return Err((number, "is not I1,I2 or I1,I2,NAME".to_string())),
+        }
+    }
+    Ok(lines)
 }
 
 #[cfg(test)]

@@ -6,8 +6,8 @@ use parfocal::export::{FrameRegistration, Registration, registered_ending, regis
 use parfocal::image_io::Photograph;
 use parfocal::{Frame, frame::Depth, image_io, resample, transform::Brightness};
 
-use crate::cli::jobs::frames;
-use crate::cli::options::output_options::ToldArguments;
+use crate::cli::options::output::ReportArguments;
+use crate::cli::options::photographs;
 use crate::cli::options::settings::registration_file;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
@@ -34,7 +34,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     force: ForceArgument,
     #[command(flatten)]
-    told: ToldArguments,
+    report: ReportArguments,
 }
 
 /// Reads, moves and writes one photograph after the other.
@@ -54,12 +54,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             let frame = moved(arguments, &registration, Some(second), path, depth);
             let frame = std::iter::once(frame.map(|frame| (name.clone(), frame)));
             write_registered(arguments.force.to(&arguments.output), depth, frame)?;
-            arguments.told.say(&arguments.output.join(name).display().to_string());
+            arguments.report.print_line(&arguments.output.join(name).display().to_string());
         }
         return list(arguments, &names);
     }
     // One photograph for each frame of a sweep, all or none.
-    let images = frames::of_sweep(&arguments.images, false, None)?;
+    let images = photographs::sweep_frames(&arguments.images, false, None)?;
     let count = registration.frames.len();
     if images.len() != count {
         let problem = format!("registers {count} frames, and {} images are given; give one for each", images.len());
@@ -72,7 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         moved(arguments, &registration, frame, &images[n], depth).map(|moved| (names[n].clone(), moved))
     });
     write_registered(arguments.force.to(&arguments.output), depth, all)?;
-    names.iter().for_each(|name| arguments.told.say(&arguments.output.join(name).display().to_string()));
+    names.iter().for_each(|name| arguments.report.print_line(&arguments.output.join(name).display().to_string()));
     list(arguments, &names)
 }
 
@@ -118,7 +118,7 @@ fn of_file(path: &Path, problem: impl std::fmt::Display) -> Failure {
 /// Prints the files as JSON.
 fn list(arguments: &Arguments, names: &[String]) -> Result<(), Failure> {
     let files: Vec<String> = names.iter().map(|file| arguments.output.join(file).display().to_string()).collect();
-    arguments.told.json(|| serde_json::to_string(&serde_json::json!({ "files": files })))
+    arguments.report.print_json(|| serde_json::to_string(&serde_json::json!({ "files": files })))
 }
 
 /// The names of the results. Refuses names that would replace one another, an input, or a file of another program. The photographs are read

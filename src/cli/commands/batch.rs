@@ -1,97 +1,102 @@
-//! `parfocal batch`: many pairs and sweeps, one after the other, while the next is read and the last is written.
+//! `parfocal batch`: solves many pairs and sweeps.
 
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use parfocal::export::{FileKind, abandon, write_named};
+use parfocal::export::{FileKind, abandon};
 
-use crate::cli::batch::batch_summary::{INDEX, SUMMARY, Tally};
 use crate::cli::batch::pairs;
-use crate::cli::batch::pairs_bar::PairsBar;
-use crate::cli::batch::pipeline::{self, Bench};
-use crate::cli::batch::shard::Shard;
-use crate::cli::batch::task::{Named, Shared};
-use crate::cli::help;
-use crate::cli::jobs::request::Request;
-use crate::cli::options::headings::OUTPUT;
-use crate::cli::options::solve_options::SolveOptions;
+use crate::cli::batch::summary::{BatchSummary, INDEX, Outcome, SUMMARY};
+use crate::cli::batch::tasks::{Context, Devices, Task};
+use crate::cli::help::{self, OUTPUT};
+use crate::cli::options::solve::{Request, SolveArguments};
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
+use crate::cli::output::progress::BatchProgress;
 use crate::cli::signals;
 
 /// Solve many pairs and focus sweeps: those of a folder, or of a list.
 #[derive(clap::Args, Debug)]
 #[command(after_long_help = after_help())]
 pub(crate) struct Arguments {
-    /// Folder of photographs or of folders, or list of pairs and sweeps, as CSV or JSON lines
+    /// Folder of photographs or of folders, or list of pairs and sweeps as CSV or JSON lines
     #[arg(value_name = "DIR|MANIFEST")]
     source: PathBuf,
     #[command(flatten)]
-    options: SolveOptions,
-    /// Folder for a folder of results for each pair, and batch.json; made if it is missing
+    options: SolveArguments,
+    /// Folder for a folder of results for each pair, and batch.json; created if missing
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
     output: PathBuf,
-    /// Leave out pairs whose results are there, whole, and of the same photographs and options
+    /// Keep complete results of the same photographs and options
     #[arg(long, help_heading = OUTPUT)]
     resume: bool,
-    /// Solve the I-th of N shares, I from 1, for N processes or machines over one folder of results
+    /// Solve share I of N (I from 1), for N processes or machines with one folder of results
     ///
-    /// The first pair is of share 1, the second of share 2, and so on. The summary is batch-I-of-N.json; when all are
-    /// done, the same batch with --resume and without --shard solves what is missing and writes batch.json and
-    /// index.html.
+    /// The first pair belongs to share 1, the second to share 2, and so on. The summary is batch-I-of-N.json. When all are done, the
+    /// same batch with --resume and without --shard solves what is missing and writes batch.json and index.html.
     #[arg(long, value_name = "I/N", help_heading = OUTPUT)]
     shard: Option<Shard>,
 }
 
 fn after_help() -> String {
     format!(
-        "{}\n\nA pair that fails is reported and the others go on. Ctrl-C finishes the pair at hand and writes the summary;\n\
-         a second one ends at once.\n\nExit status: 0 all done, 1 a pair failed, 2 wrong usage, 130 ended by Ctrl-C.\n\n\
+        "{}\n\nA pair that fails is reported and the others go on. Ctrl-C finishes the current pairs and writes the summary;\n\
+         a second Ctrl-C ends the program at once.\n\nExit status: 0 all done, 1 a pair failed, 2 wrong usage, 130 ended by Ctrl-C.\n\n\
          Examples:\n  parfocal batch shots -o results --regularization 0.001\n  parfocal batch list.csv -o results --resume",
         help::wrapped(pairs::RULE, help::WIDTH)
     )
 }
 
-/// Solves all pairs and says what came of each.
+/// Solves all pairs and sweeps and reports each.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let started = Instant::now();
     let (source, out) = (&arguments.source, &arguments.output);
     let request = arguments.options.request()?;
     let shard = arguments.shard.unwrap_or(Shard::WHOLE);
-    let summary = arguments.shard.map_or_else(|| SUMMARY.to_string(), Shard::summary);
-    destination::check_folder(out)?;
-    request.force.to(out).check_named(FileKind::Batch, &[&summary])?;
+    let file = arguments.shard.map_or_else(|| SUMMARY.to_string(), Shard::summary);
     let has_page = request.page && arguments.shard.is_none();
+    check_output(&request, out, &file, has_page)?;
+    let found = pairs::find(source, out, arguments.options.raw())?;
+    let tasks: Vec<_> = shard.of(found.groups).map(|group| Arc::new(Task::new(out, group))).collect();
+    tasks.iter().try_for_each(|task| task.check(&request))?;
+    let stop = stop_on_interrupt();
+    let devices = Devices::open(&request.run.engine)?;
+    let context = Arc::new(Context { request, resume: arguments.resume, device: devices.least()?, stop });
+    let (request, mut stream) = (&context.request, devices.stream(&context)?);
+    let progress = BatchProgress::new(tasks.len(), &request.run);
+    let rows = tasks.iter().zip(stream.map(tasks.iter().cloned())).map(|(task, result)| {
+        let row = result.unwrap_or_else(|_| task.row(Outcome::NotDone));
+        if !matches!(row.outcome(), Outcome::NotDone) {
+            progress.show(&row);
+        }
+        row
+    });
+    let rows = rows.collect();
+    drop((progress, stream));
+    let is_interrupted = context.stop.load(Ordering::Relaxed);
+    let summary = BatchSummary::new(source, rows, found.left_over, is_interrupted, started.elapsed());
+    summary.write(request, out, &file, has_page)?;
+    request.run.report.print(&summary.table(&out.join(&file)), || summary.to_json())?;
+    devices.check()?;
+    summary.check(request.run.strict)
+}
+
+/// Refuses an output folder where the summary or the index page cannot be written.
+pub(crate) fn check_output(request: &Request, out: &Path, summary: &str, has_page: bool) -> Result<(), Failure> {
+    destination::check_folder(out)?;
+    request.force.to(out).check_named(FileKind::Batch, &[summary])?;
     if has_page {
         request.force.to(out).check_named(FileKind::BatchPage, &[INDEX])?;
     }
-    let found = pairs::find(source, out, arguments.options.raw())?;
-    let jobs: Vec<Named> = shard.of(found.groups).map(|group| Named::new(out, group)).collect();
-    jobs.iter().try_for_each(|named| named.check(&request))?;
-    let stop = on_interrupt();
-    let (mut benches, device) = Bench::open(&request.run.engine)?;
-    let shared = Shared { request, resume: arguments.resume, device, stop, on_done: None };
-    let Request { run, force, .. } = &shared.request;
-    let bar = PairsBar::new(jobs.len(), run);
-    let (rows, ended) = pipeline::work_off(&mut benches, &jobs, &shared, &bar)?;
-    drop(bar);
-    let interrupted = shared.stop.load(Ordering::Relaxed);
-    let tally = Tally::new(source, rows, found.left_over, interrupted, started.elapsed());
-    let json = tally.to_json()?;
-    write_named(force.to(out), &summary, FileKind::Batch, format!("{json}\n").as_bytes())?;
-    if has_page {
-        write_named(force.to(out), INDEX, FileKind::BatchPage, tally.page(out).as_bytes())?;
-    }
-    run.told.tell(&tally.table(&out.join(&summary)), || Ok(json))?;
-    ended?;
-    tally.check(run.strict)
+    Ok(())
 }
 
-/// A flag that the first Ctrl-C or SIGTERM sets; the second removes what is half written and ends the program.
-pub(crate) fn on_interrupt() -> Arc<AtomicBool> {
+/// A flag that the first Ctrl-C or SIGTERM sets. The second removes temporary files and ends the program.
+pub(crate) fn stop_on_interrupt() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     signals::listen(move |status| {
@@ -99,7 +104,57 @@ pub(crate) fn on_interrupt() -> Arc<AtomicBool> {
             abandon();
             std::process::exit(status);
         }
-        let _ = writeln!(io::stderr(), "\nfinishing the pair at hand; Ctrl-C again ends at once");
+        let _ = writeln!(io::stderr(), "\nfinishing the current pairs; Ctrl-C again ends the program at once");
     });
     stop
+}
+
+/// One of the shares of a batch, for several processes or machines.
+#[derive(Clone, Copy, Debug)]
+struct Shard {
+    /// From 1.
+    index: usize,
+    count: usize,
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        match numbers {
+            Some((index, count)) if (1..=count).contains(&index) => Ok(Self { index, count }),
+            _ => Err("give I/N, share I of N, as in 2/8".to_string()),
+        }
+    }
+}
+
+impl Shard {
+    /// All pairs.
+    const WHOLE: Self = Self { index: 1, count: 1 };
+
+    /// The pairs of the share: of three shares the first has the first, the fourth, the seventh, ...
+    fn of<T>(self, all: Vec<T>) -> impl Iterator<Item = T> {
+        all.into_iter().skip(self.index - 1).step_by(self.count)
+    }
+
+    /// The file of the summary.
+    fn summary(self) -> String {
+        format!("batch-{}-of-{}.json", self.index, self.count)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_are_disjoint_and_complete() {
+        let share = |text: &str| text.parse::<Shard>().unwrap().of((0..7).collect()).collect::<Vec<_>>();
+        assert_eq!([share("1/3"), share("2/3"), share("3/3")], [vec![0, 3, 6], vec![1, 4], vec![2, 5]]);
+        assert_eq!((share("1/1").len(), share("8/9").len()), (7, 0));
+        for text in ["0/3", "4/3", "x", "1/", "/2", "1/2/3", "-1/3", "1.5/2"] {
+            assert!(text.parse::<Shard>().is_err(), "{text}");
+        }
+    }
 }

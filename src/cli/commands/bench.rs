@@ -8,8 +8,8 @@ use parfocal::export::{FileKind, Registration};
 use parfocal::internals::bench::{self, Input, Options, Report};
 use parfocal::{Settings, image_io, settings::Method};
 
-use crate::cli::options::engine::EngineArguments;
-use crate::cli::options::output_options::QuietArgument;
+use crate::cli::options::device::EngineArguments;
+use crate::cli::options::output::QuietArgument;
 use crate::cli::options::settings::{KernelChoice, TableArguments};
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::{Failure, print};
@@ -108,7 +108,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     check_outputs(arguments)?;
     let options = options(arguments)?;
     let (engine, engine_ms) = bench::open(&arguments.engine.options())?;
-    let measured = bench::run(&engine, engine_ms, &options, &mut |line| arguments.quiet.say(line))?;
+    let measured = bench::run(&engine, engine_ms, &options, &mut |line| arguments.quiet.print_line(line))?;
     crate::cli::check_validation(&engine)?;
     let report = &measured.report;
     if let Some(file) = &arguments.output {

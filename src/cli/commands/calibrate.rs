@@ -16,8 +16,8 @@ use serde::Deserialize;
 
 use crate::cli::commands::depth::decimals;
 use crate::cli::options::lens::LensArguments;
-use crate::cli::options::region::RegionAtDepth;
-use crate::cli::options::results_folder::SolvedArguments;
+use crate::cli::options::output::ResultsArguments;
+use crate::cli::options::part::RegionAtDepth;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
@@ -26,7 +26,7 @@ use crate::cli::output::failure::Failure;
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    of: SolvedArguments,
+    of: ResultsArguments,
     #[command(flatten)]
     lens: LensArguments,
     /// The target is a plane that fills the image: its depths in mm at the corners top left, top right, bottom left
@@ -117,7 +117,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = &arguments.output {
         export::write_json(arguments.of.force.to(file), FileKind::Lens, &found)?;
     }
-    arguments.of.tell(&summary(&found, arguments.output.as_deref()), &found)
+    arguments.of.report(&summary(&found, arguments.output.as_deref()), &found)
 }
 
 /// Asks, where a plane determines nothing, whether its corners were named in another order by which it does.

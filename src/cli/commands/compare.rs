@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::cli::commands::depth::decimals;
-use crate::cli::options::output_options::ToldArguments;
+use crate::cli::options::output::ReportArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
@@ -24,7 +24,7 @@ pub(crate) struct Arguments {
     #[arg(short, long, value_name = "FILE.png")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    told: ToldArguments,
+    report: ReportArguments,
     #[command(flatten)]
     force: ForceArgument,
 }
@@ -101,7 +101,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = &arguments.output {
         figure::write_png(arguments.force.to(file), &picture(size.0, size.1, &pixels))?;
     }
-    arguments.told.tell(&compared.table(paths, arguments.output.as_deref()), || serde_json::to_string_pretty(&compared))
+    arguments
+        .report
+        .print(&compared.table(paths, arguments.output.as_deref()), || serde_json::to_string_pretty(&compared))
 }
 
 /// Settings by their names, those within others too, that are not the same.

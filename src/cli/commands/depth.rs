@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use parfocal::export::{DEPTH_FILE, DEPTH_PICTURE_FILE, DepthReport, Kind, REPORT_FILE, Results};
 
 use crate::cli::commands::view::VIEW;
-use crate::cli::options::colors::ColorsArgument;
-use crate::cli::options::focus_positions::{self, PlacesArguments};
-use crate::cli::options::headings::INPUT;
+use crate::cli::help::INPUT;
 use crate::cli::options::lens::LensArguments;
-use crate::cli::options::results_folder::SolvedArguments;
+use crate::cli::options::output::ColorsArgument;
+use crate::cli::options::output::ResultsArguments;
+use crate::cli::options::photographs::{self, FocusPositionArguments};
 use crate::cli::options::settings::one_or_two;
 use crate::cli::output::derived_outputs::DerivedOutputs;
 use crate::cli::output::destination;
@@ -22,11 +22,11 @@ use crate::cli::output::failure::Failure;
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    of: SolvedArguments,
+    of: ResultsArguments,
     #[command(flatten)]
     lens: LensArguments,
     #[command(flatten)]
-    places: PlacesArguments,
+    focus_at: FocusPositionArguments,
     /// Of a sweep: whether the first (1) or the last (2) frame is focused nearest [default: by --focus-at]
     #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = one_or_two)]
     nearer: Option<u8>,
@@ -55,13 +55,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.lens.stated()?;
     let mut solved = Results::read(results)?;
     let doubt = if solved.report.kind == Kind::Sweep {
-        let places = arguments.places.places().filter(|_| !arguments.lens.is_given());
+        let places = arguments.focus_at.positions().filter(|_| !arguments.lens.is_given());
         let places = places.ok_or_else(|| usage("holds a focus sweep; give --focus-at, and no lens"))?;
-        let nearer = focus_positions::nearer(arguments.nearer, &places)?;
+        let nearer = photographs::nearer_end(arguments.nearer, &places)?;
         solved.set_positions(&places, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
         None
     } else {
-        if arguments.places.places().is_some() || arguments.nearer.is_some() {
+        if arguments.focus_at.positions().is_some() || arguments.nearer.is_some() {
             return Err(usage("holds a pair, to whose depth a lens leads; leave out --focus-at and --nearer"));
         }
         solved.set_lens(&arguments.lens.required(&solved)?)
@@ -87,7 +87,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }),
     );
     lines.push(format!("results        {}", results.display()));
-    arguments.of.tell(&lines.join("\n"), report)
+    arguments.of.report(&lines.join("\n"), report)
 }
 
 /// The range of depth and the number of pixels beyond it.

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use parfocal::internals::evaluate::{Evaluation, Options, Part};
 
-use crate::cli::options::engine::EngineArguments;
-use crate::cli::options::output_options::ToldArguments;
+use crate::cli::options::device::EngineArguments;
+use crate::cli::options::output::ReportArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
@@ -27,7 +27,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_enum, value_name = "PART")]
     only: Option<Part>,
     #[command(flatten)]
-    told: ToldArguments,
+    report: ReportArguments,
     #[command(flatten)]
     force: ForceArgument,
     #[command(flatten)]
@@ -47,10 +47,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Evaluation::check(out)?;
     let engine = arguments.engine.open()?;
     let options = Options { data: arguments.data.clone(), quick: arguments.quick, only: arguments.only };
-    let evaluation = Evaluation::run(&engine, &options, &mut |line| arguments.told.say(line));
+    let evaluation = Evaluation::run(&engine, &options, &mut |line| arguments.report.print_line(line));
     crate::cli::check_validation(&engine)?;
     evaluation.write(out)?;
     let summary = [evaluation.summary(), format!("in {}", arguments.output.display())];
     let summary = summary.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n");
-    arguments.told.tell(&summary, || evaluation.to_json())
+    arguments.report.print(&summary, || evaluation.to_json())
 }

@@ -13,7 +13,7 @@ use parfocal::{
     transform::{Brightness, Similarity},
 };
 
-use crate::cli::options::output_options::ToldArguments;
+use crate::cli::options::output::ReportArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
@@ -45,7 +45,7 @@ pub(crate) struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    told: ToldArguments,
+    report: ReportArguments,
     #[command(flatten)]
     force: ForceArgument,
 }
@@ -118,7 +118,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let moved = resample::registered(&part.picture, &transform.into(), &unchanged, Decode::None);
         write_inspection(arguments.force.to(out), &report, &inspection::draw(&moved, &found, unit, &verdict))?;
     }
-    arguments.told.tell(&summary(&report, arguments.output.as_deref()), || report.to_json())?;
+    arguments.report.print(&summary(&report, arguments.output.as_deref()), || report.to_json())?;
     if report.is_go() { Ok(()) } else { Err(Failure::NoGo) }
 }
 

@@ -4,9 +4,9 @@ use parfocal::export::{MeasurementRequest, Measurements, Results, StepReport};
 use parfocal::metric::Estimate;
 
 use crate::cli::commands::depth::decimals;
-use crate::cli::options::headings::MEASUREMENTS;
-use crate::cli::options::region::{LineArgument, RegionArgument};
-use crate::cli::options::results_folder::SolvedArguments;
+use crate::cli::help::MEASUREMENTS;
+use crate::cli::options::output::ResultsArguments;
+use crate::cli::options::part::{LineArgument, RegionArgument};
 use crate::cli::output::derived_outputs::DerivedOutputs;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
@@ -16,7 +16,7 @@ use crate::cli::output::failure::Failure;
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    of: SolvedArguments,
+    of: ResultsArguments,
     #[command(flatten)]
     measure: MeasureArguments,
 }
@@ -76,7 +76,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let rows = rows(&measured);
     let lines: Vec<String> =
         rows.iter().map(|(label, text)| format!("{label:<14} {text}")).chain(derived.warning()).collect();
-    arguments.of.tell(&lines.join("\n"), &measured)
+    arguments.of.report(&lines.join("\n"), &measured)
 }
 
 /// Labels and texts of the summary.

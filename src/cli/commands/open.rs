@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use parfocal::export::PAGE_FILE;
 
-use crate::cli::batch::batch_summary::{INDEX, SUMMARY};
+use crate::cli::batch::summary::{INDEX, SUMMARY};
 use crate::cli::output::failure::{Failure, print};
 
 /// Open the page of results in a browser: report.html, or the index of a batch.

@@ -10,11 +10,10 @@ use parfocal::sweep::SweepOptions;
 use parfocal::{PairSolver, Settings, SolveOptions, settings::Method};
 
 use crate::cli::help::AFTER_HELP;
-use crate::cli::jobs::frames;
-use crate::cli::jobs::sweep_work;
-use crate::cli::options::headings::{INPUT, OUTPUT, REGISTRATION};
-use crate::cli::options::pair;
-use crate::cli::options::run::RunArguments;
+use crate::cli::help::{INPUT, OUTPUT, REGISTRATION};
+use crate::cli::jobs::sweep;
+use crate::cli::options::output::RunArguments;
+use crate::cli::options::photographs;
 use crate::cli::options::settings::SettingsArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
@@ -57,15 +56,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let run = &arguments.run;
     let mut settings = arguments.settings.settings(arguments.method, false)?;
     let files = match <[PathBuf; 2]>::try_from(arguments.images.clone()) {
-        Ok(files) if arguments.reference.is_none() => files.map(|file| frames::named(file, arguments.settings.raw())),
+        Ok(files) if arguments.reference.is_none() => {
+            files.map(|file| photographs::with_format(file, arguments.settings.raw()))
+        }
         _ => return of_sweep(arguments, &settings),
     };
     check_output(arguments, &files)?;
-    let (photographs, inputs) = pair::open(&files)?;
+    let (photographs, inputs) = photographs::open_pair(&files)?;
     let values = Values::of(settings.decode, &inputs)?;
     settings.decode = values.decode;
     let mut engine = None;
-    pair::check_size(photographs.each_ref(), &settings, false, || run.info(&mut engine))?;
+    photographs::check_size(photographs.each_ref(), &settings, false, || run.info(&mut engine))?;
     let [i1, i2] = Photograph::decode_pair(photographs)?;
     let engine = run.engine(engine)?;
     let bar = run.bar();
@@ -81,7 +82,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(file) = &arguments.output {
         export::write_report(arguments.force.to(file), &report)?;
     }
-    run.told.tell(&registration_summary(&report, arguments.output.as_deref()), || report.to_json())?;
+    run.report.print(&registration_summary(&report, arguments.output.as_deref()), || report.to_json())?;
     run.check_strict(report.converged == Some(true), &report.warnings)
 }
 
@@ -90,17 +91,17 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     if settings.method != Method::Unified {
         return Err(Failure::Usage("--method is of pairs; a sweep is registered together with the blur".to_string()));
     }
-    let files = frames::of_sweep(&arguments.images, false, arguments.settings.raw())?;
+    let files = photographs::sweep_frames(&arguments.images, false, arguments.settings.raw())?;
     let reference = arguments.reference.map(|n| n as usize - 1);
     let fits = SweepOptions { reference, settings: settings.clone(), ..SweepOptions::default() }.check(files.len());
     fits.map_err(|e| Failure::Usage(e.to_string()))?;
     check_output(arguments, &files)?;
     let run = &arguments.run;
-    let found = sweep_work::register(run, settings, &files, reference)?;
+    let found = sweep::register(run, settings, &files, reference)?;
     if let Some(file) = &arguments.output {
         export::write_report(arguments.force.to(file), &found)?;
     }
-    run.told.tell(&sweep_summary(&found, arguments.output.as_deref()), || found.to_json())?;
+    run.report.print(&sweep_summary(&found, arguments.output.as_deref()), || found.to_json())?;
     run.check_strict(true, &found.warnings)
 }
 
@@ -110,7 +111,7 @@ fn sweep_summary(found: &Report, file: Option<&Path>) -> String {
         let ([x, y], t) = (frame.transform.translation(), &frame.transform);
         let (rotation, scale, gain) = (t.rotation_deg(), t.scale(), frame.photometric.gain);
         let note = if n == found.reference { "  (reference)" } else { "" };
-        let name = pair::name(Path::new(&frame.file));
+        let name = photographs::file_name(Path::new(&frame.file));
         format!("{name}  {x:+.3} {y:+.3} px, {rotation:+.4}°, scale {scale:.5}, gain {gain:.4}{note}")
     };
     let mut lines: Vec<String> = found.frames.iter().enumerate().map(frame).collect();

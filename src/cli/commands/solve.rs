@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use parfocal::PairSolver;
 
 use crate::cli::help::AFTER_HELP;
-use crate::cli::jobs::frames;
-use crate::cli::jobs::work::{self, Job};
-use crate::cli::options::headings::OUTPUT;
-use crate::cli::options::pair::PairArguments;
-use crate::cli::options::solve_options::SolveOptions;
+use crate::cli::help::OUTPUT;
+use crate::cli::jobs::pair::{self, PairJob};
+use crate::cli::options::photographs;
+use crate::cli::options::photographs::PairArguments;
+use crate::cli::options::solve::SolveArguments;
 use crate::cli::output::failure::Failure;
 use crate::cli::output::summary::summary;
 
@@ -20,7 +20,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pair: PairArguments,
     #[command(flatten)]
-    options: SolveOptions,
+    options: SolveArguments,
     /// Folder for the results; made if it is missing, earlier results in it replaced
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
     output: PathBuf,
@@ -29,13 +29,13 @@ pub(crate) struct Arguments {
 /// Solves a pair and writes the results. Cheap checks come before dear ones: arguments, files, device, solve, write.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let request = arguments.options.request()?;
-    let job = Job {
-        files: arguments.pair.files().map(|file| frames::named(file, arguments.options.raw())),
+    let job = PairJob {
+        files: arguments.pair.files().map(|file| photographs::with_format(file, arguments.options.raw())),
         out: arguments.output.clone(),
     };
-    work::check(&request, &job)?;
+    pair::check(&request, &job)?;
     let mut engine = None;
-    let read = work::read(&request, &job, |_| Ok(false), || request.run.info(&mut engine))?;
+    let read = pair::read(&request, &job, |_| Ok(false), || request.run.info(&mut engine))?;
     let Some(photographs) = read else { return Ok(()) };
     let engine = request.run.engine(engine)?;
     let frames = photographs.frames.each_ref();
@@ -46,7 +46,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .map_err(|e| Failure::of_solve(e, &job.files[0]))?;
     drop((options, bar));
     crate::cli::check_validation(&engine)?;
-    let report = work::write(&request, &job, engine.info(), &photographs, &solution)?;
-    request.run.told.tell(&summary(&report, request.palette, &job.out), || report.to_json())?;
+    let report = pair::write(&request, &job, engine.info(), &photographs, &solution)?;
+    request.run.report.print(&summary(&report, request.palette, &job.out), || report.to_json())?;
     request.run.check_strict(report.converged == Some(true), &report.warnings)
 }

@@ -10,16 +10,16 @@ use parfocal::sweep::Positions;
 use crate::cli::commands::depth::decimals;
 use crate::cli::commands::measure::{MeasureArguments, rows};
 use crate::cli::help::AFTER_HELP;
-use crate::cli::jobs::frames;
-use crate::cli::jobs::request::Request;
-use crate::cli::jobs::sweep_work::{self, SweepJob};
-use crate::cli::options::colors::ColorsArgument;
-use crate::cli::options::focus_positions::PlacesArguments;
-use crate::cli::options::headings::{INPUT, OUTPUT};
-use crate::cli::options::models::ModelArguments;
-use crate::cli::options::run::RunArguments;
-use crate::cli::options::scope::PartArguments;
+use crate::cli::help::{INPUT, OUTPUT};
+use crate::cli::jobs::sweep::{self, SweepJob};
+use crate::cli::options::exports::ExportArguments;
+use crate::cli::options::output::ColorsArgument;
+use crate::cli::options::output::RunArguments;
+use crate::cli::options::part::PartArguments;
+use crate::cli::options::photographs;
+use crate::cli::options::photographs::FocusPositionArguments;
 use crate::cli::options::settings::{SettingsArguments, one_or_two};
+use crate::cli::options::solve::Request;
 use crate::cli::output::destination::ForceArgument;
 use crate::cli::output::failure::Failure;
 use crate::cli::output::summary::values_in_words;
@@ -45,7 +45,7 @@ pub(crate) struct Arguments {
     )]
     positions: Option<Vec<f64>>,
     #[command(flatten)]
-    places: PlacesArguments,
+    focus_at: FocusPositionArguments,
     /// The frame on whose pixels the results are, counted from 1; the middle one without it
     #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
     reference: Option<u32>,
@@ -66,7 +66,7 @@ pub(crate) struct Arguments {
     #[arg(long, help_heading = OUTPUT)]
     no_html: bool,
     #[command(flatten)]
-    models: ModelArguments,
+    models: ExportArguments,
     /// Folder for the results; made if it is missing, earlier results in it replaced
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
     output: PathBuf,
@@ -78,29 +78,28 @@ pub(crate) struct Arguments {
 
 /// Solves a sweep and writes the results. Cheap checks come before dear ones.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let places = arguments.places.places();
+    let places = arguments.focus_at.positions();
     let stated = arguments.positions.is_some() || places.is_some();
     let positions = places.or(arguments.positions.clone().map(Positions::Settings)).unwrap_or_default();
     let job = SweepJob {
-        files: frames::of_sweep(&arguments.frames, stated, arguments.settings.raw())?,
+        files: photographs::sweep_frames(&arguments.frames, stated, arguments.settings.raw())?,
         positions,
         reference: arguments.reference.map(|n| n as usize - 1),
         out: arguments.output.clone(),
     };
     let request = request(arguments)?;
-    sweep_work::check(&request, &job)?;
+    sweep::check(&request, &job)?;
     let mut engine = None;
-    let read = sweep_work::read(&request, &job, |_| Ok(false), || request.run.info(&mut engine))?;
+    let read = sweep::read(&request, &job, |_| Ok(false), || request.run.info(&mut engine))?;
     let Some(read) = read else { return Ok(()) };
     let engine = request.run.engine(engine)?;
     let bar = request.run.bar();
-    let solved =
-        sweep_work::solve(&engine, &read, Some(bar.reporter())).map_err(|e| Failure::of_solve(e, &job.files[0]))?;
+    let solved = sweep::solve(&engine, &read, Some(bar.reporter())).map_err(|e| Failure::of_solve(e, &job.files[0]))?;
     drop(bar);
     crate::cli::check_validation(&engine)?;
-    let report = sweep_work::write(&request, &job, engine.info(), &read, &solved)?;
+    let report = sweep::write(&request, &job, engine.info(), &read, &solved)?;
     let palette = arguments.colors.palette();
-    request.run.told.tell(&summary(&report, &read.inputs, palette, &job.out), || report.to_json())?;
+    request.run.report.print(&summary(&report, &read.inputs, palette, &job.out), || report.to_json())?;
     request.run.check_strict(true, &report.warnings)
 }
 

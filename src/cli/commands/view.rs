@@ -7,7 +7,7 @@ use parfocal::export::{Destination, FileKind, Results, result_files};
 use parfocal::page::figure;
 use parfocal::page::view::{Surface, View};
 
-use crate::cli::options::colors::ColorsArgument;
+use crate::cli::options::output::ColorsArgument;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 

@@ -1,29 +1,23 @@
-//! `parfocal watch`: pairs and sweeps of a folder as they arrive.
+//! `parfocal watch`: solves pairs and sweeps of a folder as they arrive.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::ffi::OsString;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
-use parfocal::export::{FileKind, write_named};
 use parfocal::image_io::RawFormat;
 
-use crate::cli::batch::batch_summary::{INDEX, Outcome, Row, SUMMARY, Tally};
-use crate::cli::batch::on_done::OnDone;
 use crate::cli::batch::pairs::{self, Group};
-use crate::cli::batch::pairs_bar::PairsBar;
-use crate::cli::batch::pipeline::{self, Bench};
-use crate::cli::batch::task::{Named, Shared};
+use crate::cli::batch::summary::{BatchSummary, Outcome, Row, SUMMARY};
+use crate::cli::batch::tasks::{Context, Devices, OnDone, Task};
 use crate::cli::commands::batch;
-use crate::cli::help;
-use crate::cli::jobs::request::Request;
-use crate::cli::options::headings::{INPUT, OUTPUT};
-use crate::cli::options::solve_options::SolveOptions;
-use crate::cli::output::destination;
+use crate::cli::help::{self, INPUT, OUTPUT};
+use crate::cli::options::solve::SolveArguments;
 use crate::cli::output::failure::Failure;
+use crate::cli::output::progress::BatchProgress;
 
 /// Solve pairs and focus sweeps of a folder as they arrive.
 #[derive(clap::Args, Debug)]
@@ -33,20 +27,20 @@ pub(crate) struct Arguments {
     #[arg(value_name = "FOLDER")]
     folder: PathBuf,
     #[command(flatten)]
-    options: SolveOptions,
-    /// Folder for a folder of results for each pair, batch.json and index.html; made if it is missing
+    options: SolveArguments,
+    /// Folder for a folder of results for each pair, batch.json and index.html; created if missing
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
     output: PathBuf,
-    /// A pair is taken when size and time of its files have not changed for so long, seconds
+    /// Time without a change of its files after which a pair is solved (s, 0 to 86400)
     #[arg(long, value_name = "SECONDS", help_heading = INPUT, default_value_t = 2.0, value_parser = seconds)]
     settle: f64,
-    /// End when nothing has arrived for so long, seconds; without it Ctrl-C ends it
+    /// End after this time without arrivals (s, 0 to 86400); without it Ctrl-C ends the program
     #[arg(long, value_name = "SECONDS", help_heading = INPUT, value_parser = seconds)]
     until_idle: Option<f64>,
-    /// Program to run of each pair that was solved or failed, with its folder of results as argument
+    /// Program to run for each pair that was solved or failed, with its folder of results as argument
     ///
-    /// PARFOCAL_NAME, PARFOCAL_OUTPUT and PARFOCAL_STATUS (solved or failed) are in its environment. It is not given to a shell; the next result
-    /// is written when it has ended. Where it fails that is told, and the pairs go on.
+    /// The environment holds PARFOCAL_NAME, PARFOCAL_OUTPUT and PARFOCAL_STATUS (solved or failed). No shell is involved. One program
+    /// runs at a time. If it fails, a warning is printed and the pairs go on.
     #[arg(long, value_name = "PROGRAM", help_heading = OUTPUT)]
     on_done: Option<OsString>,
 }
@@ -58,108 +52,116 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 fn after_help() -> String {
     format!(
-        "{}\n\nA folder for each pair is the surest: of names that end with numbers, one that never arrives shifts all that follow.\n\
-         Results that are there, whole, and of the same photographs and options are kept; a pair whose files change is solved again.\n\
-         One that fails is reported and tried again when its files change. Ctrl-C finishes the pair at hand.\n\n\
+        "{}\n\nA folder for each pair is the safest: in a series of numbered names, a missing photograph shifts all pairs after it.\n\
+         Complete results of the same photographs and options are kept; a pair whose files change is solved again.\n\
+         A pair that fails is reported, and tried again when its files change. Ctrl-C finishes the current pairs.\n\n\
          Exit status: 0 all that arrived was solved, 1 a pair failed, 2 wrong usage.\n\n\
          Examples:\n  parfocal watch incoming -o results\n  parfocal watch incoming -o results --on-done ./judge.sh --until-idle 600",
         help::wrapped(pairs::RULE, help::WIDTH)
     )
 }
 
-/// How often the folder is looked at, at least.
-const EVERY: Duration = Duration::from_millis(500);
+/// The longest time between two looks at the folder.
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
-/// Size and time of the files of a pair.
-type Look = Vec<(PathBuf, u64, Option<SystemTime>)>;
-
-/// Pairs of a folder as they were last seen.
-struct Seen {
-    look: Look,
-    since: Instant,
-    is_done: bool,
-}
-
-/// Solves what arrives until it is told to end.
+/// Solves what arrives until Ctrl-C, or until nothing has arrived for a time.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let started = Instant::now();
     let Arguments { folder, output: out, .. } = arguments;
     let request = arguments.options.request()?;
     if !folder.is_dir() {
-        return Err(Failure::Failed(format!("{}: there is no such folder to watch; make it", folder.display())));
+        return Err(Failure::Failed(format!("{}: there is no such folder to watch; create it", folder.display())));
     }
-    destination::check_folder(out)?;
-    request.force.to(out).check_named(FileKind::Batch, &[SUMMARY])?;
-    if request.page {
-        request.force.to(out).check_named(FileKind::BatchPage, &[INDEX])?;
-    }
-    let stop = batch::on_interrupt();
-    let (mut benches, device) = Bench::open(&request.run.engine)?;
-    let on_done = arguments.on_done.clone().map(OnDone);
-    let shared = Shared { request, resume: true, device, stop, on_done };
-    let bar = PairsBar::endless(&shared.request.run);
-    let (mut watched, mut rows) = (Watched::new(arguments), Vec::new());
-    while !shared.stop.load(Ordering::Relaxed) && !watched.is_idle() {
-        let arrived: Vec<Named> = watched.arrived().into_iter().map(|group| Named::new(out, group)).collect();
-        if arrived.is_empty() {
-            thread::sleep(EVERY.min(watched.settle.max(Duration::from_millis(10))));
-            continue;
-        }
-        let (mut able, mut new) = (Vec::new(), Vec::new());
-        for named in arrived {
-            match named.check(&shared.request) {
-                Ok(()) => able.push(named),
-                Err(failure) => new.push(named.row(Outcome::Failed { error: failure.message() })),
+    batch::check_output(&request, out, SUMMARY, request.page)?;
+    let stop = batch::stop_on_interrupt();
+    let devices = Devices::open(&request.run.engine)?;
+    let context = Arc::new(Context { request, resume: true, device: devices.least()?, stop });
+    let (request, stream) = (&context.request, devices.stream(&context)?);
+    let (progress, on_done) = (BatchProgress::endless(&request.run), arguments.on_done.clone().map(OnDone));
+    let mut watched = WatchedFolder::new(arguments);
+    let (mut waiting, mut in_flight, mut rows) = (VecDeque::new(), VecDeque::new(), Vec::<Row>::new());
+    let interval = POLL_INTERVAL.min(watched.settle.max(Duration::from_millis(10)));
+    let summary = |rows, watched: &WatchedFolder| {
+        BatchSummary::new(folder, rows, watched.left_over.clone(), false, started.elapsed())
+    };
+    loop {
+        let mut new = Vec::new();
+        if context.stop.load(Ordering::Relaxed) {
+            waiting.clear();
+        } else {
+            let is_busy = |name: &str| waiting.iter().chain(&in_flight).any(|task: &Arc<Task>| task.name() == name);
+            for task in watched.settled(is_busy).into_iter().map(|group| Task::new(out, group)) {
+                match task.check(request) {
+                    Ok(()) => waiting.push_back(Arc::new(task)),
+                    Err(failure) => new.push(task.row(Outcome::Failed { error: failure.message() })),
+                }
             }
         }
-        new.iter().for_each(|row| bar.show(row));
-        let (worked, ended) = pipeline::work_off(&mut benches, &able, &shared, &bar)?;
-        new.extend(worked.into_iter().filter(|row| !matches!(row.outcome(), Outcome::NotDone)));
-        rows.retain(|old: &Row| new.iter().all(|row| row.name() != old.name()));
+        while waiting.front().is_some_and(|task| stream.push(Arc::clone(task), Duration::ZERO).is_ok()) {
+            in_flight.extend(waiting.pop_front());
+        }
+        let is_at_end = context.stop.load(Ordering::Relaxed) || watched.is_idle();
+        if is_at_end && new.is_empty() && in_flight.is_empty() && waiting.is_empty() {
+            break;
+        }
+        // All results that are ready, after the first.
+        let mut limit = if new.is_empty() { interval } else { Duration::ZERO };
+        while let Some(result) = stream.next(limit).transpose() {
+            in_flight.pop_front();
+            match result {
+                Ok(row) => new.push(row),
+                Err(_) => devices.check()?,
+            }
+            limit = Duration::ZERO;
+        }
+        new.retain(|row| !matches!(row.outcome(), Outcome::NotDone));
+        if new.is_empty() {
+            continue;
+        }
+        for row in &new {
+            progress.show(row);
+            on_done.iter().for_each(|program| program.run(row));
+        }
+        rows.retain(|old| new.iter().all(|row| row.name() != old.name()));
         rows.extend(new);
-        rows = summarised(arguments, &shared.request, rows, &watched.left_over, started)?;
-        // Meanwhile nobody looked.
+        let so_far = summary(rows, &watched);
+        so_far.write(request, out, SUMMARY, request.page)?;
+        rows = so_far.into_rows();
         watched.changed = Instant::now();
-        ended?;
     }
-    let tally = Tally::new(folder, rows, watched.left_over, false, started.elapsed());
-    let json = tally.to_json()?;
-    shared.request.run.told.tell(&tally.table(&out.join(SUMMARY)), || Ok(json))?;
-    tally.check(shared.request.run.strict)
+    let summary = summary(rows, &watched);
+    request.run.report.print(&summary.table(&out.join(SUMMARY)), || summary.to_json())?;
+    devices.check()?;
+    summary.check(request.run.strict)
 }
 
-/// Writes what came of all so far; gives the rows back.
-fn summarised(
-    arguments: &Arguments,
-    request: &Request,
-    rows: Vec<Row>,
-    left_over: &[String],
-    started: Instant,
-) -> Result<Vec<Row>, Failure> {
-    let out = &arguments.output;
-    let tally = Tally::new(&arguments.folder, rows, left_over.to_vec(), false, started.elapsed());
-    write_named(request.force.to(out), SUMMARY, FileKind::Batch, format!("{}\n", tally.to_json()?).as_bytes())?;
-    if request.page {
-        write_named(request.force.to(out), INDEX, FileKind::BatchPage, tally.page(out).as_bytes())?;
-    }
-    Ok(tally.into_rows())
+/// Size and time of the files of a pair.
+type Files = Vec<(PathBuf, u64, Option<SystemTime>)>;
+
+/// The state of a pair in the folder.
+struct Arrival {
+    files: Files,
+    /// When the files last changed.
+    changed: Instant,
+    is_taken: bool,
 }
 
-/// A folder, and what was seen in it.
-struct Watched<'a> {
+/// A folder, and the pairs in it so far.
+struct WatchedFolder<'a> {
     folder: &'a Path,
     out: &'a Path,
     raw: Option<RawFormat>,
     settle: Duration,
     until_idle: Option<Duration>,
-    seen: HashMap<String, Seen>,
+    arrivals: HashMap<String, Arrival>,
     left_over: Vec<String>,
-    /// Why nothing could be found when it was last looked for.
+    /// The last problem of listing the folder.
     problem: Option<String>,
+    /// The last change of a file, or the last result.
     changed: Instant,
 }
 
-impl<'a> Watched<'a> {
+impl<'a> WatchedFolder<'a> {
     fn new(arguments: &'a Arguments) -> Self {
         Self {
             folder: &arguments.folder,
@@ -167,21 +169,22 @@ impl<'a> Watched<'a> {
             raw: arguments.options.raw(),
             settle: Duration::from_secs_f64(arguments.settle),
             until_idle: arguments.until_idle.map(Duration::from_secs_f64),
-            seen: HashMap::new(),
+            arrivals: HashMap::new(),
             left_over: Vec::new(),
             problem: None,
             changed: Instant::now(),
         }
     }
 
-    /// Whether nothing has changed for as long as that ends it, and nothing waits.
+    /// Whether nothing has changed for the time of `--until-idle`, and no pair waits.
     fn is_idle(&self) -> bool {
-        let waits = self.seen.values().any(|seen| !seen.is_done);
-        self.until_idle.is_some_and(|limit| !waits && self.changed.elapsed() >= limit)
+        let is_waiting = self.arrivals.values().any(|arrival| !arrival.is_taken);
+        self.until_idle.is_some_and(|limit| !is_waiting && self.changed.elapsed() >= limit)
     }
 
-    /// What has settled and was not taken yet. Where names contradict each other, or the folder cannot be listed, that is told once, and nothing is taken.
-    fn arrived(&mut self) -> Vec<Group> {
+    /// Takes the pairs whose files have settled and that are not `is_busy`. If names contradict each other, or the folder cannot be
+    /// listed, takes none and warns once.
+    fn settled(&mut self, is_busy: impl Fn(&str) -> bool) -> Vec<Group> {
         let found = pairs::so_far(self.folder, self.out, self.raw).map_err(|failure| failure.message());
         let problem = found.as_ref().err().cloned();
         if let Some(problem) = problem.as_ref().filter(|_| problem != self.problem) {
@@ -190,32 +193,34 @@ impl<'a> Watched<'a> {
         self.problem = problem;
         let Ok(pairs::Grouped { groups, left_over }) = found else { return Vec::new() };
         self.left_over = left_over;
-        self.seen.retain(|name, _| groups.iter().any(|group| group.name == *name));
-        let mut arrived = Vec::new();
+        self.arrivals.retain(|name, _| groups.iter().any(|group| group.name == *name));
+        let mut settled = Vec::new();
         for group in groups {
-            let Some(look) = self.look(&group) else { continue };
-            let seen = self.seen.entry(group.name.clone());
-            let seen = seen.or_insert_with(|| Seen { look: Vec::new(), since: Instant::now(), is_done: false });
-            if seen.look != look {
-                (*seen, self.changed) = (Seen { look, since: Instant::now(), is_done: false }, Instant::now());
+            let Some(files) = self.files(&group) else { continue };
+            let now = Instant::now();
+            let new = Arrival { files: Vec::new(), changed: now, is_taken: false };
+            let arrival = self.arrivals.entry(group.name.clone()).or_insert(new);
+            if arrival.files != files {
+                *arrival = Arrival { files, changed: now, is_taken: false };
+                self.changed = now;
             }
-            if !seen.is_done && seen.since.elapsed() >= self.settle {
-                seen.is_done = true;
-                arrived.push(group);
+            if !arrival.is_taken && arrival.changed.elapsed() >= self.settle && !is_busy(&group.name) {
+                arrival.is_taken = true;
+                settled.push(group);
             }
         }
-        arrived
+        settled
     }
 
-    /// Size and time of its files; `None` where one is gone.
-    fn look(&self, group: &Group) -> Option<Look> {
-        let of = |file: &PathBuf| {
+    /// Size and time of the files of a pair; `None` if one is gone.
+    fn files(&self, group: &Group) -> Option<Files> {
+        let describe = |file: &PathBuf| {
             let name = file.to_string_lossy();
-            // Of a file without a header what follows # is its format.
+            // The name of a file without a header ends with # and its format.
             let own = name.rsplit_once('#').filter(|_| self.raw.is_some()).map(|(own, _)| PathBuf::from(own));
             let found = own.as_ref().unwrap_or(file).metadata().ok()?;
             Some((file.clone(), found.len(), found.modified().ok()))
         };
-        group.files.iter().map(of).collect()
+        group.files.iter().map(describe).collect()
     }
 }

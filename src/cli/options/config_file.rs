@@ -15,7 +15,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use parfocal::internals::bounded_read;
 use toml::{Spanned, Value};
 
-use crate::cli::options::headings::INPUT;
+use crate::cli::help::INPUT;
 use crate::cli::output::failure::{self, Failure, nearest};
 
 /// The most bytes that are read, 1 MiB.

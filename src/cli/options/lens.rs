@@ -9,7 +9,7 @@ use parfocal::{Lens, internals::bounded_read};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::cli::options::headings::LENS;
+use crate::cli::help::LENS;
 use crate::cli::output::failure::Failure;
 
 /// The most bytes of a file with a lens that are read, 16 MiB, as of a report.

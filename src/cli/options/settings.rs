@@ -14,9 +14,9 @@ use parfocal::{
     settings::{Kernel, Method, Motion, Photometric},
 };
 
-use crate::cli::batch::batch_summary::REPORT;
+use crate::cli::batch::summary::REPORT;
+use crate::cli::help::{BLUR, INPUT, REGISTRATION};
 use crate::cli::options::config_file::ConfigArgument;
-use crate::cli::options::headings::{BLUR, INPUT, REGISTRATION};
 use crate::cli::output::failure::Failure;
 
 /// The options that set [`Settings`].

@@ -6,12 +6,12 @@ use parfocal::model::Points;
 use parfocal::page::figure::PLOTTER;
 use parfocal::page::report_html::ExistingPage;
 
-use crate::cli::options::models::Models;
+use crate::cli::options::exports::Exports;
 use crate::cli::output::failure::Failure;
 /// The derived files of a folder.
 pub(crate) struct DerivedOutputs {
     page: Option<ExistingPage>,
-    models: Models,
+    models: Exports,
     fused: Option<Frame>,
     points: Option<Points>,
     /// Whether there is a page that cannot be written again.
@@ -23,12 +23,12 @@ impl DerivedOutputs {
     pub(crate) fn page(results: &Results<'_>) -> Self {
         let listed = results.report.has_file(PAGE_FILE);
         let page = listed.then(|| ExistingPage::read(&results.folder)).flatten();
-        Self { is_page_lost: listed && page.is_none(), page, models: Models::default(), fused: None, points: None }
+        Self { is_page_lost: listed && page.is_none(), page, models: Exports::default(), fused: None, points: None }
     }
 
     /// All derived files.
     pub(crate) fn new(results: &Results<'_>) -> Result<Self, Failure> {
-        let models = Models::of_report(&results.report);
+        let models = Exports::of_report(&results.report);
         let fused = models.show_the_surface().then(|| results.fused()).transpose()?;
         let points = fused.as_ref().map(|fused| models.points(results, fused)).transpose()?.flatten();
         Ok(Self { models, fused, points, ..Self::page(results) })

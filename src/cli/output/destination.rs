@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use parfocal::export::{self, Destination, FileKind};
 
-use crate::cli::options::headings::OUTPUT;
+use crate::cli::help::OUTPUT;
 use crate::cli::output::failure::Failure;
 
 /// The option of every subcommand that writes files.

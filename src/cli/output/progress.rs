@@ -1,6 +1,7 @@
-//! How far a solve has come: a bar on a terminal, a line every few seconds elsewhere, lines of JSON for programs.
+//! Progress of a solve and of a batch: a bar on a terminal, lines elsewhere, JSON for programs.
 
 use std::io::{self, IsTerminal, Write};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
@@ -11,6 +12,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 use parfocal::Progress;
 use serde_json::json;
 
+use crate::cli::batch::summary::{Outcome, Row};
+use crate::cli::options::output::RunArguments;
+use crate::cli::output::failure::plain;
+
 /// How often a line is told where there is no terminal: what is quicker needs none.
 const EVERY: Duration = Duration::from_secs(5);
 
@@ -19,7 +24,7 @@ const BAR_STEPS: u64 = 1000;
 
 /// Whom it is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ProgressName {
+pub(crate) enum ProgressMode {
     /// A bar on a terminal, elsewhere a line every five seconds
     #[default]
     Auto,
@@ -51,17 +56,17 @@ struct Lines {
 
 impl Bar {
     /// As is asked for; nothing where a person is told nothing.
-    pub(crate) fn new(how: ProgressName, is_quiet: bool) -> Self {
+    pub(crate) fn new(how: ProgressMode, is_quiet: bool) -> Self {
         let shown = match how {
-            ProgressName::Json => Shown::Json,
-            ProgressName::Auto if !is_quiet && io::stderr().is_terminal() => {
+            ProgressMode::Json => Shown::Json,
+            ProgressMode::Auto if !is_quiet && io::stderr().is_terminal() => {
                 let bar = ProgressBar::no_length();
                 if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} % {elapsed} {msg}") {
                     bar.set_style(style);
                 }
                 Shown::Bar(bar)
             }
-            ProgressName::Auto if !is_quiet => Shown::Lines(Lines::new()),
+            ProgressMode::Auto if !is_quiet => Shown::Lines(Lines::new()),
             _ => Shown::Nothing,
         };
         Self { shown, started: Instant::now() }
@@ -124,5 +129,80 @@ impl Drop for Bar {
             }
             _ => {}
         }
+    }
+}
+
+/// Progress over the pairs: a bar on a terminal, elsewhere a line a pair.
+pub(crate) struct BatchProgress {
+    bar: ProgressBar,
+    lines: bool,
+    /// Whether a program is told, a line of JSON a pair.
+    json: bool,
+    /// In all; 0 where nobody knows.
+    pairs: usize,
+    done: AtomicUsize,
+}
+
+impl BatchProgress {
+    /// A line a pair, of which nobody knows how many there will be.
+    pub(crate) fn endless(run: &RunArguments) -> Self {
+        let (quiet, json) = (run.report.is_quiet(), run.is_json());
+        Self { bar: ProgressBar::hidden(), lines: !quiet && !json, json, pairs: 0, done: AtomicUsize::new(0) }
+    }
+
+    /// Over so many pairs.
+    pub(crate) fn new(pairs: usize, run: &RunArguments) -> Self {
+        let (quiet, json) = (run.report.is_quiet() || run.is_json(), run.is_json());
+        let terminal = io::stderr().is_terminal();
+        let bar = if terminal && !quiet { ProgressBar::new(pairs as u64) } else { ProgressBar::hidden() };
+        let template = "{pos}/{len} {bar:24} {elapsed}, {rate}, {eta} left  {msg}";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style.with_key(
+                "rate",
+                |state: &indicatif::ProgressState, text: &mut dyn std::fmt::Write| {
+                    let _ = match state.per_sec() {
+                        rate if rate > 0.0 => write!(text, "{:.1} s a pair", 1.0 / rate),
+                        _ => write!(text, "- s a pair"),
+                    };
+                },
+            ));
+        }
+        bar.tick();
+        Self { bar, lines: !terminal && !quiet, json, pairs, done: AtomicUsize::new(0) }
+    }
+
+    /// Counts what came of one.
+    pub(crate) fn show(&self, row: &Row) {
+        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
+        if matches!(row.outcome(), Outcome::Kept(_)) {
+            // What is left out took no time and says nothing about the rest.
+            self.bar.dec_length(1);
+        } else {
+            self.bar.inc(1);
+        }
+        self.bar.set_message(plain(row.name()));
+        if self.json {
+            let mut line = json!({ "name": row.name(), "status": row.outcome().status() });
+            if self.pairs > 0 {
+                (line["done"], line["of"]) = (done.into(), self.pairs.into());
+            }
+            let _ = writeln!(io::stderr(), "{line}");
+            return;
+        }
+        let line = match self.pairs {
+            0 => row.line(),
+            pairs => format!("{done}/{pairs} {}", row.line()),
+        };
+        if self.lines {
+            let _ = writeln!(io::stderr(), "{line}");
+        } else if matches!(row.outcome(), Outcome::Failed { .. }) {
+            self.bar.println(line);
+        }
+    }
+}
+
+impl Drop for BatchProgress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
     }
 }

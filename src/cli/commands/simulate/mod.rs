@@ -13,7 +13,7 @@ use parfocal::transform::Similarity;
 
 use self::sweep::SweepArguments;
 use crate::cli::options::lens::{LensArguments, PartOfLens};
-use crate::cli::options::output_options::ToldArguments;
+use crate::cli::options::output::ReportArguments;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
@@ -40,7 +40,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     #[command(flatten)]
-    told: ToldArguments,
+    report: ReportArguments,
 
     /// Shape of the blur [default: gaussian; pillbox for card, blocks and bars; half-gaussian for the scenes of that name]
     #[arg(long, value_enum, help_heading = "Blur")]
@@ -227,7 +227,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let scene = scene(arguments)?;
     let out = arguments.force.to(&arguments.output);
     if let Some(sweep) = arguments.sweep.of(&scene, arguments.rotation) {
-        return sweep::run(&sweep, out, &inputs(arguments), &arguments.told);
+        return sweep::run(&sweep, out, &inputs(arguments), &arguments.report);
     }
     scene.check()?;
     destination::check(&arguments.output, TRUTH, &SIMULATED_FILES, &inputs(arguments))?;
@@ -235,7 +235,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let simulated = scene.render()?;
     let truth = Truth::new(&scene, &simulated);
     write_simulated(out, &simulated, &truth)?;
-    arguments.told.tell(&summary(&truth, &arguments.output), || truth.to_json())
+    arguments.report.print(&summary(&truth, &arguments.output), || truth.to_json())
 }
 
 fn scene(arguments: &Arguments) -> Result<Scene, Failure> {

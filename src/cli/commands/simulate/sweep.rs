@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use parfocal::export::{Destination, SIMULATED_FILES};
 use parfocal::internals::scene::{Scene, SweepScene, SweepTruth, simulated_sweep_files, write_simulated_sweep};
 
-use crate::cli::options::output_options::ToldArguments;
+use crate::cli::options::output::ReportArguments;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
@@ -65,7 +65,7 @@ pub(crate) fn run(
     sweep: &SweepScene,
     out: Destination<'_>,
     inputs: &[&PathBuf],
-    told: &ToldArguments,
+    report: &ReportArguments,
 ) -> Result<(), Failure> {
     sweep.check()?;
     let (json, files) = (SIMULATED_FILES[4], simulated_sweep_files(sweep.frames));
@@ -74,7 +74,7 @@ pub(crate) fn run(
     let simulated = sweep.render()?;
     let truth = SweepTruth::new(sweep, &simulated);
     write_simulated_sweep(out, &simulated, &truth)?;
-    told.tell(&summary(&truth, out.path()), || truth.to_json())
+    report.print(&summary(&truth, out.path()), || truth.to_json())
 }
 
 fn summary(truth: &SweepTruth, output: &Path) -> String {

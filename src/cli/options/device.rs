@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use parfocal::{Engine, EngineOptions, Error, internals::baseline, settings::DeviceInfo};
 
-use crate::cli::options::headings::DEVICE;
+use crate::cli::help::DEVICE;
 use crate::cli::output::failure::Failure;
 
 /// The environment variable that is the default of --device.

@@ -11,14 +11,14 @@ use parfocal::page::figure::PLOTTER;
 use parfocal::page::report_html::Page;
 use parfocal::{Frame, Lens, Settings, Solution, SolveOptions, frame::Depth, settings::DeviceInfo};
 
-use crate::cli::jobs::request::Request;
-use crate::cli::options::pair;
+use crate::cli::options::photographs;
+use crate::cli::options::solve::Request;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
 /// A pair, and the folder for its results.
 #[derive(Clone, Debug)]
-pub(crate) struct Job {
+pub(crate) struct PairJob {
     pub(crate) files: [PathBuf; 2],
     pub(crate) out: PathBuf,
 }
@@ -35,7 +35,7 @@ pub(crate) struct Photographs {
 }
 
 /// Refuses an output folder that cannot be written, or whose results would replace an input.
-pub(crate) fn check(request: &Request, job: &Job) -> Result<(), Failure> {
+pub(crate) fn check(request: &Request, job: &PairJob) -> Result<(), Failure> {
     if request.part.flat.as_ref().is_some_and(|flat| crate::cli::same_file(flat, &job.out)) {
         let problem = "holds the flat reference; give another folder for the results";
         return Err(Failure::Failed(format!("{}: {problem}", job.out.display())));
@@ -73,16 +73,16 @@ pub(crate) fn check_results(
 /// Reads the pair, unless what the files are says that it is `settled` already; asks for the device where that may be too small.
 pub(crate) fn read(
     request: &Request,
-    job: &Job,
+    job: &PairJob,
     settled: impl FnOnce(&[Input]) -> Result<bool, Failure>,
     device: impl FnOnce() -> Result<DeviceInfo, Failure>,
 ) -> Result<Option<Photographs>, Failure> {
-    let (photographs, inputs) = pair::open(&job.files)?;
+    let (photographs, inputs) = photographs::open_pair(&job.files)?;
     if settled(&inputs)? {
         return Ok(None);
     }
     if request.part.is_whole() {
-        pair::check_size(photographs.each_ref(), &request.settings, true, device)?;
+        photographs::check_size(photographs.each_ref(), &request.settings, true, device)?;
     }
     let lens = request.lens(&inputs)?;
     request.nearer(lens.as_ref())?;
@@ -102,7 +102,7 @@ pub(crate) fn read(
 /// Writes the results of a pair; returns their report.
 pub(crate) fn write(
     request: &Request,
-    job: &Job,
+    job: &PairJob,
     device: &DeviceInfo,
     photographs: &Photographs,
     solution: &Solution,
@@ -127,7 +127,7 @@ pub(crate) fn write(
     // V before the flat reference is subtracted determines which photograph is sharper.
     let sharpness = photographs.scope.flat.as_ref().map(|flat| flat.restored(solution));
     let labels = request.models.is_labels().then(|| export::labels(sharpness.as_ref().unwrap_or(solution)));
-    let names = job.files.iter().map(|file| pair::name(file)).collect();
+    let names = job.files.iter().map(|file| photographs::file_name(file)).collect();
     write_results(request, &job.out, results, photographs.frames.iter().collect(), names, labels)
 }
 
@@ -167,12 +167,12 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::cli::options::solve_options::SolveOptions;
+    use crate::cli::options::solve::SolveArguments;
 
     #[derive(Parser)]
     struct Only {
         #[command(flatten)]
-        options: SolveOptions,
+        options: SolveArguments,
     }
 
     #[test]
@@ -181,7 +181,7 @@ mod tests {
         let [file, new] = ["a.pgm", "new.pgm"].map(|name| folder.path().join(name));
         fs::write(&file, b"P5 2 1 255 \x01\x02").unwrap();
         let request = Only::try_parse_from(["only"]).unwrap().options.request().unwrap();
-        let job = Job { files: [file.clone(), file.clone()], out: folder.path().join("out") };
+        let job = PairJob { files: [file.clone(), file.clone()], out: folder.path().join("out") };
         let no_device = || panic!("so small a pair fits any");
         let whole = read(&request, &job, |_| Ok(false), no_device).unwrap().unwrap();
         let swap = |_: &[Input]| {

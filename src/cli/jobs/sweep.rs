@@ -13,11 +13,10 @@ use parfocal::{
     settings::{DeviceInfo, Method},
 };
 
-use crate::cli::jobs::request::Request;
-use crate::cli::jobs::work::{check_inputs, check_results, write_results};
-use crate::cli::options::focus_positions;
-use crate::cli::options::pair;
-use crate::cli::options::run::RunArguments;
+use crate::cli::jobs::pair::{check_inputs, check_results, write_results};
+use crate::cli::options::output::RunArguments;
+use crate::cli::options::photographs;
+use crate::cli::options::solve::Request;
 use crate::cli::output::failure::Failure;
 
 /// A sweep, and the folder for its results.
@@ -63,7 +62,7 @@ pub(crate) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
     }
     let fits = job.options(request, request.settings.clone()).check(job.files.len());
     fits.map_err(|e| Failure::Usage(e.to_string()))?;
-    focus_positions::nearer(request.nearer, &job.positions)?;
+    photographs::nearer_end(request.nearer, &job.positions)?;
     request.models.check_labels(job.files.len())?;
     let inputs: Vec<&PathBuf> = job.files.iter().chain(&request.files).collect();
     check_inputs(&job.out, &inputs)?;
@@ -79,7 +78,7 @@ pub(crate) fn read(
 ) -> Result<Option<SweepFrames>, Failure> {
     let started = Instant::now();
     let (frames, inputs) = decode(&job.files, |first| match request.part.is_whole() {
-        true => pair::check_size([first; 2], &request.settings, false, device),
+        true => photographs::check_size([first; 2], &request.settings, false, device),
         false => Ok(()),
     })?;
     if settled(&inputs)? {
@@ -154,7 +153,7 @@ pub(crate) fn write(
     read: &SweepFrames,
     (sweep, total_ms): &(Sweep, f64),
 ) -> Result<Report, Failure> {
-    let nearer = focus_positions::nearer(request.nearer, &job.positions)?;
+    let nearer = photographs::nearer_end(request.nearer, &job.positions)?;
     let mut report = Report::sweep(sweep, &read.options.settings, &names(&job.files), device, nearer, *total_ms);
     report.values = read.values;
     report.set_inputs(read.inputs.clone(), crate::cli::is_validation_requested());
@@ -166,7 +165,7 @@ pub(crate) fn write(
     report.request = job.digest(request)?;
     let results = Results::of_sweep(sweep, report, read.frames[0].format().depth)?;
     let labels = request.models.is_labels().then(|| export::sweep_labels(request.palette));
-    let names = sweep.order.iter().map(|n| pair::name(&job.files[*n])).collect();
+    let names = sweep.order.iter().map(|n| photographs::file_name(&job.files[*n])).collect();
     let frames: Vec<&Frame> = sweep.order.iter().map(|n| &read.frames[*n]).collect();
     write_results(request, &job.out, results, frames, names, labels)
 }
@@ -179,7 +178,7 @@ pub(crate) fn register(
     reference: Option<usize>,
 ) -> Result<Report, Failure> {
     let (started, engine) = (Instant::now(), run.open_engine()?);
-    let fits = |first: &Photograph| pair::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
+    let fits = |first: &Photograph| photographs::check_size([first; 2], settings, false, || Ok(engine.info().clone()));
     let (frames, inputs) = decode(files, fits)?;
     check_alike(files, &frames)?;
     let values = Values::of(settings.decode, &inputs)?;

@@ -1,23 +1,27 @@
-//! What may be asked of a solve, of one pair as of many: the options that `solve` and `batch` share.
+//! The options that `solve`, `batch` and `watch` share, and the request that they make.
 
-use parfocal::image_io::RawFormat;
+use std::path::PathBuf;
+
+use parfocal::export::{MeasurementRequest, Nearer, Palette};
+use parfocal::image_io::{Input, RawFormat};
 use parfocal::settings::Method;
+use parfocal::{Lens, Settings, internals::bounded_read};
+use serde::Serialize;
+use sha2::{Digest, Sha256};
 
 use crate::cli::commands::measure::MeasureArguments;
-use crate::cli::jobs::request::Request;
-use crate::cli::options::colors::ColorsArgument;
-use crate::cli::options::headings::{INPUT, OUTPUT, REGISTRATION};
-use crate::cli::options::lens::LensArguments;
-use crate::cli::options::models::ModelArguments;
-use crate::cli::options::run::RunArguments;
-use crate::cli::options::scope::ScopeArguments;
+use crate::cli::help::{INPUT, OUTPUT, REGISTRATION};
+use crate::cli::options::exports::{ExportArguments, Exports};
+use crate::cli::options::lens::{self, LensArguments, PartOfLens};
+use crate::cli::options::output::{ColorsArgument, RunArguments};
+use crate::cli::options::part::{Part, ScopeArguments};
 use crate::cli::options::settings::{SettingsArguments, one_or_two};
 use crate::cli::output::destination::ForceArgument;
 use crate::cli::output::failure::Failure;
 
 /// The options.
 #[derive(clap::Args, Clone, Debug)]
-pub(crate) struct SolveOptions {
+pub(crate) struct SolveArguments {
     /// Which image is focused nearer [default: 1; with a lens, as its focus distances say]
     ///
     /// It decides which end of V is near in pictures and page.
@@ -44,14 +48,14 @@ pub(crate) struct SolveOptions {
     #[arg(long, help_heading = OUTPUT)]
     no_html: bool,
     #[command(flatten)]
-    models: ModelArguments,
+    models: ExportArguments,
     #[command(flatten)]
     force: ForceArgument,
     #[command(flatten)]
     run: RunArguments,
 }
 
-impl SolveOptions {
+impl SolveArguments {
     /// What photographs without a header hold, if they are that.
     pub(crate) fn raw(&self) -> Option<RawFormat> {
         self.settings.raw()
@@ -80,6 +84,77 @@ impl SolveOptions {
     }
 }
 
+/// The most bytes of a file that decides the results, 4 GiB, as of a photograph.
+const MAX_BYTES: u64 = 1 << 32;
+
+/// All that is asked of a pair. What decides the results is serialised, and nothing else.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Request {
+    /// The settings, with the contents of the files that are named for kernel and registration.
+    pub(crate) settings: Settings,
+    /// What photographs without a header hold.
+    pub(crate) raw: Option<String>,
+    /// Which image is focused nearer, 1 or 2, where that is stated.
+    pub(crate) nearer: Option<u8>,
+    pub(crate) part: Part,
+    /// As much of the lens as is stated, in a file or by flags; depth in mm is then wanted.
+    pub(crate) lens: Option<PartOfLens>,
+    pub(crate) wanted: MeasurementRequest,
+    pub(crate) palette: Palette,
+    /// Whether there is report.html.
+    pub(crate) page: bool,
+    pub(crate) models: Exports,
+    #[serde(skip)]
+    pub(crate) force: ForceArgument,
+    /// Files that are read besides photographs, none of which a result may replace.
+    #[serde(skip)]
+    pub(crate) files: Vec<PathBuf>,
+    #[serde(skip)]
+    pub(crate) run: RunArguments,
+}
+
+impl Request {
+    /// Refuses what contradicts itself.
+    pub(crate) fn check(&self) -> Result<(), Failure> {
+        self.nearer(self.lens.map_or(Ok(None), PartOfLens::if_whole)?.as_ref())?;
+        if self.part.crop_valid && !self.wanted.is_empty() {
+            let problem = "--crop-valid moves the pixels that --step and --profile name; measure afterwards, with parfocal measure";
+            return Err(Failure::Usage(problem.to_string()));
+        }
+        Ok(())
+    }
+
+    /// Which image is focused nearer, by what is stated and by the lens.
+    pub(crate) fn nearer(&self, lens: Option<&Lens>) -> Result<Nearer, Failure> {
+        lens::nearer(self.nearer, lens)
+    }
+
+    /// The lens, with what is not stated as the photographs say.
+    pub(crate) fn lens(&self, photographs: &[Input]) -> Result<Option<Lens>, Failure> {
+        self.lens.map(|stated| stated.or(PartOfLens::of_photographs(photographs)).whole()).transpose()
+    }
+
+    /// SHA-256 of everything but the photographs that decides the results: the version, the request, and the files that it
+    /// names; and of what is `more` than a pair has.
+    pub(crate) fn digest(&self, more: &[u8]) -> Result<String, Failure> {
+        let request = serde_json::to_vec(self).map_err(|e| Failure::Failed(e.to_string()))?;
+        let read = |file: PathBuf| {
+            let failed =
+                |e| Failure::Failed(format!("{}: cannot be read ({e}); check its permissions", file.display()));
+            bounded_read::read(&file, MAX_BYTES).map_err(failed)
+        };
+        let files = self.part.files().into_iter().map(read).collect::<Result<Vec<_>, _>>()?;
+        let mut digest = Sha256::new();
+        let more = (!more.is_empty()).then(|| more.to_vec());
+        for part in [env!("CARGO_PKG_VERSION").into(), request].into_iter().chain(files).chain(more) {
+            // With its length, so that no two lists of parts read alike.
+            digest.update(part.len().to_le_bytes());
+            digest.update(part);
+        }
+        Ok(digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::fs;
@@ -92,7 +167,7 @@ mod tests {
     #[derive(Parser)]
     struct Only {
         #[command(flatten)]
-        options: SolveOptions,
+        options: SolveArguments,
     }
 
     const T: &str = r#"{"tx_px": 3, "ty_px": 4, "rotation_deg": 0, "scale": 1}"#;

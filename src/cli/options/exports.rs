@@ -6,12 +6,12 @@ use parfocal::model::{Model, Points};
 use parfocal::{Error, Frame};
 use serde::Serialize;
 
-use crate::cli::options::headings::OUTPUT;
+use crate::cli::help::OUTPUT;
 use crate::cli::output::failure::Failure;
 
 /// Which files beside the usual ones are written, and how.
 #[derive(clap::Args, Clone, Debug)]
-pub(crate) struct ModelArguments {
+pub(crate) struct ExportArguments {
     /// Also write, with commas: ply, cloud, glb, stl, obj, depth16, npy, tiff, zarr, labels
     ///
     /// The surface, in mm with a lens: ply, surface.ply, a mesh with colour and normals; cloud, points.ply, points with both; glb,
@@ -36,15 +36,15 @@ pub(crate) struct ModelArguments {
     z_scale: Option<f64>,
 }
 
-impl ModelArguments {
-    pub(crate) fn models(&self) -> Models {
-        Models { kinds: self.export.clone(), mesh_cells: self.mesh_cells, z_scale: self.z_scale }
+impl ExportArguments {
+    pub(crate) fn models(&self) -> Exports {
+        Exports { kinds: self.export.clone(), mesh_cells: self.mesh_cells, z_scale: self.z_scale }
     }
 }
 
 /// What to write, and how.
 #[derive(Clone, Debug, Default, Serialize)]
-pub(crate) struct Models {
+pub(crate) struct Exports {
     kinds: Vec<Kind>,
     mesh_cells: Option<u32>,
     z_scale: Option<f64>,
@@ -106,7 +106,7 @@ fn positive(text: &str) -> Result<f64, String> {
         .ok_or_else(|| "give a number from 1e-6 to 1e6".to_string())
 }
 
-impl Models {
+impl Exports {
     /// Those that a report says are there, to be made anew.
     pub(crate) fn of_report(report: &Report) -> Self {
         let (mesh_cells, z_scale) =

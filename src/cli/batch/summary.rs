@@ -4,12 +4,13 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use parfocal::export::{Header, Kind, PAGE_FILE};
+use parfocal::export::{FileKind, Header, Kind, PAGE_FILE, write_named};
 use parfocal::internals::bounded_read;
 use parfocal::page::batch_html::{Entry, batch_page};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::cli::options::solve::Request;
 use crate::cli::output::failure::{Failure, plain};
 
 /// The file of the summary, beside the folders of the pairs.
@@ -30,7 +31,7 @@ const MAX_PICTURE: u64 = 1 << 30;
 /// What a report says that belongs into a table.
 #[derive(Debug, Default, Deserialize, Serialize)]
 #[serde(default)]
-pub(crate) struct Found {
+pub(crate) struct ReportExcerpt {
     /// Of a pair.
     #[serde(skip_serializing_if = "Option::is_none")]
     converged: Option<bool>,
@@ -52,7 +53,7 @@ pub(crate) struct Found {
     timings_ms: Value,
 }
 
-impl Found {
+impl ReportExcerpt {
     /// The excerpt of a report.
     fn of(report: Value) -> serde_json::Result<Self> {
         let mut found: Self = serde_json::from_value(report)?;
@@ -72,9 +73,9 @@ fn not_a_report(out: &Path, error: &serde_json::Error) -> Failure {
 #[serde(tag = "status", rename_all = "snake_case")]
 pub(crate) enum Outcome {
     /// Solved and written.
-    Solved(Found),
+    Solved(ReportExcerpt),
     /// Left out, for its results were there.
-    Kept(Found),
+    Kept(ReportExcerpt),
     /// Not solved, and why not.
     Failed { error: String },
     /// The batch ended before.
@@ -84,13 +85,13 @@ pub(crate) enum Outcome {
 impl Outcome {
     /// The outcome of a report that was just written.
     pub(crate) fn solved(report: &impl Serialize) -> Result<Self, Failure> {
-        let found = serde_json::to_value(report).and_then(Found::of);
+        let found = serde_json::to_value(report).and_then(ReportExcerpt::of);
         found.map(Self::Solved).map_err(|e| Failure::Failed(format!("the report cannot be summarized ({e})")))
     }
 
     /// The outcome of existing results.
     pub(crate) fn kept(out: &Path) -> Result<Self, Failure> {
-        let found = Self::report(out)?.map(Found::of).transpose();
+        let found = Self::report(out)?.map(ReportExcerpt::of).transpose();
         match found.map_err(|e| not_a_report(out, &e))? {
             Some(found) => Ok(Self::Kept(found)),
             None => Err(Failure::Failed(format!("{}: is gone", out.join(REPORT).display()))),
@@ -116,7 +117,7 @@ impl Outcome {
         }
     }
 
-    fn found(&self) -> Option<&Found> {
+    fn excerpt(&self) -> Option<&ReportExcerpt> {
         match self {
             Self::Solved(found) | Self::Kept(found) => Some(found),
             Self::Failed { .. } | Self::NotDone => None,
@@ -169,7 +170,7 @@ impl Row {
     /// How much speaks against it: a failure the most, then what has not converged, then warnings, and of those alike the fewer valid
     /// pixels.
     fn badness(&self) -> f64 {
-        let Some(found) = self.outcome.found() else { return 1000.0 };
+        let Some(found) = self.outcome.excerpt() else { return 1000.0 };
         let unsettled = if found.converged == Some(false) { 100.0 } else { 0.0 };
         let doubt = unsettled + found.warnings.len() as f64;
         if doubt > 0.0 { doubt + 1.0 - found.valid_fraction.unwrap_or(0.0) } else { 0.0 }
@@ -178,11 +179,11 @@ impl Row {
     fn entry(&self, out: &Path) -> Entry {
         let cells = self.cells();
         let own = Path::new(&self.output);
-        let is_there = self.outcome.found().is_some();
+        let is_there = self.outcome.excerpt().is_some();
         let picture = is_there.then(|| on_white(&own.join("depth.png"))).flatten();
         let page = own.strip_prefix(out).ok().filter(|_| is_there && own.join(PAGE_FILE).is_file());
         let error = if let Outcome::Failed { error } = &self.outcome { Some(error.clone()) } else { None };
-        let warnings = self.outcome.found().map(|found| found.warnings.clone()).unwrap_or_default();
+        let warnings = self.outcome.excerpt().map(|found| found.warnings.clone()).unwrap_or_default();
         Entry {
             name: self.name.clone(),
             status: cells[1..3].iter().filter(|cell| !cell.is_empty()).cloned().collect::<Vec<_>>().join(", "),
@@ -207,7 +208,7 @@ impl Row {
     }
 
     fn cells(&self) -> [String; 6] {
-        let found = self.outcome.found();
+        let found = self.outcome.excerpt();
         let number = |value: Option<f64>, digits: usize, unit: &str| {
             value.map_or_else(String::new, |v| format!("{v:.digits$}{unit}"))
         };
@@ -233,7 +234,7 @@ impl Row {
 
 /// What came of all pairs.
 #[derive(Debug, Serialize)]
-pub(crate) struct Tally {
+pub(crate) struct BatchSummary {
     #[serde(flatten)]
     header: Header,
     version: &'static str,
@@ -249,7 +250,7 @@ pub(crate) struct Tally {
     pairs: Vec<Row>,
 }
 
-impl Tally {
+impl BatchSummary {
     pub(crate) fn new(
         source: &Path,
         pairs: Vec<Row>,
@@ -279,15 +280,25 @@ impl Tally {
     }
 
     /// The text of batch.json, without a newline at its end.
-    pub(crate) fn to_json(&self) -> Result<String, Failure> {
-        serde_json::to_string_pretty(self).map_err(|e| Failure::Failed(e.to_string()))
+    pub(crate) fn to_json(&self) -> serde_json::Result<String> {
+        serde_json::to_string_pretty(self)
+    }
+
+    /// Writes the summary to a file in the folder `out`, and the index page.
+    pub(crate) fn write(&self, request: &Request, out: &Path, file: &str, has_page: bool) -> Result<(), Failure> {
+        let json = self.to_json().map_err(|e| Failure::Failed(e.to_string()))?;
+        write_named(request.force.to(out), file, FileKind::Batch, format!("{json}\n").as_bytes())?;
+        if has_page {
+            write_named(request.force.to(out), INDEX, FileKind::BatchPage, self.page(out).as_bytes())?;
+        }
+        Ok(())
     }
 
     /// The page, whose links lead from the folder `out`.
-    pub(crate) fn page(&self, out: &Path) -> String {
+    fn page(&self, out: &Path) -> String {
         let entries = self.pairs.iter().map(|row| row.entry(out)).collect();
         let (solved, failed) = (self.solved + self.kept, self.failed + self.not_done);
-        let doubtful = self.pairs.iter().filter(|row| row.badness() > 0.0 && row.outcome.found().is_some()).count();
+        let doubtful = self.pairs.iter().filter(|row| row.badness() > 0.0 && row.outcome.excerpt().is_some()).count();
         let in_words = |count: usize| if count == 0 { "none".to_string() } else { count.to_string() };
         let left = if self.left_over.is_empty() {
             String::new()
@@ -319,7 +330,7 @@ impl Tally {
             })
             .collect();
         for row in &self.pairs {
-            let warnings = row.outcome.found().map_or(&[][..], |found| &found.warnings);
+            let warnings = row.outcome.excerpt().map_or(&[][..], |found| &found.warnings);
             lines.extend(warnings.iter().map(|warning| format!("warning: {}: {}", plain(&row.name), plain(warning))));
             if let Outcome::Failed { error } = &row.outcome {
                 lines.push(format!("failed: {}: {error}", plain(&row.name)));
@@ -342,7 +353,7 @@ impl Tally {
     pub(crate) fn check(&self, strict: bool) -> Result<(), Failure> {
         let all = self.pairs.len();
         let doubtful =
-            |row: &&Row| row.outcome.found().is_some_and(|f| f.converged == Some(false) || !f.warnings.is_empty());
+            |row: &&Row| row.outcome.excerpt().is_some_and(|f| f.converged == Some(false) || !f.warnings.is_empty());
         let doubts = self.pairs.iter().filter(doubtful).count();
         if self.interrupted {
             let done = all - self.not_done;

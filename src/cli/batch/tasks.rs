@@ -1,0 +1,290 @@
+//! The tasks of a batch, a pair or a sweep each, and the devices that solve them: workers of a [`Stream`].
+
+use std::ffi::OsString;
+use std::io::{self, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use parfocal::export::is_whole;
+use parfocal::image_io::Input;
+use parfocal::settings::DeviceInfo;
+use parfocal::sweep::Positions;
+use parfocal::{Engine, Error, PairSolver, Solution, Stream};
+
+use crate::cli::batch::pairs::Group;
+use crate::cli::batch::summary::{Outcome, REPORT, Row};
+use crate::cli::jobs::pair::{self, PairJob, Photographs};
+use crate::cli::jobs::sweep::{self, SweepJob};
+use crate::cli::options::device::EngineArguments;
+use crate::cli::options::solve::Request;
+use crate::cli::output::failure::{Failure, plain};
+
+/// Workers of a device: while one solves, the others read and write.
+const WORKERS_PER_DEVICE: usize = 3;
+
+/// What all tasks of a batch share.
+pub(crate) struct Context {
+    pub(crate) request: Request,
+    /// Whether complete results of the same photographs and options are kept.
+    pub(crate) resume: bool,
+    /// The device with the least memory, which limits the size of photographs.
+    pub(crate) device: DeviceInfo,
+    /// Set by Ctrl-C.
+    pub(crate) stop: Arc<AtomicBool>,
+}
+
+/// The devices of a batch.
+pub(crate) struct Devices(Vec<Arc<Mutex<Device>>>);
+
+/// A device, with a solver for pairs like the last one.
+struct Device {
+    /// `None` after a fault, if the device cannot be opened again.
+    engine: Option<Engine>,
+    solver: Option<PairSolver>,
+    arguments: EngineArguments,
+    /// Why it cannot be opened again.
+    failure: Option<Failure>,
+}
+
+/// A pair or a sweep, and the name of its results.
+pub(crate) struct Task {
+    name: String,
+    job: Job,
+}
+
+enum Job {
+    Pair(PairJob),
+    Sweep(SweepJob),
+}
+
+/// Why a task has no results.
+enum Ending {
+    Failed(Failure),
+    /// The batch was interrupted.
+    Stopped,
+    /// The device of the worker failed and cannot be opened again.
+    NoDevice,
+}
+
+impl From<Failure> for Ending {
+    fn from(failure: Failure) -> Self {
+        Self::Failed(failure)
+    }
+}
+
+impl Devices {
+    /// Opens each requested device.
+    pub(crate) fn open(arguments: &EngineArguments) -> Result<Self, Failure> {
+        let open = |arguments: EngineArguments| {
+            let engine = Some(arguments.open()?);
+            Ok(Arc::new(Mutex::new(Device { engine, solver: None, arguments, failure: None })))
+        };
+        Ok(Self(arguments.each()?.into_iter().map(open).collect::<Result<_, Failure>>()?))
+    }
+
+    /// The device with the least memory.
+    pub(crate) fn least(&self) -> Result<DeviceInfo, Failure> {
+        let infos = self.0.iter().filter_map(|device| lock(device).engine.as_ref().map(|engine| engine.info().clone()));
+        Ok(infos.min_by_key(|info| info.memory_bytes).ok_or(Error::NoDevice(String::new()))?)
+    }
+
+    /// Starts the workers.
+    pub(crate) fn stream(&self, context: &Arc<Context>) -> Result<Stream<Arc<Task>, Row>, Failure> {
+        let workers = self.0.iter().flat_map(|device| {
+            let (device, context) = (device.clone(), context.clone());
+            (0..WORKERS_PER_DEVICE).map(move |_| {
+                let (device, context) = (device.clone(), context.clone());
+                move |task: &Arc<Task>| task.run(&context, &device).map(Ok).ok_or(Error::Poisoned)
+            })
+        });
+        let workers: Vec<_> = workers.collect();
+        let capacity = 2 * workers.len();
+        Ok(Stream::of_workers(workers, capacity)?)
+    }
+
+    /// Fails if a device failed and could not be opened again, or if the validation layer has reported anything.
+    pub(crate) fn check(&self) -> Result<(), Failure> {
+        self.0.iter().try_for_each(|device| {
+            let mut device = lock(device);
+            device.failure.take().map_or(Ok(()), Err)?;
+            device.engine.as_ref().map_or(Ok(()), crate::cli::check_validation)
+        })
+    }
+}
+
+fn lock(device: &Mutex<Device>) -> std::sync::MutexGuard<'_, Device> {
+    // A panic ended a solve: the engine can be used.
+    device.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Device {
+    /// Runs a solve on the engine. After a fault of the device, opens it again for later tasks.
+    fn solve<T>(
+        &mut self,
+        context: &Context,
+        first: &Path,
+        solve: impl FnOnce(&Engine, &mut Option<PairSolver>) -> Result<T, Error>,
+    ) -> Result<(T, DeviceInfo), Ending> {
+        if context.stop.load(Ordering::Relaxed) {
+            return Err(Ending::Stopped);
+        }
+        let Some(engine) = &self.engine else { return Err(Ending::NoDevice) };
+        let solved = solve(engine, &mut self.solver);
+        let info = engine.info().clone();
+        if matches!(solved, Err(Error::Timeout { .. } | Error::Poisoned | Error::Vulkan { .. })) {
+            (self.solver, self.engine) = (None, None);
+            match self.arguments.open() {
+                Ok(engine) => self.engine = Some(engine),
+                Err(failure) => self.failure = Some(failure),
+            }
+        }
+        Ok((solved.map_err(|error| Failure::of_solve(error, first))?, info))
+    }
+}
+
+/// Solves a pair with the solver of the pair before.
+fn solve_pair(
+    engine: &Engine,
+    cached: &mut Option<PairSolver>,
+    Photographs { scope, frames, settings, .. }: &Photographs,
+) -> Result<Solution, Error> {
+    let mut solver = match cached.take() {
+        Some(solver) => solver,
+        None => PairSolver::new(engine, settings)?,
+    };
+    solver.set_settings(settings)?;
+    cached.insert(solver).solve(frames.each_ref(), scope)
+}
+
+impl Task {
+    pub(crate) fn new(out: &Path, Group { name, files }: Group) -> Self {
+        let out = out.join(&name);
+        let job = match <[PathBuf; 2]>::try_from(files) {
+            Ok(files) => Job::Pair(PairJob { files, out }),
+            Err(files) => Job::Sweep(SweepJob { files, positions: Positions::Counted, reference: None, out }),
+        };
+        Self { name, job }
+    }
+
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    pub(crate) fn row(&self, outcome: Outcome) -> Row {
+        Row::new(&self.name, self.job.files(), self.job.out(), outcome)
+    }
+
+    /// Refuses, before any work, a task that cannot be solved or written.
+    pub(crate) fn check(&self, request: &Request) -> Result<(), Failure> {
+        match &self.job {
+            Job::Pair(job) => pair::check(request, job),
+            Job::Sweep(job) => sweep::check(request, job),
+        }
+    }
+
+    /// Reads, solves and writes; `None` if the device is lost. A panic fails this task alone.
+    fn run(&self, context: &Context, device: &Mutex<Device>) -> Option<Row> {
+        let ended = catch_unwind(AssertUnwindSafe(|| self.outcome(context, device))).unwrap_or_else(|_| {
+            let problem = "an internal error of parfocal, reported above; the other pairs go on";
+            Err(Ending::Failed(Failure::Failed(problem.to_string())))
+        });
+        let outcome = match ended {
+            Ok(outcome) => outcome,
+            Err(Ending::Failed(failure)) => Outcome::Failed { error: failure.message() },
+            Err(Ending::Stopped) => Outcome::NotDone,
+            Err(Ending::NoDevice) => return None,
+        };
+        Some(self.row(outcome))
+    }
+
+    fn outcome(&self, context: &Context, device: &Mutex<Device>) -> Result<Outcome, Ending> {
+        if context.stop.load(Ordering::Relaxed) {
+            return Err(Ending::Stopped);
+        }
+        let (request, first) = (&context.request, &self.job.files()[0]);
+        let is_current = |inputs: &[Input]| self.job.is_current(context, inputs);
+        let info = || Ok(context.device.clone());
+        match &self.job {
+            Job::Pair(job) => {
+                let Some(read) = pair::read(request, job, is_current, info)? else {
+                    return Ok(Outcome::kept(&job.out)?);
+                };
+                let (solution, device) =
+                    lock(device).solve(context, first, |engine, cached| solve_pair(engine, cached, &read))?;
+                Ok(Outcome::solved(&pair::write(request, job, &device, &read, &solution)?)?)
+            }
+            Job::Sweep(job) => {
+                let Some(read) = sweep::read(request, job, is_current, info)? else {
+                    return Ok(Outcome::kept(&job.out)?);
+                };
+                let (solved, device) =
+                    lock(device).solve(context, first, |engine, _| sweep::solve(engine, &read, None))?;
+                Ok(Outcome::solved(&sweep::write(request, job, &device, &read, &solved)?)?)
+            }
+        }
+    }
+}
+
+impl Job {
+    fn files(&self) -> &[PathBuf] {
+        match self {
+            Self::Pair(job) => &job.files,
+            Self::Sweep(job) => &job.files,
+        }
+    }
+
+    fn out(&self) -> &Path {
+        match self {
+            Self::Pair(job) => &job.out,
+            Self::Sweep(job) => &job.out,
+        }
+    }
+
+    /// Whether complete results of the same photographs and options exist.
+    fn is_current(&self, context: &Context, inputs: &[Input]) -> Result<bool, Failure> {
+        if !context.resume {
+            return Ok(false);
+        }
+        let Some(report) = Outcome::report(self.out())? else { return Ok(false) };
+        let digest = match self {
+            Self::Pair(_) => context.request.digest(&[])?,
+            Self::Sweep(job) => job.digest(&context.request)?,
+        };
+        let is_same = |(i, input): (usize, &Input)| {
+            let page = report["inputs"][i]["page"].as_u64().map(|page| page as usize);
+            report["inputs"][i]["sha256"].as_str() == Some(&input.sha256) && page == input.page
+        };
+        let count = report["inputs"].as_array().map_or(0, Vec::len);
+        Ok(report["request"].as_str() == Some(&digest)
+            && count == inputs.len()
+            && inputs.iter().enumerate().all(is_same)
+            && is_whole(self.out(), REPORT, &report))
+    }
+}
+
+/// The program of `--on-done`, which gets the folder of results as its argument. No shell is involved.
+#[derive(Debug)]
+pub(crate) struct OnDone(pub(crate) OsString);
+
+impl OnDone {
+    /// Runs the program for a task that was solved or failed. A failure of the program is a warning.
+    pub(crate) fn run(&self, row: &Row) {
+        if matches!(row.outcome(), Outcome::Kept(_) | Outcome::NotDone) {
+            return;
+        }
+        let mut command = Command::new(&self.0);
+        command.arg(row.output()).stdin(Stdio::null());
+        command.env("PARFOCAL_NAME", row.name()).env("PARFOCAL_OUTPUT", row.output());
+        command.env("PARFOCAL_STATUS", row.outcome().status());
+        let problem = match command.status() {
+            Ok(status) if status.success() => return,
+            Ok(status) => status.to_string(),
+            Err(error) => error.to_string(),
+        };
+        let (program, name) = (plain(&self.0.to_string_lossy()), plain(row.name()));
+        let _ = writeln!(io::stderr(), "warning: --on-done {program} of {name}: {problem}");
+    }
+}

@@ -1,0 +1,170 @@
+//! The options of output: reports, progress, strictness, colours, and the results that a command continues from.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::ValueEnum;
+use parfocal::export::Palette;
+use parfocal::{Engine, settings::DeviceInfo};
+use serde::Serialize;
+
+use crate::cli::help::OUTPUT;
+use crate::cli::options::device::EngineArguments;
+use crate::cli::output::destination::ForceArgument;
+use crate::cli::output::failure::{Failure, plain, print};
+use crate::cli::output::progress::{Bar, ProgressMode};
+
+/// Whom to tell.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub(crate) struct ReportArguments {
+    /// Print the result as JSON on stdout too
+    #[arg(long, help_heading = OUTPUT)]
+    json: bool,
+    #[command(flatten)]
+    quiet: QuietArgument,
+}
+
+/// Whether a person is told anything.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub(crate) struct QuietArgument {
+    /// Print nothing on stderr but errors
+    #[arg(short, long, help_heading = OUTPUT)]
+    quiet: bool,
+}
+
+impl ReportArguments {
+    /// Tells a person the summary, and a program the result, where each is wanted.
+    pub(crate) fn print(
+        &self,
+        summary: &str,
+        json: impl FnOnce() -> serde_json::Result<String>,
+    ) -> Result<(), Failure> {
+        self.print_line(summary);
+        self.print_json(json)
+    }
+
+    /// Tells a person a line.
+    pub(crate) fn print_line(&self, line: &str) {
+        self.quiet.print_line(line);
+    }
+
+    /// Tells a program the result.
+    pub(crate) fn print_json(&self, json: impl FnOnce() -> serde_json::Result<String>) -> Result<(), Failure> {
+        if self.json { print(&json().map_err(|e| Failure::Failed(e.to_string()))?) } else { Ok(()) }
+    }
+
+    /// Whether a person is told nothing.
+    pub(crate) fn is_quiet(&self) -> bool {
+        self.quiet.quiet
+    }
+}
+
+impl QuietArgument {
+    /// Tells a person a line, or some.
+    pub(crate) fn print_line(&self, line: &str) {
+        if !self.quiet {
+            // Nobody is left to be told where stderr is closed.
+            let text: Vec<String> = line.lines().map(plain).collect();
+            let _ = writeln!(io::stderr(), "{}", text.join("\n"));
+        }
+    }
+}
+
+/// None of it decides the results.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub(crate) struct RunArguments {
+    #[command(flatten)]
+    pub(crate) report: ReportArguments,
+    /// Exit status 1 if it does not converge or has warnings; the results are written all the same
+    #[arg(long, help_heading = OUTPUT)]
+    pub(crate) strict: bool,
+    /// How far it has come, told on stderr
+    #[arg(long, value_name = "HOW", help_heading = OUTPUT, value_enum, default_value_t)]
+    progress: ProgressMode,
+    #[command(flatten)]
+    pub(crate) engine: EngineArguments,
+}
+
+impl RunArguments {
+    /// What tells how far it has come.
+    pub(crate) fn bar(&self) -> Arc<Bar> {
+        Arc::new(Bar::new(self.progress, self.report.is_quiet()))
+    }
+
+    /// Whether programs are told.
+    pub(crate) fn is_json(&self) -> bool {
+        self.progress == ProgressMode::Json
+    }
+
+    /// Opens the device.
+    pub(crate) fn open_engine(&self) -> Result<Engine, Failure> {
+        self.engine.open()
+    }
+
+    /// Opens the device, to be kept, and describes it.
+    pub(crate) fn info(&self, kept: &mut Option<Engine>) -> Result<DeviceInfo, Failure> {
+        let engine = kept.insert(self.open_engine()?);
+        Ok(engine.info().clone())
+    }
+
+    /// Opens the device, unless it was kept.
+    pub(crate) fn engine(&self, kept: Option<Engine>) -> Result<Engine, Failure> {
+        kept.map_or_else(|| self.open_engine(), Ok)
+    }
+
+    /// Fails, with `--strict`, if there is anything to warn of.
+    pub(crate) fn check_strict(&self, converged: bool, warnings: &[String]) -> Result<(), Failure> {
+        if !self.strict || (converged && warnings.is_empty()) {
+            return Ok(());
+        }
+        let what = if converged { "has warnings" } else { "did not converge" };
+        Err(Failure::Failed(format!("--strict: the solve {what}: {}", warnings.join("; "))))
+    }
+}
+
+/// The results of a solve, and where to say what came of them.
+#[derive(clap::Args, Debug)]
+pub(crate) struct ResultsArguments {
+    /// Folder that `parfocal solve -o` or `stack -o` wrote
+    pub(crate) results: PathBuf,
+    #[command(flatten)]
+    report: ReportArguments,
+    #[command(flatten)]
+    pub(crate) force: ForceArgument,
+}
+
+impl ResultsArguments {
+    /// Tells a person the summary, and a program the result, where each is wanted.
+    pub(crate) fn report(&self, summary: &str, result: &impl Serialize) -> Result<(), Failure> {
+        self.report.print(summary, || serde_json::to_string_pretty(result))
+    }
+}
+
+/// How pictures of depth are drawn.
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub(crate) struct ColorsArgument {
+    /// Colours of near and far
+    #[arg(long, value_name = "NAME", help_heading = OUTPUT, value_enum, default_value_t = Name::Viridis)]
+    colors: Name,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Name {
+    /// Near yellow, far purple, in even steps for the eye
+    Viridis,
+    /// Near red, far blue, as in the paper
+    RedBlue,
+    /// Near white, far black
+    Grey,
+}
+
+impl ColorsArgument {
+    pub(crate) fn palette(self) -> Palette {
+        match self.colors {
+            Name::Viridis => Palette::Viridis,
+            Name::RedBlue => Palette::RedBlue,
+            Name::Grey => Palette::Grey,
+        }
+    }
+}

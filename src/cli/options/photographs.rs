@@ -1,0 +1,208 @@
+//! The photographs of a pair or a sweep: their files, their order, and the positions of their focus.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use parfocal::export::{Nearer, SIMULATED_FILES, result_files};
+use parfocal::image_io::{Input, Photograph, RawFormat};
+use parfocal::sweep::Positions;
+use parfocal::{Engine, PairSolver, Settings, settings::DeviceInfo};
+
+use crate::cli::help::INPUT;
+use crate::cli::output::failure::Failure;
+
+/// The pair.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct PairArguments {
+    /// The photograph whose pixels the results follow: PNG, JPEG, TIFF, BMP, WebP, PNM, PFM or EXR
+    ///
+    /// FILE#2 is the second page of a TIFF, FILE#Mono12p:2448x2048 a frame without a header.
+    i1: PathBuf,
+    /// The other photograph, of the same size
+    i2: PathBuf,
+}
+
+impl PairArguments {
+    /// Both files.
+    pub(crate) fn files(&self) -> [PathBuf; 2] {
+        [self.i1.clone(), self.i2.clone()]
+    }
+}
+
+/// Opens two photographs; also what the report says of them.
+pub(crate) fn open_pair([i1, i2]: &[PathBuf; 2]) -> Result<([Photograph; 2], Vec<Input>), Failure> {
+    let photographs = Photograph::open_pair(i1, i2)?;
+    let inputs = photographs.iter().map(Photograph::describe).collect::<Result<_, _>>()?;
+    Ok((photographs, inputs))
+}
+
+/// More pixels than this, 2^24, are not decoded before it is known that the device takes them: fewer take no time.
+const LARGE: u64 = 1 << 24;
+
+/// Refuses photographs that are too large for the device, before they are decoded; those `in_parts` only where they are too large for that.
+pub(crate) fn check_size(
+    photographs: [&Photograph; 2],
+    settings: &Settings,
+    in_parts: bool,
+    device: impl FnOnce() -> Result<DeviceInfo, Failure>,
+) -> Result<(), Failure> {
+    let (width, height) = photographs[0].size();
+    if u64::from(width) * u64::from(height) <= if in_parts { PairSolver::MOST_PIXELS } else { LARGE } {
+        return Ok(());
+    }
+    let formats = photographs.map(Photograph::format);
+    Engine::check_size(&device()?, [width, height], formats, settings)
+        .map_err(|e| Failure::of_solve(e, photographs[0].path()))
+}
+
+/// Endings of the names of photographs.
+const ENDINGS: [&str; 13] =
+    ["png", "jpg", "jpeg", "tif", "tiff", "exr", "bmp", "webp", "pnm", "pgm", "ppm", "pam", "pfm"];
+
+/// Those of photographs without a header.
+const RAW_ENDINGS: [&str; 2] = ["raw", "bin"];
+
+/// A photograph by a name that states its format too, if it has no header.
+pub(crate) fn with_format(path: PathBuf, raw: Option<RawFormat>) -> PathBuf {
+    match raw {
+        Some(format) if !path.to_string_lossy().contains('#') => {
+            let mut name = path.into_os_string();
+            name.push(format!("#{format}"));
+            name.into()
+        }
+        _ => path,
+    }
+}
+
+/// The photographs of a folder in natural order, `frame_2` before `frame_10`; or the files named. Those that a shell has listed, sorted
+/// letter by letter, are taken in natural order too, unless what they are focused at is `stated` beside them.
+pub(crate) fn sweep_frames(named: &[PathBuf], stated: bool, raw: Option<RawFormat>) -> Result<Vec<PathBuf>, Failure> {
+    let folder = named.first().filter(|path| named.len() == 1 && path.is_dir());
+    let mut files = match folder {
+        Some(folder) => list_folder(folder, raw)?.0,
+        None => named.to_vec(),
+    };
+    if folder.is_some() || !stated && files.is_sorted() {
+        files.sort_by_cached_key(|file| natural_key(file));
+    }
+    match folder {
+        Some(folder) if files.len() < 3 => {
+            let (count, folder) = (files.len(), folder.display());
+            Err(Failure::Failed(format!("{folder}: holds {count} photographs, and a sweep has three or more")))
+        }
+        _ => Ok(files.into_iter().map(|file| with_format(file, raw)).collect()),
+    }
+}
+
+/// The name of a file without its folders.
+pub(crate) fn file_name(file: &Path) -> String {
+    file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// The same without its ending.
+pub(crate) fn stem(file: &Path) -> String {
+    file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The photographs and the folders in a folder, sorted; hidden ones and results are passed over.
+pub(crate) fn list_folder(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Failure> {
+    let failed = |e| Failure::Failed(format!("{}: cannot be listed ({e}); check its permissions", folder.display()));
+    let (mut files, mut folders) = (Vec::new(), Vec::new());
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let is_input = SIMULATED_FILES[..2].contains(&name.as_str());
+        let is_profile = name.starts_with("profile_") && name.ends_with(".png");
+        let mut results = result_files().chain(SIMULATED_FILES);
+        let is_result = results.any(|result| result == name) && !is_input || is_profile;
+        if name.starts_with('.') || is_result {
+            continue;
+        } else if path.is_dir() {
+            folders.push(path);
+        } else if if raw.is_some() { &RAW_ENDINGS[..] } else { &ENDINGS }.contains(&ending.as_str()) {
+            files.push(path);
+        }
+    }
+    files.sort();
+    folders.sort();
+    Ok((files, folders))
+}
+
+/// A path in pieces, numbers apart: text and the number after it.
+fn natural_key(path: &Path) -> Vec<(String, u64)> {
+    let (mut pieces, text) = (Vec::new(), path.to_string_lossy().into_owned());
+    let mut rest = text.as_str();
+    while !rest.is_empty() {
+        let number = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
+        let end = rest[number..].find(|c: char| !c.is_ascii_digit()).map_or(rest.len(), |end| number + end);
+        // Past what a number holds, the first of its digits do.
+        let digits = &rest[number..end.min(number + 19)];
+        pieces.push((rest[..number].to_string(), digits.parse().unwrap_or(0)));
+        rest = &rest[end..];
+    }
+    pieces
+}
+
+/// Where each frame is focused.
+#[derive(clap::Args, Clone, Debug)]
+pub(crate) struct FocusPositionArguments {
+    /// The distance from the lens at which each frame is focused, in order; gives depth in mm
+    #[arg(long, value_name = "MM,MM,...", help_heading = INPUT, value_delimiter = ',', allow_hyphen_values = true)]
+    focus_at: Option<Vec<f64>>,
+    /// What --focus-at states are places along the axis, from any origin
+    ///
+    /// Because a stage moved the camera or the scene, or the lens is telecentric towards the scene: depth is even in them,
+    /// not in their inverse.
+    #[arg(long, help_heading = INPUT, requires_if("true", "focus_at"))]
+    stage: bool,
+}
+
+impl FocusPositionArguments {
+    /// What is stated, if anything is.
+    pub(crate) fn positions(&self) -> Option<Positions> {
+        let at = self.focus_at.clone()?;
+        Some(if self.stage { Positions::Stage(at) } else { Positions::Distances(at) })
+    }
+}
+
+/// Which end of the sweep is near, by `--nearer` and by the distances. A stage may count either way, and is overruled.
+pub(crate) fn nearer_end(stated: Option<u8>, positions: &Positions) -> Result<Nearer, Failure> {
+    let by_distance = positions.first_is_nearest().map(|first| if first { 1 } else { 2 });
+    let contradicted = stated.is_some() && by_distance.is_some() && stated != by_distance;
+    if contradicted && matches!(positions, Positions::Distances(_)) {
+        return Err(Failure::Usage("--nearer contradicts --focus-at; leave --nearer out".to_string()));
+    }
+    Ok(if stated.or(by_distance) == Some(2) { Nearer::Second } else { Nearer::First })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_shell_lists_is_counted() {
+        let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
+        let listed = paths(&["a/image_1.jpg", "a/image_10.jpg", "a/image_2.jpg"]);
+        let counted = paths(&["a/image_1.jpg", "a/image_2.jpg", "a/image_10.jpg"]);
+        assert_eq!(sweep_frames(&listed, false, None).unwrap(), counted);
+        assert_eq!(sweep_frames(&listed, true, None).unwrap(), listed, "positions are stated beside them");
+        let chosen = paths(&["z_3.png", "z_1.png", "z_2.png"]);
+        assert_eq!(sweep_frames(&chosen, false, None).unwrap(), chosen);
+        assert_eq!(natural_key(Path::new("9999999999999999999999.png"))[0].1, 9_999_999_999_999_999_999);
+    }
+
+    #[test]
+    fn a_folder_is_listed_in_natural_order() {
+        let folder = tempfile::TempDir::new().unwrap();
+        for name in ["f_2.png", "f_10.png", "f_1.png", "notes.txt", "fused.png"] {
+            std::fs::write(folder.path().join(name), name).unwrap();
+        }
+        let found = sweep_frames(&[folder.path().to_path_buf()], true, None).unwrap();
+        let names: Vec<_> = found.iter().map(|file| file.file_name().unwrap().to_str().unwrap()).collect();
+        assert_eq!(names, ["f_1.png", "f_2.png", "f_10.png"]);
+        std::fs::remove_file(folder.path().join("f_2.png")).unwrap();
+        let refused = sweep_frames(&[folder.path().to_path_buf()], false, None).unwrap_err();
+        assert!(matches!(refused, Failure::Failed(told) if told.contains("holds 2 photographs")));
+    }
+}
