@@ -202,7 +202,7 @@ fn sources_that_do_not_fit_are_refused() {
     // SAFETY: the bytes outlive it, and are not written.
     let memory = other.share(unsafe { HostMemory::new(NonNull::from(bytes.as_slice()).cast(), bytes.len()) });
     let shared = |offset| Source::Shared { memory: &memory, offset, pitch: 0 };
-    assert!(problem(&mut gray, [frame, shared(0)]).contains("of the engine that it was shared with"));
+    assert!(problem(&mut gray, [frame, shared(0)]).contains("shared with another engine"));
     let mut its_own = PairSolver::for_frames(&other, [&i1, &i2], &settings).unwrap();
     assert!(problem(&mut its_own, [frame, shared(4)]).contains("there are 30716"));
     assert!(problem(&mut its_own, [frame, shared(usize::MAX)]).contains("there are 0"));
