@@ -64,9 +64,9 @@ use crate::base::{Channels, Error, Frame, Lens, Photometric, Samples, Similarity
 /// A description from which a pair is rendered; [`Preset::scene`] gives one to change.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scene {
-    /// What it is called in `truth.json`.
+    /// Its name in `truth.json`.
     pub name: String,
-    /// Pixels a row, at least 16.
+    /// Pixels per row, at least 16.
     pub width: u32,
     /// Rows, at least 16; at most 2^24 pixels in all.
     pub height: u32,
@@ -74,7 +74,7 @@ pub struct Scene {
     pub seed: u64,
     /// Blur, or depth.
     pub shape: Shape,
-    /// What is on the surface.
+    /// The texture of the surface.
     pub radiance: Radiance,
     /// From the darkest to the brightest: radiance p in [0, 1] becomes `½ + contrast (p - ½)`. Above 0, at most 1.
     pub contrast: f64,
@@ -86,11 +86,11 @@ pub struct Scene {
     pub transform: Similarity,
     /// Of I2, relative to I1.
     pub exposure: Exposure,
-    /// Deviation of the Gaussian noise that is added to both images after the exposure, intensities; 0 to 1.
+    /// Standard deviation of the Gaussian noise of both images, added after the exposure, intensities; 0 to 1.
     pub noise: f64,
 }
 
-/// How I2 was exposed: `I2 ← gain I2 + offset`.
+/// The exposure of I2, `I2 ← gain I2 + offset`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exposure {
     /// Factor on I2, 0.01 to 100.
@@ -106,7 +106,7 @@ impl Default for Exposure {
 }
 
 impl Exposure {
-    /// What undoes it: the gain and offset that map I2 onto I1.
+    /// The gain and offset that undo it and map I2 onto I1.
     pub fn photometric(&self) -> Photometric {
         // Adding zero turns the -0 of an exposure without offset into 0.
         Photometric { gain: 1.0 / self.gain, offset: -self.offset / self.gain + 0.0 }
@@ -133,7 +133,7 @@ pub struct Simulated {
 /// Least width and height, px.
 const LEAST_SIDE: u32 = 16;
 
-/// Most pixels: more would take the texture minutes.
+/// Most pixels: the texture of more takes minutes.
 const MOST_PIXELS: u64 = 1 << 24;
 
 /// Largest variance of either blur, px² of its own image: σ 24 px.
@@ -176,7 +176,7 @@ impl Scene {
         range("scale", self.transform.scale, 0.2, 5.0)
     }
 
-    /// What rays through layers can be summed of.
+    /// Checks that layers can be rendered.
     fn check_layers(&self) -> Result<(), Error> {
         if self.kernel == Kernel::HalfGaussian || self.radiance != Radiance::Texture {
             let problem = "layers are rendered with texture under a gaussian or a pillbox; state these";
@@ -220,7 +220,7 @@ impl Scene {
         Ok([image(0)?, image(1)?])
     }
 
-    /// Layers made ready for blur of these deviations, px.
+    /// Layers ready to be rendered with blur of these standard deviations, px.
     fn layered<'a>(&self, layers: Vec<Layer>, deviations: impl Iterator<Item = &'a f64>) -> Result<Layered, Error> {
         check_widest(deviations.map(|d| d * d))?;
         Ok(Layered::new(layers, self.seed, [self.width, self.height], self.base_blur, self.kernel))
