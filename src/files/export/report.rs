@@ -17,7 +17,7 @@ use super::scale::{Nearer, Quantiles};
 use crate::base::{Brightness, DeviceInfo, Error, Homography, Lens, Method, Photometric, Region, Settings, Shading};
 use crate::engine::{LevelHistory, OtherMotion, Registered, Solution, Timings};
 use crate::files::image_io::{self, Input, Values};
-use crate::solve::focus_stack::{Positions, RegisteredSweep, Sweep, SweepDepth};
+use crate::solve::sweep::{Positions, RegisteredSweep, Sweep, SweepDepth};
 
 /// The report of results.
 pub const REPORT_FILE: &str = "report.json";
@@ -217,7 +217,7 @@ impl FrameReport {
 
     /// I1, which is the reference, and I2.
     fn pair(photograph: [u32; 2], transform: Homography, brightness: &Brightness) -> Vec<Self> {
-        let first = Self::new(Homography::IDENTITY, &Brightness::unchanged(photograph));
+        let first = Self::new(Homography::IDENTITY, &Brightness::identity(photograph));
         vec![first, Self::new(transform, brightness)]
     }
 
