@@ -16,13 +16,13 @@ use crate::cli::batch::summary::{Outcome, Row};
 use crate::cli::options::output::RunArguments;
 use crate::cli::output::failure::plain;
 
-/// How often a line is told where there is no terminal: what is quicker needs none.
+/// The time between two lines without a terminal. Shorter solves need none.
 const EVERY: Duration = Duration::from_secs(5);
 
 /// Steps of the bar.
 const BAR_STEPS: u64 = 1000;
 
-/// Whom it is told.
+/// How progress is shown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProgressMode {
     /// A bar on a terminal, elsewhere a line every five seconds
@@ -55,7 +55,7 @@ struct Lines {
 }
 
 impl Bar {
-    /// As is asked for; nothing where a person is told nothing.
+    /// A bar as `mode` requests; none if `is_quiet`.
     pub(crate) fn new(how: ProgressMode, is_quiet: bool) -> Self {
         let shown = match how {
             ProgressMode::Json => Shown::Json,
@@ -94,7 +94,7 @@ impl Bar {
             Shown::Json => {
                 let seconds = (self.started.elapsed().as_secs_f64() * 1e3).round() / 1e3;
                 let line = json!({ "progress": (share * 1e4).round() / 1e4, "level": done, "levels": total, "seconds": seconds });
-                // Nobody is left to be told where stderr is closed.
+                // A closed stderr has no reader.
                 let _ = writeln!(io::stderr(), "{line}");
             }
             Shown::Nothing => {}
@@ -106,10 +106,10 @@ impl Lines {
     fn new() -> Self {
         let heard = Arc::new(Mutex::new("the first level".to_string()));
         let (ended, end) = channel::<()>();
-        let (told, started) = (heard.clone(), Instant::now());
+        let (shared, started) = (heard.clone(), Instant::now());
         let thread = thread::Builder::new().spawn(move || {
             while end.recv_timeout(EVERY) == Err(RecvTimeoutError::Timeout) {
-                let heard = told.lock().map(|heard| heard.clone()).unwrap_or_default();
+                let heard = shared.lock().map(|heard| heard.clone()).unwrap_or_default();
                 let _ = writeln!(io::stderr(), "solving        {heard}, {:.0} s", started.elapsed().as_secs_f64());
             }
         });
@@ -132,25 +132,25 @@ impl Drop for Bar {
     }
 }
 
-/// Progress over the pairs: a bar on a terminal, elsewhere a line a pair.
+/// Progress of a batch: a bar on a terminal, else a line for each pair.
 pub(crate) struct BatchProgress {
     bar: ProgressBar,
     lines: bool,
-    /// Whether a program is told, a line of JSON a pair.
+    /// Whether to print a line of JSON for each pair.
     json: bool,
-    /// In all; 0 where nobody knows.
+    /// The number of pairs; 0 if unknown.
     pairs: usize,
     done: AtomicUsize,
 }
 
 impl BatchProgress {
-    /// A line a pair, of which nobody knows how many there will be.
+    /// Progress of an unknown number of pairs: a line for each.
     pub(crate) fn endless(run: &RunArguments) -> Self {
         let (quiet, json) = (run.report.is_quiet(), run.is_json());
         Self { bar: ProgressBar::hidden(), lines: !quiet && !json, json, pairs: 0, done: AtomicUsize::new(0) }
     }
 
-    /// Over so many pairs.
+    /// Progress of a number of pairs.
     pub(crate) fn new(pairs: usize, run: &RunArguments) -> Self {
         let (quiet, json) = (run.report.is_quiet() || run.is_json(), run.is_json());
         let terminal = io::stderr().is_terminal();
@@ -171,11 +171,11 @@ impl BatchProgress {
         Self { bar, lines: !terminal && !quiet, json, pairs, done: AtomicUsize::new(0) }
     }
 
-    /// Counts what came of one.
+    /// Counts and shows the outcome of a pair.
     pub(crate) fn show(&self, row: &Row) {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         if matches!(row.outcome(), Outcome::Kept(_)) {
-            // What is left out took no time and says nothing about the rest.
+            // Kept results take no time and must not change the estimate.
             self.bar.dec_length(1);
         } else {
             self.bar.inc(1);
