@@ -78,9 +78,9 @@ pub(crate) struct Arguments {
 
 /// Solves a sweep and writes the results. Inexpensive checks come first.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let places = arguments.focus_at.positions();
-    let stated = arguments.positions.is_some() || places.is_some();
-    let positions = places.or(arguments.positions.clone().map(Positions::Settings)).unwrap_or_default();
+    let by_mm = arguments.focus_at.positions();
+    let stated = arguments.positions.is_some() || by_mm.is_some();
+    let positions = by_mm.or(arguments.positions.clone().map(Positions::Settings)).unwrap_or_default();
     let job = SweepJob {
         files: photographs::sweep_frames(&arguments.frames, stated, arguments.settings.raw())?,
         positions,

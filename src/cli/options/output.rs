@@ -102,15 +102,15 @@ impl RunArguments {
         self.engine.open()
     }
 
-    /// Opens the device into `kept` and describes it.
-    pub(crate) fn info(&self, kept: &mut Option<Engine>) -> Result<DeviceInfo, Failure> {
-        let engine = kept.insert(self.open_engine()?);
+    /// Opens the device into `opened` and describes it.
+    pub(crate) fn info(&self, opened: &mut Option<Engine>) -> Result<DeviceInfo, Failure> {
+        let engine = opened.insert(self.open_engine()?);
         Ok(engine.info().clone())
     }
 
-    /// The device of `kept`, or opens it.
-    pub(crate) fn engine(&self, kept: Option<Engine>) -> Result<Engine, Failure> {
-        kept.map_or_else(|| self.open_engine(), Ok)
+    /// The device of `opened`, or opens it.
+    pub(crate) fn engine(&self, opened: Option<Engine>) -> Result<Engine, Failure> {
+        opened.map_or_else(|| self.open_engine(), Ok)
     }
 
     /// Fails with `--strict` if the solve did not converge or has warnings.

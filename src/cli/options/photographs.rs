@@ -56,11 +56,11 @@ pub(crate) fn check_size(
 }
 
 /// Extensions of photographs.
-const ENDINGS: [&str; 13] =
+const EXTENSIONS: [&str; 13] =
     ["png", "jpg", "jpeg", "tif", "tiff", "exr", "bmp", "webp", "pnm", "pgm", "ppm", "pam", "pfm"];
 
 /// Extensions of photographs without a header.
-const RAW_ENDINGS: [&str; 2] = ["raw", "bin"];
+const RAW_EXTENSIONS: [&str; 2] = ["raw", "bin"];
 
 /// Adds the format to the name of a photograph without a header.
 pub(crate) fn with_format(path: PathBuf, raw: Option<RawFormat>) -> PathBuf {
@@ -111,7 +111,7 @@ pub(crate) fn list_folder(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<
     for entry in fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         let is_input = SIMULATED_FILES[..2].contains(&name.as_str());
         let is_profile = name.starts_with("profile_") && name.ends_with(".png");
         let mut results = result_files().chain(SIMULATED_FILES);
@@ -120,7 +120,7 @@ pub(crate) fn list_folder(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<
             continue;
         } else if path.is_dir() {
             folders.push(path);
-        } else if if raw.is_some() { &RAW_ENDINGS[..] } else { &ENDINGS }.contains(&ending.as_str()) {
+        } else if if raw.is_some() { &RAW_EXTENSIONS[..] } else { &EXTENSIONS }.contains(&extension.as_str()) {
             files.push(path);
         }
     }

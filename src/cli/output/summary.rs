@@ -106,7 +106,7 @@ pub(crate) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -
         [] => "the files do not say what they are".to_string(),
         several => format!("the files say {}", several.join(" and ")),
     };
-    let taken = if decode == Decode::Srgb { "sRGB curve undone" } else { "as stored" };
+    let reading = if decode == Decode::Srgb { "sRGB curve undone" } else { "as stored" };
     let why = match (by, decode) {
         (Basis::Files, _) => files,
         (Basis::Stated, _) => format!("as stated; {files}"),
@@ -115,7 +115,7 @@ pub(crate) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -
         }
         (Basis::Assumed, _) => "assumed linear, where files do not say; --decode srgb if they are not".to_string(),
     };
-    format!("{taken} ({why})")
+    format!("{reading} ({why})")
 }
 
 fn judged(report: &Report) -> Vec<Row> {
