@@ -108,7 +108,7 @@ impl RunArguments {
         Ok(engine.info().clone())
     }
 
-    /// The device of `opened`, or opens it.
+    /// Returns the opened device, or opens it.
     pub(crate) fn engine(&self, opened: Option<Engine>) -> Result<Engine, Failure> {
         opened.map_or_else(|| self.open_engine(), Ok)
     }
