@@ -56,8 +56,8 @@ pub use engine::interop;
 pub use engine::{Engine, EngineOptions, Pending, Solution, SolutionRef};
 #[cfg(feature = "files")]
 pub use files::{export, image_io, model};
-pub use solve::focus_stack::Sweep;
 pub use solve::resample;
+pub use solve::sweep::{Sweep, SweepSolver};
 pub use solve::{PairSolver, QueueFull, SolveOptions, Stream};
 
 /// The types of [`Settings`], [`EngineOptions`] and [`SolveOptions`].
@@ -78,9 +78,9 @@ pub mod transform {
     pub use crate::base::{Brightness, Homography, Shading, Similarity, centre};
 }
 
-/// Focus sweeps: three or more photographs of one scene, each focused a little further.
+/// The options and results of a [`SweepSolver`].
 pub mod sweep {
-    pub use crate::solve::focus_stack::*;
+    pub use crate::solve::sweep::{Positions, RegisteredSweep, Sweep, SweepDepth, SweepOptions, SweepSolver};
 }
 
 /// The parts of a [`Solution`], and registrations.

@@ -1,4 +1,4 @@
-// The border rule of splines: mirrored about the border pixels. CPU reference: mirror in src/engine/stages/field.rs.
+// The border rule of splines: mirrored about the border pixels. CPU reference: mirror in src/engine/stages/spline.rs.
 
 // One reflection, for an i that is outside by less than the size.
 ivec2 reflect_once(ivec2 i, ivec2 size) {

@@ -1,7 +1,7 @@
 //! The tiles of an image that the passes of a sweep run over, a workgroup each.
 //!
-//! Few frames are nearly in focus at a pixel, so a frame's blur stack is made only in the tiles that need it. Software devices execute every
-//! workgroup of a dispatch, even one that returns early, so the other tiles are not dispatched.
+//! Few frames are nearly in focus at a pixel, so a frame's blur stack is made only in the tiles that need it. Software
+//! devices execute every workgroup of a dispatch, even one that returns early, so the other tiles are not dispatched.
 
 use super::stages::Field;
 

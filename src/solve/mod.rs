@@ -1,11 +1,11 @@
 //! Solves around the engine: pairs with options, streams of pairs, focus sweeps, photographs resampled on the pixels of I1.
 
 mod field_curvature;
-pub mod focus_stack;
 mod pair_solver;
 mod queue;
 pub mod resample;
 mod stream;
+pub mod sweep;
 
 pub use field_curvature::FieldCurvature;
 pub use pair_solver::{PairSolver, SolveOptions};

@@ -3,8 +3,7 @@
 use crate::base::color::{LUMINANCE, stored};
 use crate::base::{Brightness, Channels, Decode, Frame, Homography, centre, weighted, workers};
 use crate::engine::filter;
-use crate::engine::stages::field::mirror;
-use crate::engine::stages::spline;
+use crate::engine::stages::spline::{self, mirror};
 
 /// The cubic B-spline through the pixels of an image, mirrored about the border pixels; in single precision, of one to three channels.
 pub(crate) struct Spline {

@@ -10,12 +10,13 @@ use std::time::Duration;
 use super::queue::{Job, Queue};
 use crate::base::{CancellationToken, Error, Format, Frame, Settings};
 use crate::engine::{Engine, PairOptions, Pending, PreparedSolver, Solution, Source};
-use crate::solve::focus_stack::{Sweep, SweepOptions, solve_sweep};
+use crate::solve::SolveOptions;
+use crate::solve::sweep::{Sweep, SweepOptions, SweepSolver};
 
 /// Solves many pairs of one size and format and returns their results in the same order.
 ///
-/// One thread a device keeps several pairs in flight, so that the next is uploaded and the one before is read back while the device
-/// solves. Each pair goes to whichever device is free.
+/// One thread a device keeps several pairs in flight, so that the next is uploaded and the one before is read back
+/// while the device solves. Each pair goes to whichever device is free.
 ///
 /// In one thread, use [`Stream::map`]:
 ///
@@ -65,15 +66,16 @@ use crate::solve::focus_stack::{Sweep, SweepOptions, solve_sweep};
 /// # }
 /// ```
 ///
-/// **Memory.** A stream holds [`Stream::capacity`] pairs, twice as many as its devices have frames in flight: those in flight, and as
-/// many that wait or are solved and not yet read. Only reading makes room.
+/// **Memory.** A stream holds [`Stream::capacity`] pairs, twice as many as its devices have frames in flight: those in
+/// flight, and as many that wait or are solved and not yet read. Only reading makes room.
 ///
 /// **Order.** Results come in the order in which pairs were pushed, one for each, with the bits of
-/// [`PairSolver::solve`](crate::PairSolver::solve). A device much slower than the others delays all results: leave it out.
+/// [`PairSolver::solve`](crate::PairSolver::solve). A device much slower than the others delays all results: leave it
+/// out.
 ///
-/// **Errors.** The error of one pair, another size for example, is its result; later pairs are unaffected. If a device fails or
-/// exceeds [`EngineOptions::timeout`](crate::EngineOptions::timeout), the other devices solve its pairs and it is used no more. The
-/// last device returns its error, then [`Error::Poisoned`] for every pair.
+/// **Errors.** The error of one pair, another size for example, is its result; later pairs are unaffected. If a device
+/// fails or exceeds [`EngineOptions::timeout`](crate::EngineOptions::timeout), the other devices solve its pairs and it
+/// is used no more. The last device returns its error, then [`Error::Poisoned`] for every pair.
 ///
 /// Dropping a stream discards the pairs that wait, and blocks until the devices have solved those in flight.
 ///
@@ -102,11 +104,12 @@ impl<P> fmt::Debug for QueueFull<P> {
 impl<P> std::error::Error for QueueFull<P> {}
 
 impl Stream {
-    /// Prepares each device for pairs of a size in px and the formats of I1 and I2, with `frames_in_flight` pairs at a time (at least 1;
-    /// 3 keep a device busy).
+    /// Prepares each device for pairs of a size in px and the formats of I1 and I2, with `frames_in_flight` pairs at a
+    /// time (at least 1; 3 keep a device busy).
     ///
     /// # Errors
-    /// Those of [`PairSolver::for_size`](crate::PairSolver::for_size), [`Error::NoDevice`] without engines, [`Error::NoThread`].
+    /// Those of [`PairSolver::for_size`](crate::PairSolver::for_size), [`Error::NoDevice`] without engines,
+    /// [`Error::NoThread`].
     pub fn new(
         engines: &[&Engine],
         frames_in_flight: usize,
@@ -126,9 +129,10 @@ impl Stream {
 }
 
 impl Stream<Vec<Frame>, Sweep> {
-    /// Makes a stream of focus sweeps of three or more frames each; size and format may change from sweep to sweep. On each device
-    /// `threads` threads (at least 1) solve one sweep each. Two keep a device busy, since much of a sweep is computed on the host; each
-    /// needs the memory of a sweep.
+    /// Makes a stream of focus sweeps of three or more frames each. Size, format and number of frames may change from
+    /// sweep to sweep; sweeps of one kind reuse a [`SweepSolver`]. On each device `threads` threads (at least 1) solve
+    /// one sweep each. Two keep a device busy, since much of a sweep is computed on the host; each needs the memory of
+    /// a sweep.
     ///
     /// ```
     /// # use parfocal::sweep::SweepOptions;
@@ -149,31 +153,31 @@ impl Stream<Vec<Frame>, Sweep> {
     /// ```
     ///
     /// # Errors
-    /// [`Error::NoDevice`] without engines, [`Error::NoThread`]. The error of a sweep is its result.
+    /// [`Error::Setting`], [`Error::NoDevice`] without engines, [`Error::NoThread`]. The error of a sweep is its
+    /// result.
     pub fn of_sweeps(engines: &[&Engine], threads: usize, options: &SweepOptions) -> Result<Self, Error> {
         if engines.is_empty() {
             return Err(Error::NoDevice(String::new()));
         }
-        let workers: Vec<_> = engines
-            .iter()
-            .flat_map(|engine| (0..threads.max(1)).map(|_| ((*engine).clone(), options.clone())))
-            .map(|(engine, options)| {
-                move |frames: &Vec<Frame>| match solve_sweep(&engine, frames, &options) {
-                    Err(fault) if is_device_fault(&fault) => Err(fault),
-                    solved => Ok(solved),
-                }
-            })
-            .collect();
+        let solvers = engines.iter().flat_map(|engine| (0..threads.max(1)).map(|_| SweepSolver::new(engine, options)));
+        let worker = |mut solver: SweepSolver| {
+            move |frames: &Vec<Frame>| match solver.solve(frames, &SolveOptions::default()) {
+                Err(fault) if is_device_fault(&fault) => Err(fault),
+                solved => Ok(solved),
+            }
+        };
+        let workers: Vec<_> = solvers.map(|solver| solver.map(worker)).collect::<Result<_, Error>>()?;
         let capacity = 2 * workers.len();
         Self::of_workers(workers, capacity)
     }
 }
 
 impl<P: Send + 'static, R: Send + 'static> Stream<P, R> {
-    /// Makes a stream whose items are solved by functions, each in a thread of its own. `capacity` items may be pushed and not yet read.
+    /// Makes a stream whose items are solved by functions, each in a thread of its own. `capacity` items may be pushed
+    /// and not yet read.
     ///
-    /// A function returns the result of an item. If it can solve no more, it returns the fault, and the other functions solve the item;
-    /// the last one's fault is the result of the item.
+    /// A function returns the result of an item. If it can solve no more, it returns the fault, and the other functions
+    /// solve the item; the last one's fault is the result of the item.
     ///
     /// # Errors
     /// [`Error::NoThread`] if no thread could be started.
@@ -211,8 +215,8 @@ impl<P, R> Stream<P, R> {
         Ok(())
     }
 
-    /// Pushes a pair. Waits for room for `limit` at most; [`Duration::ZERO`] does not wait, which suits programs that read in the same
-    /// thread.
+    /// Pushes a pair. Waits for room for `limit` at most; [`Duration::ZERO`] does not wait, which suits programs that
+    /// read in the same thread.
     ///
     /// # Errors
     /// [`QueueFull`], with the pair. The error of the pair itself is its result.
@@ -220,8 +224,9 @@ impl<P, R> Stream<P, R> {
         self.queue.push(pair, limit).map_err(QueueFull)
     }
 
-    /// Returns the result of the oldest pair that has not been read, waiting for `limit` at most. `None`: it is not solved by then, or no
-    /// pair was pushed. After [`Stream::finish`] returns `None` at once if all results have been read.
+    /// Returns the result of the oldest pair that has not been read, waiting for `limit` at most. `None`: it is not
+    /// solved by then, or no pair was pushed. After [`Stream::finish`] returns `None` at once if all results have been
+    /// read.
     ///
     /// # Errors
     /// The error of that pair, as of [`PairSolver::solve`](crate::PairSolver::solve). Later pairs are unaffected.
@@ -239,8 +244,8 @@ impl<P, R> Stream<P, R> {
         iter::from_fn(|| self.queue.next(Duration::MAX))
     }
 
-    /// Iterates over the results of `pairs`, which it pushes as there is room. Results of pairs that were pushed before come first. If the
-    /// iterator is dropped early, the pairs that it has pushed stay in the stream.
+    /// Iterates over the results of `pairs`, which it pushes as there is room. Results of pairs that were pushed before
+    /// come first. If the iterator is dropped early, the pairs that it has pushed stay in the stream.
     pub fn map(&mut self, pairs: impl IntoIterator<Item = P>) -> impl Iterator<Item = Result<R, Error>> {
         let mut pairs = pairs.into_iter().fuse();
         iter::from_fn(move || {

@@ -4,11 +4,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use parfocal::frame::Source;
-use parfocal::sweep::{SweepOptions, solve_sweep};
+use parfocal::sweep::SweepOptions;
 use parfocal::transform::Similarity;
 use parfocal::{
     CancellationToken, Engine, EngineOptions, Error, Frame, Mask, PairSolver, Pending, Region, Settings, Solution,
-    SolutionRef, SolveOptions,
+    SolutionRef, SolveOptions, SweepSolver,
 };
 
 use crate::common::scene::{pair, slanted};
@@ -212,9 +212,10 @@ fn regions_and_sweeps_are_cancelled_by_their_progress_function() {
     }
     let sweep: Vec<Frame> =
         [0.2, 0.6, 1.0].map(|v| pair([256, 192], Similarity::IDENTITY, |_| [v, v], 0.0, 5)[0].clone()).to_vec();
-    let (scope, log) = cancelling();
-    let solved = solve_sweep(&engine, &sweep, &SweepOptions { scope, ..SweepOptions::default() });
-    assert!(matches!(solved, Err(Error::Cancelled)));
+    let (options, log) = cancelling();
+    let mut solver = SweepSolver::new(&engine, &SweepOptions::default()).unwrap();
+    assert!(matches!(solver.solve(&sweep, &options), Err(Error::Cancelled)));
+    solver.solve(&sweep, &SolveOptions::default()).unwrap();
     assert_eq!(log.lock().unwrap().len(), 1);
 }
 

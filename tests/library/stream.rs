@@ -5,9 +5,9 @@ use std::sync::LazyLock;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use parfocal::sweep::{SweepOptions, solve_sweep};
+use parfocal::sweep::SweepOptions;
 use parfocal::{
-    Engine, EngineOptions, Error, Frame, PairSolver, QueueFull, Settings, Solution, SolveOptions, Stream,
+    Engine, EngineOptions, Error, Frame, PairSolver, QueueFull, Settings, Solution, SolveOptions, Stream, SweepSolver,
     frame::Format, transform::Similarity,
 };
 
@@ -232,8 +232,9 @@ fn sweeps_come_out_in_order_as_one_by_one_and_what_is_wrong_in_its_place() {
     let frame = |v: f64, seed: u64| pair(SIZE, Similarity::IDENTITY, move |_| [v, v], 0.0, seed)[0].clone();
     let sweep = |seed: u64| [1.3, 0.3, 1.3, 4.3].map(|v| frame(v, seed)).to_vec();
     let mut sweeps = [5, 6, 7].map(sweep).to_vec();
-    let expected = sweeps.iter().map(|frames| solve_sweep(&engine, frames, &SweepOptions::default()));
-    let expected: Vec<_> = expected.map(|sweep| sweep.unwrap().focus).collect();
+    let mut solver = SweepSolver::new(&engine, &SweepOptions::default()).unwrap();
+    let solved = sweeps.iter().map(|frames| solver.solve(frames, &SolveOptions::default()));
+    let expected: Vec<_> = solved.map(|sweep| sweep.unwrap().focus).collect();
     sweeps.insert(1, vec![frame(1.0, 8); 2]);
     let mut stream = Stream::of_sweeps(&[&engine], 2, &SweepOptions::default()).unwrap();
     assert_eq!(stream.capacity(), 4);

@@ -1,8 +1,8 @@
-//! Focus sweeps in closed form: a slope that comes into focus from frame to frame, through a lens that breathes and drifts.
+//! Focus sweeps in closed form: a slope through a lens that breathes and drifts.
 
-use parfocal::sweep::{Positions, Sweep, SweepOptions, solve_sweep};
+use parfocal::sweep::{Positions, Sweep, SweepOptions};
 use parfocal::{
-    Frame, Settings,
+    Frame, Settings, SolveOptions, SweepSolver,
     frame::Samples,
     transform::{Homography, Similarity},
 };
@@ -16,12 +16,12 @@ const RATE: f64 = 1.2;
 const FRAMES: usize = 7;
 const REFERENCE: usize = 3;
 
-/// The setting in focus at a place of the reference.
+/// u at a place of the reference.
 fn focus([x, y]: [f64; 2]) -> f64 {
     0.8 + 4.4 * (0.7 * x / f64::from(SIZE[0]) + 0.3 * y / f64::from(SIZE[1]))
 }
 
-/// A frame at a setting, displaced and brighter by a gain, with noise.
+/// A frame at a focus setting, displaced, brighter by a gain, with noise.
 fn frame(setting: f64, t: Homography, gain: f64, noise: f64, seed: u64) -> Frame {
     let [_, shown] = pair(SIZE, t, |x| [0.0, 0.2 + RATE * (setting - focus(x)).powi(2)], 0.0, 5);
     let mut random = Random(seed);
@@ -49,22 +49,23 @@ fn solve(settings: &[f64], noise: f64) -> Sweep {
         reference: Some(REFERENCE),
         ..SweepOptions::default()
     };
-    solve_sweep(&TestEngine::new(), &frames, &options).unwrap()
+    let mut solver = SweepSolver::for_frames(&TestEngine::new(), &frames, &options).unwrap();
+    solver.solve(&frames, &SolveOptions::default()).unwrap()
 }
 
-/// Median of |u - truth| in settings, and the shares within one and two deviations, 24 px inside the border.
-fn judged(sweep: &Sweep) -> [f64; 3] {
+/// The median of |u - truth| in settings, and the shares within one and two deviations, 24 px inside the border.
+fn errors_inside(sweep: &Sweep) -> [f64; 3] {
     let [width, height] = SIZE.map(|side| side as usize);
     let places = (24..height - 24).flat_map(|y| (24..width - 24).map(move |x| (x, y)));
     let mut errors: Vec<[f64; 2]> = places
         .map(|(x, y)| {
             let (u, sigma) = (sweep.focus[y * width + x], sweep.uncertainty[y * width + x]);
-            let off = (f64::from(u) - focus([x as f64, y as f64])).abs();
-            [off, off / f64::from(sigma)]
+            let error = (f64::from(u) - focus([x as f64, y as f64])).abs();
+            [error, error / f64::from(sigma)]
         })
         .filter(|error| !error[0].is_nan())
         .collect();
-    assert!(errors.len() > (width - 48) * (height - 48) * 95 / 100, "{} pixels are known", errors.len());
+    assert!(errors.len() > (width - 48) * (height - 48) * 95 / 100, "{} pixels have a u", errors.len());
     let within = |times: f64| errors.iter().filter(|e| e[1] < times).count() as f64 / errors.len() as f64;
     let shares = [within(1.0), within(2.0)];
     errors.sort_by(|a, b| a[0].total_cmp(&b[0]));
@@ -77,7 +78,7 @@ fn check(settings: &[f64]) {
     let corners: Vec<f64> = (0..FRAMES).map(corner).collect();
     let gains = (0..FRAMES).map(|n| sweep.brightness[n].photometric.gain * gain(n));
     let gains = gains.map(|product| (product - 1.0).abs()).fold(0.0, f64::max);
-    let [error, one, two] = judged(&sweep);
+    let [error, one, two] = errors_inside(&sweep);
     println!("corners {corners:.3?} px, gain {gains:.4}, u {error:.4}, {one:.2} {two:.2}, c {:.3}", sweep.blur_rate);
     assert!(corners.iter().all(|corner| *corner < 0.1), "{corners:?}");
     assert!(error < 0.06 && one > 0.5 && two > 0.85, "{error} {one} {two}");
@@ -85,19 +86,19 @@ fn check(settings: &[f64]) {
 }
 
 #[test]
-fn a_lens_that_breathes_and_drifts() {
+fn frames_of_a_lens_that_breathes_and_drifts_are_registered_and_solved() {
     check(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
 }
 
 #[test]
-fn settings_that_are_uneven() {
+fn uneven_settings_are_solved() {
     check(&[0.0, 0.6, 1.9, 3.1, 3.8, 5.2, 6.0]);
 }
 
 #[test]
-fn descending_settings_are_the_same_sweep() {
+fn descending_settings_are_solved() {
     let settings: Vec<f64> = (0..FRAMES).map(|n| 6.0 - n as f64).collect();
     let sweep = solve(&settings, 0.005);
-    let [error, ..] = judged(&sweep);
+    let [error, ..] = errors_inside(&sweep);
     assert!(error < 0.06, "{error}");
 }

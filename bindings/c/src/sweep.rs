@@ -2,8 +2,8 @@
 
 use std::ffi::{CString, c_char, c_void};
 
-use parfocal::Frame;
-use parfocal::sweep::{Positions, Sweep, SweepOptions, solve_sweep};
+use parfocal::sweep::{Positions, Sweep, SweepOptions};
+use parfocal::{Frame, SweepSolver};
 
 use crate::engine::parfocal_engine;
 use crate::fault::{Fault, call, parfocal_status};
@@ -142,8 +142,8 @@ pub unsafe extern "C" fn parfocal_stack(
         // SAFETY: the contract is the same.
         let (positions, reference, scope) =
             unsafe { (positions(options, count)?, reference(options)?, self::scope(scope, first)?) };
-        let options = SweepOptions { settings: told.of(&all), positions, reference, scope };
-        let sweep = solve_sweep(&engine.engine, &frames, &options)?;
+        let options = SweepOptions { settings: told.of(&all), positions, reference };
+        let sweep = SweepSolver::new(&engine.engine, &options)?.solve(&frames, &scope)?;
         Ok(parfocal_sweep { warnings: sentences(&sweep.warnings), sweep })
     };
     // SAFETY: the contract is the same.

@@ -6,9 +6,9 @@ use std::thread;
 use std::time::Duration;
 
 use numpy::PyReadonlyArray2;
-use parfocal::sweep::{Positions, Sweep, SweepOptions, solve_sweep};
+use parfocal::sweep::{Positions, Sweep, SweepOptions};
 use parfocal::{
-    EngineOptions, Frame, Lens, PairSolver, Settings, Solution, SolveOptions,
+    EngineOptions, Frame, Lens, PairSolver, Settings, Solution, SolveOptions, SweepSolver,
     metric::MetricDepth,
     resample,
     results::{LevelHistory, Registered},
@@ -156,7 +156,7 @@ impl Engine {
         let scope = SolveOptions { region: part.map(region), mask, cancel, ..SolveOptions::default() };
         let sweep = self.watched(py, &watch, |inner, report| {
             let scope = SolveOptions { progress: Some(report), ..scope };
-            solve_sweep(&inner.engine, &frames, &SweepOptions { settings, positions, reference, scope })
+            SweepSolver::new(&inner.engine, &SweepOptions { settings, positions, reference })?.solve(&frames, &scope)
         })?;
         of_sweep(py, sweep)
     }

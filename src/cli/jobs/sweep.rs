@@ -6,9 +6,9 @@ use std::time::Instant;
 
 use parfocal::export::{self, Kind, NearerBy, Report, Results};
 use parfocal::image_io::{self, Input, Photograph, Values};
-use parfocal::sweep::{Positions, Sweep, SweepOptions, register_sweep, solve_sweep};
+use parfocal::sweep::{Positions, Sweep, SweepOptions};
 use parfocal::{
-    Engine, Error, Frame, Progress, Settings, SolveOptions,
+    Engine, Error, Frame, Progress, Settings, SolveOptions, SweepSolver,
     frame::{Channels, Depth, Format},
     settings::{DeviceInfo, Method},
 };
@@ -35,16 +35,17 @@ pub(crate) struct SweepFrames {
     pub(crate) inputs: Vec<Input>,
     /// The settings, with the decoding resolved.
     options: SweepOptions,
+    /// The region of the frames, and their mask.
+    part: SolveOptions,
     values: Values,
     /// The time of reading.
     read_ms: f64,
 }
 
 impl SweepJob {
-    /// The options, without mask and region.
-    fn options(&self, request: &Request, settings: Settings) -> SweepOptions {
-        let scope = SolveOptions { crop_valid: request.part.crop_valid, ..SolveOptions::default() };
-        SweepOptions { settings, positions: self.positions.clone(), reference: self.reference, scope }
+    /// The options of the solver.
+    fn options(&self, settings: Settings) -> SweepOptions {
+        SweepOptions { settings, positions: self.positions.clone(), reference: self.reference }
     }
 
     /// The digest of what changes the results, apart from the frames.
@@ -60,7 +61,7 @@ pub(crate) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
         let problem = "is a focus sweep, and takes no lens, --flat or --method; leave them out, or use parfocal stack";
         return Err(Failure::Usage(format!("{}: {problem}", job.out.display())));
     }
-    let fits = job.options(request, request.settings.clone()).check(job.files.len());
+    let fits = job.options(request.settings.clone()).check(job.files.len());
     fits.map_err(|e| Failure::Usage(e.to_string()))?;
     photographs::nearer_end(request.nearer, &job.positions)?;
     request.models.check_labels(job.files.len())?;
@@ -90,13 +91,13 @@ pub(crate) fn read(
     let (in_mm, in_floats) = (job.positions.millimetres().is_some(), frames[0].format().depth == Depth::F32);
     check_results(request, Kind::Sweep, &job.out, in_mm, in_floats)?;
     let size = [frames[0].width(), frames[0].height()];
-    let scope = request.part.fitting(size)?;
+    let part = request.part.fitting(size)?;
     if let Some([width, height]) = request.part.size(size) {
         request.wanted.check((width, height))?;
     }
-    let options = SweepOptions { scope, ..job.options(request, settings) };
+    let options = job.options(settings);
     let read_ms = started.elapsed().as_secs_f64() * 1e3;
-    Ok(Some(SweepFrames { frames, inputs, options, values, read_ms }))
+    Ok(Some(SweepFrames { frames, inputs, options, part, values, read_ms }))
 }
 
 /// Decodes the frames, after a check of the first.
@@ -140,8 +141,8 @@ pub(crate) fn solve(
     progress: Option<Arc<dyn Fn(Progress) + Send + Sync>>,
 ) -> Result<(Sweep, f64), Error> {
     let started = Instant::now();
-    let scope = SolveOptions { progress, ..read.options.scope.clone() };
-    let sweep = solve_sweep(engine, &read.frames, &SweepOptions { scope, ..read.options.clone() })?;
+    let mut solver = SweepSolver::new(engine, &read.options)?;
+    let sweep = solver.solve(&read.frames, &SolveOptions { progress, ..read.part.clone() })?;
     Ok((sweep, read.read_ms + started.elapsed().as_secs_f64() * 1e3))
 }
 
@@ -184,11 +185,10 @@ pub(crate) fn register(
     let values = Values::of(settings.decode, &inputs)?;
     let settings = Settings { decode: values.decode, ..settings.clone() };
     let bar = run.bar();
-    let scope = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
-    let mut options = SweepOptions { settings, reference, scope, ..SweepOptions::default() };
-    let found = register_sweep(&engine, &frames, &options);
-    options.scope.progress = None;
-    drop(bar);
+    let options = SweepOptions { settings, reference, ..SweepOptions::default() };
+    let solve_options = SolveOptions { progress: Some(bar.reporter()), ..SolveOptions::default() };
+    let found = SweepSolver::new(&engine, &options).and_then(|mut solver| solver.register(&frames, &solve_options));
+    drop((solve_options, bar));
     let found = found.map_err(|e| Failure::of_solve(e, &files[0]))?;
     crate::cli::check_validation(&engine)?;
     let total_ms = started.elapsed().as_secs_f64() * 1e3;

@@ -4,8 +4,8 @@
 //! B-spline prefilter, the blur stacks and the means over a window. A variant takes filters of any length and can add
 //! to the target: a filter that is not separable is a sum of separable ones.
 
-use super::field::{Field, fold};
 use super::pass::{Memory, Pass, bindings, push_constants};
+use super::spline::{Field, fold};
 use super::{WORKGROUP, pixels};
 use crate::base::weighted;
 use crate::engine::shaders;

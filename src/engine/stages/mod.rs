@@ -12,7 +12,6 @@ pub mod blur_matched_pair;
 pub mod convolve;
 pub mod copy;
 pub mod exposure;
-pub mod field;
 pub mod fuse;
 pub mod half_pair;
 #[cfg(test)]
@@ -46,7 +45,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::sync::{Arc, Mutex, PoisonError};
 
-pub use field::Field;
+pub use spline::Field;
 
 use crate::base::Error;
 use crate::engine::vulkan::{Device, Pipeline, Stage, Variant};

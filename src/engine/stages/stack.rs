@@ -4,8 +4,7 @@
 //! known slopes at the nodes. For a Gaussian dÎ/dV is half the Laplacian (heat equation); for any other kernel it is a
 //! layer beside each node. Kernels are centred (`src/base/kernel.rs`): the caller moves x by the kernel's mean.
 
-use super::field::Field;
-use super::spline::{self, Jet};
+use super::spline::{self, Field, Jet};
 use crate::base::Kernel;
 use crate::engine::filter::{self, Terms};
 

@@ -1,4 +1,4 @@
-//! A sweep's memory on the device, and the command buffers in which its scripts are recorded one after the other.
+//! The device memory of a sweep, and the command buffers that its scripts are recorded in.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -24,8 +24,8 @@ pub(super) struct Limits {
 
 /// Device memory for sweeps of one size, format and number of frames.
 ///
-/// Most scripts hold constants of the moment, so each is recorded again. All share one command pool, its descriptor sets
-/// and one timeline. The upload of the frames never changes and is recorded once.
+/// Most scripts hold constants of the moment, so each is recorded again. All share one command pool, its descriptor
+/// sets and one timeline. The upload of the frames never changes and is recorded once.
 pub(super) struct SweepDevice {
     pub(super) limits: Limits,
     device: Arc<Device>,

@@ -1,8 +1,9 @@
-//! The joint solve of a focus sweep: u of each pixel, the focus setting at which it is sharp, and the registration of all frames.
+//! The joint solve of a focus sweep: u of each pixel, and the registration of all frames.
 //!
-//! Section 11 of `docs/method.md`. The device holds the frames, one blur stack at a time, and the linear system that all pairs of frames
-//! add to. Between iterations the host steps the parameters that all pixels share: T of each frame, and c. So nothing can be submitted
-//! ahead as it is for pairs, and a sweep has no `submit`.
+//! u is the focus setting at which a pixel is sharp. Section 11 of `docs/method.md`. The device holds the frames, one
+//! blur stack at a time, and the linear system that all pairs of frames add to. Between iterations the host steps the
+//! parameters that all pixels share: T of each frame, and c. So nothing can be submitted ahead as it is for pairs, and
+//! a sweep has no `submit`.
 
 mod device;
 mod pairs;
@@ -29,7 +30,8 @@ use crate::base::{
 use crate::engine::Engine;
 use crate::engine::plan::Plan;
 
-/// The largest distance of a kernel's mean from its origin, px at a variance of 1 px². Measured kernels are off by some of it.
+/// The largest distance of a kernel's mean from its origin, px at a variance of 1 px². Measured kernels are off by some
+/// of it.
 const MAX_KERNEL_MEAN: f64 = 0.1;
 /// Bytes of the device beyond which the finest level is solved in parts.
 const MEMORY: u64 = 4 << 30;
@@ -38,7 +40,8 @@ const MEMORY: u64 = 4 << 30;
 pub struct SweepInput<'a> {
     /// The focus settings of the frames, ascending, about one step apart.
     pub settings: &'a [f64],
-    /// Whether the settings are known. If not, those that the sweep itself shows are used where it shows that they are uneven.
+    /// Whether the settings are known. If not, those that the sweep itself shows are used where it shows that they are
+    /// uneven.
     pub are_settings_known: bool,
     /// The frame on whose pixels the results are.
     pub reference: usize,
@@ -163,7 +166,8 @@ impl JointSolver {
         })
     }
 
-    /// Registers a sweep, with the same result as [`solve`](Self::solve): T and c stay on the finest level, which is left out.
+    /// Registers a sweep, with the same result as [`solve`](Self::solve): T and c stay on the finest level, which is
+    /// left out.
     ///
     /// # Errors
     /// As [`solve`](Self::solve).
@@ -226,13 +230,15 @@ impl JointSolver {
     }
 }
 
-/// Reports the progress over levels and parts of these sizes, each time that it is called with the size of one that is done.
+/// Reports the progress over levels and parts of these sizes, each time that it is called with the size of one that is
+/// done.
 fn counter<'a>(sizes: &[[u32; 2]], report: &'a mut dyn FnMut(Progress)) -> impl FnMut([u32; 2]) + use<'a> {
-    let pixels = |[width, height]: [u32; 2]| u64::from(width) * u64::from(height);
-    let (total, all) = (sizes.len() as u32, sizes.iter().copied().map(pixels).sum::<u64>().max(1));
-    let (mut done, mut pixels_done) = (0, 0);
+    let pixels = |[width, height]: [u32; 2]| f64::from(width) * f64::from(height);
+    let (total, all): (_, f64) = (sizes.len() as u32, sizes.iter().copied().map(pixels).sum());
+    let (mut done, mut pixels_done) = (0, 0.0);
     move |size| {
-        (done, pixels_done) = (done + 1, pixels_done + pixels(size));
-        report(Progress { done, total, share: pixels_done as f64 / all as f64 });
+        done += 1;
+        pixels_done += pixels(size);
+        report(Progress { done, total, share: pixels_done / all });
     }
 }

@@ -16,10 +16,11 @@ pub(super) fn stride(settings: &[f64], rate: f64) -> f64 {
     (PAIR_BLUR / (rate.sqrt() * mean)).round().clamp(1.0, last)
 }
 
-/// Pairs of frames at ascending focus settings where c is `rate`: those about [`PAIR_BLUR`] apart, and those about twice as far.
+/// Pairs of frames at ascending focus settings where c is `rate`: those about [`PAIR_BLUR`] apart, and those about
+/// twice as far.
 ///
-/// For even settings these are strides s and 2 s + 1 (2 if s is 1). They have no common divisor, so the pairs link all frames. For
-/// uneven settings the nearest frames are taken, and neighbours link what is still unlinked.
+/// For even settings these are strides s and 2 s + 1 (2 if s is 1). They have no common divisor, so the pairs link all
+/// frames. For uneven settings the nearest frames are taken, and neighbours link what is still unlinked.
 pub(super) fn choose(settings: &[f64], rate: f64) -> Vec<[usize; 2]> {
     let last = settings.len() - 1;
     let mean = (settings[last] - settings[0]) / last as f64;
@@ -64,14 +65,17 @@ pub(super) struct PairSums {
     pub(super) sums: Sums,
 }
 
-/// Damping of each step, in shares of the median information about a T. Frames that the pairs hardly determine stay where coarser levels
-/// put them: one far out of focus, or determined in a corner only, would follow what the model does not explain. Without damping the second
-/// of the heat sink's seven frames came out 2.3 px off, and in a part of it the last one turned by 160°.
+/// Damping of each step, in shares of the median information about a T. Frames that the pairs hardly determine stay
+/// where coarser levels put them: one far out of focus, or determined in a corner only, would follow what the model
+/// does not explain. Without damping the second of the heat sink's seven frames came out 2.3 px off, and in a part of
+/// it the last one turned by 160°.
 const DAMPING: f64 = 0.05;
 
-/// The step of each frame's T by its first `unknowns` parameters, with the reference held; zero if the pairs do not determine it.
+/// The step of each frame's T by its first `unknowns` parameters, with the reference held; zero if the pairs do not
+/// determine it.
 ///
-/// A pair determines how its two frames lie to each other, so the normal equations are the Laplacian of a graph whose nodes are frames.
+/// A pair determines how its two frames lie to each other, so the normal equations are the Laplacian of a graph whose
+/// nodes are frames.
 pub(super) fn registration_steps(
     pairs: &[PairSums],
     frames: usize,

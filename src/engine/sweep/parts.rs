@@ -13,7 +13,8 @@ use crate::engine::stages::{Field, prolong};
 
 /// The least overlap of a part, px: windows of σ 4 px and the relaxation sweeps of an iteration do not reach farther.
 const OVERLAP: u32 = 32;
-/// The overlap as a share of a part's side. Frames that breathe or turn by a few per cent are cut where the part's middle lies in them.
+/// The overlap as a share of a part's side. Frames that breathe or turn by a few per cent are cut where the part's
+/// middle lies in them.
 const OVERLAP_SHARE: f64 = 0.03;
 /// The least side of a part, px: smaller ones are mostly overlap.
 const MIN_SIDE: u32 = 192;
@@ -51,8 +52,8 @@ impl PartSolver {
         std::iter::repeat_n(self.grid.side(), self.grid.count())
     }
 
-    /// Solves all parts from u at half the size; returns u relative to the middle setting, and its standard deviation. `part_done` is
-    /// called after each part.
+    /// Solves all parts from u at half the size; returns u relative to the middle setting, and its standard deviation.
+    /// `part_done` is called after each part.
     pub(super) fn solve(
         &mut self,
         frames: &[Frame],
@@ -102,7 +103,8 @@ fn prolonged(coarse: &Field, part: Region, limit: f64) -> Field {
     prolong::cpu_reference(&constants, &Field { width: width as usize, height: height as usize, data })
 }
 
-/// The shared parameters as a part sees them, and the region of each frame that it is cut to: where its middle lies there.
+/// The shared parameters as a part sees them, and the region of each frame that it is cut to: where its middle lies
+/// there.
 fn shared_by_part(shared: &SharedParameters, part: Region, size: [u32; 2]) -> (SharedParameters, Vec<Region>) {
     let (places, transforms): (Vec<_>, Vec<_>) =
         shared.transforms.iter().map(|t| parts::matching_region(t, part, size)).unzip();

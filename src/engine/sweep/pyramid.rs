@@ -1,8 +1,8 @@
-//! The joint solve of frames of one size on the device, from the coarsest level of their pyramid to the finest.
+//! The joint solve on the device, from a coarse level of the frames' pyramid to the finest.
 
 use super::device::{Limits, SweepDevice};
 use super::pairs::{self, MAX_RELATIVE_BLUR, PairSums};
-use super::start::{Frames, Grid, NOISE_CORRELATION};
+use super::start::{Frames, NOISE_CORRELATION};
 use super::uncertainty::FinalSystem;
 use super::validity::{self, ExcludedPixels, Rectangle};
 use super::{SweepInput, spacing, start};
@@ -19,8 +19,8 @@ use crate::engine::tiles::Ranges;
 
 /// The longest side of the level where a solve starts, px.
 const START_SIDE: u32 = 160;
-/// The largest blur of the sharper frame of a pair that counts, px² of a level, unless no frame is sharper. More blurred frames say little,
-/// and a blur stack is made only where one is needed.
+/// The largest blur of the sharper frame of a pair that counts, px² of a level, unless no frame is sharper. More
+/// blurred frames say little, and a blur stack is made only where one is needed.
 const MAX_SHARPER_BLUR: f64 = 1.0;
 /// α of one pair.
 const ALPHA: f64 = 0.005;
@@ -32,12 +32,14 @@ const SMOOTHNESS_ETA: f64 = 0.1;
 const MAX_STEP: f64 = 0.3;
 /// The largest step of ln c.
 const MAX_RATE_STEP: f64 = 0.3;
-/// Relaxation sweeps per step. Iterations are expensive, since each makes a blur stack of every frame; relaxation sweeps are not.
+/// Relaxation sweeps per step. Iterations are expensive, since each makes a blur stack of every frame; relaxation
+/// sweeps are not.
 pub(super) const RELAXATION_SWEEPS: u32 = 10;
-/// Iterations on the first level, on those between, and on the finest, where a second one takes as long as all before it. It is left out if
-/// frames are as far apart as pairs are wide. With two, 41 frames of three generated stacks err by 0.050, 0.032 and 0.041 of a frame instead
-/// of 0.057, 0.032 and 0.044, but 11 frames by 0.082 instead of 0.076. T and c stay on the finest level: frames far out of focus show
-/// little but noise there. With steps of T a corner of the last of 11 simulated frames is off by 0.07 px, without by 0.008.
+/// Iterations on the first level, on those between, and on the finest, where a second one takes as long as all before
+/// it. It is left out if frames are as far apart as pairs are wide. With two, 41 frames of three generated stacks err
+/// by 0.050, 0.032 and 0.041 of a frame instead of 0.057, 0.032 and 0.044, but 11 frames by 0.082 instead of 0.076. T
+/// and c stay on the finest level: frames far out of focus show little but noise there. With steps of T a corner of the
+/// last of 11 simulated frames is off by 0.07 px, without by 0.008.
 const ITERATIONS: [usize; 3] = [4, 3, 2];
 /// The largest move of a frame's corner in one step of T, px of the level: coarser levels have brought it closer.
 const MAX_CORNER_STEP: f64 = 0.5;
@@ -137,7 +139,8 @@ impl PyramidSolver {
         self.device.upload_frames(frames)
     }
 
-    /// Estimates the start, and solves from there down to level `last`, with steps of T and c. `level_done` is called after each level.
+    /// Estimates the start, and solves from there down to level `last`, with steps of T and c. `level_done` is called
+    /// after each level.
     pub(super) fn descend(
         &mut self,
         input: &SweepInput<'_>,
@@ -166,8 +169,8 @@ impl PyramidSolver {
         Ok(shared)
     }
 
-    /// Solves the finest level from the one above, with T and c held. Returns u relative to the middle setting, and its standard
-    /// deviation.
+    /// Solves the finest level from the one above, with T and c held. Returns u relative to the middle setting, and its
+    /// standard deviation.
     pub(super) fn finish(
         &mut self,
         shared: &mut SharedParameters,
@@ -242,23 +245,24 @@ impl PyramidSolver {
         Ok(())
     }
 
-    /// The start on a level: registration, brightness, settings if they are not known, c, and u relative to the middle setting.
+    /// The start on a level: registration, brightness, settings if they are not known, c, and u relative to the middle
+    /// setting.
     fn start(&mut self, first: usize, input: &SweepInput<'_>) -> Result<(SharedParameters, Field), Error> {
         let reference = input.reference;
-        let level = &self.plan.pyramid[first];
-        let images = self.device.read(Slot::Frames { level: first }, level.size, 0..self.frames as u32)?;
-        let frames = Frames { images: &images, grid: Grid { factor: level.factor, centre: level.centre } };
+        let frames = self.read_frames(first)?;
         let transforms = start::register(&frames, reference, self.plan.settings.motion.unknowns());
         let brightness = if self.plan.settings.photometric {
             start::brightness(&frames, &transforms, reference)
         } else {
             vec![(1.0, Shading::NONE); self.frames]
         };
-        let factor = level.factor;
         let resampled = start::resample(&frames, &transforms, &brightness);
         let (mut settings, mut rate) = (input.settings.to_vec(), start::rate(&resampled, input.settings));
         if !input.are_settings_known {
-            let finer = || self.resample_finer(first, &transforms, &brightness);
+            let finer = || {
+                let finer = first.checked_sub(1).map(|level| self.read_frames(level)).transpose()?;
+                Ok::<_, Error>(finer.map(|frames| start::resample(&frames, &transforms, &brightness)))
+            };
             if let Some(uneven) = spacing::uneven_settings(&resampled, &settings, rate, finer)? {
                 rate = start::rate(&resampled, &uneven);
                 settings = uneven;
@@ -271,7 +275,7 @@ impl PyramidSolver {
             settings,
             middle,
             reference,
-            rate: rate * factor * factor,
+            rate: rate * frames.level.factor * frames.level.factor,
             transforms,
             resampled: vec![None; self.frames],
             brightness,
@@ -280,18 +284,10 @@ impl PyramidSolver {
         Ok((shared, focus))
     }
 
-    /// The frames on the reference's pixels of the next finer level, if there is one.
-    fn resample_finer(
-        &mut self,
-        first: usize,
-        transforms: &[Homography],
-        brightness: &[(f64, Shading)],
-    ) -> Result<Option<Vec<Field>>, Error> {
-        let Some(index) = first.checked_sub(1) else { return Ok(None) };
-        let level = &self.plan.pyramid[index];
-        let images = self.device.read(Slot::Frames { level: index }, level.size, 0..self.frames as u32)?;
-        let frames = Frames { images: &images, grid: Grid { factor: level.factor, centre: level.centre } };
-        Ok(Some(start::resample(&frames, transforms, brightness)))
+    fn read_frames(&mut self, level: usize) -> Result<Frames, Error> {
+        let (slot, level) = (Slot::Frames { level }, self.plan.pyramid[level].clone());
+        let images = self.device.read(slot, level.size, 0..self.frames as u32)?;
+        Ok(Frames { images, level })
     }
 
     /// One iteration on a level: steps of u, T and c.
@@ -310,8 +306,8 @@ impl PyramidSolver {
         Ok(())
     }
 
-    /// Sums the linear systems of all pairs on the device; returns the sums of their registrations, and c of the level. `hold`: T and c
-    /// do not step.
+    /// Sums the linear systems of all pairs on the device; returns the sums of their registrations, and c of the level.
+    /// `hold`: T and c do not step.
     fn sum_pairs(
         &mut self,
         level: &Level,

@@ -1,8 +1,8 @@
 //! The focus settings of a sweep that states none, estimated on the level of the start.
 //!
-//! Frames may be missing, or have been taken at uneven steps. V of a pair depends on the settings of both frames:
-//! `V = c ((p_j - u)² - (p_i - u)²)`. So the settings are unknowns, one per frame, found by Gauss-Newton steps with u eliminated at each
-//! pixel over a window. c is held as found for even settings, which only scales all steps alike.
+//! Frames may be missing, or have been taken at uneven steps. V of a pair depends on the settings of both frames: `V =
+//! c ((p_j - u)² - (p_i - u)²)`. So the settings are unknowns, one per frame, found by Gauss-Newton steps with u
+//! eliminated at each pixel over a window. c is held as found for even settings, which only scales all steps alike.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -11,12 +11,13 @@ use super::start::{self, BlurStacks, NOISE_CORRELATION, WINDOWS};
 use crate::base::workers;
 use crate::engine::stages::Field;
 
-/// Distances of the frames of a pair. These are more pairs than the joint solve has, because single steps are to be determined: with its
-/// pairs alone, a step of the heat sink's seven frames comes out three times as long.
+/// Distances of the frames of a pair. These are more pairs than the joint solve has, because single steps are to be
+/// determined: with its pairs alone, a step of the heat sink's seven frames comes out three times as long.
 const STRIDES: [usize; 8] = [1, 2, 3, 4, 6, 8, 12, 16];
 /// η of the data term, that of the joint solve.
 const ETA: f64 = 0.005;
-/// Rounds on the coarser level, which only decides whether the finer one is worth it, and on the finer. u is found again in each.
+/// Rounds on the coarser level, which only decides whether the finer one is worth it, and on the finer. u is found
+/// again in each.
 const ROUNDS: [usize; 2] = [1, 3];
 /// Steps of the settings per round.
 const STEPS: usize = 3;
@@ -35,8 +36,8 @@ const MAX_SHARPER_STEPS: f64 = 1.5;
 
 /// The settings of an uneven sweep, the first at 0; `None` if it may be even.
 ///
-/// `frames` are on the reference's pixels, on the level where the sweep starts. If they say that it is uneven, the frames of the next `finer`
-/// level decide, if there is one: they are much more certain.
+/// `frames` are on the reference's pixels, on the level where the sweep starts. If they say that it is uneven, the
+/// frames of the next `finer` level decide, if there is one: they are much more certain.
 pub(super) fn uneven_settings<E>(
     frames: &[Field],
     settings: &[f64],
@@ -54,8 +55,8 @@ pub(super) fn uneven_settings<E>(
     Ok(estimate.adopted())
 }
 
-/// A step that differs from the others by less counts as equal. Steps of even sweeps, simulated, generated and photographed, were found 0.82
-/// to 1.2 times the median; where a frame was left out, 1.8 to 2.5 times.
+/// A step that differs from the others by less counts as equal. Steps of even sweeps, simulated, generated and
+/// photographed, were found 0.82 to 1.2 times the median; where a frame was left out, 1.8 to 2.5 times.
 const TOLERANCE: f64 = 0.35;
 /// The largest standard error of a step, in median steps, at which the estimate is adopted.
 const MAX_ERROR: f64 = 0.1;
@@ -103,8 +104,8 @@ impl Estimate {
         self.errors.len() >= MIN_STEPS && self.steps().any(|step| (step / median - 1.0).abs() > TOLERANCE)
     }
 
-    /// Settings from 0 on if the estimate is certain and uneven. They are whole steps if all steps are near multiples of the median, else
-    /// in mean steps.
+    /// Settings from 0 on if the estimate is certain and uneven. They are whole steps if all steps are near multiples
+    /// of the median, else in mean steps.
     fn adopted(&self) -> Option<Vec<f64>> {
         let median = self.median();
         if !self.is_uneven() || self.errors.iter().any(|error| *error > MAX_ERROR * median) {

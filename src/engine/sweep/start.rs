@@ -7,25 +7,19 @@ use std::f64::consts::PI;
 use nalgebra::{DMatrix, DVector};
 
 use super::pairs;
+use super::validity::mapped;
 use crate::base::{Homography, Shading, shading, workers};
 use crate::engine::filter::{self, Filter};
-use crate::engine::plan::{LOW_PASS, band};
+use crate::engine::plan::{LOW_PASS, Level, band};
 use crate::engine::stages::state::from_centre;
 use crate::engine::stages::sums::{UNKNOWNS, displacements};
 use crate::engine::stages::update_transform::displacing;
 use crate::engine::stages::{Field, convolve, spline};
 
-/// The scale of a level and the image centre on it.
-#[derive(Clone, Copy)]
-pub(super) struct Grid {
-    pub(super) factor: f64,
-    pub(super) centre: [f64; 2],
-}
-
 /// The frames of a sweep on one level.
-pub(super) struct Frames<'a> {
-    pub(super) images: &'a [Field],
-    pub(super) grid: Grid,
+pub(super) struct Frames {
+    pub(super) images: Vec<Field>,
+    pub(super) level: Level,
 }
 
 /// f, the variance of the filter that correlates noise: a pixel and the low pass, px².
@@ -61,25 +55,18 @@ pub(super) fn resample(frames: &Frames, transforms: &[Homography], brightness: &
     workers::collect(frames.images.len(), |n| {
         let (spline, (gain, shading)) = (coefficients(&frames.images[n]), brightness[n]);
         Field::from_fn(spline.width, spline.height, |x, y| {
-            let at = place(&transforms[n], [x, y], frames.grid);
-            gain * shading.at(from_centre(at, frames.grid.centre)) * spline::read(&spline, at[0], at[1]).value
+            let at = mapped(&transforms[n], &frames.level, [x as f64, y as f64]);
+            gain * shading.at(from_centre(at, frames.level.centre)) * spline::read(&spline, at[0], at[1]).value
         })
     })
 }
 
 /// A frame on the reference's pixels.
-fn resampled(spline: &Field, t: &Homography, grid: Grid) -> Field {
+fn resampled(spline: &Field, t: &Homography, level: &Level) -> Field {
     Field::from_fn(spline.width, spline.height, |x, y| {
-        let [px, py] = place(t, [x, y], grid);
+        let [px, py] = mapped(t, level, [x as f64, y as f64]);
         spline::read(spline, px, py).value
     })
-}
-
-/// Where T takes a pixel, both in pixels of the level.
-fn place(t: &Homography, [x, y]: [usize; 2], Grid { factor, centre }: Grid) -> [f64; 2] {
-    let p = [factor * (x as f64 - centre[0]), factor * (y as f64 - centre[1])];
-    let d = t.displacement(p);
-    [x as f64 + d[0] / factor, y as f64 + d[1] / factor]
 }
 
 /// σ of the low pass under which neighbouring frames look alike whatever their blur, px of the level.
@@ -93,7 +80,7 @@ pub(super) fn register(frames: &Frames, reference: usize, unknowns: usize) -> Ve
         workers::collect(frames.images.len(), |n| coefficients(&smoothed(&frames.images[n], APPEARANCE_BLUR)));
     // The two sides of the reference are independent.
     let sides: [Vec<usize>; 2] = [(reference + 1..splines.len()).collect(), (0..reference).rev().collect()];
-    let registered = workers::collect(2, |n| register_side(&splines, reference, &sides[n], frames.grid, unknowns));
+    let registered = workers::collect(2, |n| register_side(&splines, reference, &sides[n], &frames.level, unknowns));
     let mut transforms = vec![Homography::IDENTITY; splines.len()];
     for (n, t) in sides.iter().flatten().zip(registered.into_iter().flatten()) {
         transforms[*n] = t;
@@ -106,13 +93,13 @@ fn register_side(
     splines: &[Field],
     reference: usize,
     frames: &[usize],
-    grid: Grid,
+    level: &Level,
     unknowns: usize,
 ) -> Vec<Homography> {
     let (mut before, mut t) = (reference, Homography::IDENTITY);
     let next = |&n: &usize| {
-        let target = resampled(&splines[before], &t, grid);
-        t = register_frame(&target, &splines[n], t, grid, unknowns);
+        let target = resampled(&splines[before], &t, level);
+        t = register_frame(&target, &splines[n], t, level, unknowns);
         before = n;
         t
     };
@@ -120,20 +107,20 @@ fn register_side(
 }
 
 /// T of a frame that looks like the target, by Gauss-Newton steps from `t`.
-fn register_frame(target: &Field, spline: &Field, mut t: Homography, grid: Grid, unknowns: usize) -> Homography {
+fn register_frame(target: &Field, spline: &Field, mut t: Homography, level: &Level, unknowns: usize) -> Homography {
     let length = (target.width as f64).hypot(target.height as f64) / 4.0;
     for _ in 0..STEPS {
-        let moved = resampled(spline, &t, grid);
+        let moved = resampled(spline, &t, level);
         let (mut normal, mut right) = (DMatrix::<f64>::zeros(unknowns + 2, unknowns + 2), DVector::zeros(unknowns + 2));
         for (y, x) in (1..target.height - 1).flat_map(|y| (1..target.width - 1).map(move |x| (y, x))) {
-            let [px, py] = place(&t, [x, y], grid);
+            let [px, py] = mapped(&t, level, [x as f64, y as f64]);
             let last = [target.width as f64 - 3.0, target.height as f64 - 3.0];
             if px < 2.0 || py < 2.0 || px > last[0] || py > last[1] {
                 continue;
             }
             let gradient =
                 [0.5 * (moved.get(x + 1, y) - moved.get(x - 1, y)), 0.5 * (moved.get(x, y + 1) - moved.get(x, y - 1))];
-            let at = [(x as f64 - grid.centre[0]) / length, (y as f64 - grid.centre[1]) / length];
+            let at = [(x as f64 - level.centre[0]) / length, (y as f64 - level.centre[1]) / length];
             let by = displacements(at);
             // Gain and offset are the last two unknowns.
             let term = |a: usize| match a.checked_sub(unknowns) {
@@ -153,7 +140,7 @@ fn register_frame(target: &Field, spline: &Field, mut t: Homography, grid: Grid,
         let Some(cholesky) = normal.cholesky() else { return t };
         let step = cholesky.solve(&right);
         let x: [f64; UNKNOWNS] = std::array::from_fn(|a| if a < unknowns { step[a] } else { 0.0 });
-        t = t.after(&displacing(length, grid.factor, x));
+        t = t.after(&displacing(length, level.factor, x));
     }
     t
 }
@@ -169,22 +156,23 @@ pub(super) fn brightness(frames: &Frames, transforms: &[Homography], reference: 
             return (1.0, Shading::NONE);
         }
         let spline = coefficients(&means[n]);
-        let moved = resampled(&spline, &transforms[n], frames.grid);
+        let moved = resampled(&spline, &transforms[n], &frames.level);
         let places = (0..moved.height).step_by(2).flat_map(|y| (0..moved.width).step_by(2).map(move |x| [x, y]));
         let inside =
             |p: &[f64; 2]| p[0] >= 0.0 && p[1] >= 0.0 && p[0] < moved.width as f64 && p[1] < moved.height as f64;
         let samples = places.filter_map(|at| {
-            let place = Some(place(&transforms[n], at, frames.grid)).filter(inside)?;
-            Some((from_centre(place, frames.grid.centre), moved.get(at[0], at[1]), means[reference].get(at[0], at[1])))
+            let place = Some(mapped(&transforms[n], &frames.level, at.map(|x| x as f64))).filter(inside)?;
+            Some((from_centre(place, frames.level.centre), moved.get(at[0], at[1]), means[reference].get(at[0], at[1])))
         });
         fit_brightness(&samples.collect::<Vec<_>>())
     })
 }
 
-/// Gain and shading that map the second values of the samples, at their places, to the third; least squares, reweighted by Cauchy's
-/// function.
+/// Gain and shading that map the second values of the samples, at their places, to the third; least squares, reweighted
+/// by Cauchy's function.
 ///
-/// There is no offset: only contrast tells an offset from a gain, and blur changes contrast. The high pass removes an offset.
+/// There is no offset: only contrast tells an offset from a gain, and blur changes contrast. The high pass removes an
+/// offset.
 fn fit_brightness(samples: &[([f64; 2], f64, f64)]) -> (f64, Shading) {
     const TERMS: usize = Shading::TERMS + 1;
     let (mut fitted, mut scale) = (DVector::<f64>::zeros(TERMS), f64::INFINITY);
@@ -297,7 +285,8 @@ pub(super) const WINDOWS: [f64; 2] = [3.0, 2.5];
 /// The largest number of frames that c is searched with.
 const MAX_FRAMES_FOR_RATE: usize = 24;
 
-/// c in px² of this level by squared settings: the least Σ_x min_u E over octaves, from pairs 1, 2, 4, 8 and 16 frames apart.
+/// c in px² of this level by squared settings: the least Σ_x min_u E over octaves, from pairs 1, 2, 4, 8 and 16 frames
+/// apart.
 pub(super) fn rate(frames: &[Field], settings: &[f64]) -> f64 {
     let every = frames.len().div_ceil(MAX_FRAMES_FOR_RATE);
     let chosen: Vec<usize> = (0..frames.len()).step_by(every).collect();
@@ -334,7 +323,8 @@ pub(super) fn focus(frames: &[Field], settings: &[f64], rate: f64) -> Field {
 }
 
 impl BlurStacks {
-    /// u at every pixel: the minimum of a parabola through the least energy of candidates 0.2 px of blur apart and its neighbours.
+    /// u at every pixel: the minimum of a parabola through the least energy of candidates 0.2 px of blur apart and its
+    /// neighbours.
     pub(super) fn focus(&self, settings: &[f64], rate: f64) -> Field {
         let last = settings.len() - 1;
         let range = settings[last] - settings[0];

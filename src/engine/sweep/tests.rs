@@ -1,3 +1,5 @@
+//! Tests of the joint solve on simulated sweeps.
+
 use std::time::Instant;
 
 use super::*;

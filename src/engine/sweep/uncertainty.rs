@@ -1,9 +1,9 @@
 //! The standard deviation of u.
 
+use super::start::smoothed;
 use super::validity::Rectangle;
 use crate::base::workers;
-use crate::engine::filter;
-use crate::engine::stages::{Field, convolve};
+use crate::engine::stages::Field;
 
 /// σ of the window over which a step averages D and b, px.
 const STEP_WINDOW: f64 = 2.0;
@@ -11,8 +11,8 @@ const STEP_WINDOW: f64 = 2.0;
 const DEVIATION_WINDOW: f64 = 4.0;
 /// σ over which neighbours share errors of b, px.
 const SHARED_ERROR: f64 = 1.0;
-/// D counts beyond this multiple of the D that noise makes. The D of a flat region varies by a fifth from window to window, and so do both
-/// estimates of noise, of which the smaller counts.
+/// D counts beyond this multiple of the D that noise makes. The D of a flat region varies by a fifth from window to
+/// window, and so do both estimates of noise, of which the smaller counts.
 const NOISE_FACTOR: f64 = 2.0;
 
 /// The linear system of the last iteration.
@@ -35,16 +35,21 @@ impl FinalSystem {
         Some(Self { d, d_of_noise, d_of_residuals, b })
     }
 
-    /// `sqrt(4 <(G₁ b)²> 4π/(N <D>²) + 4 <(u - G₂ u)²>)`, means over σ 4 px, N = 4π [`STEP_WINDOW`]², D less what noise makes of it; NaN
-    /// where nothing is left.
+    /// `sqrt(4 <(G₁ b)²> 4π/(N <D>²) + 4 <(u - G₂ u)²>)`, means over σ 4 px, N = 4π [`STEP_WINDOW`]², D less what noise
+    /// makes of it; NaN where nothing is left.
     ///
-    /// b is added over pairs before it is squared, so that errors that pairs share count. The second term is what the window rounds off.
-    /// Noise is at most as large as the residuals, which also hold what the model does not explain. It is also at most as large as the frame
-    /// at the end of the sweep in which the pixel is farther out of focus: blur and the band pass leave least texture there. The smaller
-    /// counts. `ends`: both frames, and the pixels that they show. u is relative to the middle setting.
+    /// b is added over pairs before it is squared, so that errors that pairs share count. The second term is what the
+    /// window rounds off. Noise is at most as large as the residuals, which also hold what the model does not explain.
+    /// It is also at most as large as the frame at the end of the sweep in which the pixel is farther out of focus:
+    /// blur and the band pass leave least texture there. The smaller counts. `ends`: both frames, and the pixels that
+    /// they show. u is relative to the middle setting.
     pub(super) fn deviation(&self, focus: &Field, ends: &[(Field, Rectangle); 2]) -> Field {
         let map = |f: &(dyn Fn(usize) -> f64 + Sync)| Field { data: (0..focus.data.len()).map(f).collect(), ..*focus };
-        let near = workers::collect(2, |n| if n == 0 { mean(&self.b, SHARED_ERROR) } else { mean(focus, STEP_WINDOW) });
+        let near =
+            workers::collect(
+                2,
+                |n| if n == 0 { smoothed(&self.b, SHARED_ERROR) } else { smoothed(focus, STEP_WINDOW) },
+            );
         let [errors, rounded] = [0, 1].map(|n| &near[n]);
         let shows = |n: &usize, i: usize| {
             let ([left, top, right, bottom], x, y) = (ends[*n].1, (i % focus.width) as f64, (i / focus.width) as f64);
@@ -64,7 +69,7 @@ impl FinalSystem {
                 4 => self.d_of_residuals.clone(),
                 _ => map(&|i| (focus.data[i] - rounded.data[i]).powi(2)),
             };
-            mean(&field, DEVIATION_WINDOW)
+            smoothed(&field, DEVIATION_WINDOW)
         });
         map(&|i| {
             let [errors, d, of_noise, noise, of_residuals, bend] = [0, 1, 2, 3, 4, 5].map(|n| means[n].data[i]);
@@ -77,10 +82,4 @@ impl FinalSystem {
             }
         })
     }
-}
-
-/// The mean under a Gaussian window.
-fn mean(field: &Field, sigma: f64) -> Field {
-    let filter = filter::gaussian(sigma * sigma);
-    convolve::cpu_reference(&convolve::cpu_reference(field, &filter, 1, false), &filter, 1, true)
 }

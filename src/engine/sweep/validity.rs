@@ -1,12 +1,12 @@
-//! Which pixels of a sweep's frames count: excluded are clipped ones, those that a mask excludes, and what a frame does not show.
+//! The pixels of a sweep's frames that count: neither clipped, nor masked, nor outside a frame.
 
 use crate::base::{Frame, Homography, Mask, Settings, workers};
 use crate::engine::plan::Level;
 use crate::engine::stages::mask;
 
-/// Px around a masked pixel that are excluded too: the band pass of the frames blurs by 2 px. Around clipped pixels none are, since that
-/// loses more than it mends. With a fifth of five frames white, u errs by 0.0119 of a step, with a margin of 3 px by 0.0171, without any
-/// exclusion by 0.0133; corners by 0.07, 0.16 and 0.14 px.
+/// Px around a masked pixel that are excluded too: the band pass of the frames blurs by 2 px. Around clipped pixels
+/// none are, since that loses more than it mends. With a fifth of five frames white, u errs by 0.0119 of a step, with a
+/// margin of 3 px by 0.0171, without any exclusion by 0.0133; corners by 0.07, 0.16 and 0.14 px.
 const MASK_MARGIN: usize = 3;
 /// The same on a coarser level, which is blurred by σ 1 px before it is halved.
 const HALVED_MASK_MARGIN: usize = 1;
@@ -101,7 +101,8 @@ impl ExcludedPixels {
         self
     }
 
-    /// One bit per frame for each pixel of the reference on a level, set where the frame is excluded; empty if nothing is.
+    /// One bit per frame for each pixel of the reference on a level, set where the frame is excluded; empty if nothing
+    /// is.
     pub(super) fn words(&self, level: &Level, transforms: &[Homography]) -> Vec<u32> {
         if self.masked.is_none() && self.frames.iter().all(Option::is_none) {
             return Vec::new();
@@ -128,7 +129,8 @@ impl ExcludedPixels {
     }
 }
 
-/// Counts the pixels that are valid in two frames or more, so that a pair can contribute; `words` as from [`ExcludedPixels::words`].
+/// Counts the pixels that are valid in two frames or more, so that a pair can contribute; `words` as from
+/// [`ExcludedPixels::words`].
 pub(super) fn count_in_two_frames(words: &[u32], frames: usize) -> usize {
     let valid = |bits: &[u32]| (0..frames).filter(|n| bits[n / 32] >> (n % 32) & 1 == 0).count();
     words.chunks_exact(frames.div_ceil(32)).filter(|bits| valid(bits) > 1).count()
@@ -137,7 +139,8 @@ pub(super) fn count_in_two_frames(words: &[u32], frames: usize) -> usize {
 /// Left, top, right and bottom of a rectangle, pixels of a level.
 pub(super) type Rectangle = [f64; 4];
 
-/// The largest rectangle of the reference's pixels, along the axes, that a frame shows; exact for frames that turn by less than a degree.
+/// The largest rectangle of the reference's pixels, along the axes, that a frame shows; exact for frames that turn by
+/// less than a degree.
 pub(super) fn visible(t: &Homography, level: &Level) -> Rectangle {
     let last = level.size.map(|side| f64::from(side) - 1.0);
     let inverse = t.inverse();
@@ -152,7 +155,7 @@ pub(super) fn intersection([a, b]: [Rectangle; 2]) -> Rectangle {
 }
 
 /// Where T takes a place, both in pixels of a level.
-fn mapped(t: &Homography, level: &Level, [x, y]: [f64; 2]) -> [f64; 2] {
+pub(super) fn mapped(t: &Homography, level: &Level, [x, y]: [f64; 2]) -> [f64; 2] {
     let d = t.displacement([level.factor * (x - level.centre[0]), level.factor * (y - level.centre[1])]);
     [x + d[0] / level.factor, y + d[1] / level.factor]
 }
@@ -164,7 +167,8 @@ mod tests {
 
     #[test]
     fn a_pixel_counts_if_two_frames_are_valid_there() {
-        // 34 frames: all are valid at the first pixel; none at the second; two at the third, in either word; one at the last.
+        // 34 frames: all are valid at the first pixel; none at the second; two at the third, in either word; one at the
+        // last.
         let words = [0, 0, u32::MAX, u32::MAX, u32::MAX >> 1, !1, u32::MAX, !1];
         assert_eq!(count_in_two_frames(&words, 34), 2);
     }

@@ -17,7 +17,7 @@ use super::scale::{Nearer, Quantiles};
 use crate::base::{Brightness, DeviceInfo, Error, Homography, Lens, Method, Photometric, Region, Settings, Shading};
 use crate::engine::{LevelHistory, OtherMotion, Registered, Solution, Timings};
 use crate::files::image_io::{self, Input, Values};
-use crate::solve::focus_stack::{Positions, RegisteredSweep, Sweep, SweepDepth};
+use crate::solve::sweep::{Positions, RegisteredSweep, Sweep, SweepDepth};
 
 /// The report of results.
 pub const REPORT_FILE: &str = "report.json";

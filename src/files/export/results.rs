@@ -17,7 +17,7 @@ use crate::base::{Depth, Error, Frame, Lens};
 use crate::engine::Solution;
 use crate::files::{bounded_read, image_io};
 use crate::metric::{DOUBT, MetricDepth};
-use crate::solve::focus_stack::{Positions, Sweep};
+use crate::solve::sweep::{Positions, Sweep};
 
 /// Most bytes of a report that are read, 16 MiB; a report with every level and iteration at its limit has less than 1 MiB.
 pub(super) const MAX_BYTES: u64 = 16 << 20;

@@ -129,7 +129,7 @@ impl Shape {
             }
             Shape::Layers { arrangement, lens } => {
                 let layers = arrangement.layers(scene.seed, size, &lens);
-                Box::new(move |x| through(&lens, scale, layers::seen(&layers, x).depth))
+                Box::new(move |x| through(&lens, scale, layers::front(&layers, x).depth))
             }
             Shape::RelativeBlurFile { path } => {
                 let map = Map::read(&path, size, 1.0)?;

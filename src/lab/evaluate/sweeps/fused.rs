@@ -8,8 +8,8 @@ use super::{FRAMES, solve_counted};
 use crate::base::{Error, Frame};
 use crate::files::image_io;
 use crate::lab::scene::{Preset, Scene, SweepScene};
-use crate::solve::focus_stack::Sweep;
 use crate::solve::resample::{brightened, luminance, onto};
+use crate::solve::sweep::Sweep;
 
 /// Standard deviation of the noise of simulated sweeps, white = 1.
 const NOISE: f64 = 0.003;

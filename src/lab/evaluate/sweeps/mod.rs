@@ -12,7 +12,8 @@ use crate::base::{Decode, Error, Frame, Settings, centre};
 use crate::files::image_io;
 use crate::lab::baseline::shape_from_focus;
 use crate::lab::scene::{Preset, Scene, SimulatedSweep, SweepScene};
-use crate::solve::focus_stack::{Positions, Sweep, SweepOptions, solve_sweep};
+use crate::solve::SolveOptions;
+use crate::solve::sweep::{Positions, Sweep, SweepOptions, SweepSolver};
 
 /// The heading in the report.
 pub(super) const HEADING: &str = "Focus sweeps";
@@ -57,7 +58,9 @@ impl Errors {
 fn solve(runner: &Runner, frames: &[Frame], positions: Vec<f64>) -> Result<Sweep, String> {
     let settings = Settings { decode: Decode::None, ..Settings::default() };
     let options = SweepOptions { settings, positions: Positions::Settings(positions), ..SweepOptions::default() };
-    solve_sweep(runner.engine, frames, &options).map_err(|e| e.to_string())
+    let solved =
+        SweepSolver::new(runner.engine, &options).and_then(|mut solver| solver.solve(frames, &SolveOptions::default()));
+    solved.map_err(|e| e.to_string())
 }
 
 /// Solves a sweep whose positions count its frames.

@@ -1,13 +1,14 @@
-//! Whether frames are in the order of their focus, and each is there once.
+//! Detects frames that are out of the order of their focus, and repeated frames.
 //!
-//! Through a sweep every place becomes sharper up to one frame and less sharp from it on. A frame that stands in the wrong place breaks that
-//! at most places; it is found as the frame whose move mends most of it. A sweep taken backwards is as good.
+//! Through a sweep every place of the image becomes sharper up to one frame and less sharp after it. A frame out of
+//! order violates that at most places. It is found as the frame whose move repairs most of the violation. A reversed
+//! sweep is in order.
 
-use super::laplacian::squared_laplacian;
+use super::fuse::squared_laplacian;
 use crate::base::{Decode, Frame, workers};
 use crate::solve::resample::luminance;
 
-/// The frames to solve, as they are to stand, each by its number among those given; and what there is to say.
+/// The frames to solve in order, by their index among those passed, and warnings.
 pub(super) struct Order {
     pub(super) frames: Vec<usize>,
     pub(super) warnings: Vec<String>,
@@ -15,34 +16,36 @@ pub(super) struct Order {
 
 /// The longest side on which sharpness is compared, px: noise of single pixels is averaged out.
 const LONGEST: usize = 512;
-/// Places along either side, and octaves from that side on: what is far out of focus differs in the coarser ones.
+/// Places along either side.
 const PLACES: usize = 12;
+/// Octaves from the longest side on: frames far out of focus differ in the coarser ones.
 const OCTAVES: usize = 3;
-/// The shortest side that has some px for each place of the coarsest octave.
+/// The least side, so that each place of the coarsest octave has some pixels.
 const SHORTEST: usize = 96;
-/// A move counts if the mean over places of what it mends is so many of its standard errors: over 53 sweeps of 4 to 41 frames none that
-/// were in order had a move of 5 or that mended anything of note.
-const ERRORS: f64 = 6.0;
-/// Moves are certain if they mend this share together; of 349 neighbours swapped in those sweeps, 345 were.
-const MENDED: f64 = 0.4;
-/// What is broken is nothing below this share of how much sharpness changes altogether.
-const NOTHING: f64 = 0.005;
-/// How far a frame is moved at most.
-const FURTHEST: usize = 8;
+/// A move counts if the mean over places of what it repairs exceeds this number of its standard errors. Of 53 sweeps of
+/// 4 to 41 frames none that was in order had a move of 5.
+const MIN_SIGNIFICANCE: f64 = 6.0;
+/// An order is certain if its moves repair this share of the violation; of 349 swaps of neighbours in those sweeps, 345
+/// were.
+const CERTAIN_SHARE: f64 = 0.4;
+/// The violation is negligible below this share of the total change of sharpness.
+const NEGLIGIBLE_SHARE: f64 = 0.005;
+/// The largest distance that a frame is moved.
+const MAX_MOVE: usize = 8;
 
-/// In which order frames stand; `stated` says that their positions are known, which then rule.
+/// Determines the order of the frames. `stated`: their positions are stated, and the order is kept.
 pub(super) fn judge(frames: &[Frame], stated: bool) -> Order {
     let mut warnings = Vec::new();
-    let once = left_out(frames, stated, &mut warnings);
-    let sharpness = workers::collect(once.len(), |n| Sharpness::of(&frames[once[n]]));
+    let distinct = without_repetitions(frames, stated, &mut warnings);
+    let sharpness = workers::collect(distinct.len(), |n| Sharpness::of(&frames[distinct[n]]));
     let sharpness: Option<Vec<_>> = sharpness.into_iter().collect();
-    let unmoved = || (0..once.len()).collect::<Vec<_>>();
-    let (found, certain) = sharpness.map_or((unmoved(), false), |sharpness| in_order(&logarithms(&sharpness)));
-    let found: Vec<usize> = found.into_iter().map(|n| once[n]).collect();
-    if found == once {
-        return Order { frames: once, warnings };
+    let unmoved = || (0..distinct.len()).collect::<Vec<_>>();
+    let (best, certain) = sharpness.map_or((unmoved(), false), |sharpness| in_order(&logarithms(&sharpness)));
+    let best: Vec<usize> = best.into_iter().map(|n| distinct[n]).collect();
+    if best == distinct {
+        return Order { frames: distinct, warnings };
     }
-    let numbers: Vec<String> = found.iter().map(|n| (n + 1).to_string()).collect();
+    let numbers: Vec<String> = best.iter().map(|n| (n + 1).to_string()).collect();
     let numbers = numbers.join(", ");
     warnings.push(if stated {
         format!("the frames seem to be out of order, and would fit as {numbers}; their positions are stated, and they are taken as given")
@@ -51,30 +54,30 @@ pub(super) fn judge(frames: &[Frame], stated: bool) -> Order {
     } else {
         format!("the frames may be out of order, and would fit better as {numbers}; they are taken as given")
     });
-    Order { frames: if certain && !stated { found } else { once }, warnings }
+    Order { frames: if certain && !stated { best } else { distinct }, warnings }
 }
 
-/// The frames but for those that are another once more.
-fn left_out(frames: &[Frame], stated: bool, warnings: &mut Vec<String>) -> Vec<usize> {
-    let mut once: Vec<usize> = Vec::new();
+/// The frames without those whose samples equal an earlier frame's.
+fn without_repetitions(frames: &[Frame], stated: bool, warnings: &mut Vec<String>) -> Vec<usize> {
+    let mut distinct: Vec<usize> = Vec::new();
     for (n, frame) in frames.iter().enumerate() {
-        let same = once.iter().find(|other| frames[**other].samples() == frame.samples());
+        let same = distinct.iter().find(|other| frames[**other].samples() == frame.samples());
         if let Some(other) = same {
-            let told = if stated { "positions are stated, and both are taken" } else { "it is left out" };
-            warnings.push(format!("frame {} is the same photograph as frame {}; {told}", n + 1, other + 1));
+            let action = if stated { "positions are stated, and both are taken" } else { "it is left out" };
+            warnings.push(format!("frame {} is the same photograph as frame {}; {action}", n + 1, other + 1));
         }
         if same.is_none() || stated {
-            once.push(n);
+            distinct.push(n);
         }
     }
-    once
+    distinct
 }
 
-/// The mean squared Laplacian at each place, octave by octave, as bright as the mean of the frame.
+/// The mean squared Laplacian at each place over the squared mean of the frame, by octave.
 struct Sharpness([Vec<f32>; OCTAVES]);
 
 impl Sharpness {
-    /// `None` of a frame too small to tell.
+    /// `None` for a frame that is too small.
     fn of(frame: &Frame) -> Option<Self> {
         let mut size = [frame.width() as usize, frame.height() as usize];
         let mut values = luminance(frame.intensities(Decode::None), frame.format().channels);
@@ -86,14 +89,14 @@ impl Sharpness {
         }
         let bright = (values.iter().sum::<f32>() / values.len() as f32).max(f32::MIN_POSITIVE).powi(2);
         Some(Self(std::array::from_fn(|_| {
-            let found = at_places(&values, size).into_iter().map(|e| e / bright).collect();
+            let places = at_places(&values, size).into_iter().map(|e| e / bright).collect();
             (values, size) = halved(&values, size);
-            found
+            places
         })))
     }
 }
 
-/// Means of two by two pixels.
+/// The means of two by two pixels.
 fn halved(values: &[f32], [width, height]: [usize; 2]) -> (Vec<f32>, [usize; 2]) {
     let size = [width / 2, height / 2];
     let pairs = values.chunks_exact(2 * width).take(size[1]).flat_map(|rows| {
@@ -104,7 +107,7 @@ fn halved(values: &[f32], [width, height]: [usize; 2]) -> (Vec<f32>, [usize; 2])
     (pairs.collect(), size)
 }
 
-/// Without the border, at which a part of the Laplacian is missing.
+/// The mean squared Laplacian of each place, without the border, where a part of the Laplacian is missing.
 fn at_places(values: &[f32], size @ [width, height]: [usize; 2]) -> Vec<f32> {
     let squares = squared_laplacian(values, size);
     let mut sums = vec![(0.0f32, 0.0f32); PLACES * PLACES];
@@ -115,7 +118,7 @@ fn at_places(values: &[f32], size @ [width, height]: [usize; 2]) -> Vec<f32> {
     sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
 }
 
-/// By frame, the logarithm at each octave and place; what the noisiest fiftieth has is added, below which nothing tells.
+/// The logarithm of sharpness by frame, octave and place, with the least 2 % of all values added as a floor.
 fn logarithms(frames: &[Sharpness]) -> Vec<Vec<f32>> {
     let floor = |octave: usize| {
         let mut all: Vec<f32> = frames.iter().flat_map(|frame| frame.0[octave].iter().copied()).collect();
@@ -130,15 +133,16 @@ fn logarithms(frames: &[Sharpness]) -> Vec<Vec<f32>> {
     frames.iter().map(of).collect()
 }
 
-/// How much sharpness falls before each place's sharpest frame or rises after it, the mean over octaves; by place.
-fn broken(logarithms: &[Vec<f32>], order: &[usize]) -> Vec<f64> {
+/// The violation at each place, the mean over octaves: how much sharpness falls before the sharpest frame and rises
+/// after it.
+fn violation(logarithms: &[Vec<f32>], order: &[usize]) -> Vec<f64> {
     let mut places = vec![0.0; PLACES * PLACES];
     (0..OCTAVES * PLACES * PLACES).for_each(|feature| {
         let changes = || order.windows(2).map(|pair| logarithms[pair[1]][feature] - logarithms[pair[0]][feature]);
         let mut here: f32 = changes().map(|change| change.max(0.0)).sum();
         let mut least = here;
         for change in changes() {
-            // The sharpest frame is one further on.
+            // The sharpest frame is the next one.
             here -= change;
             least = least.min(here);
         }
@@ -148,46 +152,47 @@ fn broken(logarithms: &[Vec<f32>], order: &[usize]) -> Vec<f64> {
     places
 }
 
-/// Moves frames one by one, as long as a move mends what is broken; the order, and whether it is certain.
+/// Moves frames one by one, as long as a move repairs enough of the violation. Returns the order, and whether it is
+/// certain.
 fn in_order(logarithms: &[Vec<f32>]) -> (Vec<usize>, bool) {
     let given: Vec<usize> = (0..logarithms.len()).collect();
     let mut order = given.clone();
-    let mut now = broken(logarithms, &order);
+    let mut now = violation(logarithms, &order);
     let (first, all) = (mean(&now), changes(logarithms));
     for _ in 0..logarithms.len() {
-        if mean(&now) < NOTHING * all {
+        if mean(&now) < NEGLIGIBLE_SHARE * all {
             break;
         }
         let Some((next, gain)) = best_move(logarithms, &order, &now) else { break };
-        if mean(&gain) < ERRORS * standard_error(&gain) {
+        if mean(&gain) < MIN_SIGNIFICANCE * standard_error(&gain) {
             break;
         }
-        now = broken(logarithms, &next);
+        now = violation(logarithms, &next);
         order = next;
     }
-    let certain = first - mean(&now) > MENDED * first;
+    let certain = first - mean(&now) > CERTAIN_SHARE * first;
     (order, certain)
 }
 
-/// How much sharpness changes from frame to frame, altogether, the mean over places and octaves.
+/// The total change of sharpness from frame to frame, the mean over places and octaves.
 fn changes(logarithms: &[Vec<f32>]) -> f64 {
     let pairs = logarithms.windows(2).flat_map(|pair| pair[0].iter().zip(&pair[1]));
     pairs.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / (OCTAVES * PLACES * PLACES) as f64
 }
 
-/// The order with one frame moved that mends most, and what it mends by place.
+/// The order with one frame moved that repairs most, and what it repairs by place.
 fn best_move(logarithms: &[Vec<f32>], order: &[usize], now: &[f64]) -> Option<(Vec<usize>, Vec<f64>)> {
     let count = order.len();
-    let ends = |from: usize| from.saturating_sub(FURTHEST)..(from + FURTHEST + 1).min(count);
+    let ends = |from: usize| from.saturating_sub(MAX_MOVE)..(from + MAX_MOVE + 1).min(count);
     let moves = (0..count).flat_map(|from| ends(from).filter(move |to| *to != from).map(move |to| (from, to)));
-    let tried = moves.map(|(from, to)| {
+    let candidates = moves.map(|(from, to)| {
         let mut next = order.to_vec();
         let frame = next.remove(from);
         next.insert(to, frame);
-        let gain: Vec<f64> = now.iter().zip(broken(logarithms, &next)).map(|(now, then)| now - then).collect();
+        let gain: Vec<f64> = now.iter().zip(violation(logarithms, &next)).map(|(now, then)| now - then).collect();
         (next, gain)
     });
-    tried.max_by(|a, b| mean(&a.1).total_cmp(&mean(&b.1))).filter(|(_, gain)| mean(gain) > 0.0)
+    candidates.max_by(|a, b| mean(&a.1).total_cmp(&mean(&b.1))).filter(|(_, gain)| mean(gain) > 0.0)
 }
 
 fn mean(values: &[f64]) -> f64 {
@@ -204,7 +209,8 @@ mod tests {
     use super::*;
     use crate::base::{Channels, Samples};
 
-    /// A slope in focus from frame 0 on the left to the last on the right: waves of 6 px and more, blurred in closed form.
+    /// A slope that is in focus in frame 0 on the left and in the last on the right: waves of 6 px and more, blurred in
+    /// closed form.
     fn slope(count: u32) -> Vec<Frame> {
         let [width, height] = [192u32, 128];
         let frame = |n: u32| {
@@ -231,29 +237,29 @@ mod tests {
     }
 
     #[test]
-    fn what_is_in_order_stays_and_so_does_what_runs_backwards() {
+    fn frames_in_order_stay_and_so_do_reversed_ones() {
         for numbers in [[0, 1, 2, 3, 4, 5, 6], [6, 5, 4, 3, 2, 1, 0]] {
             assert_eq!(judged(&numbers, false), (numbers.to_vec(), Vec::new()));
         }
-        // One frame left out is no disorder.
+        // A missing frame is no disorder.
         assert_eq!(judged(&[0, 1, 2, 4, 5, 6], false), (vec![0, 1, 2, 4, 5, 6], Vec::new()));
     }
 
     #[test]
-    fn swapped_frames_come_back_unless_positions_are_stated() {
+    fn swapped_frames_are_put_in_order_unless_positions_are_stated() {
         for numbers in [[0, 1, 3, 2, 4, 5, 6], [0, 2, 3, 4, 1, 5, 6], [1, 0, 2, 3, 4, 5, 6]] {
-            let (found, warnings) = judged(&numbers, false);
-            assert_eq!(found, [0, 1, 2, 3, 4, 5, 6], "{warnings:?}");
+            let (order, warnings) = judged(&numbers, false);
+            assert_eq!(order, [0, 1, 2, 3, 4, 5, 6], "{warnings:?}");
             assert!(warnings[0].contains("out of order, and are taken as"), "{warnings:?}");
-            let (found, warnings) = judged(&numbers, true);
-            assert!(found == numbers && warnings[0].contains("as given"), "{warnings:?}");
+            let (order, warnings) = judged(&numbers, true);
+            assert!(order == numbers && warnings[0].contains("as given"), "{warnings:?}");
         }
     }
 
     #[test]
-    fn a_frame_that_is_there_twice_is_left_out_unless_positions_are_stated() {
-        let (found, warnings) = judged(&[0, 1, 2, 2, 3, 4], false);
-        assert_eq!((found, warnings.len()), (vec![0, 1, 2, 3, 4], 1));
+    fn a_repeated_frame_is_left_out_unless_positions_are_stated() {
+        let (order, warnings) = judged(&[0, 1, 2, 2, 3, 4], false);
+        assert_eq!((order, warnings.len()), (vec![0, 1, 2, 3, 4], 1));
         assert!(warnings[0].contains("frame 4 is the same photograph as frame 3"), "{warnings:?}");
         assert_eq!(judged(&[0, 1, 2, 2, 3, 4], true).0, [0, 1, 2, 2, 3, 4]);
     }

@@ -1,0 +1,305 @@
+//! Focus sweeps: three or more photographs of one scene, each focused a little further.
+//!
+//! [`SweepSolver`] finds where every pixel is in focus, an image sharp everywhere, and the registration of all frames.
+//! All frames are solved together, on the pixels of one of them, the reference.
+
+mod fuse;
+mod order;
+mod positions;
+mod result;
+
+use std::borrow::Cow;
+
+use self::order::Order;
+pub use self::positions::{Positions, SweepDepth};
+pub use self::result::{RegisteredSweep, Sweep};
+use crate::base::{Brightness, Error, Format, Frame, Homography, Mask, Region, Settings, centre};
+use crate::engine::{Engine, JointRegistration, JointSolver, SweepInput};
+use crate::solve::SolveOptions;
+use crate::solve::pair_solver::margin;
+
+/// The least number of frames of a sweep.
+const MIN_FRAMES: usize = 3;
+
+/// The settings of a sweep, the focus of its frames, and the reference.
+#[derive(Clone, Debug, Default)]
+pub struct SweepOptions {
+    /// The settings of each pair of frames.
+    pub settings: Settings,
+    /// What the frames are focused at.
+    pub positions: Positions,
+    /// The frame on whose pixels the results are; `None`: the middle one.
+    pub reference: Option<usize>,
+}
+
+impl SweepOptions {
+    /// Checks the options against a number of frames, before any photograph is read.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`]; those of [`Settings::check`].
+    pub fn check(&self, frames: usize) -> Result<(), Error> {
+        let mismatch = |problem: String| Err(Error::Mismatch(problem));
+        if frames < MIN_FRAMES {
+            return mismatch(format!(
+                "a sweep has three frames or more, not {frames}; solve a pair with parfocal solve"
+            ));
+        }
+        if let Some(n) = self.reference.filter(|&reference| reference >= frames) {
+            return mismatch(format!("there is no reference frame {}, counted from 1: there are {frames}", n + 1));
+        }
+        self.settings.check()?;
+        self.positions.check(frames)
+    }
+}
+
+/// Solves focus sweeps by one choice of options.
+///
+/// The first sweep of a size, format and number of frames prepares memory and recorded passes; later sweeps of the same
+/// kind reuse them. There is no `submit` as of a [`PairSolver`](crate::PairSolver): the host steps the registration of
+/// all frames between iterations, so the thread that solves takes part until the end. To overlap the host's work with
+/// the device's, use a [`Stream`](crate::Stream::of_sweeps).
+///
+/// ```
+/// # use parfocal::{Engine, EngineOptions, Error, Frame, SolveOptions, SweepSolver};
+/// # use parfocal::sweep::SweepOptions;
+/// # fn frame(soft: f32) -> Frame {
+/// #     let value = |i: usize| 0.5 + soft * ((i % 64) as f32 * 1.1).sin() * ((i / 64) as f32 * 0.9).cos();
+/// #     Frame::gray(64, 64, (0..64 * 64).map(value).collect()).unwrap()
+/// # }
+/// # fn main() -> Result<(), Error> {
+/// # let frames = [0.2, 0.4, 0.3].map(frame);
+/// let engine = Engine::new(&EngineOptions::default())?;
+/// let mut solver = SweepSolver::new(&engine, &SweepOptions::default())?;
+/// let sweep = solver.solve(&frames, &SolveOptions::default())?;
+/// println!("the first pixel is in focus at {} of the frames", sweep.focus[0]);
+/// # Ok(())
+/// # }
+/// ```
+pub struct SweepSolver {
+    engine: Engine,
+    options: SweepOptions,
+    prepared: Option<(Layout, JointSolver)>,
+}
+
+/// What a solver is prepared for.
+#[derive(PartialEq)]
+struct Layout {
+    size: [u32; 2],
+    format: Format,
+    frames: usize,
+    settings: Settings,
+}
+
+impl SweepSolver {
+    /// Makes a solver that prepares itself for the first sweep.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn new(engine: &Engine, options: &SweepOptions) -> Result<Self, Error> {
+        options.settings.check()?;
+        Ok(Self { engine: engine.clone(), options: options.clone(), prepared: None })
+    }
+
+    /// Makes a solver and prepares it for sweeps like this one.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] for fewer than three frames, sizes or formats that differ, or options that do not fit;
+    /// [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
+    pub fn for_frames(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<Self, Error> {
+        let mut solver = Self::new(engine, options)?;
+        check(frames, options)?;
+        solver.prepare(frames)?;
+        Ok(solver)
+    }
+
+    /// The options.
+    pub fn options(&self) -> &SweepOptions {
+        &self.options
+    }
+
+    /// Changes the options of later sweeps. Other settings are prepared for again.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub fn set_options(&mut self, options: &SweepOptions) -> Result<(), Error> {
+        options.settings.check()?;
+        self.options.clone_from(options);
+        Ok(())
+    }
+
+    /// Solves a sweep, or the region of it that the options name. If no positions are stated, frames that are certainly
+    /// out of order are put in order, and repeated ones left out; [`Sweep::order`] and a warning say so.
+    ///
+    /// # Errors
+    /// Those of [`SweepSolver::for_frames`] and [`SolveOptions::check`]; [`Error::Mismatch`] for a flat reference,
+    /// which pairs have; [`Error::Cancelled`], [`Error::Timeout`].
+    pub fn solve(&mut self, frames: &[Frame], options: &SolveOptions) -> Result<Sweep, Error> {
+        let sweep_options = self.options.clone();
+        let task = Task::new(frames, &sweep_options, options)?;
+        let solver = self.prepare(&task.frames)?;
+        let report = &mut |progress| options.report(progress);
+        let solution = solver.solve(&task.frames, &task.input(), &options.cancel, report)?;
+        let mut sweep = task.sweep(solution);
+        if let Some(Region { x, y, width, height }) = options.region {
+            sweep.crop(Region { x: x - task.part.x, y: y - task.part.y, width, height });
+        }
+        if let Some(mask) = &options.mask {
+            sweep.exclude(&mask.cropped(sweep.region));
+        }
+        if options.crop_valid {
+            match sweep.largest_valid() {
+                Some(valid) => sweep.crop(valid),
+                None => sweep.warnings.push("no pixel is valid: nothing was cropped".to_string()),
+            }
+        }
+        sweep.depth = sweep.stated.depth(&sweep.focus, &sweep.uncertainty);
+        Ok(sweep)
+    }
+
+    /// Registers a sweep, with the same result as [`solve`](Self::solve). The finest level, on which the registration
+    /// stays, is left out.
+    ///
+    /// # Errors
+    /// Those of [`SweepSolver::solve`].
+    pub fn register(&mut self, frames: &[Frame], options: &SolveOptions) -> Result<RegisteredSweep, Error> {
+        let sweep_options = self.options.clone();
+        let task = Task::new(frames, &sweep_options, options)?;
+        let solver = self.prepare(&task.frames)?;
+        let report = &mut |progress| options.report(progress);
+        let registration = solver.register(&task.frames, &task.input(), &options.cancel, report)?;
+        Ok(task.registered(registration))
+    }
+
+    /// The prepared solver for frames like these.
+    fn prepare(&mut self, frames: &[Frame]) -> Result<&mut JointSolver, Error> {
+        let settings = self.options.settings.clone();
+        let (size, format) = ([frames[0].width(), frames[0].height()], frames[0].format());
+        let layout = Layout { size, format, frames: frames.len(), settings };
+        let solver = match self.prepared.take().filter(|(earlier, _)| *earlier == layout) {
+            Some((_, solver)) => solver,
+            None => JointSolver::new(&self.engine, size, format, frames.len(), &layout.settings)?,
+        };
+        Ok(&mut self.prepared.insert((layout, solver)).1)
+    }
+}
+
+/// Checks that the frames are of one kind and fit the options.
+fn check(frames: &[Frame], options: &SweepOptions) -> Result<(), Error> {
+    options.check(frames.len())?;
+    let first = (frames[0].width(), frames[0].height(), frames[0].format());
+    if let Some(n) = frames.iter().position(|f| (f.width(), f.height(), f.format()) != first) {
+        let other = &frames[n];
+        return Err(Error::Mismatch(format!(
+            "frame {} is {}x{} {:?} and the first {}x{} {:?}: a sweep's frames have one size and format",
+            n + 1,
+            other.width(),
+            other.height(),
+            other.format(),
+            first.0,
+            first.1,
+            first.2
+        )));
+    }
+    Ok(())
+}
+
+/// The frames of one solve, in order and cut to the region with a margin, and their focus settings in steps.
+struct Task<'a> {
+    options: &'a SweepOptions,
+    frames: Cow<'a, [Frame]>,
+    order: Order,
+    reference: usize,
+    mask: Option<Cow<'a, Mask>>,
+    photograph: [u32; 2],
+    /// The part of the photographs that the frames are cut to.
+    part: Region,
+    /// Whether they are cut.
+    is_cut: bool,
+    /// The setting of the first frame, and the mean step from setting to setting, negative if they descend.
+    first: f64,
+    step: f64,
+    /// The settings in steps from the first: the solve has constants for settings about one apart.
+    steps: Vec<f64>,
+}
+
+impl<'a> Task<'a> {
+    fn new(frames: &'a [Frame], options: &'a SweepOptions, solve: &'a SolveOptions) -> Result<Self, Error> {
+        check(frames, options)?;
+        if solve.flat.is_some() {
+            return Err(Error::Mismatch("a flat reference is for pairs: leave it out of a sweep".to_string()));
+        }
+        let photograph = [frames[0].width(), frames[0].height()];
+        solve.check(photograph)?;
+        let order = order::judge(frames, options.positions != Positions::Counted);
+        let mut reference = options.reference;
+        let mut frames = Cow::Borrowed(frames);
+        if !order.frames.iter().copied().eq(0..frames.len()) {
+            if order.frames.len() < MIN_FRAMES {
+                let count = order.frames.len();
+                let problem = format!("only {count} of the frames differ: a sweep has {MIN_FRAMES} or more");
+                return Err(Error::Mismatch(problem));
+            }
+            reference = reference.and_then(|given| {
+                let is_same = |n: &usize| *n == given || frames[*n].samples() == frames[given].samples();
+                order.frames.iter().position(is_same)
+            });
+            frames = order.frames.iter().map(|n| frames[*n].clone()).collect();
+        }
+        let mut part = Region { x: 0, y: 0, width: photograph[0], height: photograph[1] };
+        let mut mask = solve.mask.as_ref().map(Cow::Borrowed);
+        if let Some(region) = solve.region {
+            part = region.grown(margin(photograph, &options.settings), photograph);
+            let cut = frames.iter().map(|frame| frame.cropped(part).map_err(Error::Region));
+            frames = cut.collect::<Result<Cow<'_, [Frame]>, Error>>()?;
+            mask = mask.map(|mask| Cow::Owned(mask.cropped(part)));
+        }
+        let settings = options.positions.settings(frames.len());
+        let last = frames.len() - 1;
+        let (first, step) = (settings[0], (settings[last] - settings[0]) / last as f64);
+        let steps = settings.iter().map(|p| (p - first) / step).collect();
+        let (reference, is_cut) = (reference.unwrap_or(frames.len() / 2), solve.region.is_some());
+        Ok(Self { options, frames, order, reference, mask, photograph, part, is_cut, first, step, steps })
+    }
+
+    fn input(&self) -> SweepInput<'_> {
+        SweepInput {
+            settings: &self.steps,
+            are_settings_known: self.options.positions != Positions::Counted,
+            reference: self.reference,
+            mask: self.mask.as_deref(),
+        }
+    }
+
+    /// The registration of the photographs, from that of the frames as they were cut.
+    fn registered(&self, registration: JointRegistration) -> RegisteredSweep {
+        let JointRegistration { mut transforms, mut brightness, rate, settings } = registration;
+        if self.is_cut {
+            move_into(&mut transforms, &mut brightness, self.part, self.photograph);
+        }
+        let positions: Vec<f64> = settings.iter().map(|steps| self.first + self.step * steps).collect();
+        let stated = &self.options.positions;
+        let uneven = stated.uneven_warning(&positions, &self.order.frames);
+        RegisteredSweep {
+            photograph: self.photograph,
+            reference: self.reference,
+            positions,
+            stated: stated.clone(),
+            transforms,
+            brightness,
+            blur_rate: rate / self.step.powi(2),
+            decode: self.options.settings.decode.resolved([self.frames[0].format().depth]),
+            warnings: self.order.warnings.iter().cloned().chain(uneven).collect(),
+            order: self.order.frames.clone(),
+        }
+    }
+}
+
+/// States the registration of cut frames about the centre of the photographs.
+fn move_into(transforms: &mut [Homography], brightness: &mut [Brightness], part: Region, photograph: [u32; 2]) {
+    let (from, to) = (part.centre(), centre(photograph[0], photograph[1]));
+    transforms.iter_mut().for_each(|transform| *transform = transform.about(from, to));
+    for brightness in brightness {
+        brightness.part.x += part.x;
+        brightness.part.y += part.y;
+    }
+}
