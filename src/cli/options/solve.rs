@@ -173,7 +173,7 @@ mod tests {
     const T: &str = r#"{"tx_px": 3, "ty_px": 4, "rotation_deg": 0, "scale": 1}"#;
 
     fn with_exposure() -> String {
-        format!(r#"{{"transform": {T}, "photometric": {{"gain": 1.2, "offset": 0.1}}}}"#)
+        format!(r#"{{"transform": {T}, "gain": 1.2, "offset": 0.1}}"#)
     }
 
     fn request(flags: &[&str]) -> Result<Request, Failure> {
