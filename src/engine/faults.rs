@@ -1,4 +1,4 @@
-//! Tests that a solve survives every failure of Vulkan: each call fails in each way, once and permanently, and so do host allocations.
+//! Tests that a solve survives each failing Vulkan call and host allocation.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
@@ -109,8 +109,8 @@ impl Expected {
     }
 }
 
-/// The faults to try: all, or for each function the call in the middle, once by its first result or permanently by its last but one (the
-/// last is `VK_ERROR_UNKNOWN`).
+/// The faults to try: all, or for each function the call in the middle, once by its first result or permanently by its
+/// last but one (the last is `VK_ERROR_UNKNOWN`).
 fn strikes(calls: &[Call]) -> Vec<Fault> {
     let mut places = BTreeMap::<&str, Vec<usize>>::new();
     calls.iter().enumerate().for_each(|(n, call)| places.entry(call.name).or_default().push(n));
@@ -182,8 +182,8 @@ fn a_wait_for_a_hung_device_ends_and_poisons_the_engine() {
     faults::end();
 }
 
-/// The outcome depends on the driver: lavapipe 22.3.6 drops a command for which it has no memory, reports success, and later ends the
-/// program by SIGSEGV (`docs/reliability.md` says where). The test checks the errors that are reported.
+/// The outcome depends on the driver: lavapipe 22.3.6 drops a command for which it has no memory, reports success, and
+/// later ends the program by SIGSEGV (`docs/reliability.md` says where). The test checks the errors that are reported.
 #[test]
 #[ignore = "it tests drivers more than this crate: tools/trust runs it"]
 fn failing_host_allocations_are_reported() {

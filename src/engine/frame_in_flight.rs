@@ -1,4 +1,4 @@
-//! A frame in flight: the mapped memory of one pair, the recordings that use it, and what cancels the pair.
+//! A frame in flight: mapped memory and recordings of one pair, and its cancellation.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -165,6 +165,9 @@ impl FrameInFlight {
             self.cancel();
             // A failed wait poisons the device, which the next pair reports.
             let _ = self.wait(Duration::MAX);
+        } else if !self.shared.device.is_poisoned() {
+            // A pair whose submission failed may have submitted its fetches.
+            let _ = self.wait_fetched(Duration::MAX);
         }
     }
 
@@ -258,7 +261,8 @@ impl FrameInFlight {
         SolutionBuffer::new(self.workspace.buffer(Slot::EndMaps))
     }
 
-    /// Waits until the device has fetched the photographs of the latest pair, for `limit` at most. Returns whether it has.
+    /// Waits until the device has fetched the photographs of the latest pair, for `limit` at most. Returns whether it
+    /// has.
     pub(super) fn wait_fetched(&mut self, limit: Duration) -> Result<bool, Error> {
         let Some(fetching) = &mut self.fetching else { return Ok(true) };
         let is_fetched = fetching.wait(fetching.completion().1, limit, self.deadline)?;

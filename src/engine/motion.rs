@@ -1,4 +1,4 @@
-//! The test whether a simpler or a richer motion model would do, by the sums of the last iteration: section 5 of `docs/method.md`.
+//! The test whether another motion model would do: section 5 of `docs/method.md`.
 
 use std::fmt;
 
@@ -9,8 +9,8 @@ use crate::base::{Homography, Motion};
 
 /// The largest distance between corners, px, at which two models are the same: several times the error of a solve.
 const SAME_CORNERS: f64 = 0.05;
-/// The least test statistic, over its mean by chance, of significant unknowns. For two unknowns and many blocks chance reaches
-/// this once in 1e5, for two and 12 blocks once in 500.
+/// The least test statistic, over its mean by chance, of significant unknowns. For two unknowns and many blocks chance
+/// reaches this once in 1e5, for two and 12 blocks once in 500.
 const SIGNIFICANT: f64 = 12.0;
 
 /// Another motion model than the one solved for.
@@ -63,8 +63,8 @@ impl QuadraticForm {
         }
     }
 
-    /// The model that would do instead of `motion`: the richest that explains more than those below it, or else the simplest that
-    /// explains as much.
+    /// The model that would do instead of `motion`: the richest that explains more than those below it, or else the
+    /// simplest that explains as much.
     pub(crate) fn other_motion(&self, motion: Motion, t: &Homography) -> Option<OtherMotion> {
         let own = self.best(motion, &DVector::zeros(UNKNOWNS))?;
         self.richer(motion, &own).or_else(|| self.simpler(motion, &own, t))
@@ -106,10 +106,11 @@ impl QuadraticForm {
         step.iter().all(|v| v.is_finite()).then_some(step)
     }
 
-    /// Tests whether the unknowns that `more` has beyond `fewer` are significant. `without` is the step by which T loses them.
+    /// Tests whether the unknowns that `more` has beyond `fewer` are significant. `without` is the step by which T
+    /// loses them.
     ///
-    /// Hotelling's test of their gradients over the blocks of pixels, with the other unknowns eliminated. Residuals at edges of
-    /// depth are alike within a block and scatter from block to block, as those of a motion do not.
+    /// Hotelling's test of their gradients over the blocks of pixels, with the other unknowns eliminated. Residuals at
+    /// edges of depth are alike within a block and scatter from block to block, as those of a motion do not.
     fn is_significant(&self, fewer: Motion, more: Motion, without: &DVector<f64>) -> Option<bool> {
         let (kept, count) = (fewer.unknowns(), more.unknowns() - fewer.unknowns());
         let part = |i: usize, j: usize, rows: usize, columns: usize| self.normal.view((i, j), (rows, columns));

@@ -14,7 +14,8 @@ pub(crate) struct Spline {
 }
 
 impl Spline {
-    /// Interpolates interleaved values, row-major. The prefilter is cut off: the error is 2e-5 of the change from pixel to pixel.
+    /// Interpolates interleaved values, row-major. The prefilter is cut off: the error is 2e-5 of the change from pixel
+    /// to pixel.
     pub(crate) fn through(values: &[f32], size: [usize; 2], channels: usize) -> Self {
         let filter: Vec<f32> = filter::spline_prefilter().into_iter().map(|w| w as f32).collect();
         let coefficients = along_y(&along_x(values, size, channels, &filter), size, channels, &filter);
@@ -108,8 +109,8 @@ pub(crate) fn onto(values: Vec<f32>, channels: usize, t: &Homography, size: [usi
     moved
 }
 
-/// Resamples a photograph on the pixels of I1, where T takes them, in its own format; black outside. Brightness is applied to
-/// intensities, which `decode` defines.
+/// Resamples a photograph on the pixels of I1, where T takes them, in its own format; black outside. Brightness is
+/// applied to intensities, which `decode` defines.
 pub fn registered(frame: &Frame, transform: &Homography, brightness: &Brightness, decode: Decode) -> Frame {
     let (width, height, channels) = (frame.width() as usize, frame.height() as usize, frame.format().channels);
     let decode = decode.resolved([frame.format().depth]);

@@ -219,7 +219,8 @@ fn regions_and_sweeps_are_cancelled_by_their_progress_function() {
     assert_eq!(log.lock().unwrap().len(), 1);
 }
 
-/// Measures how soon a cancelled solve of 1 Mpx ends: `cargo test --test library how_soon_a_solve_ends -- --ignored --nocapture`
+/// Measures how soon a cancelled solve of 1 Mpx ends: `cargo test --test library how_soon_a_solve_ends -- --ignored
+/// --nocapture`
 #[test]
 #[ignore = "it measures"]
 fn how_soon_a_solve_ends() {

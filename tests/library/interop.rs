@@ -56,7 +56,8 @@ impl Program {
             create = create.enabled_layer_names(&layers).enabled_extension_names(&extensions).push_next(&mut features);
         }
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(0).queue_priorities(&[1.0])];
-        // SAFETY: all that is pointed to outlives the calls; the first device of the machine has what is asked for, or validation says so.
+        // SAFETY: all that is pointed to outlives the calls; the first device of the machine has what is asked for, or
+        // validation says so.
         unsafe {
             let entry = ash::Entry::load().unwrap();
             let instance = entry.create_instance(&create, None).unwrap();
@@ -85,8 +86,8 @@ impl Program {
     }
 
     fn engine(&self) -> Engine {
-        // SAFETY: all are of this program, which outlives the engine and uses the queue from this thread alone, as it uses the engine; the device was
-        // made with what is wanted.
+        // SAFETY: all are of this program, which outlives the engine and uses the queue from this thread alone, as it
+        // uses the engine; the device was made with what is wanted.
         let foreign = unsafe {
             ExternalDevice::new(self.instance.clone(), self.physical, self.device.clone(), 0, self.queue)
                 .with_requirements(&self.wanted)
@@ -293,7 +294,8 @@ fn photographs_are_fetched_from_buffers_and_images_after_their_semaphores() {
     let (program, pairs) = (Program::new(), [frames(3), frames(5), frames(6)]);
     let engine = program.engine();
     let mut solver = PairSolver::for_frames(&engine, pairs[0].each_ref(), &settings(1.0)).unwrap();
-    // I1 in a buffer, in rows with gaps, from an odd word on; I2 in the second layer of an image as a renderer leaves it.
+    // I1 in a buffer, in rows with gaps, from an odd word on; I2 in the second layer of an image as a renderer leaves
+    // it.
     let pitch = 4 * SIZE[0] as usize + 12;
     let row = |row: &[u8]| [row, &[0xa5; 12]].concat();
     let rows = |frame: &Frame| {
@@ -305,7 +307,8 @@ fn photographs_are_fetched_from_buffers_and_images_after_their_semaphores() {
     let (drawn, written) = (program.timeline(), program.timeline());
     let mut taken = None;
     for (value, pair) in (1..).zip(&pairs) {
-        // Drawing waits for the pair before to be taken, on the device, and is perhaps not yet done as the slot takes this one.
+        // Drawing waits for the pair before to be taken, on the device, and is perhaps not yet done as the slot takes
+        // this one.
         program.fill(upload, pair[1].bytes());
         program.submit(program.draw(upload.0, image), taken, Some((drawn, value)));
         // SAFETY: both are of this device, outlive the pair, and are written again only once they are taken.

@@ -1,4 +1,4 @@
-//! Many pairs on one engine, some of them broken: memory, threads and descriptors do not grow, and the last pair has the bits of the first.
+//! Many pairs on one engine, some of them broken: memory, threads and descriptors do not grow.
 
 use std::process::Command;
 use std::time::Duration;

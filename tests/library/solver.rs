@@ -22,7 +22,7 @@ fn agrees_with_the_reference() {
     check_reference(small_pair());
 }
 
-/// With three levels the finest reads I2 where it has been brought onto I1's pixels.
+/// With three levels the finest reads I2 warped onto the pixels of I1.
 #[test]
 fn agrees_with_the_reference_where_i2_is_warped() {
     check_reference(pair([151, 131], Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(151), 0.0, 5));
@@ -283,7 +283,7 @@ fn a_progress_function_that_panics_leaves_nothing_in_use() {
         assert!(std::panic::catch_unwind(solve).is_err());
         solver.solve([&i1, &i2], &SolveOptions::default())
     };
-    // What is under way when it panics is waited for, whether the host asks in between or not.
+    // The panic waits for the solve in flight, with and without optional parts.
     for settings in [Settings::default(), Settings { outer_iterations: 5, ..Settings::default() }] {
         let after = panics(&settings).unwrap();
         let before = engine.solve([&i1, &i2], &settings);

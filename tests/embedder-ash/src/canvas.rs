@@ -84,7 +84,8 @@ impl<'a> Canvas<'a> {
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
         let submit = vk::SubmitInfo2::default().wait_semaphore_infos(&waits).command_buffer_infos(&commands);
         let _turn = turns.acquire();
-        // SAFETY: it is this one's turn at the queue; what the commands use stays until the fence says that they are done.
+        // SAFETY: it is this one's turn at the queue; what the commands use stays until the fence says that they are
+        // done.
         unsafe { device.queue_submit2(*queue, &[submit], self.fence) }
     }
 

@@ -63,7 +63,8 @@ impl<'a> Canvas<'a> {
         };
         let commands = self.commands(&v);
         let _turn = self.turns.acquire();
-        // SAFETY: the semaphore is of this device. Nobody else submits in between: the next submission is the one below.
+        // SAFETY: the semaphore is of this device. Nobody else submits in between: the next submission is the one
+        // below.
         unsafe {
             let queue = self.queue.as_hal::<Vulkan>().ok_or("wgpu is not on Vulkan")?;
             let stage = vk::PipelineStageFlags::FRAGMENT_SHADER;

@@ -10,8 +10,9 @@ use wgpu::hal::api::Vulkan;
 /// The queue family that wgpu uses.
 const FAMILY: u32 = 0;
 
-/// Opens wgpu's device and queue, and the device for an engine. `Adapter::request_device` leaves out features that the engine
-/// requires, and `open_with_callback` cannot enable them: wgpu's chain of features has maintenance4 in it, disabled.
+/// Opens wgpu's device and queue, and the device for an engine. `Adapter::request_device` leaves out features that the
+/// engine requires, and `open_with_callback` cannot enable them: wgpu's chain of features has maintenance4 in it,
+/// disabled.
 ///
 /// # Safety
 /// - The caller locks the queue around each use by wgpu: `Queue::submit`, `Queue::present`, `Surface::configure`,
@@ -33,8 +34,8 @@ pub unsafe fn open(
     let mut features = hal.physical_device_features(&extensions, wants.required_features);
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(FAMILY).queue_priorities(&[1.0])];
     let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&names);
-    // SAFETY: wgpu's features are here, in a chain that is valid; the device is made as wgpu would, with what is wanted besides, and
-    // becomes wgpu's.
+    // SAFETY: wgpu's features are here, in a chain that is valid; the device is made as wgpu would, with what is wanted
+    // besides, and becomes wgpu's.
     unsafe {
         let create = wanted.enable_features(features.add_to_device_create(create));
         let raw = instance.create_device(physical, &create, None)?;
