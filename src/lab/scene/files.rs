@@ -171,7 +171,7 @@ impl Truth<SweepField> {
 
 /// Writes the [`SIMULATED_FILES`] of a pair, images of 16 bits, into a folder that is created if it is missing: all of
 /// them, or none. The files of an earlier simulation are replaced or removed, no other file, as by
-/// [`write()`](crate::export::write()).
+/// [`Results::write`](crate::export::Results::write).
 ///
 /// # Errors
 /// [`Error::File`].
