@@ -352,7 +352,7 @@ impl FrameInFlight {
         let pixels = width as usize * height as usize;
         let counts = Counts::new(&maps[..pixels], &maps[pixels..2 * pixels], settings.max_relative_blur);
         findings.set_counts(&counts);
-        findings.judge(&state, settings, self.mask.as_ref().map_or(1.0, Mask::share));
+        findings.judge(&state, settings, self.mask.as_ref().map_or(1.0, Mask::coverage));
         if !self.shared.plan.solves_transform() {
             findings.doubt(&self.registered()?);
         } else if findings.converged {

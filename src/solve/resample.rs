@@ -143,7 +143,7 @@ pub(crate) fn luminance(values: Vec<f32>, channels: Channels) -> Vec<f32> {
 
 /// Fills rows of so many values, by all processors.
 pub(crate) fn in_rows<T: Send>(values: &mut [T], row: usize, fill: impl Fn(usize, &mut [T]) + Sync) {
-    workers::each(values.chunks_exact_mut(row.max(1)).enumerate(), |(n, values)| fill(n, values));
+    workers::for_each(values.chunks_exact_mut(row.max(1)).enumerate(), |(n, values)| fill(n, values));
 }
 
 #[cfg(test)]
@@ -187,7 +187,7 @@ mod tests {
     fn exposure_is_taken_over_in_intensities() {
         let exposed = |byte: u8, gain: f64, offset: f64, decode: Decode| {
             let frame = Frame::new(2, 2, crate::base::Channels::Gray, crate::base::Samples::U8(vec![byte; 4])).unwrap();
-            let unchanged = Brightness::unchanged([2, 2]);
+            let unchanged = Brightness::identity([2, 2]);
             let brightness = Brightness { photometric: Photometric { gain, offset }, ..unchanged };
             registered(&frame, &Homography::IDENTITY, &brightness, decode).bytes()[0]
         };

@@ -122,7 +122,7 @@ fn masked_pixels_are_nan_in_borrowed_results() {
     let [i1, i2] = &pairs()[1];
     let masked = |i: usize| (30..60).contains(&(i % 96)) && i / 96 > 40;
     let picture = (0..96 * 80).map(|i| if masked(i) { 0.0 } else { 1.0 }).collect();
-    let mask = Some(Mask::of_picture(&Frame::gray(96, 80, picture).unwrap()));
+    let mask = Some(Mask::from_image(&Frame::gray(96, 80, picture).unwrap()));
     let mut solver = solver(&engine, 2);
     let mut unmasked = submit(&mut solver, &pairs()[1]);
     let options = SolveOptions { mask, ..SolveOptions::default() };

@@ -32,7 +32,7 @@ fn a_pair_solved_in_parts_is_the_same_as_one_solved_whole() {
     let formats = [i1.format(), i2.format()];
     assert!(matches!(PairSolver::for_size(&small, SIZE, formats, 1, &settings), Err(Error::TooLarge { .. })));
     let mask: Vec<f32> = (0..SIZE[0] * SIZE[1]).map(|i| f32::from(u8::from(i % SIZE[0] >= 60))).collect();
-    let mask = Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], mask).unwrap());
+    let mask = Mask::from_image(&Frame::gray(SIZE[0], SIZE[1], mask).unwrap());
     let parts = solve(&small, [&i1, &i2], Some(mask), &settings);
     let corners = [&whole, &parts].map(|s| s.transform.corner_distance(truth, SIZE[0], SIZE[1]));
     let (mut count, mut square, mut most, mut lacking) = (0, 0.0, 0.0_f32, 0);

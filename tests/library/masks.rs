@@ -97,7 +97,7 @@ fn pixels_excluded_by_a_mask_do_not_affect_the_registration() {
     });
     let i2 = Frame::gray(SIZE[0], SIZE[1], mixed.collect()).unwrap();
     let picture = (0..SIZE[0] * SIZE[1]).map(|i| if left_out(i % SIZE[0], i / SIZE[0]) { 0.0 } else { 1.0 });
-    let mask = Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], picture.collect()).unwrap());
+    let mask = Mask::from_image(&Frame::gray(SIZE[0], SIZE[1], picture.collect()).unwrap());
     let engine = TestEngine::new();
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
     let whole = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
@@ -114,7 +114,7 @@ fn pixels_excluded_by_a_mask_do_not_affect_the_registration() {
     assert!(middle > 5.0 * beside, "{middle} {beside}");
     let again = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
     assert_eq!(again.transform, whole.transform, "a mask leaves no trace");
-    let mask = Some(Mask::of_picture(&Frame::gray(16, 16, vec![1.0; 256]).unwrap()));
+    let mask = Some(Mask::from_image(&Frame::gray(16, 16, vec![1.0; 256]).unwrap()));
     let refused = solver.solve([&i1, &i2], &SolveOptions { mask, ..SolveOptions::default() });
     assert!(refused.unwrap_err().to_string().contains("16x16"));
 }
@@ -129,7 +129,7 @@ fn a_small_mask_is_no_lack_of_overlap() {
     let start =
         Settings { start: transform().into(), method: parfocal::settings::Method::Aligned, ..Settings::default() };
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &start).unwrap();
-    let mask = Some(Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], picture).unwrap()));
+    let mask = Some(Mask::from_image(&Frame::gray(SIZE[0], SIZE[1], picture).unwrap()));
     let solution = solver.solve([&i1, &i2], &SolveOptions { mask, ..SolveOptions::default() }).unwrap();
     assert!(solution.valid_fraction > 0.0 && solution.valid_fraction < 0.01, "{}", solution.valid_fraction);
     assert!(!solution.warnings.iter().any(|warning| warning.contains("overlap")), "{:?}", solution.warnings);
@@ -144,7 +144,7 @@ fn masks_agree_with_the_reference() {
     let i2 = stored(&i2, |x, y| white(blots(3, 6)(x, y)));
     let settings = Settings { max_relative_blur: 9.0, ..Settings::default() };
     let picture = (0..size[0] * size[1]).map(|i| if i % size[0] < 30 { 0.0 } else { 1.0 }).collect();
-    let mask = Mask::of_picture(&Frame::gray(size[0], size[1], picture).unwrap());
+    let mask = Mask::from_image(&Frame::gray(size[0], size[1], picture).unwrap());
     let expected = reference::solve_masked(&i1, &i2, &settings, Some(&mask)).unwrap();
     let engine = TestEngine::new();
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &settings).unwrap();

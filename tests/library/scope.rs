@@ -94,7 +94,7 @@ fn shading_is_found_and_taken_out() {
     let region = Region { x: 120, y: 90, width: 150, height: 110 };
     let part = solve(&SolveOptions { region: Some(region), ..SolveOptions::default() }, [&i1, &i2], &settings());
     for place in [[130.0, 100.0], [200.0, 150.0], [260.0, 190.0]] {
-        let bright = |s: &Solution| s.brightness().of(0.5, place);
+        let bright = |s: &Solution| s.brightness().apply(0.5, place);
         assert!((bright(&part) / bright(&found) - 1.0).abs() < 0.02, "{place:?}");
     }
 }

@@ -79,7 +79,7 @@ impl Part {
     fn scope(&self) -> Result<SolveOptions, Failure> {
         let mask = self.mask.as_ref().map(|file| image_io::read(file)).transpose()?;
         let flat = self.flat.as_ref().map(|folder| flat_reference(folder)).transpose()?;
-        let mask = mask.as_ref().map(Mask::of_picture);
+        let mask = mask.as_ref().map(Mask::from_image);
         Ok(SolveOptions { region: self.region, mask, flat, crop_valid: self.crop_valid, ..SolveOptions::default() })
     }
 

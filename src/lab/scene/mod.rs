@@ -214,7 +214,8 @@ impl Scene {
 
     /// Both images, with occlusion.
     fn layered_pair(&self, views: &[View; 2], layers: Vec<Layer>, lens: &Lens) -> Result<[Frame; 2], Error> {
-        let deviations = [0, 1].map(|image| layers.iter().map(|l| lens.deviation(image, l.depth)).collect::<Vec<_>>());
+        let deviations =
+            [0, 1].map(|image| layers.iter().map(|l| lens.signed_sigma(image, l.depth)).collect::<Vec<_>>());
         let layered = self.layered(layers, deviations.iter().flatten())?;
         let image = |i: usize| self.exposed(i, &[layered.image(&views[i], &deviations[i])]);
         Ok([image(0)?, image(1)?])

@@ -69,7 +69,7 @@ impl Row<'_> {
 pub(super) fn fill_rows([width, height]: [u32; 2], fill: impl Fn(usize, &mut [f64]) + Sync) -> Vec<f64> {
     let (width, height) = (width as usize, height as usize);
     let mut values = vec![0.0; width * height];
-    workers::each(values.chunks_mut(width.max(1)).enumerate(), |(i, row)| fill(i, row));
+    workers::for_each(values.chunks_mut(width.max(1)).enumerate(), |(i, row)| fill(i, row));
     values
 }
 
