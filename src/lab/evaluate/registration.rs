@@ -236,7 +236,7 @@ fn worst(name: &str, quantity: &'static str, bounds: [Option<f64>; 2], values: V
     let pick = if bounds[1].is_some() { f64::max } else { f64::min };
     // Where all are infinite, any number meets the lower bound.
     let worst = all.and_then(|all| all.into_iter().reduce(pick)).map(|v| v.min(f64::MAX));
-    Case::new(name).bounded(quantity, worst, bounds).value("of", values.len() as f64).note(missed.join("; "))
+    Case::new(name).bounded(quantity, worst, bounds).value("judged", values.len() as f64).note(missed.join("; "))
 }
 
 /// Table 2: what each method makes of photographs, whose registration is not known.
