@@ -69,7 +69,7 @@ pub mod settings {
 
 /// The types of a [`Frame`], and where photographs are taken from.
 pub mod frame {
-    pub use crate::base::{Channels, Depth, Format, Samples};
+    pub use crate::base::{Channels, Depth, Format, RowLayout, Samples};
     pub use crate::engine::Source;
 }
 

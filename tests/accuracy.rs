@@ -1,4 +1,4 @@
-//! The figures that docs/evaluation.md quotes, each with its bound: `cargo test --release --test accuracy -- --nocapture`.
+//! Accuracy on scenes and photographs, as docs/evaluation.md quotes it: `cargo test --release --test accuracy -- --nocapture`.
 
 mod common;
 
@@ -76,7 +76,7 @@ fn cup_displaced() {
     assert!(rms <= 0.08);
 }
 
-/// The sketch's estimates on half-size images, doubled, agree at the corners to half a pixel of the full-size image.
+/// Compares corners with another program's estimate on half-size images, doubled: within half a pixel at full size.
 fn check_real(folder: &str, names: [&str; 2], half_size: [f64; 4]) -> Option<Solution> {
     let [i1, i2] = real_pair(folder, names)?;
     let solution = TestEngine::new().solve([&i1, &i2], &Settings::default());
@@ -84,14 +84,14 @@ fn check_real(folder: &str, names: [&str; 2], half_size: [f64; 4]) -> Option<Sol
     let expected = Similarity::new(2.0 * tx, 2.0 * ty, degrees, 1.0 + percent / 100.0);
     let distance = solution.transform.corner_distance(expected, solution.width, solution.height);
     println!(
-        "{folder}: corners {distance:.3} px from the sketch's; {:.1} % saturated; confidence {:.5}; {:?}",
+        "{folder}: corners {distance:.3} px from the other program's; {:.1} % saturated; confidence {:.5}; {:?}",
         100.0 * solution.saturated_fraction,
         solution.mean_confidence,
         solution.warnings
     );
     assert!(distance <= 0.5, "{:?}", solution.transform);
-    let told = solution.warnings.iter().any(|w| w.contains("limit of |V|"));
-    assert_eq!(told, solution.saturated_fraction > 0.1);
+    let warned = solution.warnings.iter().any(|w| w.contains("limit of |V|"));
+    assert_eq!(warned, solution.saturated_fraction > 0.1);
     Some(solution)
 }
 
@@ -107,8 +107,8 @@ fn pcb_header() {
     check_real("pcb-header", ["pcb_003.jpg", "pcb_005.jpg"], [-1.56, 3.46, -0.004, -1.29]);
 }
 
-/// Its light differs over the frame by a tenth, which the sketch, with one gain, took for scale: 0.9 px at the corners. So its frames
-/// are to agree among themselves instead: without the shading the way by the frame between ends 0.55 to 0.86 px from the direct one.
+/// The light differs over the frame by a tenth, which a program with one gain takes for scale: 0.9 px at the corners. The
+/// frames are compared with each other instead. Without shading, T through the frame between is 0.55 to 0.86 px off.
 #[test]
 fn dimple() {
     let names = ["image05.jpg", "image07.jpg", "image09.jpg"];
@@ -116,10 +116,10 @@ fn dimple() {
     let [Some(whole), Some(first), Some(second)] = pairs else { return };
     let engine = TestEngine::new();
     let found = [whole, first, second].map(|[i1, i2]| engine.solve([&i1, &i2], &Settings::default()));
-    let by_way = found[2].transform.after(&found[1].transform);
-    let distance = found[0].transform.corner_distance(by_way, found[0].width, found[0].height);
+    let through_middle = found[2].transform.after(&found[1].transform);
+    let distance = found[0].transform.corner_distance(through_middle, found[0].width, found[0].height);
     println!(
-        "dimple: corners {distance:.3} px from the way by the frame between; shading {:?}",
+        "dimple: corners {distance:.3} px from T through the frame between; shading {:?}",
         found[0].shading.range()
     );
     assert!(distance <= 0.65, "{:?}", found[0].transform);

@@ -1,4 +1,4 @@
-//! Every scene, solved with the default settings and its own kernel, comes back registered:
+//! Every scene is registered by the default settings and its own kernel:
 //! `cargo test --release --test scenes -- --nocapture`.
 
 mod common;
@@ -7,13 +7,13 @@ use common::{TestEngine, blur_error};
 use parfocal::internals::scene::{self, Preset, Scene, Shape};
 use parfocal::{Settings, Solution, settings::Kernel, transform::Similarity};
 
-/// Solves a scene; prints its errors and fails where T is off by more than 0.01 px at a corner, 0.0003°, or 0.003 %, or V
-/// by more than `rms` px².
+/// Solves a scene and prints its errors. Fails if T errs by more than 0.01 px at a corner, 0.0003° or 0.003 %, or V by
+/// more than `rms` px².
 fn solve(engine: &TestEngine, scene: &Scene, rms: f64) -> Solution {
     solve_under(engine, scene, Kernel::Gaussian, [0.01, 0.0003, 0.003, rms])
 }
 
-/// The same under a kernel, with all four bounds.
+/// Solves a scene under a kernel, with all four bounds.
 fn solve_under(engine: &TestEngine, scene: &Scene, kernel: Kernel, bounds: [f64; 4]) -> Solution {
     let pair = scene.render().unwrap();
     let settings = Settings { kernel, ..Settings::default() };
@@ -36,7 +36,7 @@ fn solve_under(engine: &TestEngine, scene: &Scene, kernel: Kernel, bounds: [f64;
 #[test]
 fn every_symmetric_preset_is_registered() {
     let engine = TestEngine::new();
-    // At jumps and steep sides V is smoothed, which is most of its error there.
+    // Most of the error of V is at jumps and steep sides, where V is smoothed.
     for (preset, rms) in
         [(Preset::Plane, 0.02), (Preset::Cylinders, 0.3), (Preset::Steps, 0.25), (Preset::Relief, 0.12)]
     {
@@ -45,7 +45,7 @@ fn every_symmetric_preset_is_registered() {
     }
 }
 
-/// Where V is the same all over, the model of the solver is exact, and what is left is the error of both programs together.
+/// Where V is uniform the model of the solver is exact: the error left is that of renderer and solver together.
 #[test]
 fn uniform_blur_is_registered_to_a_thousandth_of_a_pixel() {
     let engine = TestEngine::new();
@@ -71,8 +71,8 @@ fn asymmetric_blur_is_registered() {
     }
 }
 
-/// One image sharp and the other under the kernel, either way round: the mean of an asymmetric kernel then lies in I2 or in
-/// I1, and turns with it. T turns by 1°, which would take a mean that does not turn 0.04 px aside.
+/// I1 or I2 is sharp and the other blurred: the mean of an asymmetric kernel lies in the blurred image and turns with it.
+/// T turns by 1°: a mean that did not turn would be 0.04 px off.
 #[test]
 fn either_image_may_be_the_blurred_one() {
     let engine = TestEngine::new();

@@ -1,12 +1,12 @@
 # shellcheck shell=bash
-# What this machine has of Vulkan. Sourced by the tools beside it.
+# Finds the Vulkan drivers and layers of this machine. The other tools source it.
 
 PATH=$PATH:/usr/sbin:/sbin # ldconfig, for users who are not root
 
 # Where container runtimes mount NVIDIA's driver; the loaders, of libraries and of Vulkan, may not look there.
 container_driver=/usr/local/nvidia
 
-# in_loader_path LIB: whether the dynamic loader finds LIB by its bare name
+# in_loader_path LIB: whether the dynamic loader finds LIB by name
 in_loader_path() {
   local folder folders
   IFS=: read -ra folders <<<"${LD_LIBRARY_PATH:-}"
@@ -18,7 +18,7 @@ in_loader_path() {
 
 have_loader() { in_loader_path libvulkan.so.1; }
 
-# icd_works JSON: whether the driver that this manifest names is there; a container often has only the manifest
+# icd_works JSON: whether the driver of this manifest exists; containers often have only the manifest
 icd_works() {
   local library
   library=$(sed -n 's/.*"library_path"[^"]*"\([^"]*\)".*/\1/p' "$1" 2>/dev/null)
@@ -44,7 +44,7 @@ have_icd() {
   return 1
 }
 
-# use_driver: points the loader at a container's driver if there is one and none is named; false if it would find none
+# use_driver: selects a container's driver unless one is named; false if the loader would find no driver
 use_driver() {
   local icd=$container_driver/share/vulkan/icd.d/nvidia_icd.json
   if [[ -d $container_driver/lib64 ]]; then

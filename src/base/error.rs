@@ -1,6 +1,6 @@
-//! What can go wrong, and what to do about it.
+//! The errors of the library.
 
-/// Every failure of the library. Messages say what to do.
+/// An error of the library. Its message states what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -9,39 +9,39 @@ pub enum Error {
         "no Vulkan loader on this machine ({0}): install one, with a driver (Debian: libvulkan1 mesa-vulkan-drivers; from a clone: tools/setup)"
     )]
     NoLoader(String),
-    /// There is a loader but no device that will do.
+    /// No device meets the requirements.
     #[error(
         "no Vulkan device that parfocal can use{0}: install a GPU driver, or Mesa's lavapipe (Debian: mesa-vulkan-drivers)"
     )]
     NoDevice(String),
-    /// No device answers to the name asked for.
+    /// No device matches the requested name.
     #[error("no device matches '{wanted}'; there are: {available}")]
     NoSuchDevice {
-        /// What was asked for.
+        /// The requested index, name or UUID.
         wanted: String,
-        /// The devices there are.
+        /// The available devices.
         available: String,
     },
     /// A Vulkan call failed.
     #[error("{call} failed on {device}: {result}{advice}")]
     Vulkan {
-        /// The call, or the pass.
+        /// The name of the call, or the action and the pass.
         call: String,
-        /// The device's name.
+        /// The name of the device.
         device: String,
-        /// The VkResult, in words.
+        /// The `VkResult`.
         result: String,
-        /// What to do, or nothing.
+        /// Advice, or an empty string.
         advice: &'static str,
     },
-    /// The device did not finish in time.
+    /// The device exceeded the time limit of a solve.
     #[error(
         "{device} did not finish within {seconds} s: try a smaller image, fewer outer iterations, or a longer timeout (a library needs a new Engine first)"
     )]
     Timeout {
-        /// The device's name.
+        /// The name of the device.
         device: String,
-        /// The limit that it ran into.
+        /// The time limit, s.
         seconds: u64,
     },
     /// All frames in flight of a solver are in use.
@@ -49,90 +49,90 @@ pub enum Error {
         "all {frames} frames in flight of the solver are in use: drop a pending pair first, or make the solver with more"
     )]
     Busy {
-        /// How many the solver has.
+        /// The number of frames in flight of the solver.
         frames: usize,
     },
-    /// The solve was cancelled.
+    /// A [`CancellationToken`](crate::CancellationToken) cancelled the solve.
     #[error("the solve was cancelled")]
     Cancelled,
-    /// An earlier wait timed out or failed, so the device may still be using this engine's memory.
-    #[error("an earlier wait for this engine's device failed, and it may still be at work: make a new Engine")]
+    /// An earlier wait timed out or failed, so that the device may still use this engine's memory.
+    #[error("an earlier wait for this engine's device failed, and it may still be busy: make a new Engine")]
     Poisoned,
-    /// The image, or what must be kept for it, is larger than the device takes.
+    /// The images, or the memory for a solve, exceed a limit of the device.
     #[error(
         "{width}x{height} is too large for {device}: {what} needs {needed}, and there is {limit}; use smaller images or another device"
     )]
     TooLarge {
-        /// Width in pixels.
+        /// Width, px.
         width: u32,
-        /// Height in pixels.
+        /// Height, px.
         height: u32,
-        /// The device's name.
+        /// The name of the device.
         device: String,
-        /// Which limit was met.
+        /// The limit.
         what: &'static str,
-        /// What would be needed, with its unit.
+        /// The required amount, with its unit.
         needed: String,
-        /// What there is, with its unit.
+        /// The available amount, with its unit.
         limit: String,
     },
-    /// The image is too small to find any blur in.
+    /// The images are smaller than the minimum.
     #[error("{width}x{height} is too small: parfocal needs images of at least {least}x{least} pixels")]
     TooSmall {
-        /// Width in pixels.
+        /// Width, px.
         width: u32,
-        /// Height in pixels.
+        /// Height, px.
         height: u32,
-        /// The least width and height.
+        /// The minimum width and height, px.
         least: u32,
     },
-    /// The method SIFT, of an engine that was not told how to find key-points.
+    /// The method SIFT needs [`EngineOptions::key_points`](crate::EngineOptions::key_points).
     #[error(
         "the method sift needs key-points: make the Engine with EngineOptions::key_points, or use the method unified"
     )]
     NoKeyPoints,
-    /// The system gives no thread for a device's work.
+    /// The system refuses a thread.
     #[error("no thread for {device}: {problem}; there are too many, or too little memory")]
     NoThread {
-        /// The device's name.
+        /// The name of the device.
         device: String,
-        /// What the system says.
+        /// The message of the system.
         problem: String,
     },
-    /// A frame is not of the size or format that the solver was prepared for.
+    /// An argument does not fit the others, such as a frame of another size than the solver's.
     #[error("{0}")]
     Mismatch(String),
     /// A setting is out of range.
     #[error("{name} is {value}, and must be {range}")]
     Setting {
-        /// The setting.
+        /// The name of the setting.
         name: &'static str,
-        /// Its value.
+        /// The value.
         value: f64,
-        /// What it may be.
+        /// The valid range.
         range: String,
     },
-    /// What was given as a kernel is none.
+    /// The densities of a kernel are invalid.
     #[error("kernel {name}: {problem}")]
     Kernel {
-        /// The kernel.
+        /// The name of the kernel.
         name: String,
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
     },
-    /// SIFT found too little to register two images by.
+    /// SIFT found too few key-points to register two images.
     #[error(
         "SIFT cannot register the images: {found} {what} where {least} are needed; use the method unified or appearance, which need no key-points"
     )]
     TooFewKeyPoints {
-        /// What was counted.
+        /// The counted items.
         what: &'static str,
-        /// How many there were.
+        /// The number of items.
         found: usize,
-        /// How many it takes.
+        /// The required number.
         least: usize,
     },
-    /// A region, a line or a target is not in the image, or holds too little to measure.
+    /// A region, line or target is outside the image, or has too few valid pixels.
     #[error("{0}")]
     Region(String),
     /// A file could not be read or written, or does not hold what it should.

@@ -1,49 +1,56 @@
-//! The thin lens, and the lens that is telecentric on the image side: from depth to blur, and back.
+//! Lens models: a thin lens and an image-side telecentric lens, which convert depth to blur and back.
 
 use crate::base::Error;
 
-/// A lens in front of a sensor, focused at one distance for each of the two images.
+/// A lens with the focus distances of the two images.
 ///
-/// The blur of image i has the radius `a_i |x_i - x(z)|`, where x is the coordinate of depth in which blur is linear and
-/// x_i its value at the focus distance u_i:
+/// The blur of image i has the radius `a_i |x_i - x(z)|`. The radius is linear in x, a function of depth, and x_i is
+/// the value of x at the focus distance u_i:
 ///
 /// | | x(z) | a_i | I2 over I1, s |
 /// | --- | --- | --- | --- |
 /// | thin lens | 1/z | f v_i / 2N | v2 / v1 |
-/// | telecentric on the image side (Watanabe and Nayar 1997) | v_z = f z / (z - f) | 1 / 2N | 1 |
+/// | image-side telecentric (Watanabe and Nayar 1997) | v_z = f z / (z - f) | 1 / 2N | 1 |
 ///
-/// with `v_i = f u_i / (u_i - f)`; section 7 of docs/method.md, "Metric depth". Both x fall with depth, and relative blur is
-/// a polynomial of second degree in them, linear where s is that of the table. Distances are from the lens, along its axis.
+/// with `v_i = f u_i / (u_i - f)`; see section 7 of docs/method.md, "Metric depth". x decreases with depth. Relative
+/// blur is a polynomial of degree 2 in x, and linear if s is that of the table. Distances are measured from the lens
+/// along its axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(deny_unknown_fields))]
 pub struct Lens {
     /// Focal length f, mm.
     #[cfg_attr(feature = "serde", serde(rename = "focal_length_mm"))]
     pub focal_length: f64,
-    /// f-number N; the aperture is f/N wide.
+    /// f-number N; the diameter of the aperture is f/N.
     pub f_number: f64,
-    /// Distance between the centres of neighbouring pixels, mm.
+    /// Distance between the centres of adjacent pixels, mm.
     #[cfg_attr(feature = "serde", serde(rename = "pixel_pitch_mm"))]
     pub pixel_pitch: f64,
-    /// The distances at which I1 and I2 are focused, mm.
+    /// Focus distances of I1 and I2, mm.
     #[cfg_attr(feature = "serde", serde(rename = "focus_mm"))]
     pub focus: [f64; 2],
-    /// Deviation of the blur, per axis, over its radius: ½ for a disk, by its second moment.
-    #[cfg_attr(feature = "serde", serde(default = "super::stored::disk"))]
+    /// κ, the ratio of the blur's standard deviation per axis to its radius: ½ for a disk.
+    #[cfg_attr(feature = "serde", serde(default = "disk"))]
     pub kappa: f64,
-    /// Whether the lens is telecentric on the image side: magnification does not change with focus.
+    /// Whether the lens is image-side telecentric, so that its magnification does not change with focus.
     #[cfg_attr(feature = "serde", serde(default))]
     pub telecentric: bool,
+}
+
+/// κ of a lens in a file that does not state it.
+#[cfg(feature = "serde")]
+fn disk() -> f64 {
+    Lens::DISK
 }
 
 impl Lens {
     /// κ of a disk.
     pub const DISK: f64 = 0.5;
 
-    /// Checks every range.
+    /// Checks the ranges of all values.
     ///
     /// # Errors
-    /// [`Error::Setting`]: a length that is not positive and finite, or a focus that this lens cannot have.
+    /// [`Error::Setting`] for a value that is not positive, or equal focus distances, or one within the focal length.
     pub fn check(&self) -> Result<(), Error> {
         let positive = |name, value: f64| {
             if value > 0.0 && value < 1e9 {
@@ -70,57 +77,59 @@ impl Lens {
         Ok(())
     }
 
-    /// Distance v_i from the lens to the sensor, mm, for image 0 (I1) or 1 (I2): `f u_i / (u_i - f)`.
+    /// Returns the distance v_i from the lens to the sensor, mm, for image 0 (I1) or 1 (I2): `f u_i / (u_i - f)`.
     pub fn sensor_distance(&self, image: usize) -> f64 {
         let (f, u) = (self.focal_length, self.focus[image]);
         f * u / (u - f)
     }
 
-    /// How much larger I2 is than I1 because the sensor distance changed: `s = v2 / v1`; 1 if telecentric.
+    /// Returns the focus breathing, the magnification of I2 relative to I1: `s = v2 / v1`, or 1 if telecentric.
     pub fn breathing(&self) -> f64 {
         if self.telecentric { 1.0 } else { self.sensor_distance(1) / self.sensor_distance(0) }
     }
 
-    /// Side of the square that a pixel of I1 sees at depth `z` mm, mm: by the ray through the middle of the lens, or, if it is
-    /// telecentric, through its front focal point, behind which rays run along the axis.
+    /// Returns the side of a pixel of I1 projected to the depth `z` mm, mm. The chief ray passes through the centre of
+    /// the lens, or through the front focal point if the lens is telecentric.
     pub fn footprint(&self, z: f64) -> f64 {
         let f = self.focal_length;
         self.pixel_pitch * if self.telecentric { (z - f) / f } else { z / self.sensor_distance(0) }
     }
 
-    /// Variance of the blur of a point at depth `z` mm, per axis, in the px² of its own image: `κ² (r_i / pitch)²` with
-    /// `r_i = a_i |x_i - x(z)|`.
+    /// Returns the variance per axis of the blur of a point at depth `z` mm, px² of image `image`: `κ² (r_i / pitch)²`
+    /// with `r_i = a_i |x_i - x(z)|`.
     pub fn variance(&self, image: usize, z: f64) -> f64 {
         self.strength(image) * (self.coordinate(self.focus[image]) - self.coordinate(z)).powi(2)
     }
 
-    /// The deviation of that blur with a sign: negative for a point beyond the focus, where the cone of rays opens the other
-    /// way. Px of its own image.
-    pub(crate) fn deviation(&self, image: usize, z: f64) -> f64 {
+    /// Returns the signed standard deviation of that blur, px of the image. It is negative for a point beyond the
+    /// focus.
+    pub(crate) fn signed_sigma(&self, image: usize, z: f64) -> f64 {
         self.strength(image).sqrt() * (self.coordinate(z) - self.coordinate(self.focus[image]))
     }
 
-    /// Relative blur `V = V2/s² - V1` of a point at depth `z` mm, px² of I1; `scale` is s of the registration.
+    /// Returns the relative blur `V = V2/s² - V1` of a point at depth `z` mm, px² of I1. `scale` is s of the
+    /// registration.
     pub fn relative_blur(&self, z: f64, scale: f64) -> f64 {
         self.variance(1, z) / (scale * scale) - self.variance(0, z)
     }
 
-    /// The depth in mm at which the relative blur is `v` px²; `None` outside. See [`inverse`](Self::inverse).
+    /// Returns the depth, mm, at which the relative blur is `v` px². `None` outside of
+    /// [`depth_range`](Self::depth_range).
     pub fn depth(&self, v: f64, scale: f64) -> Option<f64> {
         self.inverse(scale).depth(v)
     }
 
-    /// The depths in mm, nearest and farthest, between which the relative blur is monotonic; the farthest may be
-    /// infinite. Where `scale` is not [`breathing`](Self::breathing), V turns back at some depth, and the range ends there.
+    /// Returns the nearest and the farthest depth, mm, between which the relative blur is monotonic. The farthest may
+    /// be infinite. If `scale` differs from [`breathing`](Self::breathing), V has an extremum, where the range ends.
     pub fn depth_range(&self, scale: f64) -> [f64; 2] {
         self.inverse(scale).range
     }
 
-    /// The inverse of [`relative_blur`](Self::relative_blur), made ready for many pixels.
-    pub fn inverse(&self, scale: f64) -> Inverse {
+    /// Returns the inverse of [`relative_blur`](Self::relative_blur), for use at many pixels.
+    pub fn inverse(&self, scale: f64) -> BlurToDepth {
         let polynomial @ [_, c1, c2] = self.polynomial(scale);
         let (vertex, middle) = (-c1 / (2.0 * c2), self.middle());
-        // From infinity to the focal length, where nothing is imaged.
+        // From infinity to the focal length, within which no image forms.
         let (mut low, mut high) =
             if self.telecentric { (self.focal_length, f64::INFINITY) } else { (0.0, 1.0 / self.focal_length) };
         if vertex > middle {
@@ -129,72 +138,74 @@ impl Lens {
             low = vertex;
         }
         let range = [high, low].map(|x| self.depth_at(x));
-        Inverse { lens: *self, polynomial, rising: c1 + 2.0 * c2 * middle > 0.0, range }
+        BlurToDepth { lens: *self, polynomial, is_increasing: c1 + 2.0 * c2 * middle > 0.0, range }
     }
 
-    /// V as a polynomial in the coordinate x of depth: `[c0, c1, c2]`.
+    /// Returns the coefficients `[c0, c1, c2]` of V as a polynomial in x.
     pub(crate) fn polynomial(&self, scale: f64) -> [f64; 3] {
         let [x1, x2] = self.focus.map(|u| self.coordinate(u));
         let (k1, k2) = (self.strength(0), self.strength(1) / (scale * scale));
         [k2 * x2 * x2 - k1 * x1 * x1, -2.0 * (k2 * x2 - k1 * x1), k2 - k1]
     }
 
-    /// x(z): per mm for a thin lens, mm if telecentric.
+    /// Returns x(z): 1/mm for a thin lens, mm if telecentric.
     pub(crate) fn coordinate(&self, z: f64) -> f64 {
         if self.telecentric { self.focal_length * z / (z - self.focal_length) } else { 1.0 / z }
     }
 
-    /// The depth at a coordinate, mm: the inverse of x(z).
+    /// Returns the depth at a value of x, mm: the inverse of x(z).
     fn depth_at(&self, x: f64) -> f64 {
         if self.telecentric { self.focal_length / (1.0 - self.focal_length / x) } else { 1.0 / x }
     }
 
-    /// `(κ a_i / pitch)²`: blur in px² for a coordinate that differs by 1 from that in focus.
+    /// Returns `(κ a_i / pitch)²`, the blur in px² at a distance of 1 in x from the focus.
     fn strength(&self, image: usize) -> f64 {
         let aperture = 1.0 / (2.0 * self.f_number);
         let a = if self.telecentric { aperture } else { aperture * self.focal_length * self.sensor_distance(image) };
         (self.kappa * a / self.pixel_pitch).powi(2)
     }
 
-    /// The coordinate half way between those in focus, which lies in the range of every lens that can be registered.
+    /// Returns the mean of x at the two focus distances, which is in the range of every lens whose images can be
+    /// registered.
     fn middle(&self) -> f64 {
         (self.coordinate(self.focus[0]) + self.coordinate(self.focus[1])) / 2.0
     }
 }
 
-/// From relative blur to depth, for one lens and one scale s of the registration; [`Lens::inverse`] makes it.
+/// The conversion of relative blur to depth, for one lens and one scale s of the registration ([`Lens::inverse`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Inverse {
+pub struct BlurToDepth {
     lens: Lens,
     polynomial: [f64; 3],
-    /// Whether V rises with the coordinate, which is to say towards the lens.
-    rising: bool,
+    /// Whether V increases with x, towards the lens.
+    is_increasing: bool,
     /// Nearest and farthest depth, mm.
     range: [f64; 2],
 }
 
-impl Inverse {
-    /// The depth in mm at which the relative blur is `v` px²; `None` outside [`Lens::depth_range`].
+impl BlurToDepth {
+    /// Returns the depth, mm, at which the relative blur is `v` px². `None` outside of [`Lens::depth_range`].
     pub fn depth(&self, v: f64) -> Option<f64> {
         let [c0, c1, c2] = self.polynomial;
         let discriminant = c1 * c1 - 4.0 * c2 * (c0 - v);
         if discriminant.is_nan() || discriminant < 0.0 {
             return None;
         }
-        // On one side of the vertex the slope c1 + 2 c2 x has one sign, which chooses the root. Of its two forms, the one
-        // that subtracts no nearly equal numbers: c2 vanishes where s is that of the lens.
-        let slope = if self.rising { discriminant.sqrt() } else { -discriminant.sqrt() };
+        // On one side of the vertex the slope c1 + 2 c2 x has one sign, which selects the root. Its form is chosen to
+        // avoid cancellation: c2 vanishes if s is that of the lens.
+        let slope = if self.is_increasing { discriminant.sqrt() } else { -discriminant.sqrt() };
         let x = if slope * c1 >= 0.0 { 2.0 * (v - c0) / (c1 + slope) } else { (slope - c1) / (2.0 * c2) };
         let (z, [near, far]) = (self.lens.depth_at(x), self.range);
         (z.is_finite() && (near..=far).contains(&z)).then_some(z)
     }
 
-    /// Standard deviation in mm of the depth where V is `v` px² with the standard deviation `sigma` px²: half the distance
-    /// between the depths at v - sigma and v + sigma, which is `|dz/dV| sigma` where sigma is small. Past an end of the
-    /// range the depth is that of the end; where that is infinite, so is the deviation. `None` where `v` has no depth.
-    pub fn deviation(&self, v: f64, sigma: f64) -> Option<f64> {
+    /// Returns the standard deviation of the depth, mm, where V is `v` px² with the standard deviation `sigma` px².
+    ///
+    /// It is half the distance between the depths at v - sigma and v + sigma, and `|dz/dV| sigma` for a small sigma.
+    /// Beyond an end of the range the depth is that of the end, which may be infinite. `None` if `v` has no depth.
+    pub fn sigma(&self, v: f64, sigma: f64) -> Option<f64> {
         self.depth(v)?;
-        let [nearer, farther] = if self.rising { [v + sigma, v - sigma] } else { [v - sigma, v + sigma] };
+        let [nearer, farther] = if self.is_increasing { [v + sigma, v - sigma] } else { [v - sigma, v + sigma] };
         let [near, far] = self.range;
         let spread = self.depth(farther).unwrap_or(far) - self.depth(nearer).unwrap_or(near);
         Some(if sigma.is_nan() { f64::NAN } else { spread / 2.0 })
@@ -209,14 +220,14 @@ mod tests {
         Lens { focal_length: 50.0, f_number: 2.8, pixel_pitch: 0.015, focus: [226.5, 233.5], ..telecentric(false) }
     }
 
-    /// That of the Cup pair, up to the last field.
+    /// The lens of the Cup pair, except for the argument.
     fn telecentric(telecentric: bool) -> Lens {
         let (pixel_pitch, focus) = (0.01304, [529.0, 869.0]);
         Lens { focal_length: 25.0, f_number: 8.3, pixel_pitch, focus, kappa: Lens::DISK, telecentric }
     }
 
     #[test]
-    fn a_point_in_focus_is_sharp_and_blur_is_the_aperture_seen_from_the_point() {
+    fn a_point_in_focus_is_sharp_and_other_blur_follows_similar_triangles() {
         let lens = lens();
         assert_eq!(lens.variance(0, 226.5), 0.0);
         assert_eq!(lens.variance(1, 233.5), 0.0);
@@ -229,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn with_the_lens_own_breathing_relative_blur_is_linear_in_inverse_depth() {
+    fn with_the_breathing_of_the_lens_relative_blur_is_linear_in_inverse_depth() {
         let (lens, s) = (lens(), lens().breathing());
         assert!((s - lens.sensor_distance(1) / lens.sensor_distance(0)).abs() < 1e-15 && s < 1.0);
         let at = |q: f64| lens.relative_blur(1.0 / q, s);
@@ -241,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_telecentric_lens_blurs_by_the_distance_of_the_image_from_the_sensor() {
+    fn blur_of_a_telecentric_lens_is_proportional_to_the_defocus_of_the_image() {
         let lens = telecentric(true);
         let (v1, v_z) = (25.0 * 529.0 / (529.0 - 25.0), 25.0 * 700.0 / (700.0 - 25.0));
         let radius = (v1 - v_z) / (2.0 * 8.3) / 0.01304;
@@ -258,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pixel_sees_its_own_size_over_the_magnification() {
+    fn the_footprint_is_the_pixel_pitch_over_the_magnification() {
         // In focus the image is smaller than the scene by f/(u - f), whatever the lens.
         for telecentric in [false, true] {
             let lens = Lens { telecentric, ..lens() };
@@ -276,11 +287,11 @@ mod tests {
                     let [near, far] = lens.depth_range(scale);
                     assert!(focus.iter().any(|u| (near..=far).contains(u)), "{near} {far}");
                     for i in 1..40 {
-                        // Even in 1/z, and not beyond what any photograph shows.
+                        // Evenly spaced in 1/z.
                         let (near, share) = (near.max(51.0), f64::from(i) / 40.0);
                         let z = 1.0 / ((1.0 - share) / near + share / far);
-                        let found = lens.depth(lens.relative_blur(z, scale), scale).unwrap();
-                        assert!((found / z - 1.0).abs() < 1e-7, "{found} mm, not {z}, scale {scale}");
+                        let depth = lens.depth(lens.relative_blur(z, scale), scale).unwrap();
+                        assert!((depth / z - 1.0).abs() < 1e-7, "{depth} mm, not {z}, scale {scale}");
                     }
                 }
             }
@@ -288,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn the_range_ends_where_v_turns_back() {
+    fn the_range_ends_at_the_extremum_of_v() {
         // k (v2 - x)²/s² - k (v1 - x)² is level at x = (v2 - s² v1) / (1 - s²).
         let lens = telecentric(true);
         let [v1, v2] = [0, 1].map(|i| lens.sensor_distance(i));
@@ -301,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn deviation_is_the_slope_times_that_of_v_and_grows_towards_the_end_of_the_range() {
+    fn sigma_of_depth_is_the_slope_times_that_of_v_and_infinite_at_infinity() {
         // Of V = a + b x: dz/dV is -z²/b for the thin lens, and -(z - f)²/(f² b) for the telecentric.
         for lens in [lens(), telecentric(true)] {
             let (s, f) = (lens.breathing(), lens.focal_length);
@@ -309,17 +320,17 @@ mod tests {
             for z in [lens.focus[0], lens.focus[1], 1.02 * lens.focus[1]] {
                 let slope = lens.polynomial(s)[1];
                 let expected = if lens.telecentric { (z - f).powi(2) / (f * f) } else { z * z } / slope.abs();
-                let found = inverse.deviation(lens.relative_blur(z, s), 1e-4).unwrap() / 1e-4;
+                let found = inverse.sigma(lens.relative_blur(z, s), 1e-4).unwrap() / 1e-4;
                 assert!((found / expected - 1.0).abs() < 1e-4, "{found} mm/px², not {expected}");
             }
-            assert!(inverse.deviation(0.0, f64::NAN).unwrap().is_nan());
-            assert_eq!(inverse.deviation(0.0, 1e6), Some(f64::INFINITY), "infinity lies within one deviation");
-            assert_eq!(inverse.deviation(-1e9, 0.1), None, "beyond infinity");
+            assert!(inverse.sigma(0.0, f64::NAN).unwrap().is_nan());
+            assert_eq!(inverse.sigma(0.0, 1e6), Some(f64::INFINITY), "infinity lies within one deviation");
+            assert_eq!(inverse.sigma(-1e9, 0.1), None, "beyond infinity");
         }
     }
 
     #[test]
-    fn a_file_may_leave_out_kappa_and_telecentric_and_nothing_else() {
+    fn a_file_may_omit_only_kappa_and_telecentric() {
         let text = r#"{"focal_length_mm": 25, "f_number": 8.3, "pixel_pitch_mm": 0.01304, "focus_mm": [529, 869]}"#;
         assert_eq!(serde_json::from_str::<Lens>(text).unwrap(), telecentric(false));
         let more = text.replace('}', r#", "telecentric": true}"#);
@@ -339,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lens_that_cannot_be_is_refused() {
+    fn an_invalid_lens_is_refused() {
         for bad in [
             Lens { focal_length: 0.0, ..lens() },
             Lens { f_number: f64::NAN, ..lens() },

@@ -1,28 +1,29 @@
-//! Random numbers that are the same for the same seed, on every machine and in every version.
+//! A pseudorandom number generator with the same sequence on every machine and in every version.
 
 use std::f64::consts::TAU;
 
-/// splitmix64 (Steele, Lea and Flood 2014).
+/// The generator SplitMix64 (Steele, Lea and Flood 2014).
 pub(crate) struct Random(u64);
 
 impl Random {
-    /// The numbers of one purpose, `stream`, so that noise does not depend on how many numbers the texture took.
+    /// Seeds one of several independent streams, so that noise does not depend on the number of values drawn for
+    /// texture.
     pub(crate) fn new(seed: u64, stream: u64) -> Self {
         Self(mix(seed).wrapping_add(mix(stream).rotate_left(32)))
     }
 
-    /// 64 random bits.
+    /// Returns 64 random bits.
     pub(crate) fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         mix(self.0)
     }
 
-    /// In [0, 1).
+    /// Returns a uniform value in [0, 1).
     pub(crate) fn uniform(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Mean 0, deviation 1 (Box and Muller).
+    /// Returns a normal value with mean 0 and standard deviation 1 (Box and Muller).
     pub(crate) fn normal(&mut self) -> f64 {
         (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (TAU * self.uniform()).cos()
     }
@@ -39,8 +40,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_reference_sequence() {
-        // The first output for the state 0.
+    fn the_sequence_is_that_of_the_reference() {
+        // The first output of the state 0.
         assert_eq!(Random(0).bits(), 0xe220_a839_7b1d_cdaf);
     }
 

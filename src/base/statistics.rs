@@ -1,42 +1,42 @@
-//! Medians, and how well a field of correlated values determines one.
+//! Robust statistics of fields with correlated values.
 
-/// A number and how well it is known.
+/// A value with its standard error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Estimate {
-    /// The number.
+    /// The value.
     pub value: f64,
-    /// Its standard error, in the same unit.
+    /// The standard error, in the unit of the value.
     pub standard_error: f64,
 }
 
-/// Standard deviation of a Gaussian over its median absolute deviation.
+/// The ratio of the standard deviation of a Gaussian to its median absolute deviation.
 const MAD: f64 = 1.4826;
-/// Where Tukey's weight ends, in standard deviations: 95 % efficient for Gaussian noise.
+/// The cutoff of Tukey's biweight in standard deviations, for 95 % efficiency under Gaussian noise.
 pub(crate) const TUKEY: f64 = 4.685;
 
-/// The median of those that are finite; `None` where none is.
+/// Returns the median of the finite values. `None` if there are none.
 pub(crate) fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut finite: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
     let middle = finite.len() / 2;
     (!finite.is_empty()).then(|| *finite.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The deviation of a Gaussian that has the median absolute value of these; 0 where none is finite.
+/// Returns the robust standard deviation of residuals, from their median absolute value. 0 if none is finite.
 pub(crate) fn deviation(residuals: &[f64]) -> f64 {
     MAD * median(residuals.iter().map(|r| r.abs())).unwrap_or(0.0)
 }
 
-/// Tukey's weight of a residual, in standard deviations.
+/// Returns Tukey's biweight of a residual in standard deviations.
 pub(crate) fn tukey(r: f64) -> f64 {
     if r.abs() < TUKEY { (1.0 - (r / TUKEY).powi(2)).powi(2) } else { 0.0 }
 }
 
-/// The level of a rectangle of values, row-major, with its standard error: the median of what is left when the tilt about
-/// the centre is taken out. NaN is left out, and `None` is given where nothing else is there.
+/// Returns the level of a rectangle of row-major values: the median after the subtraction of the tilt about the centre.
+/// NaN values are ignored. `None` if there are no others.
 ///
-/// The error is `√(π/2) σ / √n`, that of the median of n Gaussian values, with σ from the median absolute deviation and n
-/// the number of values over the area in which they are correlated: see [`correlation_area`].
+/// The standard error is `√(π/2) σ / √n`, that of the median of n Gaussian values. σ comes from the median absolute
+/// deviation, and n is the number of values divided by the [`correlation_area`].
 pub(crate) fn level(values: &[f64], width: usize) -> Option<Estimate> {
     let values = without_tilt(values, width);
     let value = median(values.iter().copied())?;
@@ -47,39 +47,41 @@ pub(crate) fn level(values: &[f64], width: usize) -> Option<Estimate> {
     Some(Estimate { value, standard_error })
 }
 
-/// The values less the slopes of a plane fitted to them by least squares, 3 deviations off at most; its value at the centre
-/// of those that are finite stays.
+/// Subtracts the tilt of a least-squares plane about the centroid of the finite values. Values more than 3 standard
+/// deviations from the median are excluded from the fit.
 fn without_tilt(values: &[f64], width: usize) -> Vec<f64> {
-    let place = |i: usize| [(i % width.max(1)) as f64, (i / width.max(1)) as f64];
+    let position = |i: usize| [(i % width.max(1)) as f64, (i / width.max(1)) as f64];
     let mut levelled = values.to_vec();
-    // A few rounds: values that stand out hide others at first.
+    // Repeated, since large outliers hide smaller ones at first.
     for _ in 0..5 {
         let Some(middle) = median(levelled.iter().copied()) else { return levelled };
         let limit = 3.0 * deviation(&levelled.iter().map(|v| v - middle).collect::<Vec<_>>());
-        let kept = || levelled.iter().enumerate().filter(|(_, v)| (*v - middle).abs() <= limit);
-        let count = kept().count() as f64;
-        let mean = |f: &dyn Fn([f64; 2], f64) -> f64| kept().map(|(i, &v)| f(place(i), v)).sum::<f64>() / count;
+        let inliers = || levelled.iter().enumerate().filter(|(_, v)| (*v - middle).abs() <= limit);
+        let count = inliers().count() as f64;
+        let mean = |f: &dyn Fn([f64; 2], f64) -> f64| inliers().map(|(i, &v)| f(position(i), v)).sum::<f64>() / count;
         let [cx, cy] = [mean(&|[x, _], _| x), mean(&|[_, y], _| y)];
         let (xx, yy) = (mean(&|[x, _], _| (x - cx).powi(2)), mean(&|[_, y], _| (y - cy).powi(2)));
         let xy = mean(&|[x, y], _| (x - cx) * (y - cy));
         let (xv, yv) = (mean(&|[x, _], v| (x - cx) * (v - middle)), mean(&|[_, y], v| (y - cy) * (v - middle)));
         let determinant = xx * yy - xy * xy;
         if determinant < 1e-6 {
-            // A single row or column has no tilt across.
+            // A single row or column has no tilt across it.
             return levelled;
         }
         let (right, down) = ((yy * xv - xy * yv) / determinant, (xx * yv - xy * xv) / determinant);
         for (i, v) in levelled.iter_mut().enumerate() {
-            let [x, y] = place(i);
+            let [x, y] = position(i);
             *v -= right * (x - cx) + down * (y - cy);
         }
     }
     levelled
 }
 
-/// How many values of a field, row-major, tell as much as one independent value would: the product of `1 + 2 Σ ρ(k)` along
-/// the rows and along the columns, ρ the autocorrelation of the residuals and the sum taken until it is no longer positive
-/// (the initial positive sequence of Geyer 1992). Residuals count 3 deviations at most. NaN is left out.
+/// Returns the number of values of a row-major field that carry the information of one independent value.
+///
+/// It is the product of `1 + 2 Σ ρ(k)` along rows and columns, with the autocorrelation ρ of the residuals. The sum
+/// ends at the first ρ that is not positive (initial positive sequence, Geyer 1992). Residuals are clamped to 3
+/// standard deviations, and NaN values are ignored.
 pub(crate) fn correlation_area(residuals: &[f64], width: usize) -> f64 {
     let limit = 3.0 * deviation(residuals);
     let clipped: Vec<f64> = residuals.iter().map(|r| r.clamp(-limit, limit)).collect();
@@ -89,14 +91,14 @@ pub(crate) fn correlation_area(residuals: &[f64], width: usize) -> f64 {
     across * down
 }
 
-/// `1 + 2 Σ ρ(k)` of what `mean` says is the mean product of values k apart.
+/// Returns `1 + 2 Σ ρ(k)`, where `mean(k)` is the mean product of values at distance k.
 fn correlation_length(size: usize, mean: impl Fn(usize) -> Option<f64>) -> f64 {
     let Some(variance) = mean(0).filter(|&v| v > 0.0) else { return 1.0 };
     let correlations = (1..size).map_while(|k| mean(k).map(|product| product / variance).filter(|&rho| rho > 0.0));
     1.0 + 2.0 * correlations.sum::<f64>()
 }
 
-/// The mean of the products of values that lie `offset` apart and both are numbers.
+/// Returns the mean product of pairs of finite values at the distance `offset`.
 fn products(values: &[f64], offset: usize, same_line: impl Fn(usize) -> bool) -> Option<f64> {
     let pairs = values.iter().zip(values.get(offset..)?).enumerate();
     let (sum, count) = pairs
@@ -110,7 +112,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::base::random::Random;
 
-    /// Noise of deviation 1, smoothed by a Gaussian of `sigma` px.
+    /// Returns noise of standard deviation 1, smoothed by a Gaussian of `sigma` px.
     pub(crate) fn smooth_noise([width, height]: [usize; 2], sigma: f64, seed: u64) -> Vec<f64> {
         let mut random = Random::new(seed, 77);
         let radius = (3.0 * sigma).ceil() as usize;
@@ -129,7 +131,7 @@ pub(crate) mod tests {
             .collect()
     }
 
-    /// With the slope `tilt` to the right, 0 in the middle of 48 columns.
+    /// Adds a tilt to the right, 0 in the middle of 48 columns.
     fn tilted(mut values: Vec<f64>, tilt: f64) -> Vec<f64> {
         values.iter_mut().enumerate().for_each(|(i, v)| *v += tilt * ((i % 48) as f64 - 23.5));
         values
@@ -148,7 +150,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_is_not_a_number_is_left_out() {
+    fn nan_values_are_ignored() {
         let estimate = level(&[2.0, f64::NAN, 2.0, 2.0], 2).unwrap();
         assert_eq!((estimate.value, estimate.standard_error), (2.0, 0.0));
         assert_eq!(level(&[f64::NAN; 4], 2), None);

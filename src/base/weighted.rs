@@ -1,29 +1,29 @@
-//! Weighted sums of rows of numbers: what a filter along an axis is.
+//! Weighted sums of rows of numbers, for filters along an axis.
 
 use std::ops::{AddAssign, Mul};
 
-/// Sums that stay in a processor's registers while all terms are added: a row at a time, each term goes to memory and back, and filters take
-/// 1.4 to 2 times as long; by 8 or 32 at once they do too.
-const AT_ONCE: usize = 16;
+/// The number of sums that stay in registers while all terms are added. Filters take 1.4 to 2 times as long with whole
+/// rows, whose sums go to memory for each term, and with 8 or 32 sums.
+const BLOCK: usize = 16;
 
-/// Sets each sum to `Σ weights[n] rows[n][i]`, added in the order of n. Rows may be longer.
+/// Sets `sums[i]` to `Σ weights[n] rows[n][i]`, added in the order of n. Rows may be longer than `sums`.
 pub(crate) fn sum<T>(sums: &mut [T], weights: &[T], rows: &[&[T]])
 where
     T: Copy + Default + AddAssign + Mul<Output = T>,
 {
-    let (blocks, rest) = sums.as_chunks_mut::<AT_ONCE>();
-    let (mut first, beyond) = (0, blocks.len() * AT_ONCE);
+    let (blocks, rest) = sums.as_chunks_mut::<BLOCK>();
+    let (mut first, remainder) = (0, blocks.len() * BLOCK);
     for block in blocks {
-        *block = at(first, weights, rows);
-        first += AT_ONCE;
+        *block = block_sums(first, weights, rows);
+        first += BLOCK;
     }
     for (i, sum) in rest.iter_mut().enumerate() {
-        [*sum] = at(beyond + i, weights, rows);
+        [*sum] = block_sums(remainder + i, weights, rows);
     }
 }
 
-/// So many sums from the i-th on.
-fn at<T, const COUNT: usize>(i: usize, weights: &[T], rows: &[&[T]]) -> [T; COUNT]
+/// Returns the sums from index `i` on.
+fn block_sums<T, const COUNT: usize>(i: usize, weights: &[T], rows: &[&[T]]) -> [T; COUNT]
 where
     T: Copy + Default + AddAssign + Mul<Output = T>,
 {
@@ -40,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sums_of_any_number_are_those_of_each() {
+    fn blocks_and_remainders_have_the_sums_of_each_column() {
         let rows: Vec<Vec<f32>> =
             (0..5).map(|n| (0..50).map(|i| ((7 * n + 3 * i) % 11) as f32 - 4.3).collect()).collect();
         let rows: Vec<&[f32]> = rows.iter().map(Vec::as_slice).collect();

@@ -1,24 +1,24 @@
-//! Work for all processors, by as many threads as the system gives.
+//! Parallel loops over all processors.
 
 use std::num::NonZero;
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-/// Does something with each item. Threads that the system refuses are done without: the calling one takes its share, and where
-/// it is alone, all.
-pub(crate) fn each<T: Send>(items: impl Iterator<Item = T> + Send, of: impl Fn(T) + Sync) {
-    let most = items.size_hint().1.unwrap_or(usize::MAX).saturating_sub(1);
+/// Calls `function` with each item, in parallel. The calling thread takes part, and does all the work if the system
+/// refuses other threads.
+pub(crate) fn for_each<T: Send>(items: impl Iterator<Item = T> + Send, function: impl Fn(T) + Sync) {
+    let max_threads = items.size_hint().1.unwrap_or(usize::MAX).saturating_sub(1);
     let items = Mutex::new(items);
     let next = || items.lock().unwrap_or_else(PoisonError::into_inner).next();
     let work = || {
         while let Some(item) = next() {
-            of(item);
+            function(item);
         }
     };
-    let others = (thread::available_parallelism().map_or(1, NonZero::get) - 1).min(most);
+    let others = (thread::available_parallelism().map_or(1, NonZero::get) - 1).min(max_threads);
     thread::scope(|scope| {
         for _ in 0..others {
-            if is_refused() || thread::Builder::new().spawn_scoped(scope, work).is_err() {
+            if are_threads_refused() || thread::Builder::new().spawn_scoped(scope, work).is_err() {
                 break;
             }
         }
@@ -26,36 +26,36 @@ pub(crate) fn each<T: Send>(items: impl Iterator<Item = T> + Send, of: impl Fn(T
     });
 }
 
-/// What comes of each of so many.
-pub(crate) fn collect<T: Send>(count: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
+/// Returns `function(n)` for n from 0 to `count - 1`, computed in parallel.
+pub(crate) fn map<T: Send>(count: usize, function: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let mut results: Vec<Option<T>> = (0..count).map(|_| None).collect();
-    each(results.iter_mut().enumerate(), |(n, result)| *result = Some(of(n)));
+    for_each(results.iter_mut().enumerate(), |(n, result)| *result = Some(function(n)));
     results.into_iter().flatten().collect()
 }
 
-/// Whether a test has the system refuse threads, as it does to a user who has too many.
-fn is_refused() -> bool {
+/// Whether a test simulates a system that refuses threads, as it does beyond a user's limit.
+fn are_threads_refused() -> bool {
     #[cfg(test)]
-    return refused::IS.get();
+    return no_threads::IS_SET.get();
     #[cfg(not(test))]
     false
 }
 
-/// A system without threads.
+/// Simulates a system that refuses new threads.
 #[cfg(test)]
-pub(crate) mod refused {
+pub(crate) mod no_threads {
     use std::cell::Cell;
 
     thread_local! {
-        pub(super) static IS: Cell<bool> = const { Cell::new(false) };
+        pub(super) static IS_SET: Cell<bool> = const { Cell::new(false) };
     }
 
-    /// What is done where this thread may start no other.
-    pub(crate) fn during<T>(of: impl FnOnce() -> T) -> T {
-        IS.set(true);
-        let done = of();
-        IS.set(false);
-        done
+    /// Runs `function` while this thread can start no other.
+    pub(crate) fn run<T>(function: impl FnOnce() -> T) -> T {
+        IS_SET.set(true);
+        let result = function();
+        IS_SET.set(false);
+        result
     }
 }
 
@@ -64,28 +64,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_is_done_with_threads_and_without() {
+    fn every_item_is_visited_with_and_without_threads() {
         let squares = || {
             let mut values = vec![0; 1000];
-            each(values.iter_mut().enumerate(), |(n, value)| *value = n * n);
+            for_each(values.iter_mut().enumerate(), |(n, value)| *value = n * n);
             values
         };
         let expected: Vec<usize> = (0..1000).map(|n| n * n).collect();
         assert_eq!(squares(), expected);
-        assert_eq!(refused::during(squares), expected);
-        assert_eq!(collect(1000, |n| n * n), expected);
-        refused::during(|| each(std::iter::empty::<()>(), |()| unreachable!()));
+        assert_eq!(no_threads::run(squares), expected);
+        assert_eq!(map(1000, |n| n * n), expected);
+        no_threads::run(|| for_each(std::iter::empty::<()>(), |()| unreachable!()));
     }
 
     #[test]
-    fn without_threads_the_calling_one_does_it() {
+    fn without_threads_the_calling_thread_does_all() {
         let here = thread::current().id();
-        refused::during(|| each(0..9, |_| assert_eq!(thread::current().id(), here)));
+        no_threads::run(|| for_each(0..9, |_| assert_eq!(thread::current().id(), here)));
     }
 
     #[test]
-    fn a_panic_in_one_is_one_of_the_caller() {
-        let caught = std::panic::catch_unwind(|| each(0..100, |n| assert_ne!(n, 50)));
+    fn a_panic_of_a_worker_reaches_the_caller() {
+        let caught = std::panic::catch_unwind(|| for_each(0..100, |n| assert_ne!(n, 50)));
         assert!(caught.is_err());
     }
 }

@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 use nalgebra::{DMatrix, Matrix6, Vector6};
 
 use crate::base::Kernel;
-use crate::base::aperture::Complex;
+use crate::base::kernel::Complex;
 
 /// A filter over `2 r + 1` neighbours in one direction. The weight of neighbour `n - r` is at index `n`.
 pub type Filter = Vec<f64>;

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::arguments;
-use super::motion::{Form, OtherMotion};
+use super::motion::{OtherMotion, QuadraticForm};
 use super::plan::Plan;
 use super::profile::{Phases, Profile, Ran, Reading, SUBMIT_WAIT};
 use super::record::{record, record_with};
@@ -352,7 +352,7 @@ impl FrameInFlight {
         let pixels = width as usize * height as usize;
         let counts = Counts::new(&maps[..pixels], &maps[pixels..2 * pixels], settings.max_relative_blur);
         findings.set_counts(&counts);
-        findings.judge(&state, settings, self.mask.as_ref().map_or(1.0, Mask::share));
+        findings.judge(&state, settings, self.mask.as_ref().map_or(1.0, Mask::coverage));
         if !self.shared.plan.solves_transform() {
             findings.doubt(&self.registered()?);
         } else if findings.converged {
@@ -394,8 +394,8 @@ impl FrameInFlight {
         let floats = (columns * rows) as usize * layout.length;
         let partials: Vec<f32> = self.workspace.buffer(Slot::EndPartials).read(0, floats)?;
         let blocks = partials.chunks_exact(layout.length).map(|row| Sums::from_partials(row, layout)).collect();
-        let form = Form::new(blocks, finest.length, finest.centre);
-        Ok(form.other(self.shared.plan.settings.motion, &state.registration().transform))
+        let form = QuadraticForm::new(blocks, finest.length, finest.centre);
+        Ok(form.other_motion(self.shared.plan.settings.motion, &state.registration().transform))
     }
 
     /// Device time by its clock; without one, from the submission to the end of the wait.

@@ -173,7 +173,7 @@ pub(super) fn halved(frame: &Frame, decode: Decode) -> Result<Frame, Error> {
         Ok(small.data[skipped..][..rows.len() * small.width].iter().map(|&v| v as f32).collect::<Vec<f32>>())
     };
     let strips: Result<Vec<Vec<f32>>, Error> =
-        workers::collect(half[1].div_ceil(ROWS) as usize, strip).into_iter().collect();
+        workers::map(half[1].div_ceil(ROWS) as usize, strip).into_iter().collect();
     Frame::gray(half[0], half[1], strips?.concat()).map_err(Error::Mismatch)
 }
 
@@ -298,7 +298,7 @@ fn solve_at_half_size(
         }
         halves = Some(small);
     };
-    let mask = options.mask.map(|mask| mask.every(1 << sizes.len()));
+    let mask = options.mask.map(|mask| mask.subsampled(1 << sizes.len()));
     let options = PairOptions { mask: mask.as_ref(), progress: &|_| (), ..options };
     let mut solver = PreparedSolver::for_frames(engine, [&i1, &i2], &settings)?;
     let mut solution = solver.solve([&i1, &i2], options)?.wait()?.to_owned();

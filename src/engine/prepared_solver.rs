@@ -77,7 +77,7 @@ impl PreparedSolver {
     /// Those of [`PreparedSolver::new`], and [`Error::Mismatch`] where the sizes differ.
     pub(crate) fn for_frames(engine: &Engine, frames: [&Frame; 2], settings: &Settings) -> Result<Self, Error> {
         same_size(frames)?;
-        let clips = frames.iter().any(|frame| frame.clips(settings.clipped(frame.format().depth)));
+        let clips = frames.iter().any(|frame| frame.has_clipped_pixels(settings.clipped(frame.format().depth)));
         let (size, formats) = ([frames[0].width(), frames[0].height()], frames.map(Frame::format));
         Self::new(engine, size, formats, settings, 1, Some(clips), engine.reading())
     }
@@ -167,7 +167,7 @@ impl PreparedSolver {
                 }
                 Transfer::Frame(photograph) => {
                     let levels = plan.settings.clipped(photograph.format().depth);
-                    frame.fill(image, &mut |bytes| is_masked |= photograph.bring(bytes, levels))?;
+                    frame.fill(image, &mut |bytes| is_masked |= photograph.copy_samples(bytes, levels))?;
                 }
                 Transfer::Rows(rows) => {
                     let mut are_numbers = true;

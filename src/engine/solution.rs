@@ -147,7 +147,7 @@ impl<'a> SolutionRef<'a> {
         let channels: Vec<&[f32]> = (0..).map_while(|channel| self.fused(channel)).collect();
         let mut fused = vec![0.0; channels.len() * self.relative_blur().len()];
         let (chunk, count) = (1 << 14, channels.len());
-        workers::each(fused.chunks_mut((chunk * count).max(1)).enumerate(), |(n, pixels)| {
+        workers::for_each(fused.chunks_mut((chunk * count).max(1)).enumerate(), |(n, pixels)| {
             for (i, pixel) in pixels.chunks_exact_mut(count).enumerate() {
                 pixel.iter_mut().zip(&channels).for_each(|(value, channel)| *value = channel[n * chunk + i]);
             }
@@ -246,9 +246,9 @@ impl Solution {
         region.check((self.width, self.height))?;
         let (row, channels) = (self.width as usize, self.fused_channels.count() as usize);
         for field in [&mut self.relative_blur, &mut self.uncertainty, &mut self.confidence, &mut self.residual] {
-            *field = region.of(field, row, 1);
+            *field = region.crop(field, row, 1);
         }
-        self.fused = region.of(&self.fused, row, channels);
+        self.fused = region.crop(&self.fused, row, channels);
         self.origin = [self.origin[0] + region.x, self.origin[1] + region.y];
         (self.width, self.height) = (region.width, region.height);
         Ok(())
@@ -257,7 +257,7 @@ impl Solution {
     /// The largest rectangle of the fields in which V is valid everywhere; `None` if no pixel is.
     pub fn largest_valid(&self) -> Option<Region> {
         let valid: Vec<bool> = self.relative_blur.iter().map(|v| v.is_finite()).collect();
-        Region::largest(&valid, self.width as usize)
+        Region::largest_valid(&valid, self.width as usize)
     }
 
     /// Counts valid, saturated and confident pixels again. |V| is limited to `max_relative_blur` px².
@@ -337,7 +337,7 @@ impl Findings {
 impl Registered {
     /// The map from the brightness of I2 to that of I1.
     pub fn brightness(&self) -> Brightness {
-        let unchanged = Brightness::unchanged([self.width, self.height]);
+        let unchanged = Brightness::identity([self.width, self.height]);
         Brightness { photometric: self.photometric, shading: self.shading, ..unchanged }
     }
 
@@ -384,7 +384,7 @@ impl Counts {
             saturated: sum.saturated + part.saturated,
             confidence: sum.confidence + part.confidence,
         };
-        let chunks = workers::collect(relative_blur.len().div_ceil(CHUNK), chunk);
+        let chunks = workers::map(relative_blur.len().div_ceil(CHUNK), chunk);
         chunks.into_iter().fold(Self::default(), add)
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::plan::Plan;
 use super::vulkan::{Device, DeviceSource, SharedMemory, SourceCopy, SourceLocation};
-use crate::base::{Depth, Error, Frame, workers};
+use crate::base::{Depth, Error, Frame, RowLayout, workers};
 
 /// Where a photograph of a pair is taken from, in the solver's [format](crate::PixelFormat).
 ///
@@ -95,27 +95,13 @@ fn fetch(
     location: SourceLocation,
     owner: Option<Arc<dyn Any + Send + Sync>>,
 ) -> Result<SourceCopy, Error> {
-    let row_bytes = row_bytes(plan, image, location.pitch() as usize)? as u64;
+    let row_bytes = rows(plan, image, location.pitch() as usize)?.row_bytes as u64;
     Ok(SourceCopy { location, size: plan.size, row_bytes, bytes: plan.packed_bytes(image), owner })
 }
 
-/// Bytes of a row, checked against the pitch; 0 for rows without gaps that may end within a byte.
-fn row_bytes(plan: &Plan, image: usize, pitch: usize) -> Result<usize, Error> {
-    let (packed, width) = (plan.packed[image], plan.size[0]);
-    let Some(bytes) = packed.row_bytes(width).map(|bytes| bytes as usize) else {
-        if pitch == 0 {
-            return Ok(0);
-        }
-        return Err(Error::Mismatch(format!(
-            "a row of {width} px of {packed} ends within a byte: give rows without gaps, a pitch of 0, or an even width"
-        )));
-    };
-    if pitch != 0 && pitch < bytes {
-        return Err(Error::Mismatch(format!(
-            "rows of {width} px of {packed} take {bytes} bytes, and the pitch is {pitch}: give bytes, 0 where there is no gap"
-        )));
-    }
-    Ok(bytes)
+/// The rows of a photograph whose rows start `pitch` bytes apart.
+fn rows(plan: &Plan, image: usize, pitch: usize) -> Result<RowLayout, Error> {
+    plan.packed[image].rows(plan.size, pitch).map_err(Error::Mismatch)
 }
 
 /// Rows of a photograph in memory of the host.
@@ -136,23 +122,16 @@ enum Bytes<'a> {
 
 impl<'a> Rows<'a> {
     fn new(plan: &Plan, image: usize, bytes: Bytes<'a>, pitch: usize) -> Result<Self, Error> {
-        let row_bytes = row_bytes(plan, image, pitch)?;
-        let ([width, height], packed) = (plan.size, plan.packed[image]);
-        let is_whole = pitch == 0 || pitch == row_bytes;
-        let length = match is_whole {
-            true => plan.packed_bytes(image) as usize,
-            false => pitch.saturating_mul(height as usize - 1).saturating_add(row_bytes),
-        };
+        let RowLayout { row_bytes, pitch, bytes: length } = rows(plan, image, pitch)?;
         let available = match bytes {
             Bytes::Slice(bytes) => bytes.len(),
             Bytes::Shared(memory, offset) => memory.bytes().saturating_sub(offset),
         };
         if available < length {
-            return Err(Error::Mismatch(format!(
-                "{width}x{height} of {packed} take {length} bytes, and there are {available}"
-            )));
+            let ([width, height], packed) = (plan.size, plan.packed[image]);
+            let problem = format!("{width}x{height} of {packed} take {length} bytes, and there are {available}");
+            return Err(Error::Mismatch(problem));
         }
-        let (pitch, row_bytes) = if is_whole { (length, length) } else { (pitch, row_bytes) };
         Ok(Self { bytes, length, pitch, row_bytes, are_floats: plan.formats[image].depth == Depth::F32 })
     }
 
@@ -170,14 +149,14 @@ impl<'a> Rows<'a> {
         // Some 256 KiB a thread at a time: its start costs next to nothing beside that.
         let rows = ((1 << 18) / self.row_bytes).max(1);
         let chunks = bytes.chunks(self.pitch * rows).zip(to.chunks_mut(self.row_bytes * rows));
-        workers::each(chunks, |(from, to)| {
+        workers::for_each(chunks, |(from, to)| {
             for (from, to) in from.chunks(self.pitch).zip(to.chunks_mut(self.row_bytes)) {
                 to[..self.row_bytes].copy_from_slice(&from[..self.row_bytes]);
             }
         });
         !self.are_floats || {
             let floats = bytes.chunks(self.pitch).flat_map(|row| row[..self.row_bytes].chunks_exact(4));
-            floats.map(bytemuck::pod_read_unaligned::<f32>).all(Frame::may_hold)
+            floats.map(bytemuck::pod_read_unaligned::<f32>).all(Frame::is_valid_sample)
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The paper's laboratory: synthetic scenes with their truth, the experiments, registration by key-points, benchmarks.
+//! Synthetic scenes with ground truth, experiments, CPU methods to compare with, and benchmarks.
 
 pub mod baseline;
 pub mod bench;

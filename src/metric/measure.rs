@@ -1,16 +1,16 @@
-//! Step heights and profiles of a field.
+//! Measurements of a field: levels of regions, step heights, and profiles along lines.
 
 use crate::base::Region;
 use crate::base::statistics::level;
 use crate::base::{Error, Estimate};
 
-/// The least valid pixels of which a median is taken.
-const LEAST_PIXELS: usize = 16;
+/// The smallest number of valid pixels for a level.
+const MIN_PIXELS: usize = 16;
 
-/// Values at the pixels of an image, row-major; NaN where there is none.
+/// Row-major values of an image. NaN marks pixels without a value.
 #[derive(Clone, Copy, Debug)]
 pub struct Values<'a> {
-    /// Pixels a row.
+    /// Width, px.
     pub width: u32,
     /// The values.
     pub values: &'a [f32],
@@ -21,25 +21,25 @@ impl Values<'_> {
         (self.values.len() / self.width.max(1) as usize) as u32
     }
 
-    /// The level of a region: the median of its valid pixels when the tilt of a plane through them, about their centre, has
-    /// been taken out. Its standard error allows for neighbours being alike: the valid pixels count for as many as there are
-    /// areas of correlation among them, by the autocorrelation of what is left. Relief other than tilt counts as noise. An
-    /// error common to the region, of the lens or of the model of the blur, is not in it.
+    /// Returns the level of a region: the median of its valid pixels after the subtraction of the tilt about their
+    /// centre.
     ///
-    /// `None` where less than 16 pixels are valid.
+    /// The standard error accounts for the correlation of adjacent pixels, estimated from the autocorrelation of the
+    /// residuals. Relief other than tilt counts as noise. Errors common to the region, of the lens or the blur model,
+    /// are not included. `None` if fewer than 16 pixels are valid.
     ///
     /// # Errors
-    /// [`Error::Region`]: the region is not within the image.
+    /// [`Error::Region`] if the region is not within the image.
     pub fn level(&self, region: Region) -> Result<Option<Estimate>, Error> {
         let values = self.region(region)?;
         let valid = values.iter().filter(|v| v.is_finite()).count();
-        Ok(level(&values, region.width as usize).filter(|_| valid >= LEAST_PIXELS))
+        Ok(level(&values, region.width as usize).filter(|_| valid >= MIN_PIXELS))
     }
 
-    /// How far `to` lies above `from`, the difference of their levels; standard errors add as squares.
+    /// Returns the level of `to` minus that of `from`. `None` if either has no level. Their errors are independent.
     ///
     /// # Errors
-    /// As [`level`](Self::level).
+    /// As for [`level`](Self::level).
     pub fn step(&self, from: Region, to: Region) -> Result<Option<Estimate>, Error> {
         let levels = self.level(from)?.zip(self.level(to)?);
         Ok(levels.map(|(a, b)| Estimate {
@@ -48,20 +48,21 @@ impl Values<'_> {
         }))
     }
 
-    /// The values along a line, at places about 1 px apart from end to end; each is the mean of the valid ones of about
-    /// `width` places across, 1 px apart, and NaN where none is valid. Between pixels values are interpolated (bilinear).
+    /// Returns the values along a line, at [`Line::points`].
+    ///
+    /// Each is the mean of the valid bilinear samples across the width of the line, 1 px apart. NaN if none is valid.
     ///
     /// # Errors
-    /// [`Error::Region`]: the line has no length, or an end of it lies outside the image.
+    /// [`Error::Region`] if the line is shorter than 1 px, its width is invalid, or an end lies outside the image.
     pub fn profile(&self, line: &Line) -> Result<Vec<f64>, Error> {
         line.check((self.width, self.height()))?;
         let [across_x, across_y] = line.across();
         let half = (line.width.max(1.0).round() - 1.0) / 2.0;
-        let places = (2.0 * half) as usize;
+        let samples = (2.0 * half) as usize;
         Ok(line
-            .places()
+            .points()
             .map(|[x, y]| {
-                let offsets = (0..=places).map(|i| i as f64 - half);
+                let offsets = (0..=samples).map(|i| i as f64 - half);
                 let values = offsets.map(|d| self.at([x + d * across_x, y + d * across_y])).filter(|v| v.is_finite());
                 let (sum, count) = values.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
                 sum / count
@@ -69,19 +70,13 @@ impl Values<'_> {
             .collect())
     }
 
-    /// The pixels of a region, row-major.
+    /// Returns the values of a region, row-major.
     pub(crate) fn region(&self, region: Region) -> Result<Vec<f64>, Error> {
         region.check((self.width, self.height()))?;
-        let Region { x, y, width, height } = region;
-        let row = |y: u32| (y as usize * self.width as usize + x as usize, width as usize);
-        Ok((y..y + height)
-            .map(row)
-            .flat_map(|(start, n)| &self.values[start..start + n])
-            .map(|&v| f64::from(v))
-            .collect())
+        Ok(region.crop(self.values, self.width as usize, 1).into_iter().map(f64::from).collect())
     }
 
-    /// Bilinear; NaN outside, and beside a pixel that is.
+    /// Returns the bilinear sample at a point, px. NaN outside of the image, and next to a NaN pixel.
     pub(crate) fn at(&self, [x, y]: [f64; 2]) -> f64 {
         let (i, j) = (x.floor(), y.floor());
         let (a, b) = (x - i, y - j);
@@ -101,63 +96,43 @@ impl Values<'_> {
     }
 }
 
-/// A line across an image, px; the centre of the first pixel is (0, 0).
+/// A line segment in an image, px. The centre of the first pixel is (0, 0).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Line {
-    /// Where it begins, px.
+    /// The start, px.
     pub from: [f64; 2],
-    /// Where it ends, px.
+    /// The end, px.
     pub to: [f64; 2],
-    /// How wide the band is over which a profile is averaged, px, 1 to 4096.
+    /// The width over which a profile is averaged, px, 1 to 4096.
     pub width: f64,
 }
 
-impl Region {
-    /// Whether it holds pixels, all of them within an image of this width and height.
-    pub(crate) fn check(&self, (image_width, image_height): (u32, u32)) -> Result<(), Error> {
-        let Region { x, y, width, height } = *self;
-        let within =
-            |from: u32, length: u32, size: u32| length > 0 && from.checked_add(length).is_some_and(|to| to <= size);
-        if within(x, width, image_width) && within(y, height, image_height) {
-            return Ok(());
-        }
-        let problem = format!("is not within the image, {image_width}x{image_height}; give X,Y,WIDTH,HEIGHT in pixels");
-        Err(Error::Region(format!("the region {x},{y},{width},{height} {problem}")))
-    }
-}
-
-impl From<Region> for [u32; 4] {
-    fn from(region: Region) -> Self {
-        [region.x, region.y, region.width, region.height]
-    }
-}
-
 impl Line {
-    /// Whether it can be measured in an image of this width and height.
+    /// Checks that the line can be measured in an image of this width and height.
     pub(crate) fn check(&self, (width, height): (u32, u32)) -> Result<(), Error> {
         let (right, bottom) = (f64::from(width) - 1.0, f64::from(height) - 1.0);
-        let inside = |[x, y]: [f64; 2]| (0.0..=right).contains(&x) && (0.0..=bottom).contains(&y);
+        let is_inside = |[x, y]: [f64; 2]| (0.0..=right).contains(&x) && (0.0..=bottom).contains(&y);
         let [[x1, y1], [x2, y2]] = [self.from, self.to];
-        let named = format!("the line {x1},{y1},{x2},{y2}");
-        if !inside(self.from) || !inside(self.to) {
+        let line = format!("the line {x1},{y1},{x2},{y2}");
+        if !is_inside(self.from) || !is_inside(self.to) {
             return Err(Error::Region(format!(
-                "{named} leaves the image: x runs from 0 to {right}, y from 0 to {bottom}"
+                "{line} leaves the image: x runs from 0 to {right}, y from 0 to {bottom}"
             )));
         }
         if self.length() < 1.0 || !(1.0..=4096.0).contains(&self.width) {
-            return Err(Error::Region(format!("{named} must be at least 1 px long and 1 to 4096 px wide")));
+            return Err(Error::Region(format!("{line} must be at least 1 px long and 1 to 4096 px wide")));
         }
         Ok(())
     }
 
-    /// Px.
+    /// Returns the length, px.
     pub fn length(&self) -> f64 {
         (self.to[0] - self.from[0]).hypot(self.to[1] - self.from[1])
     }
 
-    /// Where a profile is taken: evenly from end to end, at most 1 px apart.
-    pub fn places(&self) -> impl Iterator<Item = [f64; 2]> + use<> {
+    /// Returns the points of a profile, evenly spaced from end to end, at most 1 px apart.
+    pub fn points(&self) -> impl Iterator<Item = [f64; 2]> + use<> {
         let ([x1, y1], [x2, y2], last) = (self.from, self.to, self.length().ceil().max(1.0));
         (0..=last as usize).map(move |i| {
             let share = i as f64 / last;
@@ -165,7 +140,7 @@ impl Line {
         })
     }
 
-    /// The unit vector to the right of its direction, y down.
+    /// Returns the unit vector to the right of the line's direction, with y down.
     fn across(&self) -> [f64; 2] {
         let length = self.length();
         [(self.from[1] - self.to[1]) / length, (self.to[0] - self.from[0]) / length]
@@ -181,13 +156,13 @@ mod tests {
         Region { x, y, width, height }
     }
 
-    /// A ramp of 0.5 a column and -0.25 a row.
+    /// A ramp of 0.5 per column and -0.25 per row.
     fn ramp() -> Vec<f32> {
         (0..40 * 30).map(|i| 0.5 * (i % 40) as f32 - 0.25 * (i / 40) as f32).collect()
     }
 
     #[test]
-    fn a_step_is_found_within_its_error_in_spite_of_wild_and_missing_pixels() {
+    fn a_step_is_within_its_error_despite_outliers_and_missing_pixels() {
         let noise = smooth_noise([100, 40], 2.0, 5);
         let mut values: Vec<f32> =
             (0..4000).map(|i| (0.1 * noise[i] + if i % 100 < 50 { 1.0 } else { 3.5 }) as f32).collect();
@@ -198,7 +173,7 @@ mod tests {
         let step = field.step(region(2, 2, 40, 36), region(55, 2, 40, 36)).unwrap().unwrap();
         println!("{step:?}");
         assert!((step.value - 2.5).abs() < 3.0 * step.standard_error, "{step:?}");
-        // 1440 px of noise that is alike over some 50 px².
+        // 1440 px of noise with a correlation area of about 50 px².
         assert!((0.01..0.06).contains(&step.standard_error), "{step:?}");
     }
 
@@ -217,7 +192,7 @@ mod tests {
             let line = Line { from: [5.5, 20.0], to: [30.0, 10.25], width };
             let profile = field.profile(&line).unwrap();
             assert_eq!(profile.len(), 28);
-            for ([x, y], v) in line.places().zip(profile) {
+            for ([x, y], v) in line.points().zip(profile) {
                 assert!((v - (0.5 * x - 0.25 * y)).abs() < 1e-5, "{v} at {x}, {y}");
             }
         }
@@ -226,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hole_is_a_gap_unless_there_are_values_beside_it() {
+    fn a_missing_pixel_is_a_gap_unless_others_across_the_line_are_valid() {
         let mut values = ramp();
         values[10 * 40 + 20] = f32::NAN;
         let field = Values { width: 40, values: &values };
@@ -236,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_measured_says_why() {
+    fn invalid_regions_and_lines_are_refused_with_a_reason() {
         let mut values = ramp();
         values[..400].fill(f32::NAN);
         let field = Values { width: 40, values: &values };

@@ -1,52 +1,56 @@
-//! Metric depth: relative blur through a lens, pixel by pixel; the lens from a known target; steps and profiles; a part against a golden one.
+//! Metric depth from relative blur, calibration of the lens, measurements, and inspection of parts.
 
 mod calibrate;
+mod heights;
 pub mod inspect;
 pub mod measure;
 
 pub use calibrate::{CalibratedParameter, Calibration, LensParameter, Target, calibrate};
 
 use crate::base::Lens;
-pub use crate::base::{Aperture, Estimate, Inverse};
+pub use crate::base::{Aperture, BlurToDepth, Estimate};
 
-/// How a warning of what speaks against a lens begins.
+/// The start of warnings about a lens.
 pub(crate) const DOUBT: &str = "the lens: ";
 
-/// The share of the valid pixels that may be out of range: where the scene ends, and where it has no texture.
-const MOST_OUT_OF_RANGE: f64 = 0.05;
+/// The largest fraction of valid pixels out of range without a warning. Borders and areas without texture may be out of
+/// range.
+const MAX_OUT_OF_RANGE: f64 = 0.05;
 
-/// A pixel pitch, mm, that is none of a camera's: the largest of them, of astronomy and X rays, are half of it.
-const LEAST_ODD_PITCH: f64 = 0.1;
+/// The least implausible pixel pitch, mm. The largest pixels, for astronomy and X-rays, have half of it.
+const IMPLAUSIBLE_PITCH: f64 = 0.1;
 
-/// Depth in mm at each pixel of I1.
+/// The depth at each pixel of I1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MetricDepth {
-    /// Pixels a row, of both fields.
+    /// Width of both fields, px.
     pub width: u32,
-    /// Rows.
+    /// Height of both fields, px.
     pub height: u32,
-    /// Depth from the lens, mm, row-major; NaN where V is NaN or outside the range of the lens model.
+    /// Row-major depths from the lens, mm. NaN where V is NaN or outside the range of the lens model.
     pub depth: Vec<f32>,
-    /// Standard deviation of the depth, mm, from that of V; NaN where the depth is, infinite where infinity lies within one
-    /// deviation. What the lens' own numbers are off by is not in it.
+    /// Standard deviations of the depths, mm, from those of V. NaN where the depth is NaN, and infinite where infinity
+    /// lies within one standard deviation. Errors of the lens parameters are not included.
     pub deviation: Vec<f32>,
-    /// Pixels where V is a number, but no depth in the range of the model has it, or V is at its limit.
+    /// The number of pixels with a finite V that has no depth in the range of the model, or is at its limit.
     pub out_of_range: usize,
     /// The lens.
     pub lens: Lens,
 }
 
 impl MetricDepth {
-    /// Inverts `blur`, V in px² with NaN where not valid, and carries its standard deviation `uncertainty`, px², over:
-    /// [`Inverse`](crate::metric::Inverse) has the equations. `scale` is s of the registration; both fields are row-major and of
-    /// `width` values a row. Where |V| is at the `limit` of the solve, px², V is only a bound, and there is no depth.
+    /// Converts V to depth ([`BlurToDepth`](crate::base::BlurToDepth)).
+    ///
+    /// `blur` is V, px², with NaN where not valid, and `uncertainty` its standard deviation, px². Both are row-major
+    /// with `width` values per row. `scale` is s of the registration. Pixels with |V| at the `limit` of the solve, px²,
+    /// have no depth.
     pub fn new(lens: &Lens, scale: f64, limit: f64, width: u32, blur: &[f32], uncertainty: &[f32]) -> Self {
         let inverse = lens.inverse(scale);
-        // The limit is reached by clamping, so a thousandth below it is room for rounding alone.
+        // V is clamped to the limit; 0.1 % allow for rounding.
         let is_measured = |v: f64| v.abs() < 0.999 * limit;
         let invert = |(&v, &sigma): (&f32, &f32)| {
             let (v, sigma) = (f64::from(v), f64::from(sigma));
-            let pair = inverse.depth(v).zip(inverse.deviation(v, sigma)).filter(|_| is_measured(v));
+            let pair = inverse.depth(v).zip(inverse.sigma(v, sigma)).filter(|_| is_measured(v));
             pair.map_or((f32::NAN, f32::NAN), |(z, deviation)| (z as f32, deviation as f32))
         };
         let (depth, deviation): (Vec<f32>, Vec<f32>) = blur.iter().zip(uncertainty).map(invert).unzip();
@@ -55,19 +59,19 @@ impl MetricDepth {
         Self { width, height, depth, deviation, out_of_range, lens: *lens }
     }
 
-    /// What speaks against the lens, if anything does: a pixel pitch that no sensor has, or more than a twentieth of `blur`, V in px²
-    /// of which this is the depth, out of its range. `scale` and `limit` are those of [`new`](Self::new).
+    /// Returns a warning if the lens is doubtful: its pixel pitch is implausible, or more than 5 % of the valid pixels
+    /// are out of its range. The arguments are those of [`new`](Self::new).
     pub fn doubt(&self, scale: f64, limit: f64, blur: &[f32]) -> Option<String> {
         let valid = blur.iter().filter(|v| !v.is_nan()).count();
         let out = self.out_of_range as f64 / valid.max(1) as f64;
         let pitch = self.lens.pixel_pitch;
-        let hint = match pitch >= LEAST_ODD_PITCH {
+        let hint = match pitch >= IMPLAUSIBLE_PITCH {
             true => format!("did you mean --pixel-pitch {}? It is in mm, and µm were given", (1e6 * pitch).round() / 1e9),
             false => "the stated lens did not take these photographs: see to its focus distances, f-number, and the pixel pitch \
                       if they were resized; parfocal calibrate finds them"
                 .to_string(),
         };
-        if out > MOST_OUT_OF_RANGE {
+        if out > MAX_OUT_OF_RANGE {
             return Some(format!("{DOUBT}{:.0} % of the valid pixels are out of its range: {hint}", 100.0 * out));
         }
         let smaller = || Lens { pixel_pitch: pitch / 1e3, ..self.lens }.inverse(scale);
@@ -75,9 +79,9 @@ impl MetricDepth {
             let inverse = smaller();
             let measured = blur.iter().filter(|v| !v.is_nan() && f64::from(v.abs()) < 0.999 * limit);
             let out = measured.filter(|v| inverse.depth(f64::from(**v)).is_none()).count();
-            out as f64 <= MOST_OUT_OF_RANGE * valid as f64
+            out as f64 <= MAX_OUT_OF_RANGE * valid as f64
         };
-        (pitch >= LEAST_ODD_PITCH && fits_smaller())
+        (pitch >= IMPLAUSIBLE_PITCH && fits_smaller())
             .then(|| format!("{DOUBT}a pixel pitch of {pitch} mm is that of no sensor: {hint}"))
     }
 }
@@ -96,7 +100,7 @@ mod tests {
     };
 
     #[test]
-    fn every_pixel_has_its_depth_or_is_counted() {
+    fn every_valid_pixel_has_a_depth_or_is_counted() {
         let lens = LENS;
         let s = lens.breathing();
         let blur = [227.0, 230.0, 233.0].map(|z| lens.relative_blur(z, s) as f32);
@@ -105,7 +109,7 @@ mod tests {
         assert_eq!((metric.width, metric.height, metric.out_of_range), (3, 2, 2));
         for (i, z) in [(0, 227.0), (1, 230.0), (3, 233.0)] {
             assert!((metric.depth[i] - z).abs() < 1e-3, "{} mm, not {z}", metric.depth[i]);
-            // V falls by 12 px² over the 7 mm.
+            // V decreases by 12 px² over 7 mm.
             assert!((metric.deviation[i] / (0.01 * 7.0 / 12.3) - 1.0).abs() < 0.2, "{} mm", metric.deviation[i]);
         }
         let clamped = MetricDepth::new(&lens, s, f64::from(blur[0].abs()), 3, &field, &[0.01; 6]);
@@ -114,19 +118,22 @@ mod tests {
     }
 
     #[test]
-    fn micrometres_for_millimetres_and_another_lens_are_doubted() {
+    fn a_pitch_in_micrometres_and_a_wrong_lens_give_warnings() {
         let lens = LENS;
         let s = lens.breathing();
         let mut blur: Vec<f32> = (0..100).map(|i| lens.relative_blur(226.5 + 0.07 * f64::from(i), s) as f32).collect();
         let doubt =
             |lens: &Lens, blur: &[f32]| MetricDepth::new(lens, s, 1e9, 10, blur, &[0.1; 100]).doubt(s, 1e9, blur);
         assert_eq!(doubt(&lens, &blur), None);
-        let told = doubt(&Lens { pixel_pitch: 7.5, ..lens }, &blur).unwrap();
-        assert!(told.contains("did you mean --pixel-pitch 0.0075?"), "{told}");
+        let warning = doubt(&Lens { pixel_pitch: 7.5, ..lens }, &blur).unwrap();
+        assert!(warning.contains("did you mean --pixel-pitch 0.0075?"), "{warning}");
         blur[..4].fill(-1e6);
         assert_eq!(doubt(&lens, &blur), None, "a few pixels are not many");
         blur[..9].fill(-1e6);
-        let told = doubt(&lens, &blur).unwrap();
-        assert!(told.starts_with(DOUBT) && told.contains("9 %") && told.contains("focus distances"), "{told}");
+        let warning = doubt(&lens, &blur).unwrap();
+        assert!(
+            warning.starts_with(DOUBT) && warning.contains("9 %") && warning.contains("focus distances"),
+            "{warning}"
+        );
     }
 }

@@ -214,7 +214,7 @@ impl PairSolver {
         let mut solution = match options.region {
             None => self.solve_frames([i1, i2], &settings, mask, options)?,
             Some(region) => {
-                let part = region.grown(margin(size, &settings), size);
+                let part = region.expanded(margin(size, &settings), size);
                 let [a, b] = [i1.cropped(part).map_err(Error::Region)?, i2.cropped(part).map_err(Error::Region)?];
                 let start = settings.start.about(centre(size[0], size[1]), part.centre());
                 let mask = mask.map(|mask| mask.cropped(part));

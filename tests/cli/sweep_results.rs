@@ -250,7 +250,7 @@ fn frames_are_registered_and_brought_onto_the_reference() {
     let frame = |name: &str| read(&path(name)).unwrap();
     assert_eq!(frame("aligned/frame_03.png"), frame("sweep/frame_03.png"), "the reference");
     let (transform, none) = (Registration::read(&path("rig.json")).unwrap().frames[0].transform, [120, 90]);
-    let moved = registered(&frame(images[0]), &transform, &Brightness::unchanged(none), Decode::None);
+    let moved = registered(&frame(images[0]), &transform, &Brightness::identity(none), Decode::None);
     let aligned = frame("aligned/frame_01.png");
     assert_eq!(aligned.format(), frame(images[0]).format());
     assert!(aligned == moved && aligned != frame(images[0]));

@@ -1,5 +1,5 @@
-//! Readers fed with files that are nearly right: mutations of a corpus, in child processes with little memory, a bound of time a
-//! case, and every case given by its number, so that a finding is found again.
+//! A fuzzer: readers run on mutations of a corpus, in child processes with limits of memory and time. A case is
+//! reproducible by its number.
 
 use std::fs::{self, File};
 use std::io::Write;
@@ -10,31 +10,31 @@ use std::time::{Duration, Instant};
 
 use super::trust;
 
-/// A reader, what it reads well, and what its file is called.
+/// A reader, valid files for it, and the name of the file that it reads.
 pub struct Target {
     pub name: &'static str,
     pub file: &'static str,
     pub corpus: Vec<Vec<u8>>,
-    /// Reads a file, whatever comes of it.
+    /// Reads a file; the result is ignored.
     pub read: fn(&Path),
 }
 
-/// KiB of address space of a child, 256 MiB: what is decoded here is a megapixel at most.
+/// Address space of a child, KiB: 256 MiB, for at most a megapixel.
 const MEMORY: u32 = 256 << 10;
-/// The longest that a case may take.
+/// The longest time of a case.
 const LONGEST: Duration = Duration::from_secs(1);
-/// Without a new case for so long, a child hangs: the machine may be busy.
+/// Time without a new case after which a child hangs: the machine may be busy.
 const HANGS: Duration = Duration::from_secs(20);
-/// Tells a child what to do: the target, the first case, the end, and a folder.
+/// The environment variable with a child's task: target, first case, end, and folder.
 const CHILD: &str = "PARFOCAL_FUZZ_CHILD";
 
-/// Cases of each target in a short run and in a long one.
+/// Number of cases of each target in a short and in a long run.
 pub struct Share {
     pub short: u64,
     pub long: u64,
 }
 
-/// Runs the targets, by this test of this test program, and fails where one crashes, panics, hangs or takes too much.
+/// Runs the targets in child processes of the named test; fails if one crashes, panics, hangs, or exceeds a limit.
 pub fn run(test: &str, targets: &[Target], share: &Share) {
     if let Ok(told) = std::env::var(CHILD) {
         return child(targets, &told);
@@ -46,11 +46,11 @@ pub fn run(test: &str, targets: &[Target], share: &Share) {
     assert!(findings.is_empty(), "{findings:#?}");
 }
 
-/// Has children try all cases of a target; gives the findings.
+/// Runs all cases of a target in children; returns the findings.
 fn parent(test: &str, target: &Target, cases: u64) -> Vec<String> {
     let mut findings = Vec::new();
     let mut first = 0;
-    // Where so many are wrong, one cause is behind most.
+    // Most of many findings have one cause.
     while first < cases && findings.len() < 20 {
         let desk = desk();
         let told = format!("{}\n{first}\n{cases}\n{}", target.name, desk.path().display());
@@ -83,7 +83,7 @@ fn parent(test: &str, target: &Target, cases: u64) -> Vec<String> {
     findings
 }
 
-/// Waits until the child ends or hangs; how.
+/// Waits until the child ends or hangs; returns how it ended.
 fn watched(child: &mut Child, desk: &Path) -> String {
     let (mut seen, mut since) = (None, Instant::now());
     loop {
@@ -106,13 +106,13 @@ fn progress(desk: &Path) -> Option<u64> {
     fs::read(desk.join("progress")).ok()?.try_into().ok().map(u64::from_le_bytes)
 }
 
-/// In memory where there is such a folder: every case is a file.
+/// A folder, in memory if possible: every case is a file.
 fn desk() -> tempfile::TempDir {
     let memory = Path::new("/dev/shm");
     if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.unwrap()
 }
 
-/// Keeps a case where the next tests find it.
+/// Saves the file of a case in target/findings.
 fn keep(target: &Target, case: u64) -> PathBuf {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/findings");
     fs::create_dir_all(&folder).unwrap();
@@ -121,7 +121,7 @@ fn keep(target: &Target, case: u64) -> PathBuf {
     path
 }
 
-/// Tries its share of the cases.
+/// Runs the cases of a child.
 fn child(targets: &[Target], told: &str) {
     let [name, first, end, desk] = told.split('\n').collect::<Vec<_>>()[..] else { panic!("{told}") };
     let target = targets.iter().find(|target| target.name == name).unwrap();
@@ -130,7 +130,7 @@ fn child(targets: &[Target], told: &str) {
         progress.write_all_at(&case.to_le_bytes(), 0).unwrap();
         fs::write(&file, mutated(target, case)).unwrap();
         let begun = Instant::now();
-        // A panic ends the child: what the reader left behind is not to be relied on.
+        // A panic ends the child: the state of the reader is unknown after it.
         (target.read)(&file);
         let took = begun.elapsed();
         if took > LONGEST {
@@ -141,7 +141,7 @@ fn child(targets: &[Target], told: &str) {
     }
 }
 
-/// Numbers that follow from a seed (splitmix64).
+/// Random numbers from a seed (splitmix64).
 struct Random(u64);
 
 impl Random {
@@ -163,10 +163,10 @@ impl Random {
     }
 }
 
-/// Numbers at which readers go wrong.
+/// Numbers that break readers.
 const NUMBERS: [u64; 12] =
     [0, 1, 0x7f, 0x80, 0xff, 0x7fff, 0xffff, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, u64::MAX / 2, u64::MAX];
-/// Text at which they do.
+/// Text that breaks readers.
 const WORDS: [&str; 16] = [
     "-1",
     "0",
@@ -186,7 +186,7 @@ const WORDS: [&str; 16] = [
     "\u{1F4F7}",
 ];
 
-/// A case by its number: a file of the corpus, changed in one to six places.
+/// The file of a case: one of the corpus, changed in one to six places.
 fn mutated(target: &Target, case: u64) -> Vec<u8> {
     let name = target.name.bytes().fold(0, |hash: u64, byte| hash.wrapping_mul(31).wrapping_add(byte.into()));
     let mut random = Random(name ^ case.wrapping_mul(0x2545_f491_4f6c_dd1d));
@@ -195,7 +195,7 @@ fn mutated(target: &Target, case: u64) -> Vec<u8> {
         mutate(&mut bytes, target, &mut random);
     }
     if bytes.starts_with(b"\x89PNG") && random.below(4) > 0 {
-        mend_checksums(&mut bytes);
+        correct_checksums(&mut bytes);
     }
     bytes
 }
@@ -205,7 +205,7 @@ fn mutate(bytes: &mut Vec<u8>, target: &Target, random: &mut Random) {
         bytes.push(random.next() as u8);
         return;
     }
-    // Headers are where it matters: half of the changes fall into the first 128 bytes.
+    // Half of the changes are in the first 128 bytes, the headers.
     let reach = if random.below(2) == 0 { bytes.len().min(128) } else { bytes.len() };
     let at = random.below(reach);
     let length = 1 + random.below((bytes.len() - at).min(64));
@@ -227,7 +227,7 @@ fn mutate(bytes: &mut Vec<u8>, target: &Target, random: &mut Random) {
     }
 }
 
-/// A number of one to eight bytes, either way round.
+/// Writes a number of one to eight bytes, in either byte order.
 fn number(bytes: &mut [u8], at: usize, random: &mut Random) {
     let number = NUMBERS[random.below(NUMBERS.len())].wrapping_add(random.below(3) as u64).wrapping_sub(1);
     let size = (1 << random.below(4)).min(bytes.len() - at);
@@ -236,15 +236,15 @@ fn number(bytes: &mut [u8], at: usize, random: &mut Random) {
     bytes[at..at + size].copy_from_slice(written);
 }
 
-/// Another word in the place of the one that begins there.
+/// Replaces the word that begins there.
 fn word(bytes: &mut Vec<u8>, at: usize, random: &mut Random) {
     let is_of_word = |byte: &u8| byte.is_ascii_alphanumeric() || b"+-._".contains(byte);
     let end = at + bytes[at..].iter().take_while(|byte| is_of_word(byte)).count();
     drop(bytes.splice(at..end, random.of(&WORDS).bytes()));
 }
 
-/// The checksums of a PNG's chunks, without which no decoder looks any further.
-fn mend_checksums(bytes: &mut [u8]) {
+/// Corrects the checksums of a PNG's chunks: decoders stop at a wrong one.
+fn correct_checksums(bytes: &mut [u8]) {
     let mut at = 8;
     while let Some(head) = bytes.get(at..at + 4) {
         let end = at + 8 + u32::from_be_bytes(head.try_into().unwrap()) as usize;

@@ -1,4 +1,4 @@
-//! What the tests of the whole solver share: a device under validation, scenes with known V and T, real pairs.
+//! Shared by the tests of whole solves: a device under validation, scenes with known V and T, photographs.
 #![allow(dead_code, reason = "each test program uses its own part")]
 
 #[cfg(target_os = "linux")]
@@ -15,10 +15,10 @@ use parfocal::{
     internals::baseline, transform::Homography,
 };
 
-/// The engine of all tests of a program, each of which fails where it meets a validation message, its own or another's.
+/// The engine that all tests of a program share. A test fails on any validation message, its own or another test's.
 pub struct TestEngine(Arc<Engine>);
 
-/// Opening a device under validation takes as long as most tests.
+/// Opened once: opening a device under validation takes as long as most tests.
 static SHARED: LazyLock<Arc<Engine>> = LazyLock::new(open);
 
 fn open() -> Arc<Engine> {
@@ -32,7 +32,7 @@ impl TestEngine {
         Self(SHARED.clone())
     }
 
-    /// For a test after which an engine is good for nothing, or that closes it.
+    /// An engine of its own, for a test that poisons or closes it.
     pub fn alone() -> Self {
         Self(open())
     }
@@ -51,7 +51,7 @@ pub fn progress_log() -> (SolveOptions, Arc<Mutex<Vec<Progress>>>) {
     (SolveOptions { progress: Some(Arc::new(progress)), ..SolveOptions::default() }, log)
 }
 
-/// How every test opens its device.
+/// The options with which all tests open their device.
 pub fn options() -> EngineOptions {
     EngineOptions {
         device: std::env::var("PARFOCAL_DEVICE").ok(),
@@ -92,7 +92,7 @@ pub fn real_pair(folder: &str, names: [&str; 2]) -> Option<[Frame; 2]> {
     Some([i1, i2])
 }
 
-/// Rms and mean of V less the truth, 16 px inside the border, over the valid pixels.
+/// Root mean square and mean of V less the truth, over the valid pixels 16 px inside the border.
 pub fn blur_error(solution: &Solution, truth: impl Fn(usize, usize) -> f64) -> (f64, f64) {
     let (width, height, border) = (solution.width as usize, solution.height as usize, 16);
     let errors: Vec<f64> = (border..height - border)
@@ -105,7 +105,7 @@ pub fn blur_error(solution: &Solution, truth: impl Fn(usize, usize) -> f64) -> (
     ((errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt(), errors.iter().sum::<f64>() / n)
 }
 
-/// Fails unless T is within these pixels (each axis), degrees and percents of the truth.
+/// Fails unless the error of T is within these pixels (per axis), degrees and percents.
 #[track_caller]
 pub fn assert_transform(found: &Homography, truth: impl Into<Homography>, [pixels, degrees, percent]: [f64; 3]) {
     let truth = truth.into();

@@ -1,4 +1,4 @@
-//! The systems that the unified method is compared with: registration by appearance and by SIFT, then blur.
+//! The methods to compare with: registration by appearance and by SIFT, then blur.
 
 use crate::common::scene::{exposed, pair, slanted};
 use crate::common::{TestEngine, assert_transform, blur_error, progress_log, real_pair};
@@ -22,7 +22,7 @@ fn register(engine: &TestEngine, [i1, i2]: [&Frame; 2], settings: &Settings) -> 
     PairSolver::for_frames(engine, [i1, i2], settings).unwrap().register([i1, i2], &SolveOptions::default()).unwrap()
 }
 
-/// Every second pixel of every second row.
+/// The frame at half size: means of 2 x 2 pixels.
 fn half_size(frame: &Frame) -> Frame {
     let Format { channels, .. } = frame.format();
     let (Samples::U8(samples), count) = (frame.samples(), channels.count() as usize) else { panic!("8 bits") };
@@ -104,7 +104,7 @@ fn a_registration_is_that_of_the_solve_and_leaves_no_trace() {
 }
 
 #[test]
-fn what_appearance_cannot_register_is_an_answer() {
+fn a_pair_that_appearance_cannot_register_is_an_answer() {
     let engine = TestEngine::new();
     let stripes = |shift: f32| {
         let value = |i: usize| 0.5 + 0.3 * (0.9 * ((i % 80) as f32 + shift)).sin();

@@ -122,7 +122,7 @@ fn masked_pixels_are_nan_in_borrowed_results() {
     let [i1, i2] = &pairs()[1];
     let masked = |i: usize| (30..60).contains(&(i % 96)) && i / 96 > 40;
     let picture = (0..96 * 80).map(|i| if masked(i) { 0.0 } else { 1.0 }).collect();
-    let mask = Some(Mask::of_picture(&Frame::gray(96, 80, picture).unwrap()));
+    let mask = Some(Mask::from_image(&Frame::gray(96, 80, picture).unwrap()));
     let mut solver = solver(&engine, 2);
     let mut unmasked = submit(&mut solver, &pairs()[1]);
     let options = SolveOptions { mask, ..SolveOptions::default() };
@@ -219,10 +219,10 @@ fn regions_and_sweeps_are_cancelled_by_their_progress_function() {
     assert_eq!(log.lock().unwrap().len(), 1);
 }
 
-/// Measures how soon a cancelled solve of 1 Mpx ends: `cargo test --test library how_soon_a_cancelled_solve_ends -- --ignored --nocapture`
+/// Measures how soon a cancelled solve of 1 Mpx ends: `cargo test --test library how_soon_a_solve_ends -- --ignored --nocapture`
 #[test]
 #[ignore = "it measures"]
-fn how_soon_a_cancelled_solve_ends() {
+fn how_soon_a_solve_ends() {
     let engine = Engine::new(&EngineOptions { validation: false, timed: false, ..options() }).unwrap();
     let size = [1024, 1024];
     let pair = pair(size, Similarity::new(0.4, -0.3, 0.05, 1.0), slanted(size[0]), 0.002, 3);

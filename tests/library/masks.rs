@@ -1,4 +1,4 @@
-//! Pixels that do not count: clipped, or left out by a mask.
+//! Pixels without weight: clipped, or excluded by a mask.
 
 use crate::common::scene::{luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error};
@@ -19,11 +19,11 @@ fn clean_pair() -> [Frame; 2] {
     pair(SIZE, transform(), slanted(SIZE[0]), 0.0, 5)
 }
 
-/// 16-bit, with a value where `replace` gives one.
+/// The frame in 16 bits, with the values that `replace` returns.
 fn stored(frame: &Frame, replace: impl Fn(u32, u32) -> Option<f64>) -> Frame {
     let values = luminance(frame).into_iter().enumerate().map(|(i, v)| {
         let (x, y) = (i as u32 % frame.width(), i as u32 / frame.width());
-        // Half of the range, so that nothing else is clipped.
+        // Half of the range: nothing else is clipped.
         (65535.0 * replace(x, y).unwrap_or(0.25 + 0.5 * v).clamp(0.0, 1.0)).round() as u16
     });
     Frame::new(frame.width(), frame.height(), Channels::Gray, Samples::U16(values.collect())).unwrap()
@@ -55,7 +55,7 @@ fn corner(solution: &Solution) -> f64 {
     solution.transform.corner_distance(transform(), SIZE[0], SIZE[1])
 }
 
-/// Highlights that clip and lie elsewhere in the two images, as reflections do.
+/// Clipped highlights at different places of the images, like reflections.
 #[test]
 fn clipped_pixels_carry_no_weight() {
     let [i1, i2] = clean_pair();
@@ -72,7 +72,7 @@ fn clipped_pixels_carry_no_weight() {
     assert!(b.0 > 3.0 * a.0 && b.1 > 2.0 * a.1, "{b:?}");
 }
 
-/// The same level below white says so as well, in stored values.
+/// Clipping below white, at a stated level in stored values.
 #[test]
 fn the_white_level_can_be_stated() {
     let [i1, i2] = clean_pair();
@@ -84,9 +84,9 @@ fn the_white_level_can_be_stated() {
     assert!(corner(&solution) < 0.1, "{}", corner(&solution));
 }
 
-/// A part of I2 that moved by itself, and a mask over it.
+/// A part of I2 moves by itself, and a mask excludes it.
 #[test]
-fn what_a_mask_leaves_out_has_no_part_in_the_registration() {
+fn pixels_excluded_by_a_mask_do_not_affect_the_registration() {
     let [i1, i2] = clean_pair();
     let [_, moved] = pair(SIZE, Similarity::new(7.0, 5.0, 0.0, 1.0), slanted(SIZE[0]), 0.0, 5);
     let left_out = |x: u32, y: u32| (20..110).contains(&x) && (24..104).contains(&y);
@@ -97,7 +97,7 @@ fn what_a_mask_leaves_out_has_no_part_in_the_registration() {
     });
     let i2 = Frame::gray(SIZE[0], SIZE[1], mixed.collect()).unwrap();
     let picture = (0..SIZE[0] * SIZE[1]).map(|i| if left_out(i % SIZE[0], i / SIZE[0]) { 0.0 } else { 1.0 });
-    let mask = Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], picture.collect()).unwrap());
+    let mask = Mask::from_image(&Frame::gray(SIZE[0], SIZE[1], picture.collect()).unwrap());
     let engine = TestEngine::new();
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
     let whole = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
@@ -107,19 +107,19 @@ fn what_a_mask_leaves_out_has_no_part_in_the_registration() {
     assert!(corner(&masked) < 0.05 && corner(&whole) > 0.2);
     let place = (60 * SIZE[0] + 60) as usize;
     assert!(masked.relative_blur[place].is_nan() && masked.confidence[place] == 0.0);
-    // Of what moved by itself the residual tells.
+    // The residual is large where the scene moved.
     let middle = whole.residual[place];
     let beside = whole.residual[(64 * SIZE[0] + 140) as usize];
     println!("residual {middle:.4} where the scene moved, {beside:.4} beside it");
     assert!(middle > 5.0 * beside, "{middle} {beside}");
     let again = solver.solve([&i1, &i2], &SolveOptions::default()).unwrap();
     assert_eq!(again.transform, whole.transform, "a mask leaves no trace");
-    let mask = Some(Mask::of_picture(&Frame::gray(16, 16, vec![1.0; 256]).unwrap()));
+    let mask = Some(Mask::from_image(&Frame::gray(16, 16, vec![1.0; 256]).unwrap()));
     let refused = solver.solve([&i1, &i2], &SolveOptions { mask, ..SolveOptions::default() });
     assert!(refused.unwrap_err().to_string().contains("16x16"));
 }
 
-/// Less than a hundredth of the frame is enough, if that is what was asked for.
+/// Less than a hundredth of the frame is enough if the mask asks for it.
 #[test]
 fn a_small_mask_is_no_lack_of_overlap() {
     let [i1, i2] = clean_pair();
@@ -129,7 +129,7 @@ fn a_small_mask_is_no_lack_of_overlap() {
     let start =
         Settings { start: transform().into(), method: parfocal::settings::Method::Aligned, ..Settings::default() };
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &start).unwrap();
-    let mask = Some(Mask::of_picture(&Frame::gray(SIZE[0], SIZE[1], picture).unwrap()));
+    let mask = Some(Mask::from_image(&Frame::gray(SIZE[0], SIZE[1], picture).unwrap()));
     let solution = solver.solve([&i1, &i2], &SolveOptions { mask, ..SolveOptions::default() }).unwrap();
     assert!(solution.valid_fraction > 0.0 && solution.valid_fraction < 0.01, "{}", solution.valid_fraction);
     assert!(!solution.warnings.iter().any(|warning| warning.contains("overlap")), "{:?}", solution.warnings);
@@ -144,7 +144,7 @@ fn masks_agree_with_the_reference() {
     let i2 = stored(&i2, |x, y| white(blots(3, 6)(x, y)));
     let settings = Settings { max_relative_blur: 9.0, ..Settings::default() };
     let picture = (0..size[0] * size[1]).map(|i| if i % size[0] < 30 { 0.0 } else { 1.0 }).collect();
-    let mask = Mask::of_picture(&Frame::gray(size[0], size[1], picture).unwrap());
+    let mask = Mask::from_image(&Frame::gray(size[0], size[1], picture).unwrap());
     let expected = reference::solve_masked(&i1, &i2, &settings, Some(&mask)).unwrap();
     let engine = TestEngine::new();
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &settings).unwrap();

@@ -1,4 +1,4 @@
-//! Motion models: maps of the plane in closed form, and what is said of simpler and of richer ones.
+//! Motion models: maps of the plane in closed form, and the comparison with simpler and richer models.
 
 use parfocal::{
     Settings, Solution,
@@ -11,7 +11,7 @@ use crate::common::{TestEngine, blur_error};
 
 const SIZE: [u32; 2] = [256, 192];
 
-/// What a camera of this focal length, pixels, sees after it has turned by these angles, degrees, about x, y and z: K R K⁻¹.
+/// The map of a camera of this focal length, pixels, that turns by these angles about x, y and z, degrees: K R K⁻¹.
 fn hand_held(focal: f64, [x, y, z]: [f64; 3]) -> Homography {
     let [x, y, z] = [x, y, z].map(f64::to_radians);
     let product = |a: [[f64; 3]; 3], b: [[f64; 3]; 3]| -> [[f64; 3]; 3] {
@@ -26,14 +26,14 @@ fn hand_held(focal: f64, [x, y, z]: [f64; 3]) -> Homography {
     Homography::from_matrix(matrix).unwrap()
 }
 
-/// What a camera sees of a flat stage that has been tilted by some degrees about y and shifted by t: a point at X is at
-/// depth Z + X sin α and at X cos α to the right.
+/// The map of a flat stage that is tilted by some degrees about y and shifted by t: a point at X moves to depth
+/// Z + X sin α and to X cos α on the right.
 fn tilted_stage(focal: f64, degrees: f64, [tx, ty]: [f64; 2]) -> Homography {
     let tilt = degrees.to_radians();
     Homography::from_matrix([[tilt.cos(), 0.0, tx], [0.0, 1.0, ty], [tilt.sin() / focal, 0.0, 1.0]]).unwrap()
 }
 
-/// A solve of the slanted plane that such a map displaces; how far a corner is off, px, and V, px² rms.
+/// Solves the slanted plane displaced by a map; returns the corner error, px, and the rms error of V, px².
 fn solve(engine: &TestEngine, truth: Homography, motion: Motion) -> (Solution, [f64; 2]) {
     let [i1, i2] = pair(SIZE, truth, slanted(SIZE[0]), 0.0, 5);
     let solution = engine.solve([&i1, &i2], &Settings { motion, ..Settings::default() });
@@ -46,7 +46,7 @@ fn solve(engine: &TestEngine, truth: Homography, motion: Motion) -> (Solution, [
     (solution, [corner, v])
 }
 
-/// By homography a map comes out; by similarity it does not, which is said.
+/// A homography finds the map; a similarity does not, and the solution reports the richer model.
 fn check_homography(truth: Homography, [corner, v]: [f64; 2]) {
     let engine = TestEngine::new();
     let (solution, errors) = solve(&engine, truth, Motion::Homography);
@@ -81,13 +81,13 @@ fn a_sheared_pair() {
 }
 
 #[test]
-fn a_similarity_is_found_by_a_homography_too_which_says_so() {
+fn a_homography_finds_a_similarity_and_reports_it() {
     let engine = TestEngine::new();
     let truth = Similarity::new(1.3, -0.9, 0.15, 1.01);
     let (plain, [own, _]) = solve(&engine, truth.into(), Motion::Similarity);
     assert_eq!(plain.other_motion, None);
     let (rich, [corner, _]) = solve(&engine, truth.into(), Motion::Homography);
-    // 0.007 px: what the slope of V costs at the borders, of which four unknowns more follow more.
+    // 0.007 px: the cost of V's slope at the borders, which four more unknowns follow more closely.
     assert!(corner <= 1.5 * own.max(0.007), "{corner} px, {own} px by a similarity");
     assert_eq!(rich.other_motion.map(|other| (other.motion, other.explains_more)), Some((Motion::Similarity, false)));
 }

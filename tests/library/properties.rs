@@ -1,5 +1,5 @@
-//! What must follow for the solution when the photographs are changed in a known way: shifted, mirrored, padded, exchanged, exposed
-//! otherwise, iterated longer. Seeds stand in the place of cases: a solve takes too long for thousands.
+//! Metamorphic tests: how a solution must change when the photographs are shifted, mirrored, padded, exchanged or exposed
+//! otherwise, or iterated longer. There are a few seeds instead of thousands of cases, because a solve takes long.
 
 use crate::common::scene::{luminance, pair, slanted};
 use crate::common::{TestEngine, trust};
@@ -9,7 +9,7 @@ use parfocal::{
 };
 
 const SIZE: [u32; 2] = [97, 75];
-/// Pixels from the border that are left out where what lies beyond it differs.
+/// Pixels along the border that are left out: what lies beyond it differs.
 const BORDER: usize = 12;
 
 fn seeds() -> std::ops::Range<u64> {
@@ -29,7 +29,7 @@ fn solve([i1, i2]: &[Frame; 2]) -> Solution {
     TestEngine::new().solve([i1, i2], &Settings::default())
 }
 
-/// A frame of the values that another has at other places.
+/// A frame with the values of another at other places.
 fn gather(frame: &Frame, [width, height]: [u32; 2], of: impl Fn(usize, usize) -> (usize, usize)) -> Frame {
     let (values, row) = (luminance(frame), frame.width() as usize);
     let at = |i: usize| of(i % width as usize, i / width as usize);
@@ -37,7 +37,7 @@ fn gather(frame: &Frame, [width, height]: [u32; 2], of: impl Fn(usize, usize) ->
     Frame::gray(width, height, values.collect()).unwrap()
 }
 
-/// Rms of V less what is expected at a pixel, where both are numbers, inside the border.
+/// Root mean square of V less the expected V inside the border, where both are numbers.
 fn rms(solution: &Solution, expected: impl Fn(usize, usize) -> f32) -> f64 {
     let (width, height) = (solution.width as usize, solution.height as usize);
     let places = (BORDER..height - BORDER).flat_map(|y| (BORDER..width - BORDER).map(move |x| (x, y)));
@@ -53,7 +53,7 @@ fn v(solution: &Solution) -> impl Fn(usize, usize) -> f32 {
     |x, y| solution.relative_blur[y * solution.width as usize + x]
 }
 
-/// Holds for each seed: V within `most_v` px², corners of T within `most_t` px.
+/// Asserts for each seed that V is within `most_v` px² and the corners of T within `most_t` px.
 #[track_caller]
 fn hold(what: &str, [most_v, most_t]: [f64; 2], of: impl Fn(u64) -> [f64; 2]) {
     let found: Vec<[f64; 2]> = seeds().map(of).collect();
@@ -89,7 +89,7 @@ fn a_mirrored_pair_has_mirrored_results() {
 }
 
 #[test]
-fn what_is_added_around_a_pair_changes_little_within() {
+fn padding_changes_little_inside() {
     const AROUND: usize = 8;
     hold("padding", [0.3, 0.1], |seed| {
         let size = SIZE.map(|side| side + 2 * AROUND as u32);
@@ -97,7 +97,7 @@ fn what_is_added_around_a_pair_changes_little_within() {
         let around = scene(seed).each_ref().map(|f| gather(f, size, |x, y| (clamp(x, SIZE[0]), clamp(y, SIZE[1]))));
         let (plain, padded) = (solve(&scene(seed)), solve(&around));
         let within = |x: usize, y: usize| v(&padded)(x + AROUND, y + AROUND);
-        // Both about their centres, which are one place.
+        // Both transforms are about the same centre.
         [rms(&plain, within), padded.transform.corner_distance(plain.transform, SIZE[0], SIZE[1])]
     });
 }

@@ -216,7 +216,9 @@ fn sizes_and_formats_that_do_not_fit_are_refused() {
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
     let other = Frame::gray(75, 97, vec![0.5; 97 * 75]).unwrap();
     assert!(matches!(solver.solve([&i1, &other], &SolveOptions::default()), Err(Error::Mismatch(_))));
-    assert!(matches!(solver.solve([&other, &other], &SolveOptions::default()), Err(Error::Mismatch(_))));
+    let submitted = solver.submit([&other, &other], &[], &SolveOptions::default()).map(drop);
+    assert!(matches!(submitted, Err(Error::Mismatch(_))));
+    assert!(solver.solve([&other, &other], &SolveOptions::default()).is_ok(), "a solver prepares itself again");
     assert!(matches!(PairSolver::for_frames(&engine, [&i1, &other], &Settings::default()), Err(Error::Mismatch(_))));
 }
 

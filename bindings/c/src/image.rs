@@ -4,7 +4,7 @@ use std::ffi::{CStr, c_char, c_void};
 
 use parfocal::{
     Frame, PixelFormat,
-    frame::{Channels, Depth, Format, Samples},
+    frame::{Channels, Depth, Format},
 };
 
 use crate::fault::Fault;
@@ -94,16 +94,15 @@ pub(crate) unsafe fn frame(image: *const parfocal_image, name: &str) -> Result<F
         return unsafe { unpacked(&image, packed, name) };
     }
     let channels = channels(&image, name)?;
-    // SAFETY: the header asks for rows of such samples.
-    let samples = unsafe {
-        match image.depth {
-            0 => Samples::U8(rows(&image, name)?),
-            1 => Samples::U16(rows(&image, name)?),
-            2 => Samples::F32(rows(&image, name)?),
-            n => return Err(Fault::argument(format!("{name}: {n} is no parfocal_depth"))),
-        }
-    };
-    Frame::new(image.width, image.height, channels, samples).map_err(|e| Fault::argument(format!("{name}: {e}")))
+    let depth = one_of(&format!("{name}.depth"), image.depth, &[Depth::U8, Depth::U16, Depth::F32])?;
+    let sample = depth.bytes() as usize;
+    if !image.data.addr().is_multiple_of(sample) || !image.row_bytes.is_multiple_of(sample) {
+        return Err(Fault::argument(format!(
+            "{name}: data and row_bytes must be multiples of {sample} bytes, a sample"
+        )));
+    }
+    // SAFETY: the header asks for rows of such pixels.
+    unsafe { unpacked(&image, Format { channels, depth }.into(), name) }
 }
 
 /// How a camera packs its pixels, if that is said.
@@ -119,74 +118,32 @@ unsafe fn packed(image: &parfocal_image, name: &str) -> Result<Option<PixelForma
     format.parse().map(Some).map_err(|problem| Fault::argument(format!("{name}.format: {problem}")))
 }
 
-/// The frame that a camera packed.
+/// Reads the frame of a pixel format.
 ///
 /// # Safety
 /// `image.data` is NULL, or begins rows of pixels of this format as `image` says.
 unsafe fn unpacked(image: &parfocal_image, format: PixelFormat, name: &str) -> Result<Frame, Fault> {
     let wrong = |problem: String| Fault::argument(format!("{name}: {problem}"));
     let size = [image.width, image.height];
-    if size.contains(&0) {
-        return Err(wrong("it has no pixels".to_string()));
+    let rows = format.rows(size, image.row_bytes).map_err(wrong)?;
+    // SAFETY: the caller guarantees the bytes from the start of the first row to the end of the last.
+    let bytes = unsafe { slice(image.data.cast::<u8>(), rows.bytes, &format!("{name}.data")) }?;
+    if rows.row_bytes == rows.bytes {
+        return format.frame(size, bytes).map_err(wrong);
     }
-    let (row, pitch) = (format.row_bytes(image.width), image.row_bytes);
-    let bytes = match (row, pitch) {
-        (_, 0) => format.bytes(size),
-        (Some(row), pitch) if row <= pitch as u64 => {
-            u64::from(image.height - 1).saturating_mul(pitch as u64).saturating_add(row)
-        }
-        (Some(row), _) => return Err(wrong(format!("row_bytes is {pitch}: give {row} at least, or 0"))),
-        (None, _) => {
-            return Err(wrong(format!("a row of {} px of {format} ends within a byte: give row_bytes 0", image.width)));
-        }
-    };
-    let length = usize::try_from(bytes).map_err(|_| wrong(format!("{}x{} pixels are too many", size[0], size[1])))?;
-    // SAFETY: so many bytes the caller has, from the first of the first row to the last of the last.
-    let all = unsafe { slice(image.data.cast::<u8>(), length, &format!("{name}.data")) }?;
-    let found = match row {
-        Some(row) if pitch != 0 => format
-            .frame(size, &all.chunks(pitch).flat_map(|chunk| &chunk[..row as usize]).copied().collect::<Vec<u8>>()),
-        _ => format.frame(size, all),
-    };
-    found.map_err(wrong)
-}
-
-/// Its samples.
-///
-/// # Safety
-/// `image.data` is NULL, or begins rows of such samples as `image` says.
-unsafe fn rows<T: Copy>(image: &parfocal_image, name: &str) -> Result<Vec<T>, Fault> {
-    let (height, bytes) = (image.height as usize, size_of::<T>());
-    let wrong = |problem: String| Fault::argument(format!("{name}: {problem}"));
-    let too_many = || wrong(format!("{}x{} pixels are too many", image.width, image.height));
-    let row = (image.width as usize).checked_mul(image.channels as usize).ok_or_else(too_many)?;
-    if row == 0 || height == 0 {
-        return Err(wrong("it has no pixels".to_string()));
-    }
-    let step = match image.row_bytes {
-        0 => row,
-        stated if stated % bytes != 0 || stated / bytes < row => {
-            return Err(wrong(format!("row_bytes is {stated}: give a multiple of {bytes}, {} at least", row * bytes)));
-        }
-        stated => stated / bytes,
-    };
-    let length = (height - 1).checked_mul(step).and_then(|n| n.checked_add(row)).ok_or_else(too_many)?;
-    // SAFETY: so many samples the caller has, from the first of the first row to the last of the last.
-    let all = unsafe { slice(image.data.cast::<T>(), length, &format!("{name}.data")) }?;
-    Ok(all.chunks(step).flat_map(|chunk| &chunk[..row]).copied().collect())
+    let unpadded: Vec<u8> = bytes.chunks(rows.pitch).flat_map(|row| &row[..rows.row_bytes]).copied().collect();
+    format.frame(size, &unpadded).map_err(wrong)
 }
 
 /// How a frame's samples are stored.
 pub(crate) fn bytes_a_sample(frame: &Frame) -> usize {
-    match frame.format().depth {
-        Depth::U8 => 1,
-        Depth::U16 => 2,
-        Depth::F32 => 4,
-    }
+    frame.format().depth.bytes() as usize
 }
 
 #[cfg(test)]
 mod tests {
+    use parfocal::frame::Samples;
+
     use super::*;
 
     fn image(data: &[u16], width: u32, height: u32, row_bytes: usize) -> parfocal_image {

@@ -314,7 +314,7 @@ pub(crate) unsafe fn apply(
         let problem = format!("the image is {}x{}, and {width}x{height} were registered", size[0], size[1]);
         return Err(parfocal::Error::Mismatch(problem).into());
     }
-    let brightness = if exposure { moved.brightness } else { Brightness::unchanged(size) };
+    let brightness = if exposure { moved.brightness } else { Brightness::identity(size) };
     let found = resample::registered(image, transform, &brightness, moved.decode);
     let found = found.cropped(moved.region).map_err(Fault::argument)?;
     check_count("out", bytes, found.bytes().len())?;

@@ -91,7 +91,7 @@ pub(crate) unsafe fn scope(from: *const parfocal_scope, i1: &Frame) -> Result<So
             let counts = unsafe { slice(asked.mask, pixels, "mask") }?;
             let white = counts.iter().map(|&counts| if counts == 0 { 0 } else { 255 }).collect();
             let picture = Frame::new(i1.width(), i1.height(), Channels::Gray, Samples::U8(white));
-            Some(Mask::of_picture(&picture.map_err(Fault::argument)?))
+            Some(Mask::from_image(&picture.map_err(Fault::argument)?))
         }
     };
     Ok(SolveOptions { region, mask, crop_valid: asked.crop_valid != 0, ..control })

@@ -109,5 +109,5 @@ pub(crate) fn region([x, y, width, height]: [u32; 4]) -> Region {
 
 /// The pixels that are not 0.
 pub(crate) fn mask(of: &Bound<'_, PyAny>) -> PyResult<Mask> {
-    Ok(Mask::of_picture(&frame(of, "mask")?))
+    Ok(Mask::from_image(&frame(of, "mask")?))
 }

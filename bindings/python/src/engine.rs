@@ -243,7 +243,7 @@ pub(crate) fn apply(
 ) -> PyResult<Py<PyAny>> {
     let (frame, transform) = (frame(of, "image")?, homography(transform)?);
     let brightness = match brightness {
-        None => Brightness::unchanged([frame.width(), frame.height()]),
+        None => Brightness::identity([frame.width(), frame.height()]),
         Some((gain, offset, coefficients, part)) => {
             let coefficients = <[f64; Shading::TERMS]>::try_from(coefficients).map_err(|c| {
                 PyValueError::new_err(format!("shading has {} coefficients, not {}", c.len(), Shading::TERMS))

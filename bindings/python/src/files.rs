@@ -27,5 +27,5 @@ pub(crate) fn unpack(py: Python<'_>, data: &[u8], format: &str) -> PyResult<Py<P
 /// The name of a number of GenICam's Pixel Format Naming Convention.
 #[pyfunction]
 pub(crate) fn format_name(code: u32) -> Option<String> {
-    PixelFormat::of_code(code).map(|format| format.to_string())
+    PixelFormat::from_code(code).map(|format| format.to_string())
 }

@@ -215,7 +215,7 @@ fn named(devices: Option<Vec<String>>) -> Result<Vec<Option<String>>, Error> {
         None => Ok(vec![None]),
         Some(devices) if devices == ["all"] => {
             let found = parfocal::Engine::devices()?;
-            let every = DeviceInfo::every(&found).into_iter().map(|device| Some(device.index.to_string()));
+            let every = DeviceInfo::usable(&found).into_iter().map(|device| Some(device.index.to_string()));
             let every: Vec<_> = every.collect();
             // Without any, the error says why.
             Ok(if every.is_empty() { vec![None] } else { every })

@@ -94,7 +94,7 @@ fn moved(
         None => photograph,
         Some(frame) => {
             let brightness = frame.brightness(size).filter(|_| arguments.exposure);
-            let brightness = brightness.unwrap_or_else(|| Brightness::unchanged(size));
+            let brightness = brightness.unwrap_or_else(|| Brightness::identity(size));
             resample::registered(&photograph, &frame.transform, &brightness, registration.decode)
         }
     };

@@ -114,7 +114,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let report = InspectReport::new([&own, &of], (quantity, unit), (limits, transform), (&found, size));
     let verdict = format!("{}: tolerance {} {unit}, {} σ", report.verdict, limits.tolerance, limits.sigmas);
     if let Some(out) = &arguments.output {
-        let unchanged = Brightness::unchanged(size);
+        let unchanged = Brightness::identity(size);
         let moved = resample::registered(&part.picture, &transform.into(), &unchanged, Decode::None);
         write_inspection(arguments.force.to(out), &report, &inspection::draw(&moved, &found, unit, &verdict))?;
     }
@@ -164,7 +164,7 @@ impl Part {
             false => baseline::key_points([&first.picture, &self.picture], Decode::None, None)
                 .map_err(|e| self.failed(first, format!("{e}; --in-place takes the pictures as they lie")))?,
         };
-        Ok((heights.onto([heights.width, heights.height], &transform), transform))
+        Ok((heights.resample([heights.width, heights.height], &transform), transform))
     }
 
     /// The heights, which are of the size of a golden part's.

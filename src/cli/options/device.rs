@@ -53,7 +53,7 @@ impl EngineArguments {
             return Ok(vec![self.clone()]);
         }
         let devices = Engine::devices()?;
-        let found = DeviceInfo::every(&devices);
+        let found = DeviceInfo::usable(&devices);
         // Without a device, opening it returns the reason.
         let named = |index: usize| Self { device: Some(index.to_string()), ..self.clone() };
         Ok(if found.is_empty() { vec![named(0)] } else { found.iter().map(|device| named(device.index)).collect() })

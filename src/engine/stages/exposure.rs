@@ -15,7 +15,7 @@ use super::blur_matched_pair::LAYERS;
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::state::{DoubleState, from_centre};
 use super::{Field, pixels};
-use crate::base::{Shading, shading};
+use crate::base::{Shading, brightness};
 use crate::engine::shaders;
 use crate::engine::vulkan::Variant;
 
@@ -191,7 +191,7 @@ fn least_squares(samples: &[Sample], known: &[[f64; 2]], weights: &[f64]) -> DVe
     const ALL: usize = Shading::TERMS + 1;
     let (mut normal, mut right) = (DMatrix::zeros(ALL, ALL), DVector::zeros(ALL));
     for ((sample, [second, target]), &weight) in samples.iter().zip(known).zip(weights) {
-        let terms = DVector::from_row_slice(&shading::terms(sample.place)) * *second;
+        let terms = DVector::from_row_slice(&brightness::terms(sample.place)) * *second;
         normal.ger(weight, &terms, &terms, 1.0);
         right.axpy(weight * target, &terms, 1.0);
     }

@@ -37,7 +37,7 @@ impl Constants {
             width,
             height,
             bits: format.bits,
-            count: format.samples_a_pixel(),
+            count: format.samples_per_pixel(),
             reversed: reversed.into(),
             red: red.unwrap_or_default(),
             row: ROW,

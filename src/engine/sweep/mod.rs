@@ -219,7 +219,7 @@ impl JointSolver {
         let of = |&(gain, shading): &_| Brightness {
             photometric: Photometric { gain, offset: 0.0 },
             shading,
-            ..Brightness::unchanged(self.size)
+            ..Brightness::identity(self.size)
         };
         JointRegistration {
             brightness: shared.brightness.iter().map(of).collect(),

@@ -98,7 +98,7 @@ fn prolonged(coarse: &Field, part: Region, limit: f64) -> Field {
     let [x, y] = [part.x / 2, part.y / 2];
     let [width, height] =
         [(coarse.width as u32 - x).min(part.width / 2 + 1), (coarse.height as u32 - y).min(part.height / 2 + 1)];
-    let data = Region { x, y, width, height }.of(&coarse.data, coarse.width, 1);
+    let data = Region { x, y, width, height }.crop(&coarse.data, coarse.width, 1);
     let constants = prolong::Constants { width: part.width, height: part.height, limit: limit as f32, gain: 1.0 };
     prolong::cpu_reference(&constants, &Field { width: width as usize, height: height as usize, data })
 }

@@ -77,7 +77,7 @@ struct Estimate {
 impl Estimate {
     /// Estimates the settings of frames on the reference's pixels, from those that are assumed.
     fn new(frames: &[Field], assumed: &[f64], rate: f64, rounds: usize) -> Self {
-        let images = workers::collect(frames.len(), |n| start::band_passed(&frames[n]));
+        let images = workers::map(frames.len(), |n| start::band_passed(&frames[n]));
         let stacks = BlurStacks::new(&images);
         let mut estimate = Self { settings: assumed.to_vec(), errors: Vec::new() };
         for _ in 0..rounds {
@@ -216,15 +216,15 @@ impl Linearization<'_> {
         let rows = |band: usize| band * height / BANDS..(band + 1) * height / BANDS;
         let of_stride = |s: &usize| (0..frames.saturating_sub(*s)).map(|i| [i, i + s]).collect::<Vec<_>>();
         let pairs: Vec<[usize; 2]> = STRIDES.iter().flat_map(of_stride).collect();
-        let sums = workers::collect(BANDS, |band| self.sum_band(&pairs, rows(band)));
+        let sums = workers::map(BANDS, |band| self.sum_band(&pairs, rows(band)));
         let whole = |n: usize| Field {
             data: sums.iter().flat_map(|band| band.fields[n].iter().copied()).collect(),
             ..Field::zeros(width, height)
         };
-        let fields = workers::collect(frames + 2, |n| start::smoothed(&whole(n), WINDOWS[1]));
+        let fields = workers::map(frames + 2, |n| start::smoothed(&whole(n), WINDOWS[1]));
         let floor = 1e-3 * fields[0].data.iter().sum::<f64>() / (width * height) as f64 + f64::MIN_POSITIVE;
         let normals: Vec<NormalEquations> = sums.into_iter().map(|band| band.normal).collect();
-        workers::collect(BANDS, |band| {
+        workers::map(BANDS, |band| {
             let mut normal = normals[band].clone();
             for i in rows(band).flat_map(|y| y * width..(y + 1) * width) {
                 let over = 1.0 / (fields[0].data[i] + floor);

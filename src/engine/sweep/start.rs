@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::pairs;
 use super::validity::mapped;
-use crate::base::{Homography, Shading, shading, workers};
+use crate::base::{Homography, Shading, brightness, workers};
 use crate::engine::filter::{self, Filter};
 use crate::engine::plan::{LOW_PASS, Level, band};
 use crate::engine::stages::state::from_centre;
@@ -52,7 +52,7 @@ fn coefficients(image: &Field) -> Field {
 
 /// The frames on the reference's pixels, with its brightness.
 pub(super) fn resample(frames: &Frames, transforms: &[Homography], brightness: &[(f64, Shading)]) -> Vec<Field> {
-    workers::collect(frames.images.len(), |n| {
+    workers::map(frames.images.len(), |n| {
         let (spline, (gain, shading)) = (coefficients(&frames.images[n]), brightness[n]);
         Field::from_fn(spline.width, spline.height, |x, y| {
             let at = mapped(&transforms[n], &frames.level, [x as f64, y as f64]);
@@ -76,11 +76,10 @@ const STEPS: usize = 8;
 
 /// T of each frame by appearance, each from its neighbour's, starting at the reference.
 pub(super) fn register(frames: &Frames, reference: usize, unknowns: usize) -> Vec<Homography> {
-    let splines =
-        workers::collect(frames.images.len(), |n| coefficients(&smoothed(&frames.images[n], APPEARANCE_BLUR)));
+    let splines = workers::map(frames.images.len(), |n| coefficients(&smoothed(&frames.images[n], APPEARANCE_BLUR)));
     // The two sides of the reference are independent.
     let sides: [Vec<usize>; 2] = [(reference + 1..splines.len()).collect(), (0..reference).rev().collect()];
-    let registered = workers::collect(2, |n| register_side(&splines, reference, &sides[n], &frames.level, unknowns));
+    let registered = workers::map(2, |n| register_side(&splines, reference, &sides[n], &frames.level, unknowns));
     let mut transforms = vec![Homography::IDENTITY; splines.len()];
     for (n, t) in sides.iter().flatten().zip(registered.into_iter().flatten()) {
         transforms[*n] = t;
@@ -150,8 +149,8 @@ const BRIGHTNESS_WINDOW: f64 = 4.0;
 
 /// Gain and shading that map each frame to the reference's brightness.
 pub(super) fn brightness(frames: &Frames, transforms: &[Homography], reference: usize) -> Vec<(f64, Shading)> {
-    let means: Vec<Field> = workers::collect(frames.images.len(), |n| smoothed(&frames.images[n], BRIGHTNESS_WINDOW));
-    workers::collect(means.len(), |n| {
+    let means: Vec<Field> = workers::map(frames.images.len(), |n| smoothed(&frames.images[n], BRIGHTNESS_WINDOW));
+    workers::map(means.len(), |n| {
         if n == reference {
             return (1.0, Shading::NONE);
         }
@@ -180,7 +179,7 @@ fn fit_brightness(samples: &[([f64; 2], f64, f64)]) -> (f64, Shading) {
         let (mut normal, mut right) = (DMatrix::<f64>::zeros(TERMS, TERMS), DVector::zeros(TERMS));
         let (mut squares, mut weights) = (0.0, 0.0);
         for (place, value, target) in samples {
-            let terms = DVector::from_row_slice(&shading::terms(*place)) * *value;
+            let terms = DVector::from_row_slice(&brightness::terms(*place)) * *value;
             let residual = target - terms.dot(&fitted);
             let w = 1.0 / (1.0 + (residual / scale).powi(2));
             squares += w * residual * residual;
@@ -215,7 +214,7 @@ pub(super) struct BlurStacks {
 impl BlurStacks {
     pub(super) fn new(frames: &[Field]) -> Self {
         let count = (MAX_RELATIVE_BLUR.sqrt() / NODE_STEP).ceil() as usize + 1;
-        let nodes = workers::collect(frames.len(), |n| {
+        let nodes = workers::map(frames.len(), |n| {
             let mut nodes = vec![frames[n].clone()];
             for k in 1..count {
                 let variance = NODE_STEP * NODE_STEP * ((k * k) as f64 - ((k - 1) * (k - 1)) as f64);
@@ -257,7 +256,7 @@ impl BlurStacks {
 
     /// The energy at each candidate u, averaged over a window.
     fn volume(&self, settings: &[f64], pairs: &[[usize; 2]], rate: f64, candidates: &[f64], window: f64) -> Vec<Field> {
-        workers::collect(candidates.len(), |n| {
+        workers::map(candidates.len(), |n| {
             let mut sum = vec![0.0; self.size[0] * self.size[1]];
             for &[i, j] in pairs {
                 let [mut own, mut other] = [i, j].map(|k| (k, rate * (settings[k] - candidates[n]).powi(2)));
@@ -291,7 +290,7 @@ pub(super) fn rate(frames: &[Field], settings: &[f64]) -> f64 {
     let every = frames.len().div_ceil(MAX_FRAMES_FOR_RATE);
     let chosen: Vec<usize> = (0..frames.len()).step_by(every).collect();
     let settings: Vec<f64> = chosen.iter().map(|&n| settings[n]).collect();
-    let images = workers::collect(chosen.len(), |n| band_passed(&frames[chosen[n]]));
+    let images = workers::map(chosen.len(), |n| band_passed(&frames[chosen[n]]));
     let (last, stacks) = (chosen.len() - 1, BlurStacks::new(&images));
     let pairs: Vec<[usize; 2]> =
         [1, 2, 4, 8, 16].iter().flat_map(|s| (0..(last + 1).saturating_sub(*s)).map(move |i| [i, i + s])).collect();
@@ -319,7 +318,7 @@ pub(super) fn rate(frames: &[Field], settings: &[f64]) -> f64 {
 
 /// u at every pixel of frames on the reference's pixels.
 pub(super) fn focus(frames: &[Field], settings: &[f64], rate: f64) -> Field {
-    BlurStacks::new(&workers::collect(frames.len(), |n| band_passed(&frames[n]))).focus(settings, rate)
+    BlurStacks::new(&workers::map(frames.len(), |n| band_passed(&frames[n]))).focus(settings, rate)
 }
 
 impl BlurStacks {

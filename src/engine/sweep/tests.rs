@@ -72,7 +72,7 @@ fn a_reused_solver_gives_the_bits_of_a_new_one() {
         let mut second = first.clone();
         // Another scene and a mask, so that other pairs, tiles and excluded pixels are left behind.
         second.frames.reverse();
-        let mask = Mask::of_picture(&Frame::gray(size[0], size[1], vec![1.0; (size[0] * size[1]) as usize]).unwrap());
+        let mask = Mask::from_image(&Frame::gray(size[0], size[1], vec![1.0; (size[0] * size[1]) as usize]).unwrap());
         let settings = Settings::default();
         let fresh = run(&mut solver(&engine, &first, memory, &settings), &first, None).unwrap();
         let mut solver = solver(&engine, &second, memory, &settings);
@@ -171,7 +171,7 @@ fn masked_pixels_do_not_count() {
         *frame = Frame::gray(260, 200, (0..values.len()).map(at).collect()).unwrap();
     }
     let picture = (0..260 * 200).map(|i| if masked(i) { 0.0 } else { 1.0 }).collect();
-    let mask = Mask::of_picture(&Frame::gray(260, 200, picture).unwrap());
+    let mask = Mask::from_image(&Frame::gray(260, 200, picture).unwrap());
     let settings = Settings::default();
     let [with, without] = [Some(&mask), None].map(|mask| solve(&dirty, MEMORY, &settings, mask));
     let clean = solve(&clean, MEMORY, &settings, None);

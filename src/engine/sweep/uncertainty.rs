@@ -46,10 +46,7 @@ impl FinalSystem {
     pub(super) fn deviation(&self, focus: &Field, ends: &[(Field, Rectangle); 2]) -> Field {
         let map = |f: &(dyn Fn(usize) -> f64 + Sync)| Field { data: (0..focus.data.len()).map(f).collect(), ..*focus };
         let near =
-            workers::collect(
-                2,
-                |n| if n == 0 { smoothed(&self.b, SHARED_ERROR) } else { smoothed(focus, STEP_WINDOW) },
-            );
+            workers::map(2, |n| if n == 0 { smoothed(&self.b, SHARED_ERROR) } else { smoothed(focus, STEP_WINDOW) });
         let [errors, rounded] = [0, 1].map(|n| &near[n]);
         let shows = |n: &usize, i: usize| {
             let ([left, top, right, bottom], x, y) = (ends[*n].1, (i % focus.width) as f64, (i / focus.width) as f64);
@@ -60,7 +57,7 @@ impl FinalSystem {
             let end = [farther, 1 - farther].into_iter().find(|n| shows(n, i));
             end.map_or(f64::INFINITY, |n| ends[n].0.data[i].powi(2))
         };
-        let means = workers::collect(6, |n| {
+        let means = workers::map(6, |n| {
             let field = match n {
                 0 => map(&|i| errors.data[i].powi(2)),
                 1 => self.d.clone(),

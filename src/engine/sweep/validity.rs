@@ -85,14 +85,14 @@ impl ExcludedPixels {
                 let excluded = counts.data.iter().map(|&counts| counts == 0.0).collect();
                 ExclusionMask { width: counts.width, height: counts.height, excluded }.levels(levels, [0; 2])
             };
-            frame.clips(limits).then(levels)
+            frame.has_clipped_pixels(limits).then(levels)
         };
         let masked = mask.map(|mask| {
             let [width, height] = mask.size().map(|side| side as usize);
             let excluded = mask.bytes().iter().map(|&counts| counts == 0).collect();
             ExclusionMask { width, height, excluded }.levels(levels, [MASK_MARGIN, HALVED_MASK_MARGIN])
         });
-        Self { frames: workers::collect(frames.len(), clipped), masked }
+        Self { frames: workers::map(frames.len(), clipped), masked }
     }
 
     /// Drops the finest level.
@@ -111,7 +111,7 @@ impl ExcludedPixels {
         let words = self.frames.len().div_ceil(32);
         let mut all = vec![0; words * width * height];
         let rows = all.chunks_exact_mut(words * width).enumerate();
-        workers::each(rows, |(y, row)| {
+        workers::for_each(rows, |(y, row)| {
             for (x, bits) in row.chunks_exact_mut(words).enumerate() {
                 if self.masked.as_ref().is_some_and(|levels| levels[level.index].excluded[y * width + x]) {
                     bits.fill(u32::MAX);

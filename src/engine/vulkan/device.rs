@@ -151,8 +151,8 @@ impl Device {
     pub(super) fn submit(&self, submits: &[vk::SubmitInfo2<'_>]) -> Result<(), vk::Result> {
         let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
         let _guard = QueueGuard::new(self.queue_lock.as_deref());
-        // SAFETY: the queue is locked; the command buffers are recorded and not pending, since every run waits for its end;
-        // their recording retains what they use.
+        // SAFETY: the queue is locked; the command buffers are recorded and not pending, since every run waits for its
+        // end; their recording retains what they use.
         unsafe { self.handle.queue_submit2(*queue, submits, vk::Fence::null()) }
     }
 
@@ -221,20 +221,22 @@ impl Device {
     pub(super) fn name(&self, object: impl vk::Handle, name: &str) {
         let (Some(names), Ok(name)) = (&self.debug_utils, std::ffi::CString::new(name)) else { return };
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
-        // SAFETY: the object belongs to this device, and only this thread uses it yet. A failure is ignored, since names are
-        // only diagnostics.
+        // SAFETY: the object belongs to this device, and only this thread uses it yet. A failure is ignored, since
+        // names are only diagnostics.
         let _ = unsafe { names.set_debug_utils_object_name(&info) };
     }
 
     fn open_pipeline_cache(&self) -> Result<vk::PipelineCache, Error> {
         let data = pipeline_cache::read(&self.physical).unwrap_or_default();
         let create = vk::PipelineCacheCreateInfo::default().initial_data(&data);
-        // SAFETY: `data` outlives the call; its header matches this driver, and its checksum is right (`pipeline_cache::read`).
+        // SAFETY: `data` outlives the call; its header matches this driver, and its checksum is right
+        // (`pipeline_cache::read`).
         let created = unsafe { self.handle.create_pipeline_cache(&create, None) };
         self.check("vkCreatePipelineCache", created)
     }
 
-    /// Writes the pipeline cache to disk for the next engine. Failures are ignored: the next engine then compiles again.
+    /// Writes the pipeline cache to disk for the next engine. Failures are ignored: the next engine then compiles
+    /// again.
     pub(crate) fn save_pipeline_cache(&self) {
         // SAFETY: the cache belongs to this device.
         if let Ok(data) = unsafe { self.handle.get_pipeline_cache_data(self.pipeline_cache) } {
@@ -250,8 +252,8 @@ impl Drop for Device {
             std::mem::forget(self.instance.clone());
             return;
         }
-        // SAFETY: everything created from the device held an Arc to it and is dropped, and its submissions are complete. The
-        // allocator frees its memory before the device is destroyed, and is not used again.
+        // SAFETY: everything created from the device held an Arc to it and is dropped, and its submissions are
+        // complete. The allocator frees its memory before the device is destroyed, and is not used again.
         unsafe {
             if self.owns_handle {
                 // A failure, such as a lost device, does not prevent the destruction.

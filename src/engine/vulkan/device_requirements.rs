@@ -13,8 +13,8 @@ pub const REQUIRED_VERSION: u32 = vk::API_VERSION_1_3;
 
 /// Device extensions that an engine uses if they and their features are enabled. None is required.
 ///
-/// - `VK_EXT_conditional_rendering`, with its feature `conditionalRendering`: the device skips levels that have settled,
-///   and a solve is one submission.
+/// - `VK_EXT_conditional_rendering`, with its feature `conditionalRendering`: the device skips levels that have
+///   settled, and a solve is one submission.
 /// - `VK_EXT_external_memory_host`: the device reads host memory in place ([`Engine::share`](crate::Engine::share)).
 /// - The last three together: the device reads dma-bufs in place.
 pub const OPTIONAL_EXTENSIONS: [&CStr; 5] = [
@@ -75,8 +75,8 @@ pub fn enable_required_features(
 
 /// The required features and the available [`OPTIONAL_EXTENSIONS`] of a physical device, for the creation of a device.
 ///
-/// A `pNext` chain may hold the structure of a feature once, and not beside that of the Vulkan version that promoted it.
-/// This type extends a chain that other code has begun. A program that writes the whole chain itself can use
+/// A `pNext` chain may hold the structure of a feature once, and not beside that of the Vulkan version that promoted
+/// it. This type extends a chain that other code has begun. A program that writes the whole chain itself can use
 /// [`enable_required_features`].
 pub struct DeviceRequirements {
     timeline_semaphore: vk::PhysicalDeviceTimelineSemaphoreFeatures<'static>,

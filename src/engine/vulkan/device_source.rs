@@ -32,14 +32,14 @@ impl SourceLocation {
 }
 
 impl DeviceSource {
-    /// Rows in a buffer, from the byte `offset` on. `pitch` is the number of bytes from the start of a row to that of the
-    /// next, 0 for rows without padding.
+    /// Rows in a buffer, from the byte `offset` on. `pitch` is the number of bytes from the start of a row to that of
+    /// the next, 0 for rows without padding.
     ///
     /// # Safety
-    /// - The buffer belongs to the engine's device, has the usage `TRANSFER_SRC`, and holds rows of the solver's format and
-    ///   size. The engine's queue family owns it, or its sharing mode is concurrent.
-    /// - It lives until the pair is solved. No code writes those rows between the semaphore waits of the pair and the end
-    ///   of the copy.
+    /// - The buffer belongs to the engine's device, has the usage `TRANSFER_SRC`, and holds rows of the solver's format
+    ///   and size. The engine's queue family owns it, or its sharing mode is concurrent.
+    /// - It lives until the pair is solved. No code writes those rows between the semaphore waits of the pair and the
+    ///   end of the copy.
     pub unsafe fn buffer(buffer: vk::Buffer, offset: u64, pitch: u64) -> Self {
         Self(SourceLocation::Buffer { buffer, offset, pitch, is_foreign: false })
     }
@@ -65,7 +65,7 @@ pub(crate) struct SourceCopy {
     pub(crate) location: SourceLocation,
     /// Width and height, px.
     pub(crate) size: [u32; 2],
-    /// Bytes per row.
+    /// Bytes per row. Rows without padding count as one row.
     pub(crate) row_bytes: u64,
     /// Bytes of the photograph without padding.
     pub(crate) bytes: u64,
@@ -79,8 +79,8 @@ const COPY: vk::PipelineStageFlags2 = vk::PipelineStageFlags2::COPY;
 impl Recorder {
     /// Records the copy of a photograph to a buffer. Its source keeps its queue family and layout.
     pub(crate) fn copy_source(&mut self, copy: &SourceCopy, to: &Arc<Buffer>) {
-        // Earlier submissions to this queue, submissions that are waited for, or the host may have written it. The host may
-        // also signal the semaphore after this submission.
+        // Earlier submissions to this queue, submissions that are waited for, or the host may have written it. The host
+        // may also signal the semaphore after this submission.
         let writes = vk::AccessFlags2::MEMORY_WRITE | vk::AccessFlags2::HOST_WRITE;
         let stages = ALL_COMMANDS | vk::PipelineStageFlags2::HOST;
         self.memory_barrier((stages, writes), (COPY, vk::AccessFlags2::TRANSFER_READ));
@@ -114,18 +114,17 @@ impl Recorder {
             .buffer(buffer)
             .size(vk::WHOLE_SIZE)];
         let dependency = vk::DependencyInfo::default().buffer_memory_barriers(&barrier);
-        // SAFETY: the command buffer is recording. The buffer is retained, and by the contract of `DmaBuf` the other device
-        // does not write it meanwhile.
+        // SAFETY: the command buffer is recording. The buffer is retained, and by the contract of `DmaBuf` the other
+        // device does not write it meanwhile.
         unsafe { self.device().cmd_pipeline_barrier2(self.commands(), &dependency) };
     }
 
     fn copy_rows(&self, copy: &SourceCopy, buffer: vk::Buffer, offset: u64, pitch: u64, to: &Arc<Buffer>) {
-        let is_contiguous = pitch == 0 || pitch == copy.row_bytes;
-        let (rows, size) = if is_contiguous { (1, copy.bytes) } else { (copy.size[1].into(), copy.row_bytes) };
+        let size = copy.row_bytes;
         let region = |row: u64| vk::BufferCopy { src_offset: offset + row * pitch, dst_offset: row * size, size };
-        let regions: Vec<_> = (0..rows).map(region).collect();
-        // SAFETY: the command buffer is recording. The rows lie within the source by the contract of its constructor, and
-        // within `to`, which is retained.
+        let regions: Vec<_> = (0..copy.bytes / size).map(region).collect();
+        // SAFETY: the command buffer is recording. The rows lie within the source by the contract of its constructor,
+        // and within `to`, which is retained.
         unsafe { self.device().cmd_copy_buffer(self.commands(), buffer, to.handle, &regions) };
     }
 

@@ -93,8 +93,8 @@ impl SharedMemory {
             #[cfg(target_os = "linux")]
             HostView::None => return read(&[]),
         };
-        // SAFETY: the bytes stay mapped while `self` lives, and the contracts of `HostMemory` and `DmaBuf` exclude writes to
-        // them until they are read.
+        // SAFETY: the bytes stay mapped while `self` lives, and the contracts of `HostMemory` and `DmaBuf` exclude
+        // writes to them until they are read.
         let result = read(unsafe { std::slice::from_raw_parts(start.add(bytes.start), bytes.len()) });
         #[cfg(target_os = "linux")]
         if let HostView::Mapped(mapping) = &self.host_view {
@@ -170,8 +170,8 @@ impl ImportedMemory {
             if is_dedicated {
                 allocate = allocate.push_next(&mut dedicated);
             }
-            // SAFETY: the contracts of `HostMemory` and `DmaBuf` keep the memory valid while this import lives; the type is
-            // one that the handle supports.
+            // SAFETY: the contracts of `HostMemory` and `DmaBuf` keep the memory valid while this import lives; the
+            // type is one that the handle supports.
             unsafe { device.handle.allocate_memory(&allocate.push_next(import), None) }.ok()
         });
         let Some(memory) = memory else {

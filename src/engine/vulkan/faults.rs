@@ -1,8 +1,8 @@
 //! Fault injection for tests: Vulkan calls that fail, and host allocations that fail.
 //!
-//! A hooked `vkGetInstanceProcAddr` replaces functions that return a `VkResult` by hooks of the same type, as a layer does.
-//! It lies between the loader and this crate, including the allocator. The hooks also pass allocation callbacks that count
-//! host memory. Faults are set per thread, so that concurrent tests do not see them.
+//! A hooked `vkGetInstanceProcAddr` replaces functions that return a `VkResult` by hooks of the same type, as a layer
+//! does. It lies between the loader and this crate, including the allocator. The hooks also pass allocation callbacks
+//! that count host memory. Faults are set per thread, so that concurrent tests do not see them.
 
 use std::alloc::{self, Layout};
 use std::any::TypeId;
@@ -106,8 +106,8 @@ pub(super) fn hook_entry(entry: ash::Entry) -> ash::Entry {
     unsafe { ash::Entry::from_static_fn(ash::StaticFn { get_instance_proc_addr }) }
 }
 
-/// Bytes of host memory that hooked calls have allocated and not freed, on all threads, those of drivers included. Tests
-/// of it must not run concurrently.
+/// Bytes of host memory that hooked calls have allocated and not freed, on all threads, those of drivers included.
+/// Tests of it must not run concurrently.
 static ALLOCATED: AtomicIsize = AtomicIsize::new(0);
 
 static ENTRY: OnceLock<ash::Entry> = OnceLock::new();
@@ -184,7 +184,8 @@ fn injected_result(index: usize) -> Option<Code> {
     })
 }
 
-/// Replaces a pointer to allocation callbacks, which is null, by the counting callbacks. Returns other arguments unchanged.
+/// Replaces a pointer to allocation callbacks, which is null, by the counting callbacks. Returns other arguments
+/// unchanged.
 fn with_callbacks<A: Copy + 'static>(argument: A) -> A {
     if TypeId::of::<A>() != TypeId::of::<*const vk::AllocationCallbacks<'static>>() {
         return argument;
@@ -210,8 +211,8 @@ macro_rules! hooks {
                 if let Some(code) = injected && !waits {
                     return R::from_code(code);
                 }
-                // SAFETY: `super::hook` has stored the function of this name, which has this type. The arguments are the
-                // caller's, except for callbacks, which are valid for every call.
+                // SAFETY: `super::hook` has stored the function of this name, which has this type. The arguments are
+                // the caller's, except for callbacks, which are valid for every call.
                 let returned = unsafe {
                     let function: unsafe extern "system" fn($($argument),*) -> R = transmute(FUNCTIONS[INDEX].load(Ordering::Acquire));
                     function($(with_callbacks($argument)),*)
@@ -224,7 +225,8 @@ macro_rules! hooks {
                 _: CallIndex<INDEX>,
                 _: Option<unsafe extern "system" fn($($argument),*) -> R>,
             ) -> unsafe extern "system" fn() {
-                // SAFETY: function pointers have one size, and the caller converts this one back to the type of its name.
+                // SAFETY: function pointers have one size, and the caller converts this one back to the type of its
+                // name.
                 unsafe {
                     transmute::<unsafe extern "system" fn($($argument),*) -> R, unsafe extern "system" fn()>(
                         hook::<INDEX, $($argument,)* R>,
@@ -365,8 +367,8 @@ unsafe extern "system" fn allocate(
     let offset = HEADER_BYTES.next_multiple_of(alignment.max(1));
     let layout = Layout::from_size_align(offset + size, alignment.max(align_of::<usize>()));
     let (Ok(layout), false) = (layout, left == Some(0)) else { return ptr::null_mut() };
-    // SAFETY: the layout is not empty. The header lies within the allocation, before the returned pointer, and is aligned,
-    // since the offset is a multiple of both alignments.
+    // SAFETY: the layout is not empty. The header lies within the allocation, before the returned pointer, and is
+    // aligned, since the offset is a multiple of both alignments.
     unsafe {
         let start = alloc::alloc(layout);
         if start.is_null() {

@@ -35,8 +35,8 @@ pub(crate) struct Instance {
     pub(super) debug_utils: bool,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     messages: Arc<Messages>,
-    /// Keeps the loader's library open while the instance lives. `None`: the embedding program owns the instance, which is not
-    /// destroyed here.
+    /// Keeps the loader's library open while the instance lives. `None`: the embedding program owns the instance, which
+    /// is not destroyed here.
     entry: Option<ash::Entry>,
 }
 
@@ -63,8 +63,8 @@ impl Instance {
         #[cfg(test)]
         let entry = super::faults::hook_entry(entry);
         let failed = |call: &str, result: vk::Result| match result {
-            // Loaders return these for a driver whose manifest is broken or names a missing file. The call needs too little host
-            // memory for that to be the cause.
+            // Loaders return these for a driver whose manifest is broken or names a missing file. The call needs too
+            // little host memory for that to be the cause.
             vk::Result::ERROR_OUT_OF_HOST_MEMORY
             | vk::Result::ERROR_INITIALIZATION_FAILED
             | vk::Result::ERROR_INCOMPATIBLE_DRIVER => Error::NoDevice(no_driver(result)),
@@ -356,8 +356,8 @@ fn uuid(bytes: &[u8; vk::UUID_SIZE]) -> String {
     format!("{}-{}-{}-{}-{}", &hex[..8], &hex[8..12], &hex[12..16], &hex[16..20], &hex[20..])
 }
 
-/// Returns the size of the largest device-local heap, in bytes. A software device allocates from the system's memory, so
-/// that its available memory is returned: lavapipe 22.3 reports a heap of 2 GiB on every machine.
+/// Returns the size of the largest device-local heap, in bytes. A software device allocates from the system's memory,
+/// so that its available memory is returned: lavapipe 22.3 reports a heap of 2 GiB on every machine.
 fn memory_bytes(device_type: vk::PhysicalDeviceType, heaps: &[vk::MemoryHeap]) -> u64 {
     let local = heaps.iter().filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
     let heap = local.map(|h| h.size).max().unwrap_or(0);

@@ -211,8 +211,8 @@ pub struct ExternalCommandBuffer(pub(super) vk::CommandBuffer);
 impl ExternalCommandBuffer {
     /// Wraps a primary command buffer in the recording state, outside of a render pass and of conditional rendering.
     ///
-    /// Recording changes the bound compute pipeline, descriptor sets and push constants. The solve is one submission: it
-    /// must be shorter than the time limit of the driver's watchdog.
+    /// Recording changes the bound compute pipeline, descriptor sets and push constants. The solve is one submission:
+    /// it must be shorter than the time limit of the driver's watchdog.
     ///
     /// # Safety
     /// - The command buffer belongs to the engine's device and queue family, and no other thread uses it meanwhile.

@@ -219,7 +219,8 @@ impl Buffer {
 }
 
 impl Image {
-    /// Creates an image with undefined contents. [`Recorder::initialize`](super::Recorder::initialize) must precede its use.
+    /// Creates an image with undefined contents. [`Recorder::initialize`](super::Recorder::initialize) must precede its
+    /// use.
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,
@@ -315,7 +316,8 @@ impl Drop for Buffer {
         if self.device.is_in_use() {
             return;
         }
-        // SAFETY: recordings retain the buffers that they use and are complete, so that the device no longer uses this one.
+        // SAFETY: recordings retain the buffers that they use and are complete, so that the device no longer uses this
+        // one.
         unsafe { self.device.handle.destroy_buffer(self.handle, None) };
         free(&self.device, &mut self.allocation);
     }

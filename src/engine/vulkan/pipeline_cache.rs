@@ -102,7 +102,8 @@ pub(super) fn write(device: &PhysicalDevice, data: &[u8]) {
     let write = || -> io::Result<()> {
         let path = cache_path(device).ok_or(io::ErrorKind::NotFound)?;
         create_private_folder(path.parent().ok_or(io::ErrorKind::NotFound)?)?;
-        // Another process may write at the same time, hence the name. If two threads of this process do, the checksum fails.
+        // Another process may write at the same time, hence the name. If two threads of this process do, the checksum
+        // fails.
         let temporary = path.with_extension(std::process::id().to_string());
         fs::write(&temporary, [&header(&device.cache_uuid, device.driver_version, data), data].concat())?;
         fs::rename(&temporary, &path)

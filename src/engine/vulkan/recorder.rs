@@ -127,8 +127,8 @@ impl Recorder {
         self.begin_part(true)
     }
 
-    /// Begins a part that the device skips if a word of a buffer, at a byte offset, is not zero when the earlier parts are
-    /// complete. Without conditional rendering it is an optional part.
+    /// Begins a part that the device skips if a word of a buffer, at a byte offset, is not zero when the earlier parts
+    /// are complete. Without conditional rendering it is an optional part.
     pub(crate) fn next_part_unless_set(&mut self, (buffer, offset): (&Arc<Buffer>, u64)) -> Result<(), Error> {
         let device = self.device.clone();
         let Some(conditional) = &device.conditional_rendering else { return self.next_optional_part() };
@@ -258,8 +258,8 @@ impl Recorder {
         let commands = self.commands();
         self.timestamps.before_dispatch(commands, pipeline.name);
         let device = &self.device.handle;
-        // SAFETY: the command buffer is recording; pipeline, set and buffers belong to this device and are retained; the
-        // constants have the size of the layout's range.
+        // SAFETY: the command buffer is recording; pipeline, set and buffers belong to this device and are retained;
+        // the constants have the size of the layout's range.
         unsafe {
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline.handle);
             device.cmd_bind_descriptor_sets(commands, vk::PipelineBindPoint::COMPUTE, pipeline.layout, 0, &[set], &[]);
@@ -277,8 +277,8 @@ impl Recorder {
         Ok(())
     }
 
-    /// Records a global barrier: earlier writes of dispatches and copies are visible to later ones and to indirect dispatch,
-    /// and later ones may write what earlier ones read.
+    /// Records a global barrier: earlier writes of dispatches and copies are visible to later ones and to indirect
+    /// dispatch, and later ones may write what earlier ones read.
     pub(crate) fn barrier(&mut self) {
         let work = vk::PipelineStageFlags2::COMPUTE_SHADER | vk::PipelineStageFlags2::TRANSFER;
         let writes = vk::AccessFlags2::SHADER_STORAGE_WRITE | vk::AccessFlags2::TRANSFER_WRITE;
@@ -353,8 +353,8 @@ impl Recorder {
     /// Copies layers of an image to a buffer.
     pub(crate) fn copy_image_to_buffer(&mut self, image: &Arc<Image>, layers: Range<u32>, to: &Arc<Buffer>) {
         let region = [Self::image_region(image, layers)];
-        // SAFETY: the command buffer is recording; the image is in the general layout, the layers fit into the buffer, and
-        // both are retained.
+        // SAFETY: the command buffer is recording; the image is in the general layout, the layers fit into the buffer,
+        // and both are retained.
         unsafe {
             self.device.handle.cmd_copy_image_to_buffer(
                 self.commands(),
@@ -371,8 +371,8 @@ impl Recorder {
     /// Copies a buffer to all layers of an image.
     pub(crate) fn copy_buffer_to_image(&mut self, from: &Arc<Buffer>, image: &Arc<Image>) {
         let region = [Self::image_region(image, 0..image.layers)];
-        // SAFETY: the command buffer is recording; the image is in the general layout, the buffer holds all its layers, and
-        // both are retained.
+        // SAFETY: the command buffer is recording; the image is in the general layout, the buffer holds all its layers,
+        // and both are retained.
         unsafe {
             self.device.handle.cmd_copy_buffer_to_image(
                 self.commands(),
@@ -431,8 +431,8 @@ impl Recorder {
 impl Drop for Recorder {
     fn drop(&mut self) {
         let timeline = self.timeline.take().map_or(vk::Semaphore::null(), |timeline| timeline.semaphore);
-        // SAFETY: both handles are null after `finish`, for which the calls have no effect. Otherwise the command buffers
-        // were never submitted, and earlier uses of the semaphore are complete.
+        // SAFETY: both handles are null after `finish`, for which the calls have no effect. Otherwise the command
+        // buffers were never submitted, and earlier uses of the semaphore are complete.
         unsafe {
             self.device.handle.destroy_semaphore(timeline, None);
             self.device.handle.destroy_command_pool(self.pool, None);

@@ -96,8 +96,8 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Begins another recording with the command pool, the descriptor sets and the timeline of this one, whose runs must
-    /// be complete.
+    /// Begins another recording with the command pool, the descriptor sets and the timeline of this one, whose runs
+    /// must be complete.
     ///
     /// # Errors
     /// [`Error::Poisoned`], [`Error::Vulkan`].
@@ -146,9 +146,9 @@ impl Recording {
         Ok(())
     }
 
-    /// Runs the first `parts` parts, and waits for them. An optional part is skipped if `is_wanted` is false for its index.
-    /// `on_part_end` is called with the number of parts that are complete or skipped. Parts between two optional ones are
-    /// one submission.
+    /// Runs the first `parts` parts, and waits for them. An optional part is skipped if `is_wanted` is false for its
+    /// index. `on_part_end` is called with the number of parts that are complete or skipped. Parts between two optional
+    /// ones are one submission.
     ///
     /// # Errors
     /// Those of `is_wanted`; [`Error::Timeout`], which poisons the device as every failed wait does; [`Error::Vulkan`].
@@ -210,8 +210,9 @@ impl Recording {
         self.parts.iter().any(|part| part.is_optional)
     }
 
-    /// Submits the first `parts` parts, none of them optional, without waiting. The device begins them after the semaphore
-    /// waits. Returns the value of the timeline when they are complete. The previous submission must be complete.
+    /// Submits the first `parts` parts, none of them optional, without waiting. The device begins them after the
+    /// semaphore waits. Returns the value of the timeline when they are complete. The previous submission must be
+    /// complete.
     ///
     /// # Errors
     /// [`Error::Poisoned`], [`Error::Vulkan`].
@@ -243,8 +244,9 @@ impl Recording {
         }
     }
 
-    /// Poisons the device after a failed wait, and returns the error. A submission cannot be recalled, but a slow device
-    /// soon completes it, and a lost device has: everything can then be freed. What a hung device may use is never freed.
+    /// Poisons the device after a failed wait, and returns the error. A submission cannot be recalled, but a slow
+    /// device soon completes it, and a lost device has: everything can then be freed. What a hung device may use is
+    /// never freed.
     fn give_up(&self, last: u64, result: vk::Result, deadline: Deadline) -> Error {
         let ended = self.wait_timeline(last, GRACE);
         self.device.poison(matches!(ended, Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST)));

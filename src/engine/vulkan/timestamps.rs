@@ -13,8 +13,8 @@ pub(crate) struct DeviceTimes {
     pub(crate) total_ms: f64,
     /// By pass name, in the order of first use.
     pub(crate) passes_ms: Vec<(&'static str, f64)>,
-    /// The end of each span since the start of the run, in order. A span begins at the end of the previous one, although
-    /// passes without a barrier between them may overlap.
+    /// The end of each span since the start of the run, in order. A span begins at the end of the previous one,
+    /// although passes without a barrier between them may overlap.
     pub(crate) ends_ms: Vec<f64>,
 }
 
@@ -92,7 +92,8 @@ impl Timestamps {
             return;
         }
         self.span_passes.push(name);
-        // SAFETY: the command buffer is recording; the query lies within the pool and is reset at the start of the recording.
+        // SAFETY: the command buffer is recording; the query lies within the pool and is reset at the start of the
+        // recording.
         unsafe {
             device.handle.cmd_write_timestamp2(commands, vk::PipelineStageFlags2::COMPUTE_SHADER, self.pool, index)
         };
@@ -104,8 +105,8 @@ impl Timestamps {
         self.part_ends.push(self.span_passes.len());
     }
 
-    /// Reads the times of a completed run. `is_submitted` states which of the first parts it submitted. The times are empty
-    /// if the queue family has no timestamps.
+    /// Reads the times of a completed run. `is_submitted` states which of the first parts it submitted. The times are
+    /// empty if the queue family has no timestamps.
     pub(super) fn read(&self, is_submitted: &[bool]) -> Result<DeviceTimes, Error> {
         let Some(device) = &self.device else { return Ok(DeviceTimes::default()) };
         let mut ticks = Vec::new();

@@ -183,7 +183,7 @@ impl ProfileReport {
         write!(writer, "distance_px,x_px,y_px,{values},{deviation}")?;
         writeln!(writer, "{}", if self.depth.is_some() { ",depth_mm,depth_deviation_mm" } else { "" })?;
         let number = |v: f64| if v.is_finite() { v.to_string() } else { String::new() };
-        for (i, ([x, y], distance)) in self.line.places().zip(self.distances()).enumerate() {
+        for (i, ([x, y], distance)) in self.line.points().zip(self.distances()).enumerate() {
             write!(writer, "{distance},{x},{y}")?;
             for column in self.values.iter().chain(self.depth.iter().flatten()) {
                 write!(writer, ",{}", number(column[i]))?;
@@ -196,6 +196,6 @@ impl ProfileReport {
     /// Distances from the beginning of the line, px.
     pub(crate) fn distances(&self) -> impl Iterator<Item = f64> + use<> {
         let [x1, y1] = self.line.from;
-        self.line.places().map(move |[x, y]| (x - x1).hypot(y - y1))
+        self.line.points().map(move |[x, y]| (x - x1).hypot(y - y1))
     }
 }

@@ -53,7 +53,7 @@ pub struct FrameRegistration {
 impl FrameRegistration {
     /// Gain, offset and shading, where gain and offset are stated, of a frame of this size.
     pub fn brightness(&self, size: [u32; 2]) -> Option<Brightness> {
-        let unchanged = Brightness::unchanged(size);
+        let unchanged = Brightness::identity(size);
         let photometric = self.photometric?;
         Some(self.shading.map_or(Brightness { photometric, ..unchanged }, |shading| shading.with(photometric)))
     }

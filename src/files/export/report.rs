@@ -217,7 +217,7 @@ impl FrameReport {
 
     /// I1, which is the reference, and I2.
     fn pair(photograph: [u32; 2], transform: Homography, brightness: &Brightness) -> Vec<Self> {
-        let first = Self::new(Homography::IDENTITY, &Brightness::unchanged(photograph));
+        let first = Self::new(Homography::IDENTITY, &Brightness::identity(photograph));
         vec![first, Self::new(transform, brightness)]
     }
 

@@ -18,7 +18,7 @@ pub fn read_frames(first: Photograph, others: &[PathBuf]) -> Result<Vec<(Frame, 
         last = photograph.as_ref().ok().cloned();
         photograph
     });
-    workers::each([Ok(first)].into_iter().chain(opened).zip(&mut read), |(photograph, read)| {
+    workers::for_each([Ok(first)].into_iter().chain(opened).zip(&mut read), |(photograph, read)| {
         *read = Some(photograph.and_then(|photograph| {
             let input = photograph.describe()?;
             Ok((photograph.decode()?, input))

@@ -81,7 +81,7 @@ impl<'a> Raw<'a> {
     }
 
     pub(super) fn has_alpha(&self) -> bool {
-        self.raw.format.samples_a_pixel() == 4
+        self.raw.format.samples_per_pixel() == 4
     }
 
     pub(super) fn depth(&self) -> Depth {

@@ -26,7 +26,7 @@ const LEAST: usize = 6;
 pub fn key_points([i1, i2]: [&Frame; 2], decode: Decode, mask: Option<&Mask>) -> Result<Similarity, Error> {
     let [mut a, b] = [i1, i2].map(|frame| detect(&ingest::cpu_reference(frame, decode, LUMINANCE)));
     if let Some(mask) = mask {
-        a.retain(|[x, y]| mask.counts(x, y));
+        a.retain(|[x, y]| mask.contains(x, y));
     }
     enough("key-points in I1", a.places.len())?;
     enough("key-points in I2", b.places.len())?;

@@ -1,56 +1,78 @@
-//! A synthetic pair as files: images, true relative blur and depth, and `truth.json`.
+//! Synthetic pairs and sweeps as files: images, true blur, depth and focus, and `truth.json`.
 
 use std::io::Write;
 
 use serde::Serialize;
 
-use super::{Exposure, Kernel, Radiance, Scene, Shape, Simulated};
+use super::{Exposure, Kernel, Radiance, Scene, Shape, Simulated, SimulatedSweep, SweepScene};
 use crate::base::{Error, Frame, Lens, Photometric, Samples, Similarity};
-use crate::files::export::description::{DEPTH, PHOTOGRAPH, RELATIVE_BLUR};
+use crate::files::export::description::{DEPTH, PHOTOGRAPH, RELATIVE_BLUR, TRUE_FOCUS};
 use crate::files::export::png_file::{self, Pixels};
 use crate::files::export::{
     Destination, Header, Kind, RangeReport, SIMULATED_FILES, SizeReport, Staging, color_type, exr_file, to_json,
     write_json_to,
 };
 
-/// `truth.json`: what is true of a synthetic pair. `parfocal solve --transform` reads it.
+/// The file of the true focus of a sweep.
+const FOCUS_FILE: &str = "focus.exr";
+
+/// The content of `truth.json`: the ground truth of a pair or of a sweep. `parfocal solve --transform` reads it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Truth {
+pub struct Truth<F> {
     #[serde(flatten)]
     header: Header,
     /// The scene's name.
     pub scene: String,
     /// The seed.
     pub seed: u64,
-    /// Size of both images.
+    /// Size of all images.
     pub size: SizeReport,
-    /// I1, which is the reference, and I2.
+    /// The frames in order: I1 and I2 of a pair.
     pub frames: Vec<FrameTruth>,
-    /// Shape of the blur of both images.
+    /// The true field of a pair or a sweep.
+    #[serde(flatten)]
+    pub field: F,
+    /// Shape of the blur.
     pub kernel: Kernel,
-    /// Deviation of the noise, intensities.
+    /// Standard deviation of the noise, intensities.
     pub noise_sigma: f64,
-    /// From the darkest to the brightest radiance, intensities.
+    /// The brightest less the darkest radiance, intensities.
     pub contrast: f64,
-    /// Blur of both images in focus, px² of I1.
+    /// Blur of all images in focus, px² of the reference.
     pub base_blur_px2: f64,
-    /// What is on the surface.
+    /// The texture of the surface.
     pub radiance: Radiance,
-    /// How the surface lies.
+    /// The shape of the surface. A sweep uses only its ends, not its V or focus distances.
     pub shape: Shape,
+    /// Occlusion at jumps of depth: "ignored", or "rendered" where the nearer side hides the other.
+    pub occlusion: &'static str,
+    /// Number of samples outside [0, 1], which were clipped.
+    pub clipped_samples: usize,
+    /// All files, this one included. A later run replaces and removes these and no others.
+    pub files: Vec<String>,
+}
+
+/// The true field of a pair.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PairField {
     /// The range of V, px².
     pub relative_blur: RangeReport,
-    /// The lens; absent where V is stated without one, and then there is no depth.
+    /// The lens; absent where V is stated without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens: Option<Lens>,
-    /// The file of depth in mm, `depth.exr`; null where the scene has no lens.
+    /// The file of depth in mm, `depth.exr`; null without a lens.
     pub depth: Option<&'static str>,
-    /// What jumps of depth do: "ignored" where neither side hides the other, "rendered" where the nearer does.
-    pub occlusion: &'static str,
-    /// Samples of i1.png and i2.png that lay outside [0, 1] and were clipped.
-    pub clipped_samples: usize,
-    /// The files that belong to it, itself among them. A later run replaces and removes these and no others.
-    pub files: Vec<&'static str>,
+}
+
+/// The true field of a sweep.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SweepField {
+    /// Index of the frame on whose pixels the focus is.
+    pub reference: usize,
+    /// c: growth of the variance of the blur with the squared distance from the focus in settings, px².
+    pub blur_rate_px2: f64,
+    /// The range of the focus, settings.
+    pub focus: RangeReport,
 }
 
 /// The truth of one frame.
@@ -66,14 +88,44 @@ pub struct FrameTruth {
     /// `gain` and `offset`, which map it onto the reference; they undo the exposure.
     #[serde(flatten)]
     pub photometric: Photometric,
-    /// What was done to it, `I ← gain I + offset`.
+    /// The exposure of the frame, `I ← gain I + offset`.
     pub exposure: Exposure,
     /// Darkening of its corners against the reference's, which grows with the squared distance from the middle.
     pub vignetting: f64,
 }
 
-impl Truth {
-    /// What is true of `simulated`, which `scene` rendered.
+impl<F: Serialize> Truth<F> {
+    fn of(scene: &Scene, frames: Vec<FrameTruth>, field: F, clipped_samples: usize, files: Vec<String>) -> Self {
+        Self {
+            header: Header::new(Kind::Simulation),
+            scene: scene.name.clone(),
+            seed: scene.seed,
+            size: SizeReport { width: scene.width, height: scene.height },
+            frames,
+            field,
+            kernel: scene.kernel,
+            noise_sigma: scene.noise,
+            contrast: scene.contrast,
+            base_blur_px2: scene.base_blur,
+            radiance: scene.radiance.clone(),
+            shape: scene.shape.clone(),
+            occlusion: scene.shape.occlusion(),
+            clipped_samples,
+            files,
+        }
+    }
+
+    /// The truth as JSON.
+    ///
+    /// # Errors
+    /// Numbers that JSON cannot express.
+    pub fn to_json(&self) -> serde_json::Result<String> {
+        to_json(self)
+    }
+}
+
+impl Truth<PairField> {
+    /// The truth of a pair that was rendered from a scene.
     pub fn new(scene: &Scene, simulated: &Simulated) -> Self {
         let [i1, i2, ..] = SIMULATED_FILES;
         let frame = |file: &str, transform, exposure: Exposure| FrameTruth {
@@ -85,43 +137,49 @@ impl Truth {
             vignetting: 0.0,
         };
         let second = frame(i2, simulated.transform, scene.exposure);
-        Self {
-            header: Header::new(Kind::Simulation),
-            scene: scene.name.clone(),
-            seed: scene.seed,
-            size: SizeReport { width: scene.width, height: scene.height },
-            frames: vec![frame(i1, Similarity::IDENTITY, Exposure::default()), second],
-            kernel: scene.kernel,
-            noise_sigma: scene.noise,
-            contrast: scene.contrast,
-            base_blur_px2: scene.base_blur,
-            radiance: scene.radiance.clone(),
-            shape: scene.shape.clone(),
+        let frames = vec![frame(i1, Similarity::IDENTITY, Exposure::default()), second];
+        let field = PairField {
             relative_blur: RangeReport::of(&simulated.relative_blur),
             lens: scene.lens().copied(),
             depth: simulated.depth.as_ref().map(|_| SIMULATED_FILES[3]),
-            occlusion: scene.shape.occlusion(),
-            clipped_samples: [&simulated.i1, &simulated.i2].map(clipped).iter().sum(),
-            files: simulated_files(simulated.depth.is_some()),
-        }
-    }
-
-    /// As text.
-    ///
-    /// # Errors
-    /// That of the serialiser, which numbers that JSON has no form for would cause.
-    pub fn to_json(&self) -> serde_json::Result<String> {
-        to_json(self)
+        };
+        let clipped = [&simulated.i1, &simulated.i2].map(clipped).iter().sum();
+        let files = simulated_files(simulated.depth.is_some()).into_iter().map(String::from).collect();
+        Self::of(scene, frames, field, clipped, files)
     }
 }
 
-/// Writes the [`SIMULATED_FILES`] of a synthetic pair into the folder `out`, which is made if it is missing; images have 16
-/// bits. All of them, or none. Of another scene, what its truth lists is replaced or removed, and no other file, as by
+impl Truth<SweepField> {
+    /// The truth of a sweep that was rendered from a scene.
+    pub fn new(sweep: &SweepScene, simulated: &SimulatedSweep) -> Self {
+        let files = simulated_sweep_files(sweep.frames);
+        let shots = files.iter().zip(&simulated.shots);
+        let frames = shots.map(|(file, shot)| FrameTruth {
+            file: file.clone(),
+            position: Some(shot.position),
+            transform: shot.transform,
+            photometric: shot.exposure.photometric(),
+            exposure: shot.exposure,
+            vignetting: shot.vignetting,
+        });
+        let (reference, blur_rate_px2) = (simulated.reference, sweep.blur_rate);
+        let field = SweepField { reference, blur_rate_px2, focus: RangeReport::of(&simulated.focus) };
+        let clipped = simulated.frames.iter().map(clipped).sum();
+        Self::of(&sweep.scene, frames.collect(), field, clipped, files)
+    }
+}
+
+/// Writes the [`SIMULATED_FILES`] of a pair, images of 16 bits, into a folder that is created if it is missing: all of
+/// them, or none. The files of an earlier simulation are replaced or removed, no other file, as by
 /// [`write()`](crate::export::write()).
 ///
 /// # Errors
 /// [`Error::File`].
-pub fn write_simulated<'d>(out: impl Into<Destination<'d>>, simulated: &Simulated, truth: &Truth) -> Result<(), Error> {
+pub fn write_simulated<'d>(
+    out: impl Into<Destination<'d>>,
+    simulated: &Simulated,
+    truth: &Truth<PairField>,
+) -> Result<(), Error> {
     let size = (simulated.i1.width(), simulated.i1.height());
     let [i1, i2, blur, depth_file, json] = SIMULATED_FILES;
     let mut staging = Staging::replacing(out.into(), json)?;
@@ -135,25 +193,53 @@ pub fn write_simulated<'d>(out: impl Into<Destination<'d>>, simulated: &Simulate
     staging.place()
 }
 
-/// The files of a synthetic pair whose scene has a lens or not.
+/// Writes the [files](simulated_sweep_files()) of a sweep, as [`write_simulated()`] those of a pair.
+///
+/// # Errors
+/// [`Error::File`].
+pub fn write_simulated_sweep<'d>(
+    out: impl Into<Destination<'d>>,
+    simulated: &SimulatedSweep,
+    truth: &Truth<SweepField>,
+) -> Result<(), Error> {
+    let size = (truth.size.width, truth.size.height);
+    let json = SIMULATED_FILES[4];
+    let mut staging = Staging::replacing(out.into(), json)?;
+    for (frame, of) in simulated.frames.iter().zip(&truth.frames) {
+        staging.add(&of.file, |w| write_picture(w, frame))?;
+    }
+    staging.add(FOCUS_FILE, |w| exr_file::write(w, size, &simulated.focus, &TRUE_FOCUS))?;
+    staging.add(json, |w| write_json_to(w, truth))?;
+    staging.place()
+}
+
+/// The files of a pair whose scene has a lens or not.
 pub fn simulated_files(has_lens: bool) -> Vec<&'static str> {
     SIMULATED_FILES.into_iter().filter(|name| has_lens || *name != SIMULATED_FILES[3]).collect()
 }
 
+/// The files of a sweep: `frame_01.png` and so on, `focus.exr`, `truth.json`. Numbers have as many digits as the last, at
+/// least two.
+pub fn simulated_sweep_files(frames: usize) -> Vec<String> {
+    let digits = frames.to_string().len().max(2);
+    let names = (1..=frames).map(|k| format!("frame_{k:0digits$}.png"));
+    names.chain([FOCUS_FILE, SIMULATED_FILES[4]].map(String::from)).collect()
+}
+
+/// The samples of a rendered frame, which are floats.
 pub(super) fn floats(frame: &Frame) -> &[f32] {
     match frame.samples() {
         Samples::F32(samples) => samples,
-        // A scene renders floats and nothing else.
         Samples::U8(_) | Samples::U16(_) => &[],
     }
 }
 
-pub(super) fn clipped(frame: &Frame) -> usize {
+fn clipped(frame: &Frame) -> usize {
     floats(frame).iter().filter(|v| !(0.0..=1.0).contains(*v)).count()
 }
 
-/// 16-bit PNG, white at 1.
-pub(super) fn write_picture(writer: impl Write, frame: &Frame) -> Result<(), String> {
+/// Writes a PNG of 16 bits, white at 1.
+fn write_picture(writer: impl Write, frame: &Frame) -> Result<(), String> {
     let samples: Vec<u16> = floats(frame).iter().map(|v| (v.clamp(0.0, 1.0) * 65535.0).round() as u16).collect();
     let size = (frame.width(), frame.height());
     png_file::write(writer, size, color_type(frame.format().channels), &Pixels::Words(&samples), &PHOTOGRAPH)

@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_2_SQRT_PI, PI, TAU};
 
 use serde::{Deserialize, Serialize};
 
-/// How the blur of a scene is shaped. Each is a family h(u; v), scaled so that v is its variance per axis, px².
+/// The kernel of the blur of a scene: a family h(u; v) whose variance per axis is v, px².
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "program", derive(clap::ValueEnum))]
@@ -21,18 +21,18 @@ pub enum Kernel {
     HalfGaussian,
 }
 
-/// A place of a unit kernel (v = 1) and what it counts; the weights of a rule add up to 1.
+/// A node of a quadrature rule of a unit kernel (v = 1). The weights of a rule add up to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Node {
     pub(super) u: [f64; 2],
     pub(super) weight: f64,
 }
 
-/// Beyond this many deviations a Gaussian is cut off: 3e-7 of its mass.
+/// Standard deviations at which a Gaussian is cut off: 3e-7 of its mass remain.
 const REACH: f64 = 5.5;
 
-/// Largest angular frequency that radiance under quadrature may hold, rad/px. Nyquist is π, but the edges of dots and the
-/// spline between noisy pixels have detail beyond: at 7, noise came out wrong by 1.3e-4.
+/// Largest angular frequency of radiance under quadrature, rad/px. Nyquist is π, but the edges of dots and the spline
+/// between noisy pixels have higher frequencies: with 7, noise was wrong by 1.3e-4.
 const BANDWIDTH: f64 = 9.0;
 
 impl Kernel {
@@ -52,14 +52,14 @@ impl Kernel {
         }
     }
 
-    /// Beyond this distance the unit kernel is nothing, for every rule.
+    /// The distance beyond which all rules of the unit kernel are zero.
     pub(super) fn reach(self) -> f64 {
         if self == Kernel::Pillbox { 2.0 } else { REACH }
     }
 
-    /// A rule for the unit kernel that is exact, to 1e-5 or better, for deviations up to `sigma` px.
+    /// A rule for the unit kernel with an error of at most 1e-5 for standard deviations up to `sigma` px.
     fn rule(self, sigma: f64) -> Vec<Node> {
-        // Radians that the radiance turns through over one unit of the kernel.
+        // Phase of the radiance over one unit of the kernel, radians.
         let turns = BANDWIDTH * sigma;
         let nodes = match self {
             Kernel::Gaussian => {
@@ -74,41 +74,41 @@ impl Kernel {
     }
 }
 
-/// A rule for the Gaussian along one axis, of deviation `sigma` px; the weights add up to 1.
+/// A rule for the Gaussian of standard deviation `sigma` px along one axis; the weights add up to 1.
 pub(super) fn gaussian_rule(sigma: f64) -> Vec<(f64, f64)> {
     let line = gaussian_line(BANDWIDTH * sigma);
     let sum: f64 = line.iter().map(|n| n.1).sum();
     line.into_iter().map(|(u, weight)| (sigma * u, weight / sum)).collect()
 }
 
-/// Rules of one kernel for every deviation of an image: wide blur needs more nodes.
+/// Rules of one kernel for all standard deviations of an image: wide blur needs more nodes.
 pub(super) struct Rules(Vec<Vec<Node>>);
 
-/// Deviations are sorted into classes of this width, px.
+/// Width of the classes of standard deviations, px.
 const CLASS: f64 = 0.5;
 
 impl Rules {
-    /// For deviations up to `largest` px.
+    /// Rules for standard deviations up to `largest` px.
     pub(super) fn new(kernel: Kernel, largest: f64) -> Self {
         let classes = (largest / CLASS).ceil().max(1.0) as usize;
         Self((1..=classes).map(|i| kernel.rule(i as f64 * CLASS)).collect())
     }
 
-    /// The rule for a deviation.
+    /// The rule for a standard deviation.
     pub(super) fn of(&self, sigma: f64) -> &[Node] {
         let class = (sigma / CLASS).ceil().max(1.0) as usize;
         &self.0[class.min(self.0.len()) - 1]
     }
 }
 
-/// Trapezoidal rule, whose error on a Gaussian falls faster than any power of the step.
+/// The trapezoidal rule: its error on a Gaussian falls faster than any power of the step.
 fn gaussian_line(turns: f64) -> Vec<(f64, f64)> {
     let step = TAU / (turns + 6.0);
     let count = (REACH / step).floor() as i32;
     (-count..=count).map(|i| f64::from(i) * step).map(|u| (u, (-u * u / 2.0).exp())).collect()
 }
 
-/// Gauss-Legendre from the jump at 0 on: a rule across the jump would misplace the centroid.
+/// Gauss-Legendre from the jump at 0: a rule across the jump would misplace the centroid.
 fn half_line(turns: f64) -> Vec<(f64, f64)> {
     let nodes = gauss_legendre((REACH * turns / 4.0) as usize + 16).into_iter();
     nodes.map(|(x, w)| (REACH / 2.0 * (1.0 + x), w)).map(|(u, w)| (u, w * (-u * u / 2.0).exp())).collect()

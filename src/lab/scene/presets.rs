@@ -23,9 +23,9 @@ pub enum Preset {
     Relief,
     /// One card in front of a ground through the lens of the cylinders, with occlusion and a disk's blur.
     Card,
-    /// Plates at eight heights, likewise.
+    /// Plates at eight heights, as the card.
     Blocks,
-    /// Thin bars, likewise.
+    /// Thin bars, as the card.
     Bars,
 }
 

@@ -1,23 +1,23 @@
-//! What the surface of a scene looks like.
+//! The radiance of a scene: a texture in closed form, random dots, or an image file.
 
+use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::dots::Dots;
 use super::kernel::Rules;
 use super::raster::Raster;
-use super::view::Row;
-use super::waves::Waves;
+use super::view::{Row, View, fill_rows, split};
 use super::{Kernel, Scene};
-use crate::base::{Error, Frame, Samples};
+use crate::base::random::Random;
+use crate::base::{Error, Frame, Samples, Similarity};
 use crate::files::image_io;
 
-/// What is on the surface, as it would look in focus: a continuous function of the place, in [0, 1].
+/// The radiance of the surface in focus: a continuous function of the place, in [0, 1].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Radiance {
-    /// 480 random cosines with correlation lengths of 0.7 to 10 px. Closed form: blurred and read without error.
+    /// 480 random cosines with correlation lengths of 0.7 to 10 px, in closed form: blurred and read without error.
     Texture,
     /// Squares of 4 px, black or white at random, softened by a Gaussian of σ 0.6 px. The blur is integrated over the
     /// continuous pattern, to 1e-5.
@@ -30,7 +30,7 @@ pub enum Radiance {
     },
 }
 
-/// Radiance made ready: one channel.
+/// One channel of radiance, ready to be rendered.
 pub(super) enum Pattern {
     Waves(Waves),
     Dots(Dots),
@@ -81,7 +81,7 @@ fn gather(radiance: impl Fn([f64; 2]) -> f64, rules: &Rules, row: &Row, values: 
     }
 }
 
-/// Reads an image that must have the scene's size.
+/// Reads an image, which must have the scene's size.
 pub(super) fn read_sized(path: &Path, [width, height]: [u32; 2]) -> Result<Frame, Error> {
     let frame = image_io::read(path)?;
     if (frame.width(), frame.height()) == (width, height) {
@@ -103,11 +103,153 @@ fn rasters(frame: &Frame) -> Vec<Pattern> {
     (0..count).map(raster).collect()
 }
 
+struct Wave {
+    k: [f64; 2],
+    phase: f64,
+    amplitude: f64,
+}
+
+/// A random texture in [0, 1]: four Gaussian random fields of correlation lengths 0.7 to 10 px and equal strength.
+pub(super) struct Waves(Vec<Wave>);
+
+/// Number of waves of each correlation length.
+const COUNT: usize = 120;
+
+/// Highest frequency, rad/px: below Nyquist, π, in an image that is shrunk a little, too.
+const HIGHEST: f64 = 2.6;
+
+impl Waves {
+    /// A texture whose sharp image of this size fills [0, 1].
+    pub(super) fn new(seed: u64, size: [u32; 2]) -> Self {
+        let mut random = Random::new(seed, 1);
+        let mut waves = Vec::new();
+        for length in [0.7, 1.5, 4.0, 10.0] {
+            for _ in 0..COUNT {
+                waves.push(Wave { k: frequency(&mut random, length), phase: TAU * random.uniform(), amplitude: 1.0 });
+            }
+        }
+        let mut waves = Self(waves);
+        let (view, sharp) = (View::new(&Similarity::IDENTITY, size), vec![0.0; size[0] as usize]);
+        let values = fill_rows(size, |y, row| waves.fill(Kernel::Gaussian, &view.row(y, &sharp), row));
+        let peak = values.iter().map(|v| (v - 0.5).abs()).fold(0.0, f64::max);
+        waves.0.iter_mut().for_each(|w| w.amplitude = 0.5 / peak);
+        waves
+    }
+
+    /// The texture blurred by a Gaussian of this variance, px².
+    pub(super) fn softened(mut self, variance: f64) -> Self {
+        for wave in &mut self.0 {
+            wave.amplitude *= Kernel::Gaussian.transfer(wave.k, variance)[0];
+        }
+        self
+    }
+
+    /// One row of an image of this texture.
+    pub(super) fn fill(&self, kernel: Kernel, row: &Row, values: &mut [f64]) {
+        values.fill(0.5);
+        self.0.iter().for_each(|wave| wave.add(kernel, row, values));
+    }
+}
+
+/// A random frequency of a field with this correlation length, px.
+fn frequency(random: &mut Random, length: f64) -> [f64; 2] {
+    loop {
+        let k = [random.normal(), random.normal()].map(|n| n / (2f64.sqrt() * length));
+        if k[0].hypot(k[1]) < HIGHEST {
+            return k;
+        }
+    }
+}
+
+impl Wave {
+    /// Adds `amplitude Re[exp(i (k·x + phase)) ĥ(ω; v)]` to each pixel. Along a row k·x grows evenly, so the exponential
+    /// turns by one factor a pixel.
+    fn add(&self, kernel: Kernel, row: &Row, values: &mut [f64]) {
+        let dot = |x: [f64; 2]| self.k[0] * x[0] + self.k[1] * x[1];
+        let (mut sin, mut cos) = (dot(row.start) + self.phase).sin_cos();
+        let (turn_sin, turn_cos) = dot(row.step).sin_cos();
+        let w = row.view.frequency(self.k);
+        let (mut known, mut h) = (f64::NAN, [1.0, 0.0]);
+        for (value, &v) in values.iter_mut().zip(row.variances) {
+            if v != known {
+                (known, h) = (v, kernel.transfer(w, v));
+            }
+            *value += self.amplitude * (cos * h[0] - sin * h[1]);
+            (sin, cos) = (sin * turn_cos + cos * turn_sin, cos * turn_cos - sin * turn_sin);
+        }
+    }
+}
+
+impl Waves {
+    /// The texture at a place, sharp.
+    pub(super) fn at(&self, [x, y]: [f64; 2]) -> f64 {
+        0.5 + self.0.iter().map(|w| w.amplitude * (w.k[0] * x + w.k[1] * y + w.phase).cos()).sum::<f64>()
+    }
+}
+
+/// Squares of 4 px, black (0) or white (1) at random, softened by a Gaussian of σ 0.6 px. The pattern repeats beyond a
+/// margin around the image.
+pub(super) struct Dots {
+    cells: Vec<f64>,
+    columns: usize,
+    rows: usize,
+    edge: Vec<f64>,
+}
+
+/// Side of a dot, px.
+const SIDE: f64 = 4.0;
+
+/// σ of the softening, px. Beyond the neighbours of a dot 1e-11 of it remain.
+const SOFTNESS: f64 = 0.6;
+
+/// Dots around the image before the pattern repeats.
+const MARGIN: usize = 32;
+
+/// Entries of the table of an edge. Its error, interpolated linearly, is below 1e-7.
+const ENTRIES: usize = 4096;
+
+impl Dots {
+    pub(super) fn new(seed: u64, [width, height]: [u32; 2]) -> Self {
+        let mut random = Random::new(seed, 2);
+        let count = |length: u32| (f64::from(length) / SIDE).ceil() as usize + 2 * MARGIN;
+        let (columns, rows) = (count(width), count(height));
+        let cells = (0..columns * rows).map(|_| if random.uniform() < 0.5 { 0.0 } else { 1.0 }).collect();
+        // The weight of a neighbour at a distance from the common edge.
+        let tail = |d: f64| libm::erfc(d / (2f64.sqrt() * SOFTNESS)) / 2.0;
+        let edge = (0..ENTRIES + 2).map(|i| tail(SIDE * i as f64 / ENTRIES as f64)).collect();
+        Self { cells, columns, rows, edge }
+    }
+
+    /// The pattern at a place, px, in [0, 1].
+    pub(super) fn at(&self, [x, y]: [f64; 2]) -> f64 {
+        // Dots are aligned so that edges fall between pixels.
+        let (xs, wx) = self.neighbours((x + 0.5) / SIDE, self.columns);
+        let (ys, wy) = self.neighbours((y + 0.5) / SIDE, self.rows);
+        let row = |j: usize| (0..3).map(|i| wx[i] * self.cells[ys[j] * self.columns + xs[i]]).sum::<f64>();
+        (0..3).map(|j| wy[j] * row(j)).sum()
+    }
+
+    /// The three dots around a position, counted in dots, and their weights.
+    fn neighbours(&self, position: f64, count: usize) -> ([usize; 3], [f64; 3]) {
+        let (whole, part) = split(position);
+        let (before, after) = (self.tail(part), self.tail(1.0 - part));
+        let (i, count) = (whole + MARGIN as i64, count as i64);
+        // Division only where the pattern repeats: it would take longer than all the rest.
+        let wrap = |i: i64| if (0..count).contains(&i) { i as usize } else { i.rem_euclid(count) as usize };
+        ([wrap(i - 1), wrap(i), wrap(i + 1)], [before, 1.0 - before - after, after])
+    }
+
+    /// Interpolates the table at a distance in [0, 1] dots.
+    fn tail(&self, distance: f64) -> f64 {
+        let position = distance * ENTRIES as f64;
+        let i = position as usize;
+        self.edge[i] + (position - i as f64) * (self.edge[i + 1] - self.edge[i])
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::view::View;
     use super::*;
-    use crate::base::Similarity;
 
     const KERNELS: [Kernel; 3] = [Kernel::Gaussian, Kernel::Pillbox, Kernel::HalfGaussian];
 
@@ -168,5 +310,19 @@ mod tests {
         gather(|q| dots.at(quarter.place(q)), &rules, &upright.row(20, &variances), &mut expected);
         let worst = turned.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(worst < 1e-9, "{worst}");
+    }
+
+    #[test]
+    fn an_edge_is_an_error_function() {
+        let mut dots = Dots::new(1, [16, 16]);
+        // A vertical edge between the dots at 4 to 8 and at 8 to 12, which lies at x = 7.5.
+        for (i, cell) in dots.cells.iter_mut().enumerate() {
+            *cell = if i % dots.columns < MARGIN + 2 { 0.0 } else { 1.0 };
+        }
+        for i in -60..=60 {
+            let d = f64::from(i) / 20.0;
+            let expected = libm::erfc(-d / (2f64.sqrt() * SOFTNESS)) / 2.0;
+            assert!((dots.at([7.5 + d, 5.3]) - expected).abs() < 2e-7);
+        }
     }
 }

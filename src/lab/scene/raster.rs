@@ -3,7 +3,7 @@
 use super::kernel::gaussian_rule;
 use super::view::split;
 
-/// A channel as a continuous function; beyond the border it is mirrored.
+/// A channel as a continuous function, mirrored at the border.
 pub(super) struct Raster {
     coefficients: Vec<f64>,
     width: usize,
@@ -39,8 +39,8 @@ impl Raster {
 }
 
 impl Raster {
-    /// The value at a place under a Gaussian of deviation `sigma` px. Both spline and Gaussian are products along the two
-    /// axes: what a coefficient counts is one too, and the cost grows with σ², not with the nodes of a rule in the plane.
+    /// The value at a place under a Gaussian of standard deviation `sigma` px. Spline and Gaussian separate along the axes,
+    /// and so do the weights of the coefficients: the cost grows with σ², not with the nodes of a rule in the plane.
     pub(super) fn gaussian(&self, [x, y]: [f64; 2], sigma: f64) -> f64 {
         let rule = gaussian_rule(sigma);
         let (xs, ys) = (spread(x, &rule), spread(y, &rule));
@@ -57,13 +57,13 @@ impl Raster {
     }
 }
 
-/// What the coefficients from `first` on count along one axis.
+/// The weights of the coefficients from `first` on along one axis.
 struct Spread {
     first: i64,
     weights: Vec<f64>,
 }
 
-/// The splines at the nodes of a rule around `x`, added up.
+/// The sum of the splines at the nodes of a rule around `x`.
 fn spread(x: f64, rule: &[(f64, f64)]) -> Spread {
     let reach = rule.last().map_or(0.0, |node| node.0);
     let first = split(x - reach).0 - 1;
@@ -76,7 +76,7 @@ fn spread(x: f64, rule: &[(f64, f64)]) -> Spread {
     Spread { first, weights }
 }
 
-/// Samples to coefficients, in place, by the recursion there and back; mirrored about the border samples.
+/// Converts samples to coefficients in place, by a forward and a backward recursion, mirrored about the border samples.
 fn prefilter(line: &mut [f64]) {
     let n = line.len();
     if n < 2 {
@@ -95,7 +95,7 @@ fn prefilter(line: &mut [f64]) {
     }
 }
 
-/// The cubic B-spline at the four samples around a place `t` past the second.
+/// The cubic B-spline at the four samples around a place that lies `t` behind the second.
 fn weights(t: f64) -> [f64; 4] {
     let r = 1.0 - t;
     [r * r * r / 6.0, 2.0 / 3.0 - t * t * (1.0 + r) / 2.0, 2.0 / 3.0 - r * r * (1.0 + t) / 2.0, t * t * t / 6.0]

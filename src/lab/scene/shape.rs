@@ -1,4 +1,4 @@
-//! How deep a scene is, and what blur that gives each image.
+//! The shape of a scene, and the blur of each image that follows from it.
 
 use std::path::{Path, PathBuf};
 
@@ -66,24 +66,24 @@ pub enum Shape {
     },
 }
 
-/// What there is at one place of I1.
+/// Blur and depth at one place of I1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Point {
     /// Variance of the blur of I1 and of I2 (on I1's grid), px² of I1.
     pub(super) variances: [f64; 2],
-    /// Where it is in focus: 0 as I1 is focused, 1 as I2 is, evenly in what blur is linear in.
+    /// Where it is in focus: 0 where I1 is focused, 1 where I2 is; linear where the standard deviation of blur is.
     pub(super) share: f64,
     /// Depth, mm.
     pub(super) depth: Option<f64>,
 }
 
-/// The shape made ready: what there is at a place, px of I1, in or outside of the frame.
+/// A shape ready to be rendered: blur and depth at a place, px of I1, inside or outside the frame.
 pub(super) type Surface = Box<dyn Fn([f64; 2]) -> Point + Sync>;
 
-/// Terraces of the steps.
+/// Number of terraces of the steps.
 const TERRACES: f64 = 7.0;
 
-/// Hills and hollows of the relief.
+/// Number of hills and hollows of the relief.
 const HILLS: usize = 12;
 
 impl Shape {
@@ -95,7 +95,7 @@ impl Shape {
         }
     }
 
-    /// What jumps of depth do, as `truth.json` has it.
+    /// Occlusion at jumps of depth, for `truth.json`.
     pub(super) fn occlusion(&self) -> &'static str {
         if matches!(self, Shape::Layers { .. }) { "rendered" } else { "ignored" }
     }
@@ -129,7 +129,7 @@ impl Shape {
             }
             Shape::Layers { arrangement, lens } => {
                 let layers = arrangement.layers(scene.seed, size, &lens);
-                Box::new(move |x| through(&lens, scale, layers::seen(&layers, x).depth))
+                Box::new(move |x| through(&lens, scale, layers::front(&layers, x).depth))
             }
             Shape::RelativeBlurFile { path } => {
                 let map = Map::read(&path, size, 1.0)?;
@@ -159,13 +159,13 @@ fn through(lens: &Lens, scale: f64, z: f64) -> Point {
     Point { variances, share: share_of(lens, z), depth: Some(z) }
 }
 
-/// Where a depth in mm is in focus between the focus distances of a lens: 0 as I1, 1 as I2.
+/// The share of a depth in mm between the focus distances of a lens: 0 at that of I1, 1 at that of I2.
 pub(super) fn share_of(lens: &Lens, z: f64) -> f64 {
     let [first, second] = lens.focus.map(|u| lens.coordinate(u));
     (lens.coordinate(z) - first) / (second - first)
 }
 
-/// Hills of both signs, scaled to just fill [-1, 1] over the image.
+/// Hills of both signs, scaled to fill [-1, 1] over the image.
 fn relief(seed: u64, [width, height]: [u32; 2]) -> impl Fn([f64; 2]) -> f64 + Sync {
     let mut random = Random::new(seed, 3);
     let short = f64::from(width.min(height));
@@ -206,7 +206,7 @@ fn cylinders(focus: [f64; 2], [width, height]: [u32; 2]) -> impl Fn([f64; 2]) ->
     }
 }
 
-/// Values of a file; beyond the border, those of the border.
+/// The values of a file, extended beyond its border.
 struct Map {
     values: Vec<f64>,
     /// Whether the file holds floats.
@@ -226,7 +226,7 @@ impl Map {
         Ok(Self { values, float, width: size[0] as usize, height: size[1] as usize })
     }
 
-    /// The largest |V|, px².
+    /// The largest |V|, px²; refuses whole numbers.
     fn largest_blur(&self, path: &Path) -> Result<f64, Error> {
         if !self.float {
             let problem = "holds whole numbers, which relative blur is not; give it as EXR or TIFF in 32-bit floats";
@@ -244,7 +244,7 @@ impl Map {
         Err(Error::file(path, problem))
     }
 
-    /// Bilinear.
+    /// Interpolates bilinearly.
     fn at(&self, [x, y]: [f64; 2]) -> f64 {
         let split = |p: f64, length: usize| {
             let p = p.clamp(0.0, (length - 1) as f64);
@@ -260,7 +260,7 @@ impl Map {
     }
 }
 
-/// The numbers in a file, whatever their type.
+/// The samples of a file as stored.
 fn stored(frame: &Frame) -> Vec<f64> {
     match frame.samples() {
         Samples::U8(s) => s.iter().map(|&v| f64::from(v)).collect(),

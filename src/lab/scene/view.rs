@@ -1,20 +1,19 @@
-//! Where the pixels of an image look, and how they are worked on in parallel.
+//! The places of I1 that the pixels of an image see, and parallel work on rows.
 
 use crate::base::{Similarity, centre, workers};
 
-/// One image's way back to the frame of I1: pixel q looks at `T⁻¹ q`, and its blur turns with the sensor.
+/// The map from an image to the frame of I1: pixel q sees `T⁻¹ q`, and its blur turns with the sensor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct View {
     back: Similarity,
     centre: [f64; 2],
     /// M = A⁻¹ as `[p, q]`: M u = (p u_x - q u_y, q u_x + p u_y), with A the linear part of T.
     linear: [f64; 2],
-    /// s: how much larger than I1 the image is.
+    /// s, the scale of the image over I1.
     pub(super) scale: f64,
 }
 
-/// What a row of one image asks of the radiance: for pixel i, blur of `variances[i]` px² of the sensor at
-/// `start + i step`, a place in I1.
+/// A row of an image: pixel i sees the place `start + i step` of I1 under a blur of `variances[i]` px² on the sensor.
 pub(super) struct Row<'a> {
     pub(super) view: &'a View,
     pub(super) start: [f64; 2],
@@ -23,7 +22,7 @@ pub(super) struct Row<'a> {
 }
 
 impl View {
-    /// The view of an image in which `T x` lies over x of I1; I1's own with the identity.
+    /// The view of an image in which `T x` lies over x of I1; of I1 itself with the identity.
     pub(super) fn new(transform: &Similarity, [width, height]: [u32; 2]) -> Self {
         let back = transform.inverse();
         let [a, b, ..] = back.displacement();
@@ -59,23 +58,23 @@ impl View {
 }
 
 impl Row<'_> {
-    /// The place in I1 that pixel `i` looks at.
+    /// The place in I1 that pixel `i` sees.
     pub(super) fn place(&self, i: usize) -> [f64; 2] {
         let i = i as f64;
         [self.start[0] + i * self.step[0], self.start[1] + i * self.step[1]]
     }
 }
 
-/// A field of `width` values a row, filled row by row on all processors.
+/// A field whose rows are filled in parallel on all processors.
 pub(super) fn fill_rows([width, height]: [u32; 2], fill: impl Fn(usize, &mut [f64]) + Sync) -> Vec<f64> {
     let (width, height) = (width as usize, height as usize);
     let mut values = vec![0.0; width * height];
-    workers::each(values.chunks_mut(width.max(1)).enumerate(), |(i, row)| fill(i, row));
+    workers::for_each(values.chunks_mut(width.max(1)).enumerate(), |(i, row)| fill(i, row));
     values
 }
 
-/// The whole number at or below `p`, and what is left, in [0, 1). A truncation and a comparison, where `floor` may be a
-/// call: it is asked thousands of times a pixel.
+/// The integer at or below `p`, and the rest in [0, 1). Called thousands of times per pixel: `floor` may be a function
+/// call, a truncation and a comparison are not.
 pub(super) fn split(p: f64) -> (i64, f64) {
     let i = p as i64;
     let i = i - i64::from(p < i as f64);

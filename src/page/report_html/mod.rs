@@ -164,7 +164,7 @@ impl Contents<'_> {
     fn encoded_pictures(&self, grid: &Grid) -> Result<String, String> {
         let mut texts = vec![Ok(String::new()); self.pictures.len()];
         let images = self.pictures.iter().map(|picture| self.image(&picture.pixels, grid));
-        workers::each(images.zip(&mut texts), |(image, text)| {
+        workers::for_each(images.zip(&mut texts), |(image, text)| {
             *text = image.and_then(|image| match image {
                 Image::Encoded(text) => Ok(text.to_string()),
                 Image::Raw(image, quality) => encoding::jpeg(&image, quality),

@@ -319,7 +319,7 @@ mod tests {
             deviation: vec![0.1; pixels],
             registration: JointRegistration {
                 transforms: vec![Homography::IDENTITY; 2],
-                brightness: vec![Brightness::unchanged([width, height]); 2],
+                brightness: vec![Brightness::identity([width, height]); 2],
                 rate: 1.0,
                 settings: vec![0.0, 1.0],
             },

@@ -248,7 +248,7 @@ impl<'a> Task<'a> {
         let mut part = Region { x: 0, y: 0, width: photograph[0], height: photograph[1] };
         let mut mask = solve.mask.as_ref().map(Cow::Borrowed);
         if let Some(region) = solve.region {
-            part = region.grown(margin(photograph, &options.settings), photograph);
+            part = region.expanded(margin(photograph, &options.settings), photograph);
             let cut = frames.iter().map(|frame| frame.cropped(part).map_err(Error::Region));
             frames = cut.collect::<Result<Cow<'_, [Frame]>, Error>>()?;
             mask = mask.map(|mask| Cow::Owned(mask.cropped(part)));

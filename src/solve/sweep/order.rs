@@ -37,7 +37,7 @@ const MAX_MOVE: usize = 8;
 pub(super) fn judge(frames: &[Frame], stated: bool) -> Order {
     let mut warnings = Vec::new();
     let distinct = without_repetitions(frames, stated, &mut warnings);
-    let sharpness = workers::collect(distinct.len(), |n| Sharpness::of(&frames[distinct[n]]));
+    let sharpness = workers::map(distinct.len(), |n| Sharpness::of(&frames[distinct[n]]));
     let sharpness: Option<Vec<_>> = sharpness.into_iter().collect();
     let unmoved = || (0..distinct.len()).collect::<Vec<_>>();
     let (best, certain) = sharpness.map_or((unmoved(), false), |sharpness| in_order(&logarithms(&sharpness)));

@@ -160,11 +160,11 @@ impl Sweep {
     pub(super) fn crop(&mut self, part: Region) {
         let row = self.width as usize;
         for field in [&mut self.focus, &mut self.uncertainty] {
-            *field = part.of(field, row, 1);
+            *field = part.crop(field, row, 1);
         }
-        self.beyond = part.of(&self.beyond, row, 1);
-        self.frames = part.of(&self.frames, row, 1);
-        self.fused = part.of(&self.fused, row, self.fused_channels.count() as usize);
+        self.beyond = part.crop(&self.beyond, row, 1);
+        self.frames = part.crop(&self.frames, row, 1);
+        self.fused = part.crop(&self.fused, row, self.fused_channels.count() as usize);
         self.region = Region { x: self.region.x + part.x, y: self.region.y + part.y, ..part };
         (self.width, self.height) = (part.width, part.height);
     }
@@ -179,7 +179,7 @@ impl Sweep {
     /// The largest rectangle in which every pixel has a u; `None` if none has.
     pub(super) fn largest_valid(&self) -> Option<Region> {
         let valid: Vec<bool> = self.focus.iter().map(|u| u.is_finite()).collect();
-        Region::largest(&valid, self.width as usize)
+        Region::largest_valid(&valid, self.width as usize)
     }
 }
 

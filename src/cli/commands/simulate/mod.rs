@@ -8,7 +8,7 @@ use std::str::FromStr;
 use clap::ValueEnum;
 use parfocal::export::SIMULATED_FILES;
 use parfocal::internals::scene::{Kernel, Preset, Scene, Shape};
-use parfocal::internals::scene::{Truth, simulated_files, write_simulated};
+use parfocal::internals::scene::{PairField, Truth, simulated_files, write_simulated};
 use parfocal::transform::Similarity;
 
 use self::sweep::SweepArguments;
@@ -233,7 +233,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     destination::check(&arguments.output, TRUTH, &SIMULATED_FILES, &inputs(arguments))?;
     out.check_results(TRUTH, &simulated_files(scene.lens().is_some()))?;
     let simulated = scene.render()?;
-    let truth = Truth::new(&scene, &simulated);
+    let truth = Truth::<PairField>::new(&scene, &simulated);
     write_simulated(out, &simulated, &truth)?;
     arguments.report.print(&summary(&truth, &arguments.output), || truth.to_json())
 }
@@ -342,8 +342,8 @@ fn inputs(arguments: &Arguments) -> Vec<&PathBuf> {
     files.chain(arguments.lens.file()).collect()
 }
 
-fn summary(truth: &Truth, output: &Path) -> String {
-    let (t, v) = (&truth.frames[1].transform, &truth.relative_blur);
+fn summary(truth: &Truth<PairField>, output: &Path) -> String {
+    let (t, v) = (&truth.frames[1].transform, &truth.field.relative_blur);
     let mut lines = vec![
         format!("{}, {}x{} px, seed {}", truth.scene, truth.size.width, truth.size.height, truth.seed),
         format!("T: ({}, {}) px, {:.6}°, scale {:.6}", t.tx, t.ty, t.rotation_deg(), t.scale),

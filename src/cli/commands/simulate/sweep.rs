@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use parfocal::export::{Destination, SIMULATED_FILES};
-use parfocal::internals::scene::{Scene, SweepScene, SweepTruth, simulated_sweep_files, write_simulated_sweep};
+use parfocal::internals::scene::{Scene, SweepField, SweepScene, Truth, simulated_sweep_files, write_simulated_sweep};
 
 use crate::cli::options::output::ReportArguments;
 use crate::cli::output::destination;
@@ -72,19 +72,19 @@ pub(crate) fn run(
     destination::check(out.path(), json, &files.iter().map(String::as_str).collect::<Vec<_>>(), inputs)?;
     out.check_results(json, &files)?;
     let simulated = sweep.render()?;
-    let truth = SweepTruth::new(sweep, &simulated);
+    let truth = Truth::<SweepField>::new(sweep, &simulated);
     write_simulated_sweep(out, &simulated, &truth)?;
     report.print(&summary(&truth, out.path()), || truth.to_json())
 }
 
-fn summary(truth: &SweepTruth, output: &Path) -> String {
+fn summary(truth: &Truth<SweepField>, output: &Path) -> String {
     let (first, last) = (&truth.frames[0], &truth.frames[truth.frames.len() - 1]);
     let ends = [first, last].map(|frame| {
         let t = &frame.transform;
         let at = format!("({:.3}, {:.3}) px, {:.4}°, scale {:.5}", t.tx, t.ty, t.rotation_deg(), t.scale);
         format!("{}: T {at}, gain {:.4}", frame.file, frame.exposure.gain)
     });
-    let (size, focus) = (truth.size, &truth.focus);
+    let (size, focus) = (truth.size, &truth.field.focus);
     let mut lines = vec![
         format!(
             "{}, {} frames of {}x{} px, seed {}",
@@ -95,7 +95,7 @@ fn summary(truth: &SweepTruth, output: &Path) -> String {
             truth.seed
         ),
         format!("in focus: settings {:.3} to {:.3}", focus.min.unwrap_or(0.0), focus.max.unwrap_or(0.0)),
-        format!("blur: {:.4} px² a squared setting from the focus", truth.blur_rate_px2),
+        format!("blur: {:.4} px² a squared setting from the focus", truth.field.blur_rate_px2),
     ];
     lines.extend(ends);
     if truth.clipped_samples > 0 {
