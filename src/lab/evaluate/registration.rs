@@ -1,4 +1,5 @@
-//! Tables 1 and 2: how well each method registers, and what V it finds, on pairs of known registration and on photographs.
+//! Tables 1 and 2: how well each method registers, and what V it finds, on pairs of known registration and on
+//! photographs.
 
 use std::path::Path;
 
@@ -136,7 +137,8 @@ fn rms_to_truth(solution: &Solution, pair: &KnownPair) -> Option<f64> {
     if pair.relative_blur.is_empty() { None } else { rms(solution.width, solution.height, error) }
 }
 
-/// V of the displaced pair less V of the aligned pair, each less its own truth: where a lens breathes the truths differ.
+/// V of the displaced pair less V of the aligned pair, each less its own truth: where a lens breathes the truths
+/// differ.
 fn rms_to_aligned(solution: &Solution, aligned: &Solution, [displaced, undisplaced]: &[KnownPair; 2]) -> Option<f64> {
     let truth = |pair: &KnownPair, i: usize| pair.relative_blur.get(i).map_or(0.0, |v| f64::from(*v));
     // An rms over the few pixels that are valid in both would say nothing.
