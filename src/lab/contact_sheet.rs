@@ -7,12 +7,14 @@
 //! let (without, with) = (vec![0.0; 64 * 48], vec![1.5; 64 * 48]);
 //! let scale = Scale::common([&without[..], &with], Nearer::First);
 //! let field = |v: &[f32]| Panel::relative_blur(64, 48, v, &scale);
-//! let row = Row::new("Cup").scale(scale).panels([field(&without), Panel::missing("too few key-points"), field(&with)]);
+//! let panels = [field(&without), Panel::missing("too few key-points"), field(&with)];
+//! let row = Row::new("Cup").scale(scale).panels(panels);
 //! let sheet = Sheet::new("Relative blur").columns(["without registration", "SIFT", "unified"]).row(row);
 //! assert!(sheet.draw().width() > 3 * 260);
 //! ```
 //!
-//! V is red where near and blue where far, as in the paper, and grey where not valid. A panel that cannot be drawn says why.
+//! V is red where near and blue where far, as in the paper, and grey where not valid. A panel that cannot be drawn says
+//! why.
 
 use image::RgbImage;
 

@@ -218,8 +218,8 @@ pub fn simulated_files(has_lens: bool) -> Vec<&'static str> {
     SIMULATED_FILES.into_iter().filter(|name| has_lens || *name != SIMULATED_FILES[3]).collect()
 }
 
-/// The files of a sweep: `frame_01.png` and so on, `focus.exr`, `truth.json`. Numbers have as many digits as the last, at
-/// least two.
+/// The files of a sweep: `frame_01.png` and so on, `focus.exr`, `truth.json`. Numbers have as many digits as the last,
+/// at least two.
 pub fn simulated_sweep_files(frames: usize) -> Vec<String> {
     let digits = frames.to_string().len().max(2);
     let names = (1..=frames).map(|k| format!("frame_{k:0digits$}.png"));

@@ -6,7 +6,7 @@ use crate::base::Error;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Positions {
     /// Not known: counted from 0 in even steps. If the sweep itself shows that frames are missing or steps are uneven,
-    /// its settings are used instead, and a warning says so ([`Sweep::positions`]).
+    /// its settings are used instead, and a warning says so ([`Sweep::positions`](super::Sweep::positions)).
     #[default]
     Counted,
     /// In any unit that is even in 1/z.
