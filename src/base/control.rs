@@ -12,8 +12,8 @@ pub(crate) type CancelSignal = dyn Fn() + Send + Sync;
 
 /// Cancels solves, from any thread.
 ///
-/// A pair or a sweep that is being solved with a clone of the token ends soon with [`Error::Cancelled`], and so does every
-/// solve that begins with one later. Solver and engine stay usable. Make a new token for the next solve.
+/// A pair or a sweep that is being solved with a clone of the token ends soon with [`Error::Cancelled`], and so does
+/// every solve that begins with one later. Solver and engine stay usable. Make a new token for the next solve.
 ///
 /// ```
 /// # use std::sync::Arc;
@@ -65,7 +65,8 @@ impl CancellationToken {
         if self.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
     }
 
-    /// Registers a callback for as long as it lives. [`check`](Self::check) afterwards: the token may be cancelled already.
+    /// Registers a callback for as long as it lives. [`check`](Self::check) afterwards: the token may be cancelled
+    /// already.
     pub(crate) fn register(&self, signal: &Arc<CancelSignal>) {
         let mut in_flight = self.0.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
         let signal = Arc::downgrade(signal);

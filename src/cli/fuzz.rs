@@ -1,4 +1,4 @@
-//! For tests: files of options, lists, lenses and steps that are nearly right are read or refused, whatever they hold.
+//! Fuzz tests of the files of options, lists, lenses and regions.
 
 use crate::cli::batch::pairs;
 use crate::cli::commands::calibrate;
@@ -16,7 +16,7 @@ fn target(name: &'static str, file: &'static str, corpus: &[&str], read: fn(&std
 }
 
 #[test]
-fn whatever_a_file_of_words_holds_it_is_read_or_refused() {
+fn text_files_of_any_content_are_read_or_refused() {
     let config = [
         "# comment\nouter-iterations = 40\nmethod = \"unified\"\n\"start\" = 'x'\ngain = 1.5e-3\nno-html = true\n",
         "profile = [\"1,2,3,4\", \"5,6,7,8\"]\n[table]\na.b = 0x1F\nd = 1979-05-27T07:32:00Z\n",

@@ -1,11 +1,9 @@
-//! The protocol of indirect dispatch, by which settled levels, warps that are not needed and cancelled solves run no
-//! workgroups.
+//! The protocol of indirect dispatch: recorded dispatches that run no workgroups when not needed.
 //!
 //! Each level has [`WORDS`] words of arguments: the grids of tiles, of one color, of all pixels, of filters along x and
 //! along y and of one workgroup; then three for each pass that warps I2 again. Before a solve they are the
 //! [`initial_words`]. [`update_transform`](super::stages::update_transform) zeroes a level's words when it settles.
-//! Before an iteration that may warp it restores the words of the warping passes, or zeroes them. Recorded dispatches
-//! then have no workgroups.
+//! Before an iteration that may warp it restores the words of the warping passes, or zeroes them.
 //!
 //! The last word, after those of all levels, is [`NOT_CANCELLED`]. The host sets it to [`CANCELLED`] at any time;
 //! `update_transform` then ends its level and all finer ones.

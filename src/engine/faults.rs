@@ -1,5 +1,4 @@
-//! For tests: a solve survives whatever Vulkan refuses. Each call that may fail is made to, in each way, once and for good;
-//! then the same of the host's memory.
+//! Tests that a solve survives each failing Vulkan call and host allocation.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
@@ -12,13 +11,13 @@ use crate::engine::vulkan::faults::{self, Call, Fault, Log};
 use crate::engine::{Engine, Solution, testing};
 use crate::solve::{PairSolver, SolveOptions};
 
-/// What these tests count is of the program: they run one at a time.
+/// These tests count calls and bytes of the whole process: they run one at a time.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Calls that are only a help: a solve goes on without.
-const HELPS: [&str; 3] = ["vkSetDebugUtilsObjectNameEXT", "vkGetPipelineCacheData", "vkDeviceWaitIdle"];
+/// Calls whose failure a solve ignores.
+const IGNORED: [&str; 3] = ["vkSetDebugUtilsObjectNameEXT", "vkGetPipelineCacheData", "vkDeviceWaitIdle"];
 
-/// A pair of which the solve takes two levels and every kind of call.
+/// A pair whose solve has two levels and makes every kind of call.
 fn pair() -> [Frame; 2] {
     let (width, height) = (72, 64);
     let of = |i: usize, n: usize| 0.5 + 0.3 * ((i % width + n) as f32 * 0.9).sin() * ((i / width) as f32 * 0.8).cos();
@@ -31,8 +30,8 @@ fn solve(pair: &[Frame; 2]) -> Result<Solution, Error> {
     PairSolver::for_frames(&engine, pair.each_ref(), &settings)?.solve(pair.each_ref(), &SolveOptions::default())
 }
 
-/// Solves, and closes the engine, while a call or an allocation fails.
-fn told(pair: &[Frame; 2], strike: Option<Fault>, allocation: Option<usize>) -> (Result<Solution, Error>, Log) {
+/// Solves while a call or an allocation fails.
+fn solve_with(pair: &[Frame; 2], strike: Option<Fault>, allocation: Option<usize>) -> (Result<Solution, Error>, Log) {
     faults::begin(strike, allocation);
     let solved = solve(pair);
     (solved, faults::end())
@@ -42,8 +41,8 @@ fn bits(solution: &Solution) -> Vec<u32> {
     solution.relative_blur.iter().chain(&solution.fused).map(|value| value.to_bits()).collect()
 }
 
-/// Whether an error tells of a call.
-fn tells_of(error: &Error, call: &Call) -> bool {
+/// Returns whether an error names a call.
+fn names(error: &Error, call: &Call) -> bool {
     let of_pass = |named: &str| match call.name {
         "vkCreateComputePipelines" => named.starts_with("compiling "),
         "vkAllocateMemory" | "vkMapMemory" => named.starts_with("allocating "),
@@ -52,66 +51,66 @@ fn tells_of(error: &Error, call: &Call) -> bool {
     };
     match error {
         Error::Vulkan { call: named, device, .. } => of_pass(named) && !device.is_empty(),
-        // What loaders say of drivers that do not load.
+        // The loader reports drivers that do not load so.
         Error::NoDevice(why) => call.name.contains("Instance") && !why.is_empty(),
         Error::Timeout { .. } => call.name == "vkWaitSemaphores",
         _ => false,
     }
 }
 
-/// What stays where the device may still be at work on it: nobody knows whether it is, once waits fail for good.
-fn may_keep(seen: &Log) -> bool {
+/// Returns whether memory may be left: the device may still use it if waits fail permanently.
+fn may_leak(seen: &Log) -> bool {
     let fails =
         |(call, code): &&(Call, vk::Result)| call.name == "vkWaitSemaphores" && *code != vk::Result::ERROR_DEVICE_LOST;
     seen.failed.iter().filter(fails).count() > 1
 }
 
-/// Bytes that the loader and the layers keep in any case, as a solve without faults shows.
-struct Usual {
+/// A solve without faults, with the bytes that loader and layers keep.
+struct Expected {
     bits: Vec<u32>,
     held: isize,
     calls: Vec<Call>,
     allocations: usize,
 }
 
-impl Usual {
+impl Expected {
     fn of(pair: &[Frame; 2]) -> Self {
-        // The first solve finds the pipeline cache as it happens to be.
-        told(pair, None, None).0.unwrap();
-        let (solved, Log { calls, leaked: held, allocations, messages, .. }) = told(pair, None, None);
+        // The first solve may fill the pipeline cache.
+        solve_with(pair, None, None).0.unwrap();
+        let (solved, Log { calls, leaked: held, allocations, messages, .. }) = solve_with(pair, None, None);
         assert_eq!(messages, Vec::<String>::new());
         Self { bits: bits(&solved.unwrap()), held, calls, allocations }
     }
 
     #[track_caller]
     fn judge(&self, what: &str, solved: Result<Solution, Error>, seen: &Log) {
-        let strikes: Vec<_> = seen.failed.iter().filter(|(call, _)| !HELPS.contains(&call.name)).collect();
+        let strikes: Vec<_> = seen.failed.iter().filter(|(call, _)| !IGNORED.contains(&call.name)).collect();
         match solved {
             Ok(solution) => {
-                assert!(strikes.is_empty(), "{what}: nothing was said");
+                assert!(strikes.is_empty(), "{what}: no error");
                 assert_eq!(bits(&solution), self.bits, "{what}: other results");
             }
             Err(error) => {
-                let told = strikes.iter().any(|(call, _)| tells_of(&error, call));
+                let told = strikes.iter().any(|(call, _)| names(&error, call));
                 assert!(told, "{what}: {error}");
             }
         }
         assert_eq!(seen.messages, Vec::<String>::new(), "{what}");
-        assert!(seen.leaked <= self.held || may_keep(seen), "{what}: {} bytes are left", seen.leaked - self.held);
+        assert!(seen.leaked <= self.held || may_leak(seen), "{what}: {} bytes are left", seen.leaked - self.held);
     }
 
-    /// A new engine solves as before.
+    /// Checks that a new engine solves as before.
     #[track_caller]
     fn recovers(&self, pair: &[Frame; 2], what: &str) {
-        let (solved, seen) = told(pair, None, None);
-        assert_eq!(bits(&solved.unwrap()), self.bits, "{what}: the next solve has other results");
-        // What an earlier device was still at work on may have been freed meanwhile.
+        let (solved, seen) = solve_with(pair, None, None);
+        assert_eq!(bits(&solved.unwrap()), self.bits, "{what}: other results of the next solve");
+        // Memory that an earlier device still used may have been freed meanwhile.
         assert!(seen.messages.is_empty() && seen.leaked <= self.held, "{what}: the next solve: {seen:?}");
     }
 }
 
-/// The strikes to try: all of them, or of each function one, in the middle, either once in its first way or for good in its last
-/// but one (the last is `VK_ERROR_UNKNOWN`).
+/// The faults to try: all, or for each function the call in the middle, once by its first result or permanently by its
+/// last but one (the last is `VK_ERROR_UNKNOWN`).
 fn strikes(calls: &[Call]) -> Vec<Fault> {
     let mut places = BTreeMap::<&str, Vec<usize>>::new();
     calls.iter().enumerate().for_each(|(n, call)| places.entry(call.name).or_default().push(n));
@@ -130,16 +129,16 @@ fn strikes(calls: &[Call]) -> Vec<Fault> {
 }
 
 #[test]
-fn whatever_call_fails_is_told_of_and_the_next_engine_solves() {
+fn each_failing_call_is_reported_and_the_next_engine_solves() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let pair = pair();
-    let usual = Usual::of(&pair);
+    let expected = Expected::of(&pair);
     let (mut tried, mut ways) = (0, BTreeSet::new());
-    for strike in strikes(&usual.calls) {
-        let call = usual.calls[strike.call];
+    for strike in strikes(&expected.calls) {
+        let call = expected.calls[strike.call];
         let code = call.results[strike.result];
         if strike.is_permanent && code == vk::Result::INCOMPLETE {
-            // By which Vulkan asks to be asked again.
+            // Vulkan asks for another call.
             continue;
         }
         let what = format!(
@@ -148,20 +147,20 @@ fn whatever_call_fails_is_told_of_and_the_next_engine_solves() {
             strike.call,
             if strike.is_permanent { "for good" } else { "once" }
         );
-        let (solved, seen) = told(&pair, Some(strike), None);
+        let (solved, seen) = solve_with(&pair, Some(strike), None);
         assert!(!seen.failed.is_empty(), "{what}: it was not called");
-        usual.judge(&what, solved, &seen);
+        expected.judge(&what, solved, &seen);
         tried += 1;
-        // The same way of failing leaves the same behind.
+        // Each kind of failure once.
         if ways.insert((call.name, strike.result, strike.is_permanent)) && testing::is_long() {
-            usual.recovers(&pair, &what);
+            expected.recovers(&pair, &what);
         }
     }
-    usual.recovers(&pair, "at last");
-    let functions: BTreeSet<_> = usual.calls.iter().map(|call| call.name).collect();
+    expected.recovers(&pair, "at last");
+    let functions: BTreeSet<_> = expected.calls.iter().map(|call| call.name).collect();
     testing::note(
         "calls that fail",
-        &format!("{tried} failures, of {} calls of {} functions", usual.calls.len(), functions.len()),
+        &format!("{tried} failures, of {} calls of {} functions", expected.calls.len(), functions.len()),
     );
 }
 
@@ -183,29 +182,31 @@ fn a_wait_for_a_hung_device_ends_and_poisons_the_engine() {
     faults::end();
 }
 
-/// What the driver makes of it is the driver's: lavapipe 22.3.6 loses a command for which it has no memory and ends the recording as
-/// if all were well, and later ends the program by SIGSEGV (`docs/reliability.md` says where). Here it counts that what is told of is
-/// told of well.
+/// The outcome depends on the driver: lavapipe 22.3.6 drops a command for which it has no memory, reports success, and
+/// later ends the program by SIGSEGV (`docs/reliability.md` says where). The test checks the errors that are reported.
 #[test]
-#[ignore = "tells of drivers more than of this crate: tools/trust runs it"]
-fn host_memory_that_runs_out_is_told_of() {
+#[ignore = "it tests drivers more than this crate: tools/trust runs it"]
+fn failing_host_allocations_are_reported() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let pair = pair();
-    let usual = Usual::of(&pair);
+    let expected = Expected::of(&pair);
     let mut ends = BTreeMap::<&str, usize>::new();
-    // A prime: each kind of call is met.
+    // A prime, so that each kind of call is met.
     let step = if testing::is_long() { 7 } else { 97 };
-    for n in (0..usual.allocations).step_by(step) {
-        let (solved, seen) = told(&pair, None, Some(n));
+    for n in (0..expected.allocations).step_by(step) {
+        let (solved, seen) = solve_with(&pair, None, Some(n));
         let end = match solved {
-            Ok(solution) if bits(&solution) == usual.bits => "done without",
+            Ok(solution) if bits(&solution) == expected.bits => "no effect",
             Ok(_) => "lost by the driver",
-            Err(Error::Vulkan { .. } | Error::NoDevice(_)) => "told of",
+            Err(Error::Vulkan { .. } | Error::NoDevice(_)) => "reported",
             Err(error) => panic!("allocation {n}: {error}"),
         };
         *ends.entry(end).or_default() += 1;
         assert_eq!(seen.messages, Vec::<String>::new(), "allocation {n}");
     }
-    usual.recovers(&pair, "at last");
-    testing::note("host allocations", &format!("{} of {}: {ends:?}", ends.values().sum::<usize>(), usual.allocations));
+    expected.recovers(&pair, "at last");
+    testing::note(
+        "host allocations",
+        &format!("{} of {}: {ends:?}", ends.values().sum::<usize>(), expected.allocations),
+    );
 }

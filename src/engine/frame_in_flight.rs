@@ -1,11 +1,11 @@
-//! A frame in flight: the mapped memory of one pair, the recordings that use it, and what cancels the pair.
+//! A frame in flight: mapped memory and recordings of one pair, and its cancellation.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::arguments;
-use super::motion::{Form, OtherMotion};
+use super::motion::{OtherMotion, QuadraticForm};
 use super::plan::Plan;
 use super::profile::{Phases, Profile, Ran, Reading, SUBMIT_WAIT};
 use super::record::{record, record_with};
@@ -165,6 +165,9 @@ impl FrameInFlight {
             self.cancel();
             // A failed wait poisons the device, which the next pair reports.
             let _ = self.wait(Duration::MAX);
+        } else if !self.shared.device.is_poisoned() {
+            // A pair whose submission failed may have submitted its fetches.
+            let _ = self.wait_fetched(Duration::MAX);
         }
     }
 
@@ -258,7 +261,8 @@ impl FrameInFlight {
         SolutionBuffer::new(self.workspace.buffer(Slot::EndMaps))
     }
 
-    /// Waits until the device has fetched the photographs of the latest pair, for `limit` at most. Returns whether it has.
+    /// Waits until the device has fetched the photographs of the latest pair, for `limit` at most. Returns whether it
+    /// has.
     pub(super) fn wait_fetched(&mut self, limit: Duration) -> Result<bool, Error> {
         let Some(fetching) = &mut self.fetching else { return Ok(true) };
         let is_fetched = fetching.wait(fetching.completion().1, limit, self.deadline)?;
@@ -394,8 +398,8 @@ impl FrameInFlight {
         let floats = (columns * rows) as usize * layout.length;
         let partials: Vec<f32> = self.workspace.buffer(Slot::EndPartials).read(0, floats)?;
         let blocks = partials.chunks_exact(layout.length).map(|row| Sums::from_partials(row, layout)).collect();
-        let form = Form::new(blocks, finest.length, finest.centre);
-        Ok(form.other(self.shared.plan.settings.motion, &state.registration().transform))
+        let form = QuadraticForm::new(blocks, finest.length, finest.centre);
+        Ok(form.other_motion(self.shared.plan.settings.motion, &state.registration().transform))
     }
 
     /// Device time by its clock; without one, from the submission to the end of the wait.

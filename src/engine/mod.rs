@@ -29,7 +29,7 @@ mod workspace;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Engines on a Vulkan device of the embedding program: its device and queue, photographs and results on it, shared memory.
+/// Engines on a Vulkan device of the embedding program, photographs and results on it, and shared memory.
 pub mod interop {
     pub use ash;
 
@@ -63,11 +63,11 @@ pub struct EngineOptions {
     pub device: Option<String>,
     /// Whether to turn on core and synchronization validation. Needs the Khronos validation layer.
     pub validation: bool,
-    /// The time limit of one solve. Past it the solve fails with [`Error::Timeout`] and the engine is poisoned. A focus sweep has one limit
-    /// for all of its work; a pair that is solved in parts has one for each part.
+    /// The time limit of one solve. Past it the solve fails with [`Error::Timeout`] and the engine is poisoned. A focus
+    /// sweep has one limit for all of its work; a pair that is solved in parts has one for each part.
     pub timeout: Duration,
-    /// Bytes of the device that a pair may use; `None`: all that it has. [`PairSolver::solve`](crate::PairSolver::solve) solves larger
-    /// photographs in parts.
+    /// Bytes of the device that a pair may use; `None`: all that it has.
+    /// [`PairSolver::solve`](crate::PairSolver::solve) solves larger photographs in parts.
     pub memory: Option<u64>,
     /// Finds the start of T for [`Method::Sift`](crate::settings::Method::Sift). `None`: that method is refused.
     pub key_points: Option<KeyPoints>,
@@ -112,7 +112,8 @@ impl Engine {
         Ok(Self::on(open(options)?, options))
     }
 
-    /// Uses a device of the embedding program, which keeps and destroys it. Ignores the options `device` and `validation`.
+    /// Uses a device of the embedding program, which keeps and destroys it. Ignores the options `device` and
+    /// `validation`.
     ///
     /// # Errors
     /// [`Error::NoDevice`] if the device lacks what the passes need, or its queue does not compute; [`Error::Vulkan`].
@@ -152,13 +153,14 @@ impl Engine {
         Plan::new(width, height, formats, settings)?.check_described(device)
     }
 
-    /// Shares memory of the embedding program, a camera's ring buffer for example, with the device, for [`Source::Shared`]. The device
-    /// reads it by VK_EXT_external_memory_host; without that the host copies.
+    /// Shares memory of the embedding program, a camera's ring buffer for example, with the device, for
+    /// [`Source::Shared`]. The device reads it by VK_EXT_external_memory_host; without that the host copies.
     pub fn share(&self, memory: HostMemory) -> Arc<SharedMemory> {
         SharedMemory::new(&self.0.device, memory)
     }
 
-    /// Shares a dma-buf, of a capture card for example, by VK_EXT_external_memory_dma_buf; without that the host copies.
+    /// Shares a dma-buf, of a capture card for example, by VK_EXT_external_memory_dma_buf; without that the host
+    /// copies.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if it is shorter than stated, or can be neither imported nor read.

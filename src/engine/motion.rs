@@ -1,8 +1,4 @@
-//! Whether another motion model than the one solved for would do: section 5 of `docs/method.md`.
-//!
-//! The last sums are those of all eight unknowns, around the T that was found. Their quadratic form says where a richer
-//! model would go, and a simpler one; how far the sums of one block of pixels differ from those of another, whether that is
-//! more than chance.
+//! The test whether another motion model would do: section 5 of `docs/method.md`.
 
 use std::fmt;
 
@@ -11,21 +7,21 @@ use nalgebra::{DMatrix, DVector};
 use super::stages::sums::{Sums, UNKNOWNS, displacements};
 use crate::base::{Homography, Motion};
 
-/// Models that put no corner further apart than this many pixels are the same: some times the error of a solve.
-const SAME: f64 = 0.05;
-/// How many times what chance gives on average what tells must be. Of two unknowns and many blocks chance reaches this once
-/// in 1e5, of two and 12 blocks once in 500.
-const TELLS: f64 = 12.0;
+/// The largest distance between corners, px, at which two models are the same: several times the error of a solve.
+const SAME_CORNERS: f64 = 0.05;
+/// The least test statistic, over its mean by chance, of significant unknowns. For two unknowns and many blocks chance
+/// reaches this once in 1e5, for two and 12 blocks once in 500.
+const SIGNIFICANT: f64 = 12.0;
 
 /// Another motion model than the one solved for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct OtherMotion {
-    /// Which.
+    /// The model.
     pub motion: Motion,
-    /// Whether it would explain more; otherwise it is simpler and explains as much.
+    /// Whether it explains more. If not, it is simpler and explains as much.
     pub explains_more: bool,
-    /// How far from T it would put the furthest corner, pixels, to first order.
+    /// The largest distance by which it moves a corner, px, to first order.
     pub corner_px: f64,
 }
 
@@ -42,49 +38,51 @@ impl fmt::Display for OtherMotion {
     }
 }
 
-/// The quadratic form about T, in unknowns of [`sums`](super::stages::sums).
-pub(crate) struct Form {
+/// The quadratic form of the energy about T, in the eight unknowns of [`sums`](super::stages::sums).
+pub(crate) struct QuadraticForm {
     /// N.
     normal: DMatrix<f64>,
     /// g of each block of pixels.
     gradients: Vec<DVector<f64>>,
-    /// Over which places are stated, pixels.
+    /// The unit of places, px.
     length: f64,
-    /// A corner, from the centre over `length`.
+    /// A corner, from the centre in units of `length`.
     corner: [f64; 2],
 }
 
-impl Form {
-    /// From the sums of blocks of pixels, places stated over `length`, corners at `half` from the centre, both pixels.
+impl QuadraticForm {
+    /// Adds up the sums of blocks of pixels. Places are in units of `length` px; corners are `half` px from the centre.
     pub(crate) fn new(blocks: Vec<Sums>, length: f64, half: [f64; 2]) -> Self {
         let normal = |i: usize, j: usize| blocks.iter().map(|block: &Sums| block.normal[i][j]).sum::<f64>();
-        let seen = blocks.iter().filter(|block| block.valid > 0.0);
+        let valid = blocks.iter().filter(|block| block.valid > 0.0);
         Self {
             normal: DMatrix::from_fn(UNKNOWNS, UNKNOWNS, normal),
-            gradients: seen.map(|block| DVector::from_row_slice(&block.gradient)).collect(),
+            gradients: valid.map(|block| DVector::from_row_slice(&block.gradient)).collect(),
             length,
             corner: half.map(|half| half / length),
         }
     }
 
-    /// Which other model would do, of T found by `motion`: the richer one beyond which nothing more is explained, or else the
+    /// The model that would do instead of `motion`: the richest that explains more than those below it, or else the
     /// simplest that explains as much.
-    pub(crate) fn other(&self, motion: Motion, t: &Homography) -> Option<OtherMotion> {
+    pub(crate) fn other_motion(&self, motion: Motion, t: &Homography) -> Option<OtherMotion> {
         let own = self.best(motion, &DVector::zeros(UNKNOWNS))?;
         self.richer(motion, &own).or_else(|| self.simpler(motion, &own, t))
     }
 
     fn richer(&self, motion: Motion, own: &DVector<f64>) -> Option<OtherMotion> {
-        let (mut found, mut fewer, mut last) = (None, motion, own.clone());
+        let (mut richer, mut fewer, mut last) = (None, motion, own.clone());
         for more in Motion::ALL.into_iter().filter(|&m| m > motion) {
             let best = self.best(more, &DVector::zeros(UNKNOWNS))?;
-            if self.corner_distance(&last, &best) >= SAME && self.tells(fewer, more, &DVector::zeros(UNKNOWNS))? {
+            if self.corner_distance(&last, &best) >= SAME_CORNERS
+                && self.is_significant(fewer, more, &DVector::zeros(UNKNOWNS))?
+            {
                 let corner_px = self.corner_distance(own, &best);
-                found = Some(OtherMotion { motion: more, explains_more: true, corner_px });
+                richer = Some(OtherMotion { motion: more, explains_more: true, corner_px });
             }
             (fewer, last) = (more, best);
         }
-        found
+        richer
     }
 
     fn simpler(&self, motion: Motion, own: &DVector<f64>, t: &Homography) -> Option<OtherMotion> {
@@ -93,12 +91,12 @@ impl Form {
             let excess = self.excess(t);
             let without = DVector::from_fn(UNKNOWNS, |i, _| if beyond(i) { excess[i] } else { 0.0 });
             let corner_px = self.corner_distance(own, &self.best(simpler, &without)?);
-            let same = corner_px < SAME || !self.tells(simpler, motion, &without)?;
+            let same = corner_px < SAME_CORNERS || !self.is_significant(simpler, motion, &without)?;
             same.then_some(OtherMotion { motion: simpler, explains_more: false, corner_px })
         })
     }
 
-    /// The best step in a model's unknowns where the others are given; `None` where the images do not tell.
+    /// The best step in a model's unknowns with the others given; `None` if the images do not determine it.
     fn best(&self, motion: Motion, given: &DVector<f64>) -> Option<DVector<f64>> {
         let count = motion.unknowns();
         let gradient: DVector<f64> = self.gradients.iter().sum();
@@ -108,10 +106,12 @@ impl Form {
         step.iter().all(|v| v.is_finite()).then_some(step)
     }
 
-    /// Whether the unknowns that one model has beyond another tell, `without` being what T loses where they are left out:
-    /// Hotelling's test of their gradients, the other unknowns eliminated, over the blocks of pixels. What T does not explain
-    /// at the edges of depth say is the same all over a block, and scatters from one to the next as a motion would not.
-    fn tells(&self, fewer: Motion, more: Motion, without: &DVector<f64>) -> Option<bool> {
+    /// Tests whether the unknowns that `more` has beyond `fewer` are significant. `without` is the step by which T
+    /// loses them.
+    ///
+    /// Hotelling's test of their gradients over the blocks of pixels, with the other unknowns eliminated. Residuals at
+    /// edges of depth are alike within a block and scatter from block to block, as those of a motion do not.
+    fn is_significant(&self, fewer: Motion, more: Motion, without: &DVector<f64>) -> Option<bool> {
         let (kept, count) = (fewer.unknowns(), more.unknowns() - fewer.unknowns());
         let part = |i: usize, j: usize, rows: usize, columns: usize| self.normal.view((i, j), (rows, columns));
         let answer = part(0, 0, kept, kept).clone_owned().cholesky()?.solve(&part(0, kept, kept, count));
@@ -124,13 +124,13 @@ impl Form {
         let tested = sum + own * without.rows(kept, count);
         let freedom = blocks - count as f64;
         let over_chance = tested.dot(&scatter.cholesky()?.solve(&tested)) / blocks * freedom / count as f64;
-        Some(freedom >= 1.0 && over_chance > TELLS)
+        Some(freedom >= 1.0 && over_chance > SIGNIFICANT)
     }
 
-    /// The step that takes out of T what each unknown stands for, to first order.
+    /// The step that removes each unknown's share from T, to first order.
     fn excess(&self, t: &Homography) -> [f64; UNKNOWNS] {
         let ([[xx, xy, _], [yx, yy, _], [gx, gy, _]], l) = (t.matrix(), self.length);
-        // The linear part as complex numbers: u to c u + k ū. What takes out k is -k/c, and what takes out c, 1/c - 1.
+        // The linear part as complex numbers: u to c u + k ū. The step -k/c removes k, and 1/c - 1 removes c.
         let (c, k) = ([xx + yy, yx - xy].map(|v| 0.5 * v), [xx - yy, yx + xy].map(|v| 0.5 * v));
         let square = c[0] * c[0] + c[1] * c[1];
         let over_c = |[x, y]: [f64; 2]| [(x * c[0] + y * c[1]) / square, (y * c[0] - x * c[1]) / square];
@@ -138,7 +138,7 @@ impl Form {
         [0.0, 0.0, l * (zoom - 1.0), l * turn, -l * stretch, -l * shear, -l * l * gx, -l * l * gy]
     }
 
-    /// How far apart two steps put the furthest corner, pixels.
+    /// The largest distance between the corners that two steps give, px.
     fn corner_distance(&self, a: &DVector<f64>, b: &DVector<f64>) -> f64 {
         let [w, h] = self.corner;
         let moved = |corner: [f64; 2]| {
@@ -158,7 +158,7 @@ mod tests {
 
     const LENGTH: f64 = 64.0;
 
-    /// The sums of residuals that a step would take away, but for noise: of an image of 200 x 150, random gradients.
+    /// The sums of an image of 200 x 150 px with random gradients, whose residuals a step removes except for noise.
     fn blocks(step: [f64; UNKNOWNS], noise: f64) -> Vec<Sums> {
         random(5 * 20_000, 7).chunks_exact(5 * 400).map(|numbers| sums(numbers, step, noise)).collect()
     }
@@ -179,11 +179,11 @@ mod tests {
     }
 
     fn other(blocks: &[Sums], motion: Motion, t: impl Into<Homography>) -> Option<OtherMotion> {
-        Form::new(blocks.to_vec(), LENGTH, [100.0, 75.0]).other(motion, &t.into())
+        QuadraticForm::new(blocks.to_vec(), LENGTH, [100.0, 75.0]).other_motion(motion, &t.into())
     }
 
     #[test]
-    fn a_richer_model_is_named_where_its_unknowns_would_move_a_corner() {
+    fn a_richer_model_is_reported_if_it_moves_a_corner() {
         let similarity = Similarity::new(1.0, 2.0, 0.3, 1.02);
         let sheared = blocks([0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0], 0.004);
         let found = other(&sheared, Motion::Similarity, similarity).unwrap();
@@ -197,13 +197,13 @@ mod tests {
     }
 
     #[test]
-    fn what_noise_alone_would_do_is_not_said() {
+    fn noise_alone_reports_no_model() {
         let still = blocks([0.0; UNKNOWNS], 0.1);
         assert_eq!(other(&still, Motion::Similarity, Similarity::new(1.0, 2.0, 0.3, 1.02)), None);
     }
 
     #[test]
-    fn the_simplest_that_explains_as_much_is_named() {
+    fn the_simplest_model_that_explains_as_much_is_reported() {
         let still = blocks([0.0; UNKNOWNS], 0.004);
         let shift = Similarity::new(3.0, -2.0, 0.0, 1.0);
         let found = other(&still, Motion::Homography, shift).unwrap();

@@ -1,4 +1,4 @@
-//! Photographs too large for one solve: overlapping parts of one size, photographs at half their size, and the solve of a large pair.
+//! Photographs too large for one solve: their parts, their half size, and the solve of a large pair.
 
 use super::Engine;
 use super::filter::Filter;
@@ -33,8 +33,8 @@ struct Axis {
 }
 
 impl Axis {
-    /// Covers `whole` px by parts of `most` px at most that reach `halo` px beyond their interior. They begin at even places, since pixel
-    /// i of the half-size image lies on pixel 2i.
+    /// Covers `whole` px by parts of `most` px at most that reach `halo` px beyond their interior. They begin at even
+    /// places, since pixel i of the half-size image lies on pixel 2i.
     fn covering(whole: u32, most: u32, halo: u32) -> Self {
         if whole <= most {
             return Self { side: whole, origins: vec![0], borders: vec![0, whole] };
@@ -188,8 +188,8 @@ impl Engine {
     }
 }
 
-/// Solves a pair in parts: T, gain, offset and shading at half its size, or a quarter, where all of the frame is seen, then V part by
-/// part at full size with these held. The engine's time limit is that of each part.
+/// Solves a pair in parts: T, gain, offset and shading at half its size, or a quarter, where all of the frame is seen,
+/// then V part by part at full size with these held. The engine's time limit is that of each part.
 ///
 /// # Errors
 /// Those of [`PairSolver::solve`](crate::PairSolver::solve); [`Error::TooLarge`] if the device does not hold a part either.
@@ -273,8 +273,8 @@ fn grid(engine: &Engine, size: [u32; 2], formats: [Format; 2], settings: &Settin
     }
 }
 
-/// Solves the pair at half its size, or halved until the device holds it. T and brightness are stated for full-size pixels; the fields
-/// have the halved size.
+/// Solves the pair at half its size, or halved until the device holds it. T and brightness are stated for full-size
+/// pixels; the fields have the halved size.
 fn solve_at_half_size(
     engine: &Engine,
     frames: [&Frame; 2],

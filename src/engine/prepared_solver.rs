@@ -1,4 +1,4 @@
-//! A solver prepared for pairs of one size, format and settings: its pool of frames in flight, and the pairs that use them.
+//! A solver prepared for pairs of one size, format and settings, and its pairs in flight.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -40,7 +40,8 @@ impl<'a> PairOptions<'a> {
 }
 
 impl PreparedSolver {
-    /// Prepares for pairs of a size and of the formats of I1 and I2: `is_masked` with masked or clipped pixels or without, `None` for both.
+    /// Prepares for pairs of a size and of the formats of I1 and I2: `is_masked` with masked or clipped pixels or
+    /// without, `None` for both.
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
@@ -71,7 +72,8 @@ impl PreparedSolver {
         Ok(Self { shared, pool, key_points: engine.key_points() })
     }
 
-    /// Prepares for pairs like this one: with clipped pixels if it has some. The first pair of the other kind compiles more passes.
+    /// Prepares for pairs like this one: with clipped pixels if it has some. The first pair of the other kind compiles
+    /// more passes.
     ///
     /// # Errors
     /// Those of [`PreparedSolver::new`], and [`Error::Mismatch`] where the sizes differ.
@@ -223,7 +225,8 @@ impl Pool {
     }
 }
 
-/// A frame in flight that a pair uses. Dropping it cancels a pair that is not solved, waits for it, and gives the frame back.
+/// A frame in flight that a pair uses. Dropping it cancels a pair that is not solved, waits for it, and gives the frame
+/// back.
 struct Lease {
     /// `None` only while it is dropped.
     frame: Option<FrameInFlight>,
@@ -255,9 +258,9 @@ impl Drop for Lease {
 
 /// A pair that was [submitted](crate::PairSolver::submit).
 ///
-/// It occupies one frame in flight of its solver until it is dropped. Dropping it cancels a pair that is not solved, waits until
-/// the device has left it, for the engine's time limit at most, and returns the frame in flight to the solver. The solver may be
-/// dropped first.
+/// It occupies one frame in flight of its solver until it is dropped. Dropping it cancels a pair that is not solved,
+/// waits until the device has left it, for the engine's time limit at most, and returns the frame in flight to the
+/// solver. The solver may be dropped first.
 pub struct Pending {
     frame: Lease,
     is_fetched: [bool; 2],
@@ -304,7 +307,8 @@ impl Pending {
         self.is_fetched
     }
 
-    /// Waits until the device has fetched its photographs, for `limit` at most. Returns whether it has: they may then be overwritten.
+    /// Waits until the device has fetched its photographs, for `limit` at most. Returns whether it has: they may then
+    /// be overwritten.
     ///
     /// # Errors
     /// Those of [`Pending::wait`] except [`Error::Cancelled`].
@@ -312,8 +316,8 @@ impl Pending {
         self.frame.wait_fetched(limit)
     }
 
-    /// The buffer on the device that receives the results, and the semaphores that say when. For programs that use the results
-    /// on the same device ([`Engine::from_vulkan`](crate::Engine::from_vulkan)) without a wait of the host.
+    /// The buffer on the device that receives the results, and the semaphores that say when. For programs that use the
+    /// results on the same device ([`Engine::from_vulkan`](crate::Engine::from_vulkan)) without a wait of the host.
     pub fn on_device(&self) -> DeviceSolution {
         self.frame.on_device()
     }
@@ -324,13 +328,15 @@ impl Pending {
     }
 }
 
-/// A pair that was recorded into a command buffer of the embedding program ([`PairSolver::encode`](crate::PairSolver::encode)).
+/// A pair that was recorded into a command buffer of the embedding program
+/// ([`PairSolver::encode`](crate::PairSolver::encode)).
 ///
 /// It occupies one frame in flight of its solver until it is dropped.
 pub struct Encoded(Lease);
 
 impl Encoded {
-    /// The results of the latest execution, in mapped memory; `None` until the device has executed the commands to their end.
+    /// The results of the latest execution, in mapped memory; `None` until the device has executed the commands to
+    /// their end.
     ///
     /// # Errors
     /// [`Error::Cancelled`], [`Error::Vulkan`].

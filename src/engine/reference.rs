@@ -1,7 +1,7 @@
-//! The CPU reference of the solver: runs a script by the CPU references of its [`stages`](super::stages), in double
-//! precision.
+//! The CPU reference of the solver, in double precision.
 //!
-//! It is slow, and meant for tests and for learning.
+//! It runs a script by the CPU references of its [`stages`](super::stages). It is slow, and meant for tests and for
+//! learning.
 
 use super::plan::{MAP_LAYERS, Plan};
 use super::same_size;

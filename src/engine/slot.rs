@@ -1,5 +1,6 @@
-//! The slots of a solve, one for each image and buffer, and typed handles to them: a pass that binds V cannot be given
-//! I1.
+//! The slots of a solve, one for each image and buffer, and typed handles to them.
+//!
+//! By the types, a pass that binds V cannot be given I1.
 
 use std::marker::PhantomData;
 

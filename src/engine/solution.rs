@@ -55,16 +55,16 @@ pub struct Findings {
 pub struct Solution {
     /// V, px² of I1, row-major; positive where I2 is the more blurred. NaN outside the valid region.
     pub relative_blur: Vec<f32>,
-    /// Standard deviation of V, px², from the images around each pixel (`docs/method.md`, section 7). NaN outside the valid
-    /// region; 1000 where only the smoothness determines V.
+    /// Standard deviation of V, px², from the images around each pixel (`docs/method.md`, section 7). NaN outside the
+    /// valid region; 1000 where only the smoothness determines V.
     pub uncertainty: Vec<f32>,
     /// The same on a scale from 0 to 1, `1/(1 + σ²)` with σ in px²; 0 where the images say nothing.
     pub confidence: Vec<f32>,
-    /// Root mean square, around each pixel, of what neither blur nor T explains, intensities: large where something moved
-    /// between the photographs or shone differently. NaN outside the valid region.
+    /// Root mean square, around each pixel, of what neither blur nor T explains, intensities: large where something
+    /// moved between the photographs or shone differently. NaN outside the valid region.
     pub residual: Vec<f32>,
-    /// Pseudo-radiance, equation 37, interleaved, in the values of I1 with white at 1; I1 itself where I2 does not reach.
-    /// Empty if [`Settings::fused`] is false.
+    /// Pseudo-radiance, equation 37, interleaved, in the values of I1 with white at 1; I1 itself where I2 does not
+    /// reach. Empty if [`Settings::fused`] is false.
     pub fused: Vec<f32>,
     /// Everything else. Its fields are also fields of the solution by `Deref`.
     pub findings: Findings,
@@ -212,7 +212,8 @@ pub struct LevelHistory {
 pub struct Timings {
     /// From the call to the answer.
     pub total_ms: f64,
-    /// On the device, from the first pass to the last. Without device clock: from the submission to the end of the wait.
+    /// On the device, from the first pass to the last. Without device clock: from the submission to the end of the
+    /// wait.
     pub gpu_ms: f64,
     /// On the device by named pass, in order of first use. Empty unless passes are timed
     /// ([`EngineOptions::timed`](crate::EngineOptions::timed)) and the device has a clock.

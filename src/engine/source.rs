@@ -9,8 +9,8 @@ use crate::base::{Depth, Error, Frame, RowLayout, workers};
 
 /// Where a photograph of a pair is taken from, in the solver's [format](crate::PixelFormat).
 ///
-/// The host looks for clipped pixels in pairs of two frames. In all other pairs the device does, by the passes for pairs that have some.
-/// Floats that the device fetches are not checked: they must be finite and at most 1e6.
+/// The host looks for clipped pixels in pairs of two frames. In all other pairs the device does, by the passes for
+/// pairs that have some. Floats that the device fetches are not checked: they must be finite and at most 1e6.
 #[derive(Clone, Copy)]
 pub enum Source<'a> {
     /// A frame, copied before `submit` returns.
@@ -22,12 +22,13 @@ pub enum Source<'a> {
         /// Bytes from the start of one row to that of the next; 0 if there are no gaps.
         pitch: usize,
     },
-    /// A function that writes the rows, without gaps, into the memory that the device reads. `submit` calls it once. Write from front
-    /// to back: reading this memory may be slow.
+    /// A function that writes the rows, without gaps, into the memory that the device reads. `submit` calls it once.
+    /// Write from front to back: reading this memory may be slow.
     Write(&'a dyn Fn(&mut [u8])),
     /// A photograph on the engine's device, which fetches it.
     OnDevice(DeviceSource),
-    /// Rows of [shared memory](crate::Engine::share). The device fetches them; if it cannot, they are copied before `submit` returns.
+    /// Rows of [shared memory](crate::Engine::share). The device fetches them; if it cannot, they are copied before
+    /// `submit` returns.
     Shared {
         /// Memory that was shared with the same engine.
         memory: &'a Arc<SharedMemory>,

@@ -1,4 +1,4 @@
-//! A flat reference: V of a flat target shows the curvature of the field of focus, which is subtracted from V of other pairs.
+//! A flat reference: the field curvature of a lens, from V of a flat target.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -14,9 +14,11 @@ const SAMPLES: usize = 1 << 16;
 /// Least standard deviation of V, px², by which a pixel is weighed: the stated one leaves out the error of the model.
 const LEAST_DEVIATION: f32 = 0.1;
 
-/// The deviation of V of a flat target from its value at the image centre: the field curvature of the lens, and the tilt of the target.
+/// The deviation of V of a flat target from its value at the image centre: the field curvature of the lens, and the
+/// tilt of the target.
 ///
-/// A polynomial of fourth degree in the place, fitted to V by its uncertainty. So neither texture nor holes of the target are carried over.
+/// A polynomial of fourth degree in the place, fitted to V by its uncertainty. So neither texture nor holes of the
+/// target are carried over.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldCurvature {
     size: [u32; 2],
@@ -62,8 +64,8 @@ impl FieldCurvature {
         self.field.above_centre(place)
     }
 
-    /// Subtracts it from V of a solution whose photographs have its size, |V| limited to `limit` px². A pixel at the limit stays there and
-    /// no other gets there: the limit says that V is only a bound.
+    /// Subtracts it from V of a solution whose photographs have its size, |V| limited to `limit` px². A pixel at the
+    /// limit stays there and no other gets there: the limit says that V is only a bound.
     pub fn flatten(&self, solution: &mut Solution, limit: f64) {
         let (reached, below) = (0.999 * limit as f32, 0.998 * limit as f32);
         self.change(solution, |v, curvature| if v.abs() >= reached { v } else { (v - curvature).clamp(-below, below) });
@@ -119,8 +121,8 @@ fn covers([width, height]: [u32; 2], measured: &[Measured]) -> bool {
 }
 
 impl SmoothField {
-    /// Fits values over an image of `width` x `height` pixels by least squares, reweighted by Tukey's function against outliers; `None` if
-    /// the places do not determine it.
+    /// Fits values over an image of `width` x `height` pixels by least squares, reweighted by Tukey's function against
+    /// outliers; `None` if the places do not determine it.
     fn fit([width, height]: [u32; 2], measured: &[Measured]) -> Option<Self> {
         let centre = centre(width, height);
         let length = (f64::from(width).hypot(height.into()) / 2.0).max(1.0);

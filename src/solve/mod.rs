@@ -1,4 +1,4 @@
-//! Solves around the engine: pairs with options, streams of pairs, focus sweeps, photographs resampled on the pixels of I1.
+//! Solves around the engine: pairs, streams, focus sweeps, and resampling on the pixels of I1.
 
 mod field_curvature;
 mod pair_solver;

@@ -1,4 +1,4 @@
-//! The solver for pairs: a part of the frame, a mask, a flat reference, large pairs, and pairs in flight.
+//! The solver for pairs, and the options of a solve.
 
 use std::fmt;
 use std::sync::Arc;
@@ -94,9 +94,9 @@ impl Layout {
 
 /// Solves pairs of photographs by one choice of settings.
 ///
-/// The first pair of a size and format prepares memory and recorded passes; later pairs of the same kind reuse them. A solver that is
-/// [prepared for a size](PairSolver::for_size) can have several pairs in flight: while the device solves one, the host uploads the
-/// next and reads the results of the one before.
+/// The first pair of a size and format prepares memory and recorded passes; later pairs of the same kind reuse them. A
+/// solver that is [prepared for a size](PairSolver::for_size) can have several pairs in flight: while the device solves
+/// one, the host uploads the next and reads the results of the one before.
 ///
 /// ```
 /// # use parfocal::{Engine, EngineOptions, Error, Frame, PairSolver, Pending, Settings, SolveOptions};
@@ -163,8 +163,9 @@ impl PairSolver {
         Ok(solver)
     }
 
-    /// Makes a solver and prepares it for pairs of a size in px and the formats of I1 and I2, `frames_in_flight` of them at a time (at
-    /// least 1). Pairs with clipped or masked pixels are prepared for as well: no pair compiles anything.
+    /// Makes a solver and prepares it for pairs of a size in px and the formats of I1 and I2, `frames_in_flight` of
+    /// them at a time (at least 1). Pairs with clipped or masked pixels are prepared for as well: no pair compiles
+    /// anything.
     ///
     /// # Errors
     /// Those of [`PairSolver::for_frames`]. [`Error::TooLarge`] also for pairs that [`solve`](Self::solve) would solve in parts.
@@ -200,8 +201,9 @@ impl PairSolver {
         Ok(())
     }
 
-    /// Solves a pair. One that is too large for the device, or for [`EngineOptions::memory`](crate::EngineOptions::memory), is solved in
-    /// parts, with T and brightness from half its size. `origin`, `width` and `height` of the solution say which part of I1 it covers.
+    /// Solves a pair. One that is too large for the device, or for
+    /// [`EngineOptions::memory`](crate::EngineOptions::memory), is solved in parts, with T and brightness from half its
+    /// size. `origin`, `width` and `height` of the solution say which part of I1 it covers.
     ///
     /// # Errors
     /// Those of [`PairSolver::for_frames`] and [`SolveOptions::check`]; [`Error::NoKeyPoints`] or what they failed of with the method
@@ -239,8 +241,8 @@ impl PairSolver {
         Ok(solution)
     }
 
-    /// Registers a pair and does no more than that needs: by the method appearance no blur is solved for, by SIFT and aligned only
-    /// exposure and correlation are measured.
+    /// Registers a pair and does no more than that needs: by the method appearance no blur is solved for, by SIFT and
+    /// aligned only exposure and correlation are measured.
     ///
     /// # Errors
     /// Those of [`PairSolver::solve`]. [`Error::Mismatch`] for options with a region, flat reference or `crop_valid`.
@@ -262,8 +264,8 @@ impl PairSolver {
         reuse(&mut self.registering, layout, prepare)?.register(frames, pair)
     }
 
-    /// Submits a pair and returns. The device begins with it after `waits`. On devices without VK_EXT_conditional_rendering it blocks
-    /// until the solve is done. Of the options only mask and cancel apply.
+    /// Submits a pair and returns. The device begins with it after `waits`. On devices without
+    /// VK_EXT_conditional_rendering it blocks until the solve is done. Of the options only mask and cancel apply.
     ///
     /// # Errors
     /// Those of [`PairSolver::solve`]. [`Error::Busy`] if all frames in flight are in use: drop a [`Pending`] first.
@@ -279,8 +281,8 @@ impl PairSolver {
         solver.submit(sources.map(Into::into), waits, pair)
     }
 
-    /// Records a solve of photographs on the device into a command buffer of the embedding program, which executes it once or again
-    /// after each change of the photographs. The contract is that of [`ExternalCommandBuffer::new`].
+    /// Records a solve of photographs on the device into a command buffer of the embedding program, which executes it
+    /// once or again after each change of the photographs. The contract is that of [`ExternalCommandBuffer::new`].
     ///
     /// [`Encoded::on_device`] names the buffer of the results, for commands after a barrier.
     ///
@@ -358,8 +360,8 @@ fn reuse(
     Ok(&mut prepared.insert((layout, solver)).1)
 }
 
-/// Px that are solved around a region, so that V is valid up to its borders: the widest blur window, and two hundredths of the
-/// frame for the displacement.
+/// Px that are solved around a region, so that V is valid up to its borders: the widest blur window, and two hundredths
+/// of the frame for the displacement.
 pub(super) fn margin([width, height]: [u32; 2], settings: &Settings) -> u32 {
     (3.0 * settings.max_relative_blur.sqrt() + 0.02 * f64::from(width.max(height))).ceil() as u32
 }

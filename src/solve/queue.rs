@@ -88,7 +88,8 @@ impl<P, R> Queue<P, R> {
         Ok(())
     }
 
-    /// The next result; `None` if it is not ready within the time limit, or all are read after [`finish`](Self::finish).
+    /// The next result; `None` if it is not ready within the time limit, or all are read after
+    /// [`finish`](Self::finish).
     pub(super) fn next(&self, limit: Duration) -> Option<R> {
         let ended = |state: &State<P, R>| state.is_finished && state.places.is_empty();
         let mut state = self.wait_until(limit, |state| state.is_next_ready() || ended(state));
@@ -127,8 +128,8 @@ impl<P, R> Queue<P, R> {
         self.changed.notify_all();
     }
 
-    /// Removes a worker; the others get the jobs that it had taken. Without others, the result of the oldest pair is `fault`, that of
-    /// the others [`Queue::lost`].
+    /// Removes a worker; the others get the jobs that it had taken. Without others, the result of the oldest pair is
+    /// `fault`, that of the others [`Queue::lost`].
     pub(super) fn retire(&self, taken: impl IntoIterator<Item = Job<P>>, fault: Option<R>) {
         let mut state = self.lock();
         state.workers -= 1;

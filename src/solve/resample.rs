@@ -1,11 +1,11 @@
-//! A photograph on the pixels of another.
+//! Resampling of photographs on the pixels of another, by cubic B-splines.
 
 use crate::base::color::{LUMINANCE, stored};
 use crate::base::{Brightness, Channels, Decode, Frame, Homography, centre, weighted, workers};
 use crate::engine::filter;
 use crate::engine::stages::spline::{self, mirror};
 
-/// The cubic B-spline through the pixels of an image, mirrored about the border pixels; in single precision, of one to three channels.
+/// The cubic B-spline through the pixels of an image of one to three channels, mirrored about the border pixels.
 pub(crate) struct Spline {
     size: [usize; 2],
     channels: usize,
@@ -14,14 +14,15 @@ pub(crate) struct Spline {
 }
 
 impl Spline {
-    /// Through interleaved values, row-major; to 2e-5 of what changes from pixel to pixel, since the prefilter is cut off.
+    /// Interpolates interleaved values, row-major. The prefilter is cut off: the error is 2e-5 of the change from pixel
+    /// to pixel.
     pub(crate) fn through(values: &[f32], size: [usize; 2], channels: usize) -> Self {
         let filter: Vec<f32> = filter::spline_prefilter().into_iter().map(|w| w as f32).collect();
         let coefficients = along_y(&along_x(values, size, channels, &filter), size, channels, &filter);
         Self { size, channels, coefficients }
     }
 
-    /// The channels at a place, pixels; false, and nothing, where that is not between the outermost pixels' centres.
+    /// Reads the channels at a place, px. Returns false, and reads nothing, outside the centres of the border pixels.
     pub(crate) fn read(&self, [x, y]: [f64; 2], into: &mut [f32]) -> bool {
         let [width, height] = self.size;
         if !(x >= 0.0 && y >= 0.0 && x <= width as f64 - 1.0 && y <= height as f64 - 1.0) {
@@ -30,7 +31,7 @@ impl Spline {
         let first = [x, y].map(|p| p as isize - 1);
         let [wx, wy] = [x, y].map(|p| spline::weights(p - p.floor())[0].map(|w| w as f32));
         let (columns, rows) = (four(first[0], width), four(first[1], height));
-        // Of a known number of channels the sums stay in registers.
+        // With a constant number of channels the sums stay in registers.
         match self.channels {
             1 => self.weigh::<1>([columns, rows], [wx, wy], into),
             2 => self.weigh::<2>([columns, rows], [wx, wy], into),
@@ -57,7 +58,7 @@ impl Spline {
     }
 }
 
-/// The places from one on, mirrored.
+/// Four consecutive places from `first` on, mirrored.
 fn four(first: isize, size: usize) -> [usize; 4] {
     if first >= 0 && first as usize + 3 < size {
         return std::array::from_fn(|i| first as usize + i);
@@ -89,9 +90,9 @@ fn along_y(values: &[f32], [width, height]: [usize; 2], channels: usize, filter:
     filtered
 }
 
-/// What an image, of the reference's size, holds where T takes the reference's pixels; NaN where that is outside.
+/// Resamples an image where T takes the pixels of a reference of the same size; NaN outside.
 pub(crate) fn onto(values: Vec<f32>, channels: usize, t: &Homography, size: [usize; 2]) -> Vec<f32> {
-    // As it is, to the last bit.
+    // Unchanged, bit for bit.
     if *t == Homography::IDENTITY {
         return values;
     }
@@ -108,8 +109,8 @@ pub(crate) fn onto(values: Vec<f32>, channels: usize, t: &Homography, size: [usi
     moved
 }
 
-/// A photograph on the pixels of I1: what it holds where T takes them, of its own format; black where that is outside.
-/// Its brightness is changed in intensities decoded so.
+/// Resamples a photograph on the pixels of I1, where T takes them, in its own format; black outside. Brightness is
+/// applied to intensities, which `decode` defines.
 pub fn registered(frame: &Frame, transform: &Homography, brightness: &Brightness, decode: Decode) -> Frame {
     let (width, height, channels) = (frame.width() as usize, frame.height() as usize, frame.format().channels);
     let decode = decode.resolved([frame.format().depth]);
@@ -124,7 +125,7 @@ pub fn registered(frame: &Frame, transform: &Homography, brightness: &Brightness
     frame.with_intensities(&moved)
 }
 
-/// The intensities of a photograph, as bright as another's.
+/// The intensities of a photograph with the brightness of another.
 pub(crate) fn brightened(frame: &Frame, brightness: &Brightness, decode: Decode) -> Vec<f32> {
     let channels = frame.format().channels.count() as usize;
     let mut values = frame.intensities(decode);
@@ -132,7 +133,7 @@ pub(crate) fn brightened(frame: &Frame, brightness: &Brightness, decode: Decode)
     values
 }
 
-/// Of interleaved values, those that are grey already as they are.
+/// Luminance of interleaved values; grey values are returned unchanged.
 pub(crate) fn luminance(values: Vec<f32>, channels: Channels) -> Vec<f32> {
     let weigh = |pixel: &[f32]| pixel.iter().zip(LUMINANCE).map(|(value, weight)| value * weight).sum();
     match channels {
@@ -141,7 +142,7 @@ pub(crate) fn luminance(values: Vec<f32>, channels: Channels) -> Vec<f32> {
     }
 }
 
-/// Fills rows of so many values, by all processors.
+/// Fills rows of `row` values each, in parallel.
 pub(crate) fn in_rows<T: Send>(values: &mut [T], row: usize, fill: impl Fn(usize, &mut [T]) + Sync) {
     workers::for_each(values.chunks_exact_mut(row.max(1)).enumerate(), |(n, values)| fill(n, values));
 }
@@ -158,17 +159,17 @@ mod tests {
         let wave = |x: f64| 0.5 + 0.4 * (std::f64::consts::FRAC_PI_2 * x).sin();
         let values: Vec<f32> = (0..width * height).flat_map(|i| [wave((i % width) as f64) as f32, 0.25]).collect();
         let image = Spline::through(&values, [width, height], 2);
-        let mut found = [0.0; 2];
+        let mut channels = [0.0; 2];
         for x in [20.0, 20.5, 31.25] {
-            assert!(image.read([x, 9.3], &mut found));
-            let off = f64::from(found[0]) - wave(x);
-            assert!(off.abs() < 0.4 * 0.03 && (found[1] - 0.25).abs() < 1e-5, "{x}: {off}");
+            assert!(image.read([x, 9.3], &mut channels));
+            let off = f64::from(channels[0]) - wave(x);
+            assert!(off.abs() < 0.4 * 0.03 && (channels[1] - 0.25).abs() < 1e-5, "{x}: {off}");
         }
-        assert!(!image.read([-0.1, 9.0], &mut found) && !image.read([3.0, f64::NAN], &mut found));
+        assert!(!image.read([-0.1, 9.0], &mut channels) && !image.read([3.0, f64::NAN], &mut channels));
     }
 
     #[test]
-    fn a_parabola_is_followed_and_a_plane_under_any_similarity() {
+    fn parabolas_and_planes_are_interpolated_under_a_similarity() {
         let (width, height) = (31, 23);
         let of = |x: f64, y: f64| 0.2 + 0.01 * x - 0.02 * y + 1e-3 * x * x;
         let values: Vec<f32> = (0..width * height).map(|i| of((i % width) as f64, (i / width) as f64) as f32).collect();
@@ -176,7 +177,7 @@ mod tests {
         let found = onto(values.clone(), 1, &t, [width, height]);
         for (x, y) in [(8usize, 7usize), (15, 11), (20, 15)] {
             let [px, py] = t.apply([x as f64, y as f64], centre(31, 23));
-            // The mirrored border has a kink, of which 7 px from it 0.27⁷ is left.
+            // The kink of the mirrored border falls to 0.27⁷ at 7 px from it.
             assert!((f64::from(found[y * width + x]) - of(px, py)).abs() < 2e-5);
         }
         let away = onto(values, 1, &Similarity::new(100.0, 0.0, 0.0, 1.0).into(), [width, height]);
@@ -184,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn exposure_is_taken_over_in_intensities() {
+    fn brightness_is_applied_to_intensities() {
         let exposed = |byte: u8, gain: f64, offset: f64, decode: Decode| {
             let frame = Frame::new(2, 2, crate::base::Channels::Gray, crate::base::Samples::U8(vec![byte; 4])).unwrap();
             let unchanged = Brightness::identity([2, 2]);

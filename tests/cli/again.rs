@@ -123,7 +123,7 @@ fn measurements_are_on_the_page_and_a_page_that_is_lost_is_said_to_be() {
     assert!(desk.done(&[&["depth", "out"], &LENS[..]].concat()).contains(view.file_name().unwrap().to_str().unwrap()));
     fs::write(desk.path("out/report.html"), "<html>").unwrap();
     let told = desk.done(&[&["depth", "out"], &LENS[..]].concat());
-    assert!(told.contains("report.html cannot be made anew"), "{told}");
+    assert!(told.contains("report.html cannot be written again"), "{told}");
     assert!(!desk.path("out/report.html").exists() && desk.report("out")["hashes"].get("report.html").is_none());
 }
 

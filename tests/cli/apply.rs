@@ -1,4 +1,4 @@
-//! `parfocal apply`, from outside: photographs moved by a registration that is known.
+//! `parfocal apply`: photographs moved by a known registration.
 
 use std::fs;
 use std::path::PathBuf;

@@ -113,7 +113,7 @@ fn deviations(depth_file: &Path) -> Vec<f64> {
 }
 
 #[test]
-fn a_finished_folder_is_given_depth() {
+fn depth_is_added_to_a_folder_of_results() {
     let desk = Desk::new();
     let printed = desk.json(&[&["depth", "out"], &CUP_FLAGS[..]].concat());
     let report = desk.report();
@@ -193,7 +193,7 @@ fn steps_and_profiles_are_measured_in_px2_and_with_a_lens_in_mm() {
 }
 
 #[test]
-fn known_steps_calibrate_the_lens_and_what_they_cannot_tell_is_said() {
+fn known_steps_calibrate_the_lens_and_undetermined_parameters_are_named() {
     let desk = Desk::new();
     fs::write(desk.path("steps.json"), r#"[{"region": [2, 2, 40, 60], "depth_mm": 600}]"#).unwrap();
     let start = [&["calibrate", "out", "--kappa", "0.7"], &CUP_FLAGS[..]].concat();

@@ -1,4 +1,4 @@
-//! The files of a solve for other programs and for people: what they hold, and what they say of themselves.
+//! The files of a solve: their content and their metadata.
 
 use std::collections::HashMap;
 use std::fs;

@@ -1,4 +1,4 @@
-//! What there is to do with results of any kind: a pair's, a sweep's, those in a batch.
+//! Commands on results of any kind: of a pair, a sweep, and in a batch.
 
 use std::fs;
 use std::path::PathBuf;
@@ -59,7 +59,7 @@ fn told(output: &Output) -> String {
 }
 
 #[test]
-fn what_a_batch_wrote_is_as_of_a_solve_and_its_index_has_the_worst_first() {
+fn results_of_a_batch_are_as_of_a_solve_and_its_index_has_the_worst_first() {
     let desk = Desk::new();
     let lens = ["--focal-length=50", "--f-number=5.6", "--pixel-pitch=0.00345", "--focus=226.5,233.5"];
     desk.done(&["view", "many/first", "--width", "64"]);
@@ -94,7 +94,7 @@ fn what_a_batch_wrote_is_as_of_a_solve_and_its_index_has_the_worst_first() {
 
 #[cfg(unix)]
 #[test]
-fn the_page_is_opened_by_what_opens_pages() {
+fn the_page_is_opened_by_the_systems_opener() {
     use std::os::unix::fs::PermissionsExt;
     let desk = Desk::new();
     fs::create_dir(desk.path("bin")).unwrap();

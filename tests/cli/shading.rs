@@ -78,7 +78,7 @@ fn light_that_is_even_gets_no_word() {
     let (report, told) = desk.solved("pair/i2.png", "even", &["--regularization", "0.004"]);
     let [low, high] = range(&report);
     assert!(low > 0.99 && high < 1.01, "{low} to {high}");
-    assert!(!told.contains("shading") && told.contains("smoothness     α 0.004, as asked"), "{told}");
+    assert!(!told.contains("shading") && told.contains("smoothness     α 0.004, as stated"), "{told}");
     assert_eq!(report["regularization"].as_f64().map(|alpha| alpha as f32), Some(0.004));
 }
 

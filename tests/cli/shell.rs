@@ -43,7 +43,7 @@ fn a_configuration_is_checked_with_file_and_line() {
         ("\nregularisation = 0.1\n", "c.toml:2: there is no option 'regularisation'; did you mean 'regularization'?"),
         ("relaxation-sweeps = 'many'\n", "c.toml:1: relaxation-sweeps must be a number, and is a string"),
         ("\n\nrelaxation-sweeps = 0\n", "c.toml:3: --relaxation-sweeps is 0, and must be 1 to 100"),
-        ("heaviside_epsilon = 99\n", "c.toml:1: heaviside epsilon is 99"),
+        ("heaviside_epsilon = 99\n", "c.toml:1: --heaviside-epsilon is 99"),
         ("kernel = 'none.png'\n", "none.png"),
     ] {
         fs::write(desk.path("c.toml"), text).unwrap();

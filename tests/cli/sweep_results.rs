@@ -1,4 +1,4 @@
-//! What there is to do with the results of a focus sweep, from outside.
+//! Commands on the results of a focus sweep.
 
 use std::fs;
 use std::process::Output;
@@ -95,7 +95,7 @@ fn depth_comes_afterwards_as_if_it_had_been_stated() {
     assert!((after["depth"]["median"].as_f64().unwrap() - told_of["median"].as_f64().unwrap()).abs() < 1e-3);
     assert_eq!(after["frames"][1]["focus_mm"].as_f64(), Some(inverse(1.0)));
     assert_eq!((&after["focus"], &after["focus_unit"]), (&before["focus"], &"settings".into()));
-    // Near and far have changed places: the surface and the page are made anew.
+    // Near and far have changed places: the surface and the page are written again.
     assert!(lists(&after, "depth_mm.exr") && lists(&after, "surface.ply"));
     assert_ne!(surface, fs::read(sweep.out().join("surface.ply")).unwrap());
     assert!(fs::read_to_string(sweep.out().join("report.html")).unwrap().contains("field-depth"));
@@ -123,7 +123,7 @@ fn depth_comes_afterwards_as_if_it_had_been_stated() {
 }
 
 #[test]
-fn what_is_not_known_is_marked_and_what_is_goes_to_other_programs() {
+fn pixels_without_a_focus_are_marked_and_exports_hold_the_rest() {
     // Without texture in the middle.
     let sweep = Sweep::new(4, slope);
     for file in &sweep.files {

@@ -1,4 +1,4 @@
-//! `parfocal view` on results that need no device: what it writes, and what it says when they are missing or odd.
+//! `parfocal view` on results that need no device: its pictures, and its messages about missing or damaged files.
 
 use std::fs;
 use std::path::PathBuf;
@@ -106,7 +106,7 @@ fn refused(output: &Output, status: i32, parts: &[&str]) {
 }
 
 #[test]
-fn results_that_are_missing_or_odd_name_the_file() {
+fn a_missing_or_damaged_file_is_named() {
     for name in ["relative_blur.exr", "uncertainty.exr", "fused.png", "report.json"] {
         let desk = Desk::new();
         fs::remove_file(desk.path("out").join(name)).unwrap();
@@ -133,7 +133,7 @@ fn results_that_are_missing_or_odd_name_the_file() {
 }
 
 #[test]
-fn wrong_usage_is_told_before_anything_is_written() {
+fn wrong_usage_is_reported_before_anything_is_written() {
     let desk = Desk::new();
     refused(&desk.view(&["--elevation", "5"]), 2, &["elevation is 5", "10 to 90"]);
     refused(&desk.view(&["--relief", "nan"]), 2, &["relief"]);

@@ -219,10 +219,11 @@ fn regions_and_sweeps_are_cancelled_by_their_progress_function() {
     assert_eq!(log.lock().unwrap().len(), 1);
 }
 
-/// Measures how soon a cancelled solve of 1 Mpx ends: `cargo test --test library how_soon_a_cancelled_solve_ends -- --ignored --nocapture`
+/// Measures how soon a cancelled solve of 1 Mpx ends: `cargo test --test library how_soon_a_solve_ends -- --ignored
+/// --nocapture`
 #[test]
 #[ignore = "it measures"]
-fn how_soon_a_cancelled_solve_ends() {
+fn how_soon_a_solve_ends() {
     let engine = Engine::new(&EngineOptions { validation: false, timed: false, ..options() }).unwrap();
     let size = [1024, 1024];
     let pair = pair(size, Similarity::new(0.4, -0.3, 0.05, 1.0), slanted(size[0]), 0.002, 3);

@@ -1,4 +1,4 @@
-//! A program with a Vulkan device of its own, made by ash alone: photographs that are on it already, and solves in its own command buffers.
+//! A program with its own Vulkan device: photographs on it, and solves in its command buffers.
 #![allow(unsafe_code, reason = "the program's own Vulkan")]
 
 use std::ffi::{CStr, c_void};
@@ -16,7 +16,7 @@ use parfocal::{
 use crate::common::TestEngine;
 use crate::common::scene::pair;
 
-/// What validation says to programs of this file.
+/// The validation messages of the programs of this file.
 static MESSAGES: Mutex<Vec<String>> = Mutex::new(Vec::new());
 
 extern "system" fn hear(
@@ -56,7 +56,8 @@ impl Program {
             create = create.enabled_layer_names(&layers).enabled_extension_names(&extensions).push_next(&mut features);
         }
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(0).queue_priorities(&[1.0])];
-        // SAFETY: all that is pointed to outlives the calls; the first device of the machine has what is asked for, or validation says so.
+        // SAFETY: all that is pointed to outlives the calls; the first device of the machine has what is asked for, or
+        // validation says so.
         unsafe {
             let entry = ash::Entry::load().unwrap();
             let instance = entry.create_instance(&create, None).unwrap();
@@ -85,8 +86,8 @@ impl Program {
     }
 
     fn engine(&self) -> Engine {
-        // SAFETY: all are of this program, which outlives the engine and uses the queue from this thread alone, as it uses the engine; the device was
-        // made with what is wanted.
+        // SAFETY: all are of this program, which outlives the engine and uses the queue from this thread alone, as it
+        // uses the engine; the device was made with what is wanted.
         let foreign = unsafe {
             ExternalDevice::new(self.instance.clone(), self.physical, self.device.clone(), 0, self.queue)
                 .with_requirements(&self.wanted)
@@ -107,7 +108,7 @@ impl Program {
         }
     }
 
-    /// A mapped buffer that holds these bytes.
+    /// A mapped buffer with these bytes.
     fn buffer(&self, bytes: &[u8]) -> (vk::Buffer, vk::DeviceMemory) {
         let usage = vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::TRANSFER_DST;
         let create = vk::BufferCreateInfo::default().size(bytes.len() as u64).usage(usage);
@@ -122,7 +123,7 @@ impl Program {
         }
     }
 
-    /// Writes a mapped buffer anew.
+    /// Overwrites a mapped buffer.
     fn fill(&self, (_, memory): (vk::Buffer, vk::DeviceMemory), bytes: &[u8]) {
         // SAFETY: the memory is mapped, as long, and nothing of the device reads it now.
         unsafe {
@@ -177,7 +178,7 @@ impl Program {
         }
     }
 
-    /// Ends them and hands them over; they begin once a semaphore has a value, and signal another.
+    /// Ends and submits commands, which wait for a semaphore to reach a value and signal another.
     fn submit(
         &self,
         commands: vk::CommandBuffer,
@@ -251,13 +252,13 @@ fn frames(seed: u64) -> [Frame; 2] {
     pair(SIZE, Similarity::new(0.4, -0.3, 0.05, 1.0), |x| [1.0, 1.5 + 0.02 * x[0]], 0.0, seed)
 }
 
-/// On an engine of parfocal's own, by the passes for pairs some of whose pixels may be clipped.
+/// The solution on an engine with its own device, by the passes for pairs with clipped pixels.
 fn expected([i1, i2]: &[Frame; 2], settings: &Settings) -> Vec<u32> {
     let solved = TestEngine::new().solve([i1, i2], settings);
     solved.relative_blur.iter().map(|v| v.to_bits()).collect()
 }
 
-/// Some pixels are clipped, of frames whose white is this.
+/// Settings by which some pixels of frames with this white level are clipped.
 fn settings(white: f64) -> Settings {
     Settings { white_level: Some(0.75 * white), decode: Decode::None, ..Settings::default() }
 }
@@ -270,7 +271,7 @@ fn bits(view: &SolutionRef<'_>) -> Vec<u32> {
 const DRAWN: vk::ImageLayout = vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL;
 
 impl Program {
-    /// What a renderer does: draws into the second layer of an image.
+    /// Draws into the second layer of an image, as a renderer does.
     fn draw(&self, from: vk::Buffer, image: vk::Image) -> vk::CommandBuffer {
         let (commands, to) = (self.commands(), vk::ImageLayout::TRANSFER_DST_OPTIMAL);
         self.change(commands, image, vk::ImageLayout::UNDEFINED, to);
@@ -289,11 +290,12 @@ impl Program {
 }
 
 #[test]
-fn photographs_are_taken_from_buffers_and_images_of_the_program_once_they_are_there() {
+fn photographs_are_fetched_from_buffers_and_images_after_their_semaphores() {
     let (program, pairs) = (Program::new(), [frames(3), frames(5), frames(6)]);
     let engine = program.engine();
     let mut solver = PairSolver::for_frames(&engine, pairs[0].each_ref(), &settings(1.0)).unwrap();
-    // I1 in a buffer, in rows with gaps, from an odd word on; I2 in the second layer of an image as a renderer leaves it.
+    // I1 in a buffer, in rows with gaps, from an odd word on; I2 in the second layer of an image as a renderer leaves
+    // it.
     let pitch = 4 * SIZE[0] as usize + 12;
     let row = |row: &[u8]| [row, &[0xa5; 12]].concat();
     let rows = |frame: &Frame| {
@@ -305,7 +307,8 @@ fn photographs_are_taken_from_buffers_and_images_of_the_program_once_they_are_th
     let (drawn, written) = (program.timeline(), program.timeline());
     let mut taken = None;
     for (value, pair) in (1..).zip(&pairs) {
-        // Drawing waits for the pair before to be taken, on the device, and is perhaps not yet done as the slot takes this one.
+        // Drawing waits for the pair before to be taken, on the device, and is perhaps not yet done as the slot takes
+        // this one.
         program.fill(upload, pair[1].bytes());
         program.submit(program.draw(upload.0, image), taken, Some((drawn, value)));
         // SAFETY: both are of this device, outlive the pair, and are written again only once they are taken.
@@ -340,7 +343,7 @@ fn photographs_are_taken_from_buffers_and_images_of_the_program_once_they_are_th
 }
 
 #[test]
-fn memory_of_the_host_is_imported_where_the_device_can() {
+fn host_memory_is_imported_if_the_device_can() {
     let program = Program::new();
     let (engine, bytes) = (program.engine(), vec![0u8; 10_000]);
     let can = program.wanted.extensions().contains(&ext::external_memory_host::NAME);
@@ -350,7 +353,7 @@ fn memory_of_the_host_is_imported_where_the_device_can() {
 }
 
 #[test]
-fn a_solve_is_recorded_into_a_command_buffer_of_the_programs_and_executed_again() {
+fn an_encoded_solve_may_be_executed_again() {
     let program = Program::new();
     let engine = program.engine();
     let format: PixelFormat = "BGRa8".parse().unwrap();

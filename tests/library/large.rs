@@ -1,4 +1,4 @@
-//! Pairs that are larger than what the device may give them.
+//! Pairs that are solved in parts.
 
 use crate::common::scene::{pair, slanted};
 use crate::common::{TestEngine, options};
@@ -13,7 +13,7 @@ fn solve(engine: &Engine, [i1, i2]: [&Frame; 2], mask: Option<Mask>, settings: &
     PairSolver::new(engine, settings).unwrap().solve([i1, i2], &options).unwrap()
 }
 
-/// I2 brighter, and more so towards one corner.
+/// I2 made brighter, most at one corner.
 fn shone(frame: &Frame) -> Frame {
     let parfocal::frame::Samples::F32(values) = frame.samples() else { unreachable!() };
     let at = |i: usize| [i % SIZE[0] as usize, i / SIZE[0] as usize].map(|n| n as f32 / 560.0);
@@ -22,7 +22,7 @@ fn shone(frame: &Frame) -> Frame {
 }
 
 #[test]
-fn a_pair_solved_in_parts_is_the_same_as_one_solved_whole() {
+fn solving_in_parts_agrees_with_solving_at_once() {
     let truth = Similarity::new(4.3, -2.9, 0.15, 1.006);
     let [i1, i2] = pair(SIZE, truth, slanted(SIZE[0]), 0.002, 3);
     let i2 = shone(&i2);
@@ -58,7 +58,7 @@ fn a_pair_solved_in_parts_is_the_same_as_one_solved_whole() {
 }
 
 #[test]
-fn a_part_is_larger_than_nothing() {
+fn memory_for_less_than_a_part_is_too_little() {
     let [i1, i2] = pair(SIZE, Similarity::IDENTITY, slanted(SIZE[0]), 0.0, 3);
     let tiny = Engine::new(&EngineOptions { memory: Some(1 << 20), ..options() }).unwrap();
     let mut solver = PairSolver::new(&tiny, &Settings::default()).unwrap();

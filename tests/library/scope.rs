@@ -1,4 +1,4 @@
-//! A part of the frame, shading and a flat reference.
+//! Solve options: a region, cropping, a flat reference; and shading.
 
 use crate::common::scene::{exposed, luminance, pair, slanted};
 use crate::common::{TestEngine, blur_error};
@@ -38,7 +38,7 @@ fn corner(solution: &Solution) -> f64 {
 }
 
 #[test]
-fn a_region_is_solved_as_it_is_within_the_whole() {
+fn a_region_has_the_solution_of_the_whole() {
     let [i1, i2] = clean_pair();
     let region = Region { x: 120, y: 90, width: 150, height: 110 };
     let scope = SolveOptions { region: Some(region), ..SolveOptions::default() };
@@ -60,7 +60,7 @@ fn a_region_is_solved_as_it_is_within_the_whole() {
 }
 
 #[test]
-fn the_valid_part_is_valid_everywhere() {
+fn cropped_results_are_valid_everywhere() {
     let [i1, i2] = clean_pair();
     let solution = solve(&SolveOptions { crop_valid: true, ..SolveOptions::default() }, [&i1, &i2], &settings());
     assert!(solution.relative_blur.iter().all(|v| v.is_finite()) && solution.valid_fraction == 1.0);
@@ -69,9 +69,9 @@ fn the_valid_part_is_valid_everywhere() {
     assert_eq!(solution.fused.len(), (solution.width * solution.height) as usize);
 }
 
-/// I2 falls off by a third towards the corners, off the middle.
+/// I2 is darker by a third towards the corners.
 #[test]
-fn shading_is_found_and_taken_out() {
+fn shading_is_found_and_corrected() {
     let [i1, i2] = clean_pair();
     let darker = |x: f64, y: f64| 1.0 - 0.35 * ((x - 160.0).powi(2) + (y - 130.0).powi(2)) / 4e4;
     let values = luminance(&i2).into_iter().enumerate().map(|(i, v)| {
@@ -86,11 +86,11 @@ fn shading_is_found_and_taken_out() {
     assert!((high / low - darker(160.0, 130.0) / darker(0.0, 279.0)).abs() < 0.1);
     assert!(at_corner < 0.05 && v < 0.08);
     assert!(found.converged && found.warnings.iter().any(|w| w.contains("% brighter")), "{:?}", found.warnings);
-    // Equal photographs need none.
+    // Equal photographs have no shading.
     let even = solve(&SolveOptions::default(), [&i1, &exposed(&i1, 0.8, 0.0)], &settings());
     let [low, high] = even.shading.range();
     assert!(low > 0.99 && high < 1.01, "{low} to {high}");
-    // Of a part it is stated over that part and what was solved around it.
+    // The shading of a region is stated over the part that was solved.
     let region = Region { x: 120, y: 90, width: 150, height: 110 };
     let part = solve(&SolveOptions { region: Some(region), ..SolveOptions::default() }, [&i1, &i2], &settings());
     for place in [[130.0, 100.0], [200.0, 150.0], [260.0, 190.0]] {
@@ -100,17 +100,17 @@ fn shading_is_found_and_taken_out() {
 }
 
 #[test]
-fn a_flat_reference_is_taken_off() {
+fn a_flat_reference_is_subtracted() {
     let [i1, i2] = clean_pair();
     let plain = solve(&SolveOptions::default(), [&i1, &i2], &settings());
-    // The slanted plane as its own flat target: what is left is V in the middle.
+    // The slanted plane as its own flat target leaves V at the centre.
     let flat = FieldCurvature::of_flat_target(SIZE, &plain.relative_blur, &plain.uncertainty).unwrap();
     let scope = SolveOptions { flat: Some(flat), crop_valid: true, ..SolveOptions::default() };
     let solution = solve(&scope, [&i1, &i2], &settings());
     let largest = solution.relative_blur.iter().fold(0.0f32, |m, v| m.max(v.abs()));
     println!("largest |V| {largest:.3} px²");
     assert!(largest < 0.2, "{largest}");
-    // Where |V| was at its limit it stays there, and V before it can be had again.
+    // Pixels at the limit of |V| stay there, and V can be restored.
     let limited = Settings { max_relative_blur: 2.0, ..settings() };
     let flat = scope.flat.clone();
     let bounded = solve(&SolveOptions { flat: flat.clone(), ..SolveOptions::default() }, [&i1, &i2], &limited);

@@ -1,5 +1,4 @@
-//! Many pairs by one engine, some of them broken, and nothing left behind: memory, threads and descriptors stay, and the last pair
-//! has the bits of the first.
+//! Many pairs on one engine, some of them broken: memory, threads and descriptors do not grow.
 
 use std::process::Command;
 use std::time::Duration;
@@ -12,12 +11,12 @@ use parfocal::{
 };
 
 const CHILD: &str = "PARFOCAL_SOAK_CHILD";
-/// One in so many is broken.
+/// One pair in this many is broken.
 const BROKEN: usize = 20;
-/// Growth that is none, KiB: what an allocator keeps differs from solve to solve by some MiB.
+/// Growth to ignore, KiB: what an allocator keeps varies by some MiB.
 const SLACK: u64 = 16 << 10;
 
-/// What the process holds: KiB, threads, open files.
+/// Resources of the process: KiB, threads, open files.
 #[derive(Clone, Copy, Debug)]
 struct Held {
     memory: u64,
@@ -41,7 +40,7 @@ impl Held {
     }
 }
 
-/// Without validation, whose own memory is none of ours, and with which a pair takes three times as long.
+/// Without validation, which has memory of its own and triples the time of a pair.
 fn open() -> EngineOptions {
     EngineOptions { validation: false, ..options() }
 }
@@ -60,7 +59,7 @@ fn bits(solution: &Solution) -> Vec<u32> {
     solution.relative_blur.iter().chain(&solution.uncertainty).map(|value| value.to_bits()).collect()
 }
 
-/// Something that goes wrong, and that it is told of.
+/// A failure and its error.
 fn broken(engine: &Engine, n: usize) {
     let [i1, i2] = frames(n);
     match n / BROKEN % 5 {
@@ -69,7 +68,7 @@ fn broken(engine: &Engine, n: usize) {
             assert!(matches!(solve(engine, &[i1, other[1].clone()]), Err(Error::Mismatch(_))));
         }
         1 => {
-            // Nothing to see: it is said.
+            // No texture: a warning.
             let nothing = Frame::gray(i1.width(), i1.height(), vec![0.5; (i1.width() * i1.height()) as usize]).unwrap();
             assert!(solve(engine, &[nothing.clone(), nothing]).is_ok_and(|solution| !solution.warnings.is_empty()));
             let numberless = vec![f32::NAN; (i1.width() * i1.height()) as usize];
@@ -96,7 +95,7 @@ fn broken(engine: &Engine, n: usize) {
 fn soak(pairs: usize) {
     let engine = Engine::new(&open()).unwrap();
     let first = bits(&solve(&engine, &frames(0)).unwrap());
-    // Every size and every fault has been met, and all there is to be kept is there.
+    // After every size and fault, caches are full.
     let warm = (pairs / 5).clamp(5 * BROKEN, 1000);
     let mut before = None;
     for n in 0..pairs {
@@ -117,13 +116,13 @@ fn soak(pairs: usize) {
     assert!(after.threads <= before.threads && after.files <= before.files, "{before:?}, {after:?}");
 }
 
-/// Runs a test in a process of its own, since what is counted is the process's; whether this is that process.
+/// Runs a test in its own process, whose resources it counts. Returns whether this is that process.
 fn is_alone(test: &str) -> bool {
     if std::env::var_os(CHILD).is_some() {
         return true;
     }
     let mut child = Command::new(std::env::current_exe().unwrap());
-    // An arena for each thread grows by itself.
+    // An arena for each thread would grow.
     let child = child.args([test, "--exact", "--nocapture"]).env(CHILD, "1").env("MALLOC_ARENA_MAX", "1");
     assert!(child.status().unwrap().success());
     false
@@ -137,7 +136,7 @@ fn many_pairs_by_one_engine_leave_nothing_behind() {
     }
 }
 
-/// PARFOCAL_PAIRS_OF_MEMORY says how many; 48 without.
+/// PARFOCAL_PAIRS_OF_MEMORY is the number of pairs, 48 by default.
 #[test]
 fn a_stream_takes_no_more_memory_for_more_pairs() {
     if !is_alone("soak::a_stream_takes_no_more_memory_for_more_pairs") {
@@ -152,7 +151,7 @@ fn a_stream_takes_no_more_memory_for_more_pairs() {
     let mut before = None;
     for (n, solution) in stream.map(some.iter().cycle().take(pairs).cloned()).enumerate() {
         solution.unwrap();
-        // Every slot and place has been filled, and all there is to be kept is there.
+        // All frames in flight and queue places have been used.
         if n == 23 {
             before = Some(Held::now());
         }

@@ -22,7 +22,7 @@ fn agrees_with_the_reference() {
     check_reference(small_pair());
 }
 
-/// With three levels the finest reads I2 where it has been brought onto I1's pixels.
+/// With three levels the finest reads I2 warped onto the pixels of I1.
 #[test]
 fn agrees_with_the_reference_where_i2_is_warped() {
     check_reference(pair([151, 131], Similarity::new(0.6, -0.4, 0.1, 1.004), slanted(151), 0.0, 5));
@@ -216,7 +216,9 @@ fn sizes_and_formats_that_do_not_fit_are_refused() {
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default()).unwrap();
     let other = Frame::gray(75, 97, vec![0.5; 97 * 75]).unwrap();
     assert!(matches!(solver.solve([&i1, &other], &SolveOptions::default()), Err(Error::Mismatch(_))));
-    assert!(matches!(solver.solve([&other, &other], &SolveOptions::default()), Err(Error::Mismatch(_))));
+    let submitted = solver.submit([&other, &other], &[], &SolveOptions::default()).map(drop);
+    assert!(matches!(submitted, Err(Error::Mismatch(_))));
+    assert!(solver.solve([&other, &other], &SolveOptions::default()).is_ok(), "a solver prepares itself again");
     assert!(matches!(PairSolver::for_frames(&engine, [&i1, &other], &Settings::default()), Err(Error::Mismatch(_))));
 }
 
@@ -281,7 +283,7 @@ fn a_progress_function_that_panics_leaves_nothing_in_use() {
         assert!(std::panic::catch_unwind(solve).is_err());
         solver.solve([&i1, &i2], &SolveOptions::default())
     };
-    // What is under way when it panics is waited for, whether the host asks in between or not.
+    // The panic waits for the solve in flight, with and without optional parts.
     for settings in [Settings::default(), Settings { outer_iterations: 5, ..Settings::default() }] {
         let after = panics(&settings).unwrap();
         let before = engine.solve([&i1, &i2], &settings);

@@ -17,14 +17,14 @@ use parfocal::{
 use crate::common::scene::pair;
 use crate::common::{TestEngine, options};
 
-/// Of rows that end with a byte in any format.
+/// A size whose rows end with a byte in any format.
 const SIZE: [u32; 2] = [96, 80];
 
 fn frames() -> [Frame; 2] {
     pair(SIZE, Similarity::new(0.4, -0.3, 0.05, 1.0), |x| [1.0, 1.5 + 0.02 * x[0]], 0.0, 3)
 }
 
-/// What a camera makes of a grey scene.
+/// The bytes that a camera makes of a grey scene.
 fn packed(frame: &Frame, format: PixelFormat) -> Vec<u8> {
     let Samples::F32(values) = frame.samples() else { unreachable!() };
     let name = format.to_string();
@@ -60,7 +60,7 @@ fn packed(frame: &Frame, format: PixelFormat) -> Vec<u8> {
     samples.flat_map(bytes).collect()
 }
 
-/// The same rows, each followed by bytes that are none of the photograph.
+/// The same rows with gaps.
 fn with_gaps(bytes: &[u8], pitch: usize) -> Vec<u8> {
     let row = bytes.len() / SIZE[1] as usize;
     bytes.chunks(row).flat_map(|row| [row, &vec![0xa5; pitch - row.len()]].concat()).collect()
@@ -87,7 +87,7 @@ fn bits(mut pending: Pending) -> Vec<u32> {
 fn every_source_gives_the_results_of_unpacked_frames() {
     let (engine, frames) = (TestEngine::new(), frames());
     for format in formats() {
-        // Some pixels are clipped, so that frames take the passes that others take always.
+        // Some pixels are clipped, so that frames use the passes that other sources always use.
         let white = if format.format().depth == Depth::U8 { 255.0 } else { 65535.0 };
         let settings = Settings { white_level: Some(0.75 * white), decode: Decode::None, ..Settings::default() };
         let photographs = frames.each_ref().map(|frame| packed(frame, format));
@@ -125,9 +125,9 @@ fn shared_memory_may_be_overwritten_once_it_is_fetched() {
     let (engine, [i1, i2]) = (TestEngine::new(), frames());
     let format = PixelFormat::from(i1.format());
     let mut ring = [i1.bytes().to_vec(), i2.bytes().to_vec()].concat();
-    // An odd place, which is in no page's first byte.
+    // An odd offset, not at the start of a page.
     ring.insert(0, 0);
-    // SAFETY: the ring outlives what is made of it, and is written only when its pairs are taken.
+    // SAFETY: the ring outlives its shared memory, and is written only after its pairs are fetched.
     let memory = engine.share(unsafe { HostMemory::new(NonNull::from(ring.as_mut_slice()).cast(), ring.len()) });
     assert_eq!(memory.bytes(), ring.len());
     let mut solver = PairSolver::for_size(&engine, SIZE, [format; 2], 1, &Settings::default()).unwrap();
@@ -147,7 +147,7 @@ fn shared_memory_may_be_overwritten_once_it_is_fetched() {
     assert_eq!(solve(&mut ring), first);
 }
 
-/// A file in memory, which no device imports: as a dma-buf where the device cannot.
+/// A file in memory, which no device imports, in the place of a dma-buf.
 #[cfg(target_os = "linux")]
 #[test]
 fn the_host_copies_from_memory_that_the_device_cannot_import() {
@@ -202,7 +202,7 @@ fn sources_that_do_not_fit_are_refused() {
     // SAFETY: the bytes outlive it, and are not written.
     let memory = other.share(unsafe { HostMemory::new(NonNull::from(bytes.as_slice()).cast(), bytes.len()) });
     let shared = |offset| Source::Shared { memory: &memory, offset, pitch: 0 };
-    assert!(problem(&mut gray, [frame, shared(0)]).contains("of the engine that it was shared with"));
+    assert!(problem(&mut gray, [frame, shared(0)]).contains("shared with another engine"));
     let mut its_own = PairSolver::for_frames(&other, [&i1, &i2], &settings).unwrap();
     assert!(problem(&mut its_own, [frame, shared(4)]).contains("there are 30716"));
     assert!(problem(&mut its_own, [frame, shared(usize::MAX)]).contains("there are 0"));

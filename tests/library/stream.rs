@@ -1,4 +1,4 @@
-//! Many pairs through a stream: each result in its place and with the bits of a solve by itself, whatever happens to the pairs beside it.
+//! Streams: results in order and with the bits of single solves, whatever happens to other pairs.
 
 use std::iter;
 use std::sync::LazyLock;
@@ -16,7 +16,7 @@ use crate::common::{TestEngine, options};
 
 const SIZE: [u32; 2] = [72, 64];
 
-/// Pairs that differ, and what each is solved to by itself.
+/// Different pairs and the solution of each.
 static SOLVED: LazyLock<Vec<([Frame; 2], Solution)>> = LazyLock::new(|| {
     let engine = TestEngine::new();
     let of = |n: u64| pair(SIZE, Similarity::new(0.3 * n as f64, -0.3, 0.05, 1.0), slanted(SIZE[0]), 0.0, 3 + n);
@@ -33,11 +33,11 @@ fn formats() -> [Format; 2] {
     [Frame::gray(1, 1, vec![0.0]).unwrap().format(); 2]
 }
 
-fn stream(engines: &[&Engine], slots: usize) -> Stream {
-    Stream::new(engines, slots, SIZE, formats(), &settings()).unwrap()
+fn stream(engines: &[&Engine], frames_in_flight: usize) -> Stream {
+    Stream::new(engines, frames_in_flight, SIZE, formats(), &settings()).unwrap()
 }
 
-/// The pair of a number, and what must come of it.
+/// The pair of a number and its expected solution.
 fn solved(n: usize) -> &'static ([Frame; 2], Solution) {
     &SOLVED[n % SOLVED.len()]
 }
@@ -55,13 +55,13 @@ fn assert_is(found: &Solution, n: usize) {
     assert_eq!(bits(&found.fused), bits(&expected.fused), "pair {n}");
 }
 
-/// Of another size.
+/// A pair of another size.
 fn other() -> [Frame; 2] {
     pair([64, 48], Similarity::new(0.0, 0.0, 0.0, 1.0), slanted(64), 0.0, 1)
 }
 
 #[test]
-fn results_are_in_order_and_those_of_one_by_one() {
+fn results_come_in_order_and_equal_single_solves() {
     let engines = [TestEngine::new(), TestEngine::alone()];
     for (engines, slots) in [(&engines[..1], 1), (&engines[..1], 3), (&engines[..], 2)] {
         let engines: Vec<&Engine> = engines.iter().map(|engine| &**engine).collect();
@@ -84,13 +84,13 @@ fn one_thread_pushes_and_another_reads() {
         let count = stream.results().enumerate().map(|(n, found)| assert_is(&found.unwrap(), n)).count();
         assert_eq!(count, 9);
     });
-    // What was said to be all is not, once there is another.
+    // Another push takes `finish` back.
     stream.push(solved(2).0.clone(), Duration::ZERO).unwrap();
     assert_is(&stream.next(Duration::MAX).unwrap().unwrap(), 2);
 }
 
 #[test]
-fn a_full_stream_gives_the_pair_back() {
+fn a_full_stream_returns_the_pair() {
     let engine = TestEngine::new();
     let stream = stream(&[&engine], 1);
     assert_eq!((stream.capacity(), stream.is_empty()), (2, true));
@@ -107,7 +107,7 @@ fn a_full_stream_gives_the_pair_back() {
 }
 
 #[test]
-fn a_pair_that_fails_does_so_in_its_place() {
+fn the_error_of_a_pair_comes_in_its_place() {
     let engine = TestEngine::new();
     let mut stream = stream(&[&engine], 2);
     let some = pairs(2).chain([other()]).chain(pairs(2)).chain([other(), other()]);
@@ -122,13 +122,13 @@ fn a_pair_that_fails_does_so_in_its_place() {
 }
 
 #[test]
-fn a_stream_that_is_dropped_leaves_the_engine_as_it_was() {
+fn dropping_a_stream_leaves_the_engine_usable() {
     let engine = TestEngine::alone();
     let before = Instant::now();
     for pushed in [0, 1, 6] {
         let mut stream = stream(&[&engine], 3);
         pairs(pushed).for_each(|pair| stream.push(pair, Duration::ZERO).unwrap());
-        // Of a map that is dropped, what was taken stays in order.
+        // Pairs of a dropped map stay in order.
         let first = stream.map(pairs(9).skip(pushed)).next().unwrap().unwrap();
         assert_is(&first, 0);
         assert_is(&stream.next(Duration::MAX).unwrap().unwrap(), 1);
@@ -138,7 +138,7 @@ fn a_stream_that_is_dropped_leaves_the_engine_as_it_was() {
 }
 
 #[test]
-fn what_cannot_be_prepared_is_told_at_once() {
+fn a_stream_that_cannot_be_prepared_is_an_error() {
     let engine = TestEngine::new();
     let wrong = |size, settings: &Settings| Stream::new(&[&engine], 3, size, formats(), settings).map(drop);
     assert!(matches!(wrong([4, 4], &settings()), Err(Error::TooSmall { .. })));
@@ -147,30 +147,31 @@ fn what_cannot_be_prepared_is_told_at_once() {
     assert!(matches!(Stream::new(&[], 3, SIZE, formats(), &settings()).map(drop), Err(Error::NoDevice(_))));
 }
 
-/// A pair that takes long, and how.
+/// A pair and settings whose solve takes long.
 fn long() -> ([Frame; 2], Settings) {
     let settings = Settings { levels: Some(1), outer_iterations: 1000, continuation: 1.0, ..Settings::default() };
     (pair([256, 256], Similarity::new(3.0, 2.0, 0.5, 1.01), slanted(256), 0.2, 5), settings)
 }
 
 #[test]
-fn what_a_device_had_that_failed_the_others_solve() {
+fn other_devices_solve_the_pairs_of_a_failed_one() {
     let (pair, settings) = long();
     let sound = TestEngine::new();
     let before = Instant::now();
     let expected = sound.solve(pair.each_ref(), &settings);
     println!("{:?}", before.elapsed());
-    // Long enough to be prepared, and no more.
-    let hurried = Engine::new(&EngineOptions { timeout: Duration::from_millis(150), ..options() }).unwrap();
+    // Long enough to prepare, too short to solve.
+    let hurried = || Engine::new(&EngineOptions { timeout: Duration::from_millis(150), ..options() }).unwrap();
     let solve = |engines: &[&Engine], count: usize| {
         let mut stream = Stream::new(engines, 2, [256, 256], formats(), &settings).unwrap();
         stream.map(iter::repeat_n(pair.clone(), count)).collect::<Vec<_>>()
     };
-    for found in solve(&[&hurried, &sound], 3) {
+    for found in solve(&[&hurried(), &sound], 3) {
         let found = found.unwrap();
         assert!(found.relative_blur.iter().zip(&expected.relative_blur).all(|(a, b)| a.to_bits() == b.to_bits()));
     }
-    // Of the last one the error comes out.
+    // The last device returns its error. Its engine is poisoned then.
+    let hurried = hurried();
     let found = solve(&[&hurried], 6);
     assert!(matches!(found[0], Err(Error::Timeout { .. })), "{:?}", found[0].as_ref().map(drop));
     assert!(found.len() == 6 && found[1..].iter().all(|found| matches!(found, Err(Error::Poisoned))));
@@ -178,12 +179,12 @@ fn what_a_device_had_that_failed_the_others_solve() {
 }
 
 #[test]
-fn it_may_be_shared() {
+fn a_stream_may_be_shared() {
     fn may<T: Send + Sync>() {}
     may::<Stream>();
 }
 
-/// On lavapipe what a stream overlaps shares the processor with the device: little can be won there. For figures:
+/// Measures what a stream saves. On lavapipe device and host share the processor: it saves little.
 /// `cargo test --test library how_much_a_stream_saves -- --ignored --nocapture`
 #[test]
 #[ignore = "it measures"]
@@ -203,7 +204,7 @@ fn how_much_a_stream_saves() {
         before.elapsed().as_secs_f64()
     };
     seconds(&mut streamed);
-    // One beside the other, first the one and then the other, so that what else the machine does meets both.
+    // Alternating, so that other load on the machine affects both.
     let mut ratios: Vec<f64> = Vec::new();
     for round in 0..7 {
         let (blocking, overlapping) = match round % 2 {
@@ -227,7 +228,7 @@ fn how_much_a_stream_saves() {
 }
 
 #[test]
-fn sweeps_come_out_in_order_as_one_by_one_and_what_is_wrong_in_its_place() {
+fn sweeps_come_in_order_with_errors_in_their_place() {
     let engine = TestEngine::new();
     let frame = |v: f64, seed: u64| pair(SIZE, Similarity::IDENTITY, move |_| [v, v], 0.0, seed)[0].clone();
     let sweep = |seed: u64| [1.3, 0.3, 1.3, 4.3].map(|v| frame(v, seed)).to_vec();

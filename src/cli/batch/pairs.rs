@@ -12,37 +12,37 @@ use crate::cli::batch::summary::SUMMARY;
 use crate::cli::options::photographs::{self, file_name, list_folder, stem, with_format};
 use crate::cli::output::failure::Failure;
 
-/// Photographs that belong together, two or those of a sweep in order, and the name of the folder that their results go to.
+/// The photographs of a pair or a sweep in order, and the name of the folder of their results.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Group {
     pub(crate) name: String,
     pub(crate) files: Vec<PathBuf>,
 }
 
-/// What there is to solve.
+/// The pairs and sweeps of a folder or a list.
 #[derive(Debug, Default)]
 pub(crate) struct Grouped {
     pub(crate) groups: Vec<Group>,
-    /// Photographs of a folder that belong to no other, and why, a line each.
+    /// Photographs that belong to no pair, and why, a line each.
     pub(crate) left_over: Vec<String>,
 }
 
-/// The rule, as `--help` states it.
+/// The rule of pairs and lists, for `--help`.
 pub(crate) const RULE: &str = "\
-Pairs of a folder: names that differ only in what they end with belong together, in its order. That is a number \
+Pairs of a folder: photographs whose names differ only at the end are pairs, in the order of the ends. An end is a number \
 (shot_1.png shot_2.png; IMG_0417.tif IMG_0418.tif IMG_0419.tif IMG_0420.tif are two pairs), _near and _far, or _a and \
-_b; the first is I1. A photograph that is left over is passed over, and told. Where the folder holds folders and no photographs, the \
-rule holds in each of them, but that one with three or more whose names differ in nothing but a number is a focus \
+_b; the first is I1. Photographs without a pair are reported and ignored. If the folder holds folders and no photographs, the \
+rule applies to each of them; but a folder of three or more photographs whose names differ only in a number is a focus \
 sweep, in the order of the numbers.
 
 A manifest is CSV, lines of I1,I2 or I1,I2,NAME (or with semicolons; a header is allowed, # begins a comment), or JSON lines, \
 {\"i1\": FILE, \"i2\": FILE, \"name\": NAME}, the name optional; {\"sweep\": FOLDER} or {\"sweep\": [FILE, ...]} is a focus \
-sweep. Its paths are relative to its own folder.";
+sweep. Paths are relative to the folder of the manifest.";
 
-/// The most bytes of a manifest that are read, 64 MiB.
+/// The largest manifest, 64 MiB.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// What a folder holds so far, which may be nothing.
+/// The pairs and sweeps of a folder so far, possibly none.
 pub(crate) fn so_far(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
     let Grouped { groups, left_over } = of_folder(folder, out, raw)?;
     let candidates = groups.into_iter().map(Candidate::of_folder).collect();
@@ -50,7 +50,7 @@ pub(crate) fn so_far(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Resul
     Ok(Grouped { groups: settled(candidates, raw).map_err(failed)?, left_over })
 }
 
-/// The pairs of a folder or a manifest; results in `out` are not taken for photographs.
+/// The pairs and sweeps of a folder or a manifest, without results in `out`.
 pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Grouped, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", source.display()));
     let mut left_over = Vec::new();
@@ -72,7 +72,7 @@ pub(crate) fn find(source: &Path, out: &Path, raw: Option<RawFormat>) -> Result<
     Ok(Grouped { groups: settled(pairs, raw).map_err(failed)?, left_over })
 }
 
-/// Each with a name of its own, and its files as they are to be read.
+/// Gives each a unique name, and its files the format of files without a header.
 fn settled(pairs: Vec<Candidate>, raw: Option<RawFormat>) -> Result<Vec<Group>, String> {
     let mut groups = named_apart(pairs)?;
     for file in groups.iter_mut().flat_map(|group| &mut group.files) {
@@ -106,7 +106,7 @@ fn of_folder(folder: &Path, out: &Path, raw: Option<RawFormat>) -> Result<Groupe
     Ok(all)
 }
 
-/// What the name of a photograph ends with, which orders it among those that share the rest.
+/// The kind of the last part of a name, which orders photographs that share the rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Kind {
     Number,
@@ -114,11 +114,11 @@ enum Kind {
     Letter,
 }
 
-/// The part of a stem before its ending, and the ending; `None` where it has none.
+/// Splits a stem before its last part; `None` if that orders nothing.
 fn split(stem: &str) -> Option<(&str, Kind, u64)> {
     let rest = stem.trim_end_matches(|c: char| c.is_ascii_digit());
     if rest.len() < stem.len() {
-        // A number of more than 18 digits is a date or a hash; its last ones count.
+        // A number of more than 18 digits is a date or a hash: its last 18 digits count.
         let digits = &stem[rest.len()..];
         let last = &digits[digits.len().saturating_sub(18)..];
         return Some((rest, Kind::Number, last.parse().ok()?));
@@ -131,7 +131,7 @@ fn split(stem: &str) -> Option<(&str, Kind, u64)> {
     })
 }
 
-/// The files of a folder in the order of their numbers, where they are those of a sweep.
+/// The files of a folder in the order of their numbers, if they are a sweep.
 fn as_sweep(files: &[PathBuf]) -> Option<Vec<PathBuf>> {
     let stems: Vec<String> = files.iter().map(|file| stem(file)).collect();
     let numbered = stems.iter().zip(files).map(|(stem, file)| {
@@ -144,8 +144,8 @@ fn as_sweep(files: &[PathBuf]) -> Option<Vec<PathBuf>> {
     is_sweep.then(|| frames.into_iter().map(|frame| frame.2.clone()).collect())
 }
 
-/// Pairs of files by their names. What belongs to no pair is left over, and of an odd number in one series all are: which of
-/// them is astray nobody knows.
+/// Pairs files by their names. Files without a pair are left over, and all of a series of odd length, since the missing one is
+/// unknown.
 fn by_name(files: &[PathBuf]) -> Result<Grouped, String> {
     let mut series: BTreeMap<(String, Kind), BTreeMap<u64, &PathBuf>> = BTreeMap::new();
     let mut found = Grouped::default();
@@ -212,25 +212,25 @@ fn of_manifest(file: &Path, raw: Option<RawFormat>) -> Result<Vec<Candidate>, Fa
     Ok(pairs)
 }
 
-/// Whether a name is that of a folder within the folder of results, which leads nowhere else and is not hidden there.
-/// For tests that feed it with anything.
+/// Reads a file, for fuzz tests.
 #[cfg(test)]
 pub(crate) fn reads(file: &Path) {
     let _ = of_manifest(file, None);
 }
 
+/// Whether a name can be that of a visible folder directly in the folder of results.
 fn is_folder_name(name: &str) -> bool {
     let elsewhere = name.is_empty() || name.starts_with('.') || name.contains(['/', '\\']);
     let drive = cfg!(windows) && name.contains(':');
     !elsewhere && !drive && !name.chars().any(char::is_control) && !name.eq_ignore_ascii_case(SUMMARY)
 }
 
-/// A pair whose name is not settled.
+/// A pair whose name may change.
 struct Candidate {
     pair: Group,
-    /// Of the manifest.
+    /// The line of the manifest.
     line: Option<usize>,
-    /// Whether the name is stated, and not that of a photograph.
+    /// Whether the manifest states the name.
     is_given: bool,
 }
 
@@ -239,15 +239,14 @@ impl Candidate {
         Self { pair, line: None, is_given: false }
     }
 
-    /// Where it stands.
+    /// The place of the pair, for messages.
     fn place(&self) -> String {
         let i1 = self.pair.files[0].display();
         self.line.map_or_else(|| i1.to_string(), |line| format!("line {line}, {i1}"))
     }
 }
 
-/// Gives pairs of one name the name of the folder of I1 too, unless it is stated, and refuses what is then still alike, or
-/// names no folder.
+/// Adds the folder of I1 to equal names that are not stated. Refuses names that stay equal or cannot name a folder.
 fn named_apart(mut pairs: Vec<Candidate>) -> Result<Vec<Group>, String> {
     let mut count: HashMap<String, usize> = HashMap::new();
     pairs.iter().for_each(|Candidate { pair, .. }| *count.entry(pair.name.to_lowercase()).or_default() += 1);
@@ -284,7 +283,7 @@ pub(crate) struct Line {
     pub(crate) name: Option<String>,
 }
 
-/// The frames of a sweep in order, or the folder that holds them.
+/// The frames of a sweep in order, or their folder.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 enum Sweep {
@@ -297,7 +296,7 @@ impl Line {
         Self { i1: Some(i1.into()), i2: Some(i2.into()), sweep: None, name: name.map(String::from) }
     }
 
-    /// Its files, and the name that it has without one that is stated; `folder` is that of the manifest.
+    /// The files, and the default name. `folder` is that of the manifest.
     pub(crate) fn files(self, folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<PathBuf>, String), String> {
         let is_pair = self.sweep.is_none();
         let (files, name): (Vec<PathBuf>, _) = match (self.i1, self.i2, self.sweep) {
@@ -329,13 +328,13 @@ impl Line {
     }
 }
 
-/// A line of JSON.
+/// The form of a line of JSON.
 const JSON: &str = "{\"i1\": FILE, \"i2\": FILE, \"name\": NAME} or {\"sweep\": FOLDER, \"name\": NAME}";
 
-/// Lines of a manifest with their numbers, or the first that is wrong.
+/// The lines of a manifest with their numbers, or the number and problem of the first wrong one.
 pub(crate) type Lines = Result<Vec<(usize, Line)>, (usize, String)>;
 
-/// Those of a text, which names files in this folder.
+/// Parses a manifest whose files are relative to `folder`.
 pub(crate) fn lines(text: &str, folder: &Path) -> Lines {
     if text.trim_start().starts_with('{') { json_lines(text) } else { csv_lines(text, folder) }
 }
@@ -352,7 +351,7 @@ fn json_lines(text: &str) -> Lines {
 
 fn csv_lines(text: &str, folder: &Path) -> Lines {
     let first = text.lines().find(|line| !line.trim().is_empty() && !line.starts_with('#')).unwrap_or_default();
-    // As spreadsheets write it where the comma is the decimal mark.
+    // Spreadsheets write semicolons where the comma is the decimal mark.
     let delimiter = [b';', b'\t'].into_iter().find(|mark| !first.contains(',') && first.as_bytes().contains(mark));
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)
@@ -361,7 +360,7 @@ fn csv_lines(text: &str, folder: &Path) -> Lines {
         .trim(csv::Trim::All)
         .comment(Some(b'#'))
         .from_reader(text.as_bytes());
-    // Words, which name no file.
+    // Words of a header, which name no file.
     let is_word = |cell: &&str| !cell.contains(['.', '/', '\\']) && !folder.join(cell).exists();
     let mut lines = Vec::new();
     for (place, record) in reader.records().enumerate() {
@@ -405,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_differ_at_their_end_belong_together() {
+    fn names_that_differ_only_at_their_end_are_pairs() {
         let found = names(&["b_far.tif", "b_near.tif", "a_1.png", "a_2.png", "x-A.jpg", "x-B.jpg"]).unwrap();
         assert_eq!(found, ["a a_1.png a_2.png", "b b_near.tif b_far.tif", "x x-A.jpg x-B.jpg"]);
         let found = names(&["IMG_9.png", "IMG_10.png", "IMG_11.png", "IMG_12.png"]).unwrap();
@@ -415,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn a_photograph_that_is_left_over_is_named() {
+    fn a_photograph_without_a_pair_is_reported() {
         for (files, part) in [
             (&["a_1.png", "a_2.png", "a_3.png"][..], "0; a_3.png is left over, of a series of 3"),
             (&["a_1.png", "a_2.png", "b_7.png"], "1; b_7.png is left over:"),
@@ -455,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_manifest_is_named_with_its_line() {
+    fn an_error_of_a_manifest_states_its_line() {
         for (text, part) in [
             ("a.png,b.png\nc.png\n", "line 2: is not I1,I2"),
             ("a.png,b.png\n...png,b.png\n", "line 2, "),

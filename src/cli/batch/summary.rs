@@ -1,4 +1,4 @@
-//! What came of each pair and sweep of a batch: a table for people, `batch.json` for programs.
+//! The summary of a batch: a table on stderr, `batch.json`, and the index page.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -13,22 +13,22 @@ use serde_json::Value;
 use crate::cli::options::solve::Request;
 use crate::cli::output::failure::{Failure, plain};
 
-/// The file of the summary, beside the folders of the pairs.
+/// The file of the summary, in the folder of the results.
 pub(crate) const SUMMARY: &str = "batch.json";
 
-/// The page of the summary, beside it.
+/// The index page, in the folder of the results.
 pub(crate) const INDEX: &str = "index.html";
 
-/// The report of a pair or a sweep, in its folder.
+/// The report in the folder of a pair or a sweep.
 pub(crate) const REPORT: &str = "report.json";
 
-/// The most bytes of a report that are read, 16 MiB, as everywhere.
+/// The largest report, 16 MiB.
 const MAX_REPORT: u64 = 16 << 20;
 
-/// The most bytes of a picture of depth that are read, 1 GiB, for a small one.
+/// The largest picture of depth, 1 GiB.
 const MAX_PICTURE: u64 = 1 << 30;
 
-/// What a report says that belongs into a table.
+/// The fields of a report that the summary states.
 #[derive(Debug, Default, Deserialize, Serialize)]
 #[serde(default)]
 pub(crate) struct ReportExcerpt {
@@ -68,17 +68,17 @@ fn not_a_report(out: &Path, error: &serde_json::Error) -> Failure {
     Failure::Failed(format!("{}: is not a report of parfocal ({error}); remove it", out.join(REPORT).display()))
 }
 
-/// What became of it.
+/// The outcome of a pair or a sweep.
 #[derive(Debug, Serialize)]
 #[serde(tag = "status", rename_all = "snake_case")]
 pub(crate) enum Outcome {
     /// Solved and written.
     Solved(ReportExcerpt),
-    /// Left out, for its results were there.
+    /// Not solved: complete results exist.
     Kept(ReportExcerpt),
-    /// Not solved, and why not.
+    /// Failed, and why.
     Failed { error: String },
-    /// The batch ended before.
+    /// The batch was interrupted before.
     NotDone,
 }
 
@@ -125,7 +125,7 @@ impl Outcome {
     }
 }
 
-/// A pair or a sweep of the batch.
+/// A row of the summary: a pair or a sweep.
 #[derive(Debug, Serialize)]
 pub(crate) struct Row {
     name: String,
@@ -167,8 +167,7 @@ impl Row {
         &self.outcome
     }
 
-    /// How much speaks against it: a failure the most, then what has not converged, then warnings, and of those alike the fewer valid
-    /// pixels.
+    /// The rank on the index page: failures first, then solves that did not converge, then warnings, then fewer valid pixels.
     fn badness(&self) -> f64 {
         let Some(found) = self.outcome.excerpt() else { return 1000.0 };
         let unsettled = if found.converged == Some(false) { 100.0 } else { 0.0 };
@@ -199,7 +198,7 @@ impl Row {
         }
     }
 
-    /// The row as one line.
+    /// The row as one line of text.
     pub(crate) fn line(&self) -> String {
         match &self.outcome {
             Outcome::Failed { error } => format!("{}: failed: {error}", plain(&self.name)),
@@ -232,7 +231,7 @@ impl Row {
     }
 }
 
-/// What came of all pairs.
+/// The summary of all pairs.
 #[derive(Debug, Serialize)]
 pub(crate) struct BatchSummary {
     #[serde(flatten)]
@@ -245,7 +244,7 @@ pub(crate) struct BatchSummary {
     not_done: usize,
     interrupted: bool,
     seconds: f64,
-    /// Photographs of the folder that belong to no pair, and why.
+    /// Photographs that belong to no pair, and why.
     left_over: Vec<String>,
     pairs: Vec<Row>,
 }
@@ -267,7 +266,7 @@ impl BatchSummary {
             kept: count("kept"),
             failed: count("failed"),
             not_done: count("not done"),
-            // A Ctrl-C after the last pair stopped nothing.
+            // Ctrl-C after the last pair changes nothing.
             interrupted: interrupted && count("not done") > 0,
             seconds: took.as_secs_f64(),
             left_over,
@@ -294,7 +293,7 @@ impl BatchSummary {
         Ok(())
     }
 
-    /// The page, whose links lead from the folder `out`.
+    /// The index page, with links relative to the folder `out`.
     fn page(&self, out: &Path) -> String {
         let entries = self.pairs.iter().map(|row| row.entry(out)).collect();
         let (solved, failed) = (self.solved + self.kept, self.failed + self.not_done);
@@ -313,7 +312,7 @@ impl BatchSummary {
         batch_page(&self.source, &sentence, entries)
     }
 
-    /// The table, the warnings, the failures and a line that sums up and names the file of it, without a newline at the end.
+    /// The table, the warnings, the failures, and a line with the counts and the file, without a newline at the end.
     pub(crate) fn table(&self, file: &Path) -> String {
         let head = ["name", "", "", "median", "valid", "time"].map(String::from);
         let rows: Vec<[String; 6]> = std::iter::once(head).chain(self.pairs.iter().map(Row::cells)).collect();
@@ -323,7 +322,7 @@ impl BatchSummary {
             .iter()
             .map(|row| {
                 let cell = |(i, text): (usize, &String)| {
-                    // Text to the left, numbers to the right.
+                    // Text is left-aligned, numbers are right-aligned.
                     if i < 3 { format!("{text:<w$}", w = widths[i]) } else { format!("{text:>w$}", w = widths[i]) }
                 };
                 row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_string()
@@ -349,7 +348,7 @@ impl BatchSummary {
         lines.join("\n")
     }
 
-    /// Fails if the batch did, in whole or in part.
+    /// Fails if a pair failed, or the batch was interrupted.
     pub(crate) fn check(&self, strict: bool) -> Result<(), Failure> {
         let all = self.pairs.len();
         let doubtful =
@@ -377,7 +376,7 @@ impl BatchSummary {
     }
 }
 
-/// A picture of results, which is transparent where there are none.
+/// Reads a picture and puts it on white, where it is transparent.
 fn on_white(path: &Path) -> Option<image::RgbImage> {
     let picture = image::load_from_memory(&bounded_read::read(path, MAX_PICTURE).ok()?).ok()?.into_rgba8();
     let over =
@@ -388,7 +387,7 @@ fn on_white(path: &Path) -> Option<image::RgbImage> {
     }))
 }
 
-/// A path as a link from a page has it.
+/// A path as a link.
 fn link(path: &Path) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~/".contains(&byte);
     let escaped = |byte: u8| if plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") };
@@ -415,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_transparent_is_white_and_a_link_is_plain() {
+    fn transparent_pixels_become_white_and_links_are_escaped() {
         let file = tempfile::NamedTempFile::with_suffix(".png").unwrap();
         let pixels = [[9, 8, 7, 255], [9, 8, 7, 0], [0, 0, 0, 51]];
         image::RgbaImage::from_fn(3, 1, |x, _| image::Rgba(pixels[x as usize])).save(file.path()).unwrap();

@@ -1,4 +1,4 @@
-//! `parfocal calibrate`: the constants of a lens from a target of known depth.
+//! `parfocal calibrate`: finds constants of a lens from a target of known depth.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -21,7 +21,7 @@ use crate::cli::options::part::RegionAtDepth;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
-/// Find the blur constant kappa, and focus distances, from the solve of a pair of a known target.
+/// Find the blur constant kappa and focus distances from the results of a known target
 #[derive(clap::Args, Debug)]
 #[command(after_help = AFTER_HELP)]
 pub(crate) struct Arguments {
@@ -29,20 +29,20 @@ pub(crate) struct Arguments {
     of: ResultsArguments,
     #[command(flatten)]
     lens: LensArguments,
-    /// The target is a plane that fills the image: its depths in mm at the corners top left, top right, bottom left
+    /// Depths of a plane that fills the image, at its corners top left, top right, bottom left (mm)
     #[arg(long, value_name = "Z00,Z10,Z01", required_unless_present_any = ["known", "known_from"],
           conflicts_with_all = ["known", "known_from"])]
     plane: Option<Corners>,
-    /// A region of the target and its depth in mm; may be repeated
+    /// Region of the target and its depth (px, mm); can be repeated
     #[arg(long, value_name = "X,Y,W,H=Z")]
     known: Vec<RegionAtDepth>,
-    /// Such regions from a file, as JSON: [{"region": [X, Y, W, H], "depth_mm": Z}, ...]
+    /// File with regions and depths, JSON: [{"region": [X, Y, W, H], "depth_mm": Z}, ...]
     #[arg(long, value_name = "FILE")]
     known_from: Option<PathBuf>,
-    /// What to find; where the target does not determine all, the last is left as stated
+    /// Constants to find; if the target does not determine all, the last one stays as stated
     #[arg(long, value_enum, value_name = "UNKNOWN,...", value_delimiter = ',', default_value = "kappa")]
     fit: Vec<UnknownName>,
-    /// File for the result as JSON, which --lens reads; an earlier one is replaced
+    /// File for the lens, JSON that --lens reads
     #[arg(short, long, value_name = "FILE.json")]
     output: Option<PathBuf>,
 }
@@ -58,7 +58,7 @@ Exit status: 0 done, 1 failed (also where the target determines nothing), 2 wron
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum UnknownName {
-    /// Deviation of the blur over its radius
+    /// Standard deviation of the blur over its radius
     Kappa,
     /// Distance at which I1 is focused
     Focus1,
@@ -98,7 +98,7 @@ struct StepOfFile {
     depth_mm: f64,
 }
 
-/// Reads, fits, writes and prints.
+/// Fits the lens, writes and prints it.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.lens.stated()?;
     let unknowns = unknowns(&arguments.fit)?;
@@ -120,7 +120,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.of.report(&summary(&found, arguments.output.as_deref()), &found)
 }
 
-/// Asks, where a plane determines nothing, whether its corners were named in another order by which it does.
+/// Suggests another order of the corners of a plane, if one determines the lens.
 fn with_turned_corners(error: Error, target: &Target, fits: impl Fn(&Target) -> bool) -> Failure {
     let (Error::Region(problem), Target::Plane(corners)) = (&error, target) else { return error.into() };
     let [a, b, c] = corners.map(|z| 1.0 / z);
@@ -153,7 +153,7 @@ fn target(arguments: &Arguments) -> Result<Target, Failure> {
     Ok(Target::Steps(steps))
 }
 
-/// The most bytes of a file of steps that are read, 1 MiB: some ten thousand of them.
+/// The largest file of regions, 1 MiB: some ten thousand of them.
 const MAX_BYTES: u64 = 1 << 20;
 
 fn read_steps(file: &Path) -> Result<Vec<(Region, f64)>, Failure> {
@@ -167,13 +167,13 @@ fn read_steps(file: &Path) -> Result<Vec<(Region, f64)>, Failure> {
     Ok(steps.into_iter().map(step).collect())
 }
 
-/// For tests that feed it with anything.
+/// Reads a file, for fuzz tests.
 #[cfg(test)]
 pub(crate) fn reads(file: &Path) {
     let _ = read_steps(file);
 }
 
-/// Refuses a file that cannot be one, or that is an input; a calibrated lens may be replaced by a better one.
+/// Refuses an output file that cannot be written or is an input. An earlier lens can be replaced.
 fn check_output(arguments: &Arguments) -> Result<(), Failure> {
     let Some(file) = &arguments.output else { return Ok(()) };
     let results = export::result_files().map(|name| arguments.of.results.join(name));

@@ -55,10 +55,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.lens.stated()?;
     let mut solved = Results::read(results)?;
     let doubt = if solved.report.kind == Kind::Sweep {
-        let places = arguments.focus_at.positions().filter(|_| !arguments.lens.is_given());
-        let places = places.ok_or_else(|| usage("holds a focus sweep; give --focus-at, and no lens"))?;
-        let nearer = photographs::nearer_end(arguments.nearer, &places)?;
-        solved.set_positions(&places, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
+        let positions = arguments.focus_at.positions().filter(|_| !arguments.lens.is_given());
+        let positions = positions.ok_or_else(|| usage("holds a focus sweep; give --focus-at, and no lens"))?;
+        let nearer = photographs::nearer_end(arguments.nearer, &positions)?;
+        solved.set_positions(&positions, nearer).map_err(|e| Failure::Usage(format!("--focus-at: {e}")))?;
         None
     } else {
         if arguments.focus_at.positions().is_some() || arguments.nearer.is_some() {

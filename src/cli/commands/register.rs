@@ -1,4 +1,4 @@
-//! `parfocal register`: two photographs, or the frames of a sweep, in, registration alone out.
+//! `parfocal register`: registers two photographs or the frames of a sweep.
 
 use std::path::{Path, PathBuf};
 
@@ -19,23 +19,23 @@ use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 use crate::cli::output::summary::registration_summary;
 
-/// Register two photographs of one scene, or a focus sweep: where pixels lie in each, and how they differ in exposure.
+/// Register two photographs of one scene or a focus sweep, in position and exposure
 #[derive(clap::Args, Debug)]
 #[command(after_long_help = AFTER_HELP)]
 pub(crate) struct Arguments {
-    /// I1, whose pixels count, and I2; or three or more frames of a sweep, in order; or their folder
+    /// I1 and I2, or three or more frames of a sweep in order, or their folder
     #[arg(required = true, num_args = 1.., value_name = "IMAGE")]
     images: Vec<PathBuf>,
-    /// Of a sweep, the frame on whose pixels the others are brought, counted from 1; the middle one without it
+    /// Frame of a sweep that the others are registered to, from 1 [default: the middle frame]
     #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
     reference: Option<u32>,
     #[command(flatten)]
     settings: SettingsArguments,
-    /// How to register
+    /// Method of registration
     #[arg(long, value_name = "NAME", help_heading = REGISTRATION, value_parser = method_parser(),
           default_value = "unified")]
     method: Method,
-    /// File for the registration, JSON that `solve --transform` reads; an earlier one is replaced
+    /// File for the registration, JSON that `solve --transform` reads
     #[arg(short, long, value_name = "FILE.json", help_heading = OUTPUT, display_order = 0)]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -86,7 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     run.check_strict(report.converged == Some(true), &report.warnings)
 }
 
-/// The same of a sweep.
+/// Registers a sweep, writes and prints the registration.
 fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     if settings.method != Method::Unified {
         return Err(Failure::Usage("--method is of pairs; a sweep is registered together with the blur".to_string()));
@@ -105,7 +105,7 @@ fn of_sweep(arguments: &Arguments, settings: &Settings) -> Result<(), Failure> {
     run.check_strict(true, &found.warnings)
 }
 
-/// A line a frame, without a newline at the end.
+/// The summary, a line for each frame, without a newline at the end.
 fn sweep_summary(found: &Report, file: Option<&Path>) -> String {
     let frame = |(n, frame): (usize, &FrameReport)| {
         let ([x, y], t) = (frame.transform.translation(), &frame.transform);
@@ -120,7 +120,7 @@ fn sweep_summary(found: &Report, file: Option<&Path>) -> String {
     lines.join("\n")
 }
 
-/// Refuses a file that cannot be one, or that is an input, before any work is done.
+/// Refuses an output file that cannot be written or is an input.
 fn check_output(arguments: &Arguments, files: &[PathBuf]) -> Result<(), Failure> {
     let Some(file) = &arguments.output else { return Ok(()) };
     let inputs: Vec<&PathBuf> = files.iter().chain(arguments.settings.inputs()).collect();

@@ -1,4 +1,4 @@
-//! `parfocal solve`: two photographs in, relative blur and registration out.
+//! `parfocal solve`: recovers relative blur and registration of two photographs.
 
 use std::path::PathBuf;
 
@@ -21,12 +21,12 @@ pub(crate) struct Arguments {
     pair: PairArguments,
     #[command(flatten)]
     options: SolveArguments,
-    /// Folder for the results; made if it is missing, earlier results in it replaced
+    /// Folder for the results; earlier results in it are replaced
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
     output: PathBuf,
 }
 
-/// Solves a pair and writes the results. Cheap checks come before dear ones: arguments, files, device, solve, write.
+/// Solves a pair and writes the results. Inexpensive checks come first.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let request = arguments.options.request()?;
     let job = PairJob {

@@ -1,4 +1,4 @@
-//! `parfocal stack`: a focus sweep in, one map of the focus and one sharp image out.
+//! `parfocal stack`: recovers a map of the focus and a sharp image from a focus sweep.
 
 use std::path::{Path, PathBuf};
 
@@ -24,17 +24,17 @@ use crate::cli::output::destination::ForceArgument;
 use crate::cli::output::failure::Failure;
 use crate::cli::output::summary::values_in_words;
 
-/// Recover from a focus sweep where each pixel is in focus, and an image sharp all over.
+/// Recover the focus of each pixel and an image that is sharp everywhere from a focus sweep
 #[derive(clap::Args, Debug)]
 #[command(after_long_help = AFTER_HELP)]
 pub(crate) struct Arguments {
-    /// The frames, three or more of one size and format, in the order of their focus; or their folder
+    /// Three or more frames of one size and format in the order of their focus, or their folder
     #[arg(required = true, num_args = 1.., value_name = "FRAME")]
     frames: Vec<PathBuf>,
-    /// The focus setting of each frame; counted from 0 without it
+    /// Focus setting of each frame [default: 0, 1, 2, ...]
     ///
-    /// Ascending or descending, and even in 1/distance, as a lens' travel is. Without it steps are even unless the sweep itself says that
-    /// frames are missing, or steps uneven; a warning then tells what positions are taken.
+    /// Ascending or descending, and linear in 1/distance, as the travel of a lens is. Without them, steps are even unless the sweep shows
+    /// that frames are missing or steps are uneven; a warning then states the positions.
     #[arg(
         long,
         value_name = "P,P,...",
@@ -46,12 +46,12 @@ pub(crate) struct Arguments {
     positions: Option<Vec<f64>>,
     #[command(flatten)]
     focus_at: FocusPositionArguments,
-    /// The frame on whose pixels the results are, counted from 1; the middle one without it
+    /// Frame whose pixels the results follow, from 1 [default: the middle frame]
     #[arg(long, value_name = "N", help_heading = INPUT, value_parser = clap::value_parser!(u32).range(1..))]
     reference: Option<u32>,
-    /// Whether the first (1) or the last (2) is focused nearest [default: 1, or by --focus-at]
+    /// The frame that is focused nearest: 1 the first, 2 the last [default: 1, or by --focus-at]
     ///
-    /// It decides which end is near in pictures and page. Of what --focus-at states the larger is the farther.
+    /// Determines which end is near in the pictures and on the page.
     #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = one_or_two)]
     nearer: Option<u8>,
     #[command(flatten)]
@@ -67,7 +67,7 @@ pub(crate) struct Arguments {
     no_html: bool,
     #[command(flatten)]
     models: ExportArguments,
-    /// Folder for the results; made if it is missing, earlier results in it replaced
+    /// Folder for the results; earlier results in it are replaced
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT, display_order = 0)]
     output: PathBuf,
     #[command(flatten)]
@@ -76,11 +76,11 @@ pub(crate) struct Arguments {
     run: RunArguments,
 }
 
-/// Solves a sweep and writes the results. Cheap checks come before dear ones.
+/// Solves a sweep and writes the results. Inexpensive checks come first.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let places = arguments.focus_at.positions();
-    let stated = arguments.positions.is_some() || places.is_some();
-    let positions = places.or(arguments.positions.clone().map(Positions::Settings)).unwrap_or_default();
+    let by_mm = arguments.focus_at.positions();
+    let stated = arguments.positions.is_some() || by_mm.is_some();
+    let positions = by_mm.or(arguments.positions.clone().map(Positions::Settings)).unwrap_or_default();
     let job = SweepJob {
         files: photographs::sweep_frames(&arguments.frames, stated, arguments.settings.raw())?,
         positions,
@@ -103,7 +103,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     request.run.check_strict(true, &report.warnings)
 }
 
-/// What the flags ask for, once it is found not to contradict itself.
+/// The request, or an error if the options contradict each other.
 fn request(arguments: &Arguments) -> Result<Request, Failure> {
     let part = arguments.part.part();
     let request = Request {
@@ -124,7 +124,7 @@ fn request(arguments: &Arguments) -> Result<Request, Failure> {
     Ok(request)
 }
 
-/// The few lines of a sweep, without a newline at the end.
+/// The summary of a sweep, without a newline at the end.
 fn summary(report: &Report, inputs: &[Input], palette: Palette, out: &Path) -> String {
     let unit = report.focus_unit.as_deref().unwrap_or_default();
     let focus = report.focus.as_ref().map_or_else(String::new, |focus| in_words(focus, unit));
@@ -160,20 +160,20 @@ fn near_and_far(report: &Report, palette: Palette) -> String {
     }
 }
 
-/// How much of the frame no photograph has in focus, and on which side it lies; nothing where that is none.
+/// The share of the frame that is in focus nowhere, before the first frame and beyond the last.
 fn never_in_focus(report: &Report) -> Option<String> {
     let pixels = f64::from(report.size.width) * f64::from(report.size.height);
     let NeverReport { before_first_px, beyond_last_px } = report.never_in_focus?;
     let share = |count: usize| 100.0 * count as f64 / pixels;
-    let told = format!(
+    let text = format!(
         "never      in focus: {:.1} % of the frame lies before the first frame, {:.1} % beyond the last",
         share(before_first_px),
         share(beyond_last_px)
     );
-    (before_first_px + beyond_last_px > 0).then_some(told)
+    (before_first_px + beyond_last_px > 0).then_some(text)
 }
 
-/// A range with the digits that tell its ends apart.
+/// A range with enough digits to distinguish its ends.
 fn in_words(range: &RangeReport, unit: &str) -> String {
     let (Some(min), Some(max), Some(median)) = (range.min, range.max, range.median) else {
         return "nowhere".to_string();

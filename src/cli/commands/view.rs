@@ -102,11 +102,11 @@ fn views(arguments: &Arguments, default_relief: f64) -> [View; 2] {
     [still, turning]
 }
 
-/// Refuses a name with another ending than that of the format, a file of the results, and a file that must not be replaced.
-fn check_output(file: Destination<'_>, ending: &str, kind: FileKind, results: &Path) -> Result<(), Failure> {
+/// Refuses a name with another extension than that of the format, a file of the results, and a file that must not be replaced.
+fn check_output(file: Destination<'_>, extension: &str, kind: FileKind, results: &Path) -> Result<(), Failure> {
     let path = file.path();
-    if !path.extension().and_then(OsStr::to_str).is_some_and(|found| found.eq_ignore_ascii_case(ending)) {
-        return Err(Failure::Usage(format!("{}: give a name that ends in .{ending}", path.display())));
+    if !path.extension().and_then(OsStr::to_str).is_some_and(|found| found.eq_ignore_ascii_case(extension)) {
+        return Err(Failure::Usage(format!("{}: give a name that ends in .{extension}", path.display())));
     }
     if result_files().any(|name| crate::cli::same_file(&results.join(name), path)) {
         return Err(Failure::Usage(format!("{}: is a result of the solve; give another name", path.display())));

@@ -1,4 +1,4 @@
-//! What a request makes of one pair, from its files to its results.
+//! The job of one pair: its files are checked and read, its results written.
 
 use std::path::{Path, PathBuf};
 
@@ -16,19 +16,19 @@ use crate::cli::options::solve::Request;
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
 
-/// A pair, and the folder for its results.
+/// The files of a pair, and the folder for its results.
 #[derive(Clone, Debug)]
 pub(crate) struct PairJob {
     pub(crate) files: [PathBuf; 2],
     pub(crate) out: PathBuf,
 }
 
-/// A pair as its files hold it.
+/// A pair as read from its files.
 pub(crate) struct Photographs {
     pub(crate) frames: [Frame; 2],
     pub(crate) inputs: Vec<Input>,
     pub(crate) scope: SolveOptions,
-    /// With values decoded as the files say, unless that is stated.
+    /// The settings, with the decoding resolved.
     pub(crate) settings: Settings,
     values: Values,
     lens: Option<Lens>,
@@ -70,7 +70,7 @@ pub(crate) fn check_results(
     Ok(request.force.to(out).check_results(REPORT_FILE, &names)?)
 }
 
-/// Reads the pair, unless what the files are says that it is `settled` already; asks for the device where that may be too small.
+/// Reads the pair. Returns `None` if results of these files exist already, by `settled`. Large photographs are checked against the device.
 pub(crate) fn read(
     request: &Request,
     job: &PairJob,
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn hash_and_pixels_are_of_one_file_even_if_another_takes_its_name() {
+    fn hash_and_pixels_are_of_one_file_even_if_it_is_replaced() {
         let folder = tempfile::TempDir::new().unwrap();
         let [file, new] = ["a.pgm", "new.pgm"].map(|name| folder.path().join(name));
         fs::write(&file, b"P5 2 1 255 \x01\x02").unwrap();

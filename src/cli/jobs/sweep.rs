@@ -1,4 +1,4 @@
-//! What a request makes of one focus sweep, from its files to its results; `work` does a pair.
+//! The job of one focus sweep: its files are checked and read, its results written.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ use crate::cli::options::photographs;
 use crate::cli::options::solve::Request;
 use crate::cli::output::failure::Failure;
 
-/// A sweep, and the folder for its results.
+/// The files of a sweep, and the folder for its results.
 #[derive(Clone, Debug)]
 pub(crate) struct SweepJob {
     pub(crate) files: Vec<PathBuf>,
@@ -29,36 +29,36 @@ pub(crate) struct SweepJob {
     pub(crate) out: PathBuf,
 }
 
-/// A sweep as its files hold it.
+/// A sweep as read from its files.
 pub(crate) struct SweepFrames {
     frames: Vec<Frame>,
     pub(crate) inputs: Vec<Input>,
-    /// With values decoded as the files say, unless that is stated.
+    /// The settings, with the decoding resolved.
     options: SweepOptions,
     /// The region of the frames, and their mask.
     part: SolveOptions,
     values: Values,
-    /// What reading took.
+    /// The time of reading.
     read_ms: f64,
 }
 
 impl SweepJob {
-    /// How it is solved, but for the part of the frames.
+    /// The options of the solver.
     fn options(&self, settings: Settings) -> SweepOptions {
         SweepOptions { settings, positions: self.positions.clone(), reference: self.reference }
     }
 
-    /// What decides the results, besides the frames.
+    /// The digest of what changes the results, apart from the frames.
     pub(crate) fn digest(&self, request: &Request) -> Result<String, Failure> {
         request.digest(format!("{:?} {:?}", self.positions, self.reference).as_bytes())
     }
 }
 
-/// Refuses what is asked only of pairs, what does not fit the sweep, an output folder that cannot be written, or whose
-/// results would replace an input.
+/// Refuses options of pairs, options that do not fit the sweep, and an output folder that cannot be written or where a result would
+/// replace an input.
 pub(crate) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
     if request.lens.is_some() || request.part.flat.is_some() || request.settings.method != Method::Unified {
-        let problem = "is of a focus sweep, which takes no lens, --flat or --method; leave them out, or solve it with parfocal stack";
+        let problem = "is a focus sweep, and takes no lens, --flat or --method; leave them out, or use parfocal stack";
         return Err(Failure::Usage(format!("{}: {problem}", job.out.display())));
     }
     let fits = job.options(request.settings.clone()).check(job.files.len());
@@ -70,7 +70,7 @@ pub(crate) fn check(request: &Request, job: &SweepJob) -> Result<(), Failure> {
     check_results(request, Kind::Sweep, &job.out, job.positions.millimetres().is_some(), false)
 }
 
-/// Reads the frames, unless what the files are says that the sweep is `settled` already.
+/// Reads the frames. Returns `None` if results of these files exist already, by `settled`.
 pub(crate) fn read(
     request: &Request,
     job: &SweepJob,
@@ -100,7 +100,7 @@ pub(crate) fn read(
     Ok(Some(SweepFrames { frames, inputs, options, part, values, read_ms }))
 }
 
-/// The frames, once the first is found to `fit`.
+/// Decodes the frames, after a check of the first.
 fn decode(
     files: &[PathBuf],
     fits: impl FnOnce(&Photograph) -> Result<(), Failure>,
@@ -110,9 +110,9 @@ fn decode(
     Ok(image_io::read_frames(first, &files[1..])?.into_iter().unzip())
 }
 
-/// Refuses frames that are not of one size and format, by their names.
+/// Refuses frames of different sizes or formats.
 fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
-    let told = |frame: &Frame| {
+    let describe = |frame: &Frame| {
         let Format { channels, depth } = frame.format();
         let channels = if channels == Channels::Gray { "grey" } else { "colour" };
         let depth = match depth {
@@ -128,13 +128,13 @@ fn check_alike(files: &[PathBuf], frames: &[Frame]) -> Result<(), Failure> {
         "{}: frame {} is {}, and {} is {}: frames of a sweep have one size and format; crop, resize or convert it, or take it out",
         files[n].display(),
         n + 1,
-        told(&frames[n]),
+        describe(&frames[n]),
         files[0].display(),
-        told(&frames[0])
+        describe(&frames[0])
     )))
 }
 
-/// Solves it; also how long it took from the first frame, ms.
+/// Solves a sweep; returns also the time since reading began, ms.
 pub(crate) fn solve(
     engine: &Engine,
     read: &SweepFrames,
@@ -171,7 +171,7 @@ pub(crate) fn write(
     write_results(request, &job.out, results, frames, names, labels)
 }
 
-/// Where the frames of these files lie, by the settings.
+/// Registers the frames of a sweep.
 pub(crate) fn register(
     run: &RunArguments,
     settings: &Settings,
@@ -198,7 +198,7 @@ pub(crate) fn register(
     Ok(report)
 }
 
-/// As they were given.
+/// The paths as given.
 fn names(files: &[PathBuf]) -> Vec<String> {
     files.iter().map(|file| file.display().to_string()).collect()
 }

@@ -1,4 +1,4 @@
-//! The surface and its depth for other programs.
+//! The option `--export`: the surface and its depth for other programs.
 
 use clap::ValueEnum;
 use parfocal::export::{self, ArrayKind, Extra, Report, Results, SurfaceReport};
@@ -9,29 +9,29 @@ use serde::Serialize;
 use crate::cli::help::OUTPUT;
 use crate::cli::output::failure::Failure;
 
-/// Which files beside the usual ones are written, and how.
+/// The options of additional files.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct ExportArguments {
-    /// Also write, with commas: ply, cloud, glb, stl, obj, depth16, npy, tiff, zarr, labels
+    /// Write also, separated by commas: ply, cloud, glb, stl, obj, depth16, npy, tiff, zarr, labels
     ///
-    /// The surface, in mm with a lens: ply, surface.ply, a mesh with colour and normals; cloud, points.ply, points with both; glb,
-    /// surface.glb, glTF with the best-focus image as texture; stl, surface.stl, triangles alone; obj, surface.obj, a mesh with
-    /// colour and normals, in letters.
+    /// The surface, in mm if the lens is known: ply (surface.ply, a mesh with colour and normals), cloud (points.ply, points with both),
+    /// glb (surface.glb, glTF with the fused image as texture), stl (surface.stl, triangles), obj (surface.obj, a mesh with colour and
+    /// normals as text).
     ///
-    /// Depth in mm where it is known, else V or focus: depth16, depth16.png and depth16.tiff, 16-bit grey, 0 where not valid, scale
-    /// and offset in the files and in report.json; npy, depth.npy and deviation.npy, with its standard deviation, 32-bit floats, NaN
-    /// where not measured; tiff, depth.tiff and deviation.tiff, the same; zarr, depth.zarr.zip, the same in one file.
+    /// Depth in mm if the lens is known, else V or focus: depth16 (depth16.png and depth16.tiff, 16-bit grey, 0 where not valid; scale and
+    /// offset are in the files and in report.json), npy (depth.npy and deviation.npy, 32-bit floats, NaN where not measured), tiff
+    /// (depth.tiff and deviation.tiff, the same), zarr (depth.zarr.zip, the same in one file).
     ///
-    /// labels, labels.png: 1 where I1 is the sharper, 2 where I2 is, 3 where V is within its standard deviation of 0, 0 where not
-    /// valid; of a sweep the number of the frame that is focused next to the pixel.
+    /// labels (labels.png): 1 where I1 is sharper, 2 where I2 is sharper, 3 where V is within its standard deviation of 0, 0 where not
+    /// valid; of a sweep the number of the frame whose focus is nearest to the pixel.
     #[arg(long, value_name = "KIND,...", help_heading = OUTPUT, value_enum, value_delimiter = ',', hide_possible_values = true)]
     export: Vec<Kind>,
-    /// Most vertices of a mesh along its longer side, 2 to 65536; default: one for each pixel
+    /// Vertices of a mesh along its longer side, at most (2 to 65536) [default: one for each pixel]
     #[arg(long, value_name = "N", help_heading = OUTPUT, value_parser = clap::value_parser!(u32).range(2..=65536))]
     mesh_cells: Option<u32>,
-    /// Height of the surface for each px² of V, or each setting of a sweep, px
+    /// Height of the surface for each px² of V or each setting of a sweep (px, 1e-6 to 1e6)
     ///
-    /// Default: with a lens the surface is metric, in mm from the lens; else its relief is 15 % of the longer side.
+    /// Without it, the surface is in mm from the lens if the lens is known; else its relief is 15 % of the longer side.
     #[arg(long, value_name = "PX", help_heading = OUTPUT, value_parser = positive)]
     z_scale: Option<f64>,
 }
@@ -42,7 +42,7 @@ impl ExportArguments {
     }
 }
 
-/// What to write, and how.
+/// The requested additional files.
 #[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct Exports {
     kinds: Vec<Kind>,
@@ -65,7 +65,7 @@ enum Kind {
 }
 
 impl Kind {
-    /// The names of its files.
+    /// The names of the files.
     fn files(&self) -> &'static [&'static str] {
         match self {
             Kind::Ply => &["surface.ply"],
@@ -82,11 +82,11 @@ impl Kind {
     }
 }
 
-/// The kinds that hold depth in floats.
+/// The kinds with depth in floats.
 const ARRAYS: [(Kind, ArrayKind); 3] =
     [(Kind::Npy, ArrayKind::Npy), (Kind::Tiff, ArrayKind::Tiff), (Kind::Zarr, ArrayKind::Zarr)];
 
-/// The kinds that show the surface.
+/// The kinds of surfaces.
 const MODELS: [(Kind, Model); 5] = [
     (Kind::Ply, Model::Ply),
     (Kind::Cloud, Model::Cloud),
@@ -107,13 +107,13 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 impl Exports {
-    /// Those that a report says are there, to be made anew.
+    /// The additional files that a report lists, to be written again.
     pub(crate) fn of_report(report: &Report) -> Self {
         let (mesh_cells, z_scale) =
             report.surface.as_ref().map_or((None, None), |stated| (stated.mesh_cells, stated.z_scale));
         let is_there = |kind: &Kind| kind.files().iter().all(|name| report.has_file(name));
         let kinds = MODELS.iter().map(|(kind, _)| *kind).chain(ARRAYS.map(|(kind, _)| kind)).filter(is_there).collect();
-        // What a report holds was checked when it was asked for, by whoever wrote it.
+        // The writer of the report has checked the numbers.
         Self {
             kinds,
             mesh_cells: mesh_cells.map(|cells| cells.max(2)),
@@ -121,41 +121,41 @@ impl Exports {
         }
     }
 
-    /// The points of the surface, if any file of it is asked for.
+    /// The points of the surface, if a file of it is requested.
     pub(crate) fn points(&self, results: &Results<'_>, fused: &Frame) -> Result<Option<Points>, Error> {
         self.show_the_surface().then(|| Points::of(results, fused, self.z_scale)).transpose()
     }
 
-    /// What the report says of these points.
+    /// The entry of the report for these points.
     pub(crate) fn report(&self, points: Option<&Points>) -> Option<SurfaceReport> {
         let (mesh_cells, z_scale) = (self.mesh_cells, self.z_scale);
         points.map(|points| SurfaceReport { unit: points.unit.clone(), mesh_cells, z_scale })
     }
 
-    /// Whether depth in 16 bits is asked for.
+    /// Whether depth in 16 bits is requested.
     pub(crate) fn is_depth16(&self) -> bool {
         self.kinds.contains(&Kind::Depth16)
     }
 
-    /// The files of the surface that are asked for, each once.
+    /// The requested files of the surface.
     pub(crate) fn files<'a>(&self, points: Option<&'a Points>, fused: &'a Frame) -> Vec<Extra<'a>> {
         let Some(points) = points else { return Vec::new() };
         let nodes = self.mesh_cells.map(|n| n as usize);
         self.shown().map(|model| points.file(model, fused, nodes)).collect()
     }
 
-    /// The files of depth in floats that are asked for.
+    /// The requested files of depth in floats.
     pub(crate) fn array_files<'a>(&self) -> Vec<Extra<'a>> {
         let kinds = ARRAYS.iter().filter(|(kind, _)| self.kinds.contains(kind));
         kinds.flat_map(|(_, kind)| kind.extras()).collect()
     }
 
-    /// Whether `labels.png` is asked for.
+    /// Whether `labels.png` is requested.
     pub(crate) fn is_labels(&self) -> bool {
         self.kinds.contains(&Kind::Labels)
     }
 
-    /// Refuses, before any work, labels for more frames than they tell apart.
+    /// Refuses labels for more frames than they can distinguish.
     pub(crate) fn check_labels(&self, frames: usize) -> Result<(), Failure> {
         let most = export::MOST_LABELS;
         if self.kinds.contains(&Kind::Labels) && frames > most {
@@ -165,17 +165,17 @@ impl Exports {
         Ok(())
     }
 
-    /// The names of all files that are asked for.
+    /// The names of all requested files.
     pub(crate) fn names(&self) -> Vec<&'static str> {
         self.kinds.iter().flat_map(Kind::files).copied().collect()
     }
 
-    /// Whether any does.
+    /// Whether a file of the surface is requested.
     pub(crate) fn show_the_surface(&self) -> bool {
         self.shown().next().is_some()
     }
 
-    /// The kinds that show the surface and are asked for.
+    /// The requested kinds of surfaces.
     fn shown(&self) -> impl Iterator<Item = Model> {
         MODELS.into_iter().filter(|(name, _)| self.kinds.contains(name)).map(|(_, model)| model)
     }

@@ -1,4 +1,4 @@
-//! The lens, from a file and from flags.
+//! The options of the lens, from a file and from flags.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -12,7 +12,7 @@ use serde_json::Value;
 use crate::cli::help::LENS;
 use crate::cli::output::failure::Failure;
 
-/// The most bytes of a file with a lens that are read, 16 MiB, as of a report.
+/// The largest file of a lens, 16 MiB, as of a report.
 const MAX_BYTES: u64 = 16 << 20;
 
 /// The lens; flags override the file.
@@ -21,25 +21,25 @@ pub(crate) struct LensArguments {
     /// The lens, for depth in mm: JSON as calibrate writes it
     ///
     /// An object with focal_length_mm, f_number, pixel_pitch_mm, focus_mm, kappa and telecentric, or a file that holds one
-    /// as lens: what calibrate writes, truth.json of simulate, report.json. Flags override it.
+    /// as lens: the file of calibrate, truth.json of simulate, report.json. Flags override the file.
     #[arg(long, value_name = "FILE", help_heading = LENS)]
     lens: Option<PathBuf>,
-    /// Focal length
+    /// Focal length, mm
     #[arg(long, value_name = "MM", help_heading = LENS, allow_negative_numbers = true)]
     focal_length: Option<f64>,
     /// f-number
     #[arg(long, value_name = "N", help_heading = LENS, allow_negative_numbers = true)]
     f_number: Option<f64>,
-    /// Distance of neighbouring pixels on the sensor
+    /// Distance between pixels on the sensor, mm
     #[arg(long, value_name = "MM", help_heading = LENS, allow_negative_numbers = true)]
     pixel_pitch: Option<f64>,
-    /// Distances from the lens at which I1 and I2 are focused
+    /// Distances from the lens at which I1 and I2 are focused, mm
     #[arg(long, value_name = "MM,MM", help_heading = LENS, allow_hyphen_values = true)]
     focus: Option<Distances>,
-    /// Deviation of the blur over its radius [default: 0.5, a disk]; calibrate finds it
+    /// Standard deviation of the blur over its radius; calibrate finds it [default: 0.5, a disk]
     #[arg(long, value_name = "K", help_heading = LENS, allow_negative_numbers = true)]
     kappa: Option<f64>,
-    /// The lens is telecentric on the image side: magnification does not change with focus
+    /// Lens that is telecentric on the image side: focus does not change its magnification
     #[arg(long, value_name = "BOOL", help_heading = LENS, num_args = 0..=1, require_equals = true,
           default_missing_value = "true")]
     telecentric: Option<bool>,
@@ -58,7 +58,7 @@ impl FromStr for Distances {
     }
 }
 
-/// As much of a lens as is known.
+/// The known fields of a lens.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PartOfLens {
@@ -87,7 +87,7 @@ impl From<Lens> for PartOfLens {
 }
 
 impl PartOfLens {
-    /// What both photographs, or the only one that does, say of the lens that took them.
+    /// The fields that the photographs state, unless they contradict each other.
     pub(crate) fn of_photographs(inputs: &[Input]) -> Self {
         let agreed = |of: fn(&Exif) -> Option<f64>| {
             let mut stated = inputs.iter().filter_map(|input| of(input.exif.as_ref()?));
@@ -104,7 +104,7 @@ impl PartOfLens {
         }
     }
 
-    /// Its own fields, and where it has none those of `other`.
+    /// Its own fields; missing ones from `other`.
     pub(crate) fn or(self, other: Self) -> Self {
         Self {
             focal_length: self.focal_length.or(other.focal_length),
@@ -116,14 +116,14 @@ impl PartOfLens {
         }
     }
 
-    /// The lens if nothing is missing: what can be said before any photograph is read.
+    /// The lens, if no field is missing.
     pub(crate) fn if_whole(self) -> Result<Option<Lens>, Failure> {
         let Self { focal_length, f_number, pixel_pitch, focus, .. } = self;
         let is_whole = focal_length.is_some() && f_number.is_some() && pixel_pitch.is_some() && focus.is_some();
         is_whole.then(|| self.whole()).transpose()
     }
 
-    /// The whole lens, or the flags for what is missing.
+    /// The whole lens, or an error that names the missing flags.
     pub(crate) fn whole(self) -> Result<Lens, Failure> {
         let (Some(focal_length), Some(f_number), Some(pixel_pitch), Some(focus)) =
             (self.focal_length, self.f_number, self.pixel_pitch, self.focus)
@@ -148,20 +148,19 @@ impl PartOfLens {
 }
 
 impl LensArguments {
-    /// The lens, whole and checked; `None` where neither file nor flag states any of it. What neither states is taken from
-    /// `defaults`, which alone make no lens.
+    /// The lens, whole and checked; `None` if neither file nor flag states a field. Missing fields are taken from
+    /// `defaults`.
     pub(crate) fn lens(&self, defaults: PartOfLens) -> Result<Option<Lens>, Failure> {
         self.stated()?.map(|stated| stated.or(defaults).whole()).transpose()
     }
 
-    /// What file and flags state; `None` where neither states any of it.
+    /// The fields of file and flags; `None` if there are none.
     pub(crate) fn stated(&self) -> Result<Option<PartOfLens>, Failure> {
         let file = self.lens.as_deref().map_or(Ok(PartOfLens::default()), read)?;
         Ok(self.is_given().then(|| self.flags().or(file)))
     }
 
-    /// As [`lens`](Self::lens), of a command that is nothing without one; what is not stated is as in the report of results that are
-    /// seen through one already.
+    /// The lens of a command that needs one. Missing fields are taken from the report of the results.
     pub(crate) fn required(&self, results: &Results<'_>) -> Result<Lens, Failure> {
         let none =
             || Failure::Usage("give the lens: --lens FILE, or --focal-length and the flags beside it".to_string());
@@ -173,12 +172,12 @@ impl LensArguments {
         }
     }
 
-    /// Whether any of it is stated.
+    /// Whether a file or a flag of the lens was given.
     pub(crate) fn is_given(&self) -> bool {
         self.lens.is_some() || self.flags() != PartOfLens::default()
     }
 
-    /// The file, which no result may replace.
+    /// The file; no result may replace it.
     pub(crate) fn file(&self) -> Option<&PathBuf> {
         self.lens.as_ref()
     }
@@ -195,7 +194,7 @@ impl LensArguments {
     }
 }
 
-/// Which image is focused nearer, by `--nearer` and by the lens, which must agree.
+/// The image that is focused nearer, by `--nearer` and by the lens, which must agree.
 pub(crate) fn nearer(stated: Option<u8>, lens: Option<&Lens>) -> Result<Nearer, Failure> {
     let stated = stated.map(|number| if number == 2 { Nearer::Second } else { Nearer::First });
     let Some(lens) = lens else { return Ok(stated.unwrap_or_default()) };
@@ -211,7 +210,7 @@ pub(crate) fn nearer(stated: Option<u8>, lens: Option<&Lens>) -> Result<Nearer, 
     Ok(nearer)
 }
 
-/// Reads a lens, or what holds one as `lens` or `depth.lens`.
+/// Reads a lens, or a file that holds one as `lens` or `depth.lens`.
 fn read(path: &Path) -> Result<PartOfLens, Failure> {
     let failed = |problem: String| Failure::Failed(format!("{}: {problem}", path.display()));
     let text = bounded_read::text(path, MAX_BYTES)
@@ -221,7 +220,7 @@ fn read(path: &Path) -> Result<PartOfLens, Failure> {
     PartOfLens::deserialize(lens).map_err(|e| failed(format!("holds no lens that can be used ({e})")))
 }
 
-/// For tests that feed it with anything.
+/// Reads a file, for fuzz tests.
 #[cfg(test)]
 pub(crate) fn reads(file: &Path) {
     let _ = read(file);
@@ -256,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_flags_and_both_make_the_same_lens() {
+    fn file_and_flags_make_the_same_lens() {
         let flags = ["--focal-length=25", "--f-number=8.3", "--pixel-pitch=0.01304", "--focus=529,869"];
         let cup = lens(Some(CUP), &[]).unwrap().unwrap();
         assert_eq!((cup.kappa, cup.telecentric, cup.focus), (Lens::DISK, true, [529.0, 869.0]));
@@ -272,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_unknown_or_impossible_is_named() {
+    fn missing_unknown_and_impossible_fields_are_named() {
         let message = |json, flags: &[&str]| lens(json, flags).unwrap_err().message();
         assert!(message(None, &["--f-number=8"]).contains("--focal-length, --pixel-pitch, --focus"));
         let unknown = message(Some(r#"{"fnumber": 8}"#), &[]);
@@ -282,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn nearer_and_the_lens_must_agree() {
+    fn nearer_must_not_contradict_the_lens() {
         let cup = lens(Some(CUP), &[]).unwrap().unwrap();
         let turned = Lens { focus: [869.0, 529.0], ..cup };
         assert_eq!(nearer(None, Some(&turned)).unwrap(), Nearer::Second);

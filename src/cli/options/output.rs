@@ -15,26 +15,26 @@ use crate::cli::output::destination::ForceArgument;
 use crate::cli::output::failure::{Failure, plain, print};
 use crate::cli::output::progress::{Bar, ProgressMode};
 
-/// Whom to tell.
+/// The options of printed reports.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub(crate) struct ReportArguments {
-    /// Print the result as JSON on stdout too
+    /// Print the report as JSON on stdout
     #[arg(long, help_heading = OUTPUT)]
     json: bool,
     #[command(flatten)]
     quiet: QuietArgument,
 }
 
-/// Whether a person is told anything.
+/// The option `--quiet`.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub(crate) struct QuietArgument {
-    /// Print nothing on stderr but errors
+    /// Print only errors on stderr
     #[arg(short, long, help_heading = OUTPUT)]
     quiet: bool,
 }
 
 impl ReportArguments {
-    /// Tells a person the summary, and a program the result, where each is wanted.
+    /// Prints the summary on stderr, and with `--json` the report on stdout.
     pub(crate) fn print(
         &self,
         summary: &str,
@@ -44,42 +44,42 @@ impl ReportArguments {
         self.print_json(json)
     }
 
-    /// Tells a person a line.
+    /// Prints a line on stderr.
     pub(crate) fn print_line(&self, line: &str) {
         self.quiet.print_line(line);
     }
 
-    /// Tells a program the result.
+    /// Prints the report on stdout, with `--json`.
     pub(crate) fn print_json(&self, json: impl FnOnce() -> serde_json::Result<String>) -> Result<(), Failure> {
         if self.json { print(&json().map_err(|e| Failure::Failed(e.to_string()))?) } else { Ok(()) }
     }
 
-    /// Whether a person is told nothing.
+    /// Whether `--quiet` was given.
     pub(crate) fn is_quiet(&self) -> bool {
         self.quiet.quiet
     }
 }
 
 impl QuietArgument {
-    /// Tells a person a line, or some.
+    /// Prints lines on stderr.
     pub(crate) fn print_line(&self, line: &str) {
         if !self.quiet {
-            // Nobody is left to be told where stderr is closed.
+            // A closed stderr has no reader.
             let text: Vec<String> = line.lines().map(plain).collect();
             let _ = writeln!(io::stderr(), "{}", text.join("\n"));
         }
     }
 }
 
-/// None of it decides the results.
+/// The options of a run. They do not change the results.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(crate) struct RunArguments {
     #[command(flatten)]
     pub(crate) report: ReportArguments,
-    /// Exit status 1 if it does not converge or has warnings; the results are written all the same
+    /// Exit with status 1 if the solve does not converge or has warnings; the results are written
     #[arg(long, help_heading = OUTPUT)]
     pub(crate) strict: bool,
-    /// How far it has come, told on stderr
+    /// Progress on stderr
     #[arg(long, value_name = "HOW", help_heading = OUTPUT, value_enum, default_value_t)]
     progress: ProgressMode,
     #[command(flatten)]
@@ -87,12 +87,12 @@ pub(crate) struct RunArguments {
 }
 
 impl RunArguments {
-    /// What tells how far it has come.
+    /// A progress bar.
     pub(crate) fn bar(&self) -> Arc<Bar> {
         Arc::new(Bar::new(self.progress, self.report.is_quiet()))
     }
 
-    /// Whether programs are told.
+    /// Whether progress is printed as JSON.
     pub(crate) fn is_json(&self) -> bool {
         self.progress == ProgressMode::Json
     }
@@ -102,18 +102,18 @@ impl RunArguments {
         self.engine.open()
     }
 
-    /// Opens the device, to be kept, and describes it.
-    pub(crate) fn info(&self, kept: &mut Option<Engine>) -> Result<DeviceInfo, Failure> {
-        let engine = kept.insert(self.open_engine()?);
+    /// Opens the device into `opened` and describes it.
+    pub(crate) fn info(&self, opened: &mut Option<Engine>) -> Result<DeviceInfo, Failure> {
+        let engine = opened.insert(self.open_engine()?);
         Ok(engine.info().clone())
     }
 
-    /// Opens the device, unless it was kept.
-    pub(crate) fn engine(&self, kept: Option<Engine>) -> Result<Engine, Failure> {
-        kept.map_or_else(|| self.open_engine(), Ok)
+    /// Returns the opened device, or opens it.
+    pub(crate) fn engine(&self, opened: Option<Engine>) -> Result<Engine, Failure> {
+        opened.map_or_else(|| self.open_engine(), Ok)
     }
 
-    /// Fails, with `--strict`, if there is anything to warn of.
+    /// Fails with `--strict` if the solve did not converge or has warnings.
     pub(crate) fn check_strict(&self, converged: bool, warnings: &[String]) -> Result<(), Failure> {
         if !self.strict || (converged && warnings.is_empty()) {
             return Ok(());
@@ -123,7 +123,7 @@ impl RunArguments {
     }
 }
 
-/// The results of a solve, and where to say what came of them.
+/// The options of a command that continues from the results of a solve.
 #[derive(clap::Args, Debug)]
 pub(crate) struct ResultsArguments {
     /// Folder that `parfocal solve -o` or `stack -o` wrote
@@ -135,23 +135,23 @@ pub(crate) struct ResultsArguments {
 }
 
 impl ResultsArguments {
-    /// Tells a person the summary, and a program the result, where each is wanted.
+    /// Prints the summary on stderr, and with `--json` the report on stdout.
     pub(crate) fn report(&self, summary: &str, result: &impl Serialize) -> Result<(), Failure> {
         self.report.print(summary, || serde_json::to_string_pretty(result))
     }
 }
 
-/// How pictures of depth are drawn.
+/// The option `--colors`.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub(crate) struct ColorsArgument {
-    /// Colours of near and far
+    /// Colours of near and far in pictures of depth
     #[arg(long, value_name = "NAME", help_heading = OUTPUT, value_enum, default_value_t = Name::Viridis)]
     colors: Name,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Name {
-    /// Near yellow, far purple, in even steps for the eye
+    /// Near yellow, far purple; perceptually uniform
     Viridis,
     /// Near red, far blue, as in the paper
     RedBlue,

@@ -11,30 +11,30 @@ use serde::Serialize;
 use crate::cli::help::REGION;
 use crate::cli::output::failure::Failure;
 
-/// Of which pixels there are to be results.
+/// The options of the part of the frame.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct PartArguments {
-    /// A picture of the photographs' size, white where pixels count; the rest is left out and NaN
+    /// Picture of the size of the photographs, white where pixels count; others become NaN
     #[arg(long, value_name = "FILE", help_heading = REGION)]
     mask: Option<PathBuf>,
-    /// Results of a part of the frame only, px; a little around it is solved too
+    /// Region of the results, px; a margin around it is solved too
     #[arg(long, value_name = "X,Y,W,H", help_heading = REGION)]
     roi: Option<RegionArgument>,
-    /// Crop the results to the largest rectangle that is valid everywhere
+    /// Crop the results to the largest rectangle without invalid pixels
     #[arg(long, help_heading = REGION)]
     crop_valid: bool,
 }
 
-/// The part, and the corrections.
+/// The options of the part of the frame and the corrections of a pair.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct ScopeArguments {
     #[command(flatten)]
     part: PartArguments,
-    /// Folder of the solve of a flat target taken with the same optics: its field curvature is taken from V
+    /// Folder of the results of a flat target with the same optics; its field curvature is subtracted from V
     #[arg(long, value_name = "DIR", help_heading = REGION)]
     flat: Option<PathBuf>,
-    /// Standard deviation of V beyond which a pixel is marked as without texture, px²; default: half of V's range, and 1
-    /// at least
+    /// Standard deviation of V above which a pixel counts as without texture (px², 1e-6 to 1e6) [default: half the range of V,
+    /// at least 1]
     #[arg(long, value_name = "PX2", help_heading = REGION, value_parser = positive)]
     max_uncertainty: Option<f32>,
 }
@@ -62,20 +62,20 @@ impl ScopeArguments {
     }
 }
 
-/// The part of the photographs that is solved, and what is known of the lens; files by their names.
+/// The part of the photographs that is solved, and the files of the corrections.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Part {
     mask: Option<PathBuf>,
     region: Option<Region>,
     pub(crate) crop_valid: bool,
-    /// The flat reference's folder, whose results must not be replaced.
+    /// The folder of the flat reference; no result may replace it.
     pub(crate) flat: Option<PathBuf>,
     /// Standard deviation of V beyond which a pixel is marked, px².
     pub(crate) max_uncertainty: Option<f32>,
 }
 
 impl Part {
-    /// Reads what is named.
+    /// Reads the files.
     fn scope(&self) -> Result<SolveOptions, Failure> {
         let mask = self.mask.as_ref().map(|file| image_io::read(file)).transpose()?;
         let flat = self.flat.as_ref().map(|folder| flat_reference(folder)).transpose()?;
@@ -83,7 +83,7 @@ impl Part {
         Ok(SolveOptions { region: self.region, mask, flat, crop_valid: self.crop_valid, ..SolveOptions::default() })
     }
 
-    /// Reads it, and refuses what does not fit photographs of this size.
+    /// Reads the files, and refuses those that do not fit photographs of this size.
     pub(crate) fn fitting(&self, size: [u32; 2]) -> Result<SolveOptions, Failure> {
         let scope = self.scope()?;
         let [width, height] = size;
@@ -107,23 +107,23 @@ impl Part {
         Ok(scope)
     }
 
-    /// The size of the results, where it is known before the solve.
+    /// The size of the results, if it is known before the solve.
     pub(crate) fn size(&self, photograph: [u32; 2]) -> Option<[u32; 2]> {
         let size = self.region.map_or(photograph, |region| [region.width, region.height]);
         (!self.crop_valid).then_some(size)
     }
 
-    /// Whether all of the photographs is solved at once.
+    /// Whether the whole frame is solved.
     pub(crate) fn is_whole(&self) -> bool {
         self.region.is_none()
     }
 
-    /// The picture that no result may replace.
+    /// The mask; no result may replace it.
     pub(crate) fn mask(&self) -> Option<&PathBuf> {
         self.mask.as_ref()
     }
 
-    /// The files whose contents decide the results.
+    /// The files whose contents change the results.
     pub(crate) fn files(&self) -> Vec<PathBuf> {
         let of_flat = ["relative_blur.exr", "uncertainty.exr", "report.json"];
         let flat = self.flat.iter().flat_map(|folder| of_flat.map(|name| folder.join(name)));
@@ -173,7 +173,7 @@ impl FromStr for RegionAtDepth {
     }
 }
 
-/// `X1,Y1,X2,Y2`, perhaps with `,WIDTH`.
+/// `X1,Y1,X2,Y2` or `X1,Y1,X2,Y2,WIDTH`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LineArgument(pub(crate) Line);
 
@@ -196,7 +196,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_understood_or_refused_with_an_example() {
+    fn a_wrong_region_is_refused_with_an_example() {
         let RegionAtDepth(region, z) = "1,2, 3,4 = 52.5".parse().unwrap();
         assert_eq!((region.x, region.y, region.width, region.height, z), (1, 2, 3, 4, 52.5));
         let LineArgument(line) = "0,1.5,20,1.5,7".parse().unwrap();

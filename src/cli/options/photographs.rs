@@ -11,7 +11,7 @@ use parfocal::{Engine, PairSolver, Settings, settings::DeviceInfo};
 use crate::cli::help::INPUT;
 use crate::cli::output::failure::Failure;
 
-/// The pair.
+/// The two photographs of a pair.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct PairArguments {
     /// The photograph whose pixels the results follow: PNG, JPEG, TIFF, BMP, WebP, PNM, PFM or EXR
@@ -23,23 +23,23 @@ pub(crate) struct PairArguments {
 }
 
 impl PairArguments {
-    /// Both files.
+    /// The two files.
     pub(crate) fn files(&self) -> [PathBuf; 2] {
         [self.i1.clone(), self.i2.clone()]
     }
 }
 
-/// Opens two photographs; also what the report says of them.
+/// Opens two photographs; returns also their descriptions for the report.
 pub(crate) fn open_pair([i1, i2]: &[PathBuf; 2]) -> Result<([Photograph; 2], Vec<Input>), Failure> {
     let photographs = Photograph::open_pair(i1, i2)?;
     let inputs = photographs.iter().map(Photograph::describe).collect::<Result<_, _>>()?;
     Ok((photographs, inputs))
 }
 
-/// More pixels than this, 2^24, are not decoded before it is known that the device takes them: fewer take no time.
+/// Photographs of more pixels, 2^24, are decoded only once the device is known to hold them; smaller ones take no time.
 const LARGE: u64 = 1 << 24;
 
-/// Refuses photographs that are too large for the device, before they are decoded; those `in_parts` only where they are too large for that.
+/// Refuses photographs that are too large for the device, before they are decoded. `in_parts`: larger ones are solved in parts.
 pub(crate) fn check_size(
     photographs: [&Photograph; 2],
     settings: &Settings,
@@ -55,14 +55,14 @@ pub(crate) fn check_size(
         .map_err(|e| Failure::of_solve(e, photographs[0].path()))
 }
 
-/// Endings of the names of photographs.
-const ENDINGS: [&str; 13] =
+/// Extensions of photographs.
+const EXTENSIONS: [&str; 13] =
     ["png", "jpg", "jpeg", "tif", "tiff", "exr", "bmp", "webp", "pnm", "pgm", "ppm", "pam", "pfm"];
 
-/// Those of photographs without a header.
-const RAW_ENDINGS: [&str; 2] = ["raw", "bin"];
+/// Extensions of photographs without a header.
+const RAW_EXTENSIONS: [&str; 2] = ["raw", "bin"];
 
-/// A photograph by a name that states its format too, if it has no header.
+/// Adds the format to the name of a photograph without a header.
 pub(crate) fn with_format(path: PathBuf, raw: Option<RawFormat>) -> PathBuf {
     match raw {
         Some(format) if !path.to_string_lossy().contains('#') => {
@@ -74,8 +74,8 @@ pub(crate) fn with_format(path: PathBuf, raw: Option<RawFormat>) -> PathBuf {
     }
 }
 
-/// The photographs of a folder in natural order, `frame_2` before `frame_10`; or the files named. Those that a shell has listed, sorted
-/// letter by letter, are taken in natural order too, unless what they are focused at is `stated` beside them.
+/// The photographs of a folder in natural order, `frame_2` before `frame_10`, or the named files. Named files that are sorted, as a
+/// shell lists them, are put in natural order too, unless their positions are `stated`.
 pub(crate) fn sweep_frames(named: &[PathBuf], stated: bool, raw: Option<RawFormat>) -> Result<Vec<PathBuf>, Failure> {
     let folder = named.first().filter(|path| named.len() == 1 && path.is_dir());
     let mut files = match folder {
@@ -99,19 +99,19 @@ pub(crate) fn file_name(file: &Path) -> String {
     file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// The same without its ending.
+/// The name of a file without folders and extension.
 pub(crate) fn stem(file: &Path) -> String {
     file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The photographs and the folders in a folder, sorted; hidden ones and results are passed over.
+/// The photographs and the folders in a folder, sorted, without hidden ones and results.
 pub(crate) fn list_folder(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Failure> {
     let failed = |e| Failure::Failed(format!("{}: cannot be listed ({e}); check its permissions", folder.display()));
     let (mut files, mut folders) = (Vec::new(), Vec::new());
     for entry in fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         let is_input = SIMULATED_FILES[..2].contains(&name.as_str());
         let is_profile = name.starts_with("profile_") && name.ends_with(".png");
         let mut results = result_files().chain(SIMULATED_FILES);
@@ -120,7 +120,7 @@ pub(crate) fn list_folder(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<
             continue;
         } else if path.is_dir() {
             folders.push(path);
-        } else if if raw.is_some() { &RAW_ENDINGS[..] } else { &ENDINGS }.contains(&ending.as_str()) {
+        } else if if raw.is_some() { &RAW_EXTENSIONS[..] } else { &EXTENSIONS }.contains(&extension.as_str()) {
             files.push(path);
         }
     }
@@ -129,14 +129,14 @@ pub(crate) fn list_folder(folder: &Path, raw: Option<RawFormat>) -> Result<(Vec<
     Ok((files, folders))
 }
 
-/// A path in pieces, numbers apart: text and the number after it.
+/// The parts of a path, each a text and the number after it.
 fn natural_key(path: &Path) -> Vec<(String, u64)> {
     let (mut pieces, text) = (Vec::new(), path.to_string_lossy().into_owned());
     let mut rest = text.as_str();
     while !rest.is_empty() {
         let number = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
         let end = rest[number..].find(|c: char| !c.is_ascii_digit()).map_or(rest.len(), |end| number + end);
-        // Past what a number holds, the first of its digits do.
+        // The first 19 digits of a longer number.
         let digits = &rest[number..end.min(number + 19)];
         pieces.push((rest[..number].to_string(), digits.parse().unwrap_or(0)));
         rest = &rest[end..];
@@ -144,29 +144,29 @@ fn natural_key(path: &Path) -> Vec<(String, u64)> {
     pieces
 }
 
-/// Where each frame is focused.
+/// The options of the positions of the frames.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct FocusPositionArguments {
-    /// The distance from the lens at which each frame is focused, in order; gives depth in mm
+    /// Distance from the lens at which each frame is focused, in order (mm); gives depth in mm
     #[arg(long, value_name = "MM,MM,...", help_heading = INPUT, value_delimiter = ',', allow_hyphen_values = true)]
     focus_at: Option<Vec<f64>>,
-    /// What --focus-at states are places along the axis, from any origin
+    /// Take the numbers of --focus-at as positions along the axis, from any origin
     ///
-    /// Because a stage moved the camera or the scene, or the lens is telecentric towards the scene: depth is even in them,
+    /// For a stage that moves the camera or the scene, or a lens that is telecentric on the side of the scene: depth is linear in them,
     /// not in their inverse.
     #[arg(long, help_heading = INPUT, requires_if("true", "focus_at"))]
     stage: bool,
 }
 
 impl FocusPositionArguments {
-    /// What is stated, if anything is.
+    /// The stated positions.
     pub(crate) fn positions(&self) -> Option<Positions> {
         let at = self.focus_at.clone()?;
         Some(if self.stage { Positions::Stage(at) } else { Positions::Distances(at) })
     }
 }
 
-/// Which end of the sweep is near, by `--nearer` and by the distances. A stage may count either way, and is overruled.
+/// The near end of the sweep, by `--nearer` and by the distances. `--nearer` overrides a stage, whose direction is unknown.
 pub(crate) fn nearer_end(stated: Option<u8>, positions: &Positions) -> Result<Nearer, Failure> {
     let by_distance = positions.first_is_nearest().map(|first| if first { 1 } else { 2 });
     let contradicted = stated.is_some() && by_distance.is_some() && stated != by_distance;
@@ -181,7 +181,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_shell_lists_is_counted() {
+    fn the_list_of_a_shell_is_put_in_natural_order() {
         let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
         let listed = paths(&["a/image_1.jpg", "a/image_10.jpg", "a/image_2.jpg"]);
         let counted = paths(&["a/image_1.jpg", "a/image_2.jpg", "a/image_10.jpg"]);
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_is_listed_in_natural_order() {
+    fn a_folder_is_in_natural_order() {
         let folder = tempfile::TempDir::new().unwrap();
         for name in ["f_2.png", "f_10.png", "f_1.png", "notes.txt", "fused.png"] {
             std::fs::write(folder.path().join(name), name).unwrap();
@@ -203,6 +203,6 @@ mod tests {
         assert_eq!(names, ["f_1.png", "f_2.png", "f_10.png"]);
         std::fs::remove_file(folder.path().join("f_2.png")).unwrap();
         let refused = sweep_frames(&[folder.path().to_path_buf()], false, None).unwrap_err();
-        assert!(matches!(refused, Failure::Failed(told) if told.contains("holds 2 photographs")));
+        assert!(matches!(refused, Failure::Failed(problem) if problem.contains("holds 2 photographs")));
     }
 }

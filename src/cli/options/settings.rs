@@ -190,7 +190,7 @@ impl SettingsArguments {
         Ok(settings)
     }
 
-    /// What photographs without a header hold, if they are that.
+    /// The format of photographs without a header.
     pub(crate) fn raw(&self) -> Option<RawFormat> {
         self.raw
     }

@@ -19,21 +19,21 @@ use crate::cli::options::settings::{SettingsArguments, one_or_two};
 use crate::cli::output::destination::ForceArgument;
 use crate::cli::output::failure::Failure;
 
-/// The options.
+/// The options of a solve.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct SolveArguments {
-    /// Which image is focused nearer [default: 1; with a lens, as its focus distances say]
+    /// Image that is focused nearer [default: 1, or by the focus distances of the lens]
     ///
-    /// It decides which end of V is near in pictures and page.
+    /// Determines which end of V is near in the pictures and on the page.
     #[arg(long, value_name = "1|2", help_heading = INPUT, value_parser = one_or_two)]
     nearer: Option<u8>,
     #[command(flatten)]
     settings: SettingsArguments,
-    /// How to register
+    /// Method of registration
     #[arg(long, value_name = "NAME", help_heading = REGISTRATION, value_enum,
           default_value_t)]
     method: Method,
-    /// Keep what --transform states instead of starting from it; the method is then aligned
+    /// Hold the registration of --transform instead of starting from it; the method is then aligned
     #[arg(long, help_heading = REGISTRATION, requires_if("true", "transform"))]
     hold: bool,
     #[command(flatten)]
@@ -56,12 +56,12 @@ pub(crate) struct SolveArguments {
 }
 
 impl SolveArguments {
-    /// What photographs without a header hold, if they are that.
+    /// The format of photographs without a header.
     pub(crate) fn raw(&self) -> Option<RawFormat> {
         self.settings.raw()
     }
 
-    /// What they ask for, once it is found not to contradict itself.
+    /// The request, or an error if the options contradict each other.
     pub(crate) fn request(&self) -> Result<Request, Failure> {
         let part = self.scope.part();
         let files = self.settings.inputs().chain(self.lens.file()).chain(part.mask());
@@ -84,29 +84,29 @@ impl SolveArguments {
     }
 }
 
-/// The most bytes of a file that decides the results, 4 GiB, as of a photograph.
+/// The largest file that changes the results, 4 GiB, as of a photograph.
 const MAX_BYTES: u64 = 1 << 32;
 
-/// All that is asked of a pair. What decides the results is serialised, and nothing else.
+/// What to do with a pair or a sweep. The serialized fields are those that change the results.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Request {
     /// The settings, with the contents of the files that are named for kernel and registration.
     pub(crate) settings: Settings,
-    /// What photographs without a header hold.
+    /// The format of photographs without a header.
     pub(crate) raw: Option<String>,
-    /// Which image is focused nearer, 1 or 2, where that is stated.
+    /// The image that is focused nearer, 1 or 2, if stated.
     pub(crate) nearer: Option<u8>,
     pub(crate) part: Part,
-    /// As much of the lens as is stated, in a file or by flags; depth in mm is then wanted.
+    /// The stated fields of the lens; with them depth in mm is computed.
     pub(crate) lens: Option<PartOfLens>,
     pub(crate) wanted: MeasurementRequest,
     pub(crate) palette: Palette,
-    /// Whether there is report.html.
+    /// Whether report.html is written.
     pub(crate) page: bool,
     pub(crate) models: Exports,
     #[serde(skip)]
     pub(crate) force: ForceArgument,
-    /// Files that are read besides photographs, none of which a result may replace.
+    /// The files that are read apart from photographs; no result may replace them.
     #[serde(skip)]
     pub(crate) files: Vec<PathBuf>,
     #[serde(skip)]
@@ -114,7 +114,7 @@ pub(crate) struct Request {
 }
 
 impl Request {
-    /// Refuses what contradicts itself.
+    /// Refuses options that contradict each other.
     pub(crate) fn check(&self) -> Result<(), Failure> {
         self.nearer(self.lens.map_or(Ok(None), PartOfLens::if_whole)?.as_ref())?;
         if self.part.crop_valid && !self.wanted.is_empty() {
@@ -124,18 +124,18 @@ impl Request {
         Ok(())
     }
 
-    /// Which image is focused nearer, by what is stated and by the lens.
+    /// The image that is focused nearer, by `--nearer` and by the lens.
     pub(crate) fn nearer(&self, lens: Option<&Lens>) -> Result<Nearer, Failure> {
         lens::nearer(self.nearer, lens)
     }
 
-    /// The lens, with what is not stated as the photographs say.
+    /// The lens, with fields that are not stated from the photographs.
     pub(crate) fn lens(&self, photographs: &[Input]) -> Result<Option<Lens>, Failure> {
         self.lens.map(|stated| stated.or(PartOfLens::of_photographs(photographs)).whole()).transpose()
     }
 
-    /// SHA-256 of everything but the photographs that decides the results: the version, the request, and the files that it
-    /// names; and of what is `more` than a pair has.
+    /// SHA-256 of what changes the results apart from the photographs: the version, the request, its files, and `more`, of a
+    /// sweep.
     pub(crate) fn digest(&self, more: &[u8]) -> Result<String, Failure> {
         let request = serde_json::to_vec(self).map_err(|e| Failure::Failed(e.to_string()))?;
         let read = |file: PathBuf| {
@@ -147,7 +147,7 @@ impl Request {
         let mut digest = Sha256::new();
         let more = (!more.is_empty()).then(|| more.to_vec());
         for part in [env!("CARGO_PKG_VERSION").into(), request].into_iter().chain(files).chain(more) {
-            // With its length, so that no two lists of parts read alike.
+            // With its length, so that different lists of parts differ.
             digest.update(part.len().to_le_bytes());
             digest.update(part);
         }
@@ -173,7 +173,7 @@ mod tests {
     const T: &str = r#"{"tx_px": 3, "ty_px": 4, "rotation_deg": 0, "scale": 1}"#;
 
     fn with_exposure() -> String {
-        format!(r#"{{"transform": {T}, "photometric": {{"gain": 1.2, "offset": 0.1}}}}"#)
+        format!(r#"{{"transform": {T}, "gain": 1.2, "offset": 0.1}}"#)
     }
 
     fn request(flags: &[&str]) -> Result<Request, Failure> {
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn without_flags_the_settings_are_those_of_the_library() {
+    fn the_default_flags_are_the_default_settings() {
         assert_eq!(settings(&[]), Settings::default());
     }
 
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn an_exposure_by_flag_is_held_and_goes_before_a_file() {
+    fn an_exposure_by_flag_is_held_and_overrides_a_file() {
         let found = settings(&["--gain", "1.1"]);
         assert_eq!((found.photometric, found.start_photometric), (false, Photometric { gain: 1.1, offset: 0.0 }));
         let found = with_file(&["--offset", "-0.02"], &with_exposure());
@@ -219,14 +219,14 @@ mod tests {
     }
 
     #[test]
-    fn every_method_has_its_name() {
+    fn each_method_is_chosen_by_its_name() {
         for method in [Method::Unified, Method::Aligned, Method::Appearance, Method::Sift] {
             assert_eq!(settings(&["--method", method.name()]).method, method);
         }
     }
 
     #[test]
-    fn the_digest_is_of_what_decides_the_results() {
+    fn the_digest_changes_with_what_changes_the_results() {
         let mask = tempfile::NamedTempFile::new().unwrap();
         let digest = |flags: &[&str]| request(flags).unwrap().digest(&[]).unwrap();
         let masked = ["--mask", mask.path().to_str().unwrap()];

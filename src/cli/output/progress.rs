@@ -16,13 +16,13 @@ use crate::cli::batch::summary::{Outcome, Row};
 use crate::cli::options::output::RunArguments;
 use crate::cli::output::failure::plain;
 
-/// How often a line is told where there is no terminal: what is quicker needs none.
-const EVERY: Duration = Duration::from_secs(5);
+/// The time between two lines without a terminal. Shorter solves need none.
+const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Steps of the bar.
 const BAR_STEPS: u64 = 1000;
 
-/// Whom it is told.
+/// How progress is display.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProgressMode {
     /// A bar on a terminal, elsewhere a line every five seconds
@@ -34,42 +34,42 @@ pub(crate) enum ProgressMode {
     None,
 }
 
-/// What tells of progress until it is dropped.
+/// Progress of a solve, until it is dropped.
 pub(crate) struct Bar {
-    shown: Shown,
+    display: Display,
     started: Instant,
 }
 
-enum Shown {
+enum Display {
     Bar(ProgressBar),
     Lines(Lines),
     Json,
     Nothing,
 }
 
-/// A line every few seconds, of how far it was last heard to be.
+/// A line of the latest progress every few seconds.
 struct Lines {
-    heard: Arc<Mutex<String>>,
-    /// Dropped to end the thread; no thread, no lines.
+    latest: Arc<Mutex<String>>,
+    /// The sender is dropped to end the thread. Without a thread there are no lines.
     thread: Option<(Sender<()>, JoinHandle<()>)>,
 }
 
 impl Bar {
-    /// As is asked for; nothing where a person is told nothing.
-    pub(crate) fn new(how: ProgressMode, is_quiet: bool) -> Self {
-        let shown = match how {
-            ProgressMode::Json => Shown::Json,
+    /// A bar as `mode` requests; none if `is_quiet`.
+    pub(crate) fn new(mode: ProgressMode, is_quiet: bool) -> Self {
+        let display = match mode {
+            ProgressMode::Json => Display::Json,
             ProgressMode::Auto if !is_quiet && io::stderr().is_terminal() => {
                 let bar = ProgressBar::no_length();
                 if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} % {elapsed} {msg}") {
                     bar.set_style(style);
                 }
-                Shown::Bar(bar)
+                Display::Bar(bar)
             }
-            ProgressMode::Auto if !is_quiet => Shown::Lines(Lines::new()),
-            _ => Shown::Nothing,
+            ProgressMode::Auto if !is_quiet => Display::Lines(Lines::new()),
+            _ => Display::Nothing,
         };
-        Self { shown, started: Instant::now() }
+        Self { display, started: Instant::now() }
     }
 
     /// A function that shows the progress of a solve.
@@ -80,48 +80,48 @@ impl Bar {
 
     fn show(&self, Progress { done, total, share }: Progress) {
         let level = format!("level {done} of {total}");
-        match &self.shown {
-            Shown::Bar(bar) => {
+        match &self.display {
+            Display::Bar(bar) => {
                 bar.set_length(BAR_STEPS);
                 bar.set_message(level);
                 bar.set_position((share * BAR_STEPS as f64).round() as u64);
             }
-            Shown::Lines(lines) => {
-                if let Ok(mut heard) = lines.heard.lock() {
-                    *heard = format!("{:.0} %, {level}", 100.0 * share);
+            Display::Lines(lines) => {
+                if let Ok(mut latest) = lines.latest.lock() {
+                    *latest = format!("{:.0} %, {level}", 100.0 * share);
                 }
             }
-            Shown::Json => {
+            Display::Json => {
                 let seconds = (self.started.elapsed().as_secs_f64() * 1e3).round() / 1e3;
                 let line = json!({ "progress": (share * 1e4).round() / 1e4, "level": done, "levels": total, "seconds": seconds });
-                // Nobody is left to be told where stderr is closed.
+                // A closed stderr has no reader.
                 let _ = writeln!(io::stderr(), "{line}");
             }
-            Shown::Nothing => {}
+            Display::Nothing => {}
         }
     }
 }
 
 impl Lines {
     fn new() -> Self {
-        let heard = Arc::new(Mutex::new("the first level".to_string()));
+        let latest = Arc::new(Mutex::new("the first level".to_string()));
         let (ended, end) = channel::<()>();
-        let (told, started) = (heard.clone(), Instant::now());
+        let (shared, started) = (latest.clone(), Instant::now());
         let thread = thread::Builder::new().spawn(move || {
-            while end.recv_timeout(EVERY) == Err(RecvTimeoutError::Timeout) {
-                let heard = told.lock().map(|heard| heard.clone()).unwrap_or_default();
-                let _ = writeln!(io::stderr(), "solving        {heard}, {:.0} s", started.elapsed().as_secs_f64());
+            while end.recv_timeout(LINE_INTERVAL) == Err(RecvTimeoutError::Timeout) {
+                let latest = shared.lock().map(|latest| latest.clone()).unwrap_or_default();
+                let _ = writeln!(io::stderr(), "solving        {latest}, {:.0} s", started.elapsed().as_secs_f64());
             }
         });
-        Self { heard, thread: thread.ok().map(|thread| (ended, thread)) }
+        Self { latest, thread: thread.ok().map(|thread| (ended, thread)) }
     }
 }
 
 impl Drop for Bar {
     fn drop(&mut self) {
-        match &mut self.shown {
-            Shown::Bar(bar) => bar.finish_and_clear(),
-            Shown::Lines(lines) => {
+        match &mut self.display {
+            Display::Bar(bar) => bar.finish_and_clear(),
+            Display::Lines(lines) => {
                 if let Some((ended, thread)) = lines.thread.take() {
                     drop(ended);
                     let _ = thread.join();
@@ -132,25 +132,25 @@ impl Drop for Bar {
     }
 }
 
-/// Progress over the pairs: a bar on a terminal, elsewhere a line a pair.
+/// Progress of a batch: a bar on a terminal, else a line for each pair.
 pub(crate) struct BatchProgress {
     bar: ProgressBar,
     lines: bool,
-    /// Whether a program is told, a line of JSON a pair.
+    /// Whether to print a line of JSON for each pair.
     json: bool,
-    /// In all; 0 where nobody knows.
+    /// The number of pairs; 0 if unknown.
     pairs: usize,
     done: AtomicUsize,
 }
 
 impl BatchProgress {
-    /// A line a pair, of which nobody knows how many there will be.
+    /// Progress of an unknown number of pairs: a line for each.
     pub(crate) fn endless(run: &RunArguments) -> Self {
         let (quiet, json) = (run.report.is_quiet(), run.is_json());
         Self { bar: ProgressBar::hidden(), lines: !quiet && !json, json, pairs: 0, done: AtomicUsize::new(0) }
     }
 
-    /// Over so many pairs.
+    /// Progress of a number of pairs.
     pub(crate) fn new(pairs: usize, run: &RunArguments) -> Self {
         let (quiet, json) = (run.report.is_quiet() || run.is_json(), run.is_json());
         let terminal = io::stderr().is_terminal();
@@ -171,11 +171,11 @@ impl BatchProgress {
         Self { bar, lines: !terminal && !quiet, json, pairs, done: AtomicUsize::new(0) }
     }
 
-    /// Counts what came of one.
+    /// Counts and shows the outcome of a pair.
     pub(crate) fn show(&self, row: &Row) {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         if matches!(row.outcome(), Outcome::Kept(_)) {
-            // What is left out took no time and says nothing about the rest.
+            // Kept results take no time and must not change the estimate.
             self.bar.dec_length(1);
         } else {
             self.bar.inc(1);

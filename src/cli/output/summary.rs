@@ -1,4 +1,4 @@
-//! What a solve tells a person when it is done: a few lines.
+//! The summary of a solve on stderr.
 
 use std::path::Path;
 
@@ -12,10 +12,10 @@ use parfocal::{
 use crate::cli::commands::depth;
 use crate::cli::commands::measure;
 
-/// A label and what it says.
+/// A label and its text.
 type Row = (&'static str, String);
 
-/// The few lines of a solve, without a newline at the end.
+/// The summary of a solve, without a newline at the end.
 pub(crate) fn summary(report: &Report, palette: Palette, out: &Path) -> String {
     let mut rows = found(report);
     rows.extend(kernel(report.kernel_shape));
@@ -28,7 +28,7 @@ pub(crate) fn summary(report: &Report, palette: Palette, out: &Path) -> String {
     lines(&rows)
 }
 
-/// The few lines of a registration, without a newline at the end.
+/// The summary of a registration, without a newline at the end.
 pub(crate) fn registration_summary(report: &Report, out: Option<&Path>) -> String {
     let mut rows = found(report);
     rows.extend(judged(report));
@@ -67,37 +67,37 @@ fn registration(frame: &FrameReport) -> [Row; 2] {
     [("transform", transform), ("exposure", format!("gain {gain:.4}, offset {offset:+.4}{shading}"))]
 }
 
-/// α, and whether it was found.
+/// α, and whether it was stated.
 fn smoothness(report: &Report) -> Option<Row> {
-    let by = if report.settings.regularization.is_some() { "as asked" } else { "found" };
+    let by = if report.settings.regularization.is_some() { "as stated" } else { "found" };
     report.regularization.map(|alpha| ("smoothness", format!("α {}, {by}", rounded(alpha))))
 }
 
-/// What the kernel was found to be.
+/// The estimated shape of the kernel.
 fn kernel(shape: Option<f64>) -> Option<Row> {
-    let told = |shape: f64| match shape {
+    let describe = |shape: f64| match shape {
         0.0 => "a Gaussian, found".to_string(),
         _ => format!("{shape:.2} of the way from a Gaussian to a disk, found"),
     };
-    shape.map(|shape| ("blur", told(shape)))
+    shape.map(|shape| ("blur", describe(shape)))
 }
 
-/// To two figures.
+/// Rounds to two significant digits.
 fn rounded(value: f64) -> f64 {
     format!("{value:.1e}").parse().unwrap_or(value)
 }
 
-/// What there is to say of the motion model.
+/// A better motion model, if there is one.
 fn motion(other: Option<OtherMotion>) -> Option<Row> {
     other.map(|other| ("motion", format!("{other} (--motion {})", other.motion.name())))
 }
 
-/// What the values of the files were taken for, and why.
+/// How the values of the files were read, and why.
 fn values(inputs: &[Input], values: Values) -> Option<Row> {
     (!inputs.is_empty()).then(|| ("values", values_in_words(inputs, values)))
 }
 
-/// The same, without a label.
+/// How the values of the files were read, and why, without a label.
 pub(crate) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -> String {
     let mut said: Vec<&str> = inputs.iter().filter_map(|input| input.encoding.as_deref()).collect();
     said.sort_unstable();
@@ -106,16 +106,16 @@ pub(crate) fn values_in_words(inputs: &[Input], Values { decode, by }: Values) -
         [] => "the files do not say what they are".to_string(),
         several => format!("the files say {}", several.join(" and ")),
     };
-    let taken = if decode == Decode::Srgb { "sRGB curve undone" } else { "as stored" };
+    let reading = if decode == Decode::Srgb { "sRGB curve undone" } else { "as stored" };
     let why = match (by, decode) {
         (Basis::Files, _) => files,
-        (Basis::Stated, _) => format!("as asked; {files}"),
+        (Basis::Stated, _) => format!("as stated; {files}"),
         (Basis::Assumed, Decode::Srgb) => {
             "assumed where files do not say; --decode none if they are linear".to_string()
         }
         (Basis::Assumed, _) => "assumed linear, where files do not say; --decode srgb if they are not".to_string(),
     };
-    format!("{taken} ({why})")
+    format!("{reading} ({why})")
 }
 
 fn judged(report: &Report) -> Vec<Row> {
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_person_is_told_what_came_out_and_where_it_is() {
+    fn the_summary_states_the_results_and_their_folder() {
         let text = summary(&report([-1.5, 4.0]), Palette::Viridis, Path::new("out"));
         for part in [
             "a device (a driver)",
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_valid_pixel_no_range_is_made_up() {
+    fn without_a_valid_pixel_the_summary_states_no_range() {
         let text = summary(&report([f32::NAN; 2]), Palette::Viridis, Path::new("out"));
         assert!(text.contains("no valid pixel") && !text.contains("NaN"), "{text}");
     }

@@ -1,4 +1,4 @@
-//! The plan of a solve, before anything is allocated: levels of the pyramid, filters and what each iteration does.
+//! The plan of a solve: levels of the pyramid, filters, and what each iteration does.
 
 use crate::base::{Channels, Error, Format, Kernel, Method, Motion, PixelFormat, Settings, centre};
 use crate::engine::filter::{self, Filter};

@@ -1,4 +1,4 @@
-//! Dense registration without a blur model, equation 36 of the paper: the sums of the registration step.
+//! Dense registration without a blur model, equation 36 of the paper.
 //!
 //! ```text
 //! E(T) = ∫ ψ(S²) dx,  S = I1 - J,  J = g I2(T x) + o

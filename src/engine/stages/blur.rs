@@ -1,5 +1,6 @@
-//! Î1 and Î2, both images blurred by the kernel of variance V, and their derivatives by V: the CPU reference of
-//! `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, section 3 of `docs/method.md`.
+//! Both images blurred by the kernel of variance V, Î1 and Î2, and their derivatives by V.
+//!
+//! The CPU reference of `glsl/include/blur.glsl`. Equations 22 and 25 of the paper, section 3 of `docs/method.md`.
 
 use super::Field;
 use super::spline::{self, Jet};

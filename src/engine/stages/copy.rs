@@ -1,4 +1,6 @@
-//! Copies an image. No part of the method: [`bench`](crate::internals::bench) measures the memory bandwidth with it.
+//! Copies an image.
+//!
+//! It is no part of the method: [`bench`](crate::internals::bench) measures the memory bandwidth with it.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels};

@@ -1,6 +1,7 @@
-//! One channel of the fused image, equation 37: `r̃ = I1 H(V) + J (1 - H(V))`, the sharper image at each pixel.
+//! Computes one channel of the fused image, equation 37: `r̃ = I1 H(V) + J (1 - H(V))`.
 //!
-//! J includes gain, offset and shading, which avoids seams. Where I2 does not reach, the result is I1.
+//! It is the sharper image at each pixel. J includes gain, offset and shading, which avoids seams. Where I2 does not
+//! reach, the result is I1.
 
 use super::blur::heaviside;
 use super::pass::{Memory, Pass, bindings, push_constants};

@@ -1,5 +1,6 @@
-//! Compares two frames of a sweep where the first is the sharper: the linear system for du, and the sums of their
-//! registration.
+//! Compares two frames of a sweep where the first is the sharper.
+//!
+//! It computes the linear system for du, and the sums of their registration.
 //!
 //! Frame k is focused at the setting p_k. A point that is in focus at u is blurred in it by `v_k = c (p_k - u)²`. For a
 //! pair

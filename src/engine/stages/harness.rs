@@ -1,4 +1,4 @@
-//! A test rig: runs one pass on a device under validation, with fields of the CPU references as input and output.
+//! A test rig that runs one pass on a device under validation, with fields as input and output.
 
 use std::sync::{Arc, LazyLock};
 

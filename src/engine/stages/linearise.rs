@@ -1,11 +1,10 @@
-//! Computes D and b of each pixel's equation for dV, and the registration integrals, from V, I1, I2 and T.
-//! [`system`](super::system) makes the linear system of D and b.
+//! Computes D and b of each pixel's equation for dV, and the registration integrals.
 //!
-//! Equations 22 to 32 and 23 of the paper, sections 3 to 5 of `docs/method.md`:
+//! [`system`](super::system) makes the linear system of D and b. Equations 22 to 32 and 23 of the paper, sections 3 to 5 of `docs/method.md`:
 //!
 //! ```text
 //! S1 = G(V) * I1 - J,  S2 = G(-V) * J - I1,  w1 = H ψ'(S1²),  w2 = (1-H) ψ'(S2²)
-//! Î1v less S1 n1'/2n1, Î2v less S2 n2'/2n2: what noise has of them (noise.rs)
+//! Î1v less S1 n1'/2n1, Î2v less S2 n2'/2n2: without the part of noise (noise.rs)
 //! D = w1 Î1v² + w2 Î2v²,  b = -(w1 S1 Î1v + w2 S2 Î2v),  a_n = α (φ + φ_n)/2
 //! r = b + Σ a_n (V_n - V)
 //! N = Σ w j jᵀ - q qᵀ/(D + λ Σa),  g = Σ w j S + q r/(D + λ Σa),  q = w1 Î1v j1 + w2 Î2v j2,  j = ∂S/∂ζ
@@ -20,7 +19,6 @@ use super::blur::{NEAR, PairSample, Stacks, heaviside, sample_pair};
 use super::mask::{self, Masks};
 use super::noise::{self, Noise};
 use super::pass::{Memory, Pass, bindings, push_constants};
-
 use super::stack::Slopes;
 use super::state::{Registration, inside};
 use super::sums::{Layout, Sums};

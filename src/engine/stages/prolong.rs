@@ -1,5 +1,7 @@
-//! V of a level from V of the next coarser one: read at x/2, the mean half-way between pixels, times four. A px² of the
-//! finer level is a quarter as large.
+//! Computes V of a level from V of the next coarser one.
+//!
+//! V is read at x/2 (the mean half-way between pixels), times four, since a px² of the finer level is a quarter as
+//! large.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels};

@@ -1,4 +1,6 @@
-//! All relaxation sweeps on a small level by one workgroup: there a dispatch of [`relax`] takes longer than its work.
+//! All relaxation sweeps on a small level by one workgroup.
+//!
+//! On small levels a dispatch of [`relax`] takes longer than its work.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::{Field, pixels, relax};

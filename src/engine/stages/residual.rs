@@ -1,8 +1,8 @@
-//! The squared residual that neither blur nor T explains, on every other pixel: H S1² + (1 - H) S2², as in
-//! [`linearise`](mod@super::linearise).
+//! Computes the squared residual that neither blur nor T explains, on every other pixel.
 //!
-//! Averaged over the [window](super::uncertainty_terms::window()), its root shows where something moved between the
-//! photographs, reflects differently, or is occluded.
+//! It is H S1² + (1 - H) S2², as in [`linearise`](mod@super::linearise). Averaged over the
+//! [window](super::uncertainty_terms::window()), its root shows where something moved between the photographs, reflects
+//! differently, or is occluded.
 
 use super::blur::{Stacks, heaviside, sample_pair};
 use super::pass::{Memory, Pass, bindings, push_constants};

@@ -1,6 +1,6 @@
-//! Applies the kernel's shape to the nodes of a Gaussian's blur stack, in place: adds the [estimated
-//! share](super::shape_median) of a disk's [departure](super::stack::departure) from a Gaussian.
+//! Applies the kernel's shape to the nodes of a Gaussian's blur stack, in place.
 //!
+//! It adds the [estimated share](super::shape_median) of a disk's [departure](super::stack::departure) from a Gaussian.
 //! The slope at a node stays half the Laplacian, which is exact only for a Gaussian. Between nodes a disk's image is
 //! then off by a ninth of its difference from a Gaussian's, less than the departure itself leaves.
 

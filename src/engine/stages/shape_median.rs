@@ -1,5 +1,6 @@
-//! The kernel's shape as the weighted median of [its estimates in windows](super::shape_windows). A median, since
-//! windows err at depth edges and where something moved.
+//! Computes the kernel's shape as the weighted median of its estimates in windows.
+//!
+//! A median, since [windows](super::shape_windows) err at depth edges and where something moved.
 
 use super::pass::{Memory, Pass, bindings, push_constants};
 use super::shape_windows::Window;

@@ -1,5 +1,6 @@
-//! Fields of numbers with the border rule of the shaders, and cubic B-splines over them: the CPU reference of
-//! `glsl/include/border.glsl` and `glsl/include/spline.glsl`.
+//! Fields of numbers with the border rule of the shaders, and cubic B-splines over them.
+//!
+//! The CPU reference of `glsl/include/border.glsl` and `glsl/include/spline.glsl`.
 
 /// `height` rows of `width` numbers.
 #[derive(Clone, Debug, PartialEq)]

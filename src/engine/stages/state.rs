@@ -1,5 +1,6 @@
-//! The state of a solve on the device, and the displacement of a pixel by T: the CPU reference of
-//! `glsl/include/state.glsl`.
+//! The state of a solve on the device, and the displacement of a pixel by T.
+//!
+//! The CPU reference of `glsl/include/state.glsl`.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,5 +1,6 @@
-//! The sums of the registration step, and the layout of a row of partial sums: the CPU reference of
-//! `glsl/include/sums.glsl`.
+//! The sums of the registration step, and the layout of a row of partial sums.
+//!
+//! The CPU reference of `glsl/include/sums.glsl`.
 //!
 //! ```text
 //! unknown        t_x     t_y     zoom    turn     stretch  shear   g_x          g_y

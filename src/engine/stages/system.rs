@@ -1,9 +1,9 @@
-//! The linear system for the step of the unknown: V of a [pair](super::linearise), or u of a sweep ([summed over its
-//! pairs](super::half_pair)).
+//! Computes the linear system for the step of the unknown: V of a pair, or u of a sweep.
 //!
-//! It combines D and b of the photographs, averaged over a window, with the smoothness of ρ: V, or √c u in px of blur.
-//! For a sweep it also computes the step of c, with u eliminated as dV is from a pair's registration. Equations 26 to
-//! 28, sections 4 and 11 of `docs/method.md`.
+//! D and b are those of a [pair](super::linearise), or [summed over the pairs](super::half_pair) of a sweep, averaged
+//! over a window. The system combines them with the smoothness of ρ: V, or √c u in px of blur. For a sweep the pass
+//! also computes the step of c, with u eliminated as dV is from a pair's registration. Equations 26 to 28, sections 4
+//! and 11 of `docs/method.md`.
 //!
 //! ```text
 //! (D + Σ a_n) du = b + Σ a_n (u_n - u - g_n) + Σ a_n du_n,  a_n = α c (φ + φ_n)/2,  φ = 1/sqrt(c |∇u|² + η²),  c of a pair 1

@@ -1,5 +1,6 @@
-//! V where it is valid and NaN elsewhere, its standard deviation and the residual, the root of its mean square over a
-//! window. Section 7 of `docs/method.md`.
+//! Computes the results: V where it is valid and NaN elsewhere, its standard deviation, and the residual.
+//!
+//! The residual is the root of its mean square over a window. Section 7 of `docs/method.md`.
 //!
 //! Over a window of N pixels, with V as one unknown, least squares give it the variance `Σb²/(ΣD)²`: the pull of each
 //! residual, by misfit and noise, over the weight of V. Where V bends, smoothness and displacement change it in

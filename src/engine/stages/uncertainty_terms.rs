@@ -1,5 +1,6 @@
-//! The terms of the uncertainty, on every other pixel: D, b² and (∇²V)² after the last step. Section 7 of
-//! `docs/method.md`.
+//! Computes the terms of the uncertainty, on every other pixel: D, b² and (∇²V)² after the last step.
+//!
+//! Section 7 of `docs/method.md`.
 //!
 //! V depends on all pixels within reach of the smoothness, so that a single pixel says little. Averaged over a
 //! [window](fn@window), the terms give V's standard deviation (see [`uncertainty`](mod@super::uncertainty)).

@@ -1,4 +1,6 @@
-//! Resamples I2 onto I1's pixels and applies the shading, so that a blur stack of it can be read on the pixels.
+//! Warps I2: resamples it onto I1's pixels by T, and applies the shading.
+//!
+//! A blur stack of the warped I2 can be read on the pixels.
 //!
 //! The blur of a warped image is the warped blur, with a variance in I1's pixels. T may still move a little:
 //! [`linearise`](super::linearise) follows it by the gradient on each pixel.

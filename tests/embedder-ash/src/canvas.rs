@@ -1,4 +1,4 @@
-//! An image of the renderer's own, into which V is drawn.
+//! An image into which V is drawn.
 
 use parfocal::interop::DeviceSolution;
 use parfocal::interop::ash::vk;
@@ -8,7 +8,7 @@ use crate::pipeline::Pipeline;
 
 const FORMAT: vk::Format = vk::Format::R8G8B8A8_UNORM;
 
-/// A picture of V, and a buffer by which the host sees it.
+/// A picture of V, and a host-visible copy.
 pub struct Canvas<'a> {
     gpu: &'a Gpu,
     extent: vk::Extent2D,
@@ -16,7 +16,7 @@ pub struct Canvas<'a> {
     image: vk::Image,
     view: vk::ImageView,
     buffer: vk::Buffer,
-    /// Of the image and of the buffer.
+    /// The memory of the image and of the buffer.
     memory: [vk::DeviceMemory; 2],
     pool: vk::CommandPool,
     commands: vk::CommandBuffer,
@@ -65,10 +65,10 @@ impl<'a> Canvas<'a> {
         }
     }
 
-    /// Has V drawn once it is there. The device waits for that; this does not.
+    /// Submits a draw of V. The device waits for the results; the host does not.
     ///
     /// # Safety
-    /// What was drawn before was [read](Self::read), and what is drawn now is before the pair is dropped.
+    /// The picture before was [read](Self::read), and this one is read before the pair is dropped.
     pub unsafe fn draw(&mut self, results: &DeviceSolution, range: f32) -> Result<(), vk::Result> {
         let Gpu { device, queue, turns, .. } = self.gpu;
         // SAFETY: the results are of this device, and nothing of this is under way, by the caller.
@@ -76,7 +76,7 @@ impl<'a> Canvas<'a> {
             self.pipeline.read_from(device, results.buffer);
             self.record(range)?;
         }
-        // The semaphore brings what the engine wrote to the stage that waits: V needs no barrier.
+        // The semaphore makes the engine's writes visible to the stage that waits: V needs no barrier.
         let waits = [vk::SemaphoreSubmitInfo::default()
             .semaphore(results.semaphore)
             .value(results.value)
@@ -84,12 +84,13 @@ impl<'a> Canvas<'a> {
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
         let submit = vk::SubmitInfo2::default().wait_semaphore_infos(&waits).command_buffer_infos(&commands);
         let _turn = turns.acquire();
-        // SAFETY: it is this one's turn at the queue; what the commands use stays until the fence says that they are done.
+        // SAFETY: it is this one's turn at the queue; what the commands use stays until the fence says that they are
+        // done.
         unsafe { device.queue_submit2(*queue, &[submit], self.fence) }
     }
 
     /// # Safety
-    /// The commands are not under way.
+    /// The commands are not pending.
     unsafe fn record(&self, range: f32) -> Result<(), vk::Result> {
         let (device, commands) = (&self.gpu.device, self.commands);
         let once = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
@@ -140,7 +141,7 @@ impl<'a> Canvas<'a> {
         }
     }
 
-    /// Waits for what was drawn: RGBA, row by row.
+    /// Waits for the picture and returns it as RGBA, row by row.
     pub fn read(&mut self) -> Result<Vec<u8>, vk::Result> {
         let device = &self.gpu.device;
         let size = (4 * self.extent.width * self.extent.height) as usize;
@@ -157,7 +158,7 @@ impl<'a> Canvas<'a> {
 }
 
 impl Canvas<'_> {
-    /// Puts the image into another layout, between what is done to it before and after.
+    /// Changes the layout of the image.
     ///
     /// # Safety
     /// The commands are being recorded, and the image is in the layout `from`.
@@ -180,7 +181,7 @@ impl Canvas<'_> {
         unsafe { self.gpu.device.cmd_pipeline_barrier2(self.commands, &barrier) };
     }
 
-    /// Has the host see what was copied.
+    /// Makes the copy visible to the host.
     ///
     /// # Safety
     /// The commands are being recorded.
@@ -219,10 +220,10 @@ fn whole() -> vk::ImageSubresourceRange {
     vk::ImageSubresourceRange::default().aspect_mask(vk::ImageAspectFlags::COLOR).level_count(1).layer_count(1)
 }
 
-/// Memory of some kind for an image or a buffer.
+/// Allocates memory for an image or a buffer.
 ///
 /// # Safety
-/// What it needs was asked of this device.
+/// The requirements are those of this device.
 unsafe fn allocate(
     gpu: &Gpu,
     needs: vk::MemoryRequirements,
@@ -249,9 +250,9 @@ mod tests {
 
     use super::*;
 
-    /// A device with one queue that works in order would show V without: the host has the last word here.
+    /// A device with one queue would draw V in order without the semaphore. Here the host signals it.
     #[test]
-    fn nothing_is_drawn_before_the_semaphore_says_so() {
+    fn nothing_is_drawn_before_the_semaphore_is_signalled() {
         let gpu = Gpu::new(validate()).unwrap();
         // SAFETY: the engine and the solver go before the device.
         let engine = Engine::from_vulkan(unsafe { gpu.lent() }, &EngineOptions::default()).unwrap();

@@ -1,4 +1,4 @@
-//! The renderer's own instance, device and queue.
+//! The instance, device and queue of the renderer.
 
 use std::error::Error;
 use std::ffi::CStr;
@@ -11,23 +11,23 @@ use crate::messages::Messages;
 
 const VALIDATION: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// A device that draws and computes, and one queue of it.
+/// A device that draws and computes, with one queue.
 pub struct Gpu {
     pub instance: ash::Instance,
     pub physical: vk::PhysicalDevice,
     pub device: ash::Device,
     pub family: u32,
     pub queue: vk::Queue,
-    /// Whose turn it is at the queue, the renderer's or the engine's.
+    /// The lock of the queue, which renderer and engine share.
     pub turns: Arc<SharedQueue>,
     wanted: DeviceRequirements,
     messages: Option<Messages>,
-    // Holds the loader's library open.
+    // Keeps the loader's library open.
     _entry: ash::Entry,
 }
 
 impl Gpu {
-    /// Opens the first device that will do; under validation, if so wanted.
+    /// Opens the first suitable device, with validation if asked for.
     pub fn new(validate: bool) -> Result<Self, Box<dyn Error>> {
         // SAFETY: the system's Vulkan loader.
         let entry = unsafe { ash::Entry::load() }?;
@@ -43,10 +43,10 @@ impl Gpu {
         Ok(Self { instance, physical, device, family, queue, turns, wanted, messages, _entry: entry })
     }
 
-    /// The device as an engine takes it.
+    /// The device for an engine.
     ///
     /// # Safety
-    /// The engine, its solvers and their views are gone before this is.
+    /// The engine and its solvers are dropped before this.
     pub unsafe fn lent(&self) -> ExternalDevice {
         // SAFETY: all are of this, which outlives the engine, by the caller; whoever uses the queue takes a turn.
         unsafe {
@@ -82,7 +82,7 @@ fn instance(entry: &ash::Entry, validate: bool) -> Result<ash::Instance, vk::Res
     unsafe { entry.create_instance(&create, None) }
 }
 
-/// A device of Vulkan 1.3, and a family of its queues for both.
+/// A Vulkan 1.3 device and a queue family that draws and computes.
 fn choose(instance: &ash::Instance) -> Result<Option<(vk::PhysicalDevice, u32)>, vk::Result> {
     // SAFETY: the instance is there.
     let devices = unsafe { instance.enumerate_physical_devices() }?;
@@ -99,7 +99,7 @@ fn choose(instance: &ash::Instance) -> Result<Option<(vk::PhysicalDevice, u32)>,
     Ok(devices.into_iter().find_map(fits))
 }
 
-/// A device with what the renderer needs itself and what the engine wants.
+/// A device with the features of the renderer and of the engine.
 fn device(
     instance: &ash::Instance,
     physical: vk::PhysicalDevice,

@@ -1,8 +1,8 @@
-//! A renderer by plain ash that lends its device to the engine, and draws V without the host touching it.
+//! A renderer with ash that shares its device with the engine and draws V on the device.
 //!
 //!     cargo run --package embedder-ash [PICTURE.ppm]
 //!
-//! `gpu.rs` makes instance and device, and lends them; `canvas.rs` draws; `pipeline.rs` and `messages.rs` know nothing of the engine.
+//! `gpu.rs` makes instance and device, `canvas.rs` draws. `pipeline.rs` and `messages.rs` do not use the engine.
 
 mod canvas;
 mod gpu;
@@ -18,9 +18,9 @@ use crate::canvas::Canvas;
 use crate::gpu::Gpu;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // What is declared later goes earlier: what draws V before the solver that has it, the engine before the device.
+    // Drop order is the reverse: the canvas before the solver, the engine before the device.
     let gpu = Gpu::new(validate())?;
-    // SAFETY: the engine, the solver and its pairs are declared after the device, and go before it.
+    // SAFETY: engine, solver and pairs are declared after the device, and dropped before it.
     let engine = Engine::from_vulkan(unsafe { gpu.lent() }, &EngineOptions::default())?;
     let [i1, i2] = pair(|x| x + 0.25);
     let mut solver = PairSolver::for_frames(&engine, [&i1, &i2], &Settings::default())?;

@@ -1,20 +1,20 @@
-//! What validation says.
+//! Validation messages.
 
 use std::ffi::c_void;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use parfocal::interop::ash::{self, ext, vk};
 
-/// Validation messages, kept.
+/// The validation messages so far.
 pub struct Messages {
     utils: ext::debug_utils::Instance,
     messenger: vk::DebugUtilsMessengerEXT,
-    // In an `Arc`, where the messenger finds it wherever this is moved.
+    // In an `Arc`, so that its address stays.
     kept: Arc<Mutex<Vec<String>>>,
 }
 
 impl Messages {
-    /// Of an instance that was made with the layer and `VK_EXT_debug_utils`.
+    /// Collects messages of an instance with the layer and `VK_EXT_debug_utils`.
     pub fn of(entry: &ash::Entry, instance: &ash::Instance) -> Result<Self, vk::Result> {
         let utils = ext::debug_utils::Instance::new(entry, instance);
         let kept = Arc::<Mutex<Vec<String>>>::default();
@@ -30,7 +30,7 @@ impl Messages {
         Ok(Self { utils, messenger, kept })
     }
 
-    /// All so far; none are to come.
+    /// Ends the collection and returns the messages.
     pub fn end(self) -> Vec<String> {
         // SAFETY: the instance is still there, by `Gpu`, and nothing else has the messenger.
         unsafe { self.utils.destroy_debug_utils_messenger(self.messenger, None) };

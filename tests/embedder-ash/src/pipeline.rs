@@ -1,4 +1,4 @@
-//! How V is drawn: two shaders, and what they are told.
+//! The pipeline that draws V: two shaders and their constants.
 
 use std::io::Cursor;
 
@@ -7,10 +7,10 @@ use parfocal::interop::ash::{self, util, vk};
 const SCREEN: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/screen.vert.spv"));
 const BLUR: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/blur.frag.spv"));
 
-/// Push constants: the width, and V that has the full colour.
+/// Push constants: the width, and V of the full colour.
 pub const CONSTANTS: u32 = 8;
 
-/// A pipeline that covers what it draws to, reads V from a storage buffer, and has one set of descriptors, for that.
+/// A pipeline that fills the image from V in a storage buffer, with its descriptor set.
 pub struct Pipeline {
     pub handle: vk::Pipeline,
     pub layout: vk::PipelineLayout,
@@ -45,10 +45,10 @@ impl Pipeline {
         }
     }
 
-    /// V is in this buffer from now on.
+    /// Sets the buffer of V.
     ///
     /// # Safety
-    /// The buffer is of this device; nothing that was drawn so far is under way.
+    /// The buffer belongs to this device, and no draw is pending.
     pub unsafe fn read_from(&self, device: &ash::Device, buffer: vk::Buffer) {
         let buffers = [vk::DescriptorBufferInfo::default().buffer(buffer).range(vk::WHOLE_SIZE)];
         let write = vk::WriteDescriptorSet::default()
@@ -60,7 +60,7 @@ impl Pipeline {
     }
 
     /// # Safety
-    /// Nothing that was drawn is under way, and nothing will be.
+    /// No draw is pending, and none follows.
     pub unsafe fn destroy(&self, device: &ash::Device) {
         // SAFETY: by the caller.
         unsafe {

@@ -1,4 +1,4 @@
-//! A texture of wgpu's, into which V is drawn.
+//! A wgpu texture into which V is drawn.
 
 use std::error::Error;
 
@@ -16,7 +16,7 @@ pub struct Canvas<'a> {
     size: [u32; 2],
     pipeline: wgpu::RenderPipeline,
     texture: wgpu::Texture,
-    /// By which the host sees it.
+    /// The host-visible copy.
     buffer: wgpu::Buffer,
 }
 
@@ -48,10 +48,10 @@ impl<'a> Canvas<'a> {
         Self { device, queue, turns, size, pipeline: pipeline(device, width, range), texture, buffer }
     }
 
-    /// Has V drawn once it is there. The device waits for that; this does not.
+    /// Submits a draw of V. The device waits for the results; the host does not.
     ///
     /// # Safety
-    /// What is drawn is [read](Self::read) before the slot takes another pair.
+    /// The picture is [read](Self::read) before the pair is dropped.
     pub unsafe fn draw(&self, results: &DeviceSolution) -> Result<(), Box<dyn Error>> {
         // SAFETY: the buffer is of this device, stays until the solver goes, and is nobody's to destroy here.
         let v = unsafe {
@@ -63,7 +63,8 @@ impl<'a> Canvas<'a> {
         };
         let commands = self.commands(&v);
         let _turn = self.turns.acquire();
-        // SAFETY: the semaphore is of this device. Nobody else submits in between: the next submission is the one below.
+        // SAFETY: the semaphore is of this device. Nobody else submits in between: the next submission is the one
+        // below.
         unsafe {
             let queue = self.queue.as_hal::<Vulkan>().ok_or("wgpu is not on Vulkan")?;
             let stage = vk::PipelineStageFlags::FRAGMENT_SHADER;
@@ -103,7 +104,7 @@ impl<'a> Canvas<'a> {
         encoder.finish()
     }
 
-    /// Waits for what was drawn: RGBA, row by row.
+    /// Waits for the picture and returns it as RGBA, row by row.
     pub fn read(&self) -> Result<Vec<u8>, Box<dyn Error>> {
         self.buffer.map_async(wgpu::MapMode::Read, .., |mapped| mapped.expect("the device is there"));
         self.device.poll(wgpu::PollType::wait_indefinitely())?;
@@ -117,7 +118,7 @@ impl<'a> Canvas<'a> {
     }
 }
 
-/// Bytes of a row, as wgpu copies them.
+/// Bytes of a row in wgpu's copies.
 fn row(width: u32) -> u32 {
     (4 * width).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT)
 }

@@ -1,8 +1,8 @@
-//! A program on wgpu that lends wgpu's device to the engine, and draws V without the host touching it.
+//! A program on wgpu that shares its device with the engine and draws V on the device.
 //!
 //!     cargo run --package embedder-wgpu [PICTURE.ppm]
 //!
-//! `shared.rs` opens the device, `canvas.rs` draws; `messages.rs` knows nothing of the engine.
+//! `shared.rs` opens the device, `canvas.rs` draws. `messages.rs` does not use the engine.
 
 mod canvas;
 mod messages;
@@ -63,13 +63,13 @@ fn draw() -> Result<Vec<u8>, Box<dyn Error>> {
     Ok(picture)
 }
 
-/// What is done while another thread has wgpu work, as programs that draw have.
+/// Runs a function while another thread submits to wgpu's queue, as drawing programs do.
 fn beside<T>(device: &wgpu::Device, queue: &wgpu::Queue, turns: &SharedQueue, of: impl FnOnce() -> T) -> T {
     let (usage, size) = (wgpu::BufferUsages::COPY_DST, 256);
     let buffer = device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false });
     let (end, ended) = mpsc::channel::<()>();
     std::thread::scope(|scope| {
-        let _end = end; // goes with this, should `of` panic too
+        let _end = end; // dropped with this function, also if `of` panics
         scope.spawn(move || {
             while ended.recv_timeout(Duration::from_millis(1)) == Err(mpsc::RecvTimeoutError::Timeout) {
                 let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -90,9 +90,9 @@ mod tests {
 
     use super::*;
 
-    /// A device with one queue that works in order would show V without: the host has the last word here.
+    /// A device with one queue would draw V in order without the semaphore. Here the host signals it.
     #[test]
-    fn nothing_is_drawn_before_the_semaphore_says_so() {
+    fn nothing_is_drawn_before_the_semaphore_is_signalled() {
         let turns = Arc::<SharedQueue>::default();
         // SAFETY: nothing else uses the queue but by turns; the engine and the solver go before the device.
         let (device, queue, foreign) = unsafe { shared::open(&adapter().unwrap(), &turns) }.unwrap();

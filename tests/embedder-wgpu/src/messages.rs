@@ -1,4 +1,4 @@
-//! What validation says, which wgpu hands to the crate `log`.
+//! Validation messages, which wgpu passes to the crate `log`.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -6,13 +6,13 @@ struct Messages(Mutex<Vec<String>>);
 
 static MESSAGES: Messages = Messages(Mutex::new(Vec::new()));
 
-/// Keeps them from now on.
+/// Begins to collect messages.
 pub fn listen() {
     log::set_logger(&MESSAGES).expect("nobody else listens");
     log::set_max_level(log::LevelFilter::Warn);
 }
 
-/// All so far.
+/// The messages so far.
 pub fn heard() -> Vec<String> {
     MESSAGES.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
 }
@@ -24,7 +24,7 @@ impl log::Log for Messages {
 
     fn log(&self, record: &log::Record<'_>) {
         let message = record.args().to_string();
-        // Layers of 2022 know no SPIR-V of WGSL, and take it for wrong. What is slow is wgpu's affair.
+        // Layers of 2022 reject wgpu's SPIR-V. Performance warnings are wgpu's own.
         let is_known = message.contains("Invalid source language operand: 10");
         if self.enabled(record.metadata()) && message.starts_with("VALIDATION") && !is_known {
             self.0.lock().unwrap_or_else(PoisonError::into_inner).push(message);

@@ -1,4 +1,4 @@
-//! A device of wgpu's that an engine can use too.
+//! A wgpu device that an engine can use too.
 
 use std::error::Error;
 use std::sync::Arc;
@@ -7,16 +7,17 @@ use parfocal::interop::ash::vk;
 use parfocal::interop::{DeviceRequirements, ExternalDevice, SharedQueue};
 use wgpu::hal::api::Vulkan;
 
-/// The family from which wgpu takes its queue.
+/// The queue family that wgpu uses.
 const FAMILY: u32 = 0;
 
-/// wgpu's device and queue, and the device as an engine takes it. Instead of `Adapter::request_device`, which leaves off what an engine
-/// requires, and of `open_with_callback`, which cannot switch it on: wgpu's chain of features has maintenance4 in it already, off.
+/// Opens wgpu's device and queue, and the device for an engine. `Adapter::request_device` leaves out features that the
+/// engine requires, and `open_with_callback` cannot enable them: wgpu's chain of features has maintenance4 in it,
+/// disabled.
 ///
 /// # Safety
-/// - Whoever has wgpu use its queue takes a turn for it: `Queue::submit`, `Queue::present`, `Surface::configure`,
+/// - The caller locks the queue around each use by wgpu: `Queue::submit`, `Queue::present`, `Surface::configure`,
 ///   `Queue::on_submitted_work_done`, `Buffer::map_async` of a buffer written since the last submission, the drop of the last handle of a queue.
-/// - The engine, its solvers and their views are gone before wgpu's device is.
+/// - The engine and its solvers are dropped before wgpu's device.
 pub unsafe fn open(
     adapter: &wgpu::Adapter,
     turns: &Arc<SharedQueue>,
@@ -33,8 +34,8 @@ pub unsafe fn open(
     let mut features = hal.physical_device_features(&extensions, wants.required_features);
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(FAMILY).queue_priorities(&[1.0])];
     let create = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&names);
-    // SAFETY: wgpu's features are here, in a chain that is valid; the device is made as wgpu would, with what is wanted besides, and
-    // becomes wgpu's.
+    // SAFETY: wgpu's features are here, in a chain that is valid; the device is made as wgpu would, with what is wanted
+    // besides, and becomes wgpu's.
     unsafe {
         let create = wanted.enable_features(features.add_to_device_create(create));
         let raw = instance.create_device(physical, &create, None)?;

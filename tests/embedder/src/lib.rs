@@ -1,14 +1,13 @@
-//! A pair from memory whose relative blur and registration are known, for programs that embed the engine; and V in colours, for those
-//! that draw it.
+//! For programs that embed the engine: a pair with known relative blur and registration, and the colours of V.
 
 use parfocal::Frame;
 
 pub const SIZE: u32 = 96;
-/// Of the blur of I1, px².
+/// Variance of the blur of I1, px².
 pub const VARIANCE: f64 = 0.5;
-/// A place in I2 less the same in I1, px.
+/// Displacement from I1 to I2, px.
 pub const SHIFT: [f64; 2] = [0.8, -0.6];
-/// V that has the full colour, px².
+/// V of the full colour, px².
 pub const RANGE: f32 = 1.5;
 
 /// Two photographs, where V at `x`, -1 on the left to 1 on the right, is `blur(x)`.
@@ -16,7 +15,7 @@ pub fn pair(blur: fn(f64) -> f64) -> [Frame; 2] {
     [photograph(|_| VARIANCE, [0.0; 2]), photograph(|x| VARIANCE + blur(x), SHIFT)]
 }
 
-/// Waves in all directions, seen through a Gaussian of some variance, which it dims as its transfer function says.
+/// Waves in all directions, blurred by a Gaussian of some variance.
 fn photograph(variance: impl Fn(f64) -> f64, [dx, dy]: [f64; 2]) -> Frame {
     let waves: Vec<[f64; 3]> = (0..64)
         .map(|n| f64::from(n) * 2.4)
@@ -31,12 +30,12 @@ fn photograph(variance: impl Fn(f64) -> f64, [dx, dy]: [f64; 2]) -> Frame {
     Frame::gray(SIZE, SIZE, places.map(|(x, y)| value(x, y)).collect()).expect("a frame")
 }
 
-/// Whether the tests want validation.
+/// Whether to turn on validation.
 pub fn validate() -> bool {
     std::env::var_os("PARFOCAL_VALIDATE").is_some_and(|value| value == "1")
 }
 
-/// What the shaders make of V: blue where I1 is the softer, orange where it is the sharper, white between, black where nothing is known.
+/// The colour of V: blue where I1 is softer, orange where it is sharper, white between, black where V is not valid.
 pub fn colour(blur: f32) -> [f32; 3] {
     if blur.is_nan() {
         return [0.0; 3];
@@ -46,10 +45,10 @@ pub fn colour(blur: f32) -> [f32; 3] {
     end.map(|channel: f32| 1.0 + part.abs() * (channel - 1.0))
 }
 
-/// A picture that was drawn of V, RGBA, is the one that the host would have drawn.
+/// Checks that an RGBA picture is the one that the host would have drawn of V.
 ///
 /// # Panics
-/// Where it is not.
+/// The picture differs.
 pub fn compare(picture: &[u8], relative_blur: &[f32]) {
     assert_eq!(picture.len(), 4 * relative_blur.len());
     for (i, (drawn, &blur)) in picture.chunks_exact(4).zip(relative_blur).enumerate() {
@@ -61,7 +60,7 @@ pub fn compare(picture: &[u8], relative_blur: &[f32]) {
     assert!(least < 0.5 && most > 1.0, "no slope to be seen: {least} to {most} px²");
 }
 
-/// RGBA as a file that any viewer opens.
+/// Writes an RGBA picture as PPM.
 ///
 /// # Errors
 /// The file cannot be written.
