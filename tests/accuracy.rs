@@ -1,4 +1,5 @@
-//! Accuracy on scenes and photographs, as docs/evaluation.md quotes it: `cargo test --release --test accuracy -- --nocapture`.
+//! Accuracy on scenes and photographs, as docs/evaluation.md quotes it: `cargo test --release --test accuracy --
+//! --nocapture`.
 
 mod common;
 
@@ -107,8 +108,9 @@ fn pcb_header() {
     check_real("pcb-header", ["pcb_003.jpg", "pcb_005.jpg"], [-1.56, 3.46, -0.004, -1.29]);
 }
 
-/// The light differs over the frame by a tenth, which a program with one gain takes for scale: 0.9 px at the corners. The
-/// frames are compared with each other instead. Without shading, T through the frame between is 0.55 to 0.86 px off.
+/// The light differs over the frame by a tenth, which a program with one gain takes for scale: 0.9 px at the corners.
+/// The frames are compared with each other instead. Without shading, T through the frame between is 0.55 to 0.86 px
+/// off.
 #[test]
 fn dimple() {
     let names = ["image05.jpg", "image07.jpg", "image09.jpg"];

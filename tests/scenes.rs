@@ -57,7 +57,8 @@ fn uniform_blur_is_registered_to_a_thousandth_of_a_pixel() {
     }
 }
 
-/// The paper's central claim, under its asymmetric kernel, with exposure solved for. σ 1 is the hardest: see section 3 of
+/// The paper's central claim, under its asymmetric kernel, with exposure solved for. σ 1 is the hardest: see section 3
+/// of
 /// `docs/method.md`.
 #[test]
 fn asymmetric_blur_is_registered() {
@@ -71,8 +72,8 @@ fn asymmetric_blur_is_registered() {
     }
 }
 
-/// I1 or I2 is sharp and the other blurred: the mean of an asymmetric kernel lies in the blurred image and turns with it.
-/// T turns by 1°: a mean that did not turn would be 0.04 px off.
+/// I1 or I2 is sharp and the other blurred: the mean of an asymmetric kernel lies in the blurred image and turns with
+/// it. T turns by 1°: a mean that did not turn would be 0.04 px off.
 #[test]
 fn either_image_may_be_the_blurred_one() {
     let engine = TestEngine::new();

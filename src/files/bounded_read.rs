@@ -1,23 +1,22 @@
-//! Files that are read whole: regular ones, and no more of them than is asked for.
+//! Reads regular files up to a limit.
 //!
-//! Whoever names a file may name a pipe or a device, by mistake or on purpose: opening the one waits for a writer that never
-//! comes, reading the other never ends.
+//! A user may name a pipe or a device. Opening a pipe waits for a writer, and reading a device may never end.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Error, ErrorKind, Read, Result};
 use std::path::Path;
 
-/// Opens a regular file for reading. Anything else is refused, at once.
+/// Opens a regular file for reading. Other files are refused at once.
 ///
 /// # Errors
-/// As of [`File::open`], and [`ErrorKind::InvalidInput`] for what is no regular file.
+/// Those of [`File::open`], and [`ErrorKind::InvalidInput`] for other files.
 pub fn open(path: &Path) -> Result<File> {
     let mut options = OpenOptions::new();
     options.read(true);
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, rustix::fs::OFlags::NONBLOCK.bits() as i32);
     let file = options.open(path)?;
-    // Of what was opened: the name may lead elsewhere by now.
+    // The metadata of the open file: its name may refer to another one by now.
     if file.metadata()?.is_file() {
         return Ok(file);
     }
@@ -27,7 +26,7 @@ pub fn open(path: &Path) -> Result<File> {
 /// The bytes of a regular file.
 ///
 /// # Errors
-/// As of [`open`], and [`ErrorKind::FileTooLarge`] where there are more than `most`.
+/// Those of [`open`], and [`ErrorKind::FileTooLarge`] for more than `most` bytes.
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     open(path)?.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
@@ -40,7 +39,7 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
 /// The text of a regular file.
 ///
 /// # Errors
-/// As of [`read`], and [`ErrorKind::InvalidData`] for what is no UTF-8.
+/// Those of [`read`], and [`ErrorKind::InvalidData`] for text that is not UTF-8.
 pub fn text(path: &Path, most: u64) -> Result<String> {
     String::from_utf8(read(path, most)?).map_err(|_| Error::new(ErrorKind::InvalidData, "not UTF-8"))
 }
@@ -50,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_more_is_read_than_is_asked_for() {
+    fn a_file_beyond_the_limit_is_refused() {
         let folder = tempfile::TempDir::new().unwrap();
         let file = folder.path().join("file");
         std::fs::write(&file, "abc").unwrap();

@@ -1,4 +1,4 @@
-//! Files to [`Frame`](crate::Frame)s, and results to files: all of them or none. Nothing here knows Vulkan or a pass.
+//! Files: photographs to [`Frame`](crate::Frame)s, and results to files.
 
 pub mod bounded_read;
 pub mod export;

@@ -1,10 +1,10 @@
-//! A photograph as a screen shows it.
+//! Photographs in 8 bits, for display.
 
 use image::{Rgb, RgbImage};
 
 use crate::base::{Channels, Frame, Samples};
 
-/// A photograph in 8 bits.
+/// Converts a photograph to 8-bit RGB.
 pub(crate) fn photograph(frame: &Frame) -> RgbImage {
     let bytes: Vec<u8> = match frame.samples() {
         Samples::U8(s) => s.clone(),
@@ -20,7 +20,7 @@ pub(crate) fn photograph(frame: &Frame) -> RgbImage {
     })
 }
 
-/// A grey value in 8 bits, white at 1.
+/// Converts a value to 8 bits, white at 1.
 pub(crate) fn byte(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0).round() as u8
 }

@@ -7,19 +7,23 @@
 //! let (without, with) = (vec![0.0; 64 * 48], vec![1.5; 64 * 48]);
 //! let scale = Scale::common([&without[..], &with], Nearer::First);
 //! let field = |v: &[f32]| Panel::relative_blur(64, 48, v, &scale);
-//! let row = Row::new("Cup").scale(scale).panels([field(&without), Panel::missing("too few key-points"), field(&with)]);
+//! let panels = [field(&without), Panel::missing("too few key-points"), field(&with)];
+//! let row = Row::new("Cup").scale(scale).panels(panels);
 //! let sheet = Sheet::new("Relative blur").columns(["without registration", "SIFT", "unified"]).row(row);
 //! assert!(sheet.draw().width() > 3 * 260);
 //! ```
 //!
-//! V is red where near and blue where far, as in the paper, and grey where not valid. A panel that cannot be drawn says why.
+//! V is red where near and blue where far, as in the paper, and grey where not valid. A panel that cannot be drawn says
+//! why.
 
 use image::RgbImage;
 
 use crate::base::Frame;
 use crate::files::export::{Palette, Scale};
 use crate::files::preview::photograph;
-use crate::page::figure::{Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, bar_width, color_bar, resized, text};
+use crate::page::figure::{
+    Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, bar_width, color_bar, resized, text_width, wrap_text,
+};
 
 /// The paper's colours, for its figures.
 pub(crate) const PALETTE: Palette = Palette::RedBlue;
@@ -206,7 +210,7 @@ impl Sheet {
             let cell =
                 Area { x: self.column(layout, i), y: place.y, width: self.panel_width as f32, height: place.height };
             draw_panel(canvas, cell, panel);
-            for (k, line) in text::wrap(&panel.caption, CAPTION, cell.width).iter().enumerate() {
+            for (k, line) in wrap_text(&panel.caption, CAPTION, cell.width).iter().enumerate() {
                 let y = cell.bottom() + (k as f32 + 1.0) * LINE * CAPTION;
                 canvas.text(line, (cell.middle().0, y), CAPTION, Align::Middle, GRAY);
             }
@@ -233,7 +237,7 @@ impl Sheet {
         let left = MARGIN + if named { NAME + GAP } else { 0.0 };
         let columns = self.column_count() as f32 * (self.panel_width as f32 + GAP) - GAP;
         let keys = if self.rows.iter().any(|row| row.scale.is_some()) { 2.0 * GAP + bar_width(CAPTION) } else { 0.0 };
-        let title = 2.0 * MARGIN + text::width(&self.title, TITLE);
+        let title = 2.0 * MARGIN + text_width(&self.title, TITLE);
         let width = (left + columns.max(0.0) + keys + MARGIN).max(title).ceil();
         let top = MARGIN
             + if self.title.is_empty() { 0.0 } else { LINE * TITLE + GAP }
@@ -244,7 +248,7 @@ impl Sheet {
             let height = self.panel_height(row);
             rows.push(RowLayout { y, height });
             let lines =
-                row.panels.iter().map(|panel| text::wrap(&panel.caption, CAPTION, self.panel_width as f32).len());
+                row.panels.iter().map(|panel| wrap_text(&panel.caption, CAPTION, self.panel_width as f32).len());
             y += (height + lines.max().unwrap_or(0) as f32 * LINE * CAPTION + 1.5 * GAP).ceil();
         }
         let footer = match self.footer_lines(width).len() {
@@ -266,7 +270,7 @@ impl Sheet {
     }
 
     fn footer_lines(&self, width: f32) -> Vec<String> {
-        text::wrap(&self.footer, CAPTION, width - 2.0 * MARGIN)
+        wrap_text(&self.footer, CAPTION, width - 2.0 * MARGIN)
     }
 }
 
@@ -291,7 +295,7 @@ fn draw_missing(canvas: &mut Canvas, cell: Area, reason: &str) {
     );
     let (x, y) = cell.middle();
     canvas.line(&[(x - 12.0, y - 8.0), (x + 12.0, y - 8.0)], GRAY, 2.0, None);
-    for (i, line) in text::wrap(reason, CAPTION, cell.width - 2.0 * GAP).iter().enumerate() {
+    for (i, line) in wrap_text(reason, CAPTION, cell.width - 2.0 * GAP).iter().enumerate() {
         canvas.text(line, (x, y + 14.0 + i as f32 * LINE * CAPTION), CAPTION, Align::Middle, GRAY);
     }
 }

@@ -1,4 +1,4 @@
-//! The index of a batch: all that was solved, what is worst first, each with a small picture and a link to its page.
+//! The index page of a batch: a card for each result, the worst first, with a small picture and a link to its page.
 
 use std::fmt::Write;
 
@@ -12,29 +12,29 @@ use super::figure::resized;
 /// Width of a small picture, px.
 const WIDTH: u32 = 320;
 
-/// So many have small pictures; a page of more would be slow to open.
-const MOST: usize = 500;
+/// Most entries with a picture; a page with more would open slowly.
+const MAX_PICTURES: usize = 500;
 
 /// One pair or sweep.
 #[derive(Clone, Debug, Default)]
 pub struct Entry {
     /// Its name; any text.
     pub name: String,
-    /// What became of it: "solved", "kept", "failed", "not done".
+    /// "solved", "kept", "failed" or "not done".
     pub status: String,
-    /// Numbers in words.
+    /// Numbers as text.
     pub facts: Vec<String>,
-    /// What speaks against it.
+    /// Warnings and errors.
     pub warnings: Vec<String>,
-    /// From 0; the greatest stand first.
+    /// Order of the entries: the greatest come first; 0 is good.
     pub badness: f64,
-    /// Where its page is, from the index.
+    /// Link to its page from the index.
     pub page: Option<String>,
-    /// Its depth.
+    /// Picture of its depth.
     pub picture: Option<RgbImage>,
 }
 
-/// The page, which begins so that `parfocal` knows it again.
+/// The page; its beginning identifies it as one of `parfocal batch`.
 pub fn batch_page(title: &str, sentence: &str, mut entries: Vec<Entry>) -> String {
     entries.sort_by(|a, b| b.badness.total_cmp(&a.badness));
     let mut page = format!(
@@ -48,7 +48,7 @@ pub fn batch_page(title: &str, sentence: &str, mut entries: Vec<Entry>) -> Strin
     );
     for (n, entry) in entries.iter().enumerate() {
         // Writing into a string does not fail.
-        let _ = write!(page, "{}", card(entry, n < MOST));
+        let _ = write!(page, "{}", card(entry, n < MAX_PICTURES));
     }
     page.push_str("</ul>\n</main>\n</body>\n</html>\n");
     page
@@ -87,7 +87,7 @@ fn small(picture: &RgbImage) -> Option<String> {
     Some(STANDARD.encode(bytes))
 }
 
-/// Text as HTML, in elements and attributes.
+/// Escapes text for HTML elements and attributes.
 fn text(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_worst_stands_first_and_names_are_text() {
+    fn the_worst_comes_first_and_names_are_escaped() {
         let entry = |name: &str, badness| Entry { name: name.to_string(), badness, ..Entry::default() };
         let odd = "<img src=x onerror=alert(1)>\"'&";
         let picture = Some(RgbImage::new(700, 300));

@@ -1,27 +1,27 @@
-//! The picture of an inspected part: where it deviates from the golden one, and to which side.
+//! The picture of an inspected part with its deviations from the golden part.
 
 use image::{Rgb, RgbImage};
 
-use super::figure::{Align, Area, BLACK, Canvas, Color, GRAY, WHITE, text};
+use super::figure::{Align, Area, BLACK, Canvas, Color, GRAY, WHITE, text_width};
 use crate::base::Frame;
 use crate::files::preview;
 use crate::metric::inspect::{Deviation, Inspection};
 
-/// Nearer to the camera than the golden part, and further.
+/// Colours of regions nearer to the camera than the golden part, and further away.
 const NEARER: Color = [214, 39, 40];
 const FURTHER: Color = [31, 119, 180];
-/// Size of text as a part of the longer side, and the least that can be read, px.
+/// Size of text as a fraction of the longer side, and its least size, px.
 const TEXT: f32 = 0.02;
 const LEAST_TEXT: f32 = 11.0;
-/// Regions that have their number written beside them; of more it would hide the picture.
+/// Most regions with a number; more numbers would hide the picture.
 const MOST_NUMBERS: usize = 99;
-/// A number stands within a region that is so many times as wide and as high.
+/// Size of a region, in sizes of the number, from which the number is inside it.
 const ROOM: f32 = 3.0;
-/// Stripes over what could not be judged: one in so many pixels.
+/// Period of the stripes over pixels that are not judged, px.
 const STRIPES: u32 = 6;
 
-/// Draws the part, on the golden one's pixels, with its regions outlined and filled, their numbers, stripes where it could not be
-/// judged, and below it a key and, at the end, a sentence of one's own.
+/// Draws the part on the golden part's pixels: regions filled, outlined and numbered, stripes where it is not judged, and below it a key
+/// and the verdict.
 pub fn draw(part: &Frame, inspection: &Inspection, unit: &str, verdict: &str) -> RgbImage {
     let picture = marked(&preview::photograph(part), inspection);
     let (width, height) = picture.dimensions();
@@ -33,7 +33,7 @@ pub fn draw(part: &Frame, inspection: &Inspection, unit: &str, verdict: &str) ->
         (Some(GRAY), format!("striped: not judged, {:.1} %", 100.0 * inspection.unjudged_share())),
         (None, verdict.to_string()),
     ];
-    let widest = keys.iter().map(|(_, words)| text::width(words, size)).fold(0.0, f32::max);
+    let widest = keys.iter().map(|(_, words)| text_width(words, size)).fold(0.0, f32::max);
     let below = line * (keys.len() as f32 + 0.5);
     let mut canvas = Canvas::new(width.max((widest + 3.0 * size).ceil() as u32), height + below.ceil() as u32);
     canvas.image(&picture, (0, 0));
@@ -51,10 +51,10 @@ pub fn draw(part: &Frame, inspection: &Inspection, unit: &str, verdict: &str) ->
     canvas.into_image()
 }
 
-/// At the centroid of a region, or beside one that it would hide; on white, since red on red cannot be read.
+/// Writes the number of a region at its centroid, or beside a small region; on white, to be readable.
 fn number(canvas: &mut Canvas, n: usize, region: &Deviation, size: f32, picture_width: f32) {
     let (words, bounds) = (n.to_string(), region.bounds_px);
-    let (width, height) = (text::width(&words, size) + 0.4 * size, 1.2 * size);
+    let (width, height) = (text_width(&words, size) + 0.4 * size, 1.2 * size);
     let hides = (bounds.width as f32) < ROOM * width || (bounds.height as f32) < ROOM * height;
     let [x, y] = if hides {
         [((bounds.x + bounds.width) as f32 + 2.0).min(picture_width - width), bounds.y as f32]
@@ -69,14 +69,14 @@ fn color(region: &Deviation) -> Color {
     if region.mean > 0.0 { NEARER } else { FURTHER }
 }
 
-/// What is furthest off to one side, in words.
+/// The largest deviation to one side, as text.
 fn extreme(inspection: &Inspection, unit: &str, nearer: bool) -> String {
     let of_side = inspection.regions.iter().filter(|region| (region.mean > 0.0) == nearer);
     let most = of_side.map(|region| region.extreme).max_by(|a, b| a.abs().total_cmp(&b.abs()));
     most.map_or("none".to_string(), |most| format!("up to {most:+.3} {unit}"))
 }
 
-/// The picture in grey, regions in colour.
+/// The picture in grey with coloured regions.
 fn marked(part: &RgbImage, inspection: &Inspection) -> RgbImage {
     let (width, height) = part.dimensions();
     let label = |x: u32, y: u32| {
@@ -97,7 +97,7 @@ fn marked(part: &RgbImage, inspection: &Inspection) -> RgbImage {
     })
 }
 
-/// Half of each.
+/// Mean of two colours.
 fn mixed(a: Color, b: Color) -> Color {
     std::array::from_fn(|c| a[c] / 2 + b[c] / 2)
 }
@@ -108,7 +108,7 @@ mod tests {
     use crate::metric::inspect::{Heights, Limits, inspect};
 
     #[test]
-    fn regions_are_coloured_by_their_side_and_holes_are_striped() {
+    fn regions_are_coloured_by_side_and_holes_are_striped() {
         let field = |of: &dyn Fn(usize, usize) -> f32| {
             let values: Vec<f32> = (0..60 * 40).map(|i| of(i % 60, i / 60)).collect();
             Heights::new([60, 40], &values, &[0.01; 2400]).unwrap()

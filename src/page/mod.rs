@@ -1,4 +1,4 @@
-//! What is drawn of a result: plots and keys, the surface in three dimensions, and `report.html`.
+//! Pictures of results: plots and keys, the surface in three dimensions, and `report.html`.
 
 pub mod batch_html;
 pub mod figure;

@@ -229,7 +229,7 @@ fn what_is_measured_on_the_page_is_what_the_command_measures() {
     measure.current_dir(results()).args(command.split(' ').skip(1)).args(["--json", "-q"]);
     let output = measure.output().unwrap();
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
-    let blur = &found["steps"][0]["relative_blur"];
+    let blur = &found["steps"][0]["difference"];
     let numbers: Vec<f64> = told.split([' ', ':', ',']).filter_map(|word| word.parse().ok()).collect();
     let [value, error] = ["value", "standard_error"].map(|key| blur[key].as_f64().unwrap());
     let close = |number: &f64| (number - value).abs() < 0.2 * error + 0.05;

@@ -195,7 +195,7 @@ fn every_command_refuses_to_overwrite_what_it_did_not_write() {
     let desk = Desk::new();
     let files =
         ["t.json", "bench/report.json", "moved/i2.png", "pages/parfocal.1", "many/batch.json", "many/a/report.json"];
-    let figures = ["tables/report.md", "figures/figures/robustness.png"];
+    let figures = ["tables/report.md", "figures/robustness.png"];
     files.iter().chain(&figures).for_each(|name| desk.mine(name));
     for (arguments, name) in [
         (&["register", "i1.png", "i2.png", "-o", "t.json", "--device", "none"][..], "t.json"),
@@ -205,7 +205,7 @@ fn every_command_refuses_to_overwrite_what_it_did_not_write() {
         (&["man", "-o", "pages"], "pages/parfocal.1"),
         (&["batch", "list.csv", "-o", "many", "--device", "none"], "many/batch.json"),
         (&["evaluate", "-o", "tables", "--device", "none"], "tables/report.md"),
-        (&["evaluate", "-o", "figures", "--device", "none"], "figures/figures/robustness.png"),
+        (&["evaluate", "-o", "figures", "--device", "none"], "figures/robustness.png"),
     ] {
         fs::write(desk.path("list.csv"), "i1.png,i2.png,a\n").unwrap();
         desk.refuses(arguments, &[name, "is there already", "--force"]);

@@ -26,8 +26,8 @@ fn open() -> Arc<Engine> {
 }
 
 impl TestEngine {
-    /// On the device named by PARFOCAL_DEVICE, under validation unless PARFOCAL_VALIDATE is 0. A missing device or layer
-    /// fails the test.
+    /// On the device named by PARFOCAL_DEVICE, under validation unless PARFOCAL_VALIDATE is 0. A missing device or
+    /// layer fails the test.
     pub fn new() -> Self {
         Self(SHARED.clone())
     }
@@ -77,8 +77,8 @@ impl Drop for TestEngine {
     }
 }
 
-/// A real pair: of the project's own data, or of a folder of pairs named by PARFOCAL_PAIRS (else `../shared/data`). Pairs
-/// that may not be copied into the project can be absent: that is said, and `None`.
+/// A real pair: of the project's own data, or of a folder of pairs named by PARFOCAL_PAIRS (else `../shared/data`).
+/// Pairs that may not be copied into the project can be absent: that is said, and `None`.
 pub fn real_pair(folder: &str, names: [&str; 2]) -> Option<[Frame; 2]> {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let from = |name: &str| std::env::var_os(name).map(PathBuf::from);

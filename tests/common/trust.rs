@@ -1,4 +1,5 @@
-//! How many cases the reliability tests run, and the file of their figures: all cases under `tools/trust`, else a share.
+//! How many cases the reliability tests run, and the file of their figures: all cases under `tools/trust`, else a
+//! share.
 
 use std::ffi::OsString;
 use std::fmt::Display;

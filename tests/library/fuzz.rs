@@ -1,5 +1,5 @@
-//! Whatever a file holds, it is read or refused: photographs of every format, fields, kernels, transforms, reports and folders
-//! of results.
+//! Whatever a file holds, it is read or refused: photographs of every format, fields, kernels, transforms, reports and
+//! folders of results.
 
 use std::fs;
 use std::io::Cursor;
@@ -12,8 +12,8 @@ use parfocal::image_io::{self, Photograph};
 
 use crate::common::fuzz::{self, Share, Target};
 
-/// The most pixels that are decoded: of what states more, as a bomb does, the header and what else it says. A device is asked
-/// before more are decoded by the program too.
+/// The most pixels that are decoded: of what states more, as a bomb does, the header and what else it says. A device is
+/// asked before more are decoded by the program too.
 const PIXELS: u32 = 1 << 20;
 
 /// As the program reads a photograph.

@@ -1,5 +1,6 @@
-//! Metamorphic tests: how a solution must change when the photographs are shifted, mirrored, padded, exchanged or exposed
-//! otherwise, or iterated longer. There are a few seeds instead of thousands of cases, because a solve takes long.
+//! Metamorphic tests: how a solution must change when the photographs are shifted, mirrored, padded, exchanged or
+//! exposed otherwise, or iterated longer. There are a few seeds instead of thousands of cases, because a solve takes
+//! long.
 
 use crate::common::scene::{luminance, pair, slanted};
 use crate::common::{TestEngine, trust};

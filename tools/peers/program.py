@@ -67,7 +67,7 @@ class Parfocal:
 
 
 def read_transform(path: Path) -> Similarity:
-    """T in a report.json or truth.json: under `transform`, or with its fields beside others."""
-    told = json.loads(path.read_text())
-    told = told.get("transform", told)
-    return Similarity(*(told[name] for name in ("tx_px", "ty_px", "rotation_deg", "scale")))
+    """T of I2 in a report.json or truth.json, or of a file with its fields alone."""
+    file = json.loads(path.read_text())
+    transform = file["frames"][1]["transform"] if "frames" in file else file
+    return Similarity(*(transform[name] for name in ("tx_px", "ty_px", "rotation_deg", "scale")))

@@ -12,23 +12,22 @@ use crate::cli::options::settings::registration_file;
 use crate::cli::output::destination::{self, ForceArgument};
 use crate::cli::output::failure::Failure;
 
-/// Bring other photographs of I2's camera, or all frames of a sweep, onto the pixels of the reference.
+/// Move other photographs of I2's camera, or all frames of a sweep, onto the pixels of the reference.
 ///
-/// By a registration that is known: photographs with other lights, or other channels. Of a sweep one for each frame, in
-/// order, all or none.
+/// The registration is known: for photographs with other lights or other channels. For a sweep, give one photograph per frame, in order.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Exit status: 0 done, 1 failed, 2 wrong usage.")]
 pub(crate) struct Arguments {
-    /// The photographs, of the size of those that were registered; of a sweep their folder will do
+    /// The photographs, of the size of those that were registered; for a sweep their folder will do
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
     /// The registration: a report.json of a pair or a sweep, what register wrote, or its transform object
     #[arg(long, value_name = "FILE", value_parser = registration_file)]
     transform: PathBuf,
-    /// Folder for the results, each of the name of its image; made if it is missing
+    /// Folder for the results, which have the names of their images; created if it is missing
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Apply gain, offset and shading of the registration too, to the values as it was found with (--decode)
+    /// Also apply gain, offset and shading of the registration, to values decoded as in its solve (--decode)
     #[arg(long)]
     exposure: bool,
     #[command(flatten)]
@@ -131,7 +130,7 @@ fn check(arguments: &Arguments, images: &[PathBuf]) -> Result<Vec<String>, Failu
         let depth = Photograph::open(path)?.depth();
         let name = result_name(path, registered_ending(depth))?;
         if names.contains(&name) {
-            let problem = "two images have this name; bring them up one after the other into two folders";
+            let problem = "two images have this name; write them into two folders";
             return Err(Failure::Failed(format!("{}: {problem}", path.display())));
         }
         destination::check_inputs(&arguments.output, &[&name], &inputs)?;

@@ -43,16 +43,16 @@ const ENDS: f64 = 5.0;
 struct Compared {
     quantity: String,
     unit: &'static str,
-    /// Those that are not the same in both, by their names.
+    /// Settings that differ, by name.
     settings: Vec<(String, [Value; 2])>,
     numbers: Vec<(&'static str, [Option<f64>; 2])>,
     difference: Difference,
 }
 
-/// Second less first.
+/// The second less the first.
 #[derive(Serialize)]
 struct Difference {
-    /// Pixels that both measured.
+    /// Pixels measured in both.
     pixels: usize,
     median: Option<f64>,
     /// Root mean square.
@@ -60,11 +60,11 @@ struct Difference {
     /// In standard deviations.
     median_sigmas: Option<f64>,
     rms_sigmas: Option<f64>,
-    /// Share of those pixels beyond three standard deviations.
+    /// Fraction of those pixels beyond three standard deviations.
     beyond_three_sigmas: Option<f64>,
 }
 
-/// Reads, compares, tells.
+/// Reads, compares and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let paths = [&arguments.first, &arguments.second];
     if let Some(file) = &arguments.output {
@@ -106,7 +106,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         .print(&compared.table(paths, arguments.output.as_deref()), || serde_json::to_string_pretty(&compared))
 }
 
-/// Settings by their names, those within others too, that are not the same.
+/// Settings that differ, nested ones too, by name.
 fn differing(a: &Value, b: &Value) -> Vec<(String, [Value; 2])> {
     let keys = |value: &Value| value.as_object().map(|map| map.keys().cloned().collect::<Vec<_>>()).unwrap_or_default();
     let mut names = keys(a);

@@ -38,7 +38,7 @@ pub(crate) struct Arguments {
     /// The share of the golden part's pixels that may be without a height of the part, 0 to 1
     #[arg(long, value_name = "SHARE", default_value_t = Limits::new(0.0).max_unjudged, value_parser = share)]
     max_unjudged: f64,
-    /// Take pictures as they lie, and do not register them: the fixture holds every part alike
+    /// Do not register the pictures: the fixture holds every part in the same place
     #[arg(long)]
     in_place: bool,
     /// Folder for inspect.json and inspect.png; that of the part will do
@@ -78,20 +78,20 @@ fn share(text: &str) -> Result<f64, String> {
 /// A part, from its folder.
 struct Part {
     folder: PathBuf,
-    /// The image sharp all over, by which it is registered.
+    /// The fused image, by which it is registered.
     picture: Frame,
     /// Quantities, the best one last: name, unit, heights towards the camera.
     fields: Vec<(String, &'static str, Heights)>,
 }
 
-/// Reads, registers, inspects, writes, tells.
+/// Reads, registers, inspects, writes and prints.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(out) = &arguments.output {
         check_output(arguments, out)?;
     }
     let part = Part::read(&arguments.part)?;
     let goldens = arguments.golden.iter().map(|folder| Part::read(folder)).collect::<Result<Vec<_>, _>>()?;
-    // One at least, as clap says.
+    // clap requires one.
     let Some(first) = goldens.first() else { return Ok(()) };
     let (quantity, unit) = common(&part, &goldens)?;
     let on_first = |other: &Part| other.on(first, quantity, arguments.in_place);
@@ -122,7 +122,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if report.is_go() { Ok(()) } else { Err(Failure::NoGo) }
 }
 
-/// Refuses a folder that cannot be written, before any work.
+/// Refuses a folder that cannot be written.
 fn check_output(arguments: &Arguments, out: &Path) -> Result<(), Failure> {
     destination::check_folder(out)?;
     let results = arguments.golden.iter().chain([&arguments.part]);
@@ -132,7 +132,7 @@ fn check_output(arguments: &Arguments, out: &Path) -> Result<(), Failure> {
     Ok(arguments.force.to(out).check_results(INSPECT_FILES[0], &INSPECT_FILES)?)
 }
 
-/// The best quantity that all have, and its unit.
+/// The best common quantity and its unit.
 fn common<'a>(part: &'a Part, goldens: &[Part]) -> Result<(&'a str, &'static str), Failure> {
     let has =
         |other: &Part, name: &str, unit| other.fields.iter().any(|field| (field.0.as_str(), field.1) == (name, unit));
@@ -156,7 +156,7 @@ impl Part {
         Ok(Self { folder: folder.to_path_buf(), picture: results.fused()?, fields })
     }
 
-    /// Its heights on the pixels of a golden part, and T, which takes those to its own.
+    /// Its heights on the pixels of a golden part, and the transform T from those pixels to its own.
     fn on(&self, first: &Self, quantity: &str, in_place: bool) -> Result<(Heights, Similarity), Failure> {
         let heights = self.field(quantity, first)?;
         let transform = match in_place || self.folder == first.folder {
@@ -167,7 +167,7 @@ impl Part {
         Ok((heights.resample([heights.width, heights.height], &transform), transform))
     }
 
-    /// The heights, which are of the size of a golden part's.
+    /// The heights; refuses another size than that of a golden part.
     fn field(&self, quantity: &str, first: &Self) -> Result<&Heights, Failure> {
         let size = |part: &Self| [part.picture.width(), part.picture.height()];
         let ([w, h], [width, height]) = (size(self), size(first));
@@ -183,7 +183,7 @@ impl Part {
     }
 }
 
-/// Lines for a person.
+/// The summary.
 fn summary(report: &InspectReport, out: Option<&Path>) -> String {
     let (unit, t) = (report.unit, &report.transform);
     let mut lines = vec![format!("verdict        {}", report.verdict)];
@@ -209,5 +209,5 @@ fn summary(report: &InspectReport, out: Option<&Path>) -> String {
     lines.join("\n")
 }
 
-/// Regions that a person is told of one by one.
+/// Most regions of the summary.
 const SHOWN: usize = 10;

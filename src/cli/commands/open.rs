@@ -21,7 +21,7 @@ pub(crate) struct Arguments {
     print: bool,
 }
 
-/// What opens a file as its user would.
+/// The program that opens a file in the user's application.
 const OPENER: &str = if cfg!(target_os = "macos") {
     "open"
 } else if cfg!(windows) {
@@ -30,10 +30,10 @@ const OPENER: &str = if cfg!(target_os = "macos") {
     "xdg-open"
 };
 
-/// Tenths of a second in which it says that it cannot.
-const PATIENCE: u32 = 50;
+/// Longest wait for an error of the opener, in tenths of a second.
+const MAX_WAIT: u32 = 50;
 
-/// Finds and opens it.
+/// Finds and opens the page.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let results = &arguments.results;
     let failed = |problem: &str| Failure::Failed(format!("{}: {problem}", results.display()));
@@ -52,8 +52,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let null = Stdio::null;
     let started = Command::new(OPENER).arg(&page).stdin(null()).stdout(null()).stderr(null()).spawn();
     let mut opener = started.map_err(|e| failed(format!("cannot be run ({e})")))?;
-    // Where it is the browser itself it lives on, and has opened the page.
-    for _ in 0..PATIENCE {
+    // An opener that is the browser itself keeps running; the page is open.
+    for _ in 0..MAX_WAIT {
         match opener.try_wait() {
             Ok(Some(status)) if status.success() => return Ok(()),
             Ok(Some(status)) => return Err(failed(format!("opened nothing ({status})"))),

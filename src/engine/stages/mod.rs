@@ -1,7 +1,7 @@
 //! The passes of the method: for each shader its push constants, bindings, CPU reference and test.
 //!
 //! A CPU reference is the shader in plain Rust and double precision, a pure function over [`Field`]s. Tests and the
-//! [reference solver](crate::reference) use all of them. The host uses a few in solves, for the halves of pairs in parts and for
+//! [reference solver](crate::internals::reference) use all of them. The host uses a few in solves, for the halves of pairs in parts and for
 //! the start, the masks and the uncertainty of sweeps.
 
 pub mod align;

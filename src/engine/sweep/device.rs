@@ -129,7 +129,7 @@ impl SweepDevice {
     /// Begins the next recording, in the memory of the latest one.
     fn recorder(&mut self) -> Result<Recorder, Error> {
         self.limits.cancel.check()?;
-        self.commands.take().map_or_else(|| Recorder::new(&self.device, Clock::Never), Recording::record_again)
+        self.commands.take().map_or_else(|| Recorder::new(&self.device, Clock::Never), Recorder::reusing)
     }
 
     fn execute(&mut self, commands: Recording) -> Result<(), Error> {

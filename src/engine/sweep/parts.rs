@@ -1,6 +1,6 @@
 //! The finest level of photographs too large for one solve, part by part.
 //!
-//! T and c are found at half the size, where all of each frame is seen, and stay on the finest level.
+//! T and c are found at half the size, where all of each frame is visible, and stay on the finest level.
 
 use super::device::Limits;
 use super::pyramid::{PyramidSolver, SharedParameters};

@@ -1,8 +1,13 @@
 //! The focus settings of a sweep that states none, estimated on the level of the start.
 //!
-//! Frames may be missing, or have been taken at uneven steps. V of a pair depends on the settings of both frames: `V =
-//! c ((p_j - u)² - (p_i - u)²)`. So the settings are unknowns, one per frame, found by Gauss-Newton steps with u
-//! eliminated at each pixel over a window. c is held as found for even settings, which only scales all steps alike.
+//! Frames may be missing, or have been taken at uneven steps. V of a pair depends on the settings of both frames:
+//!
+//! ```text
+//! V = c ((p_j - u)² - (p_i - u)²)
+//! ```
+//!
+//! So the settings are unknowns, one per frame, found by Gauss-Newton steps with u eliminated at each pixel over a
+//! window. c is held as found for even settings, which only scales all steps alike.
 
 use nalgebra::{DMatrix, DVector};
 

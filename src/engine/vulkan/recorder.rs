@@ -10,7 +10,7 @@ use super::device::Device;
 use super::interop::ExternalCommandBuffer;
 use super::memory::{Buffer, Image};
 use super::pipeline::{DescriptorSets, Pipeline, Resource};
-use super::recording::{Part, Recording, Timeline};
+use super::recording::{Part, Recording, Reusable, Timeline};
 use super::timestamps::{Clock, Timestamps};
 use crate::base::Error;
 
@@ -81,19 +81,15 @@ impl Recorder {
         unsafe { self.device.handle.cmd_fill_buffer(self.commands(), completion.handle, 0, 4, word) };
     }
 
-    /// Begins a recording with the objects of an earlier one: its pool, which has been reset, its command buffers, its
-    /// descriptor sets and its timeline.
-    pub(super) fn reusing(
-        device: &Arc<Device>,
-        pool: vk::CommandPool,
-        parts: Vec<Part>,
-        descriptors: DescriptorSets,
-        timeline: Timeline,
-    ) -> Result<Self, Error> {
-        let mut recorder = Self::empty(device, Timestamps::default());
-        recorder.pool = pool;
-        recorder.unused = parts.into_iter().map(|part| part.commands).collect();
-        recorder.descriptors = descriptors;
+    /// Begins a recording with the command pool, the descriptor sets and the timeline of an earlier one, whose runs must
+    /// be complete.
+    ///
+    /// # Errors
+    /// [`Error::Poisoned`], [`Error::Vulkan`].
+    pub(crate) fn reusing(recording: Recording) -> Result<Self, Error> {
+        let Reusable { device, pool, commands, descriptors, timeline } = recording.into_reusable()?;
+        let mut recorder = Self::empty(&device, Timestamps::default());
+        (recorder.pool, recorder.unused, recorder.descriptors) = (pool, commands, descriptors);
         recorder.timeline = Some(timeline);
         recorder.begin_part(false)?;
         Ok(recorder)

@@ -11,7 +11,6 @@ use super::device::Device;
 use super::instance::vulkan_error;
 use super::interop::SemaphoreWait;
 use super::pipeline::DescriptorSets;
-use super::recorder::Recorder;
 use super::timestamps::{DeviceTimes, Timestamps};
 use crate::base::{Deadline, Error};
 
@@ -37,6 +36,15 @@ impl Timeline {
         let semaphore = unsafe { device.handle.create_semaphore(&create, None) };
         Ok(Self { semaphore: device.check("vkCreateSemaphore", semaphore)?, value: 0 })
     }
+}
+
+/// The objects of a recording, for another one.
+pub(super) struct Reusable {
+    pub(super) device: Arc<Device>,
+    pub(super) pool: vk::CommandPool,
+    pub(super) commands: Vec<vk::CommandBuffer>,
+    pub(super) descriptors: DescriptorSets,
+    pub(super) timeline: Timeline,
 }
 
 /// Decides whether an optional part is submitted.
@@ -96,22 +104,24 @@ impl Recording {
         Ok(recording)
     }
 
-    /// Begins another recording with the command pool, the descriptor sets and the timeline of this one, whose runs
-    /// must be complete.
+    /// Resets the command pool and returns the objects for another recording. All runs must be complete.
     ///
     /// # Errors
     /// [`Error::Poisoned`], [`Error::Vulkan`].
-    pub(crate) fn record_again(mut self) -> Result<Recorder, Error> {
+    pub(super) fn into_reusable(mut self) -> Result<Reusable, Error> {
         if self.device.is_poisoned() {
             return Err(Error::Poisoned);
         }
         // SAFETY: every run was waited for, so that no command buffer of the pool is pending.
         let reset = unsafe { self.device.handle.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) };
         self.device.check("vkResetCommandPool", reset)?;
-        let (pool, parts) = (std::mem::take(&mut self.pool), std::mem::take(&mut self.parts));
-        let descriptors = std::mem::replace(&mut self.descriptors, DescriptorSets::new(&self.device));
-        let timeline = Timeline { semaphore: std::mem::take(&mut self.timeline), value: self.end_value() };
-        Recorder::reusing(&self.device, pool, parts, descriptors, timeline)
+        Ok(Reusable {
+            device: self.device.clone(),
+            pool: std::mem::take(&mut self.pool),
+            commands: std::mem::take(&mut self.parts).into_iter().map(|part| part.commands).collect(),
+            descriptors: std::mem::replace(&mut self.descriptors, DescriptorSets::new(&self.device)),
+            timeline: Timeline { semaphore: std::mem::take(&mut self.timeline), value: self.end_value() },
+        })
     }
 
     /// Runs all parts, within the engine's time limit.

@@ -1,20 +1,19 @@
 //! Depth, or V or focus where it is not known, for other programs: NPY, TIFF and Zarr in floats, PNG and TIFF in 16 bits.
 
-use std::borrow::Cow;
 use std::io::{Cursor, Write};
 
 use png::ColorType;
-use serde::{Deserialize, Serialize};
 use serde_json::json;
 use tiff::encoder::TiffEncoder;
 use tiff::encoder::colortype::{Gray16, Gray32Float};
 use tiff::tags::Tag;
 
 use super::description::{Description, SOFTWARE};
+use super::extra::Extra;
 use super::png_file::{self, Pixels};
+use super::report::Depth16Report;
 use super::results::Results;
 use super::scale::Quantity;
-use super::write::Extra;
 use super::zip::Zip;
 
 /// A format of arrays in floats; NaN where nothing is measured.
@@ -184,19 +183,6 @@ pub struct Depth16 {
     size: (u32, u32),
     samples: Vec<u16>,
     report: Depth16Report,
-}
-
-/// The meaning of the samples: `offset + scale * sample` in `unit`, unless the sample is 0.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Depth16Report {
-    /// "depth", "relative_blur" or "focus".
-    pub quantity: Cow<'static, str>,
-    /// Unit in ASCII: "mm", "px^2", "settings" or "1/m".
-    pub unit: Cow<'static, str>,
-    /// Step from one sample value to the next, in `unit`.
-    pub scale: f64,
-    /// Value that the sample 0 would have.
-    pub offset: f64,
 }
 
 impl Depth16 {

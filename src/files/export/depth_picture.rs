@@ -7,10 +7,10 @@ use png::ColorType;
 use serde::Serialize;
 
 use super::description::Description;
+use super::extra::Drawing;
 use super::png_file::{self, Pixels};
 use super::results::Results;
 use super::scale::{Nearer, Quantity, Scale};
-use super::write::Drawing;
 
 /// Stripes of pixels that are not measured: light and dark grey.
 const HATCH: [[u8; 4]; 2] = [[205, 205, 205, 255], [165, 165, 165, 255]];

@@ -47,7 +47,7 @@ pub(crate) static RESIDUAL: Description = Description::new(
 pub(crate) static FOCUS: Description = Description::new(
     "focus settings",
     "Focus setting at which each pixel of the reference frame is sharp, in the focus_unit of report.json; NaN where no \
-     pair of frames tells, and where it lies before the first frame or beyond the last",
+     pair of frames determines it, and where it lies before the first frame or beyond the last",
 );
 
 /// Frame of the fused image.
@@ -107,7 +107,7 @@ pub(crate) static METRIC_DEPTH: Description = Description::new(
 pub(crate) static SWEEP_DEPTH: Description = Description::new(
     "mm",
     "Y: depth in mm, from the lens or along the axis of the stage, at the pixels of the reference frame; \
-     standard_deviation: that of Y in mm; NaN where no pair of frames tells",
+     standard_deviation: that of Y in mm; NaN where no pair of frames determines it",
 );
 
 /// Profile.

@@ -3,19 +3,20 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::{ErrorKind, Read};
-use std::path::{Component, Path};
+use std::path::Path;
 
 use serde_json::Value;
 
-use super::inspection::INSPECT_FILES;
 use super::journal::{Unfinished, metadata};
-use super::report::{Kind, PROGRAM, REPORT_FILE};
-use super::results::read_json;
+use super::report::{Kind, PROGRAM, REPORT_FILE, is_plain, read_json, strings};
 use crate::base::Error;
 use crate::files::bounded_read;
 
 /// The files of a synthetic pair; `depth.exr` only where the scene has a lens.
 pub const SIMULATED_FILES: [&str; 5] = ["i1.png", "i2.png", "relative_blur.exr", "depth.exr", "truth.json"];
+
+/// Names of the report and the picture of an inspected part.
+pub const INSPECT_FILES: [&str; 2] = ["inspect.json", "inspect.png"];
 
 /// A folder or a file for results. Existing files are replaced only if parfocal wrote them, unless that is forced.
 ///
@@ -200,18 +201,6 @@ fn lists_files(report: &Value) -> bool {
     use Kind::{Evaluation, Inspection, Pair, Simulation, Sweep};
     let is_unfinished = report["program"] == PROGRAM && Unfinished::is(report);
     is_unfinished || matches!(Kind::of(report), Some(Pair | Sweep | Simulation | Inspection | Evaluation))
-}
-
-/// The strings of an array.
-pub(super) fn strings(value: &Value) -> impl Iterator<Item = &str> {
-    value.as_array().into_iter().flatten().filter_map(Value::as_str)
-}
-
-/// Whether a name is that of a file in the folder itself.
-pub(super) fn is_plain(name: &str) -> bool {
-    let mut parts = Path::new(name).components();
-    let only = (parts.next(), parts.next());
-    matches!(only, (Some(Component::Normal(part)), None) if part == name) && !name.contains(['/', '\\', '\0'])
 }
 
 /// Most bytes of JSON that are read, 64 MiB: more than the longest bench writes.

@@ -3,16 +3,13 @@
 use image::RgbImage;
 use serde::Serialize;
 
-use super::destination::Destination;
+use super::destination::{Destination, INSPECT_FILES};
 use super::hashes::Hashes;
 use super::png_file::write_drawing;
 use super::report::{Header, Kind, to_json, write_json_to};
 use super::staging::Staging;
 use crate::base::{Error, Similarity};
 use crate::metric::inspect::{Deviation, Inspection, Limits, Plane};
-
-/// Names of the report and the picture of an inspected part.
-pub const INSPECT_FILES: [&str; 2] = ["inspect.json", "inspect.png"];
 
 /// The report of an inspected part.
 #[derive(Clone, Debug, Serialize)]

@@ -13,9 +13,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use tempfile::NamedTempFile;
 
-use super::destination::{is_plain, strings};
-use super::report::PROGRAM;
-use super::results::MAX_BYTES;
+use super::report::{MAX_BYTES, PROGRAM, is_plain, strings};
 use crate::files::bounded_read;
 
 /// Key of the list that stands in the place of a report.

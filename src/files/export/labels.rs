@@ -1,18 +1,14 @@
 //! Pictures of labels: the sharpest photograph at each pixel, and of a sweep the frame and the side beyond the sweep.
 
 use std::io::Write;
-use std::path::Path;
 
 use png::ColorType;
 
-use super::description::{self, BEYOND, Description, FRAMES};
+use super::description::{self, Description};
+use super::extra::Extra;
 use super::png_file::{self, Pixels};
-use super::results::Results;
-use super::write::Extra;
 use super::{Nearer, Palette};
-use crate::base::{Error, Samples};
 use crate::engine::Solution;
-use crate::files::image_io;
 
 const NAME: &str = "labels.png";
 
@@ -87,34 +83,6 @@ fn label(v: f32, sigma: f32) -> u8 {
         v if v < -sigma => 2,
         _ => 3,
     }
-}
-
-/// Writes `frames.png`: the frame that each pixel of the fused image is from, counted from 1; 8-bit grey, for more than 255 frames
-/// 16-bit grey.
-pub(super) fn write_frames(writer: impl Write, results: &Results<'_>) -> Result<(), String> {
-    let bytes: Result<Vec<u8>, _> = results.frames.iter().map(|frame| u8::try_from(*frame)).collect();
-    let pixels = bytes.as_ref().map_or(Pixels::Words(results.frames), |bytes| Pixels::Bytes(bytes));
-    png_file::write(writer, results.size(), ColorType::Grayscale, &pixels, &FRAMES)
-}
-
-/// Writes `beyond.png`: 1 before the first frame, 2 beyond the last, else 0; 8-bit grey.
-pub(super) fn write_beyond(writer: impl Write, results: &Results<'_>) -> Result<(), String> {
-    let side = |side: &i8| if *side < 0 { 1 } else { 2 * u8::from(*side > 0) };
-    let bytes: Vec<u8> = results.beyond.iter().map(side).collect();
-    png_file::write(writer, results.size(), ColorType::Grayscale, &Pixels::Bytes(&bytes), &BEYOND)
-}
-
-/// Reads `beyond.png`: width and height, and the side of each pixel, -1, 0 or 1.
-///
-/// # Errors
-/// [`Error::File`].
-pub(super) fn read_beyond(path: &Path) -> Result<([u32; 2], Vec<i8>), Error> {
-    let picture = image_io::read(path)?;
-    let Samples::U8(bytes) = picture.samples() else {
-        return Err(Error::file(path, "does not have 8 bits per sample; solve the sweep again"));
-    };
-    let sides = bytes.iter().map(|byte| i8::from(*byte == 2) - i8::from(*byte == 1)).collect();
-    Ok(([picture.width(), picture.height()], sides))
 }
 
 #[cfg(test)]

@@ -1,72 +1,21 @@
 //! Step heights and profiles: for the report, as CSV and as pictures.
 
-use std::borrow::Cow;
 use std::fs;
 use std::io::Write;
 use std::path::Path;
 
 use png::ColorType;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::description::PROFILE;
+use super::extra::Plotter;
 use super::png_file::{self, Pixels};
+use super::report::{Measurements, ProfileReport, StepReport};
 use super::results::Results;
 use super::scale::Quantity;
 use super::staging::Staging;
-use super::write::Plotter;
-use crate::base::{Error, Estimate, Region};
+use crate::base::{Error, Region};
 use crate::metric::measure::{Line, Values};
-
-/// Step heights and profiles.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Measurements {
-    /// Step heights.
-    pub steps: Vec<StepReport>,
-    /// Profiles.
-    pub profiles: Vec<ProfileReport>,
-}
-
-/// Height of one region above another: the level of the second less that of the first. `null` where a region has too few valid
-/// pixels.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct StepReport {
-    /// The first region: x, y, width, height, px.
-    pub from: [u32; 4],
-    /// The second region.
-    pub to: [u32; 4],
-    /// "relative_blur" or "focus".
-    pub quantity: Cow<'static, str>,
-    /// Unit of the quantity.
-    pub unit: String,
-    /// Difference of the quantity.
-    pub difference: Option<Estimate>,
-    /// Difference of depth, mm; `null` where depth is not known.
-    pub depth_mm: Option<Estimate>,
-}
-
-/// A profile: the report has its line and the CSV file its numbers.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ProfileReport {
-    /// The line.
-    #[serde(flatten)]
-    pub line: Line,
-    /// `profile_N.csv`.
-    pub csv: String,
-    /// `profile_N.png`.
-    pub png: String,
-    /// Name of the quantity.
-    #[serde(skip)]
-    pub(crate) name: &'static str,
-    /// Unit of the quantity.
-    #[serde(skip)]
-    pub(crate) unit: String,
-    /// V or focus and its standard deviation along the line.
-    #[serde(skip)]
-    pub(crate) values: [Vec<f64>; 2],
-    /// Depth and its standard deviation along the line, mm.
-    #[serde(skip)]
-    pub(crate) depth: Option<[Vec<f64>; 2]>,
-}
 
 /// Regions and lines to measure.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]

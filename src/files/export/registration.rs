@@ -11,8 +11,7 @@ use super::destination::{Destination, FileKind};
 use super::exr_file;
 use super::fused::color_type;
 use super::png_file::{self, Pixels};
-use super::report::{Report, ShadingReport, SizeReport, with_header, write_json_to};
-use super::results::MAX_BYTES;
+use super::report::{MAX_BYTES, Report, ShadingReport, SizeReport, with_header, write_json_to};
 use super::single::write_file;
 use super::staging::Staging;
 use crate::base::{Brightness, Decode, Depth, Error, Frame, Homography, Photometric, Region, Samples, Settings};
@@ -266,9 +265,9 @@ mod tests {
             ),
             (
                 r#"{"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1, "matrix": [[1,0,0],[0,1,0],[1,0,1]]}"#,
-                "perspective along x is 1",
+                "perspective of start is 1,",
             ),
-            (r#"{"tx_px": 1e6, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "translation x is 1000000"),
+            (r#"{"tx_px": 1e6, "ty_px": 1, "rotation_deg": 0, "scale": 1}"#, "is 1000000"),
             (r#"{"frames": []}"#, "0 frames"),
         ];
         for (text, expected) in cases {

@@ -3,24 +3,32 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
+use std::path::{Component, Path};
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::ser::{Formatter, PrettyFormatter, Serializer};
 use serde_json::{Map, Value};
 
-use super::arrays::Depth16Report;
 use super::description::Description;
 use super::hashes::Hash;
-use super::measurements::Measurements;
-use super::results::UNITS;
 use super::scale::{Nearer, Quantiles};
-use crate::base::{Brightness, DeviceInfo, Error, Homography, Lens, Method, Photometric, Region, Settings, Shading};
+use crate::base::{
+    Brightness, DeviceInfo, Error, Estimate, Homography, Lens, Method, Photometric, Region, Settings, Shading,
+};
 use crate::engine::{LevelHistory, OtherMotion, Registered, Solution, Timings};
+use crate::files::bounded_read;
 use crate::files::image_io::{self, Input, Values};
+use crate::metric::measure::Line;
 use crate::solve::sweep::{Positions, RegisteredSweep, Sweep, SweepDepth};
 
 /// The report of results.
 pub const REPORT_FILE: &str = "report.json";
+
+/// Units of the focus of a sweep.
+pub(super) const UNITS: [&str; 3] = ["settings", "1/m", "mm"];
+
+/// Most bytes of a report that are read, 16 MiB; a report with every level and iteration at its limit has less than 1 MiB.
+pub(super) const MAX_BYTES: u64 = 16 << 20;
 
 /// The value of `program` in every JSON file of parfocal.
 pub(super) const PROGRAM: &str = "parfocal";
@@ -115,7 +123,7 @@ pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub other_motion: Option<OtherMotion>,
     /// Smoothness α of the finest level of a pair, as set or as found.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub regularization: Option<f64>,
     /// The kernel's shape where it was found: 0 is a Gaussian, 1 a disk.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -133,13 +141,13 @@ pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub blur_rate_px2: Option<f64>,
     /// Fraction of the pixels that are valid.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub valid_fraction: Option<f64>,
     /// Mean confidence of the valid pixels of a pair.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub mean_confidence: Option<f64>,
     /// Fraction of the valid pixels of a pair at the limit of |V|.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub saturated_fraction: Option<f64>,
     /// Pixels of a sweep that no frame has in focus.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -187,6 +195,11 @@ pub struct Report {
     pub hashes: BTreeMap<String, Hash>,
     /// Durations.
     pub timings_ms: TimingsReport,
+}
+
+/// Reads a number, and `null` as NaN, since JSON has no NaN.
+fn number_or_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
+    Option::deserialize(deserializer).map(|number| Some(number.unwrap_or(f64::NAN)))
 }
 
 /// A frame and its registration to the reference.
@@ -441,6 +454,70 @@ pub struct SurfaceReport {
     pub mesh_cells: Option<u32>,
     /// Exaggeration that was set, px for each px² of V or each setting of a sweep.
     pub z_scale: Option<f64>,
+}
+
+/// The meaning of the samples: `offset + scale * sample` in `unit`, unless the sample is 0.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Depth16Report {
+    /// "depth", "relative_blur" or "focus".
+    pub quantity: Cow<'static, str>,
+    /// Unit in ASCII: "mm", "px^2", "settings" or "1/m".
+    pub unit: Cow<'static, str>,
+    /// Step from one sample value to the next, in `unit`.
+    pub scale: f64,
+    /// Value that the sample 0 would have.
+    pub offset: f64,
+}
+
+/// Step heights and profiles.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Measurements {
+    /// Step heights.
+    pub steps: Vec<StepReport>,
+    /// Profiles.
+    pub profiles: Vec<ProfileReport>,
+}
+
+/// Height of one region above another: the level of the second less that of the first. `null` where a region has too few valid
+/// pixels.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StepReport {
+    /// The first region: x, y, width, height, px.
+    pub from: [u32; 4],
+    /// The second region.
+    pub to: [u32; 4],
+    /// "relative_blur" or "focus".
+    pub quantity: Cow<'static, str>,
+    /// Unit of the quantity.
+    pub unit: String,
+    /// Difference of the quantity.
+    pub difference: Option<Estimate>,
+    /// Difference of depth, mm; `null` where depth is not known.
+    pub depth_mm: Option<Estimate>,
+}
+
+/// A profile: the report has its line and the CSV file its numbers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ProfileReport {
+    /// The line.
+    #[serde(flatten)]
+    pub line: Line,
+    /// `profile_N.csv`.
+    pub csv: String,
+    /// `profile_N.png`.
+    pub png: String,
+    /// Name of the quantity.
+    #[serde(skip)]
+    pub(crate) name: &'static str,
+    /// Unit of the quantity.
+    #[serde(skip)]
+    pub(crate) unit: String,
+    /// V or focus and its standard deviation along the line.
+    #[serde(skip)]
+    pub(crate) values: [Vec<f64>; 2],
+    /// Depth and its standard deviation along the line, mm.
+    #[serde(skip)]
+    pub(crate) depth: Option<[Vec<f64>; 2]>,
 }
 
 /// The device that solved.
@@ -756,8 +833,26 @@ pub(super) fn with_header(kind: Kind, value: &impl Serialize) -> impl Serialize 
 }
 
 /// A problem with a report, and what to do.
-pub(super) fn invalid(path: &std::path::Path, problem: impl std::fmt::Display) -> Error {
+pub(super) fn invalid(path: &Path, problem: impl std::fmt::Display) -> Error {
     Error::file(path, format!("is no report of results ({problem}); solve again, or give the folder of another solve"))
+}
+
+/// A JSON file.
+pub(super) fn read_json(path: &Path) -> Result<Value, Error> {
+    let text = bounded_read::text(path, MAX_BYTES).map_err(|e| invalid(path, format!("it cannot be read: {e}")))?;
+    serde_json::from_str(&text).map_err(|e| invalid(path, e))
+}
+
+/// The strings of an array.
+pub(super) fn strings(value: &Value) -> impl Iterator<Item = &str> {
+    value.as_array().into_iter().flatten().filter_map(Value::as_str)
+}
+
+/// Whether a name is that of a file in the folder itself.
+pub(super) fn is_plain(name: &str) -> bool {
+    let mut parts = Path::new(name).components();
+    let only = (parts.next(), parts.next());
+    matches!(only, (Some(Component::Normal(part)), None) if part == name) && !name.contains(['/', '\\', '\0'])
 }
 
 #[cfg(test)]

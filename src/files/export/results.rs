@@ -3,33 +3,25 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
-
 use super::description::{
     BEYOND, CONFIDENCE, Description, FOCUS, FOCUS_UNCERTAINTY, FRAMES, RELATIVE_BLUR, RESIDUAL, UNCERTAINTY, VALID,
 };
 use super::fused::{FUSED_FILE, FUSED_FLOAT_FILE, Fused};
-use super::labels::read_beyond;
-use super::report::{DepthReport, Kind, NearerBy, REPORT_FILE, Report, TextureReport, invalid};
+use super::report::{
+    DepthReport, FieldReport, Kind, NearerBy, REPORT_FILE, Report, TextureReport, UNITS, invalid, read_json,
+};
 use super::scale::{Nearer, Quantity};
-use super::{Depth16, FieldReport};
-use crate::base::{Depth, Error, Frame, Lens};
+use crate::base::{Depth, Error, Frame, Lens, Samples};
 use crate::engine::Solution;
-use crate::files::{bounded_read, image_io};
+use crate::files::image_io;
 use crate::metric::{DOUBT, MetricDepth};
 use crate::solve::sweep::{Positions, Sweep};
-
-/// Most bytes of a report that are read, 16 MiB; a report with every level and iteration at its limit has less than 1 MiB.
-pub(super) const MAX_BYTES: u64 = 16 << 20;
 
 /// Depth in mm, channel `Y`, and its standard deviation, channel `standard_deviation`.
 pub const DEPTH_FILE: &str = "depth_mm.exr";
 
 /// Depth, or V or focus where it is not known, as a picture.
 pub const DEPTH_PICTURE_FILE: &str = "depth.png";
-
-/// Units of the focus of a sweep.
-pub(super) const UNITS: [&str; 3] = ["settings", "1/m", "mm"];
 
 /// A field: its name, its file and its description.
 type FieldFile = (&'static str, &'static str, &'static Description);
@@ -258,7 +250,6 @@ impl<'a> Results<'a> {
         self.report.warnings.retain(|warning| !warning.starts_with(DOUBT));
         self.report.warnings.extend(doubt.clone());
         self.depth = Some([metric.depth.into(), metric.deviation.into()]);
-        self.update_depth16();
         doubt
     }
 
@@ -275,14 +266,7 @@ impl<'a> Results<'a> {
         (self.report.nearer, self.report.nearer_by) = (Some(nearer.number()), Some(NearerBy::Distances));
         self.report.frames.iter_mut().zip(planes).for_each(|(frame, at)| frame.focus_mm = Some(*at));
         self.depth = Some([depth.depth.into(), depth.deviation.into()]);
-        self.update_depth16();
         Ok(())
-    }
-
-    fn update_depth16(&mut self) {
-        if self.report.depth16.is_some() {
-            self.report.depth16 = Some(Depth16::of(self).report());
-        }
     }
 
     /// A field by its name, from memory or from its file.
@@ -440,8 +424,15 @@ impl Results<'static> {
     }
 }
 
-/// A JSON file.
-pub(super) fn read_json(path: &Path) -> Result<Value, Error> {
-    let text = bounded_read::text(path, MAX_BYTES).map_err(|e| invalid(path, format!("it cannot be read: {e}")))?;
-    serde_json::from_str(&text).map_err(|e| invalid(path, e))
+/// Reads `beyond.png`: width and height, and the side of each pixel, -1, 0 or 1.
+///
+/// # Errors
+/// [`Error::File`].
+fn read_beyond(path: &Path) -> Result<([u32; 2], Vec<i8>), Error> {
+    let picture = image_io::read(path)?;
+    let Samples::U8(bytes) = picture.samples() else {
+        return Err(Error::file(path, "does not have 8 bits per sample; solve the sweep again"));
+    };
+    let sides = bytes.iter().map(|byte| i8::from(*byte == 2) - i8::from(*byte == 1)).collect();
+    Ok(([picture.width(), picture.height()], sides))
 }

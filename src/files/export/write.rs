@@ -2,23 +2,18 @@
 
 use std::io::Write;
 
-use image::RgbImage;
 use png::ColorType;
 
 use super::destination::Destination;
+use super::extra::{Drawing, Extra, PAGE_FILE};
 use super::fused::{FUSED_FILE, FUSED_FLOAT_FILE};
-use super::labels::{write_beyond, write_frames};
-use super::measurements::{MeasurementRequest, Measurements, is_profile};
+use super::measurements::{MeasurementRequest, is_profile};
 use super::png_file::{self, Pixels};
-use super::report::{REPORT_FILE, write_json_to};
+use super::report::{Kind, Measurements, REPORT_FILE, write_json_to};
 use super::results::{DEPTH_FILE, DEPTH_PICTURE_FILE, Results};
-use super::scale::Scale;
 use super::staging::Staging;
-use super::{Palette, ProfileReport, arrays, depth_picture, description, exr_file};
+use super::{arrays, depth_picture, description, exr_file};
 use crate::base::{Depth, Error};
-
-/// The page of results.
-pub const PAGE_FILE: &str = "report.html";
 
 /// Files that show depth, and are written again when it changes.
 const DEPTH_EXPORTS: [&str; 11] = [
@@ -37,52 +32,9 @@ const DEPTH_EXPORTS: [&str; 11] = [
 
 /// Names of all files that a folder of results may hold, but for profiles.
 pub fn result_files() -> impl Iterator<Item = &'static str> {
-    use super::report::Kind;
     let [pair, sweep] = [Kind::Pair, Kind::Sweep].map(Kind::files);
     let exports = DEPTH_EXPORTS.into_iter().chain(arrays::DEPTH16_FILES);
     pair.into_iter().chain(sweep).chain(exports).chain(["labels.png", DEPTH_FILE, FUSED_FLOAT_FILE])
-}
-
-/// Draws the keys of maps and the curves of profiles. Without it `depth.png` has no key and a profile has no picture.
-#[derive(Clone, Copy, Debug)]
-pub struct Plotter {
-    /// Draws the key of a scale in the colours of a palette under a title, for a map of this width and height.
-    pub key: fn(&str, &Scale, Palette, (u32, u32)) -> RgbImage,
-    /// Draws a profile.
-    pub profile: fn(&ProfileReport) -> RgbImage,
-}
-
-/// How pictures are drawn.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Drawing {
-    /// Colours of `depth.png`.
-    pub palette: Palette,
-    /// Draws keys and profiles.
-    pub plotter: Option<Plotter>,
-}
-
-/// An additional file of results.
-pub struct Extra<'a> {
-    name: &'static str,
-    fill: Fill<'a>,
-}
-
-/// Writes the content of a file; an error is a phrase that fits into "cannot be written (...)".
-type Fill<'a> = Box<dyn FnOnce(&Results<'_>, &mut dyn Write) -> Result<(), String> + 'a>;
-
-impl<'a> Extra<'a> {
-    pub(crate) fn new(
-        name: &'static str,
-        fill: impl FnOnce(&Results<'_>, &mut dyn Write) -> Result<(), String> + 'a,
-    ) -> Self {
-        debug_assert!(result_files().any(|file| file == name));
-        Self { name, fill: Box::new(fill) }
-    }
-
-    /// Its name in the folder of results.
-    pub fn name(&self) -> &'static str {
-        self.name
-    }
 }
 
 impl Results<'_> {
@@ -156,7 +108,9 @@ impl Results<'_> {
     /// [`Error::File`].
     pub fn write_depth(&mut self, drawing: &Drawing, mut shown: Vec<Extra<'_>>, force: bool) -> Result<(), Error> {
         if self.report.depth16.is_some() {
-            shown.extend(arrays::Depth16::of(self).into_files());
+            let depth16 = arrays::Depth16::of(self);
+            self.report.depth16 = Some(depth16.report());
+            shown.extend(depth16.into_files());
         }
         let stale = DEPTH_EXPORTS.into_iter().filter(|name| !shown.iter().any(|extra| extra.name == *name));
         let stale: Vec<String> = stale.map(String::from).collect();
@@ -240,4 +194,19 @@ impl Results<'_> {
         staging.add(REPORT_FILE, |w| write_json_to(w, &self.report))?;
         staging.place()
     }
+}
+
+/// Writes `frames.png`: the frame that each pixel of the fused image is from, counted from 1; 8-bit grey, for more than 255 frames
+/// 16-bit grey.
+fn write_frames(writer: impl Write, results: &Results<'_>) -> Result<(), String> {
+    let bytes: Result<Vec<u8>, _> = results.frames.iter().map(|frame| u8::try_from(*frame)).collect();
+    let pixels = bytes.as_ref().map_or(Pixels::Words(results.frames), |bytes| Pixels::Bytes(bytes));
+    png_file::write(writer, results.size(), ColorType::Grayscale, &pixels, &description::FRAMES)
+}
+
+/// Writes `beyond.png`: 1 before the first frame, 2 beyond the last, else 0; 8-bit grey.
+fn write_beyond(writer: impl Write, results: &Results<'_>) -> Result<(), String> {
+    let side = |side: &i8| if *side < 0 { 1 } else { 2 * u8::from(*side > 0) };
+    let bytes: Vec<u8> = results.beyond.iter().map(side).collect();
+    png_file::write(writer, results.size(), ColorType::Grayscale, &Pixels::Bytes(&bytes), &description::BEYOND)
 }

@@ -1,4 +1,4 @@
-//! What is asked of a file before it is decoded.
+//! Checks of a photograph's file before it is decoded: existence, size, and what to do about problems.
 
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
@@ -6,19 +6,19 @@ use std::path::{Path, PathBuf};
 use super::MAX_PIXELS;
 use crate::files::bounded_read;
 
-/// What every damaged file is told.
+/// Advice for a damaged file.
 pub(super) const DAMAGED: &str = "the file is damaged or incomplete; copy or save it again";
 
-/// What every format that is not read is told.
+/// Advice for an unsupported format.
 pub(super) const CONVERT: &str = "convert it to PNG, TIFF, JPEG, BMP, WebP, PNM, PFM or EXR; of a frame without a header state format and size (--raw)";
 
-/// Names more alike than this (Jaro and Winkler) may be misspelt ones.
+/// Similarity of file names (Jaro and Winkler) above which one may be a misspelling.
 const SIMILAR: f64 = 0.9;
 
-/// The most bytes of a file that are read, 4 GiB: what a classic TIFF can hold, and the largest picture in four floats.
+/// Most bytes of a file that are read, 4 GiB: the limit of classic TIFF, and the largest picture with four floats per pixel.
 const MAX_BYTES: u64 = 1 << 32;
 
-/// Reads a regular file that is not empty, whole.
+/// Reads the whole of a regular file that is not empty.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>, String> {
     let file = bounded_read::open(path).map_err(|e| match e.kind() {
         ErrorKind::NotFound => match similar_file(path) {
@@ -35,7 +35,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
     let too_large = |e| format!("is of {} bytes, for which there is no memory ({e}); reduce it", stated);
     bytes.try_reserve_exact(stated.min(MAX_BYTES) as usize).map_err(too_large)?;
-    // The file may grow meanwhile.
+    // The file may grow while it is read.
     file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(unreadable)?;
     match bytes.len() as u64 {
         0 => Err("is empty; copy or save it again".to_string()),
@@ -46,7 +46,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, String> {
     }
 }
 
-/// Of the files beside one that is not there, the one with the most similar name, if any is similar.
+/// The file with the most similar name in the folder of a missing file, if any is similar.
 pub fn similar_file(missing: &Path) -> Option<PathBuf> {
     let wanted = missing.file_name()?.to_str()?;
     let folder = missing.parent().filter(|p| !p.as_os_str().is_empty());
@@ -56,12 +56,12 @@ pub fn similar_file(missing: &Path) -> Option<PathBuf> {
         let score = strsim::jaro_winkler(&wanted.to_lowercase(), &name.to_lowercase());
         (score > SIMILAR).then_some((score, name))
     });
-    // Names of equal score in a fixed order: a folder is listed in none.
+    // Names of equal score need an order, since folders are listed in none.
     let (_, name) = scored.max_by(|a, b| a.0.total_cmp(&b.0).then_with(|| b.1.cmp(&a.1)))?;
     Some(folder.map_or_else(|| PathBuf::from(&name), |folder| folder.join(&name)))
 }
 
-/// Refuses sizes that would take more memory than a photograph can need.
+/// Refuses images without pixels and images larger than [`MAX_PIXELS`].
 pub(super) fn size((width, height): (u32, u32)) -> Result<(), String> {
     let pixels = u64::from(width) * u64::from(height);
     if pixels == 0 {

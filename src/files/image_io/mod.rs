@@ -1,19 +1,14 @@
-//! Photographs in: files to [`Frame`]s.
+//! Photographs: files to [`Frame`]s.
 //!
-//! PNG, JPEG, TIFF, PNM, PFM, EXR, BMP and WebP, told apart by content, not by name; of a TIFF of several pages the first, or page N
-//! where the path is `FILE#N`; frames without a header as `FILE#FORMAT:WxH`. A file is opened and read once, as a [`Photograph`]: its hash, what it says of itself and
-//! its pixels are of the same bytes. Files are untrusted: size is checked before any pixel is decoded, and whatever is
-//! wrong comes back as [`Error::File`] with the path and what to do. Raw files of cameras are not read, but the error has
-//! the command that converts them.
+//! The formats are PNG, JPEG, TIFF, PNM, PFM, EXR, BMP and WebP, detected by content. `FILE#N` is page N of a TIFF, and
+//! `FILE#FORMAT:WxH` a frame without a header. A file is read once, as a [`Photograph`]: hash, metadata and pixels come from
+//! the same bytes. Files are untrusted: the size is checked before any pixel is decoded. Errors are [`Error::File`] with the
+//! path and advice. Raw files of cameras are not read; the error names the command that converts them.
 
-mod camera_raw;
 mod check;
-mod describe;
-mod encoding;
-mod exif;
-mod frames;
+mod input;
+mod metadata;
 mod openexr;
-mod page;
 mod pfm;
 mod photograph;
 mod raster;
@@ -22,37 +17,31 @@ mod source;
 #[cfg(test)]
 mod tests;
 mod tiff_page;
-mod tiff_samples;
-mod turn;
-mod values;
 
 use std::path::Path;
 
 pub use check::similar_file;
-pub use describe::{Input, pair_warnings};
-pub use exif::Exif;
-pub use frames::read_frames;
-pub use page::split_page;
-pub use photograph::Photograph;
+pub use input::{Basis, Input, Values, pair_warnings};
+pub use metadata::Exif;
+pub use photograph::{Photograph, read_frames};
 pub use raw::RawFormat;
-pub use values::{Basis, Values};
+pub use source::split_page;
 
 use crate::base::color::LUMINANCE;
 use crate::base::{Aperture, Decode, Error, Frame, Kernel};
 use crate::engine::stages::ingest;
 
-/// The most pixels that are decoded, 2^28: more than any camera sensor in common use has (150 million), and 1 GiB for
-/// a float channel.
+/// Most pixels that are decoded, 2^28: more than common camera sensors have (150 million), and 1 GiB for a float channel.
 pub const MAX_PIXELS: u64 = 1 << 28;
 
-/// The largest side of the picture of a kernel, which is averaged down to 48 cells in any case.
+/// Largest side of the picture of a kernel, which is averaged down to 48 cells.
 const MAX_KERNEL_SIDE: u32 = 4096;
 
 /// Reads one photograph.
 ///
-/// 8-bit files stay 8-bit, 16-bit stay 16-bit, float (and half) becomes 32-bit float; grey stays grey, palettes become
-/// colour. Alpha is dropped and the colour beside it kept as stored: where that is multiplied by alpha, as in EXR, a
-/// transparent pixel is black. A rotation recorded by the camera (EXIF, the orientation of a TIFF) is applied.
+/// 8-bit and 16-bit samples stay as they are, float and half become 32-bit float; palettes become colour. Alpha is dropped and
+/// the colour is kept as stored; if it is premultiplied, as in EXR, a transparent pixel is black. A rotation that the camera
+/// recorded (EXIF, or the orientation of a TIFF) is applied.
 ///
 /// # Errors
 /// [`Error::File`].
@@ -60,7 +49,7 @@ pub fn read(path: &Path) -> Result<Frame, Error> {
     Photograph::open(path)?.decode()
 }
 
-/// Width and height of a photograph. The whole file is read, but no pixel is decoded.
+/// Width and height of a photograph. The whole file is read, and no pixel is decoded.
 ///
 /// # Errors
 /// [`Error::File`].
@@ -68,7 +57,7 @@ pub fn size(path: &Path) -> Result<(u32, u32), Error> {
     Photograph::open(path).map(|photograph| photograph.size())
 }
 
-/// Reads two photographs of one size. Where the sizes differ, no pixel is decoded.
+/// Reads two photographs of one size. If the sizes differ, no pixel is decoded.
 ///
 /// # Errors
 /// [`Error::File`], and [`Error::Mismatch`] with both files and both sizes.
@@ -77,10 +66,10 @@ pub fn read_pair(first: &Path, second: &Path) -> Result<(Frame, Frame), Error> {
     Ok((i1, i2))
 }
 
-/// Reads a kernel from a picture of it, such as a coded aperture; a colour picture by its luminance, values as stored.
+/// Reads a kernel from its picture, such as a coded aperture; a colour picture by its luminance, values as stored.
 ///
 /// # Errors
-/// [`Error::File`], also where the picture is no kernel: see [`Aperture::new`].
+/// [`Error::File`], also if the picture is not a kernel: see [`Aperture::new`].
 pub fn read_kernel(path: &Path) -> Result<Kernel, Error> {
     let photograph = Photograph::open(path)?;
     let (width, height) = photograph.size();
@@ -98,8 +87,8 @@ pub fn read_kernel(path: &Path) -> Result<Kernel, Error> {
     })
 }
 
-/// Reads a field of numbers, such as `relative_blur.exr`: an EXR of one channel, in which NaN and infinity are allowed.
-/// Width, height and the values, row-major.
+/// Reads a field, such as `relative_blur.exr`: an EXR of one channel, which may hold NaN and infinity. Returns width, height
+/// and the values, row-major.
 ///
 /// # Errors
 /// [`Error::File`].

@@ -1,4 +1,4 @@
-//! EXR: red, green and blue, or one channel, in half or float.
+//! OpenEXR: red, green and blue, or one channel, in half or float.
 
 use std::io::Cursor;
 
@@ -12,7 +12,7 @@ use exr::prelude::{ReadChannels, ReadLayers};
 use super::check::DAMAGED;
 use crate::base::{Channels, Frame, Samples};
 
-/// The most samples over all channels of a layer, 2^30: the largest image with four channels.
+/// Most samples of a layer over all channels, 2^30: the largest image with four channels.
 const MAX_SAMPLES: u64 = 1 << 30;
 
 /// An EXR whose header has been read.
@@ -37,15 +37,15 @@ fn problem(error: exr::error::Error) -> String {
 }
 
 impl<'a> Exr<'a> {
-    /// Reads the header and chooses the channels. DWAA and DWAB are refused: one wrong byte in them makes the crate ask for more
-    /// memory than there is, which ends the program.
+    /// Reads the header and chooses the channels. DWAA and DWAB are refused: a wrong byte in them makes the crate allocate more than the
+    /// memory, which aborts the program.
     pub(super) fn open(bytes: &'a [u8]) -> Result<Self, String> {
         let reader = exr::block::read(Cursor::new(bytes), false).map_err(problem)?;
         let Some(header) = reader.headers().first() else {
             return Err(format!("holds no layer; {DAMAGED}"));
         };
         let side = |length: usize| u32::try_from(length).map_err(|_| format!("is {length} pixels long; reduce it"));
-        // Of all layers: which of them is decoded their chunks tell.
+        // All layers are checked, since the chunks decide which one is decoded.
         if reader.headers().iter().any(|h| matches!(h.compression, Compression::DWAA(_) | Compression::DWAB(_))) {
             return Err("is compressed by DWAA or DWAB, which is not read; save it with ZIP compression".to_string());
         }
@@ -84,7 +84,7 @@ impl<'a> Exr<'a> {
         }
     }
 
-    /// Decodes a single channel, whatever its values.
+    /// Decodes a single channel, including NaN and infinity.
     pub(super) fn decode_field(self) -> Result<Vec<f32>, String> {
         match <[Vec<f32>; 1]>::try_from(self.planes()?) {
             Ok([values]) => Ok(values),
@@ -102,7 +102,7 @@ impl<'a> Exr<'a> {
             .all_channels()
             .first_valid_layer()
             .all_attributes()
-            // By threads of the crate's own a fault in a decompressor, of which there are, would end the program.
+            // A panic in a thread of the crate would abort the program, and decompressors do panic.
             .non_parallel()
             .from_chunks(self.reader)
             .map_err(problem)?;
@@ -117,7 +117,7 @@ fn plane<'a>(channels: &'a AnyChannels<FlatSamples>, name: &str) -> Option<&'a F
     channels.list.iter().find(|channel| channel.name.to_string() == name).map(|channel| &channel.sample_data)
 }
 
-/// R, G and B; or Y; or the only channel besides alpha.
+/// R, G and B, or Y, or the only channel that is not alpha.
 fn chosen_channels(header: &Header) -> Result<Vec<String>, String> {
     let list = &header.channels.list;
     let samples = header.layer_size.area() as u64 * list.len() as u64;

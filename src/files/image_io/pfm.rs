@@ -28,7 +28,7 @@ impl<'a> Pfm<'a> {
         let broken =
             || format!("cannot be decoded as PFM (its header is not a width, a height and a scale); {DAMAGED}");
         let mut words: Vec<String> = vec![String::new()];
-        // One byte of white space after the fourth word, and the samples begin.
+        // The samples begin after one byte of white space behind the fourth word.
         for _ in 0..MAX_HEADER {
             let (&byte, rest) = bytes.split_first().ok_or_else(broken)?;
             bytes = rest;

@@ -1,20 +1,19 @@
-//! A photograph whose file is open: hash, description and pixels of the same bytes.
+//! A photograph whose file has been read: hash, description and pixels are of the same bytes.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
-use super::page::Selected;
-use super::source::Source;
-use super::{Input, camera_raw, check};
-use crate::base::{Channels, Depth, Error, Format, Frame};
+use super::source::{Selected, Source};
+use super::{Input, check, raw};
+use crate::base::{Channels, Depth, Error, Format, Frame, workers};
 
-/// A photograph whose file has been read, once: what is said of it and its pixels come from the same bytes, whatever
-/// becomes of the file meanwhile. It and its clones share these bytes and hold them until they are decoded or dropped.
+/// A photograph whose file has been read. Its description and its pixels come from the same bytes, even if the file changes. It and
+/// its clones share these bytes until they are decoded or dropped.
 #[derive(Clone)]
 pub struct Photograph {
-    /// As given.
+    /// The path as passed.
     path: PathBuf,
     selected: Selected,
     bytes: Arc<Vec<u8>>,
@@ -23,7 +22,7 @@ pub struct Photograph {
 }
 
 impl Photograph {
-    /// Reads a file, or a page of a TIFF as `FILE#N`, or what has no header as `FILE#FORMAT:WxH`, and looks at its header; no pixel is decoded.
+    /// Reads a whole file and parses its header; no pixel is decoded. `FILE#N` is a page of a TIFF, `FILE#FORMAT:WxH` a frame without a header.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -34,7 +33,7 @@ impl Photograph {
         Self::of(path, selected, Arc::new(bytes))
     }
 
-    /// As [`open`](Self::open), after this one: from its bytes, if it is another page of its file, else once it is dropped.
+    /// Opens the next photograph: from the same bytes if it is another page of the same file, else from its file, with these bytes freed first.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -60,7 +59,7 @@ impl Photograph {
     fn of(path: &Path, selected: Selected, bytes: Arc<Vec<u8>>) -> Result<Self, Error> {
         let wrap = |problem| Error::file(path, problem);
         if selected.raw.is_none() {
-            camera_raw::problem(&selected.file, &bytes).map_or(Ok(()), |problem| Err(wrap(problem)))?;
+            raw::camera_raw_problem(&selected.file, &bytes).map_or(Ok(()), |problem| Err(wrap(problem)))?;
         }
         let source = guarded(|| Source::open(&bytes, &selected)).map_err(wrap)?;
         let channels = if source.bits_and_channels().1 == 1 { Channels::Gray } else { Channels::Rgb };
@@ -70,34 +69,34 @@ impl Photograph {
         Ok(Self { path: path.to_path_buf(), selected, bytes, size, format })
     }
 
-    /// As it was given.
+    /// The path as passed.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Width and height, px, once a rotation that the camera recorded is applied.
+    /// Width and height, px, after the rotation that the camera recorded.
     pub fn size(&self) -> (u32, u32) {
         self.size
     }
 
-    /// How its samples are stored once it is decoded.
+    /// Sample type after decoding.
     pub fn depth(&self) -> Depth {
         self.format.depth
     }
 
-    /// What a solver is told of it before it is decoded.
+    /// Channels and sample type after decoding.
     pub fn format(&self) -> Format {
         self.format
     }
 
-    /// What a report says of it: hash, header and metadata; no pixel is decoded.
+    /// Describes the file for the report: hash, header and metadata; no pixel is decoded.
     ///
     /// # Errors
-    /// [`Error::File`]; none is known where it could be opened.
+    /// [`Error::File`]; none is known for a file that could be opened.
     pub fn describe(&self) -> Result<Input, Error> {
         let mut source = self.source()?;
-        let said = guarded(|| Ok(source.said(&self.bytes)));
-        let (encoding, exif) = said.map_err(|problem| Error::file(&self.path, problem))?;
+        let metadata = guarded(|| Ok(source.encoding_and_exif(&self.bytes)));
+        let (encoding, exif) = metadata.map_err(|problem| Error::file(&self.path, problem))?;
         let (bits, channels) = source.bits_and_channels();
         Ok(Input {
             file: self.path.display().to_string(),
@@ -114,7 +113,7 @@ impl Photograph {
         })
     }
 
-    /// Decodes the pixels, as [`read`](super::read) says, and lets go of the bytes.
+    /// Decodes the pixels, as described for [`read`](super::read), and frees the bytes.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -139,7 +138,7 @@ impl Photograph {
         Ok([i1.decode()?, i2.decode()?])
     }
 
-    /// Decodes an EXR of one channel, whatever its values: width, height, and the values, row-major.
+    /// Decodes an EXR of one channel, including NaN and infinity: width, height, and the values, row-major.
     pub(super) fn decode_field(self) -> Result<(u32, u32, Vec<f32>), Error> {
         let wrap = |problem| Error::file(&self.path, problem);
         let Source::Exr(exr) = self.source()? else {
@@ -154,10 +153,32 @@ impl Photograph {
     }
 }
 
-/// A decoder that goes wrong over a file fails as the file does, and not the program: nothing that it worked on is used again.
+/// Turns a panic of a decoder into an error of the file; nothing that the decoder worked on is used again.
 fn guarded<T>(of: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(of))
         .unwrap_or_else(|_| Err(format!("cannot be decoded (the decoder fails over it); {}", check::DAMAGED)))
+}
+
+/// Decodes frames in parallel and describes their files. The first one is open already. In addition to the frames, as many files are in
+/// memory as there are processors; pages of one file share its bytes.
+///
+/// # Errors
+/// [`Error::File`] of the first file that fails.
+pub fn read_frames(first: Photograph, others: &[PathBuf]) -> Result<Vec<(Frame, Input)>, Error> {
+    let mut read: Vec<Option<Result<_, Error>>> = (0..=others.len()).map(|_| None).collect();
+    let mut last = Some(first.clone());
+    let opened = others.iter().map(|path| {
+        let photograph = last.take().map_or_else(|| Photograph::open(path), |last| last.open_next(path));
+        last = photograph.as_ref().ok().cloned();
+        photograph
+    });
+    workers::for_each([Ok(first)].into_iter().chain(opened).zip(&mut read), |(photograph, read)| {
+        *read = Some(photograph.and_then(|photograph| {
+            let input = photograph.describe()?;
+            Ok((photograph.decode()?, input))
+        }));
+    });
+    read.into_iter().flatten().collect()
 }
 
 #[cfg(test)]
@@ -171,7 +192,7 @@ mod tests {
     use crate::base::Samples;
 
     #[test]
-    fn pages_of_one_file_are_of_the_bytes_that_were_opened() {
+    fn pages_of_one_file_share_the_bytes_that_were_read() {
         let folder = TempDir::new().unwrap();
         let path = folder.path().join("stack.tif");
         let [first, second] = [1, 2].map(|n| PathBuf::from(format!("{}#{n}", path.display())));

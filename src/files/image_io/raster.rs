@@ -6,7 +6,7 @@ use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 
 use super::check::{CONVERT, DAMAGED};
-use super::turn::turned;
+use super::tiff_page::turned;
 use crate::base::{Channels, Frame, Samples};
 
 /// The formats that are read, by the names that people know them by.
@@ -60,12 +60,12 @@ impl<'a> Raster<'a> {
         self.format
     }
 
-    /// Whether there is an alpha channel, which is dropped.
+    /// Whether the file has an alpha channel, which is dropped.
     pub(super) fn has_alpha(&self) -> bool {
         self.decoder.color_type().has_alpha()
     }
 
-    /// The EXIF data, as a TIFF structure, and the ICC profile, where there are any.
+    /// The EXIF data, as a TIFF structure, and the ICC profile, if present.
     pub(super) fn metadata(&mut self) -> (Option<Vec<u8>>, Option<Vec<u8>>) {
         (self.decoder.exif_metadata().ok().flatten(), self.decoder.icc_profile().ok().flatten())
     }
@@ -111,7 +111,7 @@ fn frame(image: DynamicImage) -> Result<Frame, String> {
 
 /// Whether the scan of a JPEG is closed by an end-of-image marker.
 ///
-/// The decoder fills what is missing with grey, and a half-grey photograph gives a wrong depth without a word. The
+/// The decoder fills missing data with grey, which would give a wrong depth without a warning. The
 /// segments before the scan are stepped over because a thumbnail in them has an end marker of its own. What does not
 /// look like segments is left to the decoder to refuse.
 fn jpeg_has_end(bytes: &[u8]) -> bool {

@@ -1,8 +1,10 @@
-//! Frames of a camera without a header, of a size and a [format](PixelFormat) that are stated with the name: `FILE#Mono12p:2448x2048`.
+//! Frames of a camera without a header, of a stated size and [format](PixelFormat): `FILE#Mono12p:2448x2048`; raw files of cameras.
 
 use std::fmt;
+use std::path::Path;
 use std::str::FromStr;
 
+use super::tiff_page::is_tiff;
 use crate::base::{Depth, Frame, PixelFormat};
 
 /// Format and size of a frame that does not state them itself; as text `Mono12p:2448x2048`.
@@ -35,15 +37,15 @@ impl fmt::Display for RawFormat {
 }
 
 impl RawFormat {
-    /// The frame that these bytes are, as those of a camera's buffer.
+    /// Decodes the bytes of a camera's buffer.
     ///
     /// # Errors
-    /// Says how many bytes there should be, or what format they may have.
+    /// A message with the expected number of bytes, or the formats that fit.
     pub fn frame(self, bytes: &[u8]) -> Result<Frame, String> {
         Raw::open(bytes, self)?.decode()
     }
 
-    /// The formats in which a frame of this size takes so many bytes, one for each of the same bits, and of mosaics one of all patterns.
+    /// The formats in which a frame of this size has `length` bytes: one for each number of bits, and one for all mosaic patterns.
     fn fitting(&self, length: u64) -> Vec<String> {
         let of_patterns =
             |name: &String| !["BayerGR", "BayerGB", "BayerBG"].iter().any(|other| name.starts_with(other));
@@ -94,6 +96,52 @@ impl<'a> Raw<'a> {
     }
 }
 
+/// Beginnings of files: at which byte, what, and what it is.
+const BEGINNINGS: [(usize, &[u8], &str); 9] = [
+    (8, b"CR", "Canon CR2"),
+    (4, b"ftypcrx", "Canon CR3"),
+    (0, b"FUJIFILMCCD-RAW", "Fujifilm RAF"),
+    (0, b"IIRO", "Olympus ORF"),
+    (0, b"IIRS", "Olympus ORF"),
+    (0, b"MMOR", "Olympus ORF"),
+    (0, b"IIU\0", "Panasonic RW2"),
+    (0, b"FOVb", "Sigma X3F"),
+    (0, b"\0MRM", "Minolta MRW"),
+];
+
+/// Raw files that begin as TIFF, by the ending of their name.
+const TIFF_ENDINGS: [(&str, &str); 10] = [
+    ("nef", "Nikon NEF"),
+    ("nrw", "Nikon NRW"),
+    ("arw", "Sony ARW"),
+    ("sr2", "Sony SR2"),
+    ("dng", "DNG"),
+    ("pef", "Pentax PEF"),
+    ("srw", "Samsung SRW"),
+    ("3fr", "Hasselblad 3FR"),
+    ("iiq", "Phase One IIQ"),
+    ("erf", "Epson ERF"),
+];
+
+/// Advice for a raw file of a camera; `None` for another file.
+pub(super) fn camera_raw_problem(path: &Path, start: &[u8]) -> Option<String> {
+    let is_tiff = is_tiff(start);
+    let begins = |(at, what, _): &&(usize, &[u8], &str)| {
+        // "CR" at byte 8 means something only in a TIFF.
+        start.get(*at..).is_some_and(|rest| rest.starts_with(what)) && (*what != b"CR" || is_tiff)
+    };
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let by_ending = || TIFF_ENDINGS.iter().find(|(e, _)| is_tiff && *e == ending).map(|(_, name)| *name);
+    let name = BEGINNINGS.iter().find(begins).map(|(_, _, name)| *name).or_else(by_ending)?;
+    let file = path.display();
+    let tiff = path.with_extension("tiff");
+    Some(format!(
+        "is a raw file ({name}), which is not read: convert both photographs alike and linearly, as `dcraw -4 -T -w -o 0 \
+         '{file}'` does, which writes '{}' (newer cameras: `dcraw_emu` of LibRaw, with the same options)",
+        tiff.display()
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -101,8 +149,11 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_told_what_would() {
         let problem = |text: &str, length: usize| Raw::open(&vec![0; length], text.parse().unwrap()).err().unwrap();
-        let told = problem("Mono12p:4x2", 16);
-        assert!(told.contains("16 bytes, and Mono12p:4x2 takes 12") && told.contains("Mono10 or Mono12 or"), "{told}");
+        let message = problem("Mono12p:4x2", 16);
+        assert!(
+            message.contains("16 bytes, and Mono12p:4x2 takes 12") && message.contains("Mono10 or Mono12 or"),
+            "{message}"
+        );
         assert!(problem("Mono8:4x2", 9).contains("another size"));
         for bad in ["", "Mono12p", "Mono12p:", "Mono12p:4", "Mono12p:0x4", "Mono12p:4x-1", "Mono12p:99999999999x1"] {
             assert!(bad.parse::<RawFormat>().unwrap_err().contains("as in Mono12p:2448x2048"), "{bad}");
@@ -110,5 +161,26 @@ mod tests {
         assert!("Mono13:4x4".parse::<RawFormat>().unwrap_err().contains("Mono12Packed"));
         assert_eq!("MONO12P:4x2".parse::<RawFormat>().unwrap().to_string(), "Mono12p:4x2");
         assert_eq!("bayerrg12p:4x2".parse::<RawFormat>().unwrap().frame(&[0; 12]).unwrap().bytes().len(), 48);
+    }
+
+    #[test]
+    fn raw_files_are_told_apart_from_pictures() {
+        for (name, start, expected) in [
+            ("a.CR2", &b"II*\0\x10\0\0\0CR\x02\0"[..], Some("Canon CR2")),
+            ("a.cr3", b"\0\0\0\x18ftypcrx \0\0\0\0", Some("Canon CR3")),
+            ("a.RAF", b"FUJIFILMCCD-RAW 0201", Some("Fujifilm RAF")),
+            ("a.NEF", b"MM\0*\0\0\0\x08", Some("Nikon NEF")),
+            ("a.dng", b"II*\0\x08\0\0\0", Some("DNG")),
+            ("noending", b"IIU\0\x08\0\0\0", Some("Panasonic RW2")),
+            ("a.tif", b"II*\0\x08\0\0\0", None),
+            ("a.nef", b"\x89PNG\r\n\x1a\n", None),
+            ("a.png", b"\x89PNG\r\n\x1a\nCR", None),
+        ] {
+            let problem = camera_raw_problem(Path::new(name), start);
+            assert_eq!(problem.is_some(), expected.is_some(), "{name}: {problem:?}");
+            let problem = problem.unwrap_or_default();
+            assert!(problem.contains(expected.unwrap_or_default()), "{problem}");
+            assert!(problem.is_empty() || problem.contains(&format!("dcraw -4 -T -w -o 0 '{name}'")), "{problem}");
+        }
     }
 }

@@ -1,29 +1,66 @@
-//! The reader that the first bytes of a file ask for.
+//! The reader of a photograph's file, which its first bytes select, and the page or format that its name selects.
 
+use std::path::{Path, PathBuf};
+
+use super::metadata::{Exif, LINEAR, SRGB, encoding_of_icc, encoding_of_png, parse_exif};
 use super::openexr::{self, Exr};
-use super::page::Selected;
 use super::pfm::{self, Pfm};
 use super::raster::Raster;
-use super::raw::Raw;
+use super::raw::{Raw, RawFormat};
 use super::tiff_page::{self, TiffPage};
-use super::{Exif, encoding, exif};
 use crate::base::{Depth, Frame};
 
-/// The largest TIFF in which EXIF is looked for, 1 GiB, since it is copied for that.
+/// A file, and the page or format that its name selects.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Selected {
+    pub(super) file: PathBuf,
+    /// Page of a TIFF, from 1.
+    pub(super) page: Option<usize>,
+    pub(super) raw: Option<RawFormat>,
+}
+
+impl Selected {
+    /// Parses `FILE`, `FILE#N` or `FILE#FORMAT:WxH`. A path that names neither, or an existing file, is taken as it is.
+    ///
+    /// # Errors
+    /// A message if the text after # begins like a format and is none.
+    pub(super) fn of(path: &Path) -> Result<Self, String> {
+        let whole = Self { file: path.to_path_buf(), page: None, raw: None };
+        let Some((file, after)) = path.to_str().and_then(|text| text.rsplit_once('#')) else { return Ok(whole) };
+        if file.is_empty() || path.exists() {
+            return Ok(whole);
+        }
+        let file = PathBuf::from(file);
+        match (after.parse(), after.parse::<RawFormat>()) {
+            (Ok(page), _) if page > 0 => Ok(Self { file, page: Some(page), raw: None }),
+            (_, Ok(raw)) => Ok(Self { file, page: None, raw: Some(raw) }),
+            (_, Err(problem)) if after.to_lowercase().starts_with("mono") => Err(format!("#{after}: {problem}")),
+            _ => Ok(whole),
+        }
+    }
+}
+
+/// The file and the page, from 1, of `FILE#N`; the file of `FILE#FORMAT:WxH`. A path that names neither, or an existing file, is returned as
+/// it is.
+pub fn split_page(path: &Path) -> (PathBuf, Option<usize>) {
+    Selected::of(path).map_or_else(|_| (path.to_path_buf(), None), |selected| (selected.file, selected.page))
+}
+
+/// Largest TIFF from which EXIF is read, 1 GiB, since it is copied.
 const MAX_TIFF: usize = 1 << 30;
 
-/// The bytes of a file of which the header has been read.
+/// A reader of a format, which has parsed the header.
 pub(super) enum Source<'a> {
     Raster(Raster<'a>),
     Tiff(Box<TiffPage<'a>>),
     Pfm(Pfm<'a>),
     Raw(Raw<'a>),
-    // The crate keeps the whole header in place, 4 KiB.
+    // The crate's header takes 4 KiB.
     Exr(Box<Exr<'a>>),
 }
 
 impl<'a> Source<'a> {
-    /// Reads the header; of a TIFF that of a page, from 1.
+    /// Parses the header; of a TIFF that of the selected page.
     pub(super) fn open(bytes: &'a [u8], selected: &Selected) -> Result<Self, String> {
         if let Some(format) = selected.raw {
             return Ok(Self::Raw(Raw::open(bytes, format)?));
@@ -44,7 +81,7 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// The format's name.
+    /// Name of the format.
     pub(super) fn format(&self) -> &'static str {
         match self {
             Self::Raster(s) => s.format(),
@@ -55,7 +92,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Width and height once the camera's rotation is applied.
+    /// Width and height after the rotation that the camera recorded.
     pub(super) fn size(&self) -> (u32, u32) {
         match self {
             Self::Raster(s) => s.size(),
@@ -71,7 +108,7 @@ impl<'a> Source<'a> {
         if let Self::Tiff(s) = self { s.pages() } else { 1 }
     }
 
-    /// How a sample is stored once it is decoded.
+    /// Sample type after decoding.
     pub(super) fn depth(&self) -> Depth {
         match self {
             Self::Raster(s) if s.bits_and_channels().0 == 16 => Depth::U16,
@@ -93,7 +130,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Whether there is an alpha channel, which is dropped.
+    /// Whether the file has an alpha channel, which is dropped.
     pub(super) fn has_alpha(&self) -> bool {
         match self {
             Self::Raster(s) => s.has_alpha(),
@@ -104,19 +141,19 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// What the file, whose bytes these are, says of its values and of the lens.
-    pub(super) fn said(&mut self, bytes: &[u8]) -> (Option<String>, Option<Exif>) {
+    /// Transfer curve and EXIF that the file states; `bytes` is the whole file.
+    pub(super) fn encoding_and_exif(&mut self, bytes: &[u8]) -> (Option<String>, Option<Exif>) {
         let (data, profile) = match self {
-            Self::Exr(_) | Self::Pfm(_) => return (Some(encoding::LINEAR.to_string()), None),
+            Self::Exr(_) | Self::Pfm(_) => return (Some(LINEAR.to_string()), None),
             Self::Raw(_) => return (None, None),
             Self::Raster(s) => s.metadata(),
-            // A TIFF is itself such a structure as EXIF is.
+            // EXIF is a TIFF structure.
             Self::Tiff(s) => ((bytes.len() <= MAX_TIFF).then(|| bytes.to_vec()), s.profile()),
         };
-        let (exif, is_srgb) = data.map_or((None, false), exif::parse);
-        let by_exif = is_srgb.then(|| encoding::SRGB.to_string());
-        let by_chunks = || if self.format() == "PNG" { encoding::of_png(bytes) } else { None };
-        let by_profile = profile.and_then(|profile| encoding::of_icc(&profile));
+        let (exif, is_srgb) = data.map_or((None, false), parse_exif);
+        let by_exif = is_srgb.then(|| SRGB.to_string());
+        let by_chunks = || if self.format() == "PNG" { encoding_of_png(bytes) } else { None };
+        let by_profile = profile.and_then(|profile| encoding_of_icc(&profile));
         (by_profile.or_else(by_chunks).or(by_exif), exif)
     }
 
@@ -129,5 +166,22 @@ impl<'a> Source<'a> {
             Self::Raw(s) => s.decode(),
             Self::Exr(s) => s.decode(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_may_end_with_a_page_or_a_format() {
+        let of = |text: &str| Selected::of(Path::new(text)).map(|s| (s.file.display().to_string(), s.page, s.raw));
+        assert_eq!(of("a.tif#2").unwrap(), ("a.tif".to_string(), Some(2), None));
+        let raw = "Mono12p:4x2".parse().unwrap();
+        assert_eq!(of("a.raw#Mono12p:4x2").unwrap(), ("a.raw".to_string(), None, Some(raw)));
+        for other in ["a.png", "#2", "a#b", "a#0"] {
+            assert_eq!(of(other).unwrap().0, other);
+        }
+        assert!(of("a.raw#Mono13:4x2").unwrap_err().contains("'Mono13' is no format"));
     }
 }

@@ -1,4 +1,4 @@
-//! Every format there and back, and what damaged files are told.
+//! Tests of every format, written and read, and of damaged files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -205,7 +205,7 @@ fn a_page_of_several_is_named_by_its_number() {
     let png = save(&folder, "one.png", &gray8(), ImageFormat::Png);
     assert!(read(&png.with_file_name("one.png#2")).unwrap_err().to_string().contains("one page only"));
     assert!(read(&png.with_file_name("one.png#1")).is_ok());
-    // A file of that very name goes before a page.
+    // An existing file takes precedence over a page.
     let odd = save(&folder, "one.png#3", &gray16(), ImageFormat::Png);
     assert!(matches!(read(&odd).unwrap().samples(), Samples::U16(_)));
 }
@@ -386,7 +386,7 @@ fn bent_files_never_panic() {
 
 #[test]
 fn a_fault_of_a_decoder_is_one_of_the_file() {
-    // A byte of B44 was changed so that the decoder computes below zero; where that is not looked for, it goes on.
+    // A changed byte of B44 makes the decoder underflow; without overflow checks it goes on.
     let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hostile/b44_overflow.exr"));
     let found = read(path);
     if cfg!(debug_assertions) {

@@ -1,27 +1,27 @@
-//! A page of a TIFF through the crate `tiff`: grey or colour, of 8 or 16 bits or float; bilevel, as masks are, too.
+//! TIFF: a page of grey or colour in 8 or 16 bits or float, or bilevel, by the crate `tiff`.
 
 use std::io::Cursor;
 
+use DecodingSampleType::{F16, F32, U8, U16};
 use image::metadata::Orientation;
+use image::{ImageBuffer, Luma, Pixel, Primitive, Rgb, imageops};
 use tiff::decoder::{Decoder, DecodingResult, DecodingSampleType, Limits};
 use tiff::tags::{Tag, Type, ValueBuffer};
 use tiff::{ColorType, TiffError, TiffUnsupportedError};
 
 use super::MAX_PIXELS;
 use super::check::DAMAGED;
-use super::tiff_samples::{Stored, bytes_of};
-use super::turn::turned;
 use crate::base::{Channels, Depth, Format, Frame, Samples};
 
-/// The most pages that are looked for.
+/// Most pages of a file.
 const MAX_PAGES: usize = 1 << 16;
 
 /// Bytes that one pixel may take while it is decoded: RGBA in 32-bit floats.
 const LARGEST_PIXEL: u64 = 16;
-/// What may be taken in any case, 16 MiB: a tile of a megapixel of such pixels.
+/// Least memory limit, 16 MiB: a tile of a megapixel of such pixels.
 const LEAST_LIMIT: usize = 16 << 20;
 
-/// A page whose directory has been read.
+/// A page whose directory has been parsed.
 pub(super) struct TiffPage<'a> {
     decoder: Decoder<Cursor<&'a [u8]>>,
     size: (u32, u32),
@@ -84,26 +84,26 @@ impl<'a> TiffPage<'a> {
         turned(self.size, self.orientation)
     }
 
-    /// Bits of a sample, a bilevel one counted as it is decoded, and colour channels, alpha not counted.
+    /// Bits of a sample, 8 for bilevel, and colour channels without alpha.
     pub(super) fn bits_and_channels(&self) -> (u32, u32) {
         (u32::from(self.color.bit_depth()).max(8), self.format.channels.count())
     }
 
-    /// How a sample is stored once it is decoded.
+    /// Sample type after decoding.
     pub(super) fn depth(&self) -> Depth {
         self.format.depth
     }
 
-    /// Whether there is an alpha channel, which is dropped.
+    /// Whether the file has an alpha channel, which is dropped.
     pub(super) fn has_alpha(&self) -> bool {
         matches!(self.color, ColorType::RGBA(_))
     }
 
-    /// The ICC profile, where there is one.
+    /// The ICC profile.
     pub(super) fn profile(&mut self) -> Option<Vec<u8>> {
         let most = self.decoder.inner().get_ref().len() as u64;
         let mut directory = self.decoder.image_ifd();
-        // Before memory is taken for what the file cannot hold.
+        // Checked first: the crate would allocate for values that the file cannot hold.
         directory.find_entry(Tag::IccProfile).filter(|entry| entry.count() <= most)?;
         let mut profile = ValueBuffer::empty(Type::UNDEFINED);
         directory.find_tag_buf(Tag::IccProfile, &mut profile).ok()??;
@@ -117,8 +117,13 @@ impl<'a> TiffPage<'a> {
         let mut decoder = decoder;
         let limits = limits(u64::from(size.0) * u64::from(size.1), decoder.inner().get_ref().len());
         let layout = decoder.with_limits(limits).read_image_to_buffer(&mut found).map_err(problem)?;
-        let stored =
-            Stored { size, samples: color.num_samples().into(), planar: layout.planes > 1, channels, orientation };
+        let stored = SampleLayout {
+            size,
+            samples: color.num_samples().into(),
+            planar: layout.planes > 1,
+            channels,
+            orientation,
+        };
         match found {
             DecodingResult::U8(bits) if color.bit_depth() == 1 => stored.frame(bytes_of(&bits, size.0), Samples::U8),
             DecodingResult::U8(values) => stored.frame(values, Samples::U8),
@@ -130,8 +135,8 @@ impl<'a> TiffPage<'a> {
     }
 }
 
-/// Whether each tag of the first directory has as many values as the file may hold: the crate reads it before it can be told
-/// any limits, and takes 32 bytes for each value. `None` where there is no such directory, which the crate finds too.
+/// Whether no tag of the first directory has more values than the file can hold. The crate reads this directory before limits can be set,
+/// and allocates 32 bytes for each value. `None` if there is no such directory, which the crate reports.
 fn first_directory_fits(bytes: &[u8]) -> Option<bool> {
     let number = |at: u64, size: usize| {
         let at = usize::try_from(at).ok()?;
@@ -150,8 +155,8 @@ fn first_directory_fits(bytes: &[u8]) -> Option<bool> {
     Some(entries.into_iter().all(|count| count <= bytes.len() as u64))
 }
 
-/// What may be taken to decode so many pixels of a file of so many bytes: the pixels, or a tile that is larger; and 32 bytes,
-/// as the crate keeps each, for as many values of a tag as the file can hold.
+/// Memory limits of the decoder for a number of pixels and a file size, bytes: the pixels, or a larger tile, and 32 bytes for each value of a
+/// tag that the file can hold.
 fn limits(pixels: u64, file: usize) -> Limits {
     let pixels = usize::try_from(pixels.min(MAX_PIXELS) * LARGEST_PIXEL).unwrap_or(usize::MAX);
     let mut limits = Limits::default();
@@ -160,8 +165,7 @@ fn limits(pixels: u64, file: usize) -> Limits {
     limits
 }
 
-/// Which images of the file are its pages: not the reduced copies that some programs keep beside a picture. Up to where
-/// the file is damaged, if it is.
+/// Indices of the pages of the file, without the reduced copies that some programs add; up to a damaged one.
 fn pages(decoder: &mut Decoder<Cursor<&[u8]>>) -> Vec<usize> {
     let mut pages = Vec::new();
     for index in 0.. {
@@ -176,9 +180,8 @@ fn pages(decoder: &mut Decoder<Cursor<&[u8]>>) -> Vec<usize> {
     pages
 }
 
-/// Grey or colour, and of what; refuses what is neither, and samples that are not read.
+/// Channels and sample type; refuses unsupported ones.
 fn format(decoder: &mut Decoder<Cursor<&[u8]>>, color: ColorType) -> Result<Format, String> {
-    use DecodingSampleType::{F16, F32, U8, U16};
     let channels = match color {
         ColorType::Gray(_) => Channels::Gray,
         ColorType::RGB(_) | ColorType::RGBA(_) => Channels::Rgb,
@@ -193,6 +196,88 @@ fn format(decoder: &mut Decoder<Cursor<&[u8]>>, color: ColorType) -> Result<Form
         (_, bits) => return Err(unsupported(TiffUnsupportedError::UnsupportedBitsPerChannel(bits))),
     };
     Ok(Format { channels, depth })
+}
+
+/// Unpacks bits to bytes, 0 or 255; each row begins with a byte.
+pub(super) fn bytes_of(bits: &[u8], width: u32) -> Vec<u8> {
+    let width = width as usize;
+    let byte = |row: &[u8], x: usize| if row[x / 8] << (x % 8) & 0x80 == 0 { 0 } else { 255 };
+    bits.chunks_exact(width.div_ceil(8)).flat_map(|row| (0..width).map(move |x| byte(row, x))).collect()
+}
+
+/// Layout of the samples of a page.
+struct SampleLayout {
+    /// Width and height, as stored.
+    pub(super) size: (u32, u32),
+    /// Samples per pixel; the colours come first.
+    pub(super) samples: usize,
+    /// Whether samples are stored in planes.
+    pub(super) planar: bool,
+    /// Colour channels.
+    pub(super) channels: Channels,
+    /// Rotation of the picture.
+    pub(super) orientation: Orientation,
+}
+
+impl SampleLayout {
+    /// The upright frame.
+    pub(super) fn frame<T: Primitive + 'static>(
+        &self,
+        values: Vec<T>,
+        wrap: fn(Vec<T>) -> Samples,
+    ) -> Result<Frame, String>
+    where
+        Rgb<T>: Pixel<Subpixel = T>,
+    {
+        let colors = self.colors(values);
+        let upright = match self.channels {
+            Channels::Gray => self.upright::<Luma<T>>(colors),
+            Channels::Rgb => self.upright::<Rgb<T>>(colors),
+        };
+        let values =
+            upright.ok_or_else(|| format!("cannot be decoded as TIFF (it holds too few samples); {DAMAGED}"))?;
+        let (width, height) = turned(self.size, self.orientation);
+        Frame::new(width, height, self.channels, wrap(values))
+    }
+
+    /// The colours alone, interleaved.
+    fn colors<T: Copy>(&self, values: Vec<T>) -> Vec<T> {
+        let (pixels, colors) = (self.size.0 as usize * self.size.1 as usize, self.channels.count() as usize);
+        if self.planar {
+            let planes: Vec<&[T]> = values.chunks_exact(pixels).take(colors).collect();
+            return (0..pixels).flat_map(|i| planes.iter().map(move |plane| plane[i])).collect();
+        }
+        if self.samples == colors {
+            return values;
+        }
+        values.chunks_exact(self.samples).flat_map(|pixel| &pixel[..colors]).copied().collect()
+    }
+
+    /// Rotates as the camera recorded; `None` if there are too few samples.
+    fn upright<P: Pixel + 'static>(&self, values: Vec<P::Subpixel>) -> Option<Vec<P::Subpixel>> {
+        let stored: ImageBuffer<P, _> = ImageBuffer::from_raw(self.size.0, self.size.1, values)?;
+        let upright = match self.orientation {
+            Orientation::NoTransforms => stored,
+            Orientation::Rotate90 => imageops::rotate90(&stored),
+            Orientation::Rotate180 => imageops::rotate180(&stored),
+            Orientation::Rotate270 => imageops::rotate270(&stored),
+            Orientation::FlipHorizontal => imageops::flip_horizontal(&stored),
+            Orientation::FlipVertical => imageops::flip_vertical(&stored),
+            Orientation::Rotate90FlipH => imageops::flip_horizontal(&imageops::rotate90(&stored)),
+            Orientation::Rotate270FlipH => imageops::flip_horizontal(&imageops::rotate270(&stored)),
+        };
+        Some(upright.into_raw())
+    }
+}
+
+/// Width and height of the upright picture.
+pub(super) fn turned((width, height): (u32, u32), orientation: Orientation) -> (u32, u32) {
+    match orientation {
+        Orientation::Rotate90 | Orientation::Rotate270 | Orientation::Rotate90FlipH | Orientation::Rotate270FlipH => {
+            (height, width)
+        }
+        _ => (width, height),
+    }
 }
 
 #[cfg(test)]
@@ -276,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_read_is_named_with_what_to_do() {
+    fn an_unsupported_kind_is_named_with_advice() {
         let data = [0; 80];
         let refused = |bits: &[u16], more: &[(Tag, u16)]| decode(&file(bits, more, &[&data])).unwrap_err();
         let kind = |photometric| (Tag::PhotometricInterpretation, photometric);

@@ -1,12 +1,8 @@
 //! The surface for other programs: PLY mesh and point cloud, glTF 2.0 with texture, STL and OBJ.
 //!
-//! All are written from [`Points`] on a grid, whatever they measure: mm through a lens, or relative blur times an exaggeration.
+//! All formats are written from [`Points`] on a grid, in mm with a lens, else exaggerated.
 
-mod glb;
-mod mesh;
-mod obj;
-mod ply;
-mod stl;
+mod formats;
 #[cfg(test)]
 mod tests;
 
@@ -14,18 +10,18 @@ use crate::base::{Error, Frame, Lens, Region};
 use crate::files::export::{Extra, Nearer, Quantity, Results, Scale};
 use crate::files::preview::photograph;
 
-/// A kind of file.
+/// A file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Model {
-    /// `surface.ply`: triangles, with colour and normals at their corners.
+    /// `surface.ply`: a mesh with colours and normals.
     Ply,
-    /// `points.ply`: every point, with colour and normal.
+    /// `points.ply`: all points with colours and normals.
     Cloud,
-    /// `surface.glb`: triangles and normals under the picture as texture.
+    /// `surface.glb`: a mesh with normals and the picture as texture.
     Glb,
     /// `surface.stl`: triangles alone.
     Stl,
-    /// `surface.obj`: triangles, with colour and normals at their corners.
+    /// `surface.obj`: a mesh with colours and normals.
     Obj,
 }
 
@@ -34,19 +30,19 @@ pub enum Model {
 /// x is to the right, y up and z towards the camera: a right-handed system, which shows the scene as photographed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Points {
-    /// Points a row.
+    /// Points per row.
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Pixels of the image along the side of the square that a point stands for: 1 before [`reduced`](Self::reduced).
+    /// Side of the square of pixels that a point represents, px: 1 before [`reduced`](Self::reduced).
     pub cell: usize,
-    /// Row-major; a point with a coordinate that is not finite is a hole.
+    /// Positions, row-major; a point with a coordinate that is not finite is a hole.
     pub positions: Vec<[f32; 3]>,
-    /// Of each point, sRGB.
+    /// Colours, sRGB.
     pub colors: Vec<[u8; 3]>,
     /// Unit of the coordinates: "px", "mm".
     pub unit: String,
-    /// What else a reader should know of the coordinates; a line each.
+    /// More about the coordinates; a line each.
     pub comments: Vec<String>,
 }
 
@@ -117,7 +113,7 @@ impl Points {
         Self::raised(&focus.values, fused, height, ["reference frame", &z])
     }
 
-    /// Any field over the pixels of an image.
+    /// A field over the pixels of an image.
     fn raised(
         values: &[f32],
         fused: &Frame,
@@ -142,8 +138,7 @@ impl Points {
         })
     }
 
-    /// Square cells of pixels become one point each, the mean of theirs, about `nodes` along the longer side; as they are
-    /// where there are no more.
+    /// Averages square cells of pixels to one point each, about `nodes` along the longer side; unchanged if there are no more.
     pub fn reduced(&self, nodes: usize) -> Self {
         let cell = self.width.max(self.height).div_ceil(nodes.max(1));
         if cell <= 1 {
@@ -156,40 +151,39 @@ impl Points {
         Self { width, height, cell: cell * self.cell, positions, colors, unit, comments }
     }
 
-    /// Of the points of a cell that are there.
+    /// Mean of the points of a cell without holes.
     fn mean(&self, left: usize, top: usize, cell: usize) -> ([f32; 3], [u8; 3]) {
         let (right, bottom) = ((left + cell).min(self.width), (top + cell).min(self.height));
         let (mut position, mut color, mut count) = ([0.0f64; 3], [0.0f64; 3], 0.0);
         for i in (top..bottom).flat_map(|y| y * self.width + left..y * self.width + right) {
-            if self.is_there(i) {
+            if self.is_point(i) {
                 (0..3).for_each(|k| position[k] += f64::from(self.positions[i][k]));
                 (0..3).for_each(|k| color[k] += f64::from(self.colors[i][k]));
                 count += 1.0;
             }
         }
-        // Without a point 0 / 0, which is a hole.
+        // Without a point this is 0 / 0, a hole.
         (position.map(|sum| (sum / count) as f32), color.map(|sum| (sum / count).round() as u8))
     }
 
-    fn is_there(&self, i: usize) -> bool {
+    fn is_point(&self, i: usize) -> bool {
         self.positions[i].iter().all(|c| c.is_finite())
     }
 
-    /// A file of this kind; `texture` is the picture on `surface.glb`, `nodes` the most points of a mesh along the longer
-    /// side, if there is a limit.
+    /// The file of a format. `texture` is the picture on `surface.glb`, `nodes` limits the points of a mesh along the longer side.
     pub fn file<'a>(&'a self, model: Model, texture: &'a Frame, nodes: Option<usize>) -> Extra<'a> {
         let mesh = move || nodes.map_or_else(|| self.clone(), |nodes| self.reduced(nodes));
         match model {
-            Model::Ply => Extra::new("surface.ply", move |_, w| ply::write(w, &mesh(), true)),
-            Model::Cloud => Extra::new("points.ply", move |_, w| ply::write(w, self, false)),
-            Model::Stl => Extra::new("surface.stl", move |_, w| stl::write(w, &mesh())),
-            Model::Obj => Extra::new("surface.obj", move |_, w| obj::write(w, &mesh())),
-            Model::Glb => Extra::new("surface.glb", move |_, w| glb::write(w, &mesh(), &photograph(texture))),
+            Model::Ply => Extra::new("surface.ply", move |_, w| formats::write_ply(w, &mesh(), true)),
+            Model::Cloud => Extra::new("points.ply", move |_, w| formats::write_ply(w, self, false)),
+            Model::Stl => Extra::new("surface.stl", move |_, w| formats::write_stl(w, &mesh())),
+            Model::Obj => Extra::new("surface.obj", move |_, w| formats::write_obj(w, &mesh())),
+            Model::Glb => Extra::new("surface.glb", move |_, w| formats::write_glb(w, &mesh(), &photograph(texture))),
         }
     }
 }
 
-/// Px for each unit of a scale that make 15 % of the longer side of it.
+/// Exaggeration, px per unit of a scale, at which its range is 15 % of the longer side.
 fn relief(scale: Scale, width: u32, height: u32) -> f64 {
     0.15 * f64::from(width.max(height)) / (f64::from(scale.high) - f64::from(scale.low))
 }

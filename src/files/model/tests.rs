@@ -1,4 +1,4 @@
-//! The files, read back.
+//! Tests of the file formats by independent readers.
 
 use gltf::mesh::util::ReadIndices;
 use gltf::{Gltf, Semantic};
@@ -25,7 +25,7 @@ fn assert_normals(normals: &[[f32; 3]]) {
     }
 }
 
-/// What a PLY of exactly the properties that `ply.rs` writes holds.
+/// The content of a PLY with exactly the properties that are written.
 struct Ply {
     comments: Vec<String>,
     vertices: Vec<([f32; 3], [f32; 3], [u8; 3])>,
@@ -64,7 +64,7 @@ fn read_ply(bytes: &[u8]) -> Ply {
 
 fn ply(points: &Points, with_triangles: bool) -> Ply {
     let mut bytes = Vec::new();
-    ply::write(&mut bytes, points, with_triangles).unwrap();
+    formats::write_ply(&mut bytes, points, with_triangles).unwrap();
     read_ply(&bytes)
 }
 
@@ -132,7 +132,7 @@ fn a_glb_is_valid_and_has_the_mesh_under_its_texture() {
         let (points, fused) = plane(hole);
         let texture = photograph(&fused);
         let mut bytes = Vec::new();
-        glb::write(&mut bytes, &points, &texture).unwrap();
+        formats::write_glb(&mut bytes, &points, &texture).unwrap();
         // Checks lengths, indices and that what must be there is.
         let Gltf { document, blob } = Gltf::from_slice(&bytes).unwrap();
         let blob = blob.unwrap();
@@ -168,7 +168,7 @@ fn millimetres_become_metres_and_pixels_a_side_of_one() {
     for (unit, scale) in [("mm", 1e-3), ("px", 1.0 / 6.0)] {
         let (points, fused) = plane(false);
         let mut bytes = Vec::new();
-        glb::write(&mut bytes, &Points { unit: unit.to_string(), ..points }, &photograph(&fused)).unwrap();
+        formats::write_glb(&mut bytes, &Points { unit: unit.to_string(), ..points }, &photograph(&fused)).unwrap();
         let document = Gltf::from_slice(&bytes).unwrap().document;
         let (_, _, found) = document.nodes().next().unwrap().transform().decomposed();
         assert!(found.iter().all(|s| (f64::from(*s) - scale).abs() < 1e-6), "{found:?}");
@@ -179,7 +179,7 @@ fn millimetres_become_metres_and_pixels_a_side_of_one() {
 fn a_reduced_glb_keeps_its_texture_in_place() {
     let (points, fused) = plane(false);
     let mut bytes = Vec::new();
-    glb::write(&mut bytes, &points.reduced(2), &photograph(&fused)).unwrap();
+    formats::write_glb(&mut bytes, &points.reduced(2), &photograph(&fused)).unwrap();
     let Gltf { document, blob } = Gltf::from_slice(&bytes).unwrap();
     let blob = blob.unwrap();
     let primitive = document.meshes().next().unwrap().primitives().next().unwrap();
@@ -193,7 +193,7 @@ fn what_has_no_triangle_is_an_empty_scene() {
     let fused = Frame::gray(2, 1, vec![0.5; 2]).unwrap();
     let points = Points::of_relative_blur(&[3.0, 0.0], &fused, Nearer::First, 2.0).unwrap();
     let mut bytes = Vec::new();
-    glb::write(&mut bytes, &points, &photograph(&fused)).unwrap();
+    formats::write_glb(&mut bytes, &points, &photograph(&fused)).unwrap();
     let Gltf { document, blob } = Gltf::from_slice(&bytes).unwrap();
     assert!(blob.is_none() && document.meshes().len() == 0 && document.default_scene().is_some());
 }

@@ -1,7 +1,7 @@
 //! CPU methods to compare with: registration by SIFT key-points, and shape from focus.
 //!
-//! Key-points of both images (crate `lowe-sift`, after Lowe 2004) are matched by the ratio test, and robust least squares
-//! fits a similarity to the matches.
+//! Key-points of both images (crate `lowe-sift`, after Lowe 2004) are matched by the ratio test, and robust least
+//! squares fits a similarity to the matches.
 
 mod shape_from_focus;
 mod similarity_fit;

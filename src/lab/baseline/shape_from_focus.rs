@@ -1,8 +1,8 @@
 //! Shape from focus: the setting at which the surroundings of each pixel have the most detail.
 //!
-//! Detail is the modified Laplacian (Nayar and Nakagawa 1994), `|2I - I_left - I_right| + |2I - I_above - I_below|`, in a
-//! Gaussian window. A parabola passes through the logarithms of detail of the frame with the most and its neighbours, as
-//! the blur of a sweep suggests; its vertex is u.
+//! Detail is the modified Laplacian (Nayar and Nakagawa 1994), `|2I - I_left - I_right| + |2I - I_above - I_below|`, in
+//! a Gaussian window. A parabola passes through the logarithms of detail of the frame with the most and its neighbours,
+//! as the blur of a sweep suggests; its vertex is u.
 
 use crate::base::color::LUMINANCE;
 use crate::base::{Decode, Error, Frame};

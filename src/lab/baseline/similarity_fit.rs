@@ -58,7 +58,8 @@ impl Linear {
     }
 }
 
-/// The similarity about `centre` on which most matches agree within 3 px, and their number: 0 where all places coincide.
+/// The similarity about `centre` on which most matches agree within 3 px, and their number: 0 where all places
+/// coincide.
 pub(super) fn fit(matches: &[Match], centre: [f64; 2]) -> (Similarity, usize) {
     let all: Vec<Displaced> = matches
         .iter()

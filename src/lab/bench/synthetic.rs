@@ -1,8 +1,8 @@
 //! A synthetic pair for benchmarks, rendered in a fraction of a second per megapixel: approximate, not for accuracy.
 //!
-//! The radiance is periodic noise of four correlation lengths on a tile of 512x512 px. The tile is blurred, periodically,
-//! by Gaussians of a few variances; between these the blurred tile is interpolated linearly in the variance. With V1 and
-//! V2 the blur of the images, which varies slowly, and `q = T x`:
+//! The radiance is periodic noise of four correlation lengths on a tile of 512x512 px. The tile is blurred,
+//! periodically, by Gaussians of a few variances; between these the blurred tile is interpolated linearly in the
+//! variance. With V1 and V2 the blur of the images, which varies slowly, and `q = T x`:
 //!
 //! ```text
 //! I1(x) = tile(x; V1(x)),  I2(q) = 0.96 tile(x; V2(x)) + 0.02

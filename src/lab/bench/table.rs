@@ -122,7 +122,8 @@ impl RunReport {
     }
 }
 
-/// A table of the ratios new over old of all runs that both reports hold, without a newline at its end; above 1 is slower.
+/// A table of the ratios new over old of all runs that both reports hold, without a newline at its end; above 1 is
+/// slower.
 ///
 /// It has the time end to end and on the device, each with the least and the greatest ratio of the samples, and the
 /// median of every pass. Runs that only one report holds are named.

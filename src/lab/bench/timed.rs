@@ -1,4 +1,5 @@
-//! One run of a size, method and kernel: a cold solve, warm-ups, and the solves that count; and the bandwidth of a copy.
+//! One run of a size, method and kernel: a cold solve, warm-ups, and the solves that count; and the bandwidth of a
+//! copy.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -18,8 +19,8 @@ const RELAX: [&str; 2] = ["relax", "relax_level"];
 
 /// Measures one run. One more solve, in which the device's clock is read, measures the passes.
 ///
-/// Each solver is dropped before the next is prepared, for its memory. `pair` is the pair of this size, made here once the
-/// size is known to fit. `copy` is the bandwidth of a copy, 10⁹ bytes per second.
+/// Each solver is dropped before the next is prepared, for its memory. `pair` is the pair of this size, made here once
+/// the size is known to fit. `copy` is the bandwidth of a copy, 10⁹ bytes per second.
 pub(super) fn run(
     engine: &Engine,
     options: &Options,
@@ -123,8 +124,8 @@ const COPY_SIZE: [u32; 2] = [4096, 4096];
 /// Number of copies that are timed.
 const COPIES: u32 = 8;
 
-/// The bandwidth of a pass that copies an image of floats, in the memory that all passes use: 10⁹ bytes read and written
-/// per second; `None` without a device clock.
+/// The bandwidth of a pass that copies an image of floats, in the memory that all passes use: 10⁹ bytes read and
+/// written per second; `None` without a device clock.
 pub(super) fn copy_bandwidth(engine: &Engine) -> Result<Option<Spread>, Error> {
     let device = engine.device();
     let pipeline = Arc::new(Pipeline::new(device, &copy::STAGE)?);

@@ -1,7 +1,8 @@
 //! A trace of the last solve of each run, dispatch by dispatch, which Perfetto and chrome://tracing open.
 //!
-//! The format is Chrome's Trace Event Format: times in µs, a process for each run's device and one for its host, a thread
-//! for each level. Device and host have clocks of their own: the device's first pass starts when the host submits.
+//! The format is Chrome's Trace Event Format: times in µs, a process for each run's device and one for its host, a
+//! thread for each level. Device and host have clocks of their own: the device's first pass starts when the host
+//! submits.
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -79,8 +80,8 @@ impl Trace {
         json!({ "displayTimeUnit": "ms", "traceEvents": self.events }).to_string()
     }
 
-    /// Writes the trace; the folder of the file is created if it is missing. An earlier trace is replaced, another file only
-    /// if the [`Destination`] forces it. On failure the file stays as it was.
+    /// Writes the trace; the folder of the file is created if it is missing. An earlier trace is replaced, another file
+    /// only if the [`Destination`] forces it. On failure the file stays as it was.
     ///
     /// # Errors
     /// [`Error::File`].

@@ -1,4 +1,5 @@
-//! Tables 1 and 2: how well each method registers, and what V it finds, on pairs of known registration and on photographs.
+//! Tables 1 and 2: how well each method registers, and what V it finds, on pairs of known registration and on
+//! photographs.
 
 use std::path::Path;
 
@@ -136,7 +137,8 @@ fn rms_to_truth(solution: &Solution, pair: &KnownPair) -> Option<f64> {
     if pair.relative_blur.is_empty() { None } else { rms(solution.width, solution.height, error) }
 }
 
-/// V of the displaced pair less V of the aligned pair, each less its own truth: where a lens breathes the truths differ.
+/// V of the displaced pair less V of the aligned pair, each less its own truth: where a lens breathes the truths
+/// differ.
 fn rms_to_aligned(solution: &Solution, aligned: &Solution, [displaced, undisplaced]: &[KnownPair; 2]) -> Option<f64> {
     let truth = |pair: &KnownPair, i: usize| pair.relative_blur.get(i).map_or(0.0, |v| f64::from(*v));
     // An rms over the few pixels that are valid in both would say nothing.
@@ -234,7 +236,7 @@ fn worst(name: &str, quantity: &'static str, bounds: [Option<f64>; 2], values: V
     let pick = if bounds[1].is_some() { f64::max } else { f64::min };
     // Where all are infinite, any number meets the lower bound.
     let worst = all.and_then(|all| all.into_iter().reduce(pick)).map(|v| v.min(f64::MAX));
-    Case::new(name).bounded(quantity, worst, bounds).value("of", values.len() as f64).note(missed.join("; "))
+    Case::new(name).bounded(quantity, worst, bounds).value("judged", values.len() as f64).note(missed.join("; "))
 }
 
 /// Table 2: what each method makes of photographs, whose registration is not known.

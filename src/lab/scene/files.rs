@@ -171,7 +171,7 @@ impl Truth<SweepField> {
 
 /// Writes the [`SIMULATED_FILES`] of a pair, images of 16 bits, into a folder that is created if it is missing: all of
 /// them, or none. The files of an earlier simulation are replaced or removed, no other file, as by
-/// [`write()`](crate::export::write()).
+/// [`Results::write`](crate::export::Results::write).
 ///
 /// # Errors
 /// [`Error::File`].
@@ -218,8 +218,8 @@ pub fn simulated_files(has_lens: bool) -> Vec<&'static str> {
     SIMULATED_FILES.into_iter().filter(|name| has_lens || *name != SIMULATED_FILES[3]).collect()
 }
 
-/// The files of a sweep: `frame_01.png` and so on, `focus.exr`, `truth.json`. Numbers have as many digits as the last, at
-/// least two.
+/// The files of a sweep: `frame_01.png` and so on, `focus.exr`, `truth.json`. Numbers have as many digits as the last,
+/// at least two.
 pub fn simulated_sweep_files(frames: usize) -> Vec<String> {
     let digits = frames.to_string().len().max(2);
     let names = (1..=frames).map(|k| format!("frame_{k:0digits$}.png"));

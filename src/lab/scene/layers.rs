@@ -1,16 +1,16 @@
 //! Flat layers through a thin lens, with occlusion: each ray through the lens shows the first layer that it meets.
 //!
-//! Through the point u of the lens (of unit variance along each axis, as the kernel) pixel q of image i sees, of the layer
-//! at depth z, the place
+//! Through the point u of the lens (of unit variance along each axis, as the kernel) pixel q of image i sees, of the
+//! layer at depth z, the place
 //!
 //! ```text
 //! p = x - M u σ_i(z),   x = T⁻¹ q,   σ_i(z) = s_i κ a_i/pitch (X(z) - X(u_i))
 //! ```
 //!
-//! This is exact: rays are straight, and places are those on I1 that the middle of the lens sees. The sign of σ_i says on
-//! which side of the focus the layer is: the cone of rays opens the other way there. Where the whole cone meets one layer,
-//! its texture has a closed form; elsewhere the colour is a sum over a rule of the aperture. Textures and edges are
-//! softened by the blur in focus, so that the sum converges: its error is below 1e-3.
+//! This is exact: rays are straight, and places are those on I1 that the middle of the lens sees. The sign of σ_i says
+//! on which side of the focus the layer is: the cone of rays opens the other way there. Where the whole cone meets one
+//! layer, its texture has a closed form; elsewhere the colour is a sum over a rule of the aperture. Textures and edges
+//! are softened by the blur in focus, so that the sum converges: its error is below 1e-3.
 
 use serde::{Deserialize, Serialize};
 
@@ -111,8 +111,8 @@ impl Arrangement {
     }
 }
 
-/// The offset of the texture of layer `i`, on a ring of 48 px by the golden angle: any two of nine are at least 17 px apart,
-/// more than the longest correlation of the texture.
+/// The offset of the texture of layer `i`, on a ring of 48 px by the golden angle: any two of nine are at least 17 px
+/// apart, more than the longest correlation of the texture.
 fn offset(i: usize) -> [f64; 2] {
     let (sin, cos) = (2.399_963 * i as f64).sin_cos();
     [48.0 * cos, 48.0 * sin]

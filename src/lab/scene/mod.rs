@@ -1,7 +1,8 @@
 //! The image formation model: synthetic pairs with ground truth.
 //!
 //! A [`Scene`] is plain data: a shape (blur, or depth and a lens), a radiance, a kernel, and how the second image was
-//! displaced and exposed. [`Scene::render`] makes the pair; [`SweepScene::render`] makes a focus sweep of the same scene.
+//! displaced and exposed. [`Scene::render`] makes the pair; [`SweepScene::render`] makes a focus sweep of the same
+//! scene.
 //!
 //! ```
 //! use parfocal::internals::scene::{Preset, Scene};
@@ -25,11 +26,11 @@
 //! I2(q) = ∫ h(u; s² V2(x)) r(T⁻¹(q - u)) du          V(x) = V2(x) - V1(x)
 //! ```
 //!
-//! Blur is a gather, with the variance at the place that receives: **occlusion is ignored**, and at a jump in depth both
-//! sides show through each other's blur as if neither hid the other. The exception is [`Shape::Layers`], which is rendered
-//! ray by ray: each shows the first layer that it meets. The kernel is oriented with the sensor of its own
-//! image. Nothing is resampled: texture has a closed form under every kernel, other radiance is a continuous function over
-//! which the kernel is integrated. No code is shared with the solver's blur.
+//! Blur is a gather, with the variance at the place that receives: **occlusion is ignored**, and at a jump in depth
+//! both sides show through each other's blur as if neither hid the other. The exception is [`Shape::Layers`], which is
+//! rendered ray by ray: each shows the first layer that it meets. The kernel is oriented with the sensor of its own
+//! image. Nothing is resampled: texture has a closed form under every kernel, other radiance is a continuous function
+//! over which the kernel is integrated. No code is shared with the solver's blur.
 
 mod files;
 mod kernel;
@@ -310,7 +311,8 @@ mod tests {
         Scene { width: 65, height: 65, base_blur: 0.0, shape, radiance, transform, ..Preset::Plane.scene() }
     }
 
-    /// With V = 0, `I2(T x) = I1(x)` for each T that takes pixels to pixels: by a right angle, by 3-4-5 triangles, by shifts.
+    /// With V = 0, `I2(T x) = I1(x)` for each T that takes pixels to pixels: by a right angle, by 3-4-5 triangles, by
+    /// shifts.
     #[test]
     fn where_blur_is_equal_the_images_agree_under_every_similarity() {
         let triangle = (0.6f64).acos().to_degrees();

@@ -98,8 +98,8 @@ const MACRO: Lens = Lens {
 };
 
 impl Scene {
-    /// A scene with the defaults of the symmetric presets: displaced by (1.3, -0.9) px, 0.15°, and 1 % in scale, or what
-    /// the lens, where there is one, breathes.
+    /// A scene with the defaults of the symmetric presets: displaced by (1.3, -0.9) px, 0.15°, and 1 % in scale, or
+    /// what the lens, where there is one, breathes.
     fn new(name: &str, shape: Shape, radiance: Radiance) -> Self {
         let scale = shape.lens().map_or(1.01, Lens::breathing);
         Self {

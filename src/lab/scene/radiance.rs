@@ -162,8 +162,8 @@ fn frequency(random: &mut Random, length: f64) -> [f64; 2] {
 }
 
 impl Wave {
-    /// Adds `amplitude Re[exp(i (k·x + phase)) ĥ(ω; v)]` to each pixel. Along a row k·x grows evenly, so the exponential
-    /// turns by one factor a pixel.
+    /// Adds `amplitude Re[exp(i (k·x + phase)) ĥ(ω; v)]` to each pixel. Along a row k·x grows evenly, so the
+    /// exponential turns by one factor a pixel.
     fn add(&self, kernel: Kernel, row: &Row, values: &mut [f64]) {
         let dot = |x: [f64; 2]| self.k[0] * x[0] + self.k[1] * x[1];
         let (mut sin, mut cos) = (dot(row.start) + self.phase).sin_cos();

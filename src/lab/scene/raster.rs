@@ -39,8 +39,9 @@ impl Raster {
 }
 
 impl Raster {
-    /// The value at a place under a Gaussian of standard deviation `sigma` px. Spline and Gaussian separate along the axes,
-    /// and so do the weights of the coefficients: the cost grows with σ², not with the nodes of a rule in the plane.
+    /// The value at a place under a Gaussian of standard deviation `sigma` px. Spline and Gaussian separate along the
+    /// axes, and so do the weights of the coefficients: the cost grows with σ², not with the nodes of a rule in the
+    /// plane.
     pub(super) fn gaussian(&self, [x, y]: [f64; 2], sigma: f64) -> f64 {
         let rule = gaussian_rule(sigma);
         let (xs, ys) = (spread(x, &rule), spread(y, &rule));

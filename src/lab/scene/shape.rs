@@ -12,8 +12,8 @@ use crate::base::{Channels, Error, Frame, Lens, Samples, centre};
 
 /// The shape of a scene: blur, and where there is a lens depth, at each place of I1.
 ///
-/// Plane, steps and relief state V itself. Their blur is that of a lens which focuses I1 where V is `limit` and I2 where V
-/// is `-limit`: the deviation of each image's blur grows evenly with the distance from its focus.
+/// Plane, steps and relief state V itself. Their blur is that of a lens which focuses I1 where V is `limit` and I2
+/// where V is `-limit`: the deviation of each image's blur grows evenly with the distance from its focus.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Shape {
@@ -42,8 +42,8 @@ pub enum Shape {
         /// The lens.
         lens: Lens,
     },
-    /// Cards in front of a ground, between the focus distances of a lens: the one shape whose edges hide what lies behind
-    /// them.
+    /// Cards in front of a ground, between the focus distances of a lens: the one shape whose edges hide what lies
+    /// behind them.
     Layers {
         /// How they stand.
         arrangement: Arrangement,
@@ -193,8 +193,8 @@ fn relief(seed: u64, [width, height]: [u32; 2]) -> impl Fn([f64; 2]) -> f64 + Sy
 fn cylinders(focus: [f64; 2], [width, height]: [u32; 2]) -> impl Fn([f64; 2]) -> f64 + Sync {
     let (near, far) = (focus[0].min(focus[1]), focus[0].max(focus[1]));
     let (width, [_, cy]) = (f64::from(width), centre(width, height));
-    // A cylinder: where its axis crosses the middle row, its radius, both over the width; the slant of its axis; how near
-    // its axis is and how far it bulges, from 0 at the far focus to 1 at the near one.
+    // A cylinder: where its axis crosses the middle row, its radius, both over the width; the slant of its axis; how
+    // near its axis is and how far it bulges, from 0 at the far focus to 1 at the near one.
     let shapes: [(f64, f64, f64, f64, f64); 2] = [(0.28, 0.16, 0.0, 0.20, 0.40), (0.70, 0.15, 0.21, 0.45, 0.45)];
     move |[x, y]| {
         let nearness = shapes.iter().fold(0.05, |nearest: f64, &(middle, radius, slant, axis, bulge)| {

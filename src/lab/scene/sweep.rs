@@ -48,8 +48,8 @@ pub struct SweepScene {
     pub rotation: f64,
     /// Largest difference of the gain from the reference's; the gain rises linearly. -0.5 to 0.5.
     pub gain_drift: f64,
-    /// Darkening of the corners of the last frame against the reference's; those of the first are brighter. The middle of
-    /// a frame stays. -0.5 to 0.5.
+    /// Darkening of the corners of the last frame against the reference's; those of the first are brighter. The middle
+    /// of a frame stays. -0.5 to 0.5.
     pub vignetting: f64,
 }
 
@@ -102,8 +102,8 @@ impl SweepScene {
     /// Checks every range.
     ///
     /// # Errors
-    /// [`Error::Setting`] with the first field that is out of range; [`Error::Mismatch`] where the scene has no depth, or
-    /// the frames are too many for their size; those of [`Scene::check`].
+    /// [`Error::Setting`] with the first field that is out of range; [`Error::Mismatch`] where the scene has no depth,
+    /// or the frames are too many for their size; those of [`Scene::check`].
     pub fn check(&self) -> Result<(), Error> {
         self.scene.check()?;
         let pixels = f64::from(self.scene.width) * f64::from(self.scene.height);
@@ -292,7 +292,8 @@ mod tests {
         assert!(found.shots.windows(2).all(|s| step(s) < 1.4 * 0.8), "{:?}", found.shots);
     }
 
-    /// With the rate of the lens, the frames at the settings of the scene's ends are the images of the pair, occlusion and all.
+    /// With the rate of the lens, the frames at the settings of the scene's ends are the images of the pair, occlusion
+    /// and all.
     #[test]
     fn the_ends_of_a_scene_with_a_lens_are_its_pair() {
         for (preset, kernel) in [(Preset::Cylinders, Kernel::Gaussian), (Preset::Blocks, Kernel::Pillbox)] {
@@ -312,7 +313,8 @@ mod tests {
         }
     }
 
-    /// The pixels of the reference, darker towards the corners of the last frame and brighter towards those of the first.
+    /// The pixels of the reference, darker towards the corners of the last frame and brighter towards those of the
+    /// first.
     #[test]
     fn corners_darken_from_frame_to_frame() {
         let even = SweepScene { blur_rate: 1e-9, ..eleven(Preset::Plane) };

@@ -1,14 +1,16 @@
-//! What figures are drawn on: white paper, antialiased lines, text and pictures.
+//! The canvas of drawings: areas, lines, text and pictures.
+
+use std::sync::LazyLock;
 
 use image::RgbImage;
+use image::imageops::{self, FilterType};
 use tiny_skia::{
     FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, PremultipliedColorU8, Rect, Stroke, StrokeDash,
     Transform,
 };
+use ttf_parser::{Face, OutlineBuilder};
 
-use super::text;
-
-/// The longest side of a canvas, px. What lies beyond is cut off.
+/// Longest side of a canvas, px; the rest is cut off.
 pub(super) const MAX_SIDE: u32 = 1 << 14;
 
 /// Red, green, blue.
@@ -42,7 +44,7 @@ impl Area {
     }
 }
 
-/// Where a line of text stands relative to its point.
+/// Alignment of a line of text at its point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Align {
     Left,
@@ -50,11 +52,11 @@ pub(crate) enum Align {
     Right,
 }
 
-/// White paper to draw on.
+/// A white canvas.
 pub(crate) struct Canvas(Pixmap);
 
 impl Canvas {
-    /// White paper; sides are brought into 1 to [`MAX_SIDE`].
+    /// A white canvas; sides are clamped to 1 to [`MAX_SIDE`].
     pub(crate) fn new(width: u32, height: u32) -> Self {
         let side = |length: u32| length.clamp(1, MAX_SIDE);
         let mut pixmap = Pixmap::new(side(width), side(height)).expect("sides within limits");
@@ -97,7 +99,7 @@ impl Canvas {
         }
     }
 
-    /// Puts a picture with its upper left corner at a pixel; what lies outside is cut off.
+    /// Draws a picture with its upper left corner at a pixel; the parts outside are cut off.
     pub(crate) fn image(&mut self, image: &RgbImage, (left, top): (u32, u32)) {
         let (width, height) = (self.0.width(), self.0.height());
         let pixels = self.0.pixels_mut();
@@ -121,11 +123,11 @@ impl Canvas {
     }
 
     fn text_turned(&mut self, text: &str, (x, y): (f32, f32), size: f32, align: Align, color: Color, turn: f32) {
-        let Some(path) = text::outline(text, size) else { return };
+        let Some(path) = text_outline(text, size) else { return };
         let start = match align {
             Align::Left => 0.0,
-            Align::Middle => -text::width(text, size) / 2.0,
-            Align::Right => -text::width(text, size),
+            Align::Middle => -text_width(text, size) / 2.0,
+            Align::Right => -text_width(text, size),
         };
         let place = Transform::from_translate(start, 0.0).post_rotate(turn).post_translate(x, y);
         self.0.fill_path(&path, &paint(color), FillRule::Winding, place, None);
@@ -171,6 +173,99 @@ fn polygon(points: &[(f32, f32)], close: bool) -> Option<Path> {
     path.finish()
 }
 
+/// Ubuntu Light, Ubuntu font licence 1.0: Latin, Greek, ², ° and ±.
+static FACE: LazyLock<Face<'static>> = LazyLock::new(|| {
+    Face::parse(epaint_default_fonts::UBUNTU_LIGHT, 0).expect("the embedded font is sound: a test draws with it")
+});
+
+/// Width of a line of text, px, at `size` px for the em square.
+pub(crate) fn text_width(text: &str, size: f32) -> f32 {
+    text.chars().map(|c| advance(c, size)).sum()
+}
+
+/// The outline of a line of text whose baseline starts at (0, 0), y down; `None` if there is nothing to draw.
+pub(super) fn text_outline(text: &str, size: f32) -> Option<Path> {
+    let mut pen = GlyphPen { path: PathBuilder::new(), scale: scale(size), x: 0.0 };
+    for c in text.chars() {
+        if let Some(glyph) = FACE.glyph_index(c) {
+            FACE.outline_glyph(glyph, &mut pen);
+        }
+        pen.x += advance(c, size);
+    }
+    pen.path.finish()
+}
+
+/// Text as lines of at most `limit` px, broken between words; a single word may be longer.
+pub(crate) fn wrap_text(text: &str, size: f32, limit: f32) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if text_width(line, size) + text_width(" ", size) + text_width(word, size) <= limit => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_string()),
+        }
+    }
+    lines
+}
+
+fn scale(size: f32) -> f32 {
+    size / f32::from(FACE.units_per_em())
+}
+
+fn advance(c: char, size: f32) -> f32 {
+    let units = FACE.glyph_index(c).and_then(|glyph| FACE.glyph_hor_advance(glyph));
+    units.map_or(0.5 * size, |units| f32::from(units) * scale(size))
+}
+
+/// Builds the path of a line of text from the outlines of glyphs, in font units with y up.
+struct GlyphPen {
+    path: PathBuilder,
+    scale: f32,
+    x: f32,
+}
+
+impl GlyphPen {
+    fn at(&self, x: f32, y: f32) -> (f32, f32) {
+        (self.x + x * self.scale, -y * self.scale)
+    }
+}
+
+impl OutlineBuilder for GlyphPen {
+    fn move_to(&mut self, x: f32, y: f32) {
+        let (x, y) = self.at(x, y);
+        self.path.move_to(x, y);
+    }
+
+    fn line_to(&mut self, x: f32, y: f32) {
+        let (x, y) = self.at(x, y);
+        self.path.line_to(x, y);
+    }
+
+    fn quad_to(&mut self, x1: f32, y1: f32, x: f32, y: f32) {
+        let ((x1, y1), (x, y)) = (self.at(x1, y1), self.at(x, y));
+        self.path.quad_to(x1, y1, x, y);
+    }
+
+    fn curve_to(&mut self, x1: f32, y1: f32, x2: f32, y2: f32, x: f32, y: f32) {
+        let ((x1, y1), (x2, y2), (x, y)) = (self.at(x1, y1), self.at(x2, y2), self.at(x, y));
+        self.path.cubic_to(x1, y1, x2, y2, x, y);
+    }
+
+    fn close(&mut self) {
+        self.path.close();
+    }
+}
+
+/// Resizes a picture by a triangle filter.
+pub(crate) fn resized(picture: &RgbImage, (width, height): (u32, u32)) -> RgbImage {
+    if picture.dimensions() == (width, height) {
+        return picture.clone();
+    }
+    imageops::resize(picture, width.max(1), height.max(1), FilterType::Triangle)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -207,5 +302,32 @@ mod tests {
         let image = canvas.into_image();
         let dark = |y: u32| (0..60).any(|x| image.get_pixel(x, y)[0] < 100);
         assert!(dark(29) && dark(20) && !dark(32) && !dark(10));
+    }
+
+    #[test]
+    fn the_font_has_what_figures_write() {
+        for c in "Ag09.,:;±×²°−–αησθε|<>≤%()".chars() {
+            assert!(FACE.glyph_index(c).is_some(), "{c}");
+        }
+    }
+
+    #[test]
+    fn width_is_where_the_outline_ends() {
+        let size = 20.0;
+        let bounds = text_outline("HHH", size).unwrap().bounds();
+        assert!(
+            bounds.right() <= text_width("HHH", size) && bounds.right() > 0.8 * text_width("HHH", size),
+            "{bounds:?}"
+        );
+        assert!(bounds.top() < -0.5 * size && bounds.bottom().abs() < 0.5, "{bounds:?}");
+        assert!(text_outline("", size).is_none() && text_outline("  ", size).is_none());
+    }
+
+    #[test]
+    fn lines_break_between_words() {
+        let limit = text_width("too few", 12.0) + 0.1;
+        assert_eq!(wrap_text("too few key-points", 12.0, limit), ["too few", "key-points"]);
+        assert_eq!(wrap_text("registration", 12.0, 1.0), ["registration"]);
+        assert!(wrap_text("  ", 12.0, 100.0).is_empty());
     }
 }

@@ -13,35 +13,27 @@
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
-//! Nothing here fails on odd data: what cannot be shown is a gap in a curve.
+//! Values that are not finite are gaps in a curve.
 
-mod axis;
-mod bar;
 mod canvas;
+mod color_bar;
 mod plot;
-mod profile;
-mod resize;
-mod series;
-pub(crate) mod text;
 
 use crate::base::Error;
 use crate::files::export::{Destination, FileKind, Plotter, write_drawing, write_file};
 
 use image::RgbImage;
 
-pub use axis::Axis;
-pub use plot::Plot;
-pub use series::Series;
+pub use plot::{Axis, Plot, Series};
 
-pub(crate) use bar::{color_bar, width as bar_width};
-pub(crate) use canvas::{Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, WHITE};
-pub(crate) use resize::resized;
+pub(crate) use canvas::{Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, WHITE, resized, text_width, wrap_text};
+pub(crate) use color_bar::{bar_width, color_bar};
 
 /// Draws keys and profiles into results.
-pub const PLOTTER: Plotter = Plotter { key: bar::key, profile: profile::profile };
+pub const PLOTTER: Plotter = Plotter { key: color_bar::key, profile: plot::profile };
 
-/// Writes a picture as PNG, whole or not at all; its folder is made if it is missing. A picture of parfocal's that lies
-/// there is replaced, another file only where the [`Destination`] forces it.
+/// Writes a picture as PNG atomically; its folder is created if it is missing. A picture of parfocal is replaced, another file only if the
+/// [`Destination`] forces it.
 ///
 /// # Errors
 /// [`Error::File`](crate::Error::File).

@@ -1,16 +1,242 @@
-//! Plots: curves over linear or logarithmic axes.
+//! Plots: curves over linear or logarithmic axes, and profiles.
 
 use image::RgbImage;
 
-use super::axis::{Axis, Span};
-use super::canvas::{Align, Area, BLACK, Canvas, GRAY, LIGHT};
-use super::series::{Point, Series, color, cross, marker, pale};
-use super::text;
+use super::canvas::{Align, Area, BLACK, Canvas, Color, GRAY, LIGHT, text_width};
+use crate::files::export::ProfileReport;
+use crate::metric::measure::Line;
+
+/// One axis of a plot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    pub(super) label: String,
+    log: bool,
+    /// Fixed limits; `None` follows the data.
+    limits: Option<[f64; 2]>,
+}
+
+/// An axis with its ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Span {
+    log: bool,
+    low: f64,
+    high: f64,
+}
+
+/// A tick of an axis, with or without a label.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Tick {
+    pub value: f64,
+    pub label: Option<String>,
+}
+
+impl Axis {
+    /// A linear axis; `label` states the quantity and its unit.
+    pub fn linear(label: impl Into<String>) -> Self {
+        Self { label: label.into(), log: false, limits: None }
+    }
+
+    /// A logarithmic axis; values that are not above 0 are drawn at the lower end.
+    pub fn log(label: impl Into<String>) -> Self {
+        Self { label: label.into(), log: true, limits: None }
+    }
+
+    /// Sets the ends. Ends that are not finite, not in order, or not above 0 on a logarithmic axis are ignored.
+    pub fn limits(mut self, low: f64, high: f64) -> Self {
+        self.limits = Some([low, high]);
+        self
+    }
+
+    /// The ends for these values; 0 to 1, or 0.1 to 1, without values.
+    pub(crate) fn spanning(&self, values: impl IntoIterator<Item = f64>) -> Span {
+        let shown = |v: &f64| v.is_finite() && v.abs() < 1e300 && (!self.log || *v > 1e-300);
+        if let Some([low, high]) = self.limits
+            && [low, high].iter().all(shown)
+            && low < high
+        {
+            return Span { log: self.log, low, high };
+        }
+        let least = if self.log { 0.1 } else { 0.0 };
+        let ends = values.into_iter().filter(shown).map(|v| (v, v)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+        let (low, high) = ends.unwrap_or((least, 1.0));
+        let (low, high) = match (low < high, self.log) {
+            (true, _) => (low, high),
+            (false, true) => (low / 2.0, high * 2.0),
+            (false, false) => (low - 0.5f64.max(1e-3 * low.abs()), high + 0.5f64.max(1e-3 * high.abs())),
+        };
+        Span { log: self.log, low, high }
+    }
+}
+
+impl Span {
+    /// Extends both ends by a fraction of the length.
+    pub(super) fn padded(self, fraction: f64) -> Self {
+        let (low, high) = (self.place(self.low), self.place(self.high));
+        let room = fraction * (high - low);
+        let back = |p: f64| if self.log { 10f64.powf(p) } else { p };
+        Self { low: back(low - room), high: back(high + room), ..self }
+    }
+
+    /// 0 at the lower end, 1 at the upper, beyond them outside; NaN stays.
+    pub(super) fn fraction(&self, value: f64) -> f64 {
+        if self.log && value <= 0.0 {
+            return 0.0;
+        }
+        (self.place(value) - self.place(self.low)) / (self.place(self.high) - self.place(self.low))
+    }
+
+    /// Ticks between the ends, about `count` of them with labels.
+    pub(crate) fn ticks(&self, count: usize) -> Vec<Tick> {
+        let ticks = if self.log { self.log_ticks(count) } else { self.linear_ticks(count) };
+        let slack = 1e-9 * (self.place(self.high) - self.place(self.low));
+        let inside =
+            |v: f64| self.place(v) >= self.place(self.low) - slack && self.place(v) <= self.place(self.high) + slack;
+        ticks.into_iter().filter(|tick| inside(tick.value)).collect()
+    }
+
+    fn place(&self, value: f64) -> f64 {
+        if self.log { value.log10() } else { value }
+    }
+
+    fn linear_ticks(&self, count: usize) -> Vec<Tick> {
+        let step = step((self.high - self.low) / count.max(1) as f64);
+        let first = (self.low / step).ceil();
+        let decimals = (-step.log10().floor()).max(0.0) as usize;
+        // Bounds the number of ticks for any values.
+        (0..=2 * count + 2)
+            .map(|i| (first + i as f64) * step)
+            .map(|value| Tick { value, label: Some(number(value, decimals)) })
+            .collect()
+    }
+
+    /// Decades, every n-th of many; between them the multiples by 2 to 9, with labels (2 and 5) for few decades.
+    fn log_ticks(&self, count: usize) -> Vec<Tick> {
+        let (first, last) = (self.low.log10().floor() as i32, self.high.log10().ceil() as i32);
+        let decades = self.high.log10() - self.low.log10();
+        let every = (decades / count.max(1) as f64).ceil().max(1.0) as i32;
+        let named = |exponent: i32, digit: i32| match digit {
+            1 => exponent.rem_euclid(every) == 0,
+            2 | 5 => decades < 1.7,
+            _ => false,
+        };
+        let digits = if every == 1 { 1..10 } else { 1..2 };
+        (first..=last)
+            .flat_map(|exponent| digits.clone().map(move |digit| (exponent, digit)))
+            .map(|(exponent, digit)| {
+                let value = f64::from(digit) * 10f64.powi(exponent);
+                Tick { value, label: named(exponent, digit).then(|| power(value, exponent)) }
+            })
+            .collect()
+    }
+}
+
+/// The least of 1, 2, 5 times a power of ten that is at least `least`.
+fn step(least: f64) -> f64 {
+    let power = 10f64.powf(least.log10().floor());
+    let factor = [1.0, 2.0, 5.0].into_iter().find(|f| f * power >= least * (1.0 - 1e-9)).unwrap_or(10.0);
+    factor * power
+}
+
+/// Formats a number with a typographic minus sign, and without one for zero.
+fn number(value: f64, decimals: usize) -> String {
+    if decimals > 6 || value.abs() >= 1e6 {
+        return format!("{value:.1e}").replace('-', "−");
+    }
+    let text = format!("{value:.decimals$}");
+    let zero = text.trim_start_matches(['-', '0', '.']).is_empty();
+    if zero { text.trim_start_matches('-').to_string() } else { text.replace('-', "−") }
+}
+
+fn power(value: f64, exponent: i32) -> String {
+    match exponent {
+        -4..=-1 => format!("{value:.*}", exponent.unsigned_abs() as usize),
+        0..=5 => format!("{value:.0}"),
+        _ => format!("{value:.0e}").replace('-', "−"),
+    }
+}
+
+/// Colours that most colour-blind readers can tell apart (Okabe and Ito 2008).
+const COLORS: [Color; 6] = [[213, 94, 0], [0, 114, 178], [0, 158, 115], [204, 121, 167], [230, 159, 0], [86, 180, 233]];
+
+/// Radius of a marker, px.
+const RADIUS: f32 = 4.5;
+
+/// A named curve. A point whose y is NaN failed: the curve has a gap, and a cross is drawn above the plot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    pub(super) name: String,
+    pub(super) points: Vec<Point>,
+    /// Whether points have markers, bars of their spread, and crosses where they failed.
+    pub(super) marked: bool,
+}
+
+/// A point with the ends of its spread.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Point {
+    pub x: f64,
+    pub low: f64,
+    pub y: f64,
+    pub high: f64,
+}
+
+impl Series {
+    /// Points (x, y), joined in this order.
+    pub fn new(name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
+        let points = points.into_iter().map(|(x, y)| Point { x, low: y, y, high: y }).collect();
+        Self { name: name.into(), points, marked: true }
+    }
+
+    /// Points (x, [low, y, high]) with a bar from low to high, such as quartiles around a median.
+    pub fn with_spread(name: impl Into<String>, points: impl IntoIterator<Item = (f64, [f64; 3])>) -> Self {
+        let points = points.into_iter().map(|(x, [low, y, high])| Point { x, low, y, high }).collect();
+        Self { name: name.into(), points, marked: true }
+    }
+
+    /// A plain line for many points, with its spread as a band; where y is NaN there is a gap and no cross.
+    pub fn unmarked(self) -> Self {
+        Self { marked: false, ..self }
+    }
+}
+
+/// The colour of the i-th series.
+pub(super) fn color(index: usize) -> Color {
+    COLORS[index % COLORS.len()]
+}
+
+/// The colour of the band of the i-th series.
+pub(super) fn pale(index: usize) -> Color {
+    color(index).map(|c| 255 - (255 - c) / 4)
+}
+
+/// Draws the marker of the i-th series: shapes differ too, for prints without colour.
+pub(super) fn marker(canvas: &mut Canvas, (x, y): (f32, f32), index: usize) {
+    let (r, color) = (RADIUS, color(index));
+    match index % 4 {
+        0 => canvas.disc((x, y), r, color),
+        1 => {
+            canvas.polygon(&[(x - r, y - r), (x + r, y - r), (x + r, y + r), (x - r, y + r)].map(shrunk((x, y))), color)
+        }
+        2 => canvas.polygon(&[(x, y - r), (x + r, y + 0.8 * r), (x - r, y + 0.8 * r)], color),
+        _ => canvas.polygon(&[(x, y - r), (x + r, y), (x, y + r), (x - r, y)], color),
+    }
+}
+
+/// Scales the square, so that its area is near that of the disc.
+fn shrunk((cx, cy): (f32, f32)) -> impl Fn((f32, f32)) -> (f32, f32) {
+    move |(x, y)| (cx + 0.88 * (x - cx), cy + 0.88 * (y - cy))
+}
+
+/// Draws the cross of a point that failed.
+pub(super) fn cross(canvas: &mut Canvas, (x, y): (f32, f32), index: usize) {
+    let r = 0.8 * RADIUS;
+    canvas.line(&[(x - r, y - r), (x + r, y + r)], color(index), 1.8, None);
+    canvas.line(&[(x - r, y + r), (x + r, y - r)], color(index), 1.8, None);
+}
 
 /// Size of the title, and of everything else, px.
 const TITLE: f32 = 18.0;
 const TEXT: f32 = 14.0;
-/// Room around the area of the curves for numbers and names, px.
+/// Margins around the curves for numbers and labels, px.
 const TOP: f32 = 40.0;
 const BOTTOM: f32 = 52.0;
 const RIGHT: f32 = 20.0;
@@ -18,7 +244,7 @@ const RIGHT: f32 = 20.0;
 const LINE: f32 = 20.0;
 /// Height of a line of crosses, px.
 const CROSSES: f32 = 12.0;
-/// Part of the axes left free at either end.
+/// Fraction of the axes that is free at either end.
 const PADDING: f64 = 0.05;
 
 /// Curves over two axes; see [the module](super) for an example.
@@ -32,7 +258,7 @@ pub struct Plot {
     size: (u32, u32),
 }
 
-/// Where values stand on the canvas.
+/// The map from values to the canvas.
 struct Frame {
     area: Area,
     x: Span,
@@ -45,12 +271,12 @@ impl Frame {
     }
 
     fn y(&self, value: f64) -> f32 {
-        // Within reach of the canvas, whatever the value: NaN stays.
+        // Clamps values far outside; NaN stays.
         let fraction = self.y.fraction(value).clamp(-1.0, 2.0);
         self.area.bottom() - fraction as f32 * self.area.height
     }
 
-    fn holds(&self, point: &Point) -> bool {
+    fn contains(&self, point: &Point) -> bool {
         let inside = |fraction: f64| (-1e-9..=1.0 + 1e-9).contains(&fraction);
         inside(self.x.fraction(point.x)) && inside(self.y.fraction(point.y))
     }
@@ -102,7 +328,7 @@ impl Plot {
         let (x, y) = (self.x.spanning(points().map(|p| p.x)), self.y.spanning(ys));
         let (x, y) = (x.padded(PADDING), y.padded(PADDING));
         let names = y.ticks(self.size.1 as usize / 60).into_iter().filter_map(|tick| tick.label);
-        let numbers = names.map(|name| text::width(&name, TEXT)).fold(0.0, f32::max);
+        let numbers = names.map(|name| text_width(&name, TEXT)).fold(0.0, f32::max);
         let left = 1.6 * TEXT + numbers + 18.0;
         let legend = LINE * self.legend().len() as f32 + if self.legend().is_empty() { 0.0 } else { 6.0 };
         let top = TOP + legend + CROSSES * self.failing().count() as f32;
@@ -134,20 +360,20 @@ impl Plot {
         canvas.outline(area, GRAY, 1.0);
         canvas.text(&self.title, (area.x, TOP - 14.0), TITLE, Align::Left, BLACK);
         let (x, y) = area.middle();
-        if self.series.iter().all(|series| series.points.iter().all(|p| !frame.holds(p))) {
+        if self.series.iter().all(|series| series.points.iter().all(|p| !frame.contains(p))) {
             canvas.text("nothing to show", (x, y), TEXT, Align::Middle, GRAY);
         }
         canvas.text(&self.x.label, (x, area.bottom() + 3.0 * TEXT), TEXT, Align::Middle, BLACK);
         canvas.text_up(&self.y.label, (1.3 * TEXT, y), TEXT, Align::Middle, BLACK);
     }
 
-    /// The series of which a point failed.
+    /// The series with failed points.
     fn failing(&self) -> impl Iterator<Item = usize> {
         let failed = |series: &Series| series.marked && series.points.iter().any(|p| p.y.is_nan());
         (0..self.series.len()).filter(move |&i| failed(&self.series[i]))
     }
 
-    /// A line of crosses above the curves for each series of which a point failed: two in one place would look like one.
+    /// Draws a line of crosses above the curves for each series with failed points; two on one line could coincide.
     fn draw_failures(&self, canvas: &mut Canvas, frame: &Frame) {
         for (line, i) in self.failing().enumerate() {
             let y = frame.area.y - CROSSES * (line as f32 + 0.5);
@@ -159,7 +385,7 @@ impl Plot {
         }
     }
 
-    /// Lines of the legend, each with the named series in it: as many as fit beside each other.
+    /// Lines of the legend, with as many named series as fit on each.
     fn legend(&self) -> Vec<Vec<usize>> {
         let mut lines: Vec<Vec<usize>> = Vec::new();
         let (limit, mut used) = (self.size.0 as f32 - 80.0 - RIGHT, 0.0);
@@ -191,7 +417,7 @@ impl Plot {
 }
 
 fn entry_width(series: &Series) -> f32 {
-    31.0 + text::width(&series.name, TEXT) + 20.0
+    31.0 + text_width(&series.name, TEXT) + 20.0
 }
 
 fn grid(named: bool) -> f32 {
@@ -207,7 +433,7 @@ fn draw_target(canvas: &mut Canvas, frame: &Frame, value: f64, name: &str) {
 }
 
 fn draw_series(canvas: &mut Canvas, frame: &Frame, series: &Series, index: usize) {
-    for run in series.points.split(|p| !frame.holds(p)) {
+    for run in series.points.split(|p| !frame.contains(p)) {
         let line: Vec<(f32, f32)> = run.iter().map(|p| (frame.x(p.x), frame.y(p.y))).collect();
         if !series.marked {
             draw_band(canvas, frame, run, index);
@@ -220,7 +446,7 @@ fn draw_series(canvas: &mut Canvas, frame: &Frame, series: &Series, index: usize
     }
 }
 
-/// From low to high; where these are not finite, no wider than the curve itself.
+/// The spread of a point; the point itself if the ends are not finite.
 fn draw_band(canvas: &mut Canvas, frame: &Frame, run: &[Point], index: usize) {
     let edge = |end: fn(&Point) -> f64| {
         run.iter().map(move |p| {
@@ -243,9 +469,65 @@ fn draw_spread(canvas: &mut Canvas, frame: &Frame, point: &Point, x: f32, index:
     }
 }
 
+/// Draws a profile of depth, or of V or focus where it is not known, with one standard deviation to either side.
+pub(crate) fn profile(profile: &ProfileReport) -> RgbImage {
+    let Line { from: [x1, y1], to: [x2, y2], width } = profile.line;
+    let ([values, deviations], label) = match &profile.depth {
+        Some(depth) => (depth, "depth, mm".to_string()),
+        None => (&profile.values, profile.label()),
+    };
+    let points = profile.distances().zip(values).zip(deviations).map(|((at, v), d)| (at, [v - d, *v, v + d]));
+    let title = format!("From ({x1}, {y1}) to ({x2}, {y2}), {width} px wide");
+    let series = Series::with_spread("", points).unmarked();
+    Plot::new(title, Axis::linear("along the line, px"), Axis::linear(label)).series(series).size(800, 440).draw()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn labels(span: &Span, count: usize) -> Vec<String> {
+        span.ticks(count).into_iter().filter_map(|tick| tick.label).collect()
+    }
+
+    #[test]
+    fn linear_ticks_are_round_numbers_within_the_ends() {
+        let axis = Axis::linear("x");
+        assert_eq!(labels(&axis.spanning([-0.3, 1.0]), 5), ["0.0", "0.5", "1.0"]);
+        assert_eq!(labels(&axis.spanning([-50.0, 6.0]), 6), ["−50", "−40", "−30", "−20", "−10", "0"]);
+        assert_eq!(labels(&axis.spanning([0.0, 0.004]), 4), ["0.000", "0.001", "0.002", "0.003", "0.004"]);
+    }
+
+    #[test]
+    fn log_ticks_name_decades_and_mark_what_lies_between() {
+        let span = Axis::log("x").spanning([0.001, 10.0]);
+        assert_eq!(labels(&span, 5), ["0.001", "0.01", "0.1", "1", "10"]);
+        assert_eq!(span.ticks(5).len(), 4 * 9 + 1);
+        assert_eq!(labels(&Axis::log("x").spanning([0.9, 12.0]), 5), ["1", "2", "5", "10"]);
+        assert_eq!(labels(&Axis::log("x").spanning([1e-12, 1e12]), 4), ["1e−12", "1e−6", "1", "1e6", "1e12"]);
+        assert_eq!(span.fraction(0.1), 0.5);
+        assert_eq!((span.fraction(0.0), span.fraction(-3.0)), (0.0, 0.0));
+    }
+
+    #[test]
+    fn no_values_one_value_and_wild_values_still_make_an_axis() {
+        for axis in
+            [Axis::linear("x"), Axis::log("x"), Axis::log("x").limits(-1.0, 1.0), Axis::linear("x").limits(1.0, 1.0)]
+        {
+            for values in [&[][..], &[f64::NAN, f64::INFINITY], &[3.0], &[0.0], &[-1e299, 1e299], &[1e-320, 1e-320]] {
+                let span = axis.spanning(values.iter().copied()).padded(0.05);
+                assert!(span.low < span.high, "{axis:?} {values:?} {span:?}");
+                assert!(span.ticks(5).len() < 800, "{axis:?} {values:?}");
+                assert!(span.ticks(0).iter().all(|tick| tick.value.is_finite()));
+            }
+        }
+    }
+
+    #[test]
+    fn limits_win_over_the_data() {
+        let span = Axis::linear("x").limits(0.0, 2.0).spanning([5.0]);
+        assert_eq!((span.fraction(1.0), span.fraction(5.0)), (0.5, 2.5));
+    }
 
     fn plot() -> Plot {
         Plot::new("", Axis::linear("x").limits(0.0, 10.0), Axis::linear("y").limits(0.0, 1.0))

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::Path;
 
 use serde::Deserialize;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{COLORMAPS, Contents, Photographed, Picture, Pixels, Readout};
 use crate::base::{Decode, Frame, Region};
@@ -124,8 +124,10 @@ fn write(
     let limit = report.settings.max_relative_blur;
     let lens = results.lens().map(|_| json!({ "scale": results.magnification(), "limit": limit }));
     let frames = (report.kind == Kind::Sweep).then_some(report.frames.len());
+    // By its text, in which floats are as short as in the file.
+    let text = report.to_json().and_then(|text| serde_json::from_str::<Value>(&text)).map_err(|e| e.to_string())?;
     let data = json!({
-        "kind": report.kind, "names": names, "compare": compare, "lens": lens, "frames": frames, "report": report,
+        "kind": report.kind, "names": names, "compare": compare, "lens": lens, "frames": frames, "report": text,
     });
     let (best, quantity, depth) = (results.best(), results.quantity(), results.depth());
     let confidence = results.field("confidence").ok();

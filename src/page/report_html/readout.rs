@@ -139,7 +139,7 @@ impl<'a> Readout<'a> {
         let digits = digits_of(values, high - low, DIGITS);
         Self::new("focus", "Focus", "focus", values).digits(digits).near_and_far(Scale { low, high, nearer }).note(
             "The setting at which each pixel is in focus, in the units of the frames’ settings. Not drawn where no pair of \
-             frames tells.",
+             frames determines it.",
         )
     }
 

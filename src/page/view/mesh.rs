@@ -1,17 +1,87 @@
-//! The height field as triangles.
+//! The surface as a mesh: heights on a grid, and triangles.
 
-use super::heights::Heights;
+use super::Surface;
 
-/// A corner of triangles.
+/// Nearness, 0 to 1, at the nodes of a grid; NaN where no pixel is valid.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Heights {
+    pub width: usize,
+    pub height: usize,
+    pub data: Vec<f32>,
+}
+
+impl Heights {
+    /// Mean nearness of square cells of pixels, about `nodes` along the longer side, smoothed over `radius` cells.
+    pub(super) fn of(surface: &Surface, nodes: usize, radius: usize) -> Self {
+        let longer = surface.width.max(surface.height);
+        let cell = ((longer as f64 / nodes as f64).round() as usize).max(1);
+        let (width, height) = (surface.width.div_ceil(cell), surface.height.div_ceil(cell));
+        let mut data = Vec::with_capacity(width * height);
+        for y in 0..height {
+            data.extend((0..width).map(|x| mean(surface, x * cell, y * cell, cell)));
+        }
+        let heights = Self { width, height, data };
+        if radius == 0 { heights } else { heights.smoothed(radius) }
+    }
+
+    /// Nearness at a node; NaN outside.
+    pub(super) fn get(&self, x: isize, y: isize) -> f32 {
+        let inside = x >= 0 && y >= 0 && (x as usize) < self.width && (y as usize) < self.height;
+        if inside { self.data[y as usize * self.width + x as usize] } else { f32::NAN }
+    }
+
+    /// Applies a median, which removes spikes and keeps steps, and then a mean of 3 x 3, which smooths its facets. The median samples 7 x 7 nodes
+    /// of the square of that radius, since all nodes would take many times as long.
+    fn smoothed(self, radius: usize) -> Self {
+        let spread = radius.min(3) as isize;
+        let offsets: Vec<isize> = (-spread..=spread).map(|k| k * radius as isize / spread.max(1)).collect();
+        let median = |window: &mut [f32]| *window.select_nth_unstable_by(window.len() / 2, f32::total_cmp).1;
+        let mean = |window: &mut [f32]| window.iter().sum::<f32>() / window.len() as f32;
+        self.filtered(&offsets, median).filtered(&[-1, 0, 1], mean)
+    }
+
+    /// Combines each valid node with the valid ones at these offsets in x and y, which include 0.
+    fn filtered(&self, offsets: &[isize], combine: impl Fn(&mut [f32]) -> f32) -> Self {
+        let mut window = Vec::with_capacity(offsets.len().pow(2));
+        let at = |i: usize| {
+            if self.data[i].is_nan() {
+                return f32::NAN;
+            }
+            let (x, y) = ((i % self.width) as isize, (i / self.width) as isize);
+            window.clear();
+            for dy in offsets {
+                window.extend(offsets.iter().map(|dx| self.get(x + dx, y + dy)).filter(|v| !v.is_nan()));
+            }
+            combine(&mut window)
+        };
+        Self { data: (0..self.data.len()).map(at).collect(), ..*self }
+    }
+}
+
+fn mean(surface: &Surface, left: usize, top: usize, cell: usize) -> f32 {
+    let (right, bottom) = ((left + cell).min(surface.width), (top + cell).min(surface.height));
+    let (mut sum, mut count) = (0.0, 0);
+    for y in top..bottom {
+        for &v in &surface.values[y * surface.width + left..y * surface.width + right] {
+            if v.is_finite() {
+                sum += surface.scale.nearness(v);
+                count += 1;
+            }
+        }
+    }
+    if count == 0 { f32::NAN } else { (sum / f64::from(count)) as f32 }
+}
+
+/// A vertex of the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Vertex {
-    /// x right, y up, z near; the longer side of the image is 1, the middle of the surface the origin.
+    /// Position: x right, y up, z near; the longer side of the image is 1, the middle of the surface the origin.
     pub position: [f32; 3],
     /// Unit normal, towards near.
     pub normal: [f32; 3],
-    /// Place in the image, 0 to 1, right and down.
+    /// Texture coordinate, 0 to 1, right and down.
     pub uv: [f32; 2],
-    /// 0 far, 1 near.
+    /// Nearness: 0 far, 1 near.
     pub nearness: f32,
 }
 
@@ -23,7 +93,7 @@ pub(super) struct Mesh {
 }
 
 impl Mesh {
-    /// Two triangles between each four neighbouring nodes, one where only three are valid.
+    /// Connects each four neighbouring nodes by two triangles, three valid ones by one.
     pub(super) fn new(heights: &Heights, relief: f32) -> Self {
         let mut index = vec![u32::MAX; heights.data.len()];
         let mut vertices = Vec::with_capacity(heights.data.len());
@@ -38,7 +108,7 @@ impl Mesh {
             for x in 1..heights.width {
                 let at = y * heights.width + x;
                 let [a, b, c, d] = [at - heights.width - 1, at - heights.width, at, at - 1].map(|i| index[i]);
-                // One of the two ways to cut a square has both triangles, or the only one, for any missing corner.
+                // For any missing corner one of the two cuts of a square has all of its triangles.
                 let cuts = if a == u32::MAX || c == u32::MAX { [[b, c, d], [a, b, d]] } else { [[a, b, c], [a, c, d]] };
                 triangles.extend(cuts.into_iter().filter(|t| !t.contains(&u32::MAX)));
             }
@@ -60,7 +130,7 @@ fn vertex(heights: &Heights, relief: f32, x: usize, y: usize) -> Vertex {
     let slope = |dx: isize, dy: isize| {
         let ahead = heights.get(ix + dx, iy + dy) - nearness;
         let behind = nearness - heights.get(ix - dx, iy - dy);
-        // One side alone at the edge, none for a lonely node.
+        // One-sided at the edge, 0 for an isolated node.
         let sides = [ahead, behind].map(|d| if d.is_nan() { (0.0, 0.0) } else { (d, 1.0f32) });
         relief * longer * (sides[0].0 + sides[1].0) / (sides[0].1 + sides[1].1).max(1.0)
     };
@@ -76,9 +146,48 @@ fn unit([x, y, z]: [f32; 3]) -> [f32; 3] {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use image::RgbImage;
 
-    fn heights(width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Heights {
+    use super::*;
+    use crate::files::export::{Nearer, Scale};
+
+    fn heights(width: usize, height: usize, blur: &[f32], nodes: usize, radius: usize) -> Heights {
+        let scale = Scale { low: 0.0, high: 1.0, nearer: Nearer::First };
+        let surface = Surface {
+            width,
+            height,
+            values: blur,
+            texture: RgbImage::new(1, 1),
+            scale,
+            names: [""; 2],
+            to_scale: None,
+        };
+        Heights::of(&surface, nodes, radius)
+    }
+
+    #[test]
+    fn cells_are_the_mean_of_their_valid_pixels() {
+        let nan = f32::NAN;
+        let found = heights(5, 2, &[0.25, 0.5, nan, nan, 1.0, 0.25, nan, nan, nan, 7.0], 3, 0);
+        assert_eq!((found.width, found.height), (3, 1));
+        assert!((found.data[0] - 1.0 / 3.0).abs() < 1e-6 && found.data[1].is_nan() && found.data[2] == 1.0);
+        assert_eq!(heights(2, 1, &[0.0, 1.0], 900, 0).data, [0.0, 1.0]);
+    }
+
+    #[test]
+    fn smoothing_takes_spikes_and_keeps_steps_and_holes() {
+        let mut blur: Vec<f32> = (0..81).map(|i| if i % 9 < 4 { 0.0 } else { 1.0 }).collect();
+        (blur[20], blur[42], blur[80]) = (1.0, 0.0, f32::NAN);
+        let found = heights(9, 9, &blur, 9, 2);
+        for (i, v) in found.data.iter().enumerate().filter(|(i, _)| *i != 80) {
+            // The mean of 3 x 3 makes the step two nodes wide.
+            let expected = [0.0, 0.0, 0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0, 1.0, 1.0, 1.0][i % 9];
+            assert!((v - expected).abs() < 1e-6, "{i}: {v}");
+        }
+        assert!(found.data[80].is_nan());
+    }
+
+    fn grid(width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Heights {
         let data = (0..width * height).map(|i| value(i % width, i / width)).collect();
         Heights { width, height, data }
     }
@@ -86,30 +195,30 @@ mod tests {
     #[test]
     fn a_plane_has_one_normal_everywhere() {
         // Nearness rises by 0.1 a node, 4 nodes to the unit: dz/dx = 0.1 * 4 * relief.
-        let mesh = Mesh::new(&heights(4, 3, |x, _| 0.1 * x as f32), 0.5);
+        let mesh = Mesh::new(&grid(4, 3, |x, _| 0.1 * x as f32), 0.5);
         let expected = unit([-0.2, 0.0, 1.0]);
         assert_eq!((mesh.vertices.len(), mesh.triangles.len()), (12, 12));
         for vertex in &mesh.vertices {
             assert!(vertex.normal.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{vertex:?}");
         }
-        let up = Mesh::new(&heights(3, 4, |_, y| 0.1 * y as f32), 0.5).vertices[0].normal;
+        let up = Mesh::new(&grid(3, 4, |_, y| 0.1 * y as f32), 0.5).vertices[0].normal;
         assert!(up[1] > 0.1, "nearer below leans up: {up:?}");
     }
 
     #[test]
     fn holes_are_not_drawn_and_their_corners_are_cut() {
-        let hole = |hx: usize, hy: usize| heights(4, 4, move |x, y| if (x, y) == (hx, hy) { f32::NAN } else { 0.5 });
+        let hole = |hx: usize, hy: usize| grid(4, 4, move |x, y| if (x, y) == (hx, hy) { f32::NAN } else { 0.5 });
         // Of the four squares around an inner node each keeps one triangle.
         assert_eq!(Mesh::new(&hole(1, 2), 1.0).triangles.len(), 2 * 5 + 4);
         assert_eq!(Mesh::new(&hole(0, 0), 1.0).triangles.len(), 2 * 8 + 1);
         assert_eq!(Mesh::new(&hole(3, 3), 1.0).triangles.len(), 2 * 8 + 1);
-        let empty = Mesh::new(&heights(3, 3, |_, _| f32::NAN), 1.0);
+        let empty = Mesh::new(&grid(3, 3, |_, _| f32::NAN), 1.0);
         assert!(empty.triangles.is_empty() && empty.vertices.is_empty());
     }
 
     #[test]
     fn the_relief_is_from_far_to_near_and_the_longer_side_is_one() {
-        let mesh = Mesh::new(&heights(5, 3, |x, _| (x == 2) as u8 as f32), 0.3);
+        let mesh = Mesh::new(&grid(5, 3, |x, _| (x == 2) as u8 as f32), 0.3);
         let z: Vec<f32> = mesh.vertices.iter().map(|vertex| vertex.position[2]).collect();
         assert_eq!((z[0], z[2]), (-0.15, 0.15));
         assert!((mesh.vertices[0].position[0] + 0.4).abs() < 1e-6 && (mesh.vertices[0].position[1] - 0.2).abs() < 1e-6);

@@ -1,4 +1,4 @@
-//! The surface in three dimensions, textured and colour-coded, as the paper's Figure 8; still or turning.
+//! The surface in three dimensions, textured and colour-coded, as in the paper's Figure 8; still or animated.
 //!
 //! ```
 //! use parfocal::export::Nearer;
@@ -17,16 +17,12 @@
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
-//! Heights are nearness, from the 1st to the 99th percentile of V: they order what is near and far and are not metric, unless depth is
-//! known through a lens.
-//! The rasteriser is plain Rust and gives the same picture everywhere.
+//! Heights are nearness, from the 1st to the 99th percentile. They are metric only with a lens. The rasteriser runs on the CPU and gives the
+//! same picture everywhere.
 
-mod camera;
-mod heights;
 mod mesh;
 mod picture;
 mod raster;
-mod turntable;
 
 use image::RgbImage;
 
@@ -37,34 +33,33 @@ use crate::files::preview::photograph;
 /// Title and key of the surface of V.
 const OF_BLUR: [&str; 2] = ["Relative blur V", "V, px²"];
 
-/// The steepest relief.
+/// Greatest relief.
 const MOST_RELIEF: f64 = 2.0;
 
-/// V, or another field, and the picture that goes on it.
+/// A field with its scale, and the picture on it.
 #[derive(Clone, Debug)]
 pub struct Surface<'a> {
     width: usize,
     height: usize,
-    relative_blur: &'a [f32],
+    values: &'a [f32],
     texture: RgbImage,
     scale: Scale,
-    /// What is shown, in words and beside the key.
+    /// Title, and label of the key.
     names: [&'static str; 2],
-    /// Height from far to near over the longer side of the image, where both are known in mm.
+    /// Relief that is true to scale, where a lens is known.
     to_scale: Option<f64>,
 }
 
-/// From where, how large, how steep and in which colours a surface is shown.
+/// Camera, size, relief and colours of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// Height of the camera over the plane of the image, degrees, 10 to 90; 90 sees it as photographed.
     pub elevation: f64,
-    /// How far the camera goes around to the right, degrees, -180 to 180; 0 stands below the lower edge.
+    /// Azimuth of the camera to the right, degrees, -180 to 180; at 0 it is below the lower edge.
     pub azimuth: f64,
     /// Height from the far to the near end of the scale, over the longer side of the image, 0 to 2.
     pub relief: f64,
-    /// Radius of the median that takes spikes off the surface, in about pixels of a panel, or of V where there are fewer;
-    /// 0 to 16, 0 leaves the surface as it is.
+    /// Radius of the median that removes spikes from the surface, in about pixels of a panel, or of V if there are fewer; 0 (none) to 16.
     pub smoothing: u32,
     /// Width of one of the two panels, px, 64 to 2048.
     pub width: u32,
@@ -126,28 +121,28 @@ impl<'a> Surface<'a> {
         self.to_scale.unwrap_or(View::default().relief)
     }
 
-    /// The surface of any field, on this scale.
-    pub(crate) fn on(relative_blur: &'a [f32], fused: &Frame, scale: Scale) -> Result<Self, Error> {
-        let bare = Self::bare(relative_blur, (fused.width(), fused.height()), scale)?;
+    /// The surface of a field on this scale.
+    pub(crate) fn on(values: &'a [f32], fused: &Frame, scale: Scale) -> Result<Self, Error> {
+        let bare = Self::bare(values, (fused.width(), fused.height()), scale)?;
         Ok(Self { texture: photograph(fused), ..bare })
     }
 
-    /// The same without a picture on it, for its heights alone.
-    pub(crate) fn bare(relative_blur: &'a [f32], (width, height): (u32, u32), scale: Scale) -> Result<Self, Error> {
+    /// The surface without a picture, for its heights alone.
+    pub(crate) fn bare(values: &'a [f32], (width, height): (u32, u32), scale: Scale) -> Result<Self, Error> {
         let (width, height) = (width as usize, height as usize);
-        if relative_blur.len() != width * height || relative_blur.is_empty() {
-            let values = relative_blur.len();
+        if values.len() != width * height || values.is_empty() {
             return Err(Error::Mismatch(format!(
-                "{values} values of V cannot be shown under an image of {width}x{height}"
+                "{} values cannot be shown under an image of {width}x{height}",
+                values.len()
             )));
         }
-        Ok(Self { width, height, relative_blur, texture: RgbImage::new(0, 0), scale, names: OF_BLUR, to_scale: None })
+        Ok(Self { width, height, values, texture: RgbImage::new(0, 0), scale, names: OF_BLUR, to_scale: None })
     }
 
     /// Nearness, 0 far to 1 near, row-major on a grid of about `view.width` nodes along the longer side, smoothed as the
     /// view asks; NaN where no pixel is valid. With columns and rows.
     pub(crate) fn heights(&self, view: &View) -> (usize, usize, Vec<f32>) {
-        let heights = heights::Heights::of(self, view.width as usize, view.smoothing as usize);
+        let heights = mesh::Heights::of(self, view.width as usize, view.smoothing as usize);
         (heights.width, heights.height, heights.data)
     }
 
@@ -160,15 +155,14 @@ impl<'a> Surface<'a> {
         Ok(picture::draw(self, view))
     }
 
-    /// Writes an animated GIF of both panels in which the camera swings 40° to either side of `view`; its folder is made
-    /// if it is missing. An animation of parfocal's that lies there is replaced, another file only where the
-    /// [`Destination`] forces it.
+    /// Writes an animated GIF of both panels in which the camera swings 40° to either side of `view`; its folder is created if it is missing.
+    /// An animation of parfocal is replaced, another file only if the [`Destination`] forces it.
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::File`].
     pub fn write_turntable<'d>(&self, file: impl Into<Destination<'d>>, view: &View) -> Result<(), Error> {
         view.check()?;
-        turntable::write(self, view, file.into())
+        picture::write_turntable(self, view, file.into())
     }
 }
 

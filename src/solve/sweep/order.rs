@@ -33,7 +33,7 @@ const NEGLIGIBLE_SHARE: f64 = 0.005;
 /// The largest distance that a frame is moved.
 const MAX_MOVE: usize = 8;
 
-/// Determines the order of the frames. `stated`: their positions are stated, and the order is kept.
+/// Determines the order of the frames. If their positions are `stated`, it does not change.
 pub(super) fn judge(frames: &[Frame], stated: bool) -> Order {
     let mut warnings = Vec::new();
     let distinct = without_repetitions(frames, stated, &mut warnings);

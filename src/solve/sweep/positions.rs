@@ -6,7 +6,7 @@ use crate::base::Error;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Positions {
     /// Not known: counted from 0 in even steps. If the sweep itself shows that frames are missing or steps are uneven,
-    /// its settings are used instead, and a warning says so ([`Sweep::positions`]).
+    /// its settings are used instead, and a warning says so ([`Sweep::positions`](super::Sweep::positions)).
     #[default]
     Counted,
     /// In any unit that is even in 1/z.
@@ -115,7 +115,7 @@ impl Positions {
 }
 
 /// The distance in mm of a setting in 1/m, and its deviation, half of the difference between the distances one
-/// deviation to either side, as of [`BlurToDepth::sigma`](crate::BlurToDepth::sigma). NaN if the setting is not that of
+/// deviation to either side, as of [`BlurToDepth::sigma`](crate::metric::BlurToDepth::sigma). NaN if the setting is not that of
 /// a distance.
 fn distance(u: f64, sigma: f64) -> (f32, f32) {
     let of = |u: f64| if u > 0.0 { PER_METRE / u } else { f64::INFINITY };

@@ -20,8 +20,8 @@ const HEAT_SINK: &str = "heatsink";
 const NUMBERS: [u32; 7] = [10, 15, 20, 25, 30, 35, 40];
 /// Side of a tile, px.
 const TILE: usize = 32;
-/// A tile has texture where the variance of the Laplacian of one frame is at least this many times that of another: where
-/// it is not, focus makes no difference.
+/// A tile has texture where the variance of the Laplacian of one frame is at least this many times that of another:
+/// where it is not, focus makes no difference.
 const TEXTURED: f64 = 4.0;
 /// The share of the sharpest frame's variance that a tile must have, and the share of tiles that must, %.
 const SHARP: f64 = 0.95;

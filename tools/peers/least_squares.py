@@ -1,4 +1,4 @@
-"""Least squares that are told the true V find T on the noisy plane: how exact corners can be, beside unified's."""
+"""T of the noisy plane by least squares with the true V: the least corner error possible, beside the unified method's."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def registered(i1: np.ndarray, i2: np.ndarray, blur: np.ndarray, start: Similari
     first = blurred(i1.astype(float), np.abs(blur))
     inside = np.zeros(i1.shape, bool)
     inside[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX] = True
-    inside &= np.abs(blur) > STEP_PX2  # where the least blur is not told from none
+    inside &= np.abs(blur) > STEP_PX2  # where the least blur cannot be distinguished from none
     found = start
     for _ in range(STEPS):
         a, b = found.linear()[:, 0]
@@ -60,14 +60,14 @@ def registered(i1: np.ndarray, i2: np.ndarray, blur: np.ndarray, start: Similari
 
 
 def corners(program: Parfocal, noise: float, seed: int, out: Path) -> tuple[float, float]:
-    """How far off corners of one plane are, px: told V, and unified."""
+    """The corner errors of one plane, px: with the true V, and by the unified method."""
     truth = program.simulate(["plane", "--noise", str(noise), "--seed", str(seed)], out)
     pair = (out / "i1.png", out / "i2.png")
     i1, i2 = map(read_grey, pair)
     size = (i1.shape[1], i1.shape[0])
-    told = registered(i1, i2, read_field(out / "relative_blur.exr"), truth)
+    with_true_v = registered(i1, i2, read_field(out / "relative_blur.exr"), truth)
     unified = program.solve(pair, out / "solved", "unified", ["--decode", "none", "--no-html"])
-    return told.corner_distance(truth, size), unified.transform.corner_distance(truth, size)
+    return with_true_v.corner_distance(truth, size), unified.transform.corner_distance(truth, size)
 
 
 def main() -> None:
@@ -76,12 +76,12 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5, help="pairs of each noise")
     arguments = parser.parse_args()
     program = Parfocal(arguments.parfocal)
-    print("| noise | told V: median corner, px | unified |\n| --- | --- | --- |")
+    print("| noise | true V: median corner, px | unified |\n| --- | --- | --- |")
     for noise in (0.003, 0.01, 0.03):
         with tempfile.TemporaryDirectory() as folder:
             found = [corners(program, noise, seed, Path(folder) / str(seed)) for seed in range(1, arguments.seeds + 1)]
-        told, unified = (statistics.median(column) for column in zip(*found, strict=True))
-        print(f"| {noise} | {told:.4f} | {unified:.4f} |", flush=True)
+        with_true_v, unified = (statistics.median(column) for column in zip(*found, strict=True))
+        print(f"| {noise} | {with_true_v:.4f} | {unified:.4f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-//! What a report says of the photographs: which files, told apart by their contents, and what they hold.
+//! Descriptions of photographs' files for the report, and the decoding of their values.
 
 use serde::{Deserialize, Serialize};
 
-use super::{Exif, values};
-use crate::base::Decode;
+use super::metadata::{Exif, LINEAR, UNREADABLE};
+use crate::base::{Decode, Depth, Error};
 
 /// The file of a photograph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,7 +18,7 @@ pub struct Input {
     pub bits: u32,
     /// 1 for grey, 3 for colour; alpha is not counted.
     pub channels: u32,
-    /// Whether there is an alpha channel, which is dropped.
+    /// Whether the file has an alpha channel, which is dropped.
     pub alpha: bool,
     /// "PNG", "JPEG", "TIFF", "PNM", "PFM", "EXR", "BMP", "WebP" or "raw".
     pub format: String,
@@ -26,14 +26,14 @@ pub struct Input {
     pub pages: usize,
     /// The page that is read, from 1, where the path names one.
     pub page: Option<usize>,
-    /// What the file says of its values: "sRGB", "linear", the name of another curve or colour space, or nothing. By
+    /// Transfer curve of the values that the file states: "sRGB", "linear", or the name of another curve or colour space. By
     /// the ICC profile, the chunks of a PNG, or EXIF; EXR and PFM are linear by convention.
     pub encoding: Option<String>,
-    /// What the camera says of the lens, where it says anything.
+    /// EXIF of the camera and the lens.
     pub exif: Option<Exif>,
 }
 
-/// What two photographs of a pair give to warn of; a sentence each.
+/// Warnings about the files of a pair; a sentence each.
 pub fn pair_warnings(inputs: &[Input], decode: Decode) -> Vec<String> {
     let [i1, i2] = inputs else { return Vec::new() };
     let mut warnings = Vec::new();
@@ -57,8 +57,90 @@ pub fn pair_warnings(inputs: &[Input], decode: Decode) -> Vec<String> {
             input.file, input.pages
         ));
     }
-    warnings.extend(values::warning([i1, i2], decode));
+    warnings.extend(encoding_warning([i1, i2], decode));
     warnings
+}
+
+/// How the stored values of photographs became intensities, and why.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Values {
+    /// The decoding.
+    pub decode: Decode,
+    /// Its reason.
+    pub by: Basis,
+}
+
+/// The reason for a decoding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Basis {
+    /// The user stated it.
+    Stated,
+    /// All files state it.
+    Files,
+    /// At least one file does not state it; it is assumed from the bits of a sample.
+    Assumed,
+}
+
+impl Values {
+    /// A decoding that the user stated.
+    pub fn stated(decode: Decode) -> Self {
+        Self { decode, by: Basis::Stated }
+    }
+
+    /// Resolves [`Decode::Auto`] by what the files of one scene state, and without a statement by their bits
+    /// ([`Decode::resolved`]).
+    ///
+    /// A file without a statement is read as the others state. A file that names a curve or colour space other than linear
+    /// (Adobe RGB, gamma 1.8) is decoded by the sRGB curve, the nearer of the two.
+    ///
+    /// # Errors
+    /// [`Error::Mismatch`] if two files contradict each other.
+    pub fn of(decode: Decode, files: &[Input]) -> Result<Self, Error> {
+        if decode != Decode::Auto {
+            return Ok(Self::stated(decode));
+        }
+        let stated: Vec<(&Input, Decode)> =
+            files.iter().filter_map(|file| Some((file, stated_decode(file)?))).collect();
+        let by = if stated.len() == files.len() { Basis::Files } else { Basis::Assumed };
+        let Some(&(first, decode)) = stated.first() else {
+            let depths = files.iter().map(|file| if file.bits <= 8 { Depth::U8 } else { Depth::U16 });
+            return Ok(Self { decode: decode.resolved(depths), by });
+        };
+        match stated.iter().find(|(_, other)| *other != decode) {
+            None => Ok(Self { decode, by }),
+            Some((other, _)) => Err(Error::Mismatch(format!(
+                "{} says that its values are {}, and {} that its are {}: save both in one way, or give --decode none or srgb",
+                first.file,
+                first.encoding.as_deref().unwrap_or_default(),
+                other.file,
+                other.encoding.as_deref().unwrap_or_default()
+            ))),
+        }
+    }
+}
+
+/// The decoding that a file states.
+fn stated_decode(file: &Input) -> Option<Decode> {
+    match file.encoding.as_deref()? {
+        UNREADABLE => None,
+        LINEAR => Some(Decode::None),
+        _ => Some(Decode::Srgb),
+    }
+}
+
+/// A warning if two photographs state different curves, or a linear one is decoded as sRGB.
+fn encoding_warning([i1, i2]: [&Input; 2], decode: Decode) -> Option<String> {
+    let [first, second] = [i1, i2].map(|input| input.encoding.as_deref());
+    if let (Some(a), Some(b)) = (first, second)
+        && a != b
+    {
+        let (f1, f2) = (&i1.file, &i2.file);
+        return Some(format!("{f1} says that its values are {a}, and {f2} that its are {b}: save both in one way"));
+    }
+    let linear = [i1, i2].into_iter().find(|input| input.encoding.as_deref() == Some(LINEAR))?;
+    (decode == Decode::Srgb)
+        .then(|| format!("{} says that its values are linear, and --decode srgb bends them: leave it out", linear.file))
 }
 
 #[cfg(test)]
@@ -69,7 +151,8 @@ mod tests {
 
     use ::exif::experimental::Writer;
     use ::exif::{Field, In, Rational, Tag, Value};
-    use image::codecs::{jpeg::JpegEncoder, png::PngEncoder};
+    use image::codecs::jpeg::JpegEncoder;
+    use image::codecs::png::PngEncoder;
     use image::{ExtendedColorType, ImageEncoder};
     use tempfile::TempDir;
     use tiff::encoder::{TiffEncoder, colortype};
@@ -210,5 +293,43 @@ mod tests {
         assert!(warn(linear.clone(), Decode::Srgb).contains("b says that its values are linear"));
         let both = pair_warnings(&[Input { encoding: Some("sRGB".to_string()), ..a.clone() }, linear], Decode::None);
         assert!(both[0].contains("a says that its values are sRGB, and b that its are linear"), "{both:?}");
+    }
+
+    fn input_of(file: &str, bits: u32, encoding: Option<&str>) -> Input {
+        let encoding = encoding.map(String::from);
+        let (sha256, format) = (String::new(), "PNG".to_string());
+        Input {
+            file: file.into(),
+            bytes: 1,
+            sha256,
+            bits,
+            channels: 1,
+            alpha: false,
+            format,
+            pages: 1,
+            page: None,
+            encoding,
+            exif: None,
+        }
+    }
+
+    #[test]
+    fn values_are_what_the_files_say_or_else_what_their_bits_imply() {
+        let of = |files: &[Input]| {
+            Values::of(Decode::Auto, files).map(|Values { decode, by }| (decode, by)).map_err(|e| e.to_string())
+        };
+        let (plain, deep) = (input_of("a", 8, None), input_of("d", 16, None));
+        assert_eq!(of(std::slice::from_ref(&plain)), Ok((Decode::Srgb, Basis::Assumed)));
+        assert_eq!(of(std::slice::from_ref(&deep)), Ok((Decode::None, Basis::Assumed)));
+        assert_eq!(of(&[deep.clone(), plain.clone()]), Ok((Decode::Srgb, Basis::Assumed)));
+        assert_eq!(of(&[deep, input_of("b", 8, Some("sRGB"))]), Ok((Decode::Srgb, Basis::Assumed)));
+        assert_eq!(of(&[plain, input_of("e", 32, Some("linear"))]), Ok((Decode::None, Basis::Assumed)));
+        for curve in ["sRGB", "Adobe RGB (1998)", "gamma 1.80"] {
+            assert_eq!(of(&[input_of("s", 16, Some(curve))]), Ok((Decode::Srgb, Basis::Files)));
+        }
+        assert_eq!(of(&[input_of("u", 16, Some(UNREADABLE))]), Ok((Decode::None, Basis::Assumed)));
+        let problem = of(&[input_of("s", 8, Some("sRGB")), input_of("l", 8, Some("linear"))]).unwrap_err();
+        assert!(problem.starts_with("s says that its values are sRGB, and l that its are linear: "), "{problem}");
+        assert!(problem.contains("--decode"), "{problem}");
     }
 }

@@ -1,24 +1,23 @@
-//! The key to the colours of a map.
+//! Colour bars, the keys of maps.
 
 use image::RgbImage;
 
-use super::axis::{Axis, Tick};
-use super::canvas::{Align, Area, BLACK, Canvas, GRAY, MAX_SIDE};
-use super::text;
+use super::canvas::{Align, Area, BLACK, Canvas, GRAY, MAX_SIDE, text_width};
+use super::plot::{Axis, Tick};
 use crate::files::export::{Palette, Scale};
 
-/// Between the bar and its numbers, in sizes of the text.
+/// Gap between the bar and its numbers, in text sizes.
 const GAP: f32 = 0.5;
 
-/// The least size of text that can be read, px.
+/// Least size of text, px.
 const LEAST_TEXT: f32 = 11.0;
-/// Size of text as a part of the longer side: so a picture of any size reads alike where all of it is seen.
+/// Size of text as a fraction of the longer side.
 const TEXT: f32 = 0.018;
-/// The height of a map in sizes of the text at least, as long as that can be read: half of it is for words.
+/// Least height of a map in text sizes; half of it is for words.
 const LINES: f32 = 12.0;
 
-/// Draws a colour bar, near on top, with values to its right in text of this size. Of the area, the left part is the bar;
-/// the right must hold the numbers.
+/// Draws a colour bar, near on top, with values to its right in text of this size. The left part of the area is the bar, the right holds
+/// the numbers.
 pub(crate) fn color_bar(canvas: &mut Canvas, area: Area, scale: &Scale, palette: Palette, size: f32) {
     let bar = Area { width: 0.9 * size, ..area };
     // Whole rows: antialiased edges between them would show as stripes.
@@ -43,23 +42,23 @@ fn ticks(scale: &Scale, height: f32, size: f32) -> Vec<Tick> {
     span.ticks((height / (2.5 * size)).max(1.0) as usize)
 }
 
-/// Width that a colour bar with numbers as of V takes, px.
-pub(crate) fn width(size: f32) -> f32 {
-    (0.9 + GAP) * size + text::width("−188.8", size)
+/// Width of a colour bar with numbers of V, px.
+pub(crate) fn bar_width(size: f32) -> f32 {
+    (0.9 + GAP) * size + text_width("−188.8", size)
 }
 
-/// The key beside a map of this size, on white paper of the map's height: a title with the unit, the bar, its ends named
-/// and round values marked. Text is as large as the map asks for.
+/// Draws the key of a map of this size: a title with the unit, the bar, names of its ends, and round values. Its height is that of the map,
+/// and the text scales with the map.
 pub(crate) fn key(title: &str, scale: &Scale, palette: Palette, (width, height): (u32, u32)) -> RgbImage {
     let high = height.min(MAX_SIDE) as f32;
     let size = (TEXT * width.max(height) as f32).min(high / LINES).max(LEAST_TEXT);
     let line = 1.4 * size;
-    // Where the map is too low for words, the colours alone.
+    // A low map has only the colours.
     let around = if high >= 5.0 * line { 2.3 * line } else { 0.0 };
     let bar = Area { x: size, y: around + 0.2 * line, width: 0.0, height: high - 1.6 * around - 0.4 * line };
     let labels = ticks(scale, bar.height, size).into_iter().filter_map(|tick| tick.label);
-    let numbers = labels.map(|label| text::width(&label, size)).fold(0.0, f32::max);
-    let wide = text::width(title, size).max((0.9 + GAP) * size + numbers);
+    let numbers = labels.map(|label| text_width(&label, size)).fold(0.0, f32::max);
+    let wide = text_width(title, size).max((0.9 + GAP) * size + numbers);
     let mut canvas = Canvas::new((wide + 2.0 * size).ceil() as u32, height);
     if around > 0.0 {
         for (words, y) in [(title, line), ("near", around), ("far", bar.bottom() + line)] {
