@@ -143,7 +143,7 @@ impl ResultsArguments {
 /// The option `--colors`.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub(crate) struct ColorsArgument {
-    /// Colours of near and far in pictures of depth
+    /// Colours of near and far
     #[arg(long, value_name = "NAME", help_heading = OUTPUT, value_enum, default_value_t)]
     colors: Palette,
 }
