@@ -12,7 +12,7 @@ use crate::cli::output::failure::Failure;
 /// The options of additional files.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct ExportArguments {
-    /// Write also, separated by commas: ply, cloud, glb, stl, obj, depth16, npy, tiff, zarr, labels
+    /// Write also (comma-separated): ply, cloud, glb, stl, obj, depth16, npy, tiff, zarr, labels
     ///
     /// The surface, in mm if the lens is known: ply (surface.ply, a mesh with colour and normals), cloud (points.ply, points with both),
     /// glb (surface.glb, glTF with the fused image as texture), stl (surface.stl, triangles), obj (surface.obj, a mesh with colour and

@@ -4,7 +4,6 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use clap::ValueEnum;
 use parfocal::export::Palette;
 use parfocal::{Engine, settings::DeviceInfo};
 use serde::Serialize;
@@ -144,27 +143,13 @@ impl ResultsArguments {
 /// The option `--colors`.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub(crate) struct ColorsArgument {
-    /// Colours of near and far in pictures of depth
-    #[arg(long, value_name = "NAME", help_heading = OUTPUT, value_enum, default_value_t = Name::Viridis)]
-    colors: Name,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Name {
-    /// Near yellow, far purple; perceptually uniform
-    Viridis,
-    /// Near red, far blue, as in the paper
-    RedBlue,
-    /// Near white, far black
-    Grey,
+    /// Colours of near and far
+    #[arg(long, value_name = "NAME", help_heading = OUTPUT, value_enum, default_value_t)]
+    colors: Palette,
 }
 
 impl ColorsArgument {
     pub(crate) fn palette(self) -> Palette {
-        match self.colors {
-            Name::Viridis => Palette::Viridis,
-            Name::RedBlue => Palette::RedBlue,
-            Name::Grey => Palette::Grey,
-        }
+        self.colors
     }
 }

@@ -147,7 +147,7 @@ fn natural_key(path: &Path) -> Vec<(String, u64)> {
 /// The options of the positions of the frames.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct FocusPositionArguments {
-    /// Distance from the lens at which each frame is focused, in order (mm); gives depth in mm
+    /// Distance from the lens at which each frame is focused, in order (mm)
     #[arg(long, value_name = "MM,MM,...", help_heading = INPUT, value_delimiter = ',', allow_hyphen_values = true)]
     focus_at: Option<Vec<f64>>,
     /// Take the numbers of --focus-at as positions along the axis, from any origin

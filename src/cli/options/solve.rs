@@ -29,7 +29,7 @@ pub(crate) struct SolveArguments {
     nearer: Option<u8>,
     #[command(flatten)]
     settings: SettingsArguments,
-    /// Method of registration
+    /// Registration method
     #[arg(long, value_name = "NAME", help_heading = REGISTRATION, value_enum,
           default_value_t)]
     method: Method,

@@ -20,14 +20,18 @@ const HATCH_WIDTH: usize = 4;
 /// Colours of near and far, in every picture and on the page.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "program", derive(clap::ValueEnum))]
 pub enum Palette {
-    /// Viridis (van der Walt and Smith 2015): bright yellow near, dark purple far. It is perceptually uniform, also for colour-blind
-    /// viewers and in grey print.
+    /// Near yellow, far purple; perceptually uniform
+    ///
+    /// Viridis (van der Walt and Smith 2015), also for colour-blind viewers and in grey print.
     #[default]
     Viridis,
-    /// Red near, blue far, as in the paper: Turbo (Mikhailov 2019).
+    /// Near red, far blue, as in the paper
+    ///
+    /// Turbo (Mikhailov 2019).
     RedBlue,
-    /// White near, black far.
+    /// Near white, far black
     Grey,
 }
 
