@@ -38,7 +38,7 @@ fn text_files_of_any_content_are_read_or_refused() {
     ];
     // Some 20 µs a case.
     harness::run(
-        "cli::fuzz::whatever_a_file_of_words_holds_it_is_read_or_refused",
+        "cli::fuzz::text_files_of_any_content_are_read_or_refused",
         &targets,
         &Share { short: 5000, long: 100_000 },
     );
