@@ -261,7 +261,7 @@ mod tests {
             (r#"{"tx_px": 0, "ty_px": 1, "rotation_deg": 0, "scale": 0}"#, "scale is 0"),
             (
                 r#"{"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1, "matrix": [[1,0,0],[0,-1,0],[0,0,1]]}"#,
-                "has no inverse, or mirrors",
+                "singular or mirrors",
             ),
             (
                 r#"{"tx_px": 0, "ty_px": 0, "rotation_deg": 0, "scale": 1, "matrix": [[1,0,0],[0,1,0],[1,0,1]]}"#,

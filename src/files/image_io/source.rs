@@ -182,6 +182,6 @@ mod tests {
         for other in ["a.png", "#2", "a#b", "a#0"] {
             assert_eq!(of(other).unwrap().0, other);
         }
-        assert!(of("a.raw#Mono13:4x2").unwrap_err().contains("'Mono13' is no format"));
+        assert!(of("a.raw#Mono13:4x2").unwrap_err().contains("'Mono13'"));
     }
 }
