@@ -4,8 +4,6 @@ use std::fmt::Write;
 
 use clap::Command;
 
-use crate::cli::options::config_file::takes_config;
-
 // Headings of the options, the same in every subcommand.
 pub(crate) const INPUT: &str = "Input";
 pub(crate) const REGISTRATION: &str = "Registration";
@@ -112,6 +110,11 @@ pub(crate) fn with_groups(mut command: Command) -> Command {
     let template =
         format!("{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{text}Options:\n{{options}}{{after-help}}");
     command.help_template(template)
+}
+
+/// Whether a subcommand takes `--config`.
+pub(crate) fn takes_config(command: &Command) -> bool {
+    command.get_arguments().any(|option| option.get_long() == Some("config"))
 }
 
 #[cfg(test)]

@@ -53,6 +53,7 @@ mod output {
 /// Many pairs and sweeps: which they are, how they are solved, the summary.
 mod batch {
     pub mod pairs;
+    pub mod progress;
     pub mod summary;
     pub mod tasks;
 }

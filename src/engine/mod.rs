@@ -1,8 +1,6 @@
 //! The engine: two photographs or a focus sweep to blur and registration, on a Vulkan device.
 
 pub(crate) mod arguments;
-#[cfg(test)]
-mod faults;
 pub(crate) mod filter;
 mod frame_in_flight;
 mod motion;

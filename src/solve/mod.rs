@@ -1,5 +1,7 @@
 //! Solves around the engine: pairs, streams, focus sweeps, and resampling on the pixels of I1.
 
+#[cfg(test)]
+mod faults;
 mod field_curvature;
 mod pair_solver;
 mod queue;

@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use parfocal::export::{FileKind, Header, Kind, PAGE_FILE, write_named};
+use parfocal::export::{FileKind, Header, Kind, PAGE_FILE, REPORT_FILE, write_named};
 use parfocal::internals::bounded_read;
 use parfocal::page::batch_html::{Entry, batch_page};
 use serde::{Deserialize, Serialize};
@@ -18,9 +18,6 @@ pub(crate) const SUMMARY: &str = "batch.json";
 
 /// The index page, in the folder of the results.
 pub(crate) const INDEX: &str = "index.html";
-
-/// The report in the folder of a pair or a sweep.
-pub(crate) const REPORT: &str = "report.json";
 
 /// The largest report, 16 MiB.
 const MAX_REPORT: u64 = 16 << 20;
@@ -65,7 +62,7 @@ impl ReportExcerpt {
 }
 
 fn not_a_report(out: &Path, error: &serde_json::Error) -> Failure {
-    Failure::Failed(format!("{}: is not a report of parfocal ({error}); remove it", out.join(REPORT).display()))
+    Failure::Failed(format!("{}: is not a report of parfocal ({error}); remove it", out.join(REPORT_FILE).display()))
 }
 
 /// The outcome of a pair or a sweep.
@@ -94,13 +91,13 @@ impl Outcome {
         let found = Self::report(out)?.map(ReportExcerpt::of).transpose();
         match found.map_err(|e| not_a_report(out, &e))? {
             Some(found) => Ok(Self::Kept(found)),
-            None => Err(Failure::Failed(format!("{}: is gone", out.join(REPORT).display()))),
+            None => Err(Failure::Failed(format!("{}: is gone", out.join(REPORT_FILE).display()))),
         }
     }
 
     /// The report in a folder of results; `None` if there is none.
     pub(crate) fn report(out: &Path) -> Result<Option<Value>, Failure> {
-        let file = out.join(REPORT);
+        let file = out.join(REPORT_FILE);
         match bounded_read::read(&file, MAX_REPORT) {
             Ok(bytes) => serde_json::from_slice(&bytes).map(Some).map_err(|e| not_a_report(out, &e)),
             Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
@@ -402,7 +399,7 @@ mod tests {
     fn a_report_that_cannot_be_read_is_an_error_that_names_it() {
         let folder = tempfile::TempDir::new().unwrap();
         assert_eq!(Outcome::report(folder.path()), Ok(None));
-        let file = folder.path().join(REPORT);
+        let file = folder.path().join(REPORT_FILE);
         for text in ["{\"warnings\": 7}", "not JSON", ""] {
             std::fs::write(&file, text).unwrap();
             let problem = Outcome::kept(folder.path()).unwrap_err().message();

@@ -8,14 +8,14 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use parfocal::export::is_whole;
+use parfocal::export::{REPORT_FILE, is_whole};
 use parfocal::image_io::Input;
 use parfocal::settings::DeviceInfo;
 use parfocal::sweep::Positions;
 use parfocal::{Engine, Error, PairSolver, Solution, Stream};
 
 use crate::cli::batch::pairs::Group;
-use crate::cli::batch::summary::{Outcome, REPORT, Row};
+use crate::cli::batch::summary::{Outcome, Row};
 use crate::cli::jobs::pair::{self, PairJob, Photographs};
 use crate::cli::jobs::sweep::{self, SweepJob};
 use crate::cli::options::device::EngineArguments;
@@ -261,7 +261,7 @@ impl Job {
         Ok(report["request"].as_str() == Some(&digest)
             && count == inputs.len()
             && inputs.iter().enumerate().all(is_same)
-            && is_whole(self.out(), REPORT, &report))
+            && is_whole(self.out(), REPORT_FILE, &report))
     }
 }
 

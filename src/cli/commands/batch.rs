@@ -10,13 +10,13 @@ use std::time::Instant;
 use parfocal::export::{FileKind, abandon};
 
 use crate::cli::batch::pairs;
+use crate::cli::batch::progress::BatchProgress;
 use crate::cli::batch::summary::{BatchSummary, INDEX, Outcome, SUMMARY};
 use crate::cli::batch::tasks::{Context, Devices, Task};
 use crate::cli::help::{self, OUTPUT};
 use crate::cli::options::solve::{Request, SolveArguments};
 use crate::cli::output::destination;
 use crate::cli::output::failure::Failure;
-use crate::cli::output::progress::BatchProgress;
 use crate::cli::signals;
 
 /// Solve many pairs and focus sweeps: those of a folder, or of a list.

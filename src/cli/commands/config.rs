@@ -5,8 +5,9 @@ use std::fmt::Write;
 use clap::Arg;
 use clap::builder::PossibleValue;
 
+use crate::cli::help::takes_config;
 use crate::cli::help::wrapped;
-use crate::cli::options::config_file::{is_bool, is_key, is_number, takes_config};
+use crate::cli::options::config_file::{is_bool, is_key, is_number};
 use crate::cli::output::failure::{Failure, nearest, print};
 
 /// Print the options of a subcommand with their defaults as TOML, for --config.

@@ -11,13 +11,13 @@ use std::time::{Duration, Instant, SystemTime};
 use parfocal::image_io::RawFormat;
 
 use crate::cli::batch::pairs::{self, Group};
+use crate::cli::batch::progress::BatchProgress;
 use crate::cli::batch::summary::{BatchSummary, Outcome, Row, SUMMARY};
 use crate::cli::batch::tasks::{Context, Devices, OnDone, Task};
 use crate::cli::commands::batch;
 use crate::cli::help::{self, INPUT, OUTPUT};
 use crate::cli::options::solve::SolveArguments;
 use crate::cli::output::failure::Failure;
-use crate::cli::output::progress::BatchProgress;
 
 /// Solve pairs and focus sweeps of a folder as they arrive.
 #[derive(clap::Args, Debug)]

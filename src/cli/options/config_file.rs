@@ -15,7 +15,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use parfocal::internals::bounded_read;
 use toml::{Spanned, Value};
 
-use crate::cli::help::INPUT;
+use crate::cli::help::{INPUT, takes_config};
 use crate::cli::output::failure::{self, Failure, nearest};
 
 /// The most bytes that are read, 1 MiB.
@@ -169,11 +169,6 @@ pub(crate) fn with_optional_switches(command: Command) -> Command {
             .hide_possible_values(true),
         _ => option,
     })
-}
-
-/// Whether a subcommand takes `--config`.
-pub(crate) fn takes_config(command: &Command) -> bool {
-    command.get_arguments().any(|option| option.get_long() == Some("config"))
 }
 
 /// Whether an option is a key of the file.

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use std::sync::LazyLock;
 
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
-use parfocal::export::Registration;
+use parfocal::export::{REPORT_FILE, Registration};
 use parfocal::image_io::RawFormat;
 use parfocal::{
     Settings, image_io,
@@ -14,7 +14,6 @@ use parfocal::{
     settings::{Kernel, Method, Motion, Photometric},
 };
 
-use crate::cli::batch::summary::REPORT;
 use crate::cli::help::{BLUR, INPUT, REGISTRATION};
 use crate::cli::options::config_file::ConfigArgument;
 use crate::cli::output::failure::Failure;
@@ -128,7 +127,7 @@ impl<const IS_BENCH: bool> FromArgMatches for TableArguments<IS_BENCH> {
 /// A file with a registration; of a folder of results its report.
 pub(crate) fn registration_file(text: &str) -> Result<PathBuf, Infallible> {
     let path = PathBuf::from(text);
-    Ok(if path.is_dir() { path.join(REPORT) } else { path })
+    Ok(if path.is_dir() { path.join(REPORT_FILE) } else { path })
 }
 
 /// The end of a sweep or a pair that is near, by a number.

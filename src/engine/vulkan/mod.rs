@@ -2,6 +2,7 @@
 
 mod device;
 mod device_requirements;
+mod device_solution;
 mod device_source;
 pub(crate) mod external_memory;
 #[cfg(test)]
@@ -9,6 +10,7 @@ pub(crate) mod faults;
 mod instance;
 mod interop;
 mod memory;
+mod optional_extensions;
 mod pipeline;
 mod pipeline_cache;
 mod recorder;
@@ -16,18 +18,17 @@ mod recording;
 mod timestamps;
 
 pub(crate) use device::{Device, MIB};
-pub use device_requirements::{DeviceRequirements, OPTIONAL_EXTENSIONS, REQUIRED_VERSION, enable_required_features};
+pub use device_requirements::{DeviceRequirements, REQUIRED_VERSION, enable_required_features};
+pub use device_solution::{DeviceSolution, SolutionBuffer};
 pub use device_source::DeviceSource;
 pub(crate) use device_source::{SourceCopy, SourceLocation};
 pub use external_memory::{HostMemory, SharedMemory};
 pub(crate) use instance::Instance;
 #[cfg(test)]
 pub(crate) use instance::no_conditional_rendering;
-pub use interop::{
-    DeviceSolution, ExternalCommandBuffer, ExternalDevice, QueueGuard, QueueLock, SemaphoreWait, SharedQueue,
-    SolutionBuffer,
-};
+pub use interop::{ExternalCommandBuffer, ExternalDevice, QueueGuard, QueueLock, SemaphoreWait, SharedQueue};
 pub(crate) use memory::{Buffer, Image, Texel, image_limits};
+pub use optional_extensions::OPTIONAL_EXTENSIONS;
 pub(crate) use pipeline::{Access, Binding, Kind, Pipeline, Resource, Stage, Variant};
 pub(crate) use recorder::{Recorder, Workgroups};
 pub(crate) use recording::Recording;
