@@ -47,7 +47,6 @@ fn solve(settings: &[f64], noise: f64) -> Sweep {
         settings: Settings::default(),
         positions: Positions::Settings(settings.to_vec()),
         reference: Some(REFERENCE),
-        ..SweepOptions::default()
     };
     let mut solver = SweepSolver::for_frames(&TestEngine::new(), &frames, &options).unwrap();
     solver.solve(&frames, &SolveOptions::default()).unwrap()
