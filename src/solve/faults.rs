@@ -11,7 +11,7 @@ use crate::engine::vulkan::faults::{self, Call, Fault, Log};
 use crate::engine::{Engine, Solution, testing};
 use crate::solve::{PairSolver, SolveOptions};
 
-/// These tests count calls and bytes of the whole process: they run one at a time.
+/// Serializes these tests, since they count calls and bytes of the whole process.
 static ALONE: Mutex<()> = Mutex::new(());
 
 /// Calls whose failure a solve ignores.
@@ -41,7 +41,7 @@ fn bits(solution: &Solution) -> Vec<u32> {
     solution.relative_blur.iter().chain(&solution.fused).map(|value| value.to_bits()).collect()
 }
 
-/// Returns whether an error names a call.
+/// Returns whether an error names the failed call.
 fn names(error: &Error, call: &Call) -> bool {
     let of_pass = |named: &str| match call.name {
         "vkCreateComputePipelines" => named.starts_with("compiling "),
@@ -51,21 +51,21 @@ fn names(error: &Error, call: &Call) -> bool {
     };
     match error {
         Error::Vulkan { call: named, device, .. } => of_pass(named) && !device.is_empty(),
-        // The loader reports drivers that do not load so.
+        // The loader reports drivers that do not load in this way.
         Error::NoDevice(why) => call.name.contains("Instance") && !why.is_empty(),
         Error::Timeout { .. } => call.name == "vkWaitSemaphores",
         _ => false,
     }
 }
 
-/// Returns whether memory may be left: the device may still use it if waits fail permanently.
+/// Returns whether memory may stay allocated: the device may still use it if waits fail permanently.
 fn may_leak(seen: &Log) -> bool {
     let fails =
         |(call, code): &&(Call, vk::Result)| call.name == "vkWaitSemaphores" && *code != vk::Result::ERROR_DEVICE_LOST;
     seen.failed.iter().filter(fails).count() > 1
 }
 
-/// A solve without faults, with the bytes that loader and layers keep.
+/// The outcome of a solve without faults, and the number of bytes that the loader and its layers keep.
 struct Expected {
     bits: Vec<u32>,
     held: isize,
@@ -91,8 +91,8 @@ impl Expected {
                 assert_eq!(bits(&solution), self.bits, "{what}: other results");
             }
             Err(error) => {
-                let told = strikes.iter().any(|(call, _)| names(&error, call));
-                assert!(told, "{what}: {error}");
+                let is_named = strikes.iter().any(|(call, _)| names(&error, call));
+                assert!(is_named, "{what}: {error}");
             }
         }
         assert_eq!(seen.messages, Vec::<String>::new(), "{what}");
@@ -104,13 +104,13 @@ impl Expected {
     fn recovers(&self, pair: &[Frame; 2], what: &str) {
         let (solved, seen) = solve_with(pair, None, None);
         assert_eq!(bits(&solved.unwrap()), self.bits, "{what}: other results of the next solve");
-        // Memory that an earlier device still used may have been freed meanwhile.
+        // Memory that an earlier device was using may have been freed since.
         assert!(seen.messages.is_empty() && seen.leaked <= self.held, "{what}: the next solve: {seen:?}");
     }
 }
 
-/// The faults to try: all, or for each function the call in the middle, once by its first result or permanently by its
-/// last but one (the last is `VK_ERROR_UNKNOWN`).
+/// Returns the faults to test: all, or only the middle call of each function. That call fails once with its first error
+/// code, or permanently with the last error code but one (the last is `VK_ERROR_UNKNOWN`).
 fn strikes(calls: &[Call]) -> Vec<Fault> {
     let mut places = BTreeMap::<&str, Vec<usize>>::new();
     calls.iter().enumerate().for_each(|(n, call)| places.entry(call.name).or_default().push(n));
@@ -138,7 +138,7 @@ fn each_failing_call_is_reported_and_the_next_engine_solves() {
         let call = expected.calls[strike.call];
         let code = call.results[strike.result];
         if strike.is_permanent && code == vk::Result::INCOMPLETE {
-            // Vulkan asks for another call.
+            // Vulkan requires the program to call again.
             continue;
         }
         let what = format!(
@@ -151,7 +151,7 @@ fn each_failing_call_is_reported_and_the_next_engine_solves() {
         assert!(!seen.failed.is_empty(), "{what}: it was not called");
         expected.judge(&what, solved, &seen);
         tried += 1;
-        // Each kind of failure once.
+        // Each kind of failure occurs once.
         if ways.insert((call.name, strike.result, strike.is_permanent)) && testing::is_long() {
             expected.recovers(&pair, &what);
         }
@@ -191,7 +191,7 @@ fn failing_host_allocations_are_reported() {
     let pair = pair();
     let expected = Expected::of(&pair);
     let mut ends = BTreeMap::<&str, usize>::new();
-    // A prime, so that each kind of call is met.
+    // The stride is a prime, so that it meets each kind of call.
     let step = if testing::is_long() { 7 } else { 97 };
     for n in (0..expected.allocations).step_by(step) {
         let (solved, seen) = solve_with(&pair, None, Some(n));

@@ -9,16 +9,16 @@ use crate::engine::stages::uncertainty::LARGEST;
 
 /// Least number of samples of the reference with a measured V.
 const LEAST_PIXELS: usize = 200;
-/// Pixels of the reference that are sampled, about: a smooth field needs no more.
+/// The approximate number of pixels of the reference that are sampled: a smooth field needs no more.
 const SAMPLES: usize = 1 << 16;
-/// Least standard deviation of V, px², by which a pixel is weighed: the stated one leaves out the error of the model.
+/// Least standard deviation of V in the weights, px²: the standard deviation in the results excludes the error of the
+/// model.
 const LEAST_DEVIATION: f32 = 0.1;
 
-/// The deviation of V of a flat target from its value at the image centre: the field curvature of the lens, and the
-/// tilt of the target.
+/// The field curvature of a lens and the tilt of the target: V of a flat target minus its value at the image centre.
 ///
-/// A polynomial of fourth degree in the place, fitted to V by its uncertainty. So neither texture nor holes of the
-/// target are carried over.
+/// It is a polynomial of fourth degree in the position, fitted to V with weights from the standard deviation. So
+/// texture and holes of the target have no effect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldCurvature {
     size: [u32; 2],
@@ -26,7 +26,7 @@ pub struct FieldCurvature {
 }
 
 impl FieldCurvature {
-    /// Fits V of a flat target that fills the image, weighed by its standard deviation, both px².
+    /// Fits V of a flat target that fills the image. The weights are from its standard deviation. Both are in px².
     ///
     /// # Errors
     /// [`Error::Region`]: V is measured in too few pixels.
@@ -47,7 +47,7 @@ impl FieldCurvature {
         match field {
             Some(field) => Ok(Self { size, field }),
             None => Err(Error::Region(format!(
-                "the flat reference tells of V in {} of {} places, too few or not all over the frame: photograph a textured flat target that fills it",
+                "the flat reference has V in {} of {} sampled pixels, too few or not all over the frame: photograph a textured flat target that fills it",
                 measured.len(),
                 relative_blur.len().div_ceil(stride)
             ))),
@@ -64,14 +64,14 @@ impl FieldCurvature {
         self.field.above_centre(place)
     }
 
-    /// Subtracts it from V of a solution whose photographs have its size, |V| limited to `limit` px². A pixel at the
-    /// limit stays there and no other gets there: the limit says that V is only a bound.
+    /// Subtracts the field from V of a solution for photographs of its size, with |V| limited to `limit` px². A pixel
+    /// at the limit stays there, and no other pixel reaches it, because the limit marks V as a bound only.
     pub fn flatten(&self, solution: &mut Solution, limit: f64) {
         let (reached, below) = (0.999 * limit as f32, 0.998 * limit as f32);
         self.change(solution, |v, curvature| if v.abs() >= reached { v } else { (v - curvature).clamp(-below, below) });
     }
 
-    /// Adds it back: a flattened solution with V as it was, except for pixels near the limit.
+    /// Adds the field to a flattened solution. This restores V, except for pixels near the limit.
     pub fn restored(&self, solution: &Solution) -> Solution {
         let mut restored = solution.clone();
         self.change(&mut restored, |v, curvature| v + curvature);
@@ -87,14 +87,14 @@ impl FieldCurvature {
     }
 }
 
-/// Largest sum of the powers of x and y.
+/// Largest sum of the exponents of x and y.
 const DEGREE: usize = 4;
 /// Number of coefficients.
 const TERMS: usize = (DEGREE + 1) * (DEGREE + 2) / 2;
 /// Rounds of reweighting: after the first few the weights hardly change.
 const ROUNDS: usize = 8;
 
-/// A polynomial of fourth degree in the place, from the image centre in half diagonals.
+/// A polynomial of fourth degree in the position, which is relative to the image centre, in half diagonals.
 #[derive(Clone, Debug, PartialEq)]
 struct SmoothField {
     centre: [f64; 2],
@@ -102,7 +102,7 @@ struct SmoothField {
     coefficients: [f64; TERMS],
 }
 
-/// A measured value at a place, px, and its weight.
+/// A measured value at a position, px, and its weight.
 #[derive(Clone, Copy, Debug)]
 struct Measured {
     place: [f64; 2],
@@ -110,7 +110,8 @@ struct Measured {
     weight: f64,
 }
 
-/// Returns whether each ninth of an image has a measured value: a polynomial extrapolates badly.
+/// Returns whether each ninth of an image has a measured value. Elsewhere the polynomial would extrapolate, which is
+/// inaccurate.
 fn covers([width, height]: [u32; 2], measured: &[Measured]) -> bool {
     let mut ninths = [false; 9];
     for k in measured.iter().filter(|k| k.weight > 0.0) {
@@ -122,7 +123,7 @@ fn covers([width, height]: [u32; 2], measured: &[Measured]) -> bool {
 
 impl SmoothField {
     /// Fits values over an image of `width` x `height` pixels by least squares, reweighted by Tukey's function against
-    /// outliers; `None` if the places do not determine it.
+    /// outliers. `None` if the positions do not determine the polynomial.
     fn fit([width, height]: [u32; 2], measured: &[Measured]) -> Option<Self> {
         let centre = centre(width, height);
         let length = (f64::from(width).hypot(height.into()) / 2.0).max(1.0);
@@ -138,12 +139,12 @@ impl SmoothField {
         Some(field)
     }
 
-    /// The value at a place, px.
+    /// The value at a position, px.
     fn at(&self, place: [f64; 2]) -> f64 {
         self.terms(place).iter().zip(&self.coefficients).map(|(term, c)| term * c).sum()
     }
 
-    /// The value at a place minus that at the image centre.
+    /// The value at a position minus that at the image centre.
     fn above_centre(&self, place: [f64; 2]) -> f64 {
         self.at(place) - self.coefficients[0]
     }
@@ -167,7 +168,7 @@ fn least_squares(terms: &[[f64; TERMS]], measured: &[Measured], robust: &[f64]) 
         normal.ger(weight, &term, &term, 1.0);
         right.axpy(weight * measured.value, &term, 1.0);
     }
-    // A millionth of the diagonal keeps terms that the places hardly determine from growing.
+    // Regularization with a millionth of the diagonal limits terms that the positions hardly determine.
     for i in 0..TERMS {
         normal[(i, i)] *= 1.0 + 1e-6;
     }
@@ -220,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_third_of_the_frame_does_not_cover_it() {
+    fn values_in_a_third_of_the_frame_do_not_cover_it() {
         let measured = |places: Vec<[f64; 2]>| -> Vec<Measured> {
             places.into_iter().map(|place| Measured { place, value: 1.0, weight: 1.0 }).collect()
         };
@@ -229,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_places_fit_nothing() {
+    fn too_few_values_have_no_fit() {
         let one = Measured { place: [3.0, 4.0], value: 1.0, weight: 1.0 };
         assert_eq!(SmoothField::fit([300, 200], &[]), None);
         assert_eq!(SmoothField::fit([300, 200], &[Measured { weight: 0.0, ..one }; 30]), None);

@@ -1,4 +1,4 @@
-//! Solves around the engine: pairs, streams, focus sweeps, and resampling on the pixels of I1.
+//! Everything about running a solve: pairs, streams, focus sweeps, and resampling onto the pixels of I1.
 
 #[cfg(test)]
 mod faults;

@@ -12,14 +12,14 @@ use crate::engine::{
 };
 use crate::solve::FieldCurvature;
 
-/// How one pair or one focus sweep is solved. By default all of it, without a mask.
+/// Options of the solve of one pair or one focus sweep. The default solves the whole frame, without a mask.
 #[derive(Clone, Default)]
 pub struct SolveOptions {
     /// The part of I1 to solve, px; `None`: all.
     pub region: Option<Region>,
     /// The pixels of I1 that count.
     pub mask: Option<Mask>,
-    /// V of a flat target, to be subtracted from V; of the size of the photographs. Pairs only.
+    /// V of a flat target, which is subtracted from V; it has the size of the photographs. Pairs only.
     pub flat: Option<FieldCurvature>,
     /// Whether to crop the results to the largest rectangle in which they are valid everywhere.
     pub crop_valid: bool,
@@ -44,10 +44,11 @@ impl fmt::Debug for SolveOptions {
 }
 
 impl SolveOptions {
-    /// Checks the options against photographs of a size in px.
+    /// Checks the options against photographs of this size, px.
     ///
     /// # Errors
-    /// [`Error::Region`]: the region is not within them. [`Error::Mismatch`]: mask or flat reference have another size.
+    /// [`Error::Region`]: the region is not within the photographs. [`Error::Mismatch`]: mask or flat reference have
+    /// another size.
     pub fn check(&self, size: [u32; 2]) -> Result<(), Error> {
         let [width, height] = size;
         let check = |what: &str, found: Option<[u32; 2]>| match found {
@@ -61,14 +62,14 @@ impl SolveOptions {
         self.region.map_or(Ok(()), |region| region.check((width, height)))
     }
 
-    /// Calls the progress function, if there is one.
+    /// Calls the progress function, if one is set.
     pub(crate) fn report(&self, progress: Progress) {
         if let Some(report) = &self.progress {
             report(progress);
         }
     }
 
-    /// Refuses what `what` cannot do: only whole fields without corrections.
+    /// Refuses the options of a part and the corrections, for the operation `what`, which supports only whole fields.
     fn check_whole(&self, what: &str) -> Result<(), Error> {
         if self.region.is_none() && self.flat.is_none() && !self.crop_valid {
             return Ok(());
@@ -77,7 +78,7 @@ impl SolveOptions {
     }
 }
 
-/// What a solver is prepared for.
+/// The size, formats and settings for which a solver is prepared.
 #[derive(Clone, PartialEq)]
 struct Layout {
     size: [u32; 2],
@@ -95,8 +96,8 @@ impl Layout {
 /// Solves pairs of photographs by one choice of settings.
 ///
 /// The first pair of a size and format prepares memory and recorded passes; later pairs of the same kind reuse them. A
-/// solver that is [prepared for a size](PairSolver::for_size) can have several pairs in flight: while the device solves
-/// one, the host uploads the next and reads the results of the one before.
+/// solver that is [prepared for a size](PairSolver::for_size) can have several pairs in flight. While the device solves
+/// one, the host uploads the next and reads the results of the previous one.
 ///
 /// ```
 /// # use parfocal::{Engine, EngineOptions, Error, Frame, PairSolver, Pending, Settings, SolveOptions};
@@ -126,15 +127,15 @@ impl Layout {
 pub struct PairSolver {
     engine: Engine,
     settings: Settings,
-    /// What pairs in flight are prepared for, and how many.
+    /// The layout of pairs in flight, and their greatest number.
     submits: Option<(Layout, usize)>,
     solving: Option<(Layout, PreparedSolver)>,
-    /// For registrations that need no memory for blur.
+    /// The solver for registrations that need no memory for blur.
     registering: Option<(Layout, PreparedSolver)>,
 }
 
 impl PairSolver {
-    /// The largest pair, px. Results and photographs of one that is solved in parts take some 8 GiB of the host.
+    /// The largest pair, px. Results and photographs of a pair that is solved in parts take some 8 GiB of host memory.
     pub const MOST_PIXELS: u64 = parts::MOST_PIXELS;
 
     /// Makes a solver that prepares itself for the first pair.
@@ -147,11 +148,11 @@ impl PairSolver {
         Ok(Self { engine, settings, submits: None, solving: None, registering: None })
     }
 
-    /// Makes a solver and prepares it for pairs like this one: with clipped pixels if it has some.
+    /// Makes a solver and prepares it for pairs like this one. It handles clipped pixels if this pair has some.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] where the sizes differ, [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`],
-    /// [`Error::Vulkan`].
+    /// [`Error::Mismatch`] where the sizes differ, [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`],
+    /// [`Error::Poisoned`], [`Error::Vulkan`].
     pub fn for_frames(engine: &Engine, frames: [&Frame; 2], settings: &Settings) -> Result<Self, Error> {
         let mut solver = Self::new(engine, settings)?;
         same_size(frames)?;
@@ -163,12 +164,13 @@ impl PairSolver {
         Ok(solver)
     }
 
-    /// Makes a solver and prepares it for pairs of a size in px and the formats of I1 and I2, `frames_in_flight` of
-    /// them at a time (at least 1). Pairs with clipped or masked pixels are prepared for as well: no pair compiles
-    /// anything.
+    /// Makes a solver and prepares it for pairs of this size in px and these formats of I1 and I2. `frames_in_flight`
+    /// (at least 1) is the number of pairs that can be in flight. The solver also handles clipped and masked pixels, so
+    /// no pair compiles anything.
     ///
     /// # Errors
-    /// Those of [`PairSolver::for_frames`]. [`Error::TooLarge`] also for pairs that [`solve`](Self::solve) would solve in parts.
+    /// Those of [`PairSolver::for_frames`]. [`Error::TooLarge`] also for pairs that [`solve`](Self::solve) would solve
+    /// in parts.
     pub fn for_size(
         engine: &Engine,
         size: [u32; 2],
@@ -188,7 +190,7 @@ impl PairSolver {
         &self.settings
     }
 
-    /// Changes the settings of later pairs. What was prepared by others is prepared again.
+    /// Changes the settings of later pairs. The next pair prepares the solver again if the settings differ.
     ///
     /// # Errors
     /// [`Error::Setting`].
@@ -201,13 +203,14 @@ impl PairSolver {
         Ok(())
     }
 
-    /// Solves a pair. One that is too large for the device, or for
+    /// Solves a pair. A pair that is too large for the device, or for
     /// [`EngineOptions::memory`](crate::EngineOptions::memory), is solved in parts, with T and brightness from half its
-    /// size. `origin`, `width` and `height` of the solution say which part of I1 it covers.
+    /// size. `origin`, `width` and `height` of the solution state the part of I1 that it covers.
     ///
     /// # Errors
-    /// Those of [`PairSolver::for_frames`] and [`SolveOptions::check`]; [`Error::NoKeyPoints`] or what they failed of with the method
-    /// SIFT; [`Error::Busy`] if all frames in flight are in use; [`Error::Cancelled`], [`Error::Timeout`].
+    /// Those of [`PairSolver::for_frames`] and [`SolveOptions::check`]. With the method SIFT, [`Error::NoKeyPoints`] or
+    /// the error of the key-point function. [`Error::Busy`] if all frames in flight are in use; [`Error::Cancelled`],
+    /// [`Error::Timeout`].
     pub fn solve(&mut self, [i1, i2]: [&Frame; 2], options: &SolveOptions) -> Result<Solution, Error> {
         same_size([i1, i2])?;
         let size = [i1.width(), i1.height()];
@@ -233,7 +236,7 @@ impl PairSolver {
                 None => solution.warnings.push("no pixel is valid: nothing was cropped".to_string()),
             }
         }
-        // Before the flat reference: the limit of |V| is that of the blur in the photographs.
+        // Before the flat reference is subtracted: the limit of |V| applies to the blur in the photographs.
         solution.recount(self.settings.max_relative_blur);
         if let Some(flat) = &options.flat {
             flat.flatten(&mut solution, self.settings.max_relative_blur);
@@ -241,8 +244,8 @@ impl PairSolver {
         Ok(solution)
     }
 
-    /// Registers a pair and does no more than that needs: by the method appearance no blur is solved for, by SIFT and
-    /// aligned only exposure and correlation are measured.
+    /// Registers a pair without computing more than necessary. The method appearance does not solve for blur. SIFT and
+    /// aligned only measure exposure and correlation.
     ///
     /// # Errors
     /// Those of [`PairSolver::solve`]. [`Error::Mismatch`] for options with a region, flat reference or `crop_valid`.
@@ -256,7 +259,7 @@ impl PairSolver {
         if settings.method == Method::Unified {
             return self.prepare(frames, Layout::of(frames, &settings))?.register(frames, pair);
         }
-        // No blur is solved for: no memory for it.
+        // Blur is not solved for, so it gets no memory.
         (settings.kernel, settings.max_relative_blur) = (Kernel::Gaussian, 1.0);
         let layout = Layout::of(frames, &settings);
         let engine = &self.engine;
@@ -264,13 +267,13 @@ impl PairSolver {
         reuse(&mut self.registering, layout, prepare)?.register(frames, pair)
     }
 
-    /// Submits a pair and returns. The device begins with it after `waits`. On devices without
-    /// VK_EXT_conditional_rendering it blocks until the solve is done. Of the options only mask and cancel apply.
+    /// Submits a pair and returns. The device starts the solve after `waits`. On devices without
+    /// VK_EXT_conditional_rendering the call blocks until the solve is done. Only the options mask and cancel apply.
     ///
     /// # Errors
     /// Those of [`PairSolver::solve`]. [`Error::Busy`] if all frames in flight are in use: drop a [`Pending`] first.
-    /// [`Error::Mismatch`] if a source is not of the size and format that the solver was made for; [`Error::NoKeyPoints`] with
-    /// the method SIFT, which takes frames.
+    /// [`Error::Mismatch`] if a source does not have the size and format that the solver was made for.
+    /// [`Error::NoKeyPoints`] with the method SIFT, which takes frames only.
     pub fn submit<'a>(
         &mut self,
         sources: [impl Into<Source<'a>>; 2],
@@ -281,8 +284,9 @@ impl PairSolver {
         solver.submit(sources.map(Into::into), waits, pair)
     }
 
-    /// Records a solve of photographs on the device into a command buffer of the embedding program, which executes it
-    /// once or again after each change of the photographs. The contract is that of [`ExternalCommandBuffer::new`].
+    /// Records a solve of photographs on the device into a command buffer of the embedding program. The program may
+    /// execute it several times, after each change of the photographs. The contract is that of
+    /// [`ExternalCommandBuffer::new`].
     ///
     /// [`Encoded::on_device`] names the buffer of the results, for commands after a barrier.
     ///
@@ -298,7 +302,7 @@ impl PairSolver {
         solver.encode(commands, sources, pair)
     }
 
-    /// Solves all of two frames.
+    /// Solves the whole of two frames.
     fn solve_frames(
         &mut self,
         frames: [&Frame; 2],
@@ -310,7 +314,7 @@ impl PairSolver {
         let report = |progress| options.report(progress);
         let pair = PairOptions::new(mask, &options.cancel, &report);
         if self.engine.needs_parts(layout.size, frames.map(Frame::format), settings)? {
-            // The parts need the memory.
+            // Frees memory for the parts.
             (self.solving, self.registering) = (None, None);
             return parts::solve_pair(&self.engine, frames, settings, pair);
         }
@@ -347,7 +351,7 @@ impl PairSolver {
     }
 }
 
-/// What is prepared for a layout, or is prepared now in its place.
+/// Returns the prepared solver if its layout is the same; otherwise prepares one in its place.
 fn reuse(
     prepared: &mut Option<(Layout, PreparedSolver)>,
     layout: Layout,
@@ -360,8 +364,8 @@ fn reuse(
     Ok(&mut prepared.insert((layout, solver)).1)
 }
 
-/// Px that are solved around a region, so that V is valid up to its borders: the widest blur window, and two hundredths
-/// of the frame for the displacement.
+/// The margin around a region that is also solved so that V is valid up to its borders, px: the widest blur window, and
+/// 2 % of the longer side for the displacement.
 pub(super) fn margin([width, height]: [u32; 2], settings: &Settings) -> u32 {
     (3.0 * settings.max_relative_blur.sqrt() + 0.02 * f64::from(width.max(height))).ceil() as u32
 }

@@ -1,10 +1,10 @@
-//! The queue of a stream: bounded, taken by workers, with results in the order of input.
+//! The queue of a stream: bounded, served by workers, with results in the order of input.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// A pair for a worker, and its place in the order.
+/// A pair for a worker, and its number.
 pub(super) struct Job<P> {
     number: u64,
     pub(super) input: P,
@@ -13,18 +13,18 @@ pub(super) struct Job<P> {
 /// A bounded queue of pairs and their results.
 pub(super) struct Queue<P, R> {
     state: Mutex<State<P, R>>,
-    /// Notified after each change: a few times a pair, and few threads wait.
+    /// Notified after each change. Changes are rare, a few per pair, and few threads wait.
     changed: Condvar,
-    /// The number of pairs that may be pushed and not yet read.
+    /// The greatest number of pairs that are pushed and not yet read.
     capacity: usize,
-    /// The result of a pair that no worker is left for.
+    /// Makes the result of a pair that no worker can solve any more.
     lost: fn() -> R,
 }
 
 struct State<P, R> {
     /// The result of each pair that was pushed and not yet read, in order.
     places: VecDeque<Option<R>>,
-    /// The number of the first of these.
+    /// The number of the first pair in `results`.
     first: u64,
     /// Pairs that no worker has taken, in order.
     waiting: VecDeque<Job<P>>,
@@ -108,7 +108,7 @@ impl<P, R> Queue<P, R> {
         self.changed.notify_all();
     }
 
-    /// Ends the workers, once they have solved what they have taken.
+    /// Ends each worker after the pairs that it has taken.
     pub(super) fn close(&self) {
         let mut state = self.lock();
         state.is_closed = true;
@@ -116,7 +116,7 @@ impl<P, R> Queue<P, R> {
         self.changed.notify_all();
     }
 
-    /// The next pair for a worker. A worker that waits gets `None` only from a closed queue.
+    /// The next pair for a worker. A waiting worker gets `None` only from a closed queue.
     pub(super) fn take(&self, waits: bool) -> Option<Job<P>> {
         let limit = if waits { Duration::MAX } else { Duration::ZERO };
         self.wait_until(limit, |state| state.is_closed || !state.waiting.is_empty()).waiting.pop_front()
@@ -128,8 +128,8 @@ impl<P, R> Queue<P, R> {
         self.changed.notify_all();
     }
 
-    /// Removes a worker; the others get the jobs that it had taken. Without others, the result of the oldest pair is
-    /// `fault`, that of the others [`Queue::lost`].
+    /// Removes a worker. The other workers get the jobs that it had taken. Without other workers, `fault` is the result
+    /// of the oldest pair, and [`Queue::lost`] makes the results of the rest.
     pub(super) fn retire(&self, taken: impl IntoIterator<Item = Job<P>>, fault: Option<R>) {
         let mut state = self.lock();
         state.workers -= 1;
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn results_come_in_order_and_occupy_room_until_read() {
+    fn results_are_in_order_and_count_towards_capacity_until_read() {
         let queue = queue(1, 4);
         let [first, second] = [0, 1].map(|_| queue.take(false).unwrap());
         queue.done(&second, "1".to_string());
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn other_workers_take_the_jobs_of_a_retired_one() {
+    fn other_workers_take_the_jobs_of_a_removed_worker() {
         let queue = queue(2, 4);
         let [a, b, c] = [0, 1, 2].map(|_| queue.take(false).unwrap());
         queue.done(&b, "1".to_string());
@@ -218,7 +218,7 @@ mod tests {
             queue.close();
             assert_eq!(worker.join().unwrap(), None);
         });
-        // Another push takes the end back.
+        // Another push reopens the input.
         assert_eq!(queue.push(0, NOW), Ok(()));
         thread::scope(|scope| {
             let reader = scope.spawn(|| queue.next(Duration::MAX));

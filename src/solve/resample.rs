@@ -1,4 +1,4 @@
-//! Resampling of photographs on the pixels of another, by cubic B-splines.
+//! Resampling of photographs onto the pixels of another, by cubic B-splines.
 
 use crate::base::color::{LUMINANCE, stored};
 use crate::base::{Brightness, Channels, Decode, Frame, Homography, centre, weighted, workers};
@@ -14,15 +14,16 @@ pub(crate) struct Spline {
 }
 
 impl Spline {
-    /// Interpolates interleaved values, row-major. The prefilter is cut off: the error is 2e-5 of the change from pixel
-    /// to pixel.
+    /// Makes the spline of interleaved values, row-major. The prefilter is truncated: the error is 2e-5 of the
+    /// difference between neighbouring pixels.
     pub(crate) fn through(values: &[f32], size: [usize; 2], channels: usize) -> Self {
         let filter: Vec<f32> = filter::spline_prefilter().into_iter().map(|w| w as f32).collect();
         let coefficients = along_y(&along_x(values, size, channels, &filter), size, channels, &filter);
         Self { size, channels, coefficients }
     }
 
-    /// Reads the channels at a place, px. Returns false, and reads nothing, outside the centres of the border pixels.
+    /// Reads the channels at a position, px. Outside the centres of the border pixels it returns false and reads
+    /// nothing.
     pub(crate) fn read(&self, [x, y]: [f64; 2], into: &mut [f32]) -> bool {
         let [width, height] = self.size;
         if !(x >= 0.0 && y >= 0.0 && x <= width as f64 - 1.0 && y <= height as f64 - 1.0) {
@@ -31,7 +32,7 @@ impl Spline {
         let first = [x, y].map(|p| p as isize - 1);
         let [wx, wy] = [x, y].map(|p| spline::weights(p - p.floor())[0].map(|w| w as f32));
         let (columns, rows) = (four(first[0], width), four(first[1], height));
-        // With a constant number of channels the sums stay in registers.
+        // A constant number of channels keeps the sums in registers.
         match self.channels {
             1 => self.weigh::<1>([columns, rows], [wx, wy], into),
             2 => self.weigh::<2>([columns, rows], [wx, wy], into),
@@ -58,7 +59,7 @@ impl Spline {
     }
 }
 
-/// Four consecutive places from `first` on, mirrored.
+/// Four consecutive indices starting at `first`, mirrored at the borders.
 fn four(first: isize, size: usize) -> [usize; 4] {
     if first >= 0 && first as usize + 3 < size {
         return std::array::from_fn(|i| first as usize + i);
@@ -90,9 +91,9 @@ fn along_y(values: &[f32], [width, height]: [usize; 2], channels: usize, filter:
     filtered
 }
 
-/// Resamples an image where T takes the pixels of a reference of the same size; NaN outside.
+/// Resamples an image at the positions to which T maps the pixels of a reference of the same size; NaN outside.
 pub(crate) fn onto(values: Vec<f32>, channels: usize, t: &Homography, size: [usize; 2]) -> Vec<f32> {
-    // Unchanged, bit for bit.
+    // The identity returns the same bits.
     if *t == Homography::IDENTITY {
         return values;
     }
@@ -109,7 +110,7 @@ pub(crate) fn onto(values: Vec<f32>, channels: usize, t: &Homography, size: [usi
     moved
 }
 
-/// Resamples a photograph on the pixels of I1, where T takes them, in its own format; black outside. Brightness is
+/// Resamples a photograph onto the pixels of I1, which T maps to it, in its own format; black outside. Brightness is
 /// applied to intensities, which `decode` defines.
 pub fn registered(frame: &Frame, transform: &Homography, brightness: &Brightness, decode: Decode) -> Frame {
     let (width, height, channels) = (frame.width() as usize, frame.height() as usize, frame.format().channels);
@@ -154,7 +155,7 @@ mod tests {
 
     #[test]
     fn fine_waves_keep_their_contrast_between_pixels() {
-        // Of a wave of 4 px, a cubic spline has 0.97 half-way between pixels; cubic convolution has 0.88.
+        // Half-way between pixels a cubic spline keeps 0.97 of a wave of 4 px; cubic convolution keeps 0.88.
         let [width, height] = [64usize, 20];
         let wave = |x: f64| 0.5 + 0.4 * (std::f64::consts::FRAC_PI_2 * x).sin();
         let values: Vec<f32> = (0..width * height).flat_map(|i| [wave((i % width) as f64) as f32, 0.25]).collect();
@@ -177,7 +178,7 @@ mod tests {
         let found = onto(values.clone(), 1, &t, [width, height]);
         for (x, y) in [(8usize, 7usize), (15, 11), (20, 15)] {
             let [px, py] = t.apply([x as f64, y as f64], centre(31, 23));
-            // The kink of the mirrored border falls to 0.27⁷ at 7 px from it.
+            // The error from the mirrored border falls to 0.27⁷ at 7 px.
             assert!((f64::from(found[y * width + x]) - of(px, py)).abs() < 2e-5);
         }
         let away = onto(values, 1, &Similarity::new(100.0, 0.0, 0.0, 1.0).into(), [width, height]);

@@ -1,4 +1,4 @@
-//! Many pairs of one size, or many focus sweeps, one after the other, on one device or several.
+//! Streams: many pairs of one size, or many focus sweeps, in sequence, on one device or several.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -15,8 +15,8 @@ use crate::solve::sweep::{Sweep, SweepOptions, SweepSolver};
 
 /// Solves many pairs of one size and format and returns their results in the same order.
 ///
-/// One thread a device keeps several pairs in flight, so that the next is uploaded and the one before is read back
-/// while the device solves. Each pair goes to whichever device is free.
+/// One thread per device keeps several pairs in flight: while the device solves, the next pair is uploaded and the
+/// previous results are read back. Each pair goes to a free device.
 ///
 /// In one thread, use [`Stream::map`]:
 ///
@@ -66,18 +66,18 @@ use crate::solve::sweep::{Sweep, SweepOptions, SweepSolver};
 /// # }
 /// ```
 ///
-/// **Memory.** A stream holds [`Stream::capacity`] pairs, twice as many as its devices have frames in flight: those in
-/// flight, and as many that wait or are solved and not yet read. Only reading makes room.
+/// **Memory.** A stream holds [`Stream::capacity`] pairs, twice as many as its devices have frames in flight. Half are
+/// in flight; the others wait, or are solved and not yet read. Only reading makes room.
 ///
-/// **Order.** Results come in the order in which pairs were pushed, one for each, with the bits of
-/// [`PairSolver::solve`](crate::PairSolver::solve). A device much slower than the others delays all results: leave it
-/// out.
+/// **Order.** Results come in the order in which pairs were pushed, one for each pair. They equal those of
+/// [`PairSolver::solve`](crate::PairSolver::solve) bit by bit. A device much slower than the others delays all results;
+/// leave it out.
 ///
 /// **Errors.** The error of one pair, another size for example, is its result; later pairs are unaffected. If a device
-/// fails or exceeds [`EngineOptions::timeout`](crate::EngineOptions::timeout), the other devices solve its pairs and it
-/// is used no more. The last device returns its error, then [`Error::Poisoned`] for every pair.
+/// fails or exceeds [`EngineOptions::timeout`](crate::EngineOptions::timeout), the stream stops using it, and the other
+/// devices solve its pairs. The last device returns its error, then [`Error::Poisoned`] for every pair.
 ///
-/// Dropping a stream discards the pairs that wait, and blocks until the devices have solved those in flight.
+/// Dropping a stream discards the waiting pairs, and blocks until the devices have solved the pairs in flight.
 ///
 /// [`Stream::of_sweeps`] solves focus sweeps.
 pub struct Stream<P = [Frame; 2], R = Solution> {
@@ -85,7 +85,7 @@ pub struct Stream<P = [Frame; 2], R = Solution> {
     workers: Vec<JoinHandle<()>>,
 }
 
-/// A stream had no room for a pair or sweep within the time limit. Returns it.
+/// The error of a stream that had no room for a pair or sweep within the time limit. It returns the pair or sweep.
 pub struct QueueFull<P = [Frame; 2]>(pub P);
 
 impl<P> fmt::Display for QueueFull<P> {
@@ -95,7 +95,7 @@ impl<P> fmt::Display for QueueFull<P> {
 }
 
 impl<P> fmt::Debug for QueueFull<P> {
-    /// Leaves out the pixels.
+    /// Prints the name only, without the pixels.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("QueueFull")
     }
@@ -104,8 +104,8 @@ impl<P> fmt::Debug for QueueFull<P> {
 impl<P> std::error::Error for QueueFull<P> {}
 
 impl Stream {
-    /// Prepares each device for pairs of a size in px and the formats of I1 and I2, with `frames_in_flight` pairs at a
-    /// time (at least 1; 3 keep a device busy).
+    /// Prepares each device for pairs of this size in px and these formats of I1 and I2. `frames_in_flight` (at least
+    /// 1) is the number of pairs that a device has in flight; 3 keep it busy.
     ///
     /// # Errors
     /// Those of [`PairSolver::for_size`](crate::PairSolver::for_size), [`Error::NoDevice`] without engines,
@@ -130,9 +130,9 @@ impl Stream {
 
 impl Stream<Vec<Frame>, Sweep> {
     /// Makes a stream of focus sweeps of three or more frames each. Size, format and number of frames may change from
-    /// sweep to sweep; sweeps of one kind reuse a [`SweepSolver`]. On each device `threads` threads (at least 1) solve
-    /// one sweep each. Two keep a device busy, since much of a sweep is computed on the host; each needs the memory of
-    /// a sweep.
+    /// sweep to sweep; sweeps of one kind reuse a [`SweepSolver`]. Each device has `threads` threads (at least 1), and
+    /// each thread solves one sweep. Two threads keep a device busy, since the host computes much of a sweep. Each
+    /// thread needs the memory of a sweep.
     ///
     /// ```
     /// # use parfocal::sweep::SweepOptions;
@@ -173,11 +173,11 @@ impl Stream<Vec<Frame>, Sweep> {
 }
 
 impl<P: Send + 'static, R: Send + 'static> Stream<P, R> {
-    /// Makes a stream whose items are solved by functions, each in a thread of its own. `capacity` items may be pushed
-    /// and not yet read.
+    /// Makes a stream that solves items by functions, each in its own thread. `capacity` is the greatest number of
+    /// items that are pushed and not yet read.
     ///
-    /// A function returns the result of an item. If it can solve no more, it returns the fault, and the other functions
-    /// solve the item; the last one's fault is the result of the item.
+    /// A function returns the result of an item. If it can solve no more items, it returns the fault, and another
+    /// function solves the item. The fault of the last function is the result of the item.
     ///
     /// # Errors
     /// [`Error::NoThread`] if no thread could be started.
@@ -206,7 +206,7 @@ impl<P, R> Stream<P, R> {
         Ok(Self { queue, workers: Vec::new() })
     }
 
-    /// Starts a worker. If there is no thread for it, dropping the stream ends the earlier ones.
+    /// Starts a worker. If no thread can be started, dropping the stream ends the earlier workers.
     fn start(&mut self, device: &str, run: impl FnOnce() + Send + 'static) -> Result<(), Error> {
         let thread = Builder::new().name("parfocal stream".to_string()).spawn(run);
         self.workers.push(
@@ -215,8 +215,8 @@ impl<P, R> Stream<P, R> {
         Ok(())
     }
 
-    /// Pushes a pair. Waits for room for `limit` at most; [`Duration::ZERO`] does not wait, which suits programs that
-    /// read in the same thread.
+    /// Pushes a pair. Waits at most `limit` for room. [`Duration::ZERO`] does not wait; use it in a program that reads
+    /// in the same thread.
     ///
     /// # Errors
     /// [`QueueFull`], with the pair. The error of the pair itself is its result.
@@ -224,9 +224,9 @@ impl<P, R> Stream<P, R> {
         self.queue.push(pair, limit).map_err(QueueFull)
     }
 
-    /// Returns the result of the oldest pair that has not been read, waiting for `limit` at most. `None`: it is not
-    /// solved by then, or no pair was pushed. After [`Stream::finish`] returns `None` at once if all results have been
-    /// read.
+    /// Returns the result of the oldest pair that has not been read. Waits at most `limit`. Returns `None` if the pair
+    /// is not solved by then, or no pair was pushed. After [`Stream::finish`] it returns `None` at once if all results
+    /// have been read.
     ///
     /// # Errors
     /// The error of that pair, as of [`PairSolver::solve`](crate::PairSolver::solve). Later pairs are unaffected.
@@ -234,7 +234,7 @@ impl<P, R> Stream<P, R> {
         self.queue.next(limit).transpose()
     }
 
-    /// Marks the end of input: [`next`](Self::next) returns `None` after the last pair. Another push takes it back.
+    /// Marks the end of input: [`next`](Self::next) returns `None` after the last pair. Another push reopens the input.
     pub fn finish(&self) {
         self.queue.finish();
     }
@@ -244,16 +244,16 @@ impl<P, R> Stream<P, R> {
         iter::from_fn(|| self.queue.next(Duration::MAX))
     }
 
-    /// Iterates over the results of `pairs`, which it pushes as there is room. Results of pairs that were pushed before
-    /// come first. If the iterator is dropped early, the pairs that it has pushed stay in the stream.
+    /// Pushes `pairs` as room becomes available and iterates over their results. Results of pairs that were pushed
+    /// before come first. If the iterator is dropped early, the pairs that it has pushed stay in the stream.
     pub fn map(&mut self, pairs: impl IntoIterator<Item = P>) -> impl Iterator<Item = Result<R, Error>> {
         let mut pairs = pairs.into_iter().fuse();
         iter::from_fn(move || {
-            // Push at least one, or the devices would idle while available results are read.
+            // Push at least one pair. Otherwise the devices would idle while available results are read.
             while self.len() < self.capacity()
                 && let Some(pair) = pairs.next()
             {
-                // There is room: nothing else pushes.
+                // This succeeds: no other thread pushes.
                 let _ = self.push(pair, Duration::ZERO);
                 if self.queue.is_next_ready() {
                     break;
@@ -284,13 +284,13 @@ impl<P, R> Drop for Stream<P, R> {
     fn drop(&mut self) {
         self.queue.close();
         for worker in self.workers.drain(..) {
-            // The message of a panic is on standard error, and its pairs have their results.
+            // The panic message is on standard error, and its pairs have their results.
             let _ = worker.join();
         }
     }
 }
 
-/// How often a worker with room for a pair looks for one while the device works on others.
+/// The interval at which a worker with room for a pair polls the queue while the device works on other pairs.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// The thread that uploads pairs to one device and reads their results back.
@@ -298,7 +298,7 @@ struct PairWorker {
     queue: Arc<Queue<[Frame; 2], Result<Solution, Error>>>,
     solver: PreparedSolver,
     frames_in_flight: usize,
-    /// Pairs without results; all but, for a moment, the last are in flight.
+    /// Pairs without results. All are in flight, except for a moment the last one.
     taken: VecDeque<Job<[Frame; 2]>>,
     in_flight: VecDeque<Pending>,
     fault: Option<Error>,
@@ -371,13 +371,13 @@ impl PairWorker {
 }
 
 impl Drop for PairWorker {
-    /// Gives each pair a result, also after a panic.
+    /// Stores a result for each pair, also after a panic.
     fn drop(&mut self) {
         self.queue.retire(self.taken.drain(..), self.fault.take().map(Err));
     }
 }
 
-/// A thread that solves one item after the other by a function.
+/// A thread that solves items in sequence by a function.
 struct FunctionWorker<P, R, F> {
     queue: Arc<Queue<P, Result<R, Error>>>,
     solve: F,
@@ -403,7 +403,7 @@ impl<P, R, F: FnMut(&P) -> Result<Result<R, Error>, Error>> FunctionWorker<P, R,
 }
 
 impl<P, R, F> Drop for FunctionWorker<P, R, F> {
-    /// Gives the item a result, also after a panic.
+    /// Stores a result for the item, also after a panic.
     fn drop(&mut self) {
         self.queue.retire(self.taken.take(), self.fault.take().map(Err));
     }

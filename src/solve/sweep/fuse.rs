@@ -1,29 +1,30 @@
-//! The fused image: each cell of pixels from the frame that is sharpest there, near its focus.
+//! The fused image: each cell of pixels comes from the frame that is sharpest there, near its focus.
 //!
-//! A mean of the frames near the focus would be as sharp only where the focus is known to a tenth of a step. On the
-//! heat sink it had 0.95 of the sharpest frame's variance of the Laplacian in a third of the tiles of 32 px; one frame
-//! has it in more than 99 %.
+//! A mean of the frames near the focus is as sharp only where the focus is known to a tenth of a step. On the heat sink
+//! its variance of the Laplacian reached 0.95 of the sharpest frame's in a third of the tiles of 32 px. A single frame
+//! reaches it in more than 99 %.
 
 use crate::base::{Channels, Decode, Frame, Homography, centre};
 use crate::engine::JointSolution;
 use crate::solve::resample::{Spline, brightened, in_rows, luminance};
 
-/// The side of a cell, for which one frame is chosen, px.
+/// The side of a cell, px. One frame is chosen for each cell.
 const CELL: usize = 2;
 /// σ of the window over which sharpness is compared, cells.
 const WINDOW: f32 = 1.5;
-/// The least deviation of the focus that is assumed, steps: between two frames the sharper counts.
+/// The least standard deviation of the focus that is assumed, steps. Between two frames the sharper one is chosen.
 const MIN_DEVIATION: f32 = 0.5;
-/// The largest deviation that is assumed: where the focus is not measured, frames next to the one that was filled in
-/// are as good.
+/// The largest standard deviation of the focus that is assumed, steps. Where the focus is not measured, it is filled
+/// in, and the neighbouring frames are equally good.
 const MAX_DEVIATION: f32 = 3.0;
 /// The squared Laplacian of rounding to 256 values.
 const ROUNDING: f32 = 1.5e-5;
-/// A squared Laplacian counts beyond this multiple of the noise, that of the frame's smoothest 2 %. With 1, each cell
-/// of a flat region is from the noisiest frame there, and the variance of its noise a third too large.
+/// The multiple of the noise that a squared Laplacian must exceed; the noise is that of the frame's smoothest 2 %. With
+/// 1, each cell of a flat region would come from the noisiest frame, and the variance of its noise would be a third too
+/// large.
 const NOISE_FACTOR: f32 = 4.0;
-/// The pixels that a frame must show around a cell, for blending and for the spline; at the border of the reference
-/// half a px less than the reference itself.
+/// The margin around a cell that a frame must show, for blending and for the spline, px. At the border of the reference
+/// it is half a px less than the reference itself.
 const MARGIN: f64 = 3.0;
 
 /// The frames of a sweep and its solution, from which the fused image is made.
@@ -38,7 +39,7 @@ pub(super) struct FocusedFrames<'a> {
 pub(super) struct Fused {
     /// Interleaved, with the reference's white at 1.
     pub(super) values: Vec<f32>,
-    /// The frame that each pixel is from, from 0.
+    /// The frame that supplies each pixel, from 0.
     pub(super) frames: Vec<u16>,
 }
 
@@ -75,16 +76,17 @@ impl FocusedFrames<'_> {
     }
 
     /// Frame n with the brightness of the reference. It is decoded for the choice and again for the fusion, which takes
-    /// 5 ms per Mpx in colour. Held frames would take 12 bytes per pixel, 1 GB for 41 frames of 2 Mpx.
+    /// 5 ms per Mpx in colour. Keeping the frames would take 12 bytes per pixel, 1 GB for 41 frames of 2 Mpx.
     fn values(&self, n: usize) -> Vec<f32> {
         brightened(&self.frames[n], &self.solution.registration.brightness[n], self.decode)
     }
 
-    /// Chooses for each cell the frame of the greatest `ln(e + g) - (p - u)²/2σ²`: e the mean squared Laplacian around
-    /// it, g its floor.
+    /// Chooses for each cell the frame with the greatest `ln(e + g) - (p - u)²/2σ²`. Here e is the mean squared
+    /// Laplacian around the cell, g its floor, p the setting of the frame, u the focus of the cell and σ its standard
+    /// deviation.
     fn choose(&self) -> Choice {
         let [columns, rows] = cells(self.size());
-        // A byte per pixel and frame.
+        // One byte per pixel and frame.
         let energies: Vec<Energies> = (0..self.frames.len()).map(|n| Energies::of(self, n)).collect();
         let floor = ROUNDING + NOISE_FACTOR * energies[self.reference].noise();
         let mut frames = vec![0; columns * rows];
@@ -126,7 +128,7 @@ struct Choice {
 impl Choice {
     /// The weight of frame n at a pixel, by linear interpolation between the centres of the cells around it.
     fn share(&self, [x, y]: [usize; 2], n: usize) -> f32 {
-        // A pixel is a quarter of a cell from the centre, towards a neighbour.
+        // The pixel is a quarter of a cell from the centre, towards a neighbour.
         let neighbours = |x: usize, count: usize| {
             let own = x / CELL;
             [own, if x.is_multiple_of(CELL) { own.saturating_sub(1) } else { (own + 1).min(count - 1) }]
@@ -151,13 +153,13 @@ fn cells([width, height]: [usize; 2]) -> [usize; 2] {
     [width.div_ceil(CELL), height.div_ceil(CELL)]
 }
 
-/// The mean squared Laplacian around each cell of a frame, on its own pixels: resampling would reduce it, and takes
-/// longer.
+/// The mean squared Laplacian around each cell of a frame, on the frame's own pixels. Resampling would reduce it and
+/// take longer.
 struct Energies {
     values: Vec<f32>,
     size: [usize; 2],
     transform: Homography,
-    /// The factor of a squared Laplacian from the frame's pixels to the reference's.
+    /// The factor that converts a squared Laplacian from the frame's pixels to the reference's.
     scale: f32,
 }
 
@@ -175,7 +177,7 @@ impl Energies {
         *all.select_nth_unstable_by(self.values.len() / 50, f32::total_cmp).1
     }
 
-    /// The value at the place of a cell of the reference; `None` if the frame does not show it with the margin.
+    /// The value at the position of a cell of the reference; `None` if the frame does not show it with the margin.
     fn at(&self, cell: [usize; 2]) -> Option<f32> {
         let middle = centre(self.size[0] as u32, self.size[1] as u32);
         let to_pixel = |cell: f64| (CELL as f64) * cell + 0.5 * (CELL as f64 - 1.0);
@@ -258,7 +260,7 @@ pub(super) fn squared_laplacian(values: &[f32], [width, height]: [usize; 2]) -> 
 
 /// A frame, read at the reference's pixels.
 enum FrameReader {
-    /// The reference, bit by bit.
+    /// The reference, unchanged.
     Reference {
         values: Vec<f32>,
         width: usize,
@@ -279,7 +281,7 @@ impl FrameReader {
         Self::Other { image: Spline::through(&values, size, channels), transform, size }
     }
 
-    /// Reads a pixel of the reference, which the frame shows if it was chosen there.
+    /// Reads a pixel of the reference. The frame shows this pixel, since it was chosen there.
     fn read(&self, [x, y]: [usize; 2], into: &mut [f32]) {
         match self {
             Self::Reference { values, width, channels } => {
@@ -300,9 +302,10 @@ mod tests {
     use crate::engine::JointRegistration;
 
     #[test]
-    fn each_pixel_is_from_the_sharpest_frame_and_the_focus_decides_where_none_is() {
+    fn pixels_come_from_the_sharpest_frame_or_else_from_the_frame_in_focus() {
         let (width, height) = (48u32, 32u32);
-        // Frame 0 is sharp on the left, frame 1 on the right; neither in the lowest rows, whose focus is frame 1.
+        // Frame 0 is sharp on the left, frame 1 on the right. Neither is sharp in the lowest rows, where the focus is
+        // at frame 1.
         let frame = |n: u32| {
             let value = |i: u32| {
                 let (x, y) = (i % width, i / width);

@@ -1,7 +1,7 @@
 //! Focus sweeps: three or more photographs of one scene, each focused a little further.
 //!
-//! [`SweepSolver`] finds where every pixel is in focus, an image sharp everywhere, and the registration of all frames.
-//! All frames are solved together, on the pixels of one of them, the reference.
+//! [`SweepSolver`] computes the focus setting of every pixel, an all-in-focus image, and the registration of all
+//! frames. All frames are solved together, on the pixels of one of them, the reference.
 
 mod fuse;
 mod order;
@@ -21,19 +21,19 @@ use crate::solve::pair_solver::margin;
 /// The least number of frames of a sweep.
 const MIN_FRAMES: usize = 3;
 
-/// The settings of a sweep, the focus of its frames, and the reference.
+/// The settings of a sweep, the focus positions of its frames, and the reference.
 #[derive(Clone, Debug, Default)]
 pub struct SweepOptions {
     /// The settings of each pair of frames.
     pub settings: Settings,
-    /// What the frames are focused at.
+    /// The focus positions of the frames.
     pub positions: Positions,
-    /// The frame on whose pixels the results are; `None`: the middle one.
+    /// The index of the reference frame, which defines the pixels of the results; `None`: the middle frame.
     pub reference: Option<usize>,
 }
 
 impl SweepOptions {
-    /// Checks the options against a number of frames, before any photograph is read.
+    /// Checks the options against a number of frames. It needs no photograph.
     ///
     /// # Errors
     /// [`Error::Mismatch`]; those of [`Settings::check`].
@@ -55,9 +55,9 @@ impl SweepOptions {
 /// Solves focus sweeps by one choice of options.
 ///
 /// The first sweep of a size, format and number of frames prepares memory and recorded passes; later sweeps of the same
-/// kind reuse them. There is no `submit` as of a [`PairSolver`](crate::PairSolver): the host steps the registration of
-/// all frames between iterations, so the thread that solves takes part until the end. To overlap the host's work with
-/// the device's, use a [`Stream`](crate::Stream::of_sweeps).
+/// kind reuse them. There is no `submit` like that of a [`PairSolver`](crate::PairSolver): the host updates the
+/// registration of all frames between iterations, so the calling thread takes part until the end. To overlap the host's
+/// work with the device's, use a [`Stream`](crate::Stream::of_sweeps).
 ///
 /// ```
 /// # use parfocal::{Engine, EngineOptions, Error, Frame, SolveOptions, SweepSolver};
@@ -81,7 +81,7 @@ pub struct SweepSolver {
     prepared: Option<(Layout, JointSolver)>,
 }
 
-/// What a solver is prepared for.
+/// The size, format, number of frames and settings for which a solver is prepared.
 #[derive(PartialEq)]
 struct Layout {
     size: [u32; 2],
@@ -103,8 +103,8 @@ impl SweepSolver {
     /// Makes a solver and prepares it for sweeps like this one.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] for fewer than three frames, sizes or formats that differ, or options that do not fit;
-    /// [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
+    /// [`Error::Mismatch`] for fewer than three frames, different sizes or formats, or options that do not fit the
+    /// frames; [`Error::Setting`], [`Error::TooSmall`], [`Error::TooLarge`], [`Error::Poisoned`], [`Error::Vulkan`].
     pub fn for_frames(engine: &Engine, frames: &[Frame], options: &SweepOptions) -> Result<Self, Error> {
         let mut solver = Self::new(engine, options)?;
         check(frames, options)?;
@@ -117,7 +117,7 @@ impl SweepSolver {
         &self.options
     }
 
-    /// Changes the options of later sweeps. Other settings are prepared for again.
+    /// Changes the options of later sweeps. The next sweep prepares the solver again if the settings differ.
     ///
     /// # Errors
     /// [`Error::Setting`].
@@ -128,11 +128,11 @@ impl SweepSolver {
     }
 
     /// Solves a sweep, or the region of it that the options name. If no positions are stated, frames that are certainly
-    /// out of order are put in order, and repeated ones left out; [`Sweep::order`] and a warning say so.
+    /// out of order are put in order, and repeated frames are left out. [`Sweep::order`] and a warning report this.
     ///
     /// # Errors
     /// Those of [`SweepSolver::for_frames`] and [`SolveOptions::check`]; [`Error::Mismatch`] for a flat reference,
-    /// which pairs have; [`Error::Cancelled`], [`Error::Timeout`].
+    /// which only pairs support; [`Error::Cancelled`], [`Error::Timeout`].
     pub fn solve(&mut self, frames: &[Frame], options: &SolveOptions) -> Result<Sweep, Error> {
         let sweep_options = self.options.clone();
         let task = Task::new(frames, &sweep_options, options)?;
@@ -156,8 +156,8 @@ impl SweepSolver {
         Ok(sweep)
     }
 
-    /// Registers a sweep, with the same result as [`solve`](Self::solve). The finest level, on which the registration
-    /// stays, is left out.
+    /// Registers a sweep, with the same registration as [`solve`](Self::solve). It leaves out the finest level, which
+    /// does not change the registration.
     ///
     /// # Errors
     /// Those of [`SweepSolver::solve`].
@@ -183,7 +183,7 @@ impl SweepSolver {
     }
 }
 
-/// Checks that the frames are of one kind and fit the options.
+/// Checks that the frames have one size and format and fit the options.
 fn check(frames: &[Frame], options: &SweepOptions) -> Result<(), Error> {
     options.check(frames.len())?;
     let first = (frames[0].width(), frames[0].height(), frames[0].format());
@@ -203,7 +203,7 @@ fn check(frames: &[Frame], options: &SweepOptions) -> Result<(), Error> {
     Ok(())
 }
 
-/// The frames of one solve, in order and cut to the region with a margin, and their focus settings in steps.
+/// The frames of one solve in order, cut to the region with a margin, and their focus settings in steps.
 struct Task<'a> {
     options: &'a SweepOptions,
     frames: Cow<'a, [Frame]>,
@@ -213,12 +213,13 @@ struct Task<'a> {
     photograph: [u32; 2],
     /// The part of the photographs that the frames are cut to.
     part: Region,
-    /// Whether they are cut.
+    /// Whether the frames are cut.
     is_cut: bool,
-    /// The setting of the first frame, and the mean step from setting to setting, negative if they descend.
+    /// The setting of the first frame, and the mean step from setting to setting, which is negative for descending
+    /// settings.
     first: f64,
     step: f64,
-    /// The settings in steps from the first: the solve has constants for settings about one apart.
+    /// The settings in steps from the first. The constants of the solve assume settings about one apart.
     steps: Vec<f64>,
 }
 
@@ -270,7 +271,7 @@ impl<'a> Task<'a> {
         }
     }
 
-    /// The registration of the photographs, from that of the frames as they were cut.
+    /// The registration of the photographs, from that of the cut frames.
     fn registered(&self, registration: JointRegistration) -> RegisteredSweep {
         let JointRegistration { mut transforms, mut brightness, rate, settings } = registration;
         if self.is_cut {

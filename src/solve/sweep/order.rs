@@ -1,8 +1,8 @@
-//! Detects frames that are out of the order of their focus, and repeated frames.
+//! Detects repeated frames, and frames out of focus order.
 //!
-//! Through a sweep every place of the image becomes sharper up to one frame and less sharp after it. A frame out of
-//! order violates that at most places. It is found as the frame whose move repairs most of the violation. A reversed
-//! sweep is in order.
+//! Across a sweep each place of the image becomes sharper up to one frame, and less sharp after it. A frame out of
+//! order violates this at most places. The detection finds the frame whose move repairs most of the violation. A
+//! reversed sweep is in order.
 
 use super::fuse::squared_laplacian;
 use crate::base::{Decode, Frame, workers};
@@ -14,26 +14,26 @@ pub(super) struct Order {
     pub(super) warnings: Vec<String>,
 }
 
-/// The longest side on which sharpness is compared, px: noise of single pixels is averaged out.
+/// The longest side on which sharpness is compared, px. The reduction averages out the noise of single pixels.
 const LONGEST: usize = 512;
-/// Places along either side.
+/// The number of places along either side.
 const PLACES: usize = 12;
-/// Octaves from the longest side on: frames far out of focus differ in the coarser ones.
+/// The number of octaves, from the longest side on. Frames far out of focus differ in the coarser octaves.
 const OCTAVES: usize = 3;
 /// The least side, so that each place of the coarsest octave has some pixels.
 const SHORTEST: usize = 96;
-/// A move counts if the mean over places of what it repairs exceeds this number of its standard errors. Of 53 sweeps of
-/// 4 to 41 frames none that was in order had a move of 5.
+/// The least significance of a move: the mean of what it repairs over the places, in standard errors of that mean. Of
+/// 53 sweeps of 4 to 41 frames, none that was in order had a move of 5.
 const MIN_SIGNIFICANCE: f64 = 6.0;
-/// An order is certain if its moves repair this share of the violation; of 349 swaps of neighbours in those sweeps, 345
-/// were.
+/// The share of the violation that the moves must repair for the order to be certain. Of 349 swaps of neighbours in
+/// those sweeps, 345 reached it.
 const CERTAIN_SHARE: f64 = 0.4;
 /// The violation is negligible below this share of the total change of sharpness.
 const NEGLIGIBLE_SHARE: f64 = 0.005;
-/// The largest distance that a frame is moved.
+/// The largest distance that a frame is moved, frames.
 const MAX_MOVE: usize = 8;
 
-/// Determines the order of the frames. If their positions are `stated`, it does not change.
+/// Determines the order of the frames. If their positions are `stated`, the order does not change.
 pub(super) fn judge(frames: &[Frame], stated: bool) -> Order {
     let mut warnings = Vec::new();
     let distinct = without_repetitions(frames, stated, &mut warnings);
@@ -57,7 +57,7 @@ pub(super) fn judge(frames: &[Frame], stated: bool) -> Order {
     Order { frames: if certain && !stated { best } else { distinct }, warnings }
 }
 
-/// The frames without those whose samples equal an earlier frame's.
+/// The frames without repetitions: a frame is left out if its samples equal those of an earlier frame.
 fn without_repetitions(frames: &[Frame], stated: bool, warnings: &mut Vec<String>) -> Vec<usize> {
     let mut distinct: Vec<usize> = Vec::new();
     for (n, frame) in frames.iter().enumerate() {
@@ -73,7 +73,7 @@ fn without_repetitions(frames: &[Frame], stated: bool, warnings: &mut Vec<String
     distinct
 }
 
-/// The mean squared Laplacian at each place over the squared mean of the frame, by octave.
+/// The mean squared Laplacian at each place over the squared mean of the frame, for each octave.
 struct Sharpness([Vec<f32>; OCTAVES]);
 
 impl Sharpness {
@@ -142,7 +142,7 @@ fn violation(logarithms: &[Vec<f32>], order: &[usize]) -> Vec<f64> {
         let mut here: f32 = changes().map(|change| change.max(0.0)).sum();
         let mut least = here;
         for change in changes() {
-            // The sharpest frame is the next one.
+            // The sharpest frame is the next frame.
             here -= change;
             least = least.min(here);
         }
@@ -152,8 +152,7 @@ fn violation(logarithms: &[Vec<f32>], order: &[usize]) -> Vec<f64> {
     places
 }
 
-/// Moves frames one by one, as long as a move repairs enough of the violation. Returns the order, and whether it is
-/// certain.
+/// Moves frames one by one while a move repairs enough of the violation. Returns the order, and whether it is certain.
 fn in_order(logarithms: &[Vec<f32>]) -> (Vec<usize>, bool) {
     let given: Vec<usize> = (0..logarithms.len()).collect();
     let mut order = given.clone();
@@ -180,7 +179,7 @@ fn changes(logarithms: &[Vec<f32>]) -> f64 {
     pairs.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / (OCTAVES * PLACES * PLACES) as f64
 }
 
-/// The order with one frame moved that repairs most, and what it repairs by place.
+/// The order after the one move that repairs most, and what this move repairs at each place.
 fn best_move(logarithms: &[Vec<f32>], order: &[usize], now: &[f64]) -> Option<(Vec<usize>, Vec<f64>)> {
     let count = order.len();
     let ends = |from: usize| from.saturating_sub(MAX_MOVE)..(from + MAX_MOVE + 1).min(count);
@@ -209,8 +208,8 @@ mod tests {
     use super::*;
     use crate::base::{Channels, Samples};
 
-    /// A slope that is in focus in frame 0 on the left and in the last on the right: waves of 6 px and more, blurred in
-    /// closed form.
+    /// Frames of a slope that is in focus on the left in frame 0 and on the right in the last frame. The texture is
+    /// waves of 6 px and more, blurred in closed form.
     fn slope(count: u32) -> Vec<Frame> {
         let [width, height] = [192u32, 128];
         let frame = |n: u32| {
@@ -237,11 +236,11 @@ mod tests {
     }
 
     #[test]
-    fn frames_in_order_stay_and_so_do_reversed_ones() {
+    fn frames_in_order_and_reversed_frames_keep_their_order() {
         for numbers in [[0, 1, 2, 3, 4, 5, 6], [6, 5, 4, 3, 2, 1, 0]] {
             assert_eq!(judged(&numbers, false), (numbers.to_vec(), Vec::new()));
         }
-        // A missing frame is no disorder.
+        // A missing frame does not break the order.
         assert_eq!(judged(&[0, 1, 2, 4, 5, 6], false), (vec![0, 1, 2, 4, 5, 6], Vec::new()));
     }
 

@@ -5,17 +5,17 @@ use crate::base::Error;
 /// The focus setting of each frame, ascending or descending.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Positions {
-    /// Not known: counted from 0 in even steps. If the sweep itself shows that frames are missing or steps are uneven,
-    /// its settings are used instead, and a warning says so ([`Sweep::positions`](super::Sweep::positions)).
+    /// Unknown settings: counted from 0 in even steps. If the sweep shows that frames are missing or steps are uneven,
+    /// the settings found are used instead, and a warning states them ([`Sweep::positions`](super::Sweep::positions)).
     #[default]
     Counted,
-    /// In any unit that is even in 1/z.
+    /// Settings in any unit that is even in 1/z.
     Settings(Vec<f64>),
-    /// For a lens that is refocused: the distances from the lens that are in focus, mm. The settings are their inverses
-    /// in 1/m, in which blur is linear (`docs/method.md`, section 11).
+    /// Focus distances of a lens that is refocused, mm from the lens. The settings are their inverses in 1/m, in which
+    /// blur is linear (`docs/method.md`, section 11).
     Distances(Vec<f64>),
-    /// For a stage that moves camera or scene, or a lens that is telecentric towards the scene: the places of the plane
-    /// in focus along the axis, mm from any origin. They are the settings.
+    /// Positions of the plane in focus along the axis, mm from any origin. They are the settings. For a stage that
+    /// moves camera or scene, or a lens that is telecentric on the object side.
     Stage(Vec<f64>),
 }
 
@@ -23,7 +23,7 @@ pub enum Positions {
 const PER_METRE: f64 = 1e3;
 
 impl Positions {
-    /// Checks that there is one position for each frame, and that they are in order.
+    /// Checks that there is one position for each frame, and that they ascend or descend.
     ///
     /// # Errors
     /// [`Error::Mismatch`].
@@ -50,7 +50,7 @@ impl Positions {
         }
     }
 
-    /// What each frame is focused at, mm, if that is known.
+    /// The focus position of each frame, mm, if it is known.
     pub fn millimetres(&self) -> Option<&[f64]> {
         match self {
             Self::Counted | Self::Settings(_) => None,
@@ -81,7 +81,7 @@ impl Positions {
         self.millimetres().map(|z| z.first() < z.last())
     }
 
-    /// Depth for settings and their standard deviations; `None` if only settings are known.
+    /// Depth for settings and their standard deviations; `None` if only the settings are known.
     pub(super) fn depth(&self, focus: &[f32], uncertainty: &[f32]) -> Option<SweepDepth> {
         let pixels = focus.iter().zip(uncertainty).map(|(&u, &sigma)| (f64::from(u), f64::from(sigma)));
         let (depth, deviation): (Vec<f32>, Vec<f32>) = match self {
@@ -93,7 +93,7 @@ impl Positions {
         Some(SweepDepth { depth, deviation, out_of_range })
     }
 
-    /// The warning that settings which were not stated are uneven; `order` has the index of each frame among those
+    /// The warning that unstated settings are uneven. `order` has the index of each frame among the frames that were
     /// passed.
     pub(super) fn uneven_warning(&self, settings: &[f64], order: &[usize]) -> Option<String> {
         let steps = || settings.windows(2).map(|p| p[1] - p[0]);
@@ -110,13 +110,13 @@ impl Positions {
             format!("{missing} between frames {} and {}", order[n] + 1, order[n + 1] + 1)
         };
         let gaps: Vec<String> = steps().enumerate().filter(|(_, step)| *step > 1.0).map(gap).collect();
-        Some(format!("missing, as it seems: {}; {used}", gaps.join(", ")))
+        Some(format!("frames seem to be missing: {}; {used}", gaps.join(", ")))
     }
 }
 
-/// The distance in mm of a setting in 1/m, and its deviation, half of the difference between the distances one
-/// deviation to either side, as of [`BlurToDepth::sigma`](crate::metric::BlurToDepth::sigma). NaN if the setting is not that of
-/// a distance.
+/// The distance in mm of a setting in 1/m, and its standard deviation: half the difference between the distances one
+/// standard deviation to either side, as in [`BlurToDepth::sigma`](crate::metric::BlurToDepth::sigma). NaN if no
+/// distance has this setting.
 fn distance(u: f64, sigma: f64) -> (f32, f32) {
     let of = |u: f64| if u > 0.0 { PER_METRE / u } else { f64::INFINITY };
     if u.is_nan() || u <= 0.0 {
@@ -125,24 +125,24 @@ fn distance(u: f64, sigma: f64) -> (f32, f32) {
     (of(u) as f32, ((of(u - sigma) - of(u + sigma)) / 2.0) as f32)
 }
 
-/// Depth in mm at each pixel of a sweep's reference.
+/// Depth in mm at each pixel of the reference of a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SweepDepth {
-    /// Depth, mm, from the lens, or along the axis of the stage from its origin; NaN where it is not measured.
+    /// Depth, mm, from the lens, or along the axis from the origin of the stage; NaN where it is not measured.
     pub depth: Vec<f32>,
-    /// The standard deviation of depth, mm; infinite where infinity is within one deviation. Errors of the positions
-    /// are not in it.
+    /// The standard deviation of depth, mm; infinite where infinity is within one standard deviation. It excludes
+    /// errors of the positions.
     pub deviation: Vec<f32>,
-    /// The number of pixels whose setting is beyond infinity; they have no depth.
+    /// The number of pixels with a setting beyond infinity; they have no depth.
     pub out_of_range: usize,
 }
 
 impl Positions {
-    /// Depth of a sweep that was solved with the focus settings `solved`, if its frames are focused at these positions;
-    /// `None` if they are not in mm.
+    /// Depth of a sweep that was solved with the focus settings `solved`, if its frames are focused at these positions.
+    /// `None` if the positions are not in mm.
     ///
-    /// Between two frames settings are interpolated linearly, in 1/mm for distances or mm for a stage. Beyond the ends
-    /// they are extrapolated.
+    /// Between two frames, settings are interpolated linearly: in 1/mm for distances, in mm for a stage. Beyond the
+    /// ends they are extrapolated.
     ///
     /// # Errors
     /// Those of [`Positions::check`].
@@ -155,7 +155,7 @@ impl Positions {
     }
 }
 
-/// A piecewise linear map of settings, from those of three or more frames in order to others of the same frames.
+/// A piecewise linear map from the settings of three or more frames, in order, to other settings of the same frames.
 struct PiecewiseLinear<'a> {
     from: &'a [f64],
     to: &'a [f64],
@@ -179,7 +179,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn distances_are_inverse_settings_with_a_deviation() {
+    fn distances_are_inverse_settings_with_a_standard_deviation() {
         let at = Positions::Distances(vec![200.0, 250.0, 400.0]);
         at.check(3).unwrap();
         assert_eq!(at.settings(3), [5.0, 4.0, 2.5]);

@@ -7,12 +7,12 @@ use crate::engine::JointSolution;
 
 /// The largest standard deviation of u at which a pixel has a result, steps.
 const MAX_DEVIATION: f32 = 2.0;
-/// How far outside the first or the last frame a pixel's focus must be to count as out of range, px of blur. The solve
-/// follows it for half a pixel. Near that limit it may be anywhere further out; nearer, the frame cannot be told from
-/// one in focus.
+/// The blur at which a pixel counts as out of range, px: that of its focus in the first or the last frame. The solve
+/// follows a focus for half a pixel of blur. Near that limit the focus may be anywhere further out. Below it, the frame
+/// cannot be distinguished from one in focus.
 const OUT_OF_RANGE: f64 = 0.4;
 
-/// The focus of every pixel of a sweep, an image sharp everywhere, and the registration.
+/// The focus of every pixel of a sweep, an all-in-focus image, and the registration.
 #[derive(Clone, Debug)]
 pub struct Sweep {
     /// Pixels per row of every field below.
@@ -21,30 +21,30 @@ pub struct Sweep {
     pub height: u32,
     /// The region of the reference that the fields cover.
     pub region: Region,
-    /// Width and height of the photographs, about whose centre the transforms are stated.
+    /// Width and height of the photographs. The transforms are stated about their centre.
     pub photograph: [u32; 2],
-    /// u, the focus setting at which each pixel of the reference is sharp; NaN where it is not measured or beyond the
-    /// frames.
+    /// u, the focus setting at which each pixel of the reference is sharp. NaN where it is not measured, or where no
+    /// frame is in focus.
     pub focus: Vec<f32>,
     /// The standard deviation of u, in settings; NaN where no pair contributes.
     pub uncertainty: Vec<f32>,
-    /// Pixels that no frame has in focus: -1 where the focus is before the first frame, 1 beyond the last, else 0.
+    /// The side of pixels that no frame has in focus: -1 before the first frame, 1 beyond the last, else 0.
     pub beyond: Vec<i8>,
     /// Depth in mm, if the positions are in mm.
     pub depth: Option<SweepDepth>,
-    /// Grey only if all frames are.
+    /// The all-in-focus image. It is grey only if all frames are.
     pub fused_channels: Channels,
-    /// The image sharp everywhere, interleaved, in the values of the reference with white at 1.
+    /// The all-in-focus image, interleaved, in the values of the reference with white at 1.
     pub fused: Vec<f32>,
-    /// The frame that each pixel of it is from, counted from 1; empty if the results were read from a folder.
+    /// The frame that supplies each pixel of the fused image, from 1; empty if the results were read from a folder.
     pub frames: Vec<u16>,
-    /// The frame on whose pixels the results are, by its place in the fields below.
+    /// The index of the reference frame in the fields below. It defines the pixels of the results.
     pub reference: usize,
     /// The focus setting of each frame; blur is linear in it.
     pub positions: Vec<f64>,
     /// The unit of the settings.
     pub unit: &'static str,
-    /// What the frames are focused at, as stated.
+    /// The focus positions of the frames, as stated.
     pub stated: Positions,
     /// Maps the reference's pixels to those of each frame.
     pub transforms: Vec<Homography>,
@@ -52,25 +52,25 @@ pub struct Sweep {
     pub brightness: Vec<Brightness>,
     /// c, the blur variance in px² at a distance of one setting from the focus.
     pub blur_rate: f64,
-    /// How stored values became intensities.
+    /// The decoding of stored values to intensities.
     pub decode: Decode,
-    /// The index of each frame among those passed. If no positions are stated, frames out of order are put in order,
-    /// and repeated ones left out.
+    /// The index of each frame among the frames that were passed. If no positions are stated, frames out of order are
+    /// put in order, and repeated frames are left out.
     pub order: Vec<usize>,
-    /// Conditions under which the result may be wrong, a sentence each.
+    /// Conditions under which the result may be wrong, one sentence each.
     pub warnings: Vec<String>,
 }
 
 /// The registration of a sweep; the fields are those of [`Sweep`].
 #[derive(Clone, Debug)]
 pub struct RegisteredSweep {
-    /// Width and height of the photographs, about whose centre the transforms are stated.
+    /// Width and height of the photographs. The transforms are stated about their centre.
     pub photograph: [u32; 2],
-    /// The frame to whose pixels the others are registered.
+    /// The index of the reference frame, to which the others are registered.
     pub reference: usize,
     /// The focus setting of each frame; blur is linear in it.
     pub positions: Vec<f64>,
-    /// What the frames are focused at, as stated.
+    /// The focus positions of the frames, as stated.
     pub stated: Positions,
     /// Maps the reference's pixels to those of each frame.
     pub transforms: Vec<Homography>,
@@ -78,16 +78,16 @@ pub struct RegisteredSweep {
     pub brightness: Vec<Brightness>,
     /// c, the blur variance in px² at a distance of one setting from the focus.
     pub blur_rate: f64,
-    /// How stored values became intensities.
+    /// The decoding of stored values to intensities.
     pub decode: Decode,
-    /// The index of each frame among those passed.
+    /// The index of each frame among the frames that were passed.
     pub order: Vec<usize>,
-    /// Conditions under which the result may be wrong, a sentence each.
+    /// Conditions under which the result may be wrong, one sentence each.
     pub warnings: Vec<String>,
 }
 
 impl Task<'_> {
-    /// The result of a solve: of the frames as they were cut, in order.
+    /// The result of a solve for the cut frames, in order.
     pub(super) fn sweep(&self, solution: JointSolution) -> Sweep {
         let registered = self.registered(solution.registration.clone());
         let frames = FocusedFrames {
@@ -131,8 +131,8 @@ impl Task<'_> {
     }
 }
 
-/// -1 where u is before the first frame, 1 beyond the last, 0 between them or where it is NaN; u and `last` in steps from the first frame,
-/// c in px² by squared steps.
+/// The side of each pixel: -1 where u is before the first frame, 1 where it is beyond the last, else 0, also where u is
+/// NaN. u and `last` are in steps from the first frame, c in px² per squared step.
 fn sides(focus: &[f32], last: f64, rate: f64) -> Vec<i8> {
     let margin = (OUT_OF_RANGE / rate.sqrt()) as f32;
     let side = |u: &f32| i8::from(*u > last as f32 + margin) - i8::from(*u < -margin);
@@ -156,7 +156,7 @@ impl Sweep {
         }
     }
 
-    /// Crops the fields to a part of them.
+    /// Crops the fields to a region.
     pub(super) fn crop(&mut self, part: Region) {
         let row = self.width as usize;
         for field in [&mut self.focus, &mut self.uncertainty] {
@@ -188,8 +188,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn focus_outside_the_frames_by_half_a_pixel_of_blur_has_a_side() {
-        // Blur of 2 px a step: 0.4 px are a fifth of a step.
+    fn focus_half_a_pixel_of_blur_outside_the_frames_has_a_side() {
+        // Blur grows by 2 px per step: 0.4 px are a fifth of a step.
         let focus = [f32::NAN, -0.25, -0.15, 0.0, 2.0, 3.15, 3.25];
         assert_eq!(sides(&focus, 3.0, 4.0), [0, -1, 0, 0, 0, 0, 1]);
     }
