@@ -1,6 +1,6 @@
 //! Reads regular files up to a limit.
 //!
-//! A user may name a pipe or a device. Opening a pipe waits for a writer, and reading a device may never end.
+//! A user may name a pipe or a device. Opening a pipe blocks until a writer exists, and reading a device may never end.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Error, ErrorKind, Read, Result};
@@ -16,14 +16,14 @@ pub fn open(path: &Path) -> Result<File> {
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, rustix::fs::OFlags::NONBLOCK.bits() as i32);
     let file = options.open(path)?;
-    // The metadata of the open file: its name may refer to another one by now.
+    // Uses the metadata of the open file, since its name may refer to another file by now.
     if file.metadata()?.is_file() {
         return Ok(file);
     }
     Err(Error::new(ErrorKind::InvalidInput, "not a regular file: give a file on disk"))
 }
 
-/// The bytes of a regular file.
+/// Reads the bytes of a regular file.
 ///
 /// # Errors
 /// Those of [`open`], and [`ErrorKind::FileTooLarge`] for more than `most` bytes.
@@ -36,7 +36,7 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The text of a regular file.
+/// Reads the text of a regular file.
 ///
 /// # Errors
 /// Those of [`read`], and [`ErrorKind::InvalidData`] for text that is not UTF-8.

@@ -1,4 +1,4 @@
-//! Files: photographs to [`Frame`](crate::Frame)s, and results to files.
+//! Files: photographs are read as [`Frame`](crate::Frame)s, results are written and read.
 
 pub mod bounded_read;
 pub mod export;

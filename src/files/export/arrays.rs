@@ -1,4 +1,4 @@
-//! Depth, or V or focus where it is not known, for other programs: NPY, TIFF and Zarr in floats, PNG and TIFF in 16 bits.
+//! Depth, or V or focus, for other programs: NPY, TIFF and Zarr in floats, PNG and TIFF in 16 bits.
 
 use std::io::{Cursor, Write};
 
@@ -16,14 +16,14 @@ use super::results::Results;
 use super::scale::Quantity;
 use super::zip::Zip;
 
-/// A format of arrays in floats; NaN where nothing is measured.
+/// A format of arrays in floats. Pixels that are not measured are NaN.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ArrayKind {
     /// NumPy arrays `depth.npy` and `deviation.npy`.
     Npy,
     /// `depth.tiff` and `deviation.tiff`.
     Tiff,
-    /// `depth.zarr.zip`, with both.
+    /// `depth.zarr.zip`, which holds both arrays.
     Zarr,
 }
 
@@ -74,7 +74,7 @@ impl Arrays {
     fn new(results: &Results<'_>) -> Self {
         let quantity = results.best_measured();
         let Quantity { name, values, deviation, .. } = quantity;
-        // Where a value is not measured, its deviation is not either.
+        // A value that is not measured has no standard deviation either.
         let known = |(v, s): (&f32, &f32)| if v.is_finite() { *s } else { f32::NAN };
         let deviation = values.iter().zip(deviation.iter()).map(known).collect();
         Self { size: results.size(), name, unit: ascii(quantity.unit), values: values.into_owned(), deviation }
@@ -90,8 +90,8 @@ impl Arrays {
         write_tiff::<Gray32Float>(writer, self.size, values, &description)
     }
 
-    /// Writes Zarr, version 2 (Zarr Community 2015), in one ZIP file as `zarr.storage.ZipStore` does: a group of two uncompressed
-    /// arrays in square chunks, named `depth`, `relative_blur` or `focus`, and `standard_deviation`.
+    /// Writes Zarr, version 2 (Zarr Community 2015), in one ZIP file like `zarr.storage.ZipStore`. It is a group of two
+    /// uncompressed arrays in square chunks: `depth`, `relative_blur` or `focus`, and `standard_deviation`.
     fn write_zarr(&self, writer: &mut dyn Write) -> Result<(), String> {
         let mut zip = Zip::new(writer);
         let text =
@@ -144,10 +144,10 @@ where
     writer.write_all(&bytes.into_inner()).map_err(|e| e.to_string())
 }
 
-/// Side of a chunk of a Zarr array, px: a megabyte, as the format's authors advise.
+/// Side of a chunk of a Zarr array, px. A chunk has a megabyte, as the format's authors advise.
 const CHUNK: usize = 512;
 
-/// A chunk, NaN beyond the edges of the array.
+/// The values of a chunk, NaN beyond the edges of the array.
 fn chunk(values: &[f32], [width, height]: [usize; 2], [left, top]: [usize; 2]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(4 * CHUNK * CHUNK);
     for y in top..top + CHUNK {
@@ -176,8 +176,8 @@ fn write_npy(writer: &mut dyn Write, (width, height): (u32, u32), values: &[f32]
 /// Names of the files of a [`Depth16`].
 pub(super) const DEPTH16_FILES: [&str; 2] = ["depth16.png", "depth16.tiff"];
 
-/// Depth, or V or focus where it is not known, in 16 bits: sample 0 where it is not measured, 1 at its least value, 65535 at its
-/// greatest, linear in between.
+/// Depth, or V or focus if depth is not known, in 16 bits. The sample is 0 where it is not measured, 1 at the least
+/// value, 65535 at the greatest, and linear in between.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Depth16 {
     size: (u32, u32),
@@ -186,7 +186,7 @@ pub struct Depth16 {
 }
 
 impl Depth16 {
-    /// Depth, or V or focus where it is not known.
+    /// Encodes depth, or V or focus if depth is not known.
     pub fn of(results: &Results<'_>) -> Self {
         let quantity = results.best_measured();
         let name = quantity.name;
@@ -198,7 +198,7 @@ impl Depth16 {
         let (low, high) = (valid().fold(f64::INFINITY, f64::min), valid().fold(f64::NEG_INFINITY, f64::max));
         let (low, scale) = match high - low {
             span if span > 0.0 => (low, span / 65534.0),
-            // For one value, or none, any scale will do.
+            // One value, or none, fits any scale.
             _ => (if low.is_finite() { low } else { 0.0 }, 1.0),
         };
         let sample = |v: f32| if v.is_finite() { 1 + ((f64::from(v) - low) / scale).round() as u16 } else { 0 };
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn one_value_none_and_the_widest_range_have_a_scale() {
+    fn a_single_value_no_value_and_the_widest_range_have_a_scale() {
         assert_eq!(values(&field((2, 1), &[-2.5, f32::NAN])), [Some(-2.5), None]);
         assert_eq!(values(&field((2, 1), &[f32::NAN, f32::INFINITY])), [None, None]);
         let wide = field((2, 1), &[f32::MIN, f32::MAX]);

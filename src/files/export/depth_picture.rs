@@ -12,12 +12,12 @@ use super::png_file::{self, Pixels};
 use super::results::Results;
 use super::scale::{Nearer, Quantity, Scale};
 
-/// Stripes of pixels that are not measured: light and dark grey.
+/// Stripes over pixels that are not measured: light and dark grey.
 const HATCH: [[u8; 4]; 2] = [[205, 205, 205, 255], [165, 165, 165, 255]];
 /// Width of a stripe along x, px.
 const HATCH_WIDTH: usize = 4;
 
-/// Colours of near and far, in every picture and on the page.
+/// Colours of near and far in every picture and on the page.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "program", derive(clap::ValueEnum))]
@@ -41,7 +41,7 @@ impl Palette {
         let t = nearness.clamp(0.0, 1.0);
         match self {
             Self::Viridis => colorous::VIRIDIS.eval_continuous(t).as_array(),
-            // Without the last tenth at either end, which darkens towards violet and maroon.
+            // Leaves out the last tenth at either end, which darkens towards violet and maroon.
             Self::RedBlue => colorous::TURBO.eval_continuous(0.1 + 0.8 * t).as_array(),
             Self::Grey => [(255.0 * t).round() as u8; 3],
         }
@@ -57,13 +57,13 @@ impl Palette {
     }
 }
 
-/// A quantity as it is drawn.
+/// A quantity with the options of its picture.
 struct Map<'a> {
     size: (u32, u32),
     quantity: Quantity<'a>,
     scale: Scale,
     palette: Palette,
-    /// Pixels that are hatched, since they are not measured; none if empty.
+    /// Pixels to hatch, since they are not measured; none if empty.
     marked: &'a [bool],
     /// -1 or 1 where no frame of a sweep is in focus, by side; none if empty.
     beyond: &'a [i8],
@@ -77,8 +77,8 @@ impl<'a> Map<'a> {
         Self { size, quantity, scale, palette, marked: &[], beyond: &[], first_is_near: true }
     }
 
-    /// RGBA of a pixel: in colour, transparent where not valid, hatched where marked, and striped the other way, in the colour of
-    /// the end that it lies beyond, where no frame of a sweep is in focus.
+    /// RGBA of a pixel: the colour of its value, transparent where not valid, hatched where marked. Where no frame of a
+    /// sweep is in focus, it is hatched the other way, in the colour of the end beyond which the focus lies.
     fn pixel(&self, x: usize, y: usize) -> [u8; 4] {
         let i = y * self.size.0 as usize + x;
         if let Some(side) = self.beyond.get(i).filter(|side| **side != 0) {
@@ -110,21 +110,21 @@ impl<'a> Map<'a> {
     fn description(&self) -> Description {
         let [near, far] = [1.0, 0.0].map(|nearness| self.scale.value(nearness) as f32);
         let [near_color, far_color] = self.palette.ends();
-        // Text of a PNG is ASCII here.
+        // This text is ASCII, for PNG.
         let (name, units) = match self.title() {
             ["V", _] => ("relative blur V", "px^2"),
             [name, unit] => (name, unit),
         };
         let comments = format!(
             "Map of {name} in {units}, {near_color} near ({near}) to {far_color} far ({far}), transparent where not \
-             valid, hatched in grey where nothing tells, the other way in the colour of an end where the focus lies beyond \
+             valid, hatched in grey where not measured, the other way in the colour of an end where the focus lies beyond \
              it; its key is to the right of column {}",
             self.size.0
         );
         Description { units: units.into(), comments: comments.into() }
     }
 
-    /// Writes RGBA: the map at its own pixels, with the key on white to its right.
+    /// Writes RGBA: the map at full resolution, and to its right the key on white.
     fn write(&self, writer: impl Write, drawing: &Drawing) -> Result<(), String> {
         let (width, height) = self.size;
         let title = self.title().join(", ");
@@ -135,7 +135,7 @@ impl<'a> Map<'a> {
         let mut pixels = Vec::with_capacity(4 * (width + key.width()) as usize * height as usize);
         for y in 0..height {
             pixels.extend((0..width as usize).flat_map(|x| self.pixel(x, y as usize)));
-            // Transparent below the key, which may be lower than the map.
+            // Below the key it is transparent; the key may be taller than the map.
             let beside =
                 (0..key.width()).flat_map(|x| key.get_pixel_checked(x, y).map_or([0; 4], |p| [p[0], p[1], p[2], 255]));
             pixels.extend(beside);
@@ -156,7 +156,7 @@ pub(super) fn write(writer: impl Write, results: &Results<'_>, drawing: &Drawing
 mod tests {
     use super::*;
 
-    /// The pixels of the map, without the key.
+    /// Crops the map without the key.
     fn pixels(map: &Map) -> Vec<[u8; 4]> {
         let mut bytes = Vec::new();
         let plotter = Some(crate::page::figure::PLOTTER);
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn least_depth_is_near_and_of_focus_the_end_that_is_stated() {
+    fn the_least_depth_is_near_and_so_is_the_stated_end_of_the_focus() {
         let depth = Quantity::depth(&[600.0, f32::NAN, 700.0], &[], &[869.0, 529.0], Nearer::Second);
         assert_eq!(pixels(&Map::new((3, 1), depth, Palette::Grey)), [[255; 4], [0; 4], [0, 0, 0, 255]]);
         for (positions, nearer, first_pixel) in [
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn viridis_brightens_all_the_way() {
+    fn viridis_brightens_monotonically() {
         let luminance = |t: f64| {
             let [r, g, b] = Palette::Viridis.color(t).map(f64::from);
             0.2126 * r + 0.7152 * g + 0.0722 * b

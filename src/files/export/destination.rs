@@ -12,13 +12,13 @@ use super::report::{Kind, PROGRAM, REPORT_FILE, is_plain, read_json, strings};
 use crate::base::Error;
 use crate::files::bounded_read;
 
-/// The files of a synthetic pair; `depth.exr` only where the scene has a lens.
+/// Names of the files of a synthetic pair. `depth.exr` exists only if the scene has a lens.
 pub const SIMULATED_FILES: [&str; 5] = ["i1.png", "i2.png", "relative_blur.exr", "depth.exr", "truth.json"];
 
 /// Names of the report and the picture of an inspected part.
 pub const INSPECT_FILES: [&str; 2] = ["inspect.json", "inspect.png"];
 
-/// A folder or a file for results. Existing files are replaced only if parfocal wrote them, unless that is forced.
+/// A folder or a file for results. By default, only existing files that parfocal wrote are replaced.
 ///
 /// ```
 /// use std::path::Path;
@@ -42,7 +42,7 @@ impl<'a, P: AsRef<Path> + ?Sized> From<&'a P> for Destination<'a> {
 }
 
 impl<'a> Destination<'a> {
-    /// With `force`, files of other programs that have the names of results are overwritten.
+    /// Makes a destination. With `force`, files of other programs that have the names of results are overwritten.
     pub fn new(path: &'a Path, force: bool) -> Self {
         Self { path, force }
     }
@@ -52,13 +52,13 @@ impl<'a> Destination<'a> {
         self.path
     }
 
-    /// The same for another path.
+    /// Makes a destination with the same rule and another path.
     pub(crate) fn to<'b>(&self, path: &'b Path) -> Destination<'b> {
         Destination { path, force: self.force }
     }
 
-    /// Checks that results of these names may be written into the folder: no file has one of the names that the earlier report,
-    /// of the name `report`, does not list.
+    /// Checks that results of these names may be written into the folder. No existing file may have one of the names,
+    /// unless the earlier report of the name `report` lists it.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -66,7 +66,7 @@ impl<'a> Destination<'a> {
         Guard::by_report(*self, report).check_all(self.path, names)
     }
 
-    /// Checks the same for files of a kind, which belong to no report.
+    /// Checks the same for files of a kind, which no report lists.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -80,7 +80,7 @@ impl<'a> Destination<'a> {
 /// # Errors
 /// [`Error::File`].
 pub fn check_writable(out: &Path) -> Result<(), Error> {
-    // The folder, or the nearest existing one above it, must accept a file.
+    // The folder, or the nearest existing folder above it, must accept a file.
     let above = out.ancestors().find(|p| p.is_dir()).filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     tempfile::tempfile_in(above)
         .map(drop)
@@ -91,23 +91,23 @@ pub fn check_writable(out: &Path) -> Result<(), Error> {
 pub(crate) struct Guard {
     /// The files that an earlier report lists.
     pub(super) listed: ReportFiles,
-    /// The kind of files that may be replaced, where no report lists them.
+    /// The kind of files that may be replaced without a report that lists them.
     kind: Option<FileKind>,
     force: bool,
 }
 
 impl Guard {
-    /// Files that the report of this name lists may be replaced.
+    /// Lets files that the report of this name lists be replaced.
     pub(crate) fn by_report(out: Destination<'_>, report: &str) -> Self {
         Self::by_list(out, ReportFiles::of(out.path, report))
     }
 
-    /// Listed files may be replaced.
+    /// Lets the listed files be replaced.
     pub(crate) fn by_list(out: Destination<'_>, listed: ReportFiles) -> Self {
         Self { listed, kind: None, force: out.force }
     }
 
-    /// Files of a kind that belong to no report may be replaced.
+    /// Lets files of a kind be replaced, unless a report lists them.
     pub(crate) fn by_kind(out: Destination<'_>, kind: FileKind) -> Self {
         Self { listed: ReportFiles::of_any_report(out.path), kind: Some(kind), force: out.force }
     }
@@ -116,14 +116,14 @@ impl Guard {
         names.iter().try_for_each(|name| self.check(&folder.join(name.as_ref())))
     }
 
-    /// Refuses a path whose file must not be replaced.
+    /// Refuses a path if its existing file must not be replaced.
     pub(crate) fn check(&self, path: &Path) -> Result<(), Error> {
         let found = match metadata(path) {
             Ok(Some(found)) => found,
             Ok(None) => return Ok(()),
             // Creating the folder reports this.
             Err(e) if e.kind() == ErrorKind::NotADirectory => return Ok(()),
-            Err(e) => return Err(Error::file(path, format!("cannot be looked at ({e}); check the disk"))),
+            Err(e) => return Err(Error::file(path, format!("cannot be accessed ({e}); check the disk"))),
         };
         let refuse = |problem: &str| Err(Error::file(path, problem));
         if path.is_dir() {
@@ -154,13 +154,13 @@ impl Guard {
     }
 }
 
-/// Names of the files that a report in a folder lists, the report among them. Names that lead out of the folder are ignored, since
-/// anyone may have written the report.
+/// Names of the files that a report in a folder lists, including the report. Names that lead out of the folder are
+/// ignored, since anyone may have written the report.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct ReportFiles(BTreeSet<String>);
 
 impl ReportFiles {
-    /// The files that the report of this name lists; none if it is missing or of another program.
+    /// The files that the report of this name lists; none if it is missing or from another program.
     pub(crate) fn of(folder: &Path, report: &str) -> Self {
         let path = folder.join(report);
         let is_file = fs::symlink_metadata(&path).is_ok_and(|found| found.is_file());
@@ -191,24 +191,24 @@ impl ReportFiles {
     }
 }
 
-/// Names of the files that the report in a folder lists; results that take their place replace or remove them.
+/// Names of the files that the report in a folder lists. New results replace or remove these files.
 pub fn listed_in(folder: &Path, report: &str) -> Vec<String> {
     ReportFiles::of(folder, report).0.into_iter().collect()
 }
 
-/// Whether a JSON file is a report of parfocal that lists the files beside it.
+/// Whether a JSON file is a report of parfocal that lists the files next to it.
 fn lists_files(report: &Value) -> bool {
     use Kind::{Evaluation, Inspection, Pair, Simulation, Sweep};
     let is_unfinished = report["program"] == PROGRAM && Unfinished::is(report);
     is_unfinished || matches!(Kind::of(report), Some(Pair | Sweep | Simulation | Inspection | Evaluation))
 }
 
-/// Most bytes of JSON that are read, 64 MiB: more than the longest bench writes.
+/// Greatest number of bytes of JSON that are read, 64 MiB: more than the longest bench writes.
 const MAX_JSON: u64 = 64 << 20;
-/// Bytes at the beginning of a file, within which it states the program that wrote it.
+/// Number of bytes at the beginning of a file within which it states the program that wrote it.
 const HEAD: u64 = 1 << 12;
 
-/// Kind of a file that stands alone, without a report beside it.
+/// Kind of a file that has no report next to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     /// A registration.
@@ -234,7 +234,7 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    /// The kind that the file states, if it is JSON.
+    /// The kind that a JSON file of this kind states; `None` for kinds that are not JSON.
     pub(super) fn report(self) -> Option<Kind> {
         match self {
             Self::Registration => Some(Kind::Registration),
@@ -261,7 +261,7 @@ impl FileKind {
     }
 }
 
-/// Whether a trace is of parfocal; other programs write this format too. It begins with the host of a run.
+/// Whether a trace is from parfocal: it begins with the host of a run. Other programs write this format too.
 fn is_trace(trace: &Value) -> bool {
     let first = &trace["traceEvents"][0];
     first["name"] == "process_name" && first["args"]["name"].as_str().is_some_and(|name| name.ends_with(": host"))

@@ -10,7 +10,7 @@ use exr::prelude::{AnyChannel, AnyChannels, Encoding, WritableImage};
 use super::description::{Description, SOFTWARE};
 use crate::base::Channels;
 
-/// Writes a field of width x height values as channel `Y`.
+/// Writes a field of width x height values as the channel `Y`.
 pub(crate) fn write(
     writer: impl Write + Seek,
     size: (u32, u32),
@@ -36,7 +36,7 @@ pub(crate) fn write_image(
     write_channels(writer, size, &[("R", &r), ("G", &g), ("B", &b)], description)
 }
 
-/// Writes fields of one size, each as the channel of its name.
+/// Writes fields of one size. Each is a channel with the field's name.
 pub(crate) fn write_channels(
     writer: impl Write + Seek,
     (width, height): (u32, u32),

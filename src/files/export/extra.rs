@@ -1,4 +1,4 @@
-//! Additional files of results, and how pictures are drawn.
+//! Additional files of results, and the style of pictures.
 
 use std::io::Write;
 
@@ -9,21 +9,21 @@ use super::{Palette, ProfileReport, Results, Scale};
 /// The page of results.
 pub const PAGE_FILE: &str = "report.html";
 
-/// Draws the keys of maps and the curves of profiles. Without it `depth.png` has no key and a profile has no picture.
+/// Draws the keys of maps and the curves of profiles. Without one, `depth.png` has no key and a profile has no picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Plotter {
-    /// Draws the key of a scale in the colours of a palette under a title, for a map of this width and height.
+    /// Draws the key of a scale in the colours of a palette, under a title, for a map of this width and height.
     pub key: fn(&str, &Scale, Palette, (u32, u32)) -> RgbImage,
     /// Draws a profile.
     pub profile: fn(&ProfileReport) -> RgbImage,
 }
 
-/// How pictures are drawn.
+/// The style of pictures.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Drawing {
     /// Colours of `depth.png`.
     pub palette: Palette,
-    /// Draws keys and profiles.
+    /// The function object that draws keys and profiles.
     pub plotter: Option<Plotter>,
 }
 
@@ -33,7 +33,7 @@ pub struct Extra<'a> {
     pub(super) fill: Fill<'a>,
 }
 
-/// Writes the content of a file; an error is a phrase that fits into "cannot be written (...)".
+/// Writes the content of a file. An error is a phrase that fits into "cannot be written (...)".
 type Fill<'a> = Box<dyn FnOnce(&Results<'_>, &mut dyn Write) -> Result<(), String> + 'a>;
 
 impl<'a> Extra<'a> {

@@ -1,4 +1,4 @@
-//! The folder of results: created if it is missing, locked for one writer, and free of temporary files of ended programs.
+//! The folder of results: created if missing, locked for one writer, free of leftover temporary files.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
@@ -11,15 +11,15 @@ use tempfile::{Builder, NamedTempFile};
 
 use crate::base::Error;
 
-/// Longest wait for another writer; results are written in less.
+/// Longest wait for another writer. Writing results takes less.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Other writers that may use the folder at the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum OtherWriters {
-    /// None: several files belong together.
+    /// No other writer, since several files belong together.
     None,
-    /// Writers of single files.
+    /// Other writers of single files.
     SingleFiles,
 }
 
@@ -28,7 +28,8 @@ pub(super) struct Folder {
     pub(super) path: PathBuf,
     /// Folders that were created for it, the deepest first.
     made: Vec<PathBuf>,
-    /// The open folder, with which the lock ends, also if the program is killed. `None` if the file system has no locks.
+    /// The open folder, which holds the lock. The lock also ends if the program is killed. `None` if the file system
+    /// has no locks.
     handle: Option<File>,
 }
 
@@ -49,7 +50,7 @@ impl Folder {
         Ok(folder)
     }
 
-    /// Locks the folder; the only writer removes leftovers.
+    /// Locks the folder. If no other writer uses it, removes leftovers.
     fn lock(&mut self, others: OtherWriters) -> Result<(), Error> {
         let until = Instant::now() + LOCK_TIMEOUT;
         loop {
@@ -103,7 +104,7 @@ impl Drop for Folder {
     fn drop(&mut self) {
         unregister(&self.folders());
         for folder in &self.made {
-            // Only an empty folder is removed: another program may have put files there.
+            // Removes only an empty folder: another program may have put files there.
             if fs::remove_dir(folder).is_err() {
                 return;
             }
@@ -111,13 +112,13 @@ impl Drop for Folder {
     }
 }
 
-/// Random characters in the name of a temporary file.
+/// Number of random characters in the name of a temporary file.
 const RANDOM: usize = 6;
 
 /// Folders that are being written to, each with the created folders above it, the deepest first.
 static OPEN: Mutex<BTreeSet<Vec<PathBuf>>> = Mutex::new(BTreeSet::new());
 
-/// Locked while files get their names.
+/// Locked while files are renamed to their final names.
 static NAMING: Mutex<()> = Mutex::new(());
 
 /// Prefix of the names of this process's temporary files.
@@ -135,7 +136,7 @@ pub(super) fn temporary_file(folder: &Path) -> std::io::Result<NamedTempFile> {
     builder.tempfile_in(folder)
 }
 
-/// Whether a name is one of [`temporary_file`], of this or another process.
+/// Whether a name is one that [`temporary_file`] makes, in this or another process.
 fn is_temporary(name: &str) -> bool {
     let Some((id, random)) = name.strip_prefix(".parfocal-").and_then(|rest| rest.split_once('-')) else {
         return false;
@@ -144,7 +145,7 @@ fn is_temporary(name: &str) -> bool {
     is_id && random.len() == RANDOM && random.chars().all(|c| c.is_ascii_alphanumeric())
 }
 
-/// Removes the temporary files in a folder that no other process writes to.
+/// Removes temporary files that no other process is writing.
 pub(super) fn remove_leftovers(folder: &Path) {
     remove(folder, is_temporary);
 }
@@ -167,18 +168,18 @@ pub(super) fn unregister(folders: &Vec<PathBuf>) {
     OPEN.lock().unwrap_or_else(PoisonError::into_inner).remove(folders);
 }
 
-/// Guard that is held while files get their names.
+/// Guard that is held while files are renamed to their final names.
 pub(super) fn naming() -> MutexGuard<'static, ()> {
     NAMING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Removes half-written files before the process ends. Files that are getting their names get them first. No results can be written
-/// afterwards: the process must end.
+/// Removes half-written files before the process ends. Waits for files that are being renamed. No results can be
+/// written afterwards: the process must end.
 pub fn abandon() {
     std::mem::forget(naming());
     for folders in OPEN.lock().unwrap_or_else(PoisonError::into_inner).iter() {
         folders.first().into_iter().for_each(|folder| remove(folder, |name| name.starts_with(&own_prefix())));
-        // The first one is the folder itself; only empty folders are removed.
+        // The first entry is the folder itself. Only empty folders are removed.
         folders.iter().skip(1).all(|made| fs::remove_dir(made).is_ok());
     }
 }
@@ -216,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn names_of_users_are_not_temporary() {
+    fn names_that_users_choose_are_not_temporary() {
         for name in [".parfocal-12-aB3dE6", ".parfocal-1-000000"] {
             assert!(is_temporary(name), "{name}");
         }

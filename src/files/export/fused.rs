@@ -1,4 +1,4 @@
-//! The all-in-focus image, as PNG in the depth of the inputs and as EXR for inputs in floats.
+//! The all-in-focus image, as PNG in the bit depth of the inputs, and as EXR for inputs in floats.
 
 use std::io::{Seek, Write};
 
@@ -11,10 +11,10 @@ use crate::base::color::{linear_to_srgb, stored};
 use crate::base::{Channels, Decode, Depth, Error, Frame, Samples};
 use crate::engine::Solution;
 
-/// The all-in-focus image in integers: 8 bits where all inputs have 8, else 16.
+/// File of the all-in-focus image in integers: 8 bits if all inputs have 8 bits, else 16.
 pub const FUSED_FILE: &str = "fused.png";
 
-/// The all-in-focus image in floats, unclipped; only for inputs in floats.
+/// File of the all-in-focus image in floats, unclipped; only for inputs in floats.
 pub const FUSED_FLOAT_FILE: &str = "fused.exr";
 
 /// The all-in-focus image in intensities, white at 1, interleaved.
@@ -24,15 +24,15 @@ pub(super) struct Fused<'a> {
     channels: Channels,
     values: &'a [f32],
     decode: Decode,
-    /// Samples of the inputs.
+    /// Sample types of the inputs.
     pub(super) depth: Depth,
 }
 
 impl<'a> Fused<'a> {
-    /// An image of this size.
+    /// Makes an image of this size.
     ///
     /// # Errors
-    /// [`Error::Mismatch`] if it has another number of values, or none since the solve left it out.
+    /// [`Error::Mismatch`] if it has another number of values, or no values because the solve left it out.
     pub(super) fn new(
         size: (u32, u32),
         (channels, values): (Channels, &'a [f32]),
@@ -58,7 +58,7 @@ impl<'a> Fused<'a> {
         self.values.iter().map(|&v| (stored(v, self.decode) * 65535.0).round() as u16).collect()
     }
 
-    /// Values encoded like those of the inputs, unclipped.
+    /// The values encoded like those of the inputs, unclipped.
     fn floats(&self) -> Vec<f32> {
         let encode = |&v: &f32| if self.decode == Decode::Srgb { linear_to_srgb(v) } else { v };
         self.values.iter().map(encode).collect()
@@ -78,10 +78,10 @@ impl<'a> Fused<'a> {
         exr_file::write_image(writer, self.size, self.channels, &self.floats(), &FUSED_FLOAT)
     }
 
-    /// The image as its file has it.
+    /// The image as stored in its file.
     ///
     /// # Errors
-    /// [`Error::Mismatch`]; none is known, since the size was checked.
+    /// [`Error::Mismatch`]; none known, since the size was checked.
     pub(super) fn as_stored(&self) -> Result<Frame, Error> {
         self.frame(match self.depth {
             Depth::U8 => Samples::U8(self.bytes()),
@@ -103,7 +103,7 @@ impl<'a> Fused<'a> {
     }
 }
 
-/// The channels in the terms of PNG.
+/// The channels as a colour type of PNG.
 pub(crate) fn color_type(channels: Channels) -> ColorType {
     match channels {
         Channels::Gray => ColorType::Grayscale,

@@ -1,4 +1,4 @@
-//! Sizes and hashes of the files of results, by which a damaged or exchanged file is noticed.
+//! Sizes and hashes of the files of results, which reveal a damaged or exchanged file.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
@@ -26,7 +26,7 @@ pub struct Hash {
 }
 
 impl Hash {
-    /// Reads to the end.
+    /// Reads a file to the end.
     pub(super) fn of(mut reader: impl Read) -> io::Result<Self> {
         let (mut digest, mut bytes, mut block) = (Sha256::new(), 0, vec![0; 1 << 16]);
         loop {
@@ -43,9 +43,9 @@ impl Hash {
         Ok(Self { bytes, sha256: digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect() })
     }
 
-    /// Whether a file has this size and hash; false for one that cannot be read.
+    /// Whether a file has this size and hash; false for a file that cannot be read.
     fn matches(&self, path: &Path) -> bool {
-        // At most one byte more than stated is read.
+        // Reads at most one byte more than the stated size.
         bounded_read::open(path).is_ok_and(|file| {
             let is_long = file.metadata().is_ok_and(|found| found.len() == self.bytes);
             is_long && Self::of(file.take(self.bytes + 1)).is_ok_and(|found| found == *self)
@@ -53,7 +53,7 @@ impl Hash {
     }
 }
 
-/// Whether all files that the report of a folder lists exist, each as it was written.
+/// Whether all files that the report of a folder lists exist with their stated sizes and hashes.
 pub fn is_whole(folder: &Path, name: &str, report: &Value) -> bool {
     let hashes = report.get(HASHES).and_then(|found| Hashes::deserialize(found).ok()).unwrap_or_default();
     let files = report["files"].as_array().map_or(&[][..], Vec::as_slice);

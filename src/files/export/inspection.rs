@@ -20,30 +20,30 @@ pub struct InspectReport {
     pub version: &'static str,
     /// `go` or `no-go`.
     pub verdict: &'static str,
-    /// Why the verdict is no-go; a sentence each.
+    /// Reasons for the verdict no-go; one sentence each.
     pub reasons: Vec<String>,
     /// The folder of the part.
     pub part: String,
-    /// The folders of the golden parts; places are stated on the pixels of the first.
+    /// The folders of the golden parts. Positions are stated on the pixels of the first.
     pub golden: Vec<String>,
     /// The quantity that is compared: `depth`, `relative blur` or `focus`.
     pub quantity: String,
-    /// Its unit. Heights are in this unit and grow towards the camera.
+    /// Unit of the quantity. Heights are in this unit and grow towards the camera.
     pub unit: &'static str,
     /// Tolerances.
     #[serde(flatten)]
     pub limits: Limits,
     /// T: the golden part's pixel x lies at T x in the picture of the part.
     pub transform: Similarity,
-    /// Plane of the part against the golden one, in heights and heights per pixel; it is subtracted.
+    /// The plane of the part minus that of the golden part, in heights and heights per pixel; it is subtracted.
     pub plane: Plane,
     /// Pixels where both parts have a height.
     pub judged_px: usize,
     /// Pixels where only the golden part has a height.
     pub unjudged_px: usize,
-    /// Their fraction of the golden part's pixels.
+    /// `unjudged_px` as a fraction of the golden part's pixels.
     pub unjudged: f64,
-    /// Regions that deviate, the largest first.
+    /// Deviating regions, the largest first.
     pub regions: Vec<DeviationReport>,
     #[serde(flatten)]
     listed: Option<ListedFiles>,
@@ -103,10 +103,10 @@ impl InspectReport {
         self.verdict == "go"
     }
 
-    /// As text, without a newline at its end.
+    /// The report as text, without a newline at its end.
     ///
     /// # Errors
-    /// None is known; serde_json's signature allows one.
+    /// None known; serde_json's signature allows one.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
         to_json(self)
     }
@@ -129,8 +129,9 @@ fn reasons(inspection: &Inspection, limits: &Limits, unit: &str) -> Vec<String> 
     deviates.into_iter().chain(missing).collect()
 }
 
-/// Writes report and picture into a folder, which is created if it is missing: both or none. The files of an earlier inspection are
-/// replaced. Any other file stays; where it has the name of one of both, nothing is written unless the [`Destination`] forces it.
+/// Writes report and picture into a folder: both or none. Creates the folder if it is missing. Replaces the files of an
+/// earlier inspection. Any other file stays; if it has the name of a result, nothing is written unless the
+/// [`Destination`] forces it.
 ///
 /// # Errors
 /// [`Error::File`].

@@ -1,9 +1,9 @@
-//! Replaces earlier results by new ones so that one or the other exist whole, whatever happens meanwhile.
+//! Replaces earlier results by new ones so that a failure at any time leaves one or the other complete.
 //!
-//! Earlier results are moved into a folder beside them, and the new ones get their names, the report last. In between, a list
-//! of all files stands in the place of the report: it marks the folder as unfinished. The report decides. Once it has its name, the
-//! new results stand; while the list stands there, a failure, or the next program that writes, restores the earlier ones. Files of
-//! other programs stay where they are, and the folder stays the same one for processes that have it open.
+//! Earlier results are moved into a folder next to them. Then the new files get their names, the report last. Meanwhile
+//! a list of all files replaces the report and marks the folder as unfinished. Once the report has its name, the new
+//! results are valid. As long as the list is in its place, a failure, or the next program that writes, restores the
+//! earlier results. Files of other programs stay in place, and so does the folder, for processes that have it open.
 
 use std::ffi::OsStr;
 use std::fs::{self, File, Metadata};
@@ -16,15 +16,15 @@ use tempfile::NamedTempFile;
 use super::report::{MAX_BYTES, PROGRAM, is_plain, strings};
 use crate::files::bounded_read;
 
-/// Key of the list that stands in the place of a report.
+/// Key of the list that takes the place of a report.
 const UNFINISHED: &str = "unfinished";
 
-/// The list of files that stands in the place of a report while results get their names.
+/// The list of files that takes the place of a report while results are renamed.
 #[derive(Default)]
 pub(super) struct Unfinished {
     /// All files of earlier and of new results.
     pub(super) files: Vec<String>,
-    /// Those that did not exist before.
+    /// Files that did not exist before.
     pub(super) new: Vec<String>,
 }
 
@@ -39,7 +39,8 @@ impl Unfinished {
         file.get(UNFINISHED).is_some()
     }
 
-    /// The list in the place of this report, if there is one. A file that cannot be read is an error, since it may be one.
+    /// Reads the list in the place of this report, if there is one. A file that cannot be read is an error, since it
+    /// may be the list.
     fn read(report: &Path) -> io::Result<Option<Self>> {
         let text = match bounded_read::text(report, MAX_BYTES) {
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(None),
@@ -51,7 +52,7 @@ impl Unfinished {
     }
 }
 
-/// Earlier results of a folder, moved out of the way of new ones.
+/// Earlier results of a folder, moved aside for new ones.
 pub(super) struct Journal {
     folder: PathBuf,
     /// The folder that they are moved into.
@@ -76,7 +77,7 @@ impl Journal {
         Ok(journal)
     }
 
-    /// Recovers a folder in which a program was ended: the report decides which results stand.
+    /// Recovers a folder after a program was ended while it wrote: the report decides which results are valid.
     pub(super) fn recover(folder: &Path, report: &str) -> io::Result<()> {
         let journal = Self::of(folder, report);
         if !metadata(&journal.aside)?.is_some_and(|found| found.is_dir()) {
@@ -95,19 +96,19 @@ impl Journal {
         self.folder.join(&self.report)
     }
 
-    /// The list, if it stands in the place of the report.
+    /// Reads the list, if it is in the place of the report.
     fn unfinished(&self) -> io::Result<Option<Unfinished>> {
         step()?;
         Unfinished::read(&self.report())
     }
 
-    /// Moves a file out of the way, if it exists. The list must stand in the place of the report.
+    /// Moves a file aside, if it exists. The list must be in the place of the report.
     pub(super) fn set_aside(&self, name: &OsStr) -> io::Result<()> {
         step()?;
         unless_missing(fs::rename(self.folder.join(name), self.aside.join(name)))
     }
 
-    /// Gives a file its name; only the report may exist under it.
+    /// Renames a file to its final name. Only the report may already exist under that name.
     pub(super) fn name(&self, file: NamedTempFile, path: &Path) -> io::Result<()> {
         step()?;
         file.persist(path).map(drop).map_err(|e| e.error)
@@ -150,7 +151,8 @@ fn unless_missing(done: io::Result<()>) -> io::Result<()> {
     done.or_else(|e| if e.kind() == ErrorKind::NotFound { Ok(()) } else { Err(e) })
 }
 
-/// Metadata of a file or a link, `None` if it is missing. Other errors are returned, since a file taken for missing would be lost.
+/// Metadata of a file or a link; `None` if it is missing. Other errors are returned: a file that was assumed missing
+/// would be lost.
 pub(super) fn metadata(path: &Path) -> io::Result<Option<Metadata>> {
     step()?;
     match fs::symlink_metadata(path) {
@@ -159,7 +161,7 @@ pub(super) fn metadata(path: &Path) -> io::Result<Option<Metadata>> {
     }
 }
 
-/// Precedes each access to a folder; a test makes it fail.
+/// Called before each access to a folder. Tests make it fail.
 fn step() -> io::Result<()> {
     #[cfg(test)]
     fault::step()?;
@@ -177,7 +179,8 @@ pub(super) mod fault {
         static STEPS: Cell<(usize, (usize, usize))> = const { Cell::new((0, (0, 0))) };
     }
 
-    /// Makes these steps of this thread fail, counted from 0 from now on. Returns the number of steps since the last call.
+    /// Makes these steps of this thread fail, counted from 0 from now on. Returns the number of steps since the last
+    /// call.
     pub fn at(steps: Range<usize>) -> usize {
         STEPS.replace((0, (steps.start, steps.end))).0
     }

@@ -1,4 +1,4 @@
-//! Pictures of labels: the sharpest photograph at each pixel, and of a sweep the frame and the side beyond the sweep.
+//! Pictures of labels: the sharpest photograph of a pair, or the frame of a sweep, at each pixel.
 
 use std::io::Write;
 
@@ -12,7 +12,7 @@ use crate::engine::Solution;
 
 const NAME: &str = "labels.png";
 
-/// Most frames of a sweep that `labels.png` can label; 0 means that the focus is not known.
+/// Greatest number of frames of a sweep that `labels.png` can label. 0 means that the focus is not known.
 pub const MOST_LABELS: usize = 255;
 
 /// RGBA of the labels of a pair. Colour-blind viewers can tell orange and blue apart (Okabe and Ito 2008).
@@ -36,8 +36,8 @@ pub fn labels(solution: &Solution) -> Extra<'_> {
     })
 }
 
-/// `labels.png` of a sweep: the frame focused nearest to the pixel's focus, counted from 1, in colours from the nearest to the
-/// farthest frame; 0 where the focus is not known.
+/// `labels.png` of a sweep: the frame with its setting nearest to the pixel's focus, counted from 1; 0 where the focus
+/// is not known. The colours run from the nearest to the farthest frame.
 pub fn sweep_labels<'a>(palette: Palette) -> Extra<'a> {
     Extra::new(NAME, move |results, writer| {
         let (positions, nearer) = (results.positions(), results.report.nearer());
@@ -56,7 +56,7 @@ pub fn sweep_labels<'a>(palette: Palette) -> Extra<'a> {
     })
 }
 
-/// The number, from 1, of the position nearest to a setting; 0 for NaN.
+/// The number, from 1, of the position that is nearest to a setting; 0 for NaN.
 fn nearest(u: f32, positions: &[f64]) -> u8 {
     let off = |n: &usize| (positions[*n] - f64::from(u)).abs();
     let next = (0..positions.len()).filter(|n| off(n).is_finite()).min_by(|a, b| off(a).total_cmp(&off(b)));

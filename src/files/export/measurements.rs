@@ -41,7 +41,7 @@ impl MeasurementRequest {
         (0..self.lines.len()).flat_map(|i| [name(i, "csv"), name(i, "png")]).collect()
     }
 
-    /// Whether there is nothing to measure.
+    /// Whether no region and no line is set.
     pub fn is_empty(&self) -> bool {
         self.steps.is_empty() && self.lines.is_empty()
     }
@@ -98,7 +98,8 @@ pub(super) fn is_profile(file: &str) -> bool {
     number.is_some_and(|number| number.parse::<usize>().is_ok())
 }
 
-/// Names of the files of profiles in a folder, which a solve into it may replace; none if it cannot be listed.
+/// Names of the files of profiles in a folder. A solve into the folder may replace them. Empty if the folder cannot be
+/// listed.
 pub fn profiles_in(folder: &Path) -> Vec<String> {
     let names = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
     names.filter_map(|name| name.into_string().ok()).filter(|name| is_profile(name)).collect()
@@ -120,12 +121,12 @@ impl Measurements {
 }
 
 impl ProfileReport {
-    /// The quantity and its unit, for an axis.
+    /// The quantity and its unit, as the label of an axis.
     pub(crate) fn label(&self) -> String {
         format!("{}, {}", self.name.replace('_', " "), self.unit)
     }
 
-    /// Writes a row for each place; invalid values are empty.
+    /// Writes one row for each sample; invalid values are empty.
     fn write_csv(&self, mut writer: impl Write) -> std::io::Result<()> {
         let unit = self.unit.replace("px²", "px2").replace("1/m", "per_m");
         let [values, deviation] = ["", "_deviation"].map(|of| format!("{}{of}_{unit}", self.name));

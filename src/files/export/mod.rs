@@ -1,6 +1,6 @@
-//! Results to files and back: fields, pictures, the report.
+//! Writes results to files and reads them: fields, pictures, the report.
 //!
-//! [`Results`] are made of a solution or a sweep, written into a folder, and read from it.
+//! [`Results`] are made from a solution or a sweep, written into a folder, and read from it.
 
 mod arrays;
 mod depth_picture;

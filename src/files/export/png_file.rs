@@ -33,7 +33,7 @@ pub(crate) fn write(
     finish(encoder(writer, size, description)?, color, samples)
 }
 
-/// Writes a drawing, compressed well, since large areas have one colour; its text chunk states the program.
+/// Writes a drawing, whose large areas of one colour compress well. Its text chunk states the program.
 pub(crate) fn write_drawing(writer: impl Write, image: &RgbImage) -> Result<(), String> {
     let mut encoder = Encoder::new(writer, image.width(), image.height());
     add_text(&mut encoder, "Software", SOFTWARE)?;

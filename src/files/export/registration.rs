@@ -1,4 +1,4 @@
-//! Registrations from files, and photographs that are moved by one, to files.
+//! Reads registrations from files, and writes photographs that a registration moves.
 
 use std::io::{ErrorKind, Seek, Write};
 use std::path::Path;
@@ -18,7 +18,7 @@ use crate::base::{Brightness, Decode, Depth, Error, Frame, Homography, Photometr
 use crate::files::bounded_read;
 use crate::files::image_io::Values;
 
-/// What a file with a registration holds, for error messages.
+/// The expected content of a registration file, for error messages.
 const SHAPE: &str =
     "parfocal reads a report.json or {\"tx_px\", \"ty_px\", \"rotation_deg\", \"scale\"}, perhaps with \"matrix\"";
 
@@ -33,7 +33,7 @@ pub struct Registration {
     pub size: Option<[u32; 2]>,
     /// The part of the reference that the results cover.
     pub region: Option<Region>,
-    /// How stored values became intensities.
+    /// The decoding of stored values to intensities.
     pub decode: Decode,
 }
 
@@ -50,7 +50,7 @@ pub struct FrameRegistration {
 }
 
 impl FrameRegistration {
-    /// Gain, offset and shading, where gain and offset are stated, of a frame of this size.
+    /// Brightness of a frame of this size, if gain and offset are stated.
     pub fn brightness(&self, size: [u32; 2]) -> Option<Brightness> {
         let unchanged = Brightness::identity(size);
         let photometric = self.photometric?;
@@ -70,7 +70,7 @@ struct StatedFrame {
 impl TryFrom<StatedFrame> for FrameRegistration {
     type Error = String;
 
-    /// Refuses a registration that no solve could start from.
+    /// Refuses a registration from which no solve can start.
     fn try_from(stated: StatedFrame) -> Result<Self, String> {
         let StatedFrame { transform, gain, offset, shading } = stated;
         let photometric = gain.zip(offset).map(|(gain, offset)| Photometric { gain, offset });
@@ -96,8 +96,8 @@ struct Stated {
 }
 
 impl Registration {
-    /// Reads a registration: any report with `frames`, a single frame of one, or the transform of a frame, perhaps with `gain` and
-    /// `offset`. A single frame is the second of a pair.
+    /// Reads a registration: any report with `frames`, a single frame of such a report, or the transform of a frame,
+    /// optionally with `gain` and `offset`. A single frame is the second frame of a pair.
     ///
     /// # Errors
     /// [`Error::File`] if the file cannot be read, does not hold a registration, or a value is out of range.
@@ -155,8 +155,9 @@ impl Stated {
     }
 }
 
-/// Writes a value as a JSON file that states its kind; the folder of the file is created if it is missing. A file of the same kind is
-/// replaced, another file only if the [`Destination`] forces it. After a failure the earlier file stands.
+/// Writes a value as a JSON file that states its kind. Creates the folder of the file if it is missing. Replaces a file
+/// of the same kind; the [`Destination`] must force the replacement of any other file. On failure the earlier file
+/// stays unchanged.
 ///
 /// # Errors
 /// [`Error::File`].
@@ -167,7 +168,7 @@ pub fn write_json<'d>(file: impl Into<Destination<'d>>, kind: FileKind, value: &
     })
 }
 
-/// Writes the report of a registration into a file; what is replaced is as for [`write_json`].
+/// Writes the report of a registration into a file. Existing files are handled as in [`write_json`].
 ///
 /// # Errors
 /// [`Error::File`].
@@ -185,9 +186,9 @@ pub fn registered_kind(depth: Depth) -> FileKind {
     if depth == Depth::F32 { FileKind::Exr } else { FileKind::Png }
 }
 
-/// Writes moved photographs, all of this depth, into files of these names: all or none. Integers become PNG, floats EXR. The folder is
-/// created if it is missing. Files of parfocal are replaced, others only if the [`Destination`] forces it. One photograph at a time is
-/// in memory.
+/// Writes moved photographs, all of this sample type, into files of these names: all or none. Integers become PNG,
+/// floats EXR. Creates the folder if it is missing. Replaces files of parfocal; the [`Destination`] must force the
+/// replacement of others. Only one photograph at a time is in memory.
 ///
 /// # Errors
 /// [`Error::File`]; errors of the frames.
@@ -226,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_transform_a_frame_and_a_report_are_read() {
+    fn transforms_frames_and_reports_are_read() {
         let found = second(T);
         assert_eq!((found.transform.translation(), found.photometric), ([1.5, -2.0], None));
         assert!(
@@ -250,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unusable_file_says_why() {
+    fn an_unusable_file_is_an_error_with_the_reason() {
         let cases = [
             ("", "is not JSON"),
             ("[1, 2]", "no transform"),

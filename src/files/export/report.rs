@@ -1,4 +1,4 @@
-//! `report.json`: what results are of, what they hold, and how they were made.
+//! `report.json`: the inputs of results, their contents, and how they were made.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -27,7 +27,8 @@ pub const REPORT_FILE: &str = "report.json";
 /// Units of the focus of a sweep.
 pub(super) const UNITS: [&str; 3] = ["settings", "1/m", "mm"];
 
-/// Most bytes of a report that are read, 16 MiB; a report with every level and iteration at its limit has less than 1 MiB.
+/// Greatest number of bytes of a report that are read, 16 MiB. A report with every level and iteration at its limit has
+/// less than 1 MiB.
 pub(super) const MAX_BYTES: u64 = 16 << 20;
 
 /// The value of `program` in every JSON file of parfocal.
@@ -36,7 +37,7 @@ pub(super) const PROGRAM: &str = "parfocal";
 /// The version of this program.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// What a JSON file of parfocal is the report of; its key is `kind`.
+/// The subject of a JSON file of parfocal; its key is `kind`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
@@ -81,13 +82,13 @@ impl Header {
     }
 }
 
-/// The report of a pair, a focus sweep or a registration. A quantity that no valid pixel supports is `null`; a key that does
-/// not apply is absent. Keys may be added, not renamed.
+/// The report of a pair, a focus sweep or a registration. A quantity without a valid pixel is `null`; a key that does
+/// not apply is absent. Later versions may add keys, but do not rename them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// "parfocal".
+    /// The program: "parfocal".
     pub program: Cow<'static, str>,
-    /// What the report is of.
+    /// The subject of the report.
     pub kind: Kind,
     /// Version of parfocal that wrote it.
     pub version: Cow<'static, str>,
@@ -105,27 +106,27 @@ pub struct Report {
     pub method: Method,
     /// Settings of the solve.
     pub settings: Settings,
-    /// How stored values became intensities.
+    /// The decoding of stored values to intensities.
     pub values: Values,
     /// Size of the results.
     pub size: SizeReport,
-    /// Size of the frames, about whose centre the transforms are stated.
+    /// Size of the frames. The transforms are stated about their centre.
     pub photograph: SizeReport,
     /// The part of the reference frame that the results cover.
     pub region: Region,
     /// Pyramid levels of a pair, coarse to fine.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub levels: Option<Vec<LevelReport>>,
-    /// Whether the finest level of a pair settled on an answer that the images support.
+    /// Whether the finest level of a pair converged to a solution that the images support.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub converged: Option<bool>,
-    /// Another motion model that would do, where there is one.
+    /// Another motion model that fits as well, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub other_motion: Option<OtherMotion>,
-    /// Smoothness α of the finest level of a pair, as set or as found.
+    /// Smoothness α of the finest level of a pair, as set or as estimated.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "number_or_null")]
     pub regularization: Option<f64>,
-    /// The kernel's shape where it was found: 0 is a Gaussian, 1 a disk.
+    /// The estimated shape of the kernel: 0 is a Gaussian, 1 a disk. `None` if it was not estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kernel_shape: Option<f64>,
     /// Range of V of a pair, px².
@@ -134,10 +135,11 @@ pub struct Report {
     /// Range of the focus of a sweep, in `focus_unit`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub focus: Option<RangeReport>,
-    /// Unit of the positions of a sweep: "settings", "1/m" where focus distances are known, "mm" for a stage.
+    /// Unit of the positions of a sweep: "settings", "1/m" if focus distances are known, "mm" for a stage.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub focus_unit: Option<Cow<'static, str>>,
-    /// Growth of the blur of a sweep with the squared distance from the focus, px² per squared `focus_unit`.
+    /// Coefficient of the blur of a sweep: its growth with the squared distance from the focus, px² per squared
+    /// `focus_unit`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub blur_rate_px2: Option<f64>,
     /// Fraction of the pixels that are valid.
@@ -155,39 +157,39 @@ pub struct Report {
     /// Pixels of a pair that lack texture.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub texture: Option<TextureReport>,
-    /// Whether the field curvature of a flat reference was subtracted from V.
+    /// Whether the field curvature from a flat reference was subtracted from V.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub flattened: bool,
     /// Whether the first (1) or the last (2) frame is focused nearest.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nearer: Option<u8>,
-    /// Why: by the lens, by the focus distances, as stated by the user, or assumed.
+    /// The source of `nearer`: the lens, the focus distances, the user, or the default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nearer_by: Option<NearerBy>,
-    /// Depth in mm, where it is known.
+    /// Depth in mm, if it is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<DepthReport>,
     /// Scale of `depth16.png` and `depth16.tiff`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth16: Option<Depth16Report>,
-    /// How the exported surface was made.
+    /// The parameters of the exported surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub surface: Option<SurfaceReport>,
     /// Step heights and profiles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measurements: Option<Measurements>,
-    /// What the user should know; a sentence each.
+    /// Warnings for the user; one sentence each.
     pub warnings: Vec<String>,
     /// The device that solved.
     pub device: DeviceReport,
     /// Whether the Khronos validation layer was enabled.
     pub validated: bool,
-    /// SHA-256 of version, settings and flags, which `batch --resume` compares; empty where a program did not set it.
+    /// SHA-256 of version, settings and flags, which `batch --resume` compares; empty if the caller did not set it.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub request: String,
-    /// The photographs' files; empty where the frames did not come from files.
+    /// The photographs' files; empty if the frames did not come from files.
     pub inputs: Vec<Input>,
-    /// The files of the results, the report among them. A later run replaces and removes these and no others.
+    /// The files of the results, including the report. A later run replaces or removes only these files.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub files: Vec<String>,
     /// Size and hash of each file but the report.
@@ -197,7 +199,7 @@ pub struct Report {
     pub timings_ms: TimingsReport,
 }
 
-/// Reads a number, and `null` as NaN, since JSON has no NaN.
+/// Reads a number. Reads `null` as NaN, since JSON has no NaN.
 fn number_or_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
     Option::deserialize(deserializer).map(|number| Some(number.unwrap_or(f64::NAN)))
 }
@@ -205,11 +207,11 @@ fn number_or_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f
 /// A frame and its registration to the reference.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameReport {
-    /// Its file as passed; empty where it did not come from a file.
+    /// The file as passed; empty if the frame did not come from a file.
     pub file: String,
     /// T: the reference's pixel x lies at T x in this frame.
     pub transform: Homography,
-    /// `gain` and `offset`, which map its intensities to the reference's.
+    /// Gain and offset, which map the frame's intensities to the reference's.
     #[serde(flatten)]
     pub photometric: Photometric,
     /// Variation of the gain over the frame.
@@ -217,7 +219,7 @@ pub struct FrameReport {
     /// Focus setting of a frame of a sweep.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position: Option<f64>,
-    /// Focus distance, or place along the axis of a stage, mm, as stated.
+    /// Focus distance, or position along the axis of a stage, mm, as stated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub focus_mm: Option<f64>,
 }
@@ -228,7 +230,7 @@ impl FrameReport {
         Self { file: String::new(), transform, photometric, shading, position: None, focus_mm: None }
     }
 
-    /// I1, which is the reference, and I2.
+    /// The frames of a pair: I1, which is the reference, and I2.
     fn pair(photograph: [u32; 2], transform: Homography, brightness: &Brightness) -> Vec<Self> {
         let first = Self::new(Homography::IDENTITY, &Brightness::identity(photograph));
         vec![first, Self::new(transform, brightness)]
@@ -260,7 +262,7 @@ pub struct FieldReport {
     pub file: Cow<'static, str>,
     /// Unit of its values, ASCII.
     pub unit: Cow<'static, str>,
-    /// What its values mean.
+    /// Meaning of its values.
     pub meaning: Cow<'static, str>,
 }
 
@@ -310,13 +312,13 @@ impl ShadingReport {
         Self { range: shading.range(), coefficients: shading.coefficients, region: *part }
     }
 
-    /// Brightness of this shading, gain and offset.
+    /// Brightness with this shading, gain and offset.
     pub fn with(&self, photometric: Photometric) -> Brightness {
         let shading = Shading { coefficients: self.coefficients };
         Brightness { photometric, shading, part: self.region }
     }
 
-    /// Whether the gain varies by more than 2 % either way.
+    /// Whether the gain varies by more than 2 % in either direction.
     pub fn is_significant(&self) -> bool {
         self.range.iter().any(|factor| (factor - 1.0).abs() > 0.02)
     }
@@ -325,7 +327,7 @@ impl ShadingReport {
 /// Pixels of a pair that are marked as lacking texture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TextureReport {
-    /// Standard deviation of V beyond which a pixel is marked, px².
+    /// Standard deviation of V above which a pixel is marked, px².
     pub max_uncertainty_px2: f32,
     /// Fraction of all pixels that are marked.
     pub marked_fraction: f64,
@@ -335,8 +337,8 @@ impl TextureReport {
     /// The least limit, px².
     const LEAST: f32 = 1.0;
 
-    /// Marks pixels whose standard deviation exceeds half of the range from the 1st to the 99th percentile of V, and 1 px²: they
-    /// cannot tell which half of the range they are in.
+    /// Marks pixels with a standard deviation above half of the range from the 1st to the 99th percentile of V, and
+    /// above 1 px². Such a pixel may be in either half of the range.
     pub fn of(solution: &Solution) -> Self {
         let mut quantiles = Quantiles::of(&solution.relative_blur);
         let max = match [0.01, 0.99].map(|p| quantiles.at(p)) {
@@ -346,7 +348,7 @@ impl TextureReport {
         Self::beyond(max, &solution.uncertainty)
     }
 
-    /// Marks pixels whose standard deviation exceeds this limit, px².
+    /// Marks pixels with a standard deviation above this limit, px².
     pub fn beyond(max_uncertainty_px2: f32, uncertainty: &[f32]) -> Self {
         let mut report = Self { max_uncertainty_px2, marked_fraction: 0.0 };
         let marked = report.marked(uncertainty).iter().filter(|marked| **marked).count();
@@ -367,7 +369,7 @@ pub struct LevelReport {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Outer iterations done.
+    /// Number of outer iterations.
     pub iterations: usize,
     /// Energy per valid pixel after each iteration.
     pub energy: Vec<Option<f64>>,
@@ -401,7 +403,7 @@ pub struct NeverReport {
     pub beyond_last_px: usize,
 }
 
-/// Why an image is taken to be focused nearer.
+/// The source of the statement which image is focused nearer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum NearerBy {
@@ -411,11 +413,11 @@ pub enum NearerBy {
     Distances,
     /// The user.
     Stated,
-    /// Nothing; it is the default.
+    /// No source; it is the default.
     Assumed,
 }
 
-/// Depth in mm; `null` where no pixel has one.
+/// Depth in mm; `null` if no pixel has a depth.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DepthReport {
     /// Least, greatest and median depth, mm.
@@ -423,12 +425,13 @@ pub struct DepthReport {
     pub range: RangeReport,
     /// Median of its standard deviation, mm.
     pub median_deviation: Option<f32>,
-    /// Valid pixels without a depth: out of the range of the lens model, at the limit of |V|, or focused beyond infinity.
+    /// Valid pixels without a depth: out of the range of the lens model, at the limit of |V|, or focused beyond
+    /// infinity.
     pub out_of_range: usize,
     /// The lens of a pair.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens: Option<Lens>,
-    /// Whether the depth of a sweep is a place along the axis of a stage, and not a distance from the lens.
+    /// Whether the depth of a sweep is a position along the axis of a stage, not a distance from the lens.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stage: Option<bool>,
 }
@@ -445,14 +448,14 @@ impl DepthReport {
     }
 }
 
-/// How the exported surface was made.
+/// The parameters of the exported surface.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceReport {
-    /// Unit of the coordinates: "mm", or "px", in which heights are exaggerated.
+    /// Unit of the coordinates: "mm", or "px" with exaggerated heights.
     pub unit: String,
-    /// Most vertices of a mesh along its longer side, where limited.
+    /// Greatest number of vertices of a mesh along its longer side, if limited.
     pub mesh_cells: Option<u32>,
-    /// Exaggeration that was set, px for each px² of V or each setting of a sweep.
+    /// Exaggeration that the user set, px for each px² of V or each setting of a sweep.
     pub z_scale: Option<f64>,
 }
 
@@ -465,7 +468,7 @@ pub struct Depth16Report {
     pub unit: Cow<'static, str>,
     /// Step from one sample value to the next, in `unit`.
     pub scale: f64,
-    /// Value that the sample 0 would have.
+    /// Value of the sample 0.
     pub offset: f64,
 }
 
@@ -478,8 +481,8 @@ pub struct Measurements {
     pub profiles: Vec<ProfileReport>,
 }
 
-/// Height of one region above another: the level of the second less that of the first. `null` where a region has too few valid
-/// pixels.
+/// Height of one region above another: the level of the second region minus that of the first. `null` if a region has
+/// too few valid pixels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StepReport {
     /// The first region: x, y, width, height, px.
@@ -492,11 +495,11 @@ pub struct StepReport {
     pub unit: String,
     /// Difference of the quantity.
     pub difference: Option<Estimate>,
-    /// Difference of depth, mm; `null` where depth is not known.
+    /// Difference of depth, mm; `null` if depth is not known.
     pub depth_mm: Option<Estimate>,
 }
 
-/// A profile: the report has its line and the CSV file its numbers.
+/// A profile. The report has its line and the CSV file its numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProfileReport {
     /// The line.
@@ -540,12 +543,12 @@ impl From<&DeviceInfo> for DeviceReport {
 /// Durations, ms.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimingsReport {
-    /// From the call to the results; for a sweep with reading the frames.
+    /// Duration from the call to the results; for a sweep including reading the frames.
     pub total: f64,
-    /// On the device.
+    /// Duration on the device.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gpu: Option<f64>,
-    /// On the device by pass, in the order of first use.
+    /// Duration on the device of each pass, in the order of first use.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub passes: Map<String, Value>,
 }
@@ -558,7 +561,7 @@ impl From<&Timings> for TimingsReport {
 }
 
 impl Report {
-    /// A report that states only what all kinds have.
+    /// A report with the contents that all kinds share.
     fn new(
         kind: Kind,
         settings: &Settings,
@@ -638,8 +641,8 @@ impl Report {
         }
     }
 
-    /// Report of the solve of a focus sweep; `files` are in the order in which they were passed, `total_ms` is the duration from the
-    /// first frame to the results.
+    /// Report of the solve of a focus sweep. `files` are in the order in which they were passed. `total_ms` is the
+    /// duration from the first frame to the results.
     pub fn sweep(
         sweep: &Sweep,
         settings: &Settings,
@@ -704,7 +707,8 @@ impl Report {
         }
     }
 
-    /// Adds the files that were read, with warnings about a pair of them, and whether the validation layer was enabled.
+    /// Adds the files that were read, the warnings about the files of a pair, and whether the validation layer was
+    /// enabled.
     pub fn set_inputs(&mut self, inputs: Vec<Input>, validated: bool) {
         if let [i1, i2] = inputs.as_slice() {
             self.warnings.extend(image_io::pair_warnings(&inputs, self.settings.decode));
@@ -718,12 +722,12 @@ impl Report {
         self.files.iter().any(|file| file == name)
     }
 
-    /// Which end of the sweep, or which photograph, is focused nearer.
+    /// The photograph, or the end of the sweep, that is focused nearer.
     pub fn nearer(&self) -> Nearer {
         if self.nearer == Some(2) { Nearer::Second } else { Nearer::First }
     }
 
-    /// What contradicts itself in a report that was read from a file, if anything does.
+    /// Checks a report that was read from a file. Returns a description of a contradiction in it, if there is one.
     pub(super) fn check(&self) -> Result<(), String> {
         let (count, reference) = (self.frames.len(), self.reference);
         let least = if self.kind == Kind::Sweep { 3 } else { 2 };
@@ -756,7 +760,7 @@ impl Report {
     /// The text of `report.json`, without a newline at its end.
     ///
     /// # Errors
-    /// None is known; serde_json's signature allows one.
+    /// None known; serde_json's signature allows one.
     pub fn to_json(&self) -> Result<String, serde_json::Error> {
         to_json(self)
     }
@@ -788,7 +792,7 @@ pub(crate) fn to_json(value: &impl Serialize) -> Result<String, serde_json::Erro
 /// [`PrettyFormatter`] that writes -0 as 0.
 struct PositiveZeros(PrettyFormatter<'static>);
 
-/// Passes methods of [`Formatter`] on.
+/// Delegates methods of [`Formatter`].
 macro_rules! pass_on {
     ($($name:ident($($argument:ident: $type:ty),*);)*) => {
         $(fn $name<W: ?Sized + Write>(&mut self, writer: &mut W $(, $argument: $type)*) -> io::Result<()> {
@@ -799,7 +803,7 @@ macro_rules! pass_on {
 
 impl Formatter for PositiveZeros {
     fn write_f32<W: ?Sized + Write>(&mut self, writer: &mut W, value: f32) -> io::Result<()> {
-        // Adding zero makes -0 positive and leaves every other number as it is.
+        // Adding zero makes -0 positive and does not change any other number.
         self.0.write_f32(writer, value + 0.0)
     }
 
@@ -820,7 +824,7 @@ impl Formatter for PositiveZeros {
     }
 }
 
-/// The text of a JSON value that states the program, the kind and this value.
+/// The text of a JSON value with the program, the kind and this value.
 pub(super) fn with_header(kind: Kind, value: &impl Serialize) -> impl Serialize {
     #[derive(Serialize)]
     struct Whole<'a, T: Serialize> {
@@ -832,12 +836,12 @@ pub(super) fn with_header(kind: Kind, value: &impl Serialize) -> impl Serialize 
     Whole { header: Header::new(kind), value }
 }
 
-/// A problem with a report, and what to do.
+/// An error that states a problem with a report, and what to do.
 pub(super) fn invalid(path: &Path, problem: impl std::fmt::Display) -> Error {
     Error::file(path, format!("is no report of results ({problem}); solve again, or give the folder of another solve"))
 }
 
-/// A JSON file.
+/// Reads a JSON file.
 pub(super) fn read_json(path: &Path) -> Result<Value, Error> {
     let text = bounded_read::text(path, MAX_BYTES).map_err(|e| invalid(path, format!("it cannot be read: {e}")))?;
     serde_json::from_str(&text).map_err(|e| invalid(path, e))
@@ -848,7 +852,7 @@ pub(super) fn strings(value: &Value) -> impl Iterator<Item = &str> {
     value.as_array().into_iter().flatten().filter_map(Value::as_str)
 }
 
-/// Whether a name is that of a file in the folder itself.
+/// Whether a name is a plain file name, without folders.
 pub(super) fn is_plain(name: &str) -> bool {
     let mut parts = Path::new(name).components();
     let only = (parts.next(), parts.next());
@@ -858,7 +862,7 @@ pub(super) fn is_plain(name: &str) -> bool {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn negative_zero_is_zero_and_the_rest_is_as_serde_json_writes_it() {
+    fn negative_zero_becomes_zero_and_other_values_are_written_as_by_serde_json() {
         let value = serde_json::json!({"a": [1.5, -2.0, {"b": []}], "c": {}, "d": "-0.0", "e": null});
         assert_eq!(super::to_json(&value).unwrap(), serde_json::to_string_pretty(&value).unwrap());
         assert_eq!(super::to_json(&[-0.0f64, -1e-300]).unwrap(), "[\n  0.0,\n  -1e-300\n]");

@@ -20,7 +20,7 @@ use crate::solve::sweep::{Positions, Sweep};
 /// Depth in mm, channel `Y`, and its standard deviation, channel `standard_deviation`.
 pub const DEPTH_FILE: &str = "depth_mm.exr";
 
-/// Depth, or V or focus where it is not known, as a picture.
+/// `depth.png`: a picture of depth, or of V or focus if depth is not known.
 pub const DEPTH_PICTURE_FILE: &str = "depth.png";
 
 /// A field: its name, its file and its description.
@@ -45,7 +45,7 @@ static SWEEP_FIELDS: [FieldFile; 5] = [
 ];
 
 impl Kind {
-    /// Fields of results of this kind.
+    /// Fields of the results of this kind.
     pub(super) fn fields(self) -> &'static [FieldFile] {
         match self {
             Self::Pair => &PAIR_FIELDS,
@@ -77,24 +77,24 @@ impl Kind {
 pub struct Results<'a> {
     /// The folder; empty for results that were not read.
     pub folder: PathBuf,
-    /// The report.
+    /// The report of the results.
     pub report: Report,
     /// Fields in memory.
     fields: Vec<(&'static str, Cow<'a, [f32]>)>,
     /// Depth and its standard deviation, mm.
     depth: Option<[Cow<'a, [f32]>; 2]>,
-    /// Pixels without a measurement: filled in for lack of texture, or without a focus.
+    /// Pixels without a measurement: they lack texture, or have no focus, and are filled in.
     pub(super) marked: Vec<bool>,
-    /// For a sweep -1 and 1 where no frame is in focus, by side.
+    /// For a sweep: -1 and 1 where no frame is in focus, by side.
     pub(super) beyond: Cow<'a, [i8]>,
-    /// For a sweep the frame that each pixel of the fused image is from; empty where it was read.
+    /// For a sweep: the frame that supplies each pixel of the fused image; empty if the results were read.
     pub(super) frames: &'a [u16],
-    /// The fused image, unless it was read.
+    /// The fused image; `None` if the results were read.
     pub(super) fused: Option<Fused<'a>>,
 }
 
 impl<'a> Results<'a> {
-    /// Results of a pair, whose photographs have samples of these depths.
+    /// Results of a pair. Its photographs have these sample types.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if a field does not have the size that the solution states.
@@ -117,7 +117,7 @@ impl<'a> Results<'a> {
         Self::new(report, &fields, &[], &[], fused)
     }
 
-    /// Results of a focus sweep, whose frames have samples of this depth.
+    /// Results of a focus sweep. Its frames have this sample type.
     ///
     /// # Errors
     /// As for [`of_pair`](Self::of_pair).
@@ -170,7 +170,7 @@ impl<'a> Results<'a> {
         (self.report.size.width, self.report.size.height)
     }
 
-    /// Scale of the second photograph of a pair against the first.
+    /// Scale of the second photograph of a pair relative to the first.
     pub fn magnification(&self) -> f64 {
         self.report.frames.get(1).map_or(1.0, |frame| frame.transform.scale())
     }
@@ -194,7 +194,7 @@ impl<'a> Results<'a> {
         }
     }
 
-    /// Depth in mm, where it is known.
+    /// Depth in mm, if it is known.
     pub fn depth(&self) -> Option<Quantity<'_>> {
         let [values, deviation] = self.depth.as_ref()?;
         Some(match self.lens() {
@@ -206,12 +206,12 @@ impl<'a> Results<'a> {
         })
     }
 
-    /// Depth in mm where it is known, else V or the focus.
+    /// Depth in mm if it is known, else V or the focus.
     pub fn best(&self) -> Quantity<'_> {
         self.depth().unwrap_or_else(|| self.quantity())
     }
 
-    /// V or the focus, and then depth in mm where it is known, with NaN where they are not measured.
+    /// V or the focus, and then depth in mm if it is known, with NaN where they are not measured.
     pub fn measured(&self) -> Vec<Quantity<'_>> {
         let all = std::iter::once(self.quantity()).chain(self.depth());
         all.map(|quantity| quantity.without(&self.marked)).collect()
@@ -222,7 +222,7 @@ impl<'a> Results<'a> {
         self.best().without(&self.marked)
     }
 
-    /// The lens of a pair, where it is known.
+    /// The lens of a pair, if it is known.
     pub fn lens(&self) -> Option<&Lens> {
         self.report.depth.as_ref()?.lens.as_ref()
     }
@@ -232,13 +232,14 @@ impl<'a> Results<'a> {
         self.report.frames.iter().filter_map(|frame| frame.position).collect()
     }
 
-    /// Sets the limit of the standard deviation of V, px², beyond which a pixel is marked as lacking texture.
+    /// Sets the standard deviation of V, px², above which a pixel is marked as lacking texture.
     pub fn set_max_uncertainty(&mut self, limit: f32) {
         self.report.texture = Some(TextureReport::beyond(limit, self.uncertainty()));
         self.mark();
     }
 
-    /// Sets the lens of a pair: depth, and which image is nearer. Returns what contradicts the lens, if anything does.
+    /// Sets the lens of a pair, and from it depth and the nearer image. Returns a description of what contradicts the
+    /// lens, if anything does.
     pub fn set_lens(&mut self, lens: &Lens) -> Option<String> {
         let (scale, limit) = (self.magnification(), self.report.settings.max_relative_blur);
         let metric = MetricDepth::new(lens, scale, limit, self.report.size.width, self.values(), self.uncertainty());
@@ -253,7 +254,8 @@ impl<'a> Results<'a> {
         doubt
     }
 
-    /// Sets where the frames of a sweep are focused, and with that depth; `nearer` states whether the first or the last is nearest.
+    /// Sets the focus positions of the frames of a sweep in mm, and computes depth from them. `nearer` states whether
+    /// the first or the last frame is focused nearest.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if the positions are not in mm, or do not fit the frames.
@@ -272,8 +274,8 @@ impl<'a> Results<'a> {
     /// A field by its name, from memory or from its file.
     ///
     /// # Errors
-    /// [`Error::File`] if the file is missing, damaged, or of another size; [`Error::Mismatch`] if results of this kind have no field
-    /// of this name in floats.
+    /// [`Error::File`] if the file is missing, damaged, or of another size. [`Error::Mismatch`] if results of this kind
+    /// have no field of this name in floats.
     pub fn field(&self, name: &str) -> Result<Cow<'_, [f32]>, Error> {
         if let Some((_, values)) = self.fields.iter().find(|(field, _)| *field == name) {
             return Ok(Cow::Borrowed(values));
@@ -292,7 +294,7 @@ impl<'a> Results<'a> {
         self.check_size(&path, (width, height)).map(|()| values.into())
     }
 
-    /// The fused image as its file has it.
+    /// The fused image as stored in its file.
     ///
     /// # Errors
     /// [`Error::File`] if the file is missing, damaged, or of another size.
@@ -329,7 +331,7 @@ impl<'a> Results<'a> {
         UNITS.into_iter().find(|known| unit == Some(known)).unwrap_or(UNITS[0])
     }
 
-    /// The files of [`Kind::fields`] and of depth, for the report.
+    /// The files of [`Kind::fields`] and of depth, as listed in the report.
     pub(super) fn field_reports(&self) -> Vec<FieldReport> {
         let fields = self.report.kind.fields().iter();
         let fields = fields.map(|(name, file, description)| FieldReport::new(name, file, description));
@@ -350,7 +352,8 @@ impl Results<'static> {
     /// Reads the folder of a pair or a focus sweep.
     ///
     /// # Errors
-    /// [`Error::File`] if the folder has no results, or a file is missing, damaged, or of another size than the report states.
+    /// [`Error::File`] if the folder has no results, or if a file is missing, damaged, or of another size than the
+    /// report states.
     pub fn read(folder: &Path) -> Result<Self, Error> {
         if !folder.is_dir() {
             return Err(Error::file(folder, "is no folder; give the one that parfocal solve or stack wrote"));
@@ -396,7 +399,7 @@ impl Results<'static> {
     /// Reads the folder of a pair.
     ///
     /// # Errors
-    /// As for [`read`](Self::read); [`Error::File`] if the folder is of a sweep.
+    /// As for [`read`](Self::read); [`Error::File`] if the folder holds a sweep.
     pub fn read_pair(folder: &Path) -> Result<Self, Error> {
         let results = Self::read(folder)?;
         if results.report.kind == Kind::Pair {
@@ -424,7 +427,7 @@ impl Results<'static> {
     }
 }
 
-/// Reads `beyond.png`: width and height, and the side of each pixel, -1, 0 or 1.
+/// Reads `beyond.png`. Returns width and height, and the side of each pixel: -1, 0 or 1.
 ///
 /// # Errors
 /// [`Error::File`].

@@ -4,27 +4,28 @@ use std::borrow::Cow;
 
 use crate::base::Lens;
 
-/// Fraction of the valid pixels, at either end, that may exceed the scale, so that outliers do not compress it.
+/// Fraction of the valid pixels at either end that may exceed the scale. It prevents outliers from compressing the
+/// scale.
 const TAIL: f64 = 0.01;
 
-/// Least span of a scale of V, px²: less is rounding and noise, and must not look like relief.
+/// Least span of a scale of V, px². A smaller span is rounding and noise, which must not look like relief.
 const LEAST_SPAN: f32 = 0.5;
 
 /// Least span of a scale of depth or focus, as a fraction of the distance between the first and the last focus setting.
 const LEAST_PART: f64 = 0.01;
 
-/// Which photograph, or which end of a sweep, is focused nearer to the camera; in a [`Scale`] which end of it is near.
+/// Which photograph, or which end of a sweep, is focused nearer to the camera. In a [`Scale`], which end is near.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Nearer {
-    /// I1, or the first frame: V > 0 is near. Of a scale: the high end.
+    /// I1, or the first frame: V > 0 is near. In a scale: the high end.
     #[default]
     First,
-    /// I2, or the last frame: V > 0 is far. Of a scale: the low end.
+    /// I2, or the last frame: V > 0 is far. In a scale: the low end.
     Second,
 }
 
 impl Nearer {
-    /// 1 or 2.
+    /// The number of the photograph: 1 or 2.
     pub fn number(self) -> u8 {
         match self {
             Nearer::First => 1,
@@ -32,12 +33,12 @@ impl Nearer {
         }
     }
 
-    /// The nearer image by the focus distances of a lens.
+    /// The image that is focused nearer, from the focus distances of a lens.
     pub fn of_lens(lens: &Lens) -> Self {
         if lens.focus[0] < lens.focus[1] { Self::First } else { Self::Second }
     }
 
-    /// The near end of a scale of positions: [`Nearer::First`] where larger ones are near.
+    /// The near end of a scale of positions: [`Nearer::First`] if larger positions are nearer.
     pub(super) fn end_of(self, positions: &[f64]) -> Self {
         let descending = positions.first() > positions.last();
         if descending == (self == Nearer::First) { Nearer::First } else { Nearer::Second }
@@ -86,7 +87,7 @@ impl<'a> Quantity<'a> {
         Self { name: "depth", unit: "mm", values: values.into(), deviation: deviation.into(), nearer, least_span }
     }
 
-    /// The same with NaN at the marked pixels.
+    /// The same quantity with NaN at the marked pixels.
     pub(super) fn without(mut self, marked: &[bool]) -> Self {
         if marked.iter().any(|marked| *marked) {
             self.values.to_mut().iter_mut().zip(marked).filter(|(_, m)| **m).for_each(|(value, _)| *value = f32::NAN);
@@ -94,12 +95,12 @@ impl<'a> Quantity<'a> {
         self
     }
 
-    /// The scale on which pictures show it.
+    /// The scale of its values in pictures.
     pub fn scale(&self) -> Scale {
         Scale::spanning([&self.values[..]], self.nearer, self.least_span)
     }
 
-    /// The name as a person reads it.
+    /// The name for display.
     pub fn label(&self) -> String {
         self.name.replace('_', " ")
     }
@@ -111,25 +112,25 @@ fn least_span(positions: &[f64]) -> f32 {
     (LEAST_PART * span).max(1e-6) as f32
 }
 
-/// A map from values to nearness, for one field or for several that are compared.
+/// A map from values to nearness, for one field or for several fields that are compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     /// Low end.
     pub low: f32,
     /// High end, above `low`.
     pub high: f32,
-    /// The near end: [`Nearer::First`] for `high`.
+    /// The near end: [`Nearer::First`] if `high` is near.
     pub nearer: Nearer,
 }
 
 impl Scale {
-    /// A scale of V from the 1st to the 99th percentile of the finite values, of half a px² at least; around 0 where no value is
-    /// finite.
+    /// A scale of V from the 1st to the 99th percentile of the finite values, with a span of at least half a px². It is
+    /// around 0 if no value is finite.
     pub fn of(values: &[f32], nearer: Nearer) -> Self {
         Self::common([values], nearer)
     }
 
-    /// One scale for several fields of V: from the lowest 1st to the highest 99th percentile of any.
+    /// One scale for several fields of V: from the lowest 1st percentile to the highest 99th percentile.
     pub fn common<'a>(fields: impl IntoIterator<Item = &'a [f32]>, nearer: Nearer) -> Self {
         Self::spanning(fields, nearer, LEAST_SPAN)
     }
@@ -144,9 +145,9 @@ impl Scale {
         Self { low: low - widen, high: high + widen, nearer }
     }
 
-    /// 0 at the far end and beyond, 1 at the near end and beyond; NaN where `value` is NaN.
+    /// Nearness of a value: 0 at the far end and beyond, 1 at the near end and beyond; NaN if `value` is NaN.
     pub fn nearness(&self, value: f32) -> f64 {
-        // In double precision no finite span overflows.
+        // In double precision the difference of two finite values does not overflow.
         let (value, low, high) = (f64::from(value), f64::from(self.low), f64::from(self.high));
         let t = ((value - low) / (high - low)).clamp(0.0, 1.0);
         match self.nearer {
@@ -155,7 +156,7 @@ impl Scale {
         }
     }
 
-    /// The value at a nearness: the inverse of [`nearness`](Self::nearness).
+    /// The value with this nearness: the inverse of [`nearness`](Self::nearness).
     pub fn value(&self, nearness: f64) -> f64 {
         let t = match self.nearer {
             Nearer::First => nearness,
@@ -174,7 +175,8 @@ impl Quantiles {
         Self(values.iter().copied().filter(|v| v.is_finite()).collect())
     }
 
-    /// The quantile `q` in [0, 1], linear between ranks (0 is the least value, ½ the median); `None` if no value is finite.
+    /// The quantile `q` in [0, 1], linear between ranks (0 is the least value, ½ the median); `None` if no value is
+    /// finite.
     pub(crate) fn at(&mut self, q: f64) -> Option<f32> {
         let last = self.0.len().checked_sub(1)?;
         let rank = q * last as f64;
@@ -207,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_common_scale_holds_every_field() {
+    fn a_common_scale_covers_every_field() {
         let scale = Scale::common([&[0.0, 1.0][..], &[f32::NAN], &[-4.0, -3.0]], Nearer::First);
         assert!(scale.low < -3.9 && scale.high > 0.9, "{scale:?}");
         assert_eq!(Scale::common([], Nearer::First), Scale { low: -0.25, high: 0.25, nearer: Nearer::First });

@@ -1,4 +1,4 @@
-//! A file that the user names: replaced atomically if it is a regular file, written to if it is a device or a pipe.
+//! Writes a file that the user names: replaces a regular file atomically, writes to a device or a pipe.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Seek, Write};
@@ -8,14 +8,14 @@ use super::destination::{Destination, FileKind, Guard, check_writable};
 use super::staging::Staging;
 use crate::base::Error;
 
-/// Most symbolic links that are followed, as in the kernel.
+/// Greatest number of symbolic links that are followed, as in the kernel.
 const MAX_LINKS: usize = 40;
 
 /// The target of a path.
 enum Target {
-    /// A regular file, which may be missing, at the end of all symbolic links; it is replaced.
+    /// A regular file at the end of all symbolic links. It may be missing. It is replaced.
     File(PathBuf),
-    /// A stream, which is written to.
+    /// A stream. It is written to.
     Stream(Stream),
 }
 
@@ -26,8 +26,8 @@ enum Stream {
     Other(PathBuf),
 }
 
-/// Writes one file atomically; its folder is created if it is missing. The file at the end of a symbolic link is replaced; devices and
-/// pipes are written to.
+/// Writes one file atomically. Creates its folder if it is missing. Replaces the file at the end of a symbolic link;
+/// writes to devices and pipes.
 pub(crate) fn write_file(
     out: Destination<'_>,
     kind: FileKind,
@@ -44,7 +44,7 @@ pub(crate) fn write_file(
 }
 
 impl Destination<'_> {
-    /// Checks that a file can be written, and that parfocal wrote it if it exists.
+    /// Checks that a file can be written, and that an existing file was written by parfocal.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -58,7 +58,7 @@ impl Destination<'_> {
 
 fn split(path: &Path) -> Result<(&Path, &std::ffi::OsStr), Error> {
     let Some(name) = path.file_name() else {
-        return Err(Error::file(path, "is no name of a file; give one"));
+        return Err(Error::file(path, "is not the name of a file; give one"));
     };
     Ok((path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")), name))
 }
@@ -80,8 +80,8 @@ fn target(path: &Path) -> Result<Target, Error> {
     }
 }
 
-/// The open file of this or another program that a name like /dev/stdout refers to; it may be a regular file that must not be
-/// replaced.
+/// The open file, of this or another program, that a name like /dev/stdout refers to. It may be a regular file that
+/// must not be replaced.
 fn open_already(path: &Path) -> Option<Stream> {
     let mut at = path.to_path_buf();
     for _ in 0..MAX_LINKS {
@@ -102,7 +102,7 @@ fn open_already(path: &Path) -> Option<Stream> {
     None
 }
 
-/// Writes to a stream once the content is complete.
+/// Writes to a stream after the content is complete.
 fn write_through(
     path: &Path,
     stream: Stream,
@@ -119,7 +119,7 @@ fn write_through(
         Stream::Stdout => io::copy(&mut whole, &mut io::stdout().lock()).and_then(|_| io::stdout().flush()),
         Stream::Stderr => io::copy(&mut whole, &mut io::stderr().lock()).map(drop),
         Stream::Other(path) => {
-            // The content of a file that another program has open is kept.
+            // A file that another program has open keeps its content.
             let append = path.is_file();
             let mut open = OpenOptions::new().write(true).append(append).open(path)?;
             io::copy(&mut whole, &mut open).and_then(|_| open.flush())
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_another_program_stays_unless_it_is_forced() {
+    fn a_file_of_another_program_is_only_replaced_by_force() {
         let base = tempfile::TempDir::new().unwrap();
         let file = base.path().join("lens.json");
         fs::write(&file, "my notes").unwrap();
@@ -179,7 +179,7 @@ mod tests {
     #[test]
     fn devices_and_pipes_are_written_to() {
         let base = tempfile::TempDir::new().unwrap();
-        // By a link, so that a mistake costs no device.
+        // The test uses a link, so that an error cannot replace a device.
         let null = base.path().join("null");
         symlink("/dev/null", &null).unwrap();
         write(&null, false, LENS).unwrap();

@@ -13,8 +13,8 @@ use super::hashes::{Hash, Hashes};
 use super::journal::{Journal, Unfinished, metadata};
 use crate::base::Error;
 
-/// A folder and the files that are being written into it. Dropped before [`place`](Staging::place) has succeeded, it
-/// removes them.
+/// A folder and the files that are being written into it. Dropping it before [`place`](Staging::place) succeeds removes
+/// the files.
 pub(crate) struct Staging {
     // Fields drop in this order: the temporary files before the folder that holds them.
     written: Vec<(NamedTempFile, PathBuf)>,
@@ -36,18 +36,18 @@ enum Stale {
 }
 
 impl Staging {
-    /// Starts results that replace those that the report of this name lists. The report is [`add`](Self::add)ed last and lists its
-    /// `files`. Creates the folder if it is missing.
+    /// Begins results that replace those that the report of this name lists. The report is [`add`](Self::add)ed last
+    /// and lists its `files`. Creates the folder if it is missing.
     pub(crate) fn replacing(out: Destination<'_>, report: &str) -> Result<Self, Error> {
         Self::of_report(out, report, Stale::Rest)
     }
 
-    /// Starts results that join those that the report lists, of which the `stale` ones are removed.
+    /// Begins results that are added to those that the report lists. Removes the `stale` ones of the listed files.
     pub(crate) fn joining(out: Destination<'_>, report: &str, stale: Vec<String>) -> Result<Self, Error> {
         Self::of_report(out, report, Stale::Named(stale))
     }
 
-    /// Starts files that state themselves that parfocal wrote them.
+    /// Begins files of a kind that no report lists. Their content states that parfocal wrote them.
     pub(crate) fn of_kind(out: Destination<'_>, kind: FileKind) -> Result<Self, Error> {
         let folder = Folder::make(out.path, OtherWriters::SingleFiles)?;
         Ok(Self::new(folder, Guard::by_kind(out, kind), None, Stale::Named(Vec::new())))
@@ -56,7 +56,7 @@ impl Staging {
     fn of_report(out: Destination<'_>, report: &str, stale: Stale) -> Result<Self, Error> {
         let folder = Folder::make(out.path, OtherWriters::None)?;
         Journal::recover(out.path, report).map_err(|e| {
-            let problem = format!("holds results that were not finished, and cannot be brought in order ({e})");
+            let problem = format!("holds incomplete results, and the earlier ones cannot be restored ({e})");
             Error::file(out.path, format!("{problem}; check permissions"))
         })?;
         Ok(Self::new(folder, Guard::by_report(out, report), Some(report.to_string()), stale))
@@ -96,7 +96,7 @@ impl Staging {
         fill(&mut writer).map_err(wrap)?;
         writer.flush().map_err(|e| wrap(e.to_string()))?;
         drop(writer);
-        // Without this a power cut could leave a name with an empty file.
+        // Without this, a power cut could leave an empty file under the name.
         file.as_file().sync_all().map_err(|e| wrap(e.to_string()))?;
         Ok(file)
     }
@@ -112,8 +112,8 @@ impl Staging {
         self.hashes.clone()
     }
 
-    /// Renames all files and removes stale ones. After a failure the earlier results stand: a mixture of two runs would be worse than
-    /// none.
+    /// Renames all files and removes stale ones. On failure the earlier results stay: a mixture of two runs would be
+    /// worse than none.
     pub(crate) fn place(mut self) -> Result<(), Error> {
         self.written.iter().try_for_each(|(_, path)| self.guard.check(path))?;
         let _uninterrupted = naming();
@@ -125,7 +125,7 @@ impl Staging {
         Ok(())
     }
 
-    /// Renames each file by itself.
+    /// Renames each file separately.
     fn rename(&mut self) -> Result<(), Error> {
         let mut new = Vec::new();
         for (file, path) in std::mem::take(&mut self.written) {
@@ -138,24 +138,24 @@ impl Staging {
                 new.push(path);
             }
         }
-        // The files exist; an error of the sync cannot be undone.
+        // The files exist; a failed sync cannot be undone.
         let _ = self.folder.sync();
         Ok(())
     }
 
-    /// Exchanges the earlier results for the new ones.
+    /// Replaces the earlier results by the new ones.
     fn exchange(&mut self, report: &str) -> Result<(), Error> {
         let at = self.folder.path.join(report);
         let journal = Journal::begin(&self.folder.path, report).map_err(|e| self.cannot_be_replaced(&at, &e))?;
         let Err((path, error)) = self.exchange_by(&journal, &at) else {
-            // The next run removes what cannot be removed now.
+            // The next run removes what this run cannot remove.
             let _ = journal.finish();
             return Ok(());
         };
         let failed = self.cannot_be_replaced(&path, &error);
         let Err(e) = journal.roll_back() else { return Err(failed) };
-        let problem = format!("and the earlier results come back with the next run, for they could not now ({e})");
-        Err(Error::file(&path, format!("cannot be replaced ({error}); check the disk, {problem}")))
+        let problem = format!("the next run restores the earlier results, which failed now ({e})");
+        Err(Error::file(&path, format!("cannot be replaced ({error}); check the disk; {problem}")))
     }
 
     fn exchange_by(&mut self, journal: &Journal, report: &Path) -> Result<(), (PathBuf, io::Error)> {
@@ -179,7 +179,7 @@ impl Staging {
         for (file, path) in last {
             journal.name(file, &path).map_err(|e| (path, e))?;
         }
-        // The results stand; an error of the sync cannot be undone.
+        // The results are complete; a failed sync cannot be undone.
         let _ = self.folder.sync();
         Ok(())
     }
@@ -203,7 +203,7 @@ impl Staging {
         paths.filter_map(is_file).collect()
     }
 
-    /// Replaces the report by the list of all files, old and new.
+    /// Replaces the report by the list of all earlier and new files.
     fn write_list(&self, journal: &Journal, report: &Path) -> io::Result<()> {
         let names = self.names();
         let mut new = Vec::new();
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_with_the_name_of_a_result_stops_all_files() {
+    fn a_folder_with_the_name_of_a_result_prevents_all_files() {
         let base = TempDir::new().unwrap();
         fs::create_dir(base.path().join("two")).unwrap();
         fs::write(base.path().join("one"), "old").unwrap();
@@ -304,7 +304,7 @@ mod tests {
         names.map(|name| (name.clone(), fs::read_to_string(folder.join(name)).unwrap())).collect()
     }
 
-    /// A folder with results, one of which the next results lack, and a file of the user.
+    /// A folder with results and a file of the user. The next results lack one of the earlier files.
     fn with_results() -> (TempDir, Vec<(String, String)>) {
         let base = TempDir::new().unwrap();
         fs::write(base.path().join("notes"), "mine").unwrap();
@@ -316,7 +316,7 @@ mod tests {
         (base, earlier)
     }
 
-    /// The number of steps that writing other results takes, and the files then.
+    /// Writes other results. Returns the number of steps, and the files afterwards.
     fn steps_to_new() -> (usize, Vec<(String, String)>) {
         let (base, _) = with_results();
         fault::at(0..0);
@@ -342,7 +342,8 @@ mod tests {
                 "once at {n}: {stands:?}"
             );
 
-            // Failures from then on, as if the program were killed: the next run restores one or the other.
+            // All steps fail from then on, as if the program were killed. The next run restores the earlier or the new
+            // results.
             let (base, earlier) = with_results();
             fault::at(n..usize::MAX);
             let stands = written(base.path(), "report.json", &["b", "c"]);
@@ -354,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn the_next_recovery_completes_one_that_failed() {
+    fn the_next_recovery_completes_a_failed_one() {
         let (steps, new) = steps_to_new();
         for (begun, n) in (0..steps).flat_map(|begun| (0..12).map(move |n| (begun, n))) {
             let (base, earlier) = with_results();
@@ -375,7 +376,7 @@ mod tests {
         let mut staging = replacing(&out).unwrap();
         staging.add("depth.png", |_| Ok(())).unwrap();
         fs::write(out.join(".report.json.backup"), "mine").unwrap();
-        // As if the program ended here.
+        // The program ends here.
         std::mem::forget(staging);
         drop(replacing(base.path()).unwrap());
         assert_eq!(names_in(&out).len(), 2, "of another folder");
@@ -384,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_with_the_name_of_the_folder_is_named() {
+    fn a_file_in_place_of_the_folder_is_named_in_the_error() {
         let base = TempDir::new().unwrap();
         let out = base.path().join("file");
         fs::write(&out, "x").unwrap();

@@ -1,4 +1,4 @@
-//! Results into a folder: all of their files or none.
+//! Writes results into a folder: all files or none.
 
 use std::io::Write;
 
@@ -15,7 +15,7 @@ use super::staging::Staging;
 use super::{arrays, depth_picture, description, exr_file};
 use crate::base::{Depth, Error};
 
-/// Files that show depth, and are written again when it changes.
+/// Files that show depth. They are written again when depth changes.
 const DEPTH_EXPORTS: [&str; 11] = [
     PAGE_FILE,
     "surface.ply",
@@ -30,7 +30,7 @@ const DEPTH_EXPORTS: [&str; 11] = [
     "depth.zarr.zip",
 ];
 
-/// Names of all files that a folder of results may hold, but for profiles.
+/// Names of all files that a folder of results may hold, except profiles.
 pub fn result_files() -> impl Iterator<Item = &'static str> {
     let [pair, sweep] = [Kind::Pair, Kind::Sweep].map(Kind::files);
     let exports = DEPTH_EXPORTS.into_iter().chain(arrays::DEPTH16_FILES);
@@ -38,13 +38,14 @@ pub fn result_files() -> impl Iterator<Item = &'static str> {
 }
 
 impl Results<'_> {
-    /// Writes the results into the folder `out`, which is created if it is missing.
+    /// Writes the results into the folder `out`. Creates the folder if it is missing.
     ///
-    /// Files that the report of earlier results lists are replaced or removed. Any other file stays; where it has the name of a
-    /// result, nothing is written unless the [`Destination`] forces it. The report then lists the files and their hashes.
+    /// Replaces or removes files that the report of earlier results lists. Any other file stays; if it has the name of
+    /// a result, nothing is written unless the [`Destination`] forces it. The new report lists the files and their
+    /// hashes.
     ///
-    /// Files are written under temporary names and renamed at the end. After a failure the earlier results stand; if the program is
-    /// ended meanwhile, the next one that writes there restores them.
+    /// Files are written under temporary names and renamed at the end. On failure the earlier results stay. If the
+    /// program is ended meanwhile, the next run that writes into the folder restores them.
     ///
     /// # Errors
     /// [`Error::File`]; [`Error::Mismatch`] for results that were read from a folder.
@@ -90,7 +91,7 @@ impl Results<'_> {
         png_file::write(writer, self.size(), ColorType::Grayscale, &Pixels::Bytes(&bytes), &description::VALID)
     }
 
-    /// `depth.png`, and `depth_mm.exr` where depth is known.
+    /// Adds `depth.png`, and `depth_mm.exr` if depth is known.
     fn stage_depth(&self, staging: &mut Staging, drawing: &Drawing) -> Result<(), Error> {
         if let Some(depth) = self.depth() {
             let channels = [("Y", &depth.values[..]), ("standard_deviation", &depth.deviation)];
@@ -100,9 +101,9 @@ impl Results<'_> {
         staging.add(DEPTH_PICTURE_FILE, |w| depth_picture::write(w, self, drawing))
     }
 
-    /// Writes depth in mm into the folder of the results: `depth_mm.exr`, `depth.png`, the report, `depth16` where it exists, and the
-    /// files `shown`; all of them or none. Other files that show depth are removed. With `force`, files that the report does not
-    /// list are overwritten.
+    /// Writes depth in mm into the folder of the results: `depth_mm.exr`, `depth.png`, the report, `depth16` if it
+    /// exists, and the files `shown`; all of them or none. Removes other files that show depth. With `force`,
+    /// overwrites files that the report does not list.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -129,9 +130,9 @@ impl Results<'_> {
         Destination::new(&self.folder, force).check_results(REPORT_FILE, &names)
     }
 
-    /// Writes measurements into the folder of the results: profiles, the report and the files `shown`; all of them or none. New
-    /// steps replace earlier steps, new profiles earlier profiles. A page that is not in `shown` is removed. With `force`, files that
-    /// the report does not list are overwritten.
+    /// Writes measurements into the folder of the results: profiles, the report and the files `shown`; all of them or
+    /// none. New steps replace earlier steps, and new profiles earlier profiles. Removes a page that is not in `shown`.
+    /// With `force`, overwrites files that the report does not list.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -170,7 +171,7 @@ impl Results<'_> {
         Destination::new(&self.folder, force).check_results(REPORT_FILE, &names)
     }
 
-    /// Files that join those of the folder; of the latter the `stale` ones are removed.
+    /// Begins files that are added to those of the folder. Removes the `stale` ones of the existing files.
     fn joining(&self, force: bool, stale: &[String]) -> Result<Staging, Error> {
         Staging::joining(Destination::new(&self.folder, force), REPORT_FILE, stale.to_vec())
     }
@@ -190,21 +191,21 @@ impl Results<'_> {
         }
         self.report.hashes.retain(|file, _| !stale.contains(file));
         self.report.hashes.extend(staging.hashes());
-        // The last file to be renamed: where the report exists, so do the others (`batch --resume`).
+        // The report is renamed last: where it exists, so do the other files (`batch --resume`).
         staging.add(REPORT_FILE, |w| write_json_to(w, &self.report))?;
         staging.place()
     }
 }
 
-/// Writes `frames.png`: the frame that each pixel of the fused image is from, counted from 1; 8-bit grey, for more than 255 frames
-/// 16-bit grey.
+/// Writes `frames.png`: the number of the frame that supplies each pixel of the fused image, from 1. 8-bit grey; 16-bit
+/// grey for more than 255 frames.
 fn write_frames(writer: impl Write, results: &Results<'_>) -> Result<(), String> {
     let bytes: Result<Vec<u8>, _> = results.frames.iter().map(|frame| u8::try_from(*frame)).collect();
     let pixels = bytes.as_ref().map_or(Pixels::Words(results.frames), |bytes| Pixels::Bytes(bytes));
     png_file::write(writer, results.size(), ColorType::Grayscale, &pixels, &description::FRAMES)
 }
 
-/// Writes `beyond.png`: 1 before the first frame, 2 beyond the last, else 0; 8-bit grey.
+/// Writes `beyond.png`: 1 for pixels in focus before the first frame, 2 beyond the last, else 0; 8-bit grey.
 fn write_beyond(writer: impl Write, results: &Results<'_>) -> Result<(), String> {
     let side = |side: &i8| if *side < 0 { 1 } else { 2 * u8::from(*side > 0) };
     let bytes: Vec<u8> = results.beyond.iter().map(side).collect();

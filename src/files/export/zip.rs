@@ -1,4 +1,4 @@
-//! ZIP archives (PKWARE's APPNOTE 6.3.3) of stored files, all together below 4 GiB.
+//! ZIP archives (PKWARE's APPNOTE 6.3.3) of stored files, with less than 4 GiB in total.
 
 use std::io::Write;
 
@@ -7,12 +7,12 @@ pub(super) struct Zip<'a> {
     writer: &'a mut dyn Write,
     /// Bytes written.
     at: u64,
-    /// Central directory.
+    /// Central directory so far.
     directory: Vec<u8>,
     files: u64,
 }
 
-/// 1980-01-01, the first date of the format: the same results give the same bytes.
+/// 1980-01-01, the first date of the format. A fixed date makes archives reproducible.
 const DATE: u16 = 1 << 5 | 1;
 
 impl<'a> Zip<'a> {
@@ -24,7 +24,7 @@ impl<'a> Zip<'a> {
     pub(super) fn add(&mut self, name: &str, bytes: &[u8]) -> Result<(), String> {
         let (length, start) = (narrow::<u32>(bytes.len() as u64)?, narrow::<u32>(self.at)?);
         let mut entry = Vec::new();
-        // Version 2.0, no flags, stored, time, date, checksum, both sizes, name, nothing more.
+        // Version 2.0, no flags, stored, time, date, checksum, both sizes, name, no extra field.
         for word in [20, 0, 0, 0, DATE] {
             entry.extend(word.to_le_bytes());
         }
@@ -36,7 +36,7 @@ impl<'a> Zip<'a> {
         self.directory.extend(b"PK\x01\x02");
         self.directory.extend(20u16.to_le_bytes());
         self.directory.extend(&entry);
-        // Comment, disk, attributes within and without.
+        // Comment, disk, internal and external attributes.
         self.directory.extend([0; 10]);
         self.directory.extend(start.to_le_bytes());
         self.directory.extend(name.as_bytes());
@@ -44,7 +44,7 @@ impl<'a> Zip<'a> {
         Ok(())
     }
 
-    /// The end of the archive.
+    /// Writes the end of the archive.
     pub(super) fn finish(mut self) -> Result<(), String> {
         let (start, length) = (narrow::<u32>(self.at)?, narrow::<u32>(self.directory.len() as u64)?);
         let files = narrow::<u16>(self.files)?;

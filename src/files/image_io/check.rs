@@ -1,4 +1,4 @@
-//! Checks of a photograph's file before it is decoded: existence, size, and what to do about problems.
+//! Checks of a photograph file before it is decoded: existence, size, and advice about problems.
 
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
@@ -12,10 +12,11 @@ pub(super) const DAMAGED: &str = "the file is damaged or incomplete; copy or sav
 /// Advice for an unsupported format.
 pub(super) const CONVERT: &str = "convert it to PNG, TIFF, JPEG, BMP, WebP, PNM, PFM or EXR; of a frame without a header state format and size (--raw)";
 
-/// Similarity of file names (Jaro and Winkler) above which one may be a misspelling.
+/// Similarity of file names (Jaro and Winkler) above which one may be a misspelling of the other.
 const SIMILAR: f64 = 0.9;
 
-/// Most bytes of a file that are read, 4 GiB: the limit of classic TIFF, and the largest picture with four floats per pixel.
+/// Greatest number of bytes of a file that are read, 4 GiB: the limit of classic TIFF, and the size of the largest
+/// picture with four floats per pixel.
 const MAX_BYTES: u64 = 1 << 32;
 
 /// Reads the whole of a regular file that is not empty.
@@ -46,7 +47,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, String> {
     }
 }
 
-/// The file with the most similar name in the folder of a missing file, if any is similar.
+/// The file with the most similar name in the folder of a missing file, if one is similar.
 pub fn similar_file(missing: &Path) -> Option<PathBuf> {
     let wanted = missing.file_name()?.to_str()?;
     let folder = missing.parent().filter(|p| !p.as_os_str().is_empty());
@@ -56,7 +57,7 @@ pub fn similar_file(missing: &Path) -> Option<PathBuf> {
         let score = strsim::jaro_winkler(&wanted.to_lowercase(), &name.to_lowercase());
         (score > SIMILAR).then_some((score, name))
     });
-    // Names of equal score need an order, since folders are listed in none.
+    // Names of equal score are ordered, since folders list files in no fixed order.
     let (_, name) = scored.max_by(|a, b| a.0.total_cmp(&b.0).then_with(|| b.1.cmp(&a.1)))?;
     Some(folder.map_or_else(|| PathBuf::from(&name), |folder| folder.join(&name)))
 }
@@ -80,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_limit_itself_is_allowed_and_one_row_more_is_not() {
+    fn the_greatest_size_is_allowed_and_one_row_more_is_not() {
         assert!(size((1 << 14, 1 << 14)).is_ok());
         let problem = size((1 << 14, (1 << 14) + 1)).unwrap_err();
         assert!(problem.contains("16384x16385") && problem.contains("268435456"), "{problem}");

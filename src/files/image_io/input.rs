@@ -1,4 +1,4 @@
-//! Descriptions of photographs' files for the report, and the decoding of their values.
+//! Descriptions of photograph files for the report, and the decoding of their values.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,20 +20,20 @@ pub struct Input {
     pub channels: u32,
     /// Whether the file has an alpha channel, which is dropped.
     pub alpha: bool,
-    /// "PNG", "JPEG", "TIFF", "PNM", "PFM", "EXR", "BMP", "WebP" or "raw".
+    /// File format: "PNG", "JPEG", "TIFF", "PNM", "PFM", "EXR", "BMP", "WebP" or "raw".
     pub format: String,
-    /// Pages of the file.
+    /// Number of pages of the file.
     pub pages: usize,
-    /// The page that is read, from 1, where the path names one.
+    /// The page that is read, from 1, if the path names one.
     pub page: Option<usize>,
-    /// Transfer curve of the values that the file states: "sRGB", "linear", or the name of another curve or colour space. By
-    /// the ICC profile, the chunks of a PNG, or EXIF; EXR and PFM are linear by convention.
+    /// Transfer curve that the file states: "sRGB", "linear", or the name of another curve or colour space. The source
+    /// is the ICC profile, the chunks of a PNG, or EXIF. EXR and PFM are linear by convention.
     pub encoding: Option<String>,
     /// EXIF of the camera and the lens.
     pub exif: Option<Exif>,
 }
 
-/// Warnings about the files of a pair; a sentence each.
+/// Warnings about the files of a pair; one sentence each.
 pub fn pair_warnings(inputs: &[Input], decode: Decode) -> Vec<String> {
     let [i1, i2] = inputs else { return Vec::new() };
     let mut warnings = Vec::new();
@@ -61,7 +61,7 @@ pub fn pair_warnings(inputs: &[Input], decode: Decode) -> Vec<String> {
     warnings
 }
 
-/// How the stored values of photographs became intensities, and why.
+/// The decoding of stored values to intensities, and its reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Values {
     /// The decoding.
@@ -78,21 +78,21 @@ pub enum Basis {
     Stated,
     /// All files state it.
     Files,
-    /// At least one file does not state it; it is assumed from the bits of a sample.
+    /// At least one file does not state it. It is assumed from the bits of a sample.
     Assumed,
 }
 
 impl Values {
-    /// A decoding that the user stated.
+    /// The decoding that a user stated.
     pub fn stated(decode: Decode) -> Self {
         Self { decode, by: Basis::Stated }
     }
 
-    /// Resolves [`Decode::Auto`] by what the files of one scene state, and without a statement by their bits
-    /// ([`Decode::resolved`]).
+    /// Resolves [`Decode::Auto`] by the statements of the files of one scene, or by their bits if no file states a
+    /// curve ([`Decode::resolved`]).
     ///
-    /// A file without a statement is read as the others state. A file that names a curve or colour space other than linear
-    /// (Adobe RGB, gamma 1.8) is decoded by the sRGB curve, the nearer of the two.
+    /// A file without a statement is read as the others state. A file with a curve or colour space other than linear
+    /// (Adobe RGB, gamma 1.8) is decoded by the sRGB curve, the nearest available.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if two files contradict each other.
@@ -129,7 +129,7 @@ fn stated_decode(file: &Input) -> Option<Decode> {
     }
 }
 
-/// A warning if two photographs state different curves, or a linear one is decoded as sRGB.
+/// A warning if two photographs state different curves, or if a linear one is decoded as sRGB.
 fn encoding_warning([i1, i2]: [&Input; 2], decode: Decode) -> Option<String> {
     let [first, second] = [i1, i2].map(|input| input.encoding.as_deref());
     if let (Some(a), Some(b)) = (first, second)
@@ -165,7 +165,7 @@ mod tests {
         Photograph::open(path)?.describe()
     }
 
-    /// EXIF of a camera whose distance is 1.25 m, or unknown.
+    /// EXIF of a camera with a focus distance of 1.25 m, or an unknown one.
     fn camera(distance: (u32, u32)) -> Vec<u8> {
         let ratio = |num, denom| Value::Rational(vec![Rational { num, denom }]);
         let text = |text: &str| Value::Ascii(vec![text.as_bytes().to_vec()]);
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lens_is_read_where_the_camera_states_it() {
+    fn the_lens_is_read_if_the_camera_states_it() {
         let folder = TempDir::new().unwrap();
         for name in ["a.jpg", "a.png"] {
             let input = describe(&save(&folder, name, camera((125, 100)))).unwrap();
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_png_says_what_its_values_are() {
+    fn a_png_states_its_transfer_curve() {
         let folder = TempDir::new().unwrap();
         let path = folder.path().join("a.png");
         let write = |set: &dyn Fn(&mut png::Encoder<File>)| {
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pair_is_warned_of_what_does_not_go_together() {
+    fn files_that_do_not_match_give_warnings() {
         let (a, b) = (input("a"), input("b"));
         let warn = |b: Input, decode| pair_warnings(&[a.clone(), b], decode).join("; ");
         assert_eq!(warn(b.clone(), Decode::None), "");
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn values_are_what_the_files_say_or_else_what_their_bits_imply() {
+    fn decoding_follows_the_files_or_else_their_bits() {
         let of = |files: &[Input]| {
             Values::of(Decode::Auto, files).map(|Values { decode, by }| (decode, by)).map_err(|e| e.to_string())
         };

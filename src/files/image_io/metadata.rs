@@ -6,28 +6,28 @@ use exif::{In, Reader, Tag, Value};
 use moxcms::{ColorProfile, ParsingOptions, ProfileText};
 use serde::{Deserialize, Serialize};
 
-/// EXIF 2.32 of the camera and the lens. Makers round the focal length to the millimetre, and the distance to the next step of the lens's
-/// encoder.
+/// EXIF 2.32 of the camera and the lens. Manufacturers round the focal length to the millimetre, and the distance to
+/// the next step of the lens's encoder.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Exif {
-    /// Maker and model.
+    /// Manufacturer and model.
     pub camera: Option<String>,
     /// Focal length, mm.
     pub focal_length_mm: Option<f64>,
-    /// Focal length of the same angle of view on 36 x 24 mm, mm.
+    /// Focal length that gives the same angle of view on 36 x 24 mm, mm.
     pub focal_length_35mm_mm: Option<f64>,
     /// f-number.
     pub f_number: Option<f64>,
-    /// Distance from the camera to what is in focus, mm.
+    /// Distance from the camera to the plane in focus, mm.
     pub subject_distance_mm: Option<f64>,
-    /// Pixel pitch of the sensor, mm, by the focal plane resolution of the picture as the camera stored it.
+    /// Pixel pitch of the sensor, mm, from the focal plane resolution of the picture as the camera stored it.
     pub pixel_pitch_mm: Option<f64>,
 }
 
-/// Parses the TIFF structure of EXIF, from APP1 of JPEG, eXIf of PNG, or a TIFF file; also returns whether it states sRGB. `None` if it
-/// cannot be read or has none of the fields.
+/// Parses the TIFF structure of EXIF, from APP1 of JPEG, eXIf of PNG, or a TIFF file. Also returns whether it states
+/// sRGB. `None` if it cannot be read or has none of the fields.
 pub(super) fn parse_exif(data: Vec<u8>) -> (Option<Exif>, bool) {
-    // The readable fields of a damaged structure are used.
+    // Uses the readable fields of a damaged structure.
     let Ok(fields) = Reader::new().continue_on_error(true).read_raw(data).or_else(|e| e.distill_partial_result(|_| ()))
     else {
         return (None, false);
@@ -44,14 +44,14 @@ pub(super) fn parse_exif(data: Vec<u8>) -> (Option<Exif>, bool) {
         [text(Tag::Make), text(Tag::Model)].into_iter().flatten().filter(|t| !t.is_empty()).collect();
     let camera = match names.as_slice() {
         [] => None,
-        // Most models begin with their maker.
+        // Most model names begin with the manufacturer.
         [make, model] if model.to_lowercase().starts_with(&make.to_lowercase()) => Some(model.clone()),
         all => Some(all.join(" ")),
     };
     let unit_mm = match value(Tag::FocalPlaneResolutionUnit).and_then(|v| v.get_uint(0)) {
         Some(3) => 10.0,
         Some(4) => 1.0,
-        // The default is an inch.
+        // The default unit is the inch.
         _ => 25.4,
     };
     let exif = Exif {
@@ -66,7 +66,7 @@ pub(super) fn parse_exif(data: Vec<u8>) -> (Option<Exif>, bool) {
     ((exif != Exif::default()).then_some(exif), is_srgb)
 }
 
-/// A positive, finite number; zero means unknown, and all bits infinity.
+/// A positive, finite number. In EXIF zero means unknown, and all bits set mean infinity.
 fn positive(value: &Value) -> Option<f64> {
     let number = match value {
         Value::Rational(parts) => parts.first().filter(|part| part.num != u32::MAX)?.to_f64(),
@@ -75,23 +75,23 @@ fn positive(value: &Value) -> Option<f64> {
     (number.is_finite() && number > 0.0).then_some(number)
 }
 
-/// Values follow the sRGB curve.
+/// The values follow the sRGB curve.
 pub(super) const SRGB: &str = "sRGB";
-/// Values are proportional to light.
+/// The values are proportional to light.
 pub(super) const LINEAR: &str = "linear";
 /// The ICC profile cannot be read.
 pub(super) const UNREADABLE: &str = "those of an ICC profile that cannot be read";
 
-/// Most bytes of an ICC profile that are parsed, 4 MiB; a profile with tables for a printer has two.
+/// Greatest number of bytes of an ICC profile that are parsed, 4 MiB. A profile with tables for a printer has 2 MiB.
 pub(super) const MAX_PROFILE: usize = 4 << 20;
 
-/// Most tags of a profile: real ones have two dozen, and a hostile one may repeat a large table.
+/// Greatest number of tags of a profile. Real profiles have two dozen, and a hostile one may repeat a large table.
 const MAX_TAGS: u32 = 100;
 
-/// The curve that a PNG states by its chunk sRGB or gAMA, where 1/2.2 means sRGB.
+/// The curve from the chunk sRGB or gAMA of a PNG. A gAMA of 1/2.2 means sRGB.
 pub(super) fn encoding_of_png(bytes: &[u8]) -> Option<String> {
     let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), png::Limits { bytes: MAX_PROFILE });
-    // Neither chunk is used, and both may decompress to very much.
+    // Neither chunk is used, and both may decompress to large data.
     decoder.set_ignore_iccp_chunk(true);
     decoder.set_ignore_text_chunk(true);
     let reader = decoder.read_info().ok()?;
@@ -107,7 +107,7 @@ pub(super) fn encoding_of_png(bytes: &[u8]) -> Option<String> {
     }
 }
 
-/// The curve by the name of an ICC profile.
+/// The curve from the name of an ICC profile.
 pub(super) fn encoding_of_icc(profile: &[u8]) -> Option<String> {
     let Some(profile) = parse_icc(profile) else { return Some(UNREADABLE.to_string()) };
     let name = match profile.description? {
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_is_known_by_its_name() {
+    fn a_profile_is_identified_by_its_name() {
         for version in [2, 4] {
             for (name, expected) in
                 [("sRGB IEC61966-2.1", "sRGB"), ("Linear Rec709", "linear"), ("Adobe RGB (1998)", "Adobe RGB (1998)")]
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_that_cannot_be_read_says_so() {
+    fn an_unreadable_profile_has_its_own_label() {
         for whole in [profile("sRGB", 2), profile("sRGB", 4), ColorProfile::new_srgb().encode().unwrap()] {
             for at in 0..whole.len() {
                 assert_ne!(encoding_of_icc(&whole[..at]).as_deref(), Some("sRGB"), "{at}");

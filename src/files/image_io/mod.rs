@@ -1,9 +1,10 @@
-//! Photographs: files to [`Frame`]s.
+//! Photographs: files that are read as [`Frame`]s.
 //!
 //! The formats are PNG, JPEG, TIFF, PNM, PFM, EXR, BMP and WebP, detected by content. `FILE#N` is page N of a TIFF, and
-//! `FILE#FORMAT:WxH` a frame without a header. A file is read once, as a [`Photograph`]: hash, metadata and pixels come from
-//! the same bytes. Files are untrusted: the size is checked before any pixel is decoded. Errors are [`Error::File`] with the
-//! path and advice. Raw files of cameras are not read; the error names the command that converts them.
+//! `FILE#FORMAT:WxH` a frame without a header. A file is read once, as a [`Photograph`]: hash, metadata and pixels come
+//! from the same bytes. Files are untrusted: the size is checked before any pixel is decoded. Errors are
+//! [`Error::File`] with the path and advice. Raw files of cameras are not read; the error names the command that
+//! converts them.
 
 mod check;
 mod input;
@@ -31,17 +32,18 @@ use crate::base::color::LUMINANCE;
 use crate::base::{Aperture, Decode, Error, Frame, Kernel};
 use crate::engine::stages::ingest;
 
-/// Most pixels that are decoded, 2^28: more than common camera sensors have (150 million), and 1 GiB for a float channel.
+/// Greatest number of pixels that are decoded, 2^28. Common camera sensors have at most 150 million. A float channel of
+/// this size takes 1 GiB.
 pub const MAX_PIXELS: u64 = 1 << 28;
 
-/// Largest side of the picture of a kernel, which is averaged down to 48 cells.
+/// Longest side of the picture of a kernel, px. The picture is averaged down to 48 cells.
 const MAX_KERNEL_SIDE: u32 = 4096;
 
 /// Reads one photograph.
 ///
-/// 8-bit and 16-bit samples stay as they are, float and half become 32-bit float; palettes become colour. Alpha is dropped and
-/// the colour is kept as stored; if it is premultiplied, as in EXR, a transparent pixel is black. A rotation that the camera
-/// recorded (EXIF, or the orientation of a TIFF) is applied.
+/// 8-bit and 16-bit samples stay as they are, float and half become 32-bit float; palettes become colour. Alpha is
+/// dropped and the stored colour is kept; if it is premultiplied, as in EXR, a transparent pixel is black. A rotation
+/// that the camera recorded (EXIF, or the orientation of a TIFF) is applied.
 ///
 /// # Errors
 /// [`Error::File`].
@@ -66,10 +68,11 @@ pub fn read_pair(first: &Path, second: &Path) -> Result<(Frame, Frame), Error> {
     Ok((i1, i2))
 }
 
-/// Reads a kernel from its picture, such as a coded aperture; a colour picture by its luminance, values as stored.
+/// Reads a kernel from its picture, such as a coded aperture. A colour picture is read as luminance; values are as
+/// stored.
 ///
 /// # Errors
-/// [`Error::File`], also if the picture is not a kernel: see [`Aperture::new`].
+/// [`Error::File`], also if the picture is not a kernel; see [`Aperture::new`].
 pub fn read_kernel(path: &Path) -> Result<Kernel, Error> {
     let photograph = Photograph::open(path)?;
     let (width, height) = photograph.size();
@@ -87,8 +90,8 @@ pub fn read_kernel(path: &Path) -> Result<Kernel, Error> {
     })
 }
 
-/// Reads a field, such as `relative_blur.exr`: an EXR of one channel, which may hold NaN and infinity. Returns width, height
-/// and the values, row-major.
+/// Reads a field, such as `relative_blur.exr`: an EXR of one channel, which may hold NaN and infinity. Returns width,
+/// height and the values, row-major.
 ///
 /// # Errors
 /// [`Error::File`].

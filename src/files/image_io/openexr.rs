@@ -12,17 +12,17 @@ use exr::prelude::{ReadChannels, ReadLayers};
 use super::check::DAMAGED;
 use crate::base::{Channels, Frame, Samples};
 
-/// Most samples of a layer over all channels, 2^30: the largest image with four channels.
+/// Greatest number of samples of a layer over all channels, 2^30: the largest image with four channels.
 const MAX_SAMPLES: u64 = 1 << 30;
 
-/// An EXR whose header has been read.
+/// An EXR file with a parsed header.
 pub(super) struct Exr<'a> {
     reader: Reader<Cursor<&'a [u8]>>,
     names: Vec<String>,
     size: (u32, u32),
 }
 
-/// Whether a file starts as EXR.
+/// Whether a file begins like EXR.
 pub(super) fn is_exr(magic: &[u8]) -> bool {
     magic.starts_with(&[0x76, 0x2f, 0x31, 0x01])
 }
@@ -37,15 +37,15 @@ fn problem(error: exr::error::Error) -> String {
 }
 
 impl<'a> Exr<'a> {
-    /// Reads the header and chooses the channels. DWAA and DWAB are refused: a wrong byte in them makes the crate allocate more than the
-    /// memory, which aborts the program.
+    /// Reads the header and selects the channels. DWAA and DWAB are refused: a wrong byte in them can make the crate
+    /// allocate more than the available memory, which aborts the program.
     pub(super) fn open(bytes: &'a [u8]) -> Result<Self, String> {
         let reader = exr::block::read(Cursor::new(bytes), false).map_err(problem)?;
         let Some(header) = reader.headers().first() else {
             return Err(format!("holds no layer; {DAMAGED}"));
         };
         let side = |length: usize| u32::try_from(length).map_err(|_| format!("is {length} pixels long; reduce it"));
-        // All layers are checked, since the chunks decide which one is decoded.
+        // All layers are checked, since the chunks determine which one is decoded.
         if reader.headers().iter().any(|h| matches!(h.compression, Compression::DWAA(_) | Compression::DWAB(_))) {
             return Err("is compressed by DWAA or DWAB, which is not read; save it with ZIP compression".to_string());
         }
@@ -64,7 +64,7 @@ impl<'a> Exr<'a> {
         self.size
     }
 
-    /// Bits of a sample, of the widest where they differ, and the number of channels.
+    /// Bits of a sample, the greatest if channels differ, and the number of channels.
     pub(super) fn bits_and_channels(&self) -> (u32, u32) {
         let chosen = |name: String| self.names.contains(&name);
         let list = self.reader.headers().first().map(|header| header.channels.list.as_slice()).unwrap_or_default();
@@ -94,7 +94,7 @@ impl<'a> Exr<'a> {
         }
     }
 
-    /// The chosen channels, one or three.
+    /// The selected channels, one or three.
     fn planes(self) -> Result<Vec<Vec<f32>>, String> {
         let image = exr::prelude::read()
             .no_deep_data()
@@ -102,7 +102,7 @@ impl<'a> Exr<'a> {
             .all_channels()
             .first_valid_layer()
             .all_attributes()
-            // A panic in a thread of the crate would abort the program, and decompressors do panic.
+            // A panic in a thread of the crate would abort the program, and its decompressors can panic.
             .non_parallel()
             .from_chunks(self.reader)
             .map_err(problem)?;
@@ -117,7 +117,7 @@ fn plane<'a>(channels: &'a AnyChannels<FlatSamples>, name: &str) -> Option<&'a F
     channels.list.iter().find(|channel| channel.name.to_string() == name).map(|channel| &channel.sample_data)
 }
 
-/// R, G and B, or Y, or the only channel that is not alpha.
+/// Selects R, G and B, or Y, or the only channel that is not alpha.
 fn chosen_channels(header: &Header) -> Result<Vec<String>, String> {
     let list = &header.channels.list;
     let samples = header.layer_size.area() as u64 * list.len() as u64;

@@ -1,15 +1,15 @@
 //! PFM: 32-bit floats behind three lines of text, grey ("Pf") or colour ("PF"), the lowest row first.
 //!
-//! Format: Debevec, <https://www.pauldebevec.com/Research/HDR/PFM/>. The sign of the scale is the byte order; its size,
-//! which programs agree to ignore, is ignored.
+//! Format: Debevec, <https://www.pauldebevec.com/Research/HDR/PFM/>. The sign of the scale is the byte order. Its
+//! magnitude is ignored, as in other programs.
 
 use super::check::DAMAGED;
 use crate::base::{Channels, Frame, Samples};
 
-/// The most bytes of a header: more than two sizes and a scale can take.
+/// Greatest length of a header, bytes: more than two sizes and a scale need.
 const MAX_HEADER: usize = 256;
 
-/// A PFM whose header has been read.
+/// A PFM file with a parsed header.
 pub(super) struct Pfm<'a> {
     samples: &'a [u8],
     size: (u32, u32),
@@ -17,7 +17,7 @@ pub(super) struct Pfm<'a> {
     little_endian: bool,
 }
 
-/// Whether a file starts as PFM.
+/// Whether a file begins like PFM.
 pub(super) fn is_pfm(magic: &[u8]) -> bool {
     matches!(magic, [b'P', b'F' | b'f', space, ..] if space.is_ascii_whitespace())
 }
@@ -28,7 +28,7 @@ impl<'a> Pfm<'a> {
         let broken =
             || format!("cannot be decoded as PFM (its header is not a width, a height and a scale); {DAMAGED}");
         let mut words: Vec<String> = vec![String::new()];
-        // The samples begin after one byte of white space behind the fourth word.
+        // The samples begin one byte of white space after the fourth word.
         for _ in 0..MAX_HEADER {
             let (&byte, rest) = bytes.split_first().ok_or_else(broken)?;
             bytes = rest;
@@ -81,7 +81,7 @@ impl<'a> Pfm<'a> {
 mod tests {
     use super::*;
 
-    /// A 3x2 picture whose values count from the upper left.
+    /// A 3x2 picture with values that count from the upper left.
     fn file(kind: &str, scale: &str) -> Vec<u8> {
         let channels = if kind == "PF" { 3 } else { 1 };
         let mut bytes = format!("{kind}\n3 2\n{scale}\n").into_bytes();
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_pfm_is_refused() {
+    fn other_files_are_refused() {
         let whole = file("Pf", "-1");
         for length in 0..whole.len() {
             let cut = Pfm::open(&whole[..length]).and_then(Pfm::decode);

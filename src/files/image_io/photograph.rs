@@ -1,4 +1,4 @@
-//! A photograph whose file has been read: hash, description and pixels are of the same bytes.
+//! A photograph file in memory. Hash, description and pixels come from the same bytes.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -9,8 +9,8 @@ use super::source::{Selected, Source};
 use super::{Input, check, raw};
 use crate::base::{Channels, Depth, Error, Format, Frame, workers};
 
-/// A photograph whose file has been read. Its description and its pixels come from the same bytes, even if the file changes. It and
-/// its clones share these bytes until they are decoded or dropped.
+/// A photograph file in memory. Its description and its pixels come from the same bytes, even if the file changes. The
+/// photograph and its clones share these bytes until they are decoded or dropped.
 #[derive(Clone)]
 pub struct Photograph {
     /// The path as passed.
@@ -22,7 +22,8 @@ pub struct Photograph {
 }
 
 impl Photograph {
-    /// Reads a whole file and parses its header; no pixel is decoded. `FILE#N` is a page of a TIFF, `FILE#FORMAT:WxH` a frame without a header.
+    /// Reads a whole file and parses its header, without decoding pixels. `FILE#N` is a page of a TIFF,
+    /// `FILE#FORMAT:WxH` a frame without a header.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -33,7 +34,8 @@ impl Photograph {
         Self::of(path, selected, Arc::new(bytes))
     }
 
-    /// Opens the next photograph: from the same bytes if it is another page of the same file, else from its file, with these bytes freed first.
+    /// Opens the next photograph. Another page of the same file uses the same bytes. For another file, these bytes are
+    /// freed first.
     ///
     /// # Errors
     /// [`Error::File`].
@@ -92,7 +94,7 @@ impl Photograph {
     /// Describes the file for the report: hash, header and metadata; no pixel is decoded.
     ///
     /// # Errors
-    /// [`Error::File`]; none is known for a file that could be opened.
+    /// [`Error::File`]; none known for a file that could be opened.
     pub fn describe(&self) -> Result<Input, Error> {
         let mut source = self.source()?;
         let metadata = guarded(|| Ok(source.encoding_and_exif(&self.bytes)));
@@ -122,7 +124,7 @@ impl Photograph {
         guarded(|| source.decode()).map_err(|problem| Error::file(&self.path, problem))
     }
 
-    /// Decodes two photographs of one size. Where the sizes differ, no pixel is decoded.
+    /// Decodes two photographs of one size. If the sizes differ, no pixel is decoded.
     ///
     /// # Errors
     /// [`Error::File`], and [`Error::Mismatch`] with both files and both sizes.
@@ -138,7 +140,7 @@ impl Photograph {
         Ok([i1.decode()?, i2.decode()?])
     }
 
-    /// Decodes an EXR of one channel, including NaN and infinity: width, height, and the values, row-major.
+    /// Decodes an EXR of one channel, including NaN and infinity. Returns width, height, and the values, row-major.
     pub(super) fn decode_field(self) -> Result<(u32, u32, Vec<f32>), Error> {
         let wrap = |problem| Error::file(&self.path, problem);
         let Source::Exr(exr) = self.source()? else {
@@ -153,14 +155,14 @@ impl Photograph {
     }
 }
 
-/// Turns a panic of a decoder into an error of the file; nothing that the decoder worked on is used again.
+/// Converts a panic of a decoder into an error of the file. The data of the decoder is not used again.
 fn guarded<T>(of: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(of))
         .unwrap_or_else(|_| Err(format!("cannot be decoded (the decoder fails over it); {}", check::DAMAGED)))
 }
 
-/// Decodes frames in parallel and describes their files. The first one is open already. In addition to the frames, as many files are in
-/// memory as there are processors; pages of one file share its bytes.
+/// Decodes frames in parallel and describes their files. The first one is already open. In addition to the frames,
+/// memory holds as many files as there are processors. Pages of one file share its bytes.
 ///
 /// # Errors
 /// [`Error::File`] of the first file that fails.

@@ -9,7 +9,7 @@ use super::check::{CONVERT, DAMAGED};
 use super::tiff_page::turned;
 use crate::base::{Channels, Frame, Samples};
 
-/// The formats that are read, by the names that people know them by.
+/// The formats that are read, with their usual names.
 const READ: [(ImageFormat, &str); 5] = [
     (ImageFormat::Png, "PNG"),
     (ImageFormat::Jpeg, "JPEG"),
@@ -18,11 +18,11 @@ const READ: [(ImageFormat, &str); 5] = [
     (ImageFormat::WebP, "WebP"),
 ];
 
-/// The most bytes that the header of a PNG may take, a row of pixels with it, 8 MiB. A profile that unpacks to more is
-/// passed over.
+/// Greatest number of bytes for the header of a PNG and a row of pixels, 8 MiB. A profile that decompresses to more is
+/// skipped.
 const MAX_HEADER: u64 = 8 << 20;
 
-/// A file whose header has been read.
+/// A file with a parsed header.
 pub(super) struct Raster<'a> {
     decoder: Box<dyn ImageDecoder + 'a>,
     format: &'static str,
@@ -50,7 +50,7 @@ impl<'a> Raster<'a> {
         Ok(Self { decoder: Box::new(decoder), format, orientation })
     }
 
-    /// Width and height once the camera's rotation is applied.
+    /// Width and height after the rotation that the camera recorded, px.
     pub(super) fn size(&self) -> (u32, u32) {
         turned(self.decoder.dimensions(), self.orientation)
     }
@@ -109,11 +109,11 @@ fn frame(image: DynamicImage) -> Result<Frame, String> {
     Frame::new(width, height, channels, samples)
 }
 
-/// Whether the scan of a JPEG is closed by an end-of-image marker.
+/// Whether the scan of a JPEG ends with an end-of-image marker.
 ///
-/// The decoder fills missing data with grey, which would give a wrong depth without a warning. The
-/// segments before the scan are stepped over because a thumbnail in them has an end marker of its own. What does not
-/// look like segments is left to the decoder to refuse.
+/// The decoder fills missing data with grey, which would give a wrong depth without a warning. The segments before the
+/// scan are skipped because a thumbnail in them has its own end marker. Data that does not look like segments is left
+/// for the decoder to refuse.
 fn jpeg_has_end(bytes: &[u8]) -> bool {
     const START_OF_SCAN: u8 = 0xda;
     const END_OF_IMAGE: [u8; 2] = [0xff, 0xd9];
@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_profile_that_unpacks_to_too_much_is_passed_over() {
+    fn a_profile_that_decompresses_to_too_much_is_skipped() {
         let mut info = png::Info::with_size(1, 1);
         info.icc_profile = Some(vec![0; 9 << 20].into());
         let mut bytes = Vec::new();

@@ -1,4 +1,4 @@
-//! Frames of a camera without a header, of a stated size and [format](PixelFormat): `FILE#Mono12p:2448x2048`; raw files of cameras.
+//! Frames without a header, of a stated size and [format](PixelFormat), `FILE#Mono12p:2448x2048`; camera raw files.
 
 use std::fmt;
 use std::path::Path;
@@ -7,7 +7,7 @@ use std::str::FromStr;
 use super::tiff_page::is_tiff;
 use crate::base::{Depth, Frame, PixelFormat};
 
-/// Format and size of a frame that does not state them itself; as text `Mono12p:2448x2048`.
+/// Format and size of a frame without a header; as text `Mono12p:2448x2048`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RawFormat {
     format: PixelFormat,
@@ -45,7 +45,8 @@ impl RawFormat {
         Raw::open(bytes, self)?.decode()
     }
 
-    /// The formats in which a frame of this size has `length` bytes: one for each number of bits, and one for all mosaic patterns.
+    /// The formats in which a frame of this size has `length` bytes: one for each number of bits, and one for all
+    /// mosaic patterns.
     fn fitting(&self, length: u64) -> Vec<String> {
         let of_patterns =
             |name: &String| !["BayerGR", "BayerGB", "BayerBG"].iter().any(|other| name.starts_with(other));
@@ -54,14 +55,14 @@ impl RawFormat {
     }
 }
 
-/// A frame whose length has been checked.
+/// A frame of the right length in bytes.
 pub(super) struct Raw<'a> {
     bytes: &'a [u8],
     raw: RawFormat,
 }
 
 impl<'a> Raw<'a> {
-    /// Checks the length.
+    /// Checks the length of the bytes.
     pub(super) fn open(bytes: &'a [u8], raw: RawFormat) -> Result<Self, String> {
         let (found, expected) = (bytes.len() as u64, raw.format.bytes(raw.size));
         if found == expected {
@@ -90,13 +91,13 @@ impl<'a> Raw<'a> {
         self.raw.format.format().depth
     }
 
-    /// The frame.
+    /// Makes the frame.
     pub(super) fn decode(self) -> Result<Frame, String> {
         self.raw.format.frame(self.raw.size, self.bytes)
     }
 }
 
-/// Beginnings of files: at which byte, what, and what it is.
+/// Magic bytes of raw files: their offset, the bytes, and the format.
 const BEGINNINGS: [(usize, &[u8], &str); 9] = [
     (8, b"CR", "Canon CR2"),
     (4, b"ftypcrx", "Canon CR3"),
@@ -109,7 +110,7 @@ const BEGINNINGS: [(usize, &[u8], &str); 9] = [
     (0, b"\0MRM", "Minolta MRW"),
 ];
 
-/// Raw files that begin as TIFF, by the ending of their name.
+/// Raw files that begin like TIFF, by their extension.
 const TIFF_ENDINGS: [(&str, &str); 10] = [
     ("nef", "Nikon NEF"),
     ("nrw", "Nikon NRW"),
@@ -123,11 +124,11 @@ const TIFF_ENDINGS: [(&str, &str); 10] = [
     ("erf", "Epson ERF"),
 ];
 
-/// Advice for a raw file of a camera; `None` for another file.
+/// Advice for a camera raw file; `None` for another file.
 pub(super) fn camera_raw_problem(path: &Path, start: &[u8]) -> Option<String> {
     let is_tiff = is_tiff(start);
     let begins = |(at, what, _): &&(usize, &[u8], &str)| {
-        // "CR" at byte 8 means something only in a TIFF.
+        // "CR" at byte 8 has a meaning only in a TIFF.
         start.get(*at..).is_some_and(|rest| rest.starts_with(what)) && (*what != b"CR" || is_tiff)
     };
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
@@ -147,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_does_not_fit_is_told_what_would() {
+    fn a_wrong_length_is_refused_with_the_formats_that_fit() {
         let problem = |text: &str, length: usize| Raw::open(&vec![0; length], text.parse().unwrap()).err().unwrap();
         let message = problem("Mono12p:4x2", 16);
         assert!(
@@ -164,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn raw_files_are_told_apart_from_pictures() {
+    fn camera_raw_files_are_distinguished_from_pictures() {
         for (name, start, expected) in [
             ("a.CR2", &b"II*\0\x10\0\0\0CR\x02\0"[..], Some("Canon CR2")),
             ("a.cr3", b"\0\0\0\x18ftypcrx \0\0\0\0", Some("Canon CR3")),

@@ -1,4 +1,4 @@
-//! The reader of a photograph's file, which its first bytes select, and the page or format that its name selects.
+//! The reader of a photograph file. Its first bytes select the format, its name the page or raw format.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use super::raw::{Raw, RawFormat};
 use super::tiff_page::{self, TiffPage};
 use crate::base::{Depth, Frame};
 
-/// A file, and the page or format that its name selects.
+/// A file, and the page or raw format that its name selects.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Selected {
     pub(super) file: PathBuf,
@@ -20,10 +20,11 @@ pub(super) struct Selected {
 }
 
 impl Selected {
-    /// Parses `FILE`, `FILE#N` or `FILE#FORMAT:WxH`. A path that names neither, or an existing file, is taken as it is.
+    /// Parses `FILE`, `FILE#N` or `FILE#FORMAT:WxH`. A path that names neither page nor format, or that is an existing
+    /// file, is used unchanged.
     ///
     /// # Errors
-    /// A message if the text after # begins like a format and is none.
+    /// A message if the text after # begins like a format but is not one.
     pub(super) fn of(path: &Path) -> Result<Self, String> {
         let whole = Self { file: path.to_path_buf(), page: None, raw: None };
         let Some((file, after)) = path.to_str().and_then(|text| text.rsplit_once('#')) else { return Ok(whole) };
@@ -40,8 +41,8 @@ impl Selected {
     }
 }
 
-/// The file and the page, from 1, of `FILE#N`; the file of `FILE#FORMAT:WxH`. A path that names neither, or an existing file, is returned as
-/// it is.
+/// Splits `FILE#N` into the file and the page, from 1, and `FILE#FORMAT:WxH` into the file and no page. A path that
+/// names neither, or that is an existing file, is returned unchanged.
 pub fn split_page(path: &Path) -> (PathBuf, Option<usize>) {
     Selected::of(path).map_or_else(|_| (path.to_path_buf(), None), |selected| (selected.file, selected.page))
 }
@@ -49,18 +50,18 @@ pub fn split_page(path: &Path) -> (PathBuf, Option<usize>) {
 /// Largest TIFF from which EXIF is read, 1 GiB, since it is copied.
 const MAX_TIFF: usize = 1 << 30;
 
-/// A reader of a format, which has parsed the header.
+/// A reader of one format with a parsed header.
 pub(super) enum Source<'a> {
     Raster(Raster<'a>),
     Tiff(Box<TiffPage<'a>>),
     Pfm(Pfm<'a>),
     Raw(Raw<'a>),
-    // The crate's header takes 4 KiB.
+    // The crate's header is boxed, since it takes 4 KiB.
     Exr(Box<Exr<'a>>),
 }
 
 impl<'a> Source<'a> {
-    /// Parses the header; of a TIFF that of the selected page.
+    /// Parses the header; for a TIFF, that of the selected page.
     pub(super) fn open(bytes: &'a [u8], selected: &Selected) -> Result<Self, String> {
         if let Some(format) = selected.raw {
             return Ok(Self::Raw(Raw::open(bytes, format)?));
@@ -92,7 +93,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Width and height after the rotation that the camera recorded.
+    /// Width and height after the rotation that the camera recorded, px.
     pub(super) fn size(&self) -> (u32, u32) {
         match self {
             Self::Raster(s) => s.size(),
@@ -119,7 +120,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Bits of a stored sample and colour channels, alpha not counted.
+    /// Bits of a stored sample, and colour channels without alpha.
     pub(super) fn bits_and_channels(&self) -> (u32, u32) {
         match self {
             Self::Raster(s) => s.bits_and_channels(),
@@ -141,7 +142,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Transfer curve and EXIF that the file states; `bytes` is the whole file.
+    /// Transfer curve and EXIF that the file states. `bytes` is the whole file.
     pub(super) fn encoding_and_exif(&mut self, bytes: &[u8]) -> (Option<String>, Option<Exif>) {
         let (data, profile) = match self {
             Self::Exr(_) | Self::Pfm(_) => return (Some(LINEAR.to_string()), None),

@@ -1,4 +1,4 @@
-//! Tests of every format, written and read, and of damaged files.
+//! Tests of writing and reading every format, and of damaged files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use tiff::encoder::{TiffEncoder, colortype};
 use super::*;
 use crate::base::{Channels, Samples};
 
-/// Of the bytes that are read now.
+/// Opens a photograph from the bytes that the file has now.
 fn describe(path: &Path) -> Result<Input, Error> {
     Photograph::open(path)?.describe()
 }
@@ -62,7 +62,7 @@ fn samples_of(image: &DynamicImage) -> (Channels, Samples) {
 }
 
 #[test]
-fn lossless_formats_round_trip_in_their_own_depth() {
+fn lossless_formats_round_trip_in_their_own_bit_depth() {
     let folder = TempDir::new().unwrap();
     for (kind, format) in [("png", ImageFormat::Png), ("tiff", ImageFormat::Tiff), ("pnm", ImageFormat::Pnm)] {
         for (name, image) in [("g8", gray8()), ("c8", rgb8()), ("g16", gray16()), ("c16", rgb16())] {
@@ -105,7 +105,8 @@ fn float_tiff_round_trips_in_grey_and_colour() {
     assert_eq!(read(&path).unwrap(), Frame::new(WIDTH, HEIGHT, channels, samples).unwrap());
 }
 
-/// Writes pages of one size, each a tiled picture of `tile` x `tile` pixels a tile; what hangs over is filled with 0.
+/// Writes pages of one size. Each is a tiled picture with tiles of `tile` x `tile` pixels; the parts of tiles beyond
+/// the picture are 0.
 fn tiled<C: colortype::ColorType<Inner = T>, T: Copy + Default>(path: &Path, values: &[T], tile: u32)
 where
     [T]: tiff::encoder::TiffValue,
@@ -163,7 +164,7 @@ fn tiled_tiff_is_read_in_every_depth() {
 }
 
 #[test]
-fn a_page_of_several_is_named_by_its_number() {
+fn a_page_is_selected_by_its_number() {
     use tiff::tags::Tag;
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("stack.tif");
@@ -211,7 +212,7 @@ fn a_page_of_several_is_named_by_its_number() {
 }
 
 #[test]
-fn png_and_tiff_are_turned_too() {
+fn png_and_tiff_are_rotated_too() {
     let folder = TempDir::new().unwrap();
     let turned = |image: &DynamicImage| image.rotate90().into_luma8().into_raw();
     let exif = b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0".to_vec();
@@ -258,7 +259,7 @@ fn png_and_tiff_are_turned_too() {
 }
 
 #[test]
-fn a_pair_may_have_two_depths() {
+fn a_pair_may_have_two_bit_depths() {
     let folder = TempDir::new().unwrap();
     let a = save(&folder, "a.png", &gray8(), ImageFormat::Png);
     let b = save(&folder, "b.tif", &rgb16(), ImageFormat::Tiff);
@@ -267,7 +268,7 @@ fn a_pair_may_have_two_depths() {
 }
 
 #[test]
-fn jpeg_is_read_and_turned_as_the_camera_says() {
+fn jpeg_is_read_and_rotated_as_the_camera_states() {
     let folder = TempDir::new().unwrap();
     // Big-endian TIFF header, one entry: tag 0x112 (orientation), SHORT, count 1, value 6 (turn right).
     let exif = b"MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0".to_vec();
@@ -305,7 +306,7 @@ fn exr_reads_colour_luminance_or_a_single_channel() {
 }
 
 #[test]
-fn a_float_that_is_no_number_is_refused_with_its_place() {
+fn a_nan_is_refused_with_its_position() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("nan.exr");
     for bad in [f32::NAN, f32::INFINITY] {
@@ -317,7 +318,7 @@ fn a_float_that_is_no_number_is_refused_with_its_place() {
 }
 
 #[test]
-fn sizes_that_differ_are_told_with_both_names() {
+fn an_error_about_sizes_names_both_files() {
     let folder = TempDir::new().unwrap();
     let a = save(&folder, "a.png", &gray8(), ImageFormat::Png);
     let b = save(&folder, "b.png", &gray8().crop_imm(0, 0, 30, 20), ImageFormat::Png);
@@ -337,7 +338,7 @@ fn a_header_that_claims_too_much_is_refused_before_decoding() {
     assert!(message.contains("100000x100000") && message.contains("crop"), "{message}");
 }
 
-/// Samples of every format, small enough to be cut and bent at many places.
+/// Samples of every format, small enough to be truncated and altered at many positions.
 fn one_of_each(folder: &TempDir) -> Vec<PathBuf> {
     let mut paths = vec![
         save(folder, "a.png", &rgb16(), ImageFormat::Png),
@@ -361,7 +362,7 @@ fn truncated_files_are_refused_at_every_length() {
     let folder = TempDir::new().unwrap();
     for path in one_of_each(&folder) {
         let bytes = fs::read(&path).unwrap();
-        // Half of a PNG's closing chunk may be missing without a pixel being lost, and TIFF may end in padding.
+        // Half of a PNG's closing chunk may be missing without a lost pixel, and TIFF may end in padding.
         for length in (0..bytes.len() - 16).step_by(7) {
             fs::write(&path, &bytes[..length]).unwrap();
             let message = read(&path).expect_err(&format!("{} cut to {length} bytes", path.display())).to_string();
@@ -371,7 +372,7 @@ fn truncated_files_are_refused_at_every_length() {
 }
 
 #[test]
-fn bent_files_never_panic() {
+fn altered_files_never_panic() {
     let folder = TempDir::new().unwrap();
     for path in one_of_each(&folder) {
         let bytes = fs::read(&path).unwrap();
@@ -385,8 +386,8 @@ fn bent_files_never_panic() {
 }
 
 #[test]
-fn a_fault_of_a_decoder_is_one_of_the_file() {
-    // A changed byte of B44 makes the decoder underflow; without overflow checks it goes on.
+fn a_panic_of_a_decoder_is_an_error_of_the_file() {
+    // A changed byte of B44 makes the decoder underflow. Without overflow checks it continues.
     let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hostile/b44_overflow.exr"));
     let found = read(path);
     if cfg!(debug_assertions) {
@@ -396,7 +397,7 @@ fn a_fault_of_a_decoder_is_one_of_the_file() {
 }
 
 #[test]
-fn fields_may_hold_what_photographs_may_not() {
+fn fields_may_hold_nan_and_infinity() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("field.exr");
     exr_file(&path, 2, 1, vec![("Y", FlatSamples::F32(vec![f32::NAN, -3.5]))]);
@@ -417,7 +418,7 @@ fn hash_and_pixels_are_of_the_bytes_that_were_opened() {
         let (input, frame) = (describe(&path).unwrap(), read(&path).unwrap());
         let photograph = Photograph::open(&path).unwrap();
         assert_eq!((photograph.size(), photograph.depth()), ((frame.width(), frame.height()), frame.format().depth));
-        // Another file takes the name, then the bytes change in place, then the file is gone.
+        // First another file takes the name, then the bytes change in place, then the file is removed.
         match at % 3 {
             0 => fs::rename(save(&folder, "other", &gray16(), ImageFormat::Png), &path).unwrap(),
             1 => fs::write(&path, "P5 1 1 255 \0").unwrap(),

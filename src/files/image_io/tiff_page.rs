@@ -1,4 +1,4 @@
-//! TIFF: a page of grey or colour in 8 or 16 bits or float, or bilevel, by the crate `tiff`.
+//! TIFF pages, grey or colour, in 8 or 16 bits or float, or bilevel, by the crate `tiff`.
 
 use std::io::Cursor;
 
@@ -13,7 +13,7 @@ use super::MAX_PIXELS;
 use super::check::DAMAGED;
 use crate::base::{Channels, Depth, Format, Frame, Samples};
 
-/// Most pages of a file.
+/// Greatest number of pages of a file.
 const MAX_PAGES: usize = 1 << 16;
 
 /// Bytes that one pixel may take while it is decoded: RGBA in 32-bit floats.
@@ -52,7 +52,7 @@ fn unsupported(kind: TiffUnsupportedError) -> String {
 }
 
 impl<'a> TiffPage<'a> {
-    /// Reads the directory of a page, from 1; of the first where none is named.
+    /// Reads the directory of a page, from 1; the first page if none is named.
     pub(super) fn open(bytes: &'a [u8], page: Option<usize>) -> Result<Self, String> {
         if first_directory_fits(bytes) == Some(false) {
             return Err(format!("states more values than a file of {} bytes holds; {DAMAGED}", bytes.len()));
@@ -79,7 +79,7 @@ impl<'a> TiffPage<'a> {
         self.pages
     }
 
-    /// Width and height once the camera's rotation is applied.
+    /// Width and height after the rotation that the camera recorded, px.
     pub(super) fn size(&self) -> (u32, u32) {
         turned(self.size, self.orientation)
     }
@@ -103,7 +103,7 @@ impl<'a> TiffPage<'a> {
     pub(super) fn profile(&mut self) -> Option<Vec<u8>> {
         let most = self.decoder.inner().get_ref().len() as u64;
         let mut directory = self.decoder.image_ifd();
-        // Checked first: the crate would allocate for values that the file cannot hold.
+        // Checked first, since the crate would allocate for values that the file cannot hold.
         directory.find_entry(Tag::IccProfile).filter(|entry| entry.count() <= most)?;
         let mut profile = ValueBuffer::empty(Type::UNDEFINED);
         directory.find_tag_buf(Tag::IccProfile, &mut profile).ok()??;
@@ -135,8 +135,9 @@ impl<'a> TiffPage<'a> {
     }
 }
 
-/// Whether no tag of the first directory has more values than the file can hold. The crate reads this directory before limits can be set,
-/// and allocates 32 bytes for each value. `None` if there is no such directory, which the crate reports.
+/// Whether each tag of the first directory has at most as many values as the file can hold. The crate reads this
+/// directory before limits can be set, and allocates 32 bytes for each value. `None` if there is no such directory; the
+/// crate reports this.
 fn first_directory_fits(bytes: &[u8]) -> Option<bool> {
     let number = |at: u64, size: usize| {
         let at = usize::try_from(at).ok()?;
@@ -144,7 +145,8 @@ fn first_directory_fits(bytes: &[u8]) -> Option<bool> {
         let shift = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
         Some(if bytes[0] == b'I' { found.rev().fold(0, shift) } else { found.fold(0, shift) })
     };
-    // Where the directory is stated, its length, and a tag's count and the whole of it: bytes in classic TIFF and in big.
+    // In bytes, for classic TIFF and for BigTIFF: the position of the directory's offset, and the sizes of its length,
+    // of a tag's count and of a whole tag.
     let is_big = number(2, 2)? == 43;
     let [stated, length, count, entry] = if is_big { [8, 8, 8, 20] } else { [4, 2, 4, 12] };
     let directory = number(stated, count as usize)?;
@@ -155,8 +157,8 @@ fn first_directory_fits(bytes: &[u8]) -> Option<bool> {
     Some(entries.into_iter().all(|count| count <= bytes.len() as u64))
 }
 
-/// Memory limits of the decoder for a number of pixels and a file size, bytes: the pixels, or a larger tile, and 32 bytes for each value of a
-/// tag that the file can hold.
+/// Memory limits of the decoder for a number of pixels and a file size, bytes. They allow the pixels, or a larger tile,
+/// and 32 bytes for each value of a tag that the file can hold.
 fn limits(pixels: u64, file: usize) -> Limits {
     let pixels = usize::try_from(pixels.min(MAX_PIXELS) * LARGEST_PIXEL).unwrap_or(usize::MAX);
     let mut limits = Limits::default();
@@ -165,7 +167,7 @@ fn limits(pixels: u64, file: usize) -> Limits {
     limits
 }
 
-/// Indices of the pages of the file, without the reduced copies that some programs add; up to a damaged one.
+/// Indices of the pages of the file up to a damaged page. Leaves out the reduced copies that some programs add.
 fn pages(decoder: &mut Decoder<Cursor<&[u8]>>) -> Vec<usize> {
     let mut pages = Vec::new();
     for index in 0.. {
@@ -198,7 +200,7 @@ fn format(decoder: &mut Decoder<Cursor<&[u8]>>, color: ColorType) -> Result<Form
     Ok(Format { channels, depth })
 }
 
-/// Unpacks bits to bytes, 0 or 255; each row begins with a byte.
+/// Unpacks bits to bytes, 0 or 255. Each row begins with a new byte.
 pub(super) fn bytes_of(bits: &[u8], width: u32) -> Vec<u8> {
     let width = width as usize;
     let byte = |row: &[u8], x: usize| if row[x / 8] << (x % 8) & 0x80 == 0 { 0 } else { 255 };
@@ -209,9 +211,9 @@ pub(super) fn bytes_of(bits: &[u8], width: u32) -> Vec<u8> {
 struct SampleLayout {
     /// Width and height, as stored.
     pub(super) size: (u32, u32),
-    /// Samples per pixel; the colours come first.
+    /// Samples per pixel; the colour samples come first.
     pub(super) samples: usize,
-    /// Whether samples are stored in planes.
+    /// Whether the samples are stored in planes.
     pub(super) planar: bool,
     /// Colour channels.
     pub(super) channels: Channels,
@@ -220,7 +222,7 @@ struct SampleLayout {
 }
 
 impl SampleLayout {
-    /// The upright frame.
+    /// Makes the upright frame.
     pub(super) fn frame<T: Primitive + 'static>(
         &self,
         values: Vec<T>,
@@ -240,7 +242,7 @@ impl SampleLayout {
         Frame::new(width, height, self.channels, wrap(values))
     }
 
-    /// The colours alone, interleaved.
+    /// The colour samples alone, interleaved.
     fn colors<T: Copy>(&self, values: Vec<T>) -> Vec<T> {
         let (pixels, colors) = (self.size.0 as usize * self.size.1 as usize, self.channels.count() as usize);
         if self.planar {
@@ -253,7 +255,7 @@ impl SampleLayout {
         values.chunks_exact(self.samples).flat_map(|pixel| &pixel[..colors]).copied().collect()
     }
 
-    /// Rotates as the camera recorded; `None` if there are too few samples.
+    /// Rotates the samples as the camera recorded; `None` if there are too few.
     fn upright<P: Pixel + 'static>(&self, values: Vec<P::Subpixel>) -> Option<Vec<P::Subpixel>> {
         let stored: ImageBuffer<P, _> = ImageBuffer::from_raw(self.size.0, self.size.1, values)?;
         let upright = match self.orientation {
@@ -334,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn planes_bits_halves_and_alpha_become_what_they_mean() {
+    fn planes_bits_half_floats_and_alpha_are_converted() {
         let [gray, rgb] = [GRAY, RGB].map(|kind| (Tag::PhotometricInterpretation, kind));
         let planes = [[1; 10], [2; 10], [3; 10]];
         let planes: Vec<&[u8]> = planes.iter().map(<[u8; 10]>::as_slice).collect();
@@ -380,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn a_count_that_no_file_can_hold_takes_no_memory() {
+    fn a_count_beyond_the_file_size_allocates_nothing() {
         // A tag of 8 million values in a file of 308 bytes, for which the crate would take 251 MiB.
         let bytes = include_bytes!("../../../tests/hostile/tiff_count.tif");
         let [least, most] = [limits(0, bytes.len()), limits(u64::MAX, 0)].map(|limits| limits.decoding_buffer_size);

@@ -42,7 +42,7 @@ fn triangles(points: &Points, vertices: &[usize]) -> Vec<[u32; 3]> {
         for x in 1..points.width {
             let at = y * points.width + x;
             let [a, b, c, d] = [at - points.width - 1, at - points.width, at, at - 1].map(|i| number[i]);
-            // For any missing corner one of the two cuts of a square has all of its triangles.
+            // If a corner is missing, one of the two diagonals of the square gives all remaining triangles.
             let cuts = if a == NONE || c == NONE { [[b, d, c], [a, d, b]] } else { [[a, c, b], [a, d, c]] };
             triangles.extend(cuts.into_iter().filter(|t| !t.contains(&NONE)));
         }
@@ -50,7 +50,8 @@ fn triangles(points: &Points, vertices: &[usize]) -> Vec<[u32; 3]> {
     triangles
 }
 
-/// Normals of the vertices: means of the triangles' normals weighted by area; towards the camera without triangles.
+/// Normals of the vertices: means of the triangles' normals, weighted by area. A vertex without triangles has a normal
+/// towards the camera.
 fn normals(points: &Points, vertices: &[usize], triangles: &[[u32; 3]]) -> Vec<[f32; 3]> {
     let mut normals = vec![[0.0f64; 3]; vertices.len()];
     for corners in triangles {
@@ -60,12 +61,12 @@ fn normals(points: &Points, vertices: &[usize], triangles: &[[u32; 3]]) -> Vec<[
     normals.into_iter().map(unit).collect()
 }
 
-/// Unit normal of a triangle, by its corners.
+/// Unit normal of a triangle, from its corners.
 fn normal(corners: [[f32; 3]; 3]) -> [f32; 3] {
     unit(across(corners))
 }
 
-/// Normal of a triangle, of twice its area.
+/// Normal of a triangle. Its length is twice the area.
 fn across(corners: [[f32; 3]; 3]) -> [f64; 3] {
     let [a, b, c] = corners.map(|p| p.map(f64::from));
     let [u, v] = [b, c].map(|p| [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);

@@ -47,8 +47,8 @@ pub struct Points {
 }
 
 impl Points {
-    /// The surface of results without what was filled in: in mm where a lens is known and no exaggeration is set, else exaggerated. The default
-    /// exaggeration makes the relief 15 % of the longer side.
+    /// The surface of results without filled-in values. It is in mm if the lens is known and no exaggeration is set,
+    /// else exaggerated. The default exaggeration makes the relief 15 % of the longer side.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if the image does not have the size of the results.
@@ -66,7 +66,8 @@ impl Points {
         }
     }
 
-    /// V over I1's pixels: x = column, y = -row, z = ±V times `exaggeration` (px per px²), near up; holes where V is not finite.
+    /// The surface of V over the pixels of I1: x = column, y = -row, z = ±V times `exaggeration` (px per px²), near up.
+    /// It has holes where V is not finite.
     ///
     /// # Errors
     /// [`Error::Mismatch`] if the image does not have as many pixels as there are values.
@@ -82,8 +83,9 @@ impl Points {
         Self::raised(relative_blur, fused, |v| factor * v, ["first image", &z])
     }
 
-    /// Depth in mm through a lens; the origin is the middle of the lens, x and y follow the ray of each pixel, z = -depth; holes where depth is not
-    /// finite. `part` is the part of the photographs that the depths cover. The middle of the photographs is taken as that of the lens.
+    /// The surface of depth in mm through a lens, with the middle of the lens as origin: x and y follow the ray of each
+    /// pixel, z = -depth. It has holes where depth is not finite. `part` is the part of the photographs that the depths
+    /// cover. The optical axis is assumed to pass through the middle of the photographs.
     fn of_depth(depth: &[f32], lens: &Lens, part: Region, photograph: [u32; 2], fused: &Frame) -> Result<Self, Error> {
         let comments = [
             "the lens' middle is the origin: x and y by the ray of each pixel of the first image, z = -depth",
@@ -102,7 +104,8 @@ impl Points {
         Ok(Self { positions, unit: "mm".to_string(), comments: comments.map(String::from).to_vec(), ..raised })
     }
 
-    /// Focus over the reference's pixels: z is the distance of the setting from the middle of the sweep, times `exaggeration` (px per setting).
+    /// The surface of the focus over the reference's pixels: z is the setting minus the middle of the sweep, times
+    /// `exaggeration` (px per setting).
     fn of_focus(focus: &Quantity<'_>, positions: &[f64], fused: &Frame, exaggeration: f64) -> Result<Self, Error> {
         let ends = [positions.first(), positions.last()].map(|end| end.copied().unwrap_or(0.0));
         let middle = 0.5 * (ends[0] + ends[1]);
@@ -138,7 +141,8 @@ impl Points {
         })
     }
 
-    /// Averages square cells of pixels to one point each, about `nodes` along the longer side; unchanged if there are no more.
+    /// Averages square cells of pixels to one point each, about `nodes` along the longer side. A smaller surface stays
+    /// as it is.
     pub fn reduced(&self, nodes: usize) -> Self {
         let cell = self.width.max(self.height).div_ceil(nodes.max(1));
         if cell <= 1 {
@@ -151,7 +155,7 @@ impl Points {
         Self { width, height, cell: cell * self.cell, positions, colors, unit, comments }
     }
 
-    /// Mean of the points of a cell without holes.
+    /// Mean of the points of a cell that are not holes.
     fn mean(&self, left: usize, top: usize, cell: usize) -> ([f32; 3], [u8; 3]) {
         let (right, bottom) = ((left + cell).min(self.width), (top + cell).min(self.height));
         let (mut position, mut color, mut count) = ([0.0f64; 3], [0.0f64; 3], 0.0);
@@ -162,7 +166,7 @@ impl Points {
                 count += 1.0;
             }
         }
-        // Without a point this is 0 / 0, a hole.
+        // If all points are holes, this is 0 / 0, a hole.
         (position.map(|sum| (sum / count) as f32), color.map(|sum| (sum / count).round() as u8))
     }
 
@@ -170,7 +174,8 @@ impl Points {
         self.positions[i].iter().all(|c| c.is_finite())
     }
 
-    /// The file of a format. `texture` is the picture on `surface.glb`, `nodes` limits the points of a mesh along the longer side.
+    /// The content of a file of this format. `texture` is the picture on `surface.glb`; `nodes` limits the points of a
+    /// mesh along the longer side.
     pub fn file<'a>(&'a self, model: Model, texture: &'a Frame, nodes: Option<usize>) -> Extra<'a> {
         let mesh = move || nodes.map_or_else(|| self.clone(), |nodes| self.reduced(nodes));
         match model {

@@ -5,7 +5,7 @@ use gltf::{Gltf, Semantic};
 
 use super::*;
 
-/// A tilted plane of 6 x 5 points, with a hole at (2, 1) if asked.
+/// A tilted plane of 6 x 5 points, with a hole at (2, 1) if `hole` is set.
 fn plane(hole: bool) -> (Points, Frame) {
     let (width, height) = (6usize, 5usize);
     let v =
@@ -68,13 +68,13 @@ fn ply(points: &Points, with_triangles: bool) -> Ply {
     read_ply(&bytes)
 }
 
-/// Whether a triangle is counter-clockwise seen from the camera.
+/// Whether a triangle is counter-clockwise as seen by the camera.
 fn faces_the_camera([a, b, c]: [[f32; 3]; 3]) -> bool {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0.0
 }
 
 #[test]
-fn a_mesh_has_all_of_the_plane() {
+fn a_mesh_covers_the_whole_plane() {
     let (points, _) = plane(false);
     let found = ply(&points, true);
     assert_eq!((found.vertices.len(), found.faces.len()), (30, 2 * 20));
@@ -110,14 +110,14 @@ fn the_image_focused_nearer_is_up() {
 }
 
 #[test]
-fn a_reduced_mesh_is_of_means_and_keeps_holes() {
+fn a_reduced_mesh_has_the_means_and_keeps_holes() {
     let (points, _) = plane(true);
     let reduced = points.reduced(3);
     assert_eq!((reduced.width, reduced.height, reduced.cell), (3, 3, 2));
     // (0, 0), (1, 0), (0, -1), (1, -1).
     assert_eq!(reduced.positions[0], [0.5, -0.5, 0.5 - 0.25]);
     assert_eq!(reduced.colors[0], [5, 10, 7]);
-    // (2, 1) is not there.
+    // (2, 1) is a hole.
     assert_eq!(reduced.positions[1][..2], [8.0 / 3.0, -1.0 / 3.0]);
     assert_eq!(points.reduced(6).positions.len(), 30);
     let mut empty = points.clone();
@@ -133,7 +133,7 @@ fn a_glb_is_valid_and_has_the_mesh_under_its_texture() {
         let texture = photograph(&fused);
         let mut bytes = Vec::new();
         formats::write_glb(&mut bytes, &points, &texture).unwrap();
-        // Checks lengths, indices and that what must be there is.
+        // Checks lengths, indices and required entries.
         let Gltf { document, blob } = Gltf::from_slice(&bytes).unwrap();
         let blob = blob.unwrap();
         assert_eq!(document.buffers().next().unwrap().length(), blob.len());
@@ -164,7 +164,7 @@ fn a_glb_is_valid_and_has_the_mesh_under_its_texture() {
 }
 
 #[test]
-fn millimetres_become_metres_and_pixels_a_side_of_one() {
+fn millimetres_become_metres_and_pixels_are_scaled_to_a_side_of_one() {
     for (unit, scale) in [("mm", 1e-3), ("px", 1.0 / 6.0)] {
         let (points, fused) = plane(false);
         let mut bytes = Vec::new();
@@ -189,7 +189,7 @@ fn a_reduced_glb_keeps_its_texture_in_place() {
 }
 
 #[test]
-fn what_has_no_triangle_is_an_empty_scene() {
+fn a_surface_without_triangles_is_an_empty_scene() {
     let fused = Frame::gray(2, 1, vec![0.5; 2]).unwrap();
     let points = Points::of_relative_blur(&[3.0, 0.0], &fused, Nearer::First, 2.0).unwrap();
     let mut bytes = Vec::new();
