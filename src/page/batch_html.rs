@@ -1,4 +1,4 @@
-//! The index page of a batch: a card for each result, the worst first, with a small picture and a link to its page.
+//! The index page of a batch: one card per result, the worst first, with a small picture and a link.
 
 use std::fmt::Write;
 
@@ -12,13 +12,13 @@ use super::figure::resized;
 /// Width of a small picture, px.
 const WIDTH: u32 = 320;
 
-/// Most entries with a picture; a page with more would open slowly.
+/// Greatest number of entries with a picture. A page with more would open slowly.
 const MAX_PICTURES: usize = 500;
 
 /// One pair or sweep.
 #[derive(Clone, Debug, Default)]
 pub struct Entry {
-    /// Its name; any text.
+    /// Name of the entry; any text.
     pub name: String,
     /// "solved", "kept", "failed" or "not done".
     pub status: String,
@@ -26,15 +26,15 @@ pub struct Entry {
     pub facts: Vec<String>,
     /// Warnings and errors.
     pub warnings: Vec<String>,
-    /// Order of the entries: the greatest come first; 0 is good.
+    /// Rank of the entry. The greatest rank comes first; 0 means no problem.
     pub badness: f64,
-    /// Link to its page from the index.
+    /// Link from the index to the entry's page.
     pub page: Option<String>,
-    /// Picture of its depth.
+    /// Picture of the depth.
     pub picture: Option<RgbImage>,
 }
 
-/// The page; its beginning identifies it as one of `parfocal batch`.
+/// Writes the page. Its beginning identifies it as a page of `parfocal batch`.
 pub fn batch_page(title: &str, sentence: &str, mut entries: Vec<Entry>) -> String {
     entries.sort_by(|a, b| b.badness.total_cmp(&a.badness));
     let mut page = format!(

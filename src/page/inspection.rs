@@ -10,18 +10,18 @@ use crate::metric::inspect::{Deviation, Inspection};
 /// Colours of regions nearer to the camera than the golden part, and further away.
 const NEARER: Color = [214, 39, 40];
 const FURTHER: Color = [31, 119, 180];
-/// Size of text as a fraction of the longer side, and its least size, px.
+/// Size of text as a fraction of the longer side, and the least size of text, px.
 const TEXT: f32 = 0.02;
 const LEAST_TEXT: f32 = 11.0;
-/// Most regions with a number; more numbers would hide the picture.
+/// Greatest number of regions with a number. More numbers would hide the picture.
 const MOST_NUMBERS: usize = 99;
-/// Size of a region, in sizes of the number, from which the number is inside it.
+/// Least size of a region that has its number inside, in text sizes.
 const ROOM: f32 = 3.0;
 /// Period of the stripes over pixels that are not judged, px.
 const STRIPES: u32 = 6;
 
-/// Draws the part on the golden part's pixels: regions filled, outlined and numbered, stripes where it is not judged, and below it a key
-/// and the verdict.
+/// Draws the part on the golden part's pixels: regions are filled, outlined and numbered, and pixels that are not
+/// judged are striped. A key and the verdict are below.
 pub fn draw(part: &Frame, inspection: &Inspection, unit: &str, verdict: &str) -> RgbImage {
     let picture = marked(&preview::photograph(part), inspection);
     let (width, height) = picture.dimensions();
@@ -51,7 +51,7 @@ pub fn draw(part: &Frame, inspection: &Inspection, unit: &str, verdict: &str) ->
     canvas.into_image()
 }
 
-/// Writes the number of a region at its centroid, or beside a small region; on white, to be readable.
+/// Writes the number of a region at its centroid, or next to a small region, on white.
 fn number(canvas: &mut Canvas, n: usize, region: &Deviation, size: f32, picture_width: f32) {
     let (words, bounds) = (n.to_string(), region.bounds_px);
     let (width, height) = (text_width(&words, size) + 0.4 * size, 1.2 * size);

@@ -1,4 +1,4 @@
-//! The canvas of drawings: areas, lines, text and pictures.
+//! The canvas for drawings: areas, lines, text and pictures.
 
 use std::sync::LazyLock;
 
@@ -10,7 +10,7 @@ use tiny_skia::{
 };
 use ttf_parser::{Face, OutlineBuilder};
 
-/// Longest side of a canvas, px; the rest is cut off.
+/// Greatest side of a canvas, px. A larger side is clamped to it.
 pub(super) const MAX_SIDE: u32 = 1 << 14;
 
 /// Red, green, blue.
@@ -52,11 +52,11 @@ pub(crate) enum Align {
     Right,
 }
 
-/// A white canvas.
+/// A canvas, initially white.
 pub(crate) struct Canvas(Pixmap);
 
 impl Canvas {
-    /// A white canvas; sides are clamped to 1 to [`MAX_SIDE`].
+    /// Makes a white canvas. Its sides are clamped to 1 to [`MAX_SIDE`].
     pub(crate) fn new(width: u32, height: u32) -> Self {
         let side = |length: u32| length.clamp(1, MAX_SIDE);
         let mut pixmap = Pixmap::new(side(width), side(height)).expect("sides within limits");
@@ -71,14 +71,14 @@ impl Canvas {
         }
     }
 
-    /// Draws the outline of a rectangle, its middle on the edge.
+    /// Draws the outline of a rectangle, centred on its edge.
     pub(crate) fn outline(&mut self, area: Area, color: Color, width: f32) {
         if let Some(rect) = rect(area) {
             self.stroke(&PathBuilder::from_rect(rect), color, width, None);
         }
     }
 
-    /// Draws a line through points, dashed with this period if there is one. Points that are not finite draw nothing.
+    /// Draws a line through points. It is dashed if a period is passed. Points that are not finite are left out.
     pub(crate) fn line(&mut self, points: &[(f32, f32)], color: Color, width: f32, dash: Option<f32>) {
         if let Some(path) = polygon(points, false) {
             self.stroke(&path, color, width, dash);
@@ -99,7 +99,7 @@ impl Canvas {
         }
     }
 
-    /// Draws a picture with its upper left corner at a pixel; the parts outside are cut off.
+    /// Draws a picture with its upper left corner at a pixel. The parts outside are cut off.
     pub(crate) fn image(&mut self, image: &RgbImage, (left, top): (u32, u32)) {
         let (width, height) = (self.0.width(), self.0.height());
         let pixels = self.0.pixels_mut();
@@ -117,7 +117,7 @@ impl Canvas {
         self.text_turned(text, (x, y), size, align, color, 0.0);
     }
 
-    /// Writes a line of text that reads upwards, its baseline at `x`.
+    /// Writes a line of text upwards, with its baseline at `x`.
     pub(crate) fn text_up(&mut self, text: &str, (x, y): (f32, f32), size: f32, align: Align, color: Color) {
         self.text_turned(text, (x, y), size, align, color, -90.0);
     }
@@ -131,7 +131,7 @@ impl Canvas {
         };
         let place = Transform::from_translate(start, 0.0).post_rotate(turn).post_translate(x, y);
         self.0.fill_path(&path, &paint(color), FillRule::Winding, place, None);
-        // The font is a light one: a thin outline gives it the weight that small text needs.
+        // The font is light. A thin outline gives it the weight that small text needs.
         let stroke = Stroke { width: 0.022 * size, ..Stroke::default() };
         self.0.stroke_path(&path, &paint(color), &stroke, place, None);
     }
@@ -161,7 +161,7 @@ fn paint(color: Color) -> Paint<'static> {
     paint
 }
 
-/// `None` where there is nothing to draw or a coordinate is not finite.
+/// `None` if there is nothing to draw or a coordinate is not finite.
 fn polygon(points: &[(f32, f32)], close: bool) -> Option<Path> {
     let (&(x, y), rest) = points.split_first()?;
     let mut path = PathBuilder::new();
@@ -195,7 +195,7 @@ pub(super) fn text_outline(text: &str, size: f32) -> Option<Path> {
     pen.path.finish()
 }
 
-/// Text as lines of at most `limit` px, broken between words; a single word may be longer.
+/// Splits text into lines of at most `limit` px, between words. A single word may be longer.
 pub(crate) fn wrap_text(text: &str, size: f32, limit: f32) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
@@ -271,7 +271,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_drawn_lands_where_it_should() {
+    fn shapes_are_drawn_at_their_positions() {
         let mut canvas = Canvas::new(40, 30);
         canvas.fill(Area { x: 10.0, y: 5.0, width: 10.0, height: 5.0 }, [255, 0, 0]);
         canvas.image(&RgbImage::from_pixel(2, 2, image::Rgb([0, 0, 255])), (30, 20));
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_drawn_is_left_out() {
+    fn shapes_that_cannot_be_drawn_are_left_out() {
         let mut canvas = Canvas::new(0, 0);
         let nan = f32::NAN;
         canvas.line(&[(nan, 1.0), (2.0, 3.0)], BLACK, 1.0, Some(0.0));
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn text_stands_on_its_baseline() {
+    fn text_is_on_its_baseline() {
         let mut canvas = Canvas::new(60, 40);
         canvas.text("H", (10.0, 30.0), 20.0, Align::Left, BLACK);
         let image = canvas.into_image();
@@ -305,14 +305,14 @@ mod tests {
     }
 
     #[test]
-    fn the_font_has_what_figures_write() {
+    fn the_font_has_the_characters_of_figures() {
         for c in "Ag09.,:;±×²°−–αησθε|<>≤%()".chars() {
             assert!(FACE.glyph_index(c).is_some(), "{c}");
         }
     }
 
     #[test]
-    fn width_is_where_the_outline_ends() {
+    fn the_width_is_the_end_of_the_outline() {
         let size = 20.0;
         let bounds = text_outline("HHH", size).unwrap().bounds();
         assert!(

@@ -13,14 +13,14 @@ const GAP: f32 = 0.5;
 const LEAST_TEXT: f32 = 11.0;
 /// Size of text as a fraction of the longer side.
 const TEXT: f32 = 0.018;
-/// Least height of a map in text sizes; half of it is for words.
+/// Least height of a map in text sizes, which limits the size of text. Title and names take half of it.
 const LINES: f32 = 12.0;
 
-/// Draws a colour bar, near on top, with values to its right in text of this size. The left part of the area is the bar, the right holds
-/// the numbers.
+/// Draws a colour bar, near on top, with values to its right in text of this size. The bar is in the left part of the
+/// area, the numbers are in the right.
 pub(crate) fn color_bar(canvas: &mut Canvas, area: Area, scale: &Scale, palette: Palette, size: f32) {
     let bar = Area { width: 0.9 * size, ..area };
-    // Whole rows: antialiased edges between them would show as stripes.
+    // Draws whole rows: antialiased edges between them would be visible as stripes.
     let (top, bottom) = (bar.y.round(), bar.bottom().round());
     for row in 0..(bottom - top).max(0.0) as u32 {
         let nearness = 1.0 - (f64::from(row) + 0.5) / f64::from(bottom - top);
@@ -36,7 +36,7 @@ pub(crate) fn color_bar(canvas: &mut Canvas, area: Area, scale: &Scale, palette:
     }
 }
 
-/// Round values along a bar of this height.
+/// Round values for a bar of this height.
 fn ticks(scale: &Scale, height: f32, size: f32) -> Vec<Tick> {
     let span = Axis::linear("").spanning([f64::from(scale.low), f64::from(scale.high)]);
     span.ticks((height / (2.5 * size)).max(1.0) as usize)
@@ -47,13 +47,13 @@ pub(crate) fn bar_width(size: f32) -> f32 {
     (0.9 + GAP) * size + text_width("−188.8", size)
 }
 
-/// Draws the key of a map of this size: a title with the unit, the bar, names of its ends, and round values. Its height is that of the map,
-/// and the text scales with the map.
+/// Draws the key of a map of this size: a title with the unit, the bar, names of its ends, and round values. The key is
+/// as high as the map, and the text scales with the map.
 pub(crate) fn key(title: &str, scale: &Scale, palette: Palette, (width, height): (u32, u32)) -> RgbImage {
     let high = height.min(MAX_SIDE) as f32;
     let size = (TEXT * width.max(height) as f32).min(high / LINES).max(LEAST_TEXT);
     let line = 1.4 * size;
-    // A low map has only the colours.
+    // A low map has only the colours in its key.
     let around = if high >= 5.0 * line { 2.3 * line } else { 0.0 };
     let bar = Area { x: size, y: around + 0.2 * line, width: 0.0, height: high - 1.6 * around - 0.4 * line };
     let labels = ticks(scale, bar.height, size).into_iter().filter_map(|tick| tick.label);

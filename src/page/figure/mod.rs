@@ -32,8 +32,8 @@ pub(crate) use color_bar::{bar_width, color_bar};
 /// Draws keys and profiles into results.
 pub const PLOTTER: Plotter = Plotter { key: color_bar::key, profile: plot::profile };
 
-/// Writes a picture as PNG atomically; its folder is created if it is missing. A picture of parfocal is replaced, another file only if the
-/// [`Destination`] forces it.
+/// Writes a picture as PNG atomically. Creates its folder if it is missing. Replaces a picture of parfocal; the
+/// [`Destination`] must force the replacement of another file.
 ///
 /// # Errors
 /// [`Error::File`](crate::Error::File).

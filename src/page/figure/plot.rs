@@ -31,23 +31,23 @@ pub(crate) struct Tick {
 }
 
 impl Axis {
-    /// A linear axis; `label` states the quantity and its unit.
+    /// A linear axis. `label` states the quantity and its unit.
     pub fn linear(label: impl Into<String>) -> Self {
         Self { label: label.into(), log: false, limits: None }
     }
 
-    /// A logarithmic axis; values that are not above 0 are drawn at the lower end.
+    /// A logarithmic axis. Values that are not above 0 are drawn at the lower end.
     pub fn log(label: impl Into<String>) -> Self {
         Self { label: label.into(), log: true, limits: None }
     }
 
-    /// Sets the ends. Ends that are not finite, not in order, or not above 0 on a logarithmic axis are ignored.
+    /// Sets the ends. Ignores ends that are not finite, not ascending, or not above 0 on a logarithmic axis.
     pub fn limits(mut self, low: f64, high: f64) -> Self {
         self.limits = Some([low, high]);
         self
     }
 
-    /// The ends for these values; 0 to 1, or 0.1 to 1, without values.
+    /// The ends for these values. Without values: 0 to 1, or 0.1 to 1 on a logarithmic axis.
     pub(crate) fn spanning(&self, values: impl IntoIterator<Item = f64>) -> Span {
         let shown = |v: &f64| v.is_finite() && v.abs() < 1e300 && (!self.log || *v > 1e-300);
         if let Some([low, high]) = self.limits
@@ -77,7 +77,7 @@ impl Span {
         Self { low: back(low - room), high: back(high + room), ..self }
     }
 
-    /// 0 at the lower end, 1 at the upper, beyond them outside; NaN stays.
+    /// The position of a value: 0 at the lower end, 1 at the upper end, outside these for values beyond; NaN stays NaN.
     pub(super) fn fraction(&self, value: f64) -> f64 {
         if self.log && value <= 0.0 {
             return 0.0;
@@ -102,14 +102,15 @@ impl Span {
         let step = step((self.high - self.low) / count.max(1) as f64);
         let first = (self.low / step).ceil();
         let decimals = (-step.log10().floor()).max(0.0) as usize;
-        // Bounds the number of ticks for any values.
+        // Limits the number of ticks for any values.
         (0..=2 * count + 2)
             .map(|i| (first + i as f64) * step)
             .map(|value| Tick { value, label: Some(number(value, decimals)) })
             .collect()
     }
 
-    /// Decades, every n-th of many; between them the multiples by 2 to 9, with labels (2 and 5) for few decades.
+    /// Ticks at decades, or at every n-th decade if there are many. With few decades there are minor ticks at the
+    /// multiples 2 to 9; 2 and 5 have labels.
     fn log_ticks(&self, count: usize) -> Vec<Tick> {
         let (first, last) = (self.low.log10().floor() as i32, self.high.log10().ceil() as i32);
         let decades = self.high.log10() - self.low.log10();
@@ -155,13 +156,13 @@ fn power(value: f64, exponent: i32) -> String {
     }
 }
 
-/// Colours that most colour-blind readers can tell apart (Okabe and Ito 2008).
+/// Colours that most colour-blind readers can distinguish (Okabe and Ito 2008).
 const COLORS: [Color; 6] = [[213, 94, 0], [0, 114, 178], [0, 158, 115], [204, 121, 167], [230, 159, 0], [86, 180, 233]];
 
 /// Radius of a marker, px.
 const RADIUS: f32 = 4.5;
 
-/// A named curve. A point whose y is NaN failed: the curve has a gap, and a cross is drawn above the plot.
+/// A named curve. A point with the y NaN failed: the curve has a gap, and a cross is drawn above the plot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
     pub(super) name: String,
@@ -192,7 +193,7 @@ impl Series {
         Self { name: name.into(), points, marked: true }
     }
 
-    /// A plain line for many points, with its spread as a band; where y is NaN there is a gap and no cross.
+    /// A plain line for many points, with its spread as a band. Where y is NaN there is a gap without a cross.
     pub fn unmarked(self) -> Self {
         Self { marked: false, ..self }
     }
@@ -208,7 +209,7 @@ pub(super) fn pale(index: usize) -> Color {
     color(index).map(|c| 255 - (255 - c) / 4)
 }
 
-/// Draws the marker of the i-th series: shapes differ too, for prints without colour.
+/// Draws the marker of the i-th series. Shapes differ too, for prints without colour.
 pub(super) fn marker(canvas: &mut Canvas, (x, y): (f32, f32), index: usize) {
     let (r, color) = (RADIUS, color(index));
     match index % 4 {
@@ -221,7 +222,7 @@ pub(super) fn marker(canvas: &mut Canvas, (x, y): (f32, f32), index: usize) {
     }
 }
 
-/// Scales the square, so that its area is near that of the disc.
+/// Scales the square to about the area of the disc.
 fn shrunk((cx, cy): (f32, f32)) -> impl Fn((f32, f32)) -> (f32, f32) {
     move |(x, y)| (cx + 0.88 * (x - cx), cy + 0.88 * (y - cy))
 }
@@ -233,7 +234,7 @@ pub(super) fn cross(canvas: &mut Canvas, (x, y): (f32, f32), index: usize) {
     canvas.line(&[(x - r, y + r), (x + r, y - r)], color(index), 1.8, None);
 }
 
-/// Size of the title, and of everything else, px.
+/// Size of the title, and of all other text, px.
 const TITLE: f32 = 18.0;
 const TEXT: f32 = 14.0;
 /// Margins around the curves for numbers and labels, px.
@@ -244,7 +245,7 @@ const RIGHT: f32 = 20.0;
 const LINE: f32 = 20.0;
 /// Height of a line of crosses, px.
 const CROSSES: f32 = 12.0;
-/// Fraction of the axes that is free at either end.
+/// Fraction of each axis that is free at either end.
 const PADDING: f64 = 0.05;
 
 /// Curves over two axes; see [the module](super) for an example.
@@ -271,7 +272,7 @@ impl Frame {
     }
 
     fn y(&self, value: f64) -> f32 {
-        // Clamps values far outside; NaN stays.
+        // Clamps values far outside; NaN stays NaN.
         let fraction = self.y.fraction(value).clamp(-1.0, 2.0);
         self.area.bottom() - fraction as f32 * self.area.height
     }
@@ -300,7 +301,7 @@ impl Plot {
         self
     }
 
-    /// Width and height of the whole picture, px; at least 240 x 180, at most 4096 a side.
+    /// Sets width and height of the whole picture, px: at least 240 x 180, at most 4096 a side.
     pub fn size(mut self, width: u32, height: u32) -> Self {
         self.size = (width.clamp(240, 4096), height.clamp(180, 4096));
         self
@@ -373,7 +374,8 @@ impl Plot {
         (0..self.series.len()).filter(move |&i| failed(&self.series[i]))
     }
 
-    /// Draws a line of crosses above the curves for each series with failed points; two on one line could coincide.
+    /// Draws a row of crosses above the curves for each series with failed points. On one row the crosses of two series
+    /// could coincide.
     fn draw_failures(&self, canvas: &mut Canvas, frame: &Frame) {
         for (line, i) in self.failing().enumerate() {
             let y = frame.area.y - CROSSES * (line as f32 + 0.5);
@@ -446,7 +448,7 @@ fn draw_series(canvas: &mut Canvas, frame: &Frame, series: &Series, index: usize
     }
 }
 
-/// The spread of a point; the point itself if the ends are not finite.
+/// The spread of a point, or the point itself if the ends are not finite.
 fn draw_band(canvas: &mut Canvas, frame: &Frame, run: &[Point], index: usize) {
     let edge = |end: fn(&Point) -> f64| {
         run.iter().map(move |p| {
@@ -469,7 +471,7 @@ fn draw_spread(canvas: &mut Canvas, frame: &Frame, point: &Point, x: f32, index:
     }
 }
 
-/// Draws a profile of depth, or of V or focus where it is not known, with one standard deviation to either side.
+/// Draws a profile of depth, or of V or focus if depth is not known, with one standard deviation to either side.
 pub(crate) fn profile(profile: &ProfileReport) -> RgbImage {
     let Line { from: [x1, y1], to: [x2, y2], width } = profile.line;
     let ([values, deviations], label) = match &profile.depth {
@@ -499,7 +501,7 @@ mod tests {
     }
 
     #[test]
-    fn log_ticks_name_decades_and_mark_what_lies_between() {
+    fn log_ticks_have_labels_at_decades_and_marks_between() {
         let span = Axis::log("x").spanning([0.001, 10.0]);
         assert_eq!(labels(&span, 5), ["0.001", "0.01", "0.1", "1", "10"]);
         assert_eq!(span.ticks(5).len(), 4 * 9 + 1);
@@ -510,7 +512,7 @@ mod tests {
     }
 
     #[test]
-    fn no_values_one_value_and_wild_values_still_make_an_axis() {
+    fn any_values_make_an_axis() {
         for axis in
             [Axis::linear("x"), Axis::log("x"), Axis::log("x").limits(-1.0, 1.0), Axis::linear("x").limits(1.0, 1.0)]
         {
@@ -524,7 +526,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_win_over_the_data() {
+    fn limits_take_precedence_over_the_data() {
         let span = Axis::linear("x").limits(0.0, 2.0).spanning([5.0]);
         assert_eq!((span.fraction(1.0), span.fraction(5.0)), (0.5, 2.5));
     }
@@ -538,7 +540,7 @@ mod tests {
     }
 
     #[test]
-    fn points_land_where_the_axes_say() {
+    fn points_are_drawn_at_the_positions_of_the_axes() {
         let plot = plot().series(Series::new("a", [(5.0, 0.5)]));
         let (x, y) = plot.frame().area.middle();
         let image = plot.draw();
@@ -560,7 +562,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_beyond_the_limits_is_not_drawn() {
+    fn values_beyond_the_limits_are_not_drawn() {
         let image = plot().series(Series::new("", [(5.0, 7.0)])).draw();
         assert!(!has(&image, color(0), 200..640));
     }
@@ -587,7 +589,7 @@ mod tests {
     }
 
     #[test]
-    fn odd_data_is_drawn_all_the_same() {
+    fn unusual_data_is_drawn() {
         let nan = f64::NAN;
         let wild =
             [(nan, nan), (f64::INFINITY, 1.0), (1.0, f64::NEG_INFINITY), (0.0, 0.0), (-1.0, -1.0), (1e300, 1e-300)];
@@ -603,7 +605,7 @@ mod tests {
     }
 
     #[test]
-    fn many_names_take_several_lines() {
+    fn many_names_fill_several_lines() {
         let mut plot = plot();
         for i in 0..12 {
             plot = plot.series(Series::new(format!("a rather long name {i}"), []));

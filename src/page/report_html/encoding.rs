@@ -11,14 +11,15 @@ use image::{ExtendedColorType, RgbImage};
 
 use crate::page::figure::resized;
 
-/// The integer of NaN.
+/// The integer that encodes NaN.
 const NOTHING: i32 = i32::MIN;
-/// Limit of the other integers.
+/// Greatest magnitude of the other integers.
 const BEYOND: f64 = i32::MAX as f64;
 
-/// Encodes numbers, `width` per row, to this number of decimals. Each becomes an integer, predicted from the left, upper and upper left
-/// neighbours; the residual is zigzag-coded (0, -1, 1, -2 ...). Then come all first bytes, all second bytes and so on (most high bytes
-/// are 0), zlib, base64. `data.js` decodes it.
+/// Encodes numbers, `width` per row, with this number of decimals. Each number becomes an integer, which is predicted
+/// from its left, upper and upper left neighbours. The residual is zigzag-coded (0, -1, 1, -2 ...). The first bytes of
+/// all residuals come first, then all second bytes and so on, since most high bytes are 0. The result is compressed by
+/// zlib and encoded in base64. `data.js` decodes it.
 pub(super) fn decimals(values: &[f32], width: usize, digits: u32) -> Result<String, String> {
     let integers: Vec<i32> = values.iter().map(|&v| integer(v, digits)).collect();
     let mut planes = vec![0; 4 * values.len()];
@@ -61,17 +62,17 @@ fn base64(bytes: Vec<u8>) -> String {
     STANDARD.encode(bytes)
 }
 
-/// JSON for a script element: no element ends or begins in its strings.
+/// JSON for a script element. No string in it can begin or end an element.
 pub(super) fn json(value: &impl serde::Serialize) -> Result<String, String> {
-    // Outside of strings JSON has no such character.
+    // Outside strings JSON does not contain this character.
     serde_json::to_string(value).map(|text| text.replace('<', "\\u003c")).map_err(|e| e.to_string())
 }
 
-/// Most pixels of a page. Of larger images it has every second pixel of every second row, or every third and so on, so that a browser
-/// can open it; each value is that of its pixel.
+/// Greatest number of pixels of a page, so that a browser can open it. A page of a larger image has every second pixel
+/// of every second row, or every third, and so on. Each value is that of its pixel.
 const MAX_PIXELS: usize = 1 << 22;
 
-/// Pixels at `step / 2 + k step` of both axes, k = 0, 1 and so on.
+/// A grid of pixels at `step / 2 + k step` on both axes, k = 0, 1 and so on.
 pub(super) struct Grid {
     full: (usize, usize),
     pub(super) step: usize,
@@ -127,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn every_digit_is_recovered() {
+    fn every_decimal_is_recovered() {
         let values = [0.0f32, -0.0, 1.5, f32::NAN, f32::INFINITY, -144.0, 1e-30, -1e30, 0.12345, 9.0, f32::NAN, -7.25];
         let found = unpacked(&decimals(&values, 4, 4).unwrap(), 4);
         let expected = [0, 0, 15000, NOTHING, i32::MAX, -1_440_000, 0, -i32::MAX, 1235, 90_000, NOTHING, -72_500];
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn no_string_ends_the_element_that_holds_it() {
+    fn no_string_can_close_its_script_element() {
         let text = json(&["</script><script>alert(1)</script>", "<!--"]).unwrap();
         assert!(!text.contains('<'));
         let back: Vec<String> = serde_json::from_str(&text).unwrap();

@@ -1,9 +1,9 @@
-//! `report.html`: results as one page that needs no network.
+//! `report.html`: results as one page that works without a network.
 //!
-//! The page holds its style, its scripts, three.js for the surface, and all data: each field to the digits that its read-out shows,
-//! the registered photographs and the fused image as JPEG, and the report. Pairs and sweeps share one template, of which the page hides
-//! parts. Outside text, such as file names, enters as JSON and is shown as text, never as HTML; a content security policy keeps the
-//! page from loading anything.
+//! The page contains its style, its scripts, three.js for the surface, and all data: each field with the digits that
+//! its read-out shows, the registered photographs and the fused image as JPEG, and the report. Pairs and sweeps share
+//! one template, and the page hides the parts that do not apply. Text from outside, such as file names, is embedded as
+//! JSON and displayed as text, never as HTML. A content security policy keeps the page from loading anything.
 
 mod encoding;
 mod page;
@@ -28,16 +28,17 @@ use crate::solve::resample::registered;
 /// Nodes of the surface along its longer side.
 const NODES: u32 = 512;
 
-/// Decimals of its heights, which run from 0 to 1.
+/// Decimals of the surface's heights, which run from 0 to 1.
 const HEIGHT_DIGITS: u32 = 5;
 
-/// JPEG quality of the pictures: at 88 no block shows, even when flickering, and a page of 2 megapixels stays below 8 MB.
+/// JPEG quality of the pictures. At 88 no block is visible, even when pictures alternate, and a page of 2 megapixels
+/// stays below 8 MB.
 const QUALITY: u8 = 88;
 
 /// JPEG quality of the frames of a sweep.
 const FRAME_QUALITY: u8 = 85;
 
-/// Most pixels of all frames of a sweep together, without the reference.
+/// Greatest number of pixels of all frames of a sweep together, without the reference.
 const MAX_FRAME_PIXELS: usize = 6 << 20;
 
 const TEMPLATE: &str = include_str!("assets/report.html");
@@ -66,7 +67,7 @@ struct Picture<'a> {
 /// Source of the pixels of a picture.
 enum Pixels<'a> {
     Photographed(Box<Photographed<'a>>),
-    /// An existing page: JPEG in base64.
+    /// A picture of an existing page: JPEG in base64.
     Encoded(&'a str),
 }
 
@@ -75,9 +76,9 @@ struct Photographed<'a> {
     frame: Cow<'a, Frame>,
     /// Its decoding.
     decode: Decode,
-    /// The part of it that the fields cover.
+    /// The part of the photograph that the fields cover.
     part: Region,
-    /// Its registration, unless it is the reference.
+    /// Its registration; `None` for the reference.
     registration: Option<(Homography, Brightness)>,
     /// Number of the frames that share [`MAX_FRAME_PIXELS`], if it is one of them.
     sharing: Option<usize>,
@@ -94,21 +95,21 @@ struct Contents<'a> {
     /// Size of the fields and the fused image.
     size: (u32, u32),
     palette: Palette,
-    /// The last one is the fused image.
+    /// The pictures; the last one is the fused image.
     pictures: Vec<Picture<'a>>,
-    /// The first one determines which pixels are valid.
+    /// The fields; the first one determines which pixels are valid.
     fields: Vec<Readout<'a>>,
     /// Key of the field that gives the surface its heights.
     heights: &'static str,
-    /// Relief at which the heights are to scale, where it is known.
+    /// Relief at which the heights are true to scale, if it is known.
     to_scale: Option<f64>,
-    /// More data for the scripts; an object.
+    /// Additional data for the scripts; an object.
     more: Value,
 }
 
 /// A picture that is being encoded.
 enum Image<'a> {
-    /// With its JPEG quality.
+    /// Pixels with their JPEG quality.
     Raw(RgbImage, u8),
     Encoded(&'a str),
 }
@@ -127,11 +128,11 @@ impl Contents<'_> {
         Ok(())
     }
 
-    /// The variable parts of the page by their names in the template. Expensive parts are made in parallel.
+    /// The variable parts of the page by their names in the template. Threads compute the expensive parts in parallel.
     fn parts(mut self) -> Result<Vec<(&'static str, String)>, String> {
         let first = self.fields.first().map(Readout::key);
         self.fields.retain(|field| Some(field.key()) == first || field.is_worth_showing());
-        // The page computes fields from V and its standard deviation.
+        // The page computes some fields from V and its standard deviation.
         let whole = self.fields.iter().any(|field| field.key() == "uncertainty");
         self.fields.retain(|field| whole || field.is_encoded());
         let grid = Grid::of(self.size);
@@ -140,7 +141,7 @@ impl Contents<'_> {
         let surface = Surface::bare(heights.values(), self.size, heights.scale()).map_err(|e| e.to_string())?;
         let (nodes, described) = surface_data(&surface, heights.key(), self.to_scale)?;
         let (fields, pictures) = thread::scope(|scope| {
-            // On this thread if no other can be started.
+            // Computed on this thread if no other can be started.
             let beside = |field| {
                 let (field, grid): (&Readout<'_>, _) = (field, &grid);
                 let packed = thread::Builder::new().spawn_scoped(scope, move || field.encoded(grid));
@@ -160,7 +161,8 @@ impl Contents<'_> {
         Ok(vec![("data", data), ("fields", values), ("heights", nodes), ("pictures", pictures?)])
     }
 
-    /// Pictures, moved one after the other, since resampling uses all processors and memory, and compressed in parallel.
+    /// Encodes pictures. They are resampled in sequence, since resampling uses all processors and much memory, and
+    /// compressed in parallel.
     fn encoded_pictures(&self, grid: &Grid) -> Result<String, String> {
         let mut texts = vec![Ok(String::new()); self.pictures.len()];
         let images = self.pictures.iter().map(|picture| self.image(&picture.pixels, grid));
@@ -174,7 +176,7 @@ impl Contents<'_> {
         elements.map(|(i, text)| Ok(element(&format!("picture-{i}"), &text?))).collect()
     }
 
-    /// A picture as the page shows it.
+    /// A picture as the page displays it.
     fn image<'b>(&self, pixels: &Pixels<'b>, grid: &Grid) -> Result<Image<'b>, String> {
         let Photographed { frame, decode, part, registration, sharing } = match pixels {
             Pixels::Encoded(text) => return Ok(Image::Encoded(text)),
@@ -208,12 +210,12 @@ impl Contents<'_> {
 
 const OUT: &str = "out of memory";
 
-/// An element of text that browsers do not interpret.
+/// A script element with text that browsers do not execute.
 fn element(id: &str, text: &str) -> String {
     format!("<script type=\"text/plain\" id=\"{id}\">{text}</script>\n")
 }
 
-/// The nearness of the surface's nodes, NaN in holes, and their description.
+/// The nearness of the surface's nodes, NaN in holes, and its description for the scripts.
 fn surface_data(surface: &Surface, field: &str, to_scale: Option<f64>) -> Result<(String, Value), String> {
     let relief = to_scale.unwrap_or(View::default().relief);
     let view = View { width: NODES, smoothing: 2, relief, ..View::default() };

@@ -13,19 +13,20 @@ use crate::files::bounded_read;
 use crate::files::export::{Extra, Kind, PAGE_FILE, Palette, Results};
 use crate::page::view::relief_to_scale;
 
-/// Most bytes of a page that are read, 256 MiB; a page of 4 megapixels with a hundred frames has a fifth of that.
+/// Greatest number of bytes of a page that are read, 256 MiB. A page of 4 megapixels with a hundred frames has a fifth
+/// of that.
 const MAX_BYTES: u64 = 256 << 20;
 
-/// The page of new results: the photographs and more fields.
+/// The page for new results, from the photographs and additional fields.
 #[derive(Clone, Debug)]
 pub struct Page<'a> {
     /// I1 and I2, or the frames of a sweep in the order of the report.
     pub photographs: Vec<&'a Frame>,
-    /// Their names; any text.
+    /// Names of the photographs; any text.
     pub names: Vec<String>,
     /// Colours of near and far.
     pub palette: Palette,
-    /// More fields.
+    /// Additional fields.
     pub fields: Vec<Readout<'a>>,
 }
 
@@ -65,15 +66,15 @@ impl<'a> Page<'a> {
     }
 }
 
-/// The pictures and names of the page of a folder, from which the page can be written again without the photographs.
+/// The pictures and names of an existing page. With them the page can be written again without the photographs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExistingPage {
     data: PageData,
-    /// JPEG in base64.
+    /// The pictures, JPEG in base64.
     pictures: Vec<String>,
 }
 
-/// The data of a page that stay as they are.
+/// The data of a page that do not change.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 struct PageData {
     names: [String; 2],
@@ -98,7 +99,7 @@ impl ExistingPage {
         is_whole.then_some(Self { data, pictures })
     }
 
-    /// The page of changed results, in its own colours unless others are given.
+    /// The page for changed results. It keeps its colours unless others are passed.
     pub fn file(&self, palette: Option<Palette>) -> Extra<'_> {
         Extra::new(PAGE_FILE, move |results, writer| {
             let pictures = self.data.pictures.iter().cloned().zip(&self.pictures);
@@ -124,7 +125,7 @@ fn write(
     let limit = report.settings.max_relative_blur;
     let lens = results.lens().map(|_| json!({ "scale": results.magnification(), "limit": limit }));
     let frames = (report.kind == Kind::Sweep).then_some(report.frames.len());
-    // By its text, in which floats are as short as in the file.
+    // The value is parsed from its text, which is as short for a float as in the file.
     let text = report.to_json().and_then(|text| serde_json::from_str::<Value>(&text)).map_err(|e| e.to_string())?;
     let data = json!({
         "kind": report.kind, "names": names, "compare": compare, "lens": lens, "frames": frames, "report": text,
@@ -150,7 +151,7 @@ fn write(
     fields.extend(confidence.as_deref().map(|values| Readout::confidence(values).computed()));
     if let Some(depth) = &depth {
         let [values, sigma] = Readout::depth_with_deviation(&depth.values, &depth.deviation, depth.nearer);
-        // The page computes depth by a lens itself.
+        // The page itself computes depth from a lens.
         match results.lens() {
             Some(_) => fields.extend([values.computed(), sigma.computed()]),
             None => fields.extend([values.rounded_by(&depth.deviation), sigma]),
@@ -162,7 +163,7 @@ fn write(
     Contents { size, palette, pictures, fields, heights: best.name, to_scale, more: data }.write(writer)
 }
 
-/// The content of the first element of a type and a name in the rest of a page; `rest` then begins after it.
+/// The content of the first element of this type and this name in `rest`. Advances `rest` to the text after it.
 fn element<'a>(rest: &mut &'a str, kind: &str, id: &str) -> Option<&'a str> {
     let (_, from) = rest.split_once(&format!("<script type=\"{kind}\" id=\"{id}\">"))?;
     let (found, after) = from.split_once("</script>")?;
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn the_pictures_of_a_page_are_read_and_other_files_refused() {
+    fn pictures_of_a_page_are_read_and_other_files_are_refused() {
         let data = r#"{"names":["a","b"],"compare":[0,1],"pictures":["I1","I2"],"more":1}"#;
         let page = |data: &str, second: &str| {
             format!(

@@ -1,11 +1,11 @@
-//! A value at each pixel of the page: its name, digits and colours.
+//! A quantity at each pixel of the page: its name, decimals and colours.
 
 use serde_json::{Value, json};
 
 use super::encoding::{self, Grid};
 use crate::files::export::{Nearer, Quantiles, Scale};
 
-/// A value at each pixel, as the page displays it.
+/// A quantity at each pixel, as the page displays it.
 #[derive(Clone, Debug)]
 pub struct Readout<'a> {
     key: &'static str,
@@ -20,7 +20,7 @@ pub struct Readout<'a> {
     /// Whether the colours run from the high to the low end.
     reversed: bool,
     gray: bool,
-    /// Whether the page computes it from other fields.
+    /// Whether the page computes the values from other fields.
     computed: bool,
 }
 
@@ -31,7 +31,7 @@ enum Ramp {
     Logarithmic { low: f32, high: f32 },
 }
 
-/// Fraction of the values, at either end, that may exceed the ramp.
+/// Fraction of the values, at either end, that may exceed the colour ramp.
 const TAIL: f64 = 0.01;
 
 /// Least ratio between the ends of a logarithmic ramp.
@@ -40,18 +40,18 @@ const LEAST_RATIO: f32 = 10.0;
 /// Decimals of a quantity with a span of some tens to hundreds of its unit.
 const DIGITS: u32 = 4;
 
-/// Decimals of logarithms: to 1 % of the value.
+/// Decimals of logarithms, for 1 % of the value.
 const LOGARITHM_DIGITS: u32 = 2;
 
-/// Decimals of mm: to the micrometre.
+/// Decimals of mm, for the micrometre.
 const METRIC_DIGITS: u32 = 3;
 
 impl<'a> Readout<'a> {
     /// A field in grey, least black and greatest white, with four decimals.
     ///
-    /// `key` identifies it within the page, in lower case with underscores; `name` is shown, and `sign` is its short form beside the
-    /// number. `values` has one value per pixel of the page's images, row-major; NaN where there is none. The page leaves out a field
-    /// whose values are all equal.
+    /// `key` identifies the field within the page, in lower case with underscores. `name` is displayed, and `sign` is
+    /// its short form next to the number. `values` has one value per pixel of the page's images, row-major, with NaN
+    /// for missing values. The page leaves out a field if all its values are equal.
     pub fn new(key: &'static str, name: &'static str, sign: &'static str, values: &'a [f32]) -> Self {
         let (low, high) = span(values);
         let ramp = Ramp::Linear { low, high };
@@ -95,7 +95,7 @@ impl<'a> Readout<'a> {
         Self { ramp: Ramp::Logarithmic { low, high: high.max(LEAST_RATIO * low) }, ..self }
     }
 
-    /// Limits the decimals by the standard deviation: a unit of the last decimal is at most a fifth of its median.
+    /// Limits the decimals by the standard deviation: one unit of the last decimal is at most a fifth of the median.
     pub(super) fn rounded_by(self, deviation: &[f32]) -> Self {
         let typical = Quantiles::of(deviation).at(0.5).filter(|sigma| *sigma > 0.0);
         let enough =
@@ -103,12 +103,12 @@ impl<'a> Readout<'a> {
         Self { digits: self.digits.min(enough.max(1)), ..self }
     }
 
-    /// Has the page compute it from other fields, by `formulas` in `data.js`.
+    /// Makes the page compute the values from other fields, by `formulas` in `data.js`.
     pub(super) fn computed(self) -> Self {
         Self { computed: true, ..self }
     }
 
-    /// Whether the page holds its values.
+    /// Whether the page contains the values.
     pub(super) fn is_encoded(&self) -> bool {
         !self.computed
     }
@@ -118,7 +118,7 @@ impl<'a> Readout<'a> {
         Self { ends, ..self }
     }
 
-    /// Sets colours, of which the last is near.
+    /// Sets the colours; the last one is near.
     fn near_and_far(self, scale: Scale) -> Self {
         let reversed = scale.nearer == Nearer::Second;
         let ends = if reversed { ["near", "far"] } else { ["far", "near"] };
@@ -133,7 +133,7 @@ impl<'a> Readout<'a> {
         )
     }
 
-    /// The focus setting; [`Nearer::First`] where a greater one is near.
+    /// The focus setting, with [`Nearer::First`] if greater settings are near.
     pub(super) fn focus(values: &'a [f32], nearer: Nearer) -> Self {
         let (low, high) = span(values);
         let digits = digits_of(values, high - low, DIGITS);
@@ -145,7 +145,7 @@ impl<'a> Readout<'a> {
 
     /// Depth and its standard deviation, mm.
     ///
-    /// `near` says whether the greatest depth is near (`First`, of a stage that counts so) or the least.
+    /// `near` states whether the greatest depth is near (`First`, for a stage that counts this way) or the least.
     pub(super) fn depth_with_deviation(values: &'a [f32], deviation: &'a [f32], near: Nearer) -> [Self; 2] {
         let (low, high) = span(values);
         let scale = Scale { low, high, nearer: near };
@@ -171,7 +171,7 @@ impl<'a> Readout<'a> {
             .ends(["sure", "unsure"])
     }
 
-    /// What neither blur nor registration explains.
+    /// The residual: the difference that neither blur nor registration explains.
     pub(super) fn residual(values: &'a [f32]) -> Self {
         Self::new("residual", "Residual", "residual", values).digits(5).logarithmic().ends(["explained", "not"]).note(
             "What neither blur nor registration explains around each pixel, in intensities with white at 1: large where \
@@ -179,7 +179,7 @@ impl<'a> Readout<'a> {
         )
     }
 
-    /// Confidence of V.
+    /// The confidence in V.
     pub(super) fn confidence(values: &'a [f32]) -> Self {
         Self::new("confidence", "Confidence", "confidence", values)
             .digits(5)
@@ -202,13 +202,13 @@ impl<'a> Readout<'a> {
         self.values
     }
 
-    /// The scale of its heights.
+    /// The scale for the heights of the surface.
     pub(super) fn scale(&self) -> Scale {
         let (Ramp::Linear { low, high } | Ramp::Logarithmic { low, high }) = self.ramp;
         Scale { low, high, nearer: if self.reversed { Nearer::Second } else { Nearer::First } }
     }
 
-    /// Its description for `data.js`.
+    /// The description for `data.js`.
     pub(super) fn description(&self) -> Value {
         let (Ramp::Linear { low, high } | Ramp::Logarithmic { low, high }) = self.ramp;
         json!({
@@ -224,7 +224,7 @@ impl<'a> Readout<'a> {
         matches!(self.ramp, Ramp::Logarithmic { .. })
     }
 
-    /// Its values on the grid, to the decimals that are shown; on a logarithmic scale two decimals of their logarithms.
+    /// The values on the grid with the displayed decimals; on a logarithmic scale, two decimals of their logarithms.
     pub(super) fn encoded(&self, grid: &Grid) -> Result<String, String> {
         let mut values = if self.computed { Vec::new() } else { grid.values(self.values) };
         if self.is_logarithmic() {
@@ -234,7 +234,7 @@ impl<'a> Readout<'a> {
     }
 }
 
-/// The 1st and the 99th percentile of the finite values, made unequal; 0 and 1 where none is finite.
+/// The 1st and the 99th percentile of the finite values, made unequal; 0 and 1 if none is finite.
 fn span(values: &[f32]) -> (f32, f32) {
     let mut quantiles = Quantiles::of(values);
     let ends = quantiles.at(TAIL).zip(quantiles.at(1.0 - TAIL));
@@ -242,14 +242,14 @@ fn span(values: &[f32]) -> (f32, f32) {
     if high > low { (low, high) } else { (low, low + low.abs().max(1e-3) * 1e-3) }
 }
 
-/// Decimals: `usual` for a span of 1 and more, one more for each power of ten below; fewer if the page's 32-bit integers could not
-/// hold the greatest value.
+/// Decimals: `usual` for a span of 1 and more, one more for each power of ten below. Fewer if the page's 32-bit
+/// integers could not represent the greatest value.
 fn digits_of(values: &[f32], span: f32, usual: u32) -> u32 {
     let power = f64::from(span).log10().ceil().clamp(-5.0, 0.0);
     most_digits(values).min((f64::from(usual) - power) as u32)
 }
 
-/// Most decimals with which the greatest value fits a 32-bit integer.
+/// Greatest number of decimals with which the greatest value fits a 32-bit integer.
 fn most_digits(values: &[f32]) -> u32 {
     let greatest = values.iter().filter(|v| v.is_finite()).fold(1.0f64, |m, v| m.max(f64::from(v.abs())));
     (9.0 - greatest.log10().ceil()).max(0.0) as u32
@@ -260,7 +260,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn equal_values_are_not_worth_showing() {
+    fn fields_of_equal_values_are_left_out() {
         let shown = |values: &[f32]| Readout::new("a", "A", "a", values).is_worth_showing();
         assert!(shown(&[0.0, f32::NAN, 1.0]));
         assert!(!shown(&[]) && !shown(&[f32::NAN; 2]) && !shown(&[2.0, f32::NAN, 2.0]));

@@ -2,7 +2,7 @@
 
 use super::Surface;
 
-/// Nearness, 0 to 1, at the nodes of a grid; NaN where no pixel is valid.
+/// Nearness, 0 to 1, at the nodes of a grid; NaN at nodes without a valid pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Heights {
     pub width: usize,
@@ -11,7 +11,8 @@ pub(super) struct Heights {
 }
 
 impl Heights {
-    /// Mean nearness of square cells of pixels, about `nodes` along the longer side, smoothed over `radius` cells.
+    /// Computes the mean nearness of square cells of pixels, about `nodes` along the longer side, smoothed over
+    /// `radius` cells.
     pub(super) fn of(surface: &Surface, nodes: usize, radius: usize) -> Self {
         let longer = surface.width.max(surface.height);
         let cell = ((longer as f64 / nodes as f64).round() as usize).max(1);
@@ -30,8 +31,8 @@ impl Heights {
         if inside { self.data[y as usize * self.width + x as usize] } else { f32::NAN }
     }
 
-    /// Applies a median, which removes spikes and keeps steps, and then a mean of 3 x 3, which smooths its facets. The median samples 7 x 7 nodes
-    /// of the square of that radius, since all nodes would take many times as long.
+    /// Applies a median, which removes spikes and keeps steps, and then a mean of 3 x 3, which smooths its facets. The
+    /// median uses 7 x 7 sampled nodes of the square of that radius: all nodes would take many times as long.
     fn smoothed(self, radius: usize) -> Self {
         let spread = radius.min(3) as isize;
         let offsets: Vec<isize> = (-spread..=spread).map(|k| k * radius as isize / spread.max(1)).collect();
@@ -40,7 +41,7 @@ impl Heights {
         self.filtered(&offsets, median).filtered(&[-1, 0, 1], mean)
     }
 
-    /// Combines each valid node with the valid ones at these offsets in x and y, which include 0.
+    /// Combines each valid node with the valid nodes at these offsets in x and y, which include (0, 0).
     fn filtered(&self, offsets: &[isize], combine: impl Fn(&mut [f32]) -> f32) -> Self {
         let mut window = Vec::with_capacity(offsets.len().pow(2));
         let at = |i: usize| {
@@ -75,11 +76,11 @@ fn mean(surface: &Surface, left: usize, top: usize, cell: usize) -> f32 {
 /// A vertex of the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Vertex {
-    /// Position: x right, y up, z near; the longer side of the image is 1, the middle of the surface the origin.
+    /// Position: x right, y up, z near. The longer side of the image is 1, and the origin is the middle of the surface.
     pub position: [f32; 3],
     /// Unit normal, towards near.
     pub normal: [f32; 3],
-    /// Texture coordinate, 0 to 1, right and down.
+    /// Texture coordinates, 0 to 1, right and down.
     pub uv: [f32; 2],
     /// Nearness: 0 far, 1 near.
     pub nearness: f32,
@@ -93,7 +94,7 @@ pub(super) struct Mesh {
 }
 
 impl Mesh {
-    /// Connects each four neighbouring nodes by two triangles, three valid ones by one.
+    /// Connects each four neighbouring nodes by two triangles, and three valid nodes by one.
     pub(super) fn new(heights: &Heights, relief: f32) -> Self {
         let mut index = vec![u32::MAX; heights.data.len()];
         let mut vertices = Vec::with_capacity(heights.data.len());
@@ -108,7 +109,7 @@ impl Mesh {
             for x in 1..heights.width {
                 let at = y * heights.width + x;
                 let [a, b, c, d] = [at - heights.width - 1, at - heights.width, at, at - 1].map(|i| index[i]);
-                // For any missing corner one of the two cuts of a square has all of its triangles.
+                // If a corner is missing, one of the two diagonals of the square gives all remaining triangles.
                 let cuts = if a == u32::MAX || c == u32::MAX { [[b, c, d], [a, b, d]] } else { [[a, b, c], [a, c, d]] };
                 triangles.extend(cuts.into_iter().filter(|t| !t.contains(&u32::MAX)));
             }
@@ -130,7 +131,7 @@ fn vertex(heights: &Heights, relief: f32, x: usize, y: usize) -> Vertex {
     let slope = |dx: isize, dy: isize| {
         let ahead = heights.get(ix + dx, iy + dy) - nearness;
         let behind = nearness - heights.get(ix - dx, iy - dy);
-        // One-sided at the edge, 0 for an isolated node.
+        // One-sided at an edge, 0 for an isolated node.
         let sides = [ahead, behind].map(|d| if d.is_nan() { (0.0, 0.0) } else { (d, 1.0f32) });
         relief * longer * (sides[0].0 + sides[1].0) / (sides[0].1 + sides[1].1).max(1.0)
     };
@@ -175,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn smoothing_takes_spikes_and_keeps_steps_and_holes() {
+    fn smoothing_removes_spikes_and_keeps_steps_and_holes() {
         let mut blur: Vec<f32> = (0..81).map(|i| if i % 9 < 4 { 0.0 } else { 1.0 }).collect();
         (blur[20], blur[42], blur[80]) = (1.0, 0.0, f32::NAN);
         let found = heights(9, 9, &blur, 9, 2);
@@ -194,7 +195,7 @@ mod tests {
 
     #[test]
     fn a_plane_has_one_normal_everywhere() {
-        // Nearness rises by 0.1 a node, 4 nodes to the unit: dz/dx = 0.1 * 4 * relief.
+        // Nearness rises by 0.1 per node, with 4 nodes per unit: dz/dx = 0.1 * 4 * relief.
         let mesh = Mesh::new(&grid(4, 3, |x, _| 0.1 * x as f32), 0.5);
         let expected = unit([-0.2, 0.0, 1.0]);
         assert_eq!((mesh.vertices.len(), mesh.triangles.len()), (12, 12));
@@ -208,7 +209,7 @@ mod tests {
     #[test]
     fn holes_are_not_drawn_and_their_corners_are_cut() {
         let hole = |hx: usize, hy: usize| grid(4, 4, move |x, y| if (x, y) == (hx, hy) { f32::NAN } else { 0.5 });
-        // Of the four squares around an inner node each keeps one triangle.
+        // Each of the four squares around an inner node keeps one triangle.
         assert_eq!(Mesh::new(&hole(1, 2), 1.0).triangles.len(), 2 * 5 + 4);
         assert_eq!(Mesh::new(&hole(0, 0), 1.0).triangles.len(), 2 * 8 + 1);
         assert_eq!(Mesh::new(&hole(3, 3), 1.0).triangles.len(), 2 * 8 + 1);

@@ -17,8 +17,8 @@
 //! # Ok::<(), parfocal::Error>(())
 //! ```
 //!
-//! Heights are nearness, from the 1st to the 99th percentile. They are metric only with a lens. The rasteriser runs on the CPU and gives the
-//! same picture everywhere.
+//! Heights are nearness, from the 1st to the 99th percentile. They are metric only with a lens. The rasteriser runs on
+//! the CPU and gives the same picture on every machine.
 
 mod mesh;
 mod picture;
@@ -33,10 +33,10 @@ use crate::files::preview::photograph;
 /// Title and key of the surface of V.
 const OF_BLUR: [&str; 2] = ["Relative blur V", "V, px²"];
 
-/// Greatest relief.
+/// Greatest value of the relief.
 const MOST_RELIEF: f64 = 2.0;
 
-/// A field with its scale, and the picture on it.
+/// A field with its scale, and the picture that textures it.
 #[derive(Clone, Debug)]
 pub struct Surface<'a> {
     width: usize,
@@ -46,7 +46,7 @@ pub struct Surface<'a> {
     scale: Scale,
     /// Title, and label of the key.
     names: [&'static str; 2],
-    /// Relief that is true to scale, where a lens is known.
+    /// Relief that is true to scale, if the lens is known.
     to_scale: Option<f64>,
 }
 
@@ -59,7 +59,8 @@ pub struct View {
     pub azimuth: f64,
     /// Height from the far to the near end of the scale, over the longer side of the image, 0 to 2.
     pub relief: f64,
-    /// Radius of the median that removes spikes from the surface, in about pixels of a panel, or of V if there are fewer; 0 (none) to 16.
+    /// Radius of the median that removes spikes from the surface, 0 (none) to 16. Its unit is about a pixel of a panel,
+    /// or a pixel of V if there are fewer of these.
     pub smoothing: u32,
     /// Width of one of the two panels, px, 64 to 2048.
     pub width: u32,
@@ -94,7 +95,7 @@ impl View {
 }
 
 impl<'a> Surface<'a> {
-    /// The surface of V, px², row-major, NaN where not valid, under an image of the same size.
+    /// Makes the surface of V, px², row-major, NaN where not valid, with an image of the same size as texture.
     ///
     /// # Errors
     /// [`Error::Mismatch`] where the sizes differ.
@@ -102,7 +103,7 @@ impl<'a> Surface<'a> {
         Self::on(relative_blur, fused, Scale::of(relative_blur, nearer))
     }
 
-    /// The surface of a quantity of results, under an image of the same size.
+    /// Makes the surface of a quantity of results, with an image of the same size as texture.
     ///
     /// # Errors
     /// As for [`new`](Self::new).
@@ -116,7 +117,8 @@ impl<'a> Surface<'a> {
         Ok(Self { names, to_scale, ..Self::on(&quantity.values, fused, quantity.scale())? })
     }
 
-    /// The [relief](View::relief) that is true to scale at the middle depth, where a lens is known; else the default one.
+    /// The [relief](View::relief) that is true to scale at the middle depth, if the lens is known; else the default
+    /// one.
     pub fn relief(&self) -> f64 {
         self.to_scale.unwrap_or(View::default().relief)
     }
@@ -127,7 +129,7 @@ impl<'a> Surface<'a> {
         Ok(Self { texture: photograph(fused), ..bare })
     }
 
-    /// The surface without a picture, for its heights alone.
+    /// Makes the surface without a picture, for its heights alone.
     pub(crate) fn bare(values: &'a [f32], (width, height): (u32, u32), scale: Scale) -> Result<Self, Error> {
         let (width, height) = (width as usize, height as usize);
         if values.len() != width * height || values.is_empty() {
@@ -139,14 +141,14 @@ impl<'a> Surface<'a> {
         Ok(Self { width, height, values, texture: RgbImage::new(0, 0), scale, names: OF_BLUR, to_scale: None })
     }
 
-    /// Nearness, 0 far to 1 near, row-major on a grid of about `view.width` nodes along the longer side, smoothed as the
-    /// view asks; NaN where no pixel is valid. With columns and rows.
+    /// Nearness, 0 far to 1 near, row-major on a grid of about `view.width` nodes along the longer side, smoothed as
+    /// `view` states. NaN where no pixel is valid. Also returns the numbers of columns and rows.
     pub(crate) fn heights(&self, view: &View) -> (usize, usize, Vec<f32>) {
         let heights = mesh::Heights::of(self, view.width as usize, view.smoothing as usize);
         (heights.width, heights.height, heights.data)
     }
 
-    /// Both panels side by side, textured and colour-coded, with a key to the colours.
+    /// Draws both panels side by side, textured and colour-coded, with a key to the colours.
     ///
     /// # Errors
     /// [`Error::Setting`].
@@ -155,8 +157,8 @@ impl<'a> Surface<'a> {
         Ok(picture::draw(self, view))
     }
 
-    /// Writes an animated GIF of both panels in which the camera swings 40° to either side of `view`; its folder is created if it is missing.
-    /// An animation of parfocal is replaced, another file only if the [`Destination`] forces it.
+    /// Writes an animated GIF of both panels. The camera swings 40° to either side of `view`. Creates the folder if it
+    /// is missing. Replaces an animation of parfocal; the [`Destination`] must force the replacement of another file.
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::File`].
@@ -179,7 +181,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn views_out_of_range_and_sizes_that_differ_are_refused() {
+    fn views_out_of_range_and_different_sizes_are_refused() {
         let fused = Frame::gray(4, 3, vec![0.5; 12]).unwrap();
         assert!(matches!(Surface::new(&[0.0; 11], &fused, Nearer::First), Err(Error::Mismatch(_))));
         let blur = [0.0; 12];

@@ -14,21 +14,21 @@ use crate::base::Error;
 use crate::files::export::{self, Destination, FileKind, Palette, SOFTWARE};
 use crate::page::figure::{Align, Area, BLACK, Canvas, GRAY, bar_width, color_bar, resized};
 
-/// Samples of a pixel along each axis.
+/// Number of samples per pixel along each axis.
 const SAMPLES: u32 = 2;
 
-/// Brightness of what no light reaches, of the textured panel and the colour-coded one: a photograph has shading of
-/// its own.
+/// Brightness of unlit areas, of the textured and of the colour-coded panel. The textured panel is brighter, since a
+/// photograph has its own shading.
 const AMBIENT: [f32; 2] = [0.5, 0.35];
 
-/// The most that light brightens.
+/// Greatest brightness of lit areas.
 const BRIGHTEST: f32 = 1.25;
 
 /// Size of text, px.
 const TEXT: f32 = 15.0;
 const MARGIN: f32 = 12.0;
 
-/// A mesh and its texture, as fine as the panels of a view show them.
+/// A mesh and its texture, at the resolution of the panels of a view.
 pub(super) struct Model {
     pub mesh: Mesh,
     texture: RgbImage,
@@ -61,7 +61,7 @@ impl Model {
         })
     }
 
-    /// The texture at a place, bilinear.
+    /// The texture at a position, interpolated bilinearly.
     fn texel(&self, [u, v]: [f32; 2]) -> [f32; 3] {
         let (width, height) = self.texture.dimensions();
         let along = |t: f32, size: u32| {
@@ -89,7 +89,7 @@ fn average(fragments: &[Fragment], (width, height): (u32, u32), color: impl Fn(&
     })
 }
 
-/// Both panels side by side, named, and the key.
+/// Draws both panels side by side with their names and the key.
 pub(super) fn draw(surface: &Surface, view: &View) -> RgbImage {
     let model = Model::new(surface, view);
     let camera = Camera::new(view.elevation, view.azimuth);
@@ -115,22 +115,22 @@ pub(super) fn draw(surface: &Surface, view: &View) -> RgbImage {
     canvas.into_image()
 }
 
-/// Frames of one swing there and back, a multiple of 4.
+/// Number of frames of one swing to the far end and back, a multiple of 4.
 const FRAMES: usize = 48;
 
-/// How far the camera swings to either side, degrees: farther, near parts hide the rest.
+/// Greatest angle of the camera to either side, degrees. Beyond it, near parts hide the rest.
 const SWING: f64 = 40.0;
 
-/// Hundredths of a second that a frame stays.
+/// Duration of a frame, hundredths of a second.
 const DELAY: u16 = 7;
 
-/// Effort of the choice of each frame's colours, 1 (most) to 30.
+/// Speed of the choice of each frame's colours, from 1 (slow, accurate) to 30.
 const SPEED: i32 = 10;
 
 /// Writes the animation.
 pub(super) fn write_turntable(surface: &Surface, view: &View, file: Destination<'_>) -> Result<(), Error> {
     let model = Model::new(surface, view);
-    // From one end to the other; the way back shows the same frames.
+    // From one end to the other. The way back repeats these frames.
     let cameras: Vec<Camera> = (0..=FRAMES / 2)
         .map(|i| Camera::new(view.elevation, view.azimuth - SWING * (TAU * i as f64 / FRAMES as f64).cos()))
         .collect();
@@ -148,7 +148,7 @@ pub(super) fn write_turntable(surface: &Surface, view: &View, file: Destination<
 }
 
 fn frame(image: &RgbImage) -> Frame<'static> {
-    // Two panels of 2048 px at most, neither taller than twice its width: the sides fit.
+    // Two panels have at most 2048 px, and neither is taller than twice its width, so the sides fit.
     let mut frame = Frame::from_rgb_speed(image.width() as u16, image.height() as u16, image, SPEED);
     frame.delay = DELAY;
     frame

@@ -2,18 +2,18 @@
 
 use super::mesh::{Mesh, Vertex};
 
-/// Distance of the camera from the middle of the surface, in units of the surface's longer side. Nearer, the
-/// perspective exaggerates; farther, near and far look alike.
+/// Distance of the camera from the middle of the surface, in units of the surface's longer side. A shorter distance
+/// exaggerates perspective; a longer one makes near and far look alike.
 const DISTANCE: f32 = 3.0;
 
-/// A camera that looks at the origin; the surface lies in the plane of x (right) and y (up), near is +z.
+/// A camera that looks at the origin. The surface is in the plane of x (right) and y (up); near is +z.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Camera {
     azimuth: (f32, f32),
     elevation: (f32, f32),
 }
 
-/// Brings what a camera sees into a picture.
+/// A map from the camera's view to the pixels of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fit {
     scale: f32,
@@ -24,31 +24,31 @@ pub(super) struct Fit {
 }
 
 impl Camera {
-    /// Degrees, as in [`View`](super::View).
+    /// Makes a camera from angles in degrees, as in [`View`](super::View).
     pub(super) fn new(elevation: f64, azimuth: f64) -> Self {
         let sin_cos = |degrees: f64| degrees.to_radians().sin_cos();
         let single = |(sin, cos): (f64, f64)| (sin as f32, cos as f32);
         Self { azimuth: single(sin_cos(azimuth)), elevation: single(sin_cos(elevation)) }
     }
 
-    /// A direction as the camera sees it: right, up, towards the camera.
+    /// A direction in camera coordinates: right, up, towards the camera.
     pub(super) fn turn(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
         let ((sin_a, cos_a), (sin_e, cos_e)) = (self.azimuth, self.elevation);
         let (x, y) = (x * cos_a + y * sin_a, y * cos_a - x * sin_a);
         [x, y * sin_e + z * cos_e, z * sin_e - y * cos_e]
     }
 
-    /// A point in perspective: right, up, and what is greater nearer to the camera.
+    /// A point in perspective: right, up, and a value that is greater for nearer points.
     pub(super) fn project(&self, point: [f32; 3]) -> [f32; 3] {
         let [x, y, z] = self.turn(point);
-        // The surface stays within 1.5 of the origin: never behind the camera.
+        // The surface stays within 1.5 of the origin, so it is never behind the camera.
         let near = DISTANCE / (DISTANCE - z);
         [x * near, y * near, near]
     }
 }
 
 impl Fit {
-    /// A picture of this width that holds the mesh as all cameras see it, with a margin, px.
+    /// Makes the map for a picture of this width, px, that contains the mesh as seen by all cameras, with a margin.
     pub(super) fn new(cameras: &[Camera], mesh: &Mesh, width: u32, margin: f32) -> Self {
         let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for camera in cameras {
@@ -62,34 +62,34 @@ impl Fit {
             return Self { scale: 1.0, left: 0.0, top: 0.0, size: (width, width / 2) };
         }
         let scale = (width as f32 - 2.0 * margin).max(1.0) / (right - left);
-        // A long narrow surface is not shown taller than twice the width.
+        // A long narrow surface is at most twice as tall as the picture is wide.
         let scale = scale.min((2.0 * width as f32 - 2.0 * margin).max(1.0) / (top - bottom).max(1e-6));
         let height = (scale * (top - bottom) + 2.0 * margin).ceil() as u32;
         let middle = (left + right) / 2.0;
         Self { scale, left: width as f32 / 2.0 / scale - middle, top: top + margin / scale, size: (width, height) }
     }
 
-    /// The same picture, `factor` times as large.
+    /// Scales the picture by `factor`.
     pub(super) fn enlarged(self, factor: u32) -> Self {
         let (width, height) = self.size;
         Self { scale: self.scale * factor as f32, size: (width * factor, height * factor), ..self }
     }
 
-    /// Px right and down, and what is greater nearer to the camera.
+    /// The position of a point: px right, px down, and a value that is greater for nearer points.
     pub(super) fn place(&self, [x, y, near]: [f32; 3]) -> [f32; 3] {
         [(x + self.left) * self.scale, (self.top - y) * self.scale, near]
     }
 }
 
-/// What a pixel shows.
+/// The surface point that is visible in a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fragment {
-    /// Greater is nearer to the camera; negative infinity where the pixel is empty.
+    /// A value that is greater for nearer points; negative infinity for an empty pixel.
     pub near: f32,
-    /// Cosine of the angle between light and normal, over that of a flat surface seen from above: 1 leaves a picture
-    /// as bright as it is.
+    /// Cosine of the angle between light and normal, over that of a flat surface seen from above. 1 leaves the
+    /// brightness of the picture unchanged.
     pub light: f32,
-    /// Place in the image, 0 to 1, right and down.
+    /// Texture coordinates, 0 to 1, right and down.
     pub uv: [f32; 2],
     /// 0 far, 1 near.
     pub nearness: f32,
@@ -103,11 +103,11 @@ impl Fragment {
     }
 }
 
-/// Where the light comes from as the camera sees it, right, up, towards the camera; unit length. Upper left is where
-/// readers expect it: from below, hills look like hollows.
+/// Direction towards the light in camera coordinates: right, up, towards the camera; unit length. Light from the upper
+/// left is what readers expect: light from below makes hills look like hollows.
 const LIGHT: [f32; 3] = [-0.48, 0.6, 0.64];
 
-/// Draws a mesh; row-major fragments of the picture's size.
+/// Draws a mesh. Returns fragments, row-major, of the picture's size.
 pub(super) fn draw(mesh: &Mesh, camera: &Camera, fit: &Fit) -> Vec<Fragment> {
     let (width, height) = (fit.size.0 as usize, fit.size.1 as usize);
     let flat = dot(camera.turn([0.0, 0.0, 1.0]), LIGHT).max(0.1);
@@ -131,7 +131,7 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 
 /// A vertex in the picture.
 struct Corner {
-    /// Px right, px down, nearness to the camera.
+    /// Px right, px down, and a value that is greater for nearer points.
     place: [f32; 3],
     light: f32,
     uv: [f32; 2],
@@ -145,8 +145,8 @@ struct Target {
 }
 
 impl Target {
-    /// Fills the pixels whose middle lies in the triangle and that show nothing nearer. What belongs to a corner is
-    /// linear in between: triangles are too small for perspective to matter.
+    /// Fills the pixels with their middle in the triangle, unless they show a nearer point. The values of the corners
+    /// are interpolated linearly: triangles are too small for perspective to matter.
     fn triangle(&mut self, [a, b, c]: [&Corner; 3]) {
         let area = edge(a.place, b.place, c.place);
         if area == 0.0 || !area.is_finite() {
@@ -183,10 +183,10 @@ fn edge(a: [f32; 3], b: [f32; 3], c: [f32; 3]) -> f32 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
-/// The pixels whose middle may lie within the triangle along an axis.
+/// The range of pixels along an axis that may have their middle in the triangle.
 fn span(a: &Corner, b: &Corner, c: &Corner, axis: usize, size: usize) -> std::ops::Range<usize> {
     let [a, b, c] = [a, b, c].map(|corner| corner.place[axis]);
-    // Casts saturate.
+    // These casts saturate.
     let first = (a.min(b).min(c) - 0.5).ceil().max(0.0) as usize;
     let end = ((a.max(b).max(c) - 0.5).floor() + 1.0).max(0.0) as usize;
     first..end.min(size)
@@ -202,26 +202,26 @@ mod tests {
     }
 
     #[test]
-    fn from_above_it_is_as_photographed() {
+    fn a_surface_from_above_looks_as_photographed() {
         let camera = Camera::new(90.0, 0.0);
         assert_near(camera.turn([0.1, 0.2, 0.3]), [0.1, 0.2, 0.3]);
         assert_near(camera.project([0.1, 0.2, 0.0]), [0.1, 0.2, 1.0]);
     }
 
     #[test]
-    fn from_the_edge_height_points_up_and_the_lower_edge_is_near() {
+    fn in_a_view_from_the_edge_height_points_up_and_the_lower_edge_is_near() {
         let camera = Camera::new(0.0, 0.0);
         assert_near(camera.turn([0.0, 0.0, 1.0]), [0.0, 1.0, 0.0]);
         assert_near(camera.turn([0.0, -1.0, 0.0]), [0.0, 0.0, 1.0]);
     }
 
     #[test]
-    fn going_around_to_the_right_brings_the_right_side_near() {
+    fn a_camera_to_the_right_has_the_right_side_near() {
         assert_near(Camera::new(0.0, 90.0).turn([1.0, 0.0, 0.0]), [0.0, 0.0, 1.0]);
     }
 
     #[test]
-    fn what_is_nearer_is_larger() {
+    fn nearer_points_are_larger() {
         let camera = Camera::new(90.0, 0.0);
         let (near, far) = (camera.project([0.1, 0.0, 0.5]), camera.project([0.1, 0.0, -0.5]));
         assert!(near[0] > 0.1 && far[0] < 0.1 && near[2] > far[2]);

@@ -14,7 +14,7 @@ function svg(name, attributes, text) {
   return found;
 }
 
-// Axes with round ticks; `marks(at)` draws by places in units of both.
+// Axes with round ticks. `marks(at)` draws at positions in the units of both axes.
 function chart({ width, height, x: [x1, x2], y: [y1, y2], label, xTitle, yTitle }, marks) {
   const [left, right, top, bottom] = [62, 10, 22, 38];
   const picture = svg('svg', { viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': label });
@@ -39,7 +39,7 @@ function chart({ width, height, x: [x1, x2], y: [y1, y2], label, xTitle, yTitle 
   return picture;
 }
 
-// One curve a level, coarse to fine side by side: the energies of different levels do not compare.
+// One curve per level, coarse to fine, side by side: the energies of different levels are not comparable.
 function energyPlot(width) {
   const all = report.levels.flatMap((level) => level.energy).filter((e) => e !== null);
   const count = report.levels.reduce((sum, level) => sum + level.energy.length, 0);
@@ -57,14 +57,14 @@ function energyPlot(width) {
   });
 }
 
-// Of a sweep: how sharp each frame is around a sample, by the variance of its Laplacian, and what the model says.
+// For a sweep: the sharpness of each frame around a sample, by the variance of its Laplacian, and that of the model.
 class FocusCurve {
   constructor(pictures) {
     this.frames = pictures.slice(0, data.frames);
     this.plot = byId('focus-curve');
   }
 
-  // Over about 13 x 13 px of the largest picture.
+  // The window has about 13 x 13 px of the largest picture.
   sharpness(picture, x, y) {
     const factor = picture.width / grid.width;
     const reach = Math.max(3, Math.round(6 * factor));
@@ -87,7 +87,7 @@ class FocusCurve {
     const [u, sigma] = [principal.values[at], fields.uncertainty.values[at]];
     const ends = [Math.min(...settings), Math.max(...settings)];
     const winner = measured.indexOf(Math.max(...measured));
-    // Texture of about a pixel under a blur whose variance grows by the rate with the squared distance from the focus.
+    // Texture of about a pixel. Its blur variance grows by the rate with the squared distance from the focus.
     const model = (p) => (1 + report.blur_rate_px2 * (p - u) ** 2) ** -2;
     const plot = chart({ width: this.plot.clientWidth || 600, height: 220, x: ends, y: [0, 1], label: 'Sharpness of each frame at the cursor',
       xTitle: `setting${report.focus_unit === 'settings' ? '' : `, ${report.focus_unit}`}`, yTitle: 'sharpness, of the greatest' }, (place) => {
@@ -105,7 +105,7 @@ class FocusCurve {
         svg('line', { class: 'focus', x1: middle, x2: middle, y1: head, y2: foot }), ...marks];
     });
     this.plot.replaceChildren(plot);
-    const told = Number.isNaN(u) ? 'No pair of frames tells where it is in focus.' : `In focus at ${withDeviation(u, sigma, principal)} ${principal.unit}.`;
-    byId('focus-note').textContent = `At ${pixelOf(x)}, ${pixelOf(y)}: ${data.pictures[winner]} is the sharpest. ${told}`;
+    const inFocus = Number.isNaN(u) ? 'No pair of frames determines its focus.' : `In focus at ${withDeviation(u, sigma, principal)} ${principal.unit}.`;
+    byId('focus-note').textContent = `At ${pixelOf(x)}, ${pixelOf(y)}: ${data.pictures[winner]} is the sharpest. ${inFocus}`;
   }
 }

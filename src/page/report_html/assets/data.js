@@ -1,4 +1,4 @@
-// What the page holds, unpacked.
+// The data of the page, decoded.
 
 const byId = (id) => document.getElementById(id);
 const data = JSON.parse(byId('data').textContent);
@@ -12,7 +12,8 @@ function bytes(id) {
   return found;
 }
 
-// Numbers as packed.rs packs them: zlib, four planes of bytes, zigzag, each off the plane through its neighbours.
+// Decodes numbers of encoding.rs: zlib, four planes of bytes, zigzag, each a residual of the plane through its
+// neighbours.
 async function decimals(id, width, digits) {
   const stream = new Blob([bytes(id)]).stream().pipeThrough(new DecompressionStream('deflate'));
   const planes = new Uint8Array(await new Response(stream).arrayBuffer());
@@ -26,7 +27,7 @@ async function decimals(id, width, digits) {
     const left = i % width ? integers[i - 1] : null;
     const above = i >= width ? integers[i - width] : null;
     const expected = left === null || above === null ? left ?? above ?? 0 : left + above - integers[i - width - 1];
-    // A sum of three may leave the range, and wraps.
+    // A sum of three may overflow, and wraps around.
     integers[i] = expected + ((zigzag >>> 1) ^ -(zigzag & 1));
     const value = integers[i];
     found[i] = Math.abs(value) < 2 ** 31 - 1 ? value / unit : special.get(value);
@@ -48,10 +49,10 @@ function colorsOf(map) {
   return Array.from({ length: 256 }, (_, i) => [0, 2, 4].map((at) => parseInt(map.colors.slice(6 * i + at, 6 * i + at + 2), 16)));
 }
 
-// What tells nothing: light and dark grey, in stripes.
+// The pattern of pixels without information: light and dark grey stripes.
 const HATCH = [205, 165].map((grey) => grey | (grey << 8) | (grey << 16) | (255 << 24));
 
-// A field as a picture: nothing where there is no value, stripes where `isHatched`.
+// A field as a picture: transparent where there is no value, striped where `isHatched`.
 function colored(values, map, field, isHatched) {
   const canvas = canvasOf(grid.width, grid.height);
   const context = canvas.getContext('2d');
@@ -68,7 +69,7 @@ function colored(values, map, field, isHatched) {
   return canvas;
 }
 
-// Depth in mm of V, as the program inverts a lens (src/base/lens.rs).
+// Depth in mm from V, as the program inverts a lens (src/base/lens.rs).
 function lensInverse({ scale, limit }, lens) {
   const { focal_length_mm: f, f_number: n, pixel_pitch_mm: pitch, focus_mm: focus, kappa, telecentric } = lens;
   const coordinate = (z) => (telecentric ? (f * z) / (z - f) : 1 / z);
@@ -98,7 +99,7 @@ function lensInverse({ scale, limit }, lens) {
   return { depth, deviation };
 }
 
-// What fields are of others.
+// Fields that are computed from other fields.
 const formulas = {
   confidence: () => fields.uncertainty.values.map((sigma) => (Number.isNaN(sigma) ? 0 : 1 / (1 + sigma * sigma))),
   depth: () => fields.relative_blur.values.map(lensInverse(data.lens, report.depth.lens).depth),
@@ -108,14 +109,14 @@ const formulas = {
   },
 };
 
-// One value at each pixel: what it is called, its colours, and how it is read.
+// A value at each pixel: its name, its colours, and its scale.
 class Field {
   constructor(described) {
     Object.assign(this, described);
     this.title = this.unit ? `${this.name}, ${this.unit}` : this.name;
   }
 
-  // Logarithms are kept to a hundredth; what is of others comes after them.
+  // Logarithms have two decimals. Fields that depend on others come after these.
   async unpack() {
     if (this.computed) return;
     const values = await decimals(`field-${this.key}`, grid.width, this.logarithms ? 2 : this.digits);
@@ -126,7 +127,7 @@ class Field {
     if (this.computed) this.values = formulas[this.key]();
   }
 
-  // From the low to the high end, 0 to 1.
+  // The position between the low end, 0, and the high end, 1.
   share(value) {
     const { low, high } = this;
     const t = this.logarithmic ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : (value - low) / (high - low);
@@ -138,7 +139,7 @@ class Field {
     return this.logarithmic ? low * (high / low) ** t : low + t * (high - low);
   }
 
-  // Along the colour map, and of heights.
+  // The position along the colour map, and that of heights.
   position(value) {
     return this.reversed ? 1 - this.share(value) : this.share(value);
   }
@@ -150,7 +151,7 @@ class Field {
     return this.low < 0 ? signed(value, this.digits) : plain(value, this.digits);
   }
 
-  // Round values between the ends, with their places and texts.
+  // Round values between the ends, with their positions and texts.
   ticks(count) {
     const { low, high } = this;
     if (!this.logarithmic) {
@@ -171,22 +172,22 @@ class Field {
 }
 
 const fields = Object.fromEntries(data.fields.map((described) => [described.key, new Field(described)]));
-// Where it has no value, the rest means little.
+// Where this field has no value, the other fields mean little.
 const [principal] = Object.values(fields);
 const isValid = (i) => !Number.isNaN(principal.values[i]);
 
-// What the page is about, and how sure it is: depth where it is known in mm, else what stands for it.
+// The main field and its standard deviation: depth in mm if it is known, else V or the focus.
 const main = fields.depth ?? principal;
 const sureness = fields.depth_deviation ?? fields.uncertainty;
 const TRUST = ['uncertainty', 'depth_deviation', 'confidence', 'residual'];
 
-// So many digits that say something, never as a power of ten.
+// A number with this many significant digits, never as a power of ten.
 function significant(value, digits) {
   if (!(value > 0)) return '0';
   return plain(value, Math.min(8, Math.max(0, digits - 1 - Math.floor(Math.log10(value)))));
 }
 
-// A value with what it is sure to, to two digits of that: "−36.8 ± 2.6".
+// A value with its standard deviation, to two digits of the latter: "−36.8 ± 2.6".
 function withDeviation(value, sigma, field) {
   if (Number.isNaN(value)) return 'not measured';
   if (!Number.isFinite(sigma) || !(sigma > 0)) return field.text(value);
@@ -194,13 +195,13 @@ function withDeviation(value, sigma, field) {
   return `${field.low < 0 ? signed(value, digits) : plain(value, digits)} ± ${plain(sigma, digits)}`;
 }
 
-// Beyond so much of σ nothing is said; the reader may lower it.
+// The σ above which pixels are hatched; the reader may lower it.
 let threshold = Infinity;
 const noTexture = report.texture?.max_uncertainty_px2 ?? Infinity;
 const isUnsure = (i) => sureness.values[i] > threshold || fields.uncertainty.values[i] > noTexture;
 const isMeasured = (i) => Number.isFinite(main.values[i]) && !isUnsure(i);
 
-// Of the numbers that count, at these shares of their order.
+// The quantiles of the finite numbers at these shares.
 function quantiles(values, shares, counts = isMeasured) {
   const found = [];
   const step = Math.max(1, Math.floor(values.length / 400000));
@@ -215,12 +216,12 @@ function measuredShare() {
   return count / main.values.length;
 }
 
-// With a true minus sign.
+// A number with a typographic minus sign.
 function plain(value, digits) {
   return (value < 0 ? '−' : '') + Math.abs(value).toFixed(digits);
 }
 
-// And with a plus where there is none.
+// A number with a sign in any case.
 function signed(value, digits) {
   return (value < 0 ? '−' : '+') + Math.abs(value).toFixed(digits);
 }

@@ -1,4 +1,5 @@
-// Steps and profiles by pointing, as `parfocal measure` takes them (src/metric/measure.rs, src/base/statistics.rs).
+// Steps and profiles with the pointer, computed like `parfocal measure` (src/metric/measure.rs,
+// src/base/statistics.rs).
 
 const median = (values) => {
   const sorted = values.filter(Number.isFinite).sort((a, b) => a - b);
@@ -6,7 +7,7 @@ const median = (values) => {
 };
 const spread = (values) => 1.4826 * (median(values.map(Math.abs)) || 0);
 
-// The values less the slopes of a plane fitted to those that do not stand out.
+// The values minus the slopes of a plane that is fitted to the inliers.
 function withoutTilt(values, width) {
   const levelled = [...values];
   for (let round = 0; round < 5; round++) {
@@ -25,7 +26,7 @@ function withoutTilt(values, width) {
   return levelled;
 }
 
-// How many values tell as much as one independent one.
+// The number of values that carry as much information as one independent value.
 function correlationArea(residuals, width) {
   const limit = 3 * spread(residuals);
   const clipped = residuals.map((r) => Math.min(limit, Math.max(-limit, r)));
@@ -80,7 +81,7 @@ function profile(values, [x1, y1, x2, y2]) {
   });
 }
 
-// What is being measured: nothing, a line between two points, or the step between two rectangles.
+// The current tool: none, a line between two points, or the step between two rectangles.
 const tool = {
   kind: null,
   line: null,
@@ -101,7 +102,7 @@ const tool = {
     this.show();
   },
 
-  // What a drag that begins here does; nothing where no tool is chosen.
+  // The action of a drag that begins here; none if no tool is selected.
   start({ column, row }) {
     if (!this.kind) return null;
     const from = this.inside(column, row);
@@ -110,7 +111,7 @@ const tool = {
 
   inside: (column, row) => [Math.min(grid.width - 1, Math.max(0, Math.floor(column))), Math.min(grid.height - 1, Math.max(0, Math.floor(row)))],
 
-  // By the keyboard: the first corner, then the second.
+  // With the keyboard: the first corner, then the second.
   enter(x, y) {
     if (!this.kind) return;
     if (!this.begun) this.begun = [x, y];
@@ -170,7 +171,7 @@ const tool = {
     }
   },
 
-  // In pixels of the results, as commands want them.
+  // In pixels of the results, for the command line.
   command() {
     const px = (sample) => pixelOf(sample);
     const out = decodeURIComponent(location.pathname.split('/').slice(-2, -1)[0] || 'OUT');
@@ -181,7 +182,7 @@ const tool = {
     return parts.length > 1 ? parts.join(' ') : '';
   },
 
-  // In words and as a curve.
+  // The result as text and as a curve.
   show() {
     view?.draw();
     const lines = [];
@@ -205,7 +206,7 @@ const tool = {
   },
 };
 
-// A curve with its standard deviation to either side.
+// A curve with its standard deviation to both sides.
 function profilePlot(width, values, sigmas, length) {
   const known = values.map((v, i) => [(i / (values.length - 1)) * length, v, Number.isFinite(sigmas[i]) ? sigmas[i] : 0]).filter(([, v]) => Number.isFinite(v));
   const low = Math.min(...known.map(([, v, s]) => v - s));

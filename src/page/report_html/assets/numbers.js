@@ -10,7 +10,7 @@ const unit = (value, text) => (value === null ? '' : text);
 const range = ({ min, max }, digits, write = plus) => (min === null ? missing : `${write(min, digits)} … ${write(max, digits)}`);
 const deviation = (key) => fields[key]?.median ?? null;
 
-// Few figures, large: what a person looks at first.
+// The few main figures, in large type.
 function showFigures() {
   const [low, high] = quantiles(main.values, [0.01, 0.99]);
   const [sigma] = quantiles(sureness.values, [0.5]);
@@ -27,7 +27,7 @@ function showFigures() {
     element('div', { class: kind }, element('dt', {}, name), element('dd', {}, `${value} `, element('small', {}, text)))));
 }
 
-// How the gain varies over I2, where it is worth a word.
+// The variation of the gain over I2, if it is noticeable.
 const percents = (low, high) => `${plus(100 * (low - 1), 1)} … ${plus(100 * (high - 1), 1)} %`;
 const shades = ({ range }) => range.some((factor) => Math.abs(factor - 1) > 0.02);
 
@@ -109,7 +109,7 @@ function showFrames() {
   }));
 }
 
-// Steps and lines that were asked for.
+// The requested steps and profiles.
 function showMeasured() {
   const { measurements } = report;
   if (!measurements) return;
@@ -147,7 +147,7 @@ function setting(key, value, prefix = '') {
   return [row(prefix + words(key), text, typeof value === 'number' ? units[key] : '')];
 }
 
-// How stored values became intensities, and on whose word.
+// The decoding of stored values to intensities, and its reason.
 function valuesInWords() {
   const { decode, by } = report.values;
   const word = { stated: 'as asked', files: 'as the files say', assumed: 'assumed, the files do not say' };

@@ -1,4 +1,4 @@
-// Puts the page together. `window.page` is for tests: it is set when all is drawn.
+// Assembles the page. `window.page` is for tests. It is set after everything is drawn.
 
 let view = null;
 
@@ -8,14 +8,14 @@ const nearIs = () => {
   return `near is ${near} (${by})`;
 };
 
-// What most want to know, in one sentence.
+// The main result in one sentence.
 function sentence() {
   const [low, high] = quantiles(main.values, [0.01, 0.99]);
   if (low === null) return 'Nothing is measured: see the warnings.';
   const [sigma] = quantiles(sureness.values, [0.5]);
   const digits = Math.min(main.digits, Math.max(0, 1 - Math.floor(Math.log10(Math.max(high - low, 1e-9) / 10))));
   const write = (value) => (main.low < 0 ? signed(value, digits) : plain(value, digits));
-  // What belongs together stays on one line.
+  // Parts that belong together stay on one line.
   const what = `${main.name} ${write(low)} to ${write(high)}\u00a0${main.unit}, typically ±\u00a0${significant(sigma, 2)}\u00a0${main.unit}`;
   const share = 100 * measuredShare();
   return `${what}; ${share > 99 && share < 100 ? 'over 99' : plain(share, 0)}\u00a0% measured; ${nearIs()}.`;
@@ -60,7 +60,7 @@ function showSurface(heights, map) {
   }
 }
 
-// One pane alone, or all three.
+// Shows one pane alone, or all three.
 function enlarge(name) {
   const hero = byId('hero');
   const next = name && hero.dataset.large !== name ? name : '';
@@ -68,7 +68,7 @@ function enlarge(name) {
   for (const button of hero.querySelectorAll('[data-enlarge]')) button.setAttribute('aria-pressed', button.dataset.enlarge === next);
 }
 
-// What is seen, as the fragment of a link; and back.
+// Converts the state of the view to the fragment of a link, and back.
 function fragment({ viewer, map, surface }) {
   const state = { photo: viewer.mode, map: map.mode, colors: map.colormaps[map.mode], split: viewer.split.toFixed(3), sigma: byId('sigma').value };
   if (view.cursor) state.at = view.cursor.join(',');
@@ -124,7 +124,7 @@ async function copy(button, text) {
     await navigator.clipboard.writeText(text);
     button.textContent = 'Copied';
   } catch {
-    // From a file a browser may refuse it; the text can be taken by hand.
+    // A browser may refuse this for a local file. The user can copy the text by hand.
     prompt('Copy:', text);
   }
   setTimeout(() => { button.textContent = said; }, 1500);

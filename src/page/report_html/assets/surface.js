@@ -1,7 +1,7 @@
 // The surface in three dimensions.
 
 class SurfaceView {
-  // The picture of each skin comes from `skin(name)`.
+  // `skin(name)` returns the picture of each skin.
   constructor(heights, skin, colormap = () => data.colormap) {
     this.colormap = colormap;
     this.canvas = byId('surface');
@@ -11,7 +11,7 @@ class SurfaceView {
     byId('relief').max = Math.max(60, Math.ceil(150 * data.surface.relief));
     this.skin = skin;
     this.textures = {};
-    // Kept after it is drawn, so that the picture can be saved or printed at any time.
+    // The buffer is kept after drawing, so that the picture can be saved or printed at any time.
     this.renderer = new Three.WebGLRenderer({ canvas: this.canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
     this.scene = new Three.Scene();
     this.camera = new Three.PerspectiveCamera(30, 1, 0.05, 20);
@@ -25,7 +25,7 @@ class SurfaceView {
     this.controls.maxDistance = 8;
     this.controls.maxPolarAngle = 0.49 * Math.PI;
     this.controls.addEventListener('change', () => this.draw());
-    // One finger scrolls the page up and down, and turns the surface to the sides.
+    // One finger scrolls the page vertically, and rotates the surface horizontally.
     this.canvas.style.touchAction = 'pan-y';
     this.listen();
     this.setRelief(100 * data.surface.relief);
@@ -43,7 +43,7 @@ class SurfaceView {
   }
 
   listen() {
-    // The page scrolls until the surface has been chosen.
+    // The wheel scrolls the page until the surface has the focus.
     this.controls.enableZoom = false;
     this.controls.addEventListener('start', () => { this.untouched = false; });
     this.canvas.addEventListener('pointerdown', () => this.canvas.focus({ preventScroll: true }));
@@ -67,7 +67,7 @@ class SurfaceView {
     this.draw();
   }
 
-  // Just far enough to see all corners from a direction, with room for the key to the left.
+  // The least distance at which all corners are visible from a direction, with room for the key on the left.
   distance(elevation = data.surface.elevation_deg, azimuth = data.surface.azimuth_deg) {
     const { width, height } = data.surface;
     const [x, y] = [width, height].map((side) => side / 2 / Math.max(width, height));
@@ -86,7 +86,7 @@ class SurfaceView {
     return far;
   }
 
-  // Where the eye stands, and what it looks at.
+  // The position of the camera and its target.
   direction() {
     return [...this.camera.position.toArray(), ...this.controls.target.toArray()];
   }
@@ -112,7 +112,7 @@ class SurfaceView {
     this.look(data.surface.elevation_deg, data.surface.azimuth_deg, this.distance());
   }
 
-  // Turns by degrees about the target, and goes nearer by a factor.
+  // Rotates by degrees about the target, and changes the distance by a factor.
   turn(around, up, factor = 1) {
     this.untouched = false;
     const { camera, controls } = this;
@@ -139,7 +139,7 @@ class SurfaceView {
     byId('relief').value = percent;
     const true_ = data.surface.to_scale && Math.abs(percent - 100 * data.surface.relief) < 0.51;
     byId('relief-value').value = `${Math.round(percent)} %${true_ ? ', to scale' : ''}`;
-    // Flat is drawn as nearly so: normals need a height.
+    // A flat surface is drawn with a small height, since normals need one.
     this.mesh.scale.z = Math.max(percent / 100, 1e-4);
     this.draw();
   }
@@ -153,7 +153,7 @@ class SurfaceView {
     this.draw();
   }
 
-  // At most 2048 texels a side, which every device takes.
+  // At most 2048 texels per side, which every device supports.
   texture(source) {
     const factor = Math.min(1, 2048 / Math.max(grid.width, grid.height));
     const canvas = canvasOf(Math.round(factor * grid.width), Math.round(factor * grid.height));
@@ -169,13 +169,13 @@ class SurfaceView {
     this.drawAxes();
   }
 
-  // Where a point of the surface's box stands in the picture, px.
+  // The position in the picture of a point of the surface's box, px.
   project(x, y, z) {
     const seen = new Three.Vector3(x, y, z).project(this.camera);
     return [((seen.x + 1) / 2) * this.axes.width, ((1 - seen.y) / 2) * this.axes.height];
   }
 
-  // Heights in their unit, at the corner that stands farthest to the left, where the surface hides nothing; and the sides.
+  // The heights with their unit, at the leftmost corner, where the surface hides nothing; and the sides.
   drawAxes() {
     const { width, height } = data.surface;
     const [x, y] = [width, height].map((side) => side / 2 / Math.max(width, height));
@@ -203,12 +203,12 @@ class SurfaceView {
         line([tx - 5 * ratio, ty], [tx, ty]);
         context.fillText(text, tx - 8 * ratio, ty);
       }
-      // Within the picture, however far to the left the corner stands.
+      // Stays within the picture, however far to the left the corner is.
       const title = Math.max(head[0] - 8 * ratio, context.measureText(this.field.title).width + 6 * ratio);
       context.fillText(this.field.title, title, Math.max(10 * ratio, head[1] - 18 * ratio));
     }
     this.drawKey(context, ratio);
-    // The two sides of the base that are nearest to the eye.
+    // The two sides of the base that are nearest to the camera.
     context.textAlign = 'center';
     const middle = this.project(0, 0, -relief / 2);
     corners.forEach(([cx, cy], i) => {
@@ -221,7 +221,7 @@ class SurfaceView {
     });
   }
 
-  // The colours of heights, in the picture, where it is coloured by them.
+  // The colour key of the heights, inside the picture, if they determine its colours.
   drawKey(context, ratio) {
     if (this.skinName !== this.field.key) return;
     const [width, height, left] = [12 * ratio, this.axes.height * 0.5, this.axes.width - 26 * ratio];
@@ -238,8 +238,8 @@ class SurfaceView {
   }
 }
 
-// Two triangles between each four neighbouring nodes, one where only three are there: holes stay holes. x right, y up,
-// z near, the longer side 1; z runs from -1/2 to 1/2 and is scaled by the relief.
+// Two triangles between each four neighbouring nodes, one between three valid nodes; holes stay open. x is right, y up,
+// z near, and the longer side is 1. z is from -1/2 to 1/2 and is scaled by the relief.
 function geometry(heights) {
   const { width, height } = data.surface;
   const longer = Math.max(width, height);

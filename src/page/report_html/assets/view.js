@@ -1,9 +1,9 @@
-// Two pictures that move together: where in the image one looks, and which pixel is read.
+// Two pictures with a shared view: the visible part of the image, and the pixel that is read.
 
-// Grid coordinates run over samples; sample k stands for pixel first + k step of I1.
+// Grid coordinates count samples. Sample k is pixel first + k step of I1.
 const pixelOf = (sample) => grid.first + sample * grid.step;
 
-// What all panes share. `zoom` is 1 where all is seen; the place in the middle is in samples.
+// The state that all panes share. `zoom` is 1 if all is visible; the position of the middle is in samples.
 class View {
   constructor() {
     Object.assign(this, { zoom: 1, x: grid.width / 2, y: grid.height / 2, cursor: null, held: false, panes: [], watchers: [] });
@@ -13,7 +13,7 @@ class View {
     return this.zoom <= 1.001;
   }
 
-  // Of all panes, or where nothing has changed but what is on them.
+  // Redraws all panes, or only their overlays if nothing else has changed.
   draw() {
     for (const pane of this.panes) pane.draw();
   }
@@ -26,7 +26,7 @@ class View {
     this.draw();
   }
 
-  // So that a sample stays where it is.
+  // Keeps a sample in its position.
   zoomBy(factor, [x, y] = this.cursor ?? [this.x, this.y]) {
     const zoom = Math.min(200, Math.max(1, this.zoom * factor));
     [this.x, this.y] = [x + ((this.x - x) * this.zoom) / zoom, y + ((this.y - y) * this.zoom) / zoom];
@@ -51,7 +51,7 @@ class View {
   }
 }
 
-// One canvas of them. `paint(context)` draws the picture in samples; `over(context, pane)` what lies on it in canvas px.
+// One of the panes. `paint(context)` draws the picture in samples; `over(context, pane)` draws overlays in canvas px.
 class Pane {
   constructor(id, view) {
     Object.assign(this, { canvas: byId(id), tip: byId(`${id}-tip`), view, pointers: new Map() });
@@ -73,7 +73,7 @@ class Pane {
     return this.view.zoom * Math.min(this.canvas.width / grid.width, this.canvas.height / grid.height);
   }
 
-  // Where the first sample begins, canvas px: in the middle where all of a side is seen.
+  // The position of the first sample, canvas px: the picture is centred along a side that is visible as a whole.
   get left() {
     const whole = this.scale * grid.width;
     return whole <= this.canvas.width ? (this.canvas.width - whole) / 2 : Math.min(0, Math.max(this.canvas.width - whole, this.canvas.width / 2 - this.scale * this.view.x));
@@ -89,7 +89,7 @@ class Pane {
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, canvas.width, canvas.height);
     context.setTransform(scale, 0, 0, scale, left, top);
-    // Enlarged, pixels are seen as they are.
+    // At high magnification, pixels have sharp edges.
     context.imageSmoothingEnabled = scale < 3 * this.ratio;
     context.imageSmoothingQuality = 'high';
     this.paint?.(context);
@@ -99,12 +99,12 @@ class Pane {
     this.pin();
   }
 
-  // The sample's middle in canvas px.
+  // The middle of the sample in canvas px.
   at([x, y]) {
     return [this.left + this.scale * (x + 0.5), this.top + this.scale * (y + 0.5)];
   }
 
-  // What is written on the picture stays on it.
+  // The text over the picture stays inside it.
   pin() {
     const [x, y] = [this.left, this.top].map((px) => Math.max(0, px) / this.ratio);
     this.canvas.parentElement.style.setProperty('--left', `${x}px`);
@@ -138,7 +138,7 @@ class Pane {
     }
   }
 
-  // Of an event: where in the canvas, and which sample.
+  // The position of an event in the canvas, and its sample.
   place(event) {
     const box = this.canvas.getBoundingClientRect();
     const [x, y] = [(event.clientX - box.left) * this.ratio, (event.clientY - box.top) * this.ratio];
@@ -151,7 +151,7 @@ class Pane {
 
   listen() {
     const { canvas, view } = this;
-    // One finger scrolls the page; two move and enlarge the picture.
+    // One finger scrolls the page. Two fingers move and magnify the picture.
     canvas.style.touchAction = 'pan-y';
     let drag = null;
     canvas.addEventListener('pointerdown', (event) => {
@@ -190,7 +190,7 @@ class Pane {
       if (!this.pointers.size) this.pinch = null;
     });
     canvas.addEventListener('wheel', (event) => {
-      // The page scrolls until the picture has been chosen.
+      // The wheel scrolls the page until the picture has the focus.
       if (document.activeElement !== canvas && !event.ctrlKey) return;
       event.preventDefault();
       const { column, row } = this.place(event);

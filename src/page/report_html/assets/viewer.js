@@ -1,4 +1,4 @@
-// The two panes: photographs, and maps of depth and trust.
+// The two panes: photographs, and maps of depth and uncertainty.
 
 const explanations = {
   compare: 'Each photograph lies on the reference’s pixels by the transform found, with gain and offset. What jumps is not registered; '
@@ -10,7 +10,7 @@ const explanations = {
 };
 
 class PhotoPane extends Pane {
-  // Pictures as `data.pictures` names them, the fused one last.
+  // The pictures with the names of `data.pictures`; the fused image is last.
   constructor(pictures, view) {
     super('stage', view);
     Object.assign(this, { pictures, mode: 'fused', split: 0.5, sides: [...data.compare], frame: data.compare[0], layers: {} });
@@ -51,7 +51,7 @@ class PhotoPane extends Pane {
     this.draw();
   }
 
-  // What is seen where, pinned to the picture.
+  // The name of the content, in a fixed corner of the picture.
   tag() {
     const shown = { compare: this.sides, frames: [this.frame] }[this.mode] ?? [];
     const of = (i) => {
@@ -68,7 +68,7 @@ class PhotoPane extends Pane {
       return context.getImageData(0, 0, grid.width, grid.height);
     });
     for (let i = 0; i < a.data.length; i += 4) {
-      // Elsewhere a photograph may not reach.
+      // A photograph may not cover the rest.
       const valid = isValid(i / 4);
       for (let c = 0; c < 3; c++) a.data[i + c] = valid ? Math.min(255, 4 * Math.abs(a.data[i + c] - b.data[i + c])) : 0;
     }
@@ -121,7 +121,7 @@ class PhotoPane extends Pane {
     }
   }
 
-  // The seam, where it is taken hold of.
+  // The handle of the seam.
   grab({ x, column }) {
     const seam = this.left + this.scale * this.split * grid.width;
     if (this.mode !== 'compare' || this.timer || Math.abs(x - seam) > 22 * this.ratio) return null;
@@ -173,14 +173,14 @@ class MapPane extends Pane {
       this.colormaps[this.mode] = Number(event.target.value);
       this.show(this.mode);
     });
-    // In equal steps of its logarithm, from what few pixels are sure to, to what all are.
+    // Equal steps of the logarithm, from the least uncertain pixels to all pixels.
     const [low, high] = quantiles(sureness.values, [0.02, 0.995], (i) => isValid(i)).map((v) => Math.max(v ?? 1, 1e-9));
     this.sigmas = (position) => (position >= 1000 ? Infinity : low * (Math.max(high, 1.01 * low) / low) ** (position / 1000));
     byId('sigma').addEventListener('input', (event) => this.setThreshold(Number(event.target.value)));
     this.setThreshold(1000);
   }
 
-  // Hatches what is less sure.
+  // Hatches the more uncertain pixels.
   setThreshold(position) {
     threshold = this.sigmas(position);
     byId('sigma').value = position;
@@ -202,7 +202,7 @@ class MapPane extends Pane {
     this.draw();
   }
 
-  // The key to the colours, values rising to the right.
+  // The key to the colours, with values increasing to the right.
   legend(field) {
     const context = byId('ramp').getContext('2d');
     const colors = colorsOf(data.colormaps[this.colormaps[field.key]]);
@@ -220,7 +220,7 @@ class MapPane extends Pane {
     });
   }
 
-  // The picture of a field, made when it is first asked for.
+  // The picture of a field, computed on first use.
   layer(key) {
     const map = this.colormaps[key];
     const hatched = TRUST.includes(key) ? () => false : isUnsure;
@@ -231,7 +231,7 @@ class MapPane extends Pane {
     if (this.mode) context.drawImage(this.layer(this.mode), 0, 0, grid.width, grid.height);
   }
 
-  // As a picture with its key below, at the size of the data.
+  // A picture with its key below, at the size of the data.
   png() {
     const map = this.layer(this.mode);
     const [field, unit] = [fields[this.mode], Math.max(1, Math.round(map.width / 640))];
